@@ -1,0 +1,1 @@
+"""What a person touches: command line, robot file, cache, plots, report page."""

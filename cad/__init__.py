@@ -1,0 +1,1 @@
+"""Parametric solids: link, slider, any STEP file, materials."""
