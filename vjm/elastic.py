@@ -1,0 +1,127 @@
+"""The elements that a robot is composed of.
+
+A robot at given poses is a tree of named nodes. Leaves are 6-dof springs, passive joints and weights; groups are
+``Series`` (from base to tip) and ``Parallel``. Every node stands in its group's coordinates by a ``Frame``; what has no
+stack axis does not depend on the pose and is reduced once (``vjm.reduction``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from stiffscope import InputError
+from vjm.screws import Frame
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from vjm.screws import Array
+
+HERE = Frame()
+
+
+@dataclass(frozen=True)
+class Spring:
+    """A 6-dof virtual spring: its end moves by ``compliance @ wrench`` against its base, plus ``offset``.
+
+    ``compliance`` (..., 6, 6), symmetric, may be singular or zero; ``offset`` (..., 6) is the twist of the unloaded end
+    (lack of fit, heat, encoder error). Both at the frame's origin, in its axes.
+    """
+
+    name: str
+    compliance: Array
+    frame: Frame = HERE
+    offset: Array | None = None
+
+    @property
+    def rigid(self) -> bool:
+        """True where the spring neither yields nor moves: a place at which an edit may put something."""
+        return self.offset is None and not self.compliance.any()
+
+
+@dataclass(frozen=True)
+class Passive:
+    """A passive joint: its end moves freely along the columns of ``directions`` (..., 6, k), twists in its frame."""
+
+    name: str
+    directions: Array
+    frame: Frame = HERE
+
+
+@dataclass(frozen=True)
+class Weight:
+    """A mass in kg fixed to the body at this place of a series, its centre at the frame's origin."""
+
+    name: str
+    mass: float
+    frame: Frame = HERE
+
+
+@dataclass(frozen=True)
+class Series:
+    """Members from base to tip, each fixed to the end of the one before."""
+
+    name: str
+    members: tuple[Node, ...]
+    frame: Frame = HERE
+
+
+@dataclass(frozen=True)
+class Parallel:
+    """Members that connect the same two bodies."""
+
+    name: str
+    members: tuple[Node, ...]
+    frame: Frame = HERE
+
+
+Node: TypeAlias = "Spring | Passive | Weight | Series | Parallel"
+
+
+def drive(name: str, stiffness: float, direction: Array, offset: float = 0.0) -> Spring:
+    """Scalar spring of ``stiffness`` in N/m along the unit twist ``direction`` (6,); ``offset`` in m moves its zero."""
+    if not stiffness > 0.0:
+        msg = f"{name}: a drive's stiffness must be positive, got {stiffness}"
+        raise InputError(msg)
+    return Spring(name, np.outer(direction, direction) / stiffness, offset=direction * offset if offset else None)
+
+
+def revolute(name: str, axis: Array, frame: Frame = HERE) -> Passive:
+    """Passive revolute joint about the unit ``axis`` (3,) through the frame's origin."""
+    return Passive(name, np.concatenate([np.zeros(3), axis])[:, None], frame)
+
+
+def spherical(name: str, frame: Frame = HERE) -> Passive:
+    """Passive spherical joint at the frame's origin."""
+    return Passive(name, np.eye(6)[:, 3:], frame)
+
+
+def leaves(node: Node) -> Iterator[Spring | Passive | Weight]:
+    """Springs, joints and weights of a tree, from base to tip."""
+    if isinstance(node, Series | Parallel):
+        for member in node.members:
+            yield from leaves(member)
+    else:
+        yield node
+
+
+def edited(node: Node, name: str, change: Callable[[Node], Node]) -> Node:
+    """The tree with its node ``name`` replaced by ``change(node)``; a tree is never changed in place."""
+    tree, hits = _edited(node, name, change)
+    if not hits:
+        msg = f"no element {name!r} in {node.name!r}; it has {', '.join(sorted(leaf.name for leaf in leaves(node)))}"
+        raise InputError(msg)
+    return tree
+
+
+def _edited(node: Node, name: str, change: Callable[[Node], Node]) -> tuple[Node, int]:
+    if node.name == name:
+        return change(node), 1
+    if not isinstance(node, Series | Parallel):
+        return node, 0
+    pairs = [_edited(member, name, change) for member in node.members]
+    hits = sum(hit for _, hit in pairs)
+    return (replace(node, members=tuple(member for member, _ in pairs)), hits) if hits else (node, 0)

@@ -1,0 +1,119 @@
+"""Screws: twists, wrenches and the frames that carry them.
+
+The one convention of the project: a twist is (v, ω), a wrench is (f, m), both at a named point and in named
+axes, SI units, float64. A stack of poses is the leading axis: ``(n, 6, 6)``; an array without it holds for every pose.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array: TypeAlias = NDArray[np.floating[Any]]
+
+HALF_TURN = np.diag([-1.0, -1.0, 1.0, -1.0, -1.0, 1.0])
+"""Half a turn about z; the opposite part's compliance is ``HALF_TURN @ C @ HALF_TURN``."""
+
+
+def skew(r: ArrayLike) -> Array:
+    """Cross-product matrix S(r) with ``S(r) @ a = r × a``; (..., 3) to (..., 3, 3)."""
+    r = np.asarray(r, dtype=float)
+    s = np.zeros((*r.shape, 3))
+    s[..., 0, 1], s[..., 0, 2] = -r[..., 2], r[..., 1]
+    s[..., 1, 0], s[..., 1, 2] = r[..., 2], -r[..., 0]
+    s[..., 2, 0], s[..., 2, 1] = -r[..., 1], r[..., 0]
+    return s
+
+
+def shift(r: ArrayLike) -> Array:
+    """Twist transform from a point P to P + r, ``[[I, -S(r)], [0, I]]``; (..., 3) to (..., 6, 6).
+
+    Wrenches carry by its inverse transpose.
+    """
+    return Frame(translation=-np.asarray(r, dtype=float)).adjoint()
+
+
+def rotation(axis: ArrayLike, angle: ArrayLike) -> Array:
+    """Rotation matrix about a fixed unit axis (3,) by angles (...) in rad; (..., 3, 3). Rodrigues' formula."""
+    s = skew(axis)
+    angle = np.asarray(angle, dtype=float)[..., None, None]
+    return np.eye(3) + np.sin(angle) * s + (1.0 - np.cos(angle)) * (s @ s)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Where a child stands in its parent: ``p_parent = rotation @ p_child + translation``.
+
+    Either part may be a stack over poses. ``None`` stands for no rotation or no translation.
+    """
+
+    rotation: Array | None = None  # (..., 3, 3)
+    translation: Array | None = None  # (..., 3) m
+
+    @property
+    def identity(self) -> bool:
+        """True where the child's frame is its parent's."""
+        return self.rotation is None and self.translation is None
+
+    def matrix(self) -> Array:
+        """Rotation part as a matrix, (..., 3, 3)."""
+        return np.eye(3) if self.rotation is None else self.rotation
+
+    def origin(self) -> Array:
+        """Translation part as a vector, (..., 3) m."""
+        return np.zeros(3) if self.translation is None else self.translation
+
+    def adjoint(self) -> Array:
+        """Carry a twist from the child's origin and axes to its parent's: ``[[R, S(p)R], [0, R]]``, (..., 6, 6)."""
+        r = self.matrix()
+        moment = None if self.translation is None else skew(self.translation) @ r
+        return _blocks(r, moment)
+
+    def inverse_adjoint(self) -> Array:
+        """Carry a twist from the parent to the child: ``[[Rᵀ, -RᵀS(p)], [0, Rᵀ]]``, (..., 6, 6)."""
+        rt = np.swapaxes(self.matrix(), -1, -2)
+        moment = None if self.translation is None else -(rt @ skew(self.translation))
+        return _blocks(rt, moment)
+
+    def then(self, child: Frame) -> Frame:
+        """Place a grandchild: the frame of ``child`` seen from this frame's parent."""
+        rotation = self.matrix() @ child.matrix()
+        return Frame(rotation, self.point(child.origin()))
+
+    def point(self, p: Array) -> Array:
+        """A point (..., 3) of the child, in the parent's coordinates."""
+        return np.einsum("...ij,...j->...i", self.matrix(), p) + self.origin()
+
+    def moved(self, twist: Array) -> Frame:
+        """Carry the frame along with a body whose twist (..., 6) at the parent's origin is small but finite."""
+        rotate = rotation_of(twist[..., 3:])
+        return Frame(rotate, twist[..., :3]).then(self)
+
+
+def rotation_of(vector: Array) -> Array:
+    """Rotation matrix of a rotation vector (..., 3) in rad; (..., 3, 3)."""
+    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
+    s = skew(vector)
+    half = np.sinc(angle / (2.0 * np.pi))
+    return np.eye(3) + np.sinc(angle / np.pi) * s + 0.5 * half**2 * (s @ s)
+
+
+def carried(frame: Frame, matrix: Array) -> Array:
+    """Stiffness of a child (..., 6, 6) at its parent's origin in its parent's axes: ``Ad⁻ᵀ K Ad⁻¹``."""
+    if frame.identity:
+        return matrix
+    back = frame.inverse_adjoint()
+    return np.swapaxes(back, -1, -2) @ matrix @ back
+
+
+def _blocks(diagonal: Array, corner: Array | None) -> Array:
+    shape = diagonal.shape[:-2] if corner is None else np.broadcast_shapes(diagonal.shape, corner.shape)[:-2]
+    out = np.zeros((*shape, 6, 6))
+    out[..., :3, :3] = diagonal
+    out[..., 3:, 3:] = diagonal
+    if corner is not None:
+        out[..., :3, 3:] = corner
+    return out
