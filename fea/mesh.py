@@ -1,0 +1,200 @@
+"""From a closed CAD surface to linear tetrahedra, and the quadratic mesh that the experiments use."""
+
+from __future__ import annotations
+
+import logging
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from cad.part import Surface
+
+    Floats = NDArray[np.float64]
+    Ints = NDArray[np.int64]
+    Project = Callable[[int, Floats], Floats]
+
+logger = logging.getLogger(__name__)
+
+# The six edges of a tetrahedron and its four outward faces, in the order of VTK's (and scikit-fem's) tet10.
+EDGES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
+FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
+FACE_MIDS = np.array([[6, 5, 4], [4, 8, 7], [5, 9, 8], [7, 9, 6]])  # mids of (v0v1, v1v2, v2v0) of each face
+
+
+class MeshError(InputError):
+    """The solid could not be meshed: too fine for the time given, or a surface no mesher can fill."""
+
+
+@dataclass(frozen=True)
+class TetMesh:
+    """Quadratic tetrahedra with curved sides; lengths in metres.
+
+    Attributes
+    ----------
+    points : (n, 3) node positions.
+    cells : (m, 10) nodes of each tetrahedron, VTK's order (4 corners, then mids of ``EDGES``).
+    facets : (k, 6) nodes of each boundary triangle (3 corners, then 3 mids), outward.
+    facet_face : (k,) number of the CAD face on which each boundary triangle lies.
+    pulled_back : elements that snapping would have inverted and that were pulled back.
+    """
+
+    points: Floats
+    cells: Ints
+    facets: Ints
+    facet_face: Ints
+    pulled_back: int = 0
+
+    def facets_of(self, faces: frozenset[int]) -> Ints:
+        """Return (k, 6) the boundary triangles on the given CAD faces."""
+        return self.facets[np.isin(self.facet_face, list(faces))]
+
+    def nodes_of(self, faces: frozenset[int]) -> Ints:
+        """Return (k,) the sorted nodes on the given CAD faces."""
+        return np.unique(self.facets_of(faces))
+
+
+def default_size(surface: Surface) -> float:
+    """Return the element size (m) that suits a solid: 1.3 times its volume over its area."""
+    return 1.3 * surface_volume(surface) / surface_area(surface)
+
+
+def default_envelope(surface: Surface, size: float) -> float:
+    """Return how far (m) fTetWild may leave the surface: 0.03 sizes, away from the slow end of its range."""
+    diagonal = float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
+    return float(np.clip(0.03 * size, 3e-4 * diagonal, 1e-3 * diagonal))
+
+
+def surface_area(surface: Surface) -> float:
+    """Return the area (m²) of the triangulated surface."""
+    a, b, c = np.moveaxis(surface.vertices[surface.triangles], 1, 0)
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+
+def surface_volume(surface: Surface) -> float:
+    """Return the volume (m³) enclosed by the triangulated surface."""
+    a, b, c = np.moveaxis(surface.vertices[surface.triangles], 1, 0)
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+def tetrahedralize(
+    surface: Surface, size: float, envelope: float, time_limit: float = 120.0, threads: int = 0
+) -> tuple[Floats, Ints]:
+    """Fill a closed surface with linear tetrahedra.
+
+    Parameters
+    ----------
+    surface : watertight triangles, outward, metres.
+    size, envelope : wanted edge length and allowed distance to the surface, metres.
+    time_limit : seconds after which the mesher is killed.
+    threads : fTetWild's threads; 0 takes all.
+
+    Returns
+    -------
+    points (n, 3) in metres, cells (m, 4) positively oriented.
+
+    Raises
+    ------
+    MeshError : the surface is open, the mesher crashed or ran out of time, or its volume is 3 % off.
+    """
+    check_surface(surface, size, envelope)
+    scale = float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
+    with tempfile.TemporaryDirectory(prefix="stiffscope-mesh-") as folder:
+        source, target = Path(folder, "surface.npz"), Path(folder, "tets.npz")
+        np.savez(
+            source,
+            vertices=surface.vertices * 1e3,  # fTetWild's tolerances suit millimetres
+            triangles=surface.triangles.astype(np.int32),
+            size=size * 1e3,
+            envelope=envelope / scale,
+            threads=threads,
+        )
+        _run_worker(source, target, time_limit)
+        with np.load(target, allow_pickle=False) as made:
+            points, cells = made["points"] * 1e-3, made["cells"].astype(np.int64)
+    return _checked_tets(points, cells, surface_volume(surface))
+
+
+def check_surface(surface: Surface, size: float, envelope: float) -> None:
+    """Raise MeshError unless the surface is finite, closed and outward, and the sizes are usable."""
+    if not (np.isfinite(size) and size > 0 and np.isfinite(envelope) and envelope > 0):
+        raise MeshError(f"mesh: size and envelope must be positive lengths, got {size} m and {envelope} m")
+    vertices, triangles = surface.vertices, surface.triangles
+    if not len(triangles) or not np.isfinite(vertices).all():
+        raise MeshError("mesh: the surface is empty or has coordinates that are not finite")
+    if triangles.min() < 0 or triangles.max() >= len(vertices):
+        raise MeshError("mesh: the surface's triangles name vertices that do not exist")
+    sides = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    keys = sides[:, 0] * len(vertices) + sides[:, 1]
+    mirrored = sides[:, 1] * len(vertices) + sides[:, 0]
+    if not np.array_equal(np.sort(keys), np.sort(mirrored)):
+        raise MeshError("mesh: the surface is not closed; the solid must be watertight")
+    if surface_volume(surface) <= 0:
+        raise MeshError("mesh: the surface encloses no volume or points inward")
+
+
+def _run_worker(source: Path, target: Path, time_limit: float) -> None:
+    command = [sys.executable, str(Path(__file__).with_name("worker.py")), str(source), str(target)]
+    try:
+        done = subprocess.run(  # a crash or an endless loop stays in the child
+            command, cwd=source.parent, timeout=time_limit, capture_output=True, text=True, check=False
+        )
+    except subprocess.TimeoutExpired:
+        raise MeshError(
+            f"mesh: not finished within {time_limit:g} s; choose a larger size or envelope, or a longer limit"
+        ) from None
+    if done.returncode or not target.exists():
+        last = (done.stderr.strip().splitlines() or ["no message"])[-1]
+        raise MeshError(f"mesh: the mesher failed (exit {done.returncode}): {last}")
+
+
+def _checked_tets(points: Floats, cells: Ints, volume: float) -> tuple[Floats, Ints]:
+    if not len(cells):
+        raise MeshError("mesh: no tetrahedra; the surface has no inside (a sheet, or it crosses itself)")
+    used, cells = np.unique(cells, return_inverse=True)
+    points, cells = points[used], cells.reshape(-1, 4)
+    volumes = tet_volumes(points, cells)
+    flipped = volumes < 0
+    cells[flipped] = cells[flipped][:, [0, 1, 3, 2]]
+    total = float(np.abs(volumes).sum())
+    if abs(total - volume) > 0.03 * volume:
+        raise MeshError(
+            f"mesh: its volume is {total:.4g} m³ where the solid's surface encloses {volume:.4g} m³; "
+            "choose a smaller size or envelope, or check that the solid does not cross itself"
+        )
+    return points, cells[np.abs(volumes) > 1e-14 * volume]
+
+
+def tet_volumes(points: Floats, cells: Ints) -> Floats:
+    """Return (m,) the signed volumes of straight tetrahedra."""
+    a = points[cells[:, 0]]
+    b, c, d = (points[cells[:, k]] - a for k in (1, 2, 3))
+    return np.einsum("ij,ij->i", b, np.cross(c, d)) / 6
+
+
+def boundary_facets(cells: Ints) -> tuple[Ints, Ints, Ints]:
+    """Return (k, 3) outward boundary triangles, (k,) the tetrahedron of each and (k,) its local face."""
+    facets = cells[:, FACES].reshape(-1, 3)
+    keys = np.sort(facets, axis=1)
+    _, first, count = np.unique(keys, axis=0, return_index=True, return_counts=True)
+    once = first[count == 1]
+    return facets[once], once // 4, once % 4
+
+
+def unique_edges(cells: Ints) -> tuple[Ints, Ints]:
+    """Return (e, 2) the edges (sorted vertex pairs) and (m, 6) the edges of each tetrahedron."""
+    pairs = np.sort(cells[:, EDGES].reshape(-1, 2), axis=1)
+    keys = pairs[:, 0] * (cells.max() + 1) + pairs[:, 1]
+    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    return pairs[first], inverse.reshape(-1, 6)

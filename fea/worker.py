@@ -1,0 +1,29 @@
+"""The meshing subprocess: read a surface, run fTetWild, write tetrahedra.
+
+Run as ``python worker.py surface.npz tets.npz``. It stands alone because fTetWild can crash or never end,
+and because it drops a file into the working folder: its parent gives it a folder and a time limit.
+"""
+
+import sys
+
+import numpy as np
+
+
+def main(source: str, target: str) -> None:
+    """Mesh the surface in ``source`` (keys: vertices, triangles, size, envelope, threads) into ``target``."""
+    from pytetwild import tetrahedralize
+
+    with np.load(source, allow_pickle=False) as given:
+        points, cells = tetrahedralize(
+            given["vertices"],
+            given["triangles"],
+            edge_length_abs=float(given["size"]),
+            epsilon=float(given["envelope"]),
+            num_threads=int(given["threads"]),
+            vtk_ordering=True,
+        )
+    np.savez(target, points=points, cells=cells)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], sys.argv[2])
