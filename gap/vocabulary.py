@@ -43,9 +43,7 @@ VOCABULARY: dict[str, Term] = {
     "link-stiffness": Term(("links", *LINKS), _FACTOR),
     "rigid-ends": Term(("links",), (("length", "m"),)),
     "slider-compliance": Term(("sliders",), (*_FACTOR, *_same(COMPLIANCE_ENTRIES, "SI"))),
-    "guide-compliance": Term(
-        ("carriages",), (("lateral", "m/N"), ("vertical", "m/N"), ("angular", "rad/(N·m)"))
-    ),
+    "guide-compliance": Term(("carriages",), (("lateral", "m/N"), ("vertical", "m/N"), ("angular", "rad/(N·m)"))),
     "base-compliance": Term(("base",), _DIAGONAL),
     "platform-compliance": Term(("platform",), _DIAGONAL),
     "backlash": Term(_DRIVES, (("half_width", "m"),)),

@@ -26,7 +26,7 @@ class Dimensions:
     """Table 1, m, in the names of the paper."""
 
     L: float
-    l: float  # noqa: E741
+    l: float
     l1: float
     l2: float
     h: float
@@ -135,15 +135,13 @@ def _symmetric(entries: list[list[float]]) -> Array:
 
 def default_file() -> Path:
     """Return the file of the machine's numbers, in a checkout or beside the installed packages."""
-    root = Path(__file__).parents[1]
+    root = Path(__file__).parents[2]
     places = [root / "data", root / "app" / "data"]
     found = [p / "campaigns" / "lab" / "machine.toml" for p in places]
     return next((p for p in found if p.is_file()), found[0])
 
 
-def biglide(
-    components: str = "published", *, link: Array | None = None, slider: Array | None = None
-) -> Machine:
+def biglide(components: str = "published", *, link: Array | None = None, slider: Array | None = None) -> Machine:
     """Return the sound machine.
 
     components: "published" (Eqs. 28 and 29) or "fea"; link and slider (6, 6) replace what it names.
