@@ -1,0 +1,38 @@
+"""Progress bars on standard error: the only place that draws them. Without a terminal, or with `--quiet`, nothing is shown."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+
+Report = Callable[[str, float], None]
+Reporter = Callable[[str], Report]
+
+
+def _silent(_stage: str, _fraction: float) -> None:
+    return
+
+
+@contextlib.contextmanager
+def progress(*, quiet: bool) -> Iterator[Reporter]:
+    """Give a function that opens a line: `reporter("slider")` returns `report(stage, fraction)` for that line."""
+    from rich.console import Console  # noqa: PLC0415
+
+    console = Console(stderr=True)
+    if quiet or not console.is_terminal:
+        yield lambda _name: _silent
+        return
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn  # noqa: PLC0415
+
+    columns = (TextColumn("{task.description:<9}"), BarColumn(bar_width=28), TextColumn("{task.fields[stage]:<26}"), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as bars:
+
+        def open_line(name: str) -> Report:
+            line = bars.add_task(name, total=1.0, stage="waiting")
+
+            def report(stage: str, fraction: float) -> None:
+                bars.update(line, completed=min(max(fraction, 0.0), 1.0), stage=stage)
+
+            return report
+
+        yield open_line

@@ -1,0 +1,117 @@
+"""Numbers with units as people write them ("500 mm"), checked and turned into SI floats.
+
+A string carries its unit; a bare number is SI. What is refused says what was expected and shows a valid example.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import pint
+
+_NUMBER = re.compile(r"\s*([+-]?(?:\d+(?:_\d+)*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*$", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """What a quantity measures: a noun for messages, its SI unit, and an example to show."""
+
+    noun: str
+    unit: str
+    example: str
+
+
+LENGTH = Dimension("a length", "m", "20 mm")
+MODULUS = Dimension("an elastic modulus", "Pa", "211 GPa")
+DENSITY = Dimension("a density", "kg/m^3", "7850 kg/m^3")
+EXPANSION = Dimension("a thermal expansion", "1/K", "11.7e-6 1/K")
+MASS = Dimension("a mass", "kg", "1.95 kg")
+STIFFNESS = Dimension("a stiffness", "N/m", "12.7 N/um")
+ACCELERATION = Dimension("an acceleration", "m/s^2", "9.81 m/s^2")
+DURATION = Dimension("a duration", "s", "120 s")
+NUMBER = Dimension("a number", "", "0.3")
+
+_NOUNS = (LENGTH, MODULUS, DENSITY, EXPANSION, MASS, STIFFNESS, ACCELERATION, DURATION,
+          Dimension("an angle", "rad", ""), Dimension("an area", "m^2", ""), Dimension("a force", "N", ""),
+          Dimension("a volume", "m^3", ""), Dimension("a temperature", "K", ""), Dimension("a moment", "N*m", ""))
+
+
+@cache
+def _registry() -> pint.UnitRegistry:
+    import pint  # noqa: PLC0415 (a quarter of a second, and not for --help)
+
+    return pint.UnitRegistry()
+
+
+def to_si(value: Any, dimension: Dimension, *, sign: str = "positive") -> float:
+    """Turn a number (SI) or a string with its unit into an SI float.
+
+    Parameters
+    ----------
+    value
+        What stood in the file or on the command line.
+    dimension
+        What the value has to measure.
+    sign
+        "positive", "non-negative" or "any".
+
+    Raises
+    ------
+    ValueError
+        One line: what was expected, what was found, an example of what would be valid.
+
+    """
+    expected = f'expected {dimension.noun} such as "{dimension.example}"'
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise ValueError(f"{expected}, got {_shown(value)}")
+    si = _parse(value, dimension, expected) if isinstance(value, str) else float(value)
+    if not math.isfinite(si):
+        raise ValueError(f"{expected}, got {_shown(value)}, which is not a finite number")
+    if si < 0 and sign != "any":
+        raise ValueError(f"{expected}, got {_shown(value)}: it must {_condition(sign)}")
+    if si == 0 and sign == "positive":
+        raise ValueError(f"{expected}, got {_shown(value)}: it must {_condition(sign)}")
+    return si
+
+
+def _parse(text: str, dimension: Dimension, expected: str) -> float:
+    match = _NUMBER.match(text)
+    if match is None:
+        raise ValueError(f"{expected}, got {_shown(text)}, which does not begin with a number")
+    number, unit_text = float(match[1]), match[2]
+    if not unit_text:
+        if not dimension.unit:
+            return number
+        raise ValueError(f"{expected}, got {_shown(text)}, which has no unit (a bare number without quotes is {dimension.unit})")
+    try:
+        found = _registry().parse_units(unit_text.removeprefix("*").strip())
+        factor = float(_registry().Quantity(1.0, found).to(dimension.unit or "dimensionless").magnitude)
+    except Exception as error:  # noqa: BLE001 (pint raises a dozen kinds, from its tokenizer's to ZeroDivisionError)
+        raise ValueError(f"{expected}, got {_shown(text)}{_why(unit_text)}") from error
+    return number * factor
+
+
+def _why(unit_text: str) -> str:
+    """Say what the unit measures instead, if it can be named."""
+    try:
+        found = _registry().parse_units(unit_text)
+    except Exception:  # noqa: BLE001 (see _parse)
+        return f', and "{unit_text}" is not a unit'
+    for other in _NOUNS:
+        if found.dimensionality == _registry().parse_units(other.unit).dimensionality:
+            return f", which is {other.noun}"
+    return f", which measures {found.dimensionality}"
+
+
+def _condition(sign: str) -> str:
+    return "be greater than zero" if sign == "positive" else "not be negative"
+
+
+def _shown(value: Any) -> str:
+    text = f'"{value}"' if isinstance(value, str) else str(value).lower() if isinstance(value, bool) else repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
