@@ -32,7 +32,7 @@ def write_campaign(campaign: Campaign, folder: Path, *, comment: str = "") -> No
     sessions = len(campaign.session_names) > 1 or campaign.session_names != ("",)
     readings: dict[str, list[str]] = {**keys, "value": _cells(campaign.value), "sigma": _cells(campaign.sigma)}
     if sessions:
-        readings["session"] = [campaign.session_names[i] for i in campaign.session.tolist()]
+        readings["session"] = [campaign.session_names[int(i)] for i in campaign.session.tolist()]
     _write(folder / "readings.csv", readings)
     if campaign.predictions:
         models = {name: _cells(values) for name, values in campaign.predictions.items()}
@@ -42,7 +42,7 @@ def write_campaign(campaign: Campaign, folder: Path, *, comment: str = "") -> No
 def _key_cells(campaign: Campaign) -> dict[str, list[str]]:
     out: dict[str, list[str]] = {}
     if np.isnan(campaign.poses).any():
-        out["pose"] = [campaign.pose_names[i] for i in campaign.pose.tolist()]
+        out["pose"] = [campaign.pose_names[int(i)] for i in campaign.pose.tolist()]
     else:
         out |= {name: _cells(campaign.poses[campaign.pose, k]) for k, name in enumerate(POSITION)}
     if not np.isnan(campaign.wrench).all():
