@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import logging
-import tomllib
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, cast
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gap.heading import load_header
 from gap.table import Table, check_columns, numbers, read_table
-from gap.vocabulary import COMPONENTS, DEFLECTION, QUANTITIES, STIFFNESS, VOCABULARY, WRENCH
+from gap.vocabulary import DEFLECTION, DEVIATION, QUANTITIES, STIFFNESS, WRENCH
 from stiffscope import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -24,7 +26,11 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 POSITION = ("x", "y", "z")
-_KEYS = ("robot", "modelled", "components", "readings", "predictions")
+
+
+def _read_only(array: Any) -> Any:
+    array.setflags(write=False)
+    return array
 
 
 def _no_models() -> dict[str, Array]:
@@ -62,6 +68,15 @@ class Campaign:
     predictions: dict[str, Array] = field(default_factory=_no_models)
     """Predicted values (n,): the model under test under `value`, its rivals under their columns' names."""
 
+    def __post_init__(self) -> None:
+        """Replace every array by a read-only copy."""
+        for name in ("poses", "wrench", "value", "sigma"):
+            object.__setattr__(self, name, _read_only(np.array(getattr(self, name), dtype=np.float64)))
+        for name in ("pose", "quantity", "session", "file", "line"):
+            object.__setattr__(self, name, _read_only(np.array(getattr(self, name), dtype=np.int64)))
+        models = {name: _read_only(np.array(values)) for name, values in self.predictions.items()}
+        object.__setattr__(self, "predictions", models)
+
     def __len__(self) -> int:
         """Return the number of readings."""
         return len(self.value)
@@ -81,27 +96,12 @@ class Campaign:
         return f"{self.files[self.file[reading]]}, line {self.line[reading]}"
 
 
-def _frozen(values: Any, kind: type[np.float64] | type[np.int64]) -> Any:
-    array = np.array(values, dtype=kind)
-    array.setflags(write=False)
-    return array
-
-
-@dataclass(frozen=True)
-class _Header:
-    robot: str | None
-    modelled: tuple[str, ...]
-    components: str
-    readings: tuple[str, ...]
-    predictions: str | None
-
-
 def load_campaign(folder: Path) -> Campaign:
     """Return the campaign in a folder.
 
     Raises InputError that names the file, the line, the column and what was expected.
     """
-    header = _load_header(folder)
+    header = load_header(folder)
     bare = header.predictions is not None
     parts = [_load_readings(folder / name, bare=bare) for name in header.readings]
     if len({part.labelled for part in parts}) > 1:
@@ -109,12 +109,6 @@ def load_campaign(folder: Path) -> Campaign:
     names, pose, poses = _number_poses(parts)
     labels = [label for part in parts for label in part.sessions]
     sessions = {label: i for i, label in enumerate(dict.fromkeys(labels))}
-    columns = {
-        "wrench": np.concatenate([part.wrench for part in parts]),
-        "value": np.concatenate([part.value for part in parts]),
-        "sigma": np.concatenate([part.sigma for part in parts]),
-    }
-    quantity = np.concatenate([part.quantity for part in parts])
     predictions: dict[str, Array] = {}
     if header.predictions is not None:
         predictions = _load_predictions(folder / header.predictions, parts)
@@ -123,61 +117,19 @@ def load_campaign(folder: Path) -> Campaign:
         modelled=header.modelled,
         components=header.components,
         pose_names=names,
-        poses=_frozen(poses, np.float64),
-        pose=_frozen(pose, np.int64),
-        quantity=_frozen(quantity, np.int64),
+        poses=np.array(poses),
+        pose=np.array(pose),
+        wrench=np.concatenate([part.wrench for part in parts]),
+        quantity=np.concatenate([part.quantity for part in parts]),
+        value=np.concatenate([part.value for part in parts]),
+        sigma=np.concatenate([part.sigma for part in parts]),
         session_names=tuple(sessions),
-        session=_frozen([sessions[label] for label in labels], np.int64),
+        session=np.array([sessions[label] for label in labels]),
         files=header.readings,
-        file=_frozen([i for i, part in enumerate(parts) for _ in part.value], np.int64),
-        line=_frozen([line for part in parts for line in part.table.lines], np.int64),
-        predictions={name: _frozen(values, np.float64) for name, values in predictions.items()},
-        **{name: _frozen(values, np.float64) for name, values in columns.items()},
+        file=np.repeat(np.arange(len(parts)), [len(part.value) for part in parts]),
+        line=np.array([line for part in parts for line in part.table.lines]),
+        predictions=predictions,
     )
-
-
-def _load_header(folder: Path) -> _Header:
-    path = folder / "campaign.toml"
-    if not folder.is_dir():
-        raise InputError(f"{folder}: expected a campaign folder with a campaign.toml")
-    try:
-        data = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    except OSError:
-        raise InputError(f"{folder}: expected a campaign.toml in this folder") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"campaign.toml: expected TOML, found {error}") from None
-    unknown = [key for key in data if key not in _KEYS]
-    if unknown:
-        raise InputError(f"campaign.toml, {unknown[0]}: expected one of {', '.join(_KEYS)}")
-    robot, predictions = _text(data, "robot"), _text(data, "predictions")
-    if (robot is None) == (predictions is None):
-        raise InputError("campaign.toml: expected either robot or predictions, one of the two")
-    components = _text(data, "components") or "fea"
-    if components not in COMPONENTS:
-        raise InputError(f"campaign.toml, components: expected one of {', '.join(COMPONENTS)}, found {components!r}")
-    modelled = _texts(data.get("modelled", []), "modelled")
-    strange = [name for name in modelled if name not in VOCABULARY]
-    if strange:
-        valid = ", ".join(VOCABULARY)
-        raise InputError(f"campaign.toml, modelled: expected effects among {valid}, found {strange[0]!r}")
-    listed = data.get("readings")
-    readings = _texts([listed] if isinstance(listed, str) else listed, "readings")
-    if not readings or len(set(readings)) < len(readings):
-        raise InputError("campaign.toml, readings: expected one file name or a list of different ones")
-    return _Header(robot, modelled, components, readings, predictions)
-
-
-def _text(data: dict[str, Any], key: str) -> str | None:
-    value = data.get(key)
-    if key in data and (not isinstance(value, str) or not value.strip()):
-        raise InputError(f"campaign.toml, {key}: expected a text, found {value!r}")
-    return value
-
-
-def _texts(value: Any, key: str) -> tuple[str, ...]:
-    if not isinstance(value, list) or not all(isinstance(v, str) and v for v in cast("list[Any]", value)):
-        raise InputError(f"campaign.toml, {key}: expected a list of texts, found {value!r}")
-    return tuple(cast("list[str]", value))
 
 
 @dataclass(frozen=True)
@@ -234,33 +186,31 @@ def _wrench(table: Table, quantity: Codes) -> Array:
             wrong = (kind == STIFFNESS) & given
             if wrong.any():
                 raise table.fail(int(np.argmax(wrong)), name, "an empty cell: a stiffness reading has no wrench")
-            wrong = (kind == STIFFNESS - 1) & given & (column != 0)
+            wrong = (kind == DEVIATION) & given & (column != 0)
             if wrong.any():
                 raise table.fail(int(np.argmax(wrong)), name, "0: a deviation is read on the unloaded platform")
             out[:, k] = column
-    out[kind == STIFFNESS - 1] = 0.0
+    out[kind == DEVIATION] = 0.0
     return out
 
 
-def _columns(table: Table, *, bare: bool) -> tuple[bool, list[str]]:
-    """Return whether poses are labels, and the key columns."""
-    labelled = bare and "pose" in table.columns
-    place = ["pose"] if labelled else list(POSITION)
-    return labelled, [*place, *WRENCH, "quantity"]
+def _keys_of(header: Collection[str], *, bare: bool) -> tuple[str, ...]:
+    """Return the key columns: x y z or, with predictions, the label that stands for them, wrench and quantity."""
+    place = ("pose",) if bare and "pose" in header else POSITION
+    return (*place, *WRENCH, "quantity")
 
 
-def _check_wrench_columns(table: Table) -> None:
-    missing = [name for name in WRENCH if name not in table.columns]
-    if 0 < len(missing) < len(WRENCH):
-        raise InputError(f"{table.name}, line 1, column {missing[0]}: expected this column, it is missing")
+def _check(name: str, header: list[str], *, bare: bool, others: Collection[str]) -> None:
+    keys = _keys_of(header, bare=bare)
+    loaded = any(column in header for column in WRENCH)
+    required = [key for key in keys if loaded or key not in WRENCH]
+    valid = [*keys, *others] if "sigma" in others else header
+    check_columns(name, header, [*required, *(c for c in others if c != "session")], [*valid, "session"])
 
 
 def _load_readings(path: Path, *, bare: bool) -> _Rows:
-    table = read_table(path)
-    labelled, keys = _columns(table, bare=bare)
-    required = [key for key in keys if key not in WRENCH]
-    check_columns(table, [*required, "value", "sigma"], [*keys, "value", "sigma", "session"])
-    _check_wrench_columns(table)
+    table = read_table(path, partial(_check, bare=bare, others=("value", "sigma", "session")))
+    labelled = "pose" in table.columns
     quantity = _quantity(table)
     value = numbers(table, "value", expected="a finite reading in SI")
     soft = (quantity // 6 == STIFFNESS) & (value <= 0)
@@ -292,15 +242,14 @@ def _keys(rows: _Rows, *, sessions: bool) -> list[tuple[Any, ...]]:
 
 
 def _load_predictions(path: Path, parts: list[_Rows]) -> dict[str, Array]:
-    table = read_table(path)
-    labelled, keys = _columns(table, bare=True)
+    table = read_table(path, partial(_check, bare=True, others=("value",)))
+    labelled = "pose" in table.columns
     if labelled != parts[0].labelled:
         wanted = "pose" if parts[0].labelled else "x y z"
         raise InputError(f"{table.name}, line 1: expected the readings' own key columns ({wanted})")
     if "sigma" in table.columns:
         raise InputError(f"{table.name}, line 1, column sigma: expected predictions, which have no sigma")
-    check_columns(table, [*[key for key in keys if key not in WRENCH], "value"], list(table.columns))
-    _check_wrench_columns(table)
+    keys = _keys_of(table.columns, bare=True)
     models = [name for name in table.columns if name not in {*keys, "session", *POSITION}]
     quantity = _quantity(table)
     values = {name: numbers(table, name, expected="a finite predicted value in SI") for name in models}

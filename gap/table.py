@@ -13,7 +13,7 @@ import numpy as np
 from stiffscope import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Callable, Collection
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -37,13 +37,15 @@ class Table:
         return InputError(f"{self.name}, line {self.lines[row]}, column {column}: expected {expected}, found {shown}")
 
 
-def read_table(path: Path) -> Table:
+def read_table(path: Path, check: Callable[[str, list[str]], None]) -> Table:
     """Return a CSV file's columns, with surrounding blanks removed; blank lines are passed over.
+
+    check: called with the file's name and its header before any row is looked at.
 
     Raises InputError for a file that cannot be read, is not UTF-8, has no or a doubtful header, or a row whose
     number of cells is not the header's.
     """
-    reader = csv.reader(io.StringIO(_text(path), newline=""), strict=True)
+    reader = csv.reader(io.StringIO(_text(path), newline=""), strict=True, skipinitialspace=True)
     rows: list[list[str]] = []
     lines: list[int] = []
     before = 0
@@ -58,6 +60,7 @@ def read_table(path: Path) -> Table:
     if not rows:
         raise InputError(f"{path.name}: expected a header line with the column names, found an empty file")
     header = _header(path.name, rows[0], lines[0])
+    check(path.name, header)
     _check_lengths(path.name, header, rows, lines)
     if len(rows) == 1:
         raise InputError(f"{path.name}, line {lines[0] + 1}: expected at least one row under the header")
@@ -106,16 +109,14 @@ def _check_lengths(name: str, header: list[str], rows: list[list[str]], lines: l
             raise InputError(f"{name}, line {line}, column {count + 1}: {message}")
 
 
-def check_columns(table: Table, required: Collection[str], valid: Collection[str]) -> None:
+def check_columns(name: str, header: list[str], required: Collection[str], valid: Collection[str]) -> None:
     """Raise InputError for a missing column, or for one that is not valid (all of `valid` are listed)."""
-    header = list(table.columns)
-    missing = [name for name in required if name not in header]
+    missing = [column for column in required if column not in header]
     if missing:
-        raise InputError(f"{table.name}, line 1, column {missing[0]}: expected this column, it is missing")
-    unknown = [name for name in header if name not in valid]
+        raise InputError(f"{name}, line 1, column {missing[0]}: expected this column, it is missing")
+    unknown = [column for column in header if column not in valid]
     if unknown:
-        options = ", ".join(valid)
-        raise InputError(f"{table.name}, line 1, column {unknown[0]}: expected one of {options}")
+        raise InputError(f"{name}, line 1, column {unknown[0]}: expected one of {', '.join(valid)}")
 
 
 def numbers(table: Table, column: str, *, empty: bool = False, expected: str = "a finite number") -> Array:

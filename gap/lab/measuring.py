@@ -18,11 +18,14 @@ if TYPE_CHECKING:
 
     from gap.lab.assembly import Answer
     from gap.lab.frame import Array
-    from gap.lab.machine import Drive, Machine
+    from gap.lab.machine import Dimensions, Drive, Machine
 
     Codes = NDArray[np.int64]
 
 FORCE, MOMENT = 500.0, 100.0  # N, N·m: what the loading device of the plan can apply
+
+_NO_FORCE = 1e-6  # of the greatest force: what rounding leaves in a drive that carries nothing
+_TIED = 10.0  # N/m: a drive whose lost motion meets less resistance than this moves freely
 
 
 @dataclass(frozen=True)
@@ -61,26 +64,16 @@ class Noise:
     shuffle: bool = False
 
 
-def workspace(count: int, rng: np.random.Generator) -> Array:
-    """Return poses (count, 3) spread over the reachable workspace, away from its singular rim."""
-    out: list[Array] = []
-    while len(out) < count:
-        pose = rng.uniform([-0.15, -0.25, 0.20], [0.15, 0.25, 0.52])
-        a = command_range(pose)
-        if a[0] >= A_RANGE[0] + 0.01 and a[1] <= A_RANGE[1] - 0.01:
-            out.append(pose)
-    return np.round(np.array(out), 4)
-
-
-def command_range(pose: Array) -> tuple[float, float]:
-    """Return the smallest and greatest carriage distance at a pose of the nominal machine, m."""
-    from gap.lab.machine import biglide  # noqa: PLC0415
-
-    sent = command(biglide().dimensions, pose[None])[0, :2]
-    return float(sent.min()), float(sent.max())
+def workspace(dimensions: Dimensions, count: int, rng: np.random.Generator) -> Array:
+    """Return poses (count, 3) spread over the reachable workspace, away from its rim."""
+    trial = np.round(rng.uniform([-0.15, -0.25, 0.20], [0.15, 0.25, 0.52], (40 * count + 400, 3)), 4)
+    a = command(dimensions, trial)[:, :2]
+    inside = (a.min(axis=1) >= A_RANGE[0] + 0.01) & (a.max(axis=1) <= A_RANGE[1] - 0.01)
+    return trial[inside][:count]
 
 
 def default_plan(
+    machine: Machine,
     rng: np.random.Generator,
     poses: int = 12,
     wrenches: int = 10,
@@ -94,7 +87,7 @@ def default_plan(
     single = np.diag(size)
     mixed = rng.uniform(-1, 1, (max(wrenches - 6, 0), 6)) * size
     loads = np.round(np.vstack([single, mixed])[:wrenches], 3)
-    return Plan(workspace(poses, rng), loads, deviations, stiffness, sessions=sessions)
+    return Plan(workspace(machine.dimensions, poses, rng), loads, deviations, stiffness, sessions=sessions)
 
 
 def _lost_motion(drive: Drive, force: Array) -> Array:
@@ -124,9 +117,9 @@ def _settle(machine: Machine, pose: Codes, reply: Answer, force: Array, *, gaps:
     s = np.zeros_like(force)
     for _ in range(100):
         carried = force + np.einsum("nkl,nl->nk", coupling, s)
-        carried[np.abs(carried) < 1e-9 * scale] = 0.0
+        carried[np.abs(carried) < _NO_FORCE * scale] = 0.0
         smooth = np.stack([_lost_motion(d, carried[:, k]) for k, d in enumerate(machine.drives)], axis=1)
-        free = np.divide(carried, -own, out=np.copysign(np.inf, carried), where=own < -1e-3)
+        free = np.divide(carried, -own, out=np.copysign(np.inf, carried), where=own < -_TIED)
         step = np.clip(np.where(carried == 0.0, 0.0, s - smooth + free), -width, width)
         following = smooth + np.where(width > 0, step, 0.0)
         if np.allclose(following, s, rtol=0, atol=1e-15):

@@ -1,0 +1,192 @@
+"""Campaign files: what is read, and that each wrong cell is named."""
+
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gap.readings import load_campaign
+from gap.writing import write_campaign
+from stiffscope import InputError
+
+DATA = Path(__file__).parents[2] / "data" / "campaigns"
+HEADER = "x,y,z,fx,fy,fz,mx,my,mz,quantity,value,sigma,session\n"
+GOOD = [
+    "0,0,0.35,100,0,0,0,0,0,dx,4.2e-6,1e-6,a",
+    "0,0,0.35,,,,,,,kx,2.38e7,,a",
+    "0.01,0,0.40,0,0,0,0,0,0,ez,1.1e-5,1e-6,b",
+    "0.01,0,0.40,,,,,,,ey,1.1e-5,,b",
+]
+
+
+def folder(path, rows=GOOD, header=HEADER, toml='robot = "biglide"\nreadings = "readings.csv"\n', encoding="utf-8"):
+    path.mkdir(exist_ok=True)
+    (path / "campaign.toml").write_text(toml)
+    text = rows if isinstance(rows, str) else header + "\n".join(rows) + "\n"
+    (path / "readings.csv").write_bytes(text.encode(encoding))
+    return path
+
+
+def test_reads_all_three_kinds(tmp_path):
+    c = load_campaign(folder(tmp_path))
+    assert c.kind.tolist() == [0, 2, 1, 1]
+    assert c.pose.tolist() == [0, 0, 1, 1]
+    assert c.session_names == ("a", "b")
+    assert np.isnan(c.wrench[1]).all()
+    assert (c.wrench[3] == 0).all()
+    assert np.isnan(c.sigma).tolist() == [False, True, False, True]
+    assert c.components == "fea"
+    assert c.where(2) == "readings.csv, line 4"
+    with pytest.raises(ValueError, match="read-only"):
+        c.value[0] = 1
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "\ufeff" + HEADER + "\r\n".join(GOOD) + "\r\n",
+        HEADER + "\n\n".join(GOOD),
+        HEADER.replace("x,y", ' x , "y"') + "\n".join(GOOD) + "\n\n",
+    ],
+)
+def test_harmless_spellings_read_alike(tmp_path, text):
+    plain, spelled = load_campaign(folder(tmp_path / "a")), load_campaign(folder(tmp_path / "b", text))
+    assert np.array_equal(plain.value, spelled.value)
+    assert plain.poses.tolist() == spelled.poses.tolist()
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "cell", "expected"),
+    [
+        (0, 0, "left", "line 2, column x: expected a finite number of metres, found 'left'"),
+        (0, 3, "", "line 2, column fx: .*deflection needs its wrench, found an empty cell"),
+        (0, 4, "1_0", "line 2, column fy: expected a finite number"),
+        (1, 3, "5", "line 3, column fx: .*a stiffness reading has no wrench"),
+        (1, 10, "-2e7", "line 3, column value: expected a positive stiffness"),
+        (2, 5, "9", "line 4, column fz: .*unloaded platform"),
+        (2, 9, "dq", "line 4, column quantity: expected one of dx dy .* krz, found 'dq'"),
+        (2, 10, "nan", "line 4, column value: expected a finite reading"),
+        (2, 10, "", "line 4, column value: .*found an empty cell"),
+        (3, 10, "1e999", "line 5, column value: expected a finite"),
+        (0, 11, "-1e-6", "line 2, column sigma: expected a positive number"),
+        (0, 11, "0", "line 2, column sigma: expected a positive number"),
+        (3, 2, "1,5", "line 5, column 14: expected 13 cells, found 14"),
+    ],
+)
+def test_names_the_malformed_cell(tmp_path, row, column, cell, expected):
+    rows = [line.split(",") for line in GOOD]
+    rows[row][column] = cell
+    with pytest.raises(InputError, match=f"^readings.csv, {expected}") as caught:
+        load_campaign(folder(tmp_path, [",".join(r) for r in rows]))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", "expected a header line .* empty file"),
+        (HEADER, "line 2: expected at least one row"),
+        (HEADER + "\n".join(GOOD)[:-20], "line 5, column .*: expected 13 cells, found 3: the row ends early"),
+        (HEADER.replace(",sigma", "") + GOOD[0], "line 1, column sigma: expected this column, it is missing"),
+        (HEADER.replace("fz,", "") + GOOD[0], "line 1, column fz: expected this column, it is missing"),
+        (HEADER.replace("session", "Session") + GOOD[0], "line 1, column Session: expected one of x, y, z"),
+        (HEADER.replace("session", "pose") + GOOD[0], "line 1, column pose: expected one of x, y, z"),
+        (HEADER.replace("session", "x") + GOOD[0], "line 1, column x: expected each name once"),
+        (HEADER.replace(",", ";") + GOOD[0], "line 1: expected columns separated by commas"),
+        (HEADER + GOOD[0] + "\n\0", "line 3: expected text, found a NUL byte"),
+        (HEADER + GOOD[0] + '\n"0,0', "line 3: expected a CSV row"),
+    ],
+)
+def test_names_the_malformed_file(tmp_path, text, expected):
+    with pytest.raises(InputError, match=f"^readings.csv.*{expected}"):
+        load_campaign(folder(tmp_path, text))
+
+
+def test_refuses_other_encodings(tmp_path):
+    with pytest.raises(InputError, match=r"readings.csv, line 2: expected UTF-8 text, found byte 0xb5"):
+        load_campaign(folder(tmp_path, [GOOD[0] + "µ"], encoding="latin-1"))
+
+
+@pytest.mark.parametrize(
+    ("toml", "expected"),
+    [
+        ("robot = biglide", "expected TOML"),
+        ('robot = "biglide"', "readings: expected a list of texts"),
+        ('readings = "readings.csv"', "either robot or predictions"),
+        ('robot = "biglide"\nreadings = "r.csv"\nrobbot = 1', "robbot: expected one of robot, modelled"),
+        ('robot = "biglide"\nreadings = "r.csv"\nmodelled = ["weight"]', "modelled: expected effects among gravity"),
+        ('robot = "biglide"\nreadings = "r.csv"\ncomponents = "cad"', "components: expected one of fea, beam"),
+        ('robot = "biglide"\nreadings = []', "readings: expected one file name"),
+        ('robot = 3\nreadings = "r.csv"', "robot: expected a text"),
+    ],
+)
+def test_names_the_wrong_key(tmp_path, toml, expected):
+    with pytest.raises(InputError, match=f"^campaign.toml.*{expected}"):
+        load_campaign(folder(tmp_path, toml=toml))
+
+
+def test_names_absent_files(tmp_path):
+    with pytest.raises(InputError, match="expected a campaign folder"):
+        load_campaign(tmp_path / "none")
+    with pytest.raises(InputError, match=r"r\.csv: expected a readable CSV file"):
+        load_campaign(folder(tmp_path, toml='robot = "biglide"\nreadings = ["r.csv"]'))
+
+
+def test_several_files_share_poses_and_sessions(tmp_path):
+    folder(tmp_path, toml='robot = "biglide"\nmodelled = ["gravity"]\nreadings = ["readings.csv", "more.csv"]')
+    (tmp_path / "more.csv").write_text(HEADER + GOOD[0] + "\n" + GOOD[2][:-1] + "c\n")
+    c = load_campaign(tmp_path)
+    assert c.pose.tolist() == [0, 0, 1, 1, 0, 1]
+    assert c.session_names == ("a", "b", "c")
+    assert c.where(5) == "more.csv, line 3"
+
+
+def test_published_campaign_reproduces_the_corrected_rms():
+    """Errata (10): 9.04 and 9.35 % without gravity, 6.54 and 6.77 % with it, not 2.67 and 2.77 %."""
+    c = load_campaign(DATA / "published")
+    assert c.robot is None
+    assert c.pose_names == ("Q1", "Q2")
+    rms = {
+        name: [100 * np.sqrt(np.mean((p / c.value - 1)[c.pose == k] ** 2)) for k in (0, 1)]
+        for name, p in c.predictions.items()
+    }
+    assert rms["value"] == pytest.approx([9.04, 9.35], abs=0.02)
+    assert rms["with_gravity"] == pytest.approx([6.54, 6.77], abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("model", "expected"),
+    [
+        ("pose,quantity,value\nA,kx,1\n", r"readings.csv, line 3, column pose: expected a reading that model.csv"),
+        ("pose,quantity,value\nA,kx,1\nB,ky,x\n", "model.csv, line 3, column value: expected a finite predicted"),
+        ("pose,quantity,value\nA,kx,1\nB,ky,2\nA,kx,3\n", "model.csv, line 4, column value: .* on line 2"),
+        ("pose,quantity,value,sigma\nA,kx,1,1\n", "model.csv, line 1, column sigma"),
+        ("pose,quantity,rival\nA,kx,1\n", "model.csv, line 1, column value: expected this column"),
+        ("x,y,z,quantity,value\n0,0,0,kx,1\n", r"model.csv, line 1: expected the readings' own key columns"),
+    ],
+)
+def test_predictions_answer_every_reading(tmp_path, model, expected):
+    toml = 'predictions = "model.csv"\nreadings = "readings.csv"'
+    folder(tmp_path, "pose,quantity,value,sigma\nA,kx,1,\nB,ky,1,\n", toml=toml)
+    (tmp_path / "model.csv").write_text(model)
+    with pytest.raises(InputError, match=expected):
+        load_campaign(tmp_path)
+
+
+def test_eight_thousand_rows_read_fast_and_come_back_unchanged(tmp_path):
+    rows = [f"{k % 7 / 100},0,0.35,{k},0,0,0,0,0,dx,{k * 1e-9!r},1e-6,s" for k in range(8000)]
+    first = load_campaign(folder(tmp_path, rows))
+    write_campaign(first, tmp_path / "again", comment="two\nlines")
+    start = time.perf_counter()
+    again = load_campaign(tmp_path / "again")
+    assert time.perf_counter() - start < 0.5  # 0.1 s alone on the machine
+    for name in ("poses", "pose", "wrench", "quantity", "value", "sigma", "session"):
+        assert np.array_equal(getattr(first, name), getattr(again, name))
+    published = load_campaign(DATA / "published")
+    write_campaign(published, tmp_path / "bare")
+    back = load_campaign(tmp_path / "bare")
+    assert back.pose_names == published.pose_names
+    assert np.array_equal(back.predictions["with_gravity"], published.predictions["with_gravity"])
+    assert replace(back, robot=None).modelled == ()
