@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fea.shape import curved, determinants, jacobians, quadrature, shape_values
+from fea.shape import curved, determinants, inverses, jacobians, quadrature, shape_values
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -48,13 +48,7 @@ def gradients(corners: Floats, at: Floats) -> tuple[Floats, Floats]:
     slopes = shape_values(at)[1]  # (q, 10, 3)
     jacobian = jacobians(corners, slopes)
     size = determinants(jacobian)
-    return slopes[None] @ _inverse(jacobian, size), size
-
-
-def _inverse(matrices: Floats, determinant: Floats) -> Floats:
-    a, b, c = (matrices[..., :, k] for k in range(3))
-    rows = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-2)
-    return rows / determinant[..., None, None]
+    return slopes[None] @ inverses(jacobian, size), size
 
 
 def element_stiffness(corners: Floats, elasticity: Floats, order: int) -> Floats:

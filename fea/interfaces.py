@@ -1,8 +1,9 @@
-"""How a part is held and loaded, and its condensation to six coordinates for each loaded interface.
+"""How a part is held and loaded: few coordinates for rigid faces, nodal forces for distributed ones.
 
 Rigid: the face moves as one body, u = R(x) t with the twist t = (v, ω) at the reference point.
 Distributed: the wrench enters as the traction R(x) (RᵀMR)⁻¹ w, with M the face's mass matrix; its work-conjugate
 twist is the mean motion (RᵀMR)⁻¹ RᵀM u.
+Either way the response to unit wrenches is C = Fᵀ A⁻¹ F, with A the stiffness of the coordinates left free.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
     from fea.mesh import Floats, Ints, TetMesh
-    from fea.solvers import Solver
+    from fea.solvers import Solve, Solver
 
 KINDS = ("rigid", "distributed")
 
@@ -34,21 +35,43 @@ class Port:
 
 
 @dataclass(frozen=True)
-class Response:
-    """What unit wrenches do: n ports give 6n columns, six a port, (f, m) at the port's reference point.
+class Supports:
+    """The motion of all nodes by the coordinates left free: u = [free nodes, twists of rigid ports].
 
     Attributes
     ----------
-    compliance : (6n, 6n) twist component i for a unit of wrench component j, symmetric.
-    asymmetry : largest |C - Cᵀ| before it was symmetrized, over the size of its diagonal.
-    displacement : (6n, nodes, 3) m per unit of wrench.
-    imbalance : largest part of a wrench that the reactions at the clamp do not balance, relative.
+    free : (f,) nodes that move on their own.
+    tied, clamped : nodes on rigid ports, and nodes that do not move.
+    tie : (3 t, 6 r) motion of the tied nodes for each coordinate of the r rigid ports.
     """
 
-    compliance: Floats
-    asymmetry: float
-    displacement: Floats
-    imbalance: float
+    nodes: int
+    free: Ints
+    tied: Ints
+    clamped: Ints
+    tie: Floats
+
+    @property
+    def free_dofs(self) -> Ints:
+        """Degrees of freedom of the free nodes."""
+        return dofs_of(self.free)
+
+    def expand(self, coordinates: Floats) -> Floats:
+        """Return (3n, loads) nodal displacements from (3f + 6r, loads) coordinates."""
+        split = 3 * len(self.free)
+        motion = np.zeros((3 * self.nodes, coordinates.shape[1]))
+        motion[self.free_dofs] = coordinates[:split]
+        motion[dofs_of(self.tied)] = self.tie @ coordinates[split:]
+        return motion
+
+    def restrict(self, forces: Floats) -> Floats:
+        """Return (3f + 6r, loads) generalized forces from (3n, loads) nodal forces; transpose of expand."""
+        return np.vstack([forces[self.free_dofs], self.tie.T @ forces[dofs_of(self.tied)]])
+
+
+def dofs_of(nodes: Ints) -> Ints:
+    """Return the three degrees of freedom of each node, in order."""
+    return (3 * nodes[:, None] + np.arange(3)).reshape(-1)
 
 
 def rigid_modes(points: Floats, reference: Floats) -> Floats:
@@ -62,114 +85,96 @@ def rigid_modes(points: Floats, reference: Floats) -> Floats:
     return modes
 
 
-def distributed_loads(points: Floats, port: Port) -> Floats:
-    """Return (nodes, 3, 6) nodal forces of the traction whose resultant is each unit wrench."""
-    at, weights = facet_rule()
-    values, slopes = facet_values(at), facet_slopes(at)  # (q, 6), (q, 6, 2)
-    corners = points[port.facets]  # (k, 6, 3)
-    tangents = np.einsum("qnd,kni->kqdi", slopes, corners)
-    area = np.linalg.norm(np.cross(tangents[:, :, 0], tangents[:, :, 1]), axis=2) * weights  # (k, q)
-    where = np.einsum("qn,kni->kqi", values, corners)
-    modes = rigid_modes(where.reshape(-1, 3), port.reference_point).reshape(*where.shape, 6)
-    gram = np.einsum("kq,kqia,kqib->ab", area, modes, modes)
-    traction = modes @ np.linalg.inv(gram)
-    nodal = np.einsum("kq,qn,kqia->knia", area, values, traction)
-    loads = np.zeros((len(points), 3, 6))
-    np.add.at(loads, port.facets.reshape(-1), nodal.reshape(-1, 3, 6))
-    return loads
+def support(mesh: TetMesh, clamped: Ints, ports: tuple[Port, ...]) -> Supports:
+    """Return the coordinates that clamped nodes and rigid ports leave free.
 
-
-def respond(
-    mesh: TetMesh, stiffness: csr_array, clamped: Ints, ports: tuple[Port, ...], solver: Solver
-) -> Response:
-    """Condense the supported stiffness on the ports: one factorization for all wrenches.
-
-    Parameters
-    ----------
-    mesh, stiffness : the mesh and its (3n, 3n) stiffness, N/m.
-    clamped : nodes that do not move.
-    ports : the loaded interfaces.
-    solver : see ``fea.solvers``.
+    Raises
+    ------
+    InputError : a rigid face shares nodes with the clamp or with another rigid face.
     """
-    count, width = len(mesh.points), 6 * len(ports)
-    tie, is_tied = _rigid_ties(mesh, clamped, ports)
-    free_node = ~is_tied
-    free_node[clamped] = False
-    free, tied = np.flatnonzero(np.repeat(free_node, 3)), np.flatnonzero(np.repeat(is_tied, 3))
-    tie = tie.reshape(3 * count, -1)  # (3n, 6r)
-    loads = np.zeros((3 * count, width))
-    direct = np.zeros((tie.shape[1], width))
-    rigid = [k for k, port in enumerate(ports) if port.kind == "rigid"]
-    for slot, k in enumerate(rigid):
-        direct[6 * slot : 6 * slot + 6, 6 * k : 6 * k + 6] = np.eye(6)
-    for k, port in enumerate(ports):
-        if port.kind != "rigid":
-            loads[:, 6 * k : 6 * k + 6] = distributed_loads(mesh.points, port).reshape(-1, 6)
-    motion, forces = _solve(stiffness, free, tied, tie, loads, direct, solver, mesh.points[free_node])
-    conjugate = loads.T @ motion
-    for slot, k in enumerate(rigid):
-        conjugate[6 * k : 6 * k + 6] += forces[6 * slot : 6 * slot + 6]
-    scale = np.sqrt(np.outer(conjugate.diagonal(), conjugate.diagonal()))
-    return Response(
-        compliance=(conjugate + conjugate.T) / 2,
-        asymmetry=float((np.abs(conjugate - conjugate.T) / scale).max()),
-        displacement=motion.T.reshape(width, count, 3),
-        imbalance=_imbalance(mesh.points, stiffness, motion, clamped, ports),
-    )
-
-
-def _rigid_ties(mesh: TetMesh, clamped: Ints, ports: tuple[Port, ...]) -> tuple[Floats, np.ndarray]:
-    """Return (nodes, 3, 6r) the rigid motion of tied nodes for r rigid ports, and (nodes,) which are tied."""
     count = len(mesh.points)
     rigid = [port for port in ports if port.kind == "rigid"]
     tie = np.zeros((count, 3, 6 * len(rigid)))
-    is_tied = np.zeros(count, dtype=bool)
+    is_tied, is_free = np.zeros(count, dtype=bool), np.ones(count, dtype=bool)
     for slot, port in enumerate(rigid):
         nodes = np.unique(port.facets)
         if is_tied[nodes].any() or np.isin(nodes, clamped).any():
-            raise InputError("interfaces: a rigid face touches the clamped face or another rigid face; choose apart")
+            raise InputError("interfaces: a rigid face touches the clamp or another rigid face; choose them apart")
         is_tied[nodes] = True
         tie[nodes, :, 6 * slot : 6 * slot + 6] = rigid_modes(mesh.points[nodes], port.reference_point)
-    return tie, is_tied
+    is_free[clamped] = False
+    tied = np.flatnonzero(is_tied)
+    return Supports(
+        count, np.flatnonzero(is_free & ~is_tied), tied, clamped, tie[tied].reshape(3 * len(tied), tie.shape[2])
+    )
 
 
-def _solve(
-    stiffness: csr_array,
-    free: Ints,
-    tied: Ints,
-    tie: Floats,
-    loads: Floats,
-    direct: Floats,
-    solver: Solver,
-    points: Floats,
-) -> tuple[Floats, Floats]:
-    """Return (3n, 6n) displacements and (6r, 6n) twists of the rigid ports, by the Schur complement on them."""
+def factorize(stiffness: csr_array, supports: Supports, points: Floats, solver: Solver) -> Solve:
+    """Return a function that solves for the coordinates of ``supports``; the twists by a Schur complement."""
+    free = supports.free_dofs
     rows = stiffness[free]
-    solve = solver(rows[:, free], points)
-    coupling = rows[:, tied] @ tie[tied]
-    inner = solve(np.hstack([coupling, loads[free]]))
-    from_twist, from_load = inner[:, : tie.shape[1]], inner[:, tie.shape[1] :]
-    condensed = tie[tied].T @ (stiffness[tied][:, tied] @ tie[tied]) - coupling.T @ from_twist
-    twists = direct + tie.T @ loads - coupling.T @ from_load
-    if len(condensed):
-        twists = np.linalg.solve((condensed + condensed.T) / 2, twists)
-    motion = tie @ twists
-    motion[free] = from_load - from_twist @ twists
-    return motion, twists
+    solve = solver(rows[:, free], points[supports.free])
+    if not supports.tie.shape[1]:
+        return solve
+    tied = dofs_of(supports.tied)
+    coupling = rows[:, tied] @ supports.tie
+    inner = solve(coupling)
+    condensed = supports.tie.T @ (stiffness[tied][:, tied] @ supports.tie) - coupling.T @ inner
+    condensed = (condensed + condensed.T) / 2
+
+    def solve_all(forces: Floats) -> Floats:
+        given, wrenches = forces[: len(free)], forces[len(free) :]
+        first = solve(given) if given.any() else np.zeros_like(given)
+        twists = np.linalg.solve(condensed, wrenches - coupling.T @ first)
+        return np.vstack([first - inner @ twists, twists])
+
+    return solve_all
 
 
-def _imbalance(
+def tractions(points: Floats, port: Port, order: int = 4) -> tuple[Floats, Floats]:
+    """Return (k, q, 3, 6) tractions times area of unit wrenches at the facets' quadrature points, and (q, 2)."""
+    at, weights = facet_rule(order)
+    corners = points[port.facets]  # (k, 6, 3)
+    tangents = np.einsum("qnd,kni->kqdi", facet_slopes(at), corners)
+    area = np.linalg.norm(np.cross(tangents[:, :, 0], tangents[:, :, 1]), axis=2) * weights  # (k, q)
+    where = np.einsum("qn,kni->kqi", facet_values(at), corners)
+    modes = rigid_modes(where.reshape(-1, 3), port.reference_point).reshape(*where.shape, 6)
+    gram = np.einsum("kq,kqia,kqib->ab", area, modes, modes)
+    return area[..., None, None] * (modes @ np.linalg.inv(gram)), at
+
+
+def unit_loads(points: Floats, supports: Supports, ports: tuple[Port, ...]) -> Floats:
+    """Return (3f + 6r, 6n) generalized forces of the unit wrenches on n ports, (f, m) at each reference point."""
+    columns = []
+    slot = 3 * len(supports.free)
+    for port in ports:
+        if port.kind == "rigid":
+            forces = np.zeros((3 * len(supports.free) + supports.tie.shape[1], 6))
+            forces[slot : slot + 6] = np.eye(6)
+            slot += 6
+        else:
+            traction, at = tractions(points, port)
+            nodal = np.einsum("qn,kqia->knia", facet_values(at), traction)
+            loads = np.zeros((len(points), 3, 6))
+            np.add.at(loads, port.facets.reshape(-1), nodal.reshape(-1, 3, 6))
+            forces = supports.restrict(loads.reshape(-1, 6))
+        columns.append(forces)
+    return np.hstack(columns)
+
+
+def imbalance(
     points: Floats, stiffness: csr_array, motion: Floats, clamped: Ints, ports: tuple[Port, ...]
 ) -> float:
-    """Return how far the clamp's reactions are from balancing the unit wrenches, relative to their own size."""
-    dofs = (3 * clamped[:, None] + np.arange(3)).reshape(-1)
-    reaction = stiffness[dofs] @ motion  # (3c, 6n)
+    """Return how far the clamp's reactions are from balancing the unit wrenches.
+
+    Relative to the wrench, a force at the lever between clamp and reference point counting as its moment.
+    """
+    reaction = stiffness[dofs_of(clamped)] @ motion  # (3c, 6n)
     worst = 0.0
     for k, port in enumerate(ports):
         modes = rigid_modes(points[clamped], port.reference_point).reshape(-1, 6)
         lever = float(np.linalg.norm(points[clamped] - port.reference_point, axis=1).max())
-        wanted = np.diag([1.0, 1, 1, 1, 1, 1])
-        wrench = modes.T @ reaction[:, 6 * k : 6 * k + 6] + wanted
-        units = np.array([1.0] * 3 + [lever] * 3)
+        units = np.array([1.0] * 3 + [lever] * 3)  # what a unit of each component of the wrench weighs
+        wrench = modes.T @ reaction[:, 6 * k : 6 * k + 6] + np.eye(6)
         worst = max(worst, float((np.abs(wrench) / units[:, None] * units).max()))
     return worst

@@ -11,6 +11,13 @@ if TYPE_CHECKING:
     from fea.mesh import Floats, Ints
 
 
+# The ten nodes on the reference tetrahedron.
+NODES = np.array(
+    [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0.5, 0, 0], [0.5, 0.5, 0], [0, 0.5, 0], [0, 0, 0.5],
+     [0.5, 0, 0.5], [0, 0.5, 0.5]]
+)  # fmt: skip
+
+
 @lru_cache(maxsize=8)
 def quadrature(order: int) -> tuple[Floats, Floats]:
     """Return (q, 3) points and (q,) weights on the reference tetrahedron (volume 1/6)."""
@@ -69,13 +76,16 @@ def determinants(matrices: Floats) -> Floats:
     return np.einsum("...i,...i->...", a, np.cross(b, c))
 
 
+def inverses(matrices: Floats, determinant: Floats) -> Floats:
+    """Return the inverses of (..., 3, 3) matrices with known determinants."""
+    a, b, c = (matrices[..., :, k] for k in range(3))
+    rows = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-2)
+    return rows / determinant[..., None, None]
+
+
 def jacobian_range(corners: Floats) -> Floats:
     """Return (m,) the least Jacobian of each quadratic element over its mean size; negative is inverted."""
-    nodes = np.array(
-        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0.5, 0, 0], [0.5, 0.5, 0], [0, 0.5, 0], [0, 0, 0.5],
-         [0.5, 0, 0.5], [0, 0.5, 0.5]]
-    )  # fmt: skip
-    sample = np.vstack([nodes, quadrature(4)[0]])
+    sample = np.vstack([NODES, quadrature(4)[0]])
     values = determinants(jacobians(corners, shape_values(sample)[1]))
     edges = corners[:, 1:4] - corners[:, :1]
     mean = np.abs(values).mean(axis=1) + 1e-6 * np.linalg.norm(edges, axis=2).prod(axis=1)

@@ -1,0 +1,230 @@
+"""The virtual experiment: a part, clamped and loaded by unit wrenches, gives its compliance with an error bar."""
+
+from __future__ import annotations
+
+import logging
+import time
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fea.mesh import TetMesh
+from stiffscope import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from cad.part import Part
+    from fea.mesh import Floats
+    from fea.specimen import Specimen
+
+    Progress = Callable[[str, float], None]
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to mesh and solve; the defaults suit a part that is neither thin-walled nor full of tiny features.
+
+    Attributes
+    ----------
+    size, envelope : element length and the mesher's allowance, m; None chooses them from the part.
+    interface : "rigid" (the loaded face moves as one body) or "distributed" (a linear traction).
+    layers : thin layers of elements around the borders of held faces and re-entrant edges.
+    time_limit : seconds allowed to the mesher.
+    solver : "auto", "pardiso", "splu" or "amg".
+    threads : the mesher's threads; 0 takes all.
+    """
+
+    size: float | None = None
+    envelope: float | None = None
+    interface: str = "rigid"
+    layers: int = 1
+    time_limit: float = 120.0
+    solver: str = "auto"
+    threads: int = 0
+
+    def __post_init__(self) -> None:
+        """Raise InputError for values that cannot be used."""
+        for name in ("size", "envelope"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise InputError(f"mesh.{name}: expected a positive length, got {value!r} m")
+        if self.interface not in ("rigid", "distributed"):
+            raise InputError(f"interface: expected rigid or distributed, got {self.interface!r}")
+        if self.solver not in ("auto", "pardiso", "splu", "amg"):
+            raise InputError(f"solver: expected auto, pardiso, splu or amg, got {self.solver!r}")
+        if not (np.isfinite(self.time_limit) and self.time_limit > 0):
+            raise InputError(f"mesh.time_limit: expected positive seconds, got {self.time_limit!r}")
+        if not 0 <= self.layers <= 6:
+            raise InputError(f"mesh.layers: expected 0 to 6, got {self.layers!r}")
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """What unit wrenches do to a part, in the part's axes; SI.
+
+    Attributes
+    ----------
+    part, interface : names of the part and of the way it is loaded.
+    flexibility : (6n, 6n) compliance of the n loaded interfaces together.
+    flexibility_error : (6n, 6n) 95 % bounds on the distance to the exact elastic solution on the exact shape.
+    reference_points : (n, 3) m.
+    mesh : the quadratic mesh.
+    displacement : (6n, nodes, 3) m per unit wrench.
+    von_mises : (6n, nodes) Pa per unit wrench.
+    imbalance : how far the clamp's reactions are from balancing the wrenches, relative.
+    volume, cad_volume : of the mesh and of the solid, m³.
+    unknowns : degrees of freedom of the cubic solution behind the result.
+    seconds : wall time of the stages cad, mesh, solve.
+    """
+
+    part: str
+    interface: str
+    flexibility: Floats
+    flexibility_error: Floats
+    reference_points: Floats
+    mesh: TetMesh
+    displacement: Floats
+    von_mises: Floats
+    imbalance: float
+    volume: float
+    cad_volume: float
+    unknowns: int
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def compliance(self) -> Floats:
+        """(6, 6) twist component i for a unit of wrench component j at the first interface's reference point."""
+        return self.flexibility[:6, :6]
+
+    @property
+    def error(self) -> Floats:
+        """(6, 6) 95 % bounds of ``compliance``."""
+        return self.flexibility_error[:6, :6]
+
+    @property
+    def reference_point(self) -> Floats:
+        """(3,) the first interface's reference point, m."""
+        return self.reference_points[0]
+
+    @property
+    def superelement(self) -> Floats:
+        """(6n, 6n) stiffness of the part condensed on its loaded interfaces."""
+        return np.linalg.inv(self.flexibility)
+
+    def save(self, path: Path | str) -> None:
+        """Write everything into one npz file, without pickle."""
+        arrays = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self) if f.name not in ("mesh", "seconds")}
+        mesh = {f"mesh_{f.name}": np.asarray(getattr(self.mesh, f.name)) for f in fields(TetMesh)}
+        names = np.array(list(self.seconds), dtype=np.str_)
+        np.savez_compressed(
+            Path(path), **arrays, **mesh, seconds_names=names, seconds_values=np.array(list(self.seconds.values()))
+        )
+
+
+def load_experiment(path: Path | str) -> Experiment:
+    """Read an experiment that ``Experiment.save`` wrote.
+
+    Raises
+    ------
+    InputError : the file is torn or is something else.
+    """
+    try:
+        with np.load(Path(path), allow_pickle=False) as held:
+            data = {name: held[name] for name in held.files}
+        mesh = TetMesh(
+            **{f.name: data[f"mesh_{f.name}"] for f in fields(TetMesh) if f.name != "pulled_back"},
+            pulled_back=int(data["mesh_pulled_back"]),
+        )
+        seconds = dict(zip(data["seconds_names"].tolist(), data["seconds_values"].tolist(), strict=True))
+        plain = {f.name: data[f.name] for f in fields(Experiment) if f.name not in ("mesh", "seconds")}
+        plain = {name: value if value.ndim else value.item() for name, value in plain.items()}
+        return Experiment(**plain, mesh=mesh, seconds=seconds)
+    except (OSError, KeyError, ValueError, TypeError, EOFError) as problem:
+        raise InputError(f"{path}: not an experiment of this version ({problem})") from problem
+    except Exception as problem:  # zipfile and zlib raise their own for torn files
+        if type(problem).__module__ in ("zipfile", "zlib"):
+            raise InputError(f"{path}: the file is torn ({problem})") from problem
+        raise
+
+
+def run_experiment(part: Part, settings: Settings | None = None, progress: Progress | None = None) -> Experiment:
+    """Mesh a part, clamp it, load it by unit wrenches and return its compliance with an error bar.
+
+    Parameters
+    ----------
+    part : a solid with a material, clamped faces and loaded interfaces.
+    settings : how to mesh and solve.
+    progress : called with a stage's name and the fraction done.
+
+    Raises
+    ------
+    InputError, MeshError : the part cannot be meshed or held as asked.
+    """
+    from cad.part import mass_properties, project, surface
+    from fea.specimen import Specimen
+
+    started = time.perf_counter()
+    _tell(progress, "cad", 0.0)
+    skin = surface(part)
+    volume = mass_properties(part).volume
+    specimen = Specimen(
+        name=part.name,
+        surface=skin,
+        project=lambda face, points: project(part, face, points),
+        elasticity=part.material.elasticity(),
+        clamped=part.clamped,
+        loaded=tuple((face.faces, np.asarray(face.reference_point, dtype=float)) for face in part.loaded),
+        volume=float(volume),
+    )
+    return examine(specimen, settings or Settings(), progress, time.perf_counter() - started)
+
+
+def examine(
+    specimen: Specimen, settings: Settings, progress: Progress | None = None, cad_seconds: float = 0.0
+) -> Experiment:
+    """Run the experiment on plain numbers; see ``run_experiment``."""
+    from fea.shape import volume
+    from fea.solution import solve_specimen
+    from fea.specimen import mesh_specimen
+
+    begun = time.perf_counter()
+    _tell(progress, "mesh", 0.05)
+    mesh = mesh_specimen(
+        specimen,
+        size=settings.size,
+        envelope=settings.envelope,
+        layers=settings.layers,
+        rigid=settings.interface == "rigid",
+        time_limit=settings.time_limit,
+        threads=settings.threads,
+    )
+    meshed = time.perf_counter()
+    _tell(progress, "solve", 0.5)
+    solution = solve_specimen(specimen, mesh, settings.interface, settings.solver)
+    experiment = Experiment(
+        part=specimen.name,
+        interface=settings.interface,
+        reference_points=np.array([point for _, point in specimen.loaded]),
+        mesh=mesh,
+        volume=volume(mesh.points, mesh.cells),
+        cad_volume=specimen.volume,
+        seconds={"cad": cad_seconds, "mesh": meshed - begun, "solve": time.perf_counter() - meshed},
+        flexibility=solution.flexibility,
+        flexibility_error=solution.error,
+        displacement=solution.displacement,
+        von_mises=solution.von_mises,
+        imbalance=solution.imbalance,
+        unknowns=solution.unknowns,
+    )
+    _tell(progress, "solve", 1.0)
+    return experiment
+
+
+def _tell(progress: Progress | None, stage: str, fraction: float) -> None:
+    if progress is not None:
+        progress(stage, fraction)

@@ -1,0 +1,210 @@
+"""Local refinement by bisecting edges: grading towards singular edges, or wherever an estimate asks.
+
+Children keep the parent's quadratic map (a straight-sided piece of a quadratic element in its reference
+coordinates is again a quadratic element), so refinement neither moves the boundary nor inverts an element.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fea.mesh import EDGES, FACE_MIDS, FACES, TetMesh, unique_edges
+from fea.shape import evaluate
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from fea.mesh import Floats, Ints
+
+CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+
+
+@dataclass
+class _Pieces:
+    """Tetrahedra being split: vertices (m, 4), root element (m,), reference corners in it (m, 4, 3)."""
+
+    vertices: Ints
+    root: Ints
+    corners: Floats
+
+
+def bisect(mesh: TetMesh, marked: Ints, at: Floats) -> TetMesh:
+    """Return the mesh with each marked edge cut in two, and the tetrahedra around it with it.
+
+    Parameters
+    ----------
+    marked : (e, 2) vertex pairs.
+    at : (e,) where to cut, as the fraction of the edge from its first vertex.
+    """
+    count = len(mesh.points)
+    flip = marked[:, 0] > marked[:, 1]
+    low, high = marked.min(axis=1), marked.max(axis=1)
+    keys, first = np.unique(low * count + high, return_index=True)
+    at = np.where(flip, 1 - at, at)[first]
+    length = np.linalg.norm(mesh.points[low] - mesh.points[high], axis=1)[first]
+    rank = np.empty(len(keys), dtype=np.int64)  # the longest edge of a tetrahedron is cut first
+    rank[np.argsort(length, kind="stable")] = np.arange(len(keys))
+    pieces = _Pieces(
+        mesh.cells[:, :4].copy(), np.arange(len(mesh.cells)), np.tile(CORNERS, (len(mesh.cells), 1, 1))
+    )
+    pending = np.ones(len(keys), dtype=bool)
+    while pending.any():
+        pieces = _cut_round(pieces, count, keys, rank, at, pending)
+    return _rebuilt(mesh, pieces, count + len(keys))
+
+
+def _cut_round(
+    pieces: _Pieces, count: int, keys: Ints, rank: Ints, at: Floats, pending: np.ndarray
+) -> _Pieces:
+    """Cut the pending edges that rank highest in every tetrahedron around them (an independent set)."""
+    ends = np.sort(pieces.vertices[:, EDGES], axis=2)  # (m, 6, 2)
+    old = ends[:, :, 1] < count
+    wanted = np.where(old, ends[:, :, 0] * count + ends[:, :, 1], -1)
+    slot = np.searchsorted(keys, wanted).clip(max=len(keys) - 1)
+    hit = (keys[slot] == wanted) & pending[slot]
+    score = np.where(hit, rank[slot], -1)
+    top = score.max(axis=1)
+    beaten = np.zeros(len(keys), dtype=bool)
+    beaten[slot[hit & (score < top[:, None])]] = True
+    present = np.zeros(len(keys), dtype=bool)
+    present[slot[hit]] = True
+    pending &= present
+    local = score.argmax(axis=1)
+    edge = slot[np.arange(len(slot)), local]
+    cut = np.flatnonzero((top >= 0) & ~beaten[edge])
+    if not len(cut):
+        return pieces
+    edge, local = edge[cut], local[cut]
+    pending[edge] = False
+    a, b = EDGES[local].T
+    swap = pieces.vertices[cut, a] > pieces.vertices[cut, b]
+    a, b = np.where(swap, b, a), np.where(swap, a, b)
+    t = at[edge][:, None]
+    middle = (1 - t) * pieces.corners[cut, a] + t * pieces.corners[cut, b]
+    return _with_halves(pieces, cut, a, b, count + edge, middle)
+
+
+def _with_halves(pieces: _Pieces, cut: Ints, a: Ints, b: Ints, new: Ints, middle: Floats) -> _Pieces:
+    halves = [(np.delete(pieces.vertices, cut, 0), np.delete(pieces.root, cut), np.delete(pieces.corners, cut, 0))]
+    for replaced in (a, b):
+        vertices, corners = pieces.vertices[cut], pieces.corners[cut]
+        vertices[np.arange(len(cut)), replaced] = new
+        corners[np.arange(len(cut)), replaced] = middle
+        halves.append((vertices, pieces.root[cut], corners))
+    return _Pieces(*(np.concatenate(parts) for parts in zip(*halves, strict=True)))
+
+
+def _rebuilt(mesh: TetMesh, pieces: _Pieces, vertex_count: int) -> TetMesh:
+    """Return the quadratic mesh of the pieces, its nodes on the roots' quadratic maps."""
+    edges, edge_of = unique_edges(pieces.vertices)
+    cells = np.hstack([pieces.vertices, edge_of + vertex_count])
+    reference = np.concatenate([pieces.corners, pieces.corners[:, EDGES].mean(axis=2)], axis=1)  # (m, 10, 3)
+    points = np.zeros((vertex_count + len(edges), 3))
+    _, first = np.unique(cells, return_index=True)
+    roots = mesh.points[mesh.cells[pieces.root[first // 10]]]
+    points[cells.reshape(-1)[first]] = evaluate(roots, reference.reshape(-1, 3)[first])
+    facets, faces = _inherited_facets(mesh, pieces, cells)
+    used, compact = np.unique(cells, return_inverse=True)
+    new = np.full(len(points), -1, dtype=np.int64)
+    new[used] = np.arange(len(used))
+    return TetMesh(points[used], compact.reshape(cells.shape), new[facets], faces, mesh.pulled_back)
+
+
+def _inherited_facets(mesh: TetMesh, pieces: _Pieces, cells: Ints) -> tuple[Ints, Ints]:
+    """Return (k, 6) boundary triangles and (k,) their CAD faces: pieces of the parents' boundary triangles."""
+    parent = np.full((len(mesh.cells), 4), -1, dtype=np.int64)
+    count = len(mesh.points)
+    sides = np.sort(mesh.cells[:, FACES], axis=2).reshape(-1, 3)
+    outer = np.sort(mesh.facets[:, :3], axis=1)
+    side_key = (sides[:, 0] * count + sides[:, 1]) * count + sides[:, 2]
+    outer_key = (outer[:, 0] * count + outer[:, 1]) * count + outer[:, 2]
+    order = np.argsort(outer_key)
+    slot = np.searchsorted(outer_key[order], side_key).clip(max=len(outer_key) - 1)
+    match = outer_key[order][slot] == side_key
+    parent.reshape(-1)[match] = mesh.facet_face[order][slot[match]]
+    bary = np.concatenate([1 - pieces.corners.sum(axis=2, keepdims=True), pieces.corners], axis=2)  # (m, 4, 4)
+    opposite = [3, 2, 0, 1]  # the vertex each of FACES leaves out
+    found_facets, found_faces = [], []
+    for child in range(4):
+        on_side = np.abs(bary[:, FACES[child]]).max(axis=1) < 1e-12  # (m, 4): root coordinate k vanishes
+        for side in range(4):
+            tag = parent[pieces.root, side]
+            here = np.flatnonzero(on_side[:, opposite[side]] & (tag >= 0))
+            found_facets.append(cells[here][:, np.concatenate([FACES[child]])])
+            found_facets[-1] = np.hstack([found_facets[-1], cells[here][:, FACE_MIDS[child]]])
+            found_faces.append(tag[here])
+    return np.concatenate(found_facets), np.concatenate(found_faces)
+
+
+def grade(mesh: TetMesh, edges: Ints, layers: int, ratio: float) -> TetMesh:
+    """Return the mesh with thin layers of elements around chains of edges, each ``ratio`` times the last.
+
+    Edges that leave the chains are cut near them; edges along the chains keep their length, because the
+    solution varies slowly along a singular edge and fast across it.
+
+    Parameters
+    ----------
+    edges : (e, 2) vertex pairs along the chains.
+    layers, ratio : how many cuts, and at which fraction of the distance from the chain.
+    """
+    if not len(edges) or not layers:
+        return mesh
+    position = mesh.points[np.unique(edges)]
+    find = _finder(position)
+    chain = np.sort(edges, axis=1)
+    count = len(mesh.points)
+    known = chain[:, 0] * count + chain[:, 1]
+    on_chain = np.zeros(count, dtype=bool)
+    on_chain[edges] = True
+    sides, _ = unique_edges(mesh.cells[:, :4])
+    both = on_chain[sides].all(axis=1) & ~np.isin(sides[:, 0] * count + sides[:, 1], known)
+    if both.any():
+        mesh = bisect(mesh, sides[both], np.full(both.sum(), 0.5))
+    for _ in range(layers):
+        on_chain = find(mesh.points)
+        sides, _ = unique_edges(mesh.cells[:, :4])
+        leaving = on_chain[sides].sum(axis=1) == 1
+        away = sides[leaving]
+        away = np.where(on_chain[away[:, :1]], away, away[:, ::-1])
+        mesh = bisect(mesh, away, np.full(len(away), ratio))
+    return mesh
+
+
+def _finder(position: Floats) -> Callable[[Floats], np.ndarray]:
+    """Return a function that tells which points coincide with the given ones (nodes are renumbered)."""
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(position)
+    reach = 1e-9 * float(np.linalg.norm(np.ptp(position, axis=0)))
+
+    def find(points: Floats) -> np.ndarray:
+        return tree.query(points, distance_upper_bound=reach)[0] < np.inf
+
+    return find
+
+
+def border_edges(mesh: TetMesh, faces: frozenset[int]) -> Ints:
+    """Return (e, 2) the vertex pairs along the border of a set of CAD faces."""
+    pairs = np.sort(mesh.facets_of(faces)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    unique, times = np.unique(pairs, axis=0, return_counts=True)
+    return unique[times == 1]
+
+
+def concave_edges(mesh: TetMesh, angle: float = 0.35) -> Ints:
+    """Return (e, 2) the vertex pairs where two CAD faces meet at a re-entrant edge sharper than ``angle`` rad."""
+    facets = mesh.facets[:, :3]
+    a, b, c = (mesh.points[facets[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    pairs = np.sort(facets[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    order = np.lexsort((pairs[:, 1], pairs[:, 0]))
+    one, two = order[0::2], order[1::2]
+    left, right = one // 3, two // 3
+    centres = (a + b + c) / 3
+    differs = mesh.facet_face[left] != mesh.facet_face[right]
+    turn = np.einsum("ij,ij->i", normals[left], centres[right] - centres[left])
+    sharp = np.einsum("ij,ij->i", normals[left], normals[right]) < np.cos(angle)
+    return pairs[one[differs & sharp & (turn > 0)]]
