@@ -119,8 +119,9 @@ def _settle(machine: Machine, pose: Codes, reply: Answer, force: Array, *, gaps:
         carried = force + np.einsum("nkl,nl->nk", coupling, s)
         carried[np.abs(carried) < _NO_FORCE * scale] = 0.0
         smooth = np.stack([_lost_motion(d, carried[:, k]) for k, d in enumerate(machine.drives)], axis=1)
-        free = np.divide(carried, -own, out=np.copysign(np.inf, carried), where=own < -_TIED)
-        step = np.clip(np.where(carried == 0.0, 0.0, s - smooth + free), -width, width)
+        endless = np.where(carried == 0.0, 0.0, np.copysign(np.inf, carried))
+        free = np.divide(carried, -own, out=endless, where=own < -_TIED)
+        step = np.clip(s - smooth + free, -width, width)
         following = smooth + np.where(width > 0, step, 0.0)
         if np.allclose(following, s, rtol=0, atol=1e-15):
             break
