@@ -120,7 +120,7 @@ class Biglide:
     def _link(self, name: str, frame: Frame) -> Series:
         """A link from A_ij to B_ij in its own axes: bearing, link, bearing.
 
-        Half of its mass stands on either side of its spring: its own weight compresses it as it does a uniform bar.
+        Its mass centre is the paper's, half-way on the body behind the spring: its own weight does not compress it.
         """
         length = self.geometry.L
         root, middle = Frame(translation=-length * X), Frame(translation=-0.5 * length * X)
@@ -129,9 +129,8 @@ class Biglide:
             (
                 Spring(f"{name}.joint_a", _RIGID, root),
                 revolute(f"{name}.revolute_a", Y, root),
-                Weight(f"{name}.weight_a", 0.5 * self.link_mass, middle),
+                Weight(f"{name}.weight", self.link_mass, middle),
                 Spring(name, self.link),
-                Weight(f"{name}.weight_b", 0.5 * self.link_mass, middle),
                 revolute(f"{name}.revolute_b", Y),
                 Spring(f"{name}.joint_b", _RIGID),
             ),

@@ -11,18 +11,19 @@ without loads they have no columns.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, TypeAlias, overload
 
 import numpy as np
 
 from stiffscope import InputError
 from vjm.elastic import Parallel, Passive, Series, Spring
+from vjm.screws import Frame, skew
 
 if TYPE_CHECKING:
     from vjm.elastic import Node, Weight
-    from vjm.screws import Array, Frame
+    from vjm.screws import Array
 
 _IDLE = 1e-9  # relative size below which a free direction adds nothing to those before it
 _RIGID = 1e-14  # relative pivot below which a constrained direction has no compliance at all
@@ -58,77 +59,143 @@ class Joined:
     stiff: tuple[Stiff, ...]
 
 
+@dataclass(frozen=True)
+class Leaf:
+    """A spring, joint or weight; ``form`` at its group's origin in its group's axes."""
+
+    node: Spring | Passive | Weight
+    form: Flexible
+
+
+@dataclass(frozen=True)
+class Chain:
+    """A series with its members reduced and joined; ``form`` at its group's origin in its group's axes."""
+
+    node: Series
+    form: Flexible | Stiff
+    members: tuple[Assembly, ...]
+    joined: Joined
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """A parallel group with its members, and each one's stiffness form at the group's own origin."""
+
+    node: Parallel
+    form: Stiff
+    members: tuple[Assembly, ...]
+    shares: tuple[Stiff, ...]
+
+
+Assembly: TypeAlias = Leaf | Chain | Bundle
+
+
 def reduced(node: Node, *, loads: bool = False) -> Flexible | Stiff:
     """A tree as one connection, at its parent's origin in its parent's axes. Eqs. (1) to (5), corrected."""
-    return placed(own_form(node, loads=loads), node.frame)
+    return assembled(node, loads=loads).form
 
 
-def own_form(node: Node, *, loads: bool) -> Flexible | Stiff:
-    """A tree as one connection, at its own origin in its own axes."""
-    match node:
-        case Series():
-            return closed(joined(node, loads=loads))
-        case Parallel():
-            members = [placed(stiffened(own_form(m, loads=loads), m.name), m.frame) for m in node.members]
-            return reduce(
-                lambda a, b: Stiff(a.stiffness + b.stiffness, a.preload + b.preload, a.load + b.load), members
-            )
-        case _:
-            return _leaf(node, 4 if loads else 0)
+def as_stiffness(node: Node) -> Array:
+    """Stiffness (..., 6, 6) of a robot at its tool. Raises InputError where it would be infinite."""
+    return _stiffened(reduced(node), node.name).stiffness
+
+
+def assembled(node: Node, *, loads: bool = False) -> Assembly:
+    """A tree reduced from its leaves, every step kept."""
+    if isinstance(node, Series):
+        members = tuple(assembled(m, loads=loads) for m in node.members)
+        joined = _joined(members, 4 if loads else 0)
+        return Chain(node, _placed(_closed(joined), node.frame), members, joined)
+    if isinstance(node, Parallel):
+        # stiffened in its own axes, where least depends on the pose, and only then placed
+        here = tuple(assembled(replace(m, frame=Frame()), loads=loads) for m in node.members)
+        shares = tuple(
+            _placed(_stiffened(m.form, m.node.name), n.frame) for m, n in zip(here, node.members, strict=True)
+        )
+        members = tuple(_at(m, n.frame) for m, n in zip(here, node.members, strict=True))
+        return Bundle(node, _placed(reduce(_beside, shares), node.frame), members, shares)
+    return Leaf(node, _leaf(node, 4 if loads else 0))
+
+
+def _at(member: Assembly, frame: Frame) -> Assembly:
+    return replace(member, node=replace(member.node, frame=frame))
+
+
+def _beside(a: Stiff, b: Stiff) -> Stiff:
+    return Stiff(a.stiffness + b.stiffness, a.preload + b.preload, a.load + b.load)
 
 
 def _leaf(node: Spring | Passive | Weight, cases: int) -> Flexible:
-    rigid, locked = np.zeros((6, 6)), np.zeros((6, 0))
-    none, no_constraint = np.zeros((6, cases)), np.zeros((0, cases))
+    """Compliance form of a leaf, at its group's origin; a leaf has only one of compliance, free directions and load."""
+    rigid, none = np.zeros((6, 6)), np.zeros((6, cases))
+    frame, locked, no_constraint = node.frame, np.zeros((6, 0)), np.zeros((0, cases))
     if isinstance(node, Passive):
-        k = node.directions.shape[-1]
-        return Flexible(rigid, node.directions, none, np.zeros((k, cases)), none)
+        free = node.directions if frame.identity else frame.adjoint() @ node.directions
+        return Flexible(rigid, free, none, np.zeros((free.shape[-1], cases)), none)
     if isinstance(node, Spring):
+        if node.rigid:
+            return Flexible(rigid, locked, none, no_constraint, none)
+        there = frame.adjoint()
+        compliance = node.compliance if frame.identity else there @ node.compliance @ np.swapaxes(there, -1, -2)
         offset = none
         if cases and node.offset is not None:
-            offset = np.concatenate([np.zeros((*node.offset.shape, 3)), node.offset[..., None]], axis=-1)
-        return Flexible(node.compliance, locked, offset, no_constraint, none)
-    return Flexible(rigid, locked, none, no_constraint, node.mass * np.eye(6, cases) * (np.arange(cases) < 3))
+            misfit = there @ node.offset[..., None]
+            offset = np.concatenate([np.zeros((*misfit.shape[:-1], 3)), misfit], axis=-1)
+        return Flexible(compliance, locked, offset, no_constraint, none)
+    if not cases:
+        return Flexible(rigid, locked, none, no_constraint, none)
+    force = node.mass * np.eye(3, 4)
+    load = np.concatenate([np.broadcast_to(force, (*frame.origin().shape, 4)), skew(frame.origin()) @ force], axis=-2)
+    return Flexible(rigid, locked, none, no_constraint, load)
 
 
 @overload
-def placed(form: Stiff, frame: Frame) -> Stiff: ...
+def _placed(form: Stiff, frame: Frame) -> Stiff: ...
 @overload
-def placed(form: Flexible | Stiff, frame: Frame) -> Flexible | Stiff: ...
-def placed(form: Flexible | Stiff, frame: Frame) -> Flexible | Stiff:
+def _placed(form: Flexible | Stiff, frame: Frame) -> Flexible | Stiff: ...
+def _placed(form: Flexible | Stiff, frame: Frame) -> Flexible | Stiff:
     """A form of a child, at its parent's origin in its parent's axes."""
     if frame.identity:
         return form
     back = frame.inverse_adjoint()
     back_t = np.swapaxes(back, -1, -2)
-    if not form.load.shape[-1]:
-        turn = np.zeros((0, 0))
-    else:  # gravity of the parent's axes seen from the child's
-        turn = np.zeros((*frame.matrix().shape[:-2], 4, 4))
-        turn[..., :3, :3] = np.swapaxes(frame.matrix(), -1, -2)
-        turn[..., 3, 3] = 1.0
+    turn = _load_axes(frame, form.load.shape[-1])
     load = back_t @ form.load @ turn
     if isinstance(form, Stiff):
-        return Stiff(back_t @ form.stiffness @ back, back_t @ form.preload @ turn, load)
+        return Stiff(congruence(back, form.stiffness), back_t @ form.preload @ turn, load)
     there = frame.adjoint()
-    compliance = there @ form.compliance @ np.swapaxes(there, -1, -2)
+    compliance = congruence(np.swapaxes(there, -1, -2), form.compliance)
     return Flexible(compliance, there @ form.free, there @ form.offset @ turn, form.constraint @ turn, load)
 
 
-def joined(series: Series, *, loads: bool) -> Joined:
+def _load_axes(frame: Frame, cases: int) -> Array:
+    """Gravity along the parent's axes seen from the child's, and lack of fit unchanged; (..., 4, 4) or nothing."""
+    if not cases:
+        return np.zeros((0, 0))
+    turn = np.zeros((*frame.matrix().shape[:-2], 4, 4))
+    turn[..., :3, :3] = np.swapaxes(frame.matrix(), -1, -2)
+    turn[..., 3, 3] = 1.0
+    return turn
+
+
+def congruence(a: Array, k: Array) -> Array:
+    """``Aᵀ K A``; one A for a stack of K goes as a single product with A ⊗ A."""
+    if a.ndim == 2 and k.ndim == 3:
+        return (k.reshape(-1, 36) @ np.kron(a, a)).reshape(-1, 6, 6)
+    return np.swapaxes(a, -1, -2) @ k @ a
+
+
+def _joined(members: tuple[Assembly, ...], cases: int) -> Joined:
     """Members of a series brought to its tip: each carries its own loads and those of all members after it."""
-    cases = 4 if loads else 0
     compliance, offset, load = np.zeros((6, 6)), np.zeros((6, cases)), np.zeros((6, cases))
     free: list[Array] = []
     constraint: list[Array] = []
     stiff: list[Stiff] = []
-    for member in reversed(series.members):
-        if isinstance(member, Spring) and member.rigid:
-            continue
-        form = reduced(member, loads=loads)
+    for member in reversed(members):
+        form = member.form
         if isinstance(form, Stiff):
             stiff.append(Stiff(form.stiffness, form.preload - load, form.load))
-        else:
+        elif not (isinstance(member.node, Spring) and member.node.rigid):
             compliance = compliance + form.compliance
             offset = offset + form.offset + form.compliance @ load
             free.append(form.free)
@@ -138,7 +205,7 @@ def joined(series: Series, *, loads: bool) -> Joined:
     return Joined(flexible, tuple(stiff))
 
 
-def closed(parts: Joined) -> Flexible | Stiff:
+def _closed(parts: Joined) -> Flexible | Stiff:
     """The joined members of a series as one connection."""
     if not parts.stiff:
         return parts.flexible
@@ -175,14 +242,14 @@ def in_series(members: tuple[Stiff, ...]) -> Stiff:
     return reduce(pair, members)
 
 
-def stiffened(form: Flexible | Stiff, name: str) -> Stiff:
+def _stiffened(form: Flexible | Stiff, name: str) -> Stiff:
     """Stiffness form: the wrenches that the free directions leave, ``w = Z α``, ``K = Z (Zᵀ C Z)⁻¹ Zᵀ``.
 
     Raises InputError where a direction that is not free has no compliance, so that K would be infinite.
     """
     if isinstance(form, Stiff):
         return form
-    carries = carried(form.free)
+    carries = _carried(form.free)
     core = np.swapaxes(carries, -1, -2) @ form.compliance @ carries
     unused = 1.0 - np.einsum("...ij,...ij->...j", carries, carries)
     inverse = _inverse(core + unused[..., None] * np.eye(6), name)
@@ -191,7 +258,7 @@ def stiffened(form: Flexible | Stiff, name: str) -> Stiff:
     return Stiff(stiffness, held - stiffness @ (form.offset + form.compliance @ held), form.load)
 
 
-def carried(free: Array) -> Array:
+def _carried(free: Array) -> Array:
     """Orthonormal wrenches that free directions (..., 6, k) leave, as columns (..., 6, 6); the others are zero."""
     k = free.shape[-1]
     if k == 0:
@@ -223,10 +290,7 @@ def _inverse(core: Array, name: str) -> Array:
     except np.linalg.LinAlgError:
         pivots = np.zeros(1)
     if not pivots.min() > _RIGID:
-        msg = (
-            f"{name}: rigid in a direction in which it stands parallel to others; "
-            "give it a positive definite compliance or a passive joint there"
-        )
+        msg = f"{name}: rigid in a direction that must yield; give it a compliance or a passive joint there"
         raise InputError(msg)
     return np.linalg.inv(core)
 

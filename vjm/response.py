@@ -2,48 +2,74 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from stiffscope import InputError
-from vjm.elastic import Parallel, Series, Spring
+from vjm.elastic import Passive, Weight
 from vjm.reduction import (
-    Flexible,
+    Bundle,
+    Chain,
+    Leaf,
     Stiff,
+    assembled,
     behind_springs,
     free_motion,
     in_series,
-    joined,
-    own_form,
-    placed,
     reduced,
     released,
-    stiffened,
 )
 from vjm.screws import Frame
 
 if TYPE_CHECKING:
-    from vjm.elastic import Node, Passive, Weight
-    from vjm.reduction import Joined
+    from vjm.elastic import Node, Spring
+    from vjm.reduction import Assembly, Flexible, Joined
     from vjm.screws import Array
 
 
 @dataclass(frozen=True)
-class Element:
-    """State of a spring, joint or weight under c cases.
+class _State:
+    """What a group knows of a member: its own frame seen from M, wrench, twist and load in its own axes.
 
-    ``wrench`` (..., 6, c): carried by its end, and ``twist`` (..., 6, c): of its end against its base, both at its
-    own origin in its own axes; ``base`` (..., 6, c): twist of the body it stands on, and ``frame``: its place, both
-    seen from the tool point M.
+    ``base`` (..., 6, c): twist of the body that the member stands on, seen from M.
     """
 
-    node: Spring | Passive | Weight
     frame: Frame
     wrench: Array
     twist: Array
+    load: Array
     base: Array
+
+
+@dataclass(frozen=True)
+class Element:
+    """State of a spring, joint or weight under c cases, worked out where it is asked for."""
+
+    node: Spring | Passive | Weight
+    group: _State
+
+    @cached_property
+    def frame(self) -> Frame:
+        """Its place, seen from M."""
+        return self.group.frame.then(self.node.frame)
+
+    @cached_property
+    def wrench(self) -> Array:
+        """Wrench (..., 6, c) carried by its end, at its own origin in its own axes."""
+        return np.swapaxes(self.node.frame.adjoint(), -1, -2) @ self.group.wrench
+
+    @cached_property
+    def twist(self) -> Array:
+        """Twist (..., 6, c) of its end against its base, at its own origin in its own axes."""
+        return self.node.frame.inverse_adjoint() @ self.group.twist
+
+    @property
+    def base(self) -> Array:
+        """Twist (..., 6, c) of the body it stands on, seen from M."""
+        return self.group.base
 
 
 @dataclass(frozen=True)
@@ -55,19 +81,19 @@ class Response:
     elements: dict[str, Element]
 
 
-def respond(tree: Node, wrench: Array, *, gravity: float = 0.0, misfit: bool = False) -> Response:
-    """Equilibrium of a robot under wrenches (..., 6, c) at M in axes {O}.
+def respond(robot: Node | Assembly, wrench: Array, *, gravity: float | Array = 0.0, misfit: bool = False) -> Response:
+    """Equilibrium of a robot, as a tree or as assembled with loads, under wrenches (..., 6, c) at M in axes {O}.
 
-    ``gravity`` in m/s² along +z loads every weight, ``misfit`` lets every spring's offset act; both in every case.
-    Raises InputError where the tool can move freely.
+    ``gravity`` in m/s² along +z, one for all or one a case (c,), loads every weight; ``misfit`` lets every spring's
+    offset act. Raises InputError where the tool can move freely.
     """
-    form = reduced(tree, loads=True)
+    whole = robot if isinstance(robot, Leaf | Chain | Bundle) else assembled(robot, loads=True)
     load = np.zeros((4, wrench.shape[-1]))
     load[2], load[3] = gravity, float(misfit)
-    twist = _end_twist(form, wrench, load)
-    spread = _Spread({})
-    spread.node(tree, Frame(), wrench, twist, load, np.zeros_like(twist))
-    return Response(wrench, twist, spread.elements)
+    twist = _end_twist(whole.form, wrench, load)
+    elements: dict[str, Element] = {}
+    _spread(whole, _State(Frame(), wrench, twist, load, np.zeros_like(twist)), elements)
+    return Response(wrench, twist, elements)
 
 
 def tool_twist(tree: Node, *, gravity: float = 0.0, misfit: bool = False) -> Array:
@@ -89,51 +115,64 @@ def _end_twist(form: Flexible | Stiff, wrench: Array, load: Array) -> Array:
     return form.compliance @ wrench + form.offset @ load
 
 
-@dataclass(frozen=True)
-class _Spread:
-    """Carries wrench and twist from the tool down to every element."""
+def _spread(whole: Assembly, group: _State, elements: dict[str, Element]) -> None:
+    """Carry wrench and twist from the end of a node down to every element."""
+    match whole:
+        case Leaf():
+            elements[whole.node.name] = Element(whole.node, group)
+        case Chain():
+            _spread_chain(whole, _entered(whole.node.frame, group), elements)
+        case Bundle():
+            state = _entered(whole.node.frame, group)
+            for member, share in zip(whole.members, whole.shares, strict=True):
+                wrench = share.stiffness @ state.twist + share.preload @ state.load
+                _spread(member, replace(state, wrench=wrench), elements)
 
-    elements: dict[str, Element]
 
-    def node(self, node: Node, outer: Frame, wrench: Array, twist: Array, load: Array, base: Array) -> None:
-        """One node: ``wrench``, ``twist`` and gravity are its parent's, ``base`` is seen from M."""
-        frame = outer
-        if not node.frame.identity:
-            frame = outer.then(node.frame)
-            wrench = np.swapaxes(node.frame.adjoint(), -1, -2) @ wrench
-            twist = node.frame.inverse_adjoint() @ twist
-            gravity = np.swapaxes(node.frame.matrix(), -1, -2) @ load[..., :3, :]
-            misfit = np.broadcast_to(load[..., 3:, :], (*gravity.shape[:-2], 1, gravity.shape[-1]))
-            load = np.concatenate([gravity, misfit], axis=-2)
-        if isinstance(node, Series):
-            self.series(node, frame, wrench, twist, load, base)
-        elif isinstance(node, Parallel):
-            for member in node.members:
-                form = placed(stiffened(own_form(member, loads=True), member.name), member.frame)
-                self.node(member, frame, form.stiffness @ twist + form.preload @ load, twist, load, base)
+def _entered(frame: Frame, outer: _State) -> _State:
+    """State in the axes of a group that stands at ``frame``."""
+    if frame.identity:
+        return outer
+    load = outer.load
+    if frame.rotation is not None:
+        gravity = np.swapaxes(frame.rotation, -1, -2) @ load[..., :3, :]
+        misfit = np.broadcast_to(load[..., 3:, :], (*gravity.shape[:-2], 1, gravity.shape[-1]))
+        load = np.concatenate([gravity, misfit], axis=-2)
+    wrench = np.swapaxes(frame.adjoint(), -1, -2) @ outer.wrench
+    return _State(outer.frame.then(frame), wrench, frame.inverse_adjoint() @ outer.twist, load, outer.base)
+
+
+def _spread_chain(whole: Chain, state: _State, elements: dict[str, Element]) -> None:
+    """Members of a series: their twists add up to the whole, each carries the loads of those after it."""
+    q, across = _shares(whole.joined, state.wrench, state.twist, state.load)
+    ahead = state.wrench  # wrench on the end of the member at hand
+    steps: list[tuple[Assembly, Array, Array | None]] = []
+    for member in reversed(whole.members):
+        form = member.form
+        if isinstance(form, Stiff):
+            steps.append((member, ahead, across.pop(0)))
         else:
-            self.elements[node.name] = Element(node, frame, wrench, twist, base)
-
-    def series(self, series: Series, frame: Frame, wrench: Array, twist: Array, load: Array, base: Array) -> None:
-        """Members of a series: their twists add up to the whole, each carries the loads of those after it."""
-        parts = joined(series, loads=True)
-        q, across = _shares(parts, wrench, twist, load)
-        ahead = wrench  # wrench on the end of the member at hand
-        steps: list[tuple[Node, Array, Array]] = []
-        for member in reversed(series.members):
-            form = reduced(member, loads=True)
-            if isinstance(form, Stiff):
-                step = across.pop(0)
-            else:
-                k = form.free.shape[-1]
-                step = form.compliance @ ahead + form.free @ q[..., :k, :] + form.offset @ load
-                q = q[..., k:, :]
-            steps.append((member, ahead, step))
-            ahead = ahead + form.load @ load
-        to_tool = frame.adjoint()
-        for member, at_end, step in reversed(steps):
-            self.node(member, frame, at_end, step, load, base)
+            k = form.free.shape[-1]
+            steps.append((member, ahead, _step(member, form, ahead, q[..., :k, :], state.load)))
+            q = q[..., k:, :]
+        if not isinstance(member, Leaf) or isinstance(member.node, Weight):
+            ahead = ahead + form.load @ state.load
+    to_tool = state.frame.adjoint()
+    base, still = state.base, np.zeros_like(state.twist)
+    for member, at_end, step in reversed(steps):
+        _spread(member, replace(state, wrench=at_end, twist=still if step is None else step, base=base), elements)
+        if step is not None:
             base = base + to_tool @ step
+
+
+def _step(member: Assembly, form: Flexible, wrench: Array, q: Array, load: Array) -> Array | None:
+    """Twist across a flexible member of a series; None where it cannot move."""
+    if isinstance(member, Leaf):
+        if isinstance(member.node, Passive):
+            return form.free @ q
+        if isinstance(member.node, Weight) or member.node.rigid:
+            return None
+    return form.compliance @ wrench + form.free @ q + form.offset @ load
 
 
 def _shares(parts: Joined, wrench: Array, twist: Array, load: Array) -> tuple[Array, list[Array]]:

@@ -1,0 +1,154 @@
+"""Stiffness of a robot at many poses: chunks of the stack on all cores, mobility, sag, forces."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, Protocol
+
+import numpy as np
+
+from stiffscope import InputError
+from vjm.biglide import Biglide
+from vjm.checks import checked_poses
+from vjm.gravity import STANDARD, exact_stiffness, literal_tree
+from vjm.reduction import as_stiffness
+from vjm.response import tool_twist
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from vjm.elastic import Node
+    from vjm.screws import Array
+
+Gravity = Literal["none", "literal", "exact"]
+CHUNK = 2048  # poses; what is at work stays within the processor's cache
+_FREE = 1e-9  # relative principal stiffness below which a direction is free
+_NEAR = 1e-6  # and below which the pose is near singular
+
+
+class Robot(Protocol):
+    """Anything that gives its elastic tree at tool points (n, 3)."""
+
+    def tree(self, poses: ArrayLike) -> Node:
+        """The elastic robot seen from its tool."""
+        ...
+
+
+@dataclass(frozen=True)
+class Stiffness:
+    """What a robot does at n poses, at M in axes {O}.
+
+    ``matrix`` (n, 6, 6) in N/m, N, N·m/rad; ``sag`` (n, 6) in m, rad; ``mobility`` (n,): free directions left;
+    ``reserve`` (n,): smallest over largest principal stiffness, lengths scaled by the robot's own (0 is singular).
+    """
+
+    poses: Array
+    matrix: Array
+    sag: Array
+    mobility: NDArray[np.int_]
+    reserve: Array
+
+    def _repr_html_(self) -> str:
+        names = (
+            "K<sub>tx</sub>",
+            "K<sub>ty</sub>",
+            "K<sub>tz</sub>",
+            "K<sub>rx</sub>",
+            "K<sub>ry</sub>",
+            "K<sub>rz</sub>",
+        )
+        head = "".join(f"<th>{n}</th>" for n in ("x, y, z (m)", *names, "sag z (µm)"))
+        rows = "".join(
+            f"<tr><td>{', '.join(f'{c:.4g}' for c in p)}</td>"
+            + "".join(f"<td>{v:.5g}</td>" for v in np.diagonal(k))
+            + f"<td>{s[2] * 1e6:.3g}</td></tr>"
+            for p, k, s in zip(self.poses[:20], self.matrix[:20], self.sag[:20], strict=True)
+        )
+        return f"<table><caption>Stiffness at M (N/m, N·m/rad)</caption><tr>{head}</tr>{rows}</table>"
+
+
+def stiffness(robot: Robot, poses: ArrayLike, *, gravity: Gravity = "none", g: float = STANDARD) -> Array:
+    """Stiffness (n, 6, 6) at tool points (n, 3) in m, at M in axes {O}. Raises InputError for an unreachable pose."""
+    if gravity == "none":
+        return _over(poses, lambda p: as_stiffness(robot.tree(p)))
+    if gravity == "exact":
+        return _over(poses, lambda p: exact_stiffness(robot.tree(p), g))
+    if not isinstance(robot, Biglide):
+        msg = "gravity 'literal' is the paper's K_θ - K_G and stands for the Biglide only; 'exact' serves any robot"
+        raise InputError(msg)
+    return _over(poses, lambda p: as_stiffness(literal_tree(robot, p, g)))
+
+
+def sag(robot: Robot, poses: ArrayLike, *, g: float = STANDARD) -> Array:
+    """Twist (n, 6) of the platform under the robot's own weight and misfits. Raises where the tool moves freely."""
+    return _over(poses, lambda p: np.broadcast_to(tool_twist(robot.tree(p), gravity=g, misfit=True), (len(p), 6)))
+
+
+def analyse(robot: Robot, poses: ArrayLike, *, gravity: Gravity = "none", g: float = STANDARD) -> Stiffness:
+    """Stiffness, mobility and (with gravity) sag at tool points (n, 3) in m."""
+    points = checked_poses(poses)
+    matrix = stiffness(robot, points, gravity=gravity, g=g)
+    count, reserve = mobility(matrix)
+    droop = np.zeros((len(points), 6))
+    firm = count == 0
+    if gravity != "none" and firm.any():
+        droop[firm] = sag(robot, points[firm], g=g)
+        droop[~firm] = np.nan
+    return Stiffness(points, matrix, droop, count, reserve)
+
+
+def principal(matrix: Array) -> tuple[Array, Array]:
+    """Eigenvalues (..., 6), ascending, and directions of stiffnesses scaled to the robot's own length and stiffness.
+
+    The length makes the mean rotational entry equal to the mean translational one, so that no unit decides.
+    """
+    force = np.einsum("...ii->...", matrix[..., :3, :3]) / 3.0
+    length = np.sqrt(np.einsum("...ii->...", matrix[..., 3:, 3:]) / 3.0 / np.where(force > 0.0, force, 1.0))
+    scale = np.ones(matrix.shape[:-1])
+    scale[..., 3:] = np.where(length > 0.0, length, 1.0)[..., None]
+    unit = matrix / (scale[..., :, None] * scale[..., None, :]) / np.where(force > 0.0, force, 1.0)[..., None, None]
+    values, vectors = np.linalg.eigh(unit)
+    return values, vectors / scale[..., :, None]
+
+
+def mobility(matrix: Array) -> tuple[NDArray[np.int_], Array]:
+    """Free directions (...,) of stiffnesses (..., 6, 6), and the smallest over the largest principal stiffness."""
+    values, _ = principal(matrix)
+    ratio = values / np.where(values[..., -1:] > 0.0, values[..., -1:], 1.0)
+    return np.sum(ratio < _FREE, axis=-1), np.clip(ratio[..., 0], 0.0, None)
+
+
+def softest(matrix: Array) -> Array:
+    """Twist (..., 6) of unit size along the least principal stiffness: the free direction near a singular pose."""
+    return principal(matrix)[1][..., :, 0]
+
+
+def singular_note(matrix: Array) -> str | None:
+    """What to tell of a pose at or near a singularity, or None; for one stiffness (6, 6)."""
+    count, reserve = mobility(matrix)
+    if not count and reserve > _NEAR:
+        return None
+    direction = ", ".join(f"{v:+.3g}" for v in softest(matrix))
+    state = f"the tool moves freely in {int(count)} direction(s)" if count else "near a singular pose"
+    return f"{state}: softest twist ({direction}), reserve {float(reserve):.2g}"
+
+
+def _over(poses: ArrayLike, work: Callable[[Array], Array]) -> Array:
+    """Work on chunks of poses, on all cores; memory grows with the result alone."""
+    points = checked_poses(poses)
+    parts = [points[start : start + CHUNK] for start in range(0, len(points), CHUNK)]
+    first = work(parts[0])
+    out = np.empty((len(points), *first.shape[1:]))
+    out[:CHUNK] = first
+
+    def fill(k: int) -> None:
+        out[k * CHUNK : (k + 1) * CHUNK] = work(parts[k])
+
+    if len(parts) > 1:
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            list(pool.map(fill, range(1, len(parts))))
+    return out
