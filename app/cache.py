@@ -16,12 +16,14 @@ import shutil
 import sys
 import time
 import uuid
-from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
 
 log = logging.getLogger(__name__)
 
@@ -52,7 +54,8 @@ class Cache:
         """Let `write(folder)` fill a new entry and move it into place.
 
         Returns the entry's folder, or None where the cache cannot be written (the result is then merely not
-        kept). What `write` itself raises is passed on. When another process stored the same key meanwhile, either one stays.
+        kept). What `write` itself raises is passed on. When another process stored the same key meanwhile,
+        either one stays.
         """
         aside = self.root / "aside" / uuid.uuid4().hex
         try:
@@ -111,7 +114,7 @@ def default_cache() -> Cache:
     chosen = os.environ.get("STIFFSCOPE_CACHE")
     if chosen:
         return Cache(Path(chosen).expanduser().absolute())
-    import platformdirs  # noqa: PLC0415
+    import platformdirs
 
     return Cache(Path(platformdirs.user_cache_dir("stiffscope", appauthor=False)))
 

@@ -8,12 +8,15 @@ import math
 import os
 import shutil
 import sys
+import tempfile
 import uuid
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from stiffscope import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 MANIFEST = "manifest.json"
 MAKER = "stiffscope"
@@ -26,7 +29,7 @@ def write_bytes(path: Path, content: bytes) -> None:
         aside.write_bytes(content)
         aside.replace(path)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror}); give a file in a folder that exists and is yours") from error
+        raise InputError(f"{path}: cannot be written ({error.strerror}); give a file in a folder of yours") from error
     finally:
         aside.unlink(missing_ok=True)
 
@@ -91,7 +94,7 @@ def staged_folder(target: str | Path) -> Iterator[Path]:
         _sweep(goal)
         aside.mkdir()
     except OSError as error:
-        raise InputError(f"{target}: the output folder cannot be written ({error.strerror}); choose another with --out") from error
+        raise _unwritable(target, error.strerror) from error
     try:
         yield aside
         _seal(aside)
@@ -106,17 +109,24 @@ def check_output(target: str | Path) -> None:
     if goal.exists() and not goal.is_dir():
         raise InputError(f"{target}: is a file; give a folder for the output")
     if goal in (Path.cwd(), *Path.cwd().parents):
-        raise InputError(f"{target}: the output folder is replaced as a whole, so it cannot be the one you are in; try {Path(target) / 'out'}")
+        better = Path(target) / "out"
+        raise InputError(f"{target}: an output folder is replaced as a whole: not the one you are in; try {better}")
     if goal.is_dir():
         foreign = _foreign(goal)
         if foreign:
-            raise InputError(f'{target}: holds "{foreign}", which stiffscope did not write; give a new folder or an empty one')
+            raise InputError(f'{target}: holds "{foreign}", which stiffscope did not write; give a new or empty folder')
     nearest = next(p for p in (goal, *goal.parents) if p.exists())
     if not nearest.is_dir():
         raise InputError(f"{target}: {nearest} is a file, not a folder")
     holder = goal.parent if goal.exists() else nearest
-    if not os.access(holder, os.W_OK | os.X_OK):
-        raise InputError(f"{target}: the output folder cannot be written (no permission in {holder}); choose another with --out")
+    try:
+        Path(tempfile.mkdtemp(prefix=".stiffscope-", dir=holder)).rmdir()
+    except OSError as error:
+        raise _unwritable(target, f"{error.strerror} in {holder}") from error
+
+
+def _unwritable(target: str | Path, why: object) -> InputError:
+    return InputError(f"{target}: the output folder cannot be written ({why}); choose another with --out")
 
 
 def _foreign(folder: Path) -> str | None:
@@ -149,7 +159,7 @@ def _swap(aside: Path, goal: Path) -> None:
     except OSError as error:
         if old.exists() and not goal.exists():
             old.rename(goal)
-        raise InputError(f"{goal}: the output folder cannot be written ({error.strerror}); choose another with --out") from error
+        raise _unwritable(goal, error.strerror) from error
     shutil.rmtree(old, ignore_errors=True)
 
 

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-import datetime
+import datetime as dt
 import platform
 import sys
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import stiffscope
 from app import files
 
-LIBRARIES = ("build123d", "cadquery-ocp-novtk", "pytetwild", "scikit-fem", "numpy", "scipy", "pypardiso", "pyvista", "vtk",
-             "matplotlib", "pydantic", "pint")
+if TYPE_CHECKING:
+    from pathlib import Path
+
+LIBRARIES = (
+    *("build123d", "cadquery-ocp-novtk", "pytetwild", "scikit-fem", "numpy", "scipy", "pypardiso"),
+    *("pyvista", "vtk", "matplotlib", "pydantic", "pint"),
+)
 
 
 @dataclass
@@ -26,7 +30,7 @@ class Manifest:
     overrides: list[str] = field(default_factory=list)
     results: dict[str, dict[str, Any]] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
-    started: datetime.datetime = field(default_factory=lambda: datetime.datetime.now(datetime.UTC))
+    started: dt.datetime = field(default_factory=lambda: dt.datetime.now(dt.UTC))
 
     def note(self, result: str, *, key: str, reused: bool, seconds: float, **more: Any) -> None:
         """Say of one result its cache key, whether it was reused, and the time it took now."""
@@ -34,16 +38,18 @@ class Manifest:
 
     def write(self, folder: Path) -> None:
         """Write manifest.json into a folder; the staging of the folder adds the list of its files."""
-        from app.cache import library_version  # noqa: PLC0415
+        from app.cache import library_version
 
-        ended = datetime.datetime.now(datetime.UTC)
+        ended = dt.datetime.now(dt.UTC)
         content = {
             "made_by": files.MAKER,
             "version": stiffscope.__version__,
             "command": self.command,
             "started": self.started.isoformat(timespec="seconds"),
-            "seconds": {**{k: round(v, 3) for k, v in self.seconds.items()},
-                        "total": round((ended - self.started).total_seconds(), 3)},
+            "seconds": {
+                **{k: round(v, 3) for k, v in self.seconds.items()},
+                "total": round((ended - self.started).total_seconds(), 3),
+            },
             "robot": {"file": self.robot, "sha256": self.robot_sha256, "set": self.overrides},
             "results": self.results,
             "versions": {"python": sys.version.split()[0], **{name: library_version(name) for name in LIBRARIES}},

@@ -1,4 +1,4 @@
-"""Progress bars on standard error: the only place that draws them. Without a terminal, or with `--quiet`, nothing is shown."""
+"""Progress bars on standard error, drawn here alone; none without a terminal or with `--quiet`."""
 
 from __future__ import annotations
 
@@ -16,15 +16,16 @@ def _silent(_stage: str, _fraction: float) -> None:
 @contextlib.contextmanager
 def progress(*, quiet: bool) -> Iterator[Reporter]:
     """Give a function that opens a line: `reporter("slider")` returns `report(stage, fraction)` for that line."""
-    from rich.console import Console  # noqa: PLC0415
+    from rich.console import Console
 
     console = Console(stderr=True)
     if quiet or not console.is_terminal:
         yield lambda _name: _silent
         return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn  # noqa: PLC0415
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    columns = (TextColumn("{task.description:<9}"), BarColumn(bar_width=28), TextColumn("{task.fields[stage]:<26}"), TimeElapsedColumn())
+    name, stage = TextColumn("{task.description:<9}"), TextColumn("{task.fields[stage]:<26}")
+    columns = (name, BarColumn(bar_width=28), stage, TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as bars:
 
         def open_line(name: str) -> Report:

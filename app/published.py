@@ -19,7 +19,7 @@ def published(name: str) -> dict[str, Any]:
 
 def slider_compliance() -> np.ndarray:
     """Eq. (29): the slider's compliance at A_i in axes {O}, (6, 6), SI."""
-    import numpy as np  # noqa: PLC0415
+    import numpy as np
 
     content = published("slider")
     return np.array(content["compliance"]) * content["unit"]

@@ -36,14 +36,27 @@ ACCELERATION = Dimension("an acceleration", "m/s^2", "9.81 m/s^2")
 DURATION = Dimension("a duration", "s", "120 s")
 NUMBER = Dimension("a number", "", "0.3")
 
-_NOUNS = (LENGTH, MODULUS, DENSITY, EXPANSION, MASS, STIFFNESS, ACCELERATION, DURATION,
-          Dimension("an angle", "rad", ""), Dimension("an area", "m^2", ""), Dimension("a force", "N", ""),
-          Dimension("a volume", "m^3", ""), Dimension("a temperature", "K", ""), Dimension("a moment", "N*m", ""))
+_NOUNS = (
+    LENGTH,
+    MODULUS,
+    DENSITY,
+    EXPANSION,
+    MASS,
+    STIFFNESS,
+    ACCELERATION,
+    DURATION,
+    Dimension("an angle", "rad", ""),
+    Dimension("an area", "m^2", ""),
+    Dimension("a force", "N", ""),
+    Dimension("a volume", "m^3", ""),
+    Dimension("a temperature", "K", ""),
+    Dimension("a moment", "N*m", ""),
+)
 
 
 @cache
 def _registry() -> pint.UnitRegistry:
-    import pint  # noqa: PLC0415 (a quarter of a second, and not for --help)
+    import pint
 
     return pint.UnitRegistry()
 
@@ -68,31 +81,35 @@ def to_si(value: Any, dimension: Dimension, *, sign: str = "positive") -> float:
     """
     expected = f'expected {dimension.noun} such as "{dimension.example}"'
     if isinstance(value, bool) or not isinstance(value, int | float | str):
-        raise ValueError(f"{expected}, got {_shown(value)}")
-    si = _parse(value, dimension, expected) if isinstance(value, str) else float(value)
+        raise ValueError(f"{expected}, got {shown(value)}")
+    try:
+        si = _parse(value, dimension, expected) if isinstance(value, str) else float(value)
+    except OverflowError:
+        si = math.inf
     if not math.isfinite(si):
-        raise ValueError(f"{expected}, got {_shown(value)}, which is not a finite number")
+        raise ValueError(f"{expected}, got {shown(value)}, which is not a finite number")
     if si < 0 and sign != "any":
-        raise ValueError(f"{expected}, got {_shown(value)}: it must {_condition(sign)}")
+        raise ValueError(f"{expected}, got {shown(value)}: it must {_condition(sign)}")
     if si == 0 and sign == "positive":
-        raise ValueError(f"{expected}, got {_shown(value)}: it must {_condition(sign)}")
+        raise ValueError(f"{expected}, got {shown(value)}: it must {_condition(sign)}")
     return si
 
 
 def _parse(text: str, dimension: Dimension, expected: str) -> float:
     match = _NUMBER.match(text)
     if match is None:
-        raise ValueError(f"{expected}, got {_shown(text)}, which does not begin with a number")
+        raise ValueError(f"{expected}, got {shown(text)}, which does not begin with a number")
     number, unit_text = float(match[1]), match[2]
     if not unit_text:
         if not dimension.unit:
             return number
-        raise ValueError(f"{expected}, got {_shown(text)}, which has no unit (a bare number without quotes is {dimension.unit})")
+        no_unit = f"which has no unit (a bare number without quotes is {dimension.unit})"
+        raise ValueError(f"{expected}, got {shown(text)}, {no_unit}")
     try:
         found = _registry().parse_units(unit_text.removeprefix("*").strip())
         factor = float(_registry().Quantity(1.0, found).to(dimension.unit or "dimensionless").magnitude)
-    except Exception as error:  # noqa: BLE001 (pint raises a dozen kinds, from its tokenizer's to ZeroDivisionError)
-        raise ValueError(f"{expected}, got {_shown(text)}{_why(unit_text)}") from error
+    except Exception as error:
+        raise ValueError(f"{expected}, got {shown(text)}{_why(unit_text)}") from error
     return number * factor
 
 
@@ -100,7 +117,7 @@ def _why(unit_text: str) -> str:
     """Say what the unit measures instead, if it can be named."""
     try:
         found = _registry().parse_units(unit_text)
-    except Exception:  # noqa: BLE001 (see _parse)
+    except Exception:  # noqa: BLE001 (pint raises a dozen kinds, from its tokenizer's to ZeroDivisionError)
         return f', and "{unit_text}" is not a unit'
     for other in _NOUNS:
         if found.dimensionality == _registry().parse_units(other.unit).dimensionality:
@@ -112,6 +129,7 @@ def _condition(sign: str) -> str:
     return "be greater than zero" if sign == "positive" else "not be negative"
 
 
-def _shown(value: Any) -> str:
+def shown(value: Any) -> str:
+    """A value as a message shows it: quoted if it was text, cut if long."""
     text = f'"{value}"' if isinstance(value, str) else str(value).lower() if isinstance(value, bool) else repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."

@@ -9,13 +9,15 @@ import re
 import tomllib
 import types
 import typing
-from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stiffscope import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
     from pydantic import BaseModel, ValidationError
 
     from app.schema import RobotFile
@@ -44,7 +46,7 @@ def find_robot(name_or_path: str | Path) -> Path:
     if path.name == str(name_or_path) and named.is_file():
         return named
     if path.is_dir():
-        raise InputError(f"{path}: is a folder, expected a robot file such as {path}/robot.toml or a name: {_listed(robot_names())}")
+        raise InputError(f"{path}: is a folder; give a robot file or one of the names {_listed(robot_names())}")
     raise InputError(f"{path}: no such robot file; give a path or one of the names {_listed(robot_names())}")
 
 
@@ -81,14 +83,14 @@ def load_robot(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Robot
         key, value = _parse_override(override)
         _assign(data, key, value, override)
         changed[key] = f"--set {'.'.join(key)}"
-    return _check(data, path, text, changed)
+    return _check(data, _Source(path, text, changed), overrides)
 
 
 def _read(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is not a text file in UTF-8 (byte {error.start}); expected TOML such as data/biglide.toml") from error
+        raise InputError(f"{path}: is not text in UTF-8 (byte {error.start}); expected a robot file in TOML") from error
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
 
@@ -108,7 +110,7 @@ def _parse_override(text: str) -> tuple[tuple[str, ...], Any]:
     name, equals, value = text.partition("=")
     key = tuple(part.strip() for part in name.split("."))
     if not equals or not all(key) or not value.strip():
-        raise InputError(f'--set {text}: expected part.parameter=VALUE, such as slider.thickness=25mm')
+        raise InputError(f"--set {text}: expected part.parameter=VALUE, such as slider.thickness=25mm")
     try:
         return key, tomllib.loads(f"value = {value.strip()}")["value"]
     except (tomllib.TOMLDecodeError, KeyError):
@@ -127,30 +129,46 @@ def _assign(data: dict[str, Any], key: tuple[str, ...], value: Any, override: st
     table[key[-1]] = value
 
 
-def _check(data: dict[str, Any], path: Path, text: str, changed: dict[Key, str]) -> RobotFile:
-    from pydantic import ValidationError  # noqa: PLC0415
+@dataclass(frozen=True)
+class _Source:
+    """Where a robot's values come from: the file, and what `--set` changed."""
 
-    from app.schema import RobotFile  # noqa: PLC0415
+    path: Path
+    text: str
+    changed: dict[Key, str]
 
-    def refuse(key: Key, message: str, more: str = "") -> InputError:
+    def refuse(self, key: Key, message: str) -> InputError:
+        """Error for a key: names the `--set` that brought it, else file and line."""
         for length in range(len(key), 0, -1):
-            if key[:length] in changed:
-                return InputError(f"{changed[key[:length]]}: {message}{more}")
-        return InputError(f"{path}:{line_of(text, key)}: {'.'.join(map(str, key))}: {message}{more}")
+            if key[:length] in self.changed:
+                return InputError(f"{self.changed[key[:length]]}: {message}")
+        if not _known(tomllib.loads(self.text), key[:-1] or key):
+            for changed, name in self.changed.items():
+                if changed[: len(key) - 1] == key[:-1]:
+                    return InputError(f"{name}: {'.'.join(map(str, key))}: {message}")
+        return InputError(f"{self.path}:{line_of(self.text, key)}: {'.'.join(map(str, key))}: {message}")
+
+
+def _check(data: dict[str, Any], source: _Source, overrides: Sequence[str]) -> RobotFile:
+    from pydantic import ValidationError
+
+    from app.schema import RobotFile
 
     try:
         robot = RobotFile.model_validate(data)
     except ValidationError as error:
         key, message = _first(error, RobotFile)
         others = error.error_count() - 1
-        raise refuse(key, message, f" (and {others} more)" if others else "") from error
+        raise source.refuse(key, message + (f" (and {others} more)" if others else "")) from error
     try:
         robot.check_parts()
     except InputError as error:  # cad names the parameter: "link.bore: ..."
         name, _, message = str(error).partition(":")
         key = tuple(name.strip().split("."))
-        raise refuse(key, message.strip()) if _known(data, key) else InputError(f"{path}: {error}") from error
-    robot.remember(path, changed.values())
+        if _known(data, key[:1]):
+            raise source.refuse(key, message.strip()) from error
+        raise InputError(f"{source.path}: {error}") from error
+    robot.remember(source.path, overrides)
     return robot
 
 
@@ -167,13 +185,14 @@ def _first(error: ValidationError, model: type[BaseModel]) -> tuple[Key, str]:
     errors = error.errors(include_url=False)
     item = next((e for e in errors if e["type"] == "extra_forbidden"), errors[0])
     key = tuple(part for part in item["loc"] if not str(part).startswith(("function-", "tagged-")))
+    if key[:1] == ("poses",) and (item["type"] in {"missing", "too_long", "tuple_type"}):
+        return key[:2], 'expected three lengths such as ["0 mm", "0 mm", "350 mm"]'
     if item["type"] == "extra_forbidden":
         return key, _unknown(str(key[-1]), list(_section(model, key[:-1]).model_fields))
     if item["type"] == "missing":
         return key, "is missing"
     if item["type"] == "literal_error":
-        context = item.get("ctx", {})
-        return key, f"expected {context.get('expected', 'one of the listed words')}, got {json.dumps(item['input'], default=str)}"
+        return key, f"expected {item.get('ctx', {}).get('expected')}, got {json.dumps(item['input'], default=str)}"
     if item["type"] in {"model_type", "dict_type", "model_attributes_type"}:
         return key, f"expected a table of parameters, got {json.dumps(item['input'], default=str)[:60]}"
     return key, item["msg"].removeprefix("Value error, ")

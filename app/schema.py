@@ -1,20 +1,27 @@
 """What a robot file may say: sections, keys, dimensions and limits, as pydantic models in SI.
 
-The names of a part's keys are those of `cad.link.LinkParameters` and `cad.slider.SliderParameters`.
-Importing this module imports pydantic; `app.robotfile` does so when a file is read.
+A part's shape has the keys of `cad.link.LinkParameters` or `cad.slider.SliderParameters`: floats are lengths,
+whole numbers are counts. Importing this module imports pydantic; `app.robotfile` does so when a file is read.
 """
 
 from __future__ import annotations
 
+import dataclasses
+import typing
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr
+from cad.link import LinkParameters
+from cad.slider import SliderParameters
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, PrivateAttr, Tag, create_model
 
 from app import quantities as q
+from cad.materials import AnyMaterial, Material, TransverselyIsotropic, material
+from stiffscope import InputError
 
 Source = Literal["fea", "beam", "published"]
-BeamTheory = Literal["euler-bernoulli", "timoshenko"]
+PartName = Literal["link", "slider"]
+PARTS: tuple[PartName, ...] = ("link", "slider")
 
 
 def _quantity(dimension: q.Dimension, sign: str = "positive") -> BeforeValidator:
@@ -25,6 +32,7 @@ Length = Annotated[float, _quantity(q.LENGTH)]
 LengthOrZero = Annotated[float, _quantity(q.LENGTH, "non-negative")]
 Coordinate = Annotated[float, _quantity(q.LENGTH, "any")]
 Modulus = Annotated[float, _quantity(q.MODULUS)]
+Ratio = Annotated[float, _quantity(q.NUMBER, "any")]
 Density = Annotated[float, _quantity(q.DENSITY)]
 Expansion = Annotated[float, _quantity(q.EXPANSION, "any")]
 Mass = Annotated[float, _quantity(q.MASS)]
@@ -35,12 +43,9 @@ Point = tuple[Coordinate, Coordinate, Coordinate]
 
 
 def _count(value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= 1000:
-        raise ValueError(f"expected a whole number from 0 to 1000 such as 4, got {value!r}")
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise ValueError(f"expected a whole number such as 4, got {q.shown(value)}")
     return value
-
-
-Count = Annotated[int, BeforeValidator(_count)]
 
 
 def _mass_or_cad(value: Any) -> float | str:
@@ -52,48 +57,57 @@ def _mass_or_cad(value: Any) -> float | str:
         raise ValueError(f'{error} (or "cad": the volume of the solid times its density)') from error
 
 
+def _length_or_auto(value: Any) -> float | None:
+    if value is None or value == "auto":
+        return None
+    try:
+        return q.to_si(value, q.LENGTH)
+    except ValueError as error:
+        raise ValueError(f'{error} (or "auto": what suits the part)') from error
+
+
+LengthOrAuto = Annotated[float | None, BeforeValidator(_length_or_auto)]
+Count = Annotated[int, BeforeValidator(_count)]
 MassOrCad = Annotated[float | Literal["cad"], BeforeValidator(_mass_or_cad)]
 
 
 class Section(BaseModel):
     """A table of the robot file: nothing unknown is let in, nothing changes afterwards."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=False)
+    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class Geometry(Section):
-    """The mechanism's dimensions (Tables 1 to 3); the link's length is `link.length`."""
+    """The mechanism's dimensions (Tables 1 to 3); the links' length is `link.length`."""
 
-    l: Length  # noqa: E741 (the paper's name)
-    l1: Length
-    l2: Length
+    l: Length
+    l1: LengthOrZero
+    l2: LengthOrZero
     h: Length
     d: Length
     a_min: Length
     a_max: Length
 
 
-class Drives(Section):
-    """Stiffness of the lead-screw drives along their axes."""
+class Drive(Section):
+    """Stiffness of a lead-screw drive along its axis, N/m; the three are alike."""
 
-    limb: Stiffness
-    stage: Stiffness
+    stiffness: Stiffness
 
 
 class Platform(Section):
-    """The moving platform with its motor."""
+    """The moving platform with its motor; its mass centre is M."""
 
     mass: Mass
-    mass_centre: Point = (0.0, 0.0, 0.0)
 
 
 class Gravity(Section):
-    """The field that the robot stands in; it acts along +z of {O}, which points down."""
+    """The field that the robot stands in, along +z of {O}, which points down."""
 
     acceleration: Acceleration = 9.81
 
 
-class MaterialSection(Section):
+class Isotropic(Section):
     """An isotropic elastic material."""
 
     youngs_modulus: Modulus
@@ -102,13 +116,48 @@ class MaterialSection(Section):
     expansion: Expansion = 0.0
     source: str = ""
 
+    def build(self, name: str) -> AnyMaterial:
+        """The material for CAD and FEA."""
+        return Material(name, **self.model_dump())
+
+
+class Fibrous(Section):
+    """A transversely isotropic material, fibres along the part's x."""
+
+    axial_modulus: Modulus
+    transverse_modulus: Modulus
+    axial_shear_modulus: Modulus
+    axial_poisson: Ratio
+    transverse_poisson: Ratio
+    density: Density
+    axial_expansion: Expansion = 0.0
+    transverse_expansion: Expansion = 0.0
+    source: str = ""
+
+    def build(self, name: str) -> AnyMaterial:
+        """The material for CAD and FEA."""
+        return TransverselyIsotropic(name, **self.model_dump())
+
+
+def _kind_of_material(value: Any) -> str:
+    fibrous = "axial_modulus" in value if isinstance(value, dict) else isinstance(value, Fibrous)
+    return "tagged-fibrous" if fibrous else "tagged-isotropic"
+
+
+MaterialSection = Annotated[
+    Annotated[Isotropic, Tag("tagged-isotropic")] | Annotated[Fibrous, Tag("tagged-fibrous")],
+    Discriminator(_kind_of_material),
+]
+
 
 class Mesh(Section):
-    """How finely a part is meshed: `size` is the length of an element's edge, `envelope` how far facets may stray."""
+    """How finely a part is meshed; None ("auto" in the file) leaves a length to `fea`."""
 
-    size: Length
-    envelope: Length
+    size: LengthOrAuto = None
+    envelope: LengthOrAuto = None
+    layers: Count = 1
     time_limit: Duration = 120.0
+    solver: Literal["auto", "pardiso", "splu", "amg"] = "auto"
 
 
 class PartSection(Section):
@@ -116,15 +165,100 @@ class PartSection(Section):
 
     material: str
     compliance: Source = "fea"
-    beam_theory: BeamTheory = "timoshenko"
     interface: Literal["rigid", "distributed"] = "rigid"
-    mesh: Mesh
+    mesh: Mesh = Mesh()
+
+    def shape(self) -> dict[str, float | int | str]:
+        """The parameters of the part's shape, SI."""
+        return {name: getattr(self, name) for name in type(self).model_fields if name not in _COMMON}
+
+
+class _LinkSection(PartSection):
+    mass: MassOrCad = "cad"
+
+
+_COMMON = frozenset(_LinkSection.model_fields)
+
+
+def _with_shape(name: str, base: type[PartSection], parameters: type) -> type[PartSection]:
+    """A section with one key for each field of a part's parameters."""
+    kinds = {float: LengthOrZero, int: Count, str: str}
+    hints = typing.get_type_hints(parameters)
+    fields: dict[str, Any] = {}
+    for field in dataclasses.fields(parameters):
+        default = ... if field.default is dataclasses.MISSING else field.default
+        fields[field.name] = (kinds.get(hints[field.name], hints[field.name]), default)
+    return create_model(name, __base__=base, **fields)
+
+
+LinkSection = _with_shape("LinkSection", _LinkSection, LinkParameters)
+SliderSection = _with_shape("SliderSection", PartSection, SliderParameters)
 
 
 class Effect(Section):
-    """An effect adopted from a diagnosis: it makes the nominal robot more like the real one."""
+    """An effect adopted from a diagnosis: the nominal robot carries it from then on."""
 
     effect: str
     place: str
     parameters: dict[str, Any] = {}
     provenance: dict[str, Any] = {}
+
+
+class RobotFile(Section):
+    """A robot as its file describes it; SI, immutable."""
+
+    name: str
+    mechanism: Literal["biglide"]
+    geometry: Geometry
+    drive: Drive
+    link: LinkSection  # type: ignore[valid-type]
+    slider: SliderSection  # type: ignore[valid-type]
+    platform: Platform
+    gravity: Gravity = Gravity()
+    materials: dict[str, MaterialSection] = {}
+    poses: dict[str, Point] = {}
+    effects: tuple[Effect, ...] = ()
+
+    _path: Path = PrivateAttr(default=Path())
+    _overrides: tuple[str, ...] = PrivateAttr(default=())
+
+    @property
+    def path(self) -> Path:
+        """The file it was read from."""
+        return self._path
+
+    @property
+    def overrides(self) -> tuple[str, ...]:
+        """What `--set` changed."""
+        return self._overrides
+
+    def part(self, name: PartName) -> PartSection:
+        """Section of a part."""
+        return self.link if name == "link" else self.slider
+
+    def parameters(self, name: PartName) -> LinkParameters | SliderParameters:
+        """Shape of a part, checked by cad: InputError names the parameter as in the file."""
+        kind = LinkParameters if name == "link" else SliderParameters
+        return kind(**self.part(name).shape())
+
+    def material(self, name: PartName) -> AnyMaterial:
+        """Material of a part: of this file, or of the table in `cad.materials`."""
+        wanted = self.part(name).material
+        if wanted in self.materials:
+            return self.materials[wanted].build(wanted)
+        try:
+            return material(wanted)
+        except InputError as error:
+            mine = f"{', '.join(self.materials)} (of this file), " if self.materials else ""
+            _, _, message = str(error).partition("expected one of ")
+            raise InputError(f"{name}.material: expected one of {mine}{message}") from error
+
+    def check_parts(self) -> None:
+        """Raise InputError for what only the parts together can tell."""
+        for name in PARTS:
+            self.parameters(name)
+            self.material(name)
+
+    def remember(self, path: Path, overrides: typing.Iterable[str]) -> None:
+        """Note where it came from."""
+        self._path, self._overrides = path, tuple(overrides)
