@@ -154,15 +154,31 @@ def cubic_compliance(
     def precondition(residual: Floats) -> Floats:
         return np.vstack([solve(residual[:split]), diagonal @ residual[split:]])
 
-    motion = np.vstack([start, np.zeros_like(extra)])
+    motion = _conjugate_gradients(
+        apply, precondition, force, np.vstack([start, np.zeros_like(extra)]), tolerance, limit
+    )
+    motion[:split] += solve((force - apply(motion))[:split])  # the nodes balance to rounding, whatever the cubics lack
+    compliance = motion.T @ (2 * force - apply(motion))  # Fᵀu + uᵀF − uᵀAu: second order in the error of u
+    return (compliance + compliance.T) / 2, motion
+
+
+def _conjugate_gradients(
+    apply: Callable[[Floats], Floats],
+    precondition: Callable[[Floats], Floats],
+    force: Floats,
+    motion: Floats,
+    tolerance: float,
+    limit: int,
+) -> Floats:
+    """Solve for all columns at once, until a step adds less than a tenth of ``tolerance`` of the energy gained."""
     residual = force - apply(motion)
-    gained = np.zeros(loads.shape[1])
     step = precondition(residual)
     fall = np.einsum("ij,ij->j", residual, step)
     direction = step
-    for count in range(1, limit + 1):
+    gained = np.full(force.shape[1], np.finfo(float).tiny)
+    for _ in range(limit):
         pushed = apply(direction)
-        length = fall / np.einsum("ij,ij->j", direction, pushed)
+        length = fall / np.maximum(np.einsum("ij,ij->j", direction, pushed), np.finfo(float).tiny)
         motion = motion + length * direction
         residual = residual - length * pushed
         gain = length * fall  # what this step adds to each compliance
@@ -170,14 +186,9 @@ def cubic_compliance(
         if (gain < 0.1 * tolerance * gained).all():
             break
         step = precondition(residual)
-        new = np.einsum("ij,ij->j", residual, step)
-        direction = step + (new / fall) * direction
-        fall = new
-    motion[:split] += solve(residual[:split])  # the nodes balance to rounding, whatever the cubics lack
-    residual = force - apply(motion)
-    logger.debug("cubic solution after %d steps", count)
-    compliance = motion.T @ (force + residual)  # Fᵀu + uᵀF − uᵀAu: second order in the error of u
-    return (compliance + compliance.T) / 2, motion
+        before, fall = fall, np.einsum("ij,ij->j", residual, step)
+        direction = step + fall / np.maximum(before, np.finfo(float).tiny) * direction
+    return motion
 
 
 def _operator(space: Cubic, supports: Supports, free: Ints) -> tuple[Callable[[Floats], Floats], bsr_array]:

@@ -6,7 +6,7 @@ import logging
 import time
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -114,12 +114,14 @@ class Experiment:
     @property
     def superelement(self) -> Floats:
         """(6n, 6n) stiffness of the part condensed on its loaded interfaces."""
-        return np.linalg.inv(self.flexibility)
+        return np.asarray(np.linalg.inv(self.flexibility), dtype=np.float64)
 
     def save(self, path: Path | str) -> None:
         """Write everything into one npz file, without pickle."""
-        arrays = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self) if f.name not in ("mesh", "seconds")}
-        mesh = {f"mesh_{f.name}": np.asarray(getattr(self.mesh, f.name)) for f in fields(TetMesh)}
+        arrays: dict[str, Any] = {
+            f.name: np.asarray(getattr(self, f.name)) for f in fields(self) if f.name not in ("mesh", "seconds")
+        }
+        mesh: dict[str, Any] = {f"mesh_{f.name}": np.asarray(getattr(self.mesh, f.name)) for f in fields(TetMesh)}
         names = np.array(list(self.seconds), dtype=np.str_)
         np.savez_compressed(
             Path(path), **arrays, **mesh, seconds_names=names, seconds_values=np.array(list(self.seconds.values()))

@@ -162,9 +162,7 @@ def unit_loads(points: Floats, supports: Supports, ports: tuple[Port, ...]) -> F
     return np.hstack(columns)
 
 
-def imbalance(
-    points: Floats, stiffness: csr_array, motion: Floats, clamped: Ints, ports: tuple[Port, ...]
-) -> float:
+def imbalance(points: Floats, stiffness: csr_array, motion: Floats, clamped: Ints, ports: tuple[Port, ...]) -> float:
     """Return how far the clamp's reactions are from balancing the unit wrenches.
 
     Relative to the wrench, a force at the lever between clamp and reference point counting as its moment.

@@ -47,18 +47,14 @@ def bisect(mesh: TetMesh, marked: Ints, at: Floats) -> TetMesh:
     length = np.linalg.norm(mesh.points[low] - mesh.points[high], axis=1)[first]
     rank = np.empty(len(keys), dtype=np.int64)  # the longest edge of a tetrahedron is cut first
     rank[np.argsort(length, kind="stable")] = np.arange(len(keys))
-    pieces = _Pieces(
-        mesh.cells[:, :4].copy(), np.arange(len(mesh.cells)), np.tile(CORNERS, (len(mesh.cells), 1, 1))
-    )
+    pieces = _Pieces(mesh.cells[:, :4].copy(), np.arange(len(mesh.cells)), np.tile(CORNERS, (len(mesh.cells), 1, 1)))
     pending = np.ones(len(keys), dtype=bool)
     while pending.any():
         pieces = _cut_round(pieces, count, keys, rank, at, pending)
     return _rebuilt(mesh, pieces, count + len(keys))
 
 
-def _cut_round(
-    pieces: _Pieces, count: int, keys: Ints, rank: Ints, at: Floats, pending: np.ndarray
-) -> _Pieces:
+def _cut_round(pieces: _Pieces, count: int, keys: Ints, rank: Ints, at: Floats, pending: np.ndarray) -> _Pieces:
     """Cut the pending edges that rank highest in every tetrahedron around them (an independent set)."""
     ends = np.sort(pieces.vertices[:, EDGES], axis=2)  # (m, 6, 2)
     old = ends[:, :, 1] < count
@@ -175,9 +171,9 @@ def grade(mesh: TetMesh, edges: Ints, layers: int, ratio: float) -> TetMesh:
 
 def _finder(position: Floats) -> Callable[[Floats], np.ndarray]:
     """Return a function that tells which points coincide with the given ones (nodes are renumbered)."""
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
-    tree = cKDTree(position)
+    tree = KDTree(position)
     reach = 1e-9 * float(np.linalg.norm(np.ptp(position, axis=0)))
 
     def find(points: Floats) -> np.ndarray:

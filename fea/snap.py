@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fea.mesh import EDGES, FACE_MIDS, TetMesh, boundary_facets, unique_edges
+from fea.mesh import EDGES, FACE_MIDS, FACES, TetMesh, boundary_facets, unique_edges
 from fea.shape import facet_rule, facet_values, jacobian_range
 from fea.tags import smooth_tags, tag_facets
 
@@ -32,46 +33,73 @@ def snap(points: Floats, cells: Ints, surface: Surface, project: Project, size: 
     size : wanted edge length (m), the scale of what counts as near.
     """
     facets, owner, local = boundary_facets(cells)
-    tags = smooth_tags(facets, tag_facets(surface, points[facets], size / 2))
-    cells, facets, owner, local, tags = _drop_flat(points, cells, facets, owner, local, tags)
-    corners = _on_faces(points, facets, tags, project, size)
-    edges, edge_of = unique_edges(cells)
-    nodes = np.vstack([corners, corners[edges].mean(axis=1)])
-    full = np.hstack([cells, edge_of + len(points)])
-    full_facets = np.hstack([facets, full[owner[:, None], FACE_MIDS[local]]])
-    nodes = _on_faces(nodes, full_facets[:, 3:], tags, project, size)
-    nodes = _balance(nodes, full_facets, tags, project, size)
-    nodes, pulled = _pull_back(nodes, full, points, edges)
-    return _compact(TetMesh(nodes, full, full_facets, tags, pulled))
-
-
-def _drop_flat(
-    points: Floats, cells: Ints, facets: Ints, owner: Ints, local: Ints, tags: Ints
-) -> tuple[Ints, Ints, Ints, Ints, Ints]:
-    """Remove tetrahedra with two boundary triangles on one plane: snapping would make them flat."""
+    skin = _Skin(cells, facets, owner, local, smooth_tags(facets, tag_facets(surface, points[facets], size / 2)))
+    skin = _without(skin, _chips(points, skin))
+    nodes, full, full_facets, edges = _curved(points, skin, project, size)
     for _ in range(3):
-        normals = np.cross(points[facets[:, 1]] - points[facets[:, 0]], points[facets[:, 2]] - points[facets[:, 0]])
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        order = np.lexsort((tags, owner))
-        first, second = order[:-1], order[1:]
-        twins = (owner[first] == owner[second]) & (tags[first] == tags[second])
-        cosine = np.einsum("ij,ij->i", normals[first], normals[second])
-        doomed = np.unique(owner[first[twins & (cosine > 0.5)]])
+        inverted = jacobian_range(nodes[full]) < FLATTEST
+        doomed = np.intersect1d(np.flatnonzero(inverted), _twins(skin)[0])
         if not len(doomed):
             break
-        known = {tuple(sorted(facet)): tag for facet, tag in zip(facets.tolist(), tags.tolist(), strict=True)}
-        heir = dict(zip(owner.tolist(), tags.tolist(), strict=True))
-        uncovered = {
-            tuple(sorted(cells[cell, list(side)].tolist())): heir[cell]
-            for cell in doomed.tolist()
-            for side in ((0, 1, 2), (0, 1, 3), (1, 2, 3), (0, 2, 3))
-        }
-        cells = np.delete(cells, doomed, axis=0)
-        facets, owner, local = boundary_facets(cells)
-        names = [tuple(sorted(facet)) for facet in facets.tolist()]
-        tags = np.array([known[name] if name in known else uncovered[name] for name in names])
-        logger.debug("dropped %d flat tetrahedra", len(doomed))
-    return cells, facets, owner, local, tags
+        skin = _without(skin, doomed)
+        nodes, full, full_facets, edges = _curved(points, skin, project, size)
+    nodes, pulled = _pull_back(nodes, full, points, edges)
+    return _compact(TetMesh(nodes, full, full_facets, skin.tags, pulled))
+
+
+@dataclass(frozen=True)
+class _Skin:
+    """Tetrahedra (m, 4) with their boundary: triangles (k, 3), their tetrahedron, local face and CAD face."""
+
+    cells: Ints
+    facets: Ints
+    owner: Ints
+    local: Ints
+    tags: Ints
+
+
+def _curved(points: Floats, skin: _Skin, project: Project, size: float) -> tuple[Floats, Ints, Ints, Ints]:
+    """Return nodes, (m, 10) cells and (k, 6) boundary triangles on the CAD faces, and (e, 2) the edges."""
+    corners = _on_faces(points, skin.facets, skin.tags, project, size)
+    edges, edge_of = unique_edges(skin.cells)
+    nodes = np.vstack([corners, corners[edges].mean(axis=1)])
+    cells = np.hstack([skin.cells, edge_of + len(points)])
+    facets = np.hstack([skin.facets, cells[skin.owner[:, None], FACE_MIDS[skin.local]]])
+    nodes = _on_faces(nodes, facets[:, 3:], skin.tags, project, size)
+    return _balance(nodes, facets, skin.tags, project, size), cells, facets, edges
+
+
+def _twins(skin: _Skin) -> tuple[Ints, Ints, Ints]:
+    """Return tetrahedra with two boundary triangles on one CAD face, and those two triangles."""
+    order = np.lexsort((skin.tags, skin.owner))
+    first, second = order[:-1], order[1:]
+    same = (skin.owner[first] == skin.owner[second]) & (skin.tags[first] == skin.tags[second])
+    return skin.owner[first[same]], first[same], second[same]
+
+
+def _chips(points: Floats, skin: _Skin) -> Ints:
+    """Return the thin tetrahedra under one CAD face, with two boundary triangles on it: snapping flattens them."""
+    a, b, c = (points[skin.facets[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    cells, first, second = _twins(skin)
+    return np.unique(cells[np.einsum("ij,ij->i", normals[first], normals[second]) > 0.5])
+
+
+def _without(skin: _Skin, doomed: Ints) -> _Skin:
+    """Remove tetrahedra; the triangles that this uncovers inherit the CAD face of those that went."""
+    if not len(doomed):
+        return skin
+    known = {tuple(sorted(facet)): tag for facet, tag in zip(skin.facets.tolist(), skin.tags.tolist(), strict=True)}
+    heir = dict(zip(skin.owner.tolist(), skin.tags.tolist(), strict=True))
+    for cell in doomed.tolist():
+        for side in FACES:
+            known.setdefault(tuple(sorted(skin.cells[cell, side].tolist())), heir[cell])
+    cells = np.delete(skin.cells, doomed, axis=0)
+    facets, owner, local = boundary_facets(cells)
+    tags = np.array([known[tuple(sorted(facet))] for facet in facets.tolist()])
+    logger.debug("dropped %d flat tetrahedra", len(doomed))
+    return _Skin(cells, facets, owner, local, tags)
 
 
 def _on_faces(points: Floats, nodes: Ints, tags: Ints, project: Project, size: float) -> Floats:
@@ -152,26 +180,21 @@ def _pull_back(nodes: Floats, cells: Ints, original: Floats, edges: Ints) -> tup
     least = jacobian_range(nodes[cells])
     pulled = np.zeros(len(cells), dtype=bool)
     for attempt in range(8):
-        bad = least < FLATTEST
-        if not bad.any():
+        hurt = least < FLATTEST
+        if not hurt.any():
             break
-        pulled |= bad
-        if attempt:  # the corners go half of the way back
-            touched = np.unique(cells[bad, :4])
+        pulled |= hurt
+        if attempt > 1:  # straight sides were not enough: the corners go half of the way back
+            touched = np.unique(cells[hurt, :4])
             nodes[touched] = (nodes[touched] + original[touched]) / 2
-        mids = np.unique(cells[bad, 4:])
-        if attempt:
-            mids = np.unique(cells[np.isin(cells[:, :4], touched).any(axis=1), 4:])
-        nodes[mids] = _straighter(nodes, mids, edges[mids - corners], attempt)
+            hurt = np.isin(cells[:, :4], touched).any(axis=1)
+        mids = np.unique(cells[hurt, 4:])
+        middle = nodes[edges[mids - corners]].mean(axis=1)
+        nodes[mids] = middle if attempt else (nodes[mids] + middle) / 2
         least = jacobian_range(nodes[cells])
     if (least <= 0).any():
         logger.warning("%d elements stay inverted after snapping", (least <= 0).sum())
     return nodes, int(pulled.sum())
-
-
-def _straighter(nodes: Floats, mids: Ints, ends: Ints, attempt: int) -> Floats:
-    middle = nodes[ends].mean(axis=1)
-    return middle if attempt else (nodes[mids] + middle) / 2
 
 
 def _compact(mesh: TetMesh) -> TetMesh:

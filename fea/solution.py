@@ -77,11 +77,7 @@ def _bound(flexibility: Floats, gain: Floats) -> Floats:
     """Return (6n, 6n) what the discretization and the solver may still hide."""
     energies = np.sqrt(np.maximum(gain.diagonal(), 0))
     scale = np.sqrt(flexibility.diagonal())
-    return (
-        MISSING_AT_MOST * np.abs(gain)
-        + CROSS_TERMS * np.outer(energies, energies)
-        + SOLVER * np.outer(scale, scale)
-    )
+    return MISSING_AT_MOST * np.abs(gain) + CROSS_TERMS * np.outer(energies, energies) + SOLVER * np.outer(scale, scale)
 
 
 def _geometry_bound(specimen: Specimen, mesh: TetMesh, flexibility: Floats) -> Floats:
@@ -98,7 +94,9 @@ def _face_areas(mesh: TetMesh) -> Floats:
     at, weights = facet_rule()
     tangents = np.einsum("qnd,kni->kqdi", facet_slopes(at), mesh.points[mesh.facets])
     area = np.linalg.norm(np.cross(tangents[:, :, 0], tangents[:, :, 1]), axis=2) @ weights
-    return np.bincount(mesh.facet_face, area, minlength=int(mesh.facet_face.max()) + 1)
+    total = np.zeros(int(mesh.facet_face.max()) + 1)
+    np.add.at(total, mesh.facet_face, area)
+    return total
 
 
 def nodal_von_mises(mesh: TetMesh, motion: Floats, elasticity: Floats) -> Floats:

@@ -86,7 +86,7 @@ def amg(matrix: csr_array, points: Floats) -> Solve:
     hierarchy = pyamg.smoothed_aggregation_solver(
         matrix.tobsr((3, 3)),
         B=modes / np.abs(modes).max(axis=0),
-        strength=("symmetric", {"theta": 0.0}),
+        strength=("symmetric", {"theta": 0.0}),  # pyright: ignore[reportArgumentType] (pyamg's hint is too narrow)
         max_coarse=2000,
         coarse_solver="splu",
     )

@@ -11,7 +11,7 @@ import numpy as np
 
 def main(source: str, target: str) -> None:
     """Mesh the surface in ``source`` (keys: vertices, triangles, size, envelope, threads) into ``target``."""
-    from pytetwild import tetrahedralize
+    from pytetwild.pytetwild import tetrahedralize
 
     with np.load(source, allow_pickle=False) as given:
         points, cells = tetrahedralize(
