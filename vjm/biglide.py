@@ -154,14 +154,14 @@ def link_angle(geometry: Geometry, poses: ArrayLike) -> Array:
 
 
 def slides(geometry: Geometry, poses: ArrayLike) -> Array:
-    """Inverse kinematics: positions (n, 3) in m of the drives of limb 1, limb 2 and the stage. Raises as ``link_angle``."""
+    """Inverse kinematics: positions (n, 3) in m of limb 1, limb 2 and the stage. Raises as ``link_angle``."""
     points = checked_poses(poses)
     link_angle(geometry, points)
     return np.column_stack([_position(geometry, points)[1], points[:, 1]])
 
 
 def tool_point(geometry: Geometry, drives: ArrayLike) -> Array:
-    """Forward kinematics: tool points (n, 3) in m from drive positions (n, 3) of limb 1, limb 2, stage; M hangs below."""
+    """Forward kinematics: tool points (n, 3) from positions (n, 3) of limb 1, limb 2, stage, in m; M hangs below."""
     a = checked_poses(drives)
     cosine = (0.5 * (a[:, 0] + a[:, 1]) - geometry.l) / geometry.L
     if not ((cosine > 0.0) & (cosine < 1.0)).all():

@@ -46,7 +46,7 @@ def load_hessian(force: Array, lever: Array) -> Array:
 def literal_tree(robot: Biglide, poses: Array, gravity: float = STANDARD) -> Node:
     """The robot with ``K_θ - K_G`` for ``K_θ``, as Eqs. (1) to (3) have it.
 
-    Each link carries a sixth of the platform's weight at M; each slider half of it, and its three links at their centres.
+    Each link carries a sixth of the platform's weight at M; each slider half of it, and its three links' weights.
     """
     tree = robot.tree(poses)
     frames = _frames(tree)
@@ -79,7 +79,8 @@ def exact_stiffness(tree: Node, gravity: float = STANDARD) -> Array:
     unit = np.concatenate([np.zeros((*bent.form.stiffness.shape[:-1], 1)), bent.form.stiffness], axis=-1)
     work = _SecondOrder(respond(bent, unit, gravity=load).elements, np.array([0.0, 0.0, gravity]))
     work.behind(bent.node, _NO_LOAD)
-    return bent.form.stiffness - sum(work.hessians)
+    half = sum(work.halves)
+    return bent.form.stiffness - half - np.swapaxes(half, -1, -2)
 
 
 def _frames(tree: Node) -> dict[str, Frame]:
@@ -171,7 +172,7 @@ _NO_LOAD = _Load(np.zeros(3), np.zeros((3, 3)))
 
 @dataclass(frozen=True)
 class _SecondOrder:
-    """Second-order work of the loads along every chain, as Hessians (..., 6, 6) over unit twists of the tool.
+    """Second-order work of the loads along every chain, as half Hessians (..., 6, 6) over unit twists of the tool.
 
     ``elements`` are under the weights in the first case, under unit twists of the tool in the others. A chain that
     closes a loop carries at its tip the wrench of its closure; the body there moves by a rotation vector about M.
@@ -179,7 +180,7 @@ class _SecondOrder:
 
     elements: dict[str, Element]
     gravity: Array
-    hessians: list[Array] = field(default_factory=list[Any])
+    halves: list[Array] = field(default_factory=list[Any])
 
     def behind(self, node: Node, load: _Load) -> _Load:
         """Add the work done behind ``node`` by ``load`` at its end; returns the load at its base."""
@@ -203,7 +204,7 @@ class _SecondOrder:
         for member in reversed(series.members):
             if isinstance(member, Parallel) and body is not None:
                 spin = np.concatenate([np.zeros_like(body[..., :3, :]), body[..., 3:, :]], axis=-2)
-                self._add(0.5 * load.work(body[..., 3:, :], spin))
+                self.halves.append(0.5 * load.work(body[..., 3:, :], spin))
             load = self.behind(member, load)
             body = self.elements[next(iter(leaves(member))).name].base[..., 1:]
         return load
@@ -215,13 +216,10 @@ class _SecondOrder:
         if isinstance(element.node, Passive):
             screws = screws @ element.node.directions
             rates = np.linalg.pinv(element.node.directions) @ rates
-        self._add(load.work(element.base[..., 3:, 1:], screws @ rates))
+        self.halves.append(load.work(element.base[..., 3:, 1:], screws @ rates))
         pairs = np.triu(load.work(screws[..., 3:, :], screws))
-        pairs = pairs - 0.5 * np.einsum("...i,ij->...ij", np.einsum("...ii->...i", pairs), np.eye(pairs.shape[-1]))
-        self._add(np.swapaxes(rates, -1, -2) @ pairs @ rates)
-
-    def _add(self, half: Array) -> None:
-        self.hessians.append(half + np.swapaxes(half, -1, -2))
+        pairs = pairs * (1.0 - 0.5 * np.eye(pairs.shape[-1]))
+        self.halves.append(np.swapaxes(rates, -1, -2) @ pairs @ rates)
 
     def _closure(self, member: Node) -> _Load:
         """Wrench at the tip of a parallel member; one that ends in a parallel group closes there instead."""

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from vjm.screws import Array
 
 _IDLE = 1e-9  # relative size below which a free direction adds nothing to those before it
+_I, _J = np.triu_indices(3)
 _RIGID = 1e-14  # relative pivot below which a constrained direction has no compliance at all
 
 
@@ -109,12 +110,28 @@ def assembled(node: Node, *, loads: bool = False) -> Assembly:
     if isinstance(node, Parallel):
         # stiffened in its own axes, where least depends on the pose, and only then placed
         here = tuple(assembled(replace(m, frame=Frame()), loads=loads) for m in node.members)
-        shares = tuple(
-            _placed(_stiffened(m.form, m.node.name), n.frame) for m, n in zip(here, node.members, strict=True)
-        )
+        shares = _placed_together([_stiffened(m.form, m.node.name) for m in here], [m.frame for m in node.members])
         members = tuple(_at(m, n.frame) for m, n in zip(here, node.members, strict=True))
         return Bundle(node, _placed(reduce(_beside, shares), node.frame), members, shares)
     return Leaf(node, _leaf(node, 4 if loads else 0))
+
+
+def _placed_together(forms: list[Stiff], frames: list[Frame]) -> tuple[Stiff, ...]:
+    """Members of a parallel group at its origin; those alike but for their place are rotated once."""
+    rotated: list[tuple[Stiff, Array | None, Stiff]] = []
+    shares: list[Stiff] = []
+    for form, frame in zip(forms, frames, strict=True):
+        known = [r for f, axes, r in rotated if axes is frame.rotation and _alike(f, form)]
+        turned = known[0] if known else _placed(form, Frame(frame.rotation))
+        rotated.append((form, frame.rotation, turned))
+        shares.append(_placed(turned, Frame(translation=frame.translation)))
+    return tuple(shares)
+
+
+def _alike(a: Stiff, b: Stiff) -> bool:
+    """Whether two forms that do not depend on the pose are the same."""
+    pairs = ((a.stiffness, b.stiffness), (a.preload, b.preload), (a.load, b.load))
+    return all(x.ndim == y.ndim == 2 and np.array_equal(x, y) for x, y in pairs)
 
 
 def _at(member: Assembly, frame: Frame) -> Assembly:
@@ -136,7 +153,9 @@ def _leaf(node: Spring | Passive | Weight, cases: int) -> Flexible:
         if node.rigid:
             return Flexible(rigid, locked, none, no_constraint, none)
         there = frame.adjoint()
-        compliance = node.compliance if frame.identity else there @ node.compliance @ np.swapaxes(there, -1, -2)
+        compliance = node.compliance
+        if not frame.identity:
+            compliance = _congruence(np.swapaxes(there, -1, -2), compliance, frame)
         offset = none
         if cases and node.offset is not None:
             misfit = there @ node.offset[..., None]
@@ -162,9 +181,9 @@ def _placed(form: Flexible | Stiff, frame: Frame) -> Flexible | Stiff:
     turn = _load_axes(frame, form.load.shape[-1])
     load = back_t @ form.load @ turn
     if isinstance(form, Stiff):
-        return Stiff(congruence(back, form.stiffness), back_t @ form.preload @ turn, load)
+        return Stiff(_congruence(back, form.stiffness, frame), back_t @ form.preload @ turn, load)
     there = frame.adjoint()
-    compliance = congruence(np.swapaxes(there, -1, -2), form.compliance)
+    compliance = _congruence(np.swapaxes(there, -1, -2), form.compliance, frame)
     return Flexible(compliance, there @ form.free, there @ form.offset @ turn, form.constraint @ turn, load)
 
 
@@ -178,11 +197,29 @@ def _load_axes(frame: Frame, cases: int) -> Array:
     return turn
 
 
-def congruence(a: Array, k: Array) -> Array:
-    """``Aᵀ K A``; one A for a stack of K goes as a single product with A ⊗ A."""
+def _congruence(a: Array, k: Array, frame: Frame) -> Array:
+    """``Aᵀ K A`` for the A of a frame, the cheapest way: where one factor holds for all poses it is a plain product."""
     if a.ndim == 2 and k.ndim == 3:
         return (k.reshape(-1, 36) @ np.kron(a, a)).reshape(-1, 6, 6)
+    if k.ndim == 2 and frame.rotation is None and frame.translation is not None:
+        terms = _shift_terms(k, transposed=bool(a[..., 3:, :3].any()))
+        p = frame.translation
+        features = np.concatenate([np.ones((*p.shape[:-1], 1)), p, p[..., _I] * p[..., _J]], axis=-1)
+        return (features @ terms).reshape(*p.shape[:-1], 6, 6)
     return np.swapaxes(a, -1, -2) @ k @ a
+
+
+def _shift_terms(k: Array, *, transposed: bool) -> Array:
+    """Coefficients (10, 36) of ``Aᵀ K A`` over 1, p and the products p_i p_j, for A = I ∓ S(p) in its corner."""
+    slopes = np.zeros((3, 6, 6))
+    slopes[:, :3, 3:] = -skew(np.eye(3))
+    if transposed:
+        slopes = -np.swapaxes(slopes, -1, -2)
+    first = k @ slopes
+    first = first + np.swapaxes(first, -1, -2)
+    second = np.swapaxes(slopes, -1, -2)[:, None] @ k @ slopes[None]
+    second = np.where((_I == _J)[:, None, None], second[_I, _J], second[_I, _J] + second[_J, _I])
+    return np.concatenate([k[None], first, second]).reshape(10, 36)
 
 
 def _joined(members: tuple[Assembly, ...], cases: int) -> Joined:
@@ -220,9 +257,29 @@ def _closed(parts: Joined) -> Flexible | Stiff:
 
 def behind_springs(member: Stiff, flexible: Flexible) -> tuple[Array, Array]:
     """K and p of a stiff member in series with springs: ``(I + K C)⁻¹ K``, never an inverse of K."""
-    right = np.concatenate([member.stiffness, member.preload - member.stiffness @ flexible.offset], axis=-1)
-    solved = np.linalg.solve(np.eye(6) + member.stiffness @ flexible.compliance, right)
+    k, p = member.stiffness, member.preload
+    if p.shape[-1]:
+        p = p - k @ flexible.offset
+    if flexible.compliance.ndim == 2:
+        return _behind_few(k, p, _factored(flexible.compliance))
+    right = np.concatenate([k, p], axis=-1) if p.shape[-1] else k
+    solved = np.linalg.solve(np.eye(6) + k @ flexible.compliance, right)
     return solved[..., :6], solved[..., 6:]
+
+
+def _factored(compliance: Array) -> Array:
+    """F (6, r) of a compliance F Fᵀ that holds for all poses; r is its rank, 1 for a drive."""
+    values, vectors = np.linalg.eigh(compliance)
+    keep = values > 1e-15 * values[-1]
+    return vectors[:, keep] * np.sqrt(values[keep])
+
+
+def _behind_few(k: Array, p: Array, factor: Array) -> tuple[Array, Array]:
+    """``(I + K F Fᵀ)⁻¹ [K, p]`` by the small matrix ``I + Fᵀ K F``."""
+    pull = k @ factor
+    small = np.linalg.inv(np.eye(factor.shape[1]) + factor.T @ pull)
+    share = pull @ small
+    return k - share @ np.swapaxes(pull, -1, -2), p - share @ (factor.T @ p)
 
 
 def free_motion(stiffness: Array, preload: Array, flexible: Flexible) -> tuple[Array, Array, Array]:
@@ -286,10 +343,10 @@ def _inverse(core: Array, name: str) -> Array:
     scale = np.sqrt(np.einsum("...ii->...i", core).clip(min=np.finfo(float).tiny))
     unit = core / (scale[..., :, None] * scale[..., None, :])
     try:
-        pivots = np.einsum("...ii->...i", np.linalg.cholesky(unit)) ** 2
+        smallest = float(np.diagonal(np.linalg.cholesky(unit), axis1=-2, axis2=-1).min()) ** 2
     except np.linalg.LinAlgError:
-        pivots = np.zeros(1)
-    if not pivots.min() > _RIGID:
+        smallest = 0.0
+    if not smallest > _RIGID:
         msg = f"{name}: rigid in a direction that must yield; give it a compliance or a passive joint there"
         raise InputError(msg)
     return np.linalg.inv(core)

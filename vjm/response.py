@@ -182,10 +182,12 @@ def _shares(parts: Joined, wrench: Array, twist: Array, load: Array) -> tuple[Ar
     free_t = np.swapaxes(flexible.free, -1, -2)
     if not parts.stiff:
         return released(free_t @ flexible.free) @ (free_t @ (twist - known)), []
-    stiffness, preload = behind_springs(in_series(parts.stiff), flexible)
-    pull, release, slack = free_motion(stiffness, preload, flexible)
-    q = release @ (np.swapaxes(pull, -1, -2) @ twist + slack @ load)
-    rest = twist - known - flexible.free @ q
+    q, rest = np.zeros((0, 1)), twist - known
+    if flexible.free.shape[-1]:
+        stiffness, preload = behind_springs(in_series(parts.stiff), flexible)
+        pull, release, slack = free_motion(stiffness, preload, flexible)
+        q = release @ (np.swapaxes(pull, -1, -2) @ twist + slack @ load)
+        rest = rest - flexible.free @ q
     across: list[Array] = []
     stiff = list(parts.stiff)
     while len(stiff) > 1:
