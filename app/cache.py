@@ -73,7 +73,7 @@ class Cache:
     def _place(self, aside: Path, kind: str, key: str) -> Path | None:
         folder = self.root / kind / key
         try:
-            files = {name: _checksum(aside / name) for name in sorted(_files(aside))}
+            files = {name: _checksum(aside / name) for name in sorted(kept_files(aside))}
             (aside / _INDEX).write_text(json.dumps({"format": FORMAT, "kind": kind, "key": key, "files": files}))
             folder.parent.mkdir(parents=True, exist_ok=True)
             for _ in range(3):
@@ -169,7 +169,7 @@ def _flaw(folder: Path, kind: str, key: str) -> str | None:
         if (index["format"], index["kind"], index["key"]) != (FORMAT, kind, key):
             return "it is of another format or another key"
         listed = index["files"]
-        if sorted(listed) != sorted(_files(folder)):
+        if sorted(listed) != sorted(kept_files(folder)):
             return "its files are not those that were written"
         torn = [name for name, checksum in listed.items() if _checksum(folder / name) != checksum]
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
@@ -177,7 +177,8 @@ def _flaw(folder: Path, kind: str, key: str) -> str | None:
     return f"{torn[0]} is damaged" if torn else None
 
 
-def _files(folder: Path) -> Iterable[str]:
+def kept_files(folder: Path) -> Iterable[str]:
+    """Names of an entry's files, relative to its folder."""
     for path in folder.rglob("*"):
         if path.is_symlink():
             raise OSError(f"{path} is a link")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import logging
+import os
 import signal
 import sys
 from pathlib import Path
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
 
 PARTS = ("link", "slider")
 SOURCES = ("fea", "beam", "published")
+GRAVITY = ("none", "literal", "exact")
 
 
 class Stopped(BaseException):
@@ -25,115 +28,174 @@ class Stopped(BaseException):
 
 def main(arguments: list[str] | None = None) -> NoReturn:
     """Run a command: exit code 0 done, 2 bad input (one line on standard error), 1 anything else."""
-    arguments = sys.argv[1:] if arguments is None else arguments
-    sys.exit(_guarded(arguments))
+    sys.exit(_guarded(sys.argv[1:] if arguments is None else arguments))
 
 
 def _guarded(arguments: list[str]) -> int:
-    for name in ("SIGTERM", "SIGHUP"):
-        with contextlib.suppress(AttributeError, ValueError):  # not on every system, not outside the main thread
-            signal.signal(getattr(signal, name), _stop)
+    _listen()
     try:
         cli.main(arguments, prog_name="stiffscope", standalone_mode=False)
+        sys.stdout.flush()
     except InputError as error:
         _say(str(error))
         return 2
     except click.UsageError as error:
         command = error.ctx.command_path if error.ctx else "stiffscope"
-        _say(f"{command}: {error.format_message()} (see {command} --help)")
+        _say(f"{error.format_message()} (see {command} --help)")
         return 2
+    except click.exceptions.Exit as asked:
+        return asked.exit_code
     except (KeyboardInterrupt, click.Abort, Stopped):
         _say("stopped; nothing half-written is left")
         return 1
     except BrokenPipeError:
-        sys.stderr.close()
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # whoever read the output has gone
         return 1
     except Exception as error:
         if "--debug" in arguments:
             raise
-        _say(
-            f"unexpected {type(error).__name__}: {error}".splitlines()[0] + " (repeat with --debug for the whole story)"
-        )
+        _say(f"unexpected {type(error).__name__}: {error} (repeat with --debug for the whole story)")
         return 1
     return 0
+
+
+def _listen() -> None:
+    """End cleanly when asked to, and show each warning once, on a line."""
+    for name in ("SIGTERM", "SIGHUP"):
+        with contextlib.suppress(AttributeError, ValueError):  # not on every system, not outside the main thread
+            signal.signal(getattr(signal, name), _stop)
+    handler = logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("stiffscope: %(message)s"))
+    handler.addFilter(_Once())
+    logging.basicConfig(level=logging.WARNING, handlers=[handler])
+    logging.captureWarnings(capture=False)
+
+
+class _Once(logging.Filter):
+    def __init__(self) -> None:
+        super().__init__()
+        self.seen: set[str] = set()
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Let a message through the first time."""
+        message = record.getMessage()
+        new = message not in self.seen
+        self.seen.add(message)
+        return new
 
 
 def _stop(_signal: int, _frame: Any) -> NoReturn:
     raise Stopped
 
 
-def _say(line: str) -> None:
-    click.echo(f"stiffscope: {' '.join(line.splitlines())}", err=True)
+def _say(text: str) -> None:
+    click.echo(f"stiffscope: {' '.join(text.split())}", err=True)
 
 
-def _options(*options: Callable[..., Any]) -> Callable[..., Any]:
+def _takes(*options: Callable[..., Any]) -> Callable[..., Any]:
     def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
-        for option in reversed(options):
+        for option in reversed((*options, _quiet, _debug)):
             command = option(command)
         return command
 
     return decorate
 
 
+def _note_debug(_context: click.Context, _option: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        logging.getLogger().setLevel(logging.DEBUG)
+        for chatty in ("matplotlib", "PIL", "pint", "numba"):
+            logging.getLogger(chatty).setLevel(logging.WARNING)
+
+
 _robot = click.argument("robot", metavar="ROBOT.toml")
 _set = click.option(
     "--set", "overrides", multiple=True, metavar="PART.PARAMETER=VALUE",
-    help='Change a value of the robot file, such as slider.thickness=25mm. May be repeated.',
+    help="Change a value of the robot file, such as slider.thickness=25mm. May be repeated.",
 )  # fmt: skip
 _components = click.option(
     "--components",
     type=click.Choice(SOURCES),
-    help="Where the parts' matrices come from, instead of what the robot file says.",
+    help="Source of the parts' matrices, instead of what the robot file says.",
 )
 _quiet = click.option("--quiet", is_flag=True, help="No progress bars and no tables.")
-_debug = click.option("--debug", is_flag=True, help="Show where an unexpected error came from.")
+_debug = click.option(
+    "--debug", is_flag=True, expose_value=False, callback=_note_debug, help="Show where an unexpected error came from."
+)
 _out = click.option(
-    "--out", required=True, metavar="DIR", type=click.Path(path_type=Path), help="Folder to write; complete or absent."
+    "--out", required=True, metavar="DIR", type=click.Path(path_type=Path), help="Folder to write: complete or absent."
 )
-_json = click.option(
-    "--json", "json_target", metavar="FILE", help='Write JSON ("-": standard output, and nothing else there).'
-)
+_json = click.option("--json", "target", metavar="FILE", help='Write JSON ("-": standard output, nothing else there).')
 _part = click.option("--part", type=click.Choice(PARTS), help="The link or the slider.")
 _at = click.option(
-    "--at", "poses", multiple=True, metavar="X,Y,Z", help="Tool point in m, or the name of a pose of the robot file."
+    "--at",
+    "poses",
+    multiple=True,
+    metavar="X,Y,Z",
+    help="Tool point in m, or a pose named in the robot file. May be repeated.",
+)
+_gravity = click.option(
+    "--gravity", type=click.Choice(GRAVITY), default="none", show_default=True, help="Effect of weight."
 )
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
-@click.version_option(__version__, prog_name="stiffscope")
+@click.version_option(__version__, prog_name="stiffscope", message="%(prog)s %(version)s")
 def cli() -> None:
-    """Stiffness of a parallel robot: virtual experiments on its parts, the whole robot, and the gap to the real machine.
+    """Stiffness of a parallel robot: virtual experiments on its parts, the whole robot, the gap to the real machine.
 
     ROBOT.toml is a robot file, or the name of a robot that comes along: biglide.
     """
 
 
 @cli.command()
-@_options(_robot, _out, _components, _set, _quiet, _debug)
-def run(robot: str, out: Path, components: str | None, overrides: tuple[str, ...], quiet: bool, debug: bool) -> None:
+@_takes(_robot, _out, _components, _set)
+def run(**options: Any) -> None:
     """From the parts to the robot: build, mesh, load, assemble; tables, pictures and data in DIR."""
     from app.pipeline import run_robot
 
-    run_robot(robot, out, overrides=overrides, components=components, quiet=quiet)
+    run_robot(options.pop("robot"), options.pop("out"), **options)
 
 
 @cli.command()
-@_options(_robot, _part, _set, _json, _quiet, _debug)
+@_takes(_robot, _part, _set, _json)
 @click.option(
     "--step", metavar="FILE", help="Take this solid as the part: clamped at its least x, loaded at its greatest."
 )
-def compliance(
-    robot: str,
-    part: str | None,
-    overrides: tuple[str, ...],
-    json_target: str | None,
-    quiet: bool,
-    debug: bool,
-    step: str | None,
-) -> None:
+def compliance(part: str | None, **options: Any) -> None:
     """Virtual experiment on one part: its 6x6 compliance with an error bar."""
-    from app.parts import show_compliance
+    from app.answers import part_compliance
 
     if part is None:
-        raise click.UsageError("give --part link or --part slider", click.get_current_context())
-    show_compliance(robot, part, overrides=overrides, step=step, json_target=json_target, quiet=quiet)
+        raise click.UsageError("--part is missing: link or slider", click.get_current_context())
+    part_compliance(options.pop("robot"), part, **options)
+
+
+@cli.command()
+@_takes(_robot, _at, _components, _gravity, _set, _json)
+def stiffness(**options: Any) -> None:
+    """The robot's 6x6 stiffness at tool points, and how far it sags."""
+    from app.answers import robot_stiffness
+
+    robot_stiffness(options.pop("robot"), options.pop("poses"), **options)
+
+
+@cli.command()
+@_takes(_robot, _part, _set)
+def compare(part: str | None, **options: Any) -> None:
+    """FEA beside beam theory beside the published matrix, entry by entry, and which assumption fails where."""
+    from app.answers import compare_parts
+
+    compare_parts(options.pop("robot"), (part,) if part else PARTS, **options)
+
+
+@cli.command("map")
+@_takes(_robot, _out, _components, _gravity, _set)
+@click.option(
+    "--points", default=200, show_default=True, type=click.IntRange(2, 3000), help="Tool points along x and z."
+)
+def map_(**options: Any) -> None:
+    """Principal stiffness over the workspace: figure and numbers in DIR."""
+    from app.answers import robot_map
+
+    robot_map(options.pop("robot"), options.pop("out"), **options)

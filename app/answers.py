@@ -1,0 +1,142 @@
+"""The commands that answer one question: a part's compliance, the robot's stiffness, a comparison, a map."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from app import files, tables
+from app import quantities as q
+from app.cache import file_digest
+from app.manifest import Manifest
+from app.parts import order_part, solve_parts
+from app.pipeline import Assembled, compliance_json, solve_robots, stiffness_json, workshop
+from app.robotfile import load_robot
+from stiffscope import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from app.schema import PartName, RobotFile
+    from vjm.analysis import Gravity
+
+
+def part_compliance(
+    name: str, part: PartName, *, overrides: Sequence[str], step: str | None, target: str | None, quiet: bool
+) -> None:
+    """`stiffscope compliance`: one part's virtual experiment as JSON, or as a table."""
+    from app.compare import compare
+
+    robot = load_robot(name, overrides)
+    with workshop(quiet=quiet) as (cache, spare, open_line):
+        order = order_part(robot, part, step, pictures=False)
+        (result,) = solve_parts([order], cache, spare, {part: open_line(part)})
+    if target:
+        files.write_json(target, compliance_json(robot, result))
+    if not quiet and target != "-":
+        tables.show_parts([result])
+        if step is None:
+            tables.show_comparison(compare(robot, part, result))
+        else:
+            tables.show_matrix(f"Compliance of {step}, SI", result.compliance)
+
+
+def robot_stiffness(
+    name: str,
+    poses: Sequence[str],
+    *,
+    components: str | None,
+    gravity: Gravity,
+    overrides: Sequence[str],
+    target: str | None,
+    quiet: bool,
+) -> None:
+    """`stiffscope stiffness`: K, sag and mobility at tool points; without any, at the robot file's poses."""
+    from vjm.analysis import analyse
+
+    robot = load_robot(name, overrides)
+    points = dict(parse_pose(robot, text) for text in poses) if poses else dict(robot.poses)
+    if not points:
+        raise InputError(f"{robot.path}: has no poses; give a tool point with --at X,Y,Z")
+    assembled = _assembled(robot, components, np.array(list(points.values())), quiet=quiet)
+    state = analyse(assembled.elastic, list(points.values()), gravity=gravity, g=robot.gravity.acceleration)
+    if target:
+        files.write_json(target, stiffness_json(state))
+    if not quiet and target != "-":
+        made_of = ", ".join(f"{part} {source}" for part, source in assembled.sources.items())
+        title = f"Stiffness at M ({made_of}; gravity {gravity})"
+        tables.show_stiffness(list(points), state.poses, state.matrix, state.sag, title=title)
+
+
+def compare_parts(name: str, parts: Sequence[PartName], *, overrides: Sequence[str], quiet: bool) -> None:
+    """`stiffscope compare`: tables and words."""
+    from app.compare import compare
+
+    robot = load_robot(name, overrides)
+    with workshop(quiet=quiet) as (cache, spare, open_line):
+        orders = [order_part(robot, part, pictures=False) for part in parts]
+        results = solve_parts(orders, cache, spare, {part: open_line(part) for part in parts})
+    for part, result in zip(parts, results, strict=True):
+        tables.show_comparison(compare(robot, part, result))
+
+
+def robot_map(
+    name: str,
+    out: Path,
+    *,
+    components: str | None,
+    gravity: Gravity,
+    overrides: Sequence[str],
+    points: int,
+    quiet: bool,
+) -> None:
+    """`stiffscope map`: figure as PNG and SVG, numbers as CSV and npz."""
+    from app.maps import draw_map, stiffness_map, write_map
+
+    robot = load_robot(name, overrides)
+    files.check_output(out)
+    assembled = _assembled(robot, components, None, quiet=quiet)
+    with files.staged_folder(out) as folder:
+        found = stiffness_map(assembled.elastic, points, gravity, robot.gravity.acceleration)
+        write_map(found, folder)
+        title = f"{robot.name}: principal stiffness at M, y = 0, gravity {gravity}"
+        draw_map(found, robot.poses, title, folder / "map.png", folder / "map.svg")
+        Manifest(sys.argv[1:], str(robot.path), file_digest(robot.path), list(overrides)).write(folder)
+    if not quiet:
+        tables.show_line(f"Written to {out}")
+
+
+def parse_pose(robot: RobotFile, text: str) -> tuple[str, tuple[float, float, float]]:
+    """Name and tool point (m) of `--at`: "0,0,0.35", "0,0,350 mm", or the name of a pose."""
+    if text in robot.poses:
+        return text, robot.poses[text]
+    numbers = [part.strip() for part in text.split(",")]
+    names = f" or a pose of {robot.path}: {', '.join(robot.poses)}" if robot.poses else ""
+    if len(numbers) != 3:
+        raise InputError(f'--at {text}: expected X,Y,Z in m such as "0,0,0.35"{names}')
+    try:
+        x, y, z = (q.to_si(_number(part), q.LENGTH, sign="any") for part in numbers)
+    except ValueError as error:
+        raise InputError(f"--at {text}: {error}{names}") from error
+    return text, (x, y, z)
+
+
+def _number(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _assembled(robot: RobotFile, components: str | None, poses: np.ndarray | None, *, quiet: bool) -> Assembled:
+    """The robot with its parts; poses are checked before any experiment is made."""
+    from app.components import geometry
+    from vjm.biglide import link_angle
+
+    if poses is not None:
+        link_angle(geometry(robot), poses)
+    with workshop(quiet=quiet) as (cache, spare, open_line):
+        return solve_robots({"now": robot}, components, cache, spare, open_line, pictures=False)["now"]

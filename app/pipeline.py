@@ -1,0 +1,241 @@
+"""`stiffscope run`: parts, robot, pictures, files, tables; made only where what determines it was not seen before."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+import shutil
+import sys
+import tempfile
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from app import components as parts_of
+from app import files, tables
+from app.cache import code_version, default_cache, digest, file_digest, kept_files
+from app.compare import compare
+from app.manifest import Manifest
+from app.parts import EXPERIMENT, FIELDS, MESH, SHEET, PartResult, drawing_code, kept, order_part, solve_parts
+from app.pictures import PictureError, draw
+from app.progress import progress
+from app.robotfile import load_robot
+from app.schema import PARTS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from app.cache import Cache
+    from app.parts import PartOrder
+    from app.schema import PartName, RobotFile
+    from vjm.analysis import Stiffness
+    from vjm.biglide import Biglide
+
+log = logging.getLogger(__name__)
+
+MAP_POINTS = 81
+
+
+@dataclass(frozen=True)
+class Assembled:
+    """A robot file with the matrices of its parts and the elastic robot made of them."""
+
+    robot: RobotFile
+    sources: dict[PartName, str]
+    results: dict[PartName, PartResult]
+    matrices: dict[PartName, np.ndarray]
+    elastic: Biglide
+
+
+@contextmanager
+def workshop(*, quiet: bool) -> Iterator[tuple[Cache, Path, Any]]:
+    """Cache, a folder for what it cannot hold, and the opener of progress lines."""
+    with tempfile.TemporaryDirectory(prefix="stiffscope-") as spare, progress(quiet=quiet) as open_line:
+        yield default_cache(), Path(spare), open_line
+
+
+def needed_orders(
+    robot: RobotFile, components: str | None, *, pictures: bool, suffix: str = ""
+) -> dict[PartName, PartOrder]:
+    """Virtual experiments that the robot's matrices and masses need."""
+    sources = parts_of.sources(robot, components)
+    wanted = [name for name in PARTS if sources[name] == "fea" or (name == "link" and robot.part("link").mass == "cad")]
+    return {name: order_part(robot, name, pictures=pictures, label=name + suffix) for name in wanted}
+
+
+def assemble(robot: RobotFile, components: str | None, results: Mapping[PartName, PartResult]) -> Assembled:
+    """The elastic robot from its parts."""
+    sources = parts_of.sources(robot, components)
+    matrices = {name: parts_of.component(robot, name, sources[name], results) for name in PARTS}
+    mass = robot.part("link").mass
+    link_mass = results["link"].mass if mass == "cad" else float(mass)
+    elastic = parts_of.assemble(robot, matrices, link_mass)
+    return Assembled(robot, dict(sources), dict(results), matrices, elastic)
+
+
+def solve_robots(
+    robots: Mapping[str, RobotFile],
+    components: str | None,
+    cache: Cache,
+    spare: Path,
+    open_line: Any,
+    *,
+    pictures: bool,
+) -> dict[str, Assembled]:
+    """Assemble robots, by label; the parts that several share are made once, and pictures are drawn of the first's."""
+    orders: dict[tuple[str, PartName], PartOrder] = {}
+    for i, (label, robot) in enumerate(robots.items()):
+        suffix = "" if i == 0 else f" ({label})"
+        for name, order in needed_orders(robot, components, pictures=pictures and i == 0, suffix=suffix).items():
+            same = (other for other in orders.values() if dataclasses.replace(other, pictures=order.pictures) == order)
+            orders[label, name] = next(same, order)
+    reports = {order.label: open_line(order.label) for order in orders.values()}
+    solved = dict(zip(orders, solve_parts(list(orders.values()), cache, spare, reports), strict=True))
+    return {
+        label: assemble(robot, components, {name: solved[at, name] for at, name in solved if at == label})
+        for label, robot in robots.items()
+    }
+
+
+def run_robot(
+    name: str, out: Path, *, overrides: Sequence[str] = (), components: str | None = None, quiet: bool = False
+) -> None:
+    """Run the whole chain and write a complete output folder. Raises InputError for anything a user can get wrong."""
+    begun = time.perf_counter()
+    robot = load_robot(name, overrides)
+    files.check_output(out)
+    robots = {"now": robot} | ({"before": load_robot(name)} if overrides else {})
+    manifest = Manifest(sys.argv[1:], str(robot.path), file_digest(robot.path), list(overrides))
+    with workshop(quiet=quiet) as (cache, spare, open_line), files.staged_folder(out) as folder:
+        solved = solve_robots(robots, components, cache, spare, open_line, pictures=True)
+        now = solved["now"]
+        manifest.seconds["parts"] = time.perf_counter() - begun
+        report = open_line("robot")
+        report("assembling", 0.2)
+        states = {label: analyse(each, robot.poses) for label, each in solved.items()}
+        write_parts(now, folder, manifest)
+        write_robot(now, states["now"], folder)
+        report("pictures", 0.5)
+        write_pictures(now, folder, cache, spare, manifest)
+        manifest.seconds["robot"] = time.perf_counter() - begun - manifest.seconds["parts"]
+        manifest.write(folder)
+        report("done", 1.0)
+    if not quiet:
+        show_run(now, states, overrides)
+        tables.show_line(f"Written to {out} in {time.perf_counter() - begun:.1f} s")
+
+
+def analyse(assembled: Assembled, poses: Mapping[str, Sequence[float]]) -> Stiffness:
+    """Stiffness without gravity and sag with it, at named poses."""
+    from vjm.analysis import analyse as at_poses
+    from vjm.analysis import sag
+
+    points = np.array(list(poses.values()))
+    found = at_poses(assembled.elastic, points)
+    return dataclasses.replace(found, sag=sag(assembled.elastic, points, g=assembled.robot.gravity.acceleration))
+
+
+def write_parts(assembled: Assembled, folder: Path, manifest: Manifest) -> None:
+    """A folder for each part that was tested: facts, fields, solid, pictures."""
+    for name, result in assembled.results.items():
+        place = folder / name
+        place.mkdir()
+        files.write_json(place / "compliance.json", compliance_json(assembled.robot, result))
+        for file in (EXPERIMENT, FIELDS, f"{name}.step", f"{name}.stl"):
+            shutil.copyfile(result.folder / file, place / file)
+        for picture in (SHEET, MESH) if result.pictures else ():
+            shutil.copyfile(result.pictures / picture, place / picture)
+        manifest.note(
+            name, key=result.key, reused=result.reused, seconds=result.seconds, stages=result.facts["seconds"]
+        )
+
+
+def compliance_json(robot: RobotFile, result: PartResult) -> dict[str, Any]:
+    """What scripts read of a part."""
+    beam = parts_of.beam_compliance(robot, result.name)
+    facts = {key: value for key, value in result.facts.items() if key not in {"faces", "imbalance"}}
+    return {**facts, "beam": beam.tolist(), "cached": result.reused}
+
+
+def stiffness_json(state: Stiffness) -> dict[str, Any]:
+    """What scripts read of the robot."""
+    return {"poses": state.poses, "stiffness": state.matrix, "sag": state.sag, "mobility": state.mobility}
+
+
+def write_robot(assembled: Assembled, state: Stiffness, folder: Path) -> None:
+    """Matrices as JSON and npz, and the robot file as it was used."""
+    robot = assembled.robot
+    names = {"names": list(robot.poses), "components": assembled.sources}
+    files.write_json(folder / "stiffness.json", {**stiffness_json(state), **names})
+    matrices = {f"{name}_compliance": matrix for name, matrix in assembled.matrices.items()}
+    np.savez_compressed(folder / "matrices.npz", poses=state.poses, stiffness=state.matrix, sag=state.sag, **matrices)
+    files.write_json(folder / "robot.json", robot.model_dump(mode="json"))
+
+
+def write_pictures(assembled: Assembled, folder: Path, cache: Cache, spare: Path, manifest: Manifest) -> None:
+    """The small map, and the robot at its poses, from the cache where nothing changed."""
+    robot = assembled.robot
+    facts = {
+        "robot": robot.model_dump(mode="json"),
+        "matrices": {name: matrix.tolist() for name, matrix in assembled.matrices.items()},
+    }
+    mapping = file_digest(Path(__file__).with_name("maps.py")), code_version(("vjm",), ("matplotlib", "numpy"))
+    skins = {name: file_digest(result.folder / EXPERIMENT) for name, result in assembled.results.items()}
+    orders = {
+        "map": (digest({**facts, "code": mapping}), _draw_map),
+        "robot": (digest({**facts, "skins": skins, "code": drawing_code()}), _draw_robot),
+    }
+    for kind, (key, write) in orders.items():
+        begun = time.perf_counter()
+        held = cache.get(kind, key)
+        reused = held is not None
+        try:
+            held = held or kept(cache, kind, key, lambda aside, write=write: write(assembled, aside), spare)
+        except PictureError as error:
+            log.warning("%s", error)
+            continue
+        for file in kept_files(held):
+            shutil.copyfile(held / file, folder / file)
+        manifest.note(kind, key=key, reused=reused, seconds=time.perf_counter() - begun)
+
+
+def _draw_map(assembled: Assembled, folder: Path) -> None:
+    from app.maps import draw_map, stiffness_map, write_map
+
+    found = stiffness_map(assembled.elastic, MAP_POINTS)
+    write_map(found, folder)
+    title = f"{assembled.robot.name}: principal stiffness at M, y = 0"
+    draw_map(found, assembled.robot.poses, title, folder / "map.png")
+
+
+def _draw_robot(assembled: Assembled, folder: Path) -> None:
+    robot = assembled.robot
+    parts = {
+        name: {**robot.part(name).shape(), "experiment": held.folder / EXPERIMENT if held else None}
+        for name, held in ((name, assembled.results.get(name)) for name in PARTS)
+    }
+    pictures = []
+    for name, pose in robot.poses.items():
+        place = ", ".join(f"{1e3 * c:.5g}" for c in pose)
+        pictures.append(
+            {"file": f"robot_{name}.png", "title": f"{robot.name} at {name}: M = ({place}) mm", "pose": pose}
+        )
+    draw("robot", folder, pictures=pictures, geometry=dataclasses.asdict(assembled.elastic.geometry), **parts)
+
+
+def show_run(now: Assembled, states: Mapping[str, Stiffness], overrides: Sequence[str]) -> None:
+    """The tables at the end of a run."""
+    if now.results:
+        tables.show_parts(list(now.results.values()))
+    for name, result in now.results.items():
+        if now.sources[name] == "fea":
+            tables.show_comparison(compare(now.robot, name, result))
+    names, state = list(now.robot.poses), states["now"]
+    made_of = ", ".join(f"{name} {source}" for name, source in now.sources.items())
+    tables.show_stiffness(names, state.poses, state.matrix, state.sag, title=f"Stiffness at M ({made_of})")
+    if "before" in states:
+        tables.show_change(names, states["before"].matrix, state.matrix, overrides)

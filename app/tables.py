@@ -1,0 +1,115 @@
+"""Tables on standard output, drawn here alone."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.console import Console
+    from rich.table import Table
+
+    from app.compare import Comparison
+    from app.parts import PartResult
+
+STIFFNESSES = ("K_tx", "K_ty", "K_tz", "K_rx", "K_ry", "K_rz")
+
+
+def console() -> Console:
+    """Where tables go; wide enough for them when the output is not a terminal."""
+    from rich.console import Console
+
+    found = Console(highlight=False)
+    return found if found.is_terminal else Console(highlight=False, width=130, color_system=None)
+
+
+def _table(title: str, *columns: str) -> Table:
+    from rich import box
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, title_style="bold")
+    for i, column in enumerate(columns):
+        table.add_column(column, justify="left" if i == 0 else "right", no_wrap=True)
+    return table
+
+
+def show_parts(results: Sequence[PartResult]) -> None:
+    """One line a part: mesh, mass, stage times, reused or computed."""
+    table = _table("Parts", "part", "nodes", "tetrahedra", "volume error", "mass kg", "cad s", "mesh s", "solve s", "")
+    for result in results:
+        facts = result.facts
+        mesh, seconds = facts["mesh"], facts["seconds"]
+        off = facts["volume"] / facts["cad_volume"] - 1
+        table.add_row(
+            result.name, f"{mesh['nodes']:,}", f"{mesh['tetrahedra']:,}", f"{100 * off:+.4f} %", f"{facts['mass']:.3f}",
+            *(f"{seconds[stage]:.1f}" for stage in ("cad", "mesh", "solve")),
+            "reused" if result.reused else f"computed in {result.seconds:.1f} s",
+        )  # fmt: skip
+    console().print(table)
+
+
+def show_comparison(comparison: Comparison) -> None:
+    """FEA beside beam theory beside published."""
+    columns = ("entry", "unit", "FEA", "± 95 %", "Timoshenko", "FEA/T", "Euler-B.", "FEA/EB", "published", "FEA/publ.")
+    table = _table(f"Compliance of the {comparison.part}, clamped at one end", *columns)
+    for e in comparison.entries:
+        pairs = [
+            cell for v in (e.timoshenko, e.euler_bernoulli, e.published) for cell in (f"{v:.5g}", _ratio(e.fea, v))
+        ]
+        table.add_row(e.name, e.unit, f"{e.fea:.6g}", _percent(e.error, e.fea), *pairs)
+    out = console()
+    out.print(table)
+    for finding in comparison.findings:
+        out.print(f"  {finding}.", markup=False)
+    out.print()
+
+
+def show_stiffness(
+    names: Sequence[str], poses: Any, stiffness: Any, sag: Any | None = None, *, title: str = "Stiffness at M"
+) -> None:
+    """Principal stiffness and the two couplings at each pose."""
+    columns = ["pose", "x, y, z (m)", *STIFFNESSES, "K_15", "K_24"]
+    table = _table(f"{title} (10⁶ N/m, 10⁶ N·m/rad, 10⁶ N)", *columns, *(["sag µm"] if sag is not None else []))
+    for i, name in enumerate(names):
+        k = np.asarray(stiffness[i]) / 1e6
+        entries = [*np.diag(k), k[0, 4], k[1, 3]]
+        place = ", ".join(f"{c:.4g}" for c in poses[i])
+        table.add_row(
+            name, place, *(f"{v:.4f}" for v in entries), *([f"{sag[i][2] * 1e6:.2f}"] if sag is not None else [])
+        )
+    console().print(table)
+
+
+def show_change(names: Sequence[str], old: Any, new: Any, overrides: Sequence[str]) -> None:
+    """Stiffness before and after `--set`, side by side."""
+    table = _table(f"Changed: {', '.join(overrides)}", "pose", "", *STIFFNESSES)
+    for i, name in enumerate(names):
+        before, after = np.diag(old[i]), np.diag(new[i])
+        table.add_row(name, "before", *(f"{v / 1e6:.4f}" for v in before))
+        table.add_row("", "now", *(f"{v / 1e6:.4f}" for v in after))
+        table.add_row("", "change", *(f"{100 * (b / a - 1):+.2f} %" for a, b in zip(before, after, strict=True)))
+    console().print(table)
+
+
+def show_matrix(title: str, matrix: Any) -> None:
+    """A 6x6 with row and column names."""
+    table = _table(title, "", "fx", "fy", "fz", "mx", "my", "mz")
+    for name, row in zip(("vx", "vy", "vz", "ωx", "ωy", "ωz"), np.asarray(matrix), strict=True):
+        table.add_row(name, *(f"{v:.5g}" for v in row))
+    console().print(table)
+
+
+def show_line(text: str) -> None:
+    """A plain line between tables."""
+    console().print(text, markup=False, soft_wrap=True)
+
+
+def _ratio(value: float, other: float) -> str:
+    return f"{value / other:.4g}" if other else "-"
+
+
+def _percent(error: float, value: float) -> str:
+    return f"{100 * abs(error / value):.2g} %" if value else "-"
