@@ -116,7 +116,7 @@ def matrix_findings(robot: Biglide, source: str, q: float, published: Array) -> 
 
 
 def compliance_findings(source: str, published: Array, beam: Array, solid: Array | None) -> list[Finding]:
-    """Eq. (29): each printed entry beside Euler-Bernoulli theory with I_y + I_z for torsion, and a solid's compliance."""
+    """Eq. (29): each printed entry beside Euler-Bernoulli theory with I_y + I_z for torsion, and a solid's."""
     findings: list[Finding] = []
     for i, j in zip(*np.triu_indices(6), strict=True):
         if not published[i, j]:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vjm.analysis import stiffness
-from vjm.biglide import pose_at
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -16,12 +15,14 @@ if TYPE_CHECKING:
     from vjm.biglide import Biglide
     from vjm.screws import Array
 
+_NEAR_SINGULAR = 1e-6  # rad; links along the rail or across it
+
 
 def stiffness_bounds(robot: Biglide, q: ArrayLike) -> Array:
     """Upper bounds (n, 6) on the diagonal of the stiffness at M for link angles q (n,) in rad; SI.
 
-    Only what every path must cross yields: drives along x and y, links along their axis and sideways. K_ry has the bound
-    of the same robot with rigid sliders; K_rx and K_rz have the bound of their sum, see ``rotational_bound``.
+    Only what every path must cross yields: drives along x and y, links along their axis and sideways. K_ry has that of
+    the same robot with rigid sliders; K_rx and K_rz have the bound of their sum, see ``rotational_bound``.
     """
     q = np.atleast_1d(np.asarray(q, dtype=float))
     link, drive = robot.link, robot.drive
@@ -40,13 +41,13 @@ def rotational_bound(robot: Biglide, steps: int = 200) -> float:
     """Upper bound in N·m/rad on ``K_rx + K_rz``: its largest value over the reachable angles with rigid sliders."""
     geometry = robot.geometry
     reach = np.clip(np.array([geometry.a_max, geometry.a_min]) - geometry.l, 0.0, geometry.L) / geometry.L
-    lowest, highest = np.arccos(reach)
-    matrix = _with_rigid_sliders(robot, np.linspace(lowest, highest, steps + 2)[1:-1])
+    angles = np.arccos(reach).clip(_NEAR_SINGULAR, np.pi / 2.0 - _NEAR_SINGULAR)
+    matrix = _with_rigid_sliders(robot, np.linspace(angles[0], angles[1], steps))
     return float((matrix[:, 3, 3] + matrix[:, 5, 5]).max())
 
 
 def _with_rigid_sliders(robot: Biglide, q: Array) -> Array:
     rigid = replace(robot, slider=np.zeros((6, 6)), edits=())
     poses = np.zeros((len(q), 3))
-    poses[:, 2] = pose_at(robot.geometry, 0.0)[2] + robot.geometry.L * np.sin(q)
+    poses[:, 2] = robot.geometry.l1 + robot.geometry.l2 + robot.geometry.L * np.sin(q)
     return stiffness(rigid, poses)

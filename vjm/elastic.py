@@ -108,6 +108,18 @@ def leaves(node: Node) -> Iterator[Spring | Passive | Weight]:
         yield node
 
 
+def named(node: Node, name: str) -> Node:
+    """The node of a tree with this name. Raises InputError where there is none."""
+    found: list[Node] = []
+
+    def take(hit: Node) -> Node:
+        found.append(hit)
+        return hit
+
+    edited(node, name, take)
+    return found[0]
+
+
 def edited(node: Node, name: str, change: Callable[[Node], Node]) -> Node:
     """The tree with its node ``name`` replaced by ``change(node)``; a tree is never changed in place."""
     tree, hits = _edited(node, name, change)

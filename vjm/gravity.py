@@ -210,7 +210,7 @@ class _SecondOrder:
         return load
 
     def _element(self, name: str, load: _Load) -> None:
-        """Rotations of the body before an element followed by its own motion, and its own coordinates in their order."""
+        """Rotations of the body before an element, then its own motion; and its own coordinates in their order."""
         element = self.elements[name]
         screws, rates = element.frame.adjoint(), element.twist[..., 1:]
         if isinstance(element.node, Passive):

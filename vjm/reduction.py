@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import reduce
-from typing import TYPE_CHECKING, TypeAlias, overload
+from typing import TYPE_CHECKING, TypeAlias, cast, overload
 
 import numpy as np
 
@@ -343,7 +343,8 @@ def _inverse(core: Array, name: str) -> Array:
     scale = np.sqrt(np.einsum("...ii->...i", core).clip(min=np.finfo(float).tiny))
     unit = core / (scale[..., :, None] * scale[..., None, :])
     try:
-        smallest = float(np.diagonal(np.linalg.cholesky(unit), axis1=-2, axis2=-1).min()) ** 2
+        factor = cast("Array", np.linalg.cholesky(unit))
+        smallest = float(np.diagonal(factor, axis1=-2, axis2=-1).min()) ** 2
     except np.linalg.LinAlgError:
         smallest = 0.0
     if not smallest > _RIGID:
