@@ -17,7 +17,7 @@ import numpy as np
 from fea.elasticity import VOIGT
 from fea.interfaces import tractions
 from fea.mesh import EDGES, FACES
-from fea.shape import curved, determinants, inverses, jacobians, quadrature, shape_values
+from fea.shape import NODES, curved, determinants, inverses, jacobians, quadrature, shape_values
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,25 +30,27 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-AFFINE_ORDER, CURVED_ORDER = 4, 6
+CURVED_ORDER = 6
 CHUNK = 512
 TRIPLES = np.sort(FACES, axis=1)
 
 
 @dataclass(frozen=True)
 class Cubic:
-    """Numbering of the enlarged space: the mesh's nodes, then one function an edge, one a face.
+    """The enlarged space: the mesh's nodes, then one function an edge, one a face; and its stiffness, unassembled.
 
     Attributes
     ----------
     cells : (m, 20) functions of each element.
-    blocks : (m, 60, 60) stiffness of each element, N/m, edge functions oriented by node number.
+    signs : (m, 20) orientation of each edge function in each element.
+    groups : elements by quadrature, each with its table of reference gradients and its pulled-back elasticity.
     mids, faces : sorted names of the edges (their mid nodes) and of the faces (their corners in one number).
     base : number of the mesh's nodes, the first functions.
     """
 
     cells: Ints
-    blocks: Floats
+    signs: Floats
+    groups: tuple[_Group, ...]
     mids: Ints
     faces: Ints
     base: int
@@ -65,6 +67,19 @@ class Cubic:
     def of_faces(self, corners: Ints) -> Ints:
         """Return the face functions of the faces with the given (..., 3) corners."""
         return self.base + len(self.mids) + np.searchsorted(self.faces, face_names(corners, self.base))
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Elements (c,) with one table (3, p, 20) of reference gradients; elasticity (c, 1 or p, 9, 9) in N/m.
+
+    With the elasticity pulled back to the reference element, [(r, i), (s, j)], the stiffness is
+    Σ_p table[r, p, a] elasticity[(r, i), (s, j)] table[s, p, b].
+    """
+
+    elements: Ints
+    table: Floats
+    elasticity: Floats
 
 
 def face_names(corners: Ints, base: int) -> Ints:
@@ -90,7 +105,7 @@ def cubic_values(points: Floats) -> tuple[Floats, Floats]:
 
 
 def enlarge(mesh: TetMesh, elasticity: Floats) -> Cubic:
-    """Number the cubics of the mesh and integrate the elements' stiffness over the enlarged space."""
+    """Number the cubics of the mesh and pull the elasticity back to the reference element."""
     base = len(mesh.points)
     corners = mesh.cells[:, :4]
     mids, edge_of = np.unique(mesh.cells[:, 4:], return_inverse=True)
@@ -98,31 +113,39 @@ def enlarge(mesh: TetMesh, elasticity: Floats) -> Cubic:
     cells = np.hstack([mesh.cells, base + edge_of.reshape(-1, 6), base + len(mids) + face_of.reshape(-1, 4)])
     signs = np.ones((len(cells), 20))
     signs[:, 10:16] = np.where(corners[:, EDGES[:, 0]] < corners[:, EDGES[:, 1]], 1.0, -1.0)
-    blocks = np.empty((len(cells), 60, 60))
+    tensor = elasticity[VOIGT[:, :, None, None], VOIGT[None, None]]  # [i, k, j, l]
     bent = curved(mesh.points[mesh.cells])
-    for mask, order in ((~bent, AFFINE_ORDER), (bent, CURVED_ORDER)):
-        chosen = np.flatnonzero(mask)
-        for start in range(0, len(chosen), CHUNK):
-            some = chosen[start : start + CHUNK]
-            blocks[some] = _stiffness(mesh.points[mesh.cells[some]], signs[some], elasticity, order)
-    return Cubic(cells, blocks, mids, faces, base)
+    groups = []
+    for mask, table, at, weights in ((~bent, *_affine_rule()), (bent, *_curved_rule())):
+        elements = np.flatnonzero(mask)
+        jacobian = jacobians(mesh.points[mesh.cells[elements]], shape_values(at)[1])
+        size = determinants(jacobian)
+        inverse = inverses(jacobian, size)  # [r, k]: dξ_r/dx_k
+        pulled = np.einsum("cqrk,ikjl,cqsl->cqrisj", inverse, tensor, inverse, optimize=True)
+        pulled *= (size * weights)[:, :, None, None, None, None]
+        groups.append(_Group(elements, table, pulled.reshape(*size.shape, 9, 9)))
+    return Cubic(cells, signs, tuple(groups), mids, faces, base)
 
 
-def _stiffness(corners: Floats, signs: Floats, elasticity: Floats, order: int) -> Floats:
-    at, weights = quadrature(order)
-    lower = shape_values(at)[1]
-    slopes = np.concatenate([lower, cubic_values(at)[1]], axis=1)  # (q, 20, 3)
-    jacobian = jacobians(corners, lower)
-    size = determinants(jacobian)
-    m, q = size.shape
-    slope = slopes[None] @ inverses(jacobian, size) * signs[:, None, :, None]
-    strain = np.zeros((m, q, 6, 20, 3))
-    for i in range(3):
-        for k in range(3):
-            strain[:, :, VOIGT[i, k], :, i] += slope[..., k]
-    strain = strain.reshape(m, q * 6, 60)
-    stress = (elasticity @ strain.reshape(m, q, 6, 60)) * (size * weights)[..., None, None]
-    return strain.transpose(0, 2, 1) @ stress.reshape(m, q * 6, 60)
+def _slopes(at: Floats) -> Floats:
+    return np.concatenate([shape_values(at)[1], cubic_values(at)[1]], axis=1).transpose(2, 0, 1)  # (3, p, 20)
+
+
+def _affine_rule() -> tuple[Floats, Floats, Floats]:
+    """Return the table of a straight-sided element, and the one point and weight of its constant elasticity.
+
+    Gradients are then quadratic: ten orthonormal modes hold them, and their integral is a dot product.
+    """
+    at, weights = quadrature(4)
+    values = shape_values(at)[0]
+    mass = np.einsum("q,qa,qb->ab", weights, values, values)
+    table = np.linalg.cholesky(mass).T @ _slopes(NODES)
+    return table, np.full((1, 3), 0.25), np.ones(1)
+
+
+def _curved_rule() -> tuple[Floats, Floats, Floats]:
+    at, weights = quadrature(CURVED_ORDER)
+    return _slopes(at), at, weights
 
 
 def cubic_compliance(
@@ -133,7 +156,7 @@ def cubic_compliance(
     solve: Solve,
     loads: Floats,
     start: Floats,
-    tolerance: float = 3e-3,
+    tolerance: float = 1e-2,
     limit: int = 60,
 ) -> tuple[Floats, Floats]:
     """Return (6n, 6n) the compliance of the cubic solution and (c + 3w, 6n) its coordinates.
@@ -196,24 +219,48 @@ def _operator(space: Cubic, supports: Supports, free: Ints) -> tuple[Callable[[F
     from scipy.sparse import bsr_array, csr_array
 
     m = len(space.cells)
-    flat = space.cells.reshape(-1)
-    scatter = csr_array((np.ones(20 * m), (flat, np.arange(20 * m))), shape=(space.count, 20 * m))
+    scatter = csr_array((np.ones(20 * m), (space.cells.reshape(-1), np.arange(20 * m))), shape=(space.count, 20 * m))
     split, base = 3 * len(supports.free) + supports.tie.shape[1], 3 * space.base
-    high = 3 * free[:, None] + np.arange(3)
+    high = (3 * free[:, None] + np.arange(3)).reshape(-1)
 
     def apply(coordinates: Floats) -> Floats:
         loads = coordinates.shape[1]
         motion = np.zeros((3 * space.count, loads))
         motion[:base] = supports.expand(coordinates[:split])
-        motion[high.reshape(-1)] = coordinates[split:]
-        local = motion.reshape(-1, 3 * loads)[flat].reshape(m, 60, loads)
-        forces = (scatter @ (space.blocks @ local).reshape(20 * m, 3 * loads)).reshape(-1, loads)
-        return np.vstack([supports.restrict(forces[:base]), forces[high.reshape(-1)]])
+        motion[high] = coordinates[split:]
+        local = _element_forces(space, motion.reshape(-1, 3, loads))
+        forces = (scatter @ local.reshape(20 * m, 3 * loads)).reshape(-1, loads)
+        return np.vstack([supports.restrict(forces[:base]), forces[high]])
 
-    own = space.blocks.reshape(m, 20, 3, 20, 3)[:, range(20), :, range(20)]  # (20, m, 3, 3)
-    diagonal = (scatter @ own.transpose(1, 0, 2, 3).reshape(20 * m, 9))[free].reshape(-1, 3, 3)
+    own = np.empty((m, 20, 9))
+    for group in space.groups:
+        pairs = np.einsum("rpa,spa->prsa", group.table, group.table)
+        if group.elasticity.shape[1] == 1:
+            pairs = pairs.sum(axis=0, keepdims=True)
+        tensor = group.elasticity.reshape(*group.elasticity.shape[:2], 3, 3, 3, 3)
+        own[group.elements] = np.einsum("prsa,cprisj->caij", pairs, tensor, optimize=True).reshape(-1, 20, 9)
+    diagonal = (scatter @ own.reshape(20 * m, 9))[free].reshape(-1, 3, 3)
     steps = np.arange(len(free) + 1)
     return apply, bsr_array((np.linalg.inv(diagonal), steps[:-1], steps))
+
+
+def _element_forces(space: Cubic, motion: Floats) -> Floats:
+    """Return (m, 20, 3, loads) the forces of each element on its functions, for (count, 3, loads) coefficients."""
+    loads = motion.shape[2]
+    local = np.empty((len(space.cells), 20, 3, loads))
+    for group in space.groups:
+        points = group.table.shape[1]
+        table = group.table.reshape(3 * points, 20)
+        for start in range(0, len(group.elements), CHUNK):
+            some = group.elements[start : start + CHUNK]
+            c, sign = len(some), space.signs[some].T[:, :, None, None]
+            given = (motion[space.cells[some].T] * sign).reshape(20, -1)  # (20, c 3 loads)
+            slope = (table @ given).reshape(3, points, c, 3, loads).transpose(2, 1, 0, 3, 4)  # (c, p, r, i, loads)
+            tensor = group.elasticity[start : start + CHUNK]
+            stress = tensor @ slope.reshape(c, points, 9, loads)
+            stress = stress.reshape(c, points, 3, 3, loads).transpose(2, 1, 0, 3, 4).reshape(3 * points, -1)
+            local[some] = ((table.T @ stress).reshape(20, c, 3, loads) * sign).transpose(1, 0, 2, 3)
+    return local
 
 
 def _free_cubics(mesh: TetMesh, space: Cubic, supports: Supports) -> Ints:

@@ -86,8 +86,7 @@ def assemble(mesh: TetMesh, elasticity: Floats) -> csr_array:
             blocks[component] += np.bincount(target, local[component], len(unique))
     rows = np.searchsorted(unique // count, np.arange(count + 1))
     data = np.ascontiguousarray(blocks.T).reshape(-1, 3, 3)
-    matrix = bsr_array((data, unique % count, rows), shape=(3 * count, 3 * count)).tocsr()
-    return ((matrix + matrix.T) * 0.5).tocsr()
+    return bsr_array((data, unique % count, rows), shape=(3 * count, 3 * count)).tocsr()
 
 
 def strains(corners: Floats, displacement: Floats, at: Floats) -> Floats:

@@ -84,17 +84,19 @@ def _geometry_bound(specimen: Specimen, mesh: TetMesh, flexibility: Floats) -> F
     """Return (6n, 6n) what the mesh's shape costs: bending feels a section's area three times over."""
     scale = np.sqrt(flexibility.diagonal())
     off = abs(volume(mesh.points, mesh.cells) / specimen.volume - 1)
-    areas = _face_areas(mesh)
-    total = sum(face.area for face in specimen.surface.faces)
-    off += sum(abs(areas[k] - face.area) for k, face in enumerate(specimen.surface.faces)) / total
+    areas = _face_areas(mesh, len(specimen.surface.faces))
+    wanted = np.array([face.area for face in specimen.surface.faces])
+    held = sorted(specimen.clamped.union(*(faces for faces, _ in specimen.loaded)))
+    off += abs(areas.sum() - wanted.sum()) / wanted.sum()
+    off += float(np.abs(areas - wanted)[held].sum()) / wanted.sum()
     return 3 * off * np.maximum(np.abs(flexibility), 1e-3 * np.outer(scale, scale))
 
 
-def _face_areas(mesh: TetMesh) -> Floats:
+def _face_areas(mesh: TetMesh, count: int) -> Floats:
     at, weights = facet_rule()
     tangents = np.einsum("qnd,kni->kqdi", facet_slopes(at), mesh.points[mesh.facets])
     area = np.linalg.norm(np.cross(tangents[:, :, 0], tangents[:, :, 1]), axis=2) @ weights
-    total = np.zeros(int(mesh.facet_face.max()) + 1)
+    total = np.zeros(count)
     np.add.at(total, mesh.facet_face, area)
     return total
 
