@@ -1,0 +1,116 @@
+"""The Biglide against a direct-stiffness model on another principle, its kinematics, and bad input."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stiffscope import InputError
+from tests.vjm.conftest import DRIVE, GEOMETRY, euler_bernoulli, published_slider, random_compliance, random_poses
+from tests.vjm.direct_stiffness import biglide
+from vjm.analysis import analyse, stiffness
+from vjm.biglide import Biglide, link_angle, pose_at, reachable, slides, tool_point
+from vjm.deflection import deflection, load_deflection
+
+MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0, -1.0, -1.0])
+
+
+def test_agrees_with_direct_stiffness_for_random_full_components(rng):
+    poses = random_poses(rng, 200)
+    link = random_compliance(rng, euler_bernoulli())
+    slider = random_compliance(rng, published_slider())
+    ours = stiffness(Biglide(GEOMETRY, link, slider, DRIVE), poses)
+    theirs = np.array([biglide(GEOMETRY, link, slider, DRIVE, p) for p in poses])
+    scale = np.sqrt(np.einsum("ni,nj->nij", *[np.diagonal(theirs, axis1=1, axis2=2)] * 2))
+    assert len(poses) == 200
+    assert np.abs((ours - theirs) / scale).max() < 1e-11
+    large = np.abs(theirs) > 1e-3 * scale  # the others are differences of large numbers in both models
+    assert np.abs((ours / theirs - 1.0)[large]).max() < 1e-9
+
+
+def test_mirror_poses_have_mirrored_stiffness(robot):
+    left, right = stiffness(robot, [[-0.06, 0.1, 0.4], [0.06, 0.1, 0.4]])
+    assert np.allclose(left, MIRROR @ right @ MIRROR, rtol=1e-12, atol=1e-4)
+
+
+def test_kinematics_close(rng):
+    poses = random_poses(rng, 100)
+    assert np.allclose(tool_point(GEOMETRY, slides(GEOMETRY, poses)), poses, atol=1e-12)
+    assert np.allclose(
+        [pose_at(GEOMETRY, q, *p[:2]) for q, p in zip(link_angle(GEOMETRY, poses), poses, strict=True)], poses
+    )
+
+
+def test_chunks_and_threads_change_nothing(robot, rng):
+    poses = random_poses(rng, 60)
+    many = np.tile(poses, (200, 1))
+    assert np.allclose(stiffness(robot, many)[-60:], stiffness(robot, poses), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("pose", "said"),
+    [
+        ((0.0, 0.0, 0.9), "z must lie between 0.055 and 0.555 m"),
+        ((0.3, 0.0, 0.35), "limb1 must stay in"),
+        ((0.0, np.nan, 0.35), "finite"),
+        ((0.0, 0.35), r"\(n, 3\)"),
+    ],
+)
+def test_bad_poses_are_named(robot, pose, said):
+    with pytest.raises(InputError, match=said):
+        stiffness(robot, pose)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "said"),
+    [
+        (np.eye(5), "6x6"),
+        (np.diag([1.0, 1, 1, 1, 1, -1]), "negative"),
+        (np.eye(6) + np.eye(6, k=1), "not symmetric, C12"),
+        (np.ones((6, 6)), "not positive definite"),
+        (np.full((6, 6), np.nan), "finite"),
+    ],
+)
+def test_bad_matrices_are_named(robot, matrix, said):
+    with pytest.raises(InputError, match=f"link compliance.*{said}"):
+        replace(robot, link=matrix)
+
+
+def test_energy_shares_sum_to_one_and_to_the_work(robot, rng):
+    poses = random_poses(rng, 20)
+    wrench = rng.normal(size=(20, 6)) * [300, 300, 300, 30, 30, 30]
+    state = deflection(robot, poses, wrench)
+    assert np.allclose(sum(state.shares.values()), 1.0, atol=1e-12)
+    work = 0.5 * np.einsum("ni,nij,nj->n", wrench, np.linalg.inv(stiffness(robot, poses)), wrench)
+    assert np.allclose(state.energy, work, rtol=1e-9)
+
+
+def test_backlash_shifts_by_the_half_width_towards_the_force(robot):
+    free = load_deflection(robot, [0, 0, 0.35], [0, 100, 0, 0, 0, 0], [-1, 0, 1], {"stage.actuator": 0.0})
+    loose = load_deflection(robot, [0, 0, 0.35], [0, 100, 0, 0, 0, 0], [-1, 0, 1], {"stage.actuator": 5e-5})
+    assert np.allclose(loose - free, np.outer([-5e-5, 0, 5e-5], [0, 1, 0, 0, 0, 0]), atol=1e-15)
+
+
+def test_both_slides_loose_let_the_tool_slide_with_them(robot):
+    gaps = {"limb1.actuator": 5e-6, "limb2.actuator": 5e-6}
+    tight = load_deflection(robot, [0.02, 0, 0.4], [80, 0, 0, 0, 0, 0], [1.0], {"limb1.actuator": 0.0})
+    loose = load_deflection(robot, [0.02, 0, 0.4], [80, 0, 0, 0, 0, 0], [1.0], gaps)
+    assert np.allclose(loose - tight, [[5e-6, 0, 0, 0, 0, 0]], atol=1e-15)
+
+
+def test_analysis_reports_sag_and_mobility(robot):
+    state = analyse(robot, [[0, 0, 0.35]], gravity="exact")
+    assert state.mobility.tolist() == [0]
+    assert state.sag[0, 2] > 1e-5
+    assert not analyse(robot, [[0, 0, 0.35]]).sag.any()
+    assert "Stiffness at M" in state._repr_html_()
+
+
+def test_reachable_agrees_with_what_is_refused(robot, rng):
+    points = np.column_stack([rng.uniform(-0.3, 0.3, 300), np.zeros(300), rng.uniform(0.0, 0.6, 300)])
+    for point, inside in zip(points, reachable(GEOMETRY, points), strict=True):
+        if inside:
+            stiffness(robot, point)
+        else:
+            with pytest.raises(InputError):
+                stiffness(robot, point)

@@ -1,0 +1,53 @@
+"""Stiffness under weight against the full potential energy, and the sizes of the literal reading."""
+
+import numpy as np
+import pytest
+
+from tests.vjm import energy
+from tests.vjm.conftest import DRIVE, GEOMETRY, euler_bernoulli, published_slider, random_compliance
+from vjm.analysis import sag, stiffness
+from vjm.biglide import Biglide, link_angle
+from vjm.gravity import load_hessian
+from vjm.screws import rotation
+
+
+@pytest.mark.parametrize("z", [0.30, 0.40, 0.50])
+def test_exact_stiffness_is_the_hessian_of_the_energy_at_the_loaded_equilibrium(z, rng):
+    link, slider = random_compliance(rng, euler_bernoulli()), random_compliance(rng, published_slider())
+    robot = Biglide(GEOMETRY, link, slider, DRIVE, 1.95, 7.93)
+    pose = np.array([[0.0, 0.0, z]])
+    q = float(link_angle(GEOMETRY, pose)[0])
+    hessian, droop = energy.tangent_stiffness(energy.Biglide(GEOMETRY, link, slider, DRIVE, 1.95, 7.93, q, 9.81))
+    plain, exact = stiffness(robot, pose)[0], stiffness(robot, pose, gravity="exact")[0]
+    size = np.sqrt(np.outer(np.diagonal(plain), np.diagonal(plain)))
+    change = np.abs((exact - plain) / size).max()
+    assert change > 1e-5
+    assert np.abs((exact - hessian) / size).max() < 2e-3 * change
+    assert np.allclose(sag(robot, pose)[0], droop, atol=2e-3 * np.abs(droop).max())
+
+
+def test_without_weight_nothing_changes(robot):
+    pose = [[0.03, 0.0, 0.38]]
+    assert np.allclose(stiffness(robot, pose, gravity="exact", g=0.0), stiffness(robot, pose), rtol=1e-12)
+
+
+def test_literal_reading_is_smaller_still(robot):
+    pose = [[0.0, 0.0, 0.35]]
+    plain, literal = stiffness(robot, pose)[0], stiffness(robot, pose, gravity="literal")[0]
+    change = np.abs(np.diagonal(literal) / np.diagonal(plain) - 1.0)
+    assert 1e-7 < change.max() < 1e-5
+
+
+def test_load_hessian_is_the_second_derivative_of_the_work():
+    force, lever, step = np.array([3.0, -2.0, 5.0]), np.array([0.1, 0.4, -0.2]), 1e-4
+
+    def work(angles):
+        turn = np.eye(3)
+        for axis, angle in zip(np.eye(3), angles, strict=True):
+            turn = turn @ rotation(axis, angle)
+        return force @ turn @ lever
+
+    basis = step * np.eye(3)
+    second = [[(work(a + b) - work(a - b) - work(b - a) + work(-a - b)) / (4 * step**2) for b in basis] for a in basis]
+    assert np.allclose(load_hessian(force, lever)[3:, 3:], second, atol=1e-6)
+    assert not load_hessian(force, lever)[:3].any()
