@@ -1,0 +1,236 @@
+"""The faces of a solid: what each is, a listing to choose from, and the choice of faces by geometry."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiffscope import InputError
+
+if TYPE_CHECKING:
+    from OCP.TopoDS import TopoDS_Face, TopoDS_Shape
+
+KINDS = ("plane", "cylinder", "cone", "sphere", "torus", "other")
+ENDS = tuple(f"{end} {axis}" for axis in "xyz" for end in ("min", "max"))
+ANGLE = np.deg2rad(1.0)  # two directions within it are the same
+DISTANCE = 1e-5  # m: two places or radii within it are the same
+
+
+@dataclass(frozen=True, eq=False)
+class FaceGeometry:
+    """One face, in m and the part's axes. What a kind does not have is zero.
+
+    A plane has an `origin` and its outward normal as `axis`; a cylinder a point of its axis, the axis and its
+    radius; a cone the same, the radius at the origin and the half angle (the radius grows along the axis); a
+    sphere its centre and radius; a torus its centre, axis, large `radius` and `minor_radius`.
+    """
+
+    index: int
+    kind: str
+    area: float
+    centroid: NDArray[np.float64]
+    origin: NDArray[np.float64]
+    axis: NDArray[np.float64]
+    radius: float = 0.0
+    half_angle: float = 0.0
+    minor_radius: float = 0.0
+
+
+def face_geometries(shape: "TopoDS_Shape") -> tuple[FaceGeometry, ...]:
+    """Return what each face of the shape is, in order (SI)."""
+    from cad import kernel
+
+    return tuple(_geometry(index, face) for index, face in enumerate(kernel.faces(shape)))
+
+
+def _geometry(index: int, face: "TopoDS_Face") -> FaceGeometry:
+    from OCP.BRepAdaptor import BRepAdaptor_Surface
+
+    from cad import kernel
+
+    properties = kernel.area_properties(face)
+    surface = BRepAdaptor_Surface(face)
+    kind = surface.GetType().name.removeprefix("GeomAbs_").lower()
+    origin, axis, sizes = np.zeros(3), np.zeros(3), {}
+    if kind in KINDS:
+        form = getattr(surface, kind.capitalize())()
+        origin = kernel.xyz(form.Location()) * 1e-3
+        if kind != "sphere":
+            axis = kernel.xyz(form.Axis().Direction())
+        sizes = _sizes(kind, form)
+    if kind == "plane":
+        # a left-handed plane's natural normal is opposite to its main direction
+        axis = axis * (1 if form.Position().Direct() else -1) * (-1 if kernel.reversed_in_solid(face) else 1)
+    return FaceGeometry(
+        index=index,
+        kind=kind if kind in KINDS else "other",
+        area=properties.Mass() * 1e-6,
+        centroid=kernel.xyz(properties.CentreOfMass()) * 1e-3,
+        origin=origin,
+        axis=axis,
+        **sizes,
+    )
+
+
+def _sizes(kind: str, form: Any) -> dict[str, float]:
+    if kind in {"cylinder", "sphere"}:
+        return {"radius": form.Radius() * 1e-3}
+    if kind == "cone":
+        return {"radius": form.RefRadius() * 1e-3, "half_angle": form.SemiAngle()}
+    if kind == "torus":
+        return {"radius": form.MajorRadius() * 1e-3, "minor_radius": form.MinorRadius() * 1e-3}
+    return {}
+
+
+@dataclass(frozen=True)
+class FaceSelector:
+    """A choice of faces by geometry: a face is chosen when it meets every condition that is given.
+
+    `kind`: one of `KINDS`. `normal`: outward normal of a plane, or axis (either way) of a round face, within
+    1 degree. `radius` in m (a torus: its small one). `position`: "min x", "max z", ... (of the faces that meet
+    the other conditions, the ones whose centroid lies furthest that way), or a point in m that is on the face
+    or is its centroid, within 0.01 mm. `index`: number or numbers in the listing.
+    """
+
+    kind: str | None = None
+    normal: Sequence[float] | None = None
+    position: str | Sequence[float] | None = None
+    radius: float | None = None
+    index: int | Sequence[int] | None = None
+
+    def __post_init__(self) -> None:
+        """Raise InputError for a condition that no face could meet."""
+        if all(value is None for value in self.__dict__.values()):
+            raise InputError(f"face selector: expected at least one of {', '.join(self.__dict__)}, got none")
+        if self.kind is not None and self.kind not in KINDS:
+            raise InputError(f"face selector: kind: expected one of {', '.join(KINDS)}, got {self.kind!r}")
+        if self.normal is not None and not (_is_point(self.normal) and np.any(self.normal)):
+            raise InputError(
+                f"face selector: normal: expected three numbers, not all zero, got {self.normal!r}"
+            )
+        if self.radius is not None and not (np.isfinite(self.radius) and self.radius > 0):
+            raise InputError(f"face selector: radius: expected a positive length, got {self.radius!r}")
+        if not (self.position is None or self.position in ENDS or _is_point(self.position)):
+            raise InputError(
+                f"face selector: position: expected one of {', '.join(ENDS)} or a point of three numbers in m, "
+                f"got {self.position!r}"
+            )
+
+    def __str__(self) -> str:
+        """Return the conditions as they are written in a robot file."""
+        return ", ".join(f"{name} = {value}" for name, value in self.__dict__.items() if value is not None)
+
+
+def _is_point(value: object) -> bool:
+    try:
+        numbers = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        return False
+    return numbers.shape == (3,) and bool(np.isfinite(numbers).all())
+
+
+def select(shape: "TopoDS_Shape", selectors: Iterable[FaceSelector], field: str = "faces") -> frozenset[int]:
+    """Return the indices of the faces that any of the selectors chooses.
+
+    InputError names `field` when a selector matches nothing, or all together every face, and says what exists.
+    """
+    geometries = face_geometries(shape)
+    chosen: set[int] = set()
+    for selector in selectors:
+        matches = _matches(shape, geometries, selector)
+        if not matches:
+            raise InputError(f"{field}: no face has {selector}; there are {_summary(geometries)}")
+        chosen |= matches
+    if not chosen:
+        raise InputError(f"{field}: expected at least one face selector, got none")
+    if len(chosen) == len(geometries):
+        raise InputError(
+            f"{field}: expected some of the faces, got all {len(chosen)}; there are {_summary(geometries)}"
+        )
+    return frozenset(chosen)
+
+
+def _matches(shape: "TopoDS_Shape", geometries: Sequence[FaceGeometry], selector: FaceSelector) -> set[int]:
+    found = [face for face in geometries if _meets(face, selector)]
+    place = selector.position
+    if isinstance(place, str) and found:
+        end, axis = place.split()
+        along = np.array([face.centroid["xyz".index(axis)] for face in found])
+        furthest = along.min() if end == "min" else along.max()
+        found = [face for face, x in zip(found, along, strict=True) if abs(x - furthest) < DISTANCE]
+    elif place is not None and not isinstance(place, str):
+        point = np.asarray(place, dtype=float)
+        found = [face for face in found if _is_at(shape, face, point)]
+    return {face.index for face in found}
+
+
+def _meets(face: FaceGeometry, selector: FaceSelector) -> bool:
+    if selector.kind is not None and face.kind != selector.kind:
+        return False
+    if selector.index is not None and face.index not in np.atleast_1d(selector.index):
+        return False
+    if selector.radius is not None and abs((face.minor_radius or face.radius) - selector.radius) > DISTANCE:
+        return False
+    if selector.normal is None:
+        return True
+    wanted = np.asarray(selector.normal, dtype=float)
+    cosine = face.axis @ wanted / np.linalg.norm(wanted)
+    return bool((cosine if face.kind == "plane" else abs(cosine)) > np.cos(ANGLE))
+
+
+def _is_at(shape: "TopoDS_Shape", face: FaceGeometry, point: NDArray[np.float64]) -> bool:
+    from cad import kernel
+
+    if np.linalg.norm(face.centroid - point) < DISTANCE:
+        return True
+    return kernel.distance(kernel.faces(shape)[face.index], point * 1e3) < DISTANCE * 1e3
+
+
+def _summary(geometries: Sequence[FaceGeometry]) -> str:
+    """Say in one line what faces exist."""
+    planes = sorted({_direction(face.axis) for face in geometries if face.kind == "plane"})
+    words = [f"planes with normal {', '.join(_few(planes))}"] if planes else []
+    for kind in KINDS[1:-1]:
+        radii = sorted({round((f.minor_radius or f.radius) * 1e3, 3) for f in geometries if f.kind == kind})
+        if radii:
+            words.append(f"{kind} of radius {', '.join(_few([f'{r:g}' for r in radii]))} mm")
+    others = sum(face.kind == "other" for face in geometries)
+    words += [f"{others} of other kinds"] if others else []
+    return f"{len(geometries)} faces: {'; '.join(words)} (list them with `stiffscope faces FILE`)"
+
+
+def _few(words: list[str]) -> list[str]:
+    return words if len(words) <= 8 else [*words[:8], "..."]
+
+
+def _direction(axis: NDArray[np.float64]) -> str:
+    for name, unit in zip("xyz", np.eye(3), strict=True):
+        for sign, end in (("-", -unit), ("+", unit)):
+            if axis @ end > np.cos(ANGLE):
+                return sign + name
+    return "(" + " ".join(f"{value:.3g}" for value in axis) + ")"
+
+
+def describe(shape: "TopoDS_Shape") -> list[dict[str, Any]]:
+    """Return one row a face, for a listing: index, kind, area_mm2, centroid_mm, axis, radius_mm.
+
+    `axis` is the outward normal of a plane, the axis of a round face, and like `radius_mm` None where there
+    is none.
+    """
+    return [
+        {
+            "index": face.index,
+            "kind": face.kind,
+            "area_mm2": face.area * 1e6,
+            "centroid_mm": _rounded(face.centroid * 1e3),
+            "axis": _rounded(face.axis) if face.axis.any() else None,
+            "radius_mm": round((face.minor_radius or face.radius) * 1e3, 6) or None,
+        }
+        for face in face_geometries(shape)
+    ]
+
+
+def _rounded(vector: NDArray[np.float64]) -> tuple[float, ...]:
+    return tuple(float(value) for value in np.round(vector, 6) + 0.0)

@@ -1,0 +1,236 @@
+"""The verbs of solid modelling this package needs, over Open CASCADE (the kernel of build123d). Lengths in mm.
+
+The kernel is called directly: importing build123d around it takes four times as long. Any build123d shape is
+a kernel shape inside (`shape.wrapped`), and `build123d.Solid(shape)` makes one of ours a build123d one.
+This module is slow to import (0.5 to 1.5 s): import it inside the functions that need it.
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+from OCP.BRep import BRep_Tool
+from OCP.BRepAdaptor import BRepAdaptor_Curve
+from OCP.BRepAlgoAPI import BRepAlgoAPI_Cut, BRepAlgoAPI_Fuse
+from OCP.BRepBuilderAPI import (
+    BRepBuilderAPI_MakeEdge,
+    BRepBuilderAPI_MakeFace,
+    BRepBuilderAPI_MakePolygon,
+    BRepBuilderAPI_MakeVertex,
+    BRepBuilderAPI_MakeWire,
+    BRepBuilderAPI_Transform,
+)
+from OCP.BRepCheck import BRepCheck_Analyzer
+from OCP.BRepExtrema import BRepExtrema_DistShapeShape
+from OCP.BRepFilletAPI import BRepFilletAPI_MakeFillet
+from OCP.BRepGProp import BRepGProp
+from OCP.BRepMesh import BRepMesh_IncrementalMesh
+from OCP.BRepPrimAPI import (
+    BRepPrimAPI_MakeBox,
+    BRepPrimAPI_MakeCylinder,
+    BRepPrimAPI_MakePrism,
+    BRepPrimAPI_MakeRevol,
+)
+from OCP.BRepTools import BRepTools
+from OCP.GC import GC_MakeArcOfCircle
+from OCP.gp import gp_Ax1, gp_Ax2, gp_Ax3, gp_Dir, gp_Pnt, gp_Trsf, gp_Vec
+from OCP.GProp import GProp_GProps
+from OCP.Message import Message, Message_PrinterOStream
+from OCP.ShapeUpgrade import ShapeUpgrade_UnifySameDomain
+from OCP.TopAbs import TopAbs_Orientation, TopAbs_ShapeEnum
+from OCP.TopExp import TopExp_Explorer
+from OCP.TopLoc import TopLoc_Location
+from OCP.TopoDS import TopoDS, TopoDS_Edge, TopoDS_Face, TopoDS_Shape, TopoDS_Solid, TopoDS_Vertex
+
+from stiffscope import InputError
+
+Floats = NDArray[np.float64]
+X_AXIS = gp_Ax1(gp_Pnt(0, 0, 0), gp_Dir(1, 0, 0))
+
+for _printer in list(Message.DefaultMessenger_s().Printers()):  # it talks on standard output, which is ours
+    if isinstance(_printer, Message_PrinterOStream):
+        Message.DefaultMessenger_s().RemovePrinter(_printer)
+
+
+def _parts(shape: TopoDS_Shape, kind: Any, cast_to: Any) -> list[Any]:
+    explorer, found = TopExp_Explorer(shape, kind), {}
+    while explorer.More():
+        found.setdefault(explorer.Current(), None)
+        explorer.Next()
+    return [cast_to(item) for item in found]
+
+
+def faces(shape: TopoDS_Shape) -> list[TopoDS_Face]:
+    """Return the faces in the order that numbers them everywhere (that of build123d's `solid.faces()`)."""
+    return _parts(shape, TopAbs_ShapeEnum.TopAbs_FACE, TopoDS.Face)
+
+
+def edges(shape: TopoDS_Shape) -> list[TopoDS_Edge]:
+    """Return the distinct edges."""
+    return _parts(shape, TopAbs_ShapeEnum.TopAbs_EDGE, TopoDS.Edge)
+
+
+def vertices(shape: TopoDS_Shape) -> list[TopoDS_Vertex]:
+    """Return the distinct vertices."""
+    return _parts(shape, TopAbs_ShapeEnum.TopAbs_VERTEX, TopoDS.Vertex)
+
+
+def solids(shape: TopoDS_Shape) -> list[TopoDS_Solid]:
+    """Return the distinct solids."""
+    return _parts(shape, TopAbs_ShapeEnum.TopAbs_SOLID, TopoDS.Solid)
+
+
+def only_solid(shape: TopoDS_Shape, name: str) -> TopoDS_Solid:
+    """Return the one solid of the shape; InputError unless it is one, valid and of positive volume."""
+    found = solids(shape)
+    if len(found) != 1:
+        raise InputError(f"{name}: expected parameters that give one solid, got {len(found)} solids")
+    if not BRepCheck_Analyzer(found[0]).IsValid() or not volume_properties(found[0]).Mass() > 0:
+        raise InputError(f"{name}: expected parameters that give a valid solid, got a torn or empty one")
+    return found[0]
+
+
+def reversed_in_solid(face: TopoDS_Face) -> bool:
+    """Whether the face's outward normal is opposite to that of its surface."""
+    return face.Orientation() == TopAbs_Orientation.TopAbs_REVERSED
+
+
+def xyz(point: Any) -> Floats:
+    """(3,) coordinates of a kernel point, direction or vector."""
+    return np.array([point.X(), point.Y(), point.Z()])
+
+
+def position(vertex: TopoDS_Vertex) -> Floats:
+    """(3,) where the vertex is."""
+    return xyz(BRep_Tool.Pnt_s(vertex))
+
+
+def closest(shape: TopoDS_Shape, point: Floats) -> Floats:
+    """(3,) the point of the shape, borders included, that is closest to `point` (3,)."""
+    search = BRepExtrema_DistShapeShape(BRepBuilderAPI_MakeVertex(gp_Pnt(*point)).Vertex(), shape)
+    return xyz(search.PointOnShape2(1))
+
+
+def distance(shape: TopoDS_Shape, point: Floats) -> float:
+    """Return the distance from `point` (3,) to the shape."""
+    return float(np.linalg.norm(closest(shape, point) - point))
+
+
+def box(low: Sequence[float], high: Sequence[float]) -> TopoDS_Solid:
+    """Return the axis-parallel box between two corners."""
+    return BRepPrimAPI_MakeBox(gp_Pnt(*low), gp_Pnt(*high)).Solid()
+
+
+def cylinder(centre: Sequence[float], axis: Sequence[float], radius: float, height: float) -> TopoDS_Shape:
+    """Return the cylinder that stands on a circle about `centre`."""
+    return BRepPrimAPI_MakeCylinder(gp_Ax2(gp_Pnt(*centre), gp_Dir(*axis)), radius, height).Shape()
+
+
+def revolved(profile: Iterable[Sequence[float]]) -> TopoDS_Shape:
+    """Return the solid of revolution about x of a closed polygon of (x, r)."""
+    polygon = BRepBuilderAPI_MakePolygon()
+    for x, r in profile:
+        polygon.Add(gp_Pnt(x, r, 0))
+    polygon.Close()
+    return BRepPrimAPI_MakeRevol(BRepBuilderAPI_MakeFace(polygon.Wire()).Face(), X_AXIS).Shape()
+
+
+def nosed_bar(length: float, width: float, centre_y: float, z: float, height: float) -> TopoDS_Shape:
+    """Return a bar from x = 0 to `length`, upwards from z by `height`, whose far end is a half round."""
+    low, high, x = centre_y - width / 2, centre_y + width / 2, length - width / 2
+    a, b, nose = gp_Pnt(0, low, z), gp_Pnt(x, low, z), gp_Pnt(length, centre_y, z)
+    c, d = gp_Pnt(x, high, z), gp_Pnt(0, high, z)
+    arc = GC_MakeArcOfCircle(b, nose, c).Value()
+    outline = BRepBuilderAPI_MakeWire()
+    for edge in (
+        BRepBuilderAPI_MakeEdge(a, b),
+        BRepBuilderAPI_MakeEdge(arc),
+        BRepBuilderAPI_MakeEdge(c, d),
+        BRepBuilderAPI_MakeEdge(d, a),
+    ):
+        outline.Add(edge.Edge())
+    return BRepPrimAPI_MakePrism(BRepBuilderAPI_MakeFace(outline.Wire()).Face(), gp_Vec(0, 0, height)).Shape()
+
+
+def _unified(shape: TopoDS_Shape) -> TopoDS_Shape:
+    unify = ShapeUpgrade_UnifySameDomain(shape, True, True, False)
+    unify.Build()
+    return unify.Shape()
+
+
+def fused(shape: TopoDS_Shape, *others: TopoDS_Shape) -> TopoDS_Shape:
+    """Return the union, with faces on the same surface made one."""
+    for other in others:
+        shape = BRepAlgoAPI_Fuse(shape, other).Shape()
+    return _unified(shape) if others else shape
+
+
+def drilled(shape: TopoDS_Shape, *tools: TopoDS_Shape) -> TopoDS_Shape:
+    """Return the shape with the tools cut out of it."""
+    for tool in tools:
+        shape = BRepAlgoAPI_Cut(shape, tool).Shape()
+    return shape
+
+
+def filleted(shape: TopoDS_Shape, chosen: Iterable[TopoDS_Edge], radius: float) -> TopoDS_Shape:
+    """Return the shape with the chosen edges rounded; RuntimeError where the kernel cannot."""
+    rounding = BRepFilletAPI_MakeFillet(shape)
+    for edge in chosen:
+        rounding.Add(radius, edge)
+    rounding.Build()
+    if not rounding.IsDone():
+        raise RuntimeError("the kernel could not round the edges")
+    return rounding.Shape()
+
+
+def middle(edge: TopoDS_Edge) -> Floats:
+    """(3,) the point at half the edge's parameter range."""
+    curve = BRepAdaptor_Curve(edge)
+    return xyz(curve.Value((curve.FirstParameter() + curve.LastParameter()) / 2))
+
+
+def moved_to_frame(shape: TopoDS_Shape, origin: Sequence[float], x: Sequence[float], z: Sequence[float]) -> TopoDS_Shape:
+    """Return the shape in the coordinates of the frame with this origin and x and z directions."""
+    frame = gp_Ax3(gp_Pnt(*origin), gp_Dir(*z), gp_Dir(*x))
+    change = gp_Trsf()
+    change.SetTransformation(frame)
+    return BRepBuilderAPI_Transform(shape, change, True).Shape()
+
+
+def volume_properties(shape: TopoDS_Shape) -> GProp_GProps:
+    """Return volume (`Mass`), centre and inertia for density 1, in mm."""
+    properties = GProp_GProps()
+    BRepGProp.VolumeProperties_s(shape, properties)
+    return properties
+
+
+def area_properties(shape: TopoDS_Shape) -> GProp_GProps:
+    """Return area (`Mass`), centre and second moments in mm."""
+    properties = GProp_GProps()
+    BRepGProp.SurfaceProperties_s(shape, properties)
+    return properties
+
+
+def inertia(properties: GProp_GProps) -> Floats:
+    """(3, 3) inertia about the centre of mass."""
+    matrix = properties.MatrixOfInertia()
+    return np.array([[matrix.Value(i, j) for j in (1, 2, 3)] for i in (1, 2, 3)])
+
+
+def triangulated(shape: TopoDS_Shape, deflection: float, angle: float) -> list[tuple[Floats, NDArray[np.int64]]]:
+    """Tessellate each face: its nodes (n, 3) and outward triangles (t, 3), for each face in order."""
+    BRepTools.Clean_s(shape)
+    BRepMesh_IncrementalMesh(shape, deflection, False, angle, False)
+    return [_triangles(face) for face in faces(shape)]
+
+
+def _triangles(face: TopoDS_Face) -> tuple[Floats, NDArray[np.int64]]:
+    place = TopLoc_Location()
+    mesh = BRep_Tool.Triangulation_s(face, place)
+    if mesh is None:
+        return np.empty((0, 3)), np.empty((0, 3), dtype=np.int64)
+    move = place.Transformation()
+    nodes = np.array([xyz(mesh.Node(i).Transformed(move)) for i in range(1, mesh.NbNodes() + 1)])
+    triangles = np.array([mesh.Triangle(i).Get() for i in range(1, mesh.NbTriangles() + 1)], dtype=np.int64) - 1
+    return nodes, cast("NDArray[np.int64]", triangles[:, ::-1] if reversed_in_solid(face) else triangles)

@@ -1,0 +1,81 @@
+"""The robot's link: a round bar or tube, thicker (or thinner) at its ends if wished.
+
+Axes: x along the link from the clamped end at x = 0 to the loaded end; the reference point is that end's centre.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cad.checks import length, mm, optional_length, require
+from cad.materials import STEEL, AnyMaterial
+from cad.part import Interface, Part
+
+
+@dataclass(frozen=True)
+class LinkParameters:
+    """Lengths in m. `bore` is a diameter, `radius` and `fitting_radius` are radii; 0 leaves a feature out.
+
+    The end fittings are two cylinders of `fitting_radius` and `fitting_length`, one at each end, inside of `length`.
+    """
+
+    length: float = 0.5
+    radius: float = 0.0125
+    bore: float = 0.0
+    fitting_radius: float = 0.0
+    fitting_length: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Raise InputError, naming the field, for what is not a link."""
+        length("link.length", self.length)
+        length("link.radius", self.radius)
+        optional_length("link.bore", self.bore)
+        optional_length("link.fitting_radius", self.fitting_radius)
+        optional_length("link.fitting_length", self.fitting_length)
+        require(
+            self.bore < 2 * self.radius,
+            "link.bore",
+            f"a diameter from 0 to less than the link's {mm(2 * self.radius)}",
+            mm(self.bore),
+        )
+        if not (self.fitting_radius or self.fitting_length):
+            return
+        require(
+            self.fitting_radius > self.bore / 2,
+            "link.fitting_radius",
+            f"a radius above the bore's {mm(self.bore / 2)} for end fittings {mm(self.fitting_length)} long",
+            mm(self.fitting_radius),
+        )
+        require(
+            0 < self.fitting_length < self.length / 2,
+            "link.fitting_length",
+            f"a length between 0 and half the link's, {mm(self.length / 2)}, for fittings",
+            mm(self.fitting_length),
+        )
+
+
+def build(parameters: LinkParameters, material: AnyMaterial = STEEL, name: str = "link") -> Part:
+    """Return the link as a part."""
+    from cad import kernel
+    from cad.faces import FaceSelector, select
+
+    solid = kernel.only_solid(kernel.revolved(1e3 * np.array(_profile(parameters))), name)
+    ends = [
+        select(solid, [FaceSelector(kind="plane", normal=normal, position=position)])
+        for normal, position in (((-1, 0, 0), "min x"), ((1, 0, 0), "max x"))
+    ]
+    tip = np.array([parameters.length, 0.0, 0.0])
+    return Part(name, solid, material, ends[0], (Interface("end", ends[1], tip),))
+
+
+def _profile(link: LinkParameters) -> list[tuple[float, float]]:
+    """Return the half section (x, r), which turned about x gives the link."""
+    inner, outer = link.bore / 2, link.radius
+    if link.fitting_radius in (0.0, outer):
+        top = [(0.0, outer), (link.length, outer)]
+    else:
+        first, second = link.fitting_length, link.length - link.fitting_length
+        thick = link.fitting_radius
+        top = [(0.0, thick), (first, thick), (first, outer)]
+        top += [(second, outer), (second, thick), (link.length, thick)]
+    return [(0.0, inner), *top, (link.length, inner)]

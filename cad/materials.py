@@ -1,0 +1,176 @@
+"""Linear elastic materials with their sources. SI: Pa, kg/m3, 1/K; the part's x is a fibre's direction."""
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiffscope import InputError
+
+
+def _check_finite(material: "Material | TransverselyIsotropic") -> None:
+    for field in fields(material):
+        value = getattr(material, field.name)
+        if field.name not in {"name", "source"} and (
+            isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value)
+        ):
+            raise InputError(f"materials.{material.name}.{field.name}: expected a finite number, got {value!r}")
+
+
+def _check_positive(material: "Material | TransverselyIsotropic", *names: str) -> None:
+    for name in names:
+        value = getattr(material, name)
+        if value <= 0:
+            raise InputError(f"materials.{material.name}.{name}: expected more than 0, got {value:g}")
+
+
+@dataclass(frozen=True)
+class Material:
+    """Isotropic: Young's and shear modulus in Pa, density in kg/m3, linear expansion in 1/K."""
+
+    name: str
+    youngs_modulus: float
+    shear_modulus: float
+    density: float
+    expansion: float = 0.0
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        """Raise InputError unless the elasticity is positive definite and the density positive."""
+        _check_finite(self)
+        _check_positive(self, "youngs_modulus", "shear_modulus", "density")
+        if not -1 < self.poisson < 0.5:
+            low, high = self.youngs_modulus / 3, self.youngs_modulus
+            raise InputError(
+                f"materials.{self.name}.shear_modulus: expected more than {low / 1e9:.4g} GPa "
+                f"(Poisson's ratio, here {self.poisson:.3g}, is in (-1, 0.5); typically {high / 2.6e9:.3g} GPa), "
+                f"got {self.shear_modulus / 1e9:.4g} GPa"
+            )
+
+    @property
+    def poisson(self) -> float:
+        """Poisson's ratio, E / 2G - 1."""
+        return self.youngs_modulus / (2 * self.shear_modulus) - 1
+
+    @property
+    def expansions(self) -> NDArray[np.float64]:
+        """(3,) linear expansion along x, y, z in 1/K."""
+        return np.full(3, self.expansion)
+
+    def elasticity(self) -> NDArray[np.float64]:
+        """(6, 6) stiffness in Pa; Voigt order xx, yy, zz, yz, xz, xy, engineering shear."""
+        lame = self.youngs_modulus * self.poisson / ((1 + self.poisson) * (1 - 2 * self.poisson))
+        stiffness = np.diag([2 * self.shear_modulus] * 3 + [self.shear_modulus] * 3)
+        stiffness[:3, :3] += lame
+        return stiffness
+
+
+@dataclass(frozen=True)
+class TransverselyIsotropic:
+    """Fibres along the part's x, isotropic across: moduli in Pa, density in kg/m3, expansions in 1/K.
+
+    `axial_poisson` is the contraction across for a stretch along x, `transverse_poisson` the one within the
+    plane across; the shear modulus across is `transverse_modulus / 2 / (1 + transverse_poisson)`.
+    """
+
+    name: str
+    axial_modulus: float
+    transverse_modulus: float
+    axial_shear_modulus: float
+    axial_poisson: float
+    transverse_poisson: float
+    density: float
+    axial_expansion: float = 0.0
+    transverse_expansion: float = 0.0
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        """Raise InputError unless the elasticity is positive definite and the density positive."""
+        _check_finite(self)
+        _check_positive(self, "axial_modulus", "transverse_modulus", "axial_shear_modulus", "density")
+        if not -1 < self.transverse_poisson < 1:
+            raise InputError(
+                f"materials.{self.name}.transverse_poisson: expected a number between -1 and 1, "
+                f"got {self.transverse_poisson:g}"
+            )
+        ratio = self.axial_modulus / self.transverse_modulus
+        largest = math.sqrt(ratio * (1 - self.transverse_poisson) / 2)
+        if not abs(self.axial_poisson) < largest:
+            raise InputError(
+                f"materials.{self.name}.axial_poisson: expected a number between {-largest:.4g} and "
+                f"{largest:.4g} (else the material would give energy away), got {self.axial_poisson:g}"
+            )
+
+    @property
+    def youngs_modulus(self) -> float:
+        """Young's modulus along x: what beam theory needs of a part along x."""
+        return self.axial_modulus
+
+    @property
+    def shear_modulus(self) -> float:
+        """Shear modulus between x and across: what beam theory needs of a part along x."""
+        return self.axial_shear_modulus
+
+    @property
+    def expansion(self) -> float:
+        """Linear expansion along x in 1/K."""
+        return self.axial_expansion
+
+    @property
+    def expansions(self) -> NDArray[np.float64]:
+        """(3,) linear expansion along x, y, z in 1/K."""
+        return np.array([self.axial_expansion, self.transverse_expansion, self.transverse_expansion])
+
+    def elasticity(self) -> NDArray[np.float64]:
+        """(6, 6) stiffness in Pa; Voigt order xx, yy, zz, yz, xz, xy, engineering shear."""
+        along, across = 1 / self.axial_modulus, 1 / self.transverse_modulus
+        compliance = np.diag([along, across, across] + [0.0] * 3)
+        compliance[0, 1:3] = compliance[1:3, 0] = -self.axial_poisson * along
+        compliance[1, 2] = compliance[2, 1] = -self.transverse_poisson * across
+        compliance[3, 3] = 2 * (1 + self.transverse_poisson) * across
+        compliance[4, 4] = compliance[5, 5] = 1 / self.axial_shear_modulus
+        stiffness = np.linalg.inv(compliance)
+        return (stiffness + stiffness.T) / 2
+
+
+AnyMaterial = Material | TransverselyIsotropic
+
+STEEL = Material(
+    "steel", 211e9, 81e9, 7850.0, 11.7e-6,
+    "E, G: Table 4 of the Biglide paper. Density and expansion: handbook values of structural steel "
+    "(EN 1991-1-1, ASM). The paper's link of 1.95 kg would need 7945 kg/m3",
+)  # fmt: skip
+ALUMINIUM_7075 = Material(
+    "aluminium-7075", 71.7e9, 26.9e9, 2810.0, 23.6e-6,
+    "7075-T6: ASM Handbook vol. 2 (1990), Alcoa data sheet",
+)  # fmt: skip
+CAST_IRON = Material(
+    "cast-iron", 110e9, 110e9 / 2.52, 7200.0, 11.7e-6,
+    "grey iron EN-GJL-250, EN 1561 annex A: E 103-118 GPa, Poisson 0.26, expansion 20-400 C",
+)  # fmt: skip
+DUCTILE_IRON = Material(
+    "ductile-iron", 169e9, 169e9 / 2.55, 7100.0, 12.5e-6,
+    "spheroidal iron EN-GJS-400-15, EN 1563 annex: E 169 GPa, Poisson 0.275, expansion 20-400 C",
+)  # fmt: skip
+TITANIUM = Material(
+    "titanium", 113.8e9, 44e9, 4430.0, 8.6e-6,
+    "Ti-6Al-4V (grade 5), annealed: ASM, Materials Properties Handbook: Titanium Alloys (1994)",
+)  # fmt: skip
+CFRP_TUBE = TransverselyIsotropic(
+    "cfrp-tube", 126e9, 11e9, 6.6e9, 0.28, 0.4, 1580.0, -1e-6, 26e-6,
+    "AS4/3501-6, 60 % fibres, all along the tube: Soden, Hinton and Kaddour, Compos. Sci. Technol. 58 (1998) "
+    "1011, table 2; density: maker's data. Layers at an angle twist stiffer and stretch softer: give your own",
+)  # fmt: skip
+
+MATERIALS: dict[str, AnyMaterial] = {
+    material.name: material
+    for material in (STEEL, ALUMINIUM_7075, CAST_IRON, DUCTILE_IRON, TITANIUM, CFRP_TUBE)
+}
+
+
+def material(name: str) -> AnyMaterial:
+    """Return the material of the table by name; InputError lists the names when there is none."""
+    if name not in MATERIALS:
+        raise InputError(f"material: expected one of {', '.join(MATERIALS)}, got {name!r}")
+    return MATERIALS[name]

@@ -1,0 +1,246 @@
+"""The robot's slider (slidable platform): a plate with optional ribs, bolt holes and joint pads.
+
+Axes: x away from the clamped face at x = 0, y across, z down; y = 0 is the plate's middle and z = 0 half its
+thickness. The reference point is the centre of the plate's loaded face, or of the middle pad if there are pads.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from cad.checks import GAP, choice, count, length, mm, optional_length, require
+from cad.faces import FaceSelector, face_geometries, select
+from cad.materials import STEEL, AnyMaterial
+from cad.part import Interface, Part
+
+if TYPE_CHECKING:
+    from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
+
+
+@dataclass(frozen=True)
+class SliderParameters:
+    """Lengths in m; a count or `pad_height` of 0 leaves the feature out, and its other numbers unused.
+
+    Plate: `depth` (x), `width` (y), `thickness` (z).
+    Ribs stand on the underside (+z), from the clamped face along x to a half-round nose at `rib_length`, and are
+    `rib_thickness` wide (y) and `rib_height` high; `rib_pitch` apart, 0: spread evenly over the width; their
+    roots are rounded by `fillet`.
+    Bolt holes go through the plate along z in a row at `hole_offset` from the clamped face, `hole_pitch` apart
+    (0: spread evenly); `clamp` says whether the part is held at its clamped "face" or in its "holes".
+    Pads for the link joints at y = 0, +`pad_spacing`, -`pad_spacing` are raised by `pad_height` (x) from the loaded
+    face, `pad_width` wide (y) and as thick as the plate; `pads` loads them "together" (one rigid or distributed
+    interface) or "apart" (an interface each: link1, link2, link3).
+    """
+
+    depth: float = 0.085
+    width: float = 0.320
+    thickness: float = 0.020
+    rib_count: int = 0
+    rib_thickness: float = 0.010
+    rib_height: float = 0.015
+    rib_length: float = 0.075
+    rib_pitch: float = 0.0
+    fillet: float = 0.0
+    hole_count: int = 0
+    hole_diameter: float = 0.009
+    hole_offset: float = 0.015
+    hole_pitch: float = 0.0
+    clamp: Literal["face", "holes"] = "face"
+    pad_height: float = 0.0
+    pad_width: float = 0.030
+    pad_spacing: float = 0.070
+    pads: Literal["together", "apart"] = "together"
+
+    def __post_init__(self) -> None:
+        """Raise InputError, naming the field, for what is not a slider."""
+        for name in ("depth", "width", "thickness"):
+            length(f"slider.{name}", getattr(self, name))
+        for name in ("rib_pitch", "fillet", "hole_pitch", "pad_height"):
+            optional_length(f"slider.{name}", getattr(self, name))
+        for name in ("rib_count", "hole_count"):
+            count(f"slider.{name}", getattr(self, name))
+        for name in ("rib_thickness", "rib_height", "rib_length", "hole_diameter", "hole_offset"):
+            length(f"slider.{name}", getattr(self, name))
+        for name in ("pad_width", "pad_spacing"):
+            length(f"slider.{name}", getattr(self, name))
+        choice("slider.clamp", self.clamp, ("face", "holes"))
+        choice("slider.pads", self.pads, ("together", "apart"))
+        _check_ribs(self)
+        _check_holes(self)
+        _check_pads(self)
+
+    @property
+    def rib_positions(self) -> tuple[float, ...]:
+        """The y of each rib's middle."""
+        return _row(self.rib_count, self.rib_pitch, self.width)
+
+    @property
+    def hole_positions(self) -> tuple[float, ...]:
+        """The y of each bolt hole's axis."""
+        return _row(self.hole_count, self.hole_pitch, self.width)
+
+    @property
+    def pad_positions(self) -> tuple[float, ...]:
+        """The y of each pad's middle: joints 1, 2 and 3."""
+        return (0.0, self.pad_spacing, -self.pad_spacing) if self.pad_height else ()
+
+
+def _row(number: int, pitch: float, width: float) -> tuple[float, ...]:
+    """Places of a row about y = 0; without a pitch each has an equal share of the width."""
+    return tuple((i - (number - 1) / 2) * (pitch or width / number) for i in range(number))
+
+
+def _check_row(slider: SliderParameters, item: str, size: str, needs: float) -> None:
+    """Check that the ribs or holes, each taking `needs` of the width, clear one another and the plate's sides."""
+    number, pitch = getattr(slider, f"{item}_count"), getattr(slider, f"{item}_pitch")
+    spacing = pitch or slider.width / number
+    most = max((slider.width - 2 * GAP - needs) / (number - 1) if number > 1 else spacing, 0.0)
+    require(
+        needs < slider.width - 2 * GAP,
+        f"slider.{item}_{size}",
+        f"{item}s that fit the plate's width of {mm(slider.width)}",
+        f"{mm(needs)} each",
+    )
+    if pitch:
+        require(
+            needs + GAP <= spacing <= most or number == 1,
+            f"slider.{item}_pitch",
+            f"{mm(needs + GAP)} to {mm(most)} for {number} {item}s of {mm(needs)} on {mm(slider.width)}",
+            mm(pitch),
+        )
+    else:
+        largest = int(slider.width / (needs + GAP) + 1e-9)
+        require(number <= largest, f"slider.{item}_count", f"at most {largest} {item}s of {mm(needs)}", number)
+
+
+def _check_ribs(slider: SliderParameters) -> None:
+    if not slider.rib_count:
+        require(not slider.fillet, "slider.fillet", "0 without ribs (it rounds their roots)", mm(slider.fillet))
+        return
+    require(
+        slider.fillet <= slider.rib_height - GAP,
+        "slider.fillet",
+        f"a radius up to {mm(slider.rib_height - GAP)}, less than the rib's height",
+        mm(slider.fillet),
+    )
+    _check_row(slider, "rib", "thickness", slider.rib_thickness + 2 * slider.fillet)
+    shortest, longest = slider.rib_thickness / 2 + GAP, slider.depth - slider.fillet - GAP
+    require(
+        shortest <= slider.rib_length <= longest,
+        "slider.rib_length",
+        f"{mm(shortest)} to {mm(longest)}, so that nose and fillet end on the plate",
+        mm(slider.rib_length),
+    )
+
+
+def _check_holes(slider: SliderParameters) -> None:
+    if not slider.hole_count:
+        require(slider.clamp != "holes", "slider.clamp", "'face' without bolt holes", "'holes'")
+        return
+    radius = slider.hole_diameter / 2
+    _check_row(slider, "hole", "diameter", slider.hole_diameter)
+    require(
+        2 * radius < slider.depth - 2 * GAP,
+        "slider.hole_diameter",
+        f"less than {mm(slider.depth - 2 * GAP)}",
+        mm(2 * radius),
+    )
+    require(
+        radius + GAP <= slider.hole_offset <= slider.depth - radius - GAP,
+        "slider.hole_offset",
+        f"{mm(radius + GAP)} to {mm(slider.depth - radius - GAP)}, so that the holes are inside of the plate",
+        mm(slider.hole_offset),
+    )
+    if slider.hole_offset - radius - GAP > slider.rib_length + slider.fillet:
+        return
+    clearance = radius + slider.rib_thickness / 2 + slider.fillet + GAP
+    for hole in slider.hole_positions:
+        for rib in slider.rib_positions:
+            require(
+                abs(hole - rib) >= clearance,
+                "slider.hole_pitch",
+                f"bolt holes at least {mm(clearance)} from a rib's middle (change a pitch or a count)",
+                f"a hole at y = {mm(hole)} and a rib at y = {mm(rib)}",
+            )
+
+
+def _check_pads(slider: SliderParameters) -> None:
+    if not slider.pad_height:
+        require(slider.pads != "apart", "slider.pads", "'together' without pads (pad_height = 0)", "'apart'")
+        return
+    widest = min(slider.pad_spacing - GAP, slider.width - 2 * slider.pad_spacing - 2 * GAP)
+    require(
+        slider.pad_spacing < slider.width / 2 - GAP,
+        "slider.pad_spacing",
+        f"less than {mm(slider.width / 2 - GAP)}, so that the pads are on the loaded face",
+        mm(slider.pad_spacing),
+    )
+    require(
+        slider.pad_width <= widest,
+        "slider.pad_width",
+        f"up to {mm(widest)} for pads {mm(slider.pad_spacing)} apart on {mm(slider.width)}",
+        mm(slider.pad_width),
+    )
+
+
+def build(parameters: SliderParameters, material: AnyMaterial = STEEL, name: str = "slider") -> Part:
+    """Return the slider as a part."""
+    from cad import kernel
+
+    solid = kernel.only_solid(_shape(parameters), name)
+    return Part(name, solid, material, _clamped(parameters, solid), _loaded(parameters, solid))
+
+
+def _shape(slider: SliderParameters) -> "TopoDS_Shape":
+    from cad import kernel
+
+    depth, side, half = 1e3 * slider.depth, 500 * slider.width, 500 * slider.thickness
+    x, y = 1e3 * (slider.depth + slider.pad_height), 500 * slider.pad_width
+    plate = kernel.box((0, -side, -half), (depth, side, half))
+    pads = [
+        kernel.box((depth, 1e3 * middle - y, -half), (x, 1e3 * middle + y, half))
+        for middle in slider.pad_positions
+    ]
+    length, width, height = (1e3 * v for v in (slider.rib_length, slider.rib_thickness, slider.rib_height))
+    ribs = [kernel.nosed_bar(length, width, 1e3 * y, half, height) for y in slider.rib_positions]
+    shape = kernel.fused(plate, *pads, *ribs)
+    if slider.fillet:
+        inside = np.array([depth, side]) - 1e-6
+        roots = [
+            edge
+            for edge in kernel.edges(shape)
+            if abs((middle := kernel.middle(edge))[2] - half) < 1e-6
+            and 1e-6 < middle[0] < inside[0]
+            and abs(middle[1]) < inside[1]
+        ]
+        shape = kernel.filleted(shape, roots, 1e3 * slider.fillet)
+    radius, offset = 500 * slider.hole_diameter, 1e3 * slider.hole_offset
+    drills = [
+        kernel.cylinder((offset, 1e3 * y, -2 * half), (0, 0, 1), radius, 4 * half)
+        for y in slider.hole_positions
+    ]
+    return kernel.drilled(shape, *drills)
+
+
+def _clamped(slider: SliderParameters, solid: "TopoDS_Solid") -> frozenset[int]:
+    if slider.clamp == "face":
+        return select(solid, [FaceSelector(kind="plane", normal=(-1, 0, 0), position="min x")])
+    axes = [(slider.hole_offset, y) for y in slider.hole_positions]
+    return frozenset(
+        face.index
+        for face in face_geometries(solid)
+        if face.kind == "cylinder" and any(np.allclose(face.origin[:2], axis, atol=1e-6) for axis in axes)
+    )
+
+
+def _loaded(slider: SliderParameters, solid: "TopoDS_Solid") -> tuple[Interface, ...]:
+    outer = slider.depth + slider.pad_height
+    if slider.pads == "together":
+        faces = select(solid, [FaceSelector(kind="plane", normal=(1, 0, 0), position="max x")])
+        return (Interface("joints", faces, np.array([outer, 0.0, 0.0])),)
+    points = [np.array([outer, y, 0.0]) for y in slider.pad_positions]
+    return tuple(
+        Interface(f"link{i}", select(solid, [FaceSelector(normal=(1, 0, 0), position=tuple(point))]), point)
+        for i, point in enumerate(points, 1)
+    )
