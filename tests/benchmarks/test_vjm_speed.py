@@ -1,0 +1,106 @@
+"""Poses a second: the whole 6x6 without gravity, with exact gravity, a map, and a loop of a frame-analysis library.
+
+pytest -m benchmark tests/benchmarks/test_vjm_speed.py -s
+"""
+
+import resource
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.vjm.conftest import DRIVE, GEOMETRY, euler_bernoulli, random_poses
+from vjm.analysis import stiffness
+from vjm.biglide import pose_at
+from vjm.maps import workspace_map
+
+pytest_plugins = ["tests.vjm.conftest"]
+pytestmark = pytest.mark.benchmark
+UNIT_LOADS = ("FX", "FY", "FZ", "MX", "MY", "MZ")
+
+
+def timed(work, repeats=3):
+    """Best wall time of a few runs, s."""
+    best = np.inf
+    for _ in range(repeats):
+        start = time.perf_counter()
+        work()
+        best = min(best, time.perf_counter() - start)
+    return best
+
+
+def many(n):
+    base = random_poses(np.random.default_rng(1), 20_000)
+    return np.tile(base, (-(-n // len(base)), 1))[:n]
+
+
+def test_poses_per_second(robot, capsys):
+    plain, loaded = many(200_000), many(20_000)
+    rates = {
+        "6x6 without gravity": len(plain) / timed(lambda: stiffness(robot, plain)),
+        "6x6 with exact gravity": len(loaded) / timed(lambda: stiffness(robot, loaded, gravity="exact")),
+    }
+    seconds = timed(lambda: workspace_map(robot, (0.62, 1.12), size=(200, 200), gravity="none"))
+    with capsys.disabled():
+        print()
+        for name, rate in rates.items():
+            print(f"{name:28s} {rate:12,.0f} poses/s")
+        print(f"{'map 200 x 200 x 1':28s} {seconds:12.3f} s")
+
+
+def test_memory_of_a_million_poses_is_the_result_and_a_chunk(robot, capsys):
+    poses = many(1_000_000)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    result = stiffness(robot, poses)
+    extra = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024
+    with capsys.disabled():
+        print(f"\nresult {result.nbytes / 1e6:.0f} MB, peak above start {extra / 1e6:.0f} MB")
+    assert extra < result.nbytes + 0.5e9
+
+
+def test_against_a_loop_of_a_frame_analysis_library(robot, capsys):
+    pynite = pytest.importorskip("Pynite", reason="PyNiteFEA is not installed")
+    angles = np.radians(np.linspace(25, 65, 5))
+    slow = timed(lambda: [frame_stiffness(pynite, q) for q in angles], repeats=1) / len(angles)
+    poses = many(100_000)
+    fast = timed(lambda: stiffness(robot, poses)) / len(poses)
+    reference = frame_stiffness(pynite, np.radians(36))
+    ours = stiffness(replace(robot, slider=np.zeros((6, 6))), pose_at(GEOMETRY, np.radians(36)))[0]
+    with capsys.disabled():
+        print(f"\nPyNite {1 / slow:.1f} poses/s, ours {1 / fast:,.0f} poses/s, ratio {slow / fast:,.0f}")
+        print(f"largest difference on the diagonal {np.abs(np.diagonal(reference) / np.diagonal(ours) - 1).max():.1e}")
+    assert np.allclose(np.diagonal(reference), np.diagonal(ours), rtol=2e-3)  # its bodies are stiff, not rigid
+
+
+def frame_stiffness(pynite, q):
+    """Stiffness at M with rigid sliders: links as released members, bodies as stiff ones, springs for drives."""
+    g, model = GEOMETRY, pynite.FEModel3D()
+    c = euler_bernoulli()
+    area, inertia = g.L / (211e9 * c[0, 0]), g.L / (211e9 * c[4, 4])
+    model.add_material("steel", 211e9, 81e9, 0.3, 0.0)
+    model.add_section("rod", area, inertia, inertia, 2 * inertia)
+    model.add_section("body", 1e3 * area, 1e4 * inertia, 1e4 * inertia, 1e4 * inertia)
+    model.add_node("M", 0, 0, 0)
+    for i, side in ((1, 1.0), (2, -1.0)):
+        along = np.array([side * np.cos(q), 0, np.sin(q)])
+        corner = np.array([-side * g.l, 0, -g.l2])
+        model.add_node(f"A{i}", *(corner - g.L * along))
+        model.def_support(f"A{i}", False, True, True, True, True, True)
+        model.def_support_spring(f"A{i}", "DX", DRIVE)
+        for j, foot in enumerate(([-side * g.h, 0, 0], [side * g.h, g.d, 0], [side * g.h, -g.d, 0])):
+            model.add_node(f"A{i}{j}", *(corner + foot - g.L * along))
+            model.add_node(f"B{i}{j}", *(corner + foot))
+            model.add_member(f"C{i}{j}", f"A{i}", f"A{i}{j}", "steel", "body")
+            model.add_member(f"L{i}{j}", f"A{i}{j}", f"B{i}{j}", "steel", "rod")
+            model.def_releases(f"L{i}{j}", Ryi=True, Ryj=True)
+            model.add_member(f"P{i}{j}", f"B{i}{j}", "M", "steel", "body")
+    for name in UNIT_LOADS:
+        model.add_load_combo(name, {name: 1.0})
+        model.add_node_load("M", name, 1.0, case=name)
+    model.analyze_linear(log=False, check_stability=False)
+    node = model.nodes["M"]
+    moved = (node.DX, node.DY, node.DZ, node.RX, node.RY, node.RZ)
+    compliance = np.array([[component[name] for name in UNIT_LOADS] for component in moved])
+    compliance[1, 1] += 1.0 / DRIVE  # the stage, in series
+    return np.linalg.inv(compliance)
