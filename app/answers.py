@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import functools
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,7 +18,8 @@ from app.robotfile import load_robot
 from stiffscope import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
 
     from app.schema import PartName, RobotFile
     from vjm.analysis import Gravity
@@ -94,19 +95,35 @@ def robot_map(
     quiet: bool,
 ) -> None:
     """`stiffscope map`: figure as PNG and SVG, numbers as CSV and npz."""
-    from app.maps import draw_map, stiffness_map, write_map
+    from app import maps
 
     robot = load_robot(name, overrides)
     files.check_output(out)
-    assembled = _assembled(robot, components, None, quiet=quiet)
+    elastic = _assembled(robot, components, None, quiet=quiet).elastic
     with files.staged_folder(out) as folder:
-        found = stiffness_map(assembled.elastic, points, gravity, robot.gravity.acceleration)
-        write_map(found, folder)
-        title = f"{robot.name}: principal stiffness at M, y = 0, gravity {gravity}"
-        draw_map(found, robot.poses, title, folder / "map.png", folder / "map.svg")
+        found = maps.robot_maps(elastic, robot.poses, points, gravity, robot.gravity.acceleration)
+        maps.write_map(found, folder)
+        for title, stem, draw in _figures(gravity):
+            draw(found, robot.poses, f"{robot.name}: {title}", folder / f"{stem}.png", folder / f"{stem}.svg")
         Manifest(sys.argv[1:], str(robot.path), file_digest(robot.path), list(overrides)).write(folder)
     if not quiet:
         tables.show_line(f"Written to {out}")
+
+
+def _figures(gravity: Gravity) -> list[tuple[str, str, Callable[..., None]]]:
+    """Title, file and drawing function of each figure of a map."""
+    from app import maps
+
+    plain = [("principal stiffness at M, y = 0, without gravity", "stiffness", maps.draw_stiffness)]
+    if gravity == "none":
+        return plain
+    loaded = functools.partial(maps.draw_stiffness, loaded=True)
+    return [
+        *plain,
+        (f"principal stiffness at M, y = 0, gravity {gravity}", "stiffness_with_gravity", loaded),
+        (f"what gravity ({gravity}) changes", "gravity_difference", maps.draw_difference),
+        ("sag under its own weight", "sag", maps.draw_sag),
+    ]
 
 
 def parse_pose(robot: RobotFile, text: str) -> tuple[str, tuple[float, float, float]]:

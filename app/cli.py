@@ -43,8 +43,6 @@ def _guarded(arguments: list[str]) -> int:
         command = error.ctx.command_path if error.ctx else "stiffscope"
         _say(f"{error.format_message()} (see {command} --help)")
         return 2
-    except click.exceptions.Exit as asked:
-        return asked.exit_code
     except (KeyboardInterrupt, click.Abort, Stopped):
         _say("stopped; nothing half-written is left")
         return 1
@@ -134,9 +132,16 @@ _at = click.option(
     metavar="X,Y,Z",
     help="Tool point in m, or a pose named in the robot file. May be repeated.",
 )
-_gravity = click.option(
-    "--gravity", type=click.Choice(GRAVITY), default="none", show_default=True, help="Effect of weight."
-)
+
+
+def _gravity(default: str) -> Callable[..., Any]:
+    return click.option(
+        "--gravity",
+        type=click.Choice(GRAVITY),
+        default=default,
+        show_default=True,
+        help="How weight acts on stiffness.",
+    )
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -151,7 +156,11 @@ def cli() -> None:
 @cli.command()
 @_takes(_robot, _out, _components, _set)
 def run(**options: Any) -> None:
-    """From the parts to the robot: build, mesh, load, assemble; tables, pictures and data in DIR."""
+    """The whole chain: parts, robot, tables, pictures.
+
+    Builds the parts in CAD, meshes them, runs their virtual experiments, assembles the robot, and writes
+    pictures, fields, matrices and a manifest to DIR. What was computed before is reused.
+    """
     from app.pipeline import run_robot
 
     run_robot(options.pop("robot"), options.pop("out"), **options)
@@ -163,7 +172,7 @@ def run(**options: Any) -> None:
     "--step", metavar="FILE", help="Take this solid as the part: clamped at its least x, loaded at its greatest."
 )
 def compliance(part: str | None, **options: Any) -> None:
-    """Virtual experiment on one part: its 6x6 compliance with an error bar."""
+    """A part's 6x6 compliance with error bars."""
     from app.answers import part_compliance
 
     if part is None:
@@ -172,9 +181,12 @@ def compliance(part: str | None, **options: Any) -> None:
 
 
 @cli.command()
-@_takes(_robot, _at, _components, _gravity, _set, _json)
+@_takes(_robot, _at, _components, _gravity("none"), _set, _json)
 def stiffness(**options: Any) -> None:
-    """The robot's 6x6 stiffness at tool points, and how far it sags."""
+    """The robot's 6x6 stiffness at tool points, and its sag.
+
+    Without --at, at the poses of the robot file.
+    """
     from app.answers import robot_stiffness
 
     robot_stiffness(options.pop("robot"), options.pop("poses"), **options)
@@ -183,19 +195,28 @@ def stiffness(**options: Any) -> None:
 @cli.command()
 @_takes(_robot, _part, _set)
 def compare(part: str | None, **options: Any) -> None:
-    """FEA beside beam theory beside the published matrix, entry by entry, and which assumption fails where."""
+    """FEA beside beam theory beside published, entry by entry."""
     from app.answers import compare_parts
 
     compare_parts(options.pop("robot"), (part,) if part else PARTS, **options)
 
 
 @cli.command("map")
-@_takes(_robot, _out, _components, _gravity, _set)
+@_takes(_robot, _out, _components, _gravity("exact"), _set)
 @click.option(
     "--points", default=200, show_default=True, type=click.IntRange(2, 3000), help="Tool points along x and z."
 )
 def map_(**options: Any) -> None:
-    """Principal stiffness over the workspace: figure and numbers in DIR."""
+    """Stiffness over the workspace: figures and numbers."""
     from app.answers import robot_map
 
     robot_map(options.pop("robot"), options.pop("out"), **options)
+
+
+@cli.command()
+@_takes(_json)
+def audit(**options: Any) -> None:
+    """The paper's numbers recomputed, each with a verdict."""
+    from app.audit import audit as examine
+
+    examine(**options)

@@ -43,9 +43,7 @@ def compare(robot: RobotFile, name: PartName, result: PartResult) -> Comparison:
     """Set the sources side by side."""
     from fea.beam import euler_bernoulli
 
-    material = robot.material(name)
-    length, section = components.beam_section(robot, name)
-    simple = euler_bernoulli(length, section, material.youngs_modulus, material.shear_modulus)
+    simple = components.beam_compliance(robot, name, euler_bernoulli)
     beam = components.beam_compliance(robot, name)
     printed = components.published_compliance(robot, name)
     fea, error = result.compliance, result.error
@@ -66,8 +64,9 @@ def _findings(
     """Which assumption fails where, in words."""
     from fea.beam import polar
 
-    length, section = components.beam_section(robot, name)
-    found = []
+    segments = components.beam_segments(robot, name)
+    length, section = sum(length for length, _ in segments), segments[0][1]
+    found = _left_out(robot, name)
     for i, axis in ((1, "y"), (2, "z")):
         share = 1 - simple[i, i] / beam[i, i]
         if share > 0.02:
@@ -105,8 +104,13 @@ def _findings(
     return found
 
 
-def _depth(robot: RobotFile, name: PartName, axis: str) -> float:
+def _left_out(robot: RobotFile, name: PartName) -> list[str]:
     shape = robot.part(name).shape()
-    if name == "link":
-        return 2 * float(shape["radius"])
-    return float(shape["width" if axis == "y" else "thickness"])
+    extras = {"ribs": "rib_count", "bolt holes": "hole_count", "joint pads": "pad_height"} if name == "slider" else {}
+    present = [word for word, key in extras.items() if shape[key]]
+    return [f"Beam theory sees the bare plate: the {' and '.join(present)} are in the FEA alone"] if present else []
+
+
+def _depth(robot: RobotFile, name: PartName, axis: str) -> float:
+    shape = robot.part(name).lengths()
+    return 2 * shape["radius"] if name == "link" else shape["width" if axis == "y" else "thickness"]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from app.published import slider_compliance
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     import numpy as np
 
@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from app.schema import PartName, RobotFile, Source
     from fea.beam import Section
     from vjm.biglide import Biglide, Geometry
+
+    Theory = Callable[[float, Section, float, float], np.ndarray]
 
 
 def sources(robot: RobotFile, components: str | None) -> dict[PartName, Source]:
@@ -24,33 +26,46 @@ def sources(robot: RobotFile, components: str | None) -> dict[PartName, Source]:
     return {name: components or robot.part(name).compliance for name in PARTS}  # type: ignore[misc]
 
 
-def beam_section(robot: RobotFile, name: PartName) -> tuple[float, Section]:
-    """Length (m) and cross-section of a part seen as a beam along its x: a round link, a rectangular plate."""
+def beam_segments(robot: RobotFile, name: PartName) -> list[tuple[float, Section]]:
+    """Lengths (m) and cross-sections of a part seen as a beam along its x, from the clamped end on.
+
+    A link with fittings is three round bars; a slider is its plate, without ribs, holes and pads.
+    """
     from fea.beam import circle, rectangle
 
-    material, part = robot.material(name), robot.part(name).shape()
-    poisson = getattr(material, "poisson", 0.3)
-    if name == "link":
-        return part["length"], circle(part["radius"], part["bore"], poisson)
-    return part["depth"], rectangle(part["width"], part["thickness"], poisson)
+    poisson = getattr(robot.material(name), "poisson", 0.3)
+    part = robot.part(name).lengths()
+    if name == "slider":
+        return [(part["depth"], rectangle(part["width"], part["thickness"], poisson))]
+    shank = circle(part["radius"], part["bore"] / 2, poisson)
+    if not part["fitting_radius"]:
+        return [(part["length"], shank)]
+    end = part["fitting_length"], circle(part["fitting_radius"], part["bore"] / 2, poisson)
+    return [end, (part["length"] - 2 * end[0], shank), end]
 
 
-def beam_compliance(robot: RobotFile, name: PartName) -> np.ndarray:
-    """(6, 6) of Timoshenko's beam with Saint-Venant's torsion: the best that beam theory has."""
+def beam_compliance(robot: RobotFile, name: PartName, theory: Theory | None = None) -> np.ndarray:
+    """(6, 6) of a beam, by default Timoshenko's with Saint-Venant's torsion: the best that beam theory has."""
+    import numpy as np
+
     from fea.beam import timoshenko
+    from vjm.screws import shift
 
-    material = robot.material(name)
-    return timoshenko(*beam_section(robot, name), material.youngs_modulus, material.shear_modulus)
+    material, segments = robot.material(name), beam_segments(robot, name)
+    total, beyond = np.zeros((6, 6)), 0.0
+    for length, section in reversed(segments):
+        piece = (theory or timoshenko)(length, section, material.youngs_modulus, material.shear_modulus)
+        to_tip = shift([beyond, 0.0, 0.0])
+        total += to_tip @ piece @ to_tip.T
+        beyond += length
+    return total
 
 
 def published_compliance(robot: RobotFile, name: PartName) -> np.ndarray:
     """(6, 6) as the paper has it: Eq. (28) with the file's dimensions for the link, Eq. (29) as printed."""
     from fea.beam import euler_bernoulli
 
-    if name == "slider":
-        return slider_compliance()
-    material = robot.material(name)
-    return euler_bernoulli(*beam_section(robot, name), material.youngs_modulus, material.shear_modulus)
+    return slider_compliance() if name == "slider" else beam_compliance(robot, name, euler_bernoulli)
 
 
 def component(robot: RobotFile, name: PartName, source: Source, results: Mapping[PartName, PartResult]) -> np.ndarray:
@@ -64,7 +79,7 @@ def geometry(robot: RobotFile) -> Geometry:
     """The mechanism's dimensions for `vjm`."""
     from vjm.biglide import Geometry
 
-    return Geometry(L=robot.part("link").shape()["length"], **robot.geometry.model_dump())
+    return Geometry(L=robot.part("link").lengths()["length"], **robot.geometry.model_dump())
 
 
 def assemble(robot: RobotFile, matrices: Mapping[PartName, np.ndarray], link_mass: float) -> Biglide:

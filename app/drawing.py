@@ -156,7 +156,9 @@ def robot(
     """
     skins = {"link": _skin(link, _rod), "slider": _skin(slider, _plate)}
     for picture in pictures:
-        bodies = _bodies(geometry, np.array(picture["pose"]), skins, float(slider["depth"]))
+        bodies = _bodies(
+            geometry, np.array(picture["pose"]), skins, float(slider["depth"]) + float(slider["pad_height"])
+        )
         image, view = _assembly(bodies, np.array(picture["pose"]), shares)
         _frame(folder / picture["file"], image, view, picture["title"])
 
@@ -199,7 +201,7 @@ def _skin(part: dict[str, Any], otherwise: Any) -> pv.PolyData:
     if part["experiment"] is None:
         return otherwise(part)
     mesh = load_experiment(part["experiment"]).mesh
-    return _surface(mesh, mesh.points).clean()
+    return _poly(_surface(mesh, mesh.points).clean())
 
 
 def _rod(part: dict[str, Any]) -> pv.PolyData:
@@ -207,9 +209,7 @@ def _rod(part: dict[str, Any]) -> pv.PolyData:
 
     length = part["length"]
     middle, along = (length / 2, 0, 0), (1, 0, 0)
-    return pv.Cylinder(
-        center=middle, direction=along, radius=part["radius"], height=length, resolution=48
-    ).triangulate()
+    return _poly(pv.Cylinder(center=middle, direction=along, radius=part["radius"], height=length, resolution=48))
 
 
 def _plate(part: dict[str, Any]) -> pv.PolyData:
@@ -220,7 +220,12 @@ def _box(centre: Any, sides: Any) -> pv.PolyData:
     import pyvista as pv
 
     (x, y, z), (a, b, c) = centre, sides
-    return pv.Box((x - a / 2, x + a / 2, y - b / 2, y + b / 2, z - c / 2, z + c / 2)).triangulate()
+    return _poly(pv.Box((x - a / 2, x + a / 2, y - b / 2, y + b / 2, z - c / 2, z + c / 2)))
+
+
+def _poly(shape: Any) -> pv.PolyData:
+    """A closed surface as triangles, which is what filters promise to nobody's type checker."""
+    return shape.triangulate()
 
 
 def _bodies(
@@ -257,9 +262,9 @@ def _bodies(
             start = end - g["L"] * axes[:, 0]
             bodies.append((f"limb{i}.link{j}", _moved(skins["link"], axes, start), "#3b7dbf"))
             for name, point in (("a", start), ("b", end)):
-                bearing = pv.Cylinder(
-                    center=point, direction=(0, 1, 0), radius=0.017, height=0.044, resolution=40
-                ).triangulate()
+                bearing = _poly(
+                    pv.Cylinder(center=point, direction=(0, 1, 0), radius=0.017, height=0.044, resolution=40)
+                )
                 bodies.append((f"limb{i}.link{j}.joint_{name}", bearing, "#2c343c"))
     return bodies
 
@@ -342,9 +347,9 @@ def _plotter(view: View) -> pv.Plotter:
     import pyvista as pv
 
     plotter = pv.Plotter(off_screen=True, window_size=list(view.size), lighting="light kit")
-    plotter.set_background("white")
+    plotter.set_background("white")  # type: ignore[call-arg, arg-type]
     plotter.enable_anti_aliasing("ssaa")
-    plotter.enable_parallel_projection()
+    plotter.enable_parallel_projection()  # type: ignore[call-arg]
     plotter.camera.focal_point = view.focus
     plotter.camera.position = view.focus + 10.0 * view.direction
     plotter.camera.up = UP

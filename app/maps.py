@@ -1,89 +1,128 @@
-"""Principal stiffness over the workspace: numbers on a grid of tool points, and the figure."""
+"""The workspace maps of `vjm.maps` as figures and tables of numbers."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from vjm.analysis import Gravity
     from vjm.biglide import Biglide
+    from vjm.maps import WorkspaceMap
+
+    Poses = Mapping[str, tuple[float, float, float]]
 
 NAMES = ("K_tx", "K_ty", "K_tz", "K_rx", "K_ry", "K_rz")
-UNITS = ("N/µm",) * 3 + ("kN·m/rad",) * 3
-FACTORS = (1e6,) * 3 + (1e3,) * 3
+TITLES = ("$K_{tx}$", "$K_{ty}$", "$K_{tz}$", "$K_{rx}$", "$K_{ry}$", "$K_{rz}$")
+UNITS = (("N/µm", 1e-6),) * 3 + (("kN·m/rad", 1e-3),) * 3
+SAGS = (*((f"sag along {axis}", "µm", 1e6) for axis in "xyz"), *((f"sag about {axis}", "µrad", 1e6) for axis in "xyz"))
+MARK = "#e4572e"
 
 
-@dataclass(frozen=True)
-class StiffnessMap:
-    """Diagonal of K over tool points at y = 0; `values` (nz, nx, 6) SI, NaN where the tool cannot go."""
+def robot_maps(robot: Biglide, poses: Poses, points: int, gravity: Gravity, g: float) -> WorkspaceMap:
+    """Maps over all that the robot reaches; the main workspace lies between the heights of the poses Q1 and Q2."""
+    from vjm.maps import reachable_box, workspace_map
 
-    x: np.ndarray
-    z: np.ndarray
-    values: np.ndarray
-
-
-def stiffness_map(robot: Biglide, points: int, gravity: Gravity = "none", g: float = 9.81) -> StiffnessMap:
-    """Principal stiffness at points × points tool points that span the reachable workspace at y = 0."""
-    from vjm.analysis import stiffness
-    from vjm.biglide import reachable
-
-    dimensions = robot.geometry
-    half = (dimensions.a_max - dimensions.a_min) / 2
-    cosines = np.clip((np.array([dimensions.a_max, dimensions.a_min]) - dimensions.l) / dimensions.L, 0.0, 1.0)
-    low, high = dimensions.l1 + dimensions.l2 + dimensions.L * np.sqrt(1 - cosines**2)
-    x, z = np.linspace(-half, half, points), np.linspace(low, high, points)
-    grid = np.array(np.meshgrid(x, [0.0], z, indexing="ij"))[:, :, 0].transpose(2, 1, 0).reshape(-1, 3)
-    inside = reachable(dimensions, grid)
-    values = np.full((len(grid), 6), np.nan)
-    if inside.any():
-        matrices = stiffness(robot, grid[inside], gravity=gravity, g=g)
-        values[inside] = np.diagonal(matrices, axis1=1, axis2=2)
-    return StiffnessMap(x, z, values.reshape(points, points, 6))
+    box = reachable_box(robot.geometry)
+    middle = [box.z_min + share * (box.z_max - box.z_min) for share in (1 / 3, 2 / 3)]
+    heights = [poses[name][2] if name in poses else z for name, z in zip(("Q1", "Q2"), middle, strict=True)]
+    low = robot.geometry.l1 + robot.geometry.l2
+    q1, q2 = np.arcsin(np.clip((np.sort(heights) - low) / robot.geometry.L, -1.0, 1.0))
+    return workspace_map(robot, (q1, q2), size=(points, points), gravity=gravity, g=g)
 
 
-def draw_map(found: StiffnessMap, poses: Mapping[str, tuple[float, float, float]], title: str, *targets: Path) -> None:
-    """One figure, six panels, with units and the named poses; the format follows the targets' suffixes."""
+def draw_stiffness(found: WorkspaceMap, poses: Poses, title: str, *targets: Path, loaded: bool = False) -> None:
+    """Principal stiffness in six directions, without or with the robot's own weight."""
+    values = found.loaded if loaded else found.stiffness
+    panels = [(TITLES[k], UNITS[k][0], values[..., k] * UNITS[k][1]) for k in range(6)]
+    _save(_panels(found, panels, poses, title, "viridis"), targets)
+
+
+def draw_difference(found: WorkspaceMap, poses: Poses, title: str, *targets: Path) -> None:
+    """What the robot's own weight changes, in parts per million of the stiffness without it."""
+    change = 1e6 * (found.loaded / found.stiffness - 1)
+    panels = [(f"{TITLES[k]}: with weight − without", "ppm", change[..., k]) for k in range(6)]
+    _save(_panels(found, panels, poses, title, "coolwarm"), targets)
+
+
+def draw_sag(found: WorkspaceMap, poses: Poses, title: str, *targets: Path) -> None:
+    """How far the platform sinks and tilts under the robot's own weight."""
+    panels = [(name, unit, found.sag[..., k] * factor) for k, (name, unit, factor) in enumerate(SAGS)]
+    _save(_panels(found, [panels[k] for k in (0, 2, 4)], poses, title, "magma_r"), targets)
+
+
+def _panels(
+    found: WorkspaceMap, panels: Sequence[tuple[str, str, np.ndarray]], poses: Poses, title: str, colours: str
+) -> Figure:
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(14, 7.4), layout="constrained", facecolor="white")
+    rows = len(panels) // 3
+    figure = Figure(figsize=(14, 0.5 + 3.5 * rows), layout="constrained", facecolor="white")
     figure.suptitle(title, fontsize=14, fontweight="bold", x=0.01, ha="left")
-    shown = np.isfinite(found.values[..., 0])
-    rows, columns = shown.any(axis=1), shown.any(axis=0)
-    x, z = 1e3 * found.x[columns], 1e3 * found.z[rows]
-    for k, axes in enumerate(figure.subplots(2, 3, sharex=True, sharey=True).flat):
-        values = found.values[np.ix_(rows, columns, [k])][..., 0] / FACTORS[k]
-        colours = axes.pcolormesh(x, z, values, cmap="viridis", shading="nearest", rasterized=True)
-        if np.nanmax(values) > 1.001 * np.nanmin(values):
-            lines = axes.contour(x, z, values, levels=8, colors="white", linewidths=0.6, alpha=0.8)
-            axes.clabel(lines, fontsize=7, fmt="%.4g")
-        figure.colorbar(colours, ax=axes, label=UNITS[k], pad=0.01)
-        for name, (px, _, pz) in poses.items():
-            axes.plot(1e3 * px, 1e3 * pz, "o", color="#e4572e", markersize=5, markeredgecolor="white")
-            axes.annotate(
-                name, (1e3 * px, 1e3 * pz), (6, 4), textcoords="offset points", color="#e4572e", weight="bold"
-            )
-        axes.set_title(NAMES[k].replace("_", "$_{") + "}$", fontsize=12)
-        axes.set_aspect("equal")
-    for axes in figure.axes[:6]:
+    grid = list(figure.subplots(rows, 3, sharex=True, sharey=True).flat)
+    for axes, (name, unit, values) in zip(grid, panels, strict=True):
+        _panel(axes, found, values, unit, colours)
+        _mark(axes, found, poses)
+        axes.set_title(name, fontsize=12)
         axes.set_xlabel("x (mm)")
         axes.set_ylabel("z (mm, down)")
         axes.label_outer()
-    figure.axes[0].invert_yaxis()
+    grid[0].invert_yaxis()
+    return figure
+
+
+def _panel(axes: Axes, found: WorkspaceMap, values: np.ndarray, unit: str, colours: str) -> None:
+    x, z = 1e3 * found.x, 1e3 * found.z
+    low, high = np.nanmin(values), np.nanmax(values)
+    if colours == "coolwarm":
+        low, high = -max(abs(low), abs(high)), max(abs(low), abs(high))
+    if high - low < 1e-9 * max(abs(low), abs(high)) or high == low:  # the same everywhere, but for rounding
+        low, high = low - max(abs(low), 1e-6), high + max(abs(high), 1e-6)
+    image = axes.pcolormesh(x, z, values, cmap=colours, shading="nearest", vmin=low, vmax=high, rasterized=True)
+    if np.nanmax(values) - np.nanmin(values) > 1e-6 * abs(high):
+        lines = axes.contour(x, z, values, levels=8, colors="white", linewidths=0.6, alpha=0.8)
+        axes.clabel(lines, fontsize=7, fmt="%.5g")
+    axes.get_figure().colorbar(image, ax=axes, label=unit, pad=0.01)  # type: ignore[union-attr]
+    axes.set_aspect("equal")
+
+
+def _mark(axes: Axes, found: WorkspaceMap, poses: Poses) -> None:
+    """The named poses and the main workspace."""
+    from matplotlib.patches import Rectangle
+
+    main = found.main
+    corner, width, height = (main.x_min, main.z_min), main.x_max - main.x_min, main.z_max - main.z_min
+    outline = Rectangle((1e3 * corner[0], 1e3 * corner[1]), 1e3 * width, 1e3 * height, fill=False, color=MARK, lw=1.2)
+    axes.add_patch(outline)
+    for name, (x, _, z) in poses.items():
+        axes.plot(1e3 * x, 1e3 * z, "o", color=MARK, markersize=5, markeredgecolor="white")
+        axes.annotate(name, (1e3 * x, 1e3 * z), (6, 5), textcoords="offset points", color=MARK, weight="bold")
+
+
+def _save(figure: Figure, targets: Iterable[Path]) -> None:
     for target in targets:
         figure.savefig(target, dpi=110)
 
 
-def write_map(found: StiffnessMap, folder: Path, name: str = "map") -> None:
-    """The numbers as CSV (reachable points alone, SI) and npz."""
-    nz, nx, _ = found.values.shape
-    grid = np.column_stack([np.tile(found.x, nz), np.repeat(found.z, nx), found.values.reshape(-1, 6)])
-    inside = grid[np.isfinite(grid[:, 2])]
-    header = "x,z,ktx,kty,ktz,krx,kry,krz"
-    np.savetxt(folder / f"{name}.csv", inside, delimiter=",", header=header, comments="", fmt="%.9g")
-    np.savez_compressed(folder / f"{name}.npz", x=found.x, z=found.z, stiffness=found.values)
+def write_map(found: WorkspaceMap, folder: Path) -> None:
+    """The numbers, SI: map.csv (a line for each reachable tool point) and map.npz (arrays (z, x, direction))."""
+    nz, nx, _ = found.stiffness.shape
+    at = np.column_stack([np.tile(found.x, nz), np.repeat(found.z, nx)])
+    columns = {"": found.stiffness, "_loaded": found.loaded, "sag_": found.sag}
+    rows = np.column_stack([at, *(values.reshape(-1, 6) for values in columns.values())])
+    words = [name.lower().replace("_", "") for name in NAMES]
+    sags = [f"sag_{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz")]
+    header = ",".join(["x", "z", *words, *(f"{word}_loaded" for word in words), *sags])
+    inside = np.isfinite(rows[:, 2])
+    np.savetxt(folder / "map.csv", rows[inside], delimiter=",", header=header, comments="", fmt="%.9g")
+    arrays = {"x": found.x, "y": np.float64(found.y), "z": found.z, "direction": np.array(NAMES)}
+    fields = {"stiffness": found.stiffness, "stiffness_loaded": found.loaded, "sag": found.sag}
+    with (folder / "map.npz").open("wb") as stream:
+        np.savez_compressed(stream, **arrays, **fields)  # type: ignore[arg-type]

@@ -63,7 +63,7 @@ def needed_orders(
 ) -> dict[PartName, PartOrder]:
     """Virtual experiments that the robot's matrices and masses need."""
     sources = parts_of.sources(robot, components)
-    wanted = [name for name in PARTS if sources[name] == "fea" or (name == "link" and robot.part("link").mass == "cad")]
+    wanted = [name for name in PARTS if sources[name] == "fea" or (name == "link" and robot.link.mass == "cad")]
     return {name: order_part(robot, name, pictures=pictures, label=name + suffix) for name in wanted}
 
 
@@ -71,7 +71,7 @@ def assemble(robot: RobotFile, components: str | None, results: Mapping[PartName
     """The elastic robot from its parts."""
     sources = parts_of.sources(robot, components)
     matrices = {name: parts_of.component(robot, name, sources[name], results) for name in PARTS}
-    mass = robot.part("link").mass
+    mass = robot.link.mass
     link_mass = results["link"].mass if mass == "cad" else float(mass)
     elastic = parts_of.assemble(robot, matrices, link_mass)
     return Assembled(robot, dict(sources), dict(results), matrices, elastic)
@@ -147,8 +147,9 @@ def write_parts(assembled: Assembled, folder: Path, manifest: Manifest) -> None:
         files.write_json(place / "compliance.json", compliance_json(assembled.robot, result))
         for file in (EXPERIMENT, FIELDS, f"{name}.step", f"{name}.stl"):
             shutil.copyfile(result.folder / file, place / file)
-        for picture in (SHEET, MESH) if result.pictures else ():
-            shutil.copyfile(result.pictures / picture, place / picture)
+        if result.pictures:
+            for picture in (SHEET, MESH):
+                shutil.copyfile(result.pictures / picture, place / picture)
         manifest.note(
             name, key=result.key, reused=result.reused, seconds=result.seconds, stages=result.facts["seconds"]
         )
@@ -172,7 +173,8 @@ def write_robot(assembled: Assembled, state: Stiffness, folder: Path) -> None:
     names = {"names": list(robot.poses), "components": assembled.sources}
     files.write_json(folder / "stiffness.json", {**stiffness_json(state), **names})
     matrices = {f"{name}_compliance": matrix for name, matrix in assembled.matrices.items()}
-    np.savez_compressed(folder / "matrices.npz", poses=state.poses, stiffness=state.matrix, sag=state.sag, **matrices)
+    matrices |= {"poses": state.poses, "stiffness": state.matrix, "sag": state.sag}
+    np.savez_compressed(folder / "matrices.npz", **matrices)  # type: ignore[arg-type]
     files.write_json(folder / "robot.json", robot.model_dump(mode="json"))
 
 
@@ -204,12 +206,12 @@ def write_pictures(assembled: Assembled, folder: Path, cache: Cache, spare: Path
 
 
 def _draw_map(assembled: Assembled, folder: Path) -> None:
-    from app.maps import draw_map, stiffness_map, write_map
+    from app.maps import draw_stiffness, robot_maps, write_map
 
-    found = stiffness_map(assembled.elastic, MAP_POINTS)
+    robot = assembled.robot
+    found = robot_maps(assembled.elastic, robot.poses, MAP_POINTS, "exact", robot.gravity.acceleration)
     write_map(found, folder)
-    title = f"{assembled.robot.name}: principal stiffness at M, y = 0"
-    draw_map(found, assembled.robot.poses, title, folder / "map.png")
+    draw_stiffness(found, robot.poses, f"{robot.name}: principal stiffness at M, y = 0", folder / "map.png")
 
 
 def _draw_robot(assembled: Assembled, folder: Path) -> None:

@@ -172,6 +172,10 @@ class PartSection(Section):
         """The parameters of the part's shape, SI."""
         return {name: getattr(self, name) for name in type(self).model_fields if name not in _COMMON}
 
+    def lengths(self) -> dict[str, float]:
+        """The lengths among them, m."""
+        return {name: value for name, value in self.shape().items() if isinstance(value, float)}
+
 
 class _LinkSection(PartSection):
     mass: MassOrCad = "cad"

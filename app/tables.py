@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from app.compare import Comparison
     from app.parts import PartResult
+    from vjm.audit import Finding
 
 STIFFNESSES = ("K_tx", "K_ty", "K_tz", "K_rx", "K_ry", "K_rz")
 
@@ -113,3 +114,16 @@ def _ratio(value: float, other: float) -> str:
 
 def _percent(error: float, value: float) -> str:
     return f"{100 * abs(error / value):.2g} %" if value else "-"
+
+
+def show_findings(title: str, findings: Sequence[Finding]) -> None:
+    """Published numbers beside what they should be, with a verdict each."""
+    table = _table(title, "entry", "published", "as published (R1)", "correct", "bound")
+    table.add_column("verdict", justify="left", overflow="fold")
+    for f in findings:
+        table.add_row(f.entry, *(_number(v) for v in (f.published, f.as_published, f.correct, f.bound)), f.verdict)
+    console().print(table)
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None or not np.isfinite(value) else f"{value:.5g}"
