@@ -31,9 +31,7 @@ def number(field: str, value: object) -> float:
 def length(field: str, value: object) -> float:
     """`value` as a length in m that a part can have."""
     metres = number(field, value)
-    require(
-        SMALLEST <= metres <= LARGEST, field, f"a length from {mm(SMALLEST)} to {mm(LARGEST)}", mm(metres)
-    )
+    require(SMALLEST <= metres <= LARGEST, field, f"a length from {mm(SMALLEST)} to {mm(LARGEST)}", mm(metres))
     return metres
 
 

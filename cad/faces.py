@@ -107,9 +107,7 @@ class FaceSelector:
         if self.kind is not None and self.kind not in KINDS:
             raise InputError(f"face selector: kind: expected one of {', '.join(KINDS)}, got {self.kind!r}")
         if self.normal is not None and not (_is_point(self.normal) and np.any(self.normal)):
-            raise InputError(
-                f"face selector: normal: expected three numbers, not all zero, got {self.normal!r}"
-            )
+            raise InputError(f"face selector: normal: expected three numbers, not all zero, got {self.normal!r}")
         if self.radius is not None and not (np.isfinite(self.radius) and self.radius > 0):
             raise InputError(f"face selector: radius: expected a positive length, got {self.radius!r}")
         if not (self.position is None or self.position in ENDS or _is_point(self.position)):

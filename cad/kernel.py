@@ -6,25 +6,29 @@ This module is slow to import (0.5 to 1.5 s): import it inside the functions tha
 """
 
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from OCP.BRep import BRep_Tool
+from OCP.BinTools import BinTools
+from OCP.Bnd import Bnd_Box
+from OCP.BRep import BRep_Builder, BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Curve
 from OCP.BRepAlgoAPI import BRepAlgoAPI_Cut, BRepAlgoAPI_Fuse
+from OCP.BRepBndLib import BRepBndLib
 from OCP.BRepBuilderAPI import (
     BRepBuilderAPI_MakeEdge,
     BRepBuilderAPI_MakeFace,
     BRepBuilderAPI_MakePolygon,
     BRepBuilderAPI_MakeVertex,
     BRepBuilderAPI_MakeWire,
-    BRepBuilderAPI_Transform,
 )
 from OCP.BRepCheck import BRepCheck_Analyzer
 from OCP.BRepExtrema import BRepExtrema_DistShapeShape
 from OCP.BRepFilletAPI import BRepFilletAPI_MakeFillet
 from OCP.BRepGProp import BRepGProp
+from OCP.BRepLib import BRepLib
 from OCP.BRepMesh import BRepMesh_IncrementalMesh
 from OCP.BRepPrimAPI import (
     BRepPrimAPI_MakeBox,
@@ -36,14 +40,14 @@ from OCP.BRepTools import BRepTools
 from OCP.GC import GC_MakeArcOfCircle
 from OCP.gp import gp_Ax1, gp_Ax2, gp_Ax3, gp_Dir, gp_Pnt, gp_Trsf, gp_Vec
 from OCP.GProp import GProp_GProps
+from OCP.IFSelect import IFSelect_ReturnStatus
 from OCP.Message import Message, Message_PrinterOStream
 from OCP.ShapeUpgrade import ShapeUpgrade_UnifySameDomain
+from OCP.STEPControl import STEPControl_Reader, STEPControl_StepModelType, STEPControl_Writer
 from OCP.TopAbs import TopAbs_Orientation, TopAbs_ShapeEnum
 from OCP.TopExp import TopExp_Explorer
 from OCP.TopLoc import TopLoc_Location
-from OCP.TopoDS import TopoDS, TopoDS_Edge, TopoDS_Face, TopoDS_Shape, TopoDS_Solid, TopoDS_Vertex
-
-from stiffscope import InputError
+from OCP.TopoDS import TopoDS, TopoDS_Compound, TopoDS_Edge, TopoDS_Face, TopoDS_Shape, TopoDS_Solid, TopoDS_Vertex
 
 Floats = NDArray[np.float64]
 X_AXIS = gp_Ax1(gp_Pnt(0, 0, 0), gp_Dir(1, 0, 0))
@@ -81,14 +85,23 @@ def solids(shape: TopoDS_Shape) -> list[TopoDS_Solid]:
     return _parts(shape, TopAbs_ShapeEnum.TopAbs_SOLID, TopoDS.Solid)
 
 
-def only_solid(shape: TopoDS_Shape, name: str) -> TopoDS_Solid:
-    """Return the one solid of the shape; InputError unless it is one, valid and of positive volume."""
-    found = solids(shape)
-    if len(found) != 1:
-        raise InputError(f"{name}: expected parameters that give one solid, got {len(found)} solids")
-    if not BRepCheck_Analyzer(found[0]).IsValid() or not volume_properties(found[0]).Mass() > 0:
-        raise InputError(f"{name}: expected parameters that give a valid solid, got a torn or empty one")
-    return found[0]
+def is_valid(shape: TopoDS_Shape) -> bool:
+    """Whether the kernel finds the shape's topology and geometry consistent."""
+    return BRepCheck_Analyzer(shape).IsValid()
+
+
+def oriented(solid: TopoDS_Solid) -> TopoDS_Solid:
+    """Return the solid with its faces outward."""
+    turned = TopoDS.Solid(solid)
+    BRepLib.OrientClosedSolid_s(turned)
+    return turned
+
+
+def diagonal(shape: TopoDS_Shape) -> float:
+    """Return the diagonal of the bounding box; infinite for what has no bounds."""
+    bounds = Bnd_Box()
+    BRepBndLib.AddOptimal_s(shape, bounds, False, False)
+    return float("inf") if bounds.IsVoid() or bounds.IsOpen() else float(np.sqrt(bounds.SquareExtent()))
 
 
 def reversed_in_solid(face: TopoDS_Face) -> bool:
@@ -190,12 +203,11 @@ def middle(edge: TopoDS_Edge) -> Floats:
     return xyz(curve.Value((curve.FirstParameter() + curve.LastParameter()) / 2))
 
 
-def moved_to_frame(shape: TopoDS_Shape, origin: Sequence[float], x: Sequence[float], z: Sequence[float]) -> TopoDS_Shape:
-    """Return the shape in the coordinates of the frame with this origin and x and z directions."""
-    frame = gp_Ax3(gp_Pnt(*origin), gp_Dir(*z), gp_Dir(*x))
+def in_frame(solid: TopoDS_Solid, origin: Floats, x: Floats, z: Floats) -> TopoDS_Solid:
+    """Return the solid in the coordinates of the frame with this origin and these x and z directions."""
     change = gp_Trsf()
-    change.SetTransformation(frame)
-    return BRepBuilderAPI_Transform(shape, change, True).Shape()
+    change.SetTransformation(gp_Ax3(gp_Pnt(*origin), gp_Dir(*z), gp_Dir(*x)))
+    return TopoDS.Solid(solid.Moved(TopLoc_Location(change)))
 
 
 def volume_properties(shape: TopoDS_Shape) -> GProp_GProps:
@@ -234,3 +246,43 @@ def _triangles(face: TopoDS_Face) -> tuple[Floats, NDArray[np.int64]]:
     nodes = np.array([xyz(mesh.Node(i).Transformed(move)) for i in range(1, mesh.NbNodes() + 1)])
     triangles = np.array([mesh.Triangle(i).Get() for i in range(1, mesh.NbTriangles() + 1)], dtype=np.int64) - 1
     return nodes, cast("NDArray[np.int64]", triangles[:, ::-1] if reversed_in_solid(face) else triangles)
+
+
+def read_step(path: Path) -> TopoDS_Shape:
+    """Return all that a STEP file holds as one shape, in mm; an empty compound when nothing can be read."""
+    reader = STEPControl_Reader()
+    if reader.ReadFile(str(path)) == IFSelect_ReturnStatus.IFSelect_RetDone and reader.TransferRoots():
+        shape = reader.OneShape()
+        if shape is not None and not shape.IsNull():
+            return shape
+    return compound()
+
+
+def compound(*shapes: TopoDS_Shape) -> TopoDS_Compound:
+    """Return the shapes side by side as one."""
+    builder, together = BRep_Builder(), TopoDS_Compound()
+    builder.MakeCompound(together)
+    for shape in shapes:
+        builder.Add(together, shape)
+    return together
+
+
+def write_step(shape: TopoDS_Shape, path: Path) -> None:
+    """Write a STEP file, in mm; OSError when it cannot be written."""
+    writer = STEPControl_Writer()
+    writer.Transfer(shape, STEPControl_StepModelType.STEPControl_AsIs)
+    if writer.Write(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone:
+        raise OSError(f"{path}: cannot be written")
+
+
+def read_binary(path: Path) -> TopoDS_Solid:
+    """Return the solid that `write_binary` wrote."""
+    shape = TopoDS_Shape()
+    BinTools.Read_s(shape, str(path))
+    return TopoDS.Solid(shape)
+
+
+def write_binary(shape: TopoDS_Shape, path: Path) -> None:
+    """Write a shape exactly, for another process."""
+    BRepTools.Clean_s(shape)
+    BinTools.Write_s(shape, str(path))

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from cad.checks import length, mm, optional_length, require
+from cad.faces import FaceSelector, select
 from cad.materials import STEEL, AnyMaterial
 from cad.part import Interface, Part
+from cad.soundness import sound_solid
 
 
 @dataclass(frozen=True)
@@ -57,9 +59,8 @@ class LinkParameters:
 def build(parameters: LinkParameters, material: AnyMaterial = STEEL, name: str = "link") -> Part:
     """Return the link as a part."""
     from cad import kernel
-    from cad.faces import FaceSelector, select
 
-    solid = kernel.only_solid(kernel.revolved(1e3 * np.array(_profile(parameters))), name)
+    solid = sound_solid(kernel.revolved(1e3 * np.array(_profile(parameters))), name)
     ends = [
         select(solid, [FaceSelector(kind="plane", normal=normal, position=position)])
         for normal, position in (((-1, 0, 0), "min x"), ((1, 0, 0), "max x"))

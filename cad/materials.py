@@ -164,8 +164,7 @@ CFRP_TUBE = TransverselyIsotropic(
 )  # fmt: skip
 
 MATERIALS: dict[str, AnyMaterial] = {
-    material.name: material
-    for material in (STEEL, ALUMINIUM_7075, CAST_IRON, DUCTILE_IRON, TITANIUM, CFRP_TUBE)
+    material.name: material for material in (STEEL, ALUMINIUM_7075, CAST_IRON, DUCTILE_IRON, TITANIUM, CFRP_TUBE)
 }
 
 

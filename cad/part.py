@@ -53,9 +53,7 @@ class Part:
                 raise InputError(f"{self.name}.{name}: expected at least one face, got none")
             for index in sorted(chosen):
                 if not 0 <= index < len(self.faces):
-                    raise InputError(
-                        f"{self.name}.{name}: expected faces from 0 to {len(self.faces) - 1}, got {index}"
-                    )
+                    raise InputError(f"{self.name}.{name}: expected faces from 0 to {len(self.faces) - 1}, got {index}")
                 if index in taken:
                     raise InputError(
                         f"{self.name}.{name}: expected faces that nothing else takes, "

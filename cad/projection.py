@@ -59,8 +59,8 @@ def _perpendicular(axis: Floats) -> Floats:
 
 
 def _on_other(face: "TopoDS_Face", points: Floats) -> Floats:
-    from OCP.BRepTools import BRepTools
     from OCP.BRep import BRep_Tool
+    from OCP.BRepTools import BRepTools
     from OCP.GeomAPI import GeomAPI_ProjectPointOnSurf
     from OCP.gp import gp_Pnt
 

@@ -13,6 +13,7 @@ from cad.checks import GAP, choice, count, length, mm, optional_length, require
 from cad.faces import FaceSelector, face_geometries, select
 from cad.materials import STEEL, AnyMaterial
 from cad.part import Interface, Part
+from cad.soundness import sound_solid
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
@@ -186,9 +187,7 @@ def _check_pads(slider: SliderParameters) -> None:
 
 def build(parameters: SliderParameters, material: AnyMaterial = STEEL, name: str = "slider") -> Part:
     """Return the slider as a part."""
-    from cad import kernel
-
-    solid = kernel.only_solid(_shape(parameters), name)
+    solid = sound_solid(_shape(parameters), name)
     return Part(name, solid, material, _clamped(parameters, solid), _loaded(parameters, solid))
 
 
@@ -199,8 +198,7 @@ def _shape(slider: SliderParameters) -> "TopoDS_Shape":
     x, y = 1e3 * (slider.depth + slider.pad_height), 500 * slider.pad_width
     plate = kernel.box((0, -side, -half), (depth, side, half))
     pads = [
-        kernel.box((depth, 1e3 * middle - y, -half), (x, 1e3 * middle + y, half))
-        for middle in slider.pad_positions
+        kernel.box((depth, 1e3 * middle - y, -half), (x, 1e3 * middle + y, half)) for middle in slider.pad_positions
     ]
     length, width, height = (1e3 * v for v in (slider.rib_length, slider.rib_thickness, slider.rib_height))
     ribs = [kernel.nosed_bar(length, width, 1e3 * y, half, height) for y in slider.rib_positions]
@@ -216,10 +214,7 @@ def _shape(slider: SliderParameters) -> "TopoDS_Shape":
         ]
         shape = kernel.filleted(shape, roots, 1e3 * slider.fillet)
     radius, offset = 500 * slider.hole_diameter, 1e3 * slider.hole_offset
-    drills = [
-        kernel.cylinder((offset, 1e3 * y, -2 * half), (0, 0, 1), radius, 4 * half)
-        for y in slider.hole_positions
-    ]
+    drills = [kernel.cylinder((offset, 1e3 * y, -2 * half), (0, 0, 1), radius, 4 * half) for y in slider.hole_positions]
     return kernel.drilled(shape, *drills)
 
 

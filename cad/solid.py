@@ -1,0 +1,108 @@
+"""Any solid as a part: its faces chosen by geometry, its axes by a frame."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cad.faces import FaceSelector, select
+from cad.materials import STEEL, AnyMaterial
+from cad.part import Interface, Part
+from cad.soundness import sound_solid
+from stiffscope import InputError
+
+Vector = Sequence[float]
+Selectors = Sequence[FaceSelector]
+LEAST_X: Selectors = (FaceSelector(kind="plane", normal=(-1, 0, 0), position="min x"),)
+GREATEST_X: Selectors = (FaceSelector(kind="plane", normal=(1, 0, 0), position="max x"),)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The part's axes in the coordinates of the CAD model: origin in m, directions of x and of z (y = z × x)."""
+
+    origin: Vector = (0.0, 0.0, 0.0)
+    x: Vector = (1.0, 0.0, 0.0)
+    z: Vector = (0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        """Raise InputError unless the directions are at right angles."""
+        for name in ("origin", "x", "z"):
+            vector = np.asarray(getattr(self, name), dtype=float)
+            if vector.shape != (3,) or not np.isfinite(vector).all() or (name != "origin" and not vector.any()):
+                raise InputError(
+                    f"frame.{name}: expected three numbers{' in m' if name == 'origin' else ', not all zero'}, "
+                    f"got {getattr(self, name)!r}"
+                )
+        cosine = np.dot(self.x, self.z) / np.linalg.norm(self.x) / np.linalg.norm(self.z)
+        if abs(cosine) > 1e-6:
+            raise InputError(f"frame.z: expected a direction at right angles to x, got {self.z!r}")
+
+
+def part_of(
+    solid: Any,
+    *,
+    name: str = "part",
+    material: AnyMaterial = STEEL,
+    clamped: Selectors = LEAST_X,
+    loaded: Selectors | Mapping[str, Selectors] = GREATEST_X,
+    frame: Frame | None = None,
+    reference_point: Vector | None = None,
+) -> Part:
+    """Return a build123d (or kernel) solid, in mm, as a part.
+
+    Selectors, `frame` and `reference_point` (m) are in the coordinates of the solid; the part's are the frame's.
+    `loaded` may name several interfaces. Without a reference point, an interface refers to the centroid of its
+    faces. InputError for a solid that is not sound and for selectors that fit no face or every face.
+    """
+    return chosen_part(
+        sound_solid(getattr(solid, "wrapped", solid), name),
+        name=name,
+        material=material,
+        clamped=clamped,
+        loaded=loaded,
+        frame=frame or Frame(),
+        reference_point=reference_point,
+    )
+
+
+def chosen_part(
+    solid: Any,
+    *,
+    name: str,
+    material: AnyMaterial,
+    clamped: Selectors,
+    loaded: Selectors | Mapping[str, Selectors],
+    frame: Frame,
+    reference_point: Vector | None,
+) -> Part:
+    """Return a solid known to be sound as a part, as `part_of` does."""
+    from cad import kernel
+
+    held = select(solid, clamped, f"{name}.clamped")
+    named = loaded if isinstance(loaded, Mapping) else {"loaded": loaded}
+    if reference_point is not None and len(named) > 1:
+        raise InputError(f"{name}.reference_point: expected none with {len(named)} interfaces, got one")
+    chosen = {key: select(solid, selectors, f"{name}.{key}") for key, selectors in named.items()}
+    origin, x, z = (np.asarray(vector, dtype=float) for vector in (frame.origin, frame.x, frame.z))
+    moved = kernel.in_frame(solid, origin * 1e3, x, z)
+    point = None if reference_point is None else _axes(x, z) @ (np.asarray(reference_point, dtype=float) - origin)
+    centred = Part(
+        name, moved, material, held, tuple(Interface(key, faces, np.zeros(3)) for key, faces in chosen.items())
+    )
+    interfaces = (
+        Interface(key, faces, _centroid(centred, faces) if point is None else point) for key, faces in chosen.items()
+    )
+    return Part(name, moved, material, held, tuple(interfaces))
+
+
+def _axes(x: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """(3, 3) the unit directions x, y, z as rows."""
+    x, z = x / np.linalg.norm(x), z / np.linalg.norm(z)
+    return np.stack([x, np.cross(z, x), z])
+
+
+def _centroid(part: Part, chosen: frozenset[int]) -> np.ndarray:
+    faces = [part.faces[index] for index in sorted(chosen)]
+    return np.average([face.centroid for face in faces], axis=0, weights=[face.area for face in faces])
