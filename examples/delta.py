@@ -34,6 +34,10 @@ class Delta:
         points = checked_poses(poses)
         return Parallel("delta", tuple(self._leg(k, points) for k in range(3)))
 
+    def stance(self, poses):
+        """All of the pose matters."""
+        return checked_poses(poses)
+
     def _leg(self, k, points):
         turn = rotation(Z, 2.0 * np.pi * k / 3.0)
         out, side = turn[:, 0], turn[:, 1]

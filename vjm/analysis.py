@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from vjm.screws import Array
 
 Gravity = Literal["none", "literal", "exact"]
-CHUNK = 2048  # poses; what is at work stays within the processor's cache
+CHUNK = 4096  # poses; what is at work stays within the processor's cache
 _FREE = 1e-9  # relative principal stiffness below which a direction is free
 _NEAR = 1e-6  # and below which the pose is near singular
 
@@ -35,6 +35,10 @@ class Robot(Protocol):
 
     def tree(self, poses: ArrayLike) -> Node:
         """The elastic robot seen from its tool."""
+        ...
+
+    def stance(self, poses: ArrayLike) -> Array:
+        """What of the tool points (n, 3) the tree depends on, (n, k): poses of one stance are worked out once."""
         ...
 
 
@@ -74,18 +78,20 @@ class Stiffness:
 def stiffness(robot: Robot, poses: ArrayLike, *, gravity: Gravity = "none", g: float = STANDARD) -> Array:
     """Stiffness (n, 6, 6) at tool points (n, 3) in m, at M in axes {O}. Raises InputError for an unreachable pose."""
     if gravity == "none":
-        return _over(poses, lambda p: as_stiffness(robot.tree(p)))
+        return _over(robot, poses, lambda p: as_stiffness(robot.tree(p)))
     if gravity == "exact":
-        return _over(poses, lambda p: exact_stiffness(robot.tree(p), g))
+        return _over(robot, poses, lambda p: exact_stiffness(robot.tree(p), g))
     if not isinstance(robot, Biglide):
         msg = "gravity 'literal' is the paper's K_θ - K_G and stands for the Biglide only; 'exact' serves any robot"
         raise InputError(msg)
-    return _over(poses, lambda p: as_stiffness(literal_tree(robot, p, g)))
+    return _over(robot, poses, lambda p: as_stiffness(literal_tree(robot, p, g)))
 
 
 def sag(robot: Robot, poses: ArrayLike, *, g: float = STANDARD) -> Array:
     """Twist (n, 6) of the platform under the robot's own weight and misfits. Raises where the tool moves freely."""
-    return _over(poses, lambda p: np.broadcast_to(tool_twist(robot.tree(p), gravity=g, misfit=True), (len(p), 6)))
+    return _over(
+        robot, poses, lambda p: np.broadcast_to(tool_twist(robot.tree(p), gravity=g, misfit=True), (len(p), 6))
+    )
 
 
 def analyse(robot: Robot, poses: ArrayLike, *, gravity: Gravity = "none", g: float = STANDARD) -> Stiffness:
@@ -137,9 +143,16 @@ def singular_note(matrix: Array) -> str | None:
     return f"{state}: softest twist ({direction}), reserve {float(reserve):.2g}"
 
 
-def _over(poses: ArrayLike, work: Callable[[Array], Array]) -> Array:
-    """Work on chunks of poses, on all cores; memory grows with the result alone."""
+def _over(robot: Robot, poses: ArrayLike, work: Callable[[Array], Array]) -> Array:
+    """Work on chunks of distinct stances, on all cores; memory grows with the result alone."""
     points = checked_poses(poses)
+    _, first, again = np.unique(robot.stance(points), axis=0, return_index=True, return_inverse=True)
+    if len(first) < len(points):
+        return _chunked(points[first], work)[again.ravel()]
+    return _chunked(points, work)
+
+
+def _chunked(points: Array, work: Callable[[Array], Array]) -> Array:
     parts = [points[start : start + CHUNK] for start in range(0, len(points), CHUNK)]
     first = work(parts[0])
     out = np.empty((len(points), *first.shape[1:]))

@@ -98,6 +98,12 @@ class Biglide:
             tree = change(tree)
         return tree
 
+    def stance(self, poses: ArrayLike) -> Array:
+        """Only the height matters, and the reach is checked here; an edit may add what depends on all of the pose."""
+        points = checked_poses(poses)
+        link_angle(self.geometry, points)
+        return points if self.edits else points[:, 2:]
+
     def _limb(self, i: int, q: Array) -> Series:
         """Limb i seen from M, in axes {O}: drive, carriage, slider, then three links side by side."""
         g, side, name = self.geometry, SIDES[i], f"limb{i}"

@@ -41,8 +41,8 @@ def rotational_bound(robot: Biglide, steps: int = 200) -> float:
     """Upper bound in N·m/rad on ``K_rx + K_rz``: its largest value over the reachable angles with rigid sliders."""
     geometry = robot.geometry
     reach = np.clip(np.array([geometry.a_max, geometry.a_min]) - geometry.l, 0.0, geometry.L) / geometry.L
-    angles = np.arccos(reach).clip(_NEAR_SINGULAR, np.pi / 2.0 - _NEAR_SINGULAR)
-    matrix = _with_rigid_sliders(robot, np.linspace(angles[0], angles[1], steps))
+    angles = np.arccos(np.linspace(reach[0], reach[1], steps)).clip(_NEAR_SINGULAR, np.pi / 2.0 - _NEAR_SINGULAR)
+    matrix = _with_rigid_sliders(robot, angles)
     return float((matrix[:, 3, 3] + matrix[:, 5, 5]).max())
 
 

@@ -121,9 +121,11 @@ def _bent(tree: Node, sagged: Response) -> Node:
     def visit(node: Node) -> Node:
         if isinstance(node, Series | Parallel):
             return replace(node, members=tuple(visit(m) for m in node.members), frame=Frame())
+        if isinstance(node, Spring) and node.rigid:
+            return node
         element = sagged.elements[node.name]
         frame = home.then(element.frame.moved(element.base[..., 0]))
-        if isinstance(node, Spring) and not node.rigid:
+        if isinstance(node, Spring):
             screws = _ordered_screws(element.twist[..., 0])
             return replace(
                 node,
@@ -225,7 +227,7 @@ class _SecondOrder:
         """Wrench at the tip of a parallel member; one that ends in a parallel group closes there instead."""
         last = member
         while isinstance(last, Series):
-            last = last.members[-1]
+            last = next(m for m in reversed(last.members) if not (isinstance(m, Spring) and m.rigid))
         if isinstance(last, Parallel):
             return _NO_LOAD
         element = self.elements[last.name]

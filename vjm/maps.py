@@ -53,8 +53,8 @@ class WorkspaceMap:
 def main_workspace(geometry: Geometry, q1: float, q2: float) -> Rectangle:
     """The main workspace W1 to W4: between the heights of Q1 and Q2, the widest rectangle about x = 0 within reach.
 
-    Fig. 4 gives no coordinates: inferred from Q1 and Q2 halving its upper and lower edges, and from its being a rectangle
-    of tool positions inside the reachable area. ``q1``, ``q2``: link angles at Q1 and Q2 in rad.
+    Fig. 4 gives no coordinates: inferred from Q1 and Q2 halving its upper and lower edges, and from its being a
+    rectangle of tool positions inside the reachable area. ``q1``, ``q2``: link angles at Q1 and Q2 in rad.
     """
     reach = geometry.L * np.cos([q1, q2]) + geometry.l
     half = float(np.minimum(reach - geometry.a_min, geometry.a_max - reach).min())

@@ -80,12 +80,18 @@ class Frame:
 
     def then(self, child: Frame) -> Frame:
         """Place a grandchild: the frame of ``child`` seen from this frame's parent."""
-        rotation = self.matrix() @ child.matrix()
-        return Frame(rotation, self.point(child.origin()))
+        if self.rotation is None or child.rotation is None:
+            rotation = self.rotation if child.rotation is None else child.rotation
+        else:
+            rotation = self.rotation @ child.rotation
+        if child.translation is None:
+            return Frame(rotation, self.translation)
+        return Frame(rotation, self.point(child.translation))
 
     def point(self, p: Array) -> Array:
         """A point (..., 3) of the child, in the parent's coordinates."""
-        return np.einsum("...ij,...j->...i", self.matrix(), p) + self.origin()
+        turned = p if self.rotation is None else (self.rotation @ p[..., None])[..., 0]
+        return turned if self.translation is None else turned + self.translation
 
     def moved(self, twist: Array) -> Frame:
         """Carry the frame along with a body whose twist (..., 6) at the parent's origin is small but finite."""

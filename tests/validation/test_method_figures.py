@@ -5,14 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.vjm.conftest import GEOMETRY
+from tests.robots import GEOMETRY
 from vjm.analysis import sag, stiffness
 from vjm.audit import matrix_findings, principal_findings, reading_r1, rms_findings
 from vjm.biglide import pose_at
 from vjm.bounds import rotational_bound, stiffness_bounds
 from vjm.response import respond
 
-pytest_plugins = ["tests.vjm.conftest"]
 ENTRIES = ((0, 0), (1, 1), (2, 2), (3, 3), (4, 4), (5, 5), (0, 4), (1, 3))
 TABLE = {  # K in 1e6 at x = y = 0; the last row with a rigid slider
     (36, True): (23.82111, 1.96743, 12.574307, 1.464912, 0.141031, 2.819319, 0.922902, 0.325959),

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from stiffscope import InputError
-from tests.vjm.conftest import euler_bernoulli, random_compliance
+from tests.robots import euler_bernoulli, random_compliance
 from vjm.analysis import mobility, singular_note
 from vjm.elastic import HERE, Parallel, Passive, Series, Spring, Weight, drive, edited, revolute, spherical
 from vjm.reduction import as_stiffness, reduced

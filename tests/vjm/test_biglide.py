@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stiffscope import InputError
-from tests.vjm.conftest import DRIVE, GEOMETRY, euler_bernoulli, published_slider, random_compliance, random_poses
+from tests.robots import DRIVE, GEOMETRY, euler_bernoulli, published_slider, random_compliance, random_poses
 from tests.vjm.direct_stiffness import biglide
 from vjm.analysis import analyse, stiffness
 from vjm.biglide import Biglide, link_angle, pose_at, reachable, slides, tool_point

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from tests.robots import DRIVE, GEOMETRY, euler_bernoulli, published_slider, random_compliance
 from tests.vjm import energy
-from tests.vjm.conftest import DRIVE, GEOMETRY, euler_bernoulli, published_slider, random_compliance
 from vjm.analysis import sag, stiffness
 from vjm.biglide import Biglide, link_angle
 from vjm.gravity import load_hessian

@@ -4,11 +4,10 @@ import tomllib
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from vjm.biglide import Biglide, Geometry, reachable
 
-DATA = Path(__file__).parents[2] / "data" / "published"
+DATA = Path(__file__).parents[1] / "data" / "published"
 GEOMETRY = Geometry(L=0.5, l=0.075, l1=0.04, l2=0.015, h=0.0175, d=0.07)
 DRIVE = 1.27e7
 
@@ -42,11 +41,5 @@ def random_poses(rng, n, geometry=GEOMETRY):
     return points[reachable(geometry, points)][:n]
 
 
-@pytest.fixture
-def rng():
-    return np.random.default_rng(20)
-
-
-@pytest.fixture(scope="session")
-def robot():
+def published_robot():
     return Biglide(GEOMETRY, euler_bernoulli(), published_slider(), DRIVE, link_mass=1.95, platform_mass=7.93)
