@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from stiffscope import InputError
 
 if TYPE_CHECKING:
-    from OCP.TopoDS import TopoDS_Face, TopoDS_Shape
+    from cad.kernel import Face, Shape
 
 KINDS = ("plane", "cylinder", "cone", "sphere", "torus", "other")
 ENDS = tuple(f"{end} {axis}" for axis in "xyz" for end in ("min", "max"))
@@ -38,21 +38,18 @@ class FaceGeometry:
     minor_radius: float = 0.0
 
 
-def face_geometries(shape: "TopoDS_Shape") -> tuple[FaceGeometry, ...]:
+def face_geometries(shape: "Shape") -> tuple[FaceGeometry, ...]:
     """Return what each face of the shape is, in order (SI)."""
     from cad import kernel
 
     return tuple(_geometry(index, face) for index, face in enumerate(kernel.faces(shape)))
 
 
-def _geometry(index: int, face: "TopoDS_Face") -> FaceGeometry:
-    from OCP.BRepAdaptor import BRepAdaptor_Surface
-
+def _geometry(index: int, face: "Face") -> FaceGeometry:
     from cad import kernel
 
     properties = kernel.area_properties(face)
-    surface = BRepAdaptor_Surface(face)
-    kind = surface.GetType().name.removeprefix("GeomAbs_").lower()
+    kind, surface = kernel.surface_under(face)
     origin, axis, sizes = np.zeros(3), np.zeros(3), {}
     if kind in KINDS:
         form = getattr(surface, kind.capitalize())()
@@ -129,7 +126,7 @@ def _is_point(value: object) -> bool:
     return numbers.shape == (3,) and bool(np.isfinite(numbers).all())
 
 
-def select(shape: "TopoDS_Shape", selectors: Iterable[FaceSelector], field: str = "faces") -> frozenset[int]:
+def select(shape: "Shape", selectors: Iterable[FaceSelector], field: str = "faces") -> frozenset[int]:
     """Return the indices of the faces that any of the selectors chooses.
 
     InputError names `field` when a selector matches nothing, or all together every face, and says what exists.
@@ -150,7 +147,7 @@ def select(shape: "TopoDS_Shape", selectors: Iterable[FaceSelector], field: str 
     return frozenset(chosen)
 
 
-def _matches(shape: "TopoDS_Shape", geometries: Sequence[FaceGeometry], selector: FaceSelector) -> set[int]:
+def _matches(shape: "Shape", geometries: Sequence[FaceGeometry], selector: FaceSelector) -> set[int]:
     found = [face for face in geometries if _meets(face, selector)]
     place = selector.position
     if isinstance(place, str) and found:
@@ -178,7 +175,7 @@ def _meets(face: FaceGeometry, selector: FaceSelector) -> bool:
     return bool((cosine if face.kind == "plane" else abs(cosine)) > np.cos(ANGLE))
 
 
-def _is_at(shape: "TopoDS_Shape", face: FaceGeometry, point: NDArray[np.float64]) -> bool:
+def _is_at(shape: "Shape", face: FaceGeometry, point: NDArray[np.float64]) -> bool:
     from cad import kernel
 
     if np.linalg.norm(face.centroid - point) < DISTANCE:
@@ -211,7 +208,7 @@ def _direction(axis: NDArray[np.float64]) -> str:
     return "(" + " ".join(f"{value:.3g}" for value in axis) + ")"
 
 
-def describe(shape: "TopoDS_Shape") -> list[dict[str, Any]]:
+def describe(shape: "Shape") -> list[dict[str, Any]]:
     """Return one row a face, for a listing: index, kind, area_mm2, centroid_mm, axis, radius_mm.
 
     `axis` is the outward normal of a plane, the axis of a round face, and like `radius_mm` None where there

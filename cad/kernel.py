@@ -5,16 +5,16 @@ a kernel shape inside (`shape.wrapped`), and `build123d.Solid(shape)` makes one 
 This module is slow to import (0.5 to 1.5 s): import it inside the functions that need it.
 """
 
+# pyright: reportAttributeAccessIssue=false
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from OCP.BinTools import BinTools
 from OCP.Bnd import Bnd_Box
-from OCP.BRep import BRep_Builder, BRep_Tool
-from OCP.BRepAdaptor import BRepAdaptor_Curve
+from OCP.BOPAlgo import BOPAlgo_ArgumentAnalyzer
+from OCP.BRep import BRep_Tool
+from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Surface
 from OCP.BRepAlgoAPI import BRepAlgoAPI_Cut, BRepAlgoAPI_Fuse
 from OCP.BRepBndLib import BRepBndLib
 from OCP.BRepBuilderAPI import (
@@ -38,26 +38,33 @@ from OCP.BRepPrimAPI import (
 )
 from OCP.BRepTools import BRepTools
 from OCP.GC import GC_MakeArcOfCircle
+from OCP.GeomAPI import GeomAPI_ProjectPointOnSurf
 from OCP.gp import gp_Ax1, gp_Ax2, gp_Ax3, gp_Dir, gp_Pnt, gp_Trsf, gp_Vec
 from OCP.GProp import GProp_GProps
-from OCP.IFSelect import IFSelect_ReturnStatus
 from OCP.Message import Message, Message_PrinterOStream
 from OCP.ShapeUpgrade import ShapeUpgrade_UnifySameDomain
-from OCP.STEPControl import STEPControl_Reader, STEPControl_StepModelType, STEPControl_Writer
 from OCP.TopAbs import TopAbs_Orientation, TopAbs_ShapeEnum
 from OCP.TopExp import TopExp_Explorer
 from OCP.TopLoc import TopLoc_Location
-from OCP.TopoDS import TopoDS, TopoDS_Compound, TopoDS_Edge, TopoDS_Face, TopoDS_Shape, TopoDS_Solid, TopoDS_Vertex
+from OCP.TopoDS import TopoDS, TopoDS_Edge, TopoDS_Face, TopoDS_Shape, TopoDS_Solid, TopoDS_Vertex
 
 Floats = NDArray[np.float64]
+Shape, Solid, Face, Edge, Vertex = TopoDS_Shape, TopoDS_Solid, TopoDS_Face, TopoDS_Edge, TopoDS_Vertex
 X_AXIS = gp_Ax1(gp_Pnt(0, 0, 0), gp_Dir(1, 0, 0))
 
-for _printer in list(Message.DefaultMessenger_s().Printers()):  # it talks on standard output, which is ours
-    if isinstance(_printer, Message_PrinterOStream):
-        Message.DefaultMessenger_s().RemovePrinter(_printer)
+
+def silence() -> None:
+    """Keep the kernel from talking on standard output, which belongs to the program."""
+    messenger = Message.DefaultMessenger_s()
+    for printer in list(messenger.Printers()):
+        if isinstance(printer, Message_PrinterOStream):
+            messenger.RemovePrinter(printer)
 
 
-def _parts(shape: TopoDS_Shape, kind: Any, cast_to: Any) -> list[Any]:
+silence()
+
+
+def _parts(shape: Shape, kind: Any, cast_to: Any) -> list[Any]:
     explorer, found = TopExp_Explorer(shape, kind), {}
     while explorer.More():
         found.setdefault(explorer.Current(), None)
@@ -65,46 +72,61 @@ def _parts(shape: TopoDS_Shape, kind: Any, cast_to: Any) -> list[Any]:
     return [cast_to(item) for item in found]
 
 
-def faces(shape: TopoDS_Shape) -> list[TopoDS_Face]:
+def faces(shape: Shape) -> list[Face]:
     """Return the faces in the order that numbers them everywhere (that of build123d's `solid.faces()`)."""
     return _parts(shape, TopAbs_ShapeEnum.TopAbs_FACE, TopoDS.Face)
 
 
-def edges(shape: TopoDS_Shape) -> list[TopoDS_Edge]:
+def edges(shape: Shape) -> list[Edge]:
     """Return the distinct edges."""
     return _parts(shape, TopAbs_ShapeEnum.TopAbs_EDGE, TopoDS.Edge)
 
 
-def vertices(shape: TopoDS_Shape) -> list[TopoDS_Vertex]:
+def vertices(shape: Shape) -> list[Vertex]:
     """Return the distinct vertices."""
     return _parts(shape, TopAbs_ShapeEnum.TopAbs_VERTEX, TopoDS.Vertex)
 
 
-def solids(shape: TopoDS_Shape) -> list[TopoDS_Solid]:
+def solids(shape: Shape) -> list[Solid]:
     """Return the distinct solids."""
     return _parts(shape, TopAbs_ShapeEnum.TopAbs_SOLID, TopoDS.Solid)
 
 
-def is_valid(shape: TopoDS_Shape) -> bool:
+def is_valid(shape: Shape) -> bool:
     """Whether the kernel finds the shape's topology and geometry consistent."""
     return BRepCheck_Analyzer(shape).IsValid()
 
 
-def oriented(solid: TopoDS_Solid) -> TopoDS_Solid:
+def oriented(solid: Solid) -> Solid:
     """Return the solid with its faces outward."""
     turned = TopoDS.Solid(solid)
     BRepLib.OrientClosedSolid_s(turned)
     return turned
 
 
-def diagonal(shape: TopoDS_Shape) -> float:
+def diagonal(shape: Shape) -> float:
     """Return the diagonal of the bounding box; infinite for what has no bounds."""
     bounds = Bnd_Box()
     BRepBndLib.AddOptimal_s(shape, bounds, False, False)
     return float("inf") if bounds.IsVoid() or bounds.IsOpen() else float(np.sqrt(bounds.SquareExtent()))
 
 
-def reversed_in_solid(face: TopoDS_Face) -> bool:
+def self_intersects(shape: Shape) -> bool:
+    """Whether faces or edges of the shape meet elsewhere than at the borders they share."""
+    analyzer = BOPAlgo_ArgumentAnalyzer()
+    analyzer.SetShape1(shape)
+    analyzer.SelfInterMode = True
+    analyzer.Perform()
+    return analyzer.HasFaulty()
+
+
+def surface_under(face: Face) -> tuple[str, Any]:
+    """Return the kind of a face's surface ("plane", "bsplinesurface", ...) and how to ask for its form."""
+    surface = BRepAdaptor_Surface(face)
+    return surface.GetType().name.removeprefix("GeomAbs_").lower(), surface
+
+
+def reversed_in_solid(face: Face) -> bool:
     """Whether the face's outward normal is opposite to that of its surface."""
     return face.Orientation() == TopAbs_Orientation.TopAbs_REVERSED
 
@@ -114,33 +136,47 @@ def xyz(point: Any) -> Floats:
     return np.array([point.X(), point.Y(), point.Z()])
 
 
-def position(vertex: TopoDS_Vertex) -> Floats:
+def position(vertex: Vertex) -> Floats:
     """(3,) where the vertex is."""
     return xyz(BRep_Tool.Pnt_s(vertex))
 
 
-def closest(shape: TopoDS_Shape, point: Floats) -> Floats:
+def closest(shape: Shape, point: Floats) -> Floats:
     """(3,) the point of the shape, borders included, that is closest to `point` (3,)."""
     search = BRepExtrema_DistShapeShape(BRepBuilderAPI_MakeVertex(gp_Pnt(*point)).Vertex(), shape)
     return xyz(search.PointOnShape2(1))
 
 
-def distance(shape: TopoDS_Shape, point: Floats) -> float:
+def closest_under(face: Face, points: Floats) -> Floats:
+    """(n, 3) the points of the surface under a face, to the end of its parameters, that are closest to `points`."""
+    search = GeomAPI_ProjectPointOnSurf()
+    search.Init(BRep_Tool.Surface_s(face), *BRepTools.UVBounds_s(face), 1e-9)
+    found = np.empty_like(points)
+    for i, point in enumerate(points):
+        search.Perform(gp_Pnt(*point))
+        candidates = [closest(face, point)]  # it knows the borders, which have no normal to drop
+        if search.NbPoints() > 0:
+            candidates.append(xyz(search.NearestPoint()))
+        found[i] = min(candidates, key=lambda candidate: float(np.linalg.norm(candidate - point)))
+    return found
+
+
+def distance(shape: Shape, point: Floats) -> float:
     """Return the distance from `point` (3,) to the shape."""
     return float(np.linalg.norm(closest(shape, point) - point))
 
 
-def box(low: Sequence[float], high: Sequence[float]) -> TopoDS_Solid:
+def box(low: Sequence[float], high: Sequence[float]) -> Solid:
     """Return the axis-parallel box between two corners."""
     return BRepPrimAPI_MakeBox(gp_Pnt(*low), gp_Pnt(*high)).Solid()
 
 
-def cylinder(centre: Sequence[float], axis: Sequence[float], radius: float, height: float) -> TopoDS_Shape:
+def cylinder(centre: Sequence[float], axis: Sequence[float], radius: float, height: float) -> Shape:
     """Return the cylinder that stands on a circle about `centre`."""
     return BRepPrimAPI_MakeCylinder(gp_Ax2(gp_Pnt(*centre), gp_Dir(*axis)), radius, height).Shape()
 
 
-def revolved(profile: Iterable[Sequence[float]]) -> TopoDS_Shape:
+def revolved(profile: Iterable[Sequence[float]]) -> Shape:
     """Return the solid of revolution about x of a closed polygon of (x, r)."""
     polygon = BRepBuilderAPI_MakePolygon()
     for x, r in profile:
@@ -149,7 +185,7 @@ def revolved(profile: Iterable[Sequence[float]]) -> TopoDS_Shape:
     return BRepPrimAPI_MakeRevol(BRepBuilderAPI_MakeFace(polygon.Wire()).Face(), X_AXIS).Shape()
 
 
-def nosed_bar(length: float, width: float, centre_y: float, z: float, height: float) -> TopoDS_Shape:
+def nosed_bar(length: float, width: float, centre_y: float, z: float, height: float) -> Shape:
     """Return a bar from x = 0 to `length`, upwards from z by `height`, whose far end is a half round."""
     low, high, x = centre_y - width / 2, centre_y + width / 2, length - width / 2
     a, b, nose = gp_Pnt(0, low, z), gp_Pnt(x, low, z), gp_Pnt(length, centre_y, z)
@@ -166,27 +202,27 @@ def nosed_bar(length: float, width: float, centre_y: float, z: float, height: fl
     return BRepPrimAPI_MakePrism(BRepBuilderAPI_MakeFace(outline.Wire()).Face(), gp_Vec(0, 0, height)).Shape()
 
 
-def _unified(shape: TopoDS_Shape) -> TopoDS_Shape:
+def _unified(shape: Shape) -> Shape:
     unify = ShapeUpgrade_UnifySameDomain(shape, True, True, False)
     unify.Build()
     return unify.Shape()
 
 
-def fused(shape: TopoDS_Shape, *others: TopoDS_Shape) -> TopoDS_Shape:
+def fused(shape: Shape, *others: Shape) -> Shape:
     """Return the union, with faces on the same surface made one."""
     for other in others:
         shape = BRepAlgoAPI_Fuse(shape, other).Shape()
     return _unified(shape) if others else shape
 
 
-def drilled(shape: TopoDS_Shape, *tools: TopoDS_Shape) -> TopoDS_Shape:
+def drilled(shape: Shape, *tools: Shape) -> Shape:
     """Return the shape with the tools cut out of it."""
     for tool in tools:
         shape = BRepAlgoAPI_Cut(shape, tool).Shape()
     return shape
 
 
-def filleted(shape: TopoDS_Shape, chosen: Iterable[TopoDS_Edge], radius: float) -> TopoDS_Shape:
+def filleted(shape: Shape, chosen: Iterable[Edge], radius: float) -> Shape:
     """Return the shape with the chosen edges rounded; RuntimeError where the kernel cannot."""
     rounding = BRepFilletAPI_MakeFillet(shape)
     for edge in chosen:
@@ -197,27 +233,27 @@ def filleted(shape: TopoDS_Shape, chosen: Iterable[TopoDS_Edge], radius: float) 
     return rounding.Shape()
 
 
-def middle(edge: TopoDS_Edge) -> Floats:
+def middle(edge: Edge) -> Floats:
     """(3,) the point at half the edge's parameter range."""
     curve = BRepAdaptor_Curve(edge)
     return xyz(curve.Value((curve.FirstParameter() + curve.LastParameter()) / 2))
 
 
-def in_frame(solid: TopoDS_Solid, origin: Floats, x: Floats, z: Floats) -> TopoDS_Solid:
+def in_frame(solid: Solid, origin: Floats, x: Floats, z: Floats) -> Solid:
     """Return the solid in the coordinates of the frame with this origin and these x and z directions."""
     change = gp_Trsf()
     change.SetTransformation(gp_Ax3(gp_Pnt(*origin), gp_Dir(*z), gp_Dir(*x)))
     return TopoDS.Solid(solid.Moved(TopLoc_Location(change)))
 
 
-def volume_properties(shape: TopoDS_Shape) -> GProp_GProps:
+def volume_properties(shape: Shape) -> GProp_GProps:
     """Return volume (`Mass`), centre and inertia for density 1, in mm."""
     properties = GProp_GProps()
     BRepGProp.VolumeProperties_s(shape, properties)
     return properties
 
 
-def area_properties(shape: TopoDS_Shape) -> GProp_GProps:
+def area_properties(shape: Shape) -> GProp_GProps:
     """Return area (`Mass`), centre and second moments in mm."""
     properties = GProp_GProps()
     BRepGProp.SurfaceProperties_s(shape, properties)
@@ -230,14 +266,14 @@ def inertia(properties: GProp_GProps) -> Floats:
     return np.array([[matrix.Value(i, j) for j in (1, 2, 3)] for i in (1, 2, 3)])
 
 
-def triangulated(shape: TopoDS_Shape, deflection: float, angle: float) -> list[tuple[Floats, NDArray[np.int64]]]:
+def triangulated(shape: Shape, deflection: float, angle: float) -> list[tuple[Floats, NDArray[np.int64]]]:
     """Tessellate each face: its nodes (n, 3) and outward triangles (t, 3), for each face in order."""
     BRepTools.Clean_s(shape)
     BRepMesh_IncrementalMesh(shape, deflection, False, angle, False)
     return [_triangles(face) for face in faces(shape)]
 
 
-def _triangles(face: TopoDS_Face) -> tuple[Floats, NDArray[np.int64]]:
+def _triangles(face: Face) -> tuple[Floats, NDArray[np.int64]]:
     place = TopLoc_Location()
     mesh = BRep_Tool.Triangulation_s(face, place)
     if mesh is None:
@@ -246,43 +282,3 @@ def _triangles(face: TopoDS_Face) -> tuple[Floats, NDArray[np.int64]]:
     nodes = np.array([xyz(mesh.Node(i).Transformed(move)) for i in range(1, mesh.NbNodes() + 1)])
     triangles = np.array([mesh.Triangle(i).Get() for i in range(1, mesh.NbTriangles() + 1)], dtype=np.int64) - 1
     return nodes, cast("NDArray[np.int64]", triangles[:, ::-1] if reversed_in_solid(face) else triangles)
-
-
-def read_step(path: Path) -> TopoDS_Shape:
-    """Return all that a STEP file holds as one shape, in mm; an empty compound when nothing can be read."""
-    reader = STEPControl_Reader()
-    if reader.ReadFile(str(path)) == IFSelect_ReturnStatus.IFSelect_RetDone and reader.TransferRoots():
-        shape = reader.OneShape()
-        if shape is not None and not shape.IsNull():
-            return shape
-    return compound()
-
-
-def compound(*shapes: TopoDS_Shape) -> TopoDS_Compound:
-    """Return the shapes side by side as one."""
-    builder, together = BRep_Builder(), TopoDS_Compound()
-    builder.MakeCompound(together)
-    for shape in shapes:
-        builder.Add(together, shape)
-    return together
-
-
-def write_step(shape: TopoDS_Shape, path: Path) -> None:
-    """Write a STEP file, in mm; OSError when it cannot be written."""
-    writer = STEPControl_Writer()
-    writer.Transfer(shape, STEPControl_StepModelType.STEPControl_AsIs)
-    if writer.Write(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone:
-        raise OSError(f"{path}: cannot be written")
-
-
-def read_binary(path: Path) -> TopoDS_Solid:
-    """Return the solid that `write_binary` wrote."""
-    shape = TopoDS_Shape()
-    BinTools.Read_s(shape, str(path))
-    return TopoDS.Solid(shape)
-
-
-def write_binary(shape: TopoDS_Shape, path: Path) -> None:
-    """Write a shape exactly, for another process."""
-    BRepTools.Clean_s(shape)
-    BinTools.Write_s(shape, str(path))

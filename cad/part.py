@@ -17,7 +17,7 @@ from cad.materials import AnyMaterial
 from stiffscope import InputError
 
 if TYPE_CHECKING:
-    from OCP.TopoDS import TopoDS_Solid
+    from cad.kernel import Solid
 
 Floats = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ class Part:
     """
 
     name: str
-    solid: "TopoDS_Solid"
+    solid: "Solid"
     material: AnyMaterial
     clamped: frozenset[int]
     loaded: tuple[Interface, ...]
@@ -94,9 +94,7 @@ def surface(part: Part, deflection: float = 5e-4, angle: float = 0.8) -> Surface
     return Surface(vertices, triangles, face_of_triangle, part.faces)
 
 
-def tessellated(
-    solid: "TopoDS_Solid", deflection: float, angle: float
-) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
+def tessellated(solid: "Solid", deflection: float, angle: float) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
     """Return vertices (nv, 3) in m, each once, outward triangles (nt, 3) and the face of each (nt,)."""
     from cad import kernel
 
@@ -116,9 +114,9 @@ def _merged(nodes: Floats, tolerance: float = 1e-5) -> tuple[Floats, NDArray[np.
     """Merge nodes (n, 3) that are the same up to rounding (in mm): return them once and each one's number."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
-    pairs = cKDTree(nodes).query_pairs(tolerance, output_type="ndarray")
+    pairs = KDTree(nodes).query_pairs(tolerance, output_type="ndarray")
     n = len(nodes)
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
     _, number = connected_components(graph, directed=False)

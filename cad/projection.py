@@ -1,6 +1,6 @@
 """The closest point on the surface under a face: closed form where the surface has one, else the kernel's."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from cad.faces import FaceGeometry
 
 if TYPE_CHECKING:
-    from OCP.TopoDS import TopoDS_Face, TopoDS_Solid
+    from cad.kernel import Solid
 
 Floats = NDArray[np.float64]
 
 
-def projected(solid: "TopoDS_Solid", face: FaceGeometry, points: Floats) -> Floats:
+def projected(solid: "Solid", face: FaceGeometry, points: Floats) -> Floats:
     """Return the closest points (n, 3) to `points` (n, 3), in m.
 
     Planes and round surfaces are taken as unbounded, others as ending with their parameter range.
@@ -26,7 +26,7 @@ def projected(solid: "TopoDS_Solid", face: FaceGeometry, points: Floats) -> Floa
         return _on_round(face, points)
     from cad import kernel
 
-    return _on_other(kernel.faces(solid)[face.index], points)
+    return kernel.closest_under(kernel.faces(solid)[face.index], points * 1e3) * 1e-3
 
 
 def _on_round(face: FaceGeometry, points: Floats) -> Floats:
@@ -49,31 +49,12 @@ def _on_round(face: FaceGeometry, points: Floats) -> Floats:
 
 def _directions(vectors: Floats, otherwise: Floats) -> Floats:
     """Unit vectors (n, k); a vector of no length takes the direction `otherwise`."""
-    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.where(lengths > 0, vectors / np.where(lengths > 0, lengths, 1), otherwise)
+    lengths = np.linalg.norm(vectors, axis=1)
+    units = np.tile(otherwise, (len(vectors), 1))
+    units[lengths > 0] = vectors[lengths > 0] / lengths[lengths > 0, None]
+    return units
 
 
 def _perpendicular(axis: Floats) -> Floats:
     across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    return across / np.linalg.norm(across)
-
-
-def _on_other(face: "TopoDS_Face", points: Floats) -> Floats:
-    from OCP.BRep import BRep_Tool
-    from OCP.BRepTools import BRepTools
-    from OCP.GeomAPI import GeomAPI_ProjectPointOnSurf
-    from OCP.gp import gp_Pnt
-
-    from cad import kernel
-
-    u0, u1, v0, v1 = BRepTools.UVBounds_s(face)
-    search = GeomAPI_ProjectPointOnSurf()
-    search.Init(BRep_Tool.Surface_s(face), u0, u1, v0, v1, 1e-9)
-    found = np.empty_like(points)
-    for i, point in enumerate(points * 1e3):
-        search.Perform(gp_Pnt(*point))
-        candidates: list[Any] = [kernel.closest(face, point)]  # it has the borders, which have no normal
-        if search.NbPoints() > 0:
-            candidates.append(kernel.xyz(search.NearestPoint()))
-        found[i] = min(candidates, key=lambda candidate: float(np.linalg.norm(candidate - point)))
-    return found * 1e-3
+    return across / float(np.linalg.norm(across))

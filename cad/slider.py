@@ -16,7 +16,7 @@ from cad.part import Interface, Part
 from cad.soundness import sound_solid
 
 if TYPE_CHECKING:
-    from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
+    from cad.kernel import Shape, Solid
 
 
 @dataclass(frozen=True)
@@ -191,7 +191,7 @@ def build(parameters: SliderParameters, material: AnyMaterial = STEEL, name: str
     return Part(name, solid, material, _clamped(parameters, solid), _loaded(parameters, solid))
 
 
-def _shape(slider: SliderParameters) -> "TopoDS_Shape":
+def _shape(slider: SliderParameters) -> "Shape":
     from cad import kernel
 
     depth, side, half = 1e3 * slider.depth, 500 * slider.width, 500 * slider.thickness
@@ -218,7 +218,7 @@ def _shape(slider: SliderParameters) -> "TopoDS_Shape":
     return kernel.drilled(shape, *drills)
 
 
-def _clamped(slider: SliderParameters, solid: "TopoDS_Solid") -> frozenset[int]:
+def _clamped(slider: SliderParameters, solid: "Solid") -> frozenset[int]:
     if slider.clamp == "face":
         return select(solid, [FaceSelector(kind="plane", normal=(-1, 0, 0), position="min x")])
     axes = [(slider.hole_offset, y) for y in slider.hole_positions]
@@ -229,7 +229,7 @@ def _clamped(slider: SliderParameters, solid: "TopoDS_Solid") -> frozenset[int]:
     )
 
 
-def _loaded(slider: SliderParameters, solid: "TopoDS_Solid") -> tuple[Interface, ...]:
+def _loaded(slider: SliderParameters, solid: "Solid") -> tuple[Interface, ...]:
     outer = slider.depth + slider.pad_height
     if slider.pads == "together":
         faces = select(solid, [FaceSelector(kind="plane", normal=(1, 0, 0), position="max x")])

@@ -7,12 +7,12 @@ import numpy as np
 from stiffscope import InputError
 
 if TYPE_CHECKING:
-    from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
+    from cad.kernel import Shape, Solid
 
 SMALLEST, LARGEST = 1.0, 40e3  # mm: a bounding box's diagonal beyond them means mistaken units
 
 
-def sound_solid(shape: "TopoDS_Shape", name: str) -> "TopoDS_Solid":
+def sound_solid(shape: "Shape", name: str) -> "Solid":
     """Return the one solid that the shape is, oriented outwards; InputError names `name` when it is not sound.
 
     Sound: exactly one solid with no loose faces beside it, none of its faces meet but at their borders, valid to
@@ -29,7 +29,7 @@ def _refuse(name: str, found: str, valid: str = "one closed solid") -> InputErro
     return InputError(f"{name}: expected {valid}, found {found}")
 
 
-def _only_solid(shape: "TopoDS_Shape", name: str) -> "TopoDS_Solid":
+def _only_solid(shape: "Shape", name: str) -> "Solid":
     from cad import kernel
 
     found, faces = kernel.solids(shape), kernel.faces(shape)
@@ -45,18 +45,14 @@ def _only_solid(shape: "TopoDS_Shape", name: str) -> "TopoDS_Solid":
     return found[0]
 
 
-def _refuse_self_intersection(solid: "TopoDS_Solid", name: str) -> None:
-    from OCP.BOPAlgo import BOPAlgo_ArgumentAnalyzer
+def _refuse_self_intersection(solid: "Solid", name: str) -> None:
+    from cad import kernel
 
-    analyzer = BOPAlgo_ArgumentAnalyzer()
-    analyzer.SetShape1(solid)
-    analyzer.SelfInterMode = True
-    analyzer.Perform()
-    if analyzer.HasFaulty():
+    if kernel.self_intersects(solid):
         raise _refuse(name, "a self-intersecting solid", "a solid whose faces meet only at their edges")
 
 
-def _refuse_open(solid: "TopoDS_Solid", name: str) -> None:
+def _refuse_open(solid: "Solid", name: str) -> None:
     from cad import kernel
     from cad.part import open_edges, tessellated
 
@@ -67,7 +63,7 @@ def _refuse_open(solid: "TopoDS_Solid", name: str) -> None:
         raise _refuse(name, f"a solid that is not watertight ({gaps} open edges)")
 
 
-def _outward(solid: "TopoDS_Solid", name: str) -> "TopoDS_Solid":
+def _outward(solid: "Solid", name: str) -> "Solid":
     from cad import kernel
 
     solid = kernel.oriented(solid)

@@ -18,7 +18,7 @@ from cad.solid import GREATEST_X, LEAST_X, Frame, Selectors, Vector, chosen_part
 from stiffscope import InputError
 
 if TYPE_CHECKING:
-    from OCP.TopoDS import TopoDS_Solid
+    from cad.kernel import Solid
 
 START, END = b"ISO-10303-21", b"END-ISO-10303-21"
 REFUSED = 2  # exit code of the reading process; its standard error then holds the one line that says why
@@ -52,15 +52,15 @@ def read_step(
     )
 
 
-def read_solid(path: str | Path, time_limit: float = 60.0) -> "TopoDS_Solid":
+def read_solid(path: str | Path, time_limit: float = 60.0) -> "Solid":
     """Return the one solid of a STEP file, sound, in mm, in the file's coordinates; InputError when it is not."""
     _check_file(Path(path))
     with tempfile.TemporaryDirectory(prefix="stiffscope-") as folder:
         aside = Path(folder, "solid.brep")
         _check_apart(Path(path), aside, time_limit)
-        from cad import kernel
+        from cad import kernel_files
 
-        return kernel.read_binary(aside)
+        return kernel_files.read_binary(aside)
 
 
 def _check_file(path: Path) -> None:
@@ -107,9 +107,9 @@ def _check_apart(path: Path, aside: Path, time_limit: float) -> None:
 
 def write_step(part: Part, path: str | Path) -> None:
     """Write the part's solid as STEP (AP214), in mm, in the part's axes; OSError when it cannot be written."""
-    from cad import kernel
+    from cad import kernel_files
 
-    kernel.write_step(part.solid, Path(path))
+    kernel_files.write_step(part.solid, Path(path))
 
 
 def write_stl(part: Part, path: str | Path, deflection: float = 5e-5, angle: float = 0.2) -> None:

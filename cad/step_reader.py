@@ -9,11 +9,11 @@ from stiffscope import InputError
 
 def main(file: str, shown: str, aside: str) -> int:
     """Read `file`, called `shown` in messages, and write its solid to `aside`; return the exit code."""
-    from cad import kernel
+    from cad import kernel_files
     from cad.soundness import sound_solid
 
     try:
-        kernel.write_binary(sound_solid(kernel.read_step(Path(file)), shown), Path(aside))
+        kernel_files.write_binary(sound_solid(kernel_files.read_step(Path(file)), shown), Path(aside))
     except InputError as refused:
         sys.stderr.write(f"\n{refused}\n")
         return REFUSED
