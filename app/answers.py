@@ -126,6 +126,18 @@ def _figures(gravity: Gravity) -> list[tuple[str, str, Callable[..., None]]]:
     ]
 
 
+def list_faces(file: str, *, target: str | None, quiet: bool) -> None:
+    """`stiffscope faces`: what each face of a STEP file is, and how to choose it in a robot file."""
+    from cad.faces import describe
+    from cad.step import read_solid
+
+    rows = describe(read_solid(file))
+    if target:
+        files.write_json(target, rows)
+    if not quiet and target != "-":
+        tables.show_faces(file, rows)
+
+
 def parse_pose(robot: RobotFile, text: str) -> tuple[str, tuple[float, float, float]]:
     """Name and tool point (m) of `--at`: "0,0,0.35", "0,0,350 mm", or the name of a pose."""
     if text in robot.poses:

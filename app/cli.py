@@ -220,3 +220,12 @@ def audit(**options: Any) -> None:
     from app.audit import audit as examine
 
     examine(**options)
+
+
+@cli.command()
+@_takes(click.argument("file", metavar="FILE.step"), _json)
+def faces(**options: Any) -> None:
+    """The faces of a STEP file, to choose from."""
+    from app.answers import list_faces
+
+    list_faces(**options)

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from app.parts import AXES
+from app.parts import AXES, STEP_AXES
 
 if TYPE_CHECKING:
+    from pathlib import Path
 
     from app.parts import PartOrder
     from cad.part import Part
     from fea.experiment import Experiment
 
 
-def facts_of(part: Part, experiment: Experiment) -> dict[str, Any]:
+def facts_of(order: PartOrder, part: Part, experiment: Experiment) -> dict[str, Any]:
     """What is told of a part besides its fields: plain numbers, SI."""
     from cad.part import mass_properties
 
@@ -24,7 +25,8 @@ def facts_of(part: Part, experiment: Experiment) -> dict[str, Any]:
         "error": experiment.error.tolist(),
         "reference_point": experiment.reference_point.tolist(),
         "interface": experiment.interface,
-        "axes": AXES[part.name],
+        "axes": STEP_AXES if order.step else AXES[order.name],
+        "solid": order.step.path.name if order.step else "parametric",
         "mesh": {"nodes": len(experiment.mesh.points), "tetrahedra": len(experiment.mesh.cells), "order": 2},
         "volume": experiment.volume,
         "cad_volume": experiment.cad_volume,
@@ -41,9 +43,24 @@ def facts_of(part: Part, experiment: Experiment) -> dict[str, Any]:
 
 
 def build_part(order: PartOrder) -> Part:
-    """The part that was ordered."""
+    """The part that was ordered: its own shape, or the solid of a STEP file."""
     from cad import link, slider
+    from cad.solid import GREATEST_X, LEAST_X
+    from cad.step import read_step
 
+    if order.step:
+        return read_step(
+            order.step.path, name=order.name, material=order.material, clamped=order.step.clamped or LEAST_X,
+            loaded=order.step.loaded or GREATEST_X, frame=order.step.frame, reference_point=order.step.reference_point,
+        )  # fmt: skip
     if isinstance(order.shape, link.LinkParameters):
         return link.build(order.shape, order.material)
     return slider.build(order.shape, order.material)
+
+
+def write_solid(part: Part, folder: Path) -> None:
+    """The solid as STEP and STL, mm."""
+    from cad.step import write_step, write_stl
+
+    write_step(part, folder / f"{part.name}.step")
+    write_stl(part, folder / f"{part.name}.stl")

@@ -20,11 +20,12 @@ from stiffscope import InputError
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from app.schema import PartName, RobotFile, Step
+    from cad.faces import FaceSelector
     from cad.link import LinkParameters
-    from cad.slider import SliderParameters
-
-    from app.schema import PartName, RobotFile
     from cad.materials import AnyMaterial
+    from cad.slider import SliderParameters
+    from cad.solid import Frame
     from fea.experiment import Settings
 
     Report = Callable[[str, float], None]
@@ -37,8 +38,24 @@ AXES = {
     "slider": "x away from the clamped face, y across, z down; "
     "twist (v, omega) and wrench (f, m) at the centre of the loaded face",
 }
+STEP_AXES = (
+    "those of the STEP file, or of the frame chosen in it; twist and wrench at the loaded faces' reference point"
+)
+FORM = 1  # of the files below; other code reads other forms
 EXPERIMENT, FACTS, FIELDS = "experiment.npz", "facts.json", "fields.vtu"
 SHEET, MESH = "loads.png", "mesh.png"
+
+
+@dataclass(frozen=True)
+class StepOrder:
+    """A solid of a STEP file as a part: content, chosen faces (None: least and greatest x), axes."""
+
+    path: Path
+    sha256: str
+    clamped: tuple[FaceSelector, ...] | None = None
+    loaded: tuple[FaceSelector, ...] | None = None
+    frame: Frame | None = None
+    reference_point: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -49,21 +66,21 @@ class PartOrder:
     shape: LinkParameters | SliderParameters
     material: AnyMaterial
     settings: Settings
-    step: Path | None = None
+    step: StepOrder | None = None
     pictures: bool = True
     label: str = field(default="", compare=False)
 
     def key(self) -> str:
         """Cache key: shape, material, settings, a STEP file's content, and the code that works on them."""
+        step = dataclasses.replace(self.step, path=Path()) if self.step else None
         return digest(
             {
                 "name": self.name,
-                "shape": None if self.step else dataclasses.asdict(self.shape),
-                "step": file_digest(self.step) if self.step else None,
+                "shape": dataclasses.asdict(step or self.shape),
                 "material": dataclasses.asdict(self.material),
                 "settings": dataclasses.asdict(self.settings),
                 "code": code_version(("cad", "fea"), LIBRARIES),
-                "form": 1,
+                "form": FORM,
             }
         )
 
@@ -104,12 +121,31 @@ def order_part(
 
     section = robot.part(name)
     settings = Settings(interface=section.interface, **section.mesh.model_dump())
-    path = None
-    if step is not None:
-        path = Path(step).absolute()
-        if not path.is_file():
-            raise InputError(f"{step}: no such STEP file")
-    return PartOrder(name, robot.parameters(name), robot.material(name), settings, path, pictures, label or name)
+    solid = _step_order(robot, section.step, step)
+    return PartOrder(name, robot.parameters(name), robot.material(name), settings, solid, pictures, label or name)
+
+
+def _step_order(robot: RobotFile, section: Step | None, given: str | Path | None) -> StepOrder | None:
+    """A STEP file given on the command line, with the robot file's choice of faces, or the robot file's own."""
+    from cad.solid import Frame
+
+    if given is None and section is None:
+        return None
+    shown = Path(given or section.file)  # type: ignore[union-attr]
+    path = shown if given or shown.is_absolute() else robot.path.parent / shown
+    try:
+        content = file_digest(path)
+    except OSError as error:
+        raise InputError(f"{shown}: no STEP file can be read there ({error.strerror})") from error
+    if section is None:
+        return StepOrder(path.absolute(), content)
+    chosen = {tag: faces and tuple(f.selector() for f in faces) for tag, faces in _tagged(section)}
+    frame = Frame(section.origin, section.x, section.z)
+    return StepOrder(path.absolute(), content, **chosen, frame=frame, reference_point=section.reference_point)
+
+
+def _tagged(section: Step) -> tuple[tuple[str, Any], ...]:
+    return ("clamped", section.clamped), ("loaded", section.loaded)
 
 
 def solve_parts(
@@ -186,7 +222,7 @@ def _experiment(order: PartOrder, folder: Path, report: Report) -> None:
     experiment.save(folder / EXPERIMENT)
     exports.write_solid(part, folder)
     write_vtu(experiment, folder / FIELDS)
-    facts = exports.facts_of(part, experiment)
+    facts = exports.facts_of(order, part, experiment)
     (folder / FACTS).write_text(json.dumps(facts))
 
 

@@ -11,12 +11,13 @@ import typing
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from cad.link import LinkParameters
-from cad.slider import SliderParameters
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, PrivateAttr, Tag, create_model
 
 from app import quantities as q
+from cad.faces import ENDS, FaceSelector
+from cad.link import LinkParameters
 from cad.materials import AnyMaterial, Material, TransverselyIsotropic, material
+from cad.slider import SliderParameters
 from stiffscope import InputError
 
 Source = Literal["fea", "beam", "published"]
@@ -40,6 +41,7 @@ Stiffness = Annotated[float, _quantity(q.STIFFNESS)]
 Acceleration = Annotated[float, _quantity(q.ACCELERATION)]
 Duration = Annotated[float, _quantity(q.DURATION)]
 Point = tuple[Coordinate, Coordinate, Coordinate]
+Vector = tuple[Ratio, Ratio, Ratio]
 
 
 def _count(value: Any) -> int:
@@ -160,6 +162,45 @@ class Mesh(Section):
     solver: Literal["auto", "pardiso", "splu", "amg"] = "auto"
 
 
+def _position(value: Any) -> str | tuple[float, ...]:
+    if isinstance(value, list) and len(value) == 3:
+        x, y, z = (q.to_si(item, q.LENGTH, sign="any") for item in value)
+        return x, y, z
+    if isinstance(value, str) and value in ENDS:
+        return value
+    raise ValueError(f'expected one of {", ".join(ENDS)} or a point such as ["85 mm", 0, 0], got {q.shown(value)}')
+
+
+def _face_numbers(value: Any) -> tuple[int, ...]:
+    return tuple(_count(item) for item in (value if isinstance(value, list) else [value]))
+
+
+class Face(Section):
+    """A choice of faces by geometry; see `stiffscope faces FILE`."""
+
+    kind: str | None = None
+    normal: Vector | None = None
+    position: Annotated[str | tuple[float, ...], BeforeValidator(_position)] | None = None
+    radius: Length | None = None
+    index: Annotated[tuple[int, ...], BeforeValidator(_face_numbers)] | None = None
+
+    def selector(self) -> FaceSelector:
+        """The choice for cad."""
+        return FaceSelector(**dict(self))
+
+
+class Step(Section):
+    """A solid from a STEP file instead of the part's own shape; its faces by geometry, its axes by a frame."""
+
+    file: str
+    clamped: tuple[Face, ...] | None = None
+    loaded: tuple[Face, ...] | None = None
+    origin: Point = (0.0, 0.0, 0.0)
+    x: Vector = (1.0, 0.0, 0.0)
+    z: Vector = (0.0, 0.0, 1.0)
+    reference_point: Point | None = None
+
+
 class PartSection(Section):
     """What every part says besides its shape."""
 
@@ -167,6 +208,7 @@ class PartSection(Section):
     compliance: Source = "fea"
     interface: Literal["rigid", "distributed"] = "rigid"
     mesh: Mesh = Mesh()
+    step: Step | None = None
 
     def shape(self) -> dict[str, float | int | str]:
         """The parameters of the part's shape, SI."""
@@ -242,8 +284,8 @@ class RobotFile(Section):
 
     def parameters(self, name: PartName) -> LinkParameters | SliderParameters:
         """Shape of a part, checked by cad: InputError names the parameter as in the file."""
-        kind = LinkParameters if name == "link" else SliderParameters
-        return kind(**self.part(name).shape())
+        shape: dict[str, Any] = self.part(name).shape()
+        return LinkParameters(**shape) if name == "link" else SliderParameters(**shape)
 
     def material(self, name: PartName) -> AnyMaterial:
         """Material of a part: of this file, or of the table in `cad.materials`."""

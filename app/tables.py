@@ -103,6 +103,22 @@ def show_matrix(title: str, matrix: Any) -> None:
     console().print(table)
 
 
+def show_faces(file: str, rows: Sequence[dict[str, Any]]) -> None:
+    """The faces of a solid, and how a robot file chooses among them."""
+    table = _table(f"Faces of {file}", "index", "kind", "area mm²", "centroid mm", "normal or axis", "radius mm")
+    for row in rows:
+        centroid = ", ".join(f"{c:.6g}" for c in row["centroid_mm"])
+        axis = ", ".join(f"{c:.4g}" for c in row["axis"]) if row["axis"] else ""
+        radius = f"{row['radius_mm']:g}" if row["radius_mm"] else ""
+        table.add_row(str(row["index"]), row["kind"], f"{row['area_mm2']:.6g}", centroid, axis, radius)
+    out = console()
+    out.print(table)
+    out.print("Choose faces by geometry in a robot file, or by index:", markup=False)
+    out.print(f'  [slider.step]\n  file = "{file}"', markup=False)
+    out.print('  clamped = [{ kind = "plane", normal = [-1, 0, 0], position = "min x" }]', markup=False)
+    out.print('  loaded = [{ kind = "cylinder", radius = "8 mm" }, { index = 3 }]', markup=False)
+
+
 def show_line(text: str) -> None:
     """A plain line between tables."""
     console().print(text, markup=False, soft_wrap=True)
