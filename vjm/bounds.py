@@ -40,8 +40,8 @@ def stiffness_bounds(robot: Biglide, q: ArrayLike) -> Array:
 def rotational_bound(robot: Biglide, steps: int = 200) -> float:
     """Upper bound in N·m/rad on ``K_rx + K_rz``: its largest value over the reachable angles with rigid sliders."""
     geometry = robot.geometry
-    reach = np.clip(np.array([geometry.a_max, geometry.a_min]) - geometry.l, 0.0, geometry.L) / geometry.L
-    angles = np.arccos(np.linspace(reach[0], reach[1], steps)).clip(_NEAR_SINGULAR, np.pi / 2.0 - _NEAR_SINGULAR)
+    most, least = (min(max(a - geometry.l, 0.0) / geometry.L, 1.0) for a in (geometry.a_max, geometry.a_min))
+    angles = np.arccos(np.linspace(most, least, steps)).clip(_NEAR_SINGULAR, np.pi / 2.0 - _NEAR_SINGULAR)
     matrix = _with_rigid_sliders(robot, angles)
     return float((matrix[:, 3, 3] + matrix[:, 5, 5]).max())
 

@@ -11,6 +11,7 @@ from tests.vjm.direct_stiffness import biglide
 from vjm.analysis import analyse, stiffness
 from vjm.biglide import Biglide, link_angle, pose_at, reachable, slides, tool_point
 from vjm.deflection import deflection, load_deflection
+from vjm.uncertainty import stiffness_error
 
 MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0, -1.0, -1.0])
 
@@ -114,3 +115,18 @@ def test_reachable_agrees_with_what_is_refused(robot, rng):
         else:
             with pytest.raises(InputError):
                 stiffness(robot, point)
+
+
+def test_component_error_bars_bound_what_they_can_do_to_the_robot(robot, rng):
+    """First-order bound against the robot with components moved anywhere within their bars."""
+    poses = random_poses(rng, 5)
+    bars = [1e-4 * np.sqrt(np.outer(np.diagonal(c), np.diagonal(c))) for c in (robot.link, robot.slider)]
+    bound, plain = stiffness_error(robot, poses, *bars), stiffness(robot, poses)
+    reached = np.zeros_like(bound)
+    for _ in range(40):
+        signs = [np.sign(s + s.T) for s in rng.normal(size=(2, 6, 6))]
+        moved = replace(robot, link=robot.link + signs[0] * bars[0] / 4, slider=robot.slider + signs[1] * bars[1] / 4)
+        change = 4 * np.abs(stiffness(moved, poses) - plain)
+        reached = np.maximum(reached, change)
+        assert (change <= 1.02 * bound + 1e-6).all()
+    assert (np.diagonal(reached, axis1=1, axis2=2) > 0.1 * np.diagonal(bound, axis1=1, axis2=2)).all()
