@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fea.mesh import TetMesh
+from fea.mesh import TetMesh, default_size
 from stiffscope import InputError
 
 if TYPE_CHECKING:
@@ -23,6 +23,10 @@ if TYPE_CHECKING:
     Progress = Callable[[str, float], None]
 
 logger = logging.getLogger(__name__)
+
+# A coarse tessellation is enough, since nodes are put back on the solid, and a fine one costs: a circle of 16 sides
+# instead of 12 takes four times the elements and twice the time.
+CHORD, TURN = 0.15, 1.1  # distance to the surface in element sizes, radians from one triangle to the next
 
 
 @dataclass(frozen=True)
@@ -172,8 +176,10 @@ def run_experiment(part: Part, settings: Settings | None = None, progress: Progr
 
     started = time.perf_counter()
     _tell(progress, "cad", 0.0)
-    skin = surface(part)
+    settings = settings or Settings()
     volume = mass_properties(part).volume
+    size = settings.size or default_size(volume, sum(face.area for face in part.faces))
+    skin = surface(part, deflection=CHORD * size, angle=TURN)
     specimen = Specimen(
         name=part.name,
         surface=skin,
@@ -183,7 +189,7 @@ def run_experiment(part: Part, settings: Settings | None = None, progress: Progr
         loaded=tuple((face.faces, np.asarray(face.reference_point, dtype=float)) for face in part.loaded),
         volume=float(volume),
     )
-    return examine(specimen, settings or Settings(), progress, time.perf_counter() - started)
+    return examine(specimen, settings, progress, time.perf_counter() - started)
 
 
 def examine(

@@ -65,21 +65,15 @@ class TetMesh:
         return np.unique(self.facets_of(faces))
 
 
-def default_size(surface: Surface) -> float:
+def default_size(volume: float, area: float) -> float:
     """Return the element size (m) that suits cubic elements in a solid: twice its volume over its area."""
-    return 2.0 * surface_volume(surface) / surface_area(surface)
+    return 2.0 * volume / area
 
 
 def default_envelope(surface: Surface, size: float) -> float:
     """Return how far (m) fTetWild may leave the surface: 0.03 sizes, away from the slow end of its range."""
     diagonal = float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
     return float(np.clip(0.03 * size, 3e-4 * diagonal, 1e-3 * diagonal))
-
-
-def surface_area(surface: Surface) -> float:
-    """Return the area (m²) of the triangulated surface."""
-    a, b, c = np.moveaxis(surface.vertices[surface.triangles], 1, 0)
-    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
 
 
 def surface_volume(surface: Surface) -> float:

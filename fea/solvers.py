@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
+PARDISO_FROM = 40_000  # degrees of freedom below which loading MKL costs more than it saves
 ITERATIVE_FROM = 600_000  # degrees of freedom above which a factorization no longer fits a laptop
 RELATIVE_RESIDUAL = 1e-10
 
@@ -29,14 +30,14 @@ RELATIVE_RESIDUAL = 1e-10
 def choose(name: str, dofs: int) -> Solver:
     """Return the solver called ``name``: auto, pardiso, splu or amg.
 
-    ``auto`` takes MKL's PARDISO when the ``fast`` extra is installed, SciPy's SuperLU otherwise, and conjugate
-    gradients with algebraic multigrid beyond ``ITERATIVE_FROM`` degrees of freedom when pyamg is there.
+    ``auto`` takes SciPy's SuperLU, beyond ``PARDISO_FROM`` degrees of freedom MKL's PARDISO when the ``fast`` extra
+    is installed, and beyond ``ITERATIVE_FROM`` conjugate gradients with algebraic multigrid when pyamg is there.
     """
     solvers = {"pardiso": pardiso, "splu": splu, "amg": amg}
     if name == "auto":
         if dofs > ITERATIVE_FROM and find_spec("pyamg"):
             return amg
-        return pardiso if find_spec("pypardiso") else splu
+        return pardiso if dofs > PARDISO_FROM and find_spec("pypardiso") else splu
     if name not in solvers:
         raise InputError(f"solver: {name!r} is unknown; choose auto, {', '.join(solvers)}")
     return solvers[name]

@@ -59,7 +59,7 @@ def mesh_specimen(
     ------
     MeshError : no mesh in time, inverted elements, a held face without triangles, or a wrong volume.
     """
-    size = size or default_size(specimen.surface)
+    size = size or default_size(specimen.volume, sum(face.area for face in specimen.surface.faces))
     envelope = envelope or default_envelope(specimen.surface, size)
     points, cells = tetrahedralize(specimen.surface, size, envelope, time_limit, threads)
     mesh = snap(points, cells, specimen.surface, specimen.project, size)

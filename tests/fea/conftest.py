@@ -1,0 +1,30 @@
+import numpy as np
+import pytest
+
+from fea.experiment import Settings, examine
+from fea.specimen import mesh_specimen
+from tests.fea.shapes import box, cylinder
+
+LINK, PLATE = cylinder(0.5, 0.0125), box(0.085, 0.32, 0.02)
+
+
+@pytest.fixture(scope="session")
+def link():
+    return examine(LINK, Settings())
+
+
+@pytest.fixture(scope="session")
+def plate():
+    return examine(PLATE, Settings())
+
+
+@pytest.fixture(scope="session")
+def stub():
+    """A short thick bar with curved sides, and its mesh: small enough for everything."""
+    specimen = cylinder(0.04, 0.0125)
+    return specimen, mesh_specimen(specimen, size=0.012, layers=0)
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(7)

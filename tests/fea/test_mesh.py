@@ -1,0 +1,73 @@
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from fea.mesh import MeshError, boundary_facets, tetrahedralize
+from fea.refine import bisect, border_edges, concave_edges, grade
+from fea.shape import jacobian_range, volume
+from fea.solution import _face_areas
+from tests.fea.shapes import box
+
+
+def changed(surface, **changes):
+    return SimpleNamespace(**{**vars(surface), **changes})
+
+
+def test_curved_mesh_has_the_volume_and_the_areas_of_the_solid(stub):
+    specimen, mesh = stub
+    assert volume(mesh.points, mesh.cells) == pytest.approx(specimen.volume, rel=2e-5)
+    areas = [face.area for face in specimen.surface.faces]
+    assert _face_areas(mesh, 3) == pytest.approx(areas, rel=3e-4)
+    assert jacobian_range(mesh.points[mesh.cells]).min() > 0.1
+    assert mesh.pulled_back == 0
+
+
+def test_corner_nodes_are_on_the_cylinder(stub):
+    _, mesh = stub
+    corners = mesh.points[np.unique(mesh.facets_of(frozenset({2}))[:, :3])]
+    assert np.hypot(corners[:, 1], corners[:, 2]) == pytest.approx(0.0125, abs=1e-10)
+
+
+def test_grading_keeps_the_shape_and_conforms(stub):
+    _, mesh = stub
+    edges = np.vstack([border_edges(mesh, frozenset({k})) for k in (0, 1)])
+    graded = grade(mesh, edges, layers=2, ratio=0.25)
+    assert len(graded.cells) > 1.2 * len(mesh.cells)
+    assert volume(graded.points, graded.cells) == pytest.approx(volume(mesh.points, mesh.cells), rel=1e-12)
+    assert _face_areas(graded, 3) == pytest.approx(_face_areas(mesh, 3), rel=1e-6)
+    assert len(boundary_facets(graded.cells[:, :4])[0]) == len(graded.facets)
+    assert jacobian_range(graded.points[graded.cells]).min() > 0.05
+    assert len(np.unique(np.round(graded.points, 12), axis=0)) == len(graded.points)
+
+
+def test_bisecting_random_edges_conforms(stub, rng):
+    _, mesh = stub
+    edges = np.unique(np.sort(mesh.cells[:, [0, 3]], axis=1), axis=0)
+    some = edges[rng.random(len(edges)) < 0.3]
+    cut = bisect(mesh, some, rng.uniform(0.3, 0.7, len(some)))
+    assert volume(cut.points, cut.cells) == pytest.approx(volume(mesh.points, mesh.cells), rel=1e-12)
+    assert len(boundary_facets(cut.cells[:, :4])[0]) == len(cut.facets)
+
+
+def test_a_convex_solid_has_no_concave_edges(stub):
+    assert len(concave_edges(stub[1])) == 0
+
+
+def test_surfaces_that_cannot_be_filled_are_refused():
+    surface = box(0.1, 0.1, 0.1).surface
+    with pytest.raises(MeshError, match="not closed"):
+        tetrahedralize(changed(surface, triangles=surface.triangles[1:]), 0.03, 1e-4)
+    with pytest.raises(MeshError, match="inward"):
+        tetrahedralize(changed(surface, triangles=surface.triangles[:, ::-1]), 0.03, 1e-4)
+    with pytest.raises(MeshError, match="finite"):
+        tetrahedralize(changed(surface, vertices=surface.vertices * np.nan), 0.03, 1e-4)
+    with pytest.raises(MeshError, match="do not exist"):
+        tetrahedralize(changed(surface, triangles=surface.triangles + 1), 0.03, 1e-4)
+    with pytest.raises(MeshError, match="positive"):
+        tetrahedralize(surface, 0.03, -1e-4)
+
+
+def test_a_mesher_that_takes_too_long_is_killed():
+    with pytest.raises(MeshError, match=r"within 0.2 s"):
+        tetrahedralize(box(0.085, 0.32, 0.02).surface, 0.0005, 1e-5, time_limit=0.2)
