@@ -20,7 +20,10 @@ if TYPE_CHECKING:
 
 DIAGONAL = ("K_tx", "K_ty", "K_tz", "K_rx", "K_ry", "K_rz")
 _EXPLAINED = 5e-3  # relative; the reading explains K_ty, K_tz and K_rz to 0.3 %
-_ROUNDING = 1e-2  # relative; Eq. (29) prints some entries with two digits
+_LAST_DIGIT = (
+    500.0  # N/m, N·m/rad: half of the last digit that Eq. (30) and Tables 5 and 6 print (K_tz: 1e3 times that)
+)
+_LAST_COMPLIANCE_DIGIT = 5e-13  # and that Eq. (29) prints
 
 
 @dataclass(frozen=True)
@@ -76,22 +79,31 @@ def _published_parallelogram(robot: Biglide, q: float) -> Array:
 
 
 def principal_findings(robot: Biglide, source: str, q: float, rows: dict[str, Sequence[float]]) -> list[Finding]:
-    """Tables 5 and 6: each row's six principal stiffnesses, SI, at a link angle ``q`` in rad."""
-    recomputed = np.diagonal(reading_r1(robot, q))
+    """Tables 5 and 6: six principal stiffnesses, SI, in rows ``without_gravity``, ``with_gravity`` and ``experiment``.
+
+    ``q``: link angle in rad. The rows of the table are compared with each other too: what weight changes, in print and
+    correctly.
+    """
     pose = pose_at(robot.geometry, q)
-    without = np.diagonal(stiffness(robot, pose)[0])
-    loaded = np.diagonal(stiffness(robot, pose, gravity="exact")[0])
-    bounds = stiffness_bounds(robot, q)[0]
+    recomputed = np.diagonal(reading_r1(robot, q)).tolist()
+    plain = np.diagonal(stiffness(robot, pose)[0]).tolist()
+    loaded = np.diagonal(stiffness(robot, pose, gravity="exact")[0]).tolist()
+    bounds = stiffness_bounds(robot, q)[0].tolist()
     findings: list[Finding] = []
     for row, values in rows.items():
-        plain = row.startswith("without")
-        correct = without if plain else loaded
+        correct = plain if row == "without_gravity" else loaded
         for k, name in enumerate(DIAGONAL):
-            r1 = float(recomputed[k]) if plain else None
-            findings.append(_judged(source, f"{name} {row}", values[k], r1, float(correct[k]), float(bounds[k])))
-        total = f"K_rx + K_rz {row}"
-        twisting = values[3] + values[5]
-        findings.append(_judged(source, total, twisting, None, float(correct[3] + correct[5]), rotational_bound(robot)))
+            printed = _Printed(source, f"{name} {row}", values[k], _LAST_DIGIT * (1e3 if name == "K_tz" else 1.0))
+            if row == "without_gravity":
+                findings.append(printed.judged(recomputed[k], correct[k], bounds[k]))
+            elif row == "with_gravity":
+                change = values[k] / rows["without_gravity"][k] - 1.0
+                note = f"weight changes it by {change:+.2%} in print, {loaded[k] / plain[k] - 1.0:+.4%} correctly"
+                findings.append(printed.judged(None, correct[k], bounds[k], note))
+            else:
+                findings.append(printed.judged(None, correct[k], bounds[k], "a measurement"))
+        twisting = _Printed(source, f"K_rx + K_rz {row}", values[3] + values[5], 2.0 * _LAST_DIGIT)
+        findings.append(twisting.judged(None, correct[3] + correct[5], rotational_bound(robot), "a sum"))
     return findings
 
 
@@ -99,20 +111,16 @@ def matrix_findings(robot: Biglide, source: str, q: float, published: Array) -> 
     """Eq. (30): every entry on and above the diagonal that is not zero both as printed and correctly."""
     recomputed = reading_r1(robot, q)
     correct = stiffness(robot, pose_at(robot.geometry, q), gravity="exact")[0]
-    bounds = stiffness_bounds(robot, q)[0]
     size = np.sqrt(np.outer(np.diagonal(correct), np.diagonal(correct)))
-    return [
-        _judged(
-            source,
-            f"K{i + 1}{j + 1}",
-            float(published[i, j]),
-            float(recomputed[i, j]),
-            float(correct[i, j]),
-            float(bounds[i]) if i == j else None,
-        )
-        for i, j in zip(*np.triu_indices(6), strict=True)
-        if published[i, j] or abs(correct[i, j]) > 1e-9 * size[i, j]
-    ]
+    correct = np.where(np.abs(correct) < 1e-6 * size, 0.0, correct)
+    bounds = stiffness_bounds(robot, q)[0]
+    findings: list[Finding] = []
+    for i, j in zip(*np.triu_indices(6), strict=True):
+        if published[i, j] or correct[i, j]:
+            printed = _Printed(source, f"K{i + 1}{j + 1}", float(published[i, j]), _LAST_DIGIT)
+            bound = float(bounds[i]) if i == j else None
+            findings.append(printed.judged(float(recomputed[i, j]), float(correct[i, j]), bound))
+    return findings
 
 
 def compliance_findings(source: str, published: Array, beam: Array, solid: Array | None) -> list[Finding]:
@@ -121,13 +129,13 @@ def compliance_findings(source: str, published: Array, beam: Array, solid: Array
     for i, j in zip(*np.triu_indices(6), strict=True):
         if not published[i, j]:
             continue
-        theory = float(beam[i, j])
+        printed, theory = float(published[i, j]), float(beam[i, j])
         correct = float(solid[i, j]) if solid is not None else float("nan")
-        off = _off(published[i, j], theory)
-        verdict = f"a beam formula, to {_percent(off)}, not FEA" if off < _ROUNDING else "no beam formula gives it"
+        is_beam = abs(printed - theory) <= max(_LAST_COMPLIANCE_DIGIT, _EXPLAINED * abs(theory))
+        verdict = "a beam formula, to its last digit, not FEA" if is_beam else "no beam formula gives it"
         if solid is not None:
-            verdict += f"; the solid's is {correct / published[i, j]:.3g} x"
-        findings.append(Finding(source, f"C{i + 1}{j + 1}", float(published[i, j]), theory, correct, None, verdict))
+            verdict += f"; the solid's is {correct / printed:.3g} x"
+        findings.append(Finding(source, f"C{i + 1}{j + 1}", printed, theory, correct, None, verdict))
     return findings
 
 
@@ -149,24 +157,46 @@ def rms_findings(point: str, printed: dict[str, float], rows: dict[str, Sequence
     return findings
 
 
-def _judged(
-    source: str, entry: str, published: float, as_published: float | None, correct: float, bound: float | None
-) -> Finding:
-    notes: list[str] = []
-    if bound is not None and published > 1.001 * bound:
-        over = published / bound
-        notes.append(
-            f"exceeds its bound {over:.3g}-fold" if over > 2.0 else f"exceeds its bound by {_percent(over - 1.0)}"
-        )
-    if _off(published, correct) < _EXPLAINED:
-        notes.append(f"correct, to {_percent(_off(published, correct))}")
-    elif as_published is not None and _off(published, as_published) < _EXPLAINED:
-        notes.append(f"reading R1, to {_percent(_off(published, as_published))}")
-    elif not notes or as_published is not None:
-        notes.append("no reading explains it")
-    if _off(published, correct) >= _EXPLAINED:
-        notes.append(f"{published / correct:.3g} x the correct value" if correct else "correctly zero")
-    return Finding(source, entry, published, as_published, correct, bound, "; ".join(notes))
+@dataclass(frozen=True)
+class _Printed:
+    """A published entry and half a unit of its last printed digit."""
+
+    source: str
+    entry: str
+    value: float
+    rounding: float
+
+    def judged(
+        self, as_published: float | None, correct: float, bound: float | None, note: str | None = None
+    ) -> Finding:
+        """The finding; ``note`` stands for what a reading of the equations would say where there is none."""
+        notes: list[str] = []
+        if bound is not None and self.value - self.rounding > bound:
+            over = self.value / bound
+            size = f"{over:.3g}-fold" if over > 2.0 else f"by {_percent(over - 1.0)}"
+            notes.append(f"exceeds its bound {size}")
+        if self._is(correct):
+            notes.append(f"correct, to {_percent(_off(self.value, correct))}")
+        else:
+            if as_published is not None and self._is(as_published):
+                notes.append(
+                    "reading R1, to its last digit" if self._rounds(as_published) else self._near(as_published)
+                )
+            elif as_published is not None:
+                notes.append("no reading explains it")
+            notes.append(f"{self.value / correct:.3g} x the correct value" if correct else "correctly zero")
+        if note:
+            notes.append(note)
+        return Finding(self.source, self.entry, self.value, as_published, correct, bound, "; ".join(notes))
+
+    def _rounds(self, reference: float) -> bool:
+        return abs(self.value - reference) <= self.rounding
+
+    def _is(self, reference: float) -> bool:
+        return self._rounds(reference) or _off(self.value, reference) < _EXPLAINED
+
+    def _near(self, reference: float) -> str:
+        return f"reading R1, to {_percent(_off(self.value, reference))}"
 
 
 def _off(value: float, reference: float) -> float:
