@@ -38,7 +38,7 @@ def facts_of(order: PartOrder, part: Part, experiment: Experiment) -> dict[str, 
             "clamped": sorted(int(face) for face in part.clamped),
             "loaded": sorted(int(face) for port in part.loaded for face in port.faces),
         },
-        "seconds": experiment.seconds,
+        "seconds": dict(experiment.seconds),
     }
 
 

@@ -25,6 +25,7 @@ from app.pictures import PictureError, draw
 from app.progress import progress
 from app.robotfile import load_robot
 from app.schema import PARTS
+from stiffscope import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -70,6 +71,11 @@ def needed_orders(
 def assemble(robot: RobotFile, components: str | None, results: Mapping[PartName, PartResult]) -> Assembled:
     """The elastic robot from its parts."""
     sources = parts_of.sources(robot, components)
+    if sources["slider"] == "fea" and robot.part("slider").shape()["pads"] == "apart":
+        raise InputError(
+            'slider.pads: the robot is assembled from one slider matrix: expected "together", got "apart" '
+            "(whose interfaces `stiffscope compliance` gives)"
+        )
     matrices = {name: parts_of.component(robot, name, sources[name], results) for name in PARTS}
     mass = robot.link.mass
     link_mass = results["link"].mass if mass == "cad" else float(mass)
