@@ -42,7 +42,7 @@ def optional_length(field: str, value: object) -> float:
 
 def count(field: str, value: object, largest: int = 100) -> int:
     """`value` as a whole number from 0 to `largest`."""
-    if isinstance(value, bool) or not isinstance(value, Integral) or not 0 <= value <= largest:
+    if isinstance(value, bool) or not isinstance(value, Integral) or not 0 <= int(value) <= largest:
         raise InputError(f"{field}: expected a whole number from 0 to {largest}, got {value!r}")
     return int(value)
 

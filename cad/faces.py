@@ -58,6 +58,7 @@ def _geometry(index: int, face: "Face") -> FaceGeometry:
             axis = kernel.xyz(form.Axis().Direction())
         sizes = _sizes(kind, form)
     if kind == "plane":
+        form = surface.Plane()
         # a left-handed plane's natural normal is opposite to its main direction
         axis = axis * (1 if form.Position().Direct() else -1) * (-1 if kernel.reversed_in_solid(face) else 1)
     return FaceGeometry(

@@ -7,7 +7,7 @@ This module is slow to import (0.5 to 1.5 s): import it inside the functions tha
 
 # pyright: reportAttributeAccessIssue=false
 from collections.abc import Iterable, Sequence
-from typing import Any, cast
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +49,11 @@ from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS, TopoDS_Edge, TopoDS_Face, TopoDS_Shape, TopoDS_Solid, TopoDS_Vertex
 
 Floats = NDArray[np.float64]
-Shape, Solid, Face, Edge, Vertex = TopoDS_Shape, TopoDS_Solid, TopoDS_Face, TopoDS_Edge, TopoDS_Vertex
+Shape: TypeAlias = TopoDS_Shape
+Solid: TypeAlias = TopoDS_Solid
+Face: TypeAlias = TopoDS_Face
+Edge: TypeAlias = TopoDS_Edge
+Vertex: TypeAlias = TopoDS_Vertex
 X_AXIS = gp_Ax1(gp_Pnt(0, 0, 0), gp_Dir(1, 0, 0))
 
 

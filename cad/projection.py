@@ -56,5 +56,5 @@ def _directions(vectors: Floats, otherwise: Floats) -> Floats:
 
 
 def _perpendicular(axis: Floats) -> Floats:
-    across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    return across / float(np.linalg.norm(across))
+    across = np.asarray(np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))]), dtype=np.float64)
+    return across / np.linalg.norm(across)

@@ -14,6 +14,7 @@ from cad.faces import FaceSelector, face_geometries, select
 from cad.materials import STEEL, AnyMaterial
 from cad.part import Interface, Part
 from cad.soundness import sound_solid
+from stiffscope import InputError
 
 if TYPE_CHECKING:
     from cad.kernel import Shape, Solid
@@ -212,7 +213,10 @@ def _shape(slider: SliderParameters) -> "Shape":
             and 1e-6 < middle[0] < inside[0]
             and abs(middle[1]) < inside[1]
         ]
-        shape = kernel.filleted(shape, roots, 1e3 * slider.fillet)
+        try:
+            shape = kernel.filleted(shape, roots, 1e3 * slider.fillet)
+        except RuntimeError as error:
+            raise InputError(f"slider.fillet: expected a smaller radius, got {mm(slider.fillet)}; {error}") from error
     radius, offset = 500 * slider.hole_diameter, 1e3 * slider.hole_offset
     drills = [kernel.cylinder((offset, 1e3 * y, -2 * half), (0, 0, 1), radius, 4 * half) for y in slider.hole_positions]
     return kernel.drilled(shape, *drills)

@@ -20,6 +20,7 @@ def sound_solid(shape: "Shape", name: str) -> "Solid":
     here; the mesh's volume then tells.
     """
     solid = _only_solid(shape, name)
+    _refuse_other_units(solid, name)
     _refuse_self_intersection(solid, name)
     _refuse_open(solid, name)
     return _outward(solid, name)
@@ -45,6 +46,14 @@ def _only_solid(shape: "Shape", name: str) -> "Solid":
     return found[0]
 
 
+def _refuse_other_units(solid: "Solid", name: str) -> None:
+    from cad import kernel
+
+    size = kernel.diagonal(solid)
+    if not SMALLEST <= size <= LARGEST:
+        raise _refuse(name, f"{size:.3g} mm", f"a solid {SMALLEST:g} to {LARGEST:g} mm large (check its units)")
+
+
 def _refuse_self_intersection(solid: "Solid", name: str) -> None:
     from cad import kernel
 
@@ -67,9 +76,7 @@ def _outward(solid: "Solid", name: str) -> "Solid":
     from cad import kernel
 
     solid = kernel.oriented(solid)
-    size, volume = kernel.diagonal(solid), kernel.volume_properties(solid).Mass()
-    if not (np.isfinite(volume) and volume > 1e-9 * size**3):
+    volume = kernel.volume_properties(solid).Mass()
+    if not (np.isfinite(volume) and volume > 1e-9 * kernel.diagonal(solid) ** 3):
         raise _refuse(name, f"a solid without volume ({volume:.3g} mm3)", "a solid of positive volume")
-    if not SMALLEST <= size <= LARGEST:
-        raise _refuse(name, f"{size:.3g} mm", f"a solid {SMALLEST:g} to {LARGEST:g} mm large (check its units)")
     return solid

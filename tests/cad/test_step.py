@@ -1,0 +1,181 @@
+"""STEP files as parts: round trip, units, selectors, and files made bad in every way that is known."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cad import kernel, kernel_files, link, slider
+from cad.faces import FaceSelector, describe, select
+from cad.link import LinkParameters
+from cad.part import Part, geometry_digest, mass_properties
+from cad.slider import SliderParameters
+from cad.solid import Frame, part_of
+from cad.soundness import sound_solid
+from cad.step import read_solid, read_step, write_step, write_stl
+from stiffscope import InputError
+
+HOLED = SliderParameters(rib_count=2, fillet=0.003, hole_count=3)
+
+
+@pytest.fixture(scope="module")
+def holed() -> Part:
+    return slider.build(HOLED)
+
+
+@pytest.fixture(scope="module")
+def step(holed: Part, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("step") / "holed.step"
+    write_step(holed, path)
+    return path
+
+
+def test_round_trip_keeps_the_part(holed: Part, step: Path) -> None:
+    part = read_step(step)
+    assert part.name == "holed"
+    assert mass_properties(part).volume == pytest.approx(mass_properties(holed).volume, rel=1e-9)
+    assert part.loaded[0].reference_point == pytest.approx([0.085, 0, 0], abs=1e-9)
+    assert [face.kind for face in part.faces].count("torus") == 2
+    assert geometry_digest(part) == geometry_digest(read_step(step, name="again"))
+
+
+def test_units_of_the_file_count(step: Path, tmp_path: Path) -> None:
+    metres = tmp_path / "m.step"
+    metres.write_text(step.read_text().replace("SI_UNIT(.MILLI.,.METRE.)", "SI_UNIT($,.METRE.)"))
+    with pytest.raises(InputError, match=r"m.step: expected a solid 1 to 40000 mm large"):
+        read_solid(metres)
+
+
+def test_frame_gives_the_axes(holed: Part) -> None:
+    turned = part_of(holed.solid, frame=Frame(origin=(0, 0, 0.01), x=(0, 1, 0), z=(0, 0, 1)))  # its y is -x
+    x, y, z = mass_properties(holed).centre
+    assert mass_properties(turned).centre == pytest.approx([y, -x, z - 0.01], abs=1e-12)
+    assert turned.loaded[0].reference_point == pytest.approx([0, -0.085, -0.01], abs=1e-9)
+    (held,) = turned.clamped
+    assert turned.faces[held].axis == pytest.approx([0, 1, 0])
+    with pytest.raises(InputError, match="right angles"):
+        Frame(x=(1, 0, 0), z=(1, 0, 1))
+
+
+def test_selectors_choose_by_geometry(holed: Part) -> None:
+    def chosen(**conditions: object) -> list[str]:
+        faces = select(holed.solid, [FaceSelector(**conditions)])  # type: ignore[arg-type]
+        return [holed.faces[i].kind for i in faces]
+
+    assert chosen(kind="cylinder", radius=0.0045) == ["cylinder"] * 3
+    assert chosen(kind="cylinder", radius=0.0045, position="max y") == ["cylinder"]
+    assert chosen(normal=(0, 0, -2), kind="plane") == ["plane"]
+    assert chosen(position=(0.085, 0.1, 0.0)) == ["plane"]
+    assert chosen(index=(0, 1)) == [holed.faces[0].kind, holed.faces[1].kind]
+    rows = describe(holed.solid)
+    assert sorted({row["radius_mm"] for row in rows if row["kind"] == "torus"}) == [3.0]
+    assert sum(row["area_mm2"] for row in rows) == pytest.approx(kernel.area_properties(holed.solid).Mass())
+
+
+def test_selectors_that_choose_nothing_or_everything_say_what_exists(holed: Part) -> None:
+    with pytest.raises(InputError, match=r"slider.clamped: no face has radius = 0.007; there are .*3, 4.5, 5 mm"):
+        select(holed.solid, [FaceSelector(radius=0.007)], "slider.clamped")
+    with pytest.raises(InputError, match=r"expected some of the faces, got all"):
+        select(holed.solid, [FaceSelector(index=range(len(holed.faces)))])
+    for bad in ({}, {"kind": "flat"}, {"position": "left"}, {"normal": (0, 0, 0)}, {"radius": -1.0}):
+        with pytest.raises(InputError, match="face selector"):
+            FaceSelector(**bad)  # type: ignore[arg-type]
+
+
+def test_held_and_loaded_faces_are_apart(holed: Part) -> None:
+    with pytest.raises(InputError, match="nothing else takes"):
+        part_of(holed.solid, loaded=[FaceSelector(position="min x", kind="plane")])
+
+
+def box(low: float, high: float) -> kernel.Shape:
+    return kernel.box((low,) * 3, (high,) * 3)
+
+
+def crossing() -> kernel.Shape:
+    """Two cubes that overlap, their faces in one shell."""
+    from OCP.BRep import BRep_Builder
+    from OCP.TopoDS import TopoDS_Shell, TopoDS_Solid
+
+    builder, shell, solid = BRep_Builder(), TopoDS_Shell(), TopoDS_Solid()
+    builder.MakeShell(shell)
+    builder.MakeSolid(solid)
+    for face in kernel.faces(box(0, 10)) + kernel.faces(box(5, 15)):
+        builder.Add(shell, face)
+    builder.Add(solid, shell)
+    return solid
+
+
+BAD = {
+    "assembly": (lambda: kernel_files.compound(box(0, 1), box(2, 3)), "an assembly of 2 solids"),
+    "sheet": (lambda: kernel.faces(box(0, 10))[0], "a surface without volume"),
+    "loose": (lambda: kernel_files.compound(box(0, 10), kernel.faces(box(20, 30))[0]), "loose faces"),
+    "crossing": (crossing, "a self-intersecting solid"),
+    "tiny": (lambda: box(0, 0.01), "0.0173 mm"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_is_no_solid_is_refused(name: str) -> None:
+    make, found = BAD[name]
+    with pytest.raises(InputError, match=rf"x.step: expected .* found .*{found}"):
+        sound_solid(make(), "x.step")
+
+
+def test_what_is_no_solid_is_refused_in_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "two.step"
+    kernel_files.write_step(crossing(), path)
+    with pytest.raises(InputError) as refused:
+        read_solid(path)
+    assert str(refused.value).startswith(f"{path}: expected a solid whose faces meet only at their edges, found")
+
+
+def test_rubbish_is_refused(step: Path, tmp_path: Path) -> None:
+    text = step.read_text()
+    bodies = {
+        "empty": ("", "an empty one"),
+        "other": ("solid cube\nendsolid", "another kind"),
+        "torn": (text[: len(text) // 2], "a torn one"),
+        "hollow": ("ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\nENDSEC;\nEND-ISO-10303-21;\n", "no solid and no face"),
+        "scrambled": (text.replace("CARTESIAN_POINT('',(", "CARTESIAN_POINT('',(1E400,#7,"), "expected"),
+    }
+    for name, (body, found) in bodies.items():
+        path = tmp_path / f"{name}.step"
+        path.write_text(body)
+        with pytest.raises(InputError) as refused:
+            read_solid(path)
+        assert str(path) in str(refused.value)
+        assert found in str(refused.value)
+        assert "\n" not in str(refused.value)
+    with pytest.raises(InputError, match="No such file"):
+        read_solid(tmp_path / "missing.step")
+    with pytest.raises(InputError, match=r"within 0.01 s"):
+        read_solid(step, time_limit=0.01)
+
+
+def test_stl_is_closed_and_has_the_volume(tmp_path: Path) -> None:
+    part, path = link.build(LinkParameters()), tmp_path / "link.stl"
+    write_stl(part, path)
+    facets = np.frombuffer(path.read_bytes()[84:], dtype=[("n", "<f4", 3), ("v", "<f4", (3, 3)), ("end", "<u2")])
+    a, b, c = np.moveaxis(facets["v"].astype(float), 1, 0)
+    volume = np.einsum("ij,ij", a, np.cross(b, c)) / 6 * 1e-9
+    assert volume == pytest.approx(mass_properties(part).volume, rel=0.01)
+
+
+def test_a_build123d_solid_is_a_part() -> None:
+    build123d = pytest.importorskip("build123d")
+    solid = build123d.Box(50, 20, 10) - build123d.Cylinder(3, 10)
+    part = part_of(solid, name="block")
+    assert part.loaded[0].reference_point == pytest.approx([0.025, 0, 0], abs=1e-12)
+    again = build123d.Solid(part.solid)
+    assert [face.area for face in again.faces()] == pytest.approx([face.area * 1e6 for face in part.faces])
+
+
+def test_digest_and_silence_hold_in_another_process(holed: Part) -> None:
+    code = (
+        "from cad.slider import SliderParameters as P, build\nfrom cad.part import geometry_digest\n"
+        "print(geometry_digest(build(P(rib_count=2, fillet=0.003, hole_count=3))))"
+    )
+    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert printed.strip() == geometry_digest(holed)
