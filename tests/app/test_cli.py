@@ -40,7 +40,7 @@ def test_version():
         (["stiffness", "biglide", "--components", "guess"], "--components"),
         (["stiffness", "biglide", "--set", "slider.thickness=12kg"], "--set slider.thickness"),
         (["compliance", "biglide"], "--part"),
-        (["compliance", "biglide", "--part", "link", "--step", "nosuch.step"], "no such STEP file"),
+        (["compliance", "biglide", "--part", "link", "--step", "nosuch.step"], "no STEP file can be read"),
         (["run", "biglide"], "--out"),
         (["run", "biglide", "--out", "/proc/stiffscope"], "cannot be written"),
         (["run", "biglide", "--out", "."], "the one you are in"),
