@@ -9,6 +9,8 @@ SMALLEST, LARGEST = 1e-5, 20.0  # m: beyond this a length is a unit mistaken, an
 
 GAP = 5e-4  # m: the least wall left between features; what is thinner costs the mesher minutes
 
+FINEST = 1e-4  # m: the least radius of a fillet; the kernel's tolerance and the mesher's envelope swallow smaller ones
+
 
 def mm(length: float) -> str:
     """A length in m, written in mm."""

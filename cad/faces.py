@@ -2,11 +2,13 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cad.checks import mm
 from stiffscope import InputError
 
 if TYPE_CHECKING:
@@ -106,17 +108,23 @@ class FaceSelector:
             raise InputError(f"face selector: kind: expected one of {', '.join(KINDS)}, got {self.kind!r}")
         if self.normal is not None and not (_is_point(self.normal) and np.any(self.normal)):
             raise InputError(f"face selector: normal: expected three numbers, not all zero, got {self.normal!r}")
-        if self.radius is not None and not (np.isfinite(self.radius) and self.radius > 0):
+        if self.radius is not None and not (isinstance(self.radius, Real) and 0 < self.radius < np.inf):
             raise InputError(f"face selector: radius: expected a positive length, got {self.radius!r}")
-        if not (self.position is None or self.position in ENDS or _is_point(self.position)):
+        end = isinstance(self.position, str) and self.position in ENDS
+        if not (self.position is None or end or _is_point(self.position)):
             raise InputError(
                 f"face selector: position: expected one of {', '.join(ENDS)} or a point of three numbers in m, "
                 f"got {self.position!r}"
             )
 
     def __str__(self) -> str:
-        """Return the conditions as they are written in a robot file."""
-        return ", ".join(f"{name} = {value}" for name, value in self.__dict__.items() if value is not None)
+        """Return the conditions in words, lengths in mm as in the listing."""
+        said = {name: value for name, value in self.__dict__.items() if value is not None}
+        if self.radius is not None:
+            said["radius"] = mm(self.radius)
+        if self.position is not None and not isinstance(self.position, str):
+            said["position"] = "(" + ", ".join(f"{x * 1e3:.6g}" for x in self.position) + ") mm"
+        return ", ".join(f"{name} = {value}" for name, value in said.items())
 
 
 def _is_point(value: object) -> bool:

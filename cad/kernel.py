@@ -71,9 +71,10 @@ silence()
 def _parts(shape: Shape, kind: Any, cast_to: Any) -> list[Any]:
     explorer, found = TopExp_Explorer(shape, kind), {}
     while explorer.More():
-        found.setdefault(explorer.Current(), None)
+        item = explorer.Current()
+        found.setdefault(item.Oriented(TopAbs_Orientation.TopAbs_FORWARD), item)  # neighbours share it, turned over
         explorer.Next()
-    return [cast_to(item) for item in found]
+    return [cast_to(item) for item in found.values()]
 
 
 def faces(shape: Shape) -> list[Face]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cad.checks import length, mm, optional_length, require
+from cad.checks import GAP, length, mm, optional_length, require
 from cad.faces import FaceSelector, select
 from cad.materials import STEEL, AnyMaterial
 from cad.part import Interface, Part
@@ -35,23 +35,23 @@ class LinkParameters:
         optional_length("link.fitting_radius", self.fitting_radius)
         optional_length("link.fitting_length", self.fitting_length)
         require(
-            self.bore < 2 * self.radius,
+            self.bore <= max(2 * (self.radius - GAP), 0.0),
             "link.bore",
-            f"a diameter from 0 to less than the link's {mm(2 * self.radius)}",
+            f"a diameter up to {mm(max(2 * (self.radius - GAP), 0.0))} (the link's is {mm(2 * self.radius)})",
             mm(self.bore),
         )
         if not (self.fitting_radius or self.fitting_length):
             return
         require(
-            self.fitting_radius > self.bore / 2,
+            self.fitting_radius >= self.bore / 2 + GAP,
             "link.fitting_radius",
-            f"a radius above the bore's {mm(self.bore / 2)} for end fittings {mm(self.fitting_length)} long",
+            f"at least {mm(self.bore / 2 + GAP)} for fittings {mm(self.fitting_length)} long about the bore",
             mm(self.fitting_radius),
         )
         require(
-            0 < self.fitting_length < self.length / 2,
+            GAP <= self.fitting_length <= self.length / 2 - GAP,
             "link.fitting_length",
-            f"a length between 0 and half the link's, {mm(self.length / 2)}, for fittings",
+            f"{mm(GAP)} to {mm(self.length / 2 - GAP)} for fittings on a link of {mm(self.length)}",
             mm(self.fitting_length),
         )
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from cad.checks import GAP, choice, count, length, mm, optional_length, require
+from cad.checks import FINEST, GAP, choice, count, length, mm, optional_length, require
 from cad.faces import FaceSelector, face_geometries, select
 from cad.materials import STEEL, AnyMaterial
 from cad.part import Interface, Part
@@ -121,9 +121,9 @@ def _check_ribs(slider: SliderParameters) -> None:
         require(not slider.fillet, "slider.fillet", "0 without ribs (it rounds their roots)", mm(slider.fillet))
         return
     require(
-        slider.fillet <= slider.rib_height - GAP,
+        slider.fillet == 0 or FINEST <= slider.fillet <= slider.rib_height - GAP,
         "slider.fillet",
-        f"a radius up to {mm(slider.rib_height - GAP)}, less than the rib's height",
+        f"0, or a radius from {mm(FINEST)} to {mm(slider.rib_height - GAP)}, less than the rib's height",
         mm(slider.fillet),
     )
     _check_row(slider, "rib", "thickness", slider.rib_thickness + 2 * slider.fillet)

@@ -16,11 +16,11 @@ def sound_solid(shape: "Shape", name: str) -> "Solid":
     """Return the one solid that the shape is, oriented outwards; InputError names `name` when it is not sound.
 
     Sound: exactly one solid with no loose faces beside it, none of its faces meet but at their borders, valid to
-    the kernel, closed, of positive volume and of a machine part's size. A face that crosses itself is not seen
-    here; the mesh's volume then tells.
+    the kernel, closed, of positive volume and of a machine part's size. Of faces that cross themselves only tori
+    are seen here; for others the mesh's volume then tells.
     """
     solid = _only_solid(shape, name)
-    _refuse_other_units(solid, name)
+    _refuse_odd_numbers(solid, name)
     _refuse_self_intersection(solid, name)
     _refuse_open(solid, name)
     return _outward(solid, name)
@@ -37,18 +37,20 @@ def _only_solid(shape: "Shape", name: str) -> "Solid":
     if len(found) > 1:
         raise _refuse(name, f"an assembly of {len(found)} solids", "one solid (fuse the parts or export one alone)")
     if not found and faces:
-        raise _refuse(name, f"a surface without volume ({len(faces)} faces that bound no solid)")
+        raise _refuse(name, f"a surface without volume ({len(faces)} face(s) that bound no solid)")
     if not found:
         raise _refuse(name, "no solid and no face")
     loose = len(faces) - len(kernel.faces(found[0]))
     if loose:
-        raise _refuse(name, f"{loose} loose faces beside the solid", "one solid and nothing else")
+        raise _refuse(name, f"{loose} loose face(s) beside the solid", "one solid and nothing else")
     return found[0]
 
 
-def _refuse_other_units(solid: "Solid", name: str) -> None:
+def _refuse_odd_numbers(solid: "Solid", name: str) -> None:
     from cad import kernel
 
+    if not all(np.isfinite(kernel.position(vertex)).all() for vertex in kernel.vertices(solid)):
+        raise _refuse(name, "coordinates that are not finite", "a solid whose coordinates are numbers")
     size = kernel.diagonal(solid)
     if not SMALLEST <= size <= LARGEST:
         raise _refuse(name, f"{size:.3g} mm", f"a solid {SMALLEST:g} to {LARGEST:g} mm large (check its units)")
@@ -56,8 +58,10 @@ def _refuse_other_units(solid: "Solid", name: str) -> None:
 
 def _refuse_self_intersection(solid: "Solid", name: str) -> None:
     from cad import kernel
+    from cad.faces import face_geometries
 
-    if kernel.self_intersects(solid):
+    spindles = any(face.minor_radius > face.radius for face in face_geometries(solid) if face.kind == "torus")
+    if spindles or kernel.self_intersects(solid):
         raise _refuse(name, "a self-intersecting solid", "a solid whose faces meet only at their edges")
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from OCP.BRepPrimAPI import BRepPrimAPI_MakeTorus
 
 from cad import kernel, kernel_files, link, slider
 from cad.faces import FaceSelector, describe, select
@@ -75,11 +76,18 @@ def test_selectors_choose_by_geometry(holed: Part) -> None:
 
 
 def test_selectors_that_choose_nothing_or_everything_say_what_exists(holed: Part) -> None:
-    with pytest.raises(InputError, match=r"slider.clamped: no face has radius = 0.007; there are .*3, 4.5, 5 mm"):
+    with pytest.raises(InputError, match=r"slider.clamped: no face has radius = 7 mm; there are .*3, 4.5, 5 mm"):
         select(holed.solid, [FaceSelector(radius=0.007)], "slider.clamped")
     with pytest.raises(InputError, match=r"expected some of the faces, got all"):
         select(holed.solid, [FaceSelector(index=range(len(holed.faces)))])
-    for bad in ({}, {"kind": "flat"}, {"position": "left"}, {"normal": (0, 0, 0)}, {"radius": -1.0}):
+    for bad in (
+        {},
+        {"kind": "flat"},
+        {"position": "left"},
+        {"normal": (0, 0, 0)},
+        {"radius": -1.0},
+        {"radius": "7 mm"},
+    ):
         with pytest.raises(InputError, match="face selector"):
             FaceSelector(**bad)  # type: ignore[arg-type]
 
@@ -110,7 +118,9 @@ def crossing() -> kernel.Shape:
 BAD = {
     "assembly": (lambda: kernel_files.compound(box(0, 1), box(2, 3)), "an assembly of 2 solids"),
     "sheet": (lambda: kernel.faces(box(0, 10))[0], "a surface without volume"),
-    "loose": (lambda: kernel_files.compound(box(0, 10), kernel.faces(box(20, 30))[0]), "loose faces"),
+    "loose": (lambda: kernel_files.compound(box(0, 10), kernel.faces(box(20, 30))[0]), r"1 loose face\(s\)"),
+    "spindle": (lambda: BRepPrimAPI_MakeTorus(3.0, 5.0).Solid(), "a self-intersecting solid"),
+    "not a number": (lambda: box(0, float("nan")), "not finite"),
     "crossing": (crossing, "a self-intersecting solid"),
     "tiny": (lambda: box(0, 0.01), "0.0173 mm"),
 }
