@@ -99,6 +99,10 @@ class Diagnosis:
     where: Where
     next_measurement: NextMeasurement | None = None
     remarks: tuple[str, ...] = ()
+    steps: tuple[tuple[str, float], ...] = ()
+    """The gap in % rms before, after each effect alone, together, held out, and by the noise alone."""
+    likeness: tuple[tuple[str, ...], tuple[tuple[float, ...], ...]] = ((), ())
+    """Effects and |cosine| between their signatures in these readings: 1 cannot be told apart."""
 
 
 def _number(value: float) -> float | None:

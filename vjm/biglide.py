@@ -89,6 +89,7 @@ class Biglide:
             (
                 Spring("base", _RIGID, Frame(translation=-points)),
                 drive("stage.actuator", self.drive, np.concatenate([Y, np.zeros(3)])),
+                Spring("stage.guide", _RIGID, Frame(translation=-points * [1.0, 0.0, 1.0])),
                 Parallel("limbs", tuple(self._limb(i, q) for i in SIDES)),
                 Weight("platform.weight", self.platform_mass),
                 Spring("platform", _RIGID),

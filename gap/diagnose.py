@@ -1,0 +1,398 @@
+"""Where the gap between model and machine lies, which effect causes it, and how far it shrinks once that is added."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gap.answer import Alternative, Diagnosis, Effect, Gap, Parameter, Where
+from gap.chances import chi_square_tail
+from gap.effects import library
+from gap.following import next_measurement
+from gap.misfit import by_direction, by_pose, percent_noise, percent_rms
+from gap.rivals import UNKNOWN, rivals
+from gap.search import Data, Hypothesis, fitted, noise_of, search
+from gap.state import Bench
+from gap.vocabulary import AXES, STIFFNESS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from gap.effects import Effect as Term
+    from gap.readings import Campaign
+    from vjm.biglide import Biglide
+
+    Array = NDArray[np.float64]
+    Progress = Callable[[str, float], None]
+
+CONFIDENT = 0.9
+UNLIKELY = 1e-3  # chance below which the residuals are not the noise alone
+SIZEABLE = 1.03  # χ² per reading below which a lack of fit is of no account
+RIVALRY = 0.02  # probability from which an alternative is reported as one that cannot be told apart
+STRONG = 3.0  # standard deviations by which a parameter must leave its plausible range to count
+
+
+@dataclass(frozen=True)
+class Findings:
+    """The search's hypotheses with their probabilities, the best first."""
+
+    bench: Bench
+    data: Data
+    hypotheses: tuple[Hypothesis, ...]
+    probability: tuple[float, ...]
+
+    @property
+    def best(self) -> Hypothesis:
+        """The most probable one."""
+        return self.hypotheses[0]
+
+    @property
+    def none(self) -> Hypothesis:
+        """No effect at all."""
+        return next(h for h in self.hypotheses if not h.names)
+
+    def chance(self, names: frozenset[str]) -> float:
+        """Probability that all these effects are at work."""
+        return float(sum(p for h, p in zip(self.hypotheses, self.probability, strict=True) if names <= h.names))
+
+    def model(self, hypothesis: Hypothesis) -> Array:
+        """What a hypothesis says the readings are, (n,)."""
+        return self.bench.campaign.value - hypothesis.residual * self.data.sigma
+
+
+def diagnose(campaign: Campaign, robot: Biglide, progress: Progress | None = None) -> Diagnosis:
+    """Diagnose a campaign against its nominal robot, which carries no gravity unless the campaign says so.
+
+    Raises InputError for poses that the robot cannot reach.
+    """
+    return answer(find(campaign, robot, progress))
+
+
+def find(
+    campaign: Campaign, robot: Biglide, progress: Progress | None = None, terms: Sequence[Term] | None = None
+) -> Findings:
+    """Search over the effects of the vocabulary (or ``terms``) and over patterns that it has no word for."""
+    bench = Bench(campaign, robot)
+    everything = [*(library() if terms is None else terms), *rivals()]
+    data = noise_of(bench, everything)
+    hypotheses = _distinct(search(bench, data, everything, progress))
+    log = np.array([h.evidence for h in hypotheses])
+    weight = np.exp(log - log.max())
+    return Findings(bench, data, tuple(hypotheses), tuple((weight / weight.sum()).tolist()))
+
+
+def _distinct(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """The best fit of every set of effects."""
+    seen: dict[frozenset[str], Hypothesis] = {}
+    for hypothesis in hypotheses:
+        seen.setdefault(hypothesis.names, hypothesis)
+    return list(seen.values())
+
+
+def answer(found: Findings) -> Diagnosis:
+    """The verdict on a search, with every number that goes with it."""
+    best = found.best
+    remarks = [*found.data.remarks, *_bounds(found), *_too_weak(found)]
+    strange = sorted(n.removeprefix(f"{UNKNOWN} @ ") for n in best.names if n.startswith(UNKNOWN))
+    implausible = [text for e in _effects(found, best) for text in _implausible(e)]
+    lacking = lack_of_fit(found, best)
+    if strange:
+        remarks.append(f"the readings follow {', '.join(strange)}, for which the vocabulary has no word")
+    remarks += implausible
+    if lacking:
+        remarks.append(lacking)
+    known = found.chance(best.names) if best.names else found.probability[0]
+    if not best.names and not lacking:
+        verdict = "no-gap" if found.probability[0] > 0.5 else "ambiguous"
+    elif strange or implausible or lacking or not best.names:
+        verdict = "unexplained"
+    else:
+        verdict = "identified" if known >= CONFIDENT else "ambiguous"
+    shown = () if verdict in {"no-gap", "unexplained"} else tuple(_effects(found, best))
+    others = _alternatives(found, best if shown else None)
+    rivals_left = [h for h in found.hypotheses[1:8] if h.names and not best.names <= h.names]
+    following = next_measurement(found.bench, found.data, best, rivals_left[0]) if rivals_left and best.names else None
+    return Diagnosis(
+        verdict,
+        _gap(found, best),
+        shown,
+        others,
+        _where(found, best),
+        following,
+        tuple(remarks),
+        _steps(found, best),
+        _likeness(found),
+    )
+
+
+def lack_of_fit(found: Findings, hypothesis: Hypothesis) -> str:
+    """What the residuals of a hypothesis show beyond the noise, or nothing: in all, and by kind, pose, wrench and order."""
+    c, good = found.bench.campaign, found.data.good
+    r = hypothesis.residual[good]
+    freedom = max(len(r) - len(hypothesis.inner), 1)
+    if hypothesis.chi2 > SIZEABLE * freedom and chi_square_tail(hypothesis.chi2, freedom) < UNLIKELY:
+        return f"the residuals are {np.sqrt(hypothesis.chi2 / freedom):.2g} times the noise"
+    if len(r) < 60 or np.isnan(c.sigma).any():
+        return ""
+    loads = np.unique(np.nan_to_num(c.wrench[good]), axis=0, return_inverse=True)[1].ravel()
+    axis, kind = c.direction[good], c.kind[good]
+    groups = {
+        "direction": kind * 6 + axis,
+        "pose and direction": c.pose[good] * 6 + axis,
+        "load and direction": loads * 6 + axis,
+        "session and direction": c.session[good] * 6 + axis,
+    }
+    x = hypothesis.slopes[good]
+    chances = {name: _grouped(r, group, x) for name, group in groups.items()}
+    name, chance = min(chances.items(), key=lambda item: item[1])
+    if chance * len(groups) < UNLIKELY:
+        return f"the residuals go together by {name}, which noise does not (chance {chance:.1g})"
+    return ""
+
+
+def _grouped(r: Array, group: NDArray[np.int64], x: Array) -> float:
+    """Chance of the groups' mean residuals, the fit's own freedom projected out of them."""
+    _, index, count = np.unique(group, return_inverse=True, return_counts=True)
+    sums = np.bincount(index.ravel(), r) / np.sqrt(count)
+    design = np.zeros((len(count), x.shape[1]))
+    for k in range(x.shape[1]):
+        design[:, k] = np.bincount(index.ravel(), x[:, k]) / np.sqrt(count)
+    covariance = np.eye(len(count)) - design @ np.linalg.pinv(x.T @ x, rcond=1e-10) @ design.T
+    values, vectors = np.linalg.eigh(covariance)
+    keep = values > 1e-6
+    total = float(np.sum((vectors[:, keep].T @ sums) ** 2 / values[keep]))
+    return chi_square_tail(total, int(keep.sum()))
+
+
+def _effects(found: Findings, hypothesis: Hypothesis) -> list[Effect]:
+    out: list[Effect] = []
+    at = 0
+    nominal = found.bench.nominal
+    for term, values in hypothesis.setting:
+        inner = np.array(values)
+        covariance = hypothesis.covariance[at : at + len(inner), at : at + len(inner)]
+        at += len(inner)
+        step = 1e-6 * np.array(term.scale)
+        here = term.outside(inner, nominal)
+        slopes = [
+            (term.outside(inner + d, nominal) - term.outside(inner - d, nominal)) / (2 * s)
+            for d, s in zip(np.diag(step), step, strict=True)
+        ]
+        jacobian = np.stack(slopes, axis=1) if slopes else np.zeros((0, 0))
+        sigma = np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian).clip(min=0.0))
+        parameters = {
+            name: Parameter(float(v), float(s), unit, bool(low - STRONG * s <= v <= high + STRONG * s))
+            for name, unit, v, s, low, high in zip(
+                term.names, term.units, here, sigma, term.low, term.high, strict=True
+            )
+        }
+        alone = _alone(found, term)
+        out.append(
+            Effect(
+                term.effect,
+                term.place,
+                found.chance(frozenset([term.name])),
+                _percent(found, alone),
+                parameters,
+                tuple(sorted(_confused(found, hypothesis, term.name))),
+            )  # fmt: skip
+        )
+    return out
+
+
+def _alone(found: Findings, term: Term) -> Hypothesis:
+    known = next((h for h in found.hypotheses if h.names == {term.name}), None)
+    if known is not None:
+        return known
+    start = np.zeros(len(term.scale))
+    return fitted(found.bench, found.data, [(term, start)], len(found.hypotheses))
+
+
+def _confused(found: Findings, hypothesis: Hypothesis, name: str) -> set[str]:
+    """Effects that could stand in this one's place with a probability worth naming."""
+    rest = hypothesis.names - {name}
+    own = found.probability[found.hypotheses.index(hypothesis)]
+    out: set[str] = set()
+    for other, p in zip(found.hypotheses, found.probability, strict=True):
+        swapped = other.names - rest
+        if rest <= other.names and len(swapped) == 1 and name not in swapped and p > RIVALRY * own:
+            out |= swapped
+    return {n for n in out if not n.startswith(UNKNOWN)}
+
+
+def _implausible(effect: Effect) -> list[str]:
+    return [
+        f"{effect.effect} @ {effect.place}: {name} of {p.value:.3g} {p.unit} is not plausible"
+        for name, p in effect.parameters.items()
+        if not p.plausible
+    ]
+
+
+def _alternatives(found: Findings, best: Hypothesis | None) -> tuple[Alternative, ...]:
+    """Other single words, and other sets where they are near, with what speaks against each."""
+    out: list[Alternative] = []
+    top = found.hypotheses[0]
+    for hypothesis, p in zip(found.hypotheses, found.probability, strict=True):
+        names = hypothesis.names
+        if not names or (best is not None and names >= best.names) or (len(names) > 1 and p < RIVALRY):
+            continue
+        if any(n.startswith(UNKNOWN) for n in names):
+            continue
+        terms = [e for e, _ in hypothesis.setting]
+        behind = top.evidence - hypothesis.evidence
+        chi2 = hypothesis.chi2 / max(int(found.data.good.sum()), 1)
+        why = f"ln-odds {behind:.1f} behind, χ² per reading {chi2:.3g}" if behind > 0.05 else "as good"
+        wrong = [text for e in _effects(found, hypothesis) for text in _implausible(e)] if behind < 50.0 else []
+        out.append(
+            Alternative(
+                " + ".join(e.effect for e in terms),
+                " + ".join(e.place for e in terms),
+                p,
+                _percent(found, hypothesis),
+                "; ".join([why, *wrong]),
+            )  # fmt: skip
+        )
+    return tuple(out[:12])
+
+
+def _percent(found: Findings, hypothesis: Hypothesis) -> float:
+    return percent_rms(found.bench.campaign, found.model(hypothesis), found.data.sigma, found.data.good)
+
+
+def _gap(found: Findings, best: Hypothesis) -> Gap:
+    c, data = found.bench.campaign, found.data
+    count = max(int(data.good.sum()), 1)
+    return Gap(
+        _percent(found, found.none),
+        _percent(found, best),
+        held_out(found, best),
+        percent_noise(c, data.sigma, data.good),
+        (found.none.chi2 / count, best.chi2 / count),
+    )
+
+
+def held_out(found: Findings, hypothesis: Hypothesis) -> float:
+    """% rms at each pose by the effects fitted without it, mean over poses: one exact linear step from the full fit."""
+    c, data = found.bench.campaign, found.data
+    x, r = hypothesis.slopes, hypothesis.residual
+    gram = x[data.good].T @ x[data.good]
+    scores: list[float] = []
+    for pose in range(len(c.pose_names)):
+        here = data.good & (c.pose == pose)
+        if not here.any():
+            continue
+        prediction = found.model(hypothesis)
+        if x.shape[1]:
+            left = gram - x[here].T @ x[here] + 1e-9 * np.diag(np.diagonal(gram) + 1e-30)
+            change = -np.linalg.pinv(left, rcond=1e-12) @ (x[here].T @ r[here])
+            prediction = prediction + (x @ change) * data.sigma
+        scores.append(percent_rms(c, prediction, data.sigma, here))
+    return float(np.mean(scores)) if scores else float("nan")
+
+
+def _where(found: Findings, best: Hypothesis) -> Where:
+    c, data = found.bench.campaign, found.data
+    nominal = np.where(data.good, found.none.residual, 0.0)
+    return Where(
+        by_direction(c, nominal),
+        _components(found),
+        c.pose_names,
+        by_pose(c, nominal),
+        by_pose(c, np.where(data.good, best.residual, 0.0)),
+    )
+
+
+def _components(found: Findings) -> dict[str, float]:
+    """Each component's share of the misfit: the mix of what their signatures take of it alone that comes nearest."""
+    from scipy.optimize import nnls  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
+
+    state = found.bench.state()
+    good, r = found.data.good, found.none.residual[found.data.good]
+    parts: dict[str, Array] = {}
+    for term in [*library(), *rivals()]:
+        component = _component_of(term)
+        if not component or not term.scale:
+            continue
+        x = (state.columns(term) / found.data.sigma[:, None])[good] * np.array(term.scale)
+        gram = x.T @ x
+        ridge = np.eye(len(gram)) * (1e-9 * float(np.trace(gram)) + 1e-12)
+        part = x @ np.linalg.solve(gram + ridge, x.T @ r)
+        if component not in parts or part @ part > parts[component] @ parts[component]:
+            parts[component] = part
+    mix = np.asarray(nnls(np.stack(list(parts.values()), axis=1), r)[0])  # pyright: ignore[reportUnknownArgumentType]
+    taken = {name: float(m * (part @ part)) for (name, part), m in zip(parts.items(), mix, strict=True)}
+    total = sum(taken.values())
+    return {name: gain / total for name, gain in taken.items() if gain > 1e-3 * total} if total > 0.0 else {}
+
+
+def _component_of(term: Term) -> str:
+    if term.effect == "actuator-stiffness" and term.place != "limbs":
+        return f"{term.place}.actuator"
+    if term.effect == "link-stiffness" and term.place != "links":
+        return term.place
+    if term.place.startswith("one slider alone"):
+        return f"{term.place.split(', ')[1]}.slider"
+    if term.effect in {"joint-compliance", "guide-compliance", "base-compliance", "platform-compliance"}:
+        return term.place
+    return "instrument" if term.effect in {"displacement-scale", "instrument-misalignment"} else ""
+
+
+def _steps(found: Findings, best: Hypothesis) -> tuple[tuple[str, float], ...]:
+    """The waterfall: the gap before, after each effect alone, after all, held out, and what noise alone leaves."""
+    gap = _gap(found, best)
+    alone = [(f"{e.effect} @ {e.place}", e.gap_after) for e in _effects(found, best)]
+    together = [("together", gap.explained)] if len(alone) > 1 else []
+    return (("nominal", gap.nominal), *alone, *together, ("held out", gap.held_out), ("noise", gap.noise))
+
+
+def _likeness(found: Findings) -> tuple[tuple[str, ...], tuple[tuple[float, ...], ...]]:
+    """How alike the signatures of single-parameter effects are in these readings: |cosine|."""
+    state = found.bench.state()
+    terms = [e for e in library() if len(e.scale) == 1]
+    x = np.hstack([state.columns(e) for e in terms]) / found.data.sigma[:, None]
+    size = np.linalg.norm(x, axis=0)
+    x = x / np.where(size > 0.0, size, 1.0)
+    return tuple(e.name for e in terms), tuple(tuple(float(v) for v in row) for row in np.abs(x.T @ x))
+
+
+def _too_weak(found: Findings) -> list[str]:
+    """Effects of known size that would have to be many times stronger than they are."""
+    if found.bench.gravity:
+        return []
+    column = (found.bench.state().weight_column() / found.data.sigma)[found.data.good]
+    size = float(column @ column)
+    if size <= 0.0:
+        return []
+    strength = float(column @ found.none.residual[found.data.good]) / size
+    error = 1.0 / np.sqrt(size)
+    if abs(strength) > 3.0 and abs(strength) > 3.0 * error:
+        return [
+            f"gravity would have to be {strength:.3g} times what it is to explain the gap best, so it is not the cause"
+        ]
+    return []
+
+
+def _bounds(found: Findings) -> list[str]:
+    """Readings of stiffness above what any such machine can have."""
+    from vjm.biglide import link_angle
+    from vjm.bounds import stiffness_bounds
+
+    c = found.bench.campaign
+    stiff = np.flatnonzero((c.kind == STIFFNESS) & found.data.good)
+    if not len(stiff):
+        return []
+    robot = found.bench.robot
+    bounds = stiffness_bounds(robot, link_angle(robot.geometry, c.poses))
+    limit = bounds[c.pose[stiff], c.direction[stiff]]
+    over = (c.value[stiff] - limit) / found.data.sigma[stiff] > STRONG
+    axes = sorted({f"k{AXES[d]}" for d in c.direction[stiff[over]]})
+    if not axes:
+        return []
+    worst = float((c.value[stiff] / limit)[over].max())
+    return [
+        f"{', '.join(axes)} exceed what the machine can have, up to {worst:.3g} times: no added compliance or weight cures that"
+    ]

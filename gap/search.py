@@ -1,0 +1,297 @@
+"""Which effects explain a campaign: nonlinear fits, evidence, and the search over sets of effects."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gap.vocabulary import STIFFNESS
+from stiffscope import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from gap.effects import Effect
+    from gap.state import Bench, Setting
+
+    Array = NDArray[np.float64]
+    Flags = NDArray[np.bool_]
+
+SIZES = np.geomspace(0.03, 10.0, 6)  # multiples of a parameter's prior size, equally likely
+PRIOR_EFFECT = 0.25  # prior odds of one effect more, shared by all that it could be
+WIDTH = 6  # hypotheses that are carried on to one effect more
+TRIED = 10  # nonlinear fits at every level
+LEVELS = 3  # effects at once
+OUTLYING = 6.0  # robust standard deviations
+ENOUGH = 1.0  # ln-odds that one effect more must gain for the search to go on
+
+
+@dataclass(frozen=True)
+class Data:
+    """Noise of the readings ``sigma`` (n,), which are no gross outliers, and what to remark about that."""
+
+    sigma: Array
+    good: Flags
+    remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A set of effects, fitted: residual (n,) measured minus model in sigmas, derivatives (n, k), evidence."""
+
+    setting: Setting
+    residual: Array
+    slopes: Array
+    evidence: float
+    chi2: float
+    covariance: Array
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Effects in it, as `effect @ place`."""
+        return frozenset(effect.name for effect, _ in self.setting)
+
+    @property
+    def inner(self) -> Array:
+        """All inner parameters (k,)."""
+        return np.concatenate([np.zeros(0), *(np.array(values) for _, values in self.setting)])
+
+
+def log_prior(setting: Setting, count: int) -> float:
+    """Ln prior odds of a set of effects against none, of ``count`` that could be."""
+    return len(setting) * float(np.log(PRIOR_EFFECT / count))
+
+
+def evidence(y: Array, x: Array, prior: Array) -> tuple[float, Array, Array]:
+    """Ln evidence of y = X u + unit noise with u ~ N(0, (m prior)²), averaged over m; and the posterior of u.
+
+    The density of the noise itself is left out: it is the same for all hypotheses.
+    """
+    gram, pull, total = x.T @ x, x.T @ y, float(y @ y)
+    if not len(prior):
+        return -0.5 * total, np.zeros(0), np.zeros((0, 0))
+    logs: list[float] = []
+    posteriors: list[tuple[Array, Array]] = []
+    for size in SIZES:
+        scale = size * prior
+        core = np.eye(len(prior)) + scale[:, None] * gram * scale[None, :]
+        factor = np.linalg.cholesky(core)
+        half = np.linalg.solve(factor, scale * pull)
+        logs.append(-0.5 * (total - float(half @ half)) - float(np.log(np.diagonal(factor)).sum()))
+        inverse = np.linalg.inv(core)
+        posteriors.append((scale * (inverse @ (scale * pull)), scale[:, None] * inverse * scale[None, :]))
+    best = int(np.argmax(logs))
+    log = np.array(logs)
+    return float(log.max() + np.log(np.mean(np.exp(log - log.max())))), *posteriors[best]
+
+
+def fitted(
+    bench: Bench, data: Data, effects: Sequence[tuple[Effect, Array]], count: int, steps: int = 12
+) -> Hypothesis:
+    """Fit effects, from these inner parameters on, by damped Gauss-Newton with a weak prior."""
+    prior = np.concatenate([np.zeros(0), *(np.array(e.scale) for e, _ in effects)])
+    u = np.concatenate([np.zeros(0), *(np.asarray(v, dtype=np.float64) for _, v in effects)])
+    setting = _split(effects, u)
+    residual, slopes = _linearized(bench, data, setting)
+    cost = _cost(residual, data, u, prior)
+    for _ in range(steps if len(u) else 0):
+        x, y = slopes[data.good], residual[data.good]
+        weak = 1.0 / (SIZES[-1] * prior) ** 2
+        step = np.linalg.solve(x.T @ x + np.diag(weak), x.T @ y - weak * u)
+        for damping in (1.0, 0.5, 0.25, 0.1, 0.02):
+            trial = _bounded(effects, u + damping * step)
+            try:
+                moved = _linearized(bench, data, _split(effects, trial))
+            except (InputError, np.linalg.LinAlgError):
+                continue
+            lower = _cost(moved[0], data, trial, prior)
+            if lower < cost or np.isclose(lower, cost, rtol=1e-9):
+                break
+        else:
+            break
+        gained = cost - lower
+        u, cost, (residual, slopes) = trial, lower, moved
+        if gained < 1e-3:
+            break
+    setting = _split(effects, u)
+    return weighed(Hypothesis(setting, residual, slopes, 0.0, 0.0, np.zeros((len(u), len(u)))), data, count)
+
+
+def weighed(hypothesis: Hypothesis, data: Data, count: int) -> Hypothesis:
+    """The hypothesis with its evidence (prior odds included), χ² and covariance on the good readings."""
+    prior = np.concatenate([np.zeros(0), *(np.array(e.scale) for e, _ in hypothesis.setting)])
+    x, r = hypothesis.slopes[data.good], hypothesis.residual[data.good]
+    log, _, covariance = evidence(r + x @ hypothesis.inner, x, prior)
+    log += log_prior(hypothesis.setting, count)
+    return replace(hypothesis, evidence=log, chi2=float(r @ r), covariance=covariance)
+
+
+def search(
+    bench: Bench, data: Data, library: Sequence[Effect], progress: Callable[[str, float], None] | None = None
+) -> list[Hypothesis]:
+    """Fitted hypotheses, the best first: none, every effect that helps, and sets as long as they gain."""
+    usable = [e for e in library if not (e.effect == "gravity" and bench.gravity)]
+    count = len({e.name for e in usable})
+    found = [fitted(bench, data, (), count)]
+    frontier = found[:1]
+    for level in range(LEVELS):
+        trials = _next_level(bench, data, frontier, usable, count)
+        level_found: list[Hypothesis] = []
+        for k, effects in enumerate(trials):
+            if progress:
+                progress(f"effects, {level + 1} at once", k / len(trials))
+            level_found.append(fitted(bench, data, effects, count))
+        before = max(h.evidence for h in found)
+        found += level_found
+        frontier = sorted(level_found, key=lambda h: -h.evidence)[:WIDTH]
+        if not frontier or frontier[0].evidence < before + ENOUGH:
+            break
+    return sorted(found, key=lambda h: -h.evidence)
+
+
+def _next_level(
+    bench: Bench, data: Data, frontier: Sequence[Hypothesis], usable: Sequence[Effect], count: int
+) -> list[list[tuple[Effect, Array]]]:
+    """The most promising sets of one effect more, by their evidence to first order."""
+    ranked: dict[frozenset[str], tuple[float, list[tuple[Effect, Array]]]] = {}
+    for hypothesis in frontier:
+        state = bench.state(hypothesis.setting)
+        own, r = hypothesis.slopes[data.good], hypothesis.residual[data.good]
+        own_prior = np.concatenate([np.zeros(0), *(np.array(e.scale) for e, _ in hypothesis.setting)])
+        for effect in usable:
+            if effect.name in hypothesis.names:
+                continue
+            if effect.effect == "gravity":
+                column = (state.weight_column() / data.sigma)[data.good]
+                log, start, _ = evidence(r - column + own @ hypothesis.inner, own, own_prior)
+                pieces = list(_pairs(hypothesis, start)) + [(effect, np.zeros(0))]
+            else:
+                x = np.hstack([own, (state.columns(effect) / data.sigma[:, None])[data.good]])
+                prior = np.concatenate([own_prior, effect.scale])
+                log, start, _ = evidence(r + own @ hypothesis.inner, x, prior)
+                pieces = [*_pairs(hypothesis, start), (effect, start[len(own_prior) :])]
+            log += (len(hypothesis.setting) + 1) * float(np.log(PRIOR_EFFECT / count))
+            key = frozenset([*hypothesis.names, effect.name]) | {f"{len(start)}"}
+            if key not in ranked or log > ranked[key][0]:
+                ranked[key] = (log, pieces)
+    best = sorted(ranked.values(), key=lambda item: -item[0])
+    return [[(e, _inside(e, v)) for e, v in pieces] for _, pieces in best[: TRIED if len(frontier) > 1 else 2 * TRIED]]
+
+
+def _pairs(hypothesis: Hypothesis, start: Array) -> list[tuple[Effect, Array]]:
+    out: list[tuple[Effect, Array]] = []
+    at = 0
+    for effect, values in hypothesis.setting:
+        out.append((effect, start[at : at + len(values)]))
+        at += len(values)
+    return out
+
+
+def _inside(effect: Effect, values: Array) -> Array:
+    """Inner parameters within what can be computed: nothing becomes infinitely stiff."""
+    if effect.outer is not None and effect.effect in {"actuator-stiffness", "link-stiffness"}:
+        return np.clip(values, -0.8, 50.0)
+    if effect.effect in {"displacement-scale", "force-scale"} or effect.names == ("factor",):
+        return np.clip(values, -0.8, 50.0)
+    return values
+
+
+def _bounded(effects: Sequence[tuple[Effect, Array]], u: Array) -> Array:
+    at, out = 0, u.copy()
+    for effect, values in effects:
+        out[at : at + len(values)] = _inside(effect, u[at : at + len(values)])
+        at += len(values)
+    return out
+
+
+def _split(effects: Sequence[tuple[Effect, Array]], u: Array) -> Setting:
+    at = 0
+    out: list[tuple[Effect, tuple[float, ...]]] = []
+    for effect, values in effects:
+        out.append((effect, tuple(float(v) for v in u[at : at + len(values)])))
+        at += len(values)
+    return tuple(out)
+
+
+def _linearized(bench: Bench, data: Data, setting: Setting) -> tuple[Array, Array]:
+    """Residual (n,) and derivatives (n, k) in sigmas."""
+    state = bench.state(setting)
+    residual = (bench.campaign.value - state.prediction) / data.sigma
+    if any(effect.effect == "gravity" for effect, _ in setting):
+        stiff = bench.campaign.kind == STIFFNESS
+        residual = residual - np.where(stiff, state.weight_column(), 0.0) / data.sigma
+    blocks = [state.columns(effect) / data.sigma[:, None] for effect, values in setting if values]
+    slopes = np.hstack(blocks) if blocks else np.zeros((len(residual), 0))
+    if not (np.isfinite(residual).all() and np.isfinite(slopes).all()):
+        raise InputError("a parameter has left the range in which the robot stands")
+    return residual, slopes
+
+
+def _cost(residual: Array, data: Data, u: Array, prior: Array) -> float:
+    good = residual[data.good]
+    return float(good @ good) + float(np.sum((u / (SIZES[-1] * prior)) ** 2))
+
+
+def noise_of(bench: Bench, library: Sequence[Effect]) -> Data:
+    """Noise and outliers as the fit of all effects at once shows them, robustly.
+
+    Unknown sigmas are estimated by kind of reading. Stated ones that are all too large are brought down; ones that
+    are too small are left, since what they do not cover may be an effect that nobody knows.
+    """
+    campaign = bench.campaign
+    state = bench.state()
+    like = campaign.kind * 2 + campaign.direction // 3
+    unknown = np.isnan(campaign.sigma)
+    stiff = campaign.kind == STIFFNESS
+    unit = np.where(stiff, np.abs(campaign.value), 1.0)
+    sigma = np.where(unknown, unit * _rough(campaign.value - state.prediction, unit, like), campaign.sigma)
+    blocks = [state.columns(e) for e in library if e.scale and len(e.scale) < 21]
+    sizes = np.concatenate([np.array(e.scale) for e in library if e.scale and len(e.scale) < 21])
+    x = np.hstack(blocks) * (3.0 * sizes)
+    good = np.ones(len(sigma), dtype=np.bool_)
+    residual = np.zeros(len(sigma))
+    for _ in range(6):
+        a, y = x / sigma[:, None], (campaign.value - state.prediction) / sigma
+        weight = good / np.maximum(1.0, np.abs(residual) / 2.0) if residual.any() else good.astype(np.float64)
+        gram = a.T @ (a * weight[:, None])
+        values, vectors = np.linalg.eigh(gram + np.eye(a.shape[1]) * 1e-9 * max(float(np.trace(gram)), 1.0))
+        keep = values > 1e-8 * values[-1]
+        hat = (vectors[:, keep] / values[keep]) @ vectors[:, keep].T
+        rank = float(np.sum((a @ hat) * a * weight[:, None]))
+        residual = y - a @ (hat @ (a.T @ (weight * y)))
+        free = max(1.0 - rank / max(float(good.sum()), 1.0), 0.1)
+        scale = np.ones(len(sigma))
+        for group in np.unique(like):
+            mine = (like == group) & good
+            scale[like == group] = 1.4826 * np.median(np.abs(residual[mine])) / np.sqrt(free) if mine.any() else 1.0
+        floor = np.where(unit > 0, 1e-9 * np.abs(campaign.value).max(), 1e-300)
+        sigma = np.where(unknown, np.maximum(sigma * scale, floor), sigma)
+        residual = np.where(unknown, residual / np.maximum(scale, 1e-12), residual)
+        left = np.maximum(np.where(unknown, 1.0, scale), 1e-6)
+        if len(sigma) > 2 * a.shape[1]:
+            good = np.abs(residual) < OUTLYING * left
+    remarks: list[str] = []
+    known = ~unknown
+    if known.any() and len(sigma) > 3 * x.shape[1]:
+        label = 1.4826 * float(np.median(np.abs(residual[known & good]))) / np.sqrt(free)
+        if label < 0.8:
+            sigma = np.where(known, label * sigma, sigma)
+            remarks.append(
+                f"the stated uncertainties are {1 / label:.2g} times what the readings scatter; they were scaled down"
+            )
+    if not good.all():
+        remarks.append(f"{int((~good).sum())} gross outliers were left out")
+    return Data(sigma, good, tuple(remarks))
+
+
+def _rough(gap: Array, unit: Array, like: NDArray[np.int64]) -> Array:
+    """First guess of unknown noise: a tenth of the gap of its kind."""
+    out = np.ones(len(gap))
+    for group in np.unique(like):
+        mine = like == group
+        out[mine] = max(0.1 * float(np.sqrt(np.mean((gap[mine] / unit[mine]) ** 2))), 1e-12)
+    return out
