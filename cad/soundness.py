@@ -16,8 +16,8 @@ def sound_solid(shape: "Shape", name: str) -> "Solid":
     """Return the one solid that the shape is, oriented outwards; InputError names `name` when it is not sound.
 
     Sound: exactly one solid with no loose faces beside it, none of its faces meet but at their borders, valid to
-    the kernel, closed, of positive volume and of a machine part's size. Of faces that cross themselves only tori
-    are seen here; for others the mesh's volume then tells.
+    the kernel, closed, of positive volume and of a machine part's size. A face that crosses itself is
+    seen where it is free-form, not where it is a whole torus turned over its own axis.
     """
     solid = _only_solid(shape, name)
     _refuse_odd_numbers(solid, name)
@@ -58,10 +58,8 @@ def _refuse_odd_numbers(solid: "Solid", name: str) -> None:
 
 def _refuse_self_intersection(solid: "Solid", name: str) -> None:
     from cad import kernel
-    from cad.faces import face_geometries
 
-    spindles = any(face.minor_radius > face.radius for face in face_geometries(solid) if face.kind == "torus")
-    if spindles or kernel.self_intersects(solid):
+    if kernel.self_intersects(solid):
         raise _refuse(name, "a self-intersecting solid", "a solid whose faces meet only at their edges")
 
 
