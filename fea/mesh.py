@@ -66,8 +66,11 @@ class TetMesh:
 
 
 def default_size(volume: float, area: float) -> float:
-    """Return the element size (m) that suits cubic elements in a solid: twice its volume over its area."""
-    return 2.0 * volume / area
+    """Return the element size (m) that suits cubic elements in a solid of this volume (m³) and area (m²).
+
+    Twice the volume over the area: about the thickness; more in a thin-walled solid, whose elements may be flat.
+    """
+    return max(2.0 * volume / area, (volume / 2000) ** (1 / 3))
 
 
 def default_envelope(surface: Surface, size: float) -> float:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 ROUNDS = 60
-FLATTEST = 0.02  # least Jacobian of a curved element over its mean, below which it is pulled back
+FLATTEST = 0.003  # least Jacobian of a curved element over its mean, below which it is dropped or pulled back
 
 
 def snap(points: Floats, cells: Ints, surface: Surface, project: Project, size: float) -> TetMesh:
@@ -34,11 +34,10 @@ def snap(points: Floats, cells: Ints, surface: Surface, project: Project, size: 
     """
     facets, owner, local = boundary_facets(cells)
     skin = _Skin(cells, facets, owner, local, smooth_tags(facets, tag_facets(surface, points[facets], size / 2)))
-    skin = _without(skin, _chips(points, skin))
     nodes, full, full_facets, edges = _curved(points, skin, project, size)
     for _ in range(3):
         inverted = jacobian_range(nodes[full]) < FLATTEST
-        doomed = np.intersect1d(np.flatnonzero(inverted), _twins(skin)[0])
+        doomed = np.intersect1d(np.flatnonzero(inverted), _twins(skin))
         if not len(doomed):
             break
         skin = _without(skin, doomed)
@@ -69,21 +68,12 @@ def _curved(points: Floats, skin: _Skin, project: Project, size: float) -> tuple
     return _balance(nodes, facets, skin.tags, project, size), cells, facets, edges
 
 
-def _twins(skin: _Skin) -> tuple[Ints, Ints, Ints]:
-    """Return tetrahedra with two boundary triangles on one CAD face, and those two triangles."""
+def _twins(skin: _Skin) -> Ints:
+    """Return the tetrahedra with two boundary triangles on one CAD face: chips that snapping may flatten."""
     order = np.lexsort((skin.tags, skin.owner))
     first, second = order[:-1], order[1:]
     same = (skin.owner[first] == skin.owner[second]) & (skin.tags[first] == skin.tags[second])
-    return skin.owner[first[same]], first[same], second[same]
-
-
-def _chips(points: Floats, skin: _Skin) -> Ints:
-    """Return the thin tetrahedra under one CAD face, with two boundary triangles on it: snapping flattens them."""
-    a, b, c = (points[skin.facets[:, k]] for k in range(3))
-    normals = np.cross(b - a, c - a)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    cells, first, second = _twins(skin)
-    return np.unique(cells[np.einsum("ij,ij->i", normals[first], normals[second]) > 0.5])
+    return np.unique(skin.owner[first[same]])
 
 
 def _without(skin: _Skin, doomed: Ints) -> _Skin:

@@ -11,8 +11,8 @@ from fea.cubic import cubic_compliance, enlarge
 from fea.elasticity import assemble, strains, von_mises
 from fea.interfaces import Port, factorize, imbalance, support, unit_loads
 from fea.mesh import MeshError
-from fea.shape import facet_rule, facet_slopes, volume
 from fea.solvers import choose
+from fea.specimen import shape_error
 
 if TYPE_CHECKING:
     from fea.mesh import Floats, TetMesh
@@ -83,22 +83,7 @@ def _bound(flexibility: Floats, gain: Floats) -> Floats:
 def _geometry_bound(specimen: Specimen, mesh: TetMesh, flexibility: Floats) -> Floats:
     """Return (6n, 6n) what the mesh's shape costs: bending feels a section's area three times over."""
     scale = np.sqrt(flexibility.diagonal())
-    off = abs(volume(mesh.points, mesh.cells) / specimen.volume - 1)
-    areas = _face_areas(mesh, len(specimen.surface.faces))
-    wanted = np.array([face.area for face in specimen.surface.faces])
-    held = sorted(specimen.clamped.union(*(faces for faces, _ in specimen.loaded)))
-    off += abs(areas.sum() - wanted.sum()) / wanted.sum()
-    off += float(np.abs(areas - wanted)[held].sum()) / wanted.sum()
-    return 3 * off * np.maximum(np.abs(flexibility), 1e-3 * np.outer(scale, scale))
-
-
-def _face_areas(mesh: TetMesh, count: int) -> Floats:
-    at, weights = facet_rule()
-    tangents = np.einsum("qnd,kni->kqdi", facet_slopes(at), mesh.points[mesh.facets])
-    area = np.linalg.norm(np.cross(tangents[:, :, 0], tangents[:, :, 1]), axis=2) @ weights
-    total = np.zeros(count)
-    np.add.at(total, mesh.facet_face, area)
-    return total
+    return 3 * shape_error(specimen, mesh) * np.maximum(np.abs(flexibility), 1e-3 * np.outer(scale, scale))
 
 
 def nodal_von_mises(mesh: TetMesh, motion: Floats, elasticity: Floats) -> Floats:
