@@ -69,12 +69,16 @@ silence()
 
 
 def _parts(shape: Shape, kind: Any, cast_to: Any) -> list[Any]:
-    explorer, found = TopExp_Explorer(shape, kind), {}
+    """Each one once, as first met: neighbours share edges and vertices, turned over."""
+    explorer, found, alike = TopExp_Explorer(shape, kind), [], {}
     while explorer.More():
         item = explorer.Current()
-        found.setdefault(item.Oriented(TopAbs_Orientation.TopAbs_FORWARD), item)  # neighbours share it, turned over
+        met = alike.setdefault(hash(item.Oriented(TopAbs_Orientation.TopAbs_FORWARD)), [])
+        if not any(item.IsSame(other) for other in met):
+            met.append(item)
+            found.append(cast_to(item))
         explorer.Next()
-    return [cast_to(item) for item in found.values()]
+    return found
 
 
 def faces(shape: Shape) -> list[Face]:

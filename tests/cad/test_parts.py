@@ -35,6 +35,13 @@ def test_volume_has_its_closed_form(parameters: LinkParameters | SliderParameter
     assert mass_properties(made(parameters)).volume == pytest.approx(VOLUMES[parameters], rel=1e-9)
 
 
+def test_each_face_edge_and_vertex_counts_once() -> None:
+    from cad import kernel
+
+    solid = kernel.box((0, 0, 0), (1, 2, 3))
+    assert [len(items(solid)) for items in (kernel.faces, kernel.edges, kernel.vertices)] == [6, 12, 8]
+
+
 def test_link_has_the_inertia_of_a_rod_and_its_axes() -> None:
     part = link.build(LinkParameters())
     mass, across = 7850 * math.pi * 0.0125**2 * 0.5, 0.0125**2 / 4 + 0.5**2 / 12
