@@ -9,10 +9,10 @@ import numpy as np
 
 from gap.answer import Alternative, Diagnosis, Effect, Gap, Parameter, Where
 from gap.chances import chi_square_tail
-from gap.effects import library
+from gap.effects import UNKNOWN, library
 from gap.following import next_measurement
 from gap.misfit import by_direction, by_pose, percent_noise, percent_rms
-from gap.rivals import UNKNOWN, rivals
+from gap.rivals import rivals
 from gap.search import Data, Hypothesis, fitted, noise_of, search
 from gap.state import Bench
 from gap.vocabulary import AXES, STIFFNESS

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gap.vocabulary import COMPLIANCE_ENTRIES, LINKS, VOCABULARY
+from gap.vocabulary import LINKS, VOCABULARY
 from stiffscope import InputError
 from vjm.elastic import Node, Spring, edited
 from vjm.screws import HALF_TURN, Frame
@@ -27,9 +27,11 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+UNKNOWN = "unknown"  # effect of a pattern that the vocabulary has no word for
 EXPANSION = 11.7e-6  # 1/K, steel: what `thermal` heats
 LIMBS = (1, 2)
 _PAIRS = tuple((i, j) for i in range(6) for j in range(i, 6))
+_MIRRORED = ((0, 0), (1, 1), (1, 5), (2, 2), (2, 4), (3, 3), (4, 4), (5, 5))  # of a part with two planes of symmetry
 _OUTWARD = {"limb1": -1.0, "limb2": 1.0, "stage": 1.0}  # sign of a drive's axis for an offset that is positive outward
 
 
@@ -159,31 +161,44 @@ def _clamped_ends(values: Array, nominal: Nominal) -> Changes:
     return changes
 
 
-def _slider_scale(nominal: Nominal) -> Array:
-    root = np.sqrt(np.diagonal(nominal.springs["limb1.slider"].compliance).clip(min=1e-30))
-    return np.array([root[i] * root[j] for i, j in _PAIRS])
+def _slider_entries(pairs: Sequence[tuple[int, int]]) -> dict[str, Any]:
+    """Entries of the slider's compliance moved by multiples of sqrt(C_ii C_jj), and what they then are."""
+
+    def scale(nominal: Nominal) -> Array:
+        root = np.sqrt(np.diagonal(nominal.springs["limb1.slider"].compliance).clip(min=1e-30))
+        return np.array([root[i] * root[j] for i, j in pairs])
+
+    def here(nominal: Nominal) -> Array:
+        return np.array([nominal.springs["limb1.slider"].compliance[p] for p in pairs])
+
+    def acts(values: Array, nominal: Nominal) -> Changes:
+        added = np.zeros((6, 6))
+        for (i, j), value in zip(pairs, values * scale(nominal), strict=True):
+            added[i, j] = added[j, i] = value
+        return {"limb1.slider": Change(added), "limb2.slider": Change(HALF_TURN @ added @ HALF_TURN)}
+
+    return {
+        "acts": acts,
+        "outer": lambda values, nominal: here(nominal) + values * scale(nominal),
+        "inner": lambda entries, nominal: (entries - here(nominal)) / scale(nominal),
+    }
 
 
-def _symmetric(entries: Array) -> Array:
-    matrix = np.zeros((6, 6))
-    for (i, j), value in zip(_PAIRS, entries, strict=True):
-        matrix[i, j] = matrix[j, i] = value
-    return matrix
-
-
-def _slider_matrix(values: Array, nominal: Nominal) -> Changes:
-    added = _symmetric(values * _slider_scale(nominal))
-    return {"limb1.slider": Change(added), "limb2.slider": Change(HALF_TURN @ added @ HALF_TURN)}
-
-
-def _slider_entries(values: Array, nominal: Nominal) -> Array:
-    here = nominal.springs["limb1.slider"].compliance
-    return np.array([here[p] for p in _PAIRS]) + values * _slider_scale(nominal)
-
-
-def _slider_inner(entries: Array, nominal: Nominal) -> Array:
-    here = nominal.springs["limb1.slider"].compliance
-    return (entries - np.array([here[p] for p in _PAIRS])) / _slider_scale(nominal)
+def _slider_matrix(pairs: Sequence[tuple[int, int]]) -> Effect:
+    kinds = ("m/N", "m/(N·m)", "rad/(N·m)")
+    names = tuple(f"c{i + 1}{j + 1}" for i, j in pairs)
+    units = tuple(kinds[(i > 2) + (j > 2)] for i, j in pairs)
+    count = len(pairs)
+    return Effect(
+        "slider-compliance",
+        "sliders",
+        names,
+        units,
+        (1.0,) * count,
+        (-1e-3,) * count,
+        (1e-3,) * count,
+        **_slider_entries(pairs),
+    )
 
 
 def _one(effect: str, place: str, scale: float, low: float, high: float, **functions: Any) -> Effect:
@@ -236,8 +251,8 @@ def library() -> tuple[Effect, ...]:
         _one("rigid-ends", "links", 0.02, 0.0, 0.15, acts=_clamped_ends),
         _one("slider-compliance", "sliders", 0.5, 0.2, 20.0, acts=_softer(["limb1.slider", "limb2.slider"]),
              outer=_from_compliance, inner=_to_compliance),
-        Effect("slider-compliance", "sliders", COMPLIANCE_ENTRIES, _compliance_units(), (1.0,) * 21, (-1e-3,) * 21,
-               (1e-3,) * 21, acts=_slider_matrix, outer=_slider_entries, inner=_slider_inner),
+        _slider_matrix(_MIRRORED),
+        _slider_matrix(_PAIRS),
         _several("guide-compliance", "carriages", (5e-9, 5e-9, 1e-7), (0.0,) * 3, (1e-6, 1e-6, 1e-4),
                  acts=_diagonal(carriages, guide)),
         _several("base-compliance", "base", six, (0.0,) * 6, most, acts=_diagonal(["base"], eye)),
@@ -253,11 +268,6 @@ def library() -> tuple[Effect, ...]:
         _one("force-scale", "instrument", 0.05, 0.7, 1.4, outer=_from_compliance, inner=_to_compliance),
     ]  # fmt: skip
     return tuple(effects)
-
-
-def _compliance_units() -> tuple[str, ...]:
-    kinds = ("m/N", "m/(N·m)", "rad/(N·m)")
-    return tuple(kinds[(i > 2) + (j > 2)] for i, j in _PAIRS)
 
 
 def nominal_of(robot: Biglide) -> Nominal:
@@ -297,7 +307,7 @@ def effect_named(effect: str, place: str, parameters: Sequence[str] = ()) -> Eff
     placed = [e for e in here if e.place == place]
     if not placed:
         raise InputError(f"{effect}, place: expected one of {', '.join(e.place for e in here)}, found {place!r}")
-    named = [e for e in placed if set(parameters) <= set(e.names)]
+    named = sorted((e for e in placed if set(parameters) <= set(e.names)), key=lambda e: len(e.names))
     if not named:
         raise InputError(
             f"{effect}: expected parameters {', '.join(placed[0].names) or 'none'}, found {', '.join(parameters)}"

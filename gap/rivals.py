@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gap.effects import Change, Changes, Effect, Nominal
+from gap.effects import UNKNOWN, Change, Changes, Effect, Nominal
 from gap.vocabulary import AXES, DEFLECTION, LINKS, STIFFNESS
 
 if TYPE_CHECKING:
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from gap.state import State
 
     Array = NDArray[np.float64]
-
-UNKNOWN = "unknown"
 
 
 def rivals() -> tuple[Effect, ...]:
@@ -35,7 +33,8 @@ def rivals() -> tuple[Effect, ...]:
     radial = np.array([[1.0, 0, 1, 0, 0, 0]])
     for link in LINKS:
         for end in ("joint_a", "joint_b"):
-            out.append(_part(f"one bearing alone, {link}.{end}", (5e-9,), _added([f"{link}.{end}"], radial)))
+            name = f"{link}.{end}"
+            out += [_part(f"one bearing alone, {name}", (5e-9,), _added([name], radial))]
         out.append(_part(f"a bowed link, {link}", (1e-4,), _bowed([link])))
     out.append(_part("bowed links", (1e-4,), _bowed(LINKS)))
     out.append(_part("the guide of the stage", (1e-8,) * 3 + (1e-7,) * 3, _added(["stage.guide"], eye)))

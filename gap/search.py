@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gap.effects import UNKNOWN
 from gap.vocabulary import STIFFNESS
 from stiffscope import InputError
 
@@ -27,6 +28,7 @@ WIDTH = 6  # hypotheses that are carried on to one effect more
 TRIED = 10  # nonlinear fits at every level
 LEVELS = 3  # effects at once
 OUTLYING = 6.0  # robust standard deviations
+UNNAMED = 3.0  # ln-odds by which a pattern without a name stands behind a word of the vocabulary
 ENOUGH = 1.0  # ln-odds that one effect more must gain for the search to go on
 
 
@@ -62,8 +64,12 @@ class Hypothesis:
 
 
 def log_prior(setting: Setting, count: int) -> float:
-    """Ln prior odds of a set of effects against none, of ``count`` that could be."""
-    return len(setting) * float(np.log(PRIOR_EFFECT / count))
+    """Ln prior odds of a set of effects against none, of ``count`` that could be; patterns without a name come last."""
+    return sum(_log_prior_of(effect, count) for effect, _ in setting)
+
+
+def _log_prior_of(effect: Effect, count: int) -> float:
+    return float(np.log(PRIOR_EFFECT / count)) - (UNNAMED if effect.effect == UNKNOWN else 0.0)
 
 
 def evidence(y: Array, x: Array, prior: Array) -> tuple[float, Array, Array]:
@@ -95,8 +101,7 @@ def fitted(
     """Fit effects, from these inner parameters on, by damped Gauss-Newton with a weak prior."""
     prior = np.concatenate([np.zeros(0), *(np.array(e.scale) for e, _ in effects)])
     u = np.concatenate([np.zeros(0), *(np.asarray(v, dtype=np.float64) for _, v in effects)])
-    setting = _split(effects, u)
-    residual, slopes = _linearized(bench, data, setting)
+    u, (residual, slopes) = _start(bench, data, effects, u)
     cost = _cost(residual, data, u, prior)
     for _ in range(steps if len(u) else 0):
         x, y = slopes[data.good], residual[data.good]
@@ -119,6 +124,18 @@ def fitted(
             break
     setting = _split(effects, u)
     return weighed(Hypothesis(setting, residual, slopes, 0.0, 0.0, np.zeros((len(u), len(u)))), data, count)
+
+
+def _start(
+    bench: Bench, data: Data, effects: Sequence[tuple[Effect, Array]], u: Array
+) -> tuple[Array, tuple[Array, Array]]:
+    """The first of u, u/4, u/16 and nothing at which the robot stands."""
+    for share in (1.0, 0.25, 0.0625):
+        try:
+            return share * u, _linearized(bench, data, _split(effects, share * u))
+        except (InputError, np.linalg.LinAlgError):
+            continue
+    return 0.0 * u, _linearized(bench, data, _split(effects, 0.0 * u))
 
 
 def weighed(hypothesis: Hypothesis, data: Data, count: int) -> Hypothesis:
@@ -174,7 +191,7 @@ def _next_level(
                 prior = np.concatenate([own_prior, effect.scale])
                 log, start, _ = evidence(r + own @ hypothesis.inner, x, prior)
                 pieces = [*_pairs(hypothesis, start), (effect, start[len(own_prior) :])]
-            log += (len(hypothesis.setting) + 1) * float(np.log(PRIOR_EFFECT / count))
+            log += log_prior(hypothesis.setting, count) + _log_prior_of(effect, count)
             key = frozenset([*hypothesis.names, effect.name]) | {f"{len(start)}"}
             if key not in ranked or log > ranked[key][0]:
                 ranked[key] = (log, pieces)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gap.effects import Change, changed, nominal_of
+from gap.effects import EXPANSION, Change, changed, nominal_of
 from gap.vocabulary import DEFLECTION, DEVIATION, STIFFNESS
+from stiffscope import InputError
 from vjm.gravity import STANDARD
 from vjm.reduction import assembled
 from vjm.response import respond
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
     from gap.effects import Changes, Effect, Nominal
     from gap.readings import Campaign
-    from vjm.biglide import Biglide
+    from vjm.biglide import Biglide, Geometry
     from vjm.response import Response
 
     Array = NDArray[np.float64]
@@ -28,6 +29,8 @@ Setting = tuple[tuple["Effect", tuple[float, ...]], ...]
 """Effects with their inner parameters."""
 
 DRIVES = {"stage": "stage.actuator", "limb1": "limb1.actuator", "limb2": "limb2.actuator"}
+_PLACES = ("limb1", "limb2", "stage")
+_SLIGHT = 1e-3  # share of an error of geometry at which it acts linearly
 _STEP = 1e-4  # of a parameter's prior size, for derivatives of what an effect does to an element
 _NOTHING = 1e-6  # of the largest force: what rounding leaves in a drive that carries none
 
@@ -38,6 +41,12 @@ class Bench:
 
     campaign: Campaign
     robot: Biglide
+
+    @cached_property
+    def unbounded(self) -> Biglide:
+        """The robot without ends to its drives: an error of geometry may lead a little beyond them."""
+        geometry = replace(self.robot.geometry, a_min=0.0, a_max=10.0 * self.robot.geometry.a_max)
+        return replace(self.robot, geometry=geometry)
 
     @cached_property
     def nominal(self) -> Nominal:
@@ -74,7 +83,7 @@ class State:
     @cached_property
     def response(self) -> Response:
         """Six unit wrenches, then the robot's own loads without effects of the instrument."""
-        tree = self.bench.robot.tree(self.bench.campaign.poses)
+        tree = self.bench.unbounded.tree(self.bench.campaign.poses + self.astray)
         for effect, inner in self.setting:
             if effect.acts is not None:
                 tree = changed(tree, effect.acts(np.array(inner), self.bench.nominal))
@@ -86,14 +95,42 @@ class State:
         return respond(whole, loads, gravity=np.array([0.0] * 6 + [1.0, 0.0]))
 
     @cached_property
+    def geometry(self) -> Array:
+        """Errors of the rigid mechanism, m: drives of limb 1, limb 2, stage outward, mean links of limb 1, limb 2; (5,)."""
+        out = np.zeros(5)
+        for effect, inner in self.setting:
+            value = inner[0] if inner else 0.0
+            if effect.effect == "encoder-offset":
+                out[list(_PLACES).index(effect.place)] += value
+            elif effect.effect == "thermal":
+                out[3:] += EXPANSION * self.bench.nominal.length * value
+            elif effect.effect == "link-length":
+                share = value if effect.place == "links" else value / 3.0
+                out[3:] += share * np.array([effect.place[:5] in {"links", f"limb{i}"} for i in (1, 2)])
+        return out
+
+    @cached_property
+    def astray(self) -> Array:
+        """Translation (p, 3) of the tool by errors of the rigid mechanism, exactly."""
+        if not self.geometry.any():
+            return np.zeros((len(self.bench.campaign.poses), 3))
+        return _displaced(self.bench.robot.geometry, self.bench.campaign.poses, self.geometry)
+
+    @cached_property
     def misfit(self) -> Array:
         """Twist (p, 6) of the unloaded tool by lack of fit, with its rigid part exact."""
         out = np.zeros((len(self.bench.campaign.poses), 6))
+        if self.geometry.any():
+            there = self.bench.campaign.poses + self.astray
+            both = [
+                _displaced(self.bench.robot.geometry, there, sign * _SLIGHT * self.geometry) for sign in (1.0, -1.0)
+            ]
+            out[:, :3] = self.astray - (both[0] - both[1]) / (2.0 * _SLIGHT)
         for effect, inner in self.setting:
             if effect.acts is not None:
                 for name, change in effect.acts(np.array(inner), self.bench.nominal).items():
                     if change.offset is not None:
-                        out += np.swapaxes(self.transmitted(name), -1, -2) @ change.offset
+                        out = out + np.swapaxes(self.transmitted(name), -1, -2) @ change.offset
         return out
 
     @cached_property
@@ -294,6 +331,21 @@ class State:
             change = -self.shown_stiffness @ turn @ np.linalg.inv(self.seen)
             columns.append(np.where(stiff, change[c.pose, c.direction, c.direction], moved))
         return np.stack(columns, axis=1)
+
+
+def _displaced(geometry: Geometry, poses: Array, errors: Array) -> Array:
+    """Translation (p, 3) of M by errors (5,) of the drives and of each limb's mean link, by the circles that M runs on."""
+    sine = (poses[:, 2] - geometry.l1 - geometry.l2) / geometry.L
+    reach = geometry.L * np.sqrt(1.0 - sine**2) + geometry.l
+    first, second = reach - poses[:, 0] + errors[0], reach + poses[:, 0] + errors[1]
+    links = geometry.L + errors[3:]
+    between = first + second - 2.0 * geometry.l
+    along = (between**2 + links[0] ** 2 - links[1] ** 2) / (2.0 * between)
+    if not (np.abs(along) < links[0]).all():
+        raise InputError("errors of the geometry tear the mechanism apart")
+    x = geometry.l - first + along
+    z = geometry.l1 + geometry.l2 + np.sqrt(links[0] ** 2 - along**2)
+    return np.column_stack([x - poses[:, 0], np.full(len(poses), errors[2]), z - poses[:, 2]])
 
 
 def _sign(force: Array) -> Array:
