@@ -235,7 +235,7 @@ def _picture_key(folder: Path) -> str:
 
 def drawing_code() -> str:
     """Hash of what determines pictures besides their content."""
-    sources = (Path(__file__).with_name("drawing.py"),)
+    sources = sorted(Path(__file__).with_name("drawing").glob("*.py"))
     return digest(
         {
             "code": [file_digest(source) for source in sources],

@@ -1,0 +1,77 @@
+"""Fixed cameras without perspective, and the picture that one takes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import pyvista as pv
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+UP = (0.0, 0.0, -1.0)  # z points down, in the parts and in the robot
+
+
+@dataclass(frozen=True)
+class View:
+    """A fixed camera: direction towards it, what it looks at, half the height of what it sees."""
+
+    towards: tuple[float, float, float]
+    focus: Floats
+    half_height: float
+    size: tuple[int, int]
+
+    @property
+    def direction(self) -> Floats:
+        """Unit vector towards the camera."""
+        return np.array(self.towards) / np.linalg.norm(self.towards)
+
+    @property
+    def lift(self) -> Floats:
+        """Brings lines in front of the surface they lie on; a parallel projection does not show it."""
+        return 4e-3 * self.half_height * self.direction
+
+
+def view_of(points: Floats, towards: tuple[float, float, float], width: int) -> View:
+    """Camera that just holds all points; the picture is as flat as they are."""
+    direction = np.array(towards) / np.linalg.norm(towards)
+    right = np.cross(-direction, UP)
+    right /= np.linalg.norm(right)
+    up = np.cross(right, -direction)
+    flat = points @ np.array([right, up]).T
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    extent = 1.06 * (high - low)
+    height = int(np.clip(width * extent[1] / extent[0], 0.34 * width, 0.8 * width))
+    half_height = max(extent[1], extent[0] * height / width) / 2
+    middle = (low + high) / 2
+    depth = float((points @ direction).mean())
+    return View(towards, middle @ np.array([right, up]) + depth * direction, half_height, (width, height))
+
+
+def new_plotter(view: View) -> pv.Plotter:
+    """A white scene seen by the camera."""
+    import pyvista as pv
+
+    plotter = pv.Plotter(off_screen=True, window_size=list(view.size), lighting="light kit")
+    plotter.set_background("white")  # type: ignore[call-arg, arg-type]
+    plotter.enable_anti_aliasing("ssaa")
+    plotter.enable_parallel_projection()  # type: ignore[call-arg]
+    plotter.camera.focal_point = view.focus
+    plotter.camera.position = view.focus + 10.0 * view.direction
+    plotter.camera.up = UP
+    plotter.camera.parallel_scale = view.half_height
+    plotter.camera.clipping_range = (0.1, 20.0)
+    return plotter
+
+
+def shot(plotter: pv.Plotter) -> Floats:
+    """The picture (height, width, 3); the scene is gone afterwards."""
+    image = plotter.screenshot(return_img=True)
+    plotter.close()
+    if image is None:
+        raise RuntimeError("the OpenGL window gave no picture")
+    return image
