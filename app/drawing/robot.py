@@ -15,9 +15,13 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     import pyvista as pv
+    from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
+
+STEEL = "#c3c8ce"
+SHARES = "YlOrRd"
 
 
 def robot(
@@ -27,11 +31,12 @@ def robot(
     link: dict[str, Any],
     slider: dict[str, Any],
     shares: dict[str, float] | None = None,
+    scale: str = "share",
 ) -> None:
     """The robot drawn from its parts at tool points M: one picture for each {file, title, pose}.
 
     `link` and `slider` hold the part's experiment file, or None, and its shape. `shares` colours components
-    ("limb1.link1", "limb2.slider", "stage.actuator", "platform") by a share between 0 and 1.
+    ("limb1.link1", "limb2.slider", "stage.actuator", "platform") by a share between 0 and 1, `scale` says of what.
     """
     skins = {"link": _skin(link, _rod), "slider": _skin(slider, _plate)}
     for picture in pictures:
@@ -39,7 +44,7 @@ def robot(
             geometry, np.array(picture["pose"]), skins, float(slider["depth"]) + float(slider["pad_height"])
         )
         image, view = _assembly(bodies, np.array(picture["pose"]), shares)
-        _frame(folder / picture["file"], image, view, picture["title"])
+        _frame(folder / picture["file"], image, view, picture["title"], None if shares is None else scale)
 
 
 def _assembly(
@@ -61,7 +66,7 @@ def _assembly(
     return shot(plotter), view
 
 
-def _frame(target: Path, image: Floats, view: View, title: str) -> None:
+def _frame(target: Path, image: Floats, view: View, title: str, scale: str | None) -> None:
     from matplotlib.figure import Figure
 
     width, height = view.size
@@ -73,7 +78,19 @@ def _frame(target: Path, image: Floats, view: View, title: str) -> None:
     figure.text(
         12 / width, 14 / (height + 60), "axes at M: x red, y green, z blue (down)", fontsize=10, color="#5a6570"
     )
+    if scale:
+        _share_bar(figure, scale)
     figure.savefig(target, dpi=100)
+
+
+def _share_bar(figure: Figure, scale: str) -> None:
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    axes = figure.add_axes((0.70, 0.075, 0.27, 0.022))
+    bar = figure.colorbar(ScalarMappable(Normalize(0, 100), SHARES), cax=axes, orientation="horizontal")
+    bar.ax.tick_params(labelsize=9, length=2, pad=2)
+    bar.ax.set_title(f"{scale}, %", fontsize=10, color="#5a6570")
 
 
 def _skin(part: dict[str, Any], otherwise: Any) -> pv.PolyData:
@@ -119,7 +136,7 @@ def _bodies(
     rail = g["a_max"] + depth + 0.06
     low, high = float(skins["slider"].points[:, 2].min()), float(skins["slider"].points[:, 2].max())
     back = g["l1"] + low  # the guide's carriage fills the height between rail and slider
-    bodies = [("stage.actuator", _box((0, m[1], -0.035), (2 * rail, 0.10, 0.03)), "#8d99a6")]
+    bodies = [*_stage(rail), ("stage", _box((0, m[1], -0.035), (2 * rail, 0.10, 0.03)), "#8d99a6")]
     bodies.append(
         (
             "platform",
@@ -133,6 +150,9 @@ def _bodies(
         bodies.append((f"limb{i}.slider", _moved(skins["slider"], turn, a - turn @ [depth, 0, 0]), "#d9822b"))
         middle = a + np.array([-side * (depth + 0.03), 0, (high - back) / 2 - g["l1"] / 2 - 0.01])
         bodies.append((f"limb{i}.carriage", _box(middle, (0.06, 0.20, g["l1"] + high + 0.02)), "#5f6b78"))
+        bodies.append(
+            (f"limb{i}.actuator", _screw([-side * 0.03, m[1] + 0.08, -0.03], [middle[0], m[1] + 0.08, -0.03]), STEEL)
+        )
         b = m + np.array([-side * g["l"], 0, -g["l2"]])
         axes = np.column_stack([[side * cosine, 0, sine], [0, 1, 0], np.cross([side * cosine, 0, sine], [0, 1, 0])])
         feet = ((-side * g["h"], 0.0), (side * g["h"], g["d"]), (side * g["h"], -g["d"]))
@@ -146,6 +166,29 @@ def _bodies(
                 )
                 bodies.append((f"limb{i}.link{j}.joint_{name}", bearing, "#2c343c"))
     return bodies
+
+
+def _stage(rail: float) -> list[tuple[str, pv.PolyData, str]]:
+    """The frame that the rail travels on along y, and the screw that moves it."""
+    beams = _joined(*(_box((x, 0, -0.065), (0.06, 0.44, 0.03)) for x in (0.06 - rail, rail - 0.06)))
+    return [("base", beams, "#b4bcc5"), ("stage.actuator", _screw([0, -0.24, -0.065], [0, 0.16, -0.065]), STEEL)]
+
+
+def _screw(motor: Any, end: Any) -> pv.PolyData:
+    """A lead screw and, at its near end, the motor."""
+    import pyvista as pv
+
+    start, way = np.asarray(motor, float), np.subtract(end, motor)
+    length = float(np.linalg.norm(way))
+    screw = pv.Cylinder(center=start + way / 2, direction=way, radius=0.008, height=length, resolution=32)
+    drive = pv.Cylinder(center=start + 0.03 * way / length, direction=way, radius=0.026, height=0.07, resolution=48)
+    return _joined(_poly(screw), _poly(drive))
+
+
+def _joined(*bodies: pv.PolyData) -> pv.PolyData:
+    import pyvista as pv
+
+    return _poly(pv.merge(bodies).extract_surface())
 
 
 def _moved(skin: pv.PolyData, rotation: Floats, origin: Floats) -> pv.PolyData:
@@ -167,4 +210,4 @@ def _share_colour(share: float | None) -> str:
     from matplotlib import colormaps
     from matplotlib.colors import to_hex
 
-    return "#d9dde2" if share is None else to_hex(colormaps["YlOrRd"](float(np.clip(share, 0, 1))))
+    return "#d9dde2" if share is None else to_hex(colormaps[SHARES](float(np.clip(share, 0, 1))))
