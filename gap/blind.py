@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gap.diagnose import answer, find
-from gap.effects import effect_named, library, nominal_of
+from gap.effects import effect_named, library
 from gap.lots import Lot, draw, seal, unseal, write_lot
 from gap.readings import load_campaign
 
@@ -131,7 +131,7 @@ def run_blind(
     seal(folder, lots)
     answers = _diagnosed(folder, robot, campaigns, progress, workers)
     opened = unseal(folder)
-    outcomes = [_outcome(k, opened[k], found, robot) for k, found in enumerate(answers)]
+    outcomes = [_outcome(k, opened[k], found) for k, found in enumerate(answers)]
     outcomes += _without_one(folder, robot, opened, progress, workers)
     return score(outcomes)
 
@@ -154,9 +154,7 @@ def _without_one(
     chosen = [k for k, lot in enumerate(lots) if lot.kind == "single"]
     jobs = [(str(_place(folder, k)), lots[k].planted[0].effect) for k in chosen]
     answers = _all(jobs, robot, progress, workers, "leaving one effect out")
-    return [
-        _outcome(k, lots[k], found, robot, lots[k].planted[0].effect) for k, found in zip(chosen, answers, strict=True)
-    ]
+    return [_outcome(k, lots[k], found, lots[k].planted[0].effect) for k, found in zip(chosen, answers, strict=True)]
 
 
 def _all(
@@ -200,7 +198,7 @@ def _plain(diagnosis: Diagnosis) -> dict[str, Any]:
     return to_json(diagnosis)
 
 
-def _outcome(number: int, lot: Lot, found: dict[str, Any], robot: Biglide, left_out: str = "") -> Outcome:
+def _outcome(number: int, lot: Lot, found: dict[str, Any], left_out: str = "") -> Outcome:
     named = tuple(f"{e['effect']} @ {e['place']}" for e in found["effects"])
     groups = tuple(tuple(e["confused_with"]) for e in found["effects"])
     gap = found["gap"]
@@ -214,24 +212,23 @@ def _outcome(number: int, lot: Lot, found: dict[str, Any], robot: Biglide, left_
         groups,
         float(found["evidence"]),
         (numbers[0], numbers[1], numbers[2], numbers[3]),
-        () if left_out else _covered(lot, found, robot),
+        () if left_out else _covered(lot, found),
         left_out,
     )
 
 
-def _covered(lot: Lot, found: dict[str, Any], robot: Biglide) -> tuple[bool, ...]:
+def _covered(lot: Lot, found: dict[str, Any]) -> tuple[bool, ...]:
     """For every parameter of a rightly named effect, whether value ± 1.96 σ holds the truth."""
     if found["verdict"] == "unexplained" or len(found["effects"]) != len(lot.planted):
         return ()
     truth = {p.name: p.parameters for p in lot.planted}
-    nominal = nominal_of(robot)
     out: list[bool] = []
     for effect in found["effects"]:
         planted = truth.get(f"{effect['effect']} @ {effect['place']}")
         if planted is None:
             return ()
         term = effect_named(effect["effect"], effect["place"], tuple(effect["parameters"]))
-        if term.names != tuple(effect["parameters"]) or len(term.names) > 6 or nominal.length <= 0.0:
+        if len(term.names) > 6:
             continue
         for name, fit in effect["parameters"].items():
             if fit["sigma"] and not (effect["effect"] == "payload" and name == "z"):

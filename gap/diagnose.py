@@ -32,7 +32,11 @@ if TYPE_CHECKING:
 CONFIDENT = 0.9
 UNLIKELY = 1e-3  # chance below which the residuals are not the noise alone
 SIZEABLE = 1.03  # χ² per reading below which a lack of fit is of no account
+GROUP = 2  # others at most that an effect is said to be confused with
+TOGETHER = 2  # effects at most, beside gravity, that an answer names: three can follow almost anything
 RIVALRY = 0.02  # probability from which an alternative is reported as one that cannot be told apart
+_SEEN = 0.05  # share of a group mean that the fit has left to be seen
+TRIFLE = 0.002  # share of the χ² that is explained, below which what is left is of no account
 STRONG = 3.0  # standard deviations by which a parameter must leave its plausible range to count
 
 
@@ -105,10 +109,13 @@ def answer(found: Findings) -> Diagnosis:
     remarks += implausible
     if lacking:
         remarks.append(lacking)
+    many = len(best.names - {"gravity @ robot"}) > TOGETHER
+    if many and not strange:
+        remarks.append(f"it takes {' and '.join(sorted(best.names))} together, which no two effects replace")
     known = found.chance(best.names) if best.names else found.probability[0]
     if not best.names and not lacking:
         verdict = "no-gap" if found.probability[0] > 0.5 else "ambiguous"
-    elif strange or implausible or lacking or not best.names:
+    elif strange or implausible or lacking or many or not best.names:
         verdict = "unexplained"
     else:
         verdict = "identified" if known >= CONFIDENT else "ambiguous"
@@ -130,11 +137,16 @@ def answer(found: Findings) -> Diagnosis:
 
 
 def lack_of_fit(found: Findings, hypothesis: Hypothesis) -> str:
-    """What the residuals of a hypothesis show beyond the noise, or nothing: in all, and by kind, pose, wrench and order."""
+    """What the residuals of a hypothesis show beyond the noise, or nothing: in all, and by kind, pose, wrench and order.
+
+    What is a trifle of the gap that the hypothesis closes is left to the model's own small errors.
+    """
     c, good = found.bench.campaign, found.data.good
     r = hypothesis.residual[good]
     freedom = max(len(r) - len(hypothesis.inner), 1)
-    if hypothesis.chi2 > SIZEABLE * freedom and chi_square_tail(hypothesis.chi2, freedom) < UNLIKELY:
+    trifle = TRIFLE * max(found.none.chi2 - freedom, 0.0)
+    excess = hypothesis.chi2 - freedom
+    if excess > max((SIZEABLE - 1.0) * freedom, trifle) and chi_square_tail(hypothesis.chi2, freedom) < UNLIKELY:
         return f"the residuals are {np.sqrt(hypothesis.chi2 / freedom):.2g} times the noise"
     if len(r) < 60 or np.isnan(c.sigma).any():
         return ""
@@ -147,15 +159,16 @@ def lack_of_fit(found: Findings, hypothesis: Hypothesis) -> str:
         "session and direction": c.session[good] * 6 + axis,
     }
     x = hypothesis.slopes[good]
-    chances = {name: _grouped(r, group, x) for name, group in groups.items()}
-    name, chance = min(chances.items(), key=lambda item: item[1])
-    if chance * len(groups) < UNLIKELY:
-        return f"the residuals go together by {name}, which noise does not (chance {chance:.1g})"
+    for name, group in groups.items():
+        total, count = _grouped(r, group, x)
+        chance = chi_square_tail(total, count)
+        if chance * len(groups) < UNLIKELY and total - count > trifle:
+            return f"the residuals go together by {name}, which noise does not (chance {chance:.1g})"
     return ""
 
 
-def _grouped(r: Array, group: NDArray[np.int64], x: Array) -> float:
-    """Chance of the groups' mean residuals, the fit's own freedom projected out of them."""
+def _grouped(r: Array, group: NDArray[np.int64], x: Array) -> tuple[float, int]:
+    """χ² of the groups' mean residuals, the fit's own freedom projected out of them, and its degrees of freedom."""
     _, index, count = np.unique(group, return_inverse=True, return_counts=True)
     sums = np.bincount(index.ravel(), r) / np.sqrt(count)
     design = np.zeros((len(count), x.shape[1]))
@@ -163,9 +176,8 @@ def _grouped(r: Array, group: NDArray[np.int64], x: Array) -> float:
         design[:, k] = np.bincount(index.ravel(), x[:, k]) / np.sqrt(count)
     covariance = np.eye(len(count)) - design @ np.linalg.pinv(x.T @ x, rcond=1e-10) @ design.T
     values, vectors = np.linalg.eigh(covariance)
-    keep = values > 1e-6
-    total = float(np.sum((vectors[:, keep].T @ sums) ** 2 / values[keep]))
-    return chi_square_tail(total, int(keep.sum()))
+    keep = values > _SEEN
+    return float(np.sum((vectors[:, keep].T @ sums) ** 2 / values[keep])), int(keep.sum())
 
 
 def _effects(found: Findings, hypothesis: Hypothesis) -> list[Effect]:
@@ -198,30 +210,31 @@ def _effects(found: Findings, hypothesis: Hypothesis) -> list[Effect]:
                 found.chance(frozenset([term.name])),
                 _percent(found, alone),
                 parameters,
-                tuple(sorted(_confused(found, hypothesis, term.name))),
+                tuple(_confused(found, hypothesis, term.name)),
             )  # fmt: skip
         )
     return out
 
 
 def _alone(found: Findings, term: Term) -> Hypothesis:
-    known = next((h for h in found.hypotheses if h.names == {term.name}), None)
+    known = next((h for h in found.hypotheses if h.names == frozenset([term.name])), None)
     if known is not None:
         return known
     start = np.zeros(len(term.scale))
     return fitted(found.bench, found.data, [(term, start)], len(found.hypotheses))
 
 
-def _confused(found: Findings, hypothesis: Hypothesis, name: str) -> set[str]:
-    """Effects that could stand in this one's place with a probability worth naming."""
+def _confused(found: Findings, hypothesis: Hypothesis, name: str) -> list[str]:
+    """The most probable effects that could stand in this one's place, where that is worth naming."""
     rest = hypothesis.names - {name}
     own = found.probability[found.hypotheses.index(hypothesis)]
-    out: set[str] = set()
+    chances: dict[str, float] = {}
     for other, p in zip(found.hypotheses, found.probability, strict=True):
         swapped = other.names - rest
         if rest <= other.names and len(swapped) == 1 and name not in swapped and p > RIVALRY * own:
-            out |= swapped
-    return {n for n in out if not n.startswith(UNKNOWN)}
+            chances[next(iter(swapped))] = p
+    ranked = sorted((n for n in chances if not n.startswith(UNKNOWN)), key=lambda n: -chances[n])
+    return ranked[:GROUP]
 
 
 def _implausible(effect: Effect) -> list[str]:

@@ -8,6 +8,7 @@ Inner parameters are such that a tool's motion is as linear in them as can be (`
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -74,6 +75,8 @@ class Effect:
     outer: Callable[[Array, Nominal], Array] | None = None
     inner: Callable[[Array, Nominal], Array] | None = None
     reads: Callable[[State], Array] | None = None
+    positive: bool = False
+    """True where no inner parameter can be negative: a compliance that is added, a gap."""
 
     @property
     def name(self) -> str:
@@ -217,6 +220,10 @@ def _stiffer(effect: str, place: str, names: Sequence[str]) -> Effect:
     return _one(effect, place, 0.2, 0.2, 2.0, acts=_softer(names), outer=_from_stiffness, inner=_to_stiffness)
 
 
+def _mass_alone() -> Effect:
+    return Effect("payload", "platform", ("mass",), ("kg",), (3.0,), (0.0,), (50.0,))
+
+
 def _payload_outer(values: Array, _nominal: Nominal) -> Array:
     mass = values[0] if abs(values[0]) > 1e-9 else 1e-9
     return np.array([values[0], values[1] / mass, values[2] / mass, 0.0])
@@ -242,22 +249,23 @@ def library() -> tuple[Effect, ...]:
         Effect("gravity", "robot", (), (), (), (), ()),
         _several("payload", "platform", (3.0, 0.3, 0.3), (0.0, -0.5, -0.5, -0.5), (50.0, 0.5, 0.5, 0.5),
                  outer=_payload_outer, inner=_payload_inner),
+        _mass_alone(),
         *(_stiffer("actuator-stiffness", place, names) for place, names in drives.items()),
         _stiffer("actuator-stiffness", "limbs", ["limb1.actuator", "limb2.actuator"]),
         _several("joint-compliance", "joints", (2e-9, 2e-9, 1e-6), (0.0,) * 3, (1e-6, 1e-6, 1e-3),
-                 acts=_diagonal(joints, radial_axial_tilting)),
+                 acts=_diagonal(joints, radial_axial_tilting), positive=True),
         _stiffer("link-stiffness", "links", LINKS),
         *(_stiffer("link-stiffness", link, [link]) for link in LINKS),
-        _one("rigid-ends", "links", 0.02, 0.0, 0.15, acts=_clamped_ends),
+        _one("rigid-ends", "links", 0.02, 0.0, 0.15, acts=_clamped_ends, positive=True),
         _one("slider-compliance", "sliders", 0.5, 0.2, 20.0, acts=_softer(["limb1.slider", "limb2.slider"]),
              outer=_from_compliance, inner=_to_compliance),
         _slider_matrix(_MIRRORED),
         _slider_matrix(_PAIRS),
         _several("guide-compliance", "carriages", (5e-9, 5e-9, 1e-7), (0.0,) * 3, (1e-6, 1e-6, 1e-4),
-                 acts=_diagonal(carriages, guide)),
-        _several("base-compliance", "base", six, (0.0,) * 6, most, acts=_diagonal(["base"], eye)),
-        _several("platform-compliance", "platform", six, (0.0,) * 6, most, acts=_diagonal(["platform"], eye)),
-        *(_one("backlash", place, 1e-5, 0.0, 1e-3) for place in drives),
+                 acts=_diagonal(carriages, guide), positive=True),
+        _several("base-compliance", "base", six, (0.0,) * 6, most, acts=_diagonal(["base"], eye), positive=True),
+        _several("platform-compliance", "platform", six, (0.0,) * 6, most, acts=_diagonal(["platform"], eye), positive=True),
+        *(_one("backlash", place, 1e-5, 0.0, 1e-3, positive=True) for place in drives),
         *(_one("encoder-offset", place, 2e-4, -5e-3, 5e-3, acts=_moved(names, axis[place], _OUTWARD[place]))
           for place, names in drives.items()),
         _one("link-length", "links", 1e-4, -3e-3, 3e-3, acts=_moved(LINKS, x)),
@@ -327,4 +335,4 @@ def adopted(robot: Biglide, effect: str, place: str, parameters: Mapping[str, fl
         raise InputError(f"{known.name}: no part of the robot; correct the readings (or the backlash) instead")
     given = np.array([float(parameters.get(name, 0.0)) for name in known.names])
     changes = known.acts(known.inside(given, nominal), nominal)
-    return robot.edited(lambda tree: changed(tree, changes))
+    return robot.edited(partial(changed, changes=changes))

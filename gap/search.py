@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -23,8 +23,9 @@ if TYPE_CHECKING:
     Flags = NDArray[np.bool_]
 
 SIZES = np.geomspace(0.03, 10.0, 6)  # multiples of a parameter's prior size, equally likely
-PRIOR_EFFECT = 0.25  # prior odds of one effect more, shared by all that it could be
+PRIOR_EFFECT = 0.5  # prior odds of one effect more, shared by all that it could be
 WIDTH = 6  # hypotheses that are carried on to one effect more
+SWAPPED = 4  # others that are fitted in the place of each effect of the best set
 TRIED = 10  # nonlinear fits at every level
 LEVELS = 3  # effects at once
 OUTLYING = 6.0  # robust standard deviations
@@ -72,10 +73,11 @@ def _log_prior_of(effect: Effect, count: int) -> float:
     return float(np.log(PRIOR_EFFECT / count)) - (UNNAMED if effect.effect == UNKNOWN else 0.0)
 
 
-def evidence(y: Array, x: Array, prior: Array) -> tuple[float, Array, Array]:
+def evidence(y: Array, x: Array, prior: Array, positive: Flags) -> tuple[float, Array, Array]:
     """Ln evidence of y = X u + unit noise with u ~ N(0, (m prior)²), averaged over m; and the posterior of u.
 
-    The density of the noise itself is left out: it is the same for all hypotheses.
+    ``positive`` (k,): parameters that cannot be negative; their prior is the half above zero. The density of the noise
+    itself is left out: it is the same for all hypotheses. Laplace's approximation at the constrained optimum.
     """
     gram, pull, total = x.T @ x, x.T @ y, float(y @ y)
     if not len(prior):
@@ -85,14 +87,30 @@ def evidence(y: Array, x: Array, prior: Array) -> tuple[float, Array, Array]:
     for size in SIZES:
         scale = size * prior
         core = np.eye(len(prior)) + scale[:, None] * gram * scale[None, :]
-        factor = np.linalg.cholesky(core)
-        half = np.linalg.solve(factor, scale * pull)
-        logs.append(-0.5 * (total - float(half @ half)) - float(np.log(np.diagonal(factor)).sum()))
-        inverse = np.linalg.inv(core)
-        posteriors.append((scale * (inverse @ (scale * pull)), scale[:, None] * inverse * scale[None, :]))
-    best = int(np.argmax(logs))
+        factor = cast("Array", np.linalg.cholesky(core))
+        unit, free = constrained(core, scale * pull, positive)
+        fit = 2.0 * float(unit @ (scale * pull)) - float(unit @ core @ unit)
+        halves = float(np.log(2.0)) * int((positive & free).sum())
+        logs.append(-0.5 * (total - fit) - float(np.log(np.diagonal(factor)).sum()) + halves)
+        inverse = cast("Array", np.linalg.inv(core))
+        posteriors.append((scale * unit, scale[:, None] * inverse * scale[None, :]))
     log = np.array(logs)
-    return float(log.max() + np.log(np.mean(np.exp(log - log.max())))), *posteriors[best]
+    return float(log.max() + np.log(np.mean(np.exp(log - log.max())))), *posteriors[int(np.argmax(log))]
+
+
+def constrained(matrix: Array, pull: Array, positive: Flags) -> tuple[Array, Flags]:
+    """Minimum of ``½ uᵀ A u - bᵀ u`` with some u ≥ 0, by dropping the most negative one at a time; and which are free."""
+    free = np.ones(len(pull), dtype=np.bool_)
+    u = np.zeros(len(pull))
+    while free.any():
+        u = np.zeros(len(pull))
+        u[free] = cast("Array", np.linalg.solve(matrix[np.ix_(free, free)], pull[free]))
+        wrong = np.where(positive & free, u * np.sqrt(np.diagonal(matrix)), 0.0)
+        if wrong.min() >= 0.0:
+            break
+        free[int(np.argmin(wrong))] = False
+        u[~free] = 0.0
+    return u, free
 
 
 def fitted(
@@ -101,12 +119,14 @@ def fitted(
     """Fit effects, from these inner parameters on, by damped Gauss-Newton with a weak prior."""
     prior = np.concatenate([np.zeros(0), *(np.array(e.scale) for e, _ in effects)])
     u = np.concatenate([np.zeros(0), *(np.asarray(v, dtype=np.float64) for _, v in effects)])
+    positive = _positive([e for e, _ in effects])
     u, (residual, slopes) = _start(bench, data, effects, u)
     cost = _cost(residual, data, u, prior)
     for _ in range(steps if len(u) else 0):
         x, y = slopes[data.good], residual[data.good]
         weak = 1.0 / (SIZES[-1] * prior) ** 2
-        step = np.linalg.solve(x.T @ x + np.diag(weak), x.T @ y - weak * u)
+        gram = x.T @ x + np.diag(weak)
+        step = constrained(gram, x.T @ y + x.T @ (x @ u), positive)[0] - u
         for damping in (1.0, 0.5, 0.25, 0.1, 0.02):
             trial = _bounded(effects, u + damping * step)
             try:
@@ -142,7 +162,8 @@ def weighed(hypothesis: Hypothesis, data: Data, count: int) -> Hypothesis:
     """The hypothesis with its evidence (prior odds included), χ² and covariance on the good readings."""
     prior = np.concatenate([np.zeros(0), *(np.array(e.scale) for e, _ in hypothesis.setting)])
     x, r = hypothesis.slopes[data.good], hypothesis.residual[data.good]
-    log, _, covariance = evidence(r + x @ hypothesis.inner, x, prior)
+    positive = _positive([e for e, _ in hypothesis.setting])
+    log, _, covariance = evidence(r + x @ hypothesis.inner, x, prior, positive)
     log += log_prior(hypothesis.setting, count)
     return replace(hypothesis, evidence=log, chi2=float(r @ r), covariance=covariance)
 
@@ -167,7 +188,21 @@ def search(
         frontier = sorted(level_found, key=lambda h: -h.evidence)[:WIDTH]
         if not frontier or frontier[0].evidence < before + ENOUGH:
             break
+    found += _exchanged(bench, data, max(found, key=lambda h: h.evidence), usable, count)
     return sorted(found, key=lambda h: -h.evidence)
+
+
+def _exchanged(bench: Bench, data: Data, best: Hypothesis, usable: Sequence[Effect], count: int) -> list[Hypothesis]:
+    """The best set with each of its effects in turn given up for others: who else could stand in its place."""
+    out: list[Hypothesis] = []
+    words = [e for e in usable if e.effect != UNKNOWN]
+    for gone, _ in best.setting:
+        rest = [(e, np.array(v)) for e, v in best.setting if e.name != gone.name]
+        kept = fitted(bench, data, rest, count)
+        for effects in _next_level(bench, data, [kept], words, count)[:SWAPPED]:
+            if frozenset(e.name for e, _ in effects) != best.names:
+                out.append(fitted(bench, data, effects, count))
+    return out
 
 
 def _next_level(
@@ -179,17 +214,19 @@ def _next_level(
         state = bench.state(hypothesis.setting)
         own, r = hypothesis.slopes[data.good], hypothesis.residual[data.good]
         own_prior = np.concatenate([np.zeros(0), *(np.array(e.scale) for e, _ in hypothesis.setting)])
+        own_positive = _positive([e for e, _ in hypothesis.setting])
         for effect in usable:
             if effect.name in hypothesis.names:
                 continue
             if effect.effect == "gravity":
                 column = (state.weight_column() / data.sigma)[data.good]
-                log, start, _ = evidence(r - column + own @ hypothesis.inner, own, own_prior)
-                pieces = list(_pairs(hypothesis, start)) + [(effect, np.zeros(0))]
+                log, start, _ = evidence(r - column + own @ hypothesis.inner, own, own_prior, own_positive)
+                pieces = [*_pairs(hypothesis, start), (effect, np.zeros(0))]
             else:
                 x = np.hstack([own, (state.columns(effect) / data.sigma[:, None])[data.good]])
                 prior = np.concatenate([own_prior, effect.scale])
-                log, start, _ = evidence(r + own @ hypothesis.inner, x, prior)
+                positive = np.concatenate([own_positive, _positive([effect])])
+                log, start, _ = evidence(r + own @ hypothesis.inner, x, prior, positive)
                 pieces = [*_pairs(hypothesis, start), (effect, start[len(own_prior) :])]
             log += log_prior(hypothesis.setting, count) + _log_prior_of(effect, count)
             key = frozenset([*hypothesis.names, effect.name]) | {f"{len(start)}"}
@@ -197,6 +234,11 @@ def _next_level(
                 ranked[key] = (log, pieces)
     best = sorted(ranked.values(), key=lambda item: -item[0])
     return [[(e, _inside(e, v)) for e, v in pieces] for _, pieces in best[: TRIED if len(frontier) > 1 else 2 * TRIED]]
+
+
+def _positive(effects: Sequence[Effect]) -> Flags:
+    """Which inner parameters of these effects cannot be negative."""
+    return np.concatenate([np.zeros(0, dtype=np.bool_), *(np.full(len(e.scale), e.positive) for e in effects)])
 
 
 def _pairs(hypothesis: Hypothesis, start: Array) -> list[tuple[Effect, Array]]:
@@ -214,7 +256,7 @@ def _inside(effect: Effect, values: Array) -> Array:
         return np.clip(values, -0.8, 50.0)
     if effect.effect in {"displacement-scale", "force-scale"} or effect.names == ("factor",):
         return np.clip(values, -0.8, 50.0)
-    return values
+    return np.clip(values, 0.0, None) if effect.positive else values
 
 
 def _bounded(effects: Sequence[tuple[Effect, Array]], u: Array) -> Array:

@@ -136,7 +136,8 @@ class State:
     @cached_property
     def payload(self) -> Array:
         """Wrench (6,) of a payload on the platform at M."""
-        mass, about_x, about_y = self.values.get("payload @ platform", np.zeros(3))
+        inner = self.values.get("payload @ platform", np.zeros(3))
+        mass, about_x, about_y = np.pad(inner, (0, 3 - len(inner)))
         return STANDARD * np.array([0.0, 0.0, mass, about_y, -about_x, 0.0])
 
     @cached_property
@@ -262,7 +263,7 @@ class State:
             return effect.reads(self)
         match effect.effect:
             case "payload":
-                return self._payload()
+                return self._payload()[:, : len(effect.scale)]
             case "backlash":
                 return self._backlash(effect.place)
             case _:
