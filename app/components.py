@@ -83,9 +83,24 @@ def geometry(robot: RobotFile) -> Geometry:
 
 
 def assemble(robot: RobotFile, matrices: Mapping[PartName, np.ndarray], link_mass: float) -> Biglide:
-    """The elastic robot with the effects that its file has adopted."""
+    """The elastic robot with the effects that its file has adopted, in their order."""
     from vjm.biglide import Biglide
 
-    return Biglide(
+    bare = Biglide(
         geometry(robot), matrices["link"], matrices["slider"], robot.drive.stiffness, link_mass, robot.platform.mass
     )
+    return with_effects(bare, robot)
+
+
+def with_effects(bare: Biglide, robot: RobotFile) -> Biglide:
+    """A robot that carries what its file has adopted. Raises InputError for what is no part of a robot."""
+    from stiffscope import InputError
+
+    for number, effect in enumerate(robot.effects, 1):
+        from gap.effects import adopted
+
+        try:
+            bare = adopted(bare, effect.effect, effect.place, effect.parameters)
+        except InputError as error:
+            raise InputError(f"{robot.path}: effects, number {number}: {error}") from error
+    return bare

@@ -8,16 +8,28 @@ from __future__ import annotations
 
 import dataclasses
 import typing
+from collections.abc import Iterable  # noqa: TC003 (pydantic reads annotations)
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, PrivateAttr, Tag, create_model
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    PrivateAttr,
+    Tag,
+    ValidationInfo,
+    create_model,
+    field_validator,
+)
 
 from app import quantities as q
 from cad.faces import ENDS, FaceSelector
 from cad.link import LinkParameters
 from cad.materials import AnyMaterial, Material, TransverselyIsotropic, material
 from cad.slider import SliderParameters
+from gap.vocabulary import VOCABULARY
 from stiffscope import InputError
 
 Source = Literal["fea", "beam", "published"]
@@ -246,8 +258,33 @@ class Effect(Section):
 
     effect: str
     place: str
-    parameters: dict[str, Any] = {}
+    parameters: dict[str, Ratio] = {}
     provenance: dict[str, Any] = {}
+
+    @field_validator("effect")
+    @classmethod
+    def _known(cls, value: str) -> str:
+        return _one_of(VOCABULARY, value)
+
+    @field_validator("place")
+    @classmethod
+    def _placed(cls, value: str, info: ValidationInfo) -> str:
+        return _one_of(VOCABULARY[info.data["effect"]].places, value) if "effect" in info.data else value
+
+    @field_validator("parameters")
+    @classmethod
+    def _described(cls, value: dict[str, float], info: ValidationInfo) -> dict[str, float]:
+        if "effect" in info.data:
+            names = [name for name, _ in VOCABULARY[info.data["effect"]].parameters]
+            for name in value:
+                _one_of(names, name)
+        return value
+
+
+def _one_of(valid: Iterable[str], value: str) -> str:
+    if value not in valid:
+        raise ValueError(f"expected one of {', '.join(valid) or '(none)'}, got {q.shown(value)}")
+    return value
 
 
 class RobotFile(Section):
