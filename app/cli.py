@@ -214,6 +214,24 @@ def map_(**options: Any) -> None:
 
 
 @cli.command()
+@_takes(click.argument("campaign", metavar="CAMPAIGN"), _out, _json)
+@click.option(
+    "--adopt",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Write a robot file that carries the effects that were found.",
+)
+def diagnose(**options: Any) -> None:
+    """Where model and machine differ, and which effect causes it.
+
+    CAMPAIGN is a folder with a campaign.toml and its readings, or the name of a campaign that comes along: published.
+    """
+    from app.diagnosis import diagnose_campaign
+
+    diagnose_campaign(options.pop("campaign"), options.pop("out"), **options)
+
+
+@cli.command()
 @_takes(_json)
 def audit(**options: Any) -> None:
     """The paper's numbers recomputed, each with a verdict."""

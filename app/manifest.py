@@ -25,9 +25,11 @@ class Manifest:
     """Gathered while a command runs, written at its end into the output folder."""
 
     command: list[str]
-    robot: str
-    robot_sha256: str
+    robot: str | None = None
+    robot_sha256: str | None = None
     overrides: list[str] = field(default_factory=list)
+    inputs: dict[str, str] = field(default_factory=dict)
+    """SHA-256 of further files that went in, by name."""
     results: dict[str, dict[str, Any]] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     started: dt.datetime = field(default_factory=lambda: dt.datetime.now(dt.UTC))
@@ -40,6 +42,7 @@ class Manifest:
         """Write manifest.json into a folder; the staging of the folder adds the list of its files."""
         from app.cache import library_version
 
+        robot = {"file": self.robot, "sha256": self.robot_sha256, "set": self.overrides}
         ended = dt.datetime.now(dt.UTC)
         content = {
             "made_by": files.MAKER,
@@ -50,7 +53,8 @@ class Manifest:
                 **{k: round(v, 3) for k, v in self.seconds.items()},
                 "total": round((ended - self.started).total_seconds(), 3),
             },
-            "robot": {"file": self.robot, "sha256": self.robot_sha256, "set": self.overrides},
+            **({"robot": robot} if self.robot else {}),
+            **({"inputs": self.inputs} if self.inputs else {}),
             "results": self.results,
             "versions": {"python": sys.version.split()[0], **{name: library_version(name) for name in LIBRARIES}},
             "machine": {"system": platform.system(), "processor": platform.machine()},

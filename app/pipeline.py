@@ -222,17 +222,23 @@ def _draw_map(assembled: Assembled, folder: Path) -> None:
 
 def _draw_robot(assembled: Assembled, folder: Path) -> None:
     robot = assembled.robot
-    parts = {
-        name: {**robot.part(name).shape(), "experiment": held.folder / EXPERIMENT if held else None}
-        for name, held in ((name, assembled.results.get(name)) for name in PARTS)
-    }
-    pictures = []
+    pictures: list[dict[str, Any]] = []
     for name, pose in robot.poses.items():
         place = ", ".join(f"{1e3 * c:.5g}" for c in pose)
         pictures.append(
             {"file": f"robot_{name}.png", "title": f"{robot.name} at {name}: M = ({place}) mm", "pose": pose}
         )
-    draw("robot", folder, pictures=pictures, geometry=dataclasses.asdict(assembled.elastic.geometry), **parts)
+    draw_robot(assembled, folder, pictures)
+
+
+def draw_robot(assembled: Assembled, folder: Path, pictures: Sequence[Mapping[str, Any]], **more: Any) -> None:
+    """Pictures {file, title, pose} of the robot, its parts as they were tested; `more` goes to `app.drawing.robot`."""
+    parts = {
+        name: {**assembled.robot.part(name).shape(), "experiment": held.folder / EXPERIMENT if held else None}
+        for name, held in ((name, assembled.results.get(name)) for name in PARTS)
+    }
+    geometry = dataclasses.asdict(assembled.elastic.geometry)
+    draw("robot", folder, pictures=list(pictures), geometry=geometry, **parts, **more)
 
 
 def show_run(now: Assembled, states: Mapping[str, Stiffness], overrides: Sequence[str]) -> None:

@@ -27,7 +27,8 @@ def console() -> Console:
     return found if found.is_terminal else Console(highlight=False, width=130, color_system=None)
 
 
-def _table(title: str, *columns: str) -> Table:
+def new_table(title: str, *columns: str) -> Table:
+    """A table in the house's form: first column left, the others right."""
     from rich import box
     from rich.table import Table
 
@@ -39,7 +40,9 @@ def _table(title: str, *columns: str) -> Table:
 
 def show_parts(results: Sequence[PartResult]) -> None:
     """One line a part: mesh, mass, stage times, reused or computed."""
-    table = _table("Parts", "part", "nodes", "tetrahedra", "volume error", "mass kg", "cad s", "mesh s", "solve s", "")
+    table = new_table(
+        "Parts", "part", "nodes", "tetrahedra", "volume error", "mass kg", "cad s", "mesh s", "solve s", ""
+    )
     for result in results:
         facts = result.facts
         mesh, seconds = facts["mesh"], facts["seconds"]
@@ -55,7 +58,7 @@ def show_parts(results: Sequence[PartResult]) -> None:
 def show_comparison(comparison: Comparison) -> None:
     """FEA beside beam theory beside published."""
     columns = ("entry", "unit", "FEA", "± 95 %", "Timoshenko", "FEA/T", "Euler-B.", "FEA/EB", "published", "FEA/publ.")
-    table = _table(f"Compliance of the {comparison.part}, clamped at one end", *columns)
+    table = new_table(f"Compliance of the {comparison.part}, clamped at one end", *columns)
     for e in comparison.entries:
         pairs = [
             cell for v in (e.timoshenko, e.euler_bernoulli, e.published) for cell in (f"{v:.5g}", _ratio(e.fea, v))
@@ -73,7 +76,7 @@ def show_stiffness(
 ) -> None:
     """Principal stiffness and the two couplings at each pose."""
     columns = ["pose", "x, y, z (m)", *STIFFNESSES, "K_15", "K_24"]
-    table = _table(f"{title} (10⁶ N/m, 10⁶ N·m/rad, 10⁶ N)", *columns, *(["sag µm"] if sag is not None else []))
+    table = new_table(f"{title} (10⁶ N/m, 10⁶ N·m/rad, 10⁶ N)", *columns, *(["sag µm"] if sag is not None else []))
     for i, name in enumerate(names):
         k = np.asarray(stiffness[i]) / 1e6
         entries = [*np.diag(k), k[0, 4], k[1, 3]]
@@ -86,7 +89,7 @@ def show_stiffness(
 
 def show_change(names: Sequence[str], old: Any, new: Any, overrides: Sequence[str]) -> None:
     """Stiffness before and after `--set`, side by side."""
-    table = _table(f"Changed: {', '.join(overrides)}", "pose", "", *STIFFNESSES)
+    table = new_table(f"Changed: {', '.join(overrides)}", "pose", "", *STIFFNESSES)
     for i, name in enumerate(names):
         before, after = np.diag(old[i]), np.diag(new[i])
         table.add_row(name, "before", *(f"{v / 1e6:.4f}" for v in before))
@@ -97,7 +100,7 @@ def show_change(names: Sequence[str], old: Any, new: Any, overrides: Sequence[st
 
 def show_matrix(title: str, matrix: Any) -> None:
     """A 6x6 with row and column names."""
-    table = _table(title, "", "fx", "fy", "fz", "mx", "my", "mz")
+    table = new_table(title, "", "fx", "fy", "fz", "mx", "my", "mz")
     for name, row in zip(("vx", "vy", "vz", "ωx", "ωy", "ωz"), np.asarray(matrix), strict=True):
         table.add_row(name, *(f"{v:.5g}" for v in row))
     console().print(table)
@@ -105,7 +108,7 @@ def show_matrix(title: str, matrix: Any) -> None:
 
 def show_faces(file: str, rows: Sequence[dict[str, Any]]) -> None:
     """The faces of a solid, and how a robot file chooses among them."""
-    table = _table(f"Faces of {file}", "index", "kind", "area mm²", "centroid mm", "normal or axis", "radius mm")
+    table = new_table(f"Faces of {file}", "index", "kind", "area mm²", "centroid mm", "normal or axis", "radius mm")
     for row in rows:
         centroid = ", ".join(f"{c:.6g}" for c in row["centroid_mm"])
         axis = ", ".join(f"{c:.4g}" for c in row["axis"]) if row["axis"] else ""
@@ -134,7 +137,7 @@ def _percent(error: float, value: float) -> str:
 
 def show_findings(title: str, findings: Sequence[Finding]) -> None:
     """Published numbers beside what they should be, with a verdict each."""
-    table = _table(title, "entry", "published", "as published (R1)", "correct", "bound")
+    table = new_table(title, "entry", "published", "as published (R1)", "correct", "bound")
     table.add_column("verdict", justify="left", overflow="fold")
     for f in findings:
         table.add_row(f.entry, *(_number(v) for v in (f.published, f.as_published, f.correct, f.bound)), f.verdict)
