@@ -1,4 +1,4 @@
-"""The blind check: campaigns whose effects are withheld are diagnosed, then the seal is opened and the answers are scored."""
+"""The blind check: campaigns with withheld effects are diagnosed, the seal is opened, the answers are scored."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class Scores:
     abstentions: float | None
     """Share of outside effects that were not named with confidence."""
     left_out: float | None
-    """Share of campaigns whose effect was taken out of the library and that got no confident name, or one that explains them to the noise."""
+    """Share of campaigns, their effect out of the library, without a confident name that leaves something over."""
     coverage: float | None
     """Share of 95 % intervals that hold the true parameter."""
     held_out: float | None
@@ -173,7 +173,7 @@ def _all(
 
 def _one_thread() -> None:
     """Two processes on two cores: each keeps to its own."""
-    from threadpoolctl import threadpool_limits
+    from threadpoolctl import threadpool_limits  # pyright: ignore[reportMissingTypeStubs]
 
     threadpool_limits(1)
 

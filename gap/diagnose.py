@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from gap.readings import Campaign
     from vjm.biglide import Biglide
 
-    Array = NDArray[np.float64]
+    Array = NDArray[np.floating[Any]]
     Progress = Callable[[str, float], None]
 
 CONFIDENT = 0.9
@@ -137,7 +137,7 @@ def answer(found: Findings) -> Diagnosis:
 
 
 def lack_of_fit(found: Findings, hypothesis: Hypothesis) -> str:
-    """What the residuals of a hypothesis show beyond the noise, or nothing: in all, and by kind, pose, wrench and order.
+    """What the residuals of a hypothesis show beyond the noise, in all and by direction, pose, load and session; or "".
 
     What is a trifle of the gap that the hypothesis closes is left to the model's own small errors.
     """
@@ -211,7 +211,7 @@ def _effects(found: Findings, hypothesis: Hypothesis) -> list[Effect]:
                 _percent(found, alone),
                 parameters,
                 tuple(_confused(found, hypothesis, term.name)),
-            )  # fmt: skip
+            )
         )
     return out
 
@@ -267,7 +267,7 @@ def _alternatives(found: Findings, best: Hypothesis | None) -> tuple[Alternative
                 p,
                 _percent(found, hypothesis),
                 "; ".join([why, *wrong]),
-            )  # fmt: skip
+            )
         )
     return tuple(out[:12])
 
@@ -336,7 +336,7 @@ def _components(found: Findings) -> dict[str, float]:
         part = x @ np.linalg.solve(gram + ridge, x.T @ r)
         if component not in parts or part @ part > parts[component] @ parts[component]:
             parts[component] = part
-    mix = np.asarray(nnls(np.stack(list(parts.values()), axis=1), r)[0])  # pyright: ignore[reportUnknownArgumentType]
+    mix = cast("Array", nnls(np.stack(list(parts.values()), axis=1), r)[0])
     taken = {name: float(m * (part @ part)) for (name, part), m in zip(parts.items(), mix, strict=True)}
     total = sum(taken.values())
     return {name: gain / total for name, gain in taken.items() if gain > 1e-3 * total} if total > 0.0 else {}
@@ -406,6 +406,5 @@ def _bounds(found: Findings) -> list[str]:
     if not axes:
         return []
     worst = float((c.value[stiff] / limit)[over].max())
-    return [
-        f"{', '.join(axes)} exceed what the machine can have, up to {worst:.3g} times: no added compliance or weight cures that"
-    ]
+    over = f"{', '.join(axes)} exceed what the machine can have, up to {worst:.3g} times"
+    return [f"{over}: no added compliance or weight cures that"]

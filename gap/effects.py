@@ -1,7 +1,7 @@
 """Every effect of the vocabulary as a small immutable object: what it changes, how large it may be.
 
-A mechanical effect changes named elements of a robot's tree: it adds a compliance, or moves the unloaded end. One function
-of its inner parameters says so, and serves both to build the robot that carries the effect and to differentiate it.
+A mechanical effect changes named elements of a robot's tree: it adds a compliance, or moves the unloaded end. One
+function of its inner parameters says so, and serves both to build the robot that carries it and to differentiate it.
 Inner parameters are such that a tool's motion is as linear in them as can be (``u = 1/factor - 1`` for a stiffness).
 """
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from gap.state import State
     from vjm.biglide import Biglide
 
-    Array = NDArray[np.float64]
+    Array = NDArray[np.floating[Any]]
 
 UNKNOWN = "unknown"  # effect of a pattern that the vocabulary has no word for
 EXPANSION = 11.7e-6  # 1/K, steel: what `thermal` heats
@@ -38,7 +38,7 @@ _OUTWARD = {"limb1": -1.0, "limb2": 1.0, "stage": 1.0}  # sign of a drive's axis
 
 @dataclass(frozen=True)
 class Change:
-    """What an effect does to one element: compliance (6, 6) added and twist (6,) of its unloaded end, in its own axes."""
+    """What an effect does to an element: compliance (6, 6) added, twist (6,) of its unloaded end, in its own axes."""
 
     compliance: Array | None = None
     offset: Array | None = None
@@ -60,8 +60,8 @@ class Effect:
     """One word of the vocabulary at one place.
 
     ``scale`` (k,): prior size of the inner parameters; ``low`` and ``high`` (k,): what is plausible of the outer ones.
-    ``acts``: inner parameters to changes of elements; ``reads``: derivatives (n, k) of the readings themselves; neither for
-    loads and the instrument, which ``gap.state`` knows by name.
+    ``acts``: inner parameters to changes of elements; ``reads``: derivatives (n, k) of the readings themselves; neither
+    for loads and the instrument, which ``gap.state`` knows by name.
     """
 
     effect: str
@@ -180,11 +180,13 @@ def _slider_entries(pairs: Sequence[tuple[int, int]]) -> dict[str, Any]:
             added[i, j] = added[j, i] = value
         return {"limb1.slider": Change(added), "limb2.slider": Change(HALF_TURN @ added @ HALF_TURN)}
 
-    return {
-        "acts": acts,
-        "outer": lambda values, nominal: here(nominal) + values * scale(nominal),
-        "inner": lambda entries, nominal: (entries - here(nominal)) / scale(nominal),
-    }
+    def outer(values: Array, nominal: Nominal) -> Array:
+        return here(nominal) + values * scale(nominal)
+
+    def inner(entries: Array, nominal: Nominal) -> Array:
+        return (entries - here(nominal)) / scale(nominal)
+
+    return {"acts": acts, "outer": outer, "inner": inner}
 
 
 def _slider_matrix(pairs: Sequence[tuple[int, int]]) -> Effect:
@@ -264,7 +266,8 @@ def library() -> tuple[Effect, ...]:
         _several("guide-compliance", "carriages", (5e-9, 5e-9, 1e-7), (0.0,) * 3, (1e-6, 1e-6, 1e-4),
                  acts=_diagonal(carriages, guide), positive=True),
         _several("base-compliance", "base", six, (0.0,) * 6, most, acts=_diagonal(["base"], eye), positive=True),
-        _several("platform-compliance", "platform", six, (0.0,) * 6, most, acts=_diagonal(["platform"], eye), positive=True),
+        _several("platform-compliance", "platform", six, (0.0,) * 6, most,
+                 acts=_diagonal(["platform"], eye), positive=True),
         *(_one("backlash", place, 1e-5, 0.0, 1e-3, positive=True) for place in drives),
         *(_one("encoder-offset", place, 2e-4, -5e-3, 5e-3, acts=_moved(names, axis[place], _OUTWARD[place]))
           for place, names in drives.items()),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from gap.readings import Campaign
     from gap.search import Data, Hypothesis
 
-    Array = NDArray[np.float64]
+    Array = NDArray[np.floating[Any]]
 
 FORCE, MOMENT = 500.0, 100.0  # N, N·m: the range of loads where the campaign shows none
 DISPLACEMENT, ROTATION = 1e-6, 5e-6  # m, rad: the instrument where the campaign shows none
@@ -29,8 +29,8 @@ LEAST = 1e-3  # ln-odds
 def next_measurement(bench: Bench, data: Data, first: Hypothesis, second: Hypothesis) -> NextMeasurement | None:
     """The reading of six displacements, within reach and the campaign's loads, with the greatest expected ln-odds.
 
-    The expected ln-odds between two explanations is half the squared distance of their predictions in sigmas. None where
-    no reading tells them apart.
+    The expected ln-odds between two explanations is half the squared distance of their predictions in sigmas. None
+    where no reading tells them apart.
     """
     trial = _candidates(bench)
     ahead = Bench(trial, bench.robot)

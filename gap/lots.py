@@ -56,12 +56,12 @@ def draw(number: int, seed: int) -> Lot:
     if kind == "none":
         return Lot(kind, seed)
     if kind == "outside":
-        names = [name for name in OUTSIDE if name != "bowed-link" and name != "bad-session"]
+        names = [name for name in OUTSIDE if name not in {"bowed-link", "bad-session"}]
         return Lot(kind, seed, (_outside(names[int(rng.integers(len(names)))], rng),))
     if kind == "single":
         word = words[(number // len(KINDS) * 3 + number % len(KINDS)) % len(words)]
         return Lot(kind, seed, (_known(word, rng),))
-    first, second = rng.choice(len(words), 2, replace=False)
+    first, second = (int(k) for k in rng.permutation(len(words))[:2])
     return Lot(kind, seed, (_known(words[first], rng), _known(words[second], rng)))
 
 
@@ -69,7 +69,7 @@ def _known(effect: str, rng: np.random.Generator) -> Planted:
     term = VOCABULARY[effect]
     place = term.places[int(rng.integers(len(term.places)))]
     size = float(np.exp(rng.uniform(np.log(0.3), np.log(3.0))))  # small and large
-    sign = float(rng.choice([-1.0, 1.0]))
+    sign = 1.0 if rng.random() < 0.5 else -1.0
     factor = {"actuator-stiffness": 1 / (1 + 0.2 * size), "link-stiffness": 1 / (1 + 0.15 * size),
               "slider-compliance": 1 + 0.8 * size, "displacement-scale": 1 + sign * 0.02 * size,
               "force-scale": 1 + sign * 0.02 * size}  # fmt: skip
@@ -78,7 +78,8 @@ def _known(effect: str, rng: np.random.Generator) -> Planted:
     share = {name: float(rng.uniform(0.2, 1.0)) * size for name, _ in term.parameters}
     scale = {"joint-compliance": (3e-9, 3e-9, 1e-6), "guide-compliance": (4e-9, 4e-9, 8e-8),
              "base-compliance": (8e-9,) * 3 + (8e-8,) * 3, "platform-compliance": (8e-9,) * 3 + (8e-8,) * 3,
-             "rigid-ends": (0.02,), "backlash": (8e-6,), "encoder-offset": (sign * 5e-5,), "link-length": (sign * 3e-5,),
+             "rigid-ends": (0.02,), "backlash": (8e-6,), "encoder-offset": (sign * 5e-5,),
+             "link-length": (sign * 3e-5,),
              "thermal": (sign * 4.0,), "instrument-misalignment": (0.015,) * 3}  # fmt: skip
     if effect == "payload":
         offset = {k: float(rng.uniform(-0.1, 0.1)) for k in ("x", "y", "z")}
@@ -96,7 +97,8 @@ def _outside(effect: str, rng: np.random.Generator) -> Planted:
            "platform-width": 5e-5 * size, "gain-drift": 0.05 * size, "cross-talk": 0.03 * size}  # fmt: skip
     if effect in one:
         return Planted(effect, place, {names[0]: one[effect]})
-    scale = {"stage-guide": (5e-9,) * 3 + (8e-8,) * 3, "cable-chain": (3e4,) * 3, "drifting-sensor": (5e-6,) * 3 + (2e-5,) * 3,
+    scale = {"stage-guide": (5e-9,) * 3 + (8e-8,) * 3, "cable-chain": (3e4,) * 3,
+             "drifting-sensor": (5e-6,) * 3 + (2e-5,) * 3,
              "coarse-converter": (5e-6,) * 3 + (2e-5,) * 3, "wrench-off-centre": (0.004,) * 3}[effect]  # fmt: skip
     chosen = {name: float(rng.uniform(0.3, 1.0)) * size * s for name, s in zip(names, scale, strict=False)}
     return Planted(effect, place, {k: v for k, v in chosen.items() if k in AXES})

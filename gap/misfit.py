@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from gap.readings import Campaign
 
-    Array = NDArray[np.float64]
+    Array = NDArray[np.floating[Any]]
     Flags = NDArray[np.bool_]
 
 

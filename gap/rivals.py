@@ -5,7 +5,7 @@ They keep a wrong name from being given with confidence, and say in plain words 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from gap.state import State
 
-    Array = NDArray[np.float64]
+    Array = NDArray[np.floating[Any]]
 
 
 def rivals() -> tuple[Effect, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from gap.effects import Effect
     from gap.state import Bench, Setting
 
-    Array = NDArray[np.float64]
+    Array = NDArray[np.floating[Any]]
     Flags = NDArray[np.bool_]
 
 SIZES = np.geomspace(0.03, 10.0, 6)  # multiples of a parameter's prior size, equally likely
@@ -99,12 +99,12 @@ def evidence(y: Array, x: Array, prior: Array, positive: Flags) -> tuple[float, 
 
 
 def constrained(matrix: Array, pull: Array, positive: Flags) -> tuple[Array, Flags]:
-    """Minimum of ``½ uᵀ A u - bᵀ u`` with some u ≥ 0, by dropping the most negative one at a time; and which are free."""
+    """Minimum of ``½ uᵀ A u - bᵀ u`` with some u ≥ 0, the most negative dropped one at a time; and which are free."""
     free = np.ones(len(pull), dtype=np.bool_)
     u = np.zeros(len(pull))
     while free.any():
         u = np.zeros(len(pull))
-        u[free] = cast("Array", np.linalg.solve(matrix[np.ix_(free, free)], pull[free]))
+        u[free] = np.linalg.solve(matrix[np.ix_(free, free)], pull[free])
         wrong = np.where(positive & free, u * np.sqrt(np.diagonal(matrix)), 0.0)
         if wrong.min() >= 0.0:
             break
@@ -194,15 +194,14 @@ def search(
 
 def _exchanged(bench: Bench, data: Data, best: Hypothesis, usable: Sequence[Effect], count: int) -> list[Hypothesis]:
     """The best set with each of its effects in turn given up for others: who else could stand in its place."""
-    out: list[Hypothesis] = []
+    trials: list[list[tuple[Effect, Array]]] = []
     words = [e for e in usable if e.effect != UNKNOWN]
     for gone, _ in best.setting:
         rest = [(e, np.array(v)) for e, v in best.setting if e.name != gone.name]
         kept = fitted(bench, data, rest, count)
-        for effects in _next_level(bench, data, [kept], words, count)[:SWAPPED]:
-            if frozenset(e.name for e, _ in effects) != best.names:
-                out.append(fitted(bench, data, effects, count))
-    return out
+        trials += _next_level(bench, data, [kept], words, count)[:SWAPPED]
+    others = [effects for effects in trials if frozenset(e.name for e, _ in effects) != best.names]
+    return [fitted(bench, data, effects, count) for effects in others]
 
 
 def _next_level(
@@ -312,7 +311,7 @@ def noise_of(bench: Bench, library: Sequence[Effect]) -> Data:
     sizes = np.concatenate([np.array(e.scale) for e in library if e.scale and len(e.scale) < 21])
     x = np.hstack(blocks) * (3.0 * sizes)
     good = np.ones(len(sigma), dtype=np.bool_)
-    residual = np.zeros(len(sigma))
+    residual, free = np.zeros(len(sigma)), 1.0
     for _ in range(6):
         a, y = x / sigma[:, None], (campaign.value - state.prediction) / sigma
         weight = good / np.maximum(1.0, np.abs(residual) / 2.0) if residual.any() else good.astype(np.float64)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from vjm.biglide import Biglide, Geometry
     from vjm.response import Response
 
-    Array = NDArray[np.float64]
+    Array = NDArray[np.floating[Any]]
 
 Setting = tuple[tuple["Effect", tuple[float, ...]], ...]
 """Effects with their inner parameters."""
 
 DRIVES = {"stage": "stage.actuator", "limb1": "limb1.actuator", "limb2": "limb2.actuator"}
-_PLACES = ("limb1", "limb2", "stage")
+_PLACES = {"limb1": 0, "limb2": 1, "stage": 2}
 _SLIGHT = 1e-3  # share of an error of geometry at which it acts linearly
 _STEP = 1e-4  # of a parameter's prior size, for derivatives of what an effect does to an element
 _NOTHING = 1e-6  # of the largest force: what rounding leaves in a drive that carries none
@@ -96,12 +96,12 @@ class State:
 
     @cached_property
     def geometry(self) -> Array:
-        """Errors of the rigid mechanism, m: drives of limb 1, limb 2, stage outward, mean links of limb 1, limb 2; (5,)."""
+        """Errors (5,) of the rigid mechanism in m: limb 1, limb 2, stage outward, mean links of limb 1, limb 2."""
         out = np.zeros(5)
         for effect, inner in self.setting:
             value = inner[0] if inner else 0.0
             if effect.effect == "encoder-offset":
-                out[list(_PLACES).index(effect.place)] += value
+                out[_PLACES[effect.place]] += value
             elif effect.effect == "thermal":
                 out[3:] += EXPANSION * self.bench.nominal.length * value
             elif effect.effect == "link-length":
@@ -179,7 +179,7 @@ class State:
         )
 
     def drive_force(self, place: str) -> tuple[Array, Array]:
-        """Force of a drive under the applied wrench of every reading (n,), and under the dead loads at every pose (p,)."""
+        """Force of a drive under every reading's applied wrench (n,), and under the dead loads at every pose (p,)."""
         axis = 1 if place == "stage" else 0
         campaign = self.bench.campaign
         per_wrench = self.transmitted(DRIVES[place])[:, axis]
@@ -241,7 +241,7 @@ class State:
         return np.where(c.kind == STIFFNESS, stiff, shown)
 
     def reading(self, twist: Array, dead: Array, compliance: Array | None) -> Array:
-        """Change (n,) of the readings by small changes of their true twists, of the dead ones (p, 6), of C (p, 6, 6)."""
+        """Change (n,) of readings by small changes of true twists (n, 6), of dead ones (p, 6), of C (p, 6, 6)."""
         c = self.bench.campaign
         whole = np.where((c.kind == DEVIATION)[:, None], dead[c.pose], twist) @ self.seen.T
         out = np.take_along_axis(whole, c.direction[:, None], axis=1)[:, 0]
@@ -335,7 +335,7 @@ class State:
 
 
 def _displaced(geometry: Geometry, poses: Array, errors: Array) -> Array:
-    """Translation (p, 3) of M by errors (5,) of the drives and of each limb's mean link, by the circles that M runs on."""
+    """Translation (p, 3) of M by errors (5,) of drives and of each limb's mean link, by the circles it runs on."""
     sine = (poses[:, 2] - geometry.l1 - geometry.l2) / geometry.L
     reach = geometry.L * np.sqrt(1.0 - sine**2) + geometry.l
     first, second = reach - poses[:, 0] + errors[0], reach + poses[:, 0] + errors[1]

@@ -1,0 +1,149 @@
+"""The diagnosis on what the lab plants: each effect recovered, invariances, what must not be named."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gap.answer import to_json
+from gap.diagnose import diagnose
+from gap.effects import adopted, effect_named, library
+from gap.lab.machine import biglide
+from gap.lab.measuring import Noise, default_plan, measure
+from gap.lab.planting import plant
+from gap.state import Bench
+from stiffscope import InputError
+from tests.robots import published_robot
+from vjm.analysis import stiffness
+
+SOFT = ("actuator-stiffness", "limb1", {"factor": 0.8})
+SIZES = {
+    "payload": {"mass": 8.0, "x": 0.05, "y": -0.03, "z": 0.0},
+    "joint-compliance": {"radial": 4e-9, "axial": 3e-9, "tilting": 2e-6},
+    "rigid-ends": {"length": 0.03},
+    "guide-compliance": {"lateral": 8e-9, "vertical": 6e-9, "angular": 2e-7},
+    "base-compliance": {"x": 1e-8, "y": 5e-9, "z": 1e-8, "rx": 1e-7, "ry": 5e-8, "rz": 1e-7},
+    "platform-compliance": {"x": 1e-8, "y": 5e-9, "z": 1e-8, "rx": 1e-7, "ry": 5e-8, "rz": 1e-7},
+    "backlash": {"half_width": 2e-5},
+    "encoder-offset": {"offset": 2e-4},
+    "link-length": {"error": 1e-4},
+    "thermal": {"temperature": 12.0},
+    "instrument-misalignment": {"rx": 0.02, "ry": -0.03, "rz": 0.025},
+}
+TWINS = {"thermal @ links": "link-length @ links", "force-scale @ instrument": "displacement-scale @ instrument"}
+
+
+def campaign(*effects, seed=5, modelled=("gravity",), stiff=False, **noise):
+    rng = np.random.default_rng(seed)
+    machine = biglide()
+    for effect in effects:
+        machine = plant(machine, *effect)
+    plan = default_plan(machine, rng, stiffness=stiff)
+    return measure(machine, plan, Noise(**noise), rng, modelled=modelled)
+
+
+def named(diagnosis):
+    return {f"{e.effect} @ {e.place}" for e in diagnosis.effects}
+
+
+PLACES = [(e.effect, e.place) for e in library() if e.effect != "gravity" and len(e.names) < 7]
+
+
+@pytest.mark.parametrize(("effect", "place"), sorted(set(PLACES)))
+def test_the_forward_model_agrees_with_the_lab_for_every_effect(effect, place):
+    """Two independent mechanics: this one perturbs the tree, the lab rebuilds its frame."""
+    parameters = SIZES.get(effect, {"factor": 0.8})
+    quiet = campaign((effect, place, parameters), stiff=True, displacement=1e-12, rotation=1e-12, stiffness=1e-9)
+    bench = Bench(quiet, published_robot())
+    term = effect_named(effect, place, tuple(k for k in parameters if k != "z" or effect != "payload"))
+    given = np.array([parameters.get(name, 0.0) for name in term.names])
+    model = bench.state(((term, tuple(term.inside(given, bench.nominal))),)).prediction
+    sigma = np.where(quiet.direction < 3, 1e-6, 5e-6)
+    sigma = np.where(quiet.kind == 2, 0.01 * np.abs(quiet.value), sigma)
+    assert np.abs((model - quiet.value) / sigma).max() < 0.5
+
+
+@pytest.mark.parametrize("effect", ["actuator-stiffness", "joint-compliance", "backlash", "encoder-offset", "thermal"])
+def test_an_effect_is_named_with_its_size(effect):
+    place = (
+        "limb1"
+        if effect in {"actuator-stiffness", "backlash", "encoder-offset"}
+        else ("joints", "links")[effect == "thermal"]
+    )
+    parameters = SIZES.get(effect, {"factor": 0.8})
+    diagnosis = diagnose(campaign((effect, place, parameters)), published_robot())
+    found = diagnosis.effects[0]
+    group = {f"{found.effect} @ {found.place}", *found.confused_with}
+    assert f"{effect} @ {place}" in group
+    assert diagnosis.gap.held_out < 1.2 * diagnosis.gap.noise
+    if found.effect == effect:
+        for name, fit in found.parameters.items():
+            assert abs(fit.value - parameters[name]) < 4 * fit.sigma
+
+
+def test_the_same_answer_after_shuffling_rows_doubling_the_label_and_outliers():
+    plain = campaign(SOFT)
+    order = np.random.default_rng(1).permutation(len(plain))
+    rows = {
+        k: getattr(plain, k)[order] for k in ("pose", "wrench", "quantity", "value", "sigma", "session", "file", "line")
+    }
+    answers = [
+        diagnose(c, published_robot())
+        for c in (plain, replace(plain, **rows), replace(plain, sigma=2 * plain.sigma), campaign(SOFT, outliers=0.01))
+    ]
+    for answer in answers:
+        assert answer.verdict == "identified"
+        assert named(answer) == {"actuator-stiffness @ limb1"}
+        assert answer.effects[0].parameters["factor"].value == pytest.approx(0.8, abs=0.02)
+
+
+def test_no_gap_and_missing_gravity():
+    assert diagnose(campaign(), published_robot()).verdict == "no-gap"
+    without = diagnose(campaign(modelled=()), published_robot())
+    assert (without.verdict, named(without)) == ("identified", {"gravity @ robot"})
+
+
+@pytest.mark.parametrize(
+    ("fault", "place", "parameters"),
+    [
+        ("one-soft-slider", "limb1", {"factor": 3.0}),
+        ("drifting-sensor", "instrument", {"x": 5e-6, "z": 5e-6}),
+        ("drive-friction", "limbs", {"force": 60.0}),
+    ],
+)
+def test_a_fault_without_a_word_is_not_named(fault, place, parameters):
+    diagnosis = diagnose(campaign((fault, place, parameters)), published_robot())
+    assert diagnosis.verdict != "identified"
+    assert diagnosis.remarks
+    assert sum(diagnosis.where.direction.values()) == pytest.approx(1.0)
+
+
+def test_fea_against_beam_is_found_as_the_slider_entry_by_entry():
+    solid = biglide("fea").sliders[0]
+    machine = biglide("published", slider=solid)
+    rng = np.random.default_rng(3)
+    diagnosis = diagnose(measure(machine, default_plan(machine, rng), Noise(), rng), published_robot())
+    assert named(diagnosis) == {"slider-compliance @ sliders"}
+    torsion = diagnosis.effects[0].parameters["c44"]
+    assert torsion.value == pytest.approx(solid[3, 3], abs=4 * torsion.sigma)
+    assert torsion.value > 3 * 19.14e-9
+
+
+def test_an_adopted_effect_is_an_ordinary_robot():
+    robot = adopted(published_robot(), "actuator-stiffness", "limb1", {"factor": 0.8})
+    softer = stiffness(robot, [0, 0, 0.35])[0]
+    assert softer[0, 0] < stiffness(published_robot(), [0, 0, 0.35])[0][0, 0]
+    healed = diagnose(campaign(SOFT), robot)
+    assert healed.verdict == "no-gap"
+    with pytest.raises(InputError, match="no part of the robot"):
+        adopted(published_robot(), "force-scale", "instrument", {"factor": 1.1})
+    with pytest.raises(InputError, match="expected one of stage, limb1"):
+        adopted(published_robot(), "actuator-stiffness", "limb3", {"factor": 1.1})
+
+
+def test_rivals_come_with_a_measurement_that_separates_them():
+    diagnosis = diagnose(campaign(("displacement-scale", "instrument", {"factor": 1.03})), published_robot())
+    data = to_json(diagnosis)
+    assert data["verdict"] == "ambiguous"
+    assert data["next_measurement"]["expected_gain"] > 0
+    assert set(data["effects"][0]["confused_with"]) & {"displacement-scale @ instrument", "force-scale @ instrument"}
