@@ -65,10 +65,15 @@ def draw(number: int, seed: int) -> Lot:
     return Lot(kind, seed, (_known(words[first], rng), _known(words[second], rng)))
 
 
+def _between(rng: np.random.Generator, low: float, high: float) -> float:
+    """A size between two, its logarithm uniform."""
+    return low * (high / low) ** rng.random()
+
+
 def _known(effect: str, rng: np.random.Generator) -> Planted:
     term = VOCABULARY[effect]
-    place = term.places[int(rng.integers(len(term.places)))]
-    size = float(np.exp(rng.uniform(np.log(0.3), np.log(3.0))))  # small and large
+    place = term.places[int(rng.integers(0, len(term.places)))]
+    size = _between(rng, 0.3, 3.0)  # small and large
     sign = 1.0 if rng.random() < 0.5 else -1.0
     factor = {"actuator-stiffness": 1 / (1 + 0.2 * size), "link-stiffness": 1 / (1 + 0.15 * size),
               "slider-compliance": 1 + 0.8 * size, "displacement-scale": 1 + sign * 0.02 * size,
@@ -91,7 +96,7 @@ def _known(effect: str, rng: np.random.Generator) -> Planted:
 def _outside(effect: str, rng: np.random.Generator) -> Planted:
     places, names, _ = OUTSIDE[effect]
     place = places[int(rng.integers(len(places)))]
-    size = float(np.exp(rng.uniform(np.log(0.5), np.log(3.0))))
+    size = _between(rng, 0.5, 3.0)
     one = {"one-soft-slider": 1 + 1.5 * size, "one-loose-bearing": 4e-9 * size, "one-soft-guide": 8e-8 * size,
            "hardening-drive": 3e16 * size, "drive-friction": 40.0 * size, "screw-pitch": 1e-4 * size,
            "platform-width": 5e-5 * size, "gain-drift": 0.05 * size, "cross-talk": 0.03 * size}  # fmt: skip

@@ -91,11 +91,13 @@ def evidence(y: Array, x: Array, prior: Array, positive: Flags) -> tuple[float, 
         unit, free = constrained(core, scale * pull, positive)
         fit = 2.0 * float(unit @ (scale * pull)) - float(unit @ core @ unit)
         halves = float(np.log(2.0)) * int((positive & free).sum())
-        logs.append(-0.5 * (total - fit) - float(np.log(np.diagonal(factor)).sum()) + halves)
+        pivots = np.diagonal(factor)
+        logs.append(-0.5 * (total - fit) - float(np.log(pivots).sum()) + halves)
         inverse = cast("Array", np.linalg.inv(core))
         posteriors.append((scale * unit, scale[:, None] * inverse * scale[None, :]))
     log = np.array(logs)
-    return float(log.max() + np.log(np.mean(np.exp(log - log.max())))), *posteriors[int(np.argmax(log))]
+    highest = float(log.max())
+    return highest + float(np.log(np.exp(log - highest).sum() / len(SIZES))), *posteriors[int(log.argmax())]
 
 
 def constrained(matrix: Array, pull: Array, positive: Flags) -> tuple[Array, Flags]:
