@@ -81,6 +81,8 @@ def _text(
         if robot.part(part).step is not None:
             _move_step(document, part, robot.path, target)
     former = document.pop("effects").unwrap() if "effects" in document else []
+    if not former:
+        document.add(tomlkit.nl())
     document["effects"] = effects = tomlkit.aot()
     for entry in [*former, *(_entry(effect, diagnosis, campaign) for effect in carried)]:
         table = tomlkit.table()

@@ -50,7 +50,7 @@ def robot_stiffness(
     poses: Sequence[str],
     *,
     components: str | None,
-    gravity: Gravity,
+    gravity: Gravity | None,
     overrides: Sequence[str],
     target: str | None,
     quiet: bool,
@@ -62,6 +62,7 @@ def robot_stiffness(
     points = dict(parse_pose(robot, text) for text in poses) if poses else dict(robot.poses)
     if not points:
         raise InputError(f"{robot.path}: has no poses; give a tool point with --at X,Y,Z")
+    gravity = gravity or ("exact" if robot.carries("gravity") else "none")
     assembled = _assembled(robot, components, np.array(list(points.values())), quiet=quiet)
     state = analyse(assembled.elastic, list(points.values()), gravity=gravity, g=robot.gravity.acceleration)
     if target:

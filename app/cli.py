@@ -134,12 +134,12 @@ _at = click.option(
 )
 
 
-def _gravity(default: str) -> Callable[..., Any]:
+def _gravity(default: str | None) -> Callable[..., Any]:
     return click.option(
         "--gravity",
         type=click.Choice(GRAVITY),
         default=default,
-        show_default=True,
+        show_default=default or "none, unless the robot file has adopted gravity",
         help="How weight acts on stiffness.",
     )
 
@@ -181,7 +181,7 @@ def compliance(part: str | None, **options: Any) -> None:
 
 
 @cli.command()
-@_takes(_robot, _at, _components, _gravity("none"), _set, _json)
+@_takes(_robot, _at, _components, _gravity(None), _set, _json)
 def stiffness(**options: Any) -> None:
     """The robot's 6x6 stiffness at tool points, and its sag.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import logging
 import sys
 from dataclasses import dataclass
@@ -90,7 +91,7 @@ def open_case(name: str) -> Case:
     if campaign.robot is None:
         return Case(folder.resolve().name, folder, campaign, None)
     robot = load_robot(_robot_of(folder, campaign.robot))
-    if any(effect.effect == "gravity" for effect in robot.effects) and "gravity" not in campaign.modelled:
+    if robot.carries("gravity") and "gravity" not in campaign.modelled:
         campaign = dataclasses.replace(campaign, modelled=(*campaign.modelled, "gravity"))
     return Case(folder.resolve().name, folder, campaign, robot)
 
@@ -123,7 +124,7 @@ def _robot_of(folder: Path, robot: str) -> Path:
         return find_robot(data_folder() / f"{robot}.toml")
     names = ", ".join(robot_names())
     where = folder / "campaign.toml"
-    raise InputError(f"{where}, robot: expected a robot file, seen from its folder, or one of {names}, found {robot!r}")
+    raise InputError(f"{where}, robot: expected a robot file, seen from its folder, or one of {names}, found {json.dumps(robot)}")
 
 
 def _diagnosed(case: Case, assembled: Assembled | None, report: Report) -> Diagnosis:

@@ -112,7 +112,7 @@ def likeness(diagnosis: Diagnosis) -> Figure | None:
     axes.tick_params(length=0)
     from matplotlib.colors import Normalize
 
-    _numbers(axes, np.where(matrix >= 0.3, matrix, np.nan), "{:.2f}", Normalize(0, 1.2), size=6)
+    _numbers(axes, np.where(matrix >= 0.3, matrix, np.nan), "{:.2f}", Normalize(0, 1.4), size=6)
     figure.colorbar(image, ax=axes, pad=0.015, fraction=0.04, label="|cosine|")
     return figure
 
@@ -131,7 +131,7 @@ def _alike(matrix: np.ndarray) -> list[int]:
 
 def _numbers(axes: Axes, grid: np.ndarray, form: str, norm: object, size: int = 7) -> None:
     for i, j in np.argwhere(np.isfinite(grid)):
-        dark = float(norm(grid[i, j])) > 0.55  # type: ignore[operator]
+        dark = float(norm(grid[i, j])) > 0.45  # type: ignore[operator]
         colour = "white" if dark else "#20252b"
         axes.text(j, i, form.format(grid[i, j]), ha="center", va="center", fontsize=size, color=colour)
 

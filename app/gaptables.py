@@ -48,7 +48,7 @@ def _show_effects(diagnosis: Diagnosis, slider: np.ndarray | None) -> None:
             nominal = wording.nominal_value(effect.effect, key, slider)
             doubt = "" if parameter.plausible else "  (not plausible)"
             value = wording.quantity(parameter)
-            table.add_row(*first, key, value + doubt, "" if nominal is None else f"{nominal:.4g}", last)
+            table.add_row(*first, key, value + doubt, wording.beside(parameter, nominal), last)
             first, last = ["", ""], ""
     console().print(table)
 
@@ -67,5 +67,5 @@ def _show_alternatives(diagnosis: Diagnosis) -> None:
     table.add_column("why not", justify="left", overflow="fold")
     for a in diagnosis.alternatives:
         place = " + ".join(f"{e} @ {p}" for e, p in zip(a.effect.split(" + "), a.place.split(" + "), strict=True))
-        table.add_row(place, f"{a.probability:.2g}", wording.percent(a.gap_after), a.why_not)
+        table.add_row(place, wording.chance(a.probability), wording.percent(a.gap_after), a.why_not)
     console().print(table)

@@ -99,8 +99,7 @@ def _parameters(effect: Effect, slider: np.ndarray | None) -> str:
         away = (p.value - (nominal or 0.0)) / p.sigma if p.sigma > 0 else float("nan")
         ratio = f"{p.value / nominal:.4g}" if nominal else ""
         doubt = "" if p.plausible else "not plausible"
-        model = "" if nominal is None else f"{nominal:.4g}"
-        rows.append((key, wording.quantity(p), model, ratio, f"{away:+.1f}", doubt))
+        rows.append((key, wording.quantity(p), wording.beside(p, nominal), ratio, f"{away:+.1f}", doubt))
         moved.append(abs(away) > NOTABLE and nominal is not None)
     return _table(("parameter", "value ± 1 σ", "in the model", "ratio", "σ away", ""), rows, marked=moved)
 
@@ -117,7 +116,7 @@ def _alternatives(diagnosis: Diagnosis) -> list[str]:
     if not diagnosis.alternatives:
         return []
     rows = [
-        (wording.name(a.effect, a.place), f"{a.probability:.2g}", wording.percent(a.gap_after), a.why_not)
+        (wording.name(a.effect, a.place), wording.chance(a.probability), wording.percent(a.gap_after), a.why_not)
         for a in diagnosis.alternatives
     ]
     return [

@@ -315,6 +315,10 @@ class RobotFile(Section):
         """What `--set` changed."""
         return self._overrides
 
+    def carries(self, effect: str) -> bool:
+        """Whether it has adopted such an effect."""
+        return any(each.effect == effect for each in self.effects)
+
     def part(self, name: PartName) -> PartSection:
         """Section of a part."""
         return self.link if name == "link" else self.slider

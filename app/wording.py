@@ -76,19 +76,35 @@ def _mostly(where: Where) -> str:
 
 def quantity(parameter: Parameter) -> str:
     """Value ± σ with two digits of σ, in the unit's own multiple: "5.00 ± 0.12 nm/N"."""
-    value, sigma, unit = parameter.value, parameter.sigma, parameter.unit
-    factor, prefix = 1.0, ""
-    if unit.split("/")[0] in {"m", "rad"}:
-        greatest = max(abs(value), sigma if math.isfinite(sigma) else 0.0)
-        factor, prefix = next(((f, p) for f, p in _PREFIXES if greatest >= f), _PREFIXES[-1 if greatest else 0])
-    shown = "" if unit == "1" else f" {prefix}{unit}"
-    value, sigma = value / factor, sigma / factor
+    factor, unit = _multiple(parameter)
+    value, sigma = parameter.value / factor, parameter.sigma / factor
     if not (math.isfinite(sigma) and sigma > 0):
-        return f"{value:.4g}{shown}"
-    digits = 1 - math.floor(math.log10(sigma))
-    if digits < 0 or digits > 9:
-        return f"{value:.4g} ± {sigma:.2g}{shown}"
-    return f"{value:.{digits}f} ± {sigma:.{digits}f}{shown}"
+        return f"{value:.4g}{unit}"
+    digits = max(1 - math.floor(math.log10(sigma)), 0)
+    return f"{value:.4g} ± {sigma:.2g}{unit}" if digits > 9 else f"{value:.{digits}f} ± {sigma:.{digits}f}{unit}"
+
+
+def beside(parameter: Parameter, nominal: float | None) -> str:
+    """What the model has for a parameter, in the same unit; nothing where it has nothing."""
+    factor, unit = _multiple(parameter)
+    return "" if nominal is None else f"{nominal / factor:.4g}{unit}"
+
+
+def _multiple(parameter: Parameter) -> tuple[float, str]:
+    """Factor and unit that suit a parameter's size."""
+    unit = parameter.unit
+    if unit == "1":
+        return 1.0, ""
+    if unit.split("/")[0] not in {"m", "rad"}:
+        return 1.0, f" {unit}"
+    greatest = max(abs(parameter.value), parameter.sigma if math.isfinite(parameter.sigma) else 0.0)
+    factor, prefix = next(((f, p) for f, p in _PREFIXES if greatest >= f), _PREFIXES[-1 if greatest else 0])
+    return factor, f" {prefix}{unit}"
+
+
+def chance(probability: float) -> str:
+    """A probability; what is next to nothing is said to be so."""
+    return f"{probability:.2g}" if probability >= 1e-6 else "< 1e-6"
 
 
 def nominal_value(effect: str, parameter: str, slider: np.ndarray | None) -> float | None:

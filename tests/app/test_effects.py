@@ -50,6 +50,6 @@ def test_adopted_effects_change_the_robot_in_their_order(assembled):
     ],
 )
 def test_what_no_robot_can_carry_is_refused(assembled, old, new, message):
-    with pytest.raises(InputError, match="robot.toml") as refused:
+    with pytest.raises(InputError, match=r"robot\.toml") as refused:
         assembled(TEXT + SOFT_DRIVE.replace(old, new))
     assert message in str(refused.value)
