@@ -95,7 +95,7 @@ def robot_map(
     points: int,
     quiet: bool,
 ) -> None:
-    """`stiffscope map`: figure as PNG and SVG, numbers as CSV and npz."""
+    """`stiffscope map`: figures as PNG and SVG, numbers as CSV, netCDF and npz."""
     from app import maps
 
     robot = load_robot(name, overrides)
@@ -103,7 +103,7 @@ def robot_map(
     elastic = _assembled(robot, components, None, quiet=quiet).elastic
     with files.staged_folder(out) as folder:
         found = maps.robot_maps(elastic, robot.poses, points, gravity, robot.gravity.acceleration)
-        maps.write_map(found, folder)
+        maps.write_map(found, folder, f"{robot.name}: stiffness over the workspace, gravity {gravity}")
         for title, stem, draw in _figures(gravity):
             draw(found, robot.poses, f"{robot.name}: {title}", folder / f"{stem}.png", folder / f"{stem}.svg")
         Manifest(sys.argv[1:], str(robot.path), file_digest(robot.path), list(overrides)).write(folder)
@@ -120,6 +120,7 @@ def _figures(gravity: Gravity) -> list[tuple[str, str, Callable[..., None]]]:
         return plain
     loaded = functools.partial(maps.draw_stiffness, loaded=True)
     return [
+        ("stiffness at M without and with weight, and what it changes", "map", maps.draw_all),
         *plain,
         (f"principal stiffness at M, y = 0, gravity {gravity}", "stiffness_with_gravity", loaded),
         (f"what gravity ({gravity}) changes", "gravity_difference", maps.draw_difference),

@@ -232,6 +232,20 @@ def diagnose(**options: Any) -> None:
 
 
 @cli.command()
+@_takes(_out, _json)
+@click.option("--campaigns", default=100, show_default=True, type=click.IntRange(1, 100000), help="How many to draw.")
+@click.option("--seed", default=1, show_default=True, type=click.IntRange(0), help="What decides which are drawn.")
+def blind(**options: Any) -> None:
+    """The check of the diagnosis on campaigns whose effects are withheld.
+
+    Draws campaigns, seals what is in them, diagnoses them, and scores the answers.
+    """
+    from app.blindcheck import blind as check
+
+    check(options.pop("out"), **options)
+
+
+@cli.command()
 @_takes(_json)
 def audit(**options: Any) -> None:
     """The paper's numbers recomputed, each with a verdict."""

@@ -124,7 +124,8 @@ def _robot_of(folder: Path, robot: str) -> Path:
         return find_robot(data_folder() / f"{robot}.toml")
     names = ", ".join(robot_names())
     where = folder / "campaign.toml"
-    raise InputError(f"{where}, robot: expected a robot file, seen from its folder, or one of {names}, found {json.dumps(robot)}")
+    expected = f"a robot file, seen from its folder, or one of {names}"
+    raise InputError(f"{where}, robot: expected {expected}, found {json.dumps(robot)}")
 
 
 def _diagnosed(case: Case, assembled: Assembled | None, report: Report) -> Diagnosis:

@@ -41,7 +41,7 @@ def waterfall(diagnosis: Diagnosis) -> Figure:
     shown = [(label, value) for label, value in steps(diagnosis) if np.isfinite(value)]
     colours = {"nominal": BEFORE, "together": AFTER, "held out": AFTER, "noise": NOISE}
     words = {"nominal": "the model as it is", "held out": "at poses held out", "noise": "noise alone"}
-    figure = _figure(8.6, 0.9 + 0.42 * len(shown), "The gap, % rms")
+    figure = new_figure(8.6, 0.9 + 0.42 * len(shown), "The gap, % rms")
     axes = figure.subplots()
     values = [value for _, value in shown]
     axes.barh(range(len(shown)), values, color=[colours.get(label, EFFECT) for label, _ in shown], height=0.66)
@@ -72,7 +72,7 @@ def residual_map(diagnosis: Diagnosis) -> Figure | None:
     greatest = max((float(np.nanmax(grid)) for grid in grids if np.isfinite(grid).any()), default=1.0)
     norm = LogNorm(0.5, max(2.0 * greatest / 1.9, 4.0), clip=True)
     rows = len(where.pose)
-    figure = _figure(
+    figure = new_figure(
         4.6 * len(grids) + 1.6, float(np.clip(1.4 + 0.27 * rows, 2.4, 14.0)), "Misfit over noise (rms of residual / σ)"
     )
     panels = np.atleast_1d(figure.subplots(1, len(grids), sharey=True))
@@ -104,7 +104,7 @@ def likeness(diagnosis: Diagnosis) -> Figure | None:
     order = _alike(matrix)
     matrix, labels = matrix[np.ix_(order, order)], [name(*names[k].split(" @ ", 1)) for k in order]
     size = 2.6 + 0.29 * len(names)
-    figure = _figure(size + 1.2, size, "Likeness of signatures: 1 cannot be told apart by these readings")
+    figure = new_figure(size + 1.2, size, "Likeness of signatures: 1 cannot be told apart by these readings")
     axes = figure.subplots()
     image = axes.imshow(matrix, cmap="Purples", vmin=0, vmax=1)
     axes.set_xticks(range(len(labels)), labels, rotation=60, ha="right", rotation_mode="anchor", fontsize=8)
@@ -136,7 +136,8 @@ def _numbers(axes: Axes, grid: np.ndarray, form: str, norm: object, size: int = 
         axes.text(j, i, form.format(grid[i, j]), ha="center", va="center", fontsize=size, color=colour)
 
 
-def _figure(width: float, height: float, title: str) -> Figure:
+def new_figure(width: float, height: float, title: str) -> Figure:
+    """An empty figure under a heading."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,7 +23,8 @@ NAMES = ("K_tx", "K_ty", "K_tz", "K_rx", "K_ry", "K_rz")
 TITLES = ("$K_{tx}$", "$K_{ty}$", "$K_{tz}$", "$K_{rx}$", "$K_{ry}$", "$K_{rz}$")
 UNITS = (("N/µm", 1e-6),) * 3 + (("kN·m/rad", 1e-3),) * 3
 SAGS = (*((f"sag along {axis}", "µm", 1e6) for axis in "xyz"), *((f"sag about {axis}", "µrad", 1e6) for axis in "xyz"))
-MARK = "#e4572e"
+MARK = "#14181c"
+SHOWN = "rectangle: main workspace W1 to W4"
 
 
 def robot_maps(robot: Biglide, poses: Poses, points: int, gravity: Gravity, g: float) -> WorkspaceMap:
@@ -58,6 +59,35 @@ def draw_sag(found: WorkspaceMap, poses: Poses, title: str, *targets: Path) -> N
     _save(_panels(found, [panels[k] for k in (0, 2, 4)], poses, title, "magma_r"), targets)
 
 
+def draw_all(found: WorkspaceMap, poses: Poses, title: str, *targets: Path) -> None:
+    """Every direction without weight, with it, and what it changes: the whole map on one sheet."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(25, 11.5), layout="constrained", facecolor="white")
+    _head(figure, title)
+    rows = (
+        ("without weight", found.stiffness, "viridis"),
+        ("with weight", found.loaded, "viridis"),
+        ("with − without", 1e6 * (found.loaded / found.stiffness - 1), "coolwarm"),
+    )
+    grid = figure.subplots(3, 6, sharex=True, sharey=True)
+    for line, (word, values, colours) in zip(grid, rows, strict=True):
+        for k, axes in enumerate(line):
+            unit, factor = ("ppm", 1.0) if colours == "coolwarm" else UNITS[k]
+            _panel(axes, found, factor * values[..., k], unit, colours, lines=5)
+            _mark(axes, found, poses)
+            axes.set_title(f"{TITLES[k]} {word}", fontsize=12)
+            axes.set_xlabel("x (mm)")
+            axes.set_ylabel("z (mm, down)")
+            axes.label_outer()
+    grid[0, 0].invert_yaxis()
+    _save(figure, targets)
+
+
+def _head(figure: Figure, title: str) -> None:
+    figure.suptitle(f"{title}  ({SHOWN})", fontsize=14, fontweight="bold", x=0.01, ha="left")
+
+
 def _panels(
     found: WorkspaceMap, panels: Sequence[tuple[str, str, np.ndarray]], poses: Poses, title: str, colours: str
 ) -> Figure:
@@ -65,7 +95,7 @@ def _panels(
 
     rows = len(panels) // 3
     figure = Figure(figsize=(14, 0.5 + 3.5 * rows), layout="constrained", facecolor="white")
-    figure.suptitle(title, fontsize=14, fontweight="bold", x=0.01, ha="left")
+    _head(figure, title)
     grid = list(figure.subplots(rows, 3, sharex=True, sharey=True).flat)
     for axes, (name, unit, values) in zip(grid, panels, strict=True):
         _panel(axes, found, values, unit, colours)
@@ -78,7 +108,7 @@ def _panels(
     return figure
 
 
-def _panel(axes: Axes, found: WorkspaceMap, values: np.ndarray, unit: str, colours: str) -> None:
+def _panel(axes: Axes, found: WorkspaceMap, values: np.ndarray, unit: str, colours: str, lines: int = 8) -> None:
     x, z = 1e3 * found.x, 1e3 * found.z
     low, high = np.nanmin(values), np.nanmax(values)
     if colours == "coolwarm":
@@ -87,8 +117,8 @@ def _panel(axes: Axes, found: WorkspaceMap, values: np.ndarray, unit: str, colou
         low, high = low - max(abs(low), 1e-6), high + max(abs(high), 1e-6)
     image = axes.pcolormesh(x, z, values, cmap=colours, shading="nearest", vmin=low, vmax=high, rasterized=True)
     if np.nanmax(values) - np.nanmin(values) > 1e-6 * abs(high):
-        lines = axes.contour(x, z, values, levels=8, colors="white", linewidths=0.6, alpha=0.8)
-        axes.clabel(lines, fontsize=7, fmt="%.5g")
+        drawn = axes.contour(x, z, values, levels=lines, colors="white", linewidths=0.6, linestyles="solid", alpha=0.8)
+        axes.clabel(drawn, fontsize=7, fmt="%.5g")
     axes.get_figure().colorbar(image, ax=axes, label=unit, pad=0.01)  # type: ignore[union-attr]
     axes.set_aspect("equal")
 
@@ -96,14 +126,17 @@ def _panel(axes: Axes, found: WorkspaceMap, values: np.ndarray, unit: str, colou
 def _mark(axes: Axes, found: WorkspaceMap, poses: Poses) -> None:
     """The named poses and the main workspace."""
     from matplotlib.patches import Rectangle
+    from matplotlib.patheffects import withStroke
 
+    halo: Any = [withStroke(linewidth=2.5, foreground="white")]
     main = found.main
     corner, width, height = (main.x_min, main.z_min), main.x_max - main.x_min, main.z_max - main.z_min
-    outline = Rectangle((1e3 * corner[0], 1e3 * corner[1]), 1e3 * width, 1e3 * height, fill=False, color=MARK, lw=1.2)
+    outline = Rectangle((1e3 * corner[0], 1e3 * corner[1]), 1e3 * width, 1e3 * height, fill=False, color=MARK, lw=1.0)
     axes.add_patch(outline)
     for name, (x, _, z) in poses.items():
         axes.plot(1e3 * x, 1e3 * z, "o", color=MARK, markersize=5, markeredgecolor="white")
-        axes.annotate(name, (1e3 * x, 1e3 * z), (6, 5), textcoords="offset points", color=MARK, weight="bold")
+        label = axes.annotate(name, (1e3 * x, 1e3 * z), (6, 5), textcoords="offset points", color=MARK, weight="bold")
+        label.set_path_effects(halo)
 
 
 def _save(figure: Figure, targets: Iterable[Path]) -> None:
@@ -111,8 +144,8 @@ def _save(figure: Figure, targets: Iterable[Path]) -> None:
         figure.savefig(target, dpi=110)
 
 
-def write_map(found: WorkspaceMap, folder: Path) -> None:
-    """The numbers, SI: map.csv (a line for each reachable tool point) and map.npz (arrays (z, x, direction))."""
+def write_map(found: WorkspaceMap, folder: Path, title: str = "") -> None:
+    """The numbers, SI: map.csv (a line for each reachable tool point), map.npz (arrays (z, x, direction)), map.nc."""
     nz, nx, _ = found.stiffness.shape
     at = np.column_stack([np.tile(found.x, nz), np.repeat(found.z, nx)])
     columns = {"": found.stiffness, "_loaded": found.loaded, "sag_": found.sag}
@@ -126,3 +159,38 @@ def write_map(found: WorkspaceMap, folder: Path) -> None:
     fields = {"stiffness": found.stiffness, "stiffness_loaded": found.loaded, "sag": found.sag}
     with (folder / "map.npz").open("wb") as stream:
         np.savez_compressed(stream, **arrays, **fields)  # type: ignore[arg-type]
+    write_netcdf(found, folder / "map.nc", title)
+
+
+def write_netcdf(found: WorkspaceMap, target: Path, title: str) -> None:
+    """The map as netCDF with names and units on every variable, NaN where the robot does not reach."""
+    from scipy.io import netcdf_file
+
+    kinds = (
+        ("", "stiffness at M without gravity", "{}", found.stiffness, ("N m-1", "N m rad-1")),
+        ("_loaded", "stiffness at M with the robot's own weight", "{}", found.loaded, ("N m-1", "N m rad-1")),
+        ("sag_", "twist of the platform under the robot's own weight", "sag_{}", found.sag, ("m", "rad")),
+    )
+    with netcdf_file(target, "w", version=2) as file:
+        file.title, file.Conventions, file.source = title or "workspace map", "CF-1.8", "stiffscope"
+        box = found.main
+        file.main_workspace = f"x {box.x_min:.9g} to {box.x_max:.9g} m, z {box.z_min:.9g} to {box.z_max:.9g} m"
+        for name, values, text in (("z", found.z, "height of M below the rail"), ("x", found.x, "M along the rail")):
+            file.createDimension(name, len(values))
+            _variable(file, name, (name,), values, "m", text)
+        _variable(file, "y", (), np.float64(found.y), "m", "M across the rail")
+        for suffix, text, form, values, units in kinds:
+            for k, name in enumerate(NAMES):
+                axis = name.removeprefix("K_").removeprefix("t")
+                full = form.format(axis) if suffix == "sag_" else f"{name}{suffix}"
+                _variable(file, full, ("z", "x"), values[..., k], units[k > 2], f"{text}, {axis}", fill=True)
+
+
+def _variable(
+    file: Any, name: str, dimensions: tuple[str, ...], values: Any, unit: str, text: str, *, fill: bool = False
+) -> None:
+    variable = file.createVariable(name, "d", dimensions)
+    variable[...] = values
+    variable.units, variable.long_name = unit, text
+    if fill:
+        variable._FillValue = np.float64(np.nan)  # noqa: SLF001 (the name that netCDF gives it)
