@@ -12,8 +12,9 @@ from gap.chances import chi_square_tail
 from gap.effects import UNKNOWN, library
 from gap.following import next_measurement
 from gap.misfit import by_direction, by_pose, percent_noise, percent_rms
+from gap.noise import Data, noise_of
 from gap.rivals import rivals
-from gap.search import Data, Hypothesis, fitted, noise_of, search
+from gap.search import SIZES, Hypothesis, fitted, search
 from gap.state import Bench
 from gap.vocabulary import AXES, STIFFNESS
 
@@ -36,6 +37,7 @@ GROUP = 2  # others at most that an effect is said to be confused with
 TOGETHER = 2  # effects at most, beside gravity, that an answer names: three can follow almost anything
 RIVALRY = 0.02  # probability from which an alternative is reported as one that cannot be told apart
 _SEEN = 0.05  # share of a group mean that the fit has left to be seen
+FEW = 3  # readings a parameter below which nothing is identified
 TRIFLE = 0.002  # share of the χ² that is explained, below which what is left is of no account
 STRONG = 3.0  # standard deviations by which a parameter must leave its plausible range to count
 
@@ -118,7 +120,10 @@ def answer(found: Findings) -> Diagnosis:
     elif strange or implausible or lacking or many or not best.names:
         verdict = "unexplained"
     else:
-        verdict = "identified" if known >= CONFIDENT else "ambiguous"
+        few = int(found.data.good.sum()) < FEW * (len(best.inner) + 1)
+        if few:
+            remarks.append(f"{int(found.data.good.sum())} readings are too few to tell {len(best.inner)} parameters")
+        verdict = "identified" if known >= CONFIDENT and not few else "ambiguous"
     shown = () if verdict in {"no-gap", "unexplained"} else tuple(_effects(found, best))
     others = _alternatives(found, best if shown else None)
     rivals_left = [h for h in found.hypotheses[1:8] if h.names and not best.names <= h.names]
@@ -293,6 +298,9 @@ def held_out(found: Findings, hypothesis: Hypothesis) -> float:
     c, data = found.bench.campaign, found.data
     x, r = hypothesis.slopes, hypothesis.residual
     gram = x[data.good].T @ x[data.good]
+    weak = np.diag(
+        (SIZES[-1] * np.concatenate([np.ones(0), *(np.array(e.scale) for e, _ in hypothesis.setting)])) ** -2.0
+    )
     scores: list[float] = []
     for pose in range(len(c.pose_names)):
         here = data.good & (c.pose == pose)
@@ -300,7 +308,7 @@ def held_out(found: Findings, hypothesis: Hypothesis) -> float:
             continue
         prediction = found.model(hypothesis)
         if x.shape[1]:
-            left = gram - x[here].T @ x[here] + 1e-9 * np.diag(np.diagonal(gram) + 1e-30)
+            left = gram - x[here].T @ x[here] + weak
             change = -np.linalg.pinv(left, rcond=1e-12) @ (x[here].T @ r[here])
             prediction = prediction + (x @ change) * data.sigma
         scores.append(percent_rms(c, prediction, data.sigma, here))

@@ -16,8 +16,9 @@ from vjm.maps import reachable_box
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from gap.noise import Data
     from gap.readings import Campaign
-    from gap.search import Data, Hypothesis
+    from gap.search import Hypothesis
 
     Array = NDArray[np.floating[Any]]
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from gap.effects import Effect
+    from gap.noise import Data
     from gap.state import Bench, Setting
 
     Array = NDArray[np.floating[Any]]
@@ -28,18 +29,8 @@ WIDTH = 6  # hypotheses that are carried on to one effect more
 SWAPPED = 4  # others that are fitted in the place of each effect of the best set
 TRIED = 10  # nonlinear fits at every level
 LEVELS = 3  # effects at once
-OUTLYING = 6.0  # robust standard deviations
 UNNAMED = 3.0  # ln-odds by which a pattern without a name stands behind a word of the vocabulary
 ENOUGH = 1.0  # ln-odds that one effect more must gain for the search to go on
-
-
-@dataclass(frozen=True)
-class Data:
-    """Noise of the readings ``sigma`` (n,), which are no gross outliers, and what to remark about that."""
-
-    sigma: Array
-    good: Flags
-    remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -86,7 +77,8 @@ def evidence(y: Array, x: Array, prior: Array, positive: Flags) -> tuple[float, 
     posteriors: list[tuple[Array, Array]] = []
     for size in SIZES:
         scale = size * prior
-        core = np.eye(len(prior)) + scale[:, None] * gram * scale[None, :]
+        core = scale[:, None] * gram * scale[None, :]
+        core += np.eye(len(prior)) * (1.0 + 1e-12 * float(np.trace(core)))
         factor = cast("Array", np.linalg.cholesky(core))
         unit, free = constrained(core, scale * pull, positive)
         fit = 2.0 * float(unit @ (scale * pull)) - float(unit @ core @ unit)
@@ -294,64 +286,3 @@ def _linearized(bench: Bench, data: Data, setting: Setting) -> tuple[Array, Arra
 def _cost(residual: Array, data: Data, u: Array, prior: Array) -> float:
     good = residual[data.good]
     return float(good @ good) + float(np.sum((u / (SIZES[-1] * prior)) ** 2))
-
-
-def noise_of(bench: Bench, library: Sequence[Effect]) -> Data:
-    """Noise and outliers as the fit of all effects at once shows them, robustly.
-
-    Unknown sigmas are estimated by kind of reading. Stated ones that are all too large are brought down; ones that
-    are too small are left, since what they do not cover may be an effect that nobody knows.
-    """
-    campaign = bench.campaign
-    state = bench.state()
-    like = campaign.kind * 2 + campaign.direction // 3
-    unknown = np.isnan(campaign.sigma)
-    stiff = campaign.kind == STIFFNESS
-    unit = np.where(stiff, np.abs(campaign.value), 1.0)
-    sigma = np.where(unknown, unit * _rough(campaign.value - state.prediction, unit, like), campaign.sigma)
-    blocks = [state.columns(e) for e in library if e.scale and len(e.scale) < 21]
-    sizes = np.concatenate([np.array(e.scale) for e in library if e.scale and len(e.scale) < 21])
-    x = np.hstack(blocks) * (3.0 * sizes)
-    good = np.ones(len(sigma), dtype=np.bool_)
-    residual, free = np.zeros(len(sigma)), 1.0
-    for _ in range(6):
-        a, y = x / sigma[:, None], (campaign.value - state.prediction) / sigma
-        weight = good / np.maximum(1.0, np.abs(residual) / 2.0) if residual.any() else good.astype(np.float64)
-        gram = a.T @ (a * weight[:, None])
-        values, vectors = np.linalg.eigh(gram + np.eye(a.shape[1]) * 1e-9 * max(float(np.trace(gram)), 1.0))
-        keep = values > 1e-8 * values[-1]
-        hat = (vectors[:, keep] / values[keep]) @ vectors[:, keep].T
-        rank = float(np.sum((a @ hat) * a * weight[:, None]))
-        residual = y - a @ (hat @ (a.T @ (weight * y)))
-        free = max(1.0 - rank / max(float(good.sum()), 1.0), 0.1)
-        scale = np.ones(len(sigma))
-        for group in np.unique(like):
-            mine = (like == group) & good
-            scale[like == group] = 1.4826 * np.median(np.abs(residual[mine])) / np.sqrt(free) if mine.any() else 1.0
-        floor = np.where(unit > 0, 1e-9 * np.abs(campaign.value).max(), 1e-300)
-        sigma = np.where(unknown, np.maximum(sigma * scale, floor), sigma)
-        residual = np.where(unknown, residual / np.maximum(scale, 1e-12), residual)
-        left = np.maximum(np.where(unknown, 1.0, scale), 1e-6)
-        if len(sigma) > 2 * a.shape[1]:
-            good = np.abs(residual) < OUTLYING * left
-    remarks: list[str] = []
-    known = ~unknown
-    if known.any() and len(sigma) > 3 * x.shape[1]:
-        label = 1.4826 * float(np.median(np.abs(residual[known & good]))) / np.sqrt(free)
-        if label < 0.8:
-            sigma = np.where(known, label * sigma, sigma)
-            remarks.append(
-                f"the stated uncertainties are {1 / label:.2g} times what the readings scatter; they were scaled down"
-            )
-    if not good.all():
-        remarks.append(f"{int((~good).sum())} gross outliers were left out")
-    return Data(sigma, good, tuple(remarks))
-
-
-def _rough(gap: Array, unit: Array, like: NDArray[np.int64]) -> Array:
-    """First guess of unknown noise: a tenth of the gap of its kind."""
-    out = np.ones(len(gap))
-    for group in np.unique(like):
-        mine = like == group
-        out[mine] = max(0.1 * float(np.sqrt(np.mean((gap[mine] / unit[mine]) ** 2))), 1e-12)
-    return out
