@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import logging
 import sys
 from typing import TYPE_CHECKING
 
@@ -13,7 +14,7 @@ from app import quantities as q
 from app.cache import file_digest
 from app.manifest import Manifest
 from app.parts import order_part, solve_parts
-from app.pipeline import Assembled, compliance_json, solve_robots, stiffness_json, workshop
+from app.pipeline import Assembled, compliance_json, solve_robots, stiffness_bars, stiffness_json, workshop
 from app.robotfile import load_robot
 from stiffscope import InputError
 
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
 
     from app.schema import PartName, RobotFile
     from vjm.analysis import Gravity
+
+
+log = logging.getLogger(__name__)
 
 
 def part_compliance(
@@ -56,7 +60,7 @@ def robot_stiffness(
     quiet: bool,
 ) -> None:
     """`stiffscope stiffness`: K, sag and mobility at tool points; without any, at the robot file's poses."""
-    from vjm.analysis import analyse
+    from vjm.analysis import analyse, singular_note
 
     robot = load_robot(name, overrides)
     points = dict(parse_pose(robot, text) for text in poses) if poses else dict(robot.poses)
@@ -65,12 +69,40 @@ def robot_stiffness(
     gravity = gravity or ("exact" if robot.carries("gravity") else "none")
     assembled = _assembled(robot, components, np.array(list(points.values())), quiet=quiet)
     state = analyse(assembled.elastic, list(points.values()), gravity=gravity, g=robot.gravity.acceleration)
+    bars = stiffness_bars(assembled, state.poses)
     if target:
-        files.write_json(target, stiffness_json(state))
+        files.write_json(target, stiffness_json(state, bars))
+    for pose, matrix in zip(points, state.matrix, strict=True):
+        if note := singular_note(matrix):
+            log.warning("%s: %s", pose, note)
     if not quiet and target != "-":
         made_of = ", ".join(f"{part} {source}" for part, source in assembled.sources.items())
         title = f"Stiffness at M ({made_of}; gravity {gravity})"
-        tables.show_stiffness(list(points), state.poses, state.matrix, state.sag, title=title)
+        tables.show_stiffness(list(points), state.poses, state.matrix, state.sag, bars, title=title)
+
+
+def robot_deflection(
+    name: str, poses: Sequence[str], wrench: str, *, components: str | None, overrides: Sequence[str],
+    target: str | None, quiet: bool,
+) -> None:  # fmt: skip
+    """`stiffscope deflection`: how far the tool yields under a wrench, and which part yields how much of it."""
+    from vjm.deflection import deflection
+
+    robot = load_robot(name, overrides)
+    points = dict(parse_pose(robot, text) for text in poses) if poses else dict(robot.poses)
+    try:
+        load = [float(part) for part in wrench.split(",")]
+    except ValueError as error:
+        raise InputError(f"--wrench {wrench}: {error}; expected FX,FY,FZ,MX,MY,MZ in N and N·m") from error
+    if len(load) != 6:
+        raise InputError(f"--wrench {wrench}: expected six numbers FX,FY,FZ,MX,MY,MZ in N and N·m")
+    assembled = _assembled(robot, components, np.array(list(points.values())), quiet=quiet)
+    found = deflection(assembled.elastic, list(points.values()), load)
+    if target:
+        shares = {"energy": found.energy, "shares": found.shares}
+        files.write_json(target, {"poses": list(points.values()), "wrench": load, "twist": found.twist, **shares})
+    if not quiet and target != "-":
+        tables.show_deflection(list(points), found.twist, found.shares, wrench)
 
 
 def compare_parts(name: str, parts: Sequence[PartName], *, overrides: Sequence[str], quiet: bool) -> None:

@@ -193,6 +193,18 @@ def stiffness(**options: Any) -> None:
 
 
 @cli.command()
+@_takes(_robot, _at, _components, _set, _json)
+@click.option(
+    "--wrench", required=True, metavar="FX,FY,FZ,MX,MY,MZ", help="Wrench on the platform at M, axes {O}, in N and N·m."
+)
+def deflection(**options: Any) -> None:
+    """How far the tool yields under a wrench, and which part yields how much of it."""
+    from app.answers import robot_deflection
+
+    robot_deflection(options.pop("robot"), options.pop("poses"), options.pop("wrench"), **options)
+
+
+@cli.command()
 @_takes(_robot, _part, _set)
 def compare(part: str | None, **options: Any) -> None:
     """FEA beside beam theory beside published, entry by entry."""

@@ -168,16 +168,31 @@ def compliance_json(robot: RobotFile, result: PartResult) -> dict[str, Any]:
     return {**facts, "beam": beam.tolist(), "cached": result.reused}
 
 
-def stiffness_json(state: Stiffness) -> dict[str, Any]:
+def stiffness_bars(assembled: Assembled, poses: Any) -> np.ndarray | None:
+    """95 % bounds (n, 6, 6) on the stiffness from those of the parts' experiments; None where no part has any."""
+    from vjm.uncertainty import stiffness_error
+
+    zero = np.zeros((6, 6))
+    made = {name: source == "fea" for name, source in assembled.sources.items()}
+    if not any(made.values()):
+        return None
+    link, slider = (assembled.results[name].error if made[name] else zero for name in ("link", "slider"))
+    return stiffness_error(assembled.elastic, poses, link, slider)
+
+
+def stiffness_json(state: Stiffness, error: np.ndarray | None = None) -> dict[str, Any]:
     """What scripts read of the robot."""
-    return {"poses": state.poses, "stiffness": state.matrix, "sag": state.sag, "mobility": state.mobility}
+    bars = {} if error is None else {"error": error}
+    return {"poses": state.poses, "stiffness": state.matrix, "sag": state.sag, "mobility": state.mobility, **bars}
 
 
 def write_robot(assembled: Assembled, state: Stiffness, folder: Path) -> None:
     """Matrices as JSON and npz, and the robot file as it was used."""
     robot = assembled.robot
     names = {"names": list(robot.poses), "components": assembled.sources}
-    files.write_json(folder / "stiffness.json", {**stiffness_json(state), **names})
+    files.write_json(
+        folder / "stiffness.json", {**stiffness_json(state, stiffness_bars(assembled, state.poses)), **names}
+    )
     matrices = {f"{name}_compliance": matrix for name, matrix in assembled.matrices.items()}
     matrices |= {"poses": state.poses, "stiffness": state.matrix, "sag": state.sag}
     np.savez_compressed(folder / "matrices.npz", **matrices)  # type: ignore[arg-type]

@@ -72,9 +72,15 @@ def show_comparison(comparison: Comparison) -> None:
 
 
 def show_stiffness(
-    names: Sequence[str], poses: Any, stiffness: Any, sag: Any | None = None, *, title: str = "Stiffness at M"
+    names: Sequence[str],
+    poses: Any,
+    stiffness: Any,
+    sag: Any | None = None,
+    bars: Any | None = None,
+    *,
+    title: str = "Stiffness at M",
 ) -> None:
-    """Principal stiffness and the two couplings at each pose."""
+    """Principal stiffness and the two couplings at each pose, with the bounds that the parts' experiments leave."""
     columns = ["pose", "x, y, z (m)", *STIFFNESSES, "K_15", "K_24"]
     table = new_table(f"{title} (10⁶ N/m, 10⁶ N·m/rad, 10⁶ N)", *columns, *(["sag µm"] if sag is not None else []))
     for i, name in enumerate(names):
@@ -84,7 +90,24 @@ def show_stiffness(
         table.add_row(
             name, place, *(f"{v:.4f}" for v in entries), *([f"{sag[i][2] * 1e6:.2f}"] if sag is not None else [])
         )
+        if bars is not None:
+            b = np.asarray(bars[i]) / 1e6
+            table.add_row("", "± 95 %", *(f"{v:.2g}" for v in (*np.diag(b), b[0, 4], b[1, 3])))
     console().print(table)
+
+
+def show_deflection(names: Sequence[str], twist: Any, shares: dict[str, Any], wrench: str) -> None:
+    """Deflection of the tool, and each component's share of the strain energy."""
+    moved = new_table(
+        f"Deflection at M under {wrench} N, N·m", "pose", *("x µm", "y µm", "z µm"), *("rx µrad", "ry µrad", "rz µrad")
+    )
+    for name, row in zip(names, np.asarray(twist) * 1e6, strict=True):
+        moved.add_row(name, *(f"{v:.4g}" for v in row))
+    console().print(moved)
+    where = new_table("Where it yields: share of the strain energy, %", "component", *names)
+    for part, share in sorted(shares.items(), key=lambda item: -float(np.max(item[1]))):
+        where.add_row(part, *(f"{100 * v:.2f}" for v in share))
+    console().print(where)
 
 
 def show_change(names: Sequence[str], old: Any, new: Any, overrides: Sequence[str]) -> None:
