@@ -22,7 +22,7 @@ from fea.shape import NODES, curved, determinants, inverses, jacobians, quadratu
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from scipy.sparse import bsr_array
+    from scipy.sparse import bsr_array, csr_array
 
     from fea.interfaces import Port, Supports
     from fea.mesh import Floats, Ints, TetMesh
@@ -158,6 +158,7 @@ def cubic_compliance(
     start: Floats,
     tolerance: float = 1e-2,
     limit: int = 60,
+    springs: csr_array | None = None,
 ) -> tuple[Floats, Floats]:
     """Return (6n, 6n) the compliance of the cubic solution and (c + 3w, 6n) its coordinates.
 
@@ -167,9 +168,10 @@ def cubic_compliance(
     ----------
     solve, loads, start : the factorized quadratic problem, its (c, 6n) unit loads and their solution.
     tolerance : relative error of the difference between the two compliances at which to stop.
+    springs : (count, count) elastic foundation, one direction; see ``fea.foundation``.
     """
-    free = _free_cubics(mesh, space, supports)
-    apply, diagonal = _operator(space, supports, free)
+    free = free_cubics(mesh, space, supports)
+    apply, diagonal = _operator(space, supports, free, springs)
     extra = _cubic_loads(mesh.points, space, ports)[free].reshape(-1, loads.shape[1])
     force = np.vstack([loads, extra])
     split = len(loads)
@@ -214,22 +216,24 @@ def _conjugate_gradients(
     return motion
 
 
-def _operator(space: Cubic, supports: Supports, free: Ints) -> tuple[Callable[[Floats], Floats], bsr_array]:
+def _operator(
+    space: Cubic, supports: Supports, free: Ints, springs: csr_array | None
+) -> tuple[Callable[[Floats], Floats], bsr_array]:
     """Return the product with the enlarged stiffness, element by element, and the inverse of its 3 x 3 blocks."""
     from scipy.sparse import bsr_array, csr_array
 
     m = len(space.cells)
     scatter = csr_array((np.ones(20 * m), (space.cells.reshape(-1), np.arange(20 * m))), shape=(space.count, 20 * m))
-    split, base = 3 * len(supports.free) + supports.tie.shape[1], 3 * space.base
-    high = (3 * free[:, None] + np.arange(3)).reshape(-1)
+    base, high = 3 * space.base, (3 * free[:, None] + np.arange(3)).reshape(-1)
 
     def apply(coordinates: Floats) -> Floats:
         loads = coordinates.shape[1]
-        motion = np.zeros((3 * space.count, loads))
-        motion[:base] = supports.expand(coordinates[:split])
-        motion[high] = coordinates[split:]
-        local = _element_forces(space, motion.reshape(-1, 3, loads))
-        forces = (scatter @ local.reshape(20 * m, 3 * loads)).reshape(-1, loads)
+        motion = unfolded(space, supports, free, coordinates)
+        local = element_forces(space, motion.reshape(-1, 3, loads))
+        forces = scatter @ local.reshape(20 * m, 3 * loads)
+        if springs is not None:
+            forces += springs @ motion.reshape(-1, 3 * loads)
+        forces = forces.reshape(-1, loads)
         return np.vstack([supports.restrict(forces[:base]), forces[high]])
 
     own = np.empty((m, 20, 9))
@@ -240,11 +244,39 @@ def _operator(space: Cubic, supports: Supports, free: Ints) -> tuple[Callable[[F
         tensor = group.elasticity.reshape(*group.elasticity.shape[:2], 3, 3, 3, 3)
         own[group.elements] = np.einsum("prsa,cprisj->caij", pairs, tensor, optimize=True).reshape(-1, 20, 9)
     diagonal = (scatter @ own.reshape(20 * m, 9))[free].reshape(-1, 3, 3)
+    if springs is not None:
+        diagonal += springs.diagonal()[free][:, None, None] * np.eye(3)
     steps = np.arange(len(free) + 1)
     return apply, bsr_array((np.linalg.inv(diagonal), steps[:-1], steps))
 
 
-def _element_forces(space: Cubic, motion: Floats) -> Floats:
+def unfolded(space: Cubic, supports: Supports, free: Ints, coordinates: Floats) -> Floats:
+    """Return (3 count, loads) coefficients of all functions from the coordinates (c + 3w, loads) left free."""
+    split = 3 * len(supports.free) + supports.tie.shape[1]
+    motion = np.zeros((3 * space.count, coordinates.shape[1]))
+    motion[: 3 * space.base] = supports.expand(coordinates[:split])
+    motion[(3 * free[:, None] + np.arange(3)).reshape(-1)] = coordinates[split:]
+    return motion
+
+
+def element_energies(mesh: TetMesh, space: Cubic, supports: Supports, gained: Floats) -> Floats:
+    """Return (m, loads) where the cubic solution differs: twice the energy of ``gained`` in each element.
+
+    Parameters
+    ----------
+    gained : (c + 3w, loads) coordinates of the cubic solution less the quadratic one; the loads' compliance
+        gains are the sums over all elements.
+    """
+    free = free_cubics(mesh, space, supports)
+    energies = np.empty((len(space.cells), gained.shape[1]))
+    for start in range(0, gained.shape[1], 6):
+        columns = slice(start, start + 6)
+        motion = unfolded(space, supports, free, gained[:, columns]).reshape(space.count, 3, -1)
+        energies[:, columns] = np.einsum("cail,cail->cl", element_forces(space, motion), motion[space.cells])
+    return energies
+
+
+def element_forces(space: Cubic, motion: Floats) -> Floats:
     """Return (m, 20, 3, loads) the forces of each element on its functions, for (count, 3, loads) coefficients."""
     loads = motion.shape[2]
     local = np.empty((len(space.cells), 20, 3, loads))
@@ -263,7 +295,7 @@ def _element_forces(space: Cubic, motion: Floats) -> Floats:
     return local
 
 
-def _free_cubics(mesh: TetMesh, space: Cubic, supports: Supports) -> Ints:
+def free_cubics(mesh: TetMesh, space: Cubic, supports: Supports) -> Ints:
     """Return the cubics that are not on a clamped or rigid face."""
     fixed = np.zeros(space.base, dtype=bool)
     fixed[supports.clamped] = fixed[supports.tied] = True
@@ -281,15 +313,22 @@ def _cubic_loads(points: Floats, space: Cubic, ports: tuple[Port, ...]) -> Float
         if port.kind == "rigid":
             continue
         traction, at = tractions(points, port)
-        b = np.column_stack([1 - at.sum(axis=1), at])
-        corners = port.facets[:, :3]
-        columns = slice(6 * k, 6 * k + 6)
-        for side in range(3):
-            i, j = side, (side + 1) % 3
-            values = b[:, i] * b[:, j] * (b[:, i] - b[:, j])
-            sign = np.where(corners[:, i] < corners[:, j], 1.0, -1.0)
-            work = np.einsum("q,k,kqia->kia", values, sign, traction)
-            np.add.at(loads[..., columns], space.of_mids(port.facets[:, 3 + side]), work)
-        work = np.einsum("q,kqia->kia", b.prod(axis=1), traction)
-        np.add.at(loads[..., columns], space.of_faces(corners), work)
+        functions, values = facet_cubics(space, port.facets, at)
+        work = np.einsum("kqf,kqia->kfia", values, traction)
+        np.add.at(loads[..., 6 * k : 6 * k + 6], functions.reshape(-1), work.reshape(-1, 3, 6))
     return loads
+
+
+def facet_cubics(space: Cubic, facets: Ints, at: Floats) -> tuple[Ints, Floats]:
+    """Return (k, 4) the three edge and one face cubics of triangles (k, 6) and their (k, q, 4) values at (q, 2)."""
+    b = np.column_stack([1 - at.sum(axis=1), at])
+    corners = facets[:, :3]
+    functions, values = [], []
+    for side in range(3):
+        i, j = side, (side + 1) % 3
+        sign = np.where(corners[:, i] < corners[:, j], 1.0, -1.0)
+        functions.append(space.of_mids(facets[:, 3 + side]))
+        values.append(np.outer(sign, b[:, i] * b[:, j] * (b[:, i] - b[:, j])))
+    functions.append(space.of_faces(corners))
+    values.append(np.broadcast_to(b.prod(axis=1), values[0].shape))
+    return np.stack(functions, axis=1), np.stack(values, axis=2)

@@ -38,7 +38,10 @@ class Settings:
     size, envelope : element length and the mesher's allowance, m; None chooses them from the part.
     interface : "rigid" (the loaded face moves as one body) or "distributed" (a linear traction).
     layers : thin layers of elements around the borders of held faces and re-entrant edges.
-    time_limit : seconds allowed to the mesher.
+    tolerance : relative bound wanted of every significant entry, 1e-3 for 0.1 %; None takes what one mesh gives.
+    foundation : stiffness of the clamp per unit of area, N/m³, for a bolted contact; None is a rigid clamp.
+    time_limit : seconds allowed to the mesher, and to refinement.
+    most_unknowns : degrees of freedom of the cubic solution beyond which refinement stops.
     solver : "auto", "pardiso", "splu" or "amg".
     threads : the mesher's threads; 0 takes all.
     """
@@ -47,7 +50,10 @@ class Settings:
     envelope: float | None = None
     interface: str = "rigid"
     layers: int = 1
+    tolerance: float | None = None
+    foundation: float | None = None
     time_limit: float = 120.0
+    most_unknowns: int = 2_000_000
     solver: str = "auto"
     threads: int = 0
 
@@ -63,6 +69,12 @@ class Settings:
             raise InputError(f"solver: expected auto, pardiso, splu or amg, got {self.solver!r}")
         if not (np.isfinite(self.time_limit) and self.time_limit > 0):
             raise InputError(f"mesh.time_limit: expected positive seconds, got {self.time_limit!r}")
+        if self.tolerance is not None and not 1e-6 <= self.tolerance < 1:
+            raise InputError(f"tolerance: expected a fraction from 1e-6 to 1 (0.1 % is 0.001), got {self.tolerance!r}")
+        if self.foundation is not None and not (np.isfinite(self.foundation) and self.foundation > 0):
+            raise InputError(f"foundation: expected a positive stiffness per area in N/m3, got {self.foundation!r}")
+        if not self.most_unknowns >= 1:
+            raise InputError(f"mesh.most_unknowns: expected a positive number, got {self.most_unknowns!r}")
         if not 0 <= self.layers <= 6:
             raise InputError(f"mesh.layers: expected 0 to 6, got {self.layers!r}")
 
@@ -77,13 +89,15 @@ class Experiment:
     flexibility : (6n, 6n) compliance of the n loaded interfaces together.
     flexibility_error : (6n, 6n) 95 % bounds on the distance to the exact elastic solution on the exact shape.
     reference_points : (n, 3) m.
+    clamp_point : (3,) m, mean of the clamped nodes.
     mesh : the quadratic mesh.
     displacement : (6n, nodes, 3) m per unit wrench.
     von_mises : (6n, nodes) Pa per unit wrench.
     imbalance : how far the clamp's reactions are from balancing the wrenches, relative.
     volume, cad_volume : of the mesh and of the solid, m³.
     unknowns : degrees of freedom of the cubic solution behind the result.
-    seconds : wall time of the stages cad, mesh, solve.
+    seconds : wall time of the stages cad, mesh, solve (refinement is in solve).
+    note : one line on why a wanted tolerance was not met; empty when it was, or when none was wanted.
     """
 
     part: str
@@ -91,6 +105,7 @@ class Experiment:
     flexibility: Floats
     flexibility_error: Floats
     reference_points: Floats
+    clamp_point: Floats
     mesh: TetMesh
     displacement: Floats
     von_mises: Floats
@@ -99,6 +114,7 @@ class Experiment:
     cad_volume: float
     unknowns: int
     seconds: dict[str, float] = field(default_factory=dict)
+    note: str = ""
 
     @property
     def compliance(self) -> Floats:
@@ -119,6 +135,19 @@ class Experiment:
     def superelement(self) -> Floats:
         """(6n, 6n) stiffness of the part condensed on its loaded interfaces."""
         return np.asarray(np.linalg.inv(self.flexibility), dtype=np.float64)
+
+    @property
+    def relative_bound(self) -> float:
+        """Largest bound of the significant entries (|C_ij| > 1 % of sqrt(C_ii C_jj)) over the entry."""
+        from fea.adapt import relative_bound
+
+        return relative_bound(self.flexibility, self.flexibility_error)[0]
+
+    def _repr_html_(self) -> str:
+        """Return the compliance with its bounds and units as a table, for notebooks."""
+        from fea.tables import html_table
+
+        return html_table(self)
 
     def save(self, path: Path | str) -> None:
         """Write everything into one npz file, without pickle."""
@@ -147,7 +176,8 @@ def load_experiment(path: Path | str) -> Experiment:
             pulled_back=int(data["mesh_pulled_back"]),
         )
         seconds = dict(zip(data["seconds_names"].tolist(), data["seconds_values"].tolist(), strict=True))
-        plain = {f.name: data[f.name] for f in fields(Experiment) if f.name not in ("mesh", "seconds")}
+        known = [f.name for f in fields(Experiment) if f.name in data and f.name not in ("mesh", "seconds")]
+        plain = {name: data[name] for name in known}
         plain = {name: value if value.ndim else value.item() for name, value in plain.items()}
         return Experiment(**plain, mesh=mesh, seconds=seconds)
     except (OSError, KeyError, ValueError, TypeError, EOFError) as problem:
@@ -196,8 +226,8 @@ def examine(
     specimen: Specimen, settings: Settings, progress: Progress | None = None, cad_seconds: float = 0.0
 ) -> Experiment:
     """Run the experiment on plain numbers; see ``run_experiment``."""
+    from fea.adapt import solve_within
     from fea.shape import volume
-    from fea.solution import solve_specimen
     from fea.specimen import mesh_specimen
 
     begun = time.perf_counter()
@@ -213,11 +243,14 @@ def examine(
     )
     meshed = time.perf_counter()
     _tell(progress, "solve", 0.5)
-    solution = solve_specimen(specimen, mesh, settings.interface, settings.solver)
+    mesh, solution, note = solve_within(
+        specimen, mesh, settings, lambda stage, fraction: _tell(progress, stage, 0.5 + 0.5 * fraction)
+    )
     experiment = Experiment(
         part=specimen.name,
         interface=settings.interface,
         reference_points=np.array([point for _, point in specimen.loaded]),
+        clamp_point=mesh.points[mesh.nodes_of(specimen.clamped)].mean(axis=0),
         mesh=mesh,
         volume=volume(mesh.points, mesh.cells),
         cad_volume=specimen.volume,
@@ -228,6 +261,7 @@ def examine(
         von_mises=solution.von_mises,
         imbalance=solution.imbalance,
         unknowns=solution.unknowns,
+        note=note,
     )
     _tell(progress, "solve", 1.0)
     return experiment

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fea.cubic import cubic_compliance, enlarge
+from fea.cubic import cubic_compliance, element_energies, enlarge
 from fea.elasticity import assemble, strains, von_mises
+from fea.foundation import bed, on_nodes
 from fea.interfaces import Port, factorize, imbalance, support, unit_loads
 from fea.mesh import MeshError
 from fea.solvers import choose
@@ -28,21 +29,35 @@ SOLVER = 1e-8
 
 @dataclass(frozen=True)
 class Solution:
-    """(6n, 6n) flexibility and its error, fields of the 6n unit wrenches, the clamp's imbalance."""
+    """What unit wrenches do to a meshed specimen.
+
+    Attributes
+    ----------
+    flexibility, error : (6n, 6n) and its 95 % bound, of which ``geometry`` (6n, 6n) is the mesh's shape alone.
+    displacement, von_mises : (6n, nodes, 3) m and (6n, nodes) Pa.
+    imbalance : how far the clamp's reactions are from balancing the wrenches, relative.
+    unknowns : of the cubic solution.
+    indicator : (m,) what each element adds to the gain of the cubic solution, relative to each load's compliance.
+    """
 
     flexibility: Floats
     error: Floats
+    geometry: Floats
     displacement: Floats
     von_mises: Floats
     imbalance: float
     unknowns: int
+    indicator: Floats
 
 
-def solve_specimen(specimen: Specimen, mesh: TetMesh, interface: str, solver: str) -> Solution:
+def solve_specimen(
+    specimen: Specimen, mesh: TetMesh, interface: str, solver: str, foundation: float | None = None
+) -> Solution:
     """Return the specimen's response to the unit wrenches on its loaded interfaces.
 
     One factorization of the quadratic problem serves all wrenches and both orders. The flexibility is that of the
-    cubic solution plus the part of its gain on the quadratic one that is usually still missing.
+    cubic solution plus the part of its gain on the quadratic one that is usually still missing. With a
+    ``foundation`` (N/m³) the clamped faces rest on springs.
 
     Raises
     ------
@@ -50,26 +65,35 @@ def solve_specimen(specimen: Specimen, mesh: TetMesh, interface: str, solver: st
     MeshError : the compliance is not positive definite or does not balance.
     """
     ports = tuple(Port(mesh.facets_of(faces), point, interface) for faces, point in specimen.loaded)
-    supports = support(mesh, mesh.nodes_of(specimen.clamped), ports)
-    stiffness = assemble(mesh, specimen.elasticity)
+    clamped = mesh.nodes_of(specimen.clamped)
+    supports = support(mesh, clamped if foundation is None else clamped[:0], ports)
+    bare = stiffness = assemble(mesh, specimen.elasticity)
+    space, springs = enlarge(mesh, specimen.elasticity), None
+    if foundation is not None:
+        springs = bed(mesh.points, mesh.facets_of(specimen.clamped), space, foundation)
+        stiffness = bare + on_nodes(springs, space.base)
     solve = factorize(stiffness, supports, mesh.points, choose(solver, 3 * len(supports.free)))
     loads = unit_loads(mesh.points, supports, ports)
     quadratic = solve(loads)
-    space = enlarge(mesh, specimen.elasticity)
-    cubic, motion = cubic_compliance(mesh, space, supports, ports, solve, loads, quadratic)
+    cubic, motion = cubic_compliance(mesh, space, supports, ports, solve, loads, quadratic, springs=springs)
     lower = loads.T @ quadratic
     gain = cubic - (lower + lower.T) / 2
     flexibility = cubic + STILL_MISSING * gain
     if not (np.linalg.eigvalsh(cubic) > 0).all() or not (gain.diagonal() > -SOLVER * cubic.diagonal()).all():
         raise MeshError(f"solve: the compliance of {specimen.name} is not positive definite; the mesh is broken")
     nodal = supports.expand(motion[: len(loads)])
+    geometry = _geometry_bound(specimen, mesh, flexibility)
+    motion[: len(loads)] -= quadratic
+    energies = element_energies(mesh, space, supports, motion)
     return Solution(
         flexibility=flexibility,
-        error=_bound(flexibility, gain) + _geometry_bound(specimen, mesh, flexibility),
+        error=_bound(flexibility, gain) + geometry,
+        geometry=geometry,
         displacement=nodal.T.reshape(len(cubic), -1, 3),
         von_mises=nodal_von_mises(mesh, nodal, specimen.elasticity),
-        imbalance=imbalance(mesh.points, stiffness, supports.expand(quadratic), supports.clamped, ports),
+        imbalance=imbalance(mesh.points, bare, supports.expand(quadratic), clamped, ports),
         unknowns=3 * space.count,
+        indicator=(energies / cubic.diagonal()).sum(axis=1),
     )
 
 

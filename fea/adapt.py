@@ -1,0 +1,146 @@
+"""Refine a mesh where the cubic solution gained, until every entry's bound is as tight as wanted."""
+
+from __future__ import annotations
+
+import logging
+import time
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fea.mesh import EDGES
+from fea.refine import bisect, border_edges, concave_edges
+from fea.solution import solve_specimen
+from fea.specimen import GRADING_RATIO, mesh_specimen
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from fea.experiment import Settings
+    from fea.mesh import Floats, Ints, TetMesh
+    from fea.solution import Solution
+    from fea.specimen import Specimen
+
+logger = logging.getLogger(__name__)
+
+SIGNIFICANT = 0.01  # of sqrt(C_ii C_jj): smaller entries are zeros of a symmetry, or nearly so
+SHAPE_SHARE = 0.5  # of the tolerance that the mesh's shape may use up before the part is meshed anew, finer
+FINER = 0.6
+REMAINS = 0.15  # of the error of a refined element: a cut edge at a singular one takes 0.14, a halved one less
+AIM = 0.9  # of the tolerance
+LEAST_LEFT = 0.05  # of the error now: what the elements that are not refined may keep in any case
+GROWTH = 6.0  # most elements after a round, in parts of those before
+
+
+def relative_bound(flexibility: Floats, error: Floats) -> tuple[float, tuple[int, int]]:
+    """Return the largest error over |C_ij| of the significant entries, and where it is."""
+    scale = np.sqrt(flexibility.diagonal())
+    size = np.abs(flexibility)
+    ratio = np.where(size > SIGNIFICANT * np.outer(scale, scale), error / np.maximum(size, 1e-300), 0.0)
+    i, j = np.unravel_index(ratio.argmax(), ratio.shape)
+    return float(ratio[i, j]), (int(i), int(j))
+
+
+def solve_within(
+    specimen: Specimen, mesh: TetMesh, settings: Settings, tell: Callable[[str, float], None]
+) -> tuple[TetMesh, Solution, str]:
+    """Solve, and with a tolerance refine and solve again until it is met or a limit is reached.
+
+    Returns
+    -------
+    the last mesh, its solution, and an empty note or one line on why the tolerance is not met.
+    """
+    begun = time.perf_counter()
+    solution = _solve(specimen, mesh, settings)
+    if settings.tolerance is None:
+        return mesh, solution, ""
+    size, rounds, spent = settings.size or _size_of(mesh), 0, time.perf_counter() - begun
+    while (bound := relative_bound(solution.flexibility, solution.error)[0]) > settings.tolerance:
+        rounds += 1
+        tell("refine", min(1.0, settings.tolerance / bound))
+        shape = relative_bound(solution.flexibility, solution.geometry)[0]
+        if shape > SHAPE_SHARE * settings.tolerance:
+            size *= FINER
+            finer, why = _meshed_anew(specimen, settings, size), f"the mesh's shape alone leaves {shape:.2%}"
+        else:
+            finer, why = refined(specimen, mesh, solution.indicator, settings, bound), "singular edges want more"
+        growth = len(finer.cells) / len(mesh.cells)
+        elapsed = time.perf_counter() - begun
+        if growth * solution.unknowns > settings.most_unknowns:
+            limit = f"the limit of {settings.most_unknowns} unknowns"
+            return mesh, solution, _excuse(specimen, mesh, solution, settings, limit, why)
+        if elapsed + 1.5 * growth * spent > settings.time_limit:
+            limit = f"the limit of {settings.time_limit:g} s"
+            return mesh, solution, _excuse(specimen, mesh, solution, settings, limit, why)
+        started = time.perf_counter()
+        mesh, solution = finer, _solve(specimen, finer, settings)
+        spent = time.perf_counter() - started
+        logger.info("%s: round %d, %d tetrahedra, bound was %.3g", specimen.name, rounds, len(mesh.cells), bound)
+    return mesh, solution, ""
+
+
+def _solve(specimen: Specimen, mesh: TetMesh, settings: Settings) -> Solution:
+    return solve_specimen(specimen, mesh, settings.interface, settings.solver, settings.foundation)
+
+
+def _size_of(mesh: TetMesh) -> float:
+    ends = mesh.points[mesh.cells[:, :4][:, EDGES]]
+    return float(np.quantile(np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2), 0.9))
+
+
+def _meshed_anew(specimen: Specimen, settings: Settings, size: float) -> TetMesh:
+    return mesh_specimen(
+        specimen,
+        size=size,
+        envelope=None,
+        layers=settings.layers,
+        rigid=settings.interface == "rigid",
+        time_limit=settings.time_limit,
+        threads=settings.threads,
+    )
+
+
+def singular_edges(specimen: Specimen, mesh: TetMesh, *, rigid: bool) -> Ints:
+    """Return (e, 2) vertex pairs where the solution is singular: borders of held faces, re-entrant edges."""
+    held = [specimen.clamped] + ([faces for faces, _ in specimen.loaded] if rigid else [])
+    return np.unique(np.vstack([border_edges(mesh, faces) for faces in held] + [concave_edges(mesh)]), axis=0)
+
+
+def refined(specimen: Specimen, mesh: TetMesh, indicator: Floats, settings: Settings, bound: float) -> TetMesh:
+    """Return the mesh refined in the fewest elements that hold all of the error but what may stay.
+
+    At a singular edge the element edges that leave it are cut near it; elsewhere the long edges are halved.
+    """
+    left = (AIM * (settings.tolerance or bound) / bound - REMAINS) / (1 - REMAINS)
+    order = np.argsort(-indicator)
+    rest = 1 - np.cumsum(indicator[order]) / indicator.sum()
+    count = int(np.searchsorted(-rest, -max(left, LEAST_LEFT))) + 1
+    chosen = order[: min(count, max(1, int(GROWTH / 8 * len(order))))]
+    on_chain = np.zeros(len(mesh.points), dtype=bool)
+    on_chain[singular_edges(specimen, mesh, rigid=settings.interface == "rigid")] = True
+    pairs = mesh.cells[chosen][:, EDGES]  # (k, 6, 2)
+    touched = np.asarray(on_chain[mesh.cells[chosen, :4]])  # (k, 4)
+    touching = touched.any(axis=1) & ~touched.all(axis=1)
+    leaving = pairs[touching].reshape(-1, 2)
+    leaving = leaving[on_chain[leaving].sum(axis=1) == 1]
+    leaving = np.where(on_chain[leaving[:, :1]], leaving, leaving[:, ::-1])
+    length = np.linalg.norm(mesh.points[pairs[..., 0]] - mesh.points[pairs[..., 1]], axis=2)
+    longest = length.max(axis=1, keepdims=True)
+    halved = pairs[(length > 0.6 * longest) & ~touching[:, None]]
+    halved = halved[on_chain[halved].sum(axis=1) != 1]
+    marked = np.unique(np.vstack([leaving, np.sort(halved, axis=1)]), axis=0)
+    at = np.where(on_chain[marked].sum(axis=1) == 1, GRADING_RATIO, 0.5)
+    return bisect(mesh, marked, at)
+
+
+def _excuse(specimen: Specimen, mesh: TetMesh, solution: Solution, settings: Settings, limit: str, why: str) -> str:
+    bound, (i, j) = relative_bound(solution.flexibility, solution.error)
+    on_chain = np.zeros(len(mesh.points), dtype=bool)
+    on_chain[singular_edges(specimen, mesh, rigid=settings.interface == "rigid")] = True
+    near = on_chain[mesh.cells].any(axis=1)
+    share = solution.indicator[near].sum() / solution.indicator.sum()
+    where = f"{share:.0%} of what may be missing sits at borders of held faces and re-entrant edges"
+    if not why.startswith("singular"):
+        where = why
+    reached = f"the bound of C{i + 1}{j + 1} reached {bound:.2g} at {limit}"
+    return f"tolerance {settings.tolerance:.3g} not met: {reached}; {where}"

@@ -1,0 +1,85 @@
+"""A wanted tolerance, an elastic foundation, superelements, tables."""
+
+import numpy as np
+import pytest
+from scipy.io import mmread
+
+from fea.experiment import Settings, examine, load_experiment
+from fea.export import free_superelement, write_superelement
+from fea.interfaces import rigid_modes
+from fea.refine import border_edges
+from fea.shape import volume
+from tests.fea.conftest import PLATE
+from tests.fea.shapes import CLAMPED, box, cylinder
+from tests.fea.test_experiment import REFERENCE, pick
+
+
+@pytest.fixture(scope="module")
+def tight():
+    return examine(PLATE, Settings(tolerance=1e-3))
+
+
+def test_refinement_meets_the_tolerance_and_tells_the_truth(tight, plate):
+    assert plate.relative_bound > 1e-3 >= tight.relative_bound
+    assert tight.note == ""
+    off = np.abs(pick(tight.compliance) - REFERENCE["plate"])
+    assert (off <= pick(tight.error) + 3e-5 * np.abs(REFERENCE["plate"])).all()
+
+
+def test_refinement_is_local_and_keeps_the_shape(tight, plate):
+    assert volume(tight.mesh.points, tight.mesh.cells) == pytest.approx(PLATE.volume, rel=1e-5)
+    assert len(border_edges(tight.mesh, CLAMPED)) >= 4
+    assert len(tight.mesh.cells) < 10 * len(plate.mesh.cells)
+
+
+def test_what_cannot_be_met_is_said_and_saved(tmp_path):
+    experiment = examine(PLATE, Settings(tolerance=1e-4, most_unknowns=60_000))
+    assert "not met" in experiment.note
+    assert "60000 unknowns" in experiment.note
+    experiment.save(tmp_path / "plate.npz")
+    assert load_experiment(tmp_path / "plate.npz").note == experiment.note
+
+
+def test_a_soft_foundation_adds_the_springs_of_statics():
+    """Far softer than the bar, the bed's traction is linear: 1 / kA, 1 / kJ and 1 / kI, carried to the tip."""
+    k, radius, length = 1e10, 0.0125, 0.1
+    bar = cylinder(length, radius)
+    held, springy = (examine(bar, Settings(size=0.01, foundation=value)) for value in (None, k))
+    area, second = np.pi * radius**2, np.pi * radius**4 / 4
+    expected = np.diag(1 / (k * np.array([area] * 3 + [2 * second, second, second])))
+    carry = np.eye(6)
+    carry[:3] = rigid_modes(np.array([[length, 0, 0]]), np.zeros(3))[0]
+    springs = carry @ expected @ carry.T
+    assert pick(springy.compliance - held.compliance) == pytest.approx(pick(springs), rel=5e-3)
+    assert springy.imbalance < 1e-7
+
+
+def test_a_stiff_foundation_is_a_clamp():
+    bar = box(0.1, 0.03, 0.02)
+    held, bedded = (examine(bar, Settings(size=0.015, foundation=value)) for value in (None, 1e18))
+    assert pick(bedded.compliance) == pytest.approx(pick(held.compliance), rel=2e-3)
+
+
+def test_superelement_is_free_and_is_the_part_when_held(plate, tmp_path):
+    stiffness, nodes = free_superelement(plate)
+    modes = np.zeros((2, 6, 6))
+    modes[:, :3], modes[:, 3:, 3:] = rigid_modes(nodes, np.zeros(3)), np.eye(3)
+    assert np.abs(stiffness @ modes.reshape(12, 6)).max() < 1e-8 * np.abs(stiffness).max()
+    assert np.allclose(np.linalg.inv(stiffness[6:, 6:]), plate.compliance, rtol=1e-7, atol=1e-18)
+    archive, matrix = write_superelement(plate, tmp_path / "plate")
+    with np.load(archive, allow_pickle=False) as held:
+        assert np.array_equal(held["stiffness"], stiffness)
+        assert "ux, uy, uz" in str(held["help"])
+    assert np.allclose(mmread(matrix), stiffness, rtol=1e-12)
+
+
+def test_table_shows_every_entry_with_its_bound(plate):
+    table = plate._repr_html_()
+    assert table.count("<td") == 36
+    assert "±" in table
+
+
+@pytest.mark.parametrize(("name", "value"), [("tolerance", 0), ("tolerance", 2), ("foundation", -1.0)])
+def test_settings_refuse_what_cannot_be(name, value):
+    with pytest.raises(ValueError, match=name):
+        Settings(**{name: value})
