@@ -31,6 +31,7 @@ MEASURES = (
     ("coverage", "95 % intervals that hold the truth", "90 to 98 %", 0.9, 0.98),
 )
 HELD_OUT = 1.2
+ENOUGH = 50  # intervals below which a share of them says little
 
 
 def blind(out: Path, *, campaigns: int, seed: int, quiet: bool, target: str | None) -> None:
@@ -89,11 +90,14 @@ def scores_json(scores: Scores, campaigns: int, seed: int, seconds: float) -> di
 def show_scores(scores: Scores) -> None:
     """The score beside what is wanted, what went wrong, and the gap by kind."""
     table = tables.new_table("Blind check", "", "share", "wanted", "")
+    intervals = sum(len(o.covered) for o in scores.outcomes)
     for key, words, wanted, low, high in MEASURES:
         value = getattr(scores, key)
         share = "none drawn" if value is None else f"{100 * value:.1f} %"
-        good = "" if value is None or not wanted else "yes" if low <= value <= high else "no"
-        table.add_row(words, share, wanted, good)
+        few = key == "coverage" and intervals < ENOUGH
+        good = "" if value is None or not wanted or few else "yes" if low <= value <= high else "no"
+        count = f" ({intervals})" if key == "coverage" else ""
+        table.add_row(words + count, share, wanted, good)
     if scores.held_out is not None:
         good = "yes" if scores.held_out <= HELD_OUT else "no"
         table.add_row("identified rightly: greatest held-out gap over noise", f"{scores.held_out:.3f}", "≤ 1.2", good)

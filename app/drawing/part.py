@@ -28,12 +28,19 @@ DEFORMATION = 0.12  # greatest displacement shown, in lengths of the part's diag
 
 
 def part_pictures(
-    folder: Path, experiment: str, title: str, clamped: list[int], loaded: list[int], sheet: str, mesh: str
+    folder: Path,
+    experiment: str,
+    title: str,
+    clamped: list[int],
+    loaded: list[int],
+    sheet: str,
+    mesh: str | None = None,
 ) -> None:
-    """Both pictures of a part: its deformations and its mesh."""
+    """Pictures of a part: its deformations, and its mesh where a file is given for it."""
     held = load_experiment(experiment)
     contact_sheet(folder / sheet, held, title)
-    tagged_mesh(folder / mesh, held, title, clamped, loaded)
+    if mesh:
+        tagged_mesh(folder / mesh, held, title, clamped, loaded)
 
 
 def contact_sheet(target: Path, held: Experiment, title: str) -> None:
