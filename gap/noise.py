@@ -68,7 +68,7 @@ def noise_of(bench: Bench, library: Sequence[Effect]) -> Data:
 
 
 def _first_guess(bench: Bench, gap: Array, x: Array) -> Array:
-    """Unknown sigmas (n,) as one share of the gap of their kind: the likeliest with all effects free in their priors."""
+    """Unknown sigmas (n,) as one share of the gap of their kind: the likeliest with all effects free."""
     c = bench.campaign
     like = c.kind * 2 + c.direction // 3
     size = np.where(c.kind == STIFFNESS, np.abs(c.value), 1.0)
