@@ -1,12 +1,11 @@
-"""The verbs of solid modelling this package needs, over Open CASCADE (the kernel of build123d). Lengths in mm.
+"""What is asked of a solid's faces and edges, over Open CASCADE (the kernel of build123d). Lengths in mm.
 
-The kernel is called directly: importing build123d around it takes four times as long. Any build123d shape is
-a kernel shape inside (`shape.wrapped`), and `build123d.Solid(shape)` makes one of ours a build123d one.
+Parts are modelled with build123d; a solid that is only looked at needs the kernel alone, which loads four times as
+fast. A build123d shape is a kernel shape inside (`shape.wrapped`); `build123d.Solid(shape)` goes the other way.
 This module is slow to import (0.5 to 1.5 s): import it inside the functions that need it.
 """
 
 # pyright: reportAttributeAccessIssue=false
-from collections.abc import Iterable, Sequence
 from typing import Any, TypeAlias, cast
 
 import numpy as np
@@ -15,34 +14,20 @@ from OCP.Bnd import Bnd_Box
 from OCP.BOPAlgo import BOPAlgo_ArgumentAnalyzer
 from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Surface
-from OCP.BRepAlgoAPI import BRepAlgoAPI_Cut, BRepAlgoAPI_Fuse
 from OCP.BRepBndLib import BRepBndLib
 from OCP.BRepBuilderAPI import (
-    BRepBuilderAPI_MakeEdge,
-    BRepBuilderAPI_MakeFace,
-    BRepBuilderAPI_MakePolygon,
     BRepBuilderAPI_MakeVertex,
-    BRepBuilderAPI_MakeWire,
 )
 from OCP.BRepCheck import BRepCheck_Analyzer
 from OCP.BRepExtrema import BRepExtrema_DistShapeShape
-from OCP.BRepFilletAPI import BRepFilletAPI_MakeFillet
 from OCP.BRepGProp import BRepGProp
 from OCP.BRepLib import BRepLib
 from OCP.BRepMesh import BRepMesh_IncrementalMesh
-from OCP.BRepPrimAPI import (
-    BRepPrimAPI_MakeBox,
-    BRepPrimAPI_MakeCylinder,
-    BRepPrimAPI_MakePrism,
-    BRepPrimAPI_MakeRevol,
-)
 from OCP.BRepTools import BRepTools
-from OCP.GC import GC_MakeArcOfCircle
 from OCP.GeomAPI import GeomAPI_ProjectPointOnSurf
-from OCP.gp import gp_Ax1, gp_Ax2, gp_Ax3, gp_Dir, gp_Pnt, gp_Trsf, gp_Vec
+from OCP.gp import gp_Ax1, gp_Ax3, gp_Dir, gp_Pnt, gp_Trsf
 from OCP.GProp import GProp_GProps
 from OCP.Message import Message, Message_PrinterOStream
-from OCP.ShapeUpgrade import ShapeUpgrade_UnifySameDomain
 from OCP.TopAbs import TopAbs_Orientation, TopAbs_ShapeEnum
 from OCP.TopExp import TopExp_Explorer
 from OCP.TopLoc import TopLoc_Location
@@ -173,73 +158,6 @@ def closest_under(face: Face, points: Floats) -> Floats:
 def distance(shape: Shape, point: Floats) -> float:
     """Return the distance from `point` (3,) to the shape."""
     return float(np.linalg.norm(closest(shape, point) - point))
-
-
-def box(low: Sequence[float], high: Sequence[float]) -> Solid:
-    """Return the axis-parallel box between two corners."""
-    return BRepPrimAPI_MakeBox(gp_Pnt(*low), gp_Pnt(*high)).Solid()
-
-
-def cylinder(centre: Sequence[float], axis: Sequence[float], radius: float, height: float) -> Shape:
-    """Return the cylinder that stands on a circle about `centre`."""
-    return BRepPrimAPI_MakeCylinder(gp_Ax2(gp_Pnt(*centre), gp_Dir(*axis)), radius, height).Shape()
-
-
-def revolved(profile: Iterable[Sequence[float]]) -> Shape:
-    """Return the solid of revolution about x of a closed polygon of (x, r)."""
-    polygon = BRepBuilderAPI_MakePolygon()
-    for x, r in profile:
-        polygon.Add(gp_Pnt(x, r, 0))
-    polygon.Close()
-    return BRepPrimAPI_MakeRevol(BRepBuilderAPI_MakeFace(polygon.Wire()).Face(), X_AXIS).Shape()
-
-
-def nosed_bar(length: float, width: float, centre_y: float, z: float, height: float) -> Shape:
-    """Return a bar from x = 0 to `length`, upwards from z by `height`, whose far end is a half round."""
-    low, high, x = centre_y - width / 2, centre_y + width / 2, length - width / 2
-    a, b, nose = gp_Pnt(0, low, z), gp_Pnt(x, low, z), gp_Pnt(length, centre_y, z)
-    c, d = gp_Pnt(x, high, z), gp_Pnt(0, high, z)
-    arc = GC_MakeArcOfCircle(b, nose, c).Value()
-    outline = BRepBuilderAPI_MakeWire()
-    for edge in (
-        BRepBuilderAPI_MakeEdge(a, b),
-        BRepBuilderAPI_MakeEdge(arc),
-        BRepBuilderAPI_MakeEdge(c, d),
-        BRepBuilderAPI_MakeEdge(d, a),
-    ):
-        outline.Add(edge.Edge())
-    return BRepPrimAPI_MakePrism(BRepBuilderAPI_MakeFace(outline.Wire()).Face(), gp_Vec(0, 0, height)).Shape()
-
-
-def _unified(shape: Shape) -> Shape:
-    unify = ShapeUpgrade_UnifySameDomain(shape, True, True, False)
-    unify.Build()
-    return unify.Shape()
-
-
-def fused(shape: Shape, *others: Shape) -> Shape:
-    """Return the union, with faces on the same surface made one."""
-    for other in others:
-        shape = BRepAlgoAPI_Fuse(shape, other).Shape()
-    return _unified(shape) if others else shape
-
-
-def drilled(shape: Shape, *tools: Shape) -> Shape:
-    """Return the shape with the tools cut out of it."""
-    for tool in tools:
-        shape = BRepAlgoAPI_Cut(shape, tool).Shape()
-    return shape
-
-
-def filleted(shape: Shape, chosen: Iterable[Edge], radius: float) -> Shape:
-    """Return the shape with the chosen edges rounded; RuntimeError where the kernel cannot."""
-    rounding = BRepFilletAPI_MakeFillet(shape)
-    for edge in chosen:
-        rounding.Add(radius, edge)
-    rounding.Build()
-    if not rounding.IsDone():
-        raise RuntimeError("the kernel could not round the edges")
-    return rounding.Shape()
 
 
 def middle(edge: Edge) -> Floats:

@@ -58,9 +58,10 @@ class LinkParameters:
 
 def build(parameters: LinkParameters, material: AnyMaterial = STEEL, name: str = "link") -> Part:
     """Return the link as a part."""
-    from cad import kernel
+    from build123d import Axis, Polygon, revolve
 
-    solid = sound_solid(kernel.revolved(1e3 * np.array(_profile(parameters))), name)
+    section = Polygon(*((1e3 * x, 1e3 * r) for x, r in _profile(parameters)), align=None)
+    solid = sound_solid(revolve(section.face(), Axis.X).wrapped, name)
     ends = [
         select(solid, [FaceSelector(kind="plane", normal=normal, position=position)])
         for normal, position in (((-1, 0, 0), "min x"), ((1, 0, 0), "max x"))

@@ -17,7 +17,11 @@ from cad.soundness import sound_solid
 from stiffscope import InputError
 
 if TYPE_CHECKING:
+    from build123d import Edge
+
     from cad.kernel import Shape, Solid
+
+_SLIGHT = 1e-6  # mm
 
 
 @dataclass(frozen=True)
@@ -193,33 +197,36 @@ def build(parameters: SliderParameters, material: AnyMaterial = STEEL, name: str
 
 
 def _shape(slider: SliderParameters) -> "Shape":
-    from cad import kernel
+    """Return the solid in mm: plate, pads and ribs in one, roots rounded, holes drilled."""
+    from build123d import Align, Box, Cylinder, Pos, fillet
 
-    depth, side, half = 1e3 * slider.depth, 500 * slider.width, 500 * slider.thickness
-    x, y = 1e3 * (slider.depth + slider.pad_height), 500 * slider.pad_width
-    plate = kernel.box((0, -side, -half), (depth, side, half))
-    pads = [
-        kernel.box((depth, 1e3 * middle - y, -half), (x, 1e3 * middle + y, half)) for middle in slider.pad_positions
-    ]
-    length, width, height = (1e3 * v for v in (slider.rib_length, slider.rib_thickness, slider.rib_height))
-    ribs = [kernel.nosed_bar(length, width, 1e3 * y, half, height) for y in slider.rib_positions]
-    shape = kernel.fused(plate, *pads, *ribs)
+    depth, width, thickness = (1e3 * v for v in (slider.depth, slider.width, slider.thickness))
+    outwards = (Align.MIN, Align.CENTER, Align.CENTER)
+    below = (Align.MIN, Align.CENTER, Align.MIN)
+    solid = Box(depth, width, thickness, align=outwards)
+    pad_height, pad_width = 1e3 * slider.pad_height, 1e3 * slider.pad_width
+    for y in slider.pad_positions:
+        solid += Pos(depth, 1e3 * y, 0) * Box(pad_height, pad_width, thickness, align=outwards)
+    length, bar, height = (1e3 * v for v in (slider.rib_length, slider.rib_thickness, slider.rib_height))
+    for y in slider.rib_positions:
+        nose = Pos(length - bar / 2, 0, 0) * Cylinder(bar / 2, height, align=(Align.CENTER, Align.CENTER, Align.MIN))
+        solid += Pos(0, 1e3 * y, thickness / 2) * (Box(length - bar / 2, bar, height, align=below) + nose)
     if slider.fillet:
-        inside = np.array([depth, side]) - 1e-6
-        roots = [
-            edge
-            for edge in kernel.edges(shape)
-            if abs((middle := kernel.middle(edge))[2] - half) < 1e-6
-            and 1e-6 < middle[0] < inside[0]
-            and abs(middle[1]) < inside[1]
-        ]
+        roots = [e for e in solid.edges() if _is_root(e, depth, width, thickness)]
         try:
-            shape = kernel.filleted(shape, roots, 1e3 * slider.fillet)
-        except RuntimeError as error:
+            solid = fillet(roots, 1e3 * slider.fillet)
+        except ValueError as error:
             raise InputError(f"slider.fillet: expected a smaller radius, got {mm(slider.fillet)}; {error}") from error
-    radius, offset = 500 * slider.hole_diameter, 1e3 * slider.hole_offset
-    drills = [kernel.cylinder((offset, 1e3 * y, -2 * half), (0, 0, 1), radius, 4 * half) for y in slider.hole_positions]
-    return kernel.drilled(shape, *drills)
+    for y in slider.hole_positions:
+        solid -= Pos(1e3 * slider.hole_offset, 1e3 * y, 0) * Cylinder(500 * slider.hole_diameter, 2 * thickness)
+    return solid.wrapped
+
+
+def _is_root(edge: "Edge", depth: float, width: float, thickness: float) -> bool:
+    """Whether an edge lies on the plate's underside, inside its outline: where a rib stands."""
+    middle = edge.position_at(0.5)
+    inside = _SLIGHT < middle.X < depth - _SLIGHT and abs(middle.Y) < width / 2 - _SLIGHT
+    return abs(middle.Z - thickness / 2) < _SLIGHT and inside
 
 
 def _clamped(slider: SliderParameters, solid: "Solid") -> frozenset[int]:

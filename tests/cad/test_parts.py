@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from build123d import Box
 
 from cad import link, slider
 from cad.link import LinkParameters
@@ -38,7 +39,7 @@ def test_volume_has_its_closed_form(parameters: LinkParameters | SliderParameter
 def test_each_face_edge_and_vertex_counts_once() -> None:
     from cad import kernel
 
-    solid = kernel.box((0, 0, 0), (1, 2, 3))
+    solid = Box(1, 2, 3).wrapped
     assert [len(items(solid)) for items in (kernel.faces, kernel.edges, kernel.vertices)] == [6, 12, 8]
 
 

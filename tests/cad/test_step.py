@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from build123d import Align, Box, Pos
 
 from cad import kernel, kernel_files, link, slider
 from cad.faces import FaceSelector, describe, select
@@ -94,7 +95,7 @@ def test_held_and_loaded_faces_are_apart(holed: Part) -> None:
 
 
 def box(low: float, high: float) -> kernel.Shape:
-    return kernel.box((low,) * 3, (high,) * 3)
+    return (Pos(low, low, low) * Box(*[high - low] * 3, align=(Align.MIN,) * 3)).wrapped
 
 
 def crossing() -> kernel.Shape:
