@@ -132,13 +132,14 @@ def robot_map(
 
     robot = load_robot(name, overrides)
     files.check_output(out)
+    manifest = Manifest(sys.argv[1:], str(robot.path), file_digest(robot.path), list(overrides))
     elastic = _assembled(robot, components, None, quiet=quiet).elastic
     with files.staged_folder(out) as folder:
         found = maps.robot_maps(elastic, robot.poses, points, gravity, robot.gravity.acceleration)
         maps.write_map(found, folder, f"{robot.name}: stiffness over the workspace, gravity {gravity}")
         for title, stem, draw in _figures(gravity):
             draw(found, robot.poses, f"{robot.name}: {title}", folder / f"{stem}.png", folder / f"{stem}.svg")
-        Manifest(sys.argv[1:], str(robot.path), file_digest(robot.path), list(overrides)).write(folder)
+        manifest.write(folder)
     if not quiet:
         tables.show_line(f"Written to {out}")
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from app import files, tables
+from app.cache import file_digest
 from app.gapplots import AFTER, BEFORE, EFFECT, STYLE, new_figure
 from app.manifest import Manifest
 from app.pipeline import solve_robots, workshop
@@ -41,6 +42,7 @@ def blind(out: Path, *, campaigns: int, seed: int, quiet: bool, target: str | No
     files.check_output(out)
     begun = time.perf_counter()
     robot = load_robot("biglide")
+    manifest = Manifest(sys.argv[1:], str(robot.path), file_digest(robot.path))
     with workshop(quiet=quiet) as (cache, spare, open_line), files.staged_folder(out) as folder:
         made = solve_robots({"now": robot}, "published", cache, spare, open_line, pictures=False)["now"]
         report = open_line("blind")
@@ -49,7 +51,7 @@ def blind(out: Path, *, campaigns: int, seed: int, quiet: bool, target: str | No
         found = scores_json(scores, campaigns, seed, time.perf_counter() - begun)
         files.write_json(folder / "scores.json", found)
         _draw(scores, folder)
-        Manifest(sys.argv[1:], str(robot.path)).write(folder)
+        manifest.write(folder)
     if target:
         files.write_json(target, found)
     if not quiet and target != "-":

@@ -57,6 +57,7 @@ def diagnose_campaign(name: str, out: Path, *, adopt: Path | None, target: str |
 
     files.check_output(out)
     case = open_case(name)
+    manifest = _manifest(case)
     if adopt is not None:
         adoption.check_target(adopt, case.robot)
     with workshop(quiet=quiet) as (cache, spare, open_line):
@@ -71,7 +72,7 @@ def diagnose_campaign(name: str, out: Path, *, adopt: Path | None, target: str |
         with files.staged_folder(out) as folder:
             files.write_json(folder / "diagnosis.json", to_json(diagnosis))
             _write_figures(case, assembled, diagnosis, folder)
-            _manifest(case).write(folder)
+            manifest.write(folder)
     if target:
         files.write_json(target, to_json(diagnosis))
     loud = not quiet and target != "-"
