@@ -106,6 +106,13 @@ def singular_edges(specimen: Specimen, mesh: TetMesh, *, rigid: bool) -> Ints:
     return np.unique(np.vstack([border_edges(mesh, faces) for faces in held] + [concave_edges(mesh)]), axis=0)
 
 
+def _on_singular_edges(specimen: Specimen, mesh: TetMesh, settings: Settings) -> np.ndarray:
+    """Return (nodes,) which vertices are on singular edges."""
+    on_chain: np.ndarray = np.zeros(len(mesh.points), dtype=bool)
+    on_chain[singular_edges(specimen, mesh, rigid=settings.interface == "rigid")] = True
+    return on_chain
+
+
 def refined(specimen: Specimen, mesh: TetMesh, indicator: Floats, settings: Settings, bound: float) -> TetMesh:
     """Return the mesh refined in the fewest elements that hold all of the error but what may stay.
 
@@ -116,17 +123,16 @@ def refined(specimen: Specimen, mesh: TetMesh, indicator: Floats, settings: Sett
     rest = 1 - np.cumsum(indicator[order]) / indicator.sum()
     count = int(np.searchsorted(-rest, -max(left, LEAST_LEFT))) + 1
     chosen = order[: min(count, max(1, int(GROWTH / 8 * len(order))))]
-    on_chain = np.zeros(len(mesh.points), dtype=bool)
-    on_chain[singular_edges(specimen, mesh, rigid=settings.interface == "rigid")] = True
+    on_chain = _on_singular_edges(specimen, mesh, settings)
     pairs = mesh.cells[chosen][:, EDGES]  # (k, 6, 2)
-    touched = np.asarray(on_chain[mesh.cells[chosen, :4]])  # (k, 4)
+    touched = np.take(on_chain, mesh.cells[chosen, :4])  # (k, 4)
     touching = touched.any(axis=1) & ~touched.all(axis=1)
     leaving = pairs[touching].reshape(-1, 2)
     leaving = leaving[on_chain[leaving].sum(axis=1) == 1]
     leaving = np.where(on_chain[leaving[:, :1]], leaving, leaving[:, ::-1])
     length = np.linalg.norm(mesh.points[pairs[..., 0]] - mesh.points[pairs[..., 1]], axis=2)
     longest = length.max(axis=1, keepdims=True)
-    halved = pairs[(length > 0.6 * longest) & ~touching[:, None]]
+    halved = pairs[(length > 0.6 * longest) & np.logical_not(touching)[:, None]]
     halved = halved[on_chain[halved].sum(axis=1) != 1]
     marked = np.unique(np.vstack([leaving, np.sort(halved, axis=1)]), axis=0)
     at = np.where(on_chain[marked].sum(axis=1) == 1, GRADING_RATIO, 0.5)
@@ -135,8 +141,7 @@ def refined(specimen: Specimen, mesh: TetMesh, indicator: Floats, settings: Sett
 
 def _excuse(specimen: Specimen, mesh: TetMesh, solution: Solution, settings: Settings, limit: str, why: str) -> str:
     bound, (i, j) = relative_bound(solution.flexibility, solution.error)
-    on_chain = np.zeros(len(mesh.points), dtype=bool)
-    on_chain[singular_edges(specimen, mesh, rigid=settings.interface == "rigid")] = True
+    on_chain = _on_singular_edges(specimen, mesh, settings)
     near = on_chain[mesh.cells].any(axis=1)
     share = solution.indicator[near].sum() / solution.indicator.sum()
     where = f"{share:.0%} of what may be missing sits at borders of held faces and re-entrant edges"

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 # What the cubic solution still lacks, in parts of what it gained on the quadratic one; measured against much finer
 # solutions: next to nothing where the solution is smooth, up to 0.3 where it is singular at the edge of a clamp.
 STILL_MISSING = 0.1
-MISSING_AT_MOST = 0.25
-CROSS_TERMS = 0.02  # of the energies' geometric mean, for entries whose own gain happens to be small
+MISSING_AT_MOST = 0.3
+CROSS_TERMS = 0.05  # of the energies' geometric mean, for entries whose own gain happens to be small
 SOLVER = 1e-8
 
 

@@ -1,0 +1,77 @@
+"""Laws that hold whatever the part: scaling of lengths and moduli, turned axes, a shifted reference point."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fea.interfaces import rigid_modes
+from fea.mesh import TetMesh
+from fea.solution import solve_specimen
+from fea.specimen import face_areas
+from tests.fea.shapes import STEEL
+
+
+def respond(specimen, mesh, kind="rigid"):
+    """Flexibility of a mesh, its own volume and areas taken for the solid's."""
+    return solve_specimen(specimen, mesh, kind, "splu").flexibility
+
+
+def close(ours, expected):
+    scale = np.sqrt(np.outer(expected.diagonal(), expected.diagonal()))
+    assert (np.abs(ours - expected) <= 2e-5 * scale).all()  # conjugate gradients stop at 1 % of a gain of 0.1 %
+
+
+def scaled(specimen, mesh, factor):
+    faces = tuple(
+        type(face)(**(vars(face) | {"area": face.area * factor**2, "origin": face.origin * factor}))
+        for face in specimen.surface.faces
+    )
+    surface = type(specimen.surface)(**(vars(specimen.surface) | {"faces": faces}))
+    loaded = tuple((chosen, point * factor) for chosen, point in specimen.loaded)
+    bigger = replace(specimen, surface=surface, loaded=loaded, volume=specimen.volume * factor**3)
+    return bigger, replace(mesh, points=mesh.points * factor)
+
+
+@pytest.mark.parametrize("kind", ["rigid", "distributed"])
+@pytest.mark.parametrize("factor", [3.7])
+def test_lengths_scale_stretch_by_one_and_rotations_by_three_powers(stub, kind, factor):
+    s = np.array([1.0] * 3 + [factor] * 3)
+    expected = respond(*stub, kind) / np.outer(s, s) / factor
+    assert np.allclose(respond(*scaled(*stub, factor), kind), expected, rtol=1e-6, atol=1e-8 * expected.max())
+
+
+@pytest.mark.parametrize("factor", [2.5])
+def test_moduli_scale_everything_inversely(stub, factor):
+    specimen, mesh = stub
+    softer = replace(specimen, elasticity=specimen.elasticity * factor)
+    assert np.allclose(respond(softer, mesh) * factor, respond(specimen, mesh), rtol=1e-8)
+
+
+def test_turned_axes_turn_the_compliance(stub, rng):
+    specimen, mesh = stub
+    turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    turn *= np.linalg.det(turn)
+    loaded = tuple((chosen, turn @ point) for chosen, point in specimen.loaded)
+    turned = TetMesh(mesh.points @ turn.T, mesh.cells, mesh.facets, mesh.facet_face)
+    both = np.kron(np.eye(2), turn)
+    expected = both @ respond(specimen, mesh) @ both.T
+    close(respond(replace(specimen, loaded=loaded), turned), expected)
+
+
+@pytest.mark.parametrize("kind", ["rigid", "distributed"])
+def test_a_shifted_reference_point_carries_twist_and_wrench(stub, kind, rng):
+    """v at p + d is v + ω x d: C' = T C Tᵀ."""
+    specimen, mesh = stub
+    shift = rng.normal(scale=0.05, size=3)
+    moved = replace(specimen, loaded=tuple((chosen, point + shift) for chosen, point in specimen.loaded))
+    carry = np.eye(6)
+    carry[:3] = rigid_modes(shift[None], np.zeros(3))[0]
+    close(respond(moved, mesh, kind), carry @ respond(specimen, mesh, kind) @ carry.T)
+
+
+def test_areas_are_the_cads(stub):
+    specimen, mesh = stub
+    wanted = [face.area for face in specimen.surface.faces]
+    assert face_areas(mesh, 3) == pytest.approx(wanted, rel=2e-3)
+    assert specimen.elasticity == pytest.approx(STEEL)

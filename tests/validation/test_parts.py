@@ -1,0 +1,91 @@
+"""Compliances of parts with known answers: entry, exact value, ours, bound, and whether the bound held (``-s``)."""
+
+import numpy as np
+import pytest
+
+from cad.link import LinkParameters, build
+from cad.part import mass_properties
+from cad.step import read_step, write_step
+from fea.experiment import Settings, run_experiment
+from fea.mesh import default_size
+from tests.validation import parts
+
+ROUNDING = 1e-9  # of the entry; exact solutions that the quadratic elements hold are found to rounding
+
+
+def table(name, experiment, exact, verdict="theory"):
+    """Print the rows, return (entries,) relative errors and bounds; "theory" where exact is not exact enough."""
+    off, bounds = [], []
+    for (i, j), value in exact.items():
+        ours, bound = experiment.compliance[i, j], experiment.error[i, j] / abs(value)
+        off.append(ours / value - 1)
+        bounds.append(bound)
+        held = verdict or ("held" if abs(off[-1]) <= bound + ROUNDING else "not held")
+        row = f"| {name} | C{i + 1}{j + 1} | {value:.6e} | {ours:.6e} | {off[-1]:+.1e} | {bound:.1e} | {held} |"
+        print(row)  # noqa: T201
+    return np.array(off), np.array(bounds)
+
+
+EXACT = {
+    "solid bar, no Poisson effect": parts.bar,
+    "thick-walled tube, no Poisson effect": lambda: parts.bar(bore=0.015, length=0.1),
+    "steel bar": lambda: parts.bar(material=parts.STEEL),
+    "wide plate in bending, no Poisson effect": parts.plate,
+}
+
+
+@pytest.mark.parametrize("name", EXACT)
+def test_exact_solutions_are_within_the_bounds(name):
+    part, exact = EXACT[name]()
+    off, bounds = table(name, run_experiment(part), exact, "")
+    assert (np.abs(off) <= bounds + ROUNDING).all()
+    assert np.abs(off).max() < 5e-4
+
+
+# What theory leaves out: the step's own give, the corner's size, and the clamp that keeps a curved beam's section.
+THEORY = {
+    "stepped bar": (parts.stepped, 0.0, 0.05),
+    "elbow": (parts.elbow, -0.02, 0.02),
+    "curved beam": (parts.curved, -0.003, 0.003),
+    "slender curved beam": (lambda: parts.curved(0.097, 0.103, 0.006), -0.002, 0.002),
+}
+
+
+@pytest.mark.parametrize("name", THEORY)
+def test_theory_is_met_as_far_as_it_reaches(name):
+    make, low, high = THEORY[name]
+    part, exact = make()
+    off, _ = table(name, run_experiment(part), exact)
+    assert ((low <= off) & (off <= high)).all()
+
+
+def test_a_carbon_fibre_tube_twists_exactly_and_stretches_as_its_fibres():
+    part, exact = parts.cfrp_tube()
+    experiment = run_experiment(part)
+    off, bounds = table("CFRP tube, fibres along x", experiment, exact)
+    assert abs(off[0]) <= bounds[0]
+    assert (np.abs(off[1:]) < 4e-3).all()
+
+
+def test_a_part_from_a_step_file_is_the_part(tmp_path):
+    original = build(LinkParameters(0.12, 0.0125))
+    write_step(original, tmp_path / "bar.step")
+    exact = {(3, 3): parts.bar(0.0125, 0.0, 0.12, parts.STEEL)[1][3, 3]}
+    ours = run_experiment(read_step(tmp_path / "bar.step"))
+    off, bounds = table("steel bar from STEP", ours, exact, "")
+    assert abs(off[0]) <= bounds[0]
+    assert np.allclose(ours.compliance.diagonal(), run_experiment(original).compliance.diagonal(), rtol=1e-3)
+
+
+FINER = {"notched bar": parts.notched, "strip with a hole": parts.perforated, "stepped bar": lambda: parts.stepped()[0]}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FINER)
+def test_bounds_hold_against_a_much_finer_solution(name):
+    part = FINER[name]()
+    size = 0.5 * default_size(mass_properties(part).volume, sum(face.area for face in part.faces))
+    finer = run_experiment(part, Settings(size=size, layers=3, time_limit=300)).compliance
+    exact = {(i, i): finer[i, i] for i in range(6)} | {(1, 5): finer[1, 5], (2, 4): finer[2, 4]}
+    off, bounds = table(name, run_experiment(part), exact, "")
+    assert (np.abs(off) <= bounds).mean() >= 0.95
