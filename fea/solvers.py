@@ -78,7 +78,7 @@ def amg(matrix: csr_array, points: Floats) -> Solve:
     matrix : supported stiffness in blocks of three degrees of freedom.
     points : (n, 3) the nodes of those blocks, metres.
     """
-    import pyamg
+    import pyamg  # pyright: ignore[reportMissingImports, reportMissingTypeStubs]
     from scipy.sparse.linalg import cg
 
     from fea.interfaces import rigid_modes
