@@ -8,7 +8,7 @@ Eqs. (1) to (3), with K_G the Hessian of the work of the weights behind each spr
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import partial, reduce
+from functools import cached_property, partial, reduce
 from operator import add
 from typing import TYPE_CHECKING, Any
 
@@ -163,10 +163,15 @@ class _Load:
 
     def work(self, before: Array, after: Array) -> Array:
         """Work ``Σ f·(ω_a × v_b)`` of rotations (..., 3, a) followed by twists (..., 6, b); (..., a, b)."""
-        spin = after[..., 3:, :]
-        trace = np.einsum("...ii", self.dyad)[..., None, None]
-        pulled = np.swapaxes(self.dyad, -1, -2) @ spin - trace * spin - skew(self.force) @ after[..., :3, :]
-        return np.swapaxes(before, -1, -2) @ pulled
+        return np.swapaxes(before, -1, -2) @ (self._moment @ after)
+
+    @cached_property
+    def _moment(self) -> Array:
+        """Moment (..., 3, 6) about M that unit twists of the points give the forces, to first order."""
+        dyad = np.swapaxes(self.dyad, -1, -2)
+        trace = dyad[..., 0, 0] + dyad[..., 1, 1] + dyad[..., 2, 2]
+        arm = np.broadcast_to(-skew(self.force), dyad.shape)
+        return np.concatenate([arm, dyad - trace[..., None, None] * np.eye(3)], axis=-1)
 
 
 _NO_LOAD = _Load(np.zeros(3), np.zeros((3, 3)))
@@ -176,8 +181,9 @@ _NO_LOAD = _Load(np.zeros(3), np.zeros((3, 3)))
 class _SecondOrder:
     """Second-order work of the loads along every chain, as half Hessians (..., 6, 6) over unit twists of the tool.
 
-    ``elements`` are under the weights in the first case, under unit twists of the tool in the others. A chain that
-    closes a loop carries at its tip the wrench of its closure; the body there moves by a rotation vector about M.
+    ``elements`` are under the weights in the first case, under unit twists of the tool in the others; all groups of a
+    bent robot stand at M, so that what they know of their members is seen from there. A chain that closes a loop
+    carries at its tip the wrench of its closure; the body there moves by a rotation vector about M.
     """
 
     elements: dict[str, Element]
@@ -214,13 +220,17 @@ class _SecondOrder:
     def _element(self, name: str, load: _Load) -> None:
         """Rotations of the body before an element, then its own motion; and its own coordinates in their order."""
         element = self.elements[name]
-        screws, rates = element.frame.adjoint(), element.twist[..., 1:]
+        across = element.group.twist[..., 1:]
+        self.halves.append(load.work(element.base[..., 3:, 1:], across))
         if isinstance(element.node, Passive):
-            screws = screws @ element.node.directions
-            rates = np.linalg.pinv(element.node.directions) @ rates
-        self.halves.append(load.work(element.base[..., 3:, 1:], screws @ rates))
-        pairs = np.triu(load.work(screws[..., 3:, :], screws))
-        pairs = pairs * (1.0 - 0.5 * np.eye(pairs.shape[-1]))
+            screws = element.frame.adjoint() @ element.node.directions
+            rates = np.linalg.pinv(element.node.directions) @ (element.frame.inverse_adjoint() @ across)
+        else:  # translations come first in a spring's order: only its rotations turn anything
+            screws = element.frame.adjoint()[..., 3:]
+            rates = np.swapaxes(element.frame.matrix(), -1, -2) @ across[..., 3:, :]
+        pairs = load.work(screws[..., 3:, :], screws)
+        k = pairs.shape[-1]
+        pairs = pairs * (np.triu(np.ones((k, k))) - 0.5 * np.eye(k))
         self.halves.append(np.swapaxes(rates, -1, -2) @ pairs @ rates)
 
     def _closure(self, member: Node) -> _Load:
@@ -230,6 +240,5 @@ class _SecondOrder:
             last = next(m for m in reversed(last.members) if not (isinstance(m, Spring) and m.rigid))
         if isinstance(last, Parallel):
             return _NO_LOAD
-        element = self.elements[last.name]
-        wrench = (np.swapaxes(element.frame.inverse_adjoint(), -1, -2) @ element.wrench[..., :1])[..., 0]
+        wrench = self.elements[last.name].group.wrench[..., 0]
         return _Load(wrench[..., :3], 0.5 * skew(wrench[..., 3:]))

@@ -12,17 +12,17 @@ without loads they have no columns.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import reduce
-from typing import TYPE_CHECKING, TypeAlias, cast, overload
+from functools import cached_property, reduce
+from typing import TYPE_CHECKING, TypeAlias, overload
 
 import numpy as np
 
 from stiffscope import InputError
-from vjm.elastic import Parallel, Passive, Series, Spring
+from vjm.elastic import Parallel, Passive, Series, Spring, Weight
 from vjm.screws import Frame, skew
 
 if TYPE_CHECKING:
-    from vjm.elastic import Node, Weight
+    from vjm.elastic import Node
     from vjm.screws import Array
 
 _IDLE = 1e-9  # relative size below which a free direction adds nothing to those before it
@@ -41,6 +41,12 @@ class Flexible:
     offset: Array
     constraint: Array
     load: Array
+
+    @cached_property
+    def regained(self) -> Array:
+        """Motion ``q`` (..., k, 6) of the free directions that comes nearest to a twist of the end."""
+        free_t = np.swapaxes(self.free, -1, -2)
+        return released(free_t @ self.free) @ free_t
 
 
 @dataclass(frozen=True)
@@ -233,10 +239,12 @@ def _joined(members: tuple[Assembly, ...], cases: int) -> Joined:
         if isinstance(form, Stiff):
             stiff.append(Stiff(form.stiffness, form.preload - load, form.load))
         elif not (isinstance(member.node, Spring) and member.node.rigid):
-            compliance = compliance + form.compliance
-            offset = offset + form.offset + form.compliance @ load
-            free.append(form.free)
-            constraint.append(form.constraint + np.swapaxes(form.free, -1, -2) @ load)
+            if not isinstance(member.node, Passive | Weight):
+                compliance = compliance + form.compliance
+                offset = offset + form.offset + form.compliance @ load
+            if form.free.shape[-1]:
+                free.append(form.free)
+                constraint.append(form.constraint + np.swapaxes(form.free, -1, -2) @ load)
         load = load + form.load
     flexible = Flexible(compliance, _stacked(free, -1, (6, 0)), offset, _stacked(constraint, -2, (0, cases)), load)
     return Joined(flexible, tuple(stiff))
@@ -262,9 +270,8 @@ def behind_springs(member: Stiff, flexible: Flexible) -> tuple[Array, Array]:
         p = p - k @ flexible.offset
     if flexible.compliance.ndim == 2:
         return _behind_few(k, p, _factored(flexible.compliance))
-    right = np.concatenate([k, p], axis=-1) if p.shape[-1] else k
-    solved = np.linalg.solve(np.eye(6) + k @ flexible.compliance, right)
-    return solved[..., :6], solved[..., 6:]
+    share = np.linalg.inv(np.eye(6) + k @ flexible.compliance)
+    return share @ k, share @ p
 
 
 def _factored(compliance: Array) -> Array:
@@ -311,7 +318,7 @@ def _stiffened(form: Flexible | Stiff, name: str) -> Stiff:
     unused = 1.0 - np.einsum("...ij,...ij->...j", carries, carries)
     inverse = _inverse(core + unused[..., None] * np.eye(6), name)
     stiffness = _symmetric(carries @ inverse @ np.swapaxes(carries, -1, -2))
-    held = -form.free @ (released(np.swapaxes(form.free, -1, -2) @ form.free) @ form.constraint)
+    held = -np.swapaxes(form.regained, -1, -2) @ form.constraint
     return Stiff(stiffness, held - stiffness @ (form.offset + form.compliance @ held), form.load)
 
 
@@ -339,18 +346,16 @@ def released(matrix: Array) -> Array:
 
 
 def _inverse(core: Array, name: str) -> Array:
-    """Inverse of a compliance that must be positive definite."""
-    scale = np.sqrt(np.einsum("...ii->...i", core).clip(min=np.finfo(float).tiny))
-    unit = core / (scale[..., :, None] * scale[..., None, :])
+    """Inverse of a compliance that must be positive definite: no pivot may vanish, whichever comes last."""
+    problem = f"{name}: rigid in a direction that must yield; give it a compliance or a passive joint there"
     try:
-        factor = cast("Array", np.linalg.cholesky(unit))
-        smallest = float(np.diagonal(factor, axis1=-2, axis2=-1).min()) ** 2
+        inverse = np.linalg.inv(core)
     except np.linalg.LinAlgError:
-        smallest = 0.0
-    if not smallest > _RIGID:
-        msg = f"{name}: rigid in a direction that must yield; give it a compliance or a passive joint there"
-        raise InputError(msg)
-    return np.linalg.inv(core)
+        raise InputError(problem) from None
+    pivots = 1.0 / (np.einsum("...ii->...i", core) * np.einsum("...ii->...i", inverse))
+    if not (pivots > _RIGID).all():
+        raise InputError(problem)
+    return inverse
 
 
 def _symmetric(matrix: Array) -> Array:

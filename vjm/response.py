@@ -157,12 +157,11 @@ def _spread_chain(whole: Chain, state: _State, elements: dict[str, Element]) -> 
             q = q[..., k:, :]
         if not isinstance(member, Leaf) or isinstance(member.node, Weight):
             ahead = ahead + form.load @ state.load
-    to_tool = state.frame.adjoint()
     base, still = state.base, np.zeros_like(state.twist)
     for member, at_end, step in reversed(steps):
         _spread(member, replace(state, wrench=at_end, twist=still if step is None else step, base=base), elements)
         if step is not None:
-            base = base + to_tool @ step
+            base = base + (step if state.frame.identity else state.frame.adjoint() @ step)
 
 
 def _step(member: Assembly, form: Flexible, wrench: Array, q: Array, load: Array) -> Array | None:
@@ -172,6 +171,8 @@ def _step(member: Assembly, form: Flexible, wrench: Array, q: Array, load: Array
             return form.free @ q
         if isinstance(member.node, Weight) or member.node.rigid:
             return None
+        if member.node.offset is None:
+            return form.compliance @ wrench
     return form.compliance @ wrench + form.free @ q + form.offset @ load
 
 
@@ -179,9 +180,8 @@ def _shares(parts: Joined, wrench: Array, twist: Array, load: Array) -> tuple[Ar
     """Motion q (..., k, c) of the free directions of a series, and the twist across each stiff member, tip first."""
     flexible = parts.flexible
     known = flexible.compliance @ wrench + flexible.offset @ load
-    free_t = np.swapaxes(flexible.free, -1, -2)
     if not parts.stiff:
-        return released(free_t @ flexible.free) @ (free_t @ (twist - known)), []
+        return flexible.regained @ (twist - known), []
     q, rest = np.zeros((0, 1)), twist - known
     if flexible.free.shape[-1]:
         stiffness, preload = behind_springs(in_series(parts.stiff), flexible)
