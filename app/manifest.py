@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 LIBRARIES = (
-    *("build123d", "cadquery-ocp-novtk", "pytetwild", "scikit-fem", "numpy", "scipy", "pypardiso"),
+    *("build123d", "cadquery-ocp-novtk", "pytetwild", "scikit-fem", "numpy", "scipy"),
     *("pyvista", "vtk", "matplotlib", "pydantic", "pint"),
 )
 

@@ -171,7 +171,7 @@ class Mesh(Section):
     envelope: LengthOrAuto = None
     layers: Count = 1
     time_limit: Duration = 120.0
-    solver: Literal["auto", "pardiso", "splu", "amg"] = "auto"
+    solver: Literal["multigrid", "direct"] = "multigrid"
 
 
 def _position(value: Any) -> str | tuple[float, ...]:

@@ -1,7 +1,7 @@
 """The cubic solution on the same mesh, from the quadratic factorization: how far the quadratic one is off.
 
 The quadratic space is enlarged by the hierarchical cubics λaλb(λa − λb) of each edge and λaλbλc of each face
-(Szabó and Babuška, Finite Element Analysis, 1991). Conjugate gradients, preconditioned by the factorized
+(Szabó and Babuška, Finite Element Analysis, 1991). Conjugate gradients, preconditioned by the solver of the
 quadratic problem and a 3 x 3 block Jacobi step on the cubics, need no second factorization. Both solutions are Galerkin
 ones, so both compliances are below the exact one on the same geometry (in the sense of energy).
 """
@@ -18,15 +18,14 @@ from fea.elasticity import VOIGT
 from fea.interfaces import tractions
 from fea.mesh import EDGES, FACES
 from fea.shape import NODES, curved, determinants, inverses, jacobians, quadrature, shape_values
+from fea.solvers import conjugate_gradients
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from scipy.sparse import bsr_array, csr_array
 
     from fea.interfaces import Port, Supports
     from fea.mesh import Floats, Ints, TetMesh
-    from fea.solvers import Solve
+    from fea.solvers import Solve, Solver
 
 logger = logging.getLogger(__name__)
 
@@ -153,7 +152,7 @@ def cubic_compliance(
     space: Cubic,
     supports: Supports,
     ports: tuple[Port, ...],
-    solve: Solve,
+    solver: Solver,
     loads: Floats,
     start: Floats,
     tolerance: float = 1e-2,
@@ -166,7 +165,7 @@ def cubic_compliance(
 
     Parameters
     ----------
-    solve, loads, start : the factorized quadratic problem, its (c, 6n) unit loads and their solution.
+    solver, loads, start : the solver of the quadratic problem, its (c, 6n) unit loads and their solution.
     tolerance : relative error of the difference between the two compliances at which to stop.
     springs : (count, count) elastic foundation, one direction; see ``fea.foundation``.
     """
@@ -177,48 +176,19 @@ def cubic_compliance(
     split = len(loads)
 
     def precondition(residual: Floats) -> Floats:
-        return np.vstack([solve(residual[:split]), diagonal @ residual[split:]])
+        return np.vstack([solver.precondition(residual[:split]), diagonal @ residual[split:]])
 
-    motion = _conjugate_gradients(
+    motion, _ = conjugate_gradients(
         apply, precondition, force, np.vstack([start, np.zeros_like(extra)]), tolerance, limit
     )
-    motion[:split] += solve((force - apply(motion))[:split])  # the nodes balance to rounding, whatever the cubics lack
+    motion[:split] += solver.precondition(
+        (force - apply(motion))[:split]
+    )  # the nodes balance, whatever the cubics lack
     compliance = motion.T @ (2 * force - apply(motion))  # Fᵀu + uᵀF − uᵀAu: second order in the error of u
     return (compliance + compliance.T) / 2, motion
 
 
-def _conjugate_gradients(
-    apply: Callable[[Floats], Floats],
-    precondition: Callable[[Floats], Floats],
-    force: Floats,
-    motion: Floats,
-    tolerance: float,
-    limit: int,
-) -> Floats:
-    """Solve for all columns at once, until a step adds less than a tenth of ``tolerance`` of the energy gained."""
-    residual = force - apply(motion)
-    step = precondition(residual)
-    fall = np.einsum("ij,ij->j", residual, step)
-    direction = step
-    gained = np.full(force.shape[1], np.finfo(float).tiny)
-    for _ in range(limit):
-        pushed = apply(direction)
-        length = fall / np.maximum(np.einsum("ij,ij->j", direction, pushed), np.finfo(float).tiny)
-        motion = motion + length * direction
-        residual = residual - length * pushed
-        gain = length * fall  # what this step adds to each compliance
-        gained += gain
-        if (gain < 0.1 * tolerance * gained).all():
-            break
-        step = precondition(residual)
-        before, fall = fall, np.einsum("ij,ij->j", residual, step)
-        direction = step + fall / np.maximum(before, np.finfo(float).tiny) * direction
-    return motion
-
-
-def _operator(
-    space: Cubic, supports: Supports, free: Ints, springs: csr_array | None
-) -> tuple[Callable[[Floats], Floats], bsr_array]:
+def _operator(space: Cubic, supports: Supports, free: Ints, springs: csr_array | None) -> tuple[Solve, bsr_array]:
     """Return the product with the enlarged stiffness, element by element, and the inverse of its 3 x 3 blocks."""
     from scipy.sparse import bsr_array, csr_array
 

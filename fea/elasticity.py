@@ -83,10 +83,11 @@ def assemble(mesh: TetMesh, elasticity: Floats) -> csr_array:
         local = stiffness.transpose(2, 4, 0, 1, 3).reshape(9, -1)
         target = slot[chosen].reshape(-1)
         for component in range(9):
-            blocks[component] += np.bincount(target, local[component], len(unique))
-    rows = np.searchsorted(unique // count, np.arange(count + 1))
+            np.add.at(blocks[component], target, local[component])
+    index = np.int32 if 9 * len(unique) < np.iinfo(np.int32).max else np.int64
+    rows = np.searchsorted(unique // count, np.arange(count + 1)).astype(index)
     data = np.ascontiguousarray(blocks.T).reshape(-1, 3, 3)
-    return bsr_array((data, unique % count, rows), shape=(3 * count, 3 * count)).tocsr()
+    return bsr_array((data, (unique % count).astype(index), rows), shape=(3 * count, 3 * count)).tocsr()
 
 
 def strains(corners: Floats, displacement: Floats, at: Floats) -> Floats:

@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fea.shape import facet_rule, facet_slopes, facet_values
+from fea.solvers import factorized
 from stiffscope import InputError
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
     from fea.mesh import Floats, Ints, TetMesh
-    from fea.solvers import Solve, Solver
+    from fea.solvers import Solve
 
 KINDS = ("rigid", "distributed")
 
@@ -109,11 +110,11 @@ def support(mesh: TetMesh, clamped: Ints, ports: tuple[Port, ...]) -> Supports:
     )
 
 
-def factorize(stiffness: csr_array, supports: Supports, points: Floats, solver: Solver) -> Solve:
+def factorize(stiffness: csr_array, supports: Supports) -> Solve:
     """Return a function that solves for the coordinates of ``supports``; the twists by a Schur complement."""
     free = supports.free_dofs
     rows = stiffness[free]
-    solve = solver(rows[:, free], points[supports.free])
+    solve = factorized(rows[:, free])
     if not supports.tie.shape[1]:
         return solve
     tied = dofs_of(supports.tied)

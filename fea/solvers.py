@@ -1,14 +1,11 @@
-"""Solvers of the supported stiffness: each is a function that factorizes and returns a function that solves."""
+"""How the supported stiffness is solved: a factorization, or conjugate gradients."""
 
 from __future__ import annotations
 
-import logging
-from importlib.util import find_spec
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-
-from stiffscope import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -18,88 +15,46 @@ if TYPE_CHECKING:
     from fea.mesh import Floats
 
     Solve = Callable[[Floats], Floats]
-    Solver = Callable[[csr_array, Floats], Solve]
-
-logger = logging.getLogger(__name__)
-
-PARDISO_FROM = 40_000  # degrees of freedom below which loading MKL costs more than it saves
-ITERATIVE_FROM = 600_000  # degrees of freedom above which a factorization no longer fits a laptop
-RELATIVE_RESIDUAL = 1e-10
 
 
-def choose(name: str, dofs: int) -> Solver:
-    """Return the solver called ``name``: auto, pardiso, splu or amg.
+@dataclass(frozen=True)
+class Solver:
+    """What forces (c, loads) do to the coordinates: ``solve`` in full, ``precondition`` roughly, for an iteration."""
 
-    ``auto`` takes SciPy's SuperLU, beyond ``PARDISO_FROM`` degrees of freedom MKL's PARDISO when the ``fast`` extra
-    is installed, and beyond ``ITERATIVE_FROM`` conjugate gradients with algebraic multigrid when pyamg is there.
-    """
-    solvers = {"pardiso": pardiso, "splu": splu, "amg": amg}
-    if name == "auto":
-        if dofs > ITERATIVE_FROM and find_spec("pyamg"):
-            return amg
-        return pardiso if dofs > PARDISO_FROM and find_spec("pypardiso") else splu
-    if name not in solvers:
-        raise InputError(f"solver: {name!r} is unknown; choose auto, {', '.join(solvers)}")
-    return solvers[name]
+    solve: Solve
+    precondition: Solve
 
 
-def pardiso(matrix: csr_array, points: Floats) -> Solve:
-    """Factorize with MKL's PARDISO (Cholesky); ``points`` are not needed."""
-    del points
-    from pypardiso import PyPardisoSolver
-    from scipy.sparse import csr_matrix, triu
+def factorized(matrix: csr_array) -> Solve:
+    """Factorize a symmetric positive definite matrix with SuperLU: symmetric ordering, diagonal pivots."""
+    from scipy.sparse.linalg import splu
 
-    solver = PyPardisoSolver(mtype=2)
-    upper = csr_matrix(triu(matrix, format="csr"))
-    solver.factorize(upper)
-
-    def solve(loads: Floats) -> Floats:
-        return np.asarray(solver.solve(upper, np.asfortranarray(loads)))
-
-    return solve
-
-
-def splu(matrix: csr_array, points: Floats) -> Solve:
-    """Factorize with SciPy's SuperLU, symmetric ordering, diagonal pivots; ``points`` are not needed."""
-    del points
-    from scipy.sparse.linalg import splu as factorize
-
-    factors = factorize(
-        matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-    )
+    factors = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     return factors.solve
 
 
-def amg(matrix: csr_array, points: Floats) -> Solve:
-    """Prepare conjugate gradients preconditioned by smoothed aggregation with the six rigid-body modes.
+def conjugate_gradients(
+    apply: Solve, precondition: Solve, force: Floats, motion: Floats, tolerance: float, limit: int
+) -> tuple[Floats, bool]:
+    """Solve for all columns at once, until a step adds less than a tenth of ``tolerance`` of the energy gained.
 
-    Parameters
-    ----------
-    matrix : supported stiffness in blocks of three degrees of freedom.
-    points : (n, 3) the nodes of those blocks, metres.
+    Returns the motion, and whether that came to pass within ``limit`` steps.
     """
-    import pyamg  # pyright: ignore[reportMissingImports, reportMissingTypeStubs]
-    from scipy.sparse.linalg import cg
-
-    from fea.interfaces import rigid_modes
-
-    modes = rigid_modes(points, points.mean(axis=0)).reshape(-1, 6)
-    hierarchy = pyamg.smoothed_aggregation_solver(
-        matrix.tobsr((3, 3)),
-        B=modes / np.abs(modes).max(axis=0),
-        strength=("symmetric", {"theta": 0.0}),  # pyright: ignore[reportArgumentType] (pyamg's hint is too narrow)
-        max_coarse=2000,
-        coarse_solver="splu",
-    )
-    preconditioner = hierarchy.aspreconditioner()
-
-    def solve(loads: Floats) -> Floats:
-        columns = []
-        for load in loads.T:
-            column, flag = cg(matrix, load, rtol=RELATIVE_RESIDUAL, maxiter=2000, M=preconditioner)
-            if flag:
-                logger.warning("conjugate gradients stopped after %d steps without converging", flag)
-            columns.append(column)
-        return np.stack(columns, axis=1)
-
-    return solve
+    residual = force - apply(motion)
+    step = precondition(residual)
+    fall = np.einsum("ij,ij->j", residual, step)
+    direction = step
+    gained = np.full(force.shape[1], np.finfo(float).tiny)
+    for _ in range(limit):
+        pushed = apply(direction)
+        length = fall / np.maximum(np.einsum("ij,ij->j", direction, pushed), np.finfo(float).tiny)
+        motion = motion + length * direction
+        residual = residual - length * pushed
+        gain = length * fall  # what this step adds to each compliance
+        gained += gain
+        if (gain < 0.1 * tolerance * gained).all():
+            return motion, True
+        step = precondition(residual)
+        before, fall = fall, np.einsum("ij,ij->j", residual, step)
+        direction = step + fall / np.maximum(before, np.finfo(float).tiny) * direction
+    return motion, False

@@ -18,8 +18,8 @@ import pytest
 
 from cad import link, slider
 from fea.elasticity import assemble
-from fea.interfaces import Port, factorize, support, unit_loads
-from fea.solvers import choose
+from fea.interfaces import Port, support, unit_loads
+from fea.multigrid import prepare
 from fea.specimen import Specimen, mesh_specimen
 from tests.benchmarks import calculix
 
@@ -92,7 +92,7 @@ def quadratic(part, mesh):
     ports = (Port(mesh.facets_of(part.loaded[0].faces), part.loaded[0].reference_point, "rigid"),)
     supports = support(mesh, mesh.nodes_of(part.clamped), ports)
     stiffness = assemble(mesh, part.material.elasticity())
-    solve = factorize(stiffness, supports, mesh.points, choose("auto", 3 * len(supports.free)))
+    solve = prepare(mesh, stiffness, supports).solve
     loads = unit_loads(mesh.points, supports, ports)
     return loads.T @ solve(loads), time.perf_counter() - began
 

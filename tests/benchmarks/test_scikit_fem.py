@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from fea.elasticity import assemble
-from fea.interfaces import Port, factorize, support, unit_loads
-from fea.solvers import choose
+from fea.interfaces import Port, support, unit_loads
+from fea.multigrid import prepare
 from tests.benchmarks.test_calculix import PARTS, meshed
 
 pytestmark = pytest.mark.benchmark
@@ -52,7 +52,7 @@ def test_plain_scikit_fem_gives_the_same_answer_later(name):
         began = time.perf_counter()
         stiffness = build()
         assembled = time.perf_counter()
-        solve = factorize(stiffness, supports, mesh.points, choose(solver, 3 * len(supports.free)))
+        solve = prepare(mesh, stiffness, supports, solver).solve
         answers.append(loads.T @ solve(loads))
         solved = time.perf_counter()
         print(f"| {name} | {code} | {3 * len(mesh.points)} | assembly {assembled - began:.2f} s | "

@@ -1,0 +1,158 @@
+"""Conjugate gradients on quadratic tetrahedra with the linear ones of the same mesh as coarse level.
+
+A cycle smooths all nodes by Chebyshev steps on the 3 x 3 diagonal blocks (Adams et al., J. Comput. Phys. 188, 2003),
+corrects by the linear problem, which has an eighth of the unknowns, and smooths again. The twists of rigid
+interfaces belong to both levels. No factor of the quadratic stiffness is ever stored.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fea.interfaces import factorize
+from fea.mesh import EDGES
+from fea.solvers import Solver, conjugate_gradients
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+    from fea.interfaces import Supports
+    from fea.mesh import Floats, TetMesh
+    from fea.solvers import Solve
+
+logger = logging.getLogger(__name__)
+
+STEPS = 2  # of the smoother, before and after the correction
+SMOOTHED = 8.0  # the smoother takes the part of the spectrum above the largest eigenvalue over this
+POWER_STEPS = 12
+TOLERANCE, LIMIT = 1e-12, 200
+
+
+def prepare(mesh: TetMesh, stiffness: csr_array, supports: Supports, name: str = "multigrid") -> Solver:
+    """Return the solver called ``name``, multigrid or direct, of the supported stiffness (3n, 3n) of a mesh."""
+    if name == "multigrid":
+        return two_levels(mesh, stiffness, supports)
+    solve = factorize(stiffness, supports)
+    return Solver(solve, solve)
+
+
+def two_levels(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> Solver:
+    """Return the solver of the supported stiffness (3n, 3n) of a mesh; the linear level is factorized."""
+    correct = _linear_level(mesh, stiffness, supports)
+    width = supports.tie.shape[1]
+    inverse = _inverse_blocks(stiffness, supports)
+
+    def apply(coordinates: Floats) -> Floats:
+        return supports.restrict(stiffness @ supports.expand(coordinates))
+
+    def scaled(residual: Floats) -> Floats:  # twists are left to the linear level
+        split = len(residual) - width
+        return np.vstack([inverse @ residual[:split], np.zeros_like(residual[split:])])
+
+    start = np.random.default_rng(0).normal(size=(3 * len(supports.free) + width, 1))
+    smooth = _chebyshev(apply, scaled, _largest_eigenvalue(apply, scaled, start))
+
+    def cycle(force: Floats) -> Floats:
+        motion = smooth(force)
+        motion += correct(force - apply(motion))
+        motion += smooth(force - apply(motion))
+        return motion
+
+    def solve(force: Floats) -> Floats:
+        motion, converged = conjugate_gradients(apply, cycle, force, np.zeros_like(force), TOLERANCE, LIMIT)
+        if converged:
+            return motion
+        logger.warning("multigrid: not converged after %d steps; factorizing", LIMIT)
+        return factorize(stiffness, supports)(force)
+
+    return Solver(solve, cycle)
+
+
+def _linear_level(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> Solve:
+    """Return the correction of all coordinates by the solution for linear displacements between the vertices."""
+    from scipy.sparse import csr_array, eye_array, kron
+
+    vertices = np.unique(mesh.cells[:, :4])
+    number = np.full(len(mesh.points), -1)
+    number[vertices] = np.arange(len(vertices))
+    mids, first = np.unique(mesh.cells[:, 4:], return_index=True)
+    ends = mesh.cells[:, :4][:, EDGES].reshape(-1, 2)[first]
+    rows = np.concatenate([vertices, mids, mids])
+    columns = number[np.concatenate([vertices, ends[:, 0], ends[:, 1]])]
+    weights = np.concatenate([np.ones(len(vertices)), np.full(2 * len(mids), 0.5)])
+    between = csr_array((weights, (rows, columns)), shape=(len(mesh.points), len(vertices)))
+    spread = csr_array(kron(between, eye_array(3), format="csr"))
+    linear = csr_array(spread.T @ (stiffness @ spread))
+
+    tied = supports.tied[number[supports.tied] >= 0]
+    chosen = np.isin(supports.tied, tied)
+    held = replace(
+        supports,
+        nodes=len(vertices),
+        free=_kept(number, supports.free),
+        tied=number[tied],
+        clamped=_kept(number, supports.clamped),
+        tie=supports.tie[np.repeat(chosen, 3)],
+    )
+    solve = factorize(linear, held)
+    down = spread[supports.free_dofs]  # forces on free nodes, seen by the vertices
+    split, twists = down.shape[0], supports.tie.shape[1]
+
+    def correct(residual: Floats) -> Floats:
+        force = held.restrict(down.T @ residual[:split])
+        force[len(force) - twists :] += residual[split:]
+        answer = solve(force)
+        return np.vstack([down @ held.expand(answer), answer[len(answer) - twists :]])
+
+    return correct
+
+
+def _kept(number: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    renumbered = number[nodes]
+    return renumbered[renumbered >= 0]
+
+
+def _inverse_blocks(stiffness: csr_array, supports: Supports) -> csr_array:
+    """Return the inverses of the 3 x 3 diagonal blocks of the free nodes, as one sparse matrix."""
+    from scipy.sparse import bsr_array
+
+    free = supports.free_dofs.reshape(-1, 3)
+    blocks = np.empty((len(free), 3, 3))
+    for i in range(3):
+        for j in range(3):
+            blocks[:, i, j] = stiffness[free[:, i], free[:, j]]
+    steps = np.arange(len(free) + 1)
+    return bsr_array((np.linalg.inv(blocks), steps[:-1], steps)).tocsr()
+
+
+def _largest_eigenvalue(apply: Solve, scaled: Solve, start: Floats) -> float:
+    vector, value = start, 1.0
+    for _ in range(POWER_STEPS):
+        vector = scaled(apply(vector))
+        value = float(np.linalg.norm(vector))
+        vector /= value
+    return value
+
+
+def _chebyshev(apply: Solve, scaled: Solve, largest: float) -> Solve:
+    """Return ``STEPS`` Chebyshev steps from rest for the upper part of the spectrum."""
+    top = 1.1 * largest
+    bottom = top / SMOOTHED
+    middle, half = (top + bottom) / 2, (top - bottom) / 2
+
+    def smooth(force: Floats) -> Floats:
+        change = scaled(force) / middle
+        motion, residual, ratio = change.copy(), force, half / middle
+        for _ in range(STEPS - 1):
+            residual = residual - apply(change)
+            following = 1 / (2 * middle / half - ratio)
+            change = following * ratio * change + 2 * following / half * scaled(residual)
+            ratio = following
+            motion += change
+        return motion
+
+    return smooth
