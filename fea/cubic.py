@@ -18,7 +18,7 @@ from fea.elasticity import VOIGT
 from fea.interfaces import tractions
 from fea.mesh import EDGES, FACES
 from fea.shape import NODES, curved, determinants, inverses, jacobians, quadrature, shape_values
-from fea.solvers import conjugate_gradients
+from fea.solvers import conjugate_gradients, on_all_cores
 
 if TYPE_CHECKING:
     from scipy.sparse import bsr_array, csr_array
@@ -250,18 +250,21 @@ def element_forces(space: Cubic, motion: Floats) -> Floats:
     """Return (m, 20, 3, loads) the forces of each element on its functions, for (count, 3, loads) coefficients."""
     loads = motion.shape[2]
     local = np.empty((len(space.cells), 20, 3, loads))
-    for group in space.groups:
+
+    def fill(group: _Group, start: int) -> None:
         points = group.table.shape[1]
         table = group.table.reshape(3 * points, 20)
-        for start in range(0, len(group.elements), CHUNK):
-            some = group.elements[start : start + CHUNK]
-            c, sign = len(some), space.signs[some].T[:, :, None, None]
-            given = (motion[space.cells[some].T] * sign).reshape(20, -1)  # (20, c 3 loads)
-            slope = (table @ given).reshape(3, points, c, 3, loads).transpose(2, 1, 0, 3, 4)  # (c, p, r, i, loads)
-            tensor = group.elasticity[start : start + CHUNK]
-            stress = tensor @ slope.reshape(c, points, 9, loads)
-            stress = stress.reshape(c, points, 3, 3, loads).transpose(2, 1, 0, 3, 4).reshape(3 * points, -1)
-            local[some] = ((table.T @ stress).reshape(20, c, 3, loads) * sign).transpose(1, 0, 2, 3)
+        some = group.elements[start : start + CHUNK]
+        c, sign = len(some), space.signs[some].T[:, :, None, None]
+        given = (motion[space.cells[some].T] * sign).reshape(20, -1)  # (20, c 3 loads)
+        slope = (table @ given).reshape(3, points, c, 3, loads).transpose(2, 1, 0, 3, 4)  # (c, p, r, i, loads)
+        tensor = group.elasticity[start : start + CHUNK]
+        stress = tensor @ slope.reshape(c, points, 9, loads)
+        stress = stress.reshape(c, points, 3, 3, loads).transpose(2, 1, 0, 3, 4).reshape(3 * points, -1)
+        local[some] = ((table.T @ stress).reshape(20, c, 3, loads) * sign).transpose(1, 0, 2, 3)
+
+    chunks = [(group, start) for group in space.groups for start in range(0, len(group.elements), CHUNK)]
+    on_all_cores(fill, *zip(*chunks, strict=True))
     return local
 
 

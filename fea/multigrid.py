@@ -15,7 +15,7 @@ import numpy as np
 
 from fea.interfaces import factorize
 from fea.mesh import EDGES
-from fea.solvers import Solver, conjugate_gradients
+from fea.solvers import Solver, conjugate_gradients, product
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -29,7 +29,7 @@ logger = logging.getLogger(__name__)
 STEPS = 2  # of the smoother, before and after the correction
 SMOOTHED = 8.0  # the smoother takes the part of the spectrum above the largest eigenvalue over this
 POWER_STEPS = 12
-TOLERANCE, LIMIT = 1e-12, 200
+TOLERANCE, LIMIT = 1e-11, 200
 
 
 def prepare(mesh: TetMesh, stiffness: csr_array, supports: Supports, name: str = "multigrid") -> Solver:
@@ -44,10 +44,10 @@ def two_levels(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> Solve
     """Return the solver of the supported stiffness (3n, 3n) of a mesh; the linear level is factorized."""
     correct = _linear_level(mesh, stiffness, supports)
     width = supports.tie.shape[1]
-    inverse = _inverse_blocks(stiffness, supports)
+    inverse, multiply = _inverse_blocks(stiffness, supports), product(stiffness)
 
     def apply(coordinates: Floats) -> Floats:
-        return supports.restrict(stiffness @ supports.expand(coordinates))
+        return supports.restrict(multiply(supports.expand(coordinates)))
 
     def scaled(residual: Floats) -> Floats:  # twists are left to the linear level
         split = len(residual) - width

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from fea.cubic import cubic_compliance, element_energies, enlarge
 from fea.elasticity import assemble, strains, von_mises
@@ -64,6 +65,11 @@ def solve_specimen(
     InputError : interfaces overlap.
     MeshError : the compliance is not positive definite or does not balance.
     """
+    with threadpool_limits(1):  # the cores are shared out here; BLAS's own threads on small matrices only wait
+        return _solve(specimen, mesh, interface, solver, foundation)
+
+
+def _solve(specimen: Specimen, mesh: TetMesh, interface: str, solver: str, foundation: float | None) -> Solution:
     ports = tuple(Port(mesh.facets_of(faces), point, interface) for faces, point in specimen.loaded)
     clamped = mesh.nodes_of(specimen.clamped)
     supports = support(mesh, clamped if foundation is None else clamped[:0], ports)

@@ -22,7 +22,7 @@ from fea.experiment import Settings, run_experiment
 from fea.mesh import MeshError, default_size
 from tests.benchmarks.random_parts import draw
 
-PARTS, SEED = int(os.environ.get("STIFFSCOPE_PARTS", "12")), 6
+PARTS, SEED = (int(os.environ.get(f"STIFFSCOPE_{name}", value)) for name, value in (("PARTS", 12), ("SEED", 6)))
 
 
 def compare(part, interface):

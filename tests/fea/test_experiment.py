@@ -35,14 +35,14 @@ def test_every_entry_is_within_its_tolerance_and_its_bound(name, allowed, reques
 def test_a_distributed_face_twists_three_times_as_much():
     experiment = examine(PLATE, Settings(interface="distributed"))
     assert pick(experiment.compliance) == pytest.approx(REFERENCE["plate, distributed"], rel=2e-3)
-    assert experiment.imbalance < 1e-5
+    assert experiment.imbalance < 1e-4
 
 
 def test_compliance_is_symmetric_and_positive_and_the_clamp_balances(link, plate):
     for experiment in (link, plate):
         assert np.array_equal(experiment.compliance, experiment.compliance.T)
         assert (np.linalg.eigvalsh(experiment.compliance) > 0).all()
-        assert experiment.imbalance < 1e-5
+        assert experiment.imbalance < 1e-4
         assert experiment.volume == pytest.approx(experiment.cad_volume, rel=2e-5)
         assert np.allclose(experiment.superelement @ experiment.compliance, np.eye(6), atol=1e-6)
 

@@ -51,7 +51,7 @@ def test_a_soft_foundation_adds_the_springs_of_statics():
     carry[:3] = rigid_modes(np.array([[length, 0, 0]]), np.zeros(3))[0]
     springs = carry @ expected @ carry.T
     assert pick(springy.compliance - held.compliance) == pytest.approx(pick(springs), rel=5e-3)
-    assert springy.imbalance < 1e-5
+    assert springy.imbalance < 1e-4
 
 
 def test_a_stiff_foundation_is_a_clamp():
