@@ -40,18 +40,18 @@ def on_all_cores(work: Callable[..., Any], *items: Iterable[Any]) -> list[Any]:
 
 
 def product(matrix: csr_array) -> Solve:
-    """Return ``x -> matrix @ x`` with the rows shared among the cores."""
+    """Return ``x -> matrix @ x`` of a square matrix with its rows shared among the cores."""
     from scipy.sparse import csr_array
 
     cores = os.cpu_count() or 1
     data, columns, starts = (np.asarray(part) for part in (matrix.data, matrix.indices, matrix.indptr))
-    cuts = np.searchsorted(starts, np.linspace(0, matrix.nnz, cores + 1)[1:-1])
-    ends = [0, *cuts.tolist(), matrix.shape[0]]
+    size = len(starts) - 1
+    ends = [0, *np.searchsorted(starts, np.linspace(0, starts[-1], cores + 1)[1:-1]).tolist(), size]
     blocks = []
     for first, last in pairwise(ends):
         held = slice(starts[first], starts[last])
         rows = (data[held], columns[held], starts[first : last + 1] - starts[first])
-        blocks.append(csr_array(rows, shape=(last - first, matrix.shape[1])))
+        blocks.append(csr_array(rows, shape=(last - first, size)))
     return lambda x: np.concatenate(on_all_cores(lambda block: block @ x, blocks))
 
 
