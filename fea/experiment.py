@@ -42,7 +42,7 @@ class Settings:
     foundation : stiffness of the clamp per unit of area, N/m³, for a bolted contact; None is a rigid clamp.
     time_limit : seconds allowed to the mesher, and to refinement.
     most_unknowns : degrees of freedom of the cubic solution beyond which refinement stops.
-    solver : "multigrid", or "direct" for a factorization.
+    solver : "direct" (a factorization), "multigrid", or "auto", the faster of the two.
     threads : the mesher's threads; 0 takes all.
     """
 
@@ -54,7 +54,7 @@ class Settings:
     foundation: float | None = None
     time_limit: float = 120.0
     most_unknowns: int = 2_000_000
-    solver: str = "multigrid"
+    solver: str = "auto"
     threads: int = 0
 
     def __post_init__(self) -> None:
@@ -65,8 +65,8 @@ class Settings:
                 raise InputError(f"mesh.{name}: expected a positive length, got {value!r} m")
         if self.interface not in ("rigid", "distributed"):
             raise InputError(f"interface: expected rigid or distributed, got {self.interface!r}")
-        if self.solver not in ("multigrid", "direct"):
-            raise InputError(f"solver: expected multigrid or direct, got {self.solver!r}")
+        if self.solver not in ("auto", "direct", "multigrid"):
+            raise InputError(f"solver: expected auto, direct or multigrid, got {self.solver!r}")
         if not (np.isfinite(self.time_limit) and self.time_limit > 0):
             raise InputError(f"mesh.time_limit: expected positive seconds, got {self.time_limit!r}")
         if self.tolerance is not None and not 1e-6 <= self.tolerance < 1:

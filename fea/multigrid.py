@@ -26,15 +26,16 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
+FACTORIZED_TO = 25_000  # degrees of freedom up to which a factorization is faster
 STEPS = 2  # of the smoother, before and after the correction
 SMOOTHED = 8.0  # the smoother takes the part of the spectrum above the largest eigenvalue over this
 POWER_STEPS = 12
 TOLERANCE, LIMIT = 1e-11, 200
 
 
-def prepare(mesh: TetMesh, stiffness: csr_array, supports: Supports, name: str = "multigrid") -> Solver:
-    """Return the solver called ``name``, multigrid or direct, of the supported stiffness (3n, 3n) of a mesh."""
-    if name == "multigrid":
+def prepare(mesh: TetMesh, stiffness: csr_array, supports: Supports, name: str = "auto") -> Solver:
+    """Return the solver of the supported stiffness (3n, 3n) of a mesh: multigrid, direct, or auto, the faster one."""
+    if name == "multigrid" or (name == "auto" and 3 * len(supports.free) > FACTORIZED_TO):
         return two_levels(mesh, stiffness, supports)
     solve = factorize(stiffness, supports)
     return Solver(solve, solve)

@@ -17,7 +17,7 @@ from vjm.reduction import as_stiffness
 from vjm.response import tool_twist
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -85,6 +85,16 @@ def stiffness(robot: Robot, poses: ArrayLike, *, gravity: Gravity = "none", g: f
         msg = "gravity 'literal' is the paper's K_θ - K_G and stands for the Biglide only; 'exact' serves any robot"
         raise InputError(msg)
     return _over(robot, poses, lambda p: as_stiffness(literal_tree(robot, p, g)))
+
+
+def batches(
+    robot: Robot, poses: ArrayLike, *, gravity: Gravity = "none", g: float = STANDARD, size: int = 65536
+) -> Iterator[tuple[slice, Array]]:
+    """Yield which poses (n, 3) and their stiffness (m, 6, 6), ``size`` at a time: for more than memory should hold."""
+    points = checked_poses(poses)
+    for start in range(0, len(points), size):
+        some = slice(start, start + size)
+        yield some, stiffness(robot, points[some], gravity=gravity, g=g)
 
 
 def sag(robot: Robot, poses: ArrayLike, *, g: float = STANDARD) -> Array:

@@ -1,0 +1,77 @@
+"""Solution of the supported stiffness: two levels beside a factorization, and a million degrees of freedom.
+
+``pytest -m benchmark -s tests/benchmarks/test_solvers.py``. PARDISO is measured where pypardiso is installed.
+"""
+
+import json
+import subprocess
+import sys
+import time
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+
+from fea.elasticity import assemble
+from fea.interfaces import Port, dofs_of, support, unit_loads
+from fea.multigrid import prepare
+from tests.benchmarks.test_calculix import PARTS, meshed
+
+pytestmark = pytest.mark.benchmark
+LARGE = """
+import json, resource, sys, time
+from fea.experiment import Settings, run_experiment
+from tests.benchmarks.test_calculix import PARTS
+e = run_experiment(PARTS["slider"](), Settings(size=float(sys.argv[1]), time_limit=600))
+print(json.dumps({"dofs": 3 * len(e.mesh.points), "unknowns": e.unknowns, "seconds": e.seconds,
+                  "peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6, "bound": e.relative_bound}))
+"""
+
+
+def test_a_million_degrees_of_freedom_within_8_gb():
+    done = subprocess.run([sys.executable, "-c", LARGE, "0.00235"], capture_output=True, text=True, check=True)
+    told = json.loads(done.stdout.strip().splitlines()[-1])
+    print(
+        f"\n| slider | {told['dofs']:,} | {told['unknowns']:,} | mesh {told['seconds']['mesh']:.0f} s | "
+        f"solution {told['seconds']['solve']:.0f} s | {told['peak']:.1f} GB | bound {told['bound']:.1e} |"
+    )
+    assert told["dofs"] > 1e6
+    assert told["peak"] < 8
+
+
+def factorized_by_pardiso(stiffness, supports, loads):
+    """Factor and solve with MKL, the loaded face distributed so that no coordinates are condensed."""
+    from pypardiso import PyPardisoSolver
+    from scipy.sparse import csr_matrix, triu
+
+    free = dofs_of(supports.free)
+    solver = PyPardisoSolver(mtype=2)
+    upper = csr_matrix(triu(stiffness[free][:, free], format="csr"))
+    solver.factorize(upper)
+    return solver.solve(upper, np.asfortranarray(loads))
+
+
+@pytest.mark.parametrize(("name", "factor"), [("link", 1.0), ("slider", 1.0), ("slider", 0.45)])
+def test_two_levels_beside_a_factorization(name, factor):
+    part = PARTS[name]()
+    mesh, size = meshed(part)
+    if factor != 1.0:
+        mesh, _ = meshed(part, factor * size)
+    stiffness = assemble(mesh, part.material.elasticity())
+    ports = (Port(mesh.facets_of(part.loaded[0].faces), part.loaded[0].reference_point, "distributed"),)
+    supports = support(mesh, mesh.nodes_of(part.clamped), ports)
+    loads = unit_loads(mesh.points, supports, ports)
+    ways = {"two levels": lambda: prepare(mesh, stiffness, supports, "multigrid").solve(loads)}
+    if find_spec("pypardiso"):
+        ways["PARDISO"] = lambda: factorized_by_pardiso(stiffness, supports, loads)
+    ways["SuperLU"] = lambda: prepare(mesh, stiffness, supports, "direct").solve(loads)
+    answers = {}
+    for way, solve in ways.items():
+        began = time.perf_counter()
+        answers[way] = loads.T @ solve()
+        print(
+            f"\n| {name} | {3 * len(mesh.points):,} | {way} | {time.perf_counter() - began:.2f} s |", end="", flush=True
+        )
+    scale = np.sqrt(np.outer(answers["SuperLU"].diagonal(), answers["SuperLU"].diagonal()))
+    for answer in answers.values():
+        assert np.abs((answer - answers["SuperLU"]) / scale).max() < 1e-5
