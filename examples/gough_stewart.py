@@ -39,5 +39,12 @@ def cubic_platform(size, stiffness, height=0.0):
 if __name__ == "__main__":
     np.set_printoptions(precision=6, suppress=True)
     k, size = 1e6, 0.2
-    print(as_stiffness(cubic_platform(size, k)))
-    print(np.diag([2 * k] * 3 + [1.5 * k * size**2] * 2 + [6 * k * size**2]))
+    stiffness = as_stiffness(cubic_platform(size, k)) + 0.0
+    closed = np.diag([2 * k] * 3 + [1.5 * k * size**2] * 2 + [6 * k * size**2])
+    print(
+        f"Cubic Gough-Stewart platform, struts {k:g} N/m, {size} m high: stiffness at the cube's centre, N/m and N·m/rad"
+    )
+    print(np.round(stiffness, 6) + 0.0)
+    print("Closed form")
+    print(closed)
+    print(f"Largest difference {np.abs(stiffness - closed).max() / k:.0e} of a strut's stiffness")
