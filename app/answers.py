@@ -14,7 +14,16 @@ from app import quantities as q
 from app.cache import file_digest
 from app.manifest import Manifest
 from app.parts import order_part, solve_parts
-from app.pipeline import Assembled, compliance_json, solve_robots, stiffness_bars, stiffness_json, workshop
+from app.pipeline import (
+    Assembled,
+    compliance_json,
+    solve_robots,
+    stiffness_bars,
+    stiffness_json,
+    warn_of,
+    workshop,
+    write_superelement,
+)
 from app.robotfile import load_robot
 from stiffscope import InputError
 
@@ -30,15 +39,28 @@ log = logging.getLogger(__name__)
 
 
 def part_compliance(
-    name: str, part: PartName, *, overrides: Sequence[str], step: str | None, target: str | None, quiet: bool
+    name: str,
+    part: PartName,
+    *,
+    overrides: Sequence[str],
+    tolerance: str | None,
+    step: str | None,
+    target: str | None,
+    superelement: Path | None,
+    quiet: bool,
 ) -> None:
-    """`stiffscope compliance`: one part's virtual experiment as JSON, or as a table."""
+    """`stiffscope compliance`: one part's virtual experiment as JSON, as a table, as a superelement."""
     from app.compare import compare
 
-    robot = load_robot(name, overrides)
+    robot = load_robot(name, overrides, tolerance)
+    if superelement:
+        files.check_output(superelement)
+    manifest = Manifest(sys.argv[1:], str(robot.path), file_digest(robot.path), list(overrides))
     with workshop(quiet=quiet) as (cache, spare, open_line):
         order = order_part(robot, part, step, pictures=False)
         (result,) = solve_parts([order], cache, spare, {part: open_line(part)})
+        if superelement:
+            write_superelement(result, superelement, manifest)
     if target:
         files.write_json(target, compliance_json(robot, result))
     if not quiet and target != "-":
@@ -47,6 +69,10 @@ def part_compliance(
             tables.show_comparison(compare(robot, part, result))
         else:
             tables.show_matrix(f"Compliance of {step}, SI", result.compliance)
+        if superelement:
+            tables.show_line(f"Superelement written to {superelement}")
+    else:
+        warn_of([result])
 
 
 def robot_stiffness(
@@ -113,6 +139,7 @@ def compare_parts(name: str, parts: Sequence[PartName], *, overrides: Sequence[s
     with workshop(quiet=quiet) as (cache, spare, open_line):
         orders = [order_part(robot, part, pictures=False) for part in parts]
         results = solve_parts(orders, cache, spare, {part: open_line(part) for part in parts})
+    warn_of(results)
     for part, result in zip(parts, results, strict=True):
         tables.show_comparison(compare(robot, part, result))
 
@@ -203,4 +230,6 @@ def _assembled(robot: RobotFile, components: str | None, poses: np.ndarray | Non
     if poses is not None:
         link_angle(geometry(robot), poses)
     with workshop(quiet=quiet) as (cache, spare, open_line):
-        return solve_robots({"now": robot}, components, cache, spare, open_line, pictures=False)["now"]
+        made = solve_robots({"now": robot}, components, cache, spare, open_line, pictures=False)["now"]
+    warn_of(made.results.values())
+    return made

@@ -111,6 +111,9 @@ _set = click.option(
     "--set", "overrides", multiple=True, metavar="PART.PARAMETER=VALUE",
     help="Change a value of the robot file, such as slider.thickness=25mm. May be repeated.",
 )  # fmt: skip
+_tolerance = click.option(
+    "--tolerance", metavar="SHARE", help="Error bar wanted of every entry of the parts' matrices, such as 0.1% or 1e-3."
+)
 _components = click.option(
     "--components",
     type=click.Choice(SOURCES),
@@ -154,7 +157,7 @@ def cli() -> None:
 
 
 @cli.command()
-@_takes(_robot, _out, _components, _set)
+@_takes(_robot, _out, _components, _tolerance, _set)
 def run(**options: Any) -> None:
     """The whole chain: parts, robot, tables, pictures.
 
@@ -167,7 +170,13 @@ def run(**options: Any) -> None:
 
 
 @cli.command()
-@_takes(_robot, _part, _set, _json)
+@_takes(_robot, _part, _tolerance, _set, _json)
+@click.option(
+    "--superelement",
+    metavar="DIR",
+    type=click.Path(path_type=Path),
+    help="Folder to write: the stiffness condensed on the part's interfaces (npz, Matrix Market), complete or absent.",
+)
 @click.option(
     "--step", metavar="FILE", help="Take this solid as the part: clamped at its least x, loaded at its greatest."
 )
@@ -211,6 +220,20 @@ def compare(part: str | None, **options: Any) -> None:
     from app.answers import compare_parts
 
     compare_parts(options.pop("robot"), (part,) if part else PARTS, **options)
+
+
+@cli.command()
+@_takes(_robot, _out, _tolerance, _set)
+@click.option("--part", type=click.Choice(PARTS), default="slider", show_default=True, help="The link or the slider.")
+def interfaces(**options: Any) -> None:
+    """How much a part's compliance depends on how it is held and loaded.
+
+    Tests the part loaded as a rigid face, by an even traction and on three joint pads, and held by its face, in its
+    bolt holes and on an elastic foundation. Prints what each choice changes; writes CSV, JSON and a figure to DIR.
+    """
+    from app.interfaces import compare_interfaces
+
+    compare_interfaces(options.pop("robot"), options.pop("part"), options.pop("out"), **options)
 
 
 @cli.command("map")

@@ -11,8 +11,9 @@ if TYPE_CHECKING:
 
     import numpy as np
 
+    from app.partfile import Source
     from app.parts import PartResult
-    from app.schema import PartName, RobotFile, Source
+    from app.schema import PartName, RobotFile
     from fea.beam import Section
     from vjm.biglide import Biglide, Geometry
 

@@ -20,7 +20,8 @@ from stiffscope import InputError
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from app.schema import PartName, RobotFile, Step
+    from app.partfile import Step
+    from app.schema import PartName, RobotFile
     from cad.faces import FaceSelector
     from cad.link import LinkParameters
     from cad.materials import AnyMaterial
@@ -41,7 +42,7 @@ AXES = {
 STEP_AXES = (
     "those of the STEP file, or of the frame chosen in it; twist and wrench at the loaded faces' reference point"
 )
-FORM = 1  # of the files below; other code reads other forms
+FORM = 2  # of the files below; other code reads other forms
 EXPERIMENT, FACTS, FIELDS = "experiment.npz", "facts.json", "fields.vtu"
 SHEET, MESH = "loads.png", "mesh.png"
 
@@ -108,6 +109,11 @@ class PartResult:
         return np.array(self.facts["error"])
 
     @property
+    def note(self) -> str:
+        """One line on why a wanted tolerance was not met; empty when it was, or when none was wanted."""
+        return self.facts["note"]
+
+    @property
     def mass(self) -> float:
         """Mass of the solid, kg."""
         return self.facts["mass"]
@@ -120,7 +126,7 @@ def order_part(
     from fea.experiment import Settings
 
     section = robot.part(name)
-    settings = Settings(interface=section.interface, **section.mesh.model_dump())
+    settings = Settings(interface=section.interface, foundation=section.foundation, **section.mesh.model_dump())
     solid = _step_order(robot, section.step, step)
     return PartOrder(name, robot.parameters(name), robot.material(name), settings, solid, pictures, label or name)
 

@@ -28,7 +28,7 @@ from app.schema import PARTS
 from stiffscope import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from app.cache import Cache
     from app.parts import PartOrder
@@ -107,14 +107,27 @@ def solve_robots(
     }
 
 
+def warn_of(results: Iterable[PartResult]) -> None:
+    """Say on standard error of each part whose tolerance was not met how far it came."""
+    for result in results:
+        if result.note:
+            log.warning("%s: %s", result.name, result.note)
+
+
 def run_robot(
-    name: str, out: Path, *, overrides: Sequence[str] = (), components: str | None = None, quiet: bool = False
+    name: str,
+    out: Path,
+    *,
+    overrides: Sequence[str] = (),
+    components: str | None = None,
+    tolerance: str | None = None,
+    quiet: bool = False,
 ) -> None:
     """Run the whole chain and write a complete output folder. Raises InputError for anything a user can get wrong."""
     begun = time.perf_counter()
-    robot = load_robot(name, overrides)
+    robot = load_robot(name, overrides, tolerance)
     files.check_output(out)
-    robots = {"now": robot} | ({"before": load_robot(name)} if overrides else {})
+    robots = {"now": robot} | ({"before": load_robot(name, (), tolerance)} if overrides else {})
     manifest = Manifest(sys.argv[1:], str(robot.path), file_digest(robot.path), list(overrides))
     with workshop(quiet=quiet) as (cache, spare, open_line), files.staged_folder(out) as folder:
         solved = solve_robots(robots, components, cache, spare, open_line, pictures=True)
@@ -133,6 +146,8 @@ def run_robot(
     if not quiet:
         show_run(now, states, overrides)
         tables.show_line(f"Written to {out} in {time.perf_counter() - begun:.1f} s")
+    else:
+        warn_of(now.results.values())
 
 
 def analyse(assembled: Assembled, poses: Mapping[str, Sequence[float]]) -> Stiffness:
@@ -166,6 +181,17 @@ def compliance_json(robot: RobotFile, result: PartResult) -> dict[str, Any]:
     beam = parts_of.beam_compliance(robot, result.name)
     facts = {key: value for key, value in result.facts.items() if key not in {"faces", "imbalance"}}
     return {**facts, "beam": beam.tolist(), "cached": result.reused}
+
+
+def write_superelement(result: PartResult, out: Path, manifest: Manifest) -> None:
+    """A folder with the part condensed on its interfaces, as npz and as Matrix Market: see `fea.export`."""
+    from fea.experiment import load_experiment
+    from fea.export import write_superelement as write
+
+    with files.staged_folder(out) as folder:
+        write(load_experiment(result.folder / EXPERIMENT), folder / result.name)
+        manifest.note(result.name, key=result.key, reused=result.reused, seconds=result.seconds)
+        manifest.write(folder)
 
 
 def stiffness_bars(assembled: Assembled, poses: Any) -> np.ndarray | None:

@@ -34,7 +34,9 @@ MASS = Dimension("a mass", "kg", "1.95 kg")
 STIFFNESS = Dimension("a stiffness", "N/m", "12.7 N/um")
 ACCELERATION = Dimension("an acceleration", "m/s^2", "9.81 m/s^2")
 DURATION = Dimension("a duration", "s", "120 s")
+FOUNDATION = Dimension("a stiffness per area", "N/m^3", "50 N/mm^3")
 NUMBER = Dimension("a number", "", "0.3")
+SHARE = Dimension("a share", "", "0.1 %")
 
 _NOUNS = (
     LENGTH,
@@ -45,6 +47,7 @@ _NOUNS = (
     STIFFNESS,
     ACCELERATION,
     DURATION,
+    FOUNDATION,
     Dimension("an angle", "rad", ""),
     Dimension("an area", "m^2", ""),
     Dimension("a force", "N", ""),

@@ -50,7 +50,7 @@ def find_robot(name_or_path: str | Path) -> Path:
     raise InputError(f"{path}: no such robot file; give a path or one of the names {_listed(robot_names())}")
 
 
-def load_robot(name_or_path: str | Path, overrides: Sequence[str] = ()) -> RobotFile:
+def load_robot(name_or_path: str | Path, overrides: Sequence[str] = (), tolerance: str | None = None) -> RobotFile:
     """Load and check a robot file.
 
     Parameters
@@ -59,6 +59,8 @@ def load_robot(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Robot
         A path, or the name of a robot in `data/` ("biglide").
     overrides
         Texts as `--set` takes them: "slider.thickness=25mm", "link.mesh.size=6mm", "slider.compliance=beam".
+    tolerance
+        Text as `--tolerance` takes it ("0.1 %", "1e-3"): for the experiments on both parts, whatever the file says.
 
     Returns
     -------
@@ -81,8 +83,13 @@ def load_robot(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Robot
     data = copy.deepcopy(data)
     for override in overrides:
         key, value = _parse_override(override)
-        _assign(data, key, value, override)
+        _assign(data, key, value, f"--set {override}")
         changed[key] = f"--set {'.'.join(key)}"
+    if tolerance is not None:
+        for part in ("link", "slider"):
+            key = (part, "mesh", "tolerance")
+            _assign(data, key, tolerance, f"--tolerance {tolerance}")
+            changed[key] = "--tolerance"
     return _check(data, _Source(path, text, changed), overrides)
 
 
@@ -117,15 +124,15 @@ def _parse_override(text: str) -> tuple[tuple[str, ...], Any]:
         return key, value.strip()
 
 
-def _assign(data: dict[str, Any], key: tuple[str, ...], value: Any, override: str) -> None:
+def _assign(data: dict[str, Any], key: tuple[str, ...], value: Any, origin: str) -> None:
     table = data
     for i, part in enumerate(key[:-1]):
         table = table.setdefault(part, {})
         if not isinstance(table, dict):
-            raise InputError(f"--set {override}: {'.'.join(key[: i + 1])} is a value, not a table of parameters")
+            raise InputError(f"{origin}: {'.'.join(key[: i + 1])} is a value, not a table of parameters")
     if isinstance(table.get(key[-1]), dict) and not isinstance(value, dict):
         inside = ", ".join(table[key[-1]])
-        raise InputError(f"--set {override}: {'.'.join(key)} is a table; set one of its parameters: {inside}")
+        raise InputError(f"{origin}: {'.'.join(key)} is a table; set one of its parameters: {inside}")
     table[key[-1]] = value
 
 
@@ -158,7 +165,7 @@ def _check(data: dict[str, Any], source: _Source, overrides: Sequence[str]) -> R
         robot = RobotFile.model_validate(data)
     except ValidationError as error:
         key, message = _first(error, RobotFile)
-        others = error.error_count() - 1
+        others = len({(e["msg"], source.changed.get(e["loc"], e["loc"])) for e in error.errors()}) - 1
         raise source.refuse(key, message + (f" (and {others} more)" if others else "")) from error
     try:
         robot.check_parts()

@@ -1,94 +1,40 @@
-"""What a robot file may say: sections, keys, dimensions and limits, as pydantic models in SI.
+"""What a robot file may say: its sections as pydantic models in SI, those of the parts in `app.partfile`.
 
-A part's shape has the keys of `cad.link.LinkParameters` or `cad.slider.SliderParameters`: floats are lengths,
-whole numbers are counts. Importing this module imports pydantic; `app.robotfile` does so when a file is read.
+Importing this module imports pydantic; `app.robotfile` does so when a file is read.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import typing
 from collections.abc import Iterable  # noqa: TC003 (pydantic reads annotations)
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import (
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Discriminator,
-    PrivateAttr,
-    Tag,
-    ValidationInfo,
-    create_model,
-    field_validator,
-)
+from pydantic import Discriminator, Field, PrivateAttr, Tag, ValidationInfo, field_validator
 
 from app import quantities as q
-from cad.faces import ENDS, FaceSelector
+from app.fields import (
+    Acceleration,
+    Density,
+    Expansion,
+    Length,
+    LengthOrZero,
+    Mass,
+    Modulus,
+    Point,
+    Ratio,
+    Section,
+    Stiffness,
+)
+from app.partfile import LinkSection, PartSection, SliderSection  # noqa: TC001 (pydantic reads annotations)
 from cad.link import LinkParameters
 from cad.materials import AnyMaterial, Material, TransverselyIsotropic, material
 from cad.slider import SliderParameters
 from gap.vocabulary import VOCABULARY
 from stiffscope import InputError
 
-Source = Literal["fea", "beam", "published"]
 PartName = str
 PARTS = ("link", "slider")
-
-
-def _quantity(dimension: q.Dimension, sign: str = "positive") -> BeforeValidator:
-    return BeforeValidator(lambda value: q.to_si(value, dimension, sign=sign))
-
-
-Length = Annotated[float, _quantity(q.LENGTH)]
-LengthOrZero = Annotated[float, _quantity(q.LENGTH, "non-negative")]
-Coordinate = Annotated[float, _quantity(q.LENGTH, "any")]
-Modulus = Annotated[float, _quantity(q.MODULUS)]
-Ratio = Annotated[float, _quantity(q.NUMBER, "any")]
-Density = Annotated[float, _quantity(q.DENSITY)]
-Expansion = Annotated[float, _quantity(q.EXPANSION, "any")]
-Mass = Annotated[float, _quantity(q.MASS)]
-Stiffness = Annotated[float, _quantity(q.STIFFNESS)]
-Acceleration = Annotated[float, _quantity(q.ACCELERATION)]
-Duration = Annotated[float, _quantity(q.DURATION)]
-Point = tuple[Coordinate, Coordinate, Coordinate]
-Vector = tuple[Ratio, Ratio, Ratio]
-
-
-def _count(value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise ValueError(f"expected a whole number such as 4, got {q.shown(value)}")
-    return value
-
-
-def _mass_or_cad(value: Any) -> float | str:
-    if value == "cad":
-        return "cad"
-    try:
-        return q.to_si(value, q.MASS)
-    except ValueError as error:
-        raise ValueError(f'{error} (or "cad": the volume of the solid times its density)') from error
-
-
-def _length_or_auto(value: Any) -> float | None:
-    if value is None or value == "auto":
-        return None
-    try:
-        return q.to_si(value, q.LENGTH)
-    except ValueError as error:
-        raise ValueError(f'{error} (or "auto": what suits the part)') from error
-
-
-LengthOrAuto = Annotated[float | None, BeforeValidator(_length_or_auto)]
-Count = Annotated[int, BeforeValidator(_count)]
-MassOrCad = Annotated[float | Literal["cad"], BeforeValidator(_mass_or_cad)]
-
-
-class Section(BaseModel):
-    """A table of the robot file: nothing unknown is let in, nothing changes afterwards."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class Geometry(Section):
@@ -164,102 +110,13 @@ MaterialSection = Annotated[
 ]
 
 
-class Mesh(Section):
-    """How finely a part is meshed; None ("auto" in the file) leaves a length to `fea`."""
-
-    size: LengthOrAuto = None
-    envelope: LengthOrAuto = None
-    layers: Count = 1
-    time_limit: Duration = 120.0
-    solver: Literal["multigrid", "direct"] = "multigrid"
-
-
-def _position(value: Any) -> str | tuple[float, ...]:
-    if isinstance(value, list) and len(value) == 3:
-        x, y, z = (q.to_si(item, q.LENGTH, sign="any") for item in value)
-        return x, y, z
-    if isinstance(value, str) and value in ENDS:
-        return value
-    raise ValueError(f'expected one of {", ".join(ENDS)} or a point such as ["85 mm", 0, 0], got {q.shown(value)}')
-
-
-def _face_numbers(value: Any) -> tuple[int, ...]:
-    return tuple(_count(item) for item in (value if isinstance(value, list) else [value]))
-
-
-class Face(Section):
-    """A choice of faces by geometry; see `stiffscope faces FILE`."""
-
-    kind: str | None = None
-    normal: Vector | None = None
-    position: Annotated[str | tuple[float, ...], BeforeValidator(_position)] | None = None
-    radius: Length | None = None
-    index: Annotated[tuple[int, ...], BeforeValidator(_face_numbers)] | None = None
-
-    def selector(self) -> FaceSelector:
-        """The choice for cad."""
-        return FaceSelector(**dict(self))
-
-
-class Step(Section):
-    """A solid from a STEP file instead of the part's own shape; its faces by geometry, its axes by a frame."""
-
-    file: str
-    clamped: tuple[Face, ...] | None = None
-    loaded: tuple[Face, ...] | None = None
-    origin: Point = (0.0, 0.0, 0.0)
-    x: Vector = (1.0, 0.0, 0.0)
-    z: Vector = (0.0, 0.0, 1.0)
-    reference_point: Point | None = None
-
-
-class PartSection(Section):
-    """What every part says besides its shape."""
-
-    material: str
-    compliance: Source = "fea"
-    interface: Literal["rigid", "distributed"] = "rigid"
-    mesh: Mesh = Mesh()
-    step: Step | None = None
-
-    def shape(self) -> dict[str, float | int | str]:
-        """The parameters of the part's shape, SI."""
-        return {name: getattr(self, name) for name in type(self).model_fields if name not in _COMMON}
-
-    def lengths(self) -> dict[str, float]:
-        """The lengths among them, m."""
-        return {name: value for name, value in self.shape().items() if isinstance(value, float)}
-
-
-class _LinkSection(PartSection):
-    mass: MassOrCad = "cad"
-
-
-_COMMON = frozenset(_LinkSection.model_fields)
-
-
-def _with_shape(name: str, base: type[PartSection], parameters: type) -> type[PartSection]:
-    """A section with one key for each field of a part's parameters."""
-    kinds = {float: LengthOrZero, int: Count, str: str}
-    hints = typing.get_type_hints(parameters)
-    fields: dict[str, Any] = {}
-    for field in dataclasses.fields(parameters):
-        default = ... if field.default is dataclasses.MISSING else field.default
-        fields[field.name] = (kinds.get(hints[field.name], hints[field.name]), default)
-    return create_model(name, __base__=base, **fields)
-
-
-LinkSection = _with_shape("LinkSection", _LinkSection, LinkParameters)
-SliderSection = _with_shape("SliderSection", PartSection, SliderParameters)
-
-
 class Effect(Section):
     """An effect adopted from a diagnosis: the nominal robot carries it from then on."""
 
     effect: str
     place: str
-    parameters: dict[str, Ratio] = {}
-    provenance: dict[str, Any] = {}
+    parameters: dict[str, Ratio] = Field(default_factory=dict)
+    provenance: dict[str, Any] = Field(default_factory=dict)
 
     @field_validator("effect")
     @classmethod
@@ -298,8 +155,8 @@ class RobotFile(Section):
     slider: SliderSection  # type: ignore[valid-type]
     platform: Platform
     gravity: Gravity = Gravity()
-    materials: dict[str, MaterialSection] = {}
-    poses: dict[str, Point] = {}
+    materials: dict[str, MaterialSection] = Field(default_factory=dict)
+    poses: dict[str, Point] = Field(default_factory=dict)
     effects: tuple[Effect, ...] = ()
 
     _path: Path = PrivateAttr(default=Path())

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from app.compare import Comparison
+    from app.interfaces import Comparison as Interfaces
     from app.parts import PartResult
     from vjm.audit import Finding
 
@@ -39,20 +40,34 @@ def new_table(title: str, *columns: str) -> Table:
 
 
 def show_parts(results: Sequence[PartResult]) -> None:
-    """One line a part: mesh, mass, stage times, reused or computed."""
-    table = new_table(
-        "Parts", "part", "nodes", "tetrahedra", "volume error", "mass kg", "cad s", "mesh s", "solve s", ""
+    """One line a part: mesh, mass, bound, stage times, reused or computed; then what tolerance was not met and why."""
+    columns = (
+        "part",
+        "nodes",
+        "tetrahedra",
+        "volume error",
+        "mass kg",
+        "bound",
+        "wanted",
+        "cad s",
+        "mesh s",
+        "solve s",
     )
+    table = new_table("Parts", *columns, "")
     for result in results:
         facts = result.facts
-        mesh, seconds = facts["mesh"], facts["seconds"]
+        mesh, seconds, wanted = facts["mesh"], facts["seconds"], facts["tolerance"]
         off = facts["volume"] / facts["cad_volume"] - 1
         table.add_row(
             result.name, f"{mesh['nodes']:,}", f"{mesh['tetrahedra']:,}", f"{100 * off:+.4f} %", f"{facts['mass']:.3f}",
+            f"{100 * facts['relative_bound']:.2g} %", f"{100 * wanted:.3g} %" if wanted else "",
             *(f"{seconds[stage]:.1f}" for stage in ("cad", "mesh", "solve")),
             "reused" if result.reused else f"computed in {result.seconds:.1f} s",
         )  # fmt: skip
     console().print(table)
+    for result in results:
+        if result.note:
+            show_line(f"{result.name}: {result.note}\n")
 
 
 def show_comparison(comparison: Comparison) -> None:
@@ -69,6 +84,25 @@ def show_comparison(comparison: Comparison) -> None:
     for finding in comparison.findings:
         out.print(f"  {finding}.", markup=False)
     out.print()
+
+
+def show_interfaces(compared: Interfaces) -> None:
+    """What each choice of interface changes of each entry, and what the choices are."""
+    own = compared.own.choice
+    names = [tested.choice.name for tested in compared.others]
+    title = f"Compliance of the {compared.part} ({own.name}), and what other interfaces change"
+    table = new_table(title, "entry", "unit", "value", "± 95 %", *names)
+    for e in compared.entries:
+        changes = (f"{100 * c:+.1f} ± {100 * b:.2g} %" for c, b in zip(e.changes, e.bars, strict=True))
+        table.add_row(e.name, e.unit, f"{e.own:.6g}", _percent(e.error, e.own), *changes)
+    out = console()
+    out.print(table)
+    for tested in compared.others:
+        choice = tested.choice
+        chosen = " ".join(f"--set '{o}'" if " " in o else f"--set {o}" for o in choice.overrides)
+        out.print(f"  {choice.name}: {choice.words} ({chosen})", markup=False, soft_wrap=True)
+    for line in compared.left_out:
+        out.print(f"  {line}", markup=False, soft_wrap=True)
 
 
 def show_stiffness(
