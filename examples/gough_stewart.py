@@ -39,11 +39,9 @@ def cubic_platform(size, stiffness, height=0.0):
 if __name__ == "__main__":
     np.set_printoptions(precision=6, suppress=True)
     k, size = 1e6, 0.2
-    stiffness = as_stiffness(cubic_platform(size, k)) + 0.0
+    stiffness = as_stiffness(cubic_platform(size, k))
     closed = np.diag([2 * k] * 3 + [1.5 * k * size**2] * 2 + [6 * k * size**2])
-    print(
-        f"Cubic Gough-Stewart platform, struts {k:g} N/m, {size} m high: stiffness at the cube's centre, N/m and N·m/rad"
-    )
+    print(f"Cubic Gough-Stewart platform, struts of {k:g} N/m, {size} m high: stiffness at its centre, N/m, N·m/rad")
     print(np.round(stiffness, 6) + 0.0)
     print("Closed form")
     print(closed)
