@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 PLATE = "#dfe4e8"
 LINEAR = 10.0  # % below which the scale of changes is linear
 CAPTION = (
-    "Parts seen from above: held at the top, loaded at the bottom. Yellow: the entry grows, green: it shrinks. "
+    "Sketches from above: held at the top, loaded at the bottom. Yellow: the entry grows, green: it shrinks. "
     f"Whiskers: 95 % bounds. The scale is linear up to {LINEAR:g} %, logarithmic beyond."
 )
-SLENDER = 0.27  # depth over width of the sketch of a link, which is not to scale
+SLENDER = (0.16, 0.4)  # width and depth of the sketch of a link or of a STEP file's solid: not to scale
 
 
 def draw(compared: Comparison, title: str, target: Path) -> None:
@@ -32,13 +32,13 @@ def draw(compared: Comparison, title: str, target: Path) -> None:
     count = len(compared.others)
     with mpl.rc_context(STYLE):
         figure = new_figure(3.6 + 2.75 * count, 2.9 + 0.42 * len(compared.entries), title)
-        grid = figure.subplots(2, count + 1, height_ratios=[1.3, 2.9], width_ratios=[1.12] + [1] * count, squeeze=False)
+        grid = figure.subplots(2, count + 1, height_ratios=[1.3, 2.9], squeeze=False)
         for axes, tested in zip(grid[0], (compared.own, *compared.others), strict=True):
             _sketch(axes, tested)
         _values(grid[1, 0], compared)
         for k, axes in enumerate(grid[1, 1:]):
             _changes(axes, compared, k)
-        figure.supxlabel(CAPTION, fontsize=9, color=BEFORE)
+        figure.supxlabel(textwrap.fill(CAPTION, 42 * (count + 1)), fontsize=9, color=BEFORE)
         figure.savefig(target, dpi=130)
 
 
@@ -50,7 +50,7 @@ def _values(axes: Axes, compared: Comparison) -> None:
     for row, entry in enumerate(compared.entries):
         percent = 100 * entry.error / abs(entry.own)
         axes.text(0.0, row, f"$C_{{{entry.name[1:]}}}$", va="center", fontsize=11)
-        axes.text(0.76, row, f"{_power(entry.own)} {entry.unit}", va="center", ha="right", fontsize=9.5)
+        axes.text(0.73, row, f"{_power(entry.own)} {entry.unit}", va="center", ha="right", fontsize=9.5)
         axes.text(1.0, row, f"± {percent:.2g} %", va="center", ha="right", fontsize=9, color=BEFORE)
 
 
@@ -67,7 +67,7 @@ def _changes(axes: Axes, compared: Comparison, k: int) -> None:
     axes.barh(rows, changes, 0.62, xerr=bars, color=np.where(changes > 0, EFFECT, AFTER), ecolor=BEFORE, capsize=2.5)
     for row, (change, bar) in enumerate(zip(changes, bars, strict=True)):
         end, side = (change + bar, 1) if change > 0 else (change - bar, -1)
-        text = f"{change:+.{0 if abs(change) >= 99.95 else 1}f}".replace("-", "−")
+        text = f"{round(change, 1) + 0:+.{0 if abs(change) >= 99.95 else 1}f}".replace("-", "−")
         place: Any = {"va": "center", "ha": "left" if side > 0 else "right"}
         axes.annotate(text, (end, row), (5 * side, 0), textcoords="offset points", fontsize=9, **place)
     axes.set_xscale("symlog", linthresh=LINEAR, linscale=0.7)
@@ -90,23 +90,23 @@ def _sketch(axes: Axes, tested: Tested) -> None:
     """The part from above, held at the top and loaded at the bottom; lengths in widths of the part."""
     from matplotlib.patches import Rectangle
 
-    shape: Any = tested.order.shape
+    shape: Any = None if tested.order.step else tested.order.shape
     unit = getattr(shape, "width", 1.0)
-    depth = shape.depth / unit if hasattr(shape, "depth") else SLENDER
+    width, depth = (1.0, shape.depth / unit) if hasattr(shape, "depth") else SLENDER
     axes.set_title(tested.choice.name, fontsize=11, fontweight="bold", pad=4)
-    axes.add_patch(Rectangle((-0.5, 0), 1, depth, facecolor=PLATE, edgecolor=BEFORE, lw=1.0))
+    axes.add_patch(Rectangle((-width / 2, 0), width, depth, facecolor=PLATE, edgecolor=BEFORE, lw=1.0))
     if getattr(shape, "clamp", "face") == "holes":
         for y in shape.hole_positions:
             axes.plot(y / unit, depth - shape.hole_offset / unit, "o", ms=6, mfc=BEFORE, mec="white", mew=0.8)
     else:
-        _clamp(axes, depth, springs=tested.order.settings.foundation is not None)
+        _clamp(axes, width, depth, springs=tested.order.settings.foundation is not None)
     pads, rigid = getattr(shape, "pad_height", 0.0), tested.order.settings.interface == "rigid"
-    faces = [(y / unit, shape.pad_width / unit) for y in shape.pad_positions] if pads else [(0.0, 1.0)]
+    faces = [(y / unit, shape.pad_width / unit) for y in shape.pad_positions] if pads else [(0.0, width)]
     bottom = -max(pads / unit, 0.03) if pads else 0.0
-    for middle, width in faces:
+    for middle, across in faces:
         if pads:
-            axes.add_patch(Rectangle((middle - width / 2, bottom), width, -bottom, facecolor=PLATE, edgecolor=BEFORE))
-        _load(axes, middle, width, bottom, rigid=rigid)
+            axes.add_patch(Rectangle((middle - across / 2, bottom), across, -bottom, facecolor=PLATE, edgecolor=BEFORE))
+        _load(axes, middle, across, bottom, rigid=rigid)
     if pads and rigid:
         _load(axes, 0.0, abs(faces[1][0] - faces[2][0]) + faces[0][1], bottom, rigid=rigid)
     words = textwrap.fill(tested.choice.words, 40)
@@ -115,18 +115,18 @@ def _sketch(axes: Axes, tested: Tested) -> None:
     axes.axis("off")
 
 
-def _clamp(axes: Axes, depth: float, *, springs: bool) -> None:
+def _clamp(axes: Axes, width: float, depth: float, *, springs: bool) -> None:
     """Ground above the part, at it or a spring's length away."""
     from matplotlib.patches import Rectangle
 
     ground = depth + (0.09 if springs else 0.0)
-    band = Rectangle((-0.5, ground), 1, 0.05, facecolor="none", edgecolor=BEFORE, hatch="//////", lw=0)
+    band = Rectangle((-width / 2, ground), width, 0.05, facecolor="none", edgecolor=BEFORE, hatch="//////", lw=0)
     axes.add_patch(band)
-    axes.plot([-0.5, 0.5], [ground] * 2, color=BEFORE, lw=1.6)
+    axes.plot([-width / 2, width / 2], [ground] * 2, color=BEFORE, lw=1.6)
     if springs:
         heights = np.linspace(depth, ground, 8)
         zigzag = 0.022 * np.array([0, 0, 1, -1, 1, -1, 0, 0])
-        for middle in np.linspace(-0.44, 0.44, 9):
+        for middle in np.linspace(-0.44 * width, 0.44 * width, max(3, round(9 * width))):
             axes.plot(middle + zigzag, heights, color=BEFORE, lw=0.9)
 
 

@@ -39,7 +39,7 @@ AT_ONCE = 2  # experiments side by side: each may take gigabytes
 PAD_HEIGHT = 1 / 4  # of the thickness, for joint pads where the part has none
 HOLE_PITCH = 4.0  # thicknesses from one bolt hole to the next, for holes where the part has none
 OWN = "as in the robot file"
-APART = "the pads are loaded together here, not apart: one matrix is compared"
+APART = "the pads are loaded together here, not apart, so that there is one matrix (--set slider.pads=together)"
 
 
 @dataclass(frozen=True)

@@ -93,7 +93,7 @@ def show_interfaces(compared: Interfaces) -> None:
     title = f"Compliance of the {compared.part} ({own.name}), and what other interfaces change"
     table = new_table(title, "entry", "unit", "value", "± 95 %", *names)
     for e in compared.entries:
-        changes = (f"{100 * c:+.1f} ± {100 * b:.2g} %" for c, b in zip(e.changes, e.bars, strict=True))
+        changes = (f"{round(100 * c, 1) + 0:+.1f} ± {100 * b:.2g} %" for c, b in zip(e.changes, e.bars, strict=True))
         table.add_row(e.name, e.unit, f"{e.own:.6g}", _percent(e.error, e.own), *changes)
     out = console()
     out.print(table)
