@@ -89,7 +89,7 @@ class Experiment:
     flexibility : (6n, 6n) compliance of the n loaded interfaces together.
     flexibility_error : (6n, 6n) 95 % bounds on the distance to the exact elastic solution on the exact shape.
     reference_points : (n, 3) m.
-    clamp_point : (3,) m, mean of the clamped nodes.
+    clamp_point : (3,) m, centre of the clamped area.
     mesh : the quadratic mesh.
     displacement : (6n, nodes, 3) m per unit wrench.
     von_mises : (6n, nodes) Pa per unit wrench.
@@ -227,7 +227,7 @@ def examine(
 ) -> Experiment:
     """Run the experiment on plain numbers; see ``run_experiment``."""
     from fea.adapt import solve_within
-    from fea.shape import volume
+    from fea.shape import centroid, volume
     from fea.specimen import mesh_specimen
 
     begun = time.perf_counter()
@@ -250,7 +250,7 @@ def examine(
         part=specimen.name,
         interface=settings.interface,
         reference_points=np.array([point for _, point in specimen.loaded]),
-        clamp_point=mesh.points[mesh.nodes_of(specimen.clamped)].mean(axis=0),
+        clamp_point=centroid(mesh.points, mesh.facets_of(specimen.clamped)),
         mesh=mesh,
         volume=volume(mesh.points, mesh.cells),
         cad_volume=specimen.volume,
