@@ -1,9 +1,12 @@
 """CalculiX, MFEM and plain scikit-fem beside ours: the same mesh, clamp, rigid face and six loads; then from the CAD.
 
 ``pytest -m benchmark -s tests/benchmarks/test_calculix.py``; prints Markdown tables. Every figure is of a whole fresh
-process: imports, reading or meshing, deck, solver, result. The differing quadrature of curved elements alone moves the
-link by 1e-3 (CalculiX's C3D10 has four points, ours eleven), so ours takes four points where CalculiX is compared and
-more where the others are. sfepy is not compared: its meshes have straight sides only.
+process: imports, reading or meshing, deck, solver, result.
+
+Quadrature in curved elements matters: CalculiX's C3D10 has four points, ours and scikit-fem's forms eleven, and on the
+link, all curved, that moves entries by 1e-3 (MFEM with four points agrees with CalculiX, with more with ours). So both
+take as many points on the same mesh: four beside CalculiX and MFEM, eleven beside scikit-fem. sfepy is not compared:
+its meshes have straight sides only.
 
 The last table is what a user pays for 0.1 % of true error. CalculiX gets our mesher and our grading at the singular
 edges, in several finenesses, the cheapest that suffices counting. The reference is kept as npz in the folder
@@ -43,13 +46,13 @@ def stored(request, tmp_path_factory):
     return request.param, str(path)
 
 
-@pytest.mark.parametrize(("code", "order"), [("CalculiX", 2), ("MFEM", 6), ("scikit-fem", 6)])
+@pytest.mark.parametrize(("code", "order"), [("CalculiX", 2), ("MFEM", 2), ("scikit-fem", 4)])
 def test_same_mesh_same_answer(stored, code, order):
-    """All 36 entries side by side, ours with quadrature of the other's order; seconds and memory."""
+    """All 36 entries side by side, both with quadrature of the same order; seconds and memory."""
     need(code)
     name, path = stored
     mine = measured(code="ours", mesh=path, order=order)
-    theirs = measured(code=code, mesh=path)
+    theirs = measured(code=code, mesh=path, order=order)
     ours, other = mine["compliance"], theirs["compliance"]
     worst = (np.abs(ours - other) / np.sqrt(np.outer(ours.diagonal(), ours.diagonal()))).max()
     print(f"\n| {name}: ours / {code} | " + " | ".join("123456") + " |\n" + "|---" * 7 + "|")
@@ -58,7 +61,7 @@ def test_same_mesh_same_answer(stored, code, order):
         print(f"| {i + 1} | {' | '.join(cells)} |")
     print("\n| part | dofs | other code | ours | other | largest difference of 36 |\n" + "|---" * 6 + "|")
     print(f"| {name} | {mine['dofs']} | {code} | {cost(mine)} | {cost(theirs)} | {worst:.0e} |", flush=True)
-    assert worst < 1e-5
+    assert worst < 2e-6  # CalculiX prints seven digits
 
 
 @pytest.mark.parametrize("name", PARAMETERS)
