@@ -250,7 +250,7 @@ def examine(
         part=specimen.name,
         interface=settings.interface,
         reference_points=np.array([point for _, point in specimen.loaded]),
-        clamp_point=centroid(mesh.points, mesh.facets_of(specimen.clamped)),
+        clamp_point=centroid(mesh.points[mesh.facets_of(specimen.clamped)]),
         mesh=mesh,
         volume=volume(mesh.points, mesh.cells),
         cad_volume=specimen.volume,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fea.cubic import facet_cubics
-from fea.shape import facet_rule, facet_slopes, facet_values
+from fea.shape import area_elements, facet_rule, facet_values
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -31,9 +31,8 @@ def bed(points: Floats, facets: Ints, space: Cubic, modulus: float) -> csr_array
     """
     from scipy.sparse import csr_array
 
-    at, weights = facet_rule(ORDER)
-    tangents = np.einsum("qnd,kni->kqdi", facet_slopes(at), points[facets])
-    area = np.linalg.norm(np.cross(tangents[:, :, 0], tangents[:, :, 1]), axis=2) * weights  # (k, q)
+    at, _ = facet_rule(ORDER)
+    area = area_elements(points[facets], ORDER)
     functions, values = facet_cubics(space, facets, at)
     nodal = np.broadcast_to(facet_values(at), (len(facets), len(at), 6))
     shape = np.concatenate([nodal, values], axis=2)  # (k, q, 10)

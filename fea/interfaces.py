@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fea.shape import facet_rule, facet_slopes, facet_values
+from fea.shape import area_elements, facet_rule, facet_values
 from fea.solvers import factorized
 from stiffscope import InputError
 
@@ -134,10 +134,9 @@ def factorize(stiffness: csr_array, supports: Supports) -> Solve:
 
 def tractions(points: Floats, port: Port, order: int = 4) -> tuple[Floats, Floats]:
     """Return (k, q, 3, 6) tractions times area of unit wrenches at the facets' quadrature points, and (q, 2)."""
-    at, weights = facet_rule(order)
+    at, _ = facet_rule(order)
     corners = points[port.facets]  # (k, 6, 3)
-    tangents = np.einsum("qnd,kni->kqdi", facet_slopes(at), corners)
-    area = np.linalg.norm(np.cross(tangents[:, :, 0], tangents[:, :, 1]), axis=2) * weights  # (k, q)
+    area = area_elements(corners, order)
     where = np.einsum("qn,kni->kqi", facet_values(at), corners)
     modes = rigid_modes(where.reshape(-1, 3), port.reference_point).reshape(*where.shape, 6)
     gram = np.einsum("kq,kqia,kqib->ab", area, modes, modes)

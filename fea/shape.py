@@ -111,12 +111,17 @@ def evaluate(corners: Floats, points: Floats) -> Floats:
     return np.einsum("mn,mni->mi", weights, corners)
 
 
-def centroid(points: Floats, facets: Ints) -> Floats:
-    """Return (3,) the centre (m) of the area of curved triangles with nodes (k, 6)."""
-    at, weights = facet_rule()
-    tangents = np.einsum("qnd,kni->kqdi", facet_slopes(at), points[facets])
-    area = np.linalg.norm(np.cross(tangents[:, :, 0], tangents[:, :, 1]), axis=2) * weights
-    return np.einsum("kq,qn,kni->i", area, facet_values(at), points[facets]) / area.sum()
+def area_elements(corners: Floats, order: int = 4) -> Floats:
+    """Return (k, q) the area (m²) that each point of ``facet_rule`` stands for in curved triangles (k, 6, 3)."""
+    at, weights = facet_rule(order)
+    tangents = np.einsum("qnd,kni->kqdi", facet_slopes(at), corners)
+    return np.linalg.norm(np.cross(tangents[:, :, 0], tangents[:, :, 1]), axis=2) * weights
+
+
+def centroid(corners: Floats) -> Floats:
+    """Return (3,) the centre (m) of the area of curved triangles (k, 6, 3)."""
+    area = area_elements(corners)
+    return np.einsum("kq,qn,kni->i", area, facet_values(facet_rule()[0]), corners) / area.sum()
 
 
 def volume(points: Floats, cells: Ints) -> float:
