@@ -101,8 +101,9 @@ def shape_error(specimen: Specimen, mesh: TetMesh) -> float:
 
 def face_areas(mesh: TetMesh, count: int) -> Floats:
     """Return (count,) the area (m²) that the mesh gives to each CAD face."""
-    areas = area_elements(mesh.points[mesh.facets]).sum(axis=1)
-    return np.bincount(mesh.facet_face, areas, count)
+    total = np.zeros(count)
+    np.add.at(total, mesh.facet_face, area_elements(mesh.points[mesh.facets]).sum(axis=1))
+    return total
 
 
 def _check(specimen: Specimen, mesh: TetMesh) -> None:
