@@ -12,17 +12,17 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from fea.elasticity import assemble
+from fea.elasticity import assemble, isotropic
 from fea.interfaces import Port, dofs_of, support, unit_loads
 from fea.multigrid import prepare
-from tests.benchmarks.test_calculix import PARTS, meshed
+from tests.benchmarks.calculix_jobs import meshed
 
 pytestmark = pytest.mark.benchmark
 LARGE = """
 import json, resource, sys, time
 from fea.experiment import Settings, run_experiment
-from tests.benchmarks.test_calculix import PARTS
-e = run_experiment(PARTS["slider"](), Settings(size=float(sys.argv[1]), time_limit=600))
+from tests.benchmarks.calculix_jobs import build
+e = run_experiment(build("slider"), Settings(size=float(sys.argv[1]), time_limit=600))
 print(json.dumps({"dofs": 3 * len(e.mesh.points), "unknowns": e.unknowns, "seconds": e.seconds,
                   "peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6, "bound": e.relative_bound}))
 """
@@ -53,13 +53,10 @@ def factorized_by_pardiso(stiffness, supports, loads):
 
 @pytest.mark.parametrize(("name", "factor"), [("link", 1.0), ("slider", 1.0), ("slider", 0.45)])
 def test_two_levels_beside_a_factorization(name, factor):
-    part = PARTS[name]()
-    mesh, size = meshed(part)
-    if factor != 1.0:
-        mesh, _ = meshed(part, factor * size)
-    stiffness = assemble(mesh, part.material.elasticity())
-    ports = (Port(mesh.facets_of(part.loaded[0].faces), part.loaded[0].reference_point, "distributed"),)
-    supports = support(mesh, mesh.nodes_of(part.clamped), ports)
+    mesh = meshed(name, factor)
+    stiffness = assemble(mesh, isotropic(mesh.youngs_modulus, mesh.youngs_modulus / (2 + 2 * mesh.poisson)))
+    ports = (Port(mesh.facets, mesh.point, "distributed"),)
+    supports = support(mesh, mesh.clamped, ports)
     loads = unit_loads(mesh.points, supports, ports)
     ways = {"two levels": lambda: prepare(mesh, stiffness, supports, "multigrid").solve(loads)}
     if find_spec("pypardiso"):
