@@ -163,7 +163,7 @@ def _over(robot: Robot, poses: ArrayLike, work: Callable[[Array], Array]) -> Arr
 
 
 def _distinct(rows: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Where each distinct row (n, k) first stands, and which of these every row is; np.unique takes six times as long."""
+    """Where each distinct row (n, k) first stands, and which of them every row is; a sixth of np.unique's time."""
     order = np.lexsort(rows.T)
     ordered = rows[order]
     fresh = np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))
