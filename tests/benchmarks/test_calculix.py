@@ -30,7 +30,11 @@ TARGET = 1e-3
 HINTS = {"CalculiX": "Debian: calculix-ccx", "MFEM": "pip install mfem", "scikit-fem": "pip install scikit-fem"}
 PRESENT = {"CalculiX": calculix.ccx(), "MFEM": find_spec("mfem"), "scikit-fem": find_spec("skfem")}
 OURS = ({}, {"tolerance": 3e-3}, {"tolerance": TARGET})
-SWEEP = ((1, 1), (1, 2), (0.7, 2), (0.7, 3), (0.5, 3), (0.35, 3))  # times the default size, layers at singular edges
+SWEEP = {  # times the default size, layers at singular edges; what was measured not to suffice is left out but for one
+    "link": ((1, 1), (0.7, 2)),
+    "slider": ((0.5, 3), (0.3, 2), (0.25, 2)),
+    "ribbed slider": ((0.5, 3), (0.35, 3)),  # 0.25 takes more than seven minutes
+}
 
 
 def need(code):
@@ -83,7 +87,7 @@ def test_time_to_a_tenth_of_a_percent(name, pytestconfig):
     finer, bound = reference(name, pytestconfig)
     print(f"\n{name}: the reference's own bound is {bound:.1e}")
     mine = cheapest(finer, ({"code": "experiment", "settings": settings} for settings in OURS), name)
-    theirs = cheapest(finer, ({"code": "CalculiX", "size": size, "layers": n} for size, n in SWEEP), name)
+    theirs = cheapest(finer, ({"code": "CalculiX", "size": size, "layers": n} for size, n in SWEEP[name]), name)
     print("\n| to 0.1 % true error | ours | CalculiX | seconds, times | memory, times |\n" + "|---" * 5 + "|")
     ratios = "| not reached |  |"
     if mine and theirs:
