@@ -1,13 +1,12 @@
-"""Stiffness of a robot at many poses: chunks of the stack on all cores, mobility, sag, forces."""
+"""Stiffness of a robot at many poses: each stance once, in chunks of the stack; mobility, sag."""
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebvander
 
 from stiffscope import InputError
 from vjm.biglide import Biglide
@@ -25,7 +24,10 @@ if TYPE_CHECKING:
     from vjm.screws import Array
 
 Gravity = Literal["none", "literal", "exact"]
-CHUNK = 4096  # poses; what is at work stays within the processor's cache
+CHUNK = 2048  # poses; what is at work stays within the processor's cache
+_FEW = 1024  # poses, below which a series costs more than it spares
+_DEGREE = 24  # of a series along a robot's only parameter
+_ALIKE = 3e-12  # what it may be off, as a share of the largest entry of the same unit
 _FREE = 1e-9  # relative principal stiffness below which a direction is free
 _NEAR = 1e-6  # and below which the pose is near singular
 
@@ -154,12 +156,50 @@ def singular_note(matrix: Array) -> str | None:
 
 
 def _over(robot: Robot, poses: ArrayLike, work: Callable[[Array], Array]) -> Array:
-    """Work on chunks of distinct stances, on all cores; memory grows with the result alone."""
+    """Work on distinct stances only; on a few of them where one number makes a stance and a series tells the rest."""
     points = checked_poses(poses)
-    first, again = _distinct(robot.stance(points))
-    if len(first) < len(points):
-        return _chunked(points[first], work)[again]
-    return _chunked(points, work)
+    stances = robot.stance(points)
+    first, again = _distinct(stances)
+    if stances.shape[1] == 1:
+        return _along(points[first], stances[first, 0], work)[again]
+    return _chunked(points[first], work)[again]
+
+
+def _along(points: Array, stance: Array, work: Callable[[Array], Array]) -> Array:
+    """Work at points (n, 3) whose stance (n,), ascending, is one number: by a series where one holds, else by halves."""
+    if len(points) < _FEW:
+        return _chunked(points, work)
+    unit = (2.0 * stance - stance[0] - stance[-1]) / (stance[-1] - stance[0])
+    told = _told(points, unit, work)
+    if told is None:
+        middle = int(np.searchsorted(unit, 0.0))
+        halves = slice(middle), slice(middle, None)
+        return np.concatenate([_along(points[half], stance[half], work) for half in halves])
+    return told
+
+
+def _told(points: Array, unit: Array, work: Callable[[Array], Array]) -> Array | None:
+    """Work by a Chebyshev series along ``unit`` (n,) from -1 to 1, fitted at some points; None where others belie it."""
+    nodes = np.cos(np.linspace(0.0, np.pi, 4 * _DEGREE + 1)).clip(max=unit[-1])
+    some = np.unique(np.searchsorted(unit, nodes))
+    if len(some) < 3 * _DEGREE:
+        return None
+    known = work(points[some])
+    flat = known.reshape(len(some), -1)
+    series = np.linalg.lstsq(chebvander(unit[some[::2]], _DEGREE), flat[::2])[0]
+    off = np.abs(chebvander(unit[some[1::2]], _DEGREE) @ series - flat[1::2]).max(axis=0)
+    if not (off <= _ALIKE * _size(known).ravel()).all():
+        return None
+    return _chunked(unit, lambda u: chebvander(u, _DEGREE) @ series).reshape(len(points), *known.shape[1:])
+
+
+def _size(values: Array) -> Array:
+    """Largest of the entries that have an entry's unit, over stacked screws (n, 6) or matrices (n, 6, 6)."""
+    size = np.abs(values).max(axis=0)
+    for axis in range(size.ndim):
+        halves = [np.broadcast_to(h.max(axis, keepdims=True), h.shape) for h in np.split(size, 2, axis)]
+        size = np.concatenate(halves, axis)
+    return size
 
 
 def _distinct(rows: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -172,16 +212,11 @@ def _distinct(rows: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return order[fresh], again
 
 
-def _chunked(points: Array, work: Callable[[Array], Array]) -> Array:
-    parts = [points[start : start + CHUNK] for start in range(0, len(points), CHUNK)]
-    first = work(parts[0])
-    out = np.empty((len(points), *first.shape[1:]))
+def _chunked(rows: Array, work: Callable[[Array], Array]) -> Array:
+    """Work on some rows at a time: memory grows with the result alone."""
+    first = work(rows[:CHUNK])
+    out = np.empty((len(rows), *first.shape[1:]))
     out[:CHUNK] = first
-
-    def fill(k: int) -> None:
-        out[k * CHUNK : (k + 1) * CHUNK] = work(parts[k])
-
-    if len(parts) > 1:
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
-            list(pool.map(fill, range(1, len(parts))))
+    for start in range(CHUNK, len(rows), CHUNK):
+        out[start : start + CHUNK] = work(rows[start : start + CHUNK])
     return out

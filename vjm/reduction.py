@@ -315,8 +315,8 @@ def _stiffened(form: Flexible | Stiff, name: str) -> Stiff:
         return form
     carries = _carried(form.free)
     core = np.swapaxes(carries, -1, -2) @ form.compliance @ carries
-    unused = 1.0 - np.einsum("...ij,...ij->...j", carries, carries)
-    inverse = _inverse(core + unused[..., None] * np.eye(6), name)
+    idle = np.asarray(~carries.any(axis=-2))  # exactly: what rounding leaves would stiffen or soften what does carry
+    inverse = _inverse(core + idle[..., None] * np.eye(6), name)
     stiffness = _symmetric(carries @ inverse @ np.swapaxes(carries, -1, -2))
     held = -np.swapaxes(form.regained, -1, -2) @ form.constraint
     return Stiff(stiffness, held - stiffness @ (form.offset + form.compliance @ held), form.load)

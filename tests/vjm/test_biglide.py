@@ -11,6 +11,7 @@ from tests.vjm.direct_stiffness import biglide
 from vjm.analysis import analyse, stiffness
 from vjm.biglide import Biglide, link_angle, pose_at, reachable, slides, tool_point
 from vjm.deflection import deflection, load_deflection
+from vjm.elastic import Spring
 from vjm.uncertainty import stiffness_error
 
 MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0, -1.0, -1.0])
@@ -22,11 +23,15 @@ def test_agrees_with_direct_stiffness_for_random_full_components(rng):
     slider = random_compliance(rng, published_slider())
     ours = stiffness(Biglide(GEOMETRY, link, slider, DRIVE), poses)
     theirs = np.array([biglide(GEOMETRY, link, slider, DRIVE, p) for p in poses])
-    scale = np.sqrt(np.einsum("ni,nj->nij", *[np.diagonal(theirs, axis1=1, axis2=2)] * 2))
     assert len(poses) == 200
-    assert np.abs((ours - theirs) / scale).max() < 1e-11
-    large = np.abs(theirs) > 1e-3 * scale  # the others are differences of large numbers in both models
+    assert np.abs((ours - theirs) / scale(theirs)).max() < 1e-11
+    large = np.abs(theirs) > 1e-3 * scale(theirs)  # the others are differences of large numbers in both models
     assert np.abs((ours / theirs - 1.0)[large]).max() < 1e-9
+
+
+def scale(matrix):
+    """Size of every entry of stiffnesses (n, 6, 6), by the principal entries of its row and column."""
+    return np.sqrt(np.einsum("nii,njj->nij", matrix, matrix))
 
 
 def test_mirror_poses_have_mirrored_stiffness(robot):
@@ -42,10 +47,27 @@ def test_kinematics_close(rng):
     )
 
 
-def test_chunks_and_threads_change_nothing(robot, rng):
-    poses = random_poses(rng, 60)
-    many = np.tile(poses, (200, 1))
-    assert np.allclose(stiffness(robot, many)[-60:], stiffness(robot, poses), rtol=1e-12)
+@pytest.mark.parametrize("gravity", ["none", "literal", "exact"])
+def test_many_poses_at_once_agree_with_a_few(robot, rng, gravity):
+    poses = random_poses(rng, 4000)
+    some = poses[::100]
+    alone = stiffness(robot, some, gravity=gravity)
+    spread = stiffness(robot, poses, gravity=gravity)[::100]
+    repeated = stiffness(robot, np.tile(some, (100, 1)), gravity=gravity)[-len(some) :]
+    assert np.abs((spread - alone) / scale(alone)).max() < 1e-10
+    assert np.abs((repeated - alone) / scale(alone)).max() < 1e-12
+
+
+def test_what_no_series_can_follow_is_worked_out(rng):
+    class Jagged:
+        def stance(self, poses):
+            return poses[:, 2:]
+
+        def tree(self, poses):
+            return Spring("spring", np.eye(6) * (1.5 + np.sign(poses[:, 2] - 0.3) + np.abs(poses[:, 2]))[:, None, None])
+
+    poses = random_poses(rng, 20_000)
+    assert np.allclose(stiffness(Jagged(), poses)[::50], stiffness(Jagged(), poses[::50]), rtol=1e-11)
 
 
 @pytest.mark.parametrize(
