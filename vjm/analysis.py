@@ -166,7 +166,7 @@ def _over(robot: Robot, poses: ArrayLike, work: Callable[[Array], Array]) -> Arr
 
 
 def _along(points: Array, stance: Array, work: Callable[[Array], Array]) -> Array:
-    """Work at points (n, 3) whose stance (n,), ascending, is one number: by a series where one holds, else by halves."""
+    """Work at points (n, 3) of a stance (n,), ascending, that is one number: by a series where one holds."""
     if len(points) < _FEW:
         return _chunked(points, work)
     unit = (2.0 * stance - stance[0] - stance[-1]) / (stance[-1] - stance[0])
@@ -179,7 +179,7 @@ def _along(points: Array, stance: Array, work: Callable[[Array], Array]) -> Arra
 
 
 def _told(points: Array, unit: Array, work: Callable[[Array], Array]) -> Array | None:
-    """Work by a Chebyshev series along ``unit`` (n,) from -1 to 1, fitted at some points; None where others belie it."""
+    """Work by a Chebyshev series along ``unit`` (n,), -1 to 1, fitted at some points; None where others belie it."""
     nodes = np.cos(np.linspace(0.0, np.pi, 4 * _DEGREE + 1)).clip(max=unit[-1])
     some = np.unique(np.searchsorted(unit, nodes))
     if len(some) < 3 * _DEGREE:
