@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 CURVED_ORDER = 6
-CHUNK = 512
+CHUNK, BATCH = 512, 128  # elements that a core works on at once; chunks whose results are held at once
 TRIPLES = np.sort(FACES, axis=1)
 
 
@@ -58,6 +58,15 @@ class Cubic:
     def count(self) -> int:
         """Number of functions, three degrees of freedom each."""
         return self.base + len(self.mids) + len(self.faces)
+
+    def batches(self) -> list[list[_Group]]:
+        """Return the elements in chunks, so many at a time that what they give fits beside the rest."""
+        chunks = [
+            _Group(group.elements[k : k + CHUNK], group.table, group.elasticity[k : k + CHUNK])
+            for group in self.groups
+            for k in range(0, len(group.elements), CHUNK)
+        ]
+        return [chunks[k : k + BATCH] for k in range(0, len(chunks), BATCH)]
 
     def of_mids(self, mids: Ints) -> Ints:
         """Return the edge functions of the edges with the given mid nodes."""
@@ -192,32 +201,39 @@ def _operator(space: Cubic, supports: Supports, free: Ints, springs: csr_array |
     """Return the product with the enlarged stiffness, element by element, and the inverse of its 3 x 3 blocks."""
     from scipy.sparse import bsr_array, csr_array
 
-    m = len(space.cells)
-    scatter = csr_array((np.ones(20 * m), (space.cells.reshape(-1), np.arange(20 * m))), shape=(space.count, 20 * m))
+    batches, scatters, diagonal = space.batches(), [], np.zeros((space.count, 9))
+    for batch in batches:
+        cells = space.cells[np.concatenate([chunk.elements for chunk in batch])].reshape(-1)
+        spread = (np.ones(len(cells)), (cells, np.arange(len(cells))))
+        scatters.append(csr_array(spread, shape=(space.count, len(cells))))
+        diagonal += scatters[-1] @ np.concatenate([_own(chunk) for chunk in batch]).reshape(-1, 9)
     base, high = 3 * space.base, (3 * free[:, None] + np.arange(3)).reshape(-1)
 
     def apply(coordinates: Floats) -> Floats:
         loads = coordinates.shape[1]
         motion = unfolded(space, supports, free, coordinates)
-        local = element_forces(space, motion.reshape(-1, 3, loads))
-        forces = scatter @ local.reshape(20 * m, 3 * loads)
+        forces = np.zeros((space.count, 3 * loads))
+        for batch, scatter in zip(batches, scatters, strict=True):
+            forces += scatter @ element_forces(space, batch, motion.reshape(-1, 3, loads)).reshape(-1, 3 * loads)
         if springs is not None:
             forces += springs @ motion.reshape(-1, 3 * loads)
         forces = forces.reshape(-1, loads)
         return np.vstack([supports.restrict(forces[:base]), forces[high]])
 
-    own = np.empty((m, 20, 9))
-    for group in space.groups:
-        pairs = np.einsum("rpa,spa->prsa", group.table, group.table)
-        if group.elasticity.shape[1] == 1:
-            pairs = pairs.sum(axis=0, keepdims=True)
-        tensor = group.elasticity.reshape(*group.elasticity.shape[:2], 3, 3, 3, 3)
-        own[group.elements] = np.einsum("prsa,cprisj->caij", pairs, tensor, optimize=True).reshape(-1, 20, 9)
-    diagonal = (scatter @ own.reshape(20 * m, 9))[free].reshape(-1, 3, 3)
+    diagonal = diagonal[free].reshape(-1, 3, 3)
     if springs is not None:
         diagonal += springs.diagonal()[free][:, None, None] * np.eye(3)
     steps = np.arange(len(free) + 1)
     return apply, bsr_array((np.linalg.inv(diagonal), steps[:-1], steps))
+
+
+def _own(chunk: _Group) -> Floats:
+    """Return (c, 20, 9) the 3 x 3 stiffness of each function on itself."""
+    pairs = np.einsum("rpa,spa->prsa", chunk.table, chunk.table)
+    if chunk.elasticity.shape[1] == 1:
+        pairs = pairs.sum(axis=0, keepdims=True)
+    tensor = chunk.elasticity.reshape(*chunk.elasticity.shape[:2], 3, 3, 3, 3)
+    return np.einsum("prsa,cprisj->caij", pairs, tensor, optimize=True).reshape(-1, 20, 9)
 
 
 def unfolded(space: Cubic, supports: Supports, free: Ints, coordinates: Floats) -> Floats:
@@ -242,29 +258,30 @@ def element_energies(mesh: TetMesh, space: Cubic, supports: Supports, gained: Fl
     for start in range(0, gained.shape[1], 6):
         columns = slice(start, start + 6)
         motion = unfolded(space, supports, free, gained[:, columns]).reshape(space.count, 3, -1)
-        energies[:, columns] = np.einsum("cail,cail->cl", element_forces(space, motion), motion[space.cells])
+        for batch in space.batches():
+            elements = np.concatenate([chunk.elements for chunk in batch])
+            forces = element_forces(space, batch, motion)
+            energies[elements, columns] = np.einsum("cail,cail->cl", forces, motion[space.cells[elements]])
     return energies
 
 
-def element_forces(space: Cubic, motion: Floats) -> Floats:
-    """Return (m, 20, 3, loads) the forces of each element on its functions, for (count, 3, loads) coefficients."""
+def element_forces(space: Cubic, batch: list[_Group], motion: Floats) -> Floats:
+    """Return (m, 20, 3, loads) the forces of a batch's m elements on their functions, for (count, 3, loads) motions."""
     loads = motion.shape[2]
-    local = np.empty((len(space.cells), 20, 3, loads))
+    starts = np.cumsum([0, *(len(chunk.elements) for chunk in batch)])
+    local = np.empty((starts[-1], 20, 3, loads))
 
-    def fill(group: _Group, start: int) -> None:
-        points = group.table.shape[1]
-        table = group.table.reshape(3 * points, 20)
-        some = group.elements[start : start + CHUNK]
-        c, sign = len(some), space.signs[some].T[:, :, None, None]
-        given = (motion[space.cells[some].T] * sign).reshape(20, -1)  # (20, c 3 loads)
+    def fill(chunk: _Group, start: int) -> None:
+        points = chunk.table.shape[1]
+        table = chunk.table.reshape(3 * points, 20)
+        c, sign = len(chunk.elements), space.signs[chunk.elements].T[:, :, None, None]
+        given = (motion[space.cells[chunk.elements].T] * sign).reshape(20, -1)  # (20, c 3 loads)
         slope = (table @ given).reshape(3, points, c, 3, loads).transpose(2, 1, 0, 3, 4)  # (c, p, r, i, loads)
-        tensor = group.elasticity[start : start + CHUNK]
-        stress = tensor @ slope.reshape(c, points, 9, loads)
+        stress = chunk.elasticity @ slope.reshape(c, points, 9, loads)
         stress = stress.reshape(c, points, 3, 3, loads).transpose(2, 1, 0, 3, 4).reshape(3 * points, -1)
-        local[some] = ((table.T @ stress).reshape(20, c, 3, loads) * sign).transpose(1, 0, 2, 3)
+        local[start : start + c] = ((table.T @ stress).reshape(20, c, 3, loads) * sign).transpose(1, 0, 2, 3)
 
-    chunks = [(group, start) for group in space.groups for start in range(0, len(group.elements), CHUNK)]
-    on_all_cores(fill, *zip(*chunks, strict=True))
+    on_all_cores(fill, batch, starts[:-1])
     return local
 
 

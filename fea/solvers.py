@@ -70,21 +70,24 @@ def conjugate_gradients(
 
     Returns the motion, and whether that came to pass within ``limit`` steps.
     """
+    motion = motion.copy()
     residual = force - apply(motion)
     step = precondition(residual)
     fall = np.einsum("ij,ij->j", residual, step)
     direction = step
     gained = np.full(force.shape[1], np.finfo(float).tiny)
-    for _ in range(limit):
+    for _ in range(limit):  # in place: these arrays are the most that a large problem holds
         pushed = apply(direction)
         length = fall / np.maximum(np.einsum("ij,ij->j", direction, pushed), np.finfo(float).tiny)
-        motion = motion + length * direction
-        residual = residual - length * pushed
+        motion += length * direction
+        pushed *= length
+        residual -= pushed
         gain = length * fall  # what this step adds to each compliance
         gained += gain
         if (gain < 0.1 * tolerance * gained).all():
             return motion, True
         step = precondition(residual)
         before, fall = fall, np.einsum("ij,ij->j", residual, step)
-        direction = step + fall / np.maximum(before, np.finfo(float).tiny) * direction
+        direction *= fall / np.maximum(before, np.finfo(float).tiny)
+        direction += step
     return motion, False

@@ -84,9 +84,9 @@ def in_ours(problem, job):
 
 
 def in_mfem(problem, job):
-    """Stiffness by MFEM's elasticity integrator; rigid face by our tie; SciPy's SuperLU.
+    """Stiffness by MFEM's elasticity integrator; rigid face and solution as in ours.
 
-    The face as in ours, since MFEM has no rigid bodies; SuperLU, since MFEM's wheel brings no direct solver.
+    MFEM has no rigid bodies, and its wheel brings no direct solver.
     """
     import mfem.ser as mfem
     from scipy.sparse import csr_array
@@ -124,7 +124,7 @@ def in_mfem(problem, job):
 
 
 def in_scikit_fem(problem, job):
-    """Stiffness by scikit-fem's own form and quadrature; rigid face by our tie; SciPy's SuperLU."""
+    """Stiffness by scikit-fem's own form and quadrature; rigid face and solution as in ours."""
     del job
     from skfem import Basis, ElementTetP2, ElementVector, MeshTet2
     from skfem.models.elasticity import lame_parameters, linear_elasticity
@@ -143,13 +143,14 @@ def in_scikit_fem(problem, job):
 
 
 def tied(problem, stiffness):
-    """Compliance of an assembled stiffness with the clamp and the rigid face of ``fea.interfaces``, by SuperLU."""
-    from fea.interfaces import Port, factorize, support, unit_loads
+    """Compliance of an assembled stiffness with the clamp, the rigid face and the solver of ours."""
+    from fea.interfaces import Port, support, unit_loads
+    from fea.multigrid import prepare
 
     ports = (Port(problem.facets, problem.point, "rigid"),)
     supports = support(problem, problem.clamped, ports)
     loads = unit_loads(problem.points, supports, ports)
-    return loads.T @ factorize(stiffness, supports)(loads)
+    return loads.T @ prepare(problem, stiffness, supports).solve(loads)
 
 
 CODES = {"ours": in_ours, "CalculiX": in_calculix, "MFEM": in_mfem, "scikit-fem": in_scikit_fem}
