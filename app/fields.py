@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict
 
 from app import quantities as q
+from fea.experiment import MOST_LAYERS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,6 +36,12 @@ def whole(value: Any) -> int:
     """A whole number from 0 on; ValueError for anything else."""
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
         raise ValueError(f"expected a whole number such as 4, got {q.shown(value)}")
+    return value
+
+
+def _layers(value: Any) -> int:
+    if whole(value) > MOST_LAYERS:
+        raise ValueError(f"expected 0 to {MOST_LAYERS} thin layers of elements, got {value}")
     return value
 
 
@@ -86,6 +93,7 @@ LengthOrAuto = Annotated[float | None, _or_word(_length, "auto", "what suits the
 Foundation = Annotated[float | None, _or_word(_foundation, "rigid", "a clamp that does not give")]
 Tolerance = Annotated[float | None, _or_word(_tolerance, "auto", "what one mesh gives")]
 Count = Annotated[int, BeforeValidator(whole)]
+Layers = Annotated[int, BeforeValidator(_layers)]
 Positive = Annotated[int, BeforeValidator(_positive)]
 MassOrCad = Annotated[float | Literal["cad"], BeforeValidator(_mass_or_cad)]
 

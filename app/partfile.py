@@ -17,6 +17,7 @@ from app.fields import (
     Count,
     Duration,
     Foundation,
+    Layers,
     Length,
     LengthOrAuto,
     LengthOrZero,
@@ -40,7 +41,7 @@ class Mesh(Section):
 
     size: LengthOrAuto = None
     envelope: LengthOrAuto = None
-    layers: Count = 1
+    layers: Layers = 1
     tolerance: Tolerance = None
     most_unknowns: Positive = 2_000_000
     time_limit: Duration = 120.0

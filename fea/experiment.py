@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
+MOST_LAYERS = 6  # of thin elements at singular edges; the thinnest has a 4000th of the size
+
 # A coarse tessellation is enough, since nodes are put back on the solid, and a fine one costs: a circle of 16 sides
 # instead of 12 takes four times the elements and twice the time.
 CHORD, TURN = 0.15, 1.1  # distance to the surface in element sizes, radians from one triangle to the next
@@ -75,8 +77,8 @@ class Settings:
             raise InputError(f"foundation: expected a positive stiffness per area in N/m3, got {self.foundation!r}")
         if not self.most_unknowns >= 1:
             raise InputError(f"mesh.most_unknowns: expected a positive number, got {self.most_unknowns!r}")
-        if not 0 <= self.layers <= 6:
-            raise InputError(f"mesh.layers: expected 0 to 6, got {self.layers!r}")
+        if not 0 <= self.layers <= MOST_LAYERS:
+            raise InputError(f"mesh.layers: expected 0 to {MOST_LAYERS}, got {self.layers!r}")
 
 
 @dataclass(frozen=True, eq=False)
