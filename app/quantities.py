@@ -113,7 +113,7 @@ def _parse(text: str, dimension: Dimension, expected: str) -> float:
         factor = float(_registry().Quantity(1.0, found).to(dimension.unit or "dimensionless").magnitude)
     except Exception as error:
         raise ValueError(f"{expected}, got {shown(text)}{_why(unit_text)}") from error
-    return number * factor
+    return float(f"{number * factor:.15g}")  # "7 mm" is 0.007 m: results are found again by their inputs
 
 
 def _why(unit_text: str) -> str:

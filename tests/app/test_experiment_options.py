@@ -83,13 +83,13 @@ def test_a_wrong_tolerance_is_one_complaint():
 def test_tolerance_reaches_the_experiment_and_enters_its_key(kitchen, capfd):
     loose, said = compliance(capfd)
     assert (loose["tolerance"], loose["note"], loose["cached"], said) == (None, "", False, "")
-    wanted = loose["relative_bound"] / 2
+    wanted = float(f"{loose['relative_bound'] / 2:.3g}")
     tight, _ = compliance(capfd, "--tolerance", repr(wanted))
     assert not tight["cached"]
     assert "refine" in kitchen
     assert (tight["tolerance"], tight["note"]) == (wanted, "")
     assert tight["relative_bound"] <= wanted
-    assert compliance(capfd, "--tolerance", f"{100 * wanted!r} %")[0]["cached"]
+    assert compliance(capfd, "--tolerance", f"{100 * wanted:.3g} %")[0]["cached"]
 
 
 def test_a_tolerance_that_is_not_met_is_told_in_one_line(kitchen, capfd, caplog):

@@ -19,6 +19,12 @@ def test_values(text, dimension, value):
     assert q.to_si(text, dimension) == pytest.approx(value, rel=1e-14)
 
 
+def test_a_value_is_the_same_number_in_every_unit():
+    for n in range(1, 200):
+        assert q.to_si(f"{n} mm", q.LENGTH) == n / 1000
+        assert q.to_si(f"{n / 10} %", q.NUMBER) == n / 1000
+
+
 @pytest.mark.parametrize(
     "bad",
     ["", "mm", "nan mm", "inf mm", "1e999 mm", "0 mm", "-3 mm", "5", "3 foo", "3 m/0", "3 mm; x", "1/0 m", "3 N m",
