@@ -40,7 +40,10 @@ class Robot(Protocol):
         ...
 
     def stance(self, poses: ArrayLike) -> Array:
-        """What of the tool points (n, 3) the tree depends on, (n, k): poses of one stance are worked out once."""
+        """What of the tool points (n, 3) the tree depends on, (n, k): poses of one stance are worked out once.
+
+        Raises InputError for an unreachable pose. Where k is 1 the tree's numbers are taken to be piecewise smooth.
+        """
         ...
 
 
@@ -80,13 +83,13 @@ class Stiffness:
 def stiffness(robot: Robot, poses: ArrayLike, *, gravity: Gravity = "none", g: float = STANDARD) -> Array:
     """Stiffness (n, 6, 6) at tool points (n, 3) in m, at M in axes {O}. Raises InputError for an unreachable pose."""
     if gravity == "none":
-        return _over(robot, poses, lambda p: as_stiffness(robot.tree(p)))
+        return _over(robot, poses, (6, 6), lambda p: as_stiffness(robot.tree(p)))
     if gravity == "exact":
-        return _over(robot, poses, lambda p: exact_stiffness(robot.tree(p), g))
+        return _over(robot, poses, (6, 6), lambda p: exact_stiffness(robot.tree(p), g))
     if not isinstance(robot, Biglide):
         msg = "gravity 'literal' is the paper's K_θ - K_G and stands for the Biglide only; 'exact' serves any robot"
         raise InputError(msg)
-    return _over(robot, poses, lambda p: as_stiffness(literal_tree(robot, p, g)))
+    return _over(robot, poses, (6, 6), lambda p: as_stiffness(literal_tree(robot, p, g)))
 
 
 def batches(
@@ -101,9 +104,7 @@ def batches(
 
 def sag(robot: Robot, poses: ArrayLike, *, g: float = STANDARD) -> Array:
     """Twist (n, 6) of the platform under the robot's own weight and misfits. Raises where the tool moves freely."""
-    return _over(
-        robot, poses, lambda p: np.broadcast_to(tool_twist(robot.tree(p), gravity=g, misfit=True), (len(p), 6))
-    )
+    return _over(robot, poses, (6,), lambda p: tool_twist(robot.tree(p), gravity=g, misfit=True))
 
 
 def analyse(robot: Robot, poses: ArrayLike, *, gravity: Gravity = "none", g: float = STANDARD) -> Stiffness:
@@ -155,14 +156,18 @@ def singular_note(matrix: Array) -> str | None:
     return f"{state}: softest twist ({direction}), reserve {float(reserve):.2g}"
 
 
-def _over(robot: Robot, poses: ArrayLike, work: Callable[[Array], Array]) -> Array:
+def _over(robot: Robot, poses: ArrayLike, entries: tuple[int, ...], work: Callable[[Array], Array]) -> Array:
     """Work on distinct stances only; on a few of them where one number makes a stance and a series tells the rest."""
     points = checked_poses(poses)
     stances = robot.stance(points)
     first, again = _distinct(stances)
+
+    def each(some: Array) -> Array:  # of a tree that holds for all poses, too
+        return np.broadcast_to(work(some), (len(some), *entries))
+
     if stances.shape[1] == 1:
-        return _along(points[first], stances[first, 0], work)[again]
-    return _chunked(points[first], work)[again]
+        return _along(points[first], stances[first, 0], each)[again]
+    return _chunked(points[first], each)[again]
 
 
 def _along(points: Array, stance: Array, work: Callable[[Array], Array]) -> Array:
@@ -187,16 +192,16 @@ def _told(points: Array, unit: Array, work: Callable[[Array], Array]) -> Array |
     known = work(points[some])
     flat = known.reshape(len(some), -1)
     series = np.linalg.lstsq(chebvander(unit[some[::2]], _DEGREE), flat[::2])[0]
-    off = np.abs(chebvander(unit[some[1::2]], _DEGREE) @ series - flat[1::2]).max(axis=0)
-    if not (off <= _ALIKE * _size(known).ravel()).all():
+    off = np.abs(chebvander(unit[some[1::2]], _DEGREE) @ series - flat[1::2])
+    if not (off <= _ALIKE * _size(known[1::2]).reshape(off.shape)).all():
         return None
     return _chunked(unit, lambda u: chebvander(u, _DEGREE) @ series).reshape(len(points), *known.shape[1:])
 
 
 def _size(values: Array) -> Array:
-    """Largest of the entries that have an entry's unit, over stacked screws (n, 6) or matrices (n, 6, 6)."""
-    size = np.abs(values).max(axis=0)
-    for axis in range(size.ndim):
+    """Largest of the entries that have an entry's unit, in each of stacked screws (n, 6) or matrices (n, 6, 6)."""
+    size = np.abs(values)
+    for axis in range(1, size.ndim):
         halves = [np.broadcast_to(h.max(axis, keepdims=True), h.shape) for h in np.split(size, 2, axis)]
         size = np.concatenate(halves, axis)
     return size
@@ -204,9 +209,10 @@ def _size(values: Array) -> Array:
 
 def _distinct(rows: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Where each distinct row (n, k) first stands, and which of them every row is; a sixth of np.unique's time."""
-    order = np.lexsort(rows.T)
+    order = np.lexsort(rows.T) if rows.shape[1] else np.arange(len(rows))
     ordered = rows[order]
-    fresh = np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))
+    fresh = np.ones(len(rows), dtype=bool)
+    fresh[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
     again = np.empty(len(rows), dtype=np.intp)
     again[order] = np.cumsum(fresh) - 1
     return order[fresh], again

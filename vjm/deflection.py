@@ -93,7 +93,7 @@ def load_deflection(
 def _checked_wrench(wrench: ArrayLike, n: int) -> Array:
     load = np.asarray(wrench, dtype=float)
     if load.shape not in ((6,), (n, 6)) or not np.isfinite(load).all():
-        msg = f"wrench: expected finite (6,) or ({n}, 6) forces and moments in N, N·m, got shape {load.shape}"
+        msg = f"wrench: expected finite (6,) or ({n}, 6) forces and moments in N, N·m, got {load.tolist()}"
         raise InputError(msg)
     return np.broadcast_to(load, (n, 6))
 

@@ -39,7 +39,7 @@ class Spring:
     @property
     def rigid(self) -> bool:
         """True where the spring neither yields nor moves: a place at which an edit may put something."""
-        return self.offset is None and not self.compliance.any()
+        return self.offset is None and self.compliance.size > 0 and not self.compliance.any()
 
 
 @dataclass(frozen=True)

@@ -68,6 +68,12 @@ def reachable_box(geometry: Geometry) -> Rectangle:
     """Smallest rectangle that holds all reachable tool points of the x-z plane."""
     most = min(geometry.a_max, geometry.l + geometry.L)
     least = max(geometry.a_min, geometry.l)
+    if least >= most:
+        msg = (
+            f"geometry: links of {geometry.L:g} m reach with drives at {geometry.l:g} to {geometry.l + geometry.L:g} m,"
+            f" which their range of {geometry.a_min:g} to {geometry.a_max:g} m leaves out"
+        )
+        raise InputError(msg)
     top, bottom = np.arccos((np.array([most, least]) - geometry.l) / geometry.L)
     half = 0.5 * (geometry.a_max - geometry.a_min)
     return Rectangle(-half, half, float(pose_at(geometry, top)[2]), float(pose_at(geometry, bottom)[2]))

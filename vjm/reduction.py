@@ -327,12 +327,11 @@ def _carried(free: Array) -> Array:
     k = free.shape[-1]
     if k == 0:
         return np.eye(6)
-    q, r = np.linalg.qr(free, mode="complete")
-    pivots = np.abs(np.diagonal(r, axis1=-2, axis2=-1))
-    idle = pivots <= _IDLE * np.linalg.norm(free, axis=-2)[..., : pivots.shape[-1]]
+    size = np.linalg.norm(free, axis=-2, keepdims=True)
+    u, reach, _ = np.linalg.svd(free / np.where(size > 0.0, size, 1.0))
     keep = np.ones((*free.shape[:-2], 6))
-    keep[..., : pivots.shape[-1]] = idle
-    return q * keep[..., None, :]
+    keep[..., : reach.shape[-1]] = reach <= _IDLE * reach[..., :1]
+    return u * keep[..., None, :]
 
 
 def released(matrix: Array) -> Array:

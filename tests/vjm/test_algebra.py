@@ -157,3 +157,10 @@ def test_an_open_chain_with_joints_has_no_deflection(rng):
     tree = Series("arm", (spring(rng), Passive("slide", np.eye(6)[:, :1])))
     with pytest.raises(InputError, match="moves freely in 1 directions"):
         respond(tree, np.eye(6))
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1), (0, 2, 1)])
+def test_redundant_joints_free_the_same_in_every_order(order):
+    joints = (revolute("a", np.eye(3)[1]), revolute("b", np.eye(3)[1]), Passive("slide", np.eye(6)[:, [1]]))
+    leg = Series("leg", (Spring("spring", 1e-6 * np.eye(6)), *(joints[k] for k in order)))
+    assert np.allclose(as_stiffness(leg), 1e6 * np.diag([1, 0, 1, 1, 0, 1]))

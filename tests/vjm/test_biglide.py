@@ -70,6 +70,22 @@ def test_what_no_series_can_follow_is_worked_out(rng):
     assert np.allclose(stiffness(Jagged(), poses)[::50], stiffness(Jagged(), poses[::50]), rtol=1e-11)
 
 
+@pytest.mark.parametrize("gravity", ["none", "literal", "exact"])
+def test_no_poses_have_no_stiffness(robot, gravity):
+    assert stiffness(robot, np.zeros((0, 3)), gravity=gravity).shape == (0, 6, 6)
+
+
+def test_a_tree_that_holds_for_all_poses(rng):
+    class Fixed:
+        def stance(self, poses):
+            return poses[:, :0]
+
+        def tree(self, poses):
+            return Spring("spring", 1e-6 * np.eye(6))
+
+    assert np.allclose(stiffness(Fixed(), random_poses(rng, 5)), 1e6 * np.eye(6))
+
+
 @pytest.mark.parametrize(
     ("pose", "said"),
     [
