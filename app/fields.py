@@ -79,7 +79,7 @@ def _foundation(value: Any) -> float:
 def _tolerance(value: Any) -> float:
     share = q.to_si(value, q.SHARE)
     if not 1e-6 <= share < 1:  # below, rounding counts
-        raise ValueError(f'expected a share from 1e-6 to 1 such as "{q.SHARE.example}", got {q.shown(value)}')
+        raise ValueError(f'expected a share from 1e-6 to below 1 such as "{q.SHARE.example}", got {q.shown(value)}')
     return share
 
 

@@ -24,6 +24,8 @@ MAKER = "stiffscope"
 
 def write_bytes(path: Path, content: bytes) -> None:
     """Write one file in one step: whoever looks sees the old content or the new."""
+    if not path.name:
+        raise InputError(f"{path}: is a folder; give a file")
     aside = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")
     try:
         aside.write_bytes(content)
@@ -31,7 +33,8 @@ def write_bytes(path: Path, content: bytes) -> None:
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror}); give a file in a folder of yours") from error
     finally:
-        aside.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            aside.unlink()
 
 
 def write_json(target: str | Path, value: Any) -> None:

@@ -8,7 +8,6 @@ ones, so both compliances are below the exact one on the same geometry (in the s
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -16,7 +15,7 @@ import numpy as np
 
 from fea.elasticity import VOIGT
 from fea.interfaces import tractions
-from fea.mesh import EDGES, FACES
+from fea.mesh import EDGES, FACES, MeshError
 from fea.shape import NODES, curved, determinants, inverses, jacobians, quadrature, shape_values
 from fea.solvers import conjugate_gradients, on_all_cores
 
@@ -26,8 +25,6 @@ if TYPE_CHECKING:
     from fea.interfaces import Port, Supports
     from fea.mesh import Floats, Ints, TetMesh
     from fea.solvers import Solve, Solver
-
-logger = logging.getLogger(__name__)
 
 CURVED_ORDER = 6
 CHUNK, BATCH = 512, 128  # elements that a core works on at once; chunks whose results are held at once
@@ -165,10 +162,10 @@ def cubic_compliance(
     loads: Floats,
     start: Floats,
     tolerance: float = 1e-2,
-    limit: int = 60,
+    limit: int = 500,
     springs: csr_array | None = None,
 ) -> tuple[Floats, Floats]:
-    """Return (6n, 6n) the compliance of the cubic solution and (c + 3w, 6n) its coordinates.
+    """Return (6n, 6n) the compliance of the cubic solution and (c + 3w, 6n) its coordinates; MeshError without one.
 
     The first c are the coordinates of ``supports``, with the exact nodal values: the cubics vanish at all nodes.
 
@@ -187,9 +184,11 @@ def cubic_compliance(
     def precondition(residual: Floats) -> Floats:
         return np.vstack([solver.precondition(residual[:split]), diagonal @ residual[split:]])
 
-    motion, _ = conjugate_gradients(
+    motion, converged = conjugate_gradients(
         apply, precondition, force, np.vstack([start, np.zeros_like(extra)]), tolerance, limit
     )
+    if not converged:
+        raise MeshError(f"solve: the cubic solution did not converge in {limit} steps: nearly incompressible material?")
     motion[:split] += solver.precondition(
         (force - apply(motion))[:split]
     )  # the nodes balance, whatever the cubics lack

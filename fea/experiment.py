@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import time
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fea.interfaces import KINDS
 from fea.mesh import TetMesh, default_size
 from stiffscope import InputError
 
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from fea.specimen import Specimen
 
     Progress = Callable[[str, float], None]
-
-logger = logging.getLogger(__name__)
 
 MOST_LAYERS = 6  # of thin elements at singular edges; the thinnest has a 4000th of the size
 
@@ -65,14 +63,16 @@ class Settings:
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):
                 raise InputError(f"mesh.{name}: expected a positive length, got {value!r} m")
-        if self.interface not in ("rigid", "distributed"):
-            raise InputError(f"interface: expected rigid or distributed, got {self.interface!r}")
+        if self.interface not in KINDS:
+            raise InputError(f"interface: expected {' or '.join(KINDS)}, got {self.interface!r}")
         if self.solver not in ("auto", "direct", "multigrid"):
             raise InputError(f"solver: expected auto, direct or multigrid, got {self.solver!r}")
         if not (np.isfinite(self.time_limit) and self.time_limit > 0):
             raise InputError(f"mesh.time_limit: expected positive seconds, got {self.time_limit!r}")
         if self.tolerance is not None and not 1e-6 <= self.tolerance < 1:
-            raise InputError(f"tolerance: expected a fraction from 1e-6 to 1 (0.1 % is 0.001), got {self.tolerance!r}")
+            raise InputError(
+                f"tolerance: expected a fraction from 1e-6 to below 1 (0.1 % is 1e-3), got {self.tolerance!r}"
+            )
         if self.foundation is not None and not (np.isfinite(self.foundation) and self.foundation > 0):
             raise InputError(f"foundation: expected a positive stiffness per area in N/m3, got {self.foundation!r}")
         if not self.most_unknowns >= 1:

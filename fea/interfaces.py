@@ -165,7 +165,8 @@ def unit_loads(points: Floats, supports: Supports, ports: tuple[Port, ...]) -> F
 def imbalance(points: Floats, stiffness: csr_array, motion: Floats, clamped: Ints, ports: tuple[Port, ...]) -> float:
     """Return how far the clamp's reactions are from balancing the unit wrenches.
 
-    Relative to the wrench, a force at the lever between clamp and reference point counting as its moment.
+    Relative to the wrench, a force at the lever between clamp and reference point counting as its moment. What a
+    load puts on the clamp's own nodes is left out: where both share nodes this says less.
     """
     reaction = stiffness[dofs_of(clamped)] @ motion  # (3c, 6n)
     worst = 0.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import subprocess
 import sys
 import tempfile
@@ -24,8 +23,6 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]
     Project = Callable[[int, Floats], Floats]
-
-logger = logging.getLogger(__name__)
 
 # The six edges of a tetrahedron and its four outward faces, in the order of VTK's (and scikit-fem's) tet10.
 EDGES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])

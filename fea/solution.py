@@ -15,6 +15,7 @@ from fea.interfaces import Port, imbalance, support, unit_loads
 from fea.mesh import MeshError
 from fea.multigrid import prepare
 from fea.specimen import shape_error
+from stiffscope import InputError
 
 if TYPE_CHECKING:
     from fea.mesh import Floats, TetMesh
@@ -26,6 +27,7 @@ STILL_MISSING = 0.1
 MISSING_AT_MOST = 0.3
 CROSS_TERMS = 0.05  # of the energies' geometric mean, for entries whose own gain happens to be small
 SOLVER = 1e-8
+SOFTEST = 1e-4  # foundation, in parts of the part's modulus over its size
 
 
 @dataclass(frozen=True)
@@ -62,8 +64,8 @@ def solve_specimen(
 
     Raises
     ------
-    InputError : interfaces overlap.
-    MeshError : the compliance is not positive definite or does not balance.
+    InputError : interfaces overlap, or the foundation is too soft to hold the part.
+    MeshError : the compliance is not positive definite, or the cubic solution does not converge.
     """
     with threadpool_limits(1):  # the cores are shared out here; BLAS's own threads on small matrices only wait
         return _solve(specimen, mesh, interface, solver, foundation)
@@ -72,6 +74,8 @@ def solve_specimen(
 def _solve(specimen: Specimen, mesh: TetMesh, interface: str, solver: str, foundation: float | None) -> Solution:
     ports = tuple(Port(mesh.facets_of(faces), point, interface) for faces, point in specimen.loaded)
     clamped = mesh.nodes_of(specimen.clamped)
+    if foundation is not None:
+        _check_foundation(specimen, foundation)
     supports = support(mesh, clamped if foundation is None else clamped[:0], ports)
     bare = stiffness = assemble(mesh, specimen.elasticity)
     space, springs = enlarge(mesh, specimen.elasticity), None
@@ -103,6 +107,16 @@ def _solve(specimen: Specimen, mesh: TetMesh, interface: str, solver: str, found
         unknowns=3 * space.count,
         indicator=(energies / cubic.diagonal()).sum(axis=1),
     )
+
+
+def _check_foundation(specimen: Specimen, foundation: float) -> None:
+    """Raise InputError for springs beside which the part's own deformation would be lost to rounding."""
+    least = SOFTEST * float(specimen.elasticity[0, 0]) / specimen.volume ** (1 / 3)
+    if foundation < least:
+        raise InputError(
+            f"foundation: {foundation:g} N/m³ is too soft to hold {specimen.name}; expected at least {least:.2g} N/m³"
+            " (a bolted contact has some 1e12; a number without a unit is N/m³)"
+        )
 
 
 def _bound(flexibility: Floats, gain: Floats) -> Floats:

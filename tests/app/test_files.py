@@ -74,5 +74,8 @@ def test_json_is_strict_and_readable(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out) == {"a": 1}
     write_json(tmp_path / "a.json", {"a": 1})
     assert os.listdir(tmp_path) == ["a.json"]
-    with pytest.raises(InputError, match="cannot be written"):
-        write_json(tmp_path / "none" / "a.json", {})
+    for where in ("none", "a.json"):  # neither is a folder
+        with pytest.raises(InputError, match="cannot be written"):
+            write_json(tmp_path / where / "a.json", {})
+    with pytest.raises(InputError, match="give a file"):
+        write_json("/", {})

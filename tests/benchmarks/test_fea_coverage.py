@@ -26,7 +26,7 @@ PARTS, SEED = (int(os.environ.get(f"STIFFSCOPE_{name}", value)) for name, value 
 
 
 def compare(part, interface):
-    """Return true errors, bounds (36,) and which entries are significant."""
+    """Return true errors, bounds and sizes (21,) of the entries i <= j by sqrt(C_ii C_jj), and both experiments."""
     ours = run_experiment(part, Settings(interface=interface))
     size = 0.7 * default_size(mass_properties(part).volume, sum(face.area for face in part.faces))
     finer = run_experiment(part, Settings(size=size, layers=3, interface=interface, time_limit=300))

@@ -24,7 +24,7 @@ from fea.experiment import Settings, run_experiment
 from tests.benchmarks.calculix_jobs import build
 e = run_experiment(build("slider"), Settings(size=float(sys.argv[1]), time_limit=600))
 print(json.dumps({"dofs": 3 * len(e.mesh.points), "unknowns": e.unknowns, "seconds": e.seconds,
-                  "peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6, "bound": e.relative_bound}))
+                  "peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9, "bound": e.relative_bound}))
 """
 
 

@@ -1,14 +1,21 @@
 """A wanted tolerance, an elastic foundation, superelements, tables."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from scipy.io import mmread
 
+import fea.solution
+from fea.cubic import cubic_compliance
+from fea.elasticity import isotropic
 from fea.experiment import Settings, examine, load_experiment
 from fea.export import free_superelement, write_superelement
 from fea.interfaces import rigid_modes
+from fea.mesh import MeshError
 from fea.refine import border_edges
 from fea.shape import volume
+from stiffscope import InputError
 from tests.fea.conftest import PLATE
 from tests.fea.shapes import CLAMPED, box, cylinder
 from tests.fea.test_experiment import REFERENCE, pick
@@ -58,6 +65,18 @@ def test_a_stiff_foundation_is_a_clamp():
     bar = box(0.1, 0.03, 0.02)
     held, bedded = (examine(bar, Settings(size=0.015, foundation=value)) for value in (None, 1e18))
     assert pick(bedded.compliance) == pytest.approx(pick(held.compliance), rel=2e-3)
+
+
+def test_a_foundation_too_soft_to_hold_is_refused():
+    with pytest.raises(InputError, match=r"foundation: 50 N/m³ is too soft to hold box; expected at least 7\.\de\+08"):
+        examine(box(0.1, 0.03, 0.02), Settings(size=0.015, foundation=50.0))
+
+
+def test_no_bound_without_convergence(monkeypatch):
+    rubber = box(0.06, 0.03, 0.02, isotropic(3e6, 3e6 / 2 / (1 + 0.49999)))
+    monkeypatch.setattr(fea.solution, "cubic_compliance", partial(cubic_compliance, limit=60))
+    with pytest.raises(MeshError, match="did not converge in 60 steps"):
+        examine(rubber, Settings(size=0.03))
 
 
 def test_superelement_is_free_and_is_the_part_when_held(plate, tmp_path):

@@ -80,7 +80,7 @@ def test_a_tree_that_holds_for_all_poses(rng):
         def stance(self, poses):
             return poses[:, :0]
 
-        def tree(self, poses):
+        def tree(self, _poses):
             return Spring("spring", 1e-6 * np.eye(6))
 
     assert np.allclose(stiffness(Fixed(), random_poses(rng, 5)), 1e6 * np.eye(6))
