@@ -16,6 +16,7 @@ from app.manifest import Manifest
 from app.parts import order_part, solve_parts
 from app.pipeline import (
     Assembled,
+    check_one_interface,
     compliance_json,
     solve_robots,
     stiffness_bars,
@@ -65,7 +66,9 @@ def part_compliance(
         files.write_json(target, compliance_json(robot, result))
     if not quiet and target != "-":
         tables.show_parts([result])
-        if step is None:
+        if "flexibility" in result.facts:
+            tables.show_each_interface(result)
+        elif step is None:
             tables.show_comparison(compare(robot, part, result))
         else:
             tables.show_matrix(f"Compliance of {step}, SI", result.compliance)
@@ -89,9 +92,7 @@ def robot_stiffness(
     from vjm.analysis import analyse, singular_note
 
     robot = load_robot(name, overrides)
-    points = dict(parse_pose(robot, text) for text in poses) if poses else dict(robot.poses)
-    if not points:
-        raise InputError(f"{robot.path}: has no poses; give a tool point with --at X,Y,Z")
+    points = _tool_points(robot, poses)
     gravity = gravity or ("exact" if robot.carries("gravity") else "none")
     assembled = _assembled(robot, components, np.array(list(points.values())), quiet=quiet)
     state = analyse(assembled.elastic, list(points.values()), gravity=gravity, g=robot.gravity.acceleration)
@@ -115,7 +116,7 @@ def robot_deflection(
     from vjm.deflection import deflection
 
     robot = load_robot(name, overrides)
-    points = dict(parse_pose(robot, text) for text in poses) if poses else dict(robot.poses)
+    points = _tool_points(robot, poses)
     try:
         load = [float(part) for part in wrench.split(",")]
     except ValueError as error:
@@ -136,6 +137,8 @@ def compare_parts(name: str, parts: Sequence[PartName], *, overrides: Sequence[s
     from app.compare import compare
 
     robot = load_robot(name, overrides)
+    for part in parts:
+        check_one_interface(robot, part)
     with workshop(quiet=quiet) as (cache, spare, open_line):
         orders = [order_part(robot, part, pictures=False) for part in parts]
         results = solve_parts(orders, cache, spare, {part: open_line(part) for part in parts})
@@ -200,7 +203,15 @@ def list_faces(file: str, *, target: str | None, quiet: bool) -> None:
         tables.show_faces(file, rows)
 
 
-def parse_pose(robot: RobotFile, text: str) -> tuple[str, tuple[float, float, float]]:
+def _tool_points(robot: RobotFile, poses: Sequence[str]) -> dict[str, tuple[float, float, float]]:
+    """The tool points of `--at`, by their texts; without any, those of the robot file."""
+    points = dict(_parse_pose(robot, text) for text in poses) if poses else dict(robot.poses)
+    if not points:
+        raise InputError(f"{robot.path}: has no poses; give a tool point with --at X,Y,Z")
+    return points
+
+
+def _parse_pose(robot: RobotFile, text: str) -> tuple[str, tuple[float, float, float]]:
     """Name and tool point (m) of `--at`: "0,0,0.35", "0,0,350 mm", or the name of a pose."""
     if text in robot.poses:
         return text, robot.poses[text]

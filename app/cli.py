@@ -106,6 +106,14 @@ def _note_debug(_context: click.Context, _option: click.Parameter, wanted: bool)
             logging.getLogger(chatty).setLevel(logging.WARNING)
 
 
+def _check_file(_context: click.Context, _option: click.Parameter, target: str | None) -> str | None:
+    from app.files import check_file
+
+    if target not in (None, "-"):
+        check_file(Path(target))
+    return target
+
+
 _robot = click.argument("robot", metavar="ROBOT.toml")
 _set = click.option(
     "--set", "overrides", multiple=True, metavar="PART.PARAMETER=VALUE",
@@ -126,7 +134,10 @@ _debug = click.option(
 _out = click.option(
     "--out", required=True, metavar="DIR", type=click.Path(path_type=Path), help="Folder to write: complete or absent."
 )
-_json = click.option("--json", "target", metavar="FILE", help='Write JSON ("-": standard output, nothing else there).')
+_json = click.option(
+    "--json", "target", metavar="FILE", callback=_check_file,
+    help='Write JSON ("-": standard output, nothing else there).',
+)  # fmt: skip
 _part = click.option("--part", type=click.Choice(PARTS), help="The link or the slider.")
 _at = click.option(
     "--at",

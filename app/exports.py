@@ -24,6 +24,7 @@ def facts_of(order: PartOrder, part: Part, experiment: Experiment) -> dict[str, 
         "compliance": experiment.compliance.tolist(),
         "error": experiment.error.tolist(),
         "reference_point": experiment.reference_point.tolist(),
+        **({} if len(experiment.reference_points) == 1 else _apart(experiment)),
         "interface": experiment.interface,
         "foundation": order.settings.foundation,
         "tolerance": order.settings.tolerance,
@@ -43,6 +44,15 @@ def facts_of(order: PartOrder, part: Part, experiment: Experiment) -> dict[str, 
             "loaded": sorted(int(face) for port in part.loaded for face in port.faces),
         },
         "seconds": dict(experiment.seconds),
+    }
+
+
+def _apart(experiment: Experiment) -> dict[str, Any]:
+    """All n interfaces together, where there are several: (6n, 6n), in the order of the points."""
+    return {
+        "reference_points": experiment.reference_points.tolist(),
+        "flexibility": experiment.flexibility.tolist(),
+        "flexibility_error": experiment.flexibility_error.tolist(),
     }
 
 

@@ -23,18 +23,42 @@ MAKER = "stiffscope"
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write one file in one step: whoever looks sees the old content or the new."""
-    if not path.name:
-        raise InputError(f"{path}: is a folder; give a file")
-    aside = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")
+    """Write one file in one step: whoever looks sees the old content or the new. A link is followed, a device kept."""
+    check_file(path)
+    goal = path.resolve()
+    aside = goal.with_name(f".{goal.name}.{uuid.uuid4().hex[:8]}")
     try:
-        aside.write_bytes(content)
-        aside.replace(path)
+        if _is_stream(path):
+            path.write_bytes(content)
+        else:
+            aside.write_bytes(content)
+            aside.replace(goal)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror}); give a file in a folder of yours") from error
+        raise _unwritable_file(path, error) from error
     finally:
         with contextlib.suppress(OSError):
             aside.unlink()
+
+
+def check_file(path: Path) -> None:
+    """Refuse a file before work is spent on it: see `write_bytes`."""
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; give a file")
+    if _is_stream(path):
+        return
+    try:
+        Path(tempfile.mkdtemp(prefix=".stiffscope-", dir=path.resolve().parent)).rmdir()
+    except OSError as error:
+        raise _unwritable_file(path, error) from error
+
+
+def _is_stream(path: Path) -> bool:
+    """Whether it is there and is a device or a pipe, which is written to, not replaced."""
+    return path.exists() and not path.is_file()
+
+
+def _unwritable_file(path: Path, error: OSError) -> InputError:
+    return InputError(f"{path}: cannot be written ({error.strerror}); give a file in a folder of yours")
 
 
 def write_json(target: str | Path, value: Any) -> None:

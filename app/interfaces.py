@@ -18,7 +18,7 @@ import numpy as np
 
 from app import files, tables
 from app.cache import file_digest
-from app.compare import UNITS
+from app.compare import entry_name
 from app.manifest import Manifest
 from app.parts import order_part, solve_parts
 from app.pipeline import workshop
@@ -226,8 +226,7 @@ def _entry(own: Tested, others: Sequence[Tested], i: int, j: int) -> Entry:
     value, error = float(own.compliance[i, j]), float(own.error[i, j])
     ratios = [float(t.compliance[i, j]) / value for t in others]
     bars = [(float(t.error[i, j]) + abs(ratio) * error) / abs(value) for t, ratio in zip(others, ratios, strict=True)]
-    unit = UNITS[0] if j < 3 else UNITS[3] if i >= 3 else UNITS[2]
-    return Entry(f"C{i + 1}{j + 1}", unit, value, error, tuple(ratio - 1 for ratio in ratios), tuple(bars))
+    return Entry(*entry_name(i, j), value, error, tuple(ratio - 1 for ratio in ratios), tuple(bars))
 
 
 def _csv(compared: Comparison) -> str:

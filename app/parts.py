@@ -42,7 +42,7 @@ AXES = {
 STEP_AXES = (
     "those of the STEP file, or of the frame chosen in it; twist and wrench at the loaded faces' reference point"
 )
-FORM = 2  # of the files below; other code reads other forms
+FORM = 3  # of the files below; other code reads other forms
 EXPERIMENT, FACTS, FIELDS = "experiment.npz", "facts.json", "fields.vtu"
 SHEET, MESH = "loads.png", "mesh.png"
 

@@ -64,18 +64,24 @@ def needed_orders(
 ) -> dict[PartName, PartOrder]:
     """Virtual experiments that the robot's matrices and masses need."""
     sources = parts_of.sources(robot, components)
+    if sources["slider"] == "fea":
+        check_one_interface(robot, "slider")
     wanted = [name for name in PARTS if sources[name] == "fea" or (name == "link" and robot.link.mass == "cad")]
     return {name: order_part(robot, name, pictures=pictures, label=name + suffix) for name in wanted}
+
+
+def check_one_interface(robot: RobotFile, name: PartName) -> None:
+    """Raise InputError where a part has more loaded interfaces, and so more matrices, than one."""
+    if robot.part(name).shape().get("pads") == "apart":
+        raise InputError(
+            f'{robot.path}: {name}.pads: expected "together", which makes one matrix, got "apart" (whose three '
+            "interfaces `stiffscope compliance` gives)"
+        )
 
 
 def assemble(robot: RobotFile, components: str | None, results: Mapping[PartName, PartResult]) -> Assembled:
     """The elastic robot from its parts."""
     sources = parts_of.sources(robot, components)
-    if sources["slider"] == "fea" and robot.part("slider").shape()["pads"] == "apart":
-        raise InputError(
-            'slider.pads: the robot is assembled from one slider matrix: expected "together", got "apart" '
-            "(whose interfaces `stiffscope compliance` gives)"
-        )
     matrices = {name: parts_of.component(robot, name, sources[name], results) for name in PARTS}
     mass = robot.link.mass
     link_mass = results["link"].mass if mass == "cad" else float(mass)
@@ -126,6 +132,8 @@ def run_robot(
     """Run the whole chain and write a complete output folder. Raises InputError for anything a user can get wrong."""
     begun = time.perf_counter()
     robot = load_robot(name, overrides, tolerance)
+    if not robot.poses:
+        raise InputError(f'{robot.path}: has no poses; give one in [poses], such as Q1 = ["0 mm", "0 mm", "350 mm"]')
     files.check_output(out)
     robots = {"now": robot} | ({"before": load_robot(name, (), tolerance)} if overrides else {})
     manifest = Manifest(sys.argv[1:], str(robot.path), file_digest(robot.path), list(overrides))

@@ -130,9 +130,6 @@ def _assign(data: dict[str, Any], key: tuple[str, ...], value: Any, origin: str)
         table = table.setdefault(part, {})
         if not isinstance(table, dict):
             raise InputError(f"{origin}: {'.'.join(key[: i + 1])} is a value, not a table of parameters")
-    if isinstance(table.get(key[-1]), dict) and not isinstance(value, dict):
-        inside = ", ".join(table[key[-1]])
-        raise InputError(f"{origin}: {'.'.join(key)} is a table; set one of its parameters: {inside}")
     table[key[-1]] = value
 
 
@@ -201,7 +198,8 @@ def _first(error: ValidationError, model: type[BaseModel]) -> tuple[Key, str]:
     if item["type"] == "literal_error":
         return key, f"expected {item.get('ctx', {}).get('expected')}, got {json.dumps(item['input'], default=str)}"
     if item["type"] in {"model_type", "dict_type", "model_attributes_type"}:
-        return key, f"expected a table of parameters, got {json.dumps(item['input'], default=str)[:60]}"
+        inside = "any names" if item["type"] == "dict_type" else ", ".join(_section(model, key).model_fields)
+        return key, f"expected a table of {inside}, got {json.dumps(item['input'], default=str)[:60]}"
     return key, item["msg"].removeprefix("Value error, ")
 
 

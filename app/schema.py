@@ -187,15 +187,11 @@ class RobotFile(Section):
 
     def material(self, name: PartName) -> AnyMaterial:
         """Material of a part: of this file, or of the table in `cad.materials`."""
-        wanted = self.part(name).material
-        if wanted in self.materials:
-            return self.materials[wanted].build(wanted)
+        own = {title: section.build(title) for title, section in self.materials.items()}
         try:
-            return material(wanted)
+            return material(self.part(name).material, own)
         except InputError as error:
-            mine = f"{', '.join(self.materials)} (of this file), " if self.materials else ""
-            _, _, message = str(error).partition("expected one of ")
-            raise InputError(f"{name}.material: expected one of {mine}{message}") from error
+            raise InputError(f"{name}.{error}") from error
 
     def check_parts(self) -> None:
         """Raise InputError for what only the parts together can tell."""

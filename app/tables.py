@@ -163,6 +163,20 @@ def show_matrix(title: str, matrix: Any) -> None:
     console().print(table)
 
 
+def show_each_interface(result: PartResult) -> None:
+    """The 6x6 at each of a part's loaded interfaces, and where to find what couples them."""
+    points, flexibility = result.facts["reference_points"], np.asarray(result.facts["flexibility"])
+    for k, point in enumerate(points):
+        place = ", ".join(f"{1e3 * c:.5g}" for c in point)
+        own = slice(6 * k, 6 * k + 6)
+        show_matrix(
+            f"Compliance of the {result.name} at its interface {k + 1}, ({place}) mm, loaded alone; SI",
+            flexibility[own, own],
+        )
+    size = len(flexibility)
+    show_line(f"All {len(points)} interfaces together: {size} x {size}, with --json or --superelement\n")
+
+
 def show_faces(file: str, rows: Sequence[dict[str, Any]]) -> None:
     """The faces of a solid, and how a robot file chooses among them."""
     table = new_table(f"Faces of {file}", "index", "kind", "area mm²", "centroid mm", "normal or axis", "radius mm")

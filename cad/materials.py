@@ -1,15 +1,22 @@
 """Linear elastic materials with their sources. SI: Pa, kg/m3, 1/K; the part's x is a fibre's direction."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stiffscope import InputError
 
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
-def _check_finite(material: "Material | TransverselyIsotropic") -> None:
+    from numpy.typing import NDArray
+
+
+def _check_finite(material: Material | TransverselyIsotropic) -> None:
     for field in fields(material):
         value = getattr(material, field.name)
         if field.name not in {"name", "source"} and (
@@ -18,7 +25,7 @@ def _check_finite(material: "Material | TransverselyIsotropic") -> None:
             raise InputError(f"materials.{material.name}.{field.name}: expected a finite number, got {value!r}")
 
 
-def _check_positive(material: "Material | TransverselyIsotropic", *names: str) -> None:
+def _check_positive(material: Material | TransverselyIsotropic, *names: str) -> None:
     for name in names:
         value = getattr(material, name)
         if value <= 0:
@@ -168,8 +175,9 @@ MATERIALS: dict[str, AnyMaterial] = {
 }
 
 
-def material(name: str) -> AnyMaterial:
-    """Return the material of the table by name; InputError lists the names when there is none."""
-    if name not in MATERIALS:
-        raise InputError(f"material: expected one of {', '.join(MATERIALS)}, got {name!r}")
-    return MATERIALS[name]
+def material(name: str, own: Mapping[str, AnyMaterial] | None = None) -> AnyMaterial:
+    """Return one's own material, or that of the table, by name; InputError lists the names when there is none."""
+    known = MATERIALS | dict(own or {})
+    if name not in known:
+        raise InputError(f"material: expected one of {', '.join(known)}, got {name!r}")
+    return known[name]

@@ -79,3 +79,13 @@ def test_json_is_strict_and_readable(tmp_path, capsys):
             write_json(tmp_path / where / "a.json", {})
     with pytest.raises(InputError, match="give a file"):
         write_json("/", {})
+
+
+def test_a_link_is_followed_and_a_pipe_is_written_to(tmp_path):
+    (tmp_path / "link.json").symlink_to(tmp_path / "real.json")
+    write_json(tmp_path / "link.json", {"a": 1})
+    assert (tmp_path / "link.json").is_symlink()
+    assert json.loads((tmp_path / "real.json").read_text()) == {"a": 1}
+    ours, theirs = os.pipe()
+    write_json(f"/dev/fd/{theirs}", {"a": 2})
+    assert json.loads(os.read(ours, 100)) == {"a": 2}

@@ -110,7 +110,7 @@ def test_set_overrides_anything():
         ("slider.thickness=12kg", "--set slider.thickness: .* a mass"),
         ("slider.thickness=-1mm", "--set slider.thickness: .*negative"),
         ("slider.thickness", "part.parameter=VALUE"),
-        ("slider=3", "set one of its parameters"),
+        ("slider=3", "--set slider: expected a table of material, .*, thickness, "),
         ("a.b.c=3", "--set a.b.c: a: unknown key"),
         ("slider.material=wood", "--set slider.material: .*titanium"),
         ("link.bore=30mm", "--set link.bore: "),
