@@ -15,13 +15,13 @@ import pytest
 from fea.elasticity import assemble, isotropic
 from fea.interfaces import Port, dofs_of, support, unit_loads
 from fea.multigrid import prepare
-from tests.benchmarks.calculix_jobs import meshed
+from tests.benchmarks.codes import meshed
 
 pytestmark = pytest.mark.benchmark
 LARGE = """
 import json, resource, sys, time
 from fea.experiment import Settings, run_experiment
-from tests.benchmarks.calculix_jobs import build
+from tests.benchmarks.codes import build
 e = run_experiment(build("slider"), Settings(size=float(sys.argv[1]), time_limit=600))
 print(json.dumps({"dofs": 3 * len(e.mesh.points), "unknowns": e.unknowns, "seconds": e.seconds,
                   "peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9, "bound": e.relative_bound}))

@@ -1,4 +1,4 @@
-"""Codes compared as whole processes: ``python -m tests.benchmarks.calculix_jobs '{"code": "CalculiX", ...}'``.
+"""Codes compared as whole processes: ``python -m tests.benchmarks.codes '{"code": "CalculiX", ...}'``.
 
 A job solves a stored mesh ("mesh": a path) or goes from the CAD by our mesher ("size": times the default, "layers"),
 and prints its compliance. ``measured`` starts it and samples the memory of its whole process tree.
@@ -158,7 +158,7 @@ CODES = {"ours": in_ours, "CalculiX": in_calculix, "MFEM": in_mfem, "scikit-fem"
 
 def command(job):
     """What starts a process for a job."""
-    return [sys.executable, "-m", "tests.benchmarks.calculix_jobs", json.dumps(job)]
+    return [sys.executable, "-m", "tests.benchmarks.codes", json.dumps(job)]
 
 
 def solved(job):

@@ -1,6 +1,6 @@
 """CalculiX, MFEM and plain scikit-fem beside ours: the same mesh, clamp, rigid face and six loads; then from the CAD.
 
-``pytest -m benchmark -s tests/benchmarks/test_calculix.py``; prints Markdown tables. Every figure is of a whole fresh
+``pytest -m benchmark -s tests/benchmarks/test_codes.py``; prints Markdown tables. Every figure is of a whole fresh
 process: imports, reading or meshing, deck, solver, result.
 
 Quadrature in curved elements matters: CalculiX's C3D10 has four points, ours and scikit-fem's forms eleven, and on the
@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 
 from tests.benchmarks import calculix
-from tests.benchmarks.calculix_jobs import PARAMETERS, measured, meshed
+from tests.benchmarks.codes import PARAMETERS, measured, meshed
 
 pytest.importorskip("psutil", reason="psutil is missing (pip install psutil)")
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(1800)]
