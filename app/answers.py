@@ -99,9 +99,11 @@ def robot_stiffness(
     bars = stiffness_bars(assembled, state.poses)
     if target:
         files.write_json(target, stiffness_json(state, bars))
-    for pose, matrix in zip(points, state.matrix, strict=True):
+    for pose, matrix, droop in zip(points, state.matrix, state.sag, strict=True):
         if note := singular_note(matrix):
             log.warning("%s: %s", pose, note)
+        elif np.isnan(droop).any():
+            log.warning("%s: its weight turns the tool too far for a linear answer; the stiffness is without it", pose)
     if not quiet and target != "-":
         made_of = ", ".join(f"{part} {source}" for part, source in assembled.sources.items())
         title = f"Stiffness at M ({made_of}; gravity {gravity})"

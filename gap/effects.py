@@ -283,10 +283,18 @@ def library() -> tuple[Effect, ...]:
 
 def nominal_of(robot: Biglide) -> Nominal:
     """What effects need to know of a robot, at its middle."""
+    return _nominal(robot, _at_its_middle(robot))
+
+
+def _at_its_middle(robot: Biglide) -> Node:
     from vjm.biglide import pose_at
+
+    return robot.tree(pose_at(robot.geometry, np.radians(45.0)))
+
+
+def _nominal(robot: Biglide, tree: Node) -> Nominal:
     from vjm.elastic import leaves
 
-    tree = robot.tree(pose_at(robot.geometry, np.radians(45.0)))
     return Nominal({n.name: n for n in leaves(tree) if isinstance(n, Spring)}, robot.geometry.L)
 
 
@@ -331,11 +339,18 @@ def adopted(robot: Biglide, effect: str, place: str, parameters: Mapping[str, fl
     if effect == "gravity":
         return robot
     known = effect_named(effect, place, tuple(parameters))
-    nominal = nominal_of(robot)
+    tree = _at_its_middle(robot)
+    nominal = _nominal(robot, tree)
     if effect == "payload":
         raise InputError("payload: add its mass to platform.mass of the robot file")
     if known.acts is None:
         raise InputError(f"{known.name}: no part of the robot; correct the readings (or the backlash) instead")
-    given = np.array([float(parameters.get(name, 0.0)) for name in known.names])
+    if not parameters:
+        raise InputError(f"{known.name}: expected parameters {', '.join(known.names)}, found none")
+    if not parameters.get("factor", 1.0) > 0.0:
+        raise InputError(f"{known.name}, factor: expected more than 0, found {parameters['factor']:g}")
+    none = known.outside(np.zeros(len(known.scale)), nominal)
+    given = np.array([float(parameters.get(name, value)) for name, value in zip(known.names, none, strict=True)])
     changes = known.acts(known.inside(given, nominal), nominal)
+    changed(tree, changes)  # raises for a compliance that is none
     return robot.edited(partial(changed, changes=changes))

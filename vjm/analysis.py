@@ -30,6 +30,8 @@ _DEGREE = 24  # of a series along a robot's only parameter
 _ALIKE = 3e-12  # what it may be off, as a share of the largest entry of the same unit
 _FREE = 1e-9  # relative principal stiffness below which a direction is free
 _NEAR = 1e-6  # and below which the pose is near singular
+_LENGTHS = 1e-3, 10.0  # m, of a robot's own length; beyond, its rotations or translations are but rounding
+_TURN = 0.5  # rad that weights may turn the tool by; beyond, nothing linear tells where it is
 
 
 class Robot(Protocol):
@@ -108,16 +110,35 @@ def sag(robot: Robot, poses: ArrayLike, *, g: float = STANDARD) -> Array:
 
 
 def analyse(robot: Robot, poses: ArrayLike, *, gravity: Gravity = "none", g: float = STANDARD) -> Stiffness:
-    """Stiffness, mobility and (with gravity) sag at tool points (n, 3) in m."""
+    """Stiffness, mobility and (with gravity) sag at tool points (n, 3) in m.
+
+    Where weights find no equilibrium near by, the stiffness is the one without them, and the sag is NaN.
+    """
     points = checked_poses(poses)
-    matrix = stiffness(robot, points, gravity=gravity, g=g)
-    count, reserve = mobility(matrix)
-    droop = np.zeros((len(points), 6))
-    firm = count == 0
-    if gravity != "none" and firm.any():
-        droop[firm] = sag(robot, points[firm], g=g)
-        droop[~firm] = np.nan
-    return Stiffness(points, matrix, droop, count, reserve)
+    matrix, droop = stiffness(robot, points), np.zeros((len(points), 6))
+    if gravity != "none":
+        loaded, droop = under_weight(robot, points, matrix, gravity=gravity, g=g)
+        matrix = np.where(np.isnan(droop[:, :1, None]), matrix, loaded)
+    return Stiffness(points, matrix, droop, *mobility(matrix))
+
+
+def under_weight(
+    robot: Robot, points: Array, unloaded: Array, *, gravity: Gravity, g: float = STANDARD
+) -> tuple[Array, Array]:
+    """Stiffness (n, 6, 6) and sag (n, 6) under weights at points whose ``unloaded`` stiffness (n, 6, 6) is known.
+
+    Both are NaN where the tool moves freely, or where the weights would turn it by more than half a radian.
+    """
+    matrix, droop = np.full_like(unloaded, np.nan), np.full((len(points), 6), np.nan)
+    firm = np.flatnonzero(mobility(unloaded)[0] == 0)
+    if firm.size:
+        sagged = sag(robot, points[firm], g=g)
+        small = (np.abs(sagged[:, 3:]) < _TURN).all(axis=1)
+        firm = firm[small]
+        droop[firm] = sagged[small]
+    if firm.size:
+        matrix[firm] = stiffness(robot, points[firm], gravity=gravity, g=g)
+    return matrix, droop
 
 
 def principal(matrix: Array) -> tuple[Array, Array]:
@@ -126,9 +147,9 @@ def principal(matrix: Array) -> tuple[Array, Array]:
     The length makes the mean rotational entry equal to the mean translational one, so that no unit decides.
     """
     force = np.einsum("...ii->...", matrix[..., :3, :3]) / 3.0
-    length = np.sqrt(np.einsum("...ii->...", matrix[..., 3:, 3:]) / 3.0 / np.where(force > 0.0, force, 1.0))
+    moment = np.einsum("...ii->...", matrix[..., 3:, 3:]).clip(min=0.0) / 3.0
     scale = np.ones(matrix.shape[:-1])
-    scale[..., 3:] = np.where(length > 0.0, length, 1.0)[..., None]
+    scale[..., 3:] = np.sqrt(moment / np.where(force > 0.0, force, 1.0)).clip(*_LENGTHS)[..., None]
     unit = matrix / (scale[..., :, None] * scale[..., None, :]) / np.where(force > 0.0, force, 1.0)[..., None, None]
     values, vectors = np.linalg.eigh(unit)
     return values, vectors / scale[..., :, None]
@@ -138,7 +159,7 @@ def mobility(matrix: Array) -> tuple[NDArray[np.int_], Array]:
     """Free directions (...,) of stiffnesses (..., 6, 6), and the smallest over the largest principal stiffness."""
     values, _ = principal(matrix)
     ratio = values / np.where(values[..., -1:] > 0.0, values[..., -1:], 1.0)
-    return np.sum(ratio < _FREE, axis=-1), np.clip(ratio[..., 0], 0.0, None)
+    return np.sum(np.abs(ratio) < _FREE, axis=-1), np.clip(ratio[..., 0], 0.0, None)
 
 
 def softest(matrix: Array) -> Array:
@@ -153,6 +174,8 @@ def singular_note(matrix: Array) -> str | None:
         return None
     direction = ", ".join(f"{v:+.3g}" for v in softest(matrix))
     state = f"the tool moves freely in {int(count)} direction(s)" if count else "near a singular pose"
+    if principal(matrix)[0][0] < -_NEAR:
+        state = "unstable, the loads overturn it"
     return f"{state}: softest twist ({direction}), reserve {float(reserve):.2g}"
 
 

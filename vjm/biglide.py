@@ -192,7 +192,8 @@ def pose_at(geometry: Geometry, q: float, x: float = 0.0, y: float = 0.0) -> Arr
 
 def _position(geometry: Geometry, points: Array) -> tuple[Array, Array]:
     """Sine of the link angle (n,) and slide positions (n, 2) in m, meaningful where 0 < sine < 1."""
-    sine = (points[:, 2] - geometry.l1 - geometry.l2) / geometry.L
+    far = 2.0 * geometry.L  # enough to be out of reach
+    sine = np.clip(points[:, 2] - geometry.l1 - geometry.l2, -far, far) / geometry.L
     reach = geometry.L * np.sqrt(np.clip(1.0 - sine**2, 0.0, None)) + geometry.l
     return sine, np.column_stack([reach - points[:, 0], reach + points[:, 0]])
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from stiffscope import InputError
+from vjm.checks import checked_compliance
 from vjm.screws import Frame
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from vjm.screws import Array
 
 HERE = Frame()
+_ORTHONORMAL = 1e-9
 
 
 @dataclass(frozen=True)
@@ -28,13 +30,22 @@ class Spring:
     """A 6-dof virtual spring: its end moves by ``compliance @ wrench`` against its base, plus ``offset``.
 
     ``compliance`` (..., 6, 6), symmetric, may be singular or zero; ``offset`` (..., 6) is the twist of the unloaded end
-    (lack of fit, heat, encoder error). Both at the frame's origin, in its axes.
+    (lack of fit, heat, encoder error). Both at the frame's origin, in its axes. Raises InputError, as all elements do,
+    for another shape, what is not finite, and what holds for all poses and is asymmetric or indefinite.
     """
 
     name: str
     compliance: Array
     frame: Frame = HERE
     offset: Array | None = None
+
+    def __post_init__(self) -> None:
+        _check_array(self.compliance, self.name, "a compliance (..., 6, 6)", self.compliance.shape[-2:] == (6, 6))
+        if self.compliance.ndim == 2 and self.compliance.any():
+            object.__setattr__(self, "compliance", checked_compliance(self.compliance, self.name, semidefinite=True))
+        if self.offset is not None:
+            _check_array(self.offset, self.name, "an offset (..., 6)", self.offset.shape[-1:] == (6,))
+        _check_place(self)
 
     @property
     def rigid(self) -> bool:
@@ -50,6 +61,10 @@ class Passive:
     directions: Array
     frame: Frame = HERE
 
+    def __post_init__(self) -> None:
+        _check_array(self.directions, self.name, "free directions (..., 6, k)", self.directions.shape[-2:-1] == (6,))
+        _check_place(self)
+
 
 @dataclass(frozen=True)
 class Weight:
@@ -58,6 +73,12 @@ class Weight:
     name: str
     mass: float
     frame: Frame = HERE
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.mass < np.inf:
+            msg = f"{self.name}: expected a mass of at least 0 kg, got {self.mass}"
+            raise InputError(msg)
+        _check_place(self)
 
 
 @dataclass(frozen=True)
@@ -68,6 +89,9 @@ class Series:
     members: tuple[Node, ...]
     frame: Frame = HERE
 
+    def __post_init__(self) -> None:
+        _check_place(self)
+
 
 @dataclass(frozen=True)
 class Parallel:
@@ -77,20 +101,61 @@ class Parallel:
     members: tuple[Node, ...]
     frame: Frame = HERE
 
+    def __post_init__(self) -> None:
+        _check_place(self)
+
 
 Node: TypeAlias = "Spring | Passive | Weight | Series | Parallel"
 
 
+def _check_array(array: Array, name: str, expected: str, fits: bool) -> None:
+    if not fits:
+        msg = f"{name}: expected {expected}, got shape {array.shape}"
+        raise InputError(msg)
+    if not np.isfinite(array).all():
+        msg = f"{name}: expected {expected} of finite numbers, got {array[~np.isfinite(array)][0]}"
+        raise InputError(msg)
+
+
+def _check_place(node: Node) -> None:
+    """Frames of a stack are taken as they are; a group needs members."""
+    rotation, translation = node.frame.rotation, node.frame.translation
+    if (
+        rotation is not None
+        and rotation.ndim == 2
+        and not np.allclose(rotation @ rotation.T, np.eye(3), rtol=0.0, atol=_ORTHONORMAL)
+    ):
+        msg = f"{node.name}: expected a frame with a rotation (3, 3), orthonormal, got {rotation.tolist()}"
+        raise InputError(msg)
+    if translation is not None:
+        _check_array(translation, node.name, "a frame with a translation (..., 3)", translation.shape[-1:] == (3,))
+    if isinstance(node, Series | Parallel) and not node.members:
+        msg = f"{node.name}: expected at least one member"
+        raise InputError(msg)
+
+
+def _check_unit(vector: Array, name: str, what: str) -> None:
+    """Raise InputError unless an axis, or one half of a twist, is of unit length."""
+    if not (np.abs(np.linalg.norm(vector.reshape(-1, 3), axis=1) - 1.0) < _ORTHONORMAL).any():
+        msg = f"{name}: expected {what} of length 1, got {vector.tolist()}"
+        raise InputError(msg)
+
+
 def drive(name: str, stiffness: float, direction: Array, offset: float = 0.0) -> Spring:
-    """Scalar spring of ``stiffness`` in N/m along the unit twist ``direction`` (6,); ``offset`` in m moves its zero."""
-    if not stiffness > 0.0:
+    """Scalar spring of ``stiffness`` in N/m along the unit twist ``direction`` (6,); ``offset`` in m moves its zero.
+
+    A drive that turns, in N·m/rad, has a twist of unit rotation.
+    """
+    if not 0.0 < stiffness < np.inf:
         msg = f"{name}: a drive's stiffness must be positive, got {stiffness}"
         raise InputError(msg)
+    _check_unit(direction, name, "a direction")
     return Spring(name, np.outer(direction, direction) / stiffness, offset=direction * offset if offset else None)
 
 
 def revolute(name: str, axis: Array, frame: Frame = HERE) -> Passive:
     """Passive revolute joint about the unit ``axis`` (3,) through the frame's origin."""
+    _check_unit(axis, name, "an axis")
     return Passive(name, np.concatenate([np.zeros(3), axis])[:, None], frame)
 
 

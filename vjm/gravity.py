@@ -19,7 +19,7 @@ from vjm.biglide import LINKS, SIDES
 from vjm.elastic import Node, Parallel, Passive, Series, Spring, Weight, edited, leaves
 from vjm.reduction import Stiff, assembled
 from vjm.response import respond
-from vjm.screws import Frame, rotation, skew
+from vjm.screws import Frame, rotation, rotation_of, skew
 
 if TYPE_CHECKING:
     from vjm.biglide import Biglide
@@ -65,7 +65,8 @@ def literal_tree(robot: Biglide, poses: Array, gravity: float = STANDARD) -> Nod
 
 
 def exact_stiffness(tree: Node, gravity: float = STANDARD) -> Array:
-    """Stiffness (..., 6, 6) at M in axes {O}: Hessian of the potential energy at the equilibrium under all weights.
+    """Stiffness (..., 6, 6) at M in axes {O}: Hessian of the potential energy at the equilibrium under all weights,
+    and under what misfits strain.
 
     The linear algebra is repeated on the robot as the weights have bent it; the second-order work of the loads and of
     the forces that close the loops is added (it is stationary in the internal motions, so theirs need no correction).
@@ -75,9 +76,10 @@ def exact_stiffness(tree: Node, gravity: float = STANDARD) -> Array:
     if not isinstance(bent.form, Stiff):
         msg = "a robot without a parallel group: ask for its stiffness without gravity"
         raise InputError(msg)
-    load = np.array([gravity, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    first = np.eye(7)[0]  # of the cases: weights and misfits; unit twists of the tool in the others
     unit = np.concatenate([np.zeros((*bent.form.stiffness.shape[:-1], 1)), bent.form.stiffness], axis=-1)
-    work = _SecondOrder(respond(bent, unit, gravity=load).elements, np.array([0.0, 0.0, gravity]))
+    loaded = respond(bent, unit, gravity=gravity * first, misfit=first)
+    work = _SecondOrder(loaded.elements, np.array([0.0, 0.0, gravity]))
     work.behind(bent.node, _NO_LOAD)
     half = sum(work.halves)
     return bent.form.stiffness - half - np.swapaxes(half, -1, -2)
@@ -133,9 +135,24 @@ def _bent(tree: Node, sagged: Response) -> Node:
                 offset=None if node.offset is None else np.einsum("...ij,...j->...i", screws, node.offset),
                 frame=frame,
             )
+        if isinstance(node, Passive) and node.directions.shape[-1] > 1:
+            return replace(node, directions=_ordered_directions(node.directions, element.twist[..., 0]), frame=frame)
         return replace(node, frame=frame)
 
     return visit(tree)
+
+
+def _ordered_directions(directions: Array, twist: Array) -> Array:
+    """Free directions (..., 6, k) of a joint as its own ``twist`` leaves them: each is carried by those before it."""
+    rates = (np.linalg.pinv(directions) @ twist[..., None])[..., 0]
+    frame = Frame()
+    columns: list[Array] = []
+    for k in range(directions.shape[-1]):
+        column = directions[..., k]
+        columns.append((frame.adjoint() @ column[..., None])[..., 0])
+        step = column * rates[..., k, None]
+        frame = frame.then(Frame(rotation_of(step[..., 3:]), step[..., :3]))
+    return np.stack(np.broadcast_arrays(*columns), axis=-1)
 
 
 def _ordered_screws(coordinates: Array) -> Array:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope import InputError
-from vjm.analysis import sag, stiffness
+from vjm.analysis import stiffness, under_weight
 from vjm.biglide import pose_at, reachable
 from vjm.gravity import STANDARD
 
@@ -35,7 +35,7 @@ class Rectangle:
 
 @dataclass(frozen=True)
 class WorkspaceMap:
-    """Maps over a grid of tool points at one y; NaN where the robot cannot reach.
+    """Maps over a grid of tool points at one y; NaN where the robot cannot reach or weights find no equilibrium.
 
     ``x`` (nx,), ``z`` (nz,) in m; ``stiffness`` and ``loaded`` (nz, nx, 6): diagonals of the stiffness at M without and
     with the robot's own weight, N/m and N·m/rad; ``sag`` (nz, nx, 6) in m, rad.
@@ -101,18 +101,17 @@ def workspace_map(
         msg = f"map: no reachable tool point in x [{x[0]:.4g}, {x[-1]:.4g}] m, z [{z[0]:.4g}, {z[-1]:.4g}] m"
         raise InputError(msg)
     points = grid[inside]
-    plain = np.diagonal(stiffness(robot, points), axis1=1, axis2=2)
-    loaded, droop = plain, np.zeros((len(points), 6))
+    plain = loaded = stiffness(robot, points)
+    droop = np.zeros((len(points), 6))
     if gravity != "none":
-        loaded = np.diagonal(stiffness(robot, points, gravity=gravity, g=g), axis1=1, axis2=2)
-        droop = sag(robot, points, g=g)
+        loaded, droop = under_weight(robot, points, plain, gravity=gravity, g=g)
     q1, q2 = q
     return WorkspaceMap(
         x,
         y,
         z,
-        _spread(inside, plain),
-        _spread(inside, loaded),
+        _spread(inside, np.diagonal(plain, axis1=1, axis2=2)),
+        _spread(inside, np.diagonal(loaded, axis1=1, axis2=2)),
         _spread(inside, droop),
         main_workspace(robot.geometry, q1, q2),
     )

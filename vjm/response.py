@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from vjm.screws import Array
 
 
+_FREE = 1e-12  # least eigenvalue of a stiffness scaled to a diagonal of ones, below which it is rounding
+
+
 @dataclass(frozen=True)
 class _State:
     """What a group knows of a member: its own frame seen from M, wrench, twist and load in its own axes.
@@ -81,15 +84,17 @@ class Response:
     elements: dict[str, Element]
 
 
-def respond(robot: Node | Assembly, wrench: Array, *, gravity: float | Array = 0.0, misfit: bool = False) -> Response:
+def respond(
+    robot: Node | Assembly, wrench: Array, *, gravity: float | Array = 0.0, misfit: float | Array = 0.0
+) -> Response:
     """Equilibrium of a robot, as a tree or as assembled with loads, under wrenches (..., 6, c) at M in axes {O}.
 
-    ``gravity`` in m/s² along +z, one for all or one a case (c,), loads every weight; ``misfit`` lets every spring's
-    offset act. Raises InputError where the tool can move freely.
+    ``gravity`` in m/s² along +z loads every weight; every spring's offset acts ``misfit`` times. Both are one for all
+    or one a case (c,). Raises InputError where the tool can move freely, and for a name that stands twice.
     """
     whole = robot if isinstance(robot, Leaf | Chain | Bundle) else assembled(robot, loads=True)
     load = np.zeros((4, wrench.shape[-1]))
-    load[2], load[3] = gravity, float(misfit)
+    load[2], load[3] = gravity, misfit
     twist = _end_twist(whole.form, wrench, load)
     elements: dict[str, Element] = {}
     _spread(whole, _State(Frame(), wrench, twist, load, np.zeros_like(twist)), elements)
@@ -104,13 +109,15 @@ def tool_twist(tree: Node, *, gravity: float = 0.0, misfit: bool = False) -> Arr
 
 def _end_twist(form: Flexible | Stiff, wrench: Array, load: Array) -> Array:
     if isinstance(form, Stiff):
-        try:
-            return np.linalg.solve(form.stiffness, wrench - form.preload @ load)
-        except np.linalg.LinAlgError:
+        size = np.sqrt(np.einsum("...ii->...i", form.stiffness).clip(min=0.0))
+        unit = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+        if (np.linalg.eigvalsh(form.stiffness * unit[..., :, None] * unit[..., None, :])[..., 0] <= _FREE).any():
             msg = "the tool moves freely in at least one direction: ask for its mobility, not for its deflection"
-            raise InputError(msg) from None
+            raise InputError(msg)
+        return np.linalg.solve(form.stiffness, wrench - form.preload @ load)
     if form.free.shape[-1]:
-        msg = f"the tool moves freely in {form.free.shape[-1]} directions: a chain with passive joints must be closed"
+        count = int(np.linalg.matrix_rank(form.free).max())
+        msg = f"the tool moves freely in {count} directions: a chain with passive joints must be closed"
         raise InputError(msg)
     return form.compliance @ wrench + form.offset @ load
 
@@ -119,6 +126,9 @@ def _spread(whole: Assembly, group: _State, elements: dict[str, Element]) -> Non
     """Carry wrench and twist from the end of a node down to every element."""
     match whole:
         case Leaf():
+            if whole.node.name in elements:
+                msg = f"{whole.node.name}: two elements have this name; expected one name for each"
+                raise InputError(msg)
             elements[whole.node.name] = Element(whole.node, group)
         case Chain():
             _spread_chain(whole, _entered(whole.node.frame, group), elements)

@@ -10,7 +10,6 @@ from vjm.analysis import stiffness
 from vjm.biglide import LINKS, SIDES
 from vjm.checks import checked_poses
 from vjm.response import respond
-from vjm.screws import HALF_TURN
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -27,7 +26,7 @@ def stiffness_error(robot: Biglide, poses: ArrayLike, link: Array, slider: Array
     """
     points = checked_poses(poses)
     matrix = stiffness(robot, points)
-    bars = {f"limb{i}.slider": np.abs(HALF_TURN) @ slider @ np.abs(HALF_TURN) for i in SIDES}
+    bars = {f"limb{i}.slider": slider for i in SIDES}  # half a turn changes signs alone
     bars |= {f"limb{i}.link{j}": link for i in SIDES for j in LINKS}
     elements = respond(robot.tree(points), matrix).elements
     error = np.zeros_like(matrix)
