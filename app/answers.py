@@ -17,6 +17,7 @@ from app.parts import order_part, solve_parts
 from app.pipeline import (
     Assembled,
     check_one_interface,
+    check_reach,
     compliance_json,
     solve_robots,
     stiffness_bars,
@@ -29,7 +30,7 @@ from app.robotfile import load_robot
 from stiffscope import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from app.schema import PartName, RobotFile
@@ -94,7 +95,7 @@ def robot_stiffness(
     robot = load_robot(name, overrides)
     points = _tool_points(robot, poses)
     gravity = gravity or ("exact" if robot.carries("gravity") else "none")
-    assembled = _assembled(robot, components, np.array(list(points.values())), quiet=quiet)
+    assembled = _assembled(robot, components, points, quiet=quiet)
     state = analyse(assembled.elastic, list(points.values()), gravity=gravity, g=robot.gravity.acceleration)
     bars = stiffness_bars(assembled, state.poses)
     if target:
@@ -103,7 +104,7 @@ def robot_stiffness(
         if note := singular_note(matrix):
             log.warning("%s: %s", pose, note)
         elif np.isnan(droop).any():
-            log.warning("%s: its weight turns the tool too far for a linear answer; the stiffness is without it", pose)
+            log.warning("%s: its weight moves the tool too far for a linear answer; the stiffness is without it", pose)
     if not quiet and target != "-":
         made_of = ", ".join(f"{part} {source}" for part, source in assembled.sources.items())
         title = f"Stiffness at M ({made_of}; gravity {gravity})"
@@ -125,7 +126,7 @@ def robot_deflection(
         raise InputError(f"--wrench {wrench}: {error}; expected FX,FY,FZ,MX,MY,MZ in N and N·m") from error
     if len(load) != 6:
         raise InputError(f"--wrench {wrench}: expected six numbers FX,FY,FZ,MX,MY,MZ in N and N·m")
-    assembled = _assembled(robot, components, np.array(list(points.values())), quiet=quiet)
+    assembled = _assembled(robot, components, points, quiet=quiet)
     found = deflection(assembled.elastic, list(points.values()), load)
     if target:
         shares = {"energy": found.energy, "shares": found.shares}
@@ -165,7 +166,7 @@ def robot_map(
     robot = load_robot(name, overrides)
     files.check_output(out)
     manifest = Manifest(sys.argv[1:], str(robot.path), file_digest(robot.path), list(overrides))
-    elastic = _assembled(robot, components, None, quiet=quiet).elastic
+    elastic = _assembled(robot, components, {}, quiet=quiet).elastic
     with files.staged_folder(out) as folder:
         found = maps.robot_maps(elastic, robot.poses, points, gravity, robot.gravity.acceleration)
         maps.write_map(found, folder, f"{robot.name}: stiffness over the workspace, gravity {gravity}")
@@ -235,13 +236,11 @@ def _number(text: str) -> float | str:
         return text
 
 
-def _assembled(robot: RobotFile, components: str | None, poses: np.ndarray | None, *, quiet: bool) -> Assembled:
-    """The robot with its parts; poses are checked before any experiment is made."""
-    from app.components import geometry
-    from vjm.biglide import link_angle
-
-    if poses is not None:
-        link_angle(geometry(robot), poses)
+def _assembled(
+    robot: RobotFile, components: str | None, points: Mapping[str, Sequence[float]], *, quiet: bool
+) -> Assembled:
+    """The robot with its parts."""
+    check_reach(robot, points)
     with workshop(quiet=quiet) as (cache, spare, open_line):
         made = solve_robots({"now": robot}, components, cache, spare, open_line, pictures=False)["now"]
     warn_of(made.results.values())

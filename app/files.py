@@ -42,12 +42,11 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 def check_file(path: Path) -> None:
     """Refuse a file before work is spent on it: see `write_bytes`."""
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; give a file")
-    if _is_stream(path):
-        return
     try:
-        Path(tempfile.mkdtemp(prefix=".stiffscope-", dir=path.resolve().parent)).rmdir()
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder; give a file")
+        if not _is_stream(path):
+            Path(tempfile.mkdtemp(prefix=".stiffscope-", dir=path.resolve().parent)).rmdir()
     except OSError as error:
         raise _unwritable_file(path, error) from error
 
@@ -113,8 +112,8 @@ def staged_folder(target: str | Path) -> Iterator[Path]:
         `target` is a file, cannot be written, or is a folder with content that this program did not write.
 
     """
-    goal = Path(os.path.abspath(target))  # noqa: PTH100 (links stay as the user gave them)
-    check_output(goal)
+    check_output(target)
+    goal = Path(target).resolve()
     aside = goal.with_name(f".{goal.name}.partial-{os.getpid()}-{uuid.uuid4().hex[:6]}")
     try:
         goal.parent.mkdir(parents=True, exist_ok=True)
@@ -132,8 +131,12 @@ def staged_folder(target: str | Path) -> Iterator[Path]:
 
 def check_output(target: str | Path) -> None:
     """Refuse an output folder before work is spent on it: see `staged_folder`."""
-    goal = Path(os.path.abspath(target))  # noqa: PTH100
-    if goal.exists() and not goal.is_dir():
+    goal = Path(target).resolve()
+    try:
+        there = goal.exists()
+    except OSError as error:  # a name that is too long
+        raise _unwritable(target, error.strerror) from error
+    if there and not goal.is_dir():
         raise InputError(f"{target}: is a file; give a folder for the output")
     if goal in (Path.cwd(), *Path.cwd().parents):
         better = Path(target) / "out"
@@ -145,7 +148,7 @@ def check_output(target: str | Path) -> None:
     nearest = next(p for p in (goal, *goal.parents) if p.exists())
     if not nearest.is_dir():
         raise InputError(f"{target}: {nearest} is a file, not a folder")
-    holder = goal.parent if goal.exists() else nearest
+    holder = goal.parent if there else nearest
     try:
         Path(tempfile.mkdtemp(prefix=".stiffscope-", dir=holder)).rmdir()
     except OSError as error:

@@ -54,9 +54,11 @@ def draw_difference(found: WorkspaceMap, poses: Poses, title: str, *targets: Pat
 
 
 def draw_sag(found: WorkspaceMap, poses: Poses, title: str, *targets: Path) -> None:
-    """How far the platform sinks and tilts under the robot's own weight."""
-    panels = [(name, unit, found.sag[..., k] * factor) for k, (name, unit, factor) in enumerate(SAGS)]
-    _save(_panels(found, [panels[k] for k in (0, 2, 4)], poses, title, "magma_r"), targets)
+    """How far the platform sinks and tilts under the robot's own weight: what of it is more than rounding."""
+    most = np.nanmax(np.abs(found.sag), axis=(0, 1))
+    told = [k for k in range(6) if most[k] > 1e-4 * most.max()] or [2]
+    panels = [(SAGS[k][0], SAGS[k][1], found.sag[..., k] * SAGS[k][2]) for k in told]
+    _save(_panels(found, panels, poses, title, "magma_r"), targets)
 
 
 def draw_all(found: WorkspaceMap, poses: Poses, title: str, *targets: Path) -> None:
@@ -85,7 +87,8 @@ def draw_all(found: WorkspaceMap, poses: Poses, title: str, *targets: Path) -> N
 
 
 def _head(figure: Figure, title: str) -> None:
-    figure.suptitle(f"{title}  ({SHOWN})", fontsize=14, fontweight="bold", x=0.01, ha="left")
+    gap, size = ("  ", 14) if figure.get_figwidth() > 8 else ("\n", 11)
+    figure.suptitle(f"{title}{gap}({SHOWN})", fontsize=size, fontweight="bold", x=0.01, ha="left")
 
 
 def _panels(
@@ -93,11 +96,14 @@ def _panels(
 ) -> Figure:
     from matplotlib.figure import Figure
 
-    rows = len(panels) // 3
-    figure = Figure(figsize=(14, 0.5 + 3.5 * rows), layout="constrained", facecolor="white")
+    columns = min(len(panels), 3)
+    rows = -(-len(panels) // columns)
+    figure = Figure(figsize=(14 * columns / 3, 0.8 + 3.7 * rows), layout="constrained", facecolor="white")
     _head(figure, title)
-    grid = list(figure.subplots(rows, 3, sharex=True, sharey=True).flat)
-    for axes, (name, unit, values) in zip(grid, panels, strict=True):
+    grid = list(figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).flat)
+    for axes in grid[len(panels) :]:
+        axes.remove()
+    for axes, (name, unit, values) in zip(grid, panels, strict=False):
         _panel(axes, found, values, unit, colours)
         _mark(axes, found, poses)
         axes.set_title(name, fontsize=12)

@@ -70,6 +70,17 @@ def needed_orders(
     return {name: order_part(robot, name, pictures=pictures, label=name + suffix) for name in wanted}
 
 
+def check_reach(robot: RobotFile, points: Mapping[str, Sequence[float]]) -> None:
+    """Raise InputError that names the tool point that is out of reach, before any experiment is made."""
+    from vjm.biglide import link_angle
+
+    for name, point in points.items():
+        try:
+            link_angle(parts_of.geometry(robot), np.array([point]))
+        except InputError as error:
+            raise InputError(f"{name}: {error}") from error
+
+
 def check_one_interface(robot: RobotFile, name: PartName) -> None:
     """Raise InputError where a part has more loaded interfaces, and so more matrices, than one."""
     if robot.part(name).shape().get("pads") == "apart":
@@ -134,6 +145,7 @@ def run_robot(
     robot = load_robot(name, overrides, tolerance)
     if not robot.poses:
         raise InputError(f'{robot.path}: has no poses; give one in [poses], such as Q1 = ["0 mm", "0 mm", "350 mm"]')
+    check_reach(robot, robot.poses)
     files.check_output(out)
     robots = {"now": robot} | ({"before": load_robot(name, (), tolerance)} if overrides else {})
     manifest = Manifest(sys.argv[1:], str(robot.path), file_digest(robot.path), list(overrides))

@@ -197,9 +197,10 @@ def _first(error: ValidationError, model: type[BaseModel]) -> tuple[Key, str]:
         return key, "is missing"
     if item["type"] == "literal_error":
         return key, f"expected {item.get('ctx', {}).get('expected')}, got {json.dumps(item['input'], default=str)}"
-    if item["type"] in {"model_type", "dict_type", "model_attributes_type"}:
-        inside = "any names" if item["type"] == "dict_type" else ", ".join(_section(model, key).model_fields)
-        return key, f"expected a table of {inside}, got {json.dumps(item['input'], default=str)[:60]}"
+    if item["type"] in {"model_type", "dict_type", "model_attributes_type", "tuple_type"}:
+        inside = ", ".join(_section(model, key).model_fields) if item["type"].startswith("model") else "any names"
+        kind = "a list" if item["type"] == "tuple_type" else f"a table of {inside}"
+        return key, f"expected {kind}, got {json.dumps(item['input'], default=str)[:60]}"
     return key, item["msg"].removeprefix("Value error, ")
 
 

@@ -31,7 +31,7 @@ _ALIKE = 3e-12  # what it may be off, as a share of the largest entry of the sam
 _FREE = 1e-9  # relative principal stiffness below which a direction is free
 _NEAR = 1e-6  # and below which the pose is near singular
 _LENGTHS = 1e-3, 10.0  # m, of a robot's own length; beyond, its rotations or translations are but rounding
-_TURN = 0.5  # rad that weights may turn the tool by; beyond, nothing linear tells where it is
+_FAR = 0.1  # rad, and of its own length, that weights may move the tool; beyond, nothing linear tells where it is
 
 
 class Robot(Protocol):
@@ -127,13 +127,16 @@ def under_weight(
 ) -> tuple[Array, Array]:
     """Stiffness (n, 6, 6) and sag (n, 6) under weights at points whose ``unloaded`` stiffness (n, 6, 6) is known.
 
-    Both are NaN where the tool moves freely, or where the weights would turn it by more than half a radian.
+    Both are NaN where the tool moves freely, or where the weights would turn it by more than a tenth of a radian or
+    move it by more than a tenth of its own length.
     """
     matrix, droop = np.full_like(unloaded, np.nan), np.full((len(points), 6), np.nan)
     firm = np.flatnonzero(mobility(unloaded)[0] == 0)
     if firm.size:
         sagged = sag(robot, points[firm], g=g)
-        small = (np.abs(sagged[:, 3:]) < _TURN).all(axis=1)
+        size = np.ones((len(firm), 6))
+        size[:, :3] = own_length(unloaded[firm])[:, None]
+        small = (np.abs(sagged) < _FAR * size).all(axis=1)
         firm = firm[small]
         droop[firm] = sagged[small]
     if firm.size:
@@ -142,17 +145,21 @@ def under_weight(
 
 
 def principal(matrix: Array) -> tuple[Array, Array]:
-    """Eigenvalues (..., 6), ascending, and directions of stiffnesses scaled to the robot's own length and stiffness.
-
-    The length makes the mean rotational entry equal to the mean translational one, so that no unit decides.
+    """Eigenvalues (..., 6), ascending, and directions of stiffnesses scaled to the robot's own length and stiffness, so
+    that no unit decides.
     """
     force = np.einsum("...ii->...", matrix[..., :3, :3]) / 3.0
-    moment = np.einsum("...ii->...", matrix[..., 3:, 3:]).clip(min=0.0) / 3.0
     scale = np.ones(matrix.shape[:-1])
-    scale[..., 3:] = np.sqrt(moment / np.where(force > 0.0, force, 1.0)).clip(*_LENGTHS)[..., None]
+    scale[..., 3:] = own_length(matrix)[..., None]
     unit = matrix / (scale[..., :, None] * scale[..., None, :]) / np.where(force > 0.0, force, 1.0)[..., None, None]
     values, vectors = np.linalg.eigh(unit)
     return values, vectors / scale[..., :, None]
+
+
+def own_length(matrix: Array) -> Array:
+    """Length (...) in m that makes the mean rotational entry of stiffnesses (..., 6, 6) equal to the translational."""
+    force, moment = (np.einsum("...ii->...", block) for block in (matrix[..., :3, :3], matrix[..., 3:, 3:]))
+    return np.sqrt(moment.clip(min=0.0) / np.where(force > 0.0, force, 1.0)).clip(*_LENGTHS)
 
 
 def mobility(matrix: Array) -> tuple[NDArray[np.int_], Array]:
@@ -172,7 +179,8 @@ def singular_note(matrix: Array) -> str | None:
     count, reserve = mobility(matrix)
     if not count and reserve > _NEAR:
         return None
-    direction = ", ".join(f"{v:+.3g}" for v in softest(matrix))
+    twist = softest(matrix)
+    direction = ", ".join(f"{v:+.3g}" for v in np.where(np.abs(twist) < _NEAR * np.abs(twist).max(), 0.0, twist))
     state = f"the tool moves freely in {int(count)} direction(s)" if count else "near a singular pose"
     if principal(matrix)[0][0] < -_NEAR:
         state = "unstable, the loads overturn it"

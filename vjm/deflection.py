@@ -71,6 +71,8 @@ def deflection_with_backlash(robot: Robot, poses: ArrayLike, wrench: ArrayLike, 
         msg = f"backlash: expected half-widths of at least 0 m, got {dict(gaps)}"
         raise InputError(msg)
     loaded = respond(tree, load[..., None])
+    if not names:
+        return loaded.twist[..., 0]
     force = np.zeros((len(points), len(names)))
     for i, name in enumerate(names):
         force[:, i] = _along(tree, name, loaded.elements[name].wrench)[..., 0]

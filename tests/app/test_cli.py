@@ -34,6 +34,11 @@ def test_version():
     [
         (["stiffness", "nosuch"], "no such robot file"),
         (["stiffness", "biglide", "--at", "0,0,3", "--components", "published"], "out of reach"),
+        (["stiffness", "biglide", "--set", "poses.Q1=[0, 0, 9]"], "Q1: pose 0,0,9 m is out of reach"),
+        (["stiffness", "biglide", "--at", "0,0,1e308"], "out of reach"),
+        (["stiffness", "biglide", "--set", "geometry.a_min=0.7"], "geometry.a_max: expected more than geometry.a_min"),
+        (["deflection", "biglide", "--components", "beam", "--wrench", "1e200,0,0,0,0,0"], "wrench: expected finite"),
+        (["stiffness", "biglide", "--set", "effects=3"], "--set effects: expected a list, got 3"),
         (["stiffness", "biglide", "--at", "0,0"], "expected X,Y,Z"),
         (["stiffness", "biglide", "--at", "0,0,nan"], "--at 0,0,nan"),
         (["stiffness", "biglide", "--at", "0,0,3 kg"], "which is a mass"),
@@ -87,7 +92,7 @@ def test_sag_under_its_own_weight():
 def test_a_stopped_run_leaves_nothing(tmp_path, how):
     environment = {**os.environ, "STIFFSCOPE_CACHE": str(tmp_path / "cache")}
     running = subprocess.Popen(
-        [*COMMAND, "run", "biglide", "--out", str(tmp_path / "out"), "--set", "link.length=410mm"],
+        [*COMMAND, "run", "biglide", "--out", str(tmp_path / "out"), "--set", "link.length=505mm"],
         stderr=subprocess.PIPE, text=True, env=environment, start_new_session=True,
     )  # fmt: skip
     time.sleep(2.5)

@@ -9,12 +9,13 @@ from stiffscope import InputError
 from vjm.analysis import stiffness
 
 TEXT = (data_folder() / "biglide.toml").read_text(encoding="utf-8")
-SOFT_DRIVE = """
+BASE = 'effect = "base-compliance"\nplace = "base"'
+SLIDERS = 'effect = "slider-compliance"\nplace = "sliders"'
+ADOPTED = 'effect = "actuator-stiffness"\nplace = "limb1"\nparameters = { factor = 0.8 }'
+SOFT_DRIVE = f"""
 [[effects]]
-effect = "actuator-stiffness"
-place = "limb1"
-parameters = { factor = 0.8 }
-provenance = { campaign = "c" }
+{ADOPTED}
+provenance = {{ campaign = "c" }}
 """
 
 
@@ -47,6 +48,10 @@ def test_adopted_effects_change_the_robot_in_their_order(assembled):
         ("factor", "faktor", "effects.0.parameters: expected one of factor"),
         ("0.8", '"0.8 m"', "effects.0.parameters.factor: expected a number"),
         ('"actuator-stiffness"', '"backlash"', "effects"),
+        ("factor = 0.8", "", "effects, number 1: actuator-stiffness @ limb1: expected parameters factor, found none"),
+        ("0.8", "-0.8", "effects, number 1: actuator-stiffness @ limb1, factor: expected more than 0, found -0.8"),
+        (ADOPTED, f"{BASE}\nparameters = {{ x = -1e-6 }}", "base: diagonal entries must not be negative"),
+        (ADOPTED, f"{SLIDERS}\nparameters = {{ c11 = -1e-9 }}", "slider: diagonal entries must not be negative"),
     ],
 )
 def test_what_no_robot_can_carry_is_refused(assembled, old, new, message):

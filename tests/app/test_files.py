@@ -81,6 +81,17 @@ def test_json_is_strict_and_readable(tmp_path, capsys):
         write_json("/", {})
 
 
+def test_an_output_folder_behind_a_link(tmp_path):
+    (tmp_path / "real").mkdir()
+    (tmp_path / "now").symlink_to(tmp_path / "real")
+    with staged_folder(tmp_path / "now") as folder:
+        (folder / "a").write_text("a")
+    assert (tmp_path / "real" / "a").read_text() == "a"
+    assert sorted(os.listdir(tmp_path)) == ["now", "real"]
+    with pytest.raises(InputError, match="cannot be written"):
+        check_output(tmp_path / ("y" * 300))
+
+
 def test_a_link_is_followed_and_a_pipe_is_written_to(tmp_path):
     (tmp_path / "link.json").symlink_to(tmp_path / "real.json")
     write_json(tmp_path / "link.json", {"a": 1})

@@ -1,5 +1,7 @@
 """Laws of the elastic algebra, over many random elements."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 
 from stiffscope import InputError
 from tests.robots import euler_bernoulli, random_compliance
-from vjm.analysis import mobility, singular_note
+from vjm.analysis import mobility, singular_note, softest
 from vjm.elastic import HERE, Parallel, Passive, Series, Spring, Weight, drive, edited, revolute, spherical
 from vjm.reduction import as_stiffness, reduced
 from vjm.response import respond, tool_twist
@@ -85,6 +87,50 @@ def test_free_directions_lie_in_the_null_space_also_behind_springs(seed):
     assert np.allclose(k @ tip, 0.0, atol=1e-9 * scale)
     assert mobility(k)[0] == 1
     assert "moves freely in 1 direction" in singular_note(k)
+
+
+def _tripod(rng):
+    """Three struts that meet at the tool: it turns freely there, wherever its legs start."""
+    axis = np.zeros((6, 6))
+    axis[0, 0] = 1e-8
+    legs = []
+    for i in range(3):
+        feet = Frame(rotation_of(rng.normal(size=3)), np.zeros(3))
+        foot = spherical(f"foot{i}", Frame(translation=np.array([-0.5, 0.0, 0.0])))
+        legs.append(Series(f"leg{i}", (foot, Spring(f"rod{i}", axis), spherical(f"tip{i}")), feet))
+    return Parallel("tripod", tuple(legs))
+
+
+def test_a_tool_that_turns_freely_has_mobility_and_no_deflection(rng):
+    for _ in range(20):
+        tripod = replace(_tripod(rng), frame=Frame(translation=rng.normal(size=3)))
+        k = as_stiffness(tripod)
+        assert mobility(k)[0] == 3
+        assert np.abs(softest(k)).max() < 100.0
+        with pytest.raises(InputError, match="moves freely"):
+            respond(tripod, np.eye(6)[:, 3:4])
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Spring("s", np.eye(3)), r"s: expected a compliance \(..., 6, 6\), got shape \(3, 3\)"),
+        (lambda: Spring("s", np.eye(6) + np.eye(6, k=1)), "s: not symmetric"),
+        (lambda: Spring("s", -np.eye(6)), "s: diagonal entries must not be negative"),
+        (lambda: Spring("s", np.full((2, 6, 6), np.nan)), "s: .* of finite numbers, got nan"),
+        (lambda: Spring("s", np.eye(6), offset=np.ones(3)), "s: expected an offset"),
+        (lambda: Spring("s", np.eye(6), Frame(2.0 * np.eye(3))), "s: .*orthonormal"),
+        (lambda: Passive("p", np.ones(6)), "p: expected free directions"),
+        (lambda: Weight("w", -1.0), "w: expected a mass"),
+        (lambda: revolute("r", np.array([0.0, 2.0, 0.0])), "r: expected an axis of length 1"),
+        (lambda: drive("d", 1e6, 2.0 * np.eye(6)[0]), "d: expected a direction of length 1"),
+        (lambda: Parallel("g", ()), "g: expected at least one member"),
+        (lambda: respond(Series("g", (Spring("s", np.eye(6)),) * 2), np.eye(6)), "s: two elements have this name"),
+    ],
+)
+def test_what_is_no_element_is_refused_by_name(make, message):
+    with pytest.raises(InputError, match=message):
+        make()
 
 
 @given(seeds)

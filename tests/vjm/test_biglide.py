@@ -11,7 +11,8 @@ from tests.vjm.direct_stiffness import biglide
 from vjm.analysis import analyse, stiffness
 from vjm.biglide import Biglide, link_angle, pose_at, reachable, slides, tool_point
 from vjm.deflection import deflection, load_deflection
-from vjm.elastic import Spring
+from vjm.elastic import Parallel, Series, Spring, drive
+from vjm.screws import Frame
 from vjm.uncertainty import stiffness_error
 
 MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0, -1.0, -1.0])
@@ -135,6 +136,29 @@ def test_both_slides_loose_let_the_tool_slide_with_them(robot):
     tight = load_deflection(robot, [0.02, 0, 0.4], [80, 0, 0, 0, 0, 0], [1.0], {"limb1.actuator": 0.0})
     loose = load_deflection(robot, [0.02, 0, 0.4], [80, 0, 0, 0, 0, 0], [1.0], gaps)
     assert np.allclose(loose - tight, [[5e-6, 0, 0, 0, 0, 0]], atol=1e-15)
+
+
+def test_redundant_drives_take_up_their_gaps_one_after_the_other():
+    """A soft drive beside a stiff one that has the wider gap: the soft one carries alone until it is closed."""
+    (soft, stiff), (near, far) = (1e5, 1e9), (1e-5, 3e-5)
+    x = np.eye(6)[0]
+
+    class Pair:
+        def tree(self, poses):
+            rest = np.diag([0.0, *[1e-9] * 5])
+            sides = [Series(n, (drive(f"{n}.drive", k, x), Spring(n, rest))) for n, k in (("a", soft), ("b", stiff))]
+            return Parallel("pair", tuple(sides), Frame(translation=0.0 * poses))
+
+        def stance(self, poses):
+            return poses
+
+    gaps = {"a.drive": near, "b.drive": far}
+    moved = load_deflection(Pair(), np.zeros(3), x, [-1.0, 0.0, 1.0, 3.0], gaps)[:, 0]
+    alone, both = near + 1 / soft, (3 + soft * near + stiff * far) / (soft + stiff)
+    assert moved == pytest.approx([-alone, 0.0, alone, both], rel=1e-8)
+    assert load_deflection(Pair(), np.zeros(3), x, [1.0], {})[0, 0] == pytest.approx(1 / (soft + stiff), rel=1e-9)
+    with pytest.raises(InputError, match=r"no element 'c\.drive'"):
+        load_deflection(Pair(), np.zeros(3), x, [1.0], {"c.drive": near})
 
 
 def test_analysis_reports_sag_and_mobility(robot):
