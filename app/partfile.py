@@ -44,7 +44,7 @@ class Mesh(Section):
     layers: Layers = 1
     tolerance: Tolerance = None
     most_unknowns: Positive = 2_000_000
-    time_limit: Duration = 120.0
+    time_limit: Duration = 300.0
     solver: Literal["auto", "direct", "multigrid"] = "auto"
 
 

@@ -147,5 +147,5 @@ def _excuse(specimen: Specimen, mesh: TetMesh, solution: Solution, settings: Set
     where = f"{share:.0%} of what may be missing sits at borders of held faces and re-entrant edges"
     if not why.startswith("singular"):
         where = why
-    reached = f"the bound of C{i + 1}{j + 1} reached {bound:.2g} at {limit}"
+    reached = f"the bound of C{i + 1}{j + 1} reached {bound:.3g} at {limit}"
     return f"tolerance {settings.tolerance:.3g} not met: {reached}; {where}"

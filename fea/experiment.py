@@ -52,7 +52,7 @@ class Settings:
     layers: int = 1
     tolerance: float | None = None
     foundation: float | None = None
-    time_limit: float = 120.0
+    time_limit: float = 300.0
     most_unknowns: int = 2_000_000
     solver: str = "auto"
     threads: int = 0

@@ -83,7 +83,7 @@ def surface_volume(surface: Surface) -> float:
 
 
 def tetrahedralize(
-    surface: Surface, size: float, envelope: float, time_limit: float = 120.0, threads: int = 0
+    surface: Surface, size: float, envelope: float, time_limit: float = 300.0, threads: int = 0
 ) -> tuple[Floats, Ints]:
     """Fill a closed surface with linear tetrahedra.
 

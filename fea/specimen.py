@@ -54,7 +54,7 @@ def mesh_specimen(
     envelope: float | None = None,
     layers: int = 1,
     rigid: bool = True,
-    time_limit: float = 120.0,
+    time_limit: float = 300.0,
     threads: int = 0,
 ) -> TetMesh:
     """Return the quadratic mesh of a specimen, snapped to its CAD surface and graded at singular edges.
