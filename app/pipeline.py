@@ -74,9 +74,10 @@ def check_reach(robot: RobotFile, points: Mapping[str, Sequence[float]]) -> None
     """Raise InputError that names the tool point that is out of reach, before any experiment is made."""
     from vjm.biglide import link_angle
 
+    geometry = parts_of.geometry(robot)
     for name, point in points.items():
         try:
-            link_angle(parts_of.geometry(robot), np.array([point]))
+            link_angle(geometry, point)
         except InputError as error:
             raise InputError(f"{name}: {error}") from error
 

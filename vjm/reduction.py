@@ -336,12 +336,17 @@ def _carried(free: Array) -> Array:
 
 def released(matrix: Array) -> Array:
     """Inverse of a positive semidefinite (..., k, k); directions without stiffness carry nothing and are dropped."""
-    scale = np.sqrt(np.einsum("...ii->...i", matrix).clip(min=0.0))
-    unit = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
-    scaling = unit[..., :, None] * unit[..., None, :]
+    scaling = unit_diagonal(matrix)
     values, vectors = np.linalg.eigh(matrix * scaling)
     inverse = np.divide(1.0, values, out=np.zeros_like(values), where=values > _IDLE)
     return (vectors * inverse[..., None, :]) @ np.swapaxes(vectors, -1, -2) * scaling
+
+
+def unit_diagonal(matrix: Array) -> Array:
+    """Factors (..., k, k) that scale a positive semidefinite matrix to a diagonal of ones; zero where it has a zero."""
+    scale = np.sqrt(np.einsum("...ii->...i", matrix).clip(min=0.0))
+    unit = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
+    return unit[..., :, None] * unit[..., None, :]
 
 
 def _inverse(core: Array, name: str) -> Array:

@@ -21,6 +21,7 @@ from vjm.reduction import (
     in_series,
     reduced,
     released,
+    unit_diagonal,
 )
 from vjm.screws import Frame
 
@@ -109,9 +110,7 @@ def tool_twist(tree: Node, *, gravity: float = 0.0, misfit: bool = False) -> Arr
 
 def _end_twist(form: Flexible | Stiff, wrench: Array, load: Array) -> Array:
     if isinstance(form, Stiff):
-        size = np.sqrt(np.einsum("...ii->...i", form.stiffness).clip(min=0.0))
-        unit = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
-        if (np.linalg.eigvalsh(form.stiffness * unit[..., :, None] * unit[..., None, :])[..., 0] <= _FREE).any():
+        if (np.linalg.eigvalsh(form.stiffness * unit_diagonal(form.stiffness))[..., 0] <= _FREE).any():
             msg = "the tool moves freely in at least one direction: ask for its mobility, not for its deflection"
             raise InputError(msg)
         return np.linalg.solve(form.stiffness, wrench - form.preload @ load)
