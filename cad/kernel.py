@@ -6,13 +6,15 @@ This module is slow to import (0.5 to 1.5 s): import it inside the functions tha
 """
 
 # pyright: reportAttributeAccessIssue=false
+from collections.abc import Iterable
 from typing import Any, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import NDArray
 from OCP.Bnd import Bnd_Box
 from OCP.BOPAlgo import BOPAlgo_ArgumentAnalyzer
-from OCP.BRep import BRep_Tool
+from OCP.BOPTools import BOPTools_AlgoTools3D
+from OCP.BRep import BRep_Builder, BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Surface
 from OCP.BRepBndLib import BRepBndLib
 from OCP.BRepBuilderAPI import (
@@ -31,7 +33,7 @@ from OCP.Message import Message, Message_PrinterOStream
 from OCP.TopAbs import TopAbs_Orientation, TopAbs_ShapeEnum
 from OCP.TopExp import TopExp_Explorer
 from OCP.TopLoc import TopLoc_Location
-from OCP.TopoDS import TopoDS, TopoDS_Edge, TopoDS_Face, TopoDS_Shape, TopoDS_Solid, TopoDS_Vertex
+from OCP.TopoDS import TopoDS, TopoDS_Compound, TopoDS_Edge, TopoDS_Face, TopoDS_Shape, TopoDS_Solid, TopoDS_Vertex
 
 Floats = NDArray[np.float64]
 Shape: TypeAlias = TopoDS_Shape
@@ -84,6 +86,38 @@ def vertices(shape: Shape) -> list[Vertex]:
 def solids(shape: Shape) -> list[Solid]:
     """Return the distinct solids."""
     return _parts(shape, TopAbs_ShapeEnum.TopAbs_SOLID, TopoDS.Solid)
+
+
+def borders(shape: Shape) -> dict[tuple[int, int], list[Edge]]:
+    """Return the edges between each two faces (indices, the lesser first) that meet."""
+    met: dict[int, list[tuple[int, Edge]]] = {}
+    found: dict[tuple[int, int], list[Edge]] = {}
+    for index, face in enumerate(faces(shape)):
+        for edge in edges(face):
+            known = met.setdefault(hash(edge.Oriented(TopAbs_Orientation.TopAbs_FORWARD)), [])
+            for other in (number for number, one in known if number != index and one.IsSame(edge)):
+                found.setdefault((other, index), []).append(edge)
+            known.append((index, edge))
+    return found
+
+
+def turn(edge: Edge, one: Face, other: Face) -> float:
+    """Return the angle (rad) between the outward normals of two faces on an edge between them."""
+    normals = []
+    for face in (one, other):
+        normal = gp_Dir()
+        BOPTools_AlgoTools3D.GetNormalToFaceOnEdge_s(edge, face, normal)
+        normals.append(xyz(normal))
+    return float(np.arccos(np.clip(normals[0] @ normals[1], -1.0, 1.0)))
+
+
+def together(shapes: Iterable[Shape]) -> Shape:
+    """Return the shapes as one."""
+    compound, builder = TopoDS_Compound(), BRep_Builder()
+    builder.MakeCompound(compound)
+    for shape in shapes:
+        builder.Add(compound, shape)
+    return compound
 
 
 def is_valid(shape: Shape) -> bool:

@@ -17,9 +17,10 @@ from cad.materials import AnyMaterial
 from stiffscope import InputError
 
 if TYPE_CHECKING:
-    from cad.kernel import Solid
+    from cad.kernel import Edge, Solid
 
 Floats = NDArray[np.float64]
+SMOOTH = np.deg2rad(20.0)  # faces that meet at less leave a mesher no edge to keep
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,18 +69,33 @@ class Part:
         """What each face is, in order."""
         return face_geometries(self.solid)
 
+    @cached_property
+    def seams(self) -> dict[tuple[int, int], list["Edge"]]:
+        """Pairs of faces that pass into one another smoothly where an interface ends, with the edges between them."""
+        from cad import kernel
+
+        interfaces = (self.clamped, *(port.faces for port in self.loaded))
+        owner = {face: number for number, chosen in enumerate(interfaces) for face in chosen}
+        faces = kernel.faces(self.solid)
+        return {
+            (a, b): edges
+            for (a, b), edges in kernel.borders(self.solid).items()
+            if owner.get(a) != owner.get(b) and any(kernel.turn(edge, faces[a], faces[b]) < SMOOTH for edge in edges)
+        }
+
 
 @dataclass(frozen=True, eq=False)
 class Surface:
     """The part's surface as plain numpy: closed, outward, with the face of each triangle.
 
-    `vertices` (nv, 3) in m, `triangles` (nt, 3), `face_of_triangle` (nt,), `faces` by index.
+    `vertices` (nv, 3) in m, `triangles` (nt, 3), `face_of_triangle` (nt,), `faces` by index, `seams` as in `Part`.
     """
 
     vertices: Floats
     triangles: NDArray[np.int64]
     face_of_triangle: NDArray[np.int64]
     faces: tuple[FaceGeometry, ...]
+    seams: tuple[tuple[int, int], ...] = ()
 
 
 def surface(part: Part, deflection: float = 5e-4, angle: float = 0.8) -> Surface:
@@ -91,7 +107,7 @@ def surface(part: Part, deflection: float = 5e-4, angle: float = 0.8) -> Surface
     gaps = open_edges(triangles)
     if gaps:
         raise InputError(f"{part.name}: expected a closed surface, got {gaps} open edges in its tessellation")
-    return Surface(vertices, triangles, face_of_triangle, part.faces)
+    return Surface(vertices, triangles, face_of_triangle, part.faces, tuple(part.seams))
 
 
 def tessellated(solid: "Solid", deflection: float, angle: float) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
@@ -130,11 +146,17 @@ def open_edges(triangles: NDArray[np.int64]) -> int:
     return int(np.count_nonzero(~np.isin(there, back)) + np.count_nonzero(times > 1))
 
 
-def project(part: Part, face_index: int, points: Floats) -> Floats:
-    """Return the points (n, 3) of the surface under a face that are closest to `points` (n, 3), in m."""
-    from cad.projection import projected
+def project(part: Part, place: int, points: Floats) -> Floats:
+    """Return the points (n, 3) of the surface under a face that are closest to `points` (n, 3), in m.
 
-    return projected(part.solid, part.faces[face_index], np.asarray(points, dtype=float))
+    Places after those of the faces are the edges of the part's seams.
+    """
+    from cad.projection import on_edges, projected
+
+    points = np.asarray(points, dtype=float)
+    if place >= len(part.faces):
+        return on_edges(list(part.seams.values())[place - len(part.faces)], points)
+    return projected(part.solid, part.faces[place], points)
 
 
 @dataclass(frozen=True, eq=False)

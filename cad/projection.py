@@ -1,5 +1,6 @@
 """The closest point on the surface under a face: closed form where the surface has one, else the kernel's."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 from cad.faces import FaceGeometry
 
 if TYPE_CHECKING:
-    from cad.kernel import Solid
+    from cad.kernel import Edge, Solid
 
 Floats = NDArray[np.float64]
 
@@ -27,6 +28,14 @@ def projected(solid: "Solid", face: FaceGeometry, points: Floats) -> Floats:
     from cad import kernel
 
     return kernel.closest_under(kernel.faces(solid)[face.index], points * 1e3) * 1e-3
+
+
+def on_edges(edges: Sequence["Edge"], points: Floats) -> Floats:
+    """Return the points (n, 3) on any of the edges that are closest to `points` (n, 3), in m."""
+    from cad import kernel
+
+    line = kernel.together(edges)
+    return np.array([kernel.closest(line, point) for point in points * 1e3]).reshape(-1, 3) * 1e-3
 
 
 def _on_round(face: FaceGeometry, points: Floats) -> Floats:

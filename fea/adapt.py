@@ -92,11 +92,11 @@ def _meshed_anew(specimen: Specimen, settings: Settings, size: float) -> TetMesh
     return mesh_specimen(
         specimen,
         size=size,
-        envelope=None,
         layers=settings.layers,
         rigid=settings.interface == "rigid",
         time_limit=settings.time_limit,
         threads=settings.threads,
+        patience=settings.time_limit / 4,
     )
 
 

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     Ints = NDArray[np.int64]
     Project = Callable[[int, Floats], Floats]
 
+FIN = 0.3  # depth of the fins at seams, in element sizes
+
 # The six edges of a tetrahedron and its four outward faces, in the order of VTK's (and scikit-fem's) tet10.
 EDGES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
@@ -103,13 +105,14 @@ def tetrahedralize(
     MeshError : the surface is open, the mesher crashed or ran out of time, or its volume is 3 % off.
     """
     check_surface(surface, size, envelope)
+    vertices, triangles = _with_fins(surface, FIN * size)
     scale = float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
     with tempfile.TemporaryDirectory(prefix="stiffscope-mesh-") as folder:
         source, target = Path(folder, "surface.npz"), Path(folder, "tets.npz")
         np.savez(
             source,
-            vertices=surface.vertices * 1e3,  # fTetWild's tolerances suit millimetres
-            triangles=surface.triangles.astype(np.int32),
+            vertices=vertices * 1e3,  # fTetWild's tolerances suit millimetres
+            triangles=triangles.astype(np.int32),
             size=size * 1e3,
             envelope=envelope / scale,
             threads=threads,
@@ -136,6 +139,35 @@ def check_surface(surface: Surface, size: float, envelope: float) -> None:
         raise MeshError("mesh: the surface is not closed; the solid must be watertight")
     if surface_volume(surface) <= 0:
         raise MeshError("mesh: the surface encloses no volume or points inward")
+
+
+def _with_fins(surface: Surface, depth: float) -> tuple[Floats, Ints]:
+    """Return vertices and triangles with a fin hung inwards from each seam.
+
+    Between two triangles in one plane the mesher keeps no edge, where three sheets meet it does. The triangles of
+    a fin face both ways in turn, so that the inside is told from the outside as without it.
+    """
+    vertices, triangles, tags = surface.vertices, surface.triangles, surface.face_of_triangle
+    sides = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    order = np.lexsort((sides.max(axis=1), sides.min(axis=1)))  # a closed surface: each side is there twice
+    one, two = order[0::2], order[1::2]
+    beside = np.sort(np.column_stack([tags[one // 3], tags[two // 3]]), axis=1)
+    along = np.isin(beside @ [len(surface.faces), 1], [a * len(surface.faces) + b for a, b in surface.seams])
+    if not along.any():
+        return vertices, triangles
+    corners = vertices[triangles]
+    outward = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = np.zeros_like(vertices)
+    for half in (one[along], two[along]):
+        for end in range(2):
+            np.subtract.at(inward, sides[half, end], outward[half // 3])
+    ends = sides[one[along]]
+    rim, low = np.unique(ends, return_inverse=True)
+    foot = vertices[rim] + depth * inward[rim] / np.linalg.norm(inward[rim], axis=1, keepdims=True)
+    low = low.reshape(-1, 2) + len(vertices)
+    first = np.column_stack([ends[:, 0], ends[:, 1], low[:, 1]])
+    second = np.column_stack([ends[:, 0], low[:, 0], low[:, 1]])
+    return np.vstack([vertices, foot]), np.vstack([triangles, first, second])
 
 
 def _run_worker(source: Path, target: Path, time_limit: float) -> None:

@@ -29,21 +29,33 @@ def snap(points: Floats, cells: Ints, surface: Surface, project: Project, size: 
     ----------
     points, cells : linear tetrahedra, metres.
     surface : the CAD surface they fill.
-    project : ``project(face, points)`` gives the closest points on the face's underlying surface.
+    project : ``project(face, points)`` gives the closest points on the face's underlying surface, and with the
+        numbers after the last face's those on the surface's seams.
     size : wanted edge length (m), the scale of what counts as near.
     """
     facets, owner, local = boundary_facets(cells)
     skin = _Skin(cells, facets, owner, local, smooth_tags(facets, tag_facets(surface, points[facets], size / 2)))
-    nodes, full, full_facets, edges = _curved(points, skin, project, size)
+    target = _Target(project, size, len(surface.faces), surface.seams)
+    nodes, full, full_facets, edges = _curved(points, skin, target)
     for _ in range(3):
         inverted = jacobian_range(nodes[full]) < FLATTEST
         doomed = np.intersect1d(np.flatnonzero(inverted), _twins(skin))
         if not len(doomed):
             break
         skin = _without(skin, doomed)
-        nodes, full, full_facets, edges = _curved(points, skin, project, size)
+        nodes, full, full_facets, edges = _curved(points, skin, target)
     nodes, pulled = _pull_back(nodes, full, points, edges)
     return _compact(TetMesh(nodes, full, full_facets, skin.tags, pulled))
+
+
+@dataclass(frozen=True)
+class _Target:
+    """Where nodes are put: the closest points on faces and seams, the element size (m), the number of faces."""
+
+    project: Project
+    size: float
+    faces: int
+    seams: tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True)
@@ -57,15 +69,15 @@ class _Skin:
     tags: Ints
 
 
-def _curved(points: Floats, skin: _Skin, project: Project, size: float) -> tuple[Floats, Ints, Ints, Ints]:
+def _curved(points: Floats, skin: _Skin, target: _Target) -> tuple[Floats, Ints, Ints, Ints]:
     """Return nodes, (m, 10) cells and (k, 6) boundary triangles on the CAD faces, and (e, 2) the edges."""
-    corners = _on_faces(points, skin.facets, skin.tags, project, size)
+    corners = _on_faces(points, skin.facets, skin.tags, target)
     edges, edge_of = unique_edges(skin.cells)
     nodes = np.vstack([corners, corners[edges].mean(axis=1)])
     cells = np.hstack([skin.cells, edge_of + len(points)])
     facets = np.hstack([skin.facets, cells[skin.owner[:, None], FACE_MIDS[skin.local]]])
-    nodes = _on_faces(nodes, facets[:, 3:], skin.tags, project, size)
-    return _balance(nodes, facets, skin.tags, project, size), cells, facets, edges
+    nodes = _on_faces(nodes, facets[:, 3:], skin.tags, target)
+    return _balance(nodes, facets, skin.tags, target), cells, facets, edges
 
 
 def _twins(skin: _Skin) -> Ints:
@@ -92,39 +104,52 @@ def _without(skin: _Skin, doomed: Ints) -> _Skin:
     return _Skin(cells, facets, owner, local, tags)
 
 
-def _on_faces(points: Floats, nodes: Ints, tags: Ints, project: Project, size: float) -> Floats:
-    """Return points with ``nodes`` (k, 3) of each boundary triangle moved on all CAD faces they touch.
+def _on_faces(points: Floats, nodes: Ints, tags: Ints, target: _Target) -> Floats:
+    """Return points with ``nodes`` (k, 3) of each boundary triangle moved on all CAD faces (and seams) they touch.
 
     Alternating projections; a node whose faces do not meet nearby (a wrong tag) keeps the nearest one.
     """
-    count = int(tags.max()) + 1
-    incidence = np.unique(nodes.reshape(-1) * count + np.repeat(tags, 3))
-    node, face = incidence // count, incidence % count
+    node, place = _places(nodes, tags, target)
     moved = points.copy()
     crowd = np.bincount(node, minlength=len(points))
     for sharing in range(1, int(crowd.max()) + 1):
         mine = crowd[node] == sharing
-        _alternate(moved, node[mine], face[mine], project, 1 if sharing == 1 else ROUNDS, 1e-9 * size)
-    far = np.linalg.norm(moved - points, axis=1) > size
+        _alternate(moved, node[mine], place[mine], target, 1 if sharing == 1 else ROUNDS)
+    far = np.linalg.norm(moved - points, axis=1) > target.size
     if far.any():
         logger.warning("%d boundary nodes have faces that do not meet near them; left in place", far.sum())
         moved[far] = points[far]
     return moved
 
 
-def _balance(nodes: Floats, facets: Ints, tags: Ints, project: Project, size: float) -> Floats:
+def _places(nodes: Ints, tags: Ints, target: _Target) -> tuple[Ints, Ints]:
+    """Return pairs of node and face, once each; a node on both faces of a seam has the seam instead of them."""
+    count = target.faces + len(target.seams)
+    pairs = np.unique(nodes.reshape(-1) * count + np.repeat(tags, 3))
+    node, place = pairs // count, pairs % count
+    gone, seamed = np.zeros(len(pairs), dtype=bool), [pairs]
+    for k, seam in enumerate(target.seams):
+        on_both = np.intersect1d(node[place == seam[0]], node[place == seam[1]])
+        gone |= np.isin(place, seam) & np.isin(node, on_both)
+        seamed.append(on_both * count + target.faces + k)
+    seamed[0] = pairs[~gone]
+    pairs = np.concatenate(seamed)
+    return pairs // count, pairs % count
+
+
+def _balance(nodes: Floats, facets: Ints, tags: Ints, target: _Target) -> Floats:
     """Return nodes with the mids of curved sides moved so that the mean gap to the CAD vanishes.
 
     A parabola through three points of an arc of angle θ lies inside it: the area is θ⁴/480 too small.
-    First the mean gap of each side (two Gauss points) is taken to zero, then that of each triangle.
+    First the mean gap of each side is taken to zero, then that of each triangle.
     """
-    nodes = _balance_sides(nodes, facets, tags, project, size)
+    nodes = _balance_sides(nodes, facets, tags, target)
     at, weights = facet_rule()
     gaps = np.zeros((len(facets), 3))
     for values, weight in zip(facet_values(at), weights, strict=True):
         on_facet = np.einsum("n,knj->kj", values, nodes[facets])
         triples = np.repeat(np.arange(len(facets))[:, None], 3, axis=1)
-        gaps += 2 * weight * (_on_faces(on_facet, triples, tags, project, size) - on_facet)
+        gaps += 2 * weight * (_on_faces(on_facet, triples, tags, target) - on_facet)
     mids = facets[:, 3:].reshape(-1)
     inner = np.repeat(tags, 3)
     lowest, highest = np.full(len(nodes), tags.max() + 1), np.full(len(nodes), -1)
@@ -135,31 +160,31 @@ def _balance(nodes: Floats, facets: Ints, tags: Ints, project: Project, size: fl
     return nodes + np.where(one_face, shift / np.maximum(np.bincount(mids, minlength=len(nodes)), 1)[:, None], 0)
 
 
-def _balance_sides(nodes: Floats, facets: Ints, tags: Ints, project: Project, size: float) -> Floats:
+def _balance_sides(nodes: Floats, facets: Ints, tags: Ints, target: _Target) -> Floats:
     ends = facets[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     mids = facets[:, 3:]
     node, first = np.unique(mids, return_index=True)
     start, stop, middle = nodes[ends[first, 0]], nodes[ends[first, 1]], nodes[node]
     new = np.searchsorted(node, mids)
     gap = np.zeros_like(middle)
-    for s in (0.5 - 12**-0.5, 0.5 + 12**-0.5):
+    for s in (0.5 - 0.15**0.5, 0.5 + 0.15**0.5):  # Gauss's three points, of which the mid has no gap
         on_side = (1 - s) * (1 - 2 * s) * start + s * (2 * s - 1) * stop + 4 * s * (1 - s) * middle
-        gap += (_on_faces(on_side, new, tags, project, size) - on_side) / 2
+        gap += (_on_faces(on_side, new, tags, target) - on_side) * 5 / 18
     balanced = nodes.copy()
     balanced[node] += 1.5 * gap
     return balanced
 
 
-def _alternate(points: Floats, node: Ints, face: Ints, project: Project, rounds: int, enough: float) -> None:
+def _alternate(points: Floats, node: Ints, place: Ints, target: _Target, rounds: int) -> None:
     for _ in range(rounds):
         largest = 0.0
-        for each in np.unique(face):
-            here = node[face == each]
-            target = project(int(each), points[here])
-            step = np.linalg.norm(target - points[here], axis=1)
-            points[here] = target
+        for each in np.unique(place):
+            here = node[place == each]
+            closest = target.project(int(each), points[here])
+            step = np.linalg.norm(closest - points[here], axis=1)
+            points[here] = closest
             largest = max(largest, float(step.max(initial=0.0)))
-        if largest < enough:
+        if largest < 1e-9 * target.size:
             break
 
 

@@ -14,7 +14,7 @@ from fea.foundation import bed, on_nodes
 from fea.interfaces import Port, imbalance, support, unit_loads
 from fea.mesh import MeshError
 from fea.multigrid import prepare
-from fea.specimen import shape_error
+from fea.specimen import held_error, shape_error
 from stiffscope import InputError
 
 if TYPE_CHECKING:
@@ -127,9 +127,13 @@ def _bound(flexibility: Floats, gain: Floats) -> Floats:
 
 
 def _geometry_bound(specimen: Specimen, mesh: TetMesh, flexibility: Floats) -> Floats:
-    """Return (6n, 6n) what the mesh's shape costs: bending feels a section's area three times over."""
-    scale = np.sqrt(flexibility.diagonal())
-    return 3 * shape_error(specimen, mesh) * np.maximum(np.abs(flexibility), 1e-3 * np.outer(scale, scale))
+    """Return (6n, 6n) what the mesh's shape costs: bending feels a section's area three times over.
+
+    A mesh whose held faces are not the CAD's couples what symmetry keeps apart, far more than one of another volume.
+    """
+    size, scale = np.abs(flexibility), np.sqrt(np.outer(flexibility.diagonal(), flexibility.diagonal()))
+    body = shape_error(specimen, mesh) * np.maximum(size, 1e-3 * scale)
+    return 3 * (body + held_error(specimen, mesh) * np.maximum(size, 0.3 * scale))
 
 
 def nodal_von_mises(mesh: TetMesh, motion: Floats, elasticity: Floats) -> Floats:

@@ -11,7 +11,7 @@ import numpy as np
 
 from fea.mesh import MeshError, default_envelope, default_size, tetrahedralize
 from fea.refine import border_edges, concave_edges, grade
-from fea.shape import area_elements, jacobian_range, volume
+from fea.shape import area_elements, centroid, jacobian_range, volume
 from fea.snap import snap
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 ATTEMPTS, PATIENCE = 3, 5.0  # meshes tried, and seconds after which no further one is
+CLOSER = 3.0  # each has so many times less of an envelope: one wider than a step is high may swallow the step
 GOOD_SHAPE = 3e-5
 
 GRADING_RATIO = 0.25  # of halving and quartering, quartering gains three times as much for the same elements
@@ -32,7 +33,7 @@ class Specimen:
 
     Attributes
     ----------
-    project : ``project(face, points)``, closest points on a CAD face's surface, m.
+    project : ``project(place, points)``, closest points on a CAD face's surface or, numbered after them, a seam, m.
     elasticity : (6, 6) Pa, Voigt order xx, yy, zz, yz, xz, xy.
     clamped : CAD faces that are held.
     loaded : (CAD faces, reference point) of each loaded interface.
@@ -46,6 +47,11 @@ class Specimen:
     loaded: tuple[tuple[frozenset[int], Floats], ...]
     volume: float
 
+    @property
+    def held(self) -> tuple[frozenset[int], ...]:
+        """The faces of the clamp and those of each loaded interface."""
+        return self.clamped, *(faces for faces, _ in self.loaded)
+
 
 def mesh_specimen(
     specimen: Specimen,
@@ -56,8 +62,11 @@ def mesh_specimen(
     rigid: bool = True,
     time_limit: float = 300.0,
     threads: int = 0,
+    patience: float = PATIENCE,
 ) -> TetMesh:
     """Return the quadratic mesh of a specimen, snapped to its CAD surface and graded at singular edges.
+
+    After ``patience`` seconds no mesh of a better shape is tried for.
 
     Raises
     ------
@@ -65,7 +74,7 @@ def mesh_specimen(
     """
     size = size or default_size(specimen.volume, sum(face.area for face in specimen.surface.faces))
     envelope = envelope or default_envelope(specimen.surface, size)
-    mesh = _best_mesh(specimen, size, envelope, time_limit, threads)
+    mesh = _best_mesh(specimen, size, envelope, time_limit, threads, patience)
     held = [specimen.clamped] + ([faces for faces, _ in specimen.loaded] if rigid else [])
     edges = np.vstack([border_edges(mesh, faces) for faces in held] + [concave_edges(mesh)])
     graded = grade(mesh, np.unique(edges, axis=0), layers, GRADING_RATIO)
@@ -73,15 +82,22 @@ def mesh_specimen(
     return graded
 
 
-def _best_mesh(specimen: Specimen, size: float, envelope: float, time_limit: float, threads: int) -> TetMesh:
+def _best_mesh(
+    specimen: Specimen, size: float, envelope: float, time_limit: float, threads: int, patience: float
+) -> TetMesh:
     """Return the first mesh whose shape is good, or the best of a few: no two runs of fTetWild are the same."""
     begun = time.perf_counter()
     tried: list[tuple[float, TetMesh]] = []
-    while len(tried) < ATTEMPTS:
-        points, cells = tetrahedralize(specimen.surface, size, envelope, time_limit, threads)
+    for attempt in range(ATTEMPTS):
+        try:
+            points, cells = tetrahedralize(specimen.surface, size, envelope / CLOSER**attempt, time_limit, threads)
+        except MeshError:
+            if tried:
+                break
+            raise
         mesh = snap(points, cells, specimen.surface, specimen.project, size)
-        tried.append((shape_error(specimen, mesh), mesh))
-        if tried[-1][0] < GOOD_SHAPE or time.perf_counter() - begun > PATIENCE:
+        tried.append((shape_error(specimen, mesh) + held_error(specimen, mesh), mesh))
+        if tried[-1][0] < GOOD_SHAPE or time.perf_counter() - begun > patience:
             break
         logger.info("%s: shape error %.1e, meshing once more", specimen.name, tried[-1][0])
     best = min(tried, key=lambda one: one[0])[1]
@@ -90,13 +106,23 @@ def _best_mesh(specimen: Specimen, size: float, envelope: float, time_limit: flo
 
 
 def shape_error(specimen: Specimen, mesh: TetMesh) -> float:
-    """Return how far the mesh's volume, its area and the areas of its held faces are off, relative, together."""
-    areas = face_areas(mesh, len(specimen.surface.faces))
-    wanted = np.array([face.area for face in specimen.surface.faces])
-    held = sorted(specimen.clamped.union(*(faces for faces, _ in specimen.loaded)))
-    error = abs(volume(mesh.points, mesh.cells) / specimen.volume - 1)
-    error += abs(areas.sum() / wanted.sum() - 1)
-    return float(error + np.abs(areas - wanted)[held].sum() / wanted.sum())
+    """Return how far the mesh's volume and area are off, relative, together."""
+    wanted = sum(face.area for face in specimen.surface.faces)
+    area = face_areas(mesh, len(specimen.surface.faces)).sum()
+    return abs(volume(mesh.points, mesh.cells) / specimen.volume - 1) + float(abs(area / wanted - 1))
+
+
+def held_error(specimen: Specimen, mesh: TetMesh) -> float:
+    """Return how far the faces of the clamp or of a load are off: area, and centre in parts of their size, together."""
+    areas, worst = face_areas(mesh, len(specimen.surface.faces)), 0.0
+    for held in specimen.held:
+        numbers = sorted(held)
+        faces = [specimen.surface.faces[number] for number in numbers]
+        wanted = np.array([face.area for face in faces])
+        centre = np.average([face.centroid for face in faces], axis=0, weights=wanted)
+        shift = np.linalg.norm(centroid(mesh.points[mesh.facets_of(held)]) - centre) / np.sqrt(wanted.sum())
+        worst = max(worst, float(abs(areas[numbers].sum() / wanted.sum() - 1) + shift))
+    return worst
 
 
 def face_areas(mesh: TetMesh, count: int) -> Floats:

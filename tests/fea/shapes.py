@@ -31,7 +31,7 @@ def projector(surface):
 
 def _specimen(name, vertices, triangles, tags, faces, volume, tip, elasticity):
     surface = SimpleNamespace(
-        vertices=vertices, triangles=np.array(triangles), face_of_triangle=np.array(tags), faces=tuple(faces)
+        vertices=vertices, triangles=np.array(triangles), face_of_triangle=np.array(tags), faces=tuple(faces), seams=()
     )
     loaded = ((LOADED, np.array(tip, float)),)
     return Specimen(name, surface, projector(surface), elasticity, CLAMPED, loaded, volume)

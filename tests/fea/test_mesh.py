@@ -3,11 +3,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from fea.experiment import Settings, run_experiment
 from fea.mesh import MeshError, boundary_facets, tetrahedralize
 from fea.refine import bisect, border_edges, concave_edges, grade
-from fea.shape import jacobian_range, volume
+from fea.shape import centroid, jacobian_range, volume
 from fea.specimen import face_areas
 from tests.fea.shapes import box
+from tests.validation import parts
 
 
 def changed(surface, **changes):
@@ -52,6 +54,15 @@ def test_bisecting_random_edges_conforms(stub, rng):
 
 def test_a_convex_solid_has_no_concave_edges(stub):
     assert len(concave_edges(stub[1])) == 0
+
+
+@pytest.mark.parametrize(("patch", "area"), [(parts.strip, 0.03 * 0.02), (parts.disc, np.pi * 0.008**2)])
+def test_a_patch_imprinted_on_a_plane_ends_at_its_border(patch, area):
+    part = patch()
+    ((loaded,),) = (interface.faces for interface in part.loaded)
+    mesh = run_experiment(part, Settings(layers=0)).mesh
+    assert face_areas(mesh, len(part.faces))[loaded] == pytest.approx(area, rel=3e-5)
+    assert centroid(mesh.points[mesh.facets_of(frozenset({loaded}))]) == pytest.approx([0.06, 0, 0], abs=1e-6)
 
 
 def test_surfaces_that_cannot_be_filled_are_refused():

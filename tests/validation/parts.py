@@ -8,7 +8,7 @@ from math import cos, log, pi, sin
 
 import numpy as np
 
-from cad import link, slider
+from cad import kernel, link, slider
 from cad.faces import FaceSelector
 from cad.materials import CFRP_TUBE, STEEL, Material
 from cad.solid import part_of
@@ -122,3 +122,33 @@ def perforated(length=0.1, width=0.04, thickness=0.008, hole=0.016):
     strip = box((0, -width / 2, -thickness / 2), (length, width / 2, thickness / 2))
     drilled = strip - Pos(500 * length, 0, 0) * Cylinder(500 * hole, 40)
     return part_of(drilled.solid(), name="strip with a hole")
+
+
+def imprinted(*borders):
+    """A 60 x 80 x 20 mm steel block loaded on the patch of its end face (centred at x = 60 mm) that borders cut out."""
+    from build123d import Axis
+    from OCP.BRepFeat import BRepFeat_SplitShape
+
+    block = box((0, -0.04, -0.01), (0.06, 0.04, 0.01)).solid()
+    face, cut = block.faces().sort_by(Axis.X)[-1], BRepFeat_SplitShape(block.wrapped)
+    for border in borders:
+        cut.Add(border.wrapped, face.wrapped)
+    cut.Build()
+    far = [kernel.distance(one, np.array([60.0, 0.0, 0.0])) for one in kernel.faces(cut.Shape())]
+    patch = [FaceSelector(index=int(np.argmin(far)))]
+    return part_of(kernel.solids(cut.Shape())[0], name="block with a patch", loaded=patch)
+
+
+def strip(half=0.015):
+    """The patch is the middle one of three strips."""
+    from build123d import Edge
+
+    lines = [Edge.make_line((60, y, -10), (60, y, 10)) for y in (-1e3 * half, 1e3 * half)]
+    return imprinted(*lines)
+
+
+def disc(radius=0.008):
+    """The patch is a disc in the middle."""
+    from build123d import Plane, Wire
+
+    return imprinted(Wire.make_circle(1e3 * radius, Plane((60, 0, 0), z_dir=(1, 0, 0))))
