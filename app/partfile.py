@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import dataclasses
 import typing
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, create_model
+from pydantic import BeforeValidator, create_model, model_validator
 
 from app import quantities as q
 from app.fields import (
@@ -32,6 +32,7 @@ from app.fields import (
 from cad.faces import ENDS, FaceSelector
 from cad.link import LinkParameters
 from cad.slider import SliderParameters
+from cad.solid import Frame
 
 Source = Literal["fea", "beam", "published"]
 
@@ -74,6 +75,11 @@ class Face(Section):
         """The choice for cad."""
         return FaceSelector(**dict(self))
 
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        self.selector()
+        return self
+
 
 class Step(Section):
     """A solid from a STEP file instead of the part's own shape; its faces by geometry, its axes by a frame."""
@@ -85,6 +91,15 @@ class Step(Section):
     x: Vector = (1.0, 0.0, 0.0)
     z: Vector = (0.0, 0.0, 1.0)
     reference_point: Point | None = None
+
+    def frame(self) -> Frame:
+        """The part's axes for cad."""
+        return Frame(self.origin, self.x, self.z)
+
+    @model_validator(mode="after")
+    def _at_right_angles(self) -> Self:
+        self.frame()
+        return self
 
 
 class PartSection(Section):

@@ -133,8 +133,6 @@ def order_part(
 
 def _step_order(robot: RobotFile, section: Step | None, given: str | Path | None) -> StepOrder | None:
     """A STEP file given on the command line, with the robot file's choice of faces, or the robot file's own."""
-    from cad.solid import Frame
-
     if given is None and section is None:
         return None
     shown = Path(given or section.file)  # type: ignore[union-attr]
@@ -145,13 +143,9 @@ def _step_order(robot: RobotFile, section: Step | None, given: str | Path | None
         raise InputError(f"{shown}: no STEP file can be read there ({error.strerror})") from error
     if section is None:
         return StepOrder(path.absolute(), content)
-    chosen = {tag: faces and tuple(f.selector() for f in faces) for tag, faces in _tagged(section)}
-    frame = Frame(section.origin, section.x, section.z)
-    return StepOrder(path.absolute(), content, **chosen, frame=frame, reference_point=section.reference_point)
-
-
-def _tagged(section: Step) -> tuple[tuple[str, Any], ...]:
-    return ("clamped", section.clamped), ("loaded", section.loaded)
+    tagged = ("clamped", section.clamped), ("loaded", section.loaded)
+    chosen = {tag: tuple(face.selector() for face in faces) for tag, faces in tagged if faces is not None}
+    return StepOrder(path.absolute(), content, **chosen, frame=section.frame(), reference_point=section.reference_point)
 
 
 def solve_parts(

@@ -143,14 +143,16 @@ class _Source:
 
     def refuse(self, key: Key, message: str) -> InputError:
         """Error for a key: names the `--set` that brought it, else file and line."""
+        name = ".".join(map(str, key))
         for length in range(len(key), 0, -1):
             if key[:length] in self.changed:
-                return InputError(f"{self.changed[key[:length]]}: {message}")
+                inside = f"{name}: " if length < len(key) else ""
+                return InputError(f"{self.changed[key[:length]]}: {inside}{message}")
         if not _known(tomllib.loads(self.text), key[:-1] or key):
-            for changed, name in self.changed.items():
+            for changed, origin in self.changed.items():
                 if changed[: len(key) - 1] == key[:-1]:
-                    return InputError(f"{name}: {'.'.join(map(str, key))}: {message}")
-        return InputError(f"{self.path}:{line_of(self.text, key)}: {'.'.join(map(str, key))}: {message}")
+                    return InputError(f"{origin}: {name}: {message}")
+        return InputError(f"{self.path}:{line_of(self.text, key)}: {name}: {message}")
 
 
 def _check(data: dict[str, Any], source: _Source, overrides: Sequence[str]) -> RobotFile:
@@ -201,7 +203,10 @@ def _first(error: ValidationError, model: type[BaseModel]) -> tuple[Key, str]:
         inside = ", ".join(_section(model, key).model_fields) if item["type"].startswith("model") else "any names"
         kind = "a list" if item["type"] == "tuple_type" else f"a table of {inside}"
         return key, f"expected {kind}, got {json.dumps(item['input'], default=str)[:60]}"
-    return key, item["msg"].removeprefix("Value error, ")
+    named, message = "", item["msg"].removeprefix("Value error, ")
+    if isinstance(item.get("ctx", {}).get("error"), InputError):  # cad names the field: "frame.x: ..."
+        named, _, message = message.partition(": ")
+    return (*key, *named.split(".")[1:]), message
 
 
 def _section(model: type[BaseModel], key: Key) -> type[BaseModel]:

@@ -3,6 +3,8 @@
 import math
 from numbers import Integral, Real
 
+import numpy as np
+
 from stiffscope import InputError
 
 SMALLEST, LARGEST = 1e-5, 20.0  # m: beyond this a length is a unit mistaken, and the mesher's tolerances fail
@@ -10,6 +12,10 @@ SMALLEST, LARGEST = 1e-5, 20.0  # m: beyond this a length is a unit mistaken, an
 GAP = 5e-4  # m: the least wall left between features; what is thinner costs the mesher minutes
 
 FINEST = 1e-4  # m: the least radius of a fillet; the kernel's tolerance and the mesher's envelope swallow smaller ones
+
+FARTHEST = 1e3  # m: a point beyond it is a unit mistaken, and the kernel has too few digits for the solid
+
+POINT = f"a point of three numbers in m, within {FARTHEST:g} m"
 
 
 def mm(length: float) -> str:
@@ -52,3 +58,22 @@ def count(field: str, value: object, largest: int = 100) -> int:
 def choice(field: str, value: object, valid: tuple[str, ...]) -> None:
     """Check that `value` is one of `valid`."""
     require(value in valid, field, "one of " + ", ".join(map(repr, valid)), repr(value))
+
+
+def is_point(value: object) -> bool:
+    """Whether `value` is what `POINT` says."""
+    return _size(value) <= FARTHEST
+
+
+def direction(field: str, value: object) -> None:
+    """Check that `value` is three numbers that tell a direction."""
+    require(1e-9 <= _size(value) <= 1e9, field, "a direction (three numbers of length 1e-9 to 1e9)", repr(value))
+
+
+def _size(value: object) -> float:
+    """Length of a vector of three numbers, without overflow; not a number for anything else."""
+    try:
+        numbers = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        return math.nan
+    return math.hypot(*numbers) if numbers.shape == (3,) else math.nan

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cad.checks import mm
+from cad.checks import POINT, direction, is_point, mm
 from stiffscope import InputError
 
 if TYPE_CHECKING:
@@ -103,19 +103,16 @@ class FaceSelector:
     def __post_init__(self) -> None:
         """Raise InputError for a condition that no face could meet."""
         if all(value is None for value in self.__dict__.values()):
-            raise InputError(f"face selector: expected at least one of {', '.join(self.__dict__)}, got none")
+            raise InputError(f"selector: expected at least one of {', '.join(self.__dict__)}, got none")
         if self.kind is not None and self.kind not in KINDS:
-            raise InputError(f"face selector: kind: expected one of {', '.join(KINDS)}, got {self.kind!r}")
-        if self.normal is not None and not (_is_point(self.normal) and np.any(self.normal)):
-            raise InputError(f"face selector: normal: expected three numbers, not all zero, got {self.normal!r}")
+            raise InputError(f"selector.kind: expected one of {', '.join(KINDS)}, got {self.kind!r}")
+        if self.normal is not None:
+            direction("selector.normal", self.normal)
         if self.radius is not None and not (isinstance(self.radius, Real) and 0 < self.radius < np.inf):
-            raise InputError(f"face selector: radius: expected a positive length, got {self.radius!r}")
+            raise InputError(f"selector.radius: expected a positive length, got {self.radius!r}")
         end = isinstance(self.position, str) and self.position in ENDS
-        if not (self.position is None or end or _is_point(self.position)):
-            raise InputError(
-                f"face selector: position: expected one of {', '.join(ENDS)} or a point of three numbers in m, "
-                f"got {self.position!r}"
-            )
+        if not (self.position is None or end or is_point(self.position)):
+            raise InputError(f"selector.position: expected one of {', '.join(ENDS)} or {POINT}, got {self.position!r}")
 
     def __str__(self) -> str:
         """Return the conditions in words, lengths in mm as in the listing."""
@@ -125,14 +122,6 @@ class FaceSelector:
         if self.position is not None and not isinstance(self.position, str):
             said["position"] = "(" + ", ".join(f"{x * 1e3:.6g}" for x in self.position) + ") mm"
         return ", ".join(f"{name} = {value}" for name, value in said.items())
-
-
-def _is_point(value: object) -> bool:
-    try:
-        numbers = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        return False
-    return numbers.shape == (3,) and bool(np.isfinite(numbers).all())
 
 
 def select(shape: "Shape", selectors: Iterable[FaceSelector], field: str = "faces") -> frozenset[int]:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from cad.checks import POINT, direction, is_point, require
 from cad.faces import FaceSelector, select
 from cad.materials import STEEL, AnyMaterial
 from cad.part import Interface, Part
@@ -27,17 +28,12 @@ class Frame:
     z: Vector = (0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
-        """Raise InputError unless the directions are at right angles."""
-        for name in ("origin", "x", "z"):
-            vector = np.asarray(getattr(self, name), dtype=float)
-            if vector.shape != (3,) or not np.isfinite(vector).all() or (name != "origin" and not vector.any()):
-                raise InputError(
-                    f"frame.{name}: expected three numbers{' in m' if name == 'origin' else ', not all zero'}, "
-                    f"got {getattr(self, name)!r}"
-                )
+        """Raise InputError unless the origin is a point and the directions are at right angles."""
+        require(is_point(self.origin), "frame.origin", POINT, repr(self.origin))
+        direction("frame.x", self.x)
+        direction("frame.z", self.z)
         cosine = np.dot(self.x, self.z) / np.linalg.norm(self.x) / np.linalg.norm(self.z)
-        if abs(cosine) > 1e-6:
-            raise InputError(f"frame.z: expected a direction at right angles to x, got {self.z!r}")
+        require(abs(cosine) <= 1e-6, "frame.z", "a direction at right angles to x", repr(self.z))
 
 
 def part_of(

@@ -90,6 +90,27 @@ def test_refusals_name_line_key_and_what_is_valid(load, tmp_path, old, new, at, 
     assert first.startswith(f"{tmp_path / 'robot.toml'}:{line_with(at, text)}: ")
 
 
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ('loaded = [{index = 1}, {kind = "blob"}]', "loaded.1.kind: expected one of plane, .* got 'blob'"),
+        ("loaded = [{}]", "loaded.0: expected at least one of kind, normal, .* got none"),
+        ("loaded = [{normal = [0, 0, 0]}]", "loaded.0.normal: expected a direction"),
+        ("clamped = [{position = [1e300, 0, 0]}]", "clamped.0.position: expected one of min x, "),
+        ("x = [0, 0, 0]", "x: expected a direction"),
+        ("x = [1e300, 0, 0]", "x: expected a direction"),
+        ("z = [1, 0, 0]", "z: expected a direction at right angles to x"),
+        ("origin = [1e300, 0, 0]", "origin: expected a point of three numbers"),
+    ],
+)
+def test_choices_in_a_step_file_are_refused_by_line_and_field(load, tmp_path, line, message):
+    text = f'{TEXT}\n[slider.step]\nfile = "part.step"\n{line}\n'
+    with pytest.raises(InputError, match=message) as refused:
+        load(text)
+    where = f"{tmp_path / 'robot.toml'}:{text.count(chr(10))}: slider.step.{message.split(':')[0]}: expected "
+    assert str(refused.value).startswith(where)
+
+
 def test_set_overrides_anything():
     robot = load_robot(
         "biglide",
@@ -115,6 +136,7 @@ def test_set_overrides_anything():
         ("slider.material=wood", "--set slider.material: .*titanium"),
         ("link.bore=30mm", "--set link.bore: "),
         ("slider.mesh.size.x=3", "is a value, not a table"),
+        ("slider.step={}", "^--set slider.step: slider.step.file: is missing"),
     ],
 )
 def test_set_is_checked_alike(override, message):
