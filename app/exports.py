@@ -59,13 +59,12 @@ def _apart(experiment: Experiment) -> dict[str, Any]:
 def build_part(order: PartOrder) -> Part:
     """The part that was ordered: its own shape, or the solid of a STEP file."""
     from cad import link, slider
-    from cad.solid import GREATEST_X, LEAST_X
     from cad.step import read_step
 
     if order.step:
         return read_step(
-            order.step.path, name=order.name, material=order.material, clamped=order.step.clamped or LEAST_X,
-            loaded=order.step.loaded or GREATEST_X, frame=order.step.frame, reference_point=order.step.reference_point,
+            order.step.path, name=order.name, material=order.material, clamped=order.step.clamped,
+            loaded=order.step.loaded, frame=order.step.frame, reference_point=order.step.reference_point,
         )  # fmt: skip
     if isinstance(order.shape, link.LinkParameters):
         return link.build(order.shape, order.material)

@@ -10,7 +10,7 @@ import dataclasses
 import typing
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, create_model, model_validator
+from pydantic import BeforeValidator, create_model, field_validator, model_validator
 
 from app import quantities as q
 from app.fields import (
@@ -91,6 +91,13 @@ class Step(Section):
     x: Vector = (1.0, 0.0, 0.0)
     z: Vector = (0.0, 0.0, 1.0)
     reference_point: Point | None = None
+
+    @field_validator("clamped", "loaded")
+    @classmethod
+    def _some(cls, value: tuple[Face, ...] | None) -> tuple[Face, ...] | None:
+        if value == ():
+            raise ValueError("expected at least one face selector, got none")
+        return value
 
     def frame(self) -> Frame:
         """The part's axes for cad."""

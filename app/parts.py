@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from app.cache import Cache, code_version, digest, file_digest
+from cad.solid import GREATEST_X, LEAST_X
 from stiffscope import InputError
 
 if TYPE_CHECKING:
@@ -49,12 +50,12 @@ SHEET, MESH = "loads.png", "mesh.png"
 
 @dataclass(frozen=True)
 class StepOrder:
-    """A solid of a STEP file as a part: content, chosen faces (None: least and greatest x), axes."""
+    """A solid of a STEP file as a part: content, chosen faces (by default those of least and greatest x), axes."""
 
     path: Path
     sha256: str
-    clamped: tuple[FaceSelector, ...] | None = None
-    loaded: tuple[FaceSelector, ...] | None = None
+    clamped: tuple[FaceSelector, ...] = LEAST_X
+    loaded: tuple[FaceSelector, ...] = GREATEST_X
     frame: Frame | None = None
     reference_point: tuple[float, float, float] | None = None
 

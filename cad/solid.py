@@ -15,8 +15,8 @@ from stiffscope import InputError
 
 Vector = Sequence[float]
 Selectors = Sequence[FaceSelector]
-LEAST_X: Selectors = (FaceSelector(kind="plane", normal=(-1, 0, 0), position="min x"),)
-GREATEST_X: Selectors = (FaceSelector(kind="plane", normal=(1, 0, 0), position="max x"),)
+LEAST_X = (FaceSelector(kind="plane", normal=(-1, 0, 0), position="min x"),)
+GREATEST_X = (FaceSelector(kind="plane", normal=(1, 0, 0), position="max x"),)
 
 
 @dataclass(frozen=True)
