@@ -90,8 +90,9 @@ class FaceSelector:
 
     `kind`: one of `KINDS`. `normal`: outward normal of a plane, or axis (either way) of a round face, within
     1 degree. `radius` in m (a torus: its small one). `position`: "min x", "max z", ... (of the faces that meet
-    the other conditions, the ones whose centroid lies furthest that way), or a point in m that is on the face
-    or is its centroid, within 0.01 mm. `index`: number or numbers in the listing.
+    the other conditions, the ones whose centroid lies furthest that way), or a point in m (of those faces,
+    the ones that it is on, within 0.01 mm; where it is on none, the ones whose centroid it is). `index`: number or
+    numbers in the listing.
     """
 
     kind: str | None = None
@@ -146,6 +147,8 @@ def select(shape: "Shape", selectors: Iterable[FaceSelector], field: str = "face
 
 
 def _matches(shape: "Shape", geometries: Sequence[FaceGeometry], selector: FaceSelector) -> set[int]:
+    from cad import kernel
+
     found = [face for face in geometries if _meets(face, selector)]
     place = selector.position
     if isinstance(place, str) and found:
@@ -155,7 +158,9 @@ def _matches(shape: "Shape", geometries: Sequence[FaceGeometry], selector: FaceS
         found = [face for face, x in zip(found, along, strict=True) if abs(x - furthest) < DISTANCE]
     elif place is not None and not isinstance(place, str):
         point = np.asarray(place, dtype=float)
-        found = [face for face in found if _is_at(shape, face, point)]
+        faces = kernel.faces(shape)
+        on = [face for face in found if kernel.distance(faces[face.index], 1e3 * point) < 1e3 * DISTANCE]
+        found = on or [face for face in found if np.linalg.norm(face.centroid - point) < DISTANCE]
     return {face.index for face in found}
 
 
@@ -171,14 +176,6 @@ def _meets(face: FaceGeometry, selector: FaceSelector) -> bool:
     wanted = np.asarray(selector.normal, dtype=float)
     cosine = face.axis @ wanted / np.linalg.norm(wanted)
     return bool((cosine if face.kind == "plane" else abs(cosine)) > np.cos(ANGLE))
-
-
-def _is_at(shape: "Shape", face: FaceGeometry, point: NDArray[np.float64]) -> bool:
-    from cad import kernel
-
-    if np.linalg.norm(face.centroid - point) < DISTANCE:
-        return True
-    return kernel.distance(kernel.faces(shape)[face.index], point * 1e3) < DISTANCE * 1e3
 
 
 def _summary(geometries: Sequence[FaceGeometry]) -> str:

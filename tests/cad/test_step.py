@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from build123d import Align, Box, Pos
+from build123d import Align, Box, Cylinder, Pos
 
 from cad import kernel, kernel_files, link, slider
-from cad.faces import FaceSelector, describe, select
+from cad.faces import FaceSelector, describe, face_geometries, select
 from cad.link import LinkParameters
 from cad.part import Part, geometry_digest, mass_properties
 from cad.slider import SliderParameters
@@ -79,6 +79,15 @@ def test_selectors_choose_by_geometry(holed: Part) -> None:
     rows = describe(holed.solid)
     assert sorted({row["radius_mm"] for row in rows if row["kind"] == "torus"}) == [3.0]
     assert sum(row["area_mm2"] for row in rows) == pytest.approx(kernel.area_properties(holed.solid).Mass())
+
+
+def test_a_point_on_a_face_does_not_choose_the_face_around_it() -> None:
+    """Disc and rim of a grooved cylinder lie in one plane, about one centroid, which is on the disc alone."""
+    solid = (Cylinder(20, 10) - Pos(0, 0, 5) * (Cylinder(12, 4) - Cylinder(8, 4))).wrapped
+    (disc,) = select(solid, [FaceSelector(position=(0, 0, 0.005))])
+    assert face_geometries(solid)[disc].area == pytest.approx(np.pi * 0.008**2)
+    (side,) = select(solid, [FaceSelector(position=(0, 0, 0), kind="cylinder")])
+    assert face_geometries(solid)[side].radius == pytest.approx(0.02)
 
 
 def test_selectors_that_choose_nothing_or_everything_say_what_exists(holed: Part) -> None:
