@@ -129,7 +129,8 @@ def order_part(
     section = robot.part(name)
     settings = Settings(interface=section.interface, foundation=section.foundation, **section.mesh.model_dump())
     solid = _step_order(robot, section.step, step)
-    return PartOrder(name, robot.parameters(name), robot.material(name), settings, solid, pictures, label or name)
+    shape = robot.parameters(name).present()
+    return PartOrder(name, shape, robot.material(name), settings, solid, pictures, label or name)
 
 
 def _step_order(robot: RobotFile, section: Step | None, given: str | Path | None) -> StepOrder | None:

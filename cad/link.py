@@ -3,7 +3,7 @@
 Axes: x along the link from the clamped end at x = 0 to the loaded end; the reference point is that end's centre.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -55,6 +55,15 @@ class LinkParameters:
             mm(self.fitting_length),
         )
 
+    @property
+    def has_fittings(self) -> bool:
+        """Whether the ends are thicker or thinner than the rest."""
+        return self.fitting_radius not in {0.0, self.radius}
+
+    def present(self) -> "LinkParameters":
+        """Return the same link with what is said of absent fittings at its defaults."""
+        return self if self.has_fittings else replace(self, fitting_radius=0.0, fitting_length=0.0)
+
 
 def build(parameters: LinkParameters, material: AnyMaterial = STEEL, name: str = "link") -> Part:
     """Return the link as a part."""
@@ -73,7 +82,7 @@ def build(parameters: LinkParameters, material: AnyMaterial = STEEL, name: str =
 def _profile(link: LinkParameters) -> list[tuple[float, float]]:
     """Return the half section (x, r), which turned about x gives the link."""
     inner, outer = link.bore / 2, link.radius
-    if link.fitting_radius in (0.0, outer):
+    if not link.has_fittings:
         top = [(0.0, outer), (link.length, outer)]
     else:
         first, second = link.fitting_length, link.length - link.fitting_length

@@ -4,7 +4,7 @@ Axes: x away from the clamped face at x = 0, y across, z down; y = 0 is the plat
 thickness. The reference point is the centre of the plate's loaded face, or of the middle pad if there are pads.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -75,6 +75,18 @@ class SliderParameters:
         _check_ribs(self)
         _check_holes(self)
         _check_pads(self)
+
+    def present(self) -> "SliderParameters":
+        """Return the same slider with the unused numbers of absent features at their defaults."""
+        features = {
+            "rib_": self.rib_count,
+            "rib_pitch": self.rib_count > 1,
+            "hole_": self.hole_count,
+            "hole_pitch": self.hole_count > 1,
+            "pad_": self.pad_height,
+        }
+        absent = tuple(name for name, there in features.items() if not there)
+        return replace(self, **{f.name: f.default for f in fields(self) if f.name.startswith(absent)})
 
     @property
     def rib_positions(self) -> tuple[float, ...]:

@@ -80,6 +80,15 @@ def test_a_wrong_tolerance_is_one_complaint():
         load_robot("biglide", (), "tight")
 
 
+def test_numbers_of_absent_features_ask_for_no_new_experiment():
+    one, other = (
+        order_part(load_robot("biglide", [f"slider.{number}"]), "slider")
+        for number in ("rib_height=20mm", "pad_width=40mm")
+    )
+    assert one == other
+    assert one.key() == other.key() == order_part(load_robot("biglide"), "slider").key()
+
+
 def test_tolerance_reaches_the_experiment_and_enters_its_key(kitchen, capfd):
     loose, said = compliance(capfd)
     assert (loose["tolerance"], loose["note"], loose["cached"], said) == (None, "", False, "")

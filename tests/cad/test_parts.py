@@ -1,5 +1,6 @@
 """Link and slider: closed forms, axes, held and loaded faces, and what is refused."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -115,6 +116,25 @@ def test_digest_tells_shape_faces_and_material_and_nothing_else() -> None:
         Part("slider", plain.solid, STEEL, plain.clamped, (Interface("a", plain.loaded[0].faces, np.zeros(3)),)),
     ]
     assert len({geometry_digest(part) for part in (plain, *others)}) == 5
+
+
+@pytest.mark.parametrize(
+    ("there", "unused"),
+    [
+        (LinkParameters(), {"fitting_radius": 0.0125, "fitting_length": 0.03}),
+        (SliderParameters(hole_count=2), {"rib_height": 0.02, "rib_pitch": 0.05, "pad_width": 0.04}),
+        (SliderParameters(rib_count=1), {"hole_diameter": 0.01, "hole_offset": 0.02, "rib_pitch": 0.05}),
+    ],
+)
+def test_numbers_of_absent_features_do_not_count(there: LinkParameters | SliderParameters, unused: dict) -> None:
+    other = dataclasses.replace(there, **unused)
+    assert geometry_digest(made(there)) == geometry_digest(made(other))
+    assert there.present() == other.present() == there
+
+
+@pytest.mark.parametrize("full", [FULL, LinkParameters(bore=0.005, fitting_radius=0.02, fitting_length=0.03)])
+def test_numbers_of_present_features_count(full: LinkParameters | SliderParameters) -> None:
+    assert full.present() == full
 
 
 @pytest.mark.parametrize(
