@@ -56,7 +56,7 @@ def part_compliance(
 
     robot = load_robot(name, overrides, tolerance)
     if superelement:
-        files.check_output(superelement)
+        files.check_output(superelement, target)
     manifest = Manifest(sys.argv[1:], str(robot.path), file_digest(robot.path), list(overrides))
     with workshop(quiet=quiet) as (cache, spare, open_line):
         order = order_part(robot, part, step, pictures=False)

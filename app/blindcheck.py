@@ -39,7 +39,7 @@ def blind(out: Path, *, campaigns: int, seed: int, quiet: bool, target: str | No
     """Run the blind check and write a complete folder: campaigns, seal, answers, scores, figures."""
     from gap.blind import run_blind
 
-    files.check_output(out)
+    files.check_output(out, target)
     begun = time.perf_counter()
     robot = load_robot("biglide")
     manifest = Manifest(sys.argv[1:], str(robot.path), file_digest(robot.path))

@@ -55,7 +55,7 @@ def diagnose_campaign(name: str, out: Path, *, adopt: Path | None, target: str |
     """Diagnose a campaign and write a complete folder. Raises InputError for anything a user can get wrong."""
     from gap.answer import to_json
 
-    files.check_output(out)
+    files.check_output(out, target, adopt)
     case = open_case(name)
     manifest = _manifest(case)
     if adopt is not None:

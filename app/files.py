@@ -129,8 +129,8 @@ def staged_folder(target: str | Path) -> Iterator[Path]:
         shutil.rmtree(aside, ignore_errors=True)
 
 
-def check_output(target: str | Path) -> None:
-    """Refuse an output folder before work is spent on it: see `staged_folder`."""
+def check_output(target: str | Path, *others: str | Path | None) -> None:
+    """Refuse an output folder before work is spent on it: see `staged_folder`. The other outputs must not be in it."""
     goal = Path(target).resolve()
     try:
         there = goal.exists()
@@ -141,6 +141,9 @@ def check_output(target: str | Path) -> None:
     if goal in (Path.cwd(), *Path.cwd().parents):
         better = Path(target) / "out"
         raise InputError(f"{target}: an output folder is replaced as a whole: not the one you are in; try {better}")
+    for other in filter(None, others):
+        if Path(other).resolve().is_relative_to(goal):
+            raise InputError(f"{other}: is in {target}, which is replaced as a whole; give a file elsewhere")
     if goal.is_dir():
         foreign = _foreign(goal)
         if foreign:

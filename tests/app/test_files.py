@@ -64,6 +64,15 @@ def test_impossible_targets_are_refused_early(tmp_path, monkeypatch):
         check_output("/proc/out")
 
 
+def test_a_file_of_its_own_is_not_in_an_output_folder(tmp_path):
+    fill(tmp_path / "out", result="1")
+    (tmp_path / "link").symlink_to(tmp_path / "out")
+    for file in (tmp_path / "out" / "a.json", tmp_path / "link" / "deep" / "a.json"):
+        with pytest.raises(InputError, match=r"a\.json: is in .*out, which is replaced as a whole"):
+            check_output(tmp_path / "out", None, str(file))
+    check_output(tmp_path / "out", None, "-", tmp_path / "a.json")
+
+
 def test_json_is_strict_and_readable(tmp_path, capsys):
     import numpy as np
 
