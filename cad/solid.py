@@ -1,5 +1,6 @@
 """Any solid as a part: its faces chosen by geometry, its axes by a frame."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -80,6 +81,8 @@ def chosen_part(
     named = loaded if isinstance(loaded, Mapping) else {"loaded": loaded}
     if reference_point is not None and len(named) > 1:
         raise InputError(f"{name}.reference_point: expected none with {len(named)} interfaces, got one")
+    if reference_point is not None:
+        _check_near(solid, reference_point, f"{name}.reference_point")
     chosen = {key: select(solid, selectors, f"{name}.{key}") for key, selectors in named.items()}
     origin, x, z = (np.asarray(vector, dtype=float) for vector in (frame.origin, frame.x, frame.z))
     moved = kernel.in_frame(solid, origin * 1e3, x, z)
@@ -91,6 +94,15 @@ def chosen_part(
         Interface(key, faces, _centroid(centred, faces) if point is None else point) for key, faces in chosen.items()
     )
     return Part(name, moved, material, held, tuple(interfaces))
+
+
+def _check_near(solid: Any, point: Vector, field: str) -> None:
+    from cad import kernel
+
+    centre = kernel.xyz(kernel.volume_properties(solid).CentreOfMass()) * 1e-3
+    reach = kernel.diagonal(solid) * 1e-3 * 100
+    valid = f"a point within {reach:.3g} m of the solid, 100 times its diagonal"
+    require(math.dist(point, centre) <= reach, field, valid, f"{point} m")
 
 
 def _axes(x: np.ndarray, z: np.ndarray) -> np.ndarray:

@@ -90,6 +90,13 @@ def test_a_point_on_a_face_does_not_choose_the_face_around_it() -> None:
     assert face_geometries(solid)[side].radius == pytest.approx(0.02)
 
 
+def test_a_reference_point_is_near_the_solid(holed: Part) -> None:
+    assert part_of(holed.solid, reference_point=(30, 0, 0)).loaded[0].reference_point == pytest.approx([30, 0, 0])
+    for far in ((40, 0, 0), (1e300, 0, 0), (np.nan, 0, 0)):
+        with pytest.raises(InputError, match=r"slider.reference_point: expected a point within 3.*m of the solid"):
+            part_of(holed.solid, name="slider", reference_point=far)
+
+
 def test_selectors_that_choose_nothing_or_everything_say_what_exists(holed: Part) -> None:
     with pytest.raises(InputError, match=r"slider.clamped: no face has radius = 7 mm; there are .*3, 4.5, 5 mm"):
         select(holed.solid, [FaceSelector(radius=0.007)], "slider.clamped")
