@@ -109,10 +109,12 @@ def _parse(text: str, dimension: Dimension, expected: str) -> float:
         no_unit = f"which has no unit (a bare number without quotes is {dimension.unit})"
         raise ValueError(f"{expected}, got {shown(text)}, {no_unit}")
     try:
-        found = _registry().parse_units(unit_text.removeprefix("*").strip())
-        factor = float(_registry().Quantity(1.0, found).to(dimension.unit or "dimensionless").magnitude)
+        one = _registry().Quantity(1.0, _registry().parse_units(unit_text.removeprefix("*").strip()))
+        factor = float(one.to(dimension.unit or "dimensionless").magnitude)
     except Exception as error:
         raise ValueError(f"{expected}, got {shown(text)}{_why(unit_text)}") from error
+    if dict(one.unit_items()).get("percent", 1) != 1:
+        raise ValueError(f'{expected}, got {shown(text)}, and "{unit_text}" is not a unit')
     return float(f"{number * factor:.15g}")  # "7 mm" is 0.007 m: results are found again by their inputs
 
 

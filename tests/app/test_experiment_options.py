@@ -75,9 +75,10 @@ def test_tolerance_of_the_command_line_is_for_both_parts(text):
     assert [order_part(robot, part).settings.tolerance for part in ("link", "slider")] == pytest.approx([1e-3, 1e-3])
 
 
-def test_a_wrong_tolerance_is_one_complaint():
+@pytest.mark.parametrize("text", ["tight", "0.1%%"])
+def test_a_wrong_tolerance_is_one_complaint(text):
     with pytest.raises(InputError, match=r"^--tolerance: expected a share (?!.*more\))"):
-        load_robot("biglide", (), "tight")
+        load_robot("biglide", (), text)
 
 
 def test_numbers_of_absent_features_ask_for_no_new_experiment():
