@@ -48,14 +48,6 @@ class Geometry(Section):
     a_min: Length
     a_max: Length
 
-    @field_validator("a_max")
-    @classmethod
-    def _ordered(cls, value: float, info: ValidationInfo) -> float:
-        least = info.data.get("a_min", 0.0)
-        if value <= least:
-            raise ValueError(f"expected more than geometry.a_min, {least:g} m, got {value:g} m")
-        return value
-
 
 class Drive(Section):
     """Stiffness of a lead-screw drive along its axis, N/m; the three are alike."""
@@ -203,9 +195,12 @@ class RobotFile(Section):
 
     def check_parts(self) -> None:
         """Raise InputError for what only the parts together can tell."""
+        from app.components import geometry
+
         for name in PARTS:
             self.parameters(name)
             self.material(name)
+        geometry(self)
 
     def remember(self, path: Path, overrides: typing.Iterable[str]) -> None:
         """Note where it came from."""
