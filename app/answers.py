@@ -19,6 +19,7 @@ from app.pipeline import (
     check_one_interface,
     check_reach,
     compliance_json,
+    show_compliance,
     solve_robots,
     stiffness_bars,
     stiffness_json,
@@ -52,8 +53,6 @@ def part_compliance(
     quiet: bool,
 ) -> None:
     """`stiffscope compliance`: one part's virtual experiment as JSON, as a table, as a superelement."""
-    from app.compare import compare
-
     robot = load_robot(name, overrides, tolerance)
     if superelement:
         files.check_output(superelement, target)
@@ -69,10 +68,8 @@ def part_compliance(
         tables.show_parts([result])
         if "flexibility" in result.facts:
             tables.show_each_interface(result)
-        elif step is None:
-            tables.show_comparison(compare(robot, part, result))
         else:
-            tables.show_matrix(f"Compliance of {step}, SI", result.compliance)
+            show_compliance(robot, result)
         if superelement:
             tables.show_line(f"Superelement written to {superelement}")
     else:
@@ -137,8 +134,6 @@ def robot_deflection(
 
 def compare_parts(name: str, parts: Sequence[PartName], *, overrides: Sequence[str], quiet: bool) -> None:
     """`stiffscope compare`: tables and words."""
-    from app.compare import compare
-
     robot = load_robot(name, overrides)
     for part in parts:
         check_one_interface(robot, part)
@@ -146,8 +141,8 @@ def compare_parts(name: str, parts: Sequence[PartName], *, overrides: Sequence[s
         orders = [order_part(robot, part, pictures=False) for part in parts]
         results = solve_parts(orders, cache, spare, {part: open_line(part) for part in parts})
     warn_of(results)
-    for part, result in zip(parts, results, strict=True):
-        tables.show_comparison(compare(robot, part, result))
+    for result in results:
+        show_compliance(robot, result)
 
 
 def robot_map(

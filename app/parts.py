@@ -115,6 +115,11 @@ class PartResult:
         return self.facts["note"]
 
     @property
+    def own_shape(self) -> bool:
+        """Whether the solid is the robot file's own shape, not a STEP file's."""
+        return self.facts["solid"] == "parametric"
+
+    @property
     def mass(self) -> float:
         """Mass of the solid, kg."""
         return self.facts["mass"]

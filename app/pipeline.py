@@ -198,10 +198,10 @@ def write_parts(assembled: Assembled, folder: Path, manifest: Manifest) -> None:
 
 
 def compliance_json(robot: RobotFile, result: PartResult) -> dict[str, Any]:
-    """What scripts read of a part."""
-    beam = parts_of.beam_compliance(robot, result.name)
+    """What scripts read of a part; beam theory knows the own shape alone, not a STEP file's solid."""
+    beam = parts_of.beam_compliance(robot, result.name).tolist() if result.own_shape else None
     facts = {key: value for key, value in result.facts.items() if key not in {"faces", "imbalance"}}
-    return {**facts, "beam": beam.tolist(), "cached": result.reused}
+    return {**facts, "beam": beam, "cached": result.reused}
 
 
 def write_superelement(result: PartResult, out: Path, manifest: Manifest) -> None:
@@ -303,13 +303,22 @@ def draw_robot(assembled: Assembled, folder: Path, pictures: Sequence[Mapping[st
     draw("robot", folder, pictures=list(pictures), geometry=geometry, **parts, **more)
 
 
+def show_compliance(robot: RobotFile, result: PartResult) -> None:
+    """A part's compliance beside beam theory and the paper; a STEP file's solid has nothing beside it."""
+    if result.own_shape:
+        tables.show_comparison(compare(robot, result.name, result))
+    else:
+        tables.show_matrix(f"Compliance of the {result.name}, SI", result.compliance)
+        tables.show_line("No beam theory beside it: it is a STEP file's solid, not the robot file's own shape\n")
+
+
 def show_run(now: Assembled, states: Mapping[str, Stiffness], overrides: Sequence[str]) -> None:
     """The tables at the end of a run."""
     if now.results:
         tables.show_parts(list(now.results.values()))
     for name, result in now.results.items():
         if now.sources[name] == "fea":
-            tables.show_comparison(compare(now.robot, name, result))
+            show_compliance(now.robot, result)
     names, state = list(now.robot.poses), states["now"]
     made_of = ", ".join(f"{name} {source}" for name, source in now.sources.items())
     tables.show_stiffness(names, state.poses, state.matrix, state.sag, title=f"Stiffness at M ({made_of})")

@@ -67,3 +67,23 @@ def test_a_change_of_the_slider_reruns_the_slider_alone(tmp_path):
     assert "before" in changed.stdout
     names = os.listdir(tmp_path / "cold" / "slider")
     assert {"slider.step", "slider.stl", "fields.vtu", "loads.png", "mesh.png", "compliance.json"} <= set(names)
+
+
+@pytest.mark.parametrize("solid", ["parametric", "part.step"])
+def test_beam_theory_is_beside_the_own_shape_alone(tmp_path, capsys, solid):
+    from app.components import beam_compliance
+    from app.parts import PartResult
+    from app.pipeline import compliance_json, show_compliance
+    from app.robotfile import load_robot
+
+    robot = load_robot("biglide")
+    beam = beam_compliance(robot, "slider")
+    facts = {"compliance": beam.tolist(), "error": (0.01 * abs(beam)).tolist(), "solid": solid}
+    result = PartResult("slider", "", tmp_path, facts, None, reused=True, seconds=0.0)
+    own = solid == "parametric"
+    assert compliance_json(robot, result)["beam"] == (beam.tolist() if own else None)
+    show_compliance(robot, result)
+    shown = capsys.readouterr().out
+    assert f"{beam[3, 3]:.5g}" in shown
+    assert ("Timoshenko" in shown) == own
+    assert ("No beam theory beside it" in shown) != own
