@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fea.mesh import EDGES
-from fea.refine import bisect, border_edges, concave_edges
+from fea.refine import bisect
+from fea.singular import singular_edges
 from fea.solution import solve_specimen
 from fea.specimen import GRADING_RATIO, mesh_specimen
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from fea.experiment import Settings
-    from fea.mesh import Floats, Ints, TetMesh
+    from fea.mesh import Floats, TetMesh
     from fea.solution import Solution
     from fea.specimen import Specimen
 
@@ -100,16 +101,10 @@ def _meshed_anew(specimen: Specimen, settings: Settings, size: float) -> TetMesh
     )
 
 
-def singular_edges(specimen: Specimen, mesh: TetMesh, *, rigid: bool) -> Ints:
-    """Return (e, 2) vertex pairs where the solution is singular: borders of held faces, re-entrant edges."""
-    held = [specimen.clamped] + ([faces for faces, _ in specimen.loaded] if rigid else [])
-    return np.unique(np.vstack([border_edges(mesh, faces) for faces in held] + [concave_edges(mesh)]), axis=0)
-
-
 def _on_singular_edges(specimen: Specimen, mesh: TetMesh, settings: Settings) -> np.ndarray:
     """Return (nodes,) which vertices are on singular edges."""
     on_chain: np.ndarray = np.zeros(len(mesh.points), dtype=bool)
-    on_chain[singular_edges(specimen, mesh, rigid=settings.interface == "rigid")] = True
+    on_chain[singular_edges(mesh, specimen.fixed(rigid=settings.interface == "rigid"))[0]] = True
     return on_chain
 
 

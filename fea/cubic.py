@@ -244,24 +244,30 @@ def unfolded(space: Cubic, supports: Supports, free: Ints, coordinates: Floats) 
     return motion
 
 
-def element_energies(mesh: TetMesh, space: Cubic, supports: Supports, gained: Floats) -> Floats:
-    """Return (m, loads) where the cubic solution differs: twice the energy of ``gained`` in each element.
+def element_energies(
+    mesh: TetMesh, space: Cubic, supports: Supports, gained: Floats, weights: Floats
+) -> tuple[Floats, Floats]:
+    """Return (m, loads) twice the energy of ``gained`` in each element, and (loads, loads) its weighted sum.
 
     Parameters
     ----------
     gained : (c + 3w, loads) coordinates of the cubic solution less the quadratic one; the loads' compliance
         gains are the sums over all elements.
+    weights : (m,) of the elements in the weighted sum, which has the energies of each two loads together.
     """
     free = free_cubics(mesh, space, supports)
-    energies = np.empty((len(space.cells), gained.shape[1]))
-    for start in range(0, gained.shape[1], 6):
+    loads = gained.shape[1]
+    energies, weighted = np.empty((len(space.cells), loads)), np.zeros((loads, loads))
+    motion = unfolded(space, supports, free, gained).reshape(space.count, 3, loads)
+    for start in range(0, loads, 6):
         columns = slice(start, start + 6)
-        motion = unfolded(space, supports, free, gained[:, columns]).reshape(space.count, 3, -1)
         for batch in space.batches():
             elements = np.concatenate([chunk.elements for chunk in batch])
-            forces = element_forces(space, batch, motion)
-            energies[elements, columns] = np.einsum("cail,cail->cl", forces, motion[space.cells[elements]])
-    return energies
+            forces, local = element_forces(space, batch, motion[..., columns]), motion[space.cells[elements]]
+            energies[elements, columns] = np.einsum("cail,cail->cl", forces, local[..., columns])
+            forces *= weights[elements][:, None, None, None]
+            weighted[columns] += np.tensordot(forces, local, axes=((0, 1, 2), (0, 1, 2)))
+    return energies, (weighted + weighted.T) / 2
 
 
 def element_forces(space: Cubic, batch: list[_Group], motion: Floats) -> Floats:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     Ints = NDArray[np.int64]
     Project = Callable[[int, Floats], Floats]
 
-FIN = 0.3  # depth of the fins at seams, in element sizes
+FIN = 0.06  # depth of the fins at seams, in element sizes, and at least three envelopes: deep ones mislead the mesher
 
 # The six edges of a tetrahedron and its four outward faces, in the order of VTK's (and scikit-fem's) tet10.
 EDGES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
@@ -105,7 +105,7 @@ def tetrahedralize(
     MeshError : the surface is open, the mesher crashed or ran out of time, or its volume is 3 % off.
     """
     check_surface(surface, size, envelope)
-    vertices, triangles = _with_fins(surface, FIN * size)
+    vertices, triangles = _with_fins(surface, max(FIN * size, 3 * envelope))
     scale = float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
     with tempfile.TemporaryDirectory(prefix="stiffscope-mesh-") as folder:
         source, target = Path(folder, "surface.npz"), Path(folder, "tets.npz")
@@ -145,7 +145,7 @@ def _with_fins(surface: Surface, depth: float) -> tuple[Floats, Ints]:
     """Return vertices and triangles with a fin hung inwards from each seam.
 
     Between two triangles in one plane the mesher keeps no edge, where three sheets meet it does. The triangles of
-    a fin face both ways in turn, so that the inside is told from the outside as without it.
+    a fin face both ways in turn, since the mesher tells the inside by the solid angles of what it was given.
     """
     vertices, triangles, tags = surface.vertices, surface.triangles, surface.face_of_triangle
     sides = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)

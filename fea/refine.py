@@ -180,27 +180,3 @@ def _finder(position: Floats) -> Callable[[Floats], np.ndarray]:
         return tree.query(points, distance_upper_bound=reach)[0] < np.inf
 
     return find
-
-
-def border_edges(mesh: TetMesh, faces: frozenset[int]) -> Ints:
-    """Return (e, 2) the vertex pairs along the border of a set of CAD faces."""
-    pairs = np.sort(mesh.facets_of(faces)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    unique, times = np.unique(pairs, axis=0, return_counts=True)
-    return unique[times == 1]
-
-
-def concave_edges(mesh: TetMesh, angle: float = 0.35) -> Ints:
-    """Return (e, 2) the vertex pairs where two CAD faces meet at a re-entrant edge sharper than ``angle`` rad."""
-    facets = mesh.facets[:, :3]
-    a, b, c = (mesh.points[facets[:, k]] for k in range(3))
-    normals = np.cross(b - a, c - a)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    pairs = np.sort(facets[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    order = np.lexsort((pairs[:, 1], pairs[:, 0]))
-    one, two = order[0::2], order[1::2]
-    left, right = one // 3, two // 3
-    centres = (a + b + c) / 3
-    differs = mesh.facet_face[left] != mesh.facet_face[right]
-    turn = np.einsum("ij,ij->i", normals[left], centres[right] - centres[left])
-    sharp = np.einsum("ij,ij->i", normals[left], normals[right]) < np.cos(angle)
-    return pairs[one[differs & sharp & (turn > 0)]]

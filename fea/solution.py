@@ -14,6 +14,7 @@ from fea.foundation import bed, on_nodes
 from fea.interfaces import Port, imbalance, support, unit_loads
 from fea.mesh import MeshError
 from fea.multigrid import prepare
+from fea.singular import missing_at_edges
 from fea.specimen import held_error, shape_error
 from stiffscope import InputError
 
@@ -21,11 +22,11 @@ if TYPE_CHECKING:
     from fea.mesh import Floats, TetMesh
     from fea.specimen import Specimen
 
-# What the cubic solution still lacks, in parts of what it gained on the quadratic one; measured against much finer
-# solutions: next to nothing where the solution is smooth, up to 0.3 where it is singular at the edge of a clamp.
-STILL_MISSING = 0.1
-MISSING_AT_MOST = 0.3
-CROSS_TERMS = 0.05  # of the energies' geometric mean, for entries whose own gain happens to be small
+# What the cubic solution still lacks: so much of what theory says of the elements at singular edges, whose neighbours
+# lack too, and so much of the gain on quadratics, and how sure that is; measured against much finer solutions.
+AT_EDGES, UNSURE_AT_EDGES = 1.6, 0.7
+ELSEWHERE, UNSURE_ELSEWHERE = 0.12, 0.1
+CROSS_TERMS = 0.15  # of the geometric mean of what two loads lack
 SOLVER = 1e-8
 SOFTEST = 1e-4  # foundation, in parts of the part's modulus over its size
 
@@ -40,7 +41,7 @@ class Solution:
     displacement, von_mises : (6n, nodes, 3) m and (6n, nodes) Pa.
     imbalance : how far the clamp's reactions are from balancing the wrenches, relative.
     unknowns : of the cubic solution.
-    indicator : (m,) what each element adds to the gain of the cubic solution, relative to each load's compliance.
+    indicator : (m,) what each element adds to the bounds of the loads' own compliances, relative to them.
     """
 
     flexibility: Floats
@@ -59,7 +60,7 @@ def solve_specimen(
     """Return the specimen's response to the unit wrenches on its loaded interfaces.
 
     One factorization of the quadratic problem serves all wrenches and both orders. The flexibility is that of the
-    cubic solution plus the part of its gain on the quadratic one that is usually still missing. With a
+    cubic solution plus what it usually still lacks, told from its gain on the quadratic one. With a
     ``foundation`` (N/m³) the clamped faces rest on springs.
 
     Raises
@@ -90,22 +91,26 @@ def _solve(specimen: Specimen, mesh: TetMesh, interface: str, solver: str, found
     work = loads.T @ quadratic
     lower = work + work.T - before.T @ (stiffness @ before)  # second order in the error of the solver
     gain = cubic - (lower + lower.T) / 2
-    flexibility = cubic + STILL_MISSING * gain
     if not (np.linalg.eigvalsh(cubic) > 0).all() or not (gain.diagonal() > -SOLVER * cubic.diagonal()).all():
         raise MeshError(f"solve: the compliance of {specimen.name} is not positive definite; the mesh is broken")
     nodal = supports.expand(motion[: len(loads)])
-    geometry = _geometry_bound(specimen, mesh, flexibility)
     motion[: len(loads)] -= quadratic
-    energies = element_energies(mesh, space, supports, motion)
+    fixed = specimen.fixed(rigid=interface == "rigid")
+    sharp = missing_at_edges(mesh, fixed, specimen.held[len(fixed) :])
+    energies, at_edges = element_energies(mesh, space, supports, motion, sharp)
+    missing = AT_EDGES * at_edges + ELSEWHERE * gain
+    flexibility = cubic + missing
+    unsure = UNSURE_AT_EDGES * at_edges + UNSURE_ELSEWHERE * gain
+    geometry = _geometry_bound(specimen, mesh, flexibility)
     return Solution(
         flexibility=flexibility,
-        error=_bound(flexibility, gain) + geometry,
+        error=_bound(flexibility, missing, unsure) + geometry,
         geometry=geometry,
         displacement=nodal.T.reshape(len(cubic), -1, 3),
         von_mises=nodal_von_mises(mesh, nodal, specimen.elasticity),
         imbalance=imbalance(mesh.points, bare, before, clamped, ports),
         unknowns=3 * space.count,
-        indicator=(energies / cubic.diagonal()).sum(axis=1),
+        indicator=(energies / cubic.diagonal()).sum(axis=1) * (UNSURE_AT_EDGES * sharp + UNSURE_ELSEWHERE),
     )
 
 
@@ -119,11 +124,12 @@ def _check_foundation(specimen: Specimen, foundation: float) -> None:
         )
 
 
-def _bound(flexibility: Floats, gain: Floats) -> Floats:
+def _bound(flexibility: Floats, missing: Floats, unsure: Floats) -> Floats:
     """Return (6n, 6n) what the discretization and the solver may still hide."""
-    energies = np.sqrt(np.maximum(gain.diagonal(), 0))
     scale = np.sqrt(flexibility.diagonal())
-    return MISSING_AT_MOST * np.abs(gain) + CROSS_TERMS * np.outer(energies, energies) + SOLVER * np.outer(scale, scale)
+    energies = np.sqrt(np.maximum(missing.diagonal(), 0))
+    mixed = CROSS_TERMS * (np.outer(energies, energies) - np.diag(energies**2))
+    return np.abs(unsure) + mixed + SOLVER * np.outer(scale, scale)
 
 
 def _geometry_bound(specimen: Specimen, mesh: TetMesh, flexibility: Floats) -> Floats:

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fea.mesh import MeshError, default_envelope, default_size, tetrahedralize
-from fea.refine import border_edges, concave_edges, grade
+from fea.refine import grade
 from fea.shape import area_elements, centroid, jacobian_range, volume
+from fea.singular import singular_edges
 from fea.snap import snap
 
 if TYPE_CHECKING:
@@ -52,6 +53,10 @@ class Specimen:
         """The faces of the clamp and those of each loaded interface."""
         return self.clamped, *(faces for faces, _ in self.loaded)
 
+    def fixed(self, *, rigid: bool) -> tuple[frozenset[int], ...]:
+        """Those of them that cannot deform: the loaded ones where they are rigid."""
+        return self.held if rigid else self.held[:1]
+
 
 def mesh_specimen(
     specimen: Specimen,
@@ -75,9 +80,8 @@ def mesh_specimen(
     size = size or default_size(specimen.volume, sum(face.area for face in specimen.surface.faces))
     envelope = envelope or default_envelope(specimen.surface, size)
     mesh = _best_mesh(specimen, size, envelope, time_limit, threads, patience)
-    held = [specimen.clamped] + ([faces for faces, _ in specimen.loaded] if rigid else [])
-    edges = np.vstack([border_edges(mesh, faces) for faces in held] + [concave_edges(mesh)])
-    graded = grade(mesh, np.unique(edges, axis=0), layers, GRADING_RATIO)
+    edges, _ = singular_edges(mesh, specimen.fixed(rigid=rigid))
+    graded = grade(mesh, edges, layers, GRADING_RATIO)
     logger.info("%s: %d nodes, %d tetrahedra", specimen.name, len(graded.points), len(graded.cells))
     return graded
 

@@ -5,8 +5,9 @@ import pytest
 
 from fea.experiment import Settings, run_experiment
 from fea.mesh import MeshError, boundary_facets, tetrahedralize
-from fea.refine import bisect, border_edges, concave_edges, grade
+from fea.refine import bisect, grade
 from fea.shape import centroid, jacobian_range, volume
+from fea.singular import free_exponent, held_exponent, singular_edges
 from fea.specimen import face_areas
 from tests.fea.shapes import box
 from tests.validation import parts
@@ -33,7 +34,7 @@ def test_corner_nodes_are_on_the_cylinder(stub):
 
 def test_grading_keeps_the_shape_and_conforms(stub):
     _, mesh = stub
-    edges = np.vstack([border_edges(mesh, frozenset({k})) for k in (0, 1)])
+    edges, _ = singular_edges(mesh, [frozenset({0}), frozenset({1})])
     graded = grade(mesh, edges, layers=2, ratio=0.25)
     assert len(graded.cells) > 1.2 * len(mesh.cells)
     assert volume(graded.points, graded.cells) == pytest.approx(volume(mesh.points, mesh.cells), rel=1e-12)
@@ -52,8 +53,18 @@ def test_bisecting_random_edges_conforms(stub, rng):
     assert len(boundary_facets(cut.cells[:, :4])[0]) == len(cut.facets)
 
 
-def test_a_convex_solid_has_no_concave_edges(stub):
-    assert len(concave_edges(stub[1])) == 0
+def test_singular_edges_are_held_borders_and_re_entrant_ones(stub):
+    _, mesh = stub
+    assert len(singular_edges(mesh, [])[0]) == 0
+    edges, exponents = singular_edges(mesh, [frozenset({0})])
+    assert mesh.points[edges, 0] == pytest.approx(0, abs=1e-12)
+    assert np.hypot(*mesh.points[np.unique(edges), 1:].T) == pytest.approx(0.0125, abs=1e-10)
+    assert exponents == pytest.approx(held_exponent(np.array([np.pi / 2])).item(), abs=0.06)  # flat triangles
+
+
+def test_exponents_are_williamss():
+    assert free_exponent(np.radians([180, 270, 360])) == pytest.approx([1, 0.5445, 0.5], abs=1e-4)
+    assert held_exponent(np.radians([45, 90, 180])) == pytest.approx([1, 0.7112, 0.5], abs=1e-4)
 
 
 @pytest.mark.parametrize(("patch", "area"), [(parts.strip, 0.03 * 0.02), (parts.disc, np.pi * 0.008**2)])

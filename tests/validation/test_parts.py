@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 
 from cad.link import LinkParameters, build
+from cad.materials import STEEL
 from cad.part import mass_properties
 from cad.step import read_step, write_step
 from fea.experiment import Settings, run_experiment
 from fea.mesh import default_size
 from tests.validation import parts
+from tests.validation.axisymmetric import stretch
 
 ROUNDING = 1e-9  # of the entry; exact solutions that the quadratic elements hold are found to rounding
 
@@ -75,6 +77,15 @@ def test_a_part_from_a_step_file_is_the_part(tmp_path):
     off, bounds = table("steel bar from STEP", ours, exact, "")
     assert abs(off[0]) <= bounds[0]
     assert np.allclose(ours.compliance.diagonal(), run_experiment(original).compliance.diagonal(), rtol=1e-3)
+
+
+@pytest.mark.parametrize("flange", [(0.025, 0.005), (0.03, 0.003)])
+def test_a_flanged_bar_stretches_as_its_half_section(flange):
+    part = build(LinkParameters(0.1, 0.0125, 0.0, *flange))
+    exact = {(0, 0): stretch(0.1, 0.0125, *flange, STEEL.youngs_modulus, STEEL.shear_modulus)}
+    off, bounds = table(f"bar with flanges of {flange} m", run_experiment(part), exact, "")
+    assert abs(off[0]) <= bounds[0] + 2e-5
+    assert bounds[0] < 1e-3
 
 
 FINER = {"notched bar": parts.notched, "strip with a hole": parts.perforated, "stepped bar": lambda: parts.stepped()[0]}
