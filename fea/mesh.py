@@ -73,9 +73,13 @@ def default_size(volume: float, area: float) -> float:
 
 
 def default_envelope(surface: Surface, size: float) -> float:
-    """Return how far (m) fTetWild may leave the surface: 0.03 sizes, away from the slow end of its range."""
+    """Return how far (m) fTetWild may leave the surface: 0.03 sizes, away from the slow end of its range.
+
+    At most a tenth of the thickness (twice the volume over the area): a wall must stay a wall.
+    """
     diagonal = float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
-    return float(np.clip(0.03 * size, 3e-4 * diagonal, 1e-3 * diagonal))
+    thickness = 2 * surface_volume(surface) / sum(face.area for face in surface.faces)
+    return float(min(np.clip(0.03 * size, 3e-4 * diagonal, 1e-3 * diagonal), 0.1 * thickness))
 
 
 def surface_volume(surface: Surface) -> float:
@@ -102,7 +106,7 @@ def tetrahedralize(
 
     Raises
     ------
-    MeshError : the surface is open, the mesher crashed or ran out of time, or its volume is 3 % off.
+    MeshError : the surface is open, the mesher crashed or ran out of time, or its volume is 10 % off.
     """
     check_surface(surface, size, envelope)
     vertices, triangles = _with_fins(surface, max(FIN * size, 3 * envelope))
@@ -194,7 +198,7 @@ def _checked_tets(points: Floats, cells: Ints, volume: float) -> tuple[Floats, I
     flipped = volumes < 0
     cells[flipped] = cells[flipped][:, [0, 1, 3, 2]]
     total = float(np.abs(volumes).sum())
-    if abs(total - volume) > 0.03 * volume:
+    if abs(total - volume) > 0.1 * volume:  # nodes are not on the surface yet
         raise MeshError(
             f"mesh: its volume is {total:.4g} m³ where the solid's surface encloses {volume:.4g} m³; "
             "choose a smaller size or envelope, or check that the solid does not cross itself"

@@ -24,6 +24,7 @@ logger = logging.getLogger(__name__)
 ATTEMPTS, PATIENCE = 3, 5.0  # meshes tried, and seconds after which no further one is
 CLOSER = 3.0  # each has so many times less of an envelope: one wider than a step is high may swallow the step
 GOOD_SHAPE = 3e-5
+MOST_ELEMENTS = 2e6
 
 GRADING_RATIO = 0.25  # of halving and quartering, quartering gains three times as much for the same elements
 
@@ -75,8 +76,10 @@ def mesh_specimen(
 
     Raises
     ------
-    MeshError : no mesh in time, inverted elements, a held face without triangles, or a wrong volume.
+    MeshError : lengths out of reach, no mesh in time, inverted elements, a held face without triangles, or a wrong
+        volume.
     """
+    _check_lengths(specimen, size, envelope)
     size = size or default_size(specimen.volume, sum(face.area for face in specimen.surface.faces))
     envelope = envelope or default_envelope(specimen.surface, size)
     mesh = _best_mesh(specimen, size, envelope, time_limit, threads, patience)
@@ -84,6 +87,21 @@ def mesh_specimen(
     graded = grade(mesh, edges, layers, GRADING_RATIO)
     logger.info("%s: %d nodes, %d tetrahedra", specimen.name, len(graded.points), len(graded.cells))
     return graded
+
+
+def _check_lengths(specimen: Specimen, size: float | None, envelope: float | None) -> None:
+    """Raise MeshError for lengths that are no mesh's of this part: too fine to end, too coarse to show it."""
+    diagonal = float(np.linalg.norm(np.ptp(specimen.surface.vertices, axis=0)))
+    finest = (8.5 * specimen.volume / MOST_ELEMENTS) ** (1 / 3)  # a regular tetrahedron has size³ / 8.5
+    for name, value, least, most in (
+        ("size", size, finest, diagonal),
+        ("envelope", envelope, 1e-5 * diagonal, 0.01 * diagonal),
+    ):
+        if value is not None and not least <= value <= most:
+            raise MeshError(
+                f"{specimen.name}.mesh.{name}: expected {least * 1e3:.3g} mm to {most * 1e3:.3g} mm for this part, "
+                f"got {value * 1e3:g} mm"
+            )
 
 
 def _best_mesh(

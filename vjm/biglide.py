@@ -43,8 +43,11 @@ class Geometry:
             if not (np.isfinite(value) and value >= 0.0):
                 msg = f"geometry.{name}: expected a length of at least 0 m, got {value}"
                 raise InputError(msg)
-        if not (self.L > 0.0 and self.a_min < self.a_max):
-            msg = f"geometry: expected L > 0 and a_min < a_max, got L = {self.L} m, a in [{self.a_min}, {self.a_max}] m"
+        if self.L == 0.0:
+            msg = "geometry.L: expected a length above 0 m, got 0.0"
+            raise InputError(msg)
+        if not self.a_min < self.a_max:
+            msg = f"geometry.a_max: expected more than geometry.a_min, {self.a_min} m, got {self.a_max} m"
             raise InputError(msg)
 
 

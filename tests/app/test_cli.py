@@ -36,7 +36,7 @@ def test_version():
         (["stiffness", "biglide", "--at", "0,0,3", "--components", "published"], "out of reach"),
         (["stiffness", "biglide", "--set", "poses.Q1=[0, 0, 9]"], "Q1: pose 0,0,9 m is out of reach"),
         (["stiffness", "biglide", "--at", "0,0,1e308"], "out of reach"),
-        (["stiffness", "biglide", "--set", "geometry.a_min=0.7"], "geometry: expected L > 0 and a_min < a_max"),
+        (["stiffness", "biglide", "--set", "geometry.a_min=0.7"], "geometry.a_max: expected more than geometry.a_min"),
         (["deflection", "biglide", "--components", "beam", "--wrench", "1e200,0,0,0,0,0"], "wrench: expected finite"),
         (["stiffness", "biglide", "--set", "effects=3"], "--set effects: expected a list, got 3"),
         (["stiffness", "biglide", "--at", "0,0"], "expected X,Y,Z"),
