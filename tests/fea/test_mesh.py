@@ -3,12 +3,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from cad import slider
 from fea.experiment import Settings, run_experiment
 from fea.mesh import MeshError, boundary_facets, tetrahedralize
 from fea.refine import bisect, grade
 from fea.shape import centroid, jacobian_range, volume
 from fea.singular import free_exponent, held_exponent, singular_edges
-from fea.specimen import face_areas
+from fea.specimen import face_areas, mesh_specimen
 from tests.fea.shapes import box
 from tests.validation import parts
 
@@ -93,3 +94,19 @@ def test_surfaces_that_cannot_be_filled_are_refused():
 def test_a_mesher_that_takes_too_long_is_killed():
     with pytest.raises(MeshError, match=r"within 0.2 s"):
         tetrahedralize(box(0.085, 0.32, 0.02).surface, 0.0005, 1e-5, time_limit=0.2)
+
+
+@pytest.mark.parametrize(
+    ("lengths", "said"), [({"size": 1e-4}, "size"), ({"size": 1.0}, "size"), ({"envelope": 0.1}, "envelope")]
+)
+def test_lengths_that_are_no_meshs_are_refused_at_once(lengths, said):
+    with pytest.raises(MeshError, match=rf"box.mesh.{said}: expected .* mm to .* mm for this part, got "):
+        mesh_specimen(box(0.1, 0.1, 0.1), **lengths)
+
+
+@pytest.mark.slow
+def test_a_pad_lower_than_the_first_envelope_keeps_its_area():
+    part = slider.build(slider.SliderParameters(pad_height=2e-4))
+    mesh = run_experiment(part, Settings(layers=0)).mesh
+    loaded = sorted(part.loaded[0].faces)
+    assert face_areas(mesh, len(part.faces))[loaded] == pytest.approx([part.faces[k].area for k in loaded], rel=1e-3)
