@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 # What the cubic solution still lacks: so much of what theory says of the elements at singular edges, whose neighbours
 # lack too, and so much of the gain on quadratics, and how sure that is; measured against much finer solutions.
-AT_EDGES, UNSURE_AT_EDGES = 1.6, 0.65
-ELSEWHERE, UNSURE_ELSEWHERE = 0.1, 0.11
+AT_EDGES, UNSURE_AT_EDGES = 1.6, 0.55
+ELSEWHERE, UNSURE_ELSEWHERE = 0.1, 0.1
 CROSS_TERMS = 0.15  # of the geometric mean of what two loads lack
 SOLVER = 1e-8
 SOFTEST = 1e-4  # foundation, in parts of the part's modulus over its size
