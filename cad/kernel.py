@@ -111,13 +111,13 @@ def turn(edge: Edge, one: Face, other: Face) -> float:
     return float(np.arccos(np.clip(normals[0] @ normals[1], -1.0, 1.0)))
 
 
-def together(shapes: Iterable[Shape]) -> Shape:
+def compound(shapes: Iterable[Shape]) -> Shape:
     """Return the shapes as one."""
-    compound, builder = TopoDS_Compound(), BRep_Builder()
-    builder.MakeCompound(compound)
+    whole, builder = TopoDS_Compound(), BRep_Builder()
+    builder.MakeCompound(whole)
     for shape in shapes:
-        builder.Add(compound, shape)
-    return compound
+        builder.Add(whole, shape)
+    return whole
 
 
 def is_valid(shape: Shape) -> bool:

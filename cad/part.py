@@ -17,7 +17,7 @@ from cad.materials import AnyMaterial
 from stiffscope import InputError
 
 if TYPE_CHECKING:
-    from cad.kernel import Edge, Solid
+    from cad.kernel import Shape, Solid
 
 Floats = NDArray[np.float64]
 SMOOTH = np.deg2rad(20.0)  # faces that meet at less leave a mesher no edge to keep
@@ -70,7 +70,7 @@ class Part:
         return face_geometries(self.solid)
 
     @cached_property
-    def seams(self) -> dict[tuple[int, int], list["Edge"]]:
+    def seams(self) -> dict[tuple[int, int], "Shape"]:
         """Pairs of faces that pass into one another smoothly where an interface ends, with the edges between them."""
         from cad import kernel
 
@@ -78,7 +78,7 @@ class Part:
         owner = {face: number for number, chosen in enumerate(interfaces) for face in chosen}
         faces = kernel.faces(self.solid)
         return {
-            (a, b): edges
+            (a, b): kernel.compound(edges)
             for (a, b), edges in kernel.borders(self.solid).items()
             if owner.get(a) != owner.get(b) and any(kernel.turn(edge, faces[a], faces[b]) < SMOOTH for edge in edges)
         }
@@ -151,11 +151,11 @@ def project(part: Part, place: int, points: Floats) -> Floats:
 
     Places after those of the faces are the edges of the part's seams.
     """
-    from cad.projection import on_edges, projected
+    from cad.projection import on_shape, projected
 
     points = np.asarray(points, dtype=float)
     if place >= len(part.faces):
-        return on_edges(list(part.seams.values())[place - len(part.faces)], points)
+        return on_shape(list(part.seams.values())[place - len(part.faces)], points)
     return projected(part.solid, part.faces[place], points)
 
 

@@ -1,6 +1,5 @@
 """The closest point on the surface under a face: closed form where the surface has one, else the kernel's."""
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +8,7 @@ from numpy.typing import NDArray
 from cad.faces import FaceGeometry
 
 if TYPE_CHECKING:
-    from cad.kernel import Edge, Solid
+    from cad.kernel import Shape, Solid
 
 Floats = NDArray[np.float64]
 
@@ -30,12 +29,11 @@ def projected(solid: "Solid", face: FaceGeometry, points: Floats) -> Floats:
     return kernel.closest_under(kernel.faces(solid)[face.index], points * 1e3) * 1e-3
 
 
-def on_edges(edges: Sequence["Edge"], points: Floats) -> Floats:
-    """Return the points (n, 3) on any of the edges that are closest to `points` (n, 3), in m."""
+def on_shape(shape: "Shape", points: Floats) -> Floats:
+    """Return the points (n, 3) of a shape that are closest to `points` (n, 3), in m."""
     from cad import kernel
 
-    line = kernel.together(edges)
-    return np.array([kernel.closest(line, point) for point in points * 1e3]).reshape(-1, 3) * 1e-3
+    return np.array([kernel.closest(shape, point) for point in points * 1e3]).reshape(-1, 3) * 1e-3
 
 
 def _on_round(face: FaceGeometry, points: Floats) -> Floats:

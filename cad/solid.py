@@ -99,9 +99,10 @@ def chosen_part(
 def _check_near(solid: Any, point: Vector, field: str) -> None:
     from cad import kernel
 
+    require(is_point(point), field, POINT, repr(point))
     centre = kernel.xyz(kernel.volume_properties(solid).CentreOfMass()) * 1e-3
     reach = kernel.diagonal(solid) * 1e-3 * 100
-    valid = f"a point within {reach:.3g} m of the solid, 100 times its diagonal"
+    valid = f"a point within {reach:.3g} m of the solid's centre, 100 times its diagonal"
     require(math.dist(point, centre) <= reach, field, valid, f"{point} m")
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fea.mesh import EDGES
+from fea.mesh import EDGES, MeshError
 from fea.refine import bisect
 from fea.singular import singular_edges
 from fea.solution import solve_specimen
@@ -61,8 +61,15 @@ def solve_within(
         tell("refine", min(1.0, settings.tolerance / bound))
         shape = relative_bound(solution.flexibility, solution.geometry)[0]
         if shape > SHAPE_SHARE * settings.tolerance:
-            size *= FINER
-            finer, why = _meshed_anew(specimen, settings, size), f"the mesh's shape alone leaves {shape:.2%}"
+            size, why = size * FINER, f"the mesh's shape alone leaves {shape:.2%}"
+            try:
+                finer = _meshed_anew(specimen, settings, size)
+            except MeshError as error:
+                return (
+                    mesh,
+                    solution,
+                    _excuse(specimen, mesh, solution, settings, "the mesher's limit", f"{why}; {error}"),
+                )
         else:
             finer, why = refined(specimen, mesh, solution.indicator, settings, bound), "singular edges want more"
         growth = len(finer.cells) / len(mesh.cells)

@@ -252,7 +252,7 @@ def element_energies(
     Parameters
     ----------
     gained : (c + 3w, loads) coordinates of the cubic solution less the quadratic one; the loads' compliance
-        gains are the sums over all elements.
+        gains are the sums over all elements (and over the springs of a foundation).
     weights : (m,) of the elements in the weighted sum, which has the energies of each two loads together.
     """
     free = free_cubics(mesh, space, supports)
@@ -263,10 +263,11 @@ def element_energies(
         columns = slice(start, start + 6)
         for batch in space.batches():
             elements = np.concatenate([chunk.elements for chunk in batch])
-            forces, local = element_forces(space, batch, motion[..., columns]), motion[space.cells[elements]]
-            energies[elements, columns] = np.einsum("cail,cail->cl", forces, local[..., columns])
-            forces *= weights[elements][:, None, None, None]
-            weighted[columns] += np.tensordot(forces, local, axes=((0, 1, 2), (0, 1, 2)))
+            forces, cells = element_forces(space, batch, motion[..., columns]), space.cells[elements]
+            energies[elements, columns] = np.einsum("cail,cail->cl", forces, motion[..., columns][cells])
+            heavy = np.flatnonzero(weights[elements])
+            forces = forces[heavy] * weights[elements[heavy], None, None, None]
+            weighted[columns] += np.tensordot(forces, motion[cells[heavy]], axes=((0, 1, 2), (0, 1, 2)))
     return energies, (weighted + weighted.T) / 2
 
 

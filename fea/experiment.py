@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fea.interfaces import KINDS
-from fea.mesh import TetMesh, default_size
+from fea.mesh import TetMesh, check_lengths, default_size
 from stiffscope import InputError
 
 if TYPE_CHECKING:
@@ -203,6 +203,7 @@ def run_experiment(part: Part, settings: Settings | None = None, progress: Progr
     ------
     InputError, MeshError : the part cannot be meshed or held as asked.
     """
+    from cad import kernel
     from cad.part import mass_properties, project, surface
     from fea.specimen import Specimen
 
@@ -210,12 +211,13 @@ def run_experiment(part: Part, settings: Settings | None = None, progress: Progr
     _tell(progress, "cad", 0.0)
     settings = settings or Settings()
     volume = mass_properties(part).volume
+    check_lengths(part.name, (volume, kernel.diagonal(part.solid) * 1e-3), settings.size, settings.envelope)
     size = settings.size or default_size(volume, sum(face.area for face in part.faces))
     skin = surface(part, deflection=CHORD * size, angle=TURN)
     specimen = Specimen(
         name=part.name,
         surface=skin,
-        project=lambda face, points: project(part, face, points),
+        project=lambda place, points: project(part, place, points),
         elasticity=part.material.elasticity(),
         clamped=part.clamped,
         loaded=tuple((face.faces, np.asarray(face.reference_point, dtype=float)) for face in part.loaded),

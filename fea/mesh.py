@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     Ints = NDArray[np.int64]
     Project = Callable[[int, Floats], Floats]
 
+MOST_ELEMENTS = 2e6
 FIN = 0.06  # depth of the fins at seams, in element sizes, and at least three envelopes: deep ones mislead the mesher
 
 # The six edges of a tetrahedron and its four outward faces, in the order of VTK's (and scikit-fem's) tet10.
@@ -75,11 +76,35 @@ def default_size(volume: float, area: float) -> float:
 def default_envelope(surface: Surface, size: float) -> float:
     """Return how far (m) fTetWild may leave the surface: 0.03 sizes, away from the slow end of its range.
 
-    At most a tenth of the thickness (twice the volume over the area): a wall must stay a wall.
+    At most a tenth of the thickness, be it slow: a wall must stay a wall.
     """
     diagonal = float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
-    thickness = 2 * surface_volume(surface) / sum(face.area for face in surface.faces)
-    return float(min(np.clip(0.03 * size, 3e-4 * diagonal, 1e-3 * diagonal), 0.1 * thickness))
+    return float(min(np.clip(0.03 * size, 3e-4 * diagonal, 1e-3 * diagonal), 0.1 * thickness(surface)))
+
+
+def thickness(surface: Surface) -> float:
+    """Return twice the volume over the area (m): that of a plate, and the radius of a bar."""
+    return 2 * abs(surface_volume(surface)) / sum(face.area for face in surface.faces)
+
+
+def check_lengths(name: str, solid: tuple[float, float], size: float | None, envelope: float | None) -> None:
+    """Raise MeshError for lengths that are no mesh's of this part: too fine to end, too coarse to show it.
+
+    Parameters
+    ----------
+    solid : volume (m³) and diagonal of the bounding box (m).
+    """
+    volume, diagonal = solid
+    finest = (8.5 * volume / MOST_ELEMENTS) ** (1 / 3)  # a regular tetrahedron has size³ / 8.5
+    for kind, value, least, most in (
+        ("size", size, finest, diagonal),
+        ("envelope", envelope, 1e-5 * diagonal, 0.01 * diagonal),
+    ):
+        if value is not None and not 0.99 * least <= value <= 1.01 * most:  # what is printed is rounded
+            raise MeshError(
+                f"{name}.mesh.{kind}: expected {least * 1e3:.3g} mm to {most * 1e3:.3g} mm for this part, "
+                f"got {value * 1e3:g} mm"
+            )
 
 
 def surface_volume(surface: Surface) -> float:
@@ -109,7 +134,7 @@ def tetrahedralize(
     MeshError : the surface is open, the mesher crashed or ran out of time, or its volume is 10 % off.
     """
     check_surface(surface, size, envelope)
-    vertices, triangles = _with_fins(surface, max(FIN * size, 3 * envelope))
+    vertices, triangles = _with_fins(surface, min(max(FIN * size, 3 * envelope), 0.3 * thickness(surface)))
     scale = float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
     with tempfile.TemporaryDirectory(prefix="stiffscope-mesh-") as folder:
         source, target = Path(folder, "surface.npz"), Path(folder, "tets.npz")
@@ -152,20 +177,17 @@ def _with_fins(surface: Surface, depth: float) -> tuple[Floats, Ints]:
     a fin face both ways in turn, since the mesher tells the inside by the solid angles of what it was given.
     """
     vertices, triangles, tags = surface.vertices, surface.triangles, surface.face_of_triangle
-    sides = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    order = np.lexsort((sides.max(axis=1), sides.min(axis=1)))  # a closed surface: each side is there twice
-    one, two = order[0::2], order[1::2]
-    beside = np.sort(np.column_stack([tags[one // 3], tags[two // 3]]), axis=1)
-    along = np.isin(beside @ [len(surface.faces), 1], [a * len(surface.faces) + b for a, b in surface.seams])
-    if not along.any():
+    if not surface.seams:
         return vertices, triangles
+    ends, left, right = sides_between(triangles)
+    beside = np.sort(np.column_stack([tags[left], tags[right]]), axis=1)
+    along = np.isin(beside @ [len(surface.faces), 1], [a * len(surface.faces) + b for a, b in surface.seams])
+    ends = ends[along]
     corners = vertices[triangles]
     outward = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     inward = np.zeros_like(vertices)
-    for half in (one[along], two[along]):
-        for end in range(2):
-            np.subtract.at(inward, sides[half, end], outward[half // 3])
-    ends = sides[one[along]]
+    for end in range(2):
+        np.subtract.at(inward, ends[:, end], outward[left[along]] + outward[right[along]])
     rim, low = np.unique(ends, return_inverse=True)
     foot = vertices[rim] + depth * inward[rim] / np.linalg.norm(inward[rim], axis=1, keepdims=True)
     low = low.reshape(-1, 2) + len(vertices)
@@ -220,6 +242,13 @@ def boundary_facets(cells: Ints) -> tuple[Ints, Ints, Ints]:
     _, first, count = np.unique(keys, axis=0, return_index=True, return_counts=True)
     once = first[count == 1]
     return facets[once], once // 4, once % 4
+
+
+def sides_between(triangles: Ints) -> tuple[Ints, Ints, Ints]:
+    """Return (e, 2) the sides (sorted vertex pairs) of a closed surface and (e,), (e,) the triangles beside each."""
+    pairs = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    order = np.lexsort((pairs[:, 1], pairs[:, 0]))  # each side is there twice
+    return pairs[order[0::2]], order[0::2] // 3, order[1::2] // 3
 
 
 def unique_edges(cells: Ints) -> tuple[Ints, Ints]:

@@ -123,7 +123,7 @@ def _on_faces(points: Floats, nodes: Ints, tags: Ints, target: _Target) -> Float
 
 
 def _places(nodes: Ints, tags: Ints, target: _Target) -> tuple[Ints, Ints]:
-    """Return pairs of node and face, once each; a node on both faces of a seam has the seam instead of them."""
+    """Return each pair of node and place once; a node on both faces of a seam has the seam instead of them."""
     count = target.faces + len(target.seams)
     pairs = np.unique(nodes.reshape(-1) * count + np.repeat(tags, 3))
     node, place = pairs // count, pairs % count

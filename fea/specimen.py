@@ -24,7 +24,6 @@ logger = logging.getLogger(__name__)
 ATTEMPTS, PATIENCE = 3, 5.0  # meshes tried, and seconds after which no further one is
 CLOSER = 3.0  # each has so many times less of an envelope: one wider than a step is high may swallow the step
 GOOD_SHAPE = 3e-5
-MOST_ELEMENTS = 2e6
 
 GRADING_RATIO = 0.25  # of halving and quartering, quartering gains three times as much for the same elements
 
@@ -50,13 +49,13 @@ class Specimen:
     volume: float
 
     @property
-    def held(self) -> tuple[frozenset[int], ...]:
+    def interfaces(self) -> tuple[frozenset[int], ...]:
         """The faces of the clamp and those of each loaded interface."""
         return self.clamped, *(faces for faces, _ in self.loaded)
 
     def fixed(self, *, rigid: bool) -> tuple[frozenset[int], ...]:
         """Those of them that cannot deform: the loaded ones where they are rigid."""
-        return self.held if rigid else self.held[:1]
+        return self.interfaces if rigid else self.interfaces[:1]
 
 
 def mesh_specimen(
@@ -76,10 +75,8 @@ def mesh_specimen(
 
     Raises
     ------
-    MeshError : lengths out of reach, no mesh in time, inverted elements, a held face without triangles, or a wrong
-        volume.
+    MeshError : no mesh in time, inverted elements, a held face without triangles, or a wrong volume.
     """
-    _check_lengths(specimen, size, envelope)
     size = size or default_size(specimen.volume, sum(face.area for face in specimen.surface.faces))
     envelope = envelope or default_envelope(specimen.surface, size)
     mesh = _best_mesh(specimen, size, envelope, time_limit, threads, patience)
@@ -89,21 +86,6 @@ def mesh_specimen(
     return graded
 
 
-def _check_lengths(specimen: Specimen, size: float | None, envelope: float | None) -> None:
-    """Raise MeshError for lengths that are no mesh's of this part: too fine to end, too coarse to show it."""
-    diagonal = float(np.linalg.norm(np.ptp(specimen.surface.vertices, axis=0)))
-    finest = (8.5 * specimen.volume / MOST_ELEMENTS) ** (1 / 3)  # a regular tetrahedron has size³ / 8.5
-    for name, value, least, most in (
-        ("size", size, finest, diagonal),
-        ("envelope", envelope, 1e-5 * diagonal, 0.01 * diagonal),
-    ):
-        if value is not None and not least <= value <= most:
-            raise MeshError(
-                f"{specimen.name}.mesh.{name}: expected {least * 1e3:.3g} mm to {most * 1e3:.3g} mm for this part, "
-                f"got {value * 1e3:g} mm"
-            )
-
-
 def _best_mesh(
     specimen: Specimen, size: float, envelope: float, time_limit: float, threads: int, patience: float
 ) -> TetMesh:
@@ -111,14 +93,15 @@ def _best_mesh(
     begun = time.perf_counter()
     tried: list[tuple[float, TetMesh]] = []
     for attempt in range(ATTEMPTS):
+        limit = min(time_limit, 4 * patience) if tried else time_limit
         try:
-            points, cells = tetrahedralize(specimen.surface, size, envelope / CLOSER**attempt, time_limit, threads)
+            points, cells = tetrahedralize(specimen.surface, size, envelope / CLOSER**attempt, limit, threads)
         except MeshError:
             if tried:
                 break
             raise
         mesh = snap(points, cells, specimen.surface, specimen.project, size)
-        tried.append((shape_error(specimen, mesh) + held_error(specimen, mesh), mesh))
+        tried.append((shape_error(specimen, mesh) + sum(interface_error(specimen, mesh)), mesh))
         if tried[-1][0] < GOOD_SHAPE or time.perf_counter() - begun > patience:
             break
         logger.info("%s: shape error %.1e, meshing once more", specimen.name, tried[-1][0])
@@ -134,17 +117,19 @@ def shape_error(specimen: Specimen, mesh: TetMesh) -> float:
     return abs(volume(mesh.points, mesh.cells) / specimen.volume - 1) + float(abs(area / wanted - 1))
 
 
-def held_error(specimen: Specimen, mesh: TetMesh) -> float:
-    """Return how far the faces of the clamp or of a load are off: area, and centre in parts of their size, together."""
-    areas, worst = face_areas(mesh, len(specimen.surface.faces)), 0.0
-    for held in specimen.held:
-        numbers = sorted(held)
+def interface_error(specimen: Specimen, mesh: TetMesh) -> tuple[float, float]:
+    """Return how far, at worst, an interface's area is off, relative, and its centre, in parts of its size."""
+    areas, worst = face_areas(mesh, len(specimen.surface.faces)), np.zeros(2)
+    for interface in specimen.interfaces:
+        numbers = sorted(interface)
+        if not areas[numbers].all():
+            return np.inf, np.inf
         faces = [specimen.surface.faces[number] for number in numbers]
         wanted = np.array([face.area for face in faces])
         centre = np.average([face.centroid for face in faces], axis=0, weights=wanted)
-        shift = np.linalg.norm(centroid(mesh.points[mesh.facets_of(held)]) - centre) / np.sqrt(wanted.sum())
-        worst = max(worst, float(abs(areas[numbers].sum() / wanted.sum() - 1) + shift))
-    return worst
+        shift = np.linalg.norm(centroid(mesh.points[mesh.facets_of(interface)]) - centre) / np.sqrt(wanted.sum())
+        worst = np.maximum(worst, [abs(areas[numbers].sum() / wanted.sum() - 1), shift])
+    return float(worst[0]), float(worst[1])
 
 
 def face_areas(mesh: TetMesh, count: int) -> Floats:
@@ -158,7 +143,7 @@ def _check(specimen: Specimen, mesh: TetMesh) -> None:
     inverted = int((jacobian_range(mesh.points[mesh.cells]) <= 0).sum())
     if inverted:
         raise MeshError(f"mesh: {inverted} elements of {specimen.name} are inverted; choose a smaller size")
-    for faces in (specimen.clamped, *(faces for faces, _ in specimen.loaded)):
+    for faces in specimen.interfaces:
         for face in faces:
             if not (mesh.facet_face == face).any():
                 raise MeshError(f"mesh: face {face} of {specimen.name} got no triangles; choose a smaller size")

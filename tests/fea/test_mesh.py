@@ -1,3 +1,4 @@
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +10,7 @@ from fea.mesh import MeshError, boundary_facets, tetrahedralize
 from fea.refine import bisect, grade
 from fea.shape import centroid, jacobian_range, volume
 from fea.singular import free_exponent, held_exponent, singular_edges
-from fea.specimen import face_areas, mesh_specimen
+from fea.specimen import face_areas, interface_error
 from tests.fea.shapes import box
 from tests.validation import parts
 
@@ -65,7 +66,33 @@ def test_singular_edges_are_held_borders_and_re_entrant_ones(stub):
 
 def test_exponents_are_williamss():
     assert free_exponent(np.radians([180, 270, 360])) == pytest.approx([1, 0.5445, 0.5], abs=1e-4)
-    assert held_exponent(np.radians([45, 90, 180])) == pytest.approx([1, 0.7112, 0.5], abs=1e-4)
+    assert held_exponent(np.radians([45, 90, 180, 360])) == pytest.approx([1, 0.7112, 0.5, 0.25], abs=1e-4)
+    angles, kappa = np.radians(np.arange(60, 142)), 1.8
+    power = held_exponent(angles)
+    right = (kappa + 1) ** 2 / 4 - (power * np.sin(angles)) ** 2
+    assert kappa * np.sin(power * angles) ** 2 == pytest.approx(right, abs=1e-6)
+    assert (np.diff(held_exponent(np.radians(np.arange(150, 361)))) < 0).all()
+
+
+def test_a_traction_is_singular_where_it_ends_in_a_plane_only():
+    part = parts.strip()
+    mesh = run_experiment(part, Settings(layers=0, interface="distributed")).mesh
+    edges, exponents = singular_edges(mesh, [part.clamped], [part.loaded[0].faces])
+    at_end = mesh.points[edges, 0].min(axis=1) > 0.03
+    assert np.abs(mesh.points[edges[at_end], 1]) == pytest.approx(0.015, abs=1e-9)
+    assert (exponents[at_end] == 1).all()
+    assert exponents[~at_end] == pytest.approx(0.7112, abs=1e-4)
+
+
+def test_an_interface_out_of_place_or_lost_is_an_error(stub):
+    specimen, mesh = stub
+    area, shift = interface_error(specimen, mesh)
+    assert area < 1e-4
+    assert shift < 1e-4
+    moved = replace(mesh, points=mesh.points + np.array([0, 1e-3, 0]))
+    assert interface_error(specimen, moved)[1] == pytest.approx(1e-3 / np.sqrt(np.pi * 0.0125**2), rel=1e-3)
+    lost = replace(mesh, facet_face=np.where(mesh.facet_face == 1, 2, mesh.facet_face))
+    assert interface_error(specimen, lost) == (np.inf, np.inf)
 
 
 @pytest.mark.parametrize(("patch", "area"), [(parts.strip, 0.03 * 0.02), (parts.disc, np.pi * 0.008**2)])
@@ -100,8 +127,8 @@ def test_a_mesher_that_takes_too_long_is_killed():
     ("lengths", "said"), [({"size": 1e-4}, "size"), ({"size": 1.0}, "size"), ({"envelope": 0.1}, "envelope")]
 )
 def test_lengths_that_are_no_meshs_are_refused_at_once(lengths, said):
-    with pytest.raises(MeshError, match=rf"box.mesh.{said}: expected .* mm to .* mm for this part, got "):
-        mesh_specimen(box(0.1, 0.1, 0.1), **lengths)
+    with pytest.raises(MeshError, match=rf"slider.mesh.{said}: expected .* mm to .* mm for this part, got "):
+        run_experiment(slider.build(slider.SliderParameters()), Settings(**lengths))
 
 
 @pytest.mark.slow
