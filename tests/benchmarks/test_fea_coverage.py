@@ -22,7 +22,7 @@ from fea.mesh import MeshError
 from tests.benchmarks.random_parts import draw
 
 PARTS, SEED = (int(os.environ.get(f"STIFFSCOPE_{name}", value)) for name, value in (("PARTS", 12), ("SEED", 6)))
-FINER = 6
+FINER = 5
 UPPER = np.triu_indices(6)
 
 
