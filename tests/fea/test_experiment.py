@@ -55,6 +55,15 @@ def test_entries_that_symmetry_forbids_are_inside_their_bounds(plate):
     assert (np.abs(plate.compliance) <= plate.error)[zero].mean() > 0.9
 
 
+def test_stresses_of_the_bar_are_the_textbooks_away_from_its_ends(link):
+    x, y, z = link.mesh.points.T
+    middle = (x > 0.1) & (x < 0.4)
+    second = np.pi * 0.0125**4 / 4
+    bending, torsion = np.abs((0.5 - x) * y) / second, np.sqrt(3) * np.hypot(y, z) / (2 * second)
+    for load, exact in ((1, bending), (3, torsion)):
+        assert np.abs(link.von_mises[load] - exact)[middle].max() < 0.06 * exact.max()
+
+
 def test_loaded_face_moves_as_the_twist_says(plate):
     nodes = plate.mesh.nodes_of(frozenset({1}))
     lever = plate.mesh.points[nodes] - plate.reference_point
