@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from fea.mesh import Floats, TetMesh
     from fea.specimen import Specimen
 
-# What the cubic solution still lacks, and how much of that is unsure; fitted to 49 parts refined to a twelfth of the
+# What the cubic solution still lacks, and how much of that is unsure; fitted to 49 parts refined to an eighth of the
 # error. At singular edges in parts of what theory says of the elements that touch them (their neighbours lack too),
 # elsewhere in parts of the gain on quadratics, between two loads in parts of the geometric mean of what they lack.
 AT_EDGES, UNSURE_AT_EDGES = 1.6, 0.5
