@@ -6,7 +6,6 @@ This module is slow to import (0.5 to 1.5 s): import it inside the functions tha
 """
 
 # pyright: reportAttributeAccessIssue=false
-from collections.abc import Iterable
 from typing import Any, TypeAlias, cast
 
 import numpy as np
@@ -55,14 +54,30 @@ def silence() -> None:
 silence()
 
 
+class _Numbers:
+    """Numbers of shapes as first met; neighbours share edges and vertices, turned over."""
+
+    def __init__(self) -> None:
+        self._alike: dict[int, list[tuple[int, Shape]]] = {}
+        self.count = 0
+
+    def of(self, item: Shape) -> int:
+        """Return the number of a shape, the next one if it is new."""
+        met = self._alike.setdefault(hash(item.Oriented(TopAbs_Orientation.TopAbs_FORWARD)), [])
+        for number, other in met:
+            if item.IsSame(other):
+                return number
+        met.append((self.count, item))
+        self.count += 1
+        return self.count - 1
+
+
 def _parts(shape: Shape, kind: Any, cast_to: Any) -> list[Any]:
-    """Each one once, as first met: neighbours share edges and vertices, turned over."""
-    explorer, found, alike = TopExp_Explorer(shape, kind), [], {}
+    """Each one once, as first met."""
+    explorer, found, numbers = TopExp_Explorer(shape, kind), [], _Numbers()
     while explorer.More():
         item = explorer.Current()
-        met = alike.setdefault(hash(item.Oriented(TopAbs_Orientation.TopAbs_FORWARD)), [])
-        if not any(item.IsSame(other) for other in met):
-            met.append(item)
+        if numbers.of(item) == len(found):
             found.append(cast_to(item))
         explorer.Next()
     return found
@@ -90,14 +105,15 @@ def solids(shape: Shape) -> list[Solid]:
 
 def borders(shape: Shape) -> dict[tuple[int, int], list[Edge]]:
     """Return the edges between each two faces (indices, the lesser first) that meet."""
-    met: dict[int, list[tuple[int, Edge]]] = {}
+    numbers = _Numbers()
+    beside: dict[int, list[int]] = {}
     found: dict[tuple[int, int], list[Edge]] = {}
     for index, face in enumerate(faces(shape)):
         for edge in edges(face):
-            known = met.setdefault(hash(edge.Oriented(TopAbs_Orientation.TopAbs_FORWARD)), [])
-            for other in (number for number, one in known if number != index and one.IsSame(edge)):
+            met = beside.setdefault(numbers.of(edge), [])
+            for other in met:
                 found.setdefault((other, index), []).append(edge)
-            known.append((index, edge))
+            met.append(index)
     return found
 
 
@@ -111,13 +127,13 @@ def turn(edge: Edge, one: Face, other: Face) -> float:
     return float(np.arccos(np.clip(normals[0] @ normals[1], -1.0, 1.0)))
 
 
-def compound(shapes: Iterable[Shape]) -> Shape:
-    """Return the shapes as one."""
-    whole, builder = TopoDS_Compound(), BRep_Builder()
-    builder.MakeCompound(whole)
+def compound(*shapes: Shape) -> TopoDS_Compound:
+    """Return the shapes side by side as one."""
+    builder, together = BRep_Builder(), TopoDS_Compound()
+    builder.MakeCompound(together)
     for shape in shapes:
-        builder.Add(whole, shape)
-    return whole
+        builder.Add(together, shape)
+    return together
 
 
 def is_valid(shape: Shape) -> bool:

@@ -4,13 +4,12 @@
 from pathlib import Path
 
 from OCP.BinTools import BinTools
-from OCP.BRep import BRep_Builder
 from OCP.BRepTools import BRepTools
 from OCP.IFSelect import IFSelect_ReturnStatus
 from OCP.STEPControl import STEPControl_Reader, STEPControl_StepModelType, STEPControl_Writer
-from OCP.TopoDS import TopoDS, TopoDS_Compound
+from OCP.TopoDS import TopoDS
 
-from cad.kernel import Shape, Solid
+from cad.kernel import Shape, Solid, compound
 
 
 def read_step(path: Path) -> Shape:
@@ -21,15 +20,6 @@ def read_step(path: Path) -> Shape:
         if shape is not None and not shape.IsNull():
             return shape
     return compound()
-
-
-def compound(*shapes: Shape) -> TopoDS_Compound:
-    """Return the shapes side by side as one."""
-    builder, together = BRep_Builder(), TopoDS_Compound()
-    builder.MakeCompound(together)
-    for shape in shapes:
-        builder.Add(together, shape)
-    return together
 
 
 def write_step(shape: Shape, path: Path) -> None:

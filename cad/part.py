@@ -78,7 +78,7 @@ class Part:
         owner = {face: number for number, chosen in enumerate(interfaces) for face in chosen}
         faces = kernel.faces(self.solid)
         return {
-            (a, b): kernel.compound(edges)
+            (a, b): kernel.compound(*edges)
             for (a, b), edges in kernel.borders(self.solid).items()
             if owner.get(a) != owner.get(b) and any(kernel.turn(edge, faces[a], faces[b]) < SMOOTH for edge in edges)
         }

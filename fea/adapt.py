@@ -65,11 +65,8 @@ def solve_within(
             try:
                 finer = _meshed_anew(specimen, settings, size)
             except MeshError as error:
-                return (
-                    mesh,
-                    solution,
-                    _excuse(specimen, mesh, solution, settings, "the mesher's limit", f"{why}; {error}"),
-                )
+                why = f"{why}; {error}"
+                return mesh, solution, _excuse(specimen, mesh, solution, settings, "the mesher's limit", why)
         else:
             finer, why = refined(specimen, mesh, solution.indicator, settings, bound), "singular edges want more"
         growth = len(finer.cells) / len(mesh.cells)

@@ -132,9 +132,9 @@ def crossing() -> kernel.Shape:
 
 
 BAD = {
-    "assembly": (lambda: kernel_files.compound(box(0, 1), box(2, 3)), "an assembly of 2 solids"),
+    "assembly": (lambda: kernel.compound(box(0, 1), box(2, 3)), "an assembly of 2 solids"),
     "sheet": (lambda: kernel.faces(box(0, 10))[0], "a surface without volume"),
-    "loose": (lambda: kernel_files.compound(box(0, 10), kernel.faces(box(20, 30))[0]), r"1 loose face\(s\)"),
+    "loose": (lambda: kernel.compound(box(0, 10), kernel.faces(box(20, 30))[0]), r"1 loose face\(s\)"),
     "not a number": (lambda: box(0, float("nan")), "not finite"),
     "crossing": (crossing, "a self-intersecting solid"),
     "tiny": (lambda: box(0, 0.01), "0.0173 mm"),
