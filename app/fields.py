@@ -40,8 +40,8 @@ def whole(value: Any) -> int:
 
 
 def _layers(value: Any) -> int:
-    if whole(value) > MOST_LAYERS:
-        raise ValueError(f"expected 0 to {MOST_LAYERS} thin layers of elements, got {value}")
+    if not 1 <= whole(value) <= MOST_LAYERS:
+        raise ValueError(f"expected 1 to {MOST_LAYERS} thin layers of elements, got {value}")
     return value
 
 

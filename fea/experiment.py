@@ -77,8 +77,8 @@ class Settings:
             raise InputError(f"foundation: expected a positive stiffness per area in N/m3, got {self.foundation!r}")
         if not self.most_unknowns >= 1:
             raise InputError(f"mesh.most_unknowns: expected a positive number, got {self.most_unknowns!r}")
-        if not 0 <= self.layers <= MOST_LAYERS:
-            raise InputError(f"mesh.layers: expected 0 to {MOST_LAYERS}, got {self.layers!r}")
+        if not 1 <= self.layers <= MOST_LAYERS:
+            raise InputError(f"mesh.layers: expected 1 to {MOST_LAYERS}, got {self.layers!r}")
 
 
 @dataclass(frozen=True, eq=False)

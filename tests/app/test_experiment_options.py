@@ -14,7 +14,6 @@ from stiffscope import InputError
 
 COARSE = (
     "slider.mesh.size=40mm",
-    "slider.mesh.layers=0",
     "slider.depth=60mm",
     "slider.width=160mm",
     "slider.pad_spacing=45mm",

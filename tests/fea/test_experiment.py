@@ -94,7 +94,8 @@ def test_vtu_holds_mesh_and_fields(plate, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"size": 0.0}, {"size": float("nan")}, {"interface": "glued"}, {"solver": "x"}, {"layers": 9}]
+    "wrong",
+    [{"size": 0.0}, {"size": float("nan")}, {"interface": "glued"}, {"solver": "x"}, {"layers": 0}, {"layers": 7}],
 )
 def test_settings_refuse_what_cannot_be(wrong):
     with pytest.raises(InputError, match=next(iter(wrong))):

@@ -76,7 +76,7 @@ def test_exponents_are_williamss():
 
 def test_a_traction_is_singular_where_it_ends_in_a_plane_only():
     part = parts.strip()
-    mesh = run_experiment(part, Settings(layers=0, interface="distributed")).mesh
+    mesh = run_experiment(part, Settings(interface="distributed")).mesh
     edges, exponents = singular_edges(mesh, [part.clamped], [part.loaded[0].faces])
     at_end = mesh.points[edges, 0].min(axis=1) > 0.03
     assert np.abs(mesh.points[edges[at_end], 1]) == pytest.approx(0.015, abs=1e-9)
@@ -99,7 +99,7 @@ def test_an_interface_out_of_place_or_lost_is_an_error(stub):
 def test_a_patch_imprinted_on_a_plane_ends_at_its_border(patch, area):
     part = patch()
     ((loaded,),) = (interface.faces for interface in part.loaded)
-    mesh = run_experiment(part, Settings(layers=0)).mesh
+    mesh = run_experiment(part).mesh
     assert face_areas(mesh, len(part.faces))[loaded] == pytest.approx(area, rel=3e-5)
     assert centroid(mesh.points[mesh.facets_of(frozenset({loaded}))]) == pytest.approx([0.06, 0, 0], abs=1e-6)
 
@@ -134,6 +134,6 @@ def test_lengths_that_are_no_meshs_are_refused_at_once(lengths, said):
 @pytest.mark.slow
 def test_a_pad_lower_than_the_first_envelope_keeps_its_area():
     part = slider.build(slider.SliderParameters(pad_height=2e-4))
-    mesh = run_experiment(part, Settings(layers=0)).mesh
+    mesh = run_experiment(part).mesh
     loaded = sorted(part.loaded[0].faces)
     assert face_areas(mesh, len(part.faces))[loaded] == pytest.approx([part.faces[k].area for k in loaded], rel=1e-3)
