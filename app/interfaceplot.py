@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from app.drawing.sheet import power
 from app.gapplots import AFTER, BEFORE, EFFECT, STYLE, new_figure
 
 if TYPE_CHECKING:
@@ -50,13 +51,8 @@ def _values(axes: Axes, compared: Comparison) -> None:
     for row, entry in enumerate(compared.entries):
         percent = 100 * entry.error / abs(entry.own)
         axes.text(0.0, row, f"$C_{{{entry.name[1:]}}}$", va="center", fontsize=11)
-        axes.text(0.73, row, f"{_power(entry.own)} {entry.unit}", va="center", ha="right", fontsize=9.5)
+        axes.text(0.73, row, f"{power(entry.own, 3)} {entry.unit}", va="center", ha="right", fontsize=9.5)
         axes.text(1.0, row, f"± {percent:.2g} %", va="center", ha="right", fontsize=9, color=BEFORE)
-
-
-def _power(value: float) -> str:
-    digits, exponent = f"{value:.3e}".split("e")
-    return rf"${digits} \cdot 10^{{{int(exponent)}}}$"
 
 
 def _changes(axes: Axes, compared: Comparison, k: int) -> None:

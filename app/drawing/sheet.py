@@ -73,10 +73,10 @@ def write_title(figure: Figure, title: str) -> None:
     )
 
 
-def power(number: float) -> str:
-    """2.3e6 as 2.3·10⁶, in matplotlib's notation; small numbers as they are."""
-    mantissa, exponent = f"{number:.1e}".split("e")
-    return f"{number:.3g}" if abs(int(exponent)) < 4 else rf"${mantissa}\cdot10^{{{int(exponent)}}}$"
+def power(number: float, decimals: int = 1) -> str:
+    """2.3e6 as 2.3·10⁶, in matplotlib's notation; numbers of up to three digits as they are."""
+    mantissa, exponent = f"{number:.{decimals}e}".split("e")
+    return f"{number:.3g}" if abs(int(exponent)) < 3 else rf"${mantissa}\cdot10^{{{int(exponent)}}}$"
 
 
 def legend(figure: Figure, entries: tuple[tuple[str, str], ...]) -> None:
