@@ -78,7 +78,11 @@ def solve_within(
             limit = f"the limit of {settings.time_limit:g} s"
             return mesh, solution, _excuse(specimen, mesh, solution, settings, limit, why)
         started = time.perf_counter()
-        mesh, solution = finer, _solve(specimen, finer, settings)
+        try:
+            mesh, solution = finer, _solve(specimen, finer, settings)
+        except MeshError as error:
+            last = "the last mesh that could be solved"
+            return mesh, solution, _excuse(specimen, mesh, solution, settings, last, str(error))
         spent = time.perf_counter() - started
         logger.info("%s: round %d, %d tetrahedra, bound was %.3g", specimen.name, rounds, len(mesh.cells), bound)
     return mesh, solution, ""

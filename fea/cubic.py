@@ -188,7 +188,9 @@ def cubic_compliance(
         apply, precondition, force, np.vstack([start, np.zeros_like(extra)]), tolerance, limit
     )
     if not converged:
-        raise MeshError(f"solve: the cubic solution did not converge in {limit} steps: nearly incompressible material?")
+        raise MeshError(
+            f"solve: the cubic solution did not converge in {limit} steps: flat elements or a material like rubber"
+        )
     motion[:split] += solver.precondition(
         (force - apply(motion))[:split]
     )  # the nodes balance, whatever the cubics lack

@@ -29,7 +29,6 @@ logger = logging.getLogger(__name__)
 FACTORIZED_TO = 25_000  # degrees of freedom up to which a factorization is faster
 STEPS = 2  # of the smoother, before and after the correction
 SMOOTHED = 8.0  # the smoother takes the part of the spectrum above the largest eigenvalue over this
-POWER_STEPS = 12
 TOLERANCE, LIMIT = 1e-11, 200
 
 
@@ -45,7 +44,8 @@ def two_levels(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> Solve
     """Return the solver of the supported stiffness (3n, 3n) of a mesh; the linear level is factorized."""
     correct = _linear_level(mesh, stiffness, supports)
     width = supports.tie.shape[1]
-    inverse, multiply = _inverse_blocks(stiffness, supports), product(stiffness)
+    root, multiply = _root_of_inverse_blocks(stiffness, supports), product(stiffness)
+    inverse = root @ root.T
 
     def apply(coordinates: Floats) -> Floats:
         return supports.restrict(multiply(supports.expand(coordinates)))
@@ -54,8 +54,10 @@ def two_levels(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> Solve
         split = len(residual) - width
         return np.vstack([inverse @ residual[:split], np.zeros_like(residual[split:])])
 
-    start = np.random.default_rng(0).normal(size=(3 * len(supports.free) + width, 1))
-    smooth = _chebyshev(apply, scaled, _largest_eigenvalue(apply, scaled, start))
+    def symmetric(motion: Floats) -> Floats:
+        return root.T @ apply(np.vstack([root @ motion[:, None], np.zeros((width, 1))]))[: len(motion)]
+
+    smooth = _chebyshev(apply, scaled, largest_eigenvalue(symmetric, root.shape[0]))
 
     def cycle(force: Floats) -> Floats:
         motion = smooth(force)
@@ -117,8 +119,8 @@ def _kept(number: np.ndarray, nodes: np.ndarray) -> np.ndarray:
     return renumbered[renumbered >= 0]
 
 
-def _inverse_blocks(stiffness: csr_array, supports: Supports) -> csr_array:
-    """Return the inverses of the 3 x 3 diagonal blocks of the free nodes, as one sparse matrix."""
+def _root_of_inverse_blocks(stiffness: csr_array, supports: Supports) -> csr_array:
+    """Return L of L Lᵀ, the inverses of the 3 x 3 diagonal blocks of the free nodes, as one sparse matrix."""
     from scipy.sparse import bsr_array
 
     free = supports.free_dofs.reshape(-1, 3)
@@ -127,23 +129,27 @@ def _inverse_blocks(stiffness: csr_array, supports: Supports) -> csr_array:
         for j in range(3):
             blocks[:, i, j] = stiffness[free[:, i], free[:, j]]
     steps = np.arange(len(free) + 1)
-    return bsr_array((np.linalg.inv(blocks), steps[:-1], steps)).tocsr()
+    return bsr_array((np.linalg.cholesky(np.linalg.inv(blocks)), steps[:-1], steps)).tocsr()
 
 
-def _largest_eigenvalue(apply: Solve, scaled: Solve, start: Floats) -> float:
-    vector, value = start, 1.0
-    for _ in range(POWER_STEPS):
-        vector = scaled(apply(vector))
-        value = float(np.linalg.norm(vector))
-        vector /= value
-    return value
+def largest_eigenvalue(symmetric: Solve, size: int) -> float:
+    """Return the largest eigenvalue of a symmetric product, to 1 %.
+
+    By Lanczos's method: one nearly flat element has an eigenvalue far above all others that power steps take long to
+    see, and a smoother for a spectrum that ends an eighth below it is no longer positive definite.
+    """
+    from scipy.sparse.linalg import LinearOperator, eigsh
+
+    start = np.random.default_rng(0).normal(size=size)
+    operator = LinearOperator((size, size), matvec=symmetric, dtype=float)
+    values = eigsh(operator, k=1, which="LA", v0=start, ncv=min(20, size), tol=0.01, return_eigenvectors=False)
+    return float(values[0])
 
 
 def _chebyshev(apply: Solve, scaled: Solve, largest: float) -> Solve:
     """Return ``STEPS`` Chebyshev steps from rest for the upper part of the spectrum."""
-    top = 1.1 * largest
-    bottom = top / SMOOTHED
-    middle, half = (top + bottom) / 2, (top - bottom) / 2
+    bottom = largest / SMOOTHED
+    middle, half = (largest + bottom) / 2, (largest - bottom) / 2
 
     def smooth(force: Floats) -> Floats:
         change = scaled(force) / middle

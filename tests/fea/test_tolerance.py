@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.io import mmread
 
+import fea.adapt
 import fea.solution
 from fea.cubic import cubic_compliance
 from fea.elasticity import isotropic
@@ -45,6 +46,20 @@ def test_what_cannot_be_met_is_said_and_saved(tmp_path):
     assert "60000 unknowns" in experiment.note
     experiment.save(tmp_path / "plate.npz")
     assert load_experiment(tmp_path / "plate.npz").note == experiment.note
+
+
+def test_a_refined_mesh_that_cannot_be_solved_leaves_the_last_one(monkeypatch):
+    def solve(specimen, mesh, *rest):
+        if meshes:
+            raise MeshError("solve: broken")
+        meshes.append(mesh)
+        return fea.solution.solve_specimen(specimen, mesh, *rest)
+
+    meshes = []
+    monkeypatch.setattr(fea.adapt, "solve_specimen", solve)
+    experiment = examine(PLATE, Settings(tolerance=1e-4))
+    assert experiment.mesh is meshes[0]
+    assert experiment.note.endswith("at the last mesh that could be solved; solve: broken")
 
 
 def test_a_soft_foundation_adds_the_springs_of_statics():
