@@ -57,7 +57,7 @@ def two_levels(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> Solve
     def symmetric(motion: Floats) -> Floats:
         return root.T @ apply(np.vstack([root @ motion[:, None], np.zeros((width, 1))]))[: len(motion)]
 
-    smooth = _chebyshev(apply, scaled, largest_eigenvalue(symmetric, root.shape[0]))
+    smooth = _chebyshev(apply, scaled, largest_eigenvalue(symmetric, 3 * len(supports.free)))
 
     def cycle(force: Floats) -> Floats:
         motion = smooth(force)
@@ -141,9 +141,9 @@ def largest_eigenvalue(symmetric: Solve, size: int) -> float:
     from scipy.sparse.linalg import LinearOperator, eigsh
 
     start = np.random.default_rng(0).normal(size=size)
-    operator = LinearOperator((size, size), matvec=symmetric, dtype=float)
-    values = eigsh(operator, k=1, which="LA", v0=start, ncv=min(20, size), tol=0.01, return_eigenvectors=False)
-    return float(values[0])
+    operator = LinearOperator((size, size), matvec=symmetric, dtype=float)  # type: ignore[call-arg]
+    options = {"v0": start, "ncv": min(20, size), "tol": 0.01}
+    return float(eigsh(operator, 1, which="LA", return_eigenvectors=False, **options)[0])
 
 
 def _chebyshev(apply: Solve, scaled: Solve, largest: float) -> Solve:
