@@ -37,7 +37,7 @@ class Settings:
     ----------
     size, envelope : element length and the mesher's allowance, m; None chooses them from the part.
     interface : "rigid" (the loaded face moves as one body) or "distributed" (a linear traction).
-    layers : thin layers of elements around the borders of held faces and re-entrant edges.
+    layers : 1 to 6 thin layers of elements around the borders of held faces and re-entrant edges.
     tolerance : relative bound wanted of every significant entry, 1e-3 for 0.1 %; None takes what one mesh gives.
     foundation : stiffness of the clamp per unit of area, N/m³, for a bolted contact; None is a rigid clamp.
     time_limit : seconds allowed to the mesher, and to refinement.

@@ -133,7 +133,7 @@ def _root_of_inverse_blocks(stiffness: csr_array, supports: Supports) -> csr_arr
 
 
 def largest_eigenvalue(symmetric: Solve, size: int) -> float:
-    """Return the largest eigenvalue of a symmetric product, to 1 %.
+    """Return the largest eigenvalue of a symmetric product of (size,) vectors, to 1 %.
 
     By Lanczos's method: one nearly flat element has an eigenvalue far above all others that power steps take long to
     see, and a smoother for a spectrum that ends an eighth below it is no longer positive definite.
