@@ -61,7 +61,7 @@ def solve_within(
         tell("refine", min(1.0, settings.tolerance / bound))
         shape = relative_bound(solution.flexibility, solution.geometry)[0]
         if shape > SHAPE_SHARE * settings.tolerance:
-            size, why = size * FINER, f"the mesh's shape alone leaves {shape:.2%}"
+            size, why = size * FINER, f"the mesh's shape alone leaves {100 * shape:.2g} %"
             try:
                 finer = _meshed_anew(specimen, settings, size)
             except MeshError as error:
