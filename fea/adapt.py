@@ -51,6 +51,10 @@ def solve_within(
     -------
     the last mesh, its solution, and an empty note or one line on why the tolerance is not met.
     """
+
+    def stopped(limit: str, why: str) -> tuple[TetMesh, Solution, str]:
+        return mesh, solution, _excuse(specimen, mesh, solution, settings, limit, why)
+
     begun = time.perf_counter()
     solution = _solve(specimen, mesh, settings)
     if settings.tolerance is None:
@@ -65,24 +69,20 @@ def solve_within(
             try:
                 finer = _meshed_anew(specimen, settings, size)
             except MeshError as error:
-                why = f"{why}; {error}"
-                return mesh, solution, _excuse(specimen, mesh, solution, settings, "the mesher's limit", why)
+                return stopped("the mesher's limit", f"{why}; {error}")
         else:
-            finer, why = refined(specimen, mesh, solution.indicator, settings, bound), "singular edges want more"
+            finer, why = refined(specimen, mesh, solution.indicator, settings, bound), ""
         growth = len(finer.cells) / len(mesh.cells)
         elapsed = time.perf_counter() - begun
         if growth * solution.unknowns > settings.most_unknowns:
-            limit = f"the limit of {settings.most_unknowns} unknowns"
-            return mesh, solution, _excuse(specimen, mesh, solution, settings, limit, why)
+            return stopped(f"the limit of {settings.most_unknowns} unknowns", why)
         if elapsed + 1.5 * growth * spent > settings.time_limit:
-            limit = f"the limit of {settings.time_limit:g} s"
-            return mesh, solution, _excuse(specimen, mesh, solution, settings, limit, why)
+            return stopped(f"the limit of {settings.time_limit:g} s", why)
         started = time.perf_counter()
         try:
             mesh, solution = finer, _solve(specimen, finer, settings)
         except MeshError as error:
-            last = "the last mesh that could be solved"
-            return mesh, solution, _excuse(specimen, mesh, solution, settings, last, str(error))
+            return stopped("the last mesh that could be solved", str(error))
         spent = time.perf_counter() - started
         logger.info("%s: round %d, %d tetrahedra, bound was %.3g", specimen.name, rounds, len(mesh.cells), bound)
     return mesh, solution, ""
@@ -143,12 +143,11 @@ def refined(specimen: Specimen, mesh: TetMesh, indicator: Floats, settings: Sett
 
 
 def _excuse(specimen: Specimen, mesh: TetMesh, solution: Solution, settings: Settings, limit: str, why: str) -> str:
+    """Return what was reached, at which limit, and why; an empty ``why`` asks where the error sits."""
     bound, (i, j) = relative_bound(solution.flexibility, solution.error)
-    on_chain = _on_singular_edges(specimen, mesh, settings)
-    near = on_chain[mesh.cells].any(axis=1)
-    share = solution.indicator[near].sum() / solution.indicator.sum()
-    where = f"{share:.0%} of what may be missing sits at borders of held faces and re-entrant edges"
-    if not why.startswith("singular"):
-        where = why
+    if not why:
+        near = _on_singular_edges(specimen, mesh, settings)[mesh.cells].any(axis=1)
+        share = solution.indicator[near].sum() / solution.indicator.sum()
+        why = f"{share:.0%} of what may be missing sits at borders of held faces and re-entrant edges"
     reached = f"the bound of C{i + 1}{j + 1} reached {bound:.3g} at {limit}"
-    return f"tolerance {settings.tolerance:.3g} not met: {reached}; {where}"
+    return f"tolerance {settings.tolerance:.3g} not met: {reached}; {why}"
