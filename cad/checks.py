@@ -5,7 +5,7 @@ from numbers import Integral, Real
 
 import numpy as np
 
-from stiffscope import InputError
+from stiffscope.errors import InputError
 
 SMALLEST, LARGEST = 1e-5, 20.0  # m: beyond this a length is a unit mistaken, and the mesher's tolerances fail
 

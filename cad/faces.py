@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cad.checks import POINT, direction, is_point, mm
-from stiffscope import InputError
+from stiffscope.cad.checks import POINT, direction, is_point, mm
+from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
-    from cad.kernel import Face, Shape
+    from stiffscope.cad.kernel import Face, Shape
 
 KINDS = ("plane", "cylinder", "cone", "sphere", "torus", "other")
 ENDS = tuple(f"{end} {axis}" for axis in "xyz" for end in ("min", "max"))
@@ -42,13 +42,13 @@ class FaceGeometry:
 
 def face_geometries(shape: "Shape") -> tuple[FaceGeometry, ...]:
     """Return what each face of the shape is, in order (SI)."""
-    from cad import kernel
+    from stiffscope.cad import kernel
 
     return tuple(_geometry(index, face) for index, face in enumerate(kernel.faces(shape)))
 
 
 def _geometry(index: int, face: "Face") -> FaceGeometry:
-    from cad import kernel
+    from stiffscope.cad import kernel
 
     properties = kernel.area_properties(face)
     kind, surface = kernel.surface_under(face)
@@ -147,7 +147,7 @@ def select(shape: "Shape", selectors: Iterable[FaceSelector], field: str = "face
 
 
 def _matches(shape: "Shape", geometries: Sequence[FaceGeometry], selector: FaceSelector) -> set[int]:
-    from cad import kernel
+    from stiffscope.cad import kernel
 
     found = [face for face in geometries if _meets(face, selector)]
     place = selector.position

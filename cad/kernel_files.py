@@ -9,7 +9,7 @@ from OCP.IFSelect import IFSelect_ReturnStatus
 from OCP.STEPControl import STEPControl_Reader, STEPControl_StepModelType, STEPControl_Writer
 from OCP.TopoDS import TopoDS
 
-from cad.kernel import Shape, Solid, compound
+from stiffscope.cad.kernel import Shape, Solid, compound
 
 
 def read_step(path: Path) -> Shape:

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cad.checks import GAP, length, mm, optional_length, require
-from cad.faces import FaceSelector, select
-from cad.materials import STEEL, AnyMaterial
-from cad.part import Interface, Part
-from cad.soundness import sound_solid
+from stiffscope.cad.checks import GAP, length, mm, optional_length, require
+from stiffscope.cad.faces import FaceSelector, select
+from stiffscope.cad.materials import STEEL, AnyMaterial
+from stiffscope.cad.part import Interface, Part
+from stiffscope.cad.soundness import sound_solid
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope import InputError
+from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from cad.faces import FaceGeometry, face_geometries
-from cad.materials import AnyMaterial
-from stiffscope import InputError
+from stiffscope.cad.faces import FaceGeometry, face_geometries
+from stiffscope.cad.materials import AnyMaterial
+from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
-    from cad.kernel import Shape, Solid
+    from stiffscope.cad.kernel import Shape, Solid
 
 Floats = NDArray[np.float64]
 SMOOTH = np.deg2rad(20.0)  # faces that meet at less leave a mesher no edge to keep
@@ -36,7 +36,7 @@ class Interface:
 class Part:
     """A solid (of the kernel, in mm) held at `clamped` and loaded at `loaded`.
 
-    A face's index is its position in `cad.kernel.faces(solid)`, the order of build123d's `solid.faces()`. The
+    A face's index is its position in `kernel.faces(solid)`, the order of build123d's `solid.faces()`. The
     compliance of a part refers to `loaded[0].reference_point`.
     """
 
@@ -72,7 +72,7 @@ class Part:
     @cached_property
     def seams(self) -> dict[tuple[int, int], "Shape"]:
         """Pairs of faces that pass into one another smoothly where an interface ends, with the edges between them."""
-        from cad import kernel
+        from stiffscope.cad import kernel
 
         interfaces = (self.clamped, *(port.faces for port in self.loaded))
         owner = {face: number for number, chosen in enumerate(interfaces) for face in chosen}
@@ -112,7 +112,7 @@ def surface(part: Part, deflection: float = 5e-4, angle: float = 0.8) -> Surface
 
 def tessellated(solid: "Solid", deflection: float, angle: float) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
     """Return vertices (nv, 3) in m, each once, outward triangles (nt, 3) and the face of each (nt,)."""
-    from cad import kernel
+    from stiffscope.cad import kernel
 
     pieces = kernel.triangulated(solid, deflection * 1e3, angle)
     nodes = np.concatenate([nodes for nodes, _ in pieces])
@@ -151,7 +151,7 @@ def project(part: Part, place: int, points: Floats) -> Floats:
 
     Places after those of the faces are the edges of the part's seams.
     """
-    from cad.projection import on_shape, projected
+    from stiffscope.cad.projection import on_shape, projected
 
     points = np.asarray(points, dtype=float)
     if place >= len(part.faces):
@@ -171,7 +171,7 @@ class MassProperties:
 
 def mass_properties(part: Part) -> MassProperties:
     """Return the mass properties of the exact shape, not of a tessellation."""
-    from cad import kernel
+    from stiffscope.cad import kernel
 
     properties, density = kernel.volume_properties(part.solid), part.material.density
     volume = properties.Mass() * 1e-9
@@ -191,7 +191,7 @@ def geometry_digest(part: Part) -> str:
 
 
 def _description(part: Part) -> Iterator[str]:
-    from cad import kernel
+    from stiffscope.cad import kernel
 
     properties = kernel.volume_properties(part.solid)
     yield _digits(properties.Mass(), *kernel.inertia(properties).flat)

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from cad.checks import FINEST, GAP, choice, count, length, mm, optional_length, require
-from cad.faces import FaceSelector, face_geometries, select
-from cad.materials import STEEL, AnyMaterial
-from cad.part import Interface, Part
-from cad.soundness import sound_solid
-from stiffscope import InputError
+from stiffscope.cad.checks import FINEST, GAP, choice, count, length, mm, optional_length, require
+from stiffscope.cad.faces import FaceSelector, face_geometries, select
+from stiffscope.cad.materials import STEEL, AnyMaterial
+from stiffscope.cad.part import Interface, Part
+from stiffscope.cad.soundness import sound_solid
+from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
     from build123d import Edge
 
-    from cad.kernel import Shape, Solid
+    from stiffscope.cad.kernel import Shape, Solid
 
 _SLIGHT = 1e-6  # mm
 

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from cad.checks import POINT, direction, is_point, require
-from cad.faces import FaceSelector, select
-from cad.materials import STEEL, AnyMaterial
-from cad.part import Interface, Part
-from cad.soundness import sound_solid
-from stiffscope import InputError
+from stiffscope.cad.checks import POINT, direction, is_point, require
+from stiffscope.cad.faces import FaceSelector, select
+from stiffscope.cad.materials import STEEL, AnyMaterial
+from stiffscope.cad.part import Interface, Part
+from stiffscope.cad.soundness import sound_solid
+from stiffscope.errors import InputError
 
 Vector = Sequence[float]
 Selectors = Sequence[FaceSelector]
@@ -75,7 +75,7 @@ def chosen_part(
     reference_point: Vector | None,
 ) -> Part:
     """Return a solid known to be sound as a part, as `part_of` does."""
-    from cad import kernel
+    from stiffscope.cad import kernel
 
     held = select(solid, clamped, f"{name}.clamped")
     named = loaded if isinstance(loaded, Mapping) else {"loaded": loaded}
@@ -97,7 +97,7 @@ def chosen_part(
 
 
 def _check_near(solid: Any, point: Vector, field: str) -> None:
-    from cad import kernel
+    from stiffscope.cad import kernel
 
     require(is_point(point), field, POINT, repr(point))
     centre = kernel.xyz(kernel.volume_properties(solid).CentreOfMass()) * 1e-3

@@ -4,10 +4,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope import InputError
+from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
-    from cad.kernel import Shape, Solid
+    from stiffscope.cad.kernel import Shape, Solid
 
 SMALLEST, LARGEST = 1.0, 40e3  # mm: a bounding box's diagonal beyond them means mistaken units
 
@@ -31,7 +31,7 @@ def _refuse(name: str, found: str, valid: str = "one closed solid") -> InputErro
 
 
 def _only_solid(shape: "Shape", name: str) -> "Solid":
-    from cad import kernel
+    from stiffscope.cad import kernel
 
     found, faces = kernel.solids(shape), kernel.faces(shape)
     if len(found) > 1:
@@ -47,7 +47,7 @@ def _only_solid(shape: "Shape", name: str) -> "Solid":
 
 
 def _refuse_odd_numbers(solid: "Solid", name: str) -> None:
-    from cad import kernel
+    from stiffscope.cad import kernel
 
     if not all(np.isfinite(kernel.position(vertex)).all() for vertex in kernel.vertices(solid)):
         raise _refuse(name, "coordinates that are not finite", "a solid whose coordinates are numbers")
@@ -57,15 +57,15 @@ def _refuse_odd_numbers(solid: "Solid", name: str) -> None:
 
 
 def _refuse_self_intersection(solid: "Solid", name: str) -> None:
-    from cad import kernel
+    from stiffscope.cad import kernel
 
     if kernel.self_intersects(solid):
         raise _refuse(name, "a self-intersecting solid", "a solid whose faces meet only at their edges")
 
 
 def _refuse_open(solid: "Solid", name: str) -> None:
-    from cad import kernel
-    from cad.part import open_edges, tessellated
+    from stiffscope.cad import kernel
+    from stiffscope.cad.part import open_edges, tessellated
 
     if not kernel.is_valid(solid):
         raise _refuse(name, "a torn solid that the CAD kernel finds invalid (export it anew, or heal it)")
@@ -75,7 +75,7 @@ def _refuse_open(solid: "Solid", name: str) -> None:
 
 
 def _outward(solid: "Solid", name: str) -> "Solid":
-    from cad import kernel
+    from stiffscope.cad import kernel
 
     solid = kernel.oriented(solid)
     volume = kernel.volume_properties(solid).Mass()

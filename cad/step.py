@@ -3,7 +3,6 @@
 A file is read and checked in a process of its own with a time limit: the kernel can crash on rubbish, or never end.
 """
 
-import os
 import signal
 import subprocess
 import sys
@@ -12,13 +11,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cad.materials import STEEL, AnyMaterial
-from cad.part import Part
-from cad.solid import GREATEST_X, LEAST_X, Frame, Selectors, Vector, chosen_part
-from stiffscope import InputError
+from stiffscope.cad.materials import STEEL, AnyMaterial
+from stiffscope.cad.part import Part
+from stiffscope.cad.solid import GREATEST_X, LEAST_X, Frame, Selectors, Vector, chosen_part
+from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
-    from cad.kernel import Solid
+    from stiffscope.cad.kernel import Solid
 
 START, END = b"ISO-10303-21", b"END-ISO-10303-21"
 REFUSED = 2  # exit code of the reading process; its standard error then holds the one line that says why
@@ -35,7 +34,7 @@ def read_step(
     reference_point: Vector | None = None,
     time_limit: float = 60.0,
 ) -> Part:
-    """Return the one solid of a STEP file as a part; the rest is as in `cad.solid.part_of`.
+    """Return the one solid of a STEP file as a part; the rest is as in `stiffscope.cad.solid.part_of`.
 
     Without selectors it is held at its plane face of least x and loaded at that of greatest x. Lengths are
     converted from the file's unit. InputError names the file, what was found in it and what would be valid.
@@ -58,7 +57,7 @@ def read_solid(path: str | Path, time_limit: float = 60.0) -> "Solid":
     with tempfile.TemporaryDirectory(prefix="stiffscope-") as folder:
         aside = Path(folder, "solid.brep")
         _check_apart(Path(path), aside, time_limit)
-        from cad import kernel_files
+        from stiffscope.cad import kernel_files
 
         return kernel_files.read_binary(aside)
 
@@ -80,12 +79,10 @@ def _check_file(path: Path) -> None:
 
 
 def _check_apart(path: Path, aside: Path, time_limit: float) -> None:
-    search = [str(Path(__file__).parents[1]), *filter(None, sys.path)]
-    command = [sys.executable, "-m", "cad.step_reader", str(path.absolute()), str(path), str(aside)]
+    command = [sys.executable, "-P", "-m", "stiffscope.cad.step_reader", str(path.absolute()), str(path), str(aside)]
     try:
         done = subprocess.run(
             command,
-            env=os.environ | {"PYTHONPATH": os.pathsep.join(search)},
             stdin=subprocess.DEVNULL,
             capture_output=True,
             timeout=time_limit,
@@ -107,7 +104,7 @@ def _check_apart(path: Path, aside: Path, time_limit: float) -> None:
 
 def write_step(part: Part, path: str | Path) -> None:
     """Write the part's solid as STEP (AP214), in mm, in the part's axes; OSError when it cannot be written."""
-    from cad import kernel_files
+    from stiffscope.cad import kernel_files
 
     kernel_files.write_step(part.solid, Path(path))
 
@@ -116,7 +113,7 @@ def write_stl(part: Part, path: str | Path, deflection: float = 5e-5, angle: flo
     """Write the part's surface as binary STL, in mm, in the part's axes; the tolerances are those of `surface`."""
     import numpy as np
 
-    from cad.part import tessellated
+    from stiffscope.cad.part import tessellated
 
     vertices, triangles, _ = tessellated(part.solid, deflection, angle)
     corners = vertices[triangles] * 1e3  # (nt, 3, 3)

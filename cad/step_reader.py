@@ -1,16 +1,16 @@
-"""The process that reads a STEP file, checks what is in it and hands the solid back: see `cad.step`."""
+"""The process that reads a STEP file, checks what is in it and hands the solid back: see `stiffscope.cad.step`."""
 
 import sys
 from pathlib import Path
 
-from cad.step import REFUSED
-from stiffscope import InputError
+from stiffscope.cad.step import REFUSED
+from stiffscope.errors import InputError
 
 
 def main(file: str, shown: str, aside: str) -> int:
     """Read `file`, called `shown` in messages, and write its solid to `aside`; return the exit code."""
-    from cad import kernel_files
-    from cad.soundness import sound_solid
+    from stiffscope.cad import kernel_files
+    from stiffscope.cad.soundness import sound_solid
 
     try:
         kernel_files.write_binary(sound_solid(kernel_files.read_step(Path(file)), shown), Path(aside))

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stiffscope import InputError
-from vjm.analysis import analyse
-from vjm.checks import checked_poses
-from vjm.elastic import Parallel, Series, Spring, drive, spherical
-from vjm.screws import Frame, rotation
+from stiffscope.errors import InputError
+from stiffscope.vjm.analysis import analyse
+from stiffscope.vjm.checks import checked_poses
+from stiffscope.vjm.elastic import Parallel, Series, Spring, drive, spherical
+from stiffscope.vjm.screws import Frame, rotation
 
 Z = np.array([0.0, 0.0, 1.0])
 

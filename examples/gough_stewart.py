@@ -7,9 +7,9 @@ which is the cube's edge over √3 (tdehaeze, stewart-simscape, where H is calle
 
 import numpy as np
 
-from vjm.elastic import HERE, Parallel, Passive, Series, drive, spherical
-from vjm.reduction import as_stiffness
-from vjm.screws import Frame
+from stiffscope.vjm.elastic import HERE, Parallel, Passive, Series, drive, spherical
+from stiffscope.vjm.reduction import as_stiffness
+from stiffscope.vjm.screws import Frame
 
 
 def strut(name, base, tip, stiffness):

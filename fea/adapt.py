@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fea.mesh import EDGES, MeshError
-from fea.refine import bisect
-from fea.singular import singular_edges
-from fea.solution import solve_specimen
-from fea.specimen import GRADING_RATIO, mesh_specimen
+from stiffscope.fea.mesh import EDGES, MeshError
+from stiffscope.fea.refine import bisect
+from stiffscope.fea.singular import singular_edges
+from stiffscope.fea.solution import solve_specimen
+from stiffscope.fea.specimen import GRADING_RATIO, mesh_specimen
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from fea.experiment import Settings
-    from fea.mesh import Floats, TetMesh
-    from fea.solution import Solution
-    from fea.specimen import Specimen
+    from stiffscope.fea.experiment import Settings
+    from stiffscope.fea.mesh import Floats, TetMesh
+    from stiffscope.fea.solution import Solution
+    from stiffscope.fea.specimen import Specimen
 
 logger = logging.getLogger(__name__)
 

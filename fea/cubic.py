@@ -13,18 +13,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fea.elasticity import VOIGT
-from fea.interfaces import tractions
-from fea.mesh import EDGES, FACES, MeshError
-from fea.shape import NODES, curved, determinants, inverses, jacobians, quadrature, shape_values
-from fea.solvers import conjugate_gradients, on_all_cores
+from stiffscope.fea.elasticity import VOIGT
+from stiffscope.fea.interfaces import tractions
+from stiffscope.fea.mesh import EDGES, FACES, MeshError
+from stiffscope.fea.shape import NODES, curved, determinants, inverses, jacobians, quadrature, shape_values
+from stiffscope.fea.solvers import conjugate_gradients, on_all_cores
 
 if TYPE_CHECKING:
     from scipy.sparse import bsr_array, csr_array
 
-    from fea.interfaces import Port, Supports
-    from fea.mesh import Floats, Ints, TetMesh
-    from fea.solvers import Solve, Solver
+    from stiffscope.fea.interfaces import Port, Supports
+    from stiffscope.fea.mesh import Floats, Ints, TetMesh
+    from stiffscope.fea.solvers import Solve, Solver
 
 CURVED_ORDER = 6
 CHUNK, BATCH = 512, 128  # elements that a core works on at once; chunks whose results are held at once
@@ -173,7 +173,7 @@ def cubic_compliance(
     ----------
     solver, loads, start : the solver of the quadratic problem, its (c, 6n) unit loads and their solution.
     tolerance : relative error of the difference between the two compliances at which to stop.
-    springs : (count, count) elastic foundation, one direction; see ``fea.foundation``.
+    springs : (count, count) elastic foundation, one direction; see ``stiffscope.fea.foundation``.
     """
     free = free_cubics(mesh, space, supports)
     apply, diagonal = _operator(space, supports, free, springs)

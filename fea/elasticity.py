@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fea.shape import curved, determinants, inverses, jacobians, quadrature, shape_values
+from stiffscope.fea.shape import curved, determinants, inverses, jacobians, quadrature, shape_values
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from scipy.sparse import csr_array
 
-    from fea.mesh import Floats, Ints, TetMesh
+    from stiffscope.fea.mesh import Floats, Ints, TetMesh
 
 # Voigt index of the strain component (i, j), in the order xx, yy, zz, yz, xz, xy.
 VOIGT = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])

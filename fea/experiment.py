@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fea.interfaces import KINDS
-from fea.mesh import TetMesh, check_lengths, default_size
-from stiffscope import InputError
+from stiffscope.errors import InputError
+from stiffscope.fea.interfaces import KINDS
+from stiffscope.fea.mesh import TetMesh, check_lengths, default_size
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from cad.part import Part
-    from fea.mesh import Floats
-    from fea.specimen import Specimen
+    from stiffscope.cad.part import Part
+    from stiffscope.fea.mesh import Floats
+    from stiffscope.fea.specimen import Specimen
 
     Progress = Callable[[str, float], None]
 
@@ -141,13 +141,13 @@ class Experiment:
     @property
     def relative_bound(self) -> float:
         """Largest bound of the significant entries (|C_ij| > 1 % of sqrt(C_ii C_jj)) over the entry."""
-        from fea.adapt import relative_bound
+        from stiffscope.fea.adapt import relative_bound
 
         return relative_bound(self.flexibility, self.flexibility_error)[0]
 
     def _repr_html_(self) -> str:
         """Return the compliance with its bounds and units as a table, for notebooks."""
-        from fea.tables import html_table
+        from stiffscope.fea.tables import html_table
 
         return html_table(self)
 
@@ -203,9 +203,9 @@ def run_experiment(part: Part, settings: Settings | None = None, progress: Progr
     ------
     InputError, MeshError : the part cannot be meshed or held as asked.
     """
-    from cad import kernel
-    from cad.part import mass_properties, project, surface
-    from fea.specimen import Specimen
+    from stiffscope.cad import kernel
+    from stiffscope.cad.part import mass_properties, project, surface
+    from stiffscope.fea.specimen import Specimen
 
     started = time.perf_counter()
     _tell(progress, "cad", 0.0)
@@ -230,9 +230,9 @@ def examine(
     specimen: Specimen, settings: Settings, progress: Progress | None = None, cad_seconds: float = 0.0
 ) -> Experiment:
     """Run the experiment on plain numbers; see ``run_experiment``."""
-    from fea.adapt import solve_within
-    from fea.shape import centroid, volume
-    from fea.specimen import mesh_specimen
+    from stiffscope.fea.adapt import solve_within
+    from stiffscope.fea.shape import centroid, volume
+    from stiffscope.fea.specimen import mesh_specimen
 
     begun = time.perf_counter()
     _tell(progress, "mesh", 0.05)

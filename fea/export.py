@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from fea.experiment import Experiment
-    from fea.mesh import Floats
+    from stiffscope.fea.experiment import Experiment
+    from stiffscope.fea.mesh import Floats
 
 WRENCHES = ("fx", "fy", "fz", "mx", "my", "mz")
 
@@ -50,7 +50,7 @@ def free_superelement(experiment: Experiment) -> tuple[Floats, Floats]:
     The clamp turns with node 0 as one body, so only motion relative to it strains the part: nothing is
     approximated. Node 0 is ``clamp_point``; with an elastic foundation it is the ground under it.
     """
-    from fea.interfaces import rigid_modes
+    from stiffscope.fea.interfaces import rigid_modes
 
     centre = experiment.clamp_point
     nodes = np.vstack([centre, experiment.reference_points])

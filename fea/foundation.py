@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fea.cubic import facet_cubics
-from fea.shape import area_elements, facet_rule, facet_values
+from stiffscope.fea.cubic import facet_cubics
+from stiffscope.fea.shape import area_elements, facet_rule, facet_values
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-    from fea.cubic import Cubic
-    from fea.mesh import Floats, Ints
+    from stiffscope.fea.cubic import Cubic
+    from stiffscope.fea.mesh import Floats, Ints
 
 ORDER = 6
 

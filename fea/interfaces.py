@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fea.shape import area_elements, facet_rule, facet_values
-from fea.solvers import factorized
-from stiffscope import InputError
+from stiffscope.errors import InputError
+from stiffscope.fea.shape import area_elements, facet_rule, facet_values
+from stiffscope.fea.solvers import factorized
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-    from fea.mesh import Floats, Ints, TetMesh
-    from fea.solvers import Solve
+    from stiffscope.fea.mesh import Floats, Ints, TetMesh
+    from stiffscope.fea.solvers import Solve
 
 KINDS = ("rigid", "distributed")
 

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope import InputError
+from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
 
-    from cad.part import Surface
+    from stiffscope.cad.part import Surface
 
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]
@@ -197,7 +197,7 @@ def _with_fins(surface: Surface, depth: float) -> tuple[Floats, Ints]:
 
 
 def _run_worker(source: Path, target: Path, time_limit: float) -> None:
-    command = [sys.executable, str(Path(__file__).with_name("worker.py")), str(source), str(target)]
+    command = [sys.executable, "-P", "-m", "stiffscope.fea.worker", str(source), str(target)]
     try:
         done = subprocess.run(  # a crash or an endless loop stays in the child
             command, cwd=source.parent, timeout=time_limit, capture_output=True, text=True, check=False

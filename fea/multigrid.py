@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fea.interfaces import factorize
-from fea.mesh import EDGES
-from fea.solvers import Solver, conjugate_gradients, product
+from stiffscope.fea.interfaces import factorize
+from stiffscope.fea.mesh import EDGES
+from stiffscope.fea.solvers import Solver, conjugate_gradients, product
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-    from fea.interfaces import Supports
-    from fea.mesh import Floats, TetMesh
-    from fea.solvers import Solve
+    from stiffscope.fea.interfaces import Supports
+    from stiffscope.fea.mesh import Floats, TetMesh
+    from stiffscope.fea.solvers import Solve
 
 logger = logging.getLogger(__name__)
 

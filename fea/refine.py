@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fea.mesh import EDGES, FACE_MIDS, FACES, TetMesh, unique_edges
-from fea.shape import evaluate
+from stiffscope.fea.mesh import EDGES, FACE_MIDS, FACES, TetMesh, unique_edges
+from stiffscope.fea.shape import evaluate
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from fea.mesh import Floats, Ints
+    from stiffscope.fea.mesh import Floats, Ints
 
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 

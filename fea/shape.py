@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from fea.mesh import Floats, Ints
+    from stiffscope.fea.mesh import Floats, Ints
 
 
 # The ten nodes on the reference tetrahedron.
@@ -94,7 +94,7 @@ def jacobian_range(corners: Floats) -> Floats:
 
 def curved(corners: Floats) -> np.ndarray:
     """Return (m,) whether the sides of elements with nodes (m, 10, 3) are curved."""
-    from fea.mesh import EDGES
+    from stiffscope.fea.mesh import EDGES
 
     ends = corners[:, EDGES]  # (m, 6, 2, 3)
     offset = np.linalg.norm(corners[:, 4:] - ends.mean(axis=2), axis=2)

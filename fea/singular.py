@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fea.mesh import sides_between
+from stiffscope.fea.mesh import sides_between
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from fea.mesh import Floats, Ints, TetMesh
+    from stiffscope.fea.mesh import Floats, Ints, TetMesh
 
 SHARP = 0.35  # rad beyond the straight angle from which a re-entrant edge counts
 KOLOSOV = 3 - 4 * 0.3  # of plane strain; at a right angle λ is 0.76 to 0.64 for Poisson's ratios of 0.2 to 0.45

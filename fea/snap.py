@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fea.mesh import EDGES, FACE_MIDS, FACES, TetMesh, boundary_facets, unique_edges
-from fea.shape import facet_rule, facet_values, jacobian_range
-from fea.tags import smooth_tags, tag_facets
+from stiffscope.fea.mesh import EDGES, FACE_MIDS, FACES, TetMesh, boundary_facets, unique_edges
+from stiffscope.fea.shape import facet_rule, facet_values, jacobian_range
+from stiffscope.fea.tags import smooth_tags, tag_facets
 
 if TYPE_CHECKING:
-    from cad.part import Surface
-    from fea.mesh import Floats, Ints, Project
+    from stiffscope.cad.part import Surface
+    from stiffscope.fea.mesh import Floats, Ints, Project
 
 logger = logging.getLogger(__name__)
 

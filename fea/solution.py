@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from fea.cubic import cubic_compliance, element_energies, enlarge
-from fea.elasticity import assemble, strains, von_mises
-from fea.foundation import bed, on_nodes
-from fea.interfaces import Port, imbalance, support, unit_loads
-from fea.mesh import MeshError
-from fea.multigrid import prepare
-from fea.singular import missing_at_edges
-from fea.specimen import interface_error, shape_error
-from stiffscope import InputError
+from stiffscope.errors import InputError
+from stiffscope.fea.cubic import cubic_compliance, element_energies, enlarge
+from stiffscope.fea.elasticity import assemble, strains, von_mises
+from stiffscope.fea.foundation import bed, on_nodes
+from stiffscope.fea.interfaces import Port, imbalance, support, unit_loads
+from stiffscope.fea.mesh import MeshError
+from stiffscope.fea.multigrid import prepare
+from stiffscope.fea.singular import missing_at_edges
+from stiffscope.fea.specimen import interface_error, shape_error
 
 if TYPE_CHECKING:
-    from fea.mesh import Floats, TetMesh
-    from fea.specimen import Specimen
+    from stiffscope.fea.mesh import Floats, TetMesh
+    from stiffscope.fea.specimen import Specimen
 
 # What the cubic solution still lacks, and how much of that is unsure; fitted to 49 parts refined to an eighth of the
 # error. At singular edges in parts of what theory says of the elements that touch them (their neighbours lack too),
@@ -159,7 +159,7 @@ def nodal_von_mises(mesh: TetMesh, motion: Floats, elasticity: Floats) -> Floats
     ----------
     motion : (3 nodes, loads) displacements, m.
     """
-    from fea.shape import NODES, quadrature
+    from stiffscope.fea.shape import NODES, quadrature
 
     count, loads = len(mesh.points), motion.shape[1]
     total, (inside, _) = np.zeros((count, loads * 6)), quadrature(2)

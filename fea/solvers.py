@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from scipy.sparse import csr_array
 
-    from fea.mesh import Floats
+    from stiffscope.fea.mesh import Floats
 
     Solve = Callable[[Floats], Floats]
 

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fea.mesh import MeshError, default_envelope, default_size, tetrahedralize
-from fea.refine import grade
-from fea.shape import area_elements, centroid, jacobian_range, volume
-from fea.singular import singular_edges
-from fea.snap import snap
+from stiffscope.fea.mesh import MeshError, default_envelope, default_size, tetrahedralize
+from stiffscope.fea.refine import grade
+from stiffscope.fea.shape import area_elements, centroid, jacobian_range, volume
+from stiffscope.fea.singular import singular_edges
+from stiffscope.fea.snap import snap
 
 if TYPE_CHECKING:
-    from cad.part import Surface
-    from fea.mesh import Floats, Project, TetMesh
+    from stiffscope.cad.part import Surface
+    from stiffscope.fea.mesh import Floats, Project, TetMesh
 
 logger = logging.getLogger(__name__)
 

@@ -6,7 +6,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from fea.experiment import Experiment
+    from stiffscope.fea.experiment import Experiment
 
 WRENCHES = ("f<sub>x</sub>", "f<sub>y</sub>", "f<sub>z</sub>", "m<sub>x</sub>", "m<sub>y</sub>", "m<sub>z</sub>")
 TWISTS = ("v<sub>x</sub>", "v<sub>y</sub>", "v<sub>z</sub>", "ω<sub>x</sub>", "ω<sub>y</sub>", "ω<sub>z</sub>")

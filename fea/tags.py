@@ -9,7 +9,7 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from cad.part import Surface
+    from stiffscope.cad.part import Surface
 
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]

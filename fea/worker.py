@@ -1,7 +1,7 @@
 """The meshing subprocess: read a surface, run fTetWild, write tetrahedra.
 
-Run as ``python worker.py surface.npz tets.npz``. It stands alone because fTetWild can crash or never end,
-and because it drops a file into the working folder: its parent gives it a folder and a time limit.
+Run as ``python -m stiffscope.fea.worker surface.npz tets.npz``. It stands alone because fTetWild can crash or
+never end, and because it drops a file into the working folder: its parent gives it a folder and a time limit.
 """
 
 import sys

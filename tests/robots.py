@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vjm.biglide import Biglide, Geometry, reachable
+from stiffscope.vjm.biglide import Biglide, Geometry, reachable
 
 DATA = Path(__file__).parents[1] / "data" / "published"
 GEOMETRY = Geometry(L=0.5, l=0.075, l1=0.04, l2=0.015, h=0.0175, d=0.07)

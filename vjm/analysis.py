@@ -8,20 +8,20 @@ from typing import TYPE_CHECKING, Literal, Protocol
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 
-from stiffscope import InputError
-from vjm.biglide import Biglide
-from vjm.checks import checked_poses
-from vjm.gravity import STANDARD, exact_stiffness, literal_tree
-from vjm.reduction import as_stiffness
-from vjm.response import tool_twist
+from stiffscope.errors import InputError
+from stiffscope.vjm.biglide import Biglide
+from stiffscope.vjm.checks import checked_poses
+from stiffscope.vjm.gravity import STANDARD, exact_stiffness, literal_tree
+from stiffscope.vjm.reduction import as_stiffness
+from stiffscope.vjm.response import tool_twist
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from numpy.typing import ArrayLike, NDArray
 
-    from vjm.elastic import Node
-    from vjm.screws import Array
+    from stiffscope.vjm.elastic import Node
+    from stiffscope.vjm.screws import Array
 
 Gravity = Literal["none", "literal", "exact"]
 CHUNK = 2048  # poses; what is at work stays within the processor's cache

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vjm.analysis import stiffness
-from vjm.biglide import SIDES, X, Y, pose_at
-from vjm.bounds import rotational_bound, stiffness_bounds
-from vjm.screws import Frame, rotation, shift
+from stiffscope.vjm.analysis import stiffness
+from stiffscope.vjm.biglide import SIDES, X, Y, pose_at
+from stiffscope.vjm.bounds import rotational_bound, stiffness_bounds
+from stiffscope.vjm.screws import Frame, rotation, shift
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from vjm.biglide import Biglide
-    from vjm.screws import Array
+    from stiffscope.vjm.biglide import Biglide
+    from stiffscope.vjm.screws import Array
 
 DIAGONAL = ("K_tx", "K_ty", "K_tz", "K_rx", "K_ry", "K_rz")
 _EXPLAINED = 5e-3  # relative; the reading explains K_ty, K_tz and K_rz to 0.3 %

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope import InputError
-from vjm.checks import checked_compliance, checked_poses
-from vjm.elastic import Node, Parallel, Series, Spring, Weight, drive, revolute
-from vjm.screws import HALF_TURN, Array, Frame, rotation
+from stiffscope.errors import InputError
+from stiffscope.vjm.checks import checked_compliance, checked_poses
+from stiffscope.vjm.elastic import Node, Parallel, Series, Spring, Weight, drive, revolute
+from stiffscope.vjm.screws import HALF_TURN, Array, Frame, rotation
 
 if TYPE_CHECKING:
     from collections.abc import Callable

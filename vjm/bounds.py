@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vjm.analysis import stiffness
+from stiffscope.vjm.analysis import stiffness
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from vjm.biglide import Biglide
-    from vjm.screws import Array
+    from stiffscope.vjm.biglide import Biglide
+    from stiffscope.vjm.screws import Array
 
 _NEAR_SINGULAR = 1e-6  # rad; links along the rail or across it
 

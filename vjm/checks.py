@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope import InputError
+from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from vjm.screws import Array
+    from stiffscope.vjm.screws import Array
 
 _SYMMETRY = 1e-6  # relative; published matrices are rounded
 _INDEFINITE = -1e-9

@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope import InputError
-from vjm.checks import checked_poses
-from vjm.elastic import Node, Spring, edited, named
-from vjm.reduction import assembled
-from vjm.response import respond
+from stiffscope.errors import InputError
+from stiffscope.vjm.checks import checked_poses
+from stiffscope.vjm.elastic import Node, Spring, edited, named
+from stiffscope.vjm.reduction import assembled
+from stiffscope.vjm.response import respond
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from numpy.typing import ArrayLike
 
-    from vjm.analysis import Robot
-    from vjm.screws import Array
+    from stiffscope.vjm.analysis import Robot
+    from stiffscope.vjm.screws import Array
 
 _STEPS = 100
 _SETTLED = 1e-12  # of a gap, or of the largest force

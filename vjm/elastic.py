@@ -2,7 +2,7 @@
 
 A robot at given poses is a tree of named nodes. Leaves are 6-dof springs, passive joints and weights; groups are
 ``Series`` (from base to tip) and ``Parallel``. Every node stands in its group's coordinates by a ``Frame``; what has no
-stack axis does not depend on the pose and is reduced once (``vjm.reduction``).
+stack axis does not depend on the pose and is reduced once (``stiffscope.vjm.reduction``).
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from stiffscope import InputError
-from vjm.checks import checked_compliance
-from vjm.screws import Frame
+from stiffscope.errors import InputError
+from stiffscope.vjm.checks import checked_compliance
+from stiffscope.vjm.screws import Frame
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from vjm.screws import Array
+    from stiffscope.vjm.screws import Array
 
 HERE = Frame()
 _ORTHONORMAL = 1e-9

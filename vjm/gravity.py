@@ -14,17 +14,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope import InputError
-from vjm.biglide import LINKS, SIDES
-from vjm.elastic import Node, Parallel, Passive, Series, Spring, Weight, edited, leaves
-from vjm.reduction import Stiff, assembled
-from vjm.response import respond
-from vjm.screws import Frame, rotation, rotation_of, skew
+from stiffscope.errors import InputError
+from stiffscope.vjm.biglide import LINKS, SIDES
+from stiffscope.vjm.elastic import Node, Parallel, Passive, Series, Spring, Weight, edited, leaves
+from stiffscope.vjm.reduction import Stiff, assembled
+from stiffscope.vjm.response import respond
+from stiffscope.vjm.screws import Frame, rotation, rotation_of, skew
 
 if TYPE_CHECKING:
-    from vjm.biglide import Biglide
-    from vjm.response import Element, Response
-    from vjm.screws import Array
+    from stiffscope.vjm.biglide import Biglide
+    from stiffscope.vjm.response import Element, Response
+    from stiffscope.vjm.screws import Array
 
 STANDARD = 9.81  # m/s²; the paper's weights follow from it
 

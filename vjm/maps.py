@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope import InputError
-from vjm.analysis import stiffness, under_weight
-from vjm.biglide import pose_at, reachable
-from vjm.gravity import STANDARD
+from stiffscope.errors import InputError
+from stiffscope.vjm.analysis import stiffness, under_weight
+from stiffscope.vjm.biglide import pose_at, reachable
+from stiffscope.vjm.gravity import STANDARD
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from vjm.analysis import Gravity
-    from vjm.biglide import Biglide, Geometry
-    from vjm.screws import Array
+    from stiffscope.vjm.analysis import Gravity
+    from stiffscope.vjm.biglide import Biglide, Geometry
+    from stiffscope.vjm.screws import Array
 
 DIAGONAL = ("K_tx", "K_ty", "K_tz", "K_rx", "K_ry", "K_rz")
 UNITS = ("N/m", "N/m", "N/m", "N·m/rad", "N·m/rad", "N·m/rad")

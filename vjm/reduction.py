@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING, TypeAlias, overload
 
 import numpy as np
 
-from stiffscope import InputError
-from vjm.elastic import Parallel, Passive, Series, Spring, Weight
-from vjm.screws import Frame, skew
+from stiffscope.errors import InputError
+from stiffscope.vjm.elastic import Parallel, Passive, Series, Spring, Weight
+from stiffscope.vjm.screws import Frame, skew
 
 if TYPE_CHECKING:
-    from vjm.elastic import Node
-    from vjm.screws import Array
+    from stiffscope.vjm.elastic import Node
+    from stiffscope.vjm.screws import Array
 
 _IDLE = 1e-9  # relative size below which a free direction adds nothing to those before it
 _I, _J = np.triu_indices(3)

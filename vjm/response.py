@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope import InputError
-from vjm.elastic import Passive, Weight
-from vjm.reduction import (
+from stiffscope.errors import InputError
+from stiffscope.vjm.elastic import Passive, Weight
+from stiffscope.vjm.reduction import (
     Bundle,
     Chain,
     Leaf,
@@ -23,12 +23,12 @@ from vjm.reduction import (
     released,
     unit_diagonal,
 )
-from vjm.screws import Frame
+from stiffscope.vjm.screws import Frame
 
 if TYPE_CHECKING:
-    from vjm.elastic import Node, Spring
-    from vjm.reduction import Assembly, Flexible, Joined
-    from vjm.screws import Array
+    from stiffscope.vjm.elastic import Node, Spring
+    from stiffscope.vjm.reduction import Assembly, Flexible, Joined
+    from stiffscope.vjm.screws import Array
 
 
 _FREE = 1e-12  # least eigenvalue of a stiffness scaled to a diagonal of ones, below which it is rounding

@@ -6,16 +6,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vjm.analysis import stiffness
-from vjm.biglide import LINKS, SIDES
-from vjm.checks import checked_poses
-from vjm.response import respond
+from stiffscope.vjm.analysis import stiffness
+from stiffscope.vjm.biglide import LINKS, SIDES
+from stiffscope.vjm.checks import checked_poses
+from stiffscope.vjm.response import respond
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from vjm.biglide import Biglide
-    from vjm.screws import Array
+    from stiffscope.vjm.biglide import Biglide
+    from stiffscope.vjm.screws import Array
 
 
 def stiffness_error(robot: Biglide, poses: ArrayLike, link: Array, slider: Array) -> Array:

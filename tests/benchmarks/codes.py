@@ -34,7 +34,7 @@ class Problem:
 
 def build(name):
     """Build the part."""
-    from cad import link, slider
+    from stiffscope.cad import link, slider
 
     if name == "link":
         return link.build(link.LinkParameters())
@@ -43,10 +43,10 @@ def build(name):
 
 def meshed(name, factor=1.0, layers=1):
     """From the CAD to a Problem, as ours does."""
-    from cad.part import mass_properties, project, surface
-    from fea.experiment import CHORD, TURN
-    from fea.mesh import default_size
-    from fea.specimen import Specimen, mesh_specimen
+    from stiffscope.cad.part import mass_properties, project, surface
+    from stiffscope.fea.experiment import CHORD, TURN
+    from stiffscope.fea.mesh import default_size
+    from stiffscope.fea.specimen import Specimen, mesh_specimen
 
     part = build(name)
     volume = mass_properties(part).volume
@@ -75,12 +75,12 @@ def in_calculix(problem, job):
 
 def in_ours(problem, job):
     """Our quadratic elements, with quadrature of the order "order" in curved ones."""
-    import fea.elasticity
+    from stiffscope.fea import elasticity as fea_elasticity
 
-    fea.elasticity.CURVED_ORDER = job.get("order", 4)
+    fea_elasticity.CURVED_ORDER = job.get("order", 4)
     shear = problem.youngs_modulus / 2 / (1 + problem.poisson)
-    elasticity = fea.elasticity.isotropic(problem.youngs_modulus, shear)
-    return tied(problem, fea.elasticity.assemble(problem, elasticity))
+    elasticity = fea_elasticity.isotropic(problem.youngs_modulus, shear)
+    return tied(problem, fea_elasticity.assemble(problem, elasticity))
 
 
 def in_mfem(problem, job):
@@ -144,8 +144,8 @@ def in_scikit_fem(problem, job):
 
 def tied(problem, stiffness):
     """Compliance of an assembled stiffness with the clamp, the rigid face and the solver of ours."""
-    from fea.interfaces import Port, support, unit_loads
-    from fea.multigrid import prepare
+    from stiffscope.fea.interfaces import Port, support, unit_loads
+    from stiffscope.fea.multigrid import prepare
 
     ports = (Port(problem.facets, problem.point, "rigid"),)
     supports = support(problem, problem.clamped, ports)
@@ -164,7 +164,7 @@ def command(job):
 def solved(job):
     """What a job finds: compliance and degrees of freedom, and of a whole experiment its bound."""
     if job["code"] == "experiment":
-        from fea.experiment import Settings, run_experiment
+        from stiffscope.fea.experiment import Settings, run_experiment
 
         done = run_experiment(build(job["part"]), Settings(**job.get("settings", {})))
         return {"compliance": done.compliance.tolist(), "dofs": done.unknowns, "bound": done.relative_bound,

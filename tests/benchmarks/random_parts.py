@@ -1,7 +1,7 @@
 """Random links and sliders: bores, end fittings, ribs, fillets, bolt holes, pads; random interfaces."""
 
-from cad import link, slider
-from stiffscope import InputError
+from stiffscope.cad import link, slider
+from stiffscope.errors import InputError
 
 
 def draw(rng):

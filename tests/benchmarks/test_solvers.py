@@ -12,15 +12,15 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from fea.elasticity import assemble, isotropic
-from fea.interfaces import Port, dofs_of, support, unit_loads
-from fea.multigrid import prepare
+from stiffscope.fea.elasticity import assemble, isotropic
+from stiffscope.fea.interfaces import Port, dofs_of, support, unit_loads
+from stiffscope.fea.multigrid import prepare
 from tests.benchmarks.codes import meshed
 
 pytestmark = pytest.mark.benchmark
 LARGE = """
 import json, resource, sys, time
-from fea.experiment import Settings, run_experiment
+from stiffscope.fea.experiment import Settings, run_experiment
 from tests.benchmarks.codes import build
 e = run_experiment(build("slider"), Settings(size=float(sys.argv[1]), time_limit=600))
 print(json.dumps({"dofs": 3 * len(e.mesh.points), "unknowns": e.unknowns, "seconds": e.seconds,

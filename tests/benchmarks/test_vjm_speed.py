@@ -11,10 +11,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stiffscope.vjm.analysis import stiffness
+from stiffscope.vjm.biglide import pose_at
+from stiffscope.vjm.maps import workspace_map
 from tests.robots import DRIVE, GEOMETRY, euler_bernoulli, random_poses
-from vjm.analysis import stiffness
-from vjm.biglide import pose_at
-from vjm.maps import workspace_map
 
 pytestmark = pytest.mark.benchmark
 UNIT_LOADS = ("FX", "FY", "FZ", "MX", "MY", "MZ")
@@ -56,7 +56,7 @@ TEN_MILLION = """
 import resource
 import numpy as np
 from tests.robots import published_robot
-from vjm.analysis import batches
+from stiffscope.vjm.analysis import batches
 poses = np.random.default_rng(1).uniform((-0.02, -0.3, 0.3), (0.02, 0.3, 0.5), (10_000_000, 3))
 worst = np.inf
 for some, matrix in batches(published_robot(), poses):

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from build123d import Box
 
-from cad import link, slider
-from cad.link import LinkParameters
-from cad.materials import CFRP_TUBE, MATERIALS, STEEL, Material, TransverselyIsotropic, material
-from cad.part import Interface, Part, geometry_digest, mass_properties, project, surface
-from cad.slider import SliderParameters
-from stiffscope import InputError
+from stiffscope.cad import link, slider
+from stiffscope.cad.link import LinkParameters
+from stiffscope.cad.materials import CFRP_TUBE, MATERIALS, STEEL, Material, TransverselyIsotropic, material
+from stiffscope.cad.part import Interface, Part, geometry_digest, mass_properties, project, surface
+from stiffscope.cad.slider import SliderParameters
+from stiffscope.errors import InputError
 
 FULL = SliderParameters(rib_count=3, fillet=0.004, hole_count=4, hole_pitch=0.05, pad_height=0.005, pads="apart")
 RIB = 0.010 * 0.015 * 0.070 + math.pi / 2 * 0.005**2 * 0.015  # a bar with a half-round nose
@@ -38,7 +38,7 @@ def test_volume_has_its_closed_form(parameters: LinkParameters | SliderParameter
 
 
 def test_each_face_edge_and_vertex_counts_once() -> None:
-    from cad import kernel
+    from stiffscope.cad import kernel
 
     solid = Box(1, 2, 3).wrapped
     assert [len(items(solid)) for items in (kernel.faces, kernel.edges, kernel.vertices)] == [6, 12, 8]
@@ -90,7 +90,7 @@ def test_surface_is_closed_outward_and_on_the_solid(parameters: LinkParameters |
 
 
 def test_projection_in_closed_form_is_the_kernels() -> None:
-    from cad import kernel
+    from stiffscope.cad import kernel
 
     part, rng = slider.build(FULL), np.random.default_rng(1)
     for face in part.faces:

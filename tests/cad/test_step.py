@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from build123d import Align, Box, Cylinder, Pos
 
-from cad import kernel, kernel_files, link, slider
-from cad.faces import FaceSelector, describe, face_geometries, select
-from cad.link import LinkParameters
-from cad.part import Part, geometry_digest, mass_properties
-from cad.slider import SliderParameters
-from cad.solid import Frame, part_of
-from cad.soundness import sound_solid
-from cad.step import read_solid, read_step, write_step, write_stl
-from stiffscope import InputError
+from stiffscope.cad import kernel, kernel_files, link, slider
+from stiffscope.cad.faces import FaceSelector, describe, face_geometries, select
+from stiffscope.cad.link import LinkParameters
+from stiffscope.cad.part import Part, geometry_digest, mass_properties
+from stiffscope.cad.slider import SliderParameters
+from stiffscope.cad.solid import Frame, part_of
+from stiffscope.cad.soundness import sound_solid
+from stiffscope.cad.step import read_solid, read_step, write_step, write_stl
+from stiffscope.errors import InputError
 
 HOLED = SliderParameters(rib_count=2, fillet=0.003, hole_count=3)
 
@@ -202,7 +202,8 @@ def test_a_build123d_solid_is_a_part() -> None:
 
 def test_digest_and_silence_hold_in_another_process(holed: Part) -> None:
     code = (
-        "from cad.slider import SliderParameters as P, build\nfrom cad.part import geometry_digest\n"
+        "from stiffscope.cad.slider import SliderParameters as P, build\n"
+        "from stiffscope.cad.part import geometry_digest\n"
         "print(geometry_digest(build(P(rib_count=2, fillet=0.003, hole_count=3))))"
     )
     printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from fea.experiment import Settings, examine
-from fea.specimen import mesh_specimen
+from stiffscope.fea.experiment import Settings, examine
+from stiffscope.fea.specimen import mesh_specimen
 from tests.fea.shapes import box, cylinder
 
 LINK, PLATE = cylinder(0.5, 0.0125), box(0.085, 0.32, 0.02)

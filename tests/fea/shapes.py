@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from fea.elasticity import isotropic
-from fea.specimen import Specimen
+from stiffscope.fea.elasticity import isotropic
+from stiffscope.fea.specimen import Specimen
 
 STEEL = isotropic(211e9, 81e9)
 CLAMPED, LOADED = frozenset({0}), frozenset({1})

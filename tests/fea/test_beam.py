@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from fea.beam import circle, euler_bernoulli, polar, rectangle, saint_venant_torsion, timoshenko
-from stiffscope import InputError
+from stiffscope.errors import InputError
+from stiffscope.fea.beam import circle, euler_bernoulli, polar, rectangle, saint_venant_torsion, timoshenko
 
 E, G = 211e9, 81e9
 

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from fea.cubic import cubic_compliance, cubic_values, element_energies, enlarge
-from fea.elasticity import assemble, isotropic, strains
-from fea.interfaces import KINDS, Port, rigid_modes, support, unit_loads
-from fea.multigrid import largest_eigenvalue, prepare
-from fea.shape import NODES, quadrature, shape_values, volume
-from stiffscope import InputError
+from stiffscope.errors import InputError
+from stiffscope.fea.cubic import cubic_compliance, cubic_values, element_energies, enlarge
+from stiffscope.fea.elasticity import assemble, isotropic, strains
+from stiffscope.fea.interfaces import KINDS, Port, rigid_modes, support, unit_loads
+from stiffscope.fea.multigrid import largest_eigenvalue, prepare
+from stiffscope.fea.shape import NODES, quadrature, shape_values, volume
 from tests.fea.shapes import CLAMPED, LOADED, STEEL
 
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fea.interfaces import rigid_modes
-from fea.mesh import TetMesh
-from fea.solution import solve_specimen
-from fea.specimen import face_areas
+from stiffscope.fea.interfaces import rigid_modes
+from stiffscope.fea.mesh import TetMesh
+from stiffscope.fea.solution import solve_specimen
+from stiffscope.fea.specimen import face_areas
 from tests.fea.shapes import STEEL
 
 

@@ -4,13 +4,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cad import slider
-from fea.experiment import Settings, run_experiment
-from fea.mesh import MeshError, boundary_facets, tetrahedralize
-from fea.refine import bisect, grade
-from fea.shape import centroid, jacobian_range, volume
-from fea.singular import free_exponent, held_exponent, singular_edges
-from fea.specimen import face_areas, interface_error
+from stiffscope.cad import slider
+from stiffscope.fea.experiment import Settings, run_experiment
+from stiffscope.fea.mesh import MeshError, boundary_facets, tetrahedralize
+from stiffscope.fea.refine import bisect, grade
+from stiffscope.fea.shape import centroid, jacobian_range, volume
+from stiffscope.fea.singular import free_exponent, held_exponent, singular_edges
+from stiffscope.fea.specimen import face_areas, interface_error
 from tests.fea.shapes import box
 from tests.validation import parts
 

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from scipy.io import mmread
 
-import fea.adapt
-import fea.solution
-from fea.cubic import cubic_compliance
-from fea.elasticity import isotropic
-from fea.experiment import Settings, examine, load_experiment
-from fea.export import free_superelement, write_superelement
-from fea.interfaces import rigid_modes
-from fea.mesh import MeshError
-from fea.shape import volume
-from fea.singular import singular_edges
-from stiffscope import InputError
+import stiffscope.fea.adapt
+import stiffscope.fea.solution
+from stiffscope.errors import InputError
+from stiffscope.fea.cubic import cubic_compliance
+from stiffscope.fea.elasticity import isotropic
+from stiffscope.fea.experiment import Settings, examine, load_experiment
+from stiffscope.fea.export import free_superelement, write_superelement
+from stiffscope.fea.interfaces import rigid_modes
+from stiffscope.fea.mesh import MeshError
+from stiffscope.fea.shape import volume
+from stiffscope.fea.singular import singular_edges
 from tests.fea.conftest import PLATE
 from tests.fea.shapes import CLAMPED, box, cylinder
 from tests.fea.test_experiment import REFERENCE, pick
@@ -53,10 +53,10 @@ def test_a_refined_mesh_that_cannot_be_solved_leaves_the_last_one(monkeypatch):
         if meshes:
             raise MeshError("solve: broken")
         meshes.append(mesh)
-        return fea.solution.solve_specimen(specimen, mesh, *rest)
+        return stiffscope.fea.solution.solve_specimen(specimen, mesh, *rest)
 
     meshes = []
-    monkeypatch.setattr(fea.adapt, "solve_specimen", solve)
+    monkeypatch.setattr(stiffscope.fea.adapt, "solve_specimen", solve)
     experiment = examine(PLATE, Settings(tolerance=1e-4))
     assert experiment.mesh is meshes[0]
     assert experiment.note.endswith("at the last mesh that could be solved; solve: broken")
@@ -89,7 +89,7 @@ def test_a_foundation_too_soft_to_hold_is_refused():
 
 def test_no_bound_without_convergence(monkeypatch):
     rubber = box(0.06, 0.03, 0.02, isotropic(3e6, 3e6 / 2 / (1 + 0.49999)))
-    monkeypatch.setattr(fea.solution, "cubic_compliance", partial(cubic_compliance, limit=60))
+    monkeypatch.setattr(stiffscope.fea.solution, "cubic_compliance", partial(cubic_compliance, limit=60))
     with pytest.raises(MeshError, match="did not converge in 60 steps"):
         examine(rubber, Settings(size=0.03))
 

@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from gap.blind import run_blind
-from gap.diagnose import diagnose
-from gap.lots import draw, unseal
-from gap.readings import load_campaign
+from stiffscope.gap.blind import run_blind
+from stiffscope.gap.blind_cases import draw, unseal
+from stiffscope.gap.diagnose import diagnose
+from stiffscope.gap.readings import load_campaign
 from tests.robots import published_robot
 
 WITHHELD = Path(__file__).parents[2] / "data" / "withheld"

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gap.answer import to_json
-from gap.diagnose import diagnose
-from gap.effects import adopted, effect_named, library
-from gap.lab.machine import biglide
-from gap.lab.measuring import Noise, default_plan, measure
-from gap.lab.planting import plant
-from gap.state import Bench
-from stiffscope import InputError
+from stiffscope.errors import InputError
+from stiffscope.gap.diagnose import diagnose
+from stiffscope.gap.diagnosis import to_json
+from stiffscope.gap.effects import adopted, effect_named, library
+from stiffscope.gap.lab.faults import plant
+from stiffscope.gap.lab.machine import biglide
+from stiffscope.gap.lab.measuring import Noise, default_plan, measure
+from stiffscope.gap.state import Bench
+from stiffscope.vjm.analysis import stiffness
 from tests.robots import published_robot
-from vjm.analysis import stiffness
 
 SOFT = ("actuator-stiffness", "limb1", {"factor": 0.8})
 SIZES = {

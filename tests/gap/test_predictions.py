@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gap.answer import to_json
-from gap.linear import fit
-from gap.predictions import diagnose_predictions
-from gap.readings import Campaign, load_campaign
+from stiffscope.gap.diagnosis import to_json
+from stiffscope.gap.linear import fit
+from stiffscope.gap.predictions import diagnose_predictions
+from stiffscope.gap.readings import Campaign, load_campaign
 
 PUBLISHED = load_campaign(Path(__file__).parents[2] / "data" / "campaigns" / "published")
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gap.readings import load_campaign
-from gap.writing import write_campaign
-from stiffscope import InputError
+from stiffscope.errors import InputError
+from stiffscope.gap.campaign_io import write_campaign
+from stiffscope.gap.readings import load_campaign
 
 DATA = Path(__file__).parents[2] / "data" / "campaigns"
 HEADER = "x,y,z,fx,fy,fz,mx,my,mz,quantity,value,sigma,session\n"

@@ -8,10 +8,10 @@ from math import cos, log, pi, sin
 
 import numpy as np
 
-from cad import kernel, link, slider
-from cad.faces import FaceSelector
-from cad.materials import CFRP_TUBE, STEEL, Material
-from cad.solid import part_of
+from stiffscope.cad import kernel, link, slider
+from stiffscope.cad.faces import FaceSelector
+from stiffscope.cad.materials import CFRP_TUBE, STEEL, Material
+from stiffscope.cad.solid import part_of
 
 NO_POISSON = Material("no-poisson", 200e9, 100e9, 7800.0)
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stiffscope.vjm.analysis import sag, stiffness
+from stiffscope.vjm.audit import matrix_findings, principal_findings, reading_r1, rms_findings
+from stiffscope.vjm.biglide import pose_at
+from stiffscope.vjm.bounds import rotational_bound, stiffness_bounds
+from stiffscope.vjm.response import respond
 from tests.robots import GEOMETRY
-from vjm.analysis import sag, stiffness
-from vjm.audit import matrix_findings, principal_findings, reading_r1, rms_findings
-from vjm.biglide import pose_at
-from vjm.bounds import rotational_bound, stiffness_bounds
-from vjm.response import respond
 
 ENTRIES = ((0, 0), (1, 1), (2, 2), (3, 3), (4, 4), (5, 5), (0, 4), (1, 3))
 TABLE = {  # K in 1e6 at x = y = 0; the last row with a rigid slider

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from cad.link import LinkParameters, build
-from cad.materials import STEEL
-from cad.part import mass_properties
-from cad.step import read_step, write_step
-from fea.experiment import Settings, run_experiment
-from fea.mesh import default_size
+from stiffscope.cad.link import LinkParameters, build
+from stiffscope.cad.materials import STEEL
+from stiffscope.cad.part import mass_properties
+from stiffscope.cad.step import read_step, write_step
+from stiffscope.fea.experiment import Settings, run_experiment
+from stiffscope.fea.mesh import default_size
 from tests.validation import parts
 from tests.validation.axisymmetric import stretch
 

@@ -5,10 +5,10 @@ import pytest
 
 from examples.delta import example
 from examples.gough_stewart import cubic_platform
-from stiffscope import InputError
-from vjm.analysis import mobility, stiffness
-from vjm.reduction import as_stiffness
-from vjm.response import respond
+from stiffscope.errors import InputError
+from stiffscope.vjm.analysis import mobility, stiffness
+from stiffscope.vjm.reduction import as_stiffness
+from stiffscope.vjm.response import respond
 
 
 def test_cubic_gough_stewart_platform():

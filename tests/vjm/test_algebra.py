@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from stiffscope import InputError
+from stiffscope.errors import InputError
+from stiffscope.vjm.analysis import mobility, singular_note, softest
+from stiffscope.vjm.elastic import HERE, Parallel, Passive, Series, Spring, Weight, drive, edited, revolute, spherical
+from stiffscope.vjm.reduction import as_stiffness, reduced
+from stiffscope.vjm.response import respond, tool_twist
+from stiffscope.vjm.screws import Frame, rotation, rotation_of, shift, skew
 from tests.robots import euler_bernoulli, random_compliance
-from vjm.analysis import mobility, singular_note, softest
-from vjm.elastic import HERE, Parallel, Passive, Series, Spring, Weight, drive, edited, revolute, spherical
-from vjm.reduction import as_stiffness, reduced
-from vjm.response import respond, tool_twist
-from vjm.screws import Frame, rotation, rotation_of, shift, skew
 
 vectors = arrays(np.float64, 3, elements=st.floats(-1.0, 1.0))
 seeds = st.integers(0, 2**32 - 1)

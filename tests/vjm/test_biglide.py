@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiffscope import InputError
+from stiffscope.errors import InputError
+from stiffscope.vjm.analysis import analyse, stiffness
+from stiffscope.vjm.biglide import Biglide, link_angle, pose_at, reachable, slides, tool_point
+from stiffscope.vjm.deflection import deflection, load_deflection
+from stiffscope.vjm.elastic import Parallel, Series, Spring, drive
+from stiffscope.vjm.screws import Frame
+from stiffscope.vjm.uncertainty import stiffness_error
 from tests.robots import DRIVE, GEOMETRY, euler_bernoulli, published_slider, random_compliance, random_poses
 from tests.vjm.direct_stiffness import biglide
-from vjm.analysis import analyse, stiffness
-from vjm.biglide import Biglide, link_angle, pose_at, reachable, slides, tool_point
-from vjm.deflection import deflection, load_deflection
-from vjm.elastic import Parallel, Series, Spring, drive
-from vjm.screws import Frame
-from vjm.uncertainty import stiffness_error
 
 MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0, -1.0, -1.0])
 

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
+from stiffscope.vjm.analysis import sag, stiffness
+from stiffscope.vjm.biglide import Biglide, link_angle
+from stiffscope.vjm.elastic import Parallel, Passive, Series, Spring, Weight, revolute, spherical
+from stiffscope.vjm.gravity import exact_stiffness, load_hessian
+from stiffscope.vjm.reduction import as_stiffness
+from stiffscope.vjm.screws import Frame, rotation, rotation_of
 from tests.robots import DRIVE, GEOMETRY, euler_bernoulli, published_slider, random_compliance
 from tests.vjm import energy
-from vjm.analysis import sag, stiffness
-from vjm.biglide import Biglide, link_angle
-from vjm.elastic import Parallel, Passive, Series, Spring, Weight, revolute, spherical
-from vjm.gravity import exact_stiffness, load_hessian
-from vjm.reduction import as_stiffness
-from vjm.screws import Frame, rotation, rotation_of
 
 
 @pytest.mark.parametrize("z", [0.30, 0.40, 0.50])

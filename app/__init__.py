@@ -1,1 +1,0 @@
-"""What a person touches: command line, robot file, cache, plots, report page."""

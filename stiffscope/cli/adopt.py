@@ -1,0 +1,132 @@
+"""`--adopt`: a robot file that carries the effects of a diagnosis from now on, with where they come from."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from stiffscope import files
+from stiffscope.errors import InputError
+from stiffscope.robot.robot_file import load_robot
+
+if TYPE_CHECKING:
+    from tomlkit import TOMLDocument
+
+    from stiffscope.gap.diagnosis import Diagnosis, Effect
+    from stiffscope.robot.schema import RobotFile
+    from stiffscope.vjm.biglide import Biglide
+
+
+def check_target(target: Path, robot: RobotFile | None) -> None:
+    """Refuse a file that must not be overwritten, before work is spent. Raises InputError."""
+    if robot is None:
+        raise InputError("--adopt: this campaign has predictions instead of a robot; only a robot can carry an effect")
+    if target.is_dir():
+        raise InputError(f"{target}: is a folder; give a robot file to write with --adopt")
+    if not target.parent.is_dir():
+        raise InputError(f"{target}: there is no folder {target.parent}; give a robot file to write with --adopt")
+    if not target.exists():
+        return
+    if target.samefile(robot.path):
+        raise InputError(f"{target}: is the robot file that the diagnosis starts from; give a new one with --adopt")
+    try:
+        load_robot(target)
+    except InputError as error:
+        raise InputError(f"{target}: is there and is no robot file; give a new file with --adopt") from error
+
+
+def adopt(
+    target: Path, robot: RobotFile, bare: Biglide, diagnosis: Diagnosis, *, campaign: str, components: str
+) -> list[str]:
+    """Write the robot file with the diagnosis' effects; returns those that no robot can carry, and why.
+
+    The parts' matrices come from the source that the effects were found with. Raises InputError when the verdict is
+    not "identified", or none of the effects can be carried.
+    """
+    if diagnosis.verdict != "identified":
+        raise InputError(
+            f"--adopt: nothing is adopted, the verdict is {diagnosis.verdict}, not identified; no file is written"
+        )
+    carried, left = _carried(bare, diagnosis)
+    if not carried:
+        raise InputError(f"--adopt: nothing is adopted: {'; '.join(left)}")
+    files.write_bytes(target, _text(target, robot, carried, diagnosis, campaign, components).encode())
+    return left
+
+
+def _carried(bare: Biglide, diagnosis: Diagnosis) -> tuple[list[Effect], list[str]]:
+    from stiffscope.gap.effects import adopted
+
+    carried: list[Effect] = []
+    left: list[str] = []
+    for effect in diagnosis.effects:
+        try:
+            adopted(bare, effect.effect, effect.place, {name: p.value for name, p in effect.parameters.items()})
+            carried.append(effect)
+        except InputError as error:
+            left.append(str(error))
+    return carried, left
+
+
+def _text(
+    target: Path, robot: RobotFile, carried: list[Effect], diagnosis: Diagnosis, campaign: str, components: str
+) -> str:
+    import tomlkit
+
+    document = tomlkit.parse(robot.path.read_text(encoding="utf-8-sig"))
+    for part in ("link", "slider"):
+        if robot.part(part).compliance != components:
+            document[part]["compliance"] = components  # type: ignore[index]
+        if robot.part(part).step is not None:
+            _move_step(document, part, robot.path, target)
+    former = document.pop("effects").unwrap() if "effects" in document else []
+    if not former:
+        document.add(tomlkit.nl())
+    document["effects"] = effects = tomlkit.aot()
+    for entry in [*former, *(_entry(effect, diagnosis, campaign) for effect in carried)]:
+        table = tomlkit.table()
+        for key, value in entry.items():
+            table.add(key, _inline(value) if isinstance(value, dict) else value)
+        effects.append(table)
+    return tomlkit.dumps(document)
+
+
+def _move_step(document: TOMLDocument, part: str, source: Path, target: Path) -> None:
+    """A STEP file is named from where the robot file stands."""
+    step: Any = document[part]["step"]  # type: ignore[index]
+    if not Path(step["file"]).is_absolute():
+        place = (source.parent / step["file"]).resolve()
+        step["file"] = Path(os.path.relpath(place, target.resolve().parent)).as_posix()
+
+
+def _entry(effect: Effect, diagnosis: Diagnosis, campaign: str) -> dict[str, Any]:
+    gap = diagnosis.gap
+    provenance: dict[str, Any] = {
+        "campaign": campaign,
+        "probability": _rounded(effect.probability),
+        "gap_before": _rounded(gap.nominal),
+        "gap_after": _rounded(gap.explained),
+        "gap_held_out": _rounded(gap.held_out),
+        "gap_noise": _rounded(gap.noise),
+        "unit": "% rms",
+    }
+    return {
+        "effect": effect.effect,
+        "place": effect.place,
+        "parameters": {name: p.value for name, p in effect.parameters.items()},
+        "provenance": provenance | {"sigma": {name: _rounded(p.sigma) for name, p in effect.parameters.items()}},
+    }
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.4g}")
+
+
+def _inline(values: dict[str, Any]) -> Any:
+    import tomlkit
+
+    table = tomlkit.inline_table()
+    for key, value in values.items():
+        table.append(key, _inline(value) if isinstance(value, dict) else value)
+    return table

@@ -1,0 +1,266 @@
+"""`stiffscope interfaces`: how much a part's compliance depends on how it is taken to be held and loaded.
+
+Each choice changes one thing of the robot file, as `--set` would, and leaves everything else as it is there.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import logging
+import sys
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope import files
+from stiffscope.cli.run import workshop
+from stiffscope.errors import InputError
+from stiffscope.jobs.cache import file_digest
+from stiffscope.jobs.experiments import order_part, solve_parts
+from stiffscope.jobs.manifest import Manifest
+from stiffscope.report import tables
+from stiffscope.report.compare import entry_name
+from stiffscope.robot.robot_file import load_robot
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from stiffscope.cad.slider import SliderParameters
+    from stiffscope.jobs.experiments import PartOrder, PartResult
+    from stiffscope.robot.schema import PartName, RobotFile
+
+log = logging.getLogger(__name__)
+
+AT_ONCE = 2  # experiments side by side: each may take gigabytes
+PAD_HEIGHT = 1 / 4  # of the thickness, for joint pads where the part has none
+HOLE_PITCH = 4.0  # thicknesses from one bolt hole to the next, for holes where the part has none
+OWN = "as in the robot file"
+APART = "the pads are loaded together here, not apart, so that there is one matrix (--set slider.pads=together)"
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A way to hold or load a part: its name, what it is in words, and the values of `--set` that choose it."""
+
+    name: str
+    words: str
+    overrides: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Tested:
+    """A part's compliance (6, 6) under a choice, and its 95 % bounds; SI, at the own choice's reference point."""
+
+    choice: Choice
+    order: PartOrder
+    compliance: np.ndarray
+    error: np.ndarray
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An entry under the own choice (SI, with its bound), and what each other choice makes of it, relative."""
+
+    name: str
+    unit: str
+    own: float
+    error: float
+    changes: tuple[float, ...]
+    bars: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A part under the choice of the robot file and under the others; why some are left out, a line each."""
+
+    part: str
+    own: Tested
+    others: tuple[Tested, ...]
+    entries: tuple[Entry, ...]
+    left_out: tuple[str, ...]
+
+
+def compare_interfaces(
+    name: str, part: PartName, out: Path, *, overrides: Sequence[str], tolerance: str | None, quiet: bool
+) -> None:
+    """Test the part under each choice and write a complete folder: CSV, JSON, figure."""
+    from stiffscope.report.interface_figure import draw
+
+    begun = time.perf_counter()
+    robot = load_robot(name, overrides, tolerance)
+    files.check_output(out)
+    manifest = Manifest(sys.argv[1:], str(robot.path), file_digest(robot.path), list(overrides))
+    base = [*overrides, f"{part}.pads=together"] if part == "slider" else list(overrides)
+    own = order_part(load_robot(name, base, tolerance), part, pictures=False, label=OWN)
+    orders, names, left_out = _orders(name, robot, part, base, tolerance, own)
+    with workshop(quiet=quiet) as (cache, spare, open_line), files.staged_folder(out) as folder:
+        wanted = {Choice(", ".join(names) or OWN, OWN, ()): own, **orders}
+        found: list[PartResult] = []
+        for start in range(0, len(wanted), AT_ONCE):
+            batch = list(wanted.values())[start : start + AT_ONCE]
+            found += solve_parts(batch, cache, spare, {order.label: open_line(order.label) for order in batch})
+        for choice, result in zip(wanted, found, strict=True):
+            manifest.note(choice.name, key=result.key, reused=result.reused, seconds=result.seconds)
+        compared = _compared(part, wanted, found, left_out)
+        files.write_bytes(folder / "interfaces.csv", _csv(compared).encode())
+        files.write_json(folder / "interfaces.json", _json(compared, found))
+        draw(compared, f"{robot.name}: what the interfaces make of the {part}'s compliance", folder / "interfaces.png")
+        manifest.write(folder)
+    for choice, result in zip(wanted, found, strict=True):
+        if result.note:
+            log.warning("%s, %s: %s", part, choice.name, result.note)
+    if not quiet:
+        tables.show_interfaces(compared)
+        tables.show_line(f"Written to {out} in {time.perf_counter() - begun:.1f} s")
+
+
+def choices(robot: RobotFile, part: PartName) -> list[Choice]:
+    """Choices for a part: how to load it, how to hold it; sizes that the part lacks follow from its own.
+
+    Pads are a quarter of the thickness high, bolt holes four thicknesses apart (or as near to that as ribs let
+    them be); the foundation gives as a layer of the part's material would that is as deep as the part is thick.
+    """
+    section, length = robot.part(part), robot.part(part).lengths()
+    thickness = length["thickness"] if part == "slider" else 2 * length["radius"]
+    bed = section.foundation or float(f"{robot.material(part).youngs_modulus / thickness:.3g}")
+
+    def choice(name: str, words: str, **values: float | str | None) -> Choice:
+        wanted = {key: value for key, value in values.items() if getattr(section, key, value) != value}
+        return Choice(name, words, tuple(f"{part}.{key}={_written(key, value)}" for key, value in wanted.items()))
+
+    whole, face = ({"pad_height": 0.0}, {"clamp": "face"}) if part == "slider" else ({}, {})
+    found = [
+        choice("rigid face", "the loaded face moves as one body", interface="rigid", **whole),
+        choice("even traction", "the loaded face carries the load evenly", interface="distributed", **whole),
+        choice("rigid clamp", "the clamped face does not move", foundation=None, **face),
+        choice("foundation", f"springs of {bed / 1e9:.12g} N/mm³ under the clamped face", foundation=bed, **face),
+    ]
+    if part == "slider":
+        slider: Any = robot.parameters(part)
+        height = slider.pad_height or PAD_HEIGHT * slider.thickness
+        rigid = {} if slider.pad_height else {"interface": "rigid"}  # pads that are there are loaded as they are
+        pads = ", ".join(f"{1e3 * size:g} mm {word}" for size, word in _pad_sizes(slider, height))
+        count = slider.hole_count or _hole_count(slider)
+        holes = f"held in {count} bolt holes of {1e3 * slider.hole_diameter:g} mm instead of by the face"
+        found.insert(2, choice("three pads", f"loaded on three joint pads, {pads}", pad_height=height, **rigid))
+        found.insert(4, choice("bolt holes", holes, hole_count=count, clamp="holes", foundation=None))
+    return found
+
+
+def _written(key: str, value: Any) -> str:
+    """A value as a robot file has it."""
+    if key == "foundation":
+        return "rigid" if value is None else f"{value / 1e9:.12g} N/mm^3"
+    return f"{1e3 * value:.12g} mm" if key == "pad_height" else str(value)
+
+
+def _pad_sizes(slider: SliderParameters, height: float) -> tuple[tuple[float, str], ...]:
+    return (height, "high"), (slider.pad_width, "wide"), (slider.pad_spacing, "apart")
+
+
+def _hole_count(slider: SliderParameters) -> int:
+    """How many bolt holes: four thicknesses apart, or the nearest number that clears the ribs."""
+    wanted = max(2, round(slider.width / (HOLE_PITCH * slider.thickness)))
+    near = sorted(range(2, 2 * wanted + 3), key=lambda count: abs(count - wanted))
+    return next((count for count in near if _fits(slider, count)), wanted)
+
+
+def _fits(slider: SliderParameters, count: int) -> bool:
+    try:
+        dataclasses.replace(slider, hole_count=count)
+    except InputError:
+        return False
+    return True
+
+
+def _orders(
+    name: str, robot: RobotFile, part: PartName, base: Sequence[str], tolerance: str | None, own: PartOrder
+) -> tuple[dict[Choice, PartOrder], list[str], list[str]]:
+    """Experiments of the choices that differ from the own one, the names of those that are it, and what is left out."""
+    orders: dict[Choice, PartOrder] = {}
+    same, left_out = [], [APART] if robot.part(part).shape().get("pads") == "apart" else []
+    for choice in choices(robot, part):
+        if own.step and choice.name in {"three pads", "bolt holes"}:
+            left_out.append(f"{choice.name}: left out, since the solid of a STEP file is as it is")
+            continue
+        try:
+            changed = load_robot(name, [*base, *choice.overrides], tolerance)
+            order = order_part(changed, part, pictures=False, label=choice.name)
+        except InputError as error:
+            left_out.append(f"{choice.name}: left out; {error}")
+            continue
+        if order == own:
+            same.append(choice.name)
+        else:
+            orders[choice] = order
+    return orders, same, left_out
+
+
+def _compared(
+    part: str, wanted: Mapping[Choice, PartOrder], found: Sequence[PartResult], left_out: Sequence[str]
+) -> Comparison:
+    from stiffscope.fea.adapt import SIGNIFICANT
+
+    point = found[0].facts["reference_point"]
+    own, *others = (Tested(*order, *_at(result, point)) for order, result in zip(wanted.items(), found, strict=True))
+    scale = np.sqrt(np.diag(own.compliance))
+    notable = np.abs(own.compliance) > SIGNIFICANT * np.outer(scale, scale)
+    entries = [_entry(own, others, i, j) for i in range(6) for j in range(i, 6) if notable[i, j]]
+    return Comparison(part, own, tuple(others), tuple(entries), tuple(left_out))
+
+
+def _at(result: PartResult, point: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+    """Compliance and bounds (6, 6) at another reference point: pads stand out from the face that they load."""
+    from stiffscope.vjm.screws import shift
+
+    carry = shift(np.subtract(point, result.facts["reference_point"]))
+    return carry @ result.compliance @ carry.T, np.abs(carry) @ result.error @ np.abs(carry.T)
+
+
+def _entry(own: Tested, others: Sequence[Tested], i: int, j: int) -> Entry:
+    """One entry; the bars of the changes hold for the two errors at their worst together."""
+    value, error = float(own.compliance[i, j]), float(own.error[i, j])
+    ratios = [float(t.compliance[i, j]) / value for t in others]
+    bars = [(float(t.error[i, j]) + abs(ratio) * error) / abs(value) for t, ratio in zip(others, ratios, strict=True)]
+    return Entry(*entry_name(i, j), value, error, tuple(ratio - 1 for ratio in ratios), tuple(bars))
+
+
+def _csv(compared: Comparison) -> str:
+    """A line for each entry and choice, SI; changes are relative to the own choice's."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["entry", "unit", "choice", "set", "value", "bound", "change", "change_bound"])
+    for entry in compared.entries:
+        i, j = int(entry.name[1]) - 1, int(entry.name[2]) - 1
+        rows = [(compared.own, 0.0, 0.0), *zip(compared.others, entry.changes, entry.bars, strict=True)]
+        for tested, change, bar in rows:
+            values = (tested.compliance[i, j], tested.error[i, j], change, bar)
+            words = "; ".join(tested.choice.overrides)
+            writer.writerow([entry.name, entry.unit, tested.choice.name, words, *(f"{v:.9g}" for v in values)])
+    return text.getvalue()
+
+
+def _json(compared: Comparison, found: Sequence[PartResult]) -> dict[str, Any]:
+    """The whole matrices."""
+    tested = (compared.own, *compared.others)
+    return {
+        "part": compared.part,
+        "reference_point": found[0].facts["reference_point"],
+        "choices": [
+            {
+                "name": t.choice.name,
+                "words": t.choice.words,
+                "set": list(t.choice.overrides),
+                "compliance": t.compliance,
+                "error": t.error,
+                **{key: result.facts[key] for key in ("tolerance", "relative_bound", "note", "mesh")},
+            }
+            for t, result in zip(tested, found, strict=True)
+        ],
+        "left_out": list(compared.left_out),
+    }

@@ -1,0 +1,9 @@
+"""The errors of the package: one base class, and the one that a user's input raises."""
+
+
+class StiffscopeError(Exception):
+    """Base class of every error that stiffscope raises on purpose."""
+
+
+class InputError(StiffscopeError, ValueError):
+    """Bad input: its message is one line that names the file or field, what was expected and what would be valid."""

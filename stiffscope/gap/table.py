@@ -1,0 +1,145 @@
+"""One CSV file as columns of text and of numbers; whatever is wrong is named by file, line and column."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of text, all of one length."""
+
+    name: str
+    columns: dict[str, tuple[str, ...]]
+    lines: tuple[int, ...]
+    """Line of the file that each row stands on."""
+
+    def fail(self, row: int, column: str, expected: str) -> InputError:
+        """Return the error that names one cell."""
+        found = self.columns[column][row] if column in self.columns else ""
+        shown = "an empty cell" if not found.strip() else repr(found[:40])
+        return InputError(f"{self.name}, line {self.lines[row]}, column {column}: expected {expected}, found {shown}")
+
+
+def read_table(path: Path, check: Callable[[str, list[str]], None]) -> Table:
+    """Return a CSV file's columns, with surrounding blanks removed; blank lines are passed over.
+
+    check: called with the file's name and its header before any row is looked at.
+
+    Raises InputError for a file that cannot be read, is not UTF-8, has no or a doubtful header, or a row whose
+    number of cells is not the header's.
+    """
+    reader = csv.reader(io.StringIO(_text(path), newline=""), strict=True, skipinitialspace=True)
+    rows: list[list[str]] = []
+    lines: list[int] = []
+    before = 0
+    try:
+        for row in reader:
+            if row and not (len(row) == 1 and not row[0].strip()):
+                rows.append(row)
+                lines.append(before + 1)
+            before = reader.line_num
+    except csv.Error as error:
+        raise InputError(f"{path.name}, line {reader.line_num}: expected a CSV row, found {error}") from None
+    if not rows:
+        raise InputError(f"{path.name}: expected a header line with the column names, found an empty file")
+    header = _header(path.name, rows[0], lines[0])
+    check(path.name, header)
+    _check_lengths(path.name, header, rows, lines)
+    if len(rows) == 1:
+        raise InputError(f"{path.name}, line {lines[0] + 1}: expected at least one row under the header")
+    cells = zip(*rows[1:], strict=True)
+    columns = {name: tuple(map(str.strip, column)) for name, column in zip(header, cells, strict=True)}
+    return Table(path.name, columns, tuple(lines[1:]))
+
+
+def _text(path: Path) -> str:
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: expected a readable CSV file, found {error.strerror}") from None
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = raw[: error.start].count(b"\n") + 1
+        raise InputError(f"{path.name}, line {line}: expected UTF-8 text, found byte {raw[error.start]:#04x}") from None
+    if "\0" in text:
+        line = text[: text.index("\0")].count("\n") + 1
+        raise InputError(f"{path.name}, line {line}: expected text, found a NUL byte")
+    return text
+
+
+def _header(name: str, row: list[str], line: int) -> list[str]:
+    header = [cell.strip() for cell in row]
+    if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
+        raise InputError(f"{name}, line {line}: expected columns separated by commas, found {header[0][:40]!r}")
+    for position, cell in enumerate(header):
+        if not cell:
+            raise InputError(f"{name}, line {line}, column {position + 1}: expected a name in the header")
+        if cell in header[:position]:
+            raise InputError(f"{name}, line {line}, column {cell}: expected each name once, found it twice")
+    return header
+
+
+def _check_lengths(name: str, header: list[str], rows: list[list[str]], lines: list[int]) -> None:
+    count = len(header)
+    for row, line in zip(rows, lines, strict=True):
+        if len(row) < count:
+            at = header[len(row)]
+            message = f"expected {count} cells, found {len(row)}: the row ends early"
+            raise InputError(f"{name}, line {line}, column {at}: {message}")
+        if len(row) > count:
+            message = f"expected {count} cells, found {len(row)}"
+            raise InputError(f"{name}, line {line}, column {count + 1}: {message}")
+
+
+def check_columns(name: str, header: list[str], required: Collection[str], valid: Collection[str]) -> None:
+    """Raise InputError for a missing column, or for one that is not valid (all of `valid` are listed)."""
+    missing = [column for column in required if column not in header]
+    if missing:
+        raise InputError(f"{name}, line 1, column {missing[0]}: expected this column, it is missing")
+    unknown = [column for column in header if column not in valid]
+    if unknown:
+        raise InputError(f"{name}, line 1, column {unknown[0]}: expected one of {', '.join(valid)}")
+
+
+def numbers(table: Table, column: str, *, empty: bool = False, expected: str = "a finite number") -> Array:
+    """Return a column as floats (n,); with `empty`, an empty cell is NaN. Raises InputError that names the cell."""
+    cells = table.columns[column]
+    try:
+        values = np.array([float(cell) if cell else math.nan for cell in cells], dtype=np.float64)
+    except ValueError:
+        values = None
+    strange = values is None or any("_" in cell for cell in cells)
+    if values is None or strange:
+        row = next(i for i, cell in enumerate(cells) if cell and not _is_number(cell))
+        raise table.fail(row, column, expected)
+    blank = np.array([not cell for cell in cells], dtype=np.bool_)
+    bad = ~np.isfinite(values) & ~(blank if empty else np.zeros_like(blank))
+    if bad.any():
+        raise table.fail(int(np.argmax(bad)), column, expected)
+    return values
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return "_" not in cell

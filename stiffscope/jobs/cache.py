@@ -1,0 +1,191 @@
+"""Results kept by the hash of everything that determines them: files in folders, checksummed, never trusted blindly.
+
+An entry is a folder `<root>/<kind>/<key>/` with the files and an `entry.json` that lists their checksums. It is
+written aside and moved into place in one step; on reading, what is torn, foreign or of another format is
+thrown away and counts as absent. Nothing is unpickled. A cache that cannot be written is done without.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import logging
+import os
+import shutil
+import sys
+import time
+import uuid
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module, metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+
+log = logging.getLogger(__name__)
+
+FORMAT = 1
+_INDEX = "entry.json"
+_STALE = 24 * 3600.0
+
+
+@dataclass(frozen=True)
+class Cache:
+    """A store of results under one folder."""
+
+    root: Path
+
+    def get(self, kind: str, key: str) -> Path | None:
+        """Folder of a complete and intact entry, or None."""
+        folder = self.root / kind / key
+        if not os.path.lexists(folder):
+            return None
+        reason = _flaw(folder, kind, key)
+        if reason is None:
+            return folder
+        log.info("cache entry %s/%s is not used: %s", kind, key[:12], reason)
+        self._discard(folder)
+        return None
+
+    def put(self, kind: str, key: str, write: Callable[[Path], object]) -> Path | None:
+        """Let `write(folder)` fill a new entry and move it into place.
+
+        Returns the entry's folder, or None where the cache cannot be written (the result is then merely not
+        kept). What `write` itself raises is passed on. When another process stored the same key meanwhile,
+        either one stays.
+        """
+        aside = self.root / "aside" / uuid.uuid4().hex
+        try:
+            aside.mkdir(parents=True)
+            self._sweep()
+        except OSError as error:
+            log.warning("results are not kept: the cache %s cannot be written (%s)", self.root, error.strerror)
+            return None
+        try:
+            write(aside)
+            return self._place(aside, kind, key)
+        finally:
+            shutil.rmtree(aside, ignore_errors=True)
+
+    def _place(self, aside: Path, kind: str, key: str) -> Path | None:
+        folder = self.root / kind / key
+        try:
+            files = {name: _checksum(aside / name) for name in sorted(kept_files(aside))}
+            (aside / _INDEX).write_text(json.dumps({"format": FORMAT, "kind": kind, "key": key, "files": files}))
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            for _ in range(3):
+                try:
+                    aside.rename(folder)
+                    return folder
+                except OSError:
+                    if self.get(kind, key) is not None:
+                        return folder
+        except OSError as error:
+            log.warning("results are not kept: the cache %s cannot be written (%s)", self.root, error.strerror)
+        return None
+
+    def _discard(self, folder: Path) -> None:
+        """Move a bad entry away first, so that nobody meets it half deleted."""
+        away = self.root / "aside" / uuid.uuid4().hex
+        try:
+            away.parent.mkdir(parents=True, exist_ok=True)
+            folder.rename(away)
+        except OSError:
+            return
+        if away.is_dir() and not away.is_symlink():
+            shutil.rmtree(away, ignore_errors=True)
+        else:
+            with contextlib.suppress(OSError):
+                away.unlink()
+
+    def _sweep(self) -> None:
+        """Remove what killed processes left aside a day ago."""
+        for left in (self.root / "aside").iterdir():
+            with contextlib.suppress(OSError):
+                if time.time() - left.stat().st_mtime > _STALE:
+                    shutil.rmtree(left, ignore_errors=True)
+
+
+def default_cache() -> Cache:
+    """Cache of this user; the environment variable STIFFSCOPE_CACHE puts it elsewhere."""
+    chosen = os.environ.get("STIFFSCOPE_CACHE")
+    if chosen:
+        return Cache(Path(chosen).expanduser().absolute())
+    import platformdirs
+
+    return Cache(Path(platformdirs.user_cache_dir("stiffscope", appauthor=False)))
+
+
+def digest(determined_by: Mapping[str, Any]) -> str:
+    """Key of a result: SHA-256 over everything that determines it (numbers by their exact value)."""
+    canonical = json.dumps(determined_by, sort_keys=True, separators=(",", ":"), allow_nan=False, default=_plain)
+    return hashlib.sha256(canonical.encode()).hexdigest()
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file's bytes."""
+    return _checksum(path)
+
+
+@cache
+def code_version(packages: tuple[str, ...], libraries: tuple[str, ...]) -> str:
+    """Hash of the packages' source and of the libraries' versions: other code makes other results."""
+    found = hashlib.sha256(f"{sys.version_info[:2]} {FORMAT}".encode())
+    for package in packages:
+        folder = Path(str(import_module(package).__file__)).parent
+        for source in sorted(folder.rglob("*.py")):
+            found.update(f"{package}/{source.relative_to(folder).as_posix()}".encode())
+            found.update(source.read_bytes())
+    for library in libraries:
+        found.update(f"{library} {library_version(library)}".encode())
+    return found.hexdigest()
+
+
+def library_version(library: str) -> str:
+    """Version of an installed distribution, or "none"."""
+    try:
+        return metadata.version(library)
+    except metadata.PackageNotFoundError:
+        return "none"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, frozenset | set):
+        return sorted(value)
+    if isinstance(value, Path):
+        return value.as_posix()
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} cannot be part of a cache key")
+
+
+def _flaw(folder: Path, kind: str, key: str) -> str | None:
+    """Why an entry is not to be trusted, or None."""
+    try:
+        index = json.loads((folder / _INDEX).read_bytes())
+        if (index["format"], index["kind"], index["key"]) != (FORMAT, kind, key):
+            return "it is of another format or another key"
+        listed = index["files"]
+        if sorted(listed) != sorted(kept_files(folder)):
+            return "its files are not those that were written"
+        torn = [name for name, checksum in listed.items() if _checksum(folder / name) != checksum]
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        return f"it cannot be read ({type(error).__name__})"
+    return f"{torn[0]} is damaged" if torn else None
+
+
+def kept_files(folder: Path) -> Iterable[str]:
+    """Names of an entry's files, relative to its folder."""
+    for path in folder.rglob("*"):
+        if path.is_symlink():
+            raise OSError(f"{path} is a link")
+        if path.is_file() and path.name != _INDEX:
+            yield path.relative_to(folder).as_posix()
+
+
+def _checksum(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

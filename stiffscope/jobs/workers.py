@@ -1,0 +1,146 @@
+"""Jobs side by side, each in a process of its own: progress comes back, errors too, and nobody outlives the parent."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import logging.handlers
+import multiprocessing
+import os
+import signal
+import sys
+import traceback
+from multiprocessing.connection import Connection, wait
+from typing import TYPE_CHECKING, Any
+
+from stiffscope.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from multiprocessing.process import BaseProcess
+
+log = logging.getLogger(__name__)
+
+
+class WorkerError(RuntimeError):
+    """A job ended without an answer, or with an error that is not the user's."""
+
+
+def work_together(
+    function: Callable[..., Any], jobs: Mapping[Any, tuple[Any, ...]], reports: Mapping[Any, Any]
+) -> dict[Any, Any]:
+    """Call `function(*arguments, report)` once for each job, all at the same time.
+
+    Parameters
+    ----------
+    function
+        Importable by name; its last argument is `report(stage, fraction)`.
+    jobs
+        Name of each job and its arguments.
+    reports
+        Where a job's progress goes, by name; may lack names.
+
+    Raises
+    ------
+    InputError
+        What a job refused. The other jobs are ended.
+    WorkerError
+        A job crashed.
+
+    """
+    context = multiprocessing.get_context("spawn")
+    running: dict[Connection, tuple[Any, BaseProcess]] = {}
+    try:
+        for name, arguments in jobs.items():
+            here, there = context.Pipe(duplex=False)
+            process = context.Process(target=_child, args=(there, function, arguments), daemon=False)
+            process.start()
+            there.close()
+            running[here] = (name, process)
+        return _gather(running, reports)
+    finally:
+        for _, process in running.values():
+            _end(process)
+
+
+def _gather(running: dict[Connection, tuple[Any, BaseProcess]], reports: Mapping[Any, Any]) -> dict[Any, Any]:
+    answers: dict[Any, Any] = {}
+    open_ends = dict(running)
+    while open_ends:
+        for end in wait(list(open_ends)):
+            if not isinstance(end, Connection):
+                continue
+            name, process = open_ends[end]
+            try:
+                kind, content = end.recv()
+            except EOFError:
+                process.join(5)
+                raise WorkerError(
+                    f"{name}: its process ended without an answer (exit code {process.exitcode})"
+                ) from None
+            if kind == "progress" and name in reports:
+                reports[name](*content)
+            elif kind == "log":
+                logging.getLogger(content.name).handle(content)
+            elif kind == "answer":
+                answers[name] = content
+                del open_ends[end]
+            elif kind == "refused":
+                raise InputError(content)
+            elif kind == "failed":
+                log.debug("%s", content)
+                raise WorkerError(f"{name}: {content.strip().splitlines()[-1]}")
+    return answers
+
+
+def _end(process: BaseProcess) -> None:
+    if process.is_alive():
+        process.join(0.5)
+    if process.is_alive():
+        process.terminate()
+        process.join(2)
+    if process.is_alive():
+        process.kill()
+    process.join()
+
+
+def _child(end: Connection, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+    _obey_parent()
+    root = logging.getLogger()
+    root.addHandler(_Forward(end))
+    root.setLevel(logging.WARNING)
+    try:
+        answer = function(*arguments, lambda stage, fraction: end.send(("progress", (stage, fraction))))
+        end.send(("answer", answer))
+    except InputError as error:
+        end.send(("refused", str(error)))
+    except BrokenPipeError:
+        return
+    except Exception:  # noqa: BLE001 (whatever it is, the parent tells it)
+        end.send(("failed", traceback.format_exc()))
+
+
+class _Forward(logging.Handler):
+    """Sends log records to the parent, which knows where they go."""
+
+    def __init__(self, end: Connection) -> None:
+        super().__init__()
+        self.end = end
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Send one record."""
+        record.msg, record.args, record.exc_info = record.getMessage(), None, None
+        with contextlib.suppress(OSError):
+            self.end.send(("log", record))
+
+
+def _obey_parent() -> None:
+    """End cleanly on SIGTERM, leave Ctrl-C to the parent, and on Linux end when the parent is gone."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if sys.platform == "linux":
+        import ctypes
+
+        ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG
+        if os.getppid() == 1:
+            sys.exit(1)

@@ -1,0 +1,117 @@
+"""FEA beside beam theory beside the published matrix, entry by entry, and which assumption fails where."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.robot import components
+
+if TYPE_CHECKING:
+    from stiffscope.jobs.experiments import PartResult
+    from stiffscope.robot.schema import PartName, RobotFile
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One entry of a part's compliance from every source, SI."""
+
+    name: str
+    unit: str
+    fea: float
+    error: float
+    euler_bernoulli: float
+    timoshenko: float
+    published: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All entries that any source has, and what the differences mean in words."""
+
+    part: str
+    entries: tuple[Entry, ...]
+    findings: tuple[str, ...]
+
+
+def entry_name(i: int, j: int) -> tuple[str, str]:
+    """Name and unit of a compliance's entry, counted from 0, at or above the diagonal."""
+    return f"C{i + 1}{j + 1}", "m/N" if j < 3 else "rad/(N·m)" if i >= 3 else "m/(N·m)"
+
+
+def compare(robot: RobotFile, name: PartName, result: PartResult) -> Comparison:
+    """Set the sources side by side."""
+    from stiffscope.fea.beam import euler_bernoulli
+
+    simple = components.beam_compliance(robot, name, euler_bernoulli)
+    beam = components.beam_compliance(robot, name)
+    printed = components.published_compliance(robot, name)
+    fea, error = result.compliance, result.error
+    scale = np.sqrt(np.outer(np.diag(fea), np.diag(fea)))
+    entries = []
+    for i in range(6):
+        for j in range(i, 6):
+            if beam[i, j] or printed[i, j] or abs(fea[i, j]) > max(error[i, j], 1e-4 * scale[i, j]):
+                values = (fea, error, simple, beam, printed)
+                entries.append(Entry(*entry_name(i, j), *(float(v[i, j]) for v in values)))
+    return Comparison(name, tuple(entries), tuple(_findings(robot, name, fea, simple, beam, printed)))
+
+
+def _findings(
+    robot: RobotFile, name: PartName, fea: np.ndarray, simple: np.ndarray, beam: np.ndarray, printed: np.ndarray
+) -> list[str]:
+    """Which assumption fails where, in words."""
+    from stiffscope.fea.beam import polar
+
+    segments = components.beam_segments(robot, name)
+    length, section = sum(length for length, _ in segments), segments[0][1]
+    found = _left_out(robot, name)
+    for i, axis in ((1, "y"), (2, "z")):
+        share = 1 - simple[i, i] / beam[i, i]
+        if share > 0.02:
+            slender = length / _depth(robot, name, axis)
+            found.append(
+                f"C{i + 1}{i + 1}: shear makes {100 * share:.0f} % of the deflection along {axis}, where the part is "
+                f"only {slender:.2g} times as long as deep; Euler-Bernoulli leaves it out"
+            )
+    narrowing = 1 - fea[4, 4] / beam[4, 4]
+    if name == "slider" and narrowing > 0.03 and not _left_out(robot, name):
+        found.append(
+            f"C33, C35, C55: a wide plate bends {100 * narrowing:.0f} % less about y than a beam, whose section is "
+            "free to change its shape"
+        )
+    torsion = fea[3, 3] / beam[3, 3]
+    if abs(torsion - 1) > 0.02:
+        found.append(
+            f"C44: {torsion:.2f} times Saint-Venant's torsion, in which the ends warp freely; here they cannot, and "
+            "the part is too short to forget it"
+        )
+    if printed[3, 3] < 0.5 * beam[3, 3]:
+        found.append(
+            f"C44 as published is {fea[3, 3] / printed[3, 3]:.1f} times too stiff: its torsion constant is "
+            f"I_y + I_z, {polar(section).torsion / section.torsion:.1f} times Saint-Venant's; they are equal for "
+            "round sections alone"
+        )
+    if printed[1, 1] < 0.5 * fea[1, 1]:
+        found.append(f"C22 as published is {fea[1, 1] / printed[1, 1]:.1f} times too stiff: it has no shear")
+    if not found:
+        worst = np.max(np.abs(np.diag(fea) / np.diag(beam) - 1))
+        found.append(
+            f"Beam theory holds: the diagonal is within {100 * worst:.2f} % of Timoshenko's; the clamped end, which "
+            "cannot contract sideways, accounts for such a difference"
+        )
+    return found
+
+
+def _left_out(robot: RobotFile, name: PartName) -> list[str]:
+    shape = robot.part(name).shape()
+    extras = {"ribs": "rib_count", "bolt holes": "hole_count", "joint pads": "pad_height"} if name == "slider" else {}
+    present = [word for word, key in extras.items() if shape[key]]
+    return [f"Beam theory sees the bare plate: the {' and '.join(present)} are in the FEA alone"] if present else []
+
+
+def _depth(robot: RobotFile, name: PartName, axis: str) -> float:
+    shape = robot.part(name).lengths()
+    return 2 * shape["radius"] if name == "link" else shape["width" if axis == "y" else "thickness"]

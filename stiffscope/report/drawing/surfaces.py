@@ -1,0 +1,51 @@
+"""Surfaces and lines of a quadratic mesh for pyvista."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import pyvista as pv
+    from numpy.typing import NDArray
+
+    from stiffscope.fea.mesh import TetMesh
+
+    Floats = NDArray[np.float64]
+
+SPLIT = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])  # a triangle with mid nodes as four flat ones
+
+
+def surface(mesh: TetMesh, points: Floats, chosen: Any = slice(None)) -> pv.PolyData:
+    """The boundary, or chosen triangles of it, each as four flat ones."""
+    import pyvista as pv
+
+    triangles = mesh.facets[chosen][:, SPLIT].reshape(-1, 3)
+    return pv.PolyData.from_regular_faces(points, triangles)
+
+
+def sides(mesh: TetMesh, points: Floats) -> pv.PolyData:
+    """The sides of the boundary's triangles, curved as they are."""
+    import pyvista as pv
+
+    halves = mesh.facets[:, [[0, 3], [3, 1], [1, 4], [4, 2], [2, 5], [5, 0]]].reshape(-1, 2)
+    halves = np.unique(np.sort(halves, axis=1), axis=0)
+    return pv.PolyData(points, lines=np.insert(halves, 0, 2, axis=1).ravel())
+
+
+def outline(mesh: TetMesh, points: Floats) -> pv.PolyData:
+    """Edges between CAD faces that meet at an angle, carried along with the points."""
+    import pyvista as pv
+
+    halves = mesh.facets[:, [[0, 3], [3, 1], [1, 4], [4, 2], [2, 5], [5, 0]]].reshape(-1, 2)
+    owner = np.repeat(np.arange(len(mesh.facets)), 6)
+    order = np.lexsort(np.sort(halves, axis=1).T)
+    first, second = order[0::2], order[1::2]  # a closed surface: every half side occurs twice
+    corners = mesh.points[mesh.facets[:, :3]]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    cosine = np.einsum("ij,ij->i", normals[owner[first]], normals[owner[second]])
+    between = mesh.facet_face[owner[first]] != mesh.facet_face[owner[second]]
+    sharp = halves[first[between & (cosine < np.cos(np.radians(30)))]]
+    return pv.PolyData(points, lines=np.insert(sharp, 0, 2, axis=1).ravel())

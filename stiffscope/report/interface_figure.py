@@ -1,0 +1,138 @@
+"""The figure of `stiffscope interfaces`: a sketch of each choice over what it changes of each entry."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.report.drawing.sheet import power
+from stiffscope.report.gap_figures import AFTER, BEFORE, EFFECT, STYLE, new_figure
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+
+    from stiffscope.cli.interfaces import Comparison, Tested
+
+PLATE = "#dfe4e8"
+LINEAR = 10.0  # % below which the scale of changes is linear
+CAPTION = (
+    "Sketches from above: held at the top, loaded at the bottom. Yellow: the entry grows, green: it shrinks. "
+    f"Whiskers: 95 % bounds. The scale is linear up to {LINEAR:g} %, logarithmic beyond."
+)
+SLENDER = (0.16, 0.4)  # width and depth of the sketch of a link or of a STEP file's solid: not to scale
+
+
+def draw(compared: Comparison, title: str, target: Path) -> None:
+    """Write the figure as PNG."""
+    import matplotlib as mpl
+
+    count = len(compared.others)
+    with mpl.rc_context(STYLE):
+        figure = new_figure(3.6 + 2.75 * count, 2.9 + 0.42 * len(compared.entries), title)
+        grid = figure.subplots(2, count + 1, height_ratios=[1.3, 2.9], squeeze=False)
+        for axes, tested in zip(grid[0], (compared.own, *compared.others), strict=True):
+            _sketch(axes, tested)
+        _values(grid[1, 0], compared)
+        for k, axes in enumerate(grid[1, 1:]):
+            _changes(axes, compared, k)
+        figure.supxlabel(textwrap.fill(CAPTION, 42 * (count + 1)), fontsize=9, color=BEFORE)
+        figure.savefig(target, dpi=130)
+
+
+def _values(axes: Axes, compared: Comparison) -> None:
+    """The entries under the own choice, as text."""
+    axes.set_xlim(0, 1)
+    axes.set_ylim(len(compared.entries) - 0.4, -0.6)
+    axes.axis("off")
+    for row, entry in enumerate(compared.entries):
+        percent = 100 * entry.error / abs(entry.own)
+        axes.text(0.0, row, f"$C_{{{entry.name[1:]}}}$", va="center", fontsize=11)
+        axes.text(0.70, row, f"{power(entry.own, 3)} {entry.unit}", va="center", ha="right", fontsize=9.5)
+        axes.text(1.0, row, f"± {percent:.2g} %", va="center", ha="right", fontsize=9, color=BEFORE)
+
+
+def _changes(axes: Axes, compared: Comparison, k: int) -> None:
+    """Bars of the change in % with its bounds, on a scale that is linear about zero and logarithmic beyond."""
+    changes = 100 * np.array([entry.changes[k] for entry in compared.entries])
+    bars = 100 * np.array([entry.bars[k] for entry in compared.entries])
+    rows = np.arange(len(changes))
+    axes.barh(rows, changes, 0.62, xerr=bars, color=np.where(changes > 0, EFFECT, AFTER), ecolor=BEFORE, capsize=2.5)
+    for row, (change, bar) in enumerate(zip(changes, bars, strict=True)):
+        end, side = (change + bar, 1) if change > 0 else (change - bar, -1)
+        text = f"{round(change, 1) + 0:+.{0 if abs(change) >= 99.95 else 1}f}".replace("-", "−")
+        place: Any = {"va": "center", "ha": "left" if side > 0 else "right"}
+        axes.annotate(text, (end, row), (5 * side, 0), textcoords="offset points", fontsize=9, **place)
+    axes.set_xscale("symlog", linthresh=LINEAR, linscale=0.7)
+    every = 100 * np.array([entry.changes for entry in compared.entries])
+    low, high = 6 * min(float(every.min()), -LINEAR), 6 * max(float(every.max()), LINEAR)
+    ticks = [t for t in (-100, -10, 0, 10, 100, 1000, 10000, 100000) if low < t < high]
+    axes.set_xticks(ticks, [f"{t:+d}".replace("-", "−") if t else "0" for t in ticks])
+    axes.set_xticks([], minor=True)
+    axes.set_xlim(low, high)
+    axes.set_ylim(len(rows) - 0.4, -0.6)
+    axes.set_yticks([])
+    axes.axvline(0, color=BEFORE, lw=0.9)
+    axes.grid(axis="x", color=PLATE, lw=0.7)
+    axes.set_axisbelow(True)
+    axes.set_xlabel("change of the entry, %")
+    axes.spines[["top", "right", "left"]].set_visible(False)
+
+
+def _sketch(axes: Axes, tested: Tested) -> None:
+    """The part from above, held at the top and loaded at the bottom; lengths in widths of the part."""
+    from matplotlib.patches import Rectangle
+
+    shape: Any = None if tested.order.step else tested.order.shape
+    unit = getattr(shape, "width", 1.0)
+    width, depth = (1.0, shape.depth / unit) if hasattr(shape, "depth") else SLENDER
+    axes.set_title(tested.choice.name, fontsize=11, fontweight="bold", pad=4)
+    axes.add_patch(Rectangle((-width / 2, 0), width, depth, facecolor=PLATE, edgecolor=BEFORE, lw=1.0))
+    if getattr(shape, "clamp", "face") == "holes":
+        for y in shape.hole_positions:
+            axes.plot(y / unit, depth - shape.hole_offset / unit, "o", ms=6, mfc=BEFORE, mec="white", mew=0.8)
+    else:
+        _clamp(axes, width, depth, springs=tested.order.settings.foundation is not None)
+    pads, rigid = getattr(shape, "pad_height", 0.0), tested.order.settings.interface == "rigid"
+    faces = [(y / unit, shape.pad_width / unit) for y in shape.pad_positions] if pads else [(0.0, width)]
+    bottom = -max(pads / unit, 0.03) if pads else 0.0
+    for middle, across in faces:
+        if pads:
+            axes.add_patch(Rectangle((middle - across / 2, bottom), across, -bottom, facecolor=PLATE, edgecolor=BEFORE))
+        _load(axes, middle, across, bottom, rigid=rigid)
+    if pads and rigid:
+        _load(axes, 0.0, abs(faces[1][0] - faces[2][0]) + faces[0][1], bottom, rigid=rigid)
+    words = textwrap.fill(tested.choice.words, 40)
+    axes.text(0, -0.15, words, ha="center", va="top", fontsize=8.5, color=BEFORE, linespacing=1.3)
+    axes.set(xlim=(-0.58, 0.58), ylim=(-0.34, depth + 0.16), aspect="equal")
+    axes.axis("off")
+
+
+def _clamp(axes: Axes, width: float, depth: float, *, springs: bool) -> None:
+    """Ground above the part, at it or a spring's length away."""
+    from matplotlib.patches import Rectangle
+
+    ground = depth + (0.09 if springs else 0.0)
+    band = Rectangle((-width / 2, ground), width, 0.05, facecolor="none", edgecolor=BEFORE, hatch="//////", lw=0)
+    axes.add_patch(band)
+    axes.plot([-width / 2, width / 2], [ground] * 2, color=BEFORE, lw=1.6)
+    if springs:
+        heights = np.linspace(depth, ground, 8)
+        zigzag = 0.022 * np.array([0, 0, 1, -1, 1, -1, 0, 0])
+        for middle in np.linspace(-0.44 * width, 0.44 * width, max(3, round(9 * width))):
+            axes.plot(middle + zigzag, heights, color=BEFORE, lw=0.9)
+
+
+def _load(axes: Axes, middle: float, width: float, bottom: float, *, rigid: bool) -> None:
+    """A bar for a face that moves as one body, arrows for an even traction."""
+    left, right = middle - width / 2, middle + width / 2
+    if rigid:
+        axes.plot([left, right], [bottom - 0.012] * 2, color=EFFECT, lw=4, solid_capstyle="butt")
+        return
+    for x in np.linspace(left, right, max(2, round(13 * width))):
+        axes.annotate(
+            "", (x, bottom - 0.005), (x, bottom - 0.12), arrowprops={"arrowstyle": "-|>", "color": EFFECT, "lw": 1.2}
+        )

@@ -1,0 +1,82 @@
+"""Pictures are drawn in a process of their own: what its graphics library does there cannot hurt a run."""
+
+from __future__ import annotations
+
+import json
+import logging
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+log = logging.getLogger(__name__)
+
+TIME_LIMIT = 300.0
+
+
+class PictureError(RuntimeError):
+    """Pictures cannot be drawn on this machine; the message names what is missing."""
+
+
+def draw(picture: str, target: Path, **arguments: Any) -> None:
+    """Draw one picture in a child process.
+
+    Parameters
+    ----------
+    picture
+        Name of a function of `stiffscope.report.drawing`.
+    target
+        File, or folder for pictures that come in sets, that the function writes.
+    arguments
+        What the function takes besides, as JSON knows it: numbers, texts, lists, paths.
+
+    Raises
+    ------
+    PictureError
+        No picture; the message is one line that names the cause and the cure.
+
+    """
+    with tempfile.TemporaryDirectory(prefix="stiffscope-") as folder:
+        order = Path(folder) / "order.json"
+        order.write_text(json.dumps({"picture": picture, "target": str(target), "arguments": _plain(arguments)}))
+        command = [sys.executable, "-P", "-m", "stiffscope.report.drawing", str(order)]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=TIME_LIMIT, check=False, cwd=folder)
+        except subprocess.TimeoutExpired as error:
+            raise PictureError(f"no pictures: drawing took more than {TIME_LIMIT:.0f} s") from error
+    if done.returncode != 0:
+        log.debug("drawing %s failed:\n%s", picture, done.stderr)
+        raise PictureError(_cause(done.returncode, done.stderr))
+
+
+def _cause(code: int, errors: str) -> str:
+    """One line for a drawing that did not come about."""
+    lines = [line for line in errors.splitlines() if line.strip()]
+    last = lines[-1].strip() if lines else f"the process ended with code {code}"
+    graphics = ("libGL", "libEGL", "libOSMesa", "OpenGL", "libX", "RenderWindow", "cannot open shared object")
+    if code < 0 or any(word in errors for word in graphics):
+        return (
+            "no pictures: OpenGL does not work here; on Debian or Ubuntu install libegl1 and libgl1-mesa-dri "
+            f"(or libosmesa6) [{last[:160]}]"
+        )
+    return f"no pictures: {last[:200]}"
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    if isinstance(value, Path):
+        return str(value.absolute())
+    if isinstance(value, dict):
+        return _plain_items(value)
+    if isinstance(value, list | tuple | set | frozenset):
+        return [_plain(item) for item in value]
+    return value
+
+
+def _plain_items(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: _plain(value) for name, value in values.items()}

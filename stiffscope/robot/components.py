@@ -1,0 +1,107 @@
+"""The 6x6 matrices of the parts from their three sources, and the robot that is assembled from them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from stiffscope.robot.published import slider_compliance
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    import numpy as np
+
+    from stiffscope.fea.beam import Section
+    from stiffscope.jobs.experiments import PartResult
+    from stiffscope.robot.part_schema import Source
+    from stiffscope.robot.schema import PartName, RobotFile
+    from stiffscope.vjm.biglide import Biglide, Geometry
+
+    Theory = Callable[[float, Section, float, float], np.ndarray]
+
+
+def sources(robot: RobotFile, components: str | None) -> dict[PartName, Source]:
+    """Where each part's matrix comes from: the robot file, unless `components` names one source for all."""
+    from stiffscope.robot.schema import PARTS
+
+    return {name: components or robot.part(name).compliance for name in PARTS}  # type: ignore[misc]
+
+
+def beam_segments(robot: RobotFile, name: PartName) -> list[tuple[float, Section]]:
+    """Lengths (m) and cross-sections of a part seen as a beam along its x, from the clamped end on.
+
+    A link with fittings is three round bars; a slider is its plate, without ribs, holes and pads.
+    """
+    from stiffscope.fea.beam import circle, rectangle
+
+    poisson = getattr(robot.material(name), "poisson", 0.3)
+    part = robot.part(name).lengths()
+    if name == "slider":
+        return [(part["depth"], rectangle(part["width"], part["thickness"], poisson))]
+    shank = circle(part["radius"], part["bore"] / 2, poisson)
+    if not part["fitting_radius"]:
+        return [(part["length"], shank)]
+    end = part["fitting_length"], circle(part["fitting_radius"], part["bore"] / 2, poisson)
+    return [end, (part["length"] - 2 * end[0], shank), end]
+
+
+def beam_compliance(robot: RobotFile, name: PartName, theory: Theory | None = None) -> np.ndarray:
+    """(6, 6) of a beam, by default Timoshenko's with Saint-Venant's torsion: the best that beam theory has."""
+    import numpy as np
+
+    from stiffscope.fea.beam import timoshenko
+    from stiffscope.vjm.screws import shift
+
+    material, segments = robot.material(name), beam_segments(robot, name)
+    total, beyond = np.zeros((6, 6)), 0.0
+    for length, section in reversed(segments):
+        piece = (theory or timoshenko)(length, section, material.youngs_modulus, material.shear_modulus)
+        to_tip = shift([beyond, 0.0, 0.0])
+        total += to_tip @ piece @ to_tip.T
+        beyond += length
+    return total
+
+
+def published_compliance(robot: RobotFile, name: PartName) -> np.ndarray:
+    """(6, 6) as the paper has it: Eq. (28) with the file's dimensions for the link, Eq. (29) as printed."""
+    from stiffscope.fea.beam import euler_bernoulli
+
+    return slider_compliance() if name == "slider" else beam_compliance(robot, name, euler_bernoulli)
+
+
+def component(robot: RobotFile, name: PartName, source: Source, results: Mapping[PartName, PartResult]) -> np.ndarray:
+    """(6, 6) of a part from a source; "fea" takes it from the results."""
+    if source == "fea":
+        return results[name].compliance
+    return beam_compliance(robot, name) if source == "beam" else published_compliance(robot, name)
+
+
+def geometry(robot: RobotFile) -> Geometry:
+    """The mechanism's dimensions for `vjm`."""
+    from stiffscope.vjm.biglide import Geometry
+
+    return Geometry(L=robot.part("link").lengths()["length"], **robot.geometry.model_dump())
+
+
+def assemble(robot: RobotFile, matrices: Mapping[PartName, np.ndarray], link_mass: float) -> Biglide:
+    """The elastic robot with the effects that its file has adopted, in their order."""
+    from stiffscope.vjm.biglide import Biglide
+
+    bare = Biglide(
+        geometry(robot), matrices["link"], matrices["slider"], robot.drive.stiffness, link_mass, robot.platform.mass
+    )
+    return with_effects(bare, robot)
+
+
+def with_effects(bare: Biglide, robot: RobotFile) -> Biglide:
+    """A robot that carries what its file has adopted. Raises InputError for what is no part of a robot."""
+    from stiffscope.errors import InputError
+
+    for number, effect in enumerate(robot.effects, 1):
+        from stiffscope.gap.effects import adopted
+
+        try:
+            bare = adopted(bare, effect.effect, effect.place, effect.parameters)
+        except InputError as error:
+            raise InputError(f"{robot.path}: effects, number {number}: {error}") from error
+    return bare

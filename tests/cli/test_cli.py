@@ -1,0 +1,105 @@
+"""The command line: exit codes, one line for what is wrong, nothing loaded that is not needed."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+COMMAND = [sys.executable, "-c", "from stiffscope.cli.main import main; main()"]
+
+
+def stiffscope(*arguments, **more) -> subprocess.CompletedProcess:
+    environment = {**os.environ, **more.pop("env", {})}
+    return subprocess.run([*COMMAND, *arguments], capture_output=True, text=True, check=False, env=environment, **more)
+
+
+def test_help_loads_nothing_heavy():
+    heavy = ["numpy", "scipy", "pydantic", "pint", "rich", "pyvista", "OCP", "matplotlib"]
+    code = "import sys; from stiffscope.cli.main import _guarded; _guarded(['--help'])"
+    code += "; print(set(sys.argv) & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code, *heavy], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "set()"
+
+
+def test_version():
+    assert stiffscope("--version").stdout.startswith("stiffscope ")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["stiffness", "nosuch"], "no such robot file"),
+        (["stiffness", "biglide", "--at", "0,0,3", "--components", "published"], "out of reach"),
+        (["stiffness", "biglide", "--set", "poses.Q1=[0, 0, 9]"], "Q1: pose 0,0,9 m is out of reach"),
+        (["stiffness", "biglide", "--at", "0,0,1e308"], "out of reach"),
+        (["stiffness", "biglide", "--set", "geometry.a_min=0.7"], "geometry.a_max: expected more than geometry.a_min"),
+        (["deflection", "biglide", "--components", "beam", "--wrench", "1e200,0,0,0,0,0"], "wrench: expected finite"),
+        (["stiffness", "biglide", "--set", "effects=3"], "--set effects: expected a list, got 3"),
+        (["stiffness", "biglide", "--at", "0,0"], "expected X,Y,Z"),
+        (["stiffness", "biglide", "--at", "0,0,nan"], "--at 0,0,nan"),
+        (["stiffness", "biglide", "--at", "0,0,3 kg"], "which is a mass"),
+        (["stiffness", "biglide", "--components", "guess"], "--components"),
+        (["stiffness", "biglide", "--set", "slider.thickness=12kg"], "--set slider.thickness"),
+        (["stiffness", "biglide", "--set", "link.mesh=3"], "--set link.mesh: expected a table of size, "),
+        (["stiffness", "biglide", "--set", "slider.pads=apart", "--set", "slider.pad_height=9mm"], 'got "apart"'),
+        (["audit", "--json", ""], "give a file"),
+        (["deflection", "nosuch/x.toml", "--wrench", "1,0,0,0,0,0", "--json", "/none/x"], "cannot be written"),
+        (["compliance", "biglide"], "--part"),
+        (["compliance", "biglide", "--part", "link", "--step", "nosuch.step"], "no STEP file can be read"),
+        (["run", "biglide"], "--out"),
+        (["run", "biglide", "--out", "/proc/stiffscope"], "cannot be written"),
+        (["run", "biglide", "--out", "."], "the one you are in"),
+        (["nosuch"], "No such command"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(arguments, message, tmp_path):
+    done = stiffscope(*arguments, cwd=tmp_path, env={"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)})
+    assert done.returncode == 2, done.stderr
+    assert done.stdout == ""
+    assert len(done.stderr.splitlines()) == 1
+    assert message in done.stderr
+    assert os.listdir(tmp_path) == []
+
+
+def test_stiffness_of_the_published_robot_as_json():
+    """Figures of the verified mechanics for Eqs. (28) and (29) at x = y = 0, q = 36 and 66 degrees."""
+    heights = [float(0.055 + 0.5 * np.sin(np.radians(q))) for q in (36, 66)]
+    at = [word for z in heights for word in ("--at", f"0,0,{z!r}")]
+    done = stiffscope("stiffness", "biglide", *at, "--components", "published", "--json", "-")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    expected = [
+        [23.82111, 1.96743, 12.574307, 1.464912, 0.141031, 2.819319],
+        [17.883256, 1.96691, 90.215325, 3.442252, 0.699246, 0.759309],
+    ]
+    assert np.diagonal(found["stiffness"], axis1=1, axis2=2) / 1e6 == pytest.approx(np.array(expected), rel=2e-5)
+    assert found["mobility"] == [0, 0]
+    assert np.array(found["sag"]).tolist() == np.zeros((2, 6)).tolist()
+
+
+def test_sag_under_its_own_weight():
+    done = stiffscope(
+        "stiffness", "biglide", "--at", "0,0,0.35", "--components", "published", "--gravity", "exact", "--json", "-"
+    )
+    assert json.loads(done.stdout)["sag"][0][2] == pytest.approx(10.8e-6, rel=1e-2)
+
+
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
+def test_a_stopped_run_leaves_nothing(tmp_path, how):
+    environment = {**os.environ, "STIFFSCOPE_CACHE": str(tmp_path / "cache")}
+    running = subprocess.Popen(
+        [*COMMAND, "run", "biglide", "--out", str(tmp_path / "out"), "--set", "link.length=505mm"],
+        stderr=subprocess.PIPE, text=True, env=environment, start_new_session=True,
+    )  # fmt: skip
+    time.sleep(2.5)
+    running.send_signal(how)
+    _, errors = running.communicate(timeout=20)
+    assert running.returncode == 1
+    assert errors.strip() == "stiffscope: stopped; nothing half-written is left"
+    assert os.listdir(tmp_path) in ([], ["cache"])
+    assert not list((tmp_path / "cache").rglob("*.npz"))

@@ -1,0 +1,82 @@
+"""`stiffscope diagnose`: what it writes and says, the robot file that carries the answer, and what it refuses."""
+
+import json
+import tomllib
+
+import pytest
+
+from stiffscope.cli.main import _guarded
+from stiffscope.gap.blind_cases import Lot, Planted, write_lot
+from stiffscope.robot.robot_file import load_robot
+
+
+@pytest.fixture(scope="module")
+def soft_drive(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("lab") / "soft-drive"
+    write_lot(folder, 0, Lot("single", 5, (Planted("actuator-stiffness", "limb1", {"factor": 0.8}),)))
+    return folder
+
+
+def test_the_published_experiment(tmp_path, capsys):
+    out = tmp_path / "out"
+    assert _guarded(["diagnose", "published", "--out", str(out), "--json", "-"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found == json.loads((out / "diagnosis.json").read_text())
+    assert found["verdict"] == "identified"
+    page = (out / "report.html").read_text()
+    assert page.count("<svg") == 2
+    assert "src=" not in page
+    assert "scale (all)" in page
+    listed = json.loads((out / "manifest.json").read_text())
+    assert sorted([*listed["files"], "manifest.json"]) == sorted(p.name for p in out.iterdir())
+    assert set(listed["inputs"]) == {"campaign.toml", "readings.csv"}
+
+
+def test_an_adopted_effect_closes_the_gap(soft_drive, tmp_path, capsys):
+    found, adopted = tmp_path / "found", tmp_path / "adopted.toml"
+    assert _guarded(["diagnose", str(soft_drive), "--out", str(found), "--adopt", str(adopted)]) == 0
+    said = capsys.readouterr().out
+    assert said.splitlines()[1].startswith("Identified: actuator stiffness (limb1), factor 0.8")
+    assert "# Tables 1 to 3" in adopted.read_text()  # comments are kept
+    (effect,) = load_robot(adopted).effects
+    value = json.loads((found / "diagnosis.json").read_text())["effects"][0]["parameters"]["factor"]["value"]
+    assert effect.parameters == {"factor": value}
+    assert effect.provenance["campaign"] == "soft-drive"
+    assert effect.provenance["gap_before"] > effect.provenance["gap_after"]
+    header = (soft_drive / "campaign.toml").read_text().replace('"biglide"', '"../adopted.toml"')
+    again = tmp_path / "again"
+    again.mkdir()
+    (again / "campaign.toml").write_text(header)
+    (again / "readings.csv").write_bytes((soft_drive / "readings.csv").read_bytes())
+    assert _guarded(["diagnose", str(again), "--out", str(tmp_path / "closed"), "--quiet"]) == 0
+    assert json.loads((tmp_path / "closed" / "diagnosis.json").read_text())["verdict"] == "no-gap"
+    page = (found / "report.html").read_text()
+    assert page.count("<svg") == 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["nosuch"], "no such campaign; give a folder with a campaign.toml or one of the names"),
+        (["published", "--adopt", "robot.toml"], "predictions instead of a robot"),
+        (["SOFT", "--adopt", "notes.toml"], "notes.toml: is there and is no robot file"),
+        (["SOFT", "--adopt", "nosuch/robot.toml"], "there is no folder nosuch"),
+        (["NOROBOT"], 'robot: expected a robot file, seen from its folder, or one of biglide, found "gantry"'),
+        (["BADCELL"], "readings.csv, line 2"),
+    ],
+)
+def test_bad_input_writes_nothing(arguments, message, soft_drive, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "notes.toml").write_text("a = 1")
+    for name, old, new in (("NOROBOT", '"biglide"', '"gantry"'), ("BADCELL", "dx,", "qq,")):
+        folder = tmp_path / name
+        folder.mkdir()
+        for file in ("campaign.toml", "readings.csv"):
+            (folder / file).write_text((soft_drive / file).read_text().replace(old, new))
+    words = [str(soft_drive) if word == "SOFT" else word for word in arguments]
+    assert _guarded(["diagnose", *words, "--out", "out", "--quiet"]) == 2
+    said = capsys.readouterr()
+    assert message in said.err
+    assert len(said.err.splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+    assert tomllib.loads((tmp_path / "notes.toml").read_text()) == {"a": 1}

@@ -1,0 +1,89 @@
+"""`stiffscope run`: complete output, reuse of what was computed, and pictures that cannot be drawn."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+RUN = "import sys; from stiffscope.cli.main import _guarded; code = _guarded(sys.argv[1:]); print(sorted(set(sys.modules) & {'OCP', 'pytetwild', 'skfem'})); sys.exit(code)"  # noqa: E501
+
+
+def run(cache, out, *arguments, **more):
+    environment = {**os.environ, "STIFFSCOPE_CACHE": str(cache), **more}
+    command = [sys.executable, "-c", RUN, "run", "biglide", "--out", str(out), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+
+
+def manifest(out):
+    return json.loads((out / "manifest.json").read_text())
+
+
+def test_published_robot_needs_no_experiment(tmp_path):
+    done = run(tmp_path / "cache", tmp_path / "out", "--components", "published", "--quiet")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "[]"
+    out = tmp_path / "out"
+    assert sorted(os.listdir(out)) == sorted([*manifest(out)["files"], "manifest.json"])
+    stiffness = np.array(json.loads((out / "stiffness.json").read_text())["stiffness"])
+    assert np.diagonal(stiffness[0]) / 1e6 == pytest.approx([23.835, 1.9674, 12.40, 1.451, 0.139, 2.833], rel=3e-3)
+    with np.load(out / "matrices.npz", allow_pickle=False) as held:
+        assert np.array_equal(held["stiffness"], stiffness)
+
+
+def test_without_graphics_the_run_is_done_and_says_what_to_install(tmp_path):
+    sitecustomize = tmp_path / "broken" / "pyvista.py"
+    sitecustomize.parent.mkdir()
+    sitecustomize.write_text(
+        "raise ImportError('libGL.so.1: cannot open shared object file: No such file or directory')"
+    )
+    done = run(
+        tmp_path / "cache",
+        tmp_path / "out",
+        "--components",
+        "published",
+        "--quiet",
+        PYTHONPATH=str(sitecustomize.parent),
+    )
+    assert done.returncode == 0
+    assert len(done.stderr.splitlines()) == 1
+    assert "libegl1" in done.stderr
+    assert (tmp_path / "out" / "map.png").exists()
+
+
+@pytest.mark.slow
+def test_a_change_of_the_slider_reruns_the_slider_alone(tmp_path):
+    coarse = [word for name in ("link", "slider") for word in ("--set", f"{name}.mesh.size=20mm")]
+    cold = run(tmp_path / "cache", tmp_path / "cold", *coarse, "--quiet")
+    assert cold.returncode == 0, cold.stderr
+    warm = run(tmp_path / "cache", tmp_path / "warm", *coarse)
+    assert warm.stdout.splitlines()[-1] == "[]"
+    assert all(result["reused"] for result in manifest(tmp_path / "warm")["results"].values())
+    changed = run(tmp_path / "cache", tmp_path / "changed", *coarse, "--set", "slider.thickness=25mm")
+    reused = {name: result["reused"] for name, result in manifest(tmp_path / "changed")["results"].items()}
+    assert (reused["link"], reused["slider"]) == (True, False)
+    assert "before" in changed.stdout
+    names = os.listdir(tmp_path / "cold" / "slider")
+    assert {"slider.step", "slider.stl", "fields.vtu", "loads.png", "mesh.png", "compliance.json"} <= set(names)
+
+
+@pytest.mark.parametrize("solid", ["parametric", "part.step"])
+def test_beam_theory_is_beside_the_own_shape_alone(tmp_path, capsys, solid):
+    from stiffscope.cli.run import compliance_json, show_compliance
+    from stiffscope.jobs.experiments import PartResult
+    from stiffscope.robot.components import beam_compliance
+    from stiffscope.robot.robot_file import load_robot
+
+    robot = load_robot("biglide")
+    beam = beam_compliance(robot, "slider")
+    facts = {"compliance": beam.tolist(), "error": (0.01 * abs(beam)).tolist(), "solid": solid}
+    result = PartResult("slider", "", tmp_path, facts, None, reused=True, seconds=0.0)
+    own = solid == "parametric"
+    assert compliance_json(robot, result)["beam"] == (beam.tolist() if own else None)
+    show_compliance(robot, result)
+    shown = capsys.readouterr().out
+    assert f"{beam[3, 3]:.5g}" in shown
+    assert ("Timoshenko" in shown) == own
+    assert ("No beam theory beside it" in shown) != own

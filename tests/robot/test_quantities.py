@@ -1,0 +1,37 @@
+"""Numbers with units become SI; what is not one is refused with an example."""
+
+import pytest
+
+from stiffscope.robot import quantities as q
+
+
+@pytest.mark.parametrize(
+    ("text", "dimension", "value"),
+    [
+        ("500 mm", q.LENGTH, 0.5), ("20mm", q.LENGTH, 0.02), ("2 µm", q.LENGTH, 2e-6), ("1_000 mm", q.LENGTH, 1.0),
+        (".5 m", q.LENGTH, 0.5), (0.02, q.LENGTH, 0.02), (1, q.LENGTH, 1.0), ("1 in", q.LENGTH, 0.0254),
+        ("211 GPa", q.MODULUS, 211e9), ("211 kN/mm^2", q.MODULUS, 211e9), ("12.7 N/um", q.STIFFNESS, 12.7e6),
+        ("11.7e-6 1/K", q.EXPANSION, 11.7e-6), ("11.7 um/m/K", q.EXPANSION, 11.7e-6),
+        ("7.85 g/cm³", q.DENSITY, 7850.0), ("2 min", q.DURATION, 120.0), ("0.3", q.NUMBER, 0.3),
+    ],
+)  # fmt: skip
+def test_values(text, dimension, value):
+    assert q.to_si(text, dimension) == pytest.approx(value, rel=1e-14)
+
+
+def test_a_value_is_the_same_number_in_every_unit():
+    for n in range(1, 200):
+        assert q.to_si(f"{n} mm", q.LENGTH) == n / 1000
+        assert q.to_si(f"{n / 10} %", q.NUMBER) == n / 1000
+
+
+@pytest.mark.parametrize(
+    "bad",
+    ["", "mm", "nan mm", "inf mm", "1e999 mm", "0 mm", "-3 mm", "5", "3 foo", "3 m/0", "3 mm; x", "1/0 m", "3 N m",
+     "3 m^2", True, None, [1], {"a": 1}, float("nan"), 10**400, "3 m**9999999", "3 mm mm"],
+)  # fmt: skip
+def test_refusals_are_one_line_with_an_example(bad):
+    with pytest.raises(ValueError, match='expected a length such as "20 mm"') as refused:
+        q.to_si(bad, q.LENGTH)
+    assert "\n" not in str(refused.value)
+    assert len(str(refused.value)) < 200
