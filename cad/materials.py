@@ -1,4 +1,4 @@
-"""Linear elastic materials with their sources (docs/theory.md, section 5.1). SI; fibres run along the part's x."""
+"""Linear elastic materials with their sources (docs/theory.md, section 6.1). SI; fibres run along the part's x."""
 
 from __future__ import annotations
 
