@@ -20,7 +20,7 @@ POINT = f"a point of three numbers in m, within {FARTHEST:g} m"
 
 
 def mm(length: float) -> str:
-    """A length in m, written in mm."""
+    """Format a length in m as text in mm."""
     return f"{length * 1e3:.6g} mm"
 
 

@@ -26,15 +26,24 @@ class FaceGeometry:
 
     Attributes
     ----------
-    index : position in the list of the solid's faces.
-    kind : one of `KINDS`.
-    area : m².
-    centroid : (3,) m.
-    origin : (3,) m; a point of a plane, of a cylinder's or cone's axis; the centre of a sphere or torus.
-    axis : (3,) unit vector; outward normal of a plane, axis of revolution otherwise.
-    radius : m; of a cone at `origin`, of a torus the major one.
-    half_angle : rad, of a cone; its radius grows along `axis`.
-    minor_radius : m, of a torus.
+    index
+        Position in the list of the solid's faces.
+    kind
+        One of `KINDS`.
+    area
+        m².
+    centroid
+        (3,) m.
+    origin
+        (3,) m; a point of a plane, of a cylinder's or cone's axis; the centre of a sphere or torus.
+    axis
+        (3,) unit vector; outward normal of a plane, axis of revolution otherwise.
+    radius
+        m; of a cone at `origin`, of a torus the major one.
+    half_angle
+        rad, of a cone; its radius grows along `axis`.
+    minor_radius
+        m, of a torus.
     """
 
     index: int
@@ -98,17 +107,23 @@ class FaceSelector:
 
     Parameters
     ----------
-    kind : one of `KINDS`.
-    normal : outward normal of a plane, or axis (of either sign) of a round face, within 1 degree.
-    position : "min x", "max z", ...: of the faces that meet the other conditions, those whose centroid lies
+    kind
+        One of `KINDS`.
+    normal
+        Outward normal of a plane, or axis (of either sign) of a round face, within 1 degree.
+    position
+        "min x", "max z", ...: of the faces that meet the other conditions, those whose centroid lies
         farthest in that direction; or a point (3,) in m: those that contain it within 0.01 mm, and if none does,
         those whose centroid it is.
-    radius : m; of a torus the minor one.
-    index : number or numbers in the listing of faces.
+    radius
+        m; of a torus the minor one.
+    index
+        Number or numbers in the listing of faces.
 
     Raises
     ------
-    InputError : no condition, or one that no face could meet.
+    InputError
+        No condition, or one that no face could meet.
     """
 
     kind: str | None = None
@@ -146,13 +161,17 @@ def select(shape: "Shape", selectors: Iterable[FaceSelector], field: str = "face
 
     Parameters
     ----------
-    shape : solid of the CAD kernel.
-    selectors : selections whose union is returned.
-    field : name of the field in error messages.
+    shape
+        Solid of the CAD kernel.
+    selectors
+        Selections whose union is returned.
+    field
+        Name of the field in error messages.
 
     Raises
     ------
-    InputError : a selector matches no face, or together they match every face; the message lists the faces there are.
+    InputError
+        A selector matches no face, or together they match every face; the message lists the faces there are.
     """
     geometries = face_geometries(shape)
     chosen: set[int] = set()
@@ -232,8 +251,9 @@ def describe(shape: "Shape") -> list[dict[str, Any]]:
 
     Returns
     -------
-    one dictionary a face: ``index``, ``kind``, ``area_mm2``, ``centroid_mm`` (3,), ``axis`` (3,; outward normal of a
-    plane, axis of a round face, else None), ``radius_mm`` (None where there is none).
+    list of dict
+        For each face ``index``, ``kind``, ``area_mm2``, ``centroid_mm`` (3,), ``axis`` (3,; outward normal of a plane,
+        axis of a round face, else None), ``radius_mm`` (None where there is none).
     """
     return [
         {

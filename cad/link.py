@@ -20,14 +20,19 @@ class LinkParameters:
 
     Parameters
     ----------
-    length : total length, end fittings included.
-    radius : outer radius.
-    bore : diameter of a bore along the whole link.
-    fitting_radius, fitting_length : of the two cylindrical end fittings.
+    length
+        Total length, end fittings included.
+    radius
+        Outer radius.
+    bore
+        Diameter of a bore along the whole link.
+    fitting_radius, fitting_length
+        Dimensions of the two cylindrical end fittings.
 
     Raises
     ------
-    InputError : a value out of range, named as in the robot file (``link.bore``).
+    InputError
+        A value out of range, named as in the robot file (``link.bore``).
     """
 
     length: float = 0.5
@@ -79,13 +84,17 @@ def build(parameters: LinkParameters, material: AnyMaterial = STEEL, name: str =
 
     Parameters
     ----------
-    parameters : dimensions.
-    material : linear elastic material.
-    name : of the part.
+    parameters
+        Dimensions.
+    material
+        Linear elastic material.
+    name
+        Name of the part.
 
     Returns
     -------
-    the part, clamped at x = 0, with the interface ``end`` at the far end.
+    Part
+        Clamped at x = 0, with the interface ``end`` at the far end.
     """
     from build123d import Axis, Polygon, revolve
 

@@ -38,15 +38,21 @@ class Material:
 
     Parameters
     ----------
-    name : key in the table of materials.
-    youngs_modulus, shear_modulus : Pa.
-    density : kg/m³.
-    expansion : coefficient of linear thermal expansion, 1/K.
-    source : where the values are from.
+    name
+        Key in the table of materials.
+    youngs_modulus, shear_modulus
+        Pa.
+    density
+        kg/m³.
+    expansion
+        Coefficient of linear thermal expansion, 1/K.
+    source
+        Where the values are from.
 
     Raises
     ------
-    InputError : a value that is not finite, an elasticity matrix that is not positive definite, no density.
+    InputError
+        A value that is not finite, an elasticity matrix that is not positive definite, no density.
     """
 
     name: str
@@ -94,18 +100,27 @@ class TransverselyIsotropic:
 
     Parameters
     ----------
-    name : key in the table of materials.
-    axial_modulus, transverse_modulus : Young's moduli along x and in the y-z plane, Pa.
-    axial_shear_modulus : between x and the y-z plane, Pa.
-    axial_poisson : transverse contraction for a stretch along x.
-    transverse_poisson : contraction within the y-z plane for a stretch in it.
-    density : kg/m³.
-    axial_expansion, transverse_expansion : coefficients of linear thermal expansion, 1/K.
-    source : where the values are from.
+    name
+        Key in the table of materials.
+    axial_modulus, transverse_modulus
+        Young's moduli along x and in the y-z plane, Pa.
+    axial_shear_modulus
+        Between x and the y-z plane, Pa.
+    axial_poisson
+        Transverse contraction for a stretch along x.
+    transverse_poisson
+        Contraction within the y-z plane for a stretch in it.
+    density
+        kg/m³.
+    axial_expansion, transverse_expansion
+        Coefficients of linear thermal expansion, 1/K.
+    source
+        Where the values are from.
 
     Raises
     ------
-    InputError : a value that is not finite, an elasticity matrix that is not positive definite, no density.
+    InputError
+        A value that is not finite, an elasticity matrix that is not positive definite, no density.
     """
 
     name: str
@@ -207,12 +222,15 @@ def material(name: str, own: Mapping[str, AnyMaterial] | None = None) -> AnyMate
 
     Parameters
     ----------
-    name : key of `own` or of `MATERIALS`.
-    own : further materials by name; they take precedence.
+    name
+        Key of `own` or of `MATERIALS`.
+    own
+        Further materials by name; they take precedence.
 
     Raises
     ------
-    InputError : there is no such material; the message lists the names.
+    InputError
+        There is no such material; the message lists the names.
     """
     known = MATERIALS | dict(own or {})
     if name not in known:

@@ -29,9 +29,12 @@ class Interface:
 
     Attributes
     ----------
-    name : of the interface, unique in its part.
-    faces : indices of the solid's faces.
-    reference_point : (3,) m, to which twist and wrench refer.
+    name
+        Name of the interface, unique in its part.
+    faces
+        Indices of the solid's faces.
+    reference_point
+        (3,) m, to which twist and wrench refer.
     """
 
     name: str
@@ -48,15 +51,21 @@ class Part:
 
     Parameters
     ----------
-    name : of the part, in messages and file names.
-    solid : solid of the CAD kernel, mm.
-    material : linear elastic material.
-    clamped : indices of the faces that do not move.
-    loaded : interfaces through which wrenches enter.
+    name
+        Name of the part, in messages and file names.
+    solid
+        Solid of the CAD kernel, mm.
+    material
+        Linear elastic material.
+    clamped
+        Indices of the faces that do not move.
+    loaded
+        Interfaces through which wrenches enter.
 
     Raises
     ------
-    InputError : no clamped face or no interface, a face index that does not exist, a face used twice.
+    InputError
+        No clamped face or no interface, a face index that does not exist, a face used twice.
     """
 
     name: str
@@ -113,11 +122,16 @@ class Surface:
 
     Attributes
     ----------
-    vertices : (nv, 3) m.
-    triangles : (nt, 3) vertex indices.
-    face_of_triangle : (nt,) index of the CAD face of each triangle.
-    faces : geometry of the CAD faces, by index.
-    seams : pairs of faces as in `Part.seams`.
+    vertices
+        (nv, 3) m.
+    triangles
+        (nt, 3) vertex indices.
+    face_of_triangle
+        (nt,) index of the CAD face of each triangle.
+    faces
+        Geometry of the CAD faces, by index.
+    seams
+        Pairs of faces as in `Part.seams`.
     """
 
     vertices: Floats
@@ -132,13 +146,17 @@ def surface(part: Part, deflection: float = 5e-4, angle: float = 0.8) -> Surface
 
     Parameters
     ----------
-    part : the part.
-    deflection : largest distance between a chord and the surface, m.
-    angle : largest angle between neighbouring chords, rad.
+    part
+        The part.
+    deflection
+        Largest distance between a chord and the surface, m.
+    angle
+        Largest angle between neighbouring chords, rad.
 
     Raises
     ------
-    InputError : the tessellation is not closed.
+    InputError
+        The tessellation is not closed.
     """
     vertices, triangles, face_of_triangle = tessellated(part.solid, deflection, angle)
     gaps = open_edges(triangles)
@@ -188,13 +206,17 @@ def project(part: Part, place: int, points: Floats) -> Floats:
 
     Parameters
     ----------
-    part : the part.
-    place : index of a face; ``len(part.faces) + k`` is the k-th seam.
-    points : (n, 3) m.
+    part
+        The part.
+    place
+        Index of a face; ``len(part.faces) + k`` is the k-th seam.
+    points
+        (n, 3) m.
 
     Returns
     -------
-    (n, 3) the closest points, m.
+    (n, 3)
+        The closest points, m.
     """
     from stiffscope.cad.projection import on_shape, projected
 
@@ -210,10 +232,14 @@ class MassProperties:
 
     Attributes
     ----------
-    volume : m³.
-    mass : kg.
-    centre : (3,) centre of mass, m.
-    inertia : (3, 3) about the centre of mass, kg·m².
+    volume
+        m³.
+    mass
+        kg.
+    centre
+        (3,) centre of mass, m.
+    inertia
+        (3, 3) about the centre of mass, kg·m².
     """
 
     volume: float

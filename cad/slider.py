@@ -30,22 +30,35 @@ class SliderParameters:
 
     Parameters
     ----------
-    depth, width, thickness : of the plate, along x, y and z.
-    rib_count : ribs on the underside (+z), from the clamped face along x to a half-round nose.
-    rib_thickness, rib_height, rib_length : of a rib, along y, z and x.
-    rib_pitch : distance between ribs; 0 spreads them evenly over the width.
-    fillet : radius at the roots of the ribs.
-    hole_count : bolt holes through the plate along z, in one row across.
-    hole_diameter, hole_offset : of a hole, and its distance from the clamped face.
-    hole_pitch : distance between holes; 0 spreads them evenly over the width.
-    clamp : what is clamped, the "face" at x = 0 or the walls of the "holes".
-    pad_height, pad_width : of the joint pads on the loaded face, along x and y; they are as thick as the plate.
-    pad_spacing : distance of the outer pads from the middle one.
-    pads : load the pads "together" (one interface) or "apart" (interfaces link1, link2, link3).
+    depth, width, thickness
+        Dimensions of the plate along x, y and z.
+    rib_count
+        Ribs on the underside (+z), from the clamped face along x to a half-round nose.
+    rib_thickness, rib_height, rib_length
+        Dimensions of a rib along y, z and x.
+    rib_pitch
+        Distance between ribs; 0 spreads them evenly over the width.
+    fillet
+        Radius at the roots of the ribs.
+    hole_count
+        Bolt holes through the plate along z, in one row across.
+    hole_diameter, hole_offset
+        Diameter of a hole, and distance of its axis from the clamped face.
+    hole_pitch
+        Distance between holes; 0 spreads them evenly over the width.
+    clamp
+        What is clamped, the "face" at x = 0 or the walls of the "holes".
+    pad_height, pad_width
+        Dimensions of the joint pads on the loaded face along x and y; they are as thick as the plate.
+    pad_spacing
+        Distance of the outer pads from the middle one.
+    pads
+        Load the pads "together" (one interface) or "apart" (interfaces link1, link2, link3).
 
     Raises
     ------
-    InputError : a value out of range, named as in the robot file (``slider.rib_pitch``).
+    InputError
+        A value out of range, named as in the robot file (``slider.rib_pitch``).
     """
 
     depth: float = 0.085
@@ -216,17 +229,22 @@ def build(parameters: SliderParameters, material: AnyMaterial = STEEL, name: str
 
     Parameters
     ----------
-    parameters : dimensions.
-    material : linear elastic material.
-    name : of the part.
+    parameters
+        Dimensions.
+    material
+        Linear elastic material.
+    name
+        Name of the part.
 
     Returns
     -------
-    the part, clamped at its face x = 0 or in its holes, with the interface ``joints``, or one for each pad.
+    Part
+        Clamped at its face x = 0 or in its holes, with the interface ``joints``, or one for each pad.
 
     Raises
     ------
-    InputError : the CAD kernel cannot make the fillet.
+    InputError
+        The CAD kernel cannot make the fillet.
     """
     solid = valid_solid(_shape(parameters), name)
     return Part(name, solid, material, _clamped(parameters, solid), _loaded(parameters, solid))

@@ -26,12 +26,15 @@ class Placement:
 
     Parameters
     ----------
-    origin : (3,) m.
-    x, z : (3,) directions of the part's x and z; they need not be of unit length.
+    origin
+        (3,) m.
+    x, z
+        (3,) directions of the part's x and z; they need not be of unit length.
 
     Raises
     ------
-    InputError : an origin out of range, or directions that are not at right angles.
+    InputError
+        An origin out of range, or directions that are not at right angles.
     """
 
     origin: Vector = (0.0, 0.0, 0.0)
@@ -61,17 +64,25 @@ def part_of(
 
     Parameters
     ----------
-    solid : build123d or kernel solid, mm.
-    name : of the part.
-    material : linear elastic material.
-    clamped : selectors of the clamped faces, in the coordinates of the solid, as are the next three.
-    loaded : selectors of the loaded interface, or of several interfaces by name.
-    placement : the part's axes; by default those of the solid.
-    reference_point : (3,) m, of a single interface; by default the centroid of its faces.
+    solid
+        Solid of build123d or of the CAD kernel, mm.
+    name
+        Name of the part.
+    material
+        Linear elastic material.
+    clamped
+        Selectors of the clamped faces, in the coordinates of the solid, as are the next three.
+    loaded
+        Selectors of the loaded interface, or of several interfaces by name.
+    placement
+        The part's axes; by default those of the solid.
+    reference_point
+        (3,) m, of a single interface; by default the centroid of its faces.
 
     Raises
     ------
-    InputError : an invalid solid, or selectors that match no face or every face.
+    InputError
+        An invalid solid, or selectors that match no face or every face.
     """
     return part_from_valid(
         valid_solid(getattr(solid, "wrapped", solid), name),

@@ -38,15 +38,20 @@ def read_step(
 
     Parameters
     ----------
-    path : STEP file.
-    name : of the part; by default the file's name without its suffix.
-    time_limit : seconds allowed to read and check the file.
-    material, clamped, loaded, placement, reference_point : as for `stiffscope.cad.solid.part_of`; by default the part
+    path
+        STEP file.
+    name
+        Name of the part; by default the file's name without its suffix.
+    time_limit
+        Seconds allowed to read and check the file.
+    material, clamped, loaded, placement, reference_point
+        As for `stiffscope.cad.solid.part_of`; by default the part
         is clamped at its plane face of least x and loaded at that of greatest x.
 
     Raises
     ------
-    InputError : the file holds no valid solid; the message names the file, what was found and what is expected.
+    InputError
+        The file holds no valid solid; the message names the file, what was found and what is expected.
     """
     solid = read_solid(path, time_limit)
     return part_from_valid(

@@ -21,12 +21,15 @@ def valid_solid(shape: "Shape", name: str) -> "Solid":
 
     Parameters
     ----------
-    shape : kernel shape, mm.
-    name : of the part or file in error messages.
+    shape
+        Kernel shape, mm.
+    name
+        Name of the part or file in error messages.
 
     Raises
     ------
-    InputError : the shape is not such a solid; the message says what was found.
+    InputError
+        The shape is not such a solid; the message says what was found.
     """
     solid = _only_solid(shape, name)
     _check_coordinates(solid, name)
