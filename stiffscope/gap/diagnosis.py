@@ -1,4 +1,4 @@
-"""The answer to "where is the gap, and why?": plain nouns, and the JSON that carries them."""
+"""The diagnosis of a campaign as plain dataclasses, and the JSON that carries it."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ class Effect:
     """% rms left when it alone is added."""
     parameters: dict[str, Parameter] = field(default_factory=_empty_parameters)
     confused_with: tuple[str, ...] = ()
-    """Effects, as `effect @ place`, that these readings cannot tell from it."""
+    """Effects, as `effect @ place`, that these readings cannot distinguish from it."""
 
 
 @dataclass(frozen=True)
 class Alternative:
-    """An effect that was weighed and is not in the answer."""
+    """An effect that was considered and is not in the diagnosis."""
 
     effect: str
     place: str
@@ -64,24 +64,24 @@ class Gap:
 
 @dataclass(frozen=True)
 class Where:
-    """Shares of the nominal misfit; each of the two dictionaries is of whole numbers of one."""
+    """Shares of the nominal model's residuals; each dictionary adds up to one."""
 
     direction: dict[str, float]
     component: dict[str, float] = field(default_factory=_empty_places)
     pose_names: tuple[str, ...] = ()
     pose: tuple[tuple[float, ...], ...] = ()
-    """Whitened rms of the misfit, pose by direction (x y z rx ry rz); NaN where nothing was read."""
+    """Rms of the residuals in standard deviations, pose by direction (x y z rx ry rz); NaN where nothing was read."""
     unexplained: tuple[tuple[float, ...], ...] = ()
-    """The same after the answer's effects."""
+    """The same with the diagnosed effects."""
 
 
 @dataclass(frozen=True)
 class NextMeasurement:
-    """What to read next, and which rivals that tells apart."""
+    """What to read next, and which explanations that separates."""
 
     separates: tuple[str, ...]
     expected_gain: float
-    """Expected ln-odds between the two leading rivals."""
+    """Expected ln-odds between them."""
     position: tuple[float, float, float] | None = None
     wrench: tuple[float, ...] | None = None
     pose: str | None = None
@@ -90,7 +90,7 @@ class NextMeasurement:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The whole answer."""
+    """Verdict, gap, effects and alternatives, location, next measurement."""
 
     verdict: str
     gap: Gap
@@ -101,8 +101,8 @@ class Diagnosis:
     remarks: tuple[str, ...] = ()
     steps: tuple[tuple[str, float], ...] = ()
     """The gap in % rms before, after each effect alone, together, held out, and by the noise alone."""
-    likeness: tuple[tuple[str, ...], tuple[tuple[float, ...], ...]] = ((), ())
-    """Effects and |cosine| between their signatures in these readings: 1 cannot be told apart."""
+    signature_correlation: tuple[tuple[str, ...], tuple[tuple[float, ...], ...]] = ((), ())
+    """Effects and |cosine| between their signatures; 1: indistinguishable from these readings."""
 
 
 def _number(value: float) -> float | None:
@@ -141,7 +141,7 @@ def _next(step: NextMeasurement | None) -> dict[str, Any] | None:
 
 
 def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Return the answer as the plain data of `diagnosis.json`; a number that does not exist is null."""
+    """The diagnosis as the plain data of `diagnosis.json`; a number that does not exist is null."""
     gap, where = diagnosis.gap, diagnosis.where
     alternatives = [
         {

@@ -6,14 +6,14 @@ import tomllib
 import pytest
 
 from stiffscope.cli.main import _guarded
-from stiffscope.gap.blind_cases import Lot, Planted, write_lot
+from stiffscope.gap.blind_cases import BlindCase, Fault, write_case
 from stiffscope.robot.robot_file import load_robot
 
 
 @pytest.fixture(scope="module")
 def soft_drive(tmp_path_factory):
     folder = tmp_path_factory.mktemp("lab") / "soft-drive"
-    write_lot(folder, 0, Lot("single", 5, (Planted("actuator-stiffness", "limb1", {"factor": 0.8}),)))
+    write_case(folder, 0, BlindCase("single", 5, (Fault("actuator-stiffness", "limb1", {"factor": 0.8}),)))
     return folder
 
 

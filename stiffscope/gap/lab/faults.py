@@ -9,16 +9,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.gap.lab.frame import lever
 from stiffscope.gap.lab.machine import MIRROR, beam, section_of
-from stiffscope.gap.vocabulary import AXES, LINKS, VOCABULARY
+from stiffscope.gap.lab.structure import lever
+from stiffscope.gap.quantities import AXES
+from stiffscope.robot.vocabulary import LINKS, VOCABULARY
 
 if TYPE_CHECKING:
-    from stiffscope.gap.lab.frame import Array
     from stiffscope.gap.lab.machine import Machine
+    from stiffscope.gap.lab.structure import Array
 
 Parameters = Mapping[str, float]
-Planter = Callable[["Machine", str, Parameters], "Machine"]
+Injector = Callable[["Machine", str, Parameters], "Machine"]
 
 _DRIVE = {"limb1": (0,), "limb2": (1,), "stage": (2,), "limbs": (0, 1)}
 
@@ -135,7 +136,7 @@ def _force_scale(machine: Machine, _place: str, parameters: Parameters) -> Machi
     return _instrument(machine, force=machine.instrument.force * parameters["factor"])
 
 
-_KNOWN: dict[str, Planter] = {
+_KNOWN: dict[str, Injector] = {
     "gravity": _gravity,
     "payload": _payload,
     "actuator-stiffness": _actuator,
@@ -234,7 +235,7 @@ def _bad_session(machine: Machine, _place: str, parameters: Parameters) -> Machi
 _BEARINGS = tuple(f"{link}.{end}" for link in LINKS for end in ("joint_a", "joint_b"))
 _CROSSINGS = tuple(f"{a}->{b}" for a in AXES for b in AXES if a != b)
 
-OUTSIDE: dict[str, tuple[tuple[str, ...], tuple[str, ...], Planter]] = {
+OUTSIDE: dict[str, tuple[tuple[str, ...], tuple[str, ...], Injector]] = {
     "one-soft-slider": (("limb1", "limb2"), ("factor",), _soft_slider),
     "one-loose-bearing": (_BEARINGS, ("radial",), _loose_bearing),
     "one-soft-guide": (("limb1", "limb2"), ("angular",), _soft_guide),
@@ -255,16 +256,16 @@ OUTSIDE: dict[str, tuple[tuple[str, ...], tuple[str, ...], Planter]] = {
 """Faults that the vocabulary has no word for: places, parameters, and how each is planted."""
 
 
-def plant(machine: Machine, effect: str, place: str, parameters: Parameters) -> Machine:
+def inject(machine: Machine, effect: str, place: str, parameters: Parameters) -> Machine:
     """Return the machine with one effect more; parameters that are left out of a group are zero.
 
     Raises InputError for a name that neither the vocabulary nor `OUTSIDE` has, listing what would be valid.
     """
     if effect in VOCABULARY:
         places, names = VOCABULARY[effect].places, tuple(n for n, _ in VOCABULARY[effect].parameters)
-        planter = _KNOWN[effect]
+        injector = _KNOWN[effect]
     elif effect in OUTSIDE:
-        places, names, planter = OUTSIDE[effect]
+        places, names, injector = OUTSIDE[effect]
     else:
         valid = ", ".join([*VOCABULARY, *OUTSIDE])
         raise InputError(f"effect: expected one of {valid}, found {effect!r}")
@@ -278,4 +279,4 @@ def plant(machine: Machine, effect: str, place: str, parameters: Parameters) -> 
     bad = [name for name, value in parameters.items() if not np.isfinite(value)]
     if bad or any(parameters.get(name, 1.0) <= 0 for name in ("factor",)):
         raise InputError(f"{effect}, {(bad or ['factor'])[0]}: expected a finite number, a factor above 0")
-    return planter(machine, place, parameters)
+    return injector(machine, place, parameters)
