@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
-
-VERDICTS = ("identified", "ambiguous", "unexplained", "no-gap")
+import math
+from dataclasses import asdict, dataclass, field
+from typing import Any, cast
 
 
 def _empty_places() -> dict[str, float]:
@@ -93,6 +92,7 @@ class Diagnosis:
     """Verdict, gap, effects and alternatives, location, next measurement."""
 
     verdict: str
+    """identified, ambiguous, unexplained or no-gap."""
     gap: Gap
     effects: tuple[Effect, ...]
     alternatives: tuple[Alternative, ...]
@@ -105,73 +105,27 @@ class Diagnosis:
     """Effects and |cosine| between their signatures; 1: indistinguishable from these readings."""
 
 
-def _number(value: float) -> float | None:
-    return None if value != value or value in {float("inf"), float("-inf")} else float(value)  # noqa: PLR0124
-
-
-def _grid(rows: tuple[tuple[float, ...], ...]) -> list[list[float | None]]:
-    return [[_number(value) for value in row] for row in rows]
-
-
-def _effect(effect: Effect) -> dict[str, Any]:
-    parameters = {
-        name: {"value": p.value, "sigma": _number(p.sigma), "unit": p.unit, "plausible": p.plausible}
-        for name, p in effect.parameters.items()
-    }
-    return {
-        "effect": effect.effect,
-        "place": effect.place,
-        "probability": effect.probability,
-        "parameters": parameters,
-        "gap_after": _number(effect.gap_after),
-        "confused_with": list(effect.confused_with),
-    }
-
-
-def _next(step: NextMeasurement | None) -> dict[str, Any] | None:
-    if step is None:
-        return None
-    out: dict[str, Any] = {}
-    if step.position is not None:
-        out |= dict(zip("xyz", step.position, strict=True))
-    if step.wrench is not None:
-        out["wrench"] = list(step.wrench)
-    out |= {name: v for name, v in (("pose", step.pose), ("quantity", step.quantity)) if v is not None}
-    return {**out, "separates": list(step.separates), "expected_gain": _number(step.expected_gain)}
-
-
 def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
     """The diagnosis as the plain data of `diagnosis.json`; a number that does not exist is null."""
-    gap, where = diagnosis.gap, diagnosis.where
-    alternatives = [
-        {
-            "effect": a.effect,
-            "place": a.place,
-            "probability": a.probability,
-            "gap_after": _number(a.gap_after),
-            "why_not": a.why_not,
-        }
-        for a in diagnosis.alternatives
-    ]
-    return {
-        "verdict": diagnosis.verdict,
-        "gap": {
-            "nominal": _number(gap.nominal),
-            "explained": _number(gap.explained),
-            "held_out": _number(gap.held_out),
-            "noise": _number(gap.noise),
-            "unit": "% rms",
-            "chi2_per_reading": [_number(chi2) for chi2 in gap.chi2_per_reading],
-        },
-        "effects": [_effect(effect) for effect in diagnosis.effects],
-        "alternatives": alternatives,
-        "where": {
-            "direction": where.direction,
-            "component": where.component,
-            "pose": _grid(where.pose),
-            "poses": list(where.pose_names),
-            "unexplained": _grid(where.unexplained),
-        },
-        "next_measurement": _next(diagnosis.next_measurement),
-        "remarks": list(diagnosis.remarks),
-    }
+    data = asdict(diagnosis)
+    del data["steps"], data["signature_correlation"]
+    data["gap"]["unit"] = "% rms"
+    data["where"]["poses"] = data["where"].pop("pose_names")
+    step = data["next_measurement"]
+    if step is not None:
+        position = dict(zip("xyz", step.pop("position") or (), strict=False))
+        data["next_measurement"] = position | {key: value for key, value in step.items() if value is not None}
+    return _plain(data)
+
+
+def _plain(value: Any) -> Any:
+    """Tuples as lists, numbers that are not finite as None."""
+    match value:
+        case dict():
+            return {key: _plain(item) for key, item in cast("dict[str, Any]", value).items()}
+        case list() | tuple():
+            return [_plain(item) for item in cast("list[Any]", value)]
+        case float():
+            return value if math.isfinite(value) else None
+        case _:
+            return value
