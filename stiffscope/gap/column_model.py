@@ -12,6 +12,8 @@ from stiffscope.gap.forward_model import Candidate, Noise, Trial
 from stiffscope.gap.quantities import AXES, STIFFNESS
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from stiffscope.gap.campaign import Campaign
@@ -25,6 +27,7 @@ PLAUSIBLE = (0.5, 2.0)
 NOISES = np.geomspace(1e-4, 0.5, 120)  # unknown noise: 0.01 to 50 % of a reading's size
 OUTLYING = 6.0  # robust standard deviations
 FEW = 0.05  # share of the readings that can be outliers
+_MOST_SCALES = 2
 GROUPS = {"all": AXES, "translation": AXES[:3], "rotation": AXES[3:]} | {axis: (axis,) for axis in AXES}
 
 
@@ -81,13 +84,26 @@ class ColumnModel:
     @cached_property
     def _library(self) -> tuple[Candidate, ...]:
         models = self.campaign.predictions.items()
-        rivals = [Candidate("rival", m, slot="rival", action=_Rival(v)) for m, v in models if m != "value"]
+        rivals = [Candidate("rival", m, action=_Rival(v)) for m, v in models if m != "value"]
         kept: dict[bytes, tuple[Flags, list[str]]] = {}
         for place, axes in GROUPS.items():
             chosen: Flags = np.isin(self.campaign.direction, [AXES.index(axis) for axis in axes])
             if chosen.any():
                 kept.setdefault(chosen.tobytes(), (chosen, []))[1].append(place)
         return (*rivals, *(_scale(chosen, places) for chosen, places in kept.values()))
+
+    @property
+    def tried(self) -> tuple[tuple[Candidate, ...], ...]:
+        """A scale of its own for every direction, with each of the models."""
+        rivals = [c for c in self.library if c.effect == "rival"]
+        axes = tuple(c for c in self.library if c.place in AXES and c.effect == "scale")
+        return ((axes, *((rival, *axes) for rival in rivals))) if len(axes) > _MOST_SCALES else ()
+
+    def admits(self, candidates: Sequence[Candidate]) -> bool:
+        """At most one rival and two scales: more scales would say the same in many ways."""
+        effects = [c.effect for c in candidates]
+        distinct = len({c.name for c in candidates}) == len(effects)
+        return distinct and effects.count("rival") <= 1 and effects.count("scale") <= _MOST_SCALES
 
     def predict(self, parameters: Parameters = ()) -> ColumnPrediction:
         """Values (n,) of the model under test, or of the rival in its place, times every scale."""

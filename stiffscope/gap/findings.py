@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -94,22 +94,26 @@ class Findings:
         return percent_rms(self.campaign, self.predicted(hypothesis), self.sigma, self.used)
 
     def held_out_percent_rms(self, hypothesis: Hypothesis) -> float:
-        """% rms at each pose by the effects fitted without it, mean over poses: one linear step from the full fit."""
-        x, r = self.slopes(hypothesis), self.residual(hypothesis)
-        gram = x[self.used].T @ x[self.used]
-        weak = np.diag(self.problem.weak_precision(hypothesis.candidates))
+        """% rms at each pose by the effects fitted without it, mean over poses; one linear step from the full fit."""
         scores: list[float] = []
         for pose in range(len(self.campaign.pose_names)):
             here = self.used & (self.campaign.pose == pose)
-            if not here.any():
-                continue
-            prediction = self.predicted(hypothesis)
-            if x.shape[1]:
-                left = gram - x[here].T @ x[here] + weak
-                change = -np.linalg.pinv(left, rcond=1e-12) @ (x[here].T @ r[here])
-                prediction = prediction + (x @ change) * self.sigma
-            scores.append(percent_rms(self.campaign, prediction, self.sigma, here))
+            if here.any():
+                moved = hypothesis.slopes @ self._change_without(hypothesis, here) * self.problem.noise.sigma
+                scores.append(percent_rms(self.campaign, self.predicted(hypothesis) + moved, self.sigma, here))
         return float(np.mean(scores)) if scores else float("nan")
+
+    def _change_without(self, hypothesis: Hypothesis, here: Flags) -> Array:
+        """Change (k,) of the internal parameters when some readings (n,) take no part in the fit."""
+        noise, x, r = self.problem.noise, hypothesis.slopes, hypothesis.residual
+        if not x.shape[1]:
+            return np.zeros(0)
+        if noise.scaled.any():  # a noise of unknown size is estimated anew
+            rest = Problem(self.model, replace(noise, used=noise.used & ~here))
+            return rest.posterior(hypothesis.candidates, r + x @ hypothesis.values, x).mean - hypothesis.values
+        left = x[self.used & ~here]
+        weak = np.diag(self.problem.weak_precision(hypothesis.candidates))
+        return -np.linalg.pinv(left.T @ left + weak, rcond=1e-12) @ (x[here].T @ r[here])
 
 
 def find(model: ForwardModel, progress: Progress | None = None) -> Findings:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
@@ -52,8 +52,6 @@ class Candidate:
     """Internal parameters (k,) of physical ones."""
     component: str = ""
     """Part of the machine that it blames, if it is one."""
-    slot: str = ""
-    """Candidates of one slot exclude each other; empty: those of the same name."""
     twins: tuple[str, ...] = ()
     """Effects, as `effect @ place`, with the very same signature in the readings."""
     flexible: bool = False
@@ -152,6 +150,15 @@ class ForwardModel(Protocol):
     @property
     def most_effects(self) -> int:
         """Effects with parameters at most that a diagnosis may name: more can follow almost anything."""
+        ...
+
+    @property
+    def tried(self) -> tuple[tuple[Candidate, ...], ...]:
+        """Sets of effects that are fitted in any case, beside those that the search builds one by one."""
+        ...
+
+    def admits(self, candidates: Sequence[Candidate]) -> bool:
+        """Whether the search may build this set of effects."""
         ...
 
     def predict(self, parameters: Parameters = ()) -> Prediction:

@@ -18,6 +18,8 @@ from stiffscope.robot.effects import factor_of, growth_of, mechanical_effects
 from stiffscope.robot.vocabulary import VOCABULARY
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from stiffscope.gap.campaign import Campaign
@@ -137,6 +139,7 @@ class RobotModel:
     without: str = ""
     """An effect that is left out of the library."""
     most_effects: int = 2
+    tried: tuple[tuple[Candidate, ...], ...] = ()
     prior_sizes: Array = field(default_factory=lambda: np.geomspace(0.03, 10.0, 6))
 
     @property
@@ -157,6 +160,10 @@ class RobotModel:
     @cached_property
     def _at(self) -> RobotAtPoses:
         return RobotAtPoses(self.nominal, self.campaign.poses)
+
+    def admits(self, candidates: Sequence[Candidate]) -> bool:
+        """One of each name: some effects come with fewer or more parameters."""
+        return len({c.name for c in candidates}) == len(candidates)
 
     def predict(self, parameters: Parameters = ()) -> RobotPrediction:
         """Readings with these effects. Raises InputError where the parameters leave what can be assembled."""

@@ -151,6 +151,8 @@ class Problem:
         """Fitted hypotheses, the best first: none, single effects, and larger sets as long as they gain."""
         found = [self.fit((), np.zeros(0))]
         frontier = found[:1]
+        found += [self.fit(c, np.zeros(len(_scale(c)))) for c in self.model.tried]
+        before = frontier[0].evidence
         for level in range(self.model.most_effects + 1):
             starts = self._extensions(frontier, self.model.library)
             fits: list[Hypothesis] = []
@@ -158,11 +160,11 @@ class Problem:
                 if progress:
                     progress(f"effects, {level + 1} at once", k / len(starts))
                 fits.append(self.fit(*start))
-            before = max(h.evidence for h in found)
             found += fits
             frontier = sorted(fits, key=lambda h: -h.evidence)[:BEAM_WIDTH]
             if not frontier or frontier[0].evidence < before + GAIN:
                 break
+            before = max(before, frontier[0].evidence)
         found += self._exchanged(max(found, key=lambda h: h.evidence))
         return sorted(found, key=lambda h: -h.evidence)
 
@@ -185,11 +187,10 @@ class Problem:
         for hypothesis in frontier:
             prediction = self.model.predict(hypothesis.parameters)
             y = hypothesis.residual + hypothesis.slopes @ hypothesis.values
-            taken = {_slot(c) for c in hypothesis.candidates}
             for candidate in library:
-                if _slot(candidate) in taken:
-                    continue
                 candidates = (*hypothesis.candidates, candidate)
+                if not self.model.admits(candidates):
+                    continue
                 x = np.hstack([hypothesis.slopes, prediction.columns(candidate) / sigma[:, None]])
                 step = 0.0 if candidate.scale else prediction.step(candidate) / sigma
                 known = self.posterior(candidates, y - step, x)
@@ -209,10 +210,6 @@ def _scale(candidates: Sequence[Candidate]) -> Array:
 
 def _joined(values: Any) -> Array:
     return np.concatenate([np.zeros(0), *(np.asarray(v, dtype=np.float64) for v in values)])
-
-
-def _slot(candidate: Candidate) -> str:
-    return candidate.slot or candidate.name
 
 
 def _positive(candidates: Sequence[Candidate]) -> Flags:

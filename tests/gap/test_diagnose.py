@@ -35,9 +35,9 @@ SIZES = {
 TWINS = {"thermal @ links": "link-length @ links", "force-scale @ instrument": "displacement-scale @ instrument"}
 
 
-def campaign(*effects, seed=5, modelled=("gravity",), stiff=False, **noise):
+def campaign(*effects, seed=5, modelled=("gravity",), stiff=False, machine=None, **noise):
     rng = np.random.default_rng(seed)
-    machine = biglide()
+    machine = machine or biglide()
     for effect in effects:
         machine = inject(machine, *effect)
     plan = default_plan(machine, rng, stiffness=stiff)
@@ -69,6 +69,29 @@ def test_the_forward_model_agrees_with_the_lab_for_every_effect(effect, place):
     sigma = np.where(quiet.direction < 3, 1e-6, 5e-6)
     sigma = np.where(quiet.kind == 2, 0.01 * np.abs(quiet.value), sigma)
     assert np.abs((values - quiet.value) / sigma).max() < 0.5
+
+
+@pytest.mark.parametrize(("effect", "place"), [("payload", "platform"), ("thermal", "links"), ("backlash", "limb1")])
+def test_gravity_and_expansion_are_those_of_the_robot(effect, place):
+    """Aluminium links on Mars: weights, payload and heat as the lab has them, not as steel has them on Earth."""
+    there = replace(biglide(), acceleration=3.71, expansion=23.6e-6)
+    quiet = campaign((effect, place, SIZES[effect]), machine=there, displacement=1e-12, rotation=1e-12)
+    sigma = np.where(quiet.direction < 3, 1e-6, 5e-6)
+    right = predicted(quiet, NominalRobot(published_robot(), 3.71, 23.6e-6), effect, place, SIZES[effect])
+    wrong = predicted(quiet, ROBOT, effect, place, SIZES[effect])
+    assert np.abs((right - quiet.value) / sigma).max() < 0.5
+    assert np.abs((wrong - quiet.value) / sigma).max() > 3.0
+
+
+def test_a_pitch_error_grows_from_the_middle_of_the_robots_own_drives():
+    """At x = 0 both carriages are half the range out, so a pitch error is a width error times that."""
+    geometry = replace(published_robot().geometry, a_min=0.30, a_max=0.56)
+    model = RobotModel(campaign(), replace(ROBOT, elastic=replace(published_robot(), geometry=geometry)))
+    centred = replace(model.campaign, poses=model.campaign.poses * [0.0, 1.0, 1.0])
+    pattern = next(c for c in model.library if "rail" in c.place)
+    pitch, width = RobotModel(centred, model.nominal).predict().columns(pattern).T
+    assert np.abs(width).max() > 0.0
+    assert pitch == pytest.approx(0.43 * width)
 
 
 @pytest.mark.parametrize("effect", ["actuator-stiffness", "joint-compliance", "backlash", "encoder-offset", "thermal"])

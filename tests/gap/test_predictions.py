@@ -8,11 +8,15 @@ import numpy as np
 import pytest
 
 from stiffscope.gap.campaign import Campaign
+from stiffscope.gap.column_model import ColumnModel
 from stiffscope.gap.diagnose import diagnose
 from stiffscope.gap.diagnosis import to_json
 from stiffscope.gap.evidence import posterior
+from stiffscope.gap.experiment_design import next_measurement
+from stiffscope.gap.findings import find
 from stiffscope.gap.forward_model import Noise
 from stiffscope.gap.readings import load_campaign
+from stiffscope.gap.search import Problem
 
 PUBLISHED = load_campaign(Path(__file__).parents[2] / "data" / "campaigns" / "published")
 
@@ -116,6 +120,36 @@ def test_one_direction_only_leaves_its_names_confused():
     d = diagnose(replace(c, predictions=models, **{name: getattr(c, name)[only] for name in names}))
     assert d.effects[0].place == "all"
     assert set(d.effects[0].confused_with) == {"scale @ translation", "scale @ x"}
+
+
+def test_six_directions_of_their_own_are_six_scales():
+    d = diagnose(campaign(factors=(0.8, 0.9, 1.1, 1.2, 1.3, 0.85), poses=12))
+    assert d.verdict == "identified"
+    assert found(d) == {("scale", axis) for axis in ("x", "y", "z", "rx", "ry", "rz")}
+
+
+def test_rivals_exclude_each_other():
+    c = campaign(rival="softer")
+    model = ColumnModel(replace(c, predictions={**c.predictions, "other": 1.05 * c.predictions["value"]}))
+    sets = [h.names for h in find(model).hypotheses]
+    assert frozenset(["rival @ softer"]) in sets
+    assert not any({"rival @ softer", "rival @ other"} <= names for names in sets)
+
+
+@pytest.mark.parametrize(("odds", "worthwhile"), [(0.15, False), (1.05, False), (1.2, True), (24.0, True)])
+def test_a_measurement_is_suggested_only_where_it_helps(odds, worthwhile):
+    """Ln-odds of at least ln 3 = 1.0986 are expected of it: half the squared distance in standard deviations."""
+    problem = Problem(ColumnModel(campaign(factors=(1.1,) * 6)), ColumnModel(campaign(factors=(1.1,) * 6)).noise())
+    scale = next(c for c in problem.model.library if c.name == "scale @ all")
+    none, all_scaled = problem.fit((), np.zeros(0)), problem.fit([scale], np.array([0.1]))
+    values = problem.model.campaign.predictions["value"]
+    largest = np.abs(all_scaled.values[0]) * values
+    step = next_measurement(problem.model, largest / np.sqrt(2.0 * odds) * np.linspace(1.0, 2.0, 36), none, all_scaled)
+    if worthwhile:
+        assert step.expected_gain == pytest.approx(odds)
+        assert (step.pose, step.quantity) == ("P0", "kx")
+    else:
+        assert step is None
 
 
 def test_answer_is_json():
