@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from tomlkit import TOMLDocument
 
     from stiffscope.gap.diagnosis import Diagnosis, Effect
+    from stiffscope.robot.effects import NominalRobot
     from stiffscope.robot.schema import RobotFile
-    from stiffscope.vjm.biglide import Biglide
 
 
 def check_target(target: Path, robot: RobotFile | None) -> None:
@@ -37,7 +37,7 @@ def check_target(target: Path, robot: RobotFile | None) -> None:
 
 
 def adopt(
-    target: Path, robot: RobotFile, bare: Biglide, diagnosis: Diagnosis, *, campaign: str, components: str
+    target: Path, robot: RobotFile, bare: NominalRobot, diagnosis: Diagnosis, *, campaign: str, components: str
 ) -> list[str]:
     """Write the robot file with the diagnosis' effects; returns those that no robot can carry, and why.
 
@@ -55,8 +55,8 @@ def adopt(
     return left
 
 
-def _carried(bare: Biglide, diagnosis: Diagnosis) -> tuple[list[Effect], list[str]]:
-    from stiffscope.gap.effects import adopted
+def _carried(bare: NominalRobot, diagnosis: Diagnosis) -> tuple[list[Effect], list[str]]:
+    from stiffscope.robot.effects import adopted
 
     carried: list[Effect] = []
     left: list[str] = []

@@ -15,6 +15,7 @@ from stiffscope.jobs.cache import file_digest
 from stiffscope.jobs.manifest import Manifest
 from stiffscope.report import tables
 from stiffscope.report.gap_figures import AFTER, BEFORE, EFFECT, STYLE, new_figure
+from stiffscope.robot.components import nominal_robot
 from stiffscope.robot.robot_file import load_robot
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ def blind(out: Path, *, campaigns: int, seed: int, quiet: bool, target: str | No
     with workshop(quiet=quiet) as (cache, spare, open_line), files.staged_folder(out) as folder:
         made = solve_robots({"now": robot}, "published", cache, spare, open_line, pictures=False)["now"]
         report = open_line("blind")
-        scores = run_blind(folder, made.elastic, campaigns, seed, report, os.cpu_count() or 1)
+        scores = run_blind(folder, nominal_robot(made.elastic, robot), campaigns, seed, report, os.cpu_count() or 1)
         report("figures", 1.0)
         found = scores_json(scores, campaigns, seed, time.perf_counter() - begun)
         files.write_json(folder / "scores.json", found)

@@ -19,6 +19,7 @@ from stiffscope.jobs.manifest import Manifest
 from stiffscope.report import gap_tables as gaptables
 from stiffscope.report import tables
 from stiffscope.report.pictures import PictureError
+from stiffscope.robot.components import nominal_robot
 from stiffscope.robot.robot_file import data_folder, find_robot, load_robot, robot_names
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
     from stiffscope.gap.diagnosis import Diagnosis
     from stiffscope.gap.readings import Campaign
+    from stiffscope.robot.effects import NominalRobot
     from stiffscope.robot.schema import RobotFile
 
     Report = Callable[[str, float], None]
@@ -133,13 +135,13 @@ def _robot_of(folder: Path, robot: str) -> Path:
 
 
 def _diagnosed(case: Case, assembled: Assembled | None, report: Report) -> Diagnosis:
-    if assembled is None:
-        from stiffscope.gap.predictions import diagnose_predictions
-
-        return diagnose_predictions(case.campaign)
     from stiffscope.gap.diagnose import diagnose
 
-    return diagnose(case.campaign, assembled.elastic, report)
+    return diagnose(case.campaign, _nominal(assembled) if assembled else None, report)
+
+
+def _nominal(assembled: Assembled) -> NominalRobot:
+    return nominal_robot(assembled.elastic, assembled.robot)
 
 
 def _write_figures(case: Case, assembled: Assembled | None, diagnosis: Diagnosis, folder: Path) -> None:
@@ -203,7 +205,7 @@ def _manifest(case: Case) -> Manifest:
 
 def _adopt(target: Path, assembled: Assembled, diagnosis: Diagnosis, case: Case, *, loud: bool) -> None:
     left = adoption.adopt(
-        target, assembled.robot, assembled.elastic, diagnosis, campaign=case.name, components=case.campaign.components
+        target, assembled.robot, _nominal(assembled), diagnosis, campaign=case.name, components=case.campaign.components
     )
     if loud:
         for reason in left:

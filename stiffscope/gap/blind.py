@@ -4,29 +4,34 @@ from __future__ import annotations
 
 import json
 import multiprocessing
+import os
+import signal
+import threading
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.gap.blind_cases import Lot, draw, seal, unseal, write_lot
-from stiffscope.gap.diagnose import answer, find
-from stiffscope.gap.effects import effect_named, library
+from stiffscope.gap.blind_cases import BlindCase, draw, seal, unseal, write_case
+from stiffscope.gap.diagnose import conclude
+from stiffscope.gap.diagnosis import to_json
+from stiffscope.gap.findings import find
 from stiffscope.gap.readings import load_campaign
+from stiffscope.gap.robot_model import RobotModel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from stiffscope.gap.diagnosis import Diagnosis
-    from stiffscope.vjm.biglide import Biglide
+    from stiffscope.robot.effects import NominalRobot
 
     Progress = Callable[[str, float], None]
 
 GROUP = 3  # an answer may name the truth in a group of at most so many
 EVIDENT = 10.0  # ln-odds against no effect from which a single effect must be found
 HONEST = 1.2  # times the noise floor, held out
+MANY = 6  # parameters of an effect beyond which its intervals are not scored: the entries of a matrix
 
 
 @dataclass(frozen=True)
@@ -120,19 +125,38 @@ def _matched(truth: set[str], named: list[tuple[str, tuple[str, ...]]]) -> bool:
 
 
 def run_blind(
-    folder: Path, robot: Biglide, campaigns: int, seed: int, progress: Progress | None = None, workers: int = 2
+    folder: Path, robot: NominalRobot, campaigns: int, seed: int, progress: Progress | None = None, workers: int = 2
 ) -> Scores:
-    """Draw, seal, diagnose in parallel, open the seal, score. Campaigns and answers are left in ``folder``."""
-    lots = [draw(k, seed) for k in range(campaigns)]
-    for k, lot in enumerate(lots):
+    """Draw, seal, diagnose in parallel, open the seal, score.
+
+    Parameters
+    ----------
+    folder
+        Campaigns and diagnoses are left here.
+    robot
+        The nominal robot of all campaigns.
+    campaigns, seed
+        How many are drawn, and the seed that they repeat with.
+    progress
+        Called with a stage's name and its fraction done.
+    workers
+        Processes.
+
+    """
+    drawn = [draw(k, seed) for k in range(campaigns)]
+    for k, case in enumerate(drawn):
         if progress:
             progress("measuring", k / campaigns)
-        write_lot(_place(folder, k), k, lot)
-    seal(folder, lots)
-    answers = _diagnosed(folder, robot, campaigns, progress, workers)
-    opened = unseal(folder)
-    outcomes = [_outcome(k, opened[k], found) for k, found in enumerate(answers)]
-    outcomes += _without_one(folder, robot, opened, progress, workers)
+        write_case(_place(folder, k), k, case)
+    seal(folder, drawn)
+    everything = [(_place(folder, k), "") for k in range(campaigns)]
+    answers = _diagnosed(everything, robot, progress, workers, "diagnosing")
+    cases = unseal(folder)
+    outcomes = [_outcome(k, cases[k], found) for k, found in enumerate(answers)]
+    single = [(k, case.faults[0].effect) for k, case in enumerate(cases) if case.kind == "single"]
+    jobs = [(_place(folder, k), effect) for k, effect in single]
+    answers = _diagnosed(jobs, robot, progress, workers, "leaving one effect out")
+    outcomes += [_outcome(k, cases[k], found, effect) for (k, effect), found in zip(single, answers, strict=True)]
     return score(outcomes)
 
 
@@ -141,94 +165,82 @@ def _place(folder: Path, number: int) -> Path:
 
 
 def _diagnosed(
-    folder: Path, robot: Biglide, campaigns: int, progress: Progress | None, workers: int
+    jobs: list[tuple[Path, str]], robot: NominalRobot, progress: Progress | None, workers: int, stage: str
 ) -> list[dict[str, Any]]:
-    jobs = [(str(_place(folder, k)), "") for k in range(campaigns)]
-    return _all(jobs, robot, progress, workers, "diagnosing")
-
-
-def _without_one(
-    folder: Path, robot: Biglide, lots: list[Lot], progress: Progress | None, workers: int
-) -> list[Outcome]:
-    """Diagnose single effects again with their own word taken out of the library."""
-    chosen = [k for k, lot in enumerate(lots) if lot.kind == "single"]
-    jobs = [(str(_place(folder, k)), lots[k].planted[0].effect) for k in chosen]
-    answers = _all(jobs, robot, progress, workers, "leaving one effect out")
-    return [_outcome(k, lots[k], found, lots[k].planted[0].effect) for k, found in zip(chosen, answers, strict=True)]
-
-
-def _all(
-    jobs: list[tuple[str, str]], robot: Biglide, progress: Progress | None, workers: int, stage: str
-) -> list[dict[str, Any]]:
+    """Diagnose campaigns side by side, each without the effect that its job leaves out of the library."""
     out: list[dict[str, Any]] = [{} for _ in jobs]
+    others = multiprocessing.active_children()
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context, initializer=_one_thread) as pool:
-        running = {pool.submit(_one, robot, path, left_out): k for k, (path, left_out) in enumerate(jobs)}
-        for done, future in enumerate(as_completed(running)):
-            out[running[future]] = future.result()
-            if progress:
-                progress(stage, (done + 1) / len(jobs))
+    with ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker) as pool:
+        try:
+            running = {pool.submit(_diagnose, robot, *job): k for k, job in enumerate(jobs)}
+            for done, future in enumerate(as_completed(running)):
+                out[running[future]] = future.result()
+                if progress:
+                    progress(stage, (done + 1) / len(jobs))
+        except BaseException:  # Ctrl-C too: the pool would otherwise finish what is queued
+            pool.shutdown(wait=False, cancel_futures=True)
+            for worker in set(multiprocessing.active_children()) - set(others):
+                worker.terminate()
+            raise
     return out
 
 
-def _one_thread() -> None:
-    """Two processes on two cores: each keeps to its own."""
+def _start_worker() -> None:
+    """Keep to one core, leave Ctrl-C to the parent, and end when the parent is gone, which a pool does not do."""
     from threadpoolctl import threadpool_limits  # pyright: ignore[reportMissingTypeStubs]
 
     threadpool_limits(1)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
-def _one(robot: Biglide, folder: str, left_out: str) -> dict[str, Any]:
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _diagnose(robot: NominalRobot, folder: Path, left_out: str) -> dict[str, Any]:
     """Diagnose one campaign; plain data, since it crosses a process."""
-    from pathlib import Path
-
-    terms = [e for e in library() if e.effect != left_out]
-    found = find(load_campaign(Path(folder)), robot, None, terms)
-    diagnosis = answer(found)
-    gained = found.best.evidence - found.none.evidence
-    text = _plain(diagnosis) | {"evidence": gained}
+    found = find(RobotModel(load_campaign(folder), robot, without=left_out))
+    data = to_json(conclude(found)) | {"evidence": found.best.evidence - found.none.evidence}
     name = "diagnosis.json" if not left_out else "diagnosis-without.json"
-    (Path(folder) / name).write_text(json.dumps(text, indent=1), encoding="utf-8")
-    return text
+    (folder / name).write_text(json.dumps(data, indent=1), encoding="utf-8")
+    return data
 
 
-def _plain(diagnosis: Diagnosis) -> dict[str, Any]:
-    from stiffscope.gap.diagnosis import to_json
-
-    return to_json(diagnosis)
-
-
-def _outcome(number: int, lot: Lot, found: dict[str, Any], left_out: str = "") -> Outcome:
+def _outcome(number: int, case: BlindCase, found: dict[str, Any], left_out: str = "") -> Outcome:
     named = tuple(f"{e['effect']} @ {e['place']}" for e in found["effects"])
     groups = tuple(tuple(e["confused_with"]) for e in found["effects"])
     gap = found["gap"]
     numbers = tuple(float("nan") if gap[k] is None else gap[k] for k in ("nominal", "explained", "held_out", "noise"))
     return Outcome(
         number,
-        lot.kind,
-        tuple(p.name for p in lot.planted),
+        case.kind,
+        tuple(p.name for p in case.faults),
         found["verdict"],
         named,
         groups,
         float(found["evidence"]),
         (numbers[0], numbers[1], numbers[2], numbers[3]),
-        () if left_out else _covered(lot, found),
+        () if left_out else _covered(case, found),
         left_out,
     )
 
 
-def _covered(lot: Lot, found: dict[str, Any]) -> tuple[bool, ...]:
+def _covered(case: BlindCase, found: dict[str, Any]) -> tuple[bool, ...]:
     """For every parameter of a rightly named effect, whether value ± 1.96 σ holds the truth."""
-    if found["verdict"] == "unexplained" or len(found["effects"]) != len(lot.planted):
+    if found["verdict"] == "unexplained" or len(found["effects"]) != len(case.faults):
         return ()
-    truth = {p.name: p.parameters for p in lot.planted}
+    truth = {p.name: p.parameters for p in case.faults}
     out: list[bool] = []
     for effect in found["effects"]:
         planted = truth.get(f"{effect['effect']} @ {effect['place']}")
         if planted is None:
             return ()
-        term = effect_named(effect["effect"], effect["place"], tuple(effect["parameters"]))
-        if len(term.names) > 6:
+        if len(effect["parameters"]) > MANY:
             continue
         for name, fit in effect["parameters"].items():
             if fit["sigma"] and not (effect["effect"] == "payload" and name == "z"):

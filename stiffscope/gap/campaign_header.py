@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
 from stiffscope.errors import InputError
-from stiffscope.gap.vocabulary import COMPONENTS, VOCABULARY
+from stiffscope.robot.vocabulary import VOCABULARY
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+COMPONENTS = ("fea", "beam", "published")
 _KEYS = ("robot", "modelled", "components", "readings", "predictions")
 
 

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.gap.quantities import QUANTITIES, WRENCH
 from stiffscope.gap.readings import POSITION
-from stiffscope.gap.vocabulary import QUANTITIES, WRENCH
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from stiffscope.gap.readings import Array, Campaign
+    from stiffscope.gap.campaign import Array, Campaign
 
 
 def write_campaign(campaign: Campaign, folder: Path, *, comment: str = "") -> None:

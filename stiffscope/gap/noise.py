@@ -7,15 +7,14 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from stiffscope.gap.vocabulary import STIFFNESS
+from stiffscope.gap.forward_model import Noise
+from stiffscope.gap.quantities import STIFFNESS
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
-    from stiffscope.gap.effects import Effect
-    from stiffscope.gap.state import Bench
+    from stiffscope.gap.campaign import Campaign
+    from stiffscope.gap.forward_model import ForwardModel
 
     Array = NDArray[np.floating[Any]]
     Flags = NDArray[np.bool_]
@@ -29,47 +28,37 @@ FRACTIONS = np.geomspace(1e-5, 2.0, 80)  # of the gap, that may be noise
 
 
 @dataclass(frozen=True)
-class Data:
-    """Noise of the readings ``sigma`` (n,), which are no gross outliers, and what to remark about that."""
-
-    sigma: Array
-    good: Flags
-    remarks: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
 class _Fit:
-    """The joint fit: residuals in sigmas, and the share of the readings' freedom that it leaves."""
+    """The joint fit: residuals in sigmas, and the share of the degrees of freedom that it leaves."""
 
     residual: Array
     free: float
 
 
-def noise_of(bench: Bench, library: Sequence[Effect]) -> Data:
+def noise_of(model: ForwardModel) -> Noise:
     """Noise and outliers as the fit of all effects at once shows them, robustly.
 
     Unknown sigmas are estimated by kind of reading. Stated ones that are all too large are brought down; ones that
     are too small are left, since what they do not cover may be an effect that nobody knows.
     """
-    campaign, state = bench.campaign, bench.state()
-    joint = [e for e in library if len(e.scale) > 0 and e.names[0] != "c11"]
-    x = np.hstack([state.columns(e) * np.array(e.scale) for e in joint])
-    gap = campaign.value - state.prediction
+    campaign, prediction = model.campaign, model.predict()
+    joint = [c for c in model.library if c.scale and not c.flexible]
+    x = np.hstack([prediction.columns(c) * np.array(c.scale) for c in joint])
+    gap = campaign.value - prediction.values
     unknown = np.isnan(campaign.sigma)
-    sigma = np.where(unknown, _first_guess(bench, gap, x), campaign.sigma)
-    data = Data(sigma, np.ones(len(gap), dtype=np.bool_))
+    sigma = np.where(unknown, _first_guess(campaign, gap, x), campaign.sigma)
+    noise = Noise(sigma, np.ones(len(gap), dtype=np.bool_), np.zeros(len(gap), dtype=np.bool_), np.ones(1))
     if len(gap) <= 2 * x.shape[1]:
-        return data
+        return noise
     fit = _Fit(np.zeros(len(gap)), 1.0)
     for _ in range(PASSES):
-        fit = _joint_fit(LOOSE * x / data.sigma[:, None], gap / data.sigma, data.good, fit)
-        data, fit = _judged(bench, data, fit)
-    return _remarked(bench, data, fit)
+        fit = _joint_fit(LOOSE * x / noise.sigma[:, None], gap / noise.sigma, noise.used, fit)
+        noise, fit = _judged(campaign, noise, fit)
+    return _remarked(campaign, noise, fit)
 
 
-def _first_guess(bench: Bench, gap: Array, x: Array) -> Array:
+def _first_guess(c: Campaign, gap: Array, x: Array) -> Array:
     """Unknown sigmas (n,) as one share of the gap of their kind: the likeliest with all effects free."""
-    c = bench.campaign
     like = c.kind * 2 + c.direction // 3
     size = np.where(c.kind == STIFFNESS, np.abs(c.value), 1.0)
     mean = np.sqrt(np.bincount(like, (gap / size) ** 2) / np.maximum(np.bincount(like), 1))
@@ -84,48 +73,46 @@ def _first_guess(bench: Bench, gap: Array, x: Array) -> Array:
     return unit * FRACTIONS[int(np.argmax(likelihood))]
 
 
-def _joint_fit(a: Array, y: Array, good: Flags, before: _Fit) -> _Fit:
-    """All effects at once, readings that stood off before with less weight."""
-    weight = good / np.maximum(1.0, np.abs(before.residual) / 2.0)
+def _joint_fit(a: Array, y: Array, used: Flags, before: _Fit) -> _Fit:
+    """All effects at once, readings with a large residual before with less weight."""
+    weight = used / np.maximum(1.0, np.abs(before.residual) / 2.0)
     gram = a.T @ (a * weight[:, None])
     values, vectors = np.linalg.eigh(gram)
     keep = values > 1e-8 * values[-1]
-    hat = (vectors[:, keep] / values[keep]) @ vectors[:, keep].T
-    rank = float(np.sum((a @ hat) * a * weight[:, None]))
-    residual = y - a @ (hat @ (a.T @ (weight * y)))
-    return _Fit(residual, max(1.0 - rank / max(float(good.sum()), 1.0), 0.1))
+    inverse = (vectors[:, keep] / values[keep]) @ vectors[:, keep].T
+    dof = float(np.sum((a @ inverse) * a * weight[:, None]))
+    residual = y - a @ (inverse @ (a.T @ (weight * y)))
+    return _Fit(residual, max(1.0 - dof / max(float(used.sum()), 1.0), 0.1))
 
 
-def _judged(bench: Bench, data: Data, fit: _Fit) -> tuple[Data, _Fit]:
+def _judged(c: Campaign, noise: Noise, fit: _Fit) -> tuple[Noise, _Fit]:
     """Unknown noise by the robust scatter of its kind; outliers by the same measure."""
-    c = bench.campaign
     unknown = np.isnan(c.sigma)
     like = c.kind * 2 + c.direction // 3
     scatter = np.ones(len(c))
     for group in np.unique(like):
-        mine = (like == group) & data.good
+        mine = (like == group) & noise.used
         if mine.any():
             scatter[like == group] = max(_scatter(fit.residual[mine]) / np.sqrt(fit.free), 1e-6)
     residual = np.where(unknown, fit.residual / scatter, fit.residual)
-    good = np.abs(residual) < OUTLYING * np.where(unknown, 1.0, scatter)
-    return replace(data, sigma=np.where(unknown, data.sigma * scatter, data.sigma), good=good), replace(
-        fit, residual=residual
-    )
+    used = np.abs(residual) < OUTLYING * np.where(unknown, 1.0, scatter)
+    sigma = np.where(unknown, noise.sigma * scatter, noise.sigma)
+    return replace(noise, sigma=sigma, used=used), replace(fit, residual=residual)
 
 
-def _remarked(bench: Bench, data: Data, fit: _Fit) -> Data:
-    known = ~np.isnan(bench.campaign.sigma)
-    sigma, remarks = data.sigma, list(data.remarks)
+def _remarked(c: Campaign, noise: Noise, fit: _Fit) -> Noise:
+    known = ~np.isnan(c.sigma)
+    sigma, remarks = noise.sigma, list(noise.remarks)
     if known.any():
-        label = _scatter(fit.residual[known & data.good]) / np.sqrt(fit.free)
-        if label < OVERSTATED:
-            sigma = np.where(known, label * sigma, sigma)
+        ratio = _scatter(fit.residual[known & noise.used]) / np.sqrt(fit.free)
+        if ratio < OVERSTATED:
+            sigma = np.where(known, ratio * sigma, sigma)
             remarks.append(
-                f"the stated uncertainties, {1 / label:.2g} times what the readings scatter, were scaled down"
+                f"the stated uncertainties, {1 / ratio:.2g} times what the readings scatter, were scaled down"
             )
-    if not data.good.all():
-        remarks.append(f"{int((~data.good).sum())} gross outliers were left out")
-    return Data(sigma, data.good, tuple(remarks))
+    if not noise.used.all():
+        remarks.append(f"{int((~noise.used).sum())} gross outliers were left out")
+    return replace(noise, sigma=sigma, remarks=tuple(remarks))
 
 
 def _scatter(residual: Array) -> float:

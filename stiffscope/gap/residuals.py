@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.gap.vocabulary import AXES, STIFFNESS
+from stiffscope.gap.quantities import AXES, STIFFNESS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from stiffscope.gap.readings import Campaign
+    from stiffscope.gap.campaign import Campaign
 
     Array = NDArray[np.floating[Any]]
     Flags = NDArray[np.bool_]
@@ -46,17 +46,17 @@ def percent_noise(campaign: Campaign, sigma: Array, chosen: Flags | None = None)
     return _percent(stiff, sigma / np.where(stiff, value, 1.0), np.ones_like(value), value / sigma)
 
 
-def by_direction(campaign: Campaign, whitened: Array) -> dict[str, float]:
-    """Return each direction's share of Σ(r/σ)²; whitened residuals (n,)."""
-    totals = np.bincount(campaign.direction, weights=whitened**2, minlength=6)
+def by_direction(campaign: Campaign, normalized: Array) -> dict[str, float]:
+    """Return each direction's share of Σ(r/σ)²; normalized residuals (n,)."""
+    totals = np.bincount(campaign.direction, weights=normalized**2, minlength=6)
     return {axis: float(share) for axis, share in zip(AXES, totals / max(totals.sum(), 1e-300), strict=True)}
 
 
-def by_pose(campaign: Campaign, whitened: Array) -> tuple[tuple[float, ...], ...]:
-    """Return the rms of whitened residuals (n,), pose by direction; NaN where nothing was read."""
+def by_pose(campaign: Campaign, normalized: Array) -> tuple[tuple[float, ...], ...]:
+    """Return the rms of normalized residuals (n,), pose by direction; NaN where nothing was read."""
     cell = campaign.pose * 6 + campaign.direction
     size = 6 * len(campaign.pose_names)
     count = np.bincount(cell, minlength=size)
-    total = np.bincount(cell, weights=whitened**2, minlength=size)
+    total = np.bincount(cell, weights=normalized**2, minlength=size)
     rms = np.where(count > 0, np.sqrt(total / np.maximum(count, 1)), np.nan).reshape(-1, 6)
     return tuple(tuple(float(v) for v in row) for row in rms)

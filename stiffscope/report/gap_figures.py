@@ -97,7 +97,7 @@ def residual_map(diagnosis: Diagnosis) -> Figure | None:
 
 def likeness(diagnosis: Diagnosis) -> Figure | None:
     """|cosine| between the effects' signatures in these readings; the alike stand together."""
-    names, rows = diagnosis.likeness
+    names, rows = diagnosis.signature_correlation
     if len(names) < 2:
         return None
     matrix = np.array(rows, dtype=float)

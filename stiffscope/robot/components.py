@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from stiffscope.fea.beam import Section
     from stiffscope.jobs.experiments import PartResult
+    from stiffscope.robot.effects import NominalRobot
     from stiffscope.robot.part_schema import Source
     from stiffscope.robot.schema import PartName, RobotFile
     from stiffscope.vjm.biglide import Biglide, Geometry
@@ -96,12 +97,19 @@ def assemble(robot: RobotFile, matrices: Mapping[PartName, np.ndarray], link_mas
 def with_effects(bare: Biglide, robot: RobotFile) -> Biglide:
     """A robot that carries what its file has adopted. Raises InputError for what is no part of a robot."""
     from stiffscope.errors import InputError
+    from stiffscope.robot.effects import adopted
 
+    carried = nominal_robot(bare, robot)
     for number, effect in enumerate(robot.effects, 1):
-        from stiffscope.gap.effects import adopted
-
         try:
-            bare = adopted(bare, effect.effect, effect.place, effect.parameters)
+            carried = adopted(carried, effect.effect, effect.place, effect.parameters)
         except InputError as error:
             raise InputError(f"{robot.path}: effects, number {number}: {error}") from error
-    return bare
+    return carried.elastic
+
+
+def nominal_robot(elastic: Biglide, robot: RobotFile) -> NominalRobot:
+    """An elastic robot with what effects need of its file: gravity, and the links' expansion along them."""
+    from stiffscope.robot.effects import NominalRobot
+
+    return NominalRobot(elastic, robot.gravity.acceleration, robot.material("link").expansion)

@@ -16,7 +16,6 @@ from stiffscope.cad.link import LinkParameters
 from stiffscope.cad.materials import AnyMaterial, Material, TransverselyIsotropic, material
 from stiffscope.cad.slider import SliderParameters
 from stiffscope.errors import InputError
-from stiffscope.gap.vocabulary import VOCABULARY
 from stiffscope.robot import quantities as q
 from stiffscope.robot.fields import (
     Acceleration,
@@ -32,6 +31,7 @@ from stiffscope.robot.fields import (
     Stiffness,
 )
 from stiffscope.robot.part_schema import LinkSection, PartSection, SliderSection  # noqa: TC001 (pydantic reads annotations)
+from stiffscope.robot.vocabulary import VOCABULARY
 
 PartName = str
 PARTS = ("link", "slider")

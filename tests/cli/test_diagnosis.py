@@ -2,18 +2,24 @@
 
 import json
 import tomllib
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from stiffscope.cli.main import _guarded
-from stiffscope.gap.blind_cases import Lot, Planted, write_lot
-from stiffscope.robot.robot_file import load_robot
+from stiffscope.gap.blind_cases import BlindCase, Fault, write_case
+from stiffscope.gap.campaign_io import write_campaign
+from stiffscope.gap.lab.faults import inject
+from stiffscope.gap.lab.machine import biglide
+from stiffscope.gap.lab.measuring import Noise, default_plan, measure
+from stiffscope.robot.robot_file import data_folder, load_robot
 
 
 @pytest.fixture(scope="module")
 def soft_drive(tmp_path_factory):
     folder = tmp_path_factory.mktemp("lab") / "soft-drive"
-    write_lot(folder, 0, Lot("single", 5, (Planted("actuator-stiffness", "limb1", {"factor": 0.8}),)))
+    write_case(folder, 0, BlindCase("single", 5, (Fault("actuator-stiffness", "limb1", {"factor": 0.8}),)))
     return folder
 
 
@@ -24,7 +30,7 @@ def test_the_published_experiment(tmp_path, capsys):
     assert found == json.loads((out / "diagnosis.json").read_text())
     assert found["verdict"] == "identified"
     page = (out / "report.html").read_text()
-    assert page.count("<svg") == 2
+    assert page.count("<svg") == 3
     assert "src=" not in page
     assert "scale (all)" in page
     listed = json.loads((out / "manifest.json").read_text())
@@ -52,6 +58,30 @@ def test_an_adopted_effect_closes_the_gap(soft_drive, tmp_path, capsys):
     assert json.loads((tmp_path / "closed" / "diagnosis.json").read_text())["verdict"] == "no-gap"
     page = (found / "report.html").read_text()
     assert page.count("<svg") == 3
+
+
+def test_gravity_and_expansion_come_from_the_robot_file(tmp_path):
+    rng = np.random.default_rng(3)
+    machine = inject(replace(biglide(), acceleration=3.71, expansion=23.6e-6), "thermal", "links", {"temperature": 9.0})
+    folder = tmp_path / "mars"
+    write_campaign(replace(measure(machine, default_plan(machine, rng), Noise(), rng), robot="mars.toml"), folder)
+    text = (data_folder() / "biglide.toml").read_text(encoding="utf-8")
+    for old, new in (("9.81 m/s^2", "3.71 m/s^2"), ("11.7e-6 1/K", "23.6e-6 1/K")):
+        assert old in text
+        text = text.replace(old, new)
+    (folder / "mars.toml").write_text(text, encoding="utf-8")
+    assert _guarded(["diagnose", str(folder), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    names = {e["effect"]: e["parameters"] for e in found["effects"]}
+    group = {*names, *(other.split(" @ ")[0] for e in found["effects"] for other in e["confused_with"])}
+    assert "thermal" in group
+    assert found["gap"]["held_out"] < 1.1 * found["gap"]["noise"]
+    if "thermal" in names:
+        temperature = names["thermal"]["temperature"]
+        assert temperature["value"] == pytest.approx(9.0, abs=4 * temperature["sigma"])
+    else:
+        error = names["link-length"]["error"]
+        assert error["value"] == pytest.approx(9.0 * 23.6e-6 * 0.5, abs=4 * error["sigma"])
 
 
 @pytest.mark.parametrize(

@@ -8,13 +8,15 @@ import pytest
 from stiffscope.errors import InputError
 from stiffscope.gap.diagnose import diagnose
 from stiffscope.gap.diagnosis import to_json
-from stiffscope.gap.effects import adopted, effect_named, library
-from stiffscope.gap.lab.faults import plant
+from stiffscope.gap.lab.faults import inject
 from stiffscope.gap.lab.machine import biglide
 from stiffscope.gap.lab.measuring import Noise, default_plan, measure
-from stiffscope.gap.state import Bench
+from stiffscope.gap.robot_model import RobotModel, robot_candidates
+from stiffscope.robot.effects import NominalRobot, adopted
 from stiffscope.vjm.analysis import stiffness
 from tests.robots import published_robot
+
+ROBOT = NominalRobot(published_robot(), acceleration=9.81, expansion=11.7e-6)
 
 SOFT = ("actuator-stiffness", "limb1", {"factor": 0.8})
 SIZES = {
@@ -33,20 +35,29 @@ SIZES = {
 TWINS = {"thermal @ links": "link-length @ links", "force-scale @ instrument": "displacement-scale @ instrument"}
 
 
-def campaign(*effects, seed=5, modelled=("gravity",), stiff=False, **noise):
+def campaign(*effects, seed=5, modelled=("gravity",), stiff=False, machine=None, **noise):
     rng = np.random.default_rng(seed)
-    machine = biglide()
+    machine = machine or biglide()
     for effect in effects:
-        machine = plant(machine, *effect)
+        machine = inject(machine, *effect)
     plan = default_plan(machine, rng, stiffness=stiff)
     return measure(machine, plan, Noise(**noise), rng, modelled=modelled)
+
+
+def predicted(readings, robot, effect, place, parameters):
+    """What the forward model says that these readings are, with one effect."""
+    model = RobotModel(readings, robot)
+    fitting = (c for c in model.library if c.name == f"{effect} @ {place}" and set(parameters) <= set(c.names))
+    candidate = min(fitting, key=lambda c: len(c.names))
+    given = np.array([parameters.get(name, 0.0) for name in candidate.names])
+    return model.predict(((candidate, tuple(candidate.internal(given))),)).values
 
 
 def named(diagnosis):
     return {f"{e.effect} @ {e.place}" for e in diagnosis.effects}
 
 
-PLACES = [(e.effect, e.place) for e in library() if e.effect != "gravity" and len(e.names) < 7]
+PLACES = [(e.effect, e.place) for e in robot_candidates(ROBOT) if e.effect != "gravity" and len(e.names) < 7]
 
 
 @pytest.mark.parametrize(("effect", "place"), sorted(set(PLACES)))
@@ -54,13 +65,33 @@ def test_the_forward_model_agrees_with_the_lab_for_every_effect(effect, place):
     """Two independent mechanics: this one perturbs the tree, the lab rebuilds its frame."""
     parameters = SIZES.get(effect, {"factor": 0.8})
     quiet = campaign((effect, place, parameters), stiff=True, displacement=1e-12, rotation=1e-12, stiffness=1e-9)
-    bench = Bench(quiet, published_robot())
-    term = effect_named(effect, place, tuple(k for k in parameters if k != "z" or effect != "payload"))
-    given = np.array([parameters.get(name, 0.0) for name in term.names])
-    model = bench.state(((term, tuple(term.inside(given, bench.nominal))),)).prediction
+    values = predicted(quiet, ROBOT, effect, place, parameters)
     sigma = np.where(quiet.direction < 3, 1e-6, 5e-6)
     sigma = np.where(quiet.kind == 2, 0.01 * np.abs(quiet.value), sigma)
-    assert np.abs((model - quiet.value) / sigma).max() < 0.5
+    assert np.abs((values - quiet.value) / sigma).max() < 0.5
+
+
+@pytest.mark.parametrize(("effect", "place"), [("payload", "platform"), ("thermal", "links"), ("backlash", "limb1")])
+def test_gravity_and_expansion_are_those_of_the_robot(effect, place):
+    """Aluminium links on Mars: weights, payload and heat as the lab has them, not as steel has them on Earth."""
+    there = replace(biglide(), acceleration=3.71, expansion=23.6e-6)
+    quiet = campaign((effect, place, SIZES[effect]), machine=there, displacement=1e-12, rotation=1e-12)
+    sigma = np.where(quiet.direction < 3, 1e-6, 5e-6)
+    right = predicted(quiet, NominalRobot(published_robot(), 3.71, 23.6e-6), effect, place, SIZES[effect])
+    wrong = predicted(quiet, ROBOT, effect, place, SIZES[effect])
+    assert np.abs((right - quiet.value) / sigma).max() < 0.5
+    assert np.abs((wrong - quiet.value) / sigma).max() > 3.0
+
+
+def test_a_pitch_error_grows_from_the_middle_of_the_robots_own_drives():
+    """At x = 0 both carriages are half the range out, so a pitch error is a width error times that."""
+    geometry = replace(published_robot().geometry, a_min=0.30, a_max=0.56)
+    model = RobotModel(campaign(), replace(ROBOT, elastic=replace(published_robot(), geometry=geometry)))
+    centred = replace(model.campaign, poses=model.campaign.poses * [0.0, 1.0, 1.0])
+    pattern = next(c for c in model.library if "rail" in c.place)
+    pitch, width = RobotModel(centred, model.nominal).predict().columns(pattern).T
+    assert np.abs(width).max() > 0.0
+    assert pitch == pytest.approx(0.43 * width)
 
 
 @pytest.mark.parametrize("effect", ["actuator-stiffness", "joint-compliance", "backlash", "encoder-offset", "thermal"])
@@ -71,7 +102,7 @@ def test_an_effect_is_named_with_its_size(effect):
         else ("joints", "links")[effect == "thermal"]
     )
     parameters = SIZES.get(effect, {"factor": 0.8})
-    diagnosis = diagnose(campaign((effect, place, parameters)), published_robot())
+    diagnosis = diagnose(campaign((effect, place, parameters)), ROBOT)
     found = diagnosis.effects[0]
     group = {f"{found.effect} @ {found.place}", *found.confused_with}
     assert f"{effect} @ {place}" in group
@@ -88,7 +119,7 @@ def test_the_same_answer_after_shuffling_rows_doubling_the_label_and_outliers():
         k: getattr(plain, k)[order] for k in ("pose", "wrench", "quantity", "value", "sigma", "session", "file", "line")
     }
     answers = [
-        diagnose(c, published_robot())
+        diagnose(c, ROBOT)
         for c in (plain, replace(plain, **rows), replace(plain, sigma=2 * plain.sigma), campaign(SOFT, outliers=0.01))
     ]
     for answer in answers:
@@ -98,8 +129,8 @@ def test_the_same_answer_after_shuffling_rows_doubling_the_label_and_outliers():
 
 
 def test_no_gap_and_missing_gravity():
-    assert diagnose(campaign(), published_robot()).verdict == "no-gap"
-    without = diagnose(campaign(modelled=()), published_robot())
+    assert diagnose(campaign(), ROBOT).verdict == "no-gap"
+    without = diagnose(campaign(modelled=()), ROBOT)
     assert (without.verdict, named(without)) == ("identified", {"gravity @ robot"})
 
 
@@ -112,7 +143,7 @@ def test_no_gap_and_missing_gravity():
     ],
 )
 def test_a_fault_without_a_word_is_not_named(fault, place, parameters):
-    diagnosis = diagnose(campaign((fault, place, parameters)), published_robot())
+    diagnosis = diagnose(campaign((fault, place, parameters)), ROBOT)
     assert diagnosis.verdict != "identified"
     assert diagnosis.remarks
     assert sum(diagnosis.where.direction.values()) == pytest.approx(1.0)
@@ -122,7 +153,7 @@ def test_fea_against_beam_is_found_as_the_slider_entry_by_entry():
     solid = biglide("fea").sliders[0]
     machine = biglide("published", slider=solid)
     rng = np.random.default_rng(3)
-    diagnosis = diagnose(measure(machine, default_plan(machine, rng), Noise(), rng), published_robot())
+    diagnosis = diagnose(measure(machine, default_plan(machine, rng), Noise(), rng), ROBOT)
     assert named(diagnosis) == {"slider-compliance @ sliders"}
     torsion = diagnosis.effects[0].parameters["c44"]
     assert torsion.value == pytest.approx(solid[3, 3], abs=4 * torsion.sigma)
@@ -130,19 +161,19 @@ def test_fea_against_beam_is_found_as_the_slider_entry_by_entry():
 
 
 def test_an_adopted_effect_is_an_ordinary_robot():
-    robot = adopted(published_robot(), "actuator-stiffness", "limb1", {"factor": 0.8})
-    softer = stiffness(robot, [0, 0, 0.35])[0]
+    robot = adopted(ROBOT, "actuator-stiffness", "limb1", {"factor": 0.8})
+    softer = stiffness(robot.elastic, [0, 0, 0.35])[0]
     assert softer[0, 0] < stiffness(published_robot(), [0, 0, 0.35])[0][0, 0]
     healed = diagnose(campaign(SOFT), robot)
     assert healed.verdict == "no-gap"
     with pytest.raises(InputError, match="no part of the robot"):
-        adopted(published_robot(), "force-scale", "instrument", {"factor": 1.1})
+        adopted(ROBOT, "force-scale", "instrument", {"factor": 1.1})
     with pytest.raises(InputError, match="expected one of stage, limb1"):
-        adopted(published_robot(), "actuator-stiffness", "limb3", {"factor": 1.1})
+        adopted(ROBOT, "actuator-stiffness", "limb3", {"factor": 1.1})
 
 
-def test_rivals_come_with_a_measurement_that_separates_them():
-    diagnosis = diagnose(campaign(("displacement-scale", "instrument", {"factor": 1.03})), published_robot())
+def test_competing_explanations_come_with_a_measurement_that_separates_them():
+    diagnosis = diagnose(campaign(("displacement-scale", "instrument", {"factor": 1.03})), ROBOT)
     data = to_json(diagnosis)
     assert data["verdict"] == "ambiguous"
     assert data["next_measurement"]["expected_gain"] > 0

@@ -7,10 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stiffscope.gap.campaign import Campaign
+from stiffscope.gap.column_model import ColumnModel
+from stiffscope.gap.diagnose import diagnose
 from stiffscope.gap.diagnosis import to_json
-from stiffscope.gap.linear import fit
-from stiffscope.gap.predictions import diagnose_predictions
-from stiffscope.gap.readings import Campaign, load_campaign
+from stiffscope.gap.evidence import posterior
+from stiffscope.gap.experiment_design import next_measurement
+from stiffscope.gap.findings import find
+from stiffscope.gap.forward_model import Noise
+from stiffscope.gap.readings import load_campaign
+from stiffscope.gap.search import Problem
 
 PUBLISHED = load_campaign(Path(__file__).parents[2] / "data" / "campaigns" / "published")
 
@@ -49,7 +55,7 @@ def found(diagnosis):
 
 def test_published_experiment_is_one_scale_not_gravity():
     """Tables 5 and 6: a factor of 1.10 on all stiffnesses explains them to 1.3 %; the weight model leaves 6.7 %."""
-    d = diagnose_predictions(PUBLISHED)
+    d = diagnose(PUBLISHED)
     assert d.verdict == "identified"
     assert found(d) == {("scale", "all")}
     factor = d.effects[0].parameters["factor"]
@@ -77,7 +83,7 @@ def test_published_experiment_is_one_scale_not_gravity():
     ],
 )
 def test_finds_what_was_put_in(options, truth, stated):
-    hits = [diagnose_predictions(campaign(**options, seed=seed, stated=stated)) for seed in range(5)]
+    hits = [diagnose(campaign(**options, seed=seed, stated=stated)) for seed in range(5)]
     assert sum(found(d) == truth for d in hits) >= 4
     assert {d.verdict for d in hits} <= ({"identified", "ambiguous"} if truth else {"no-gap", "ambiguous"})
     assert np.mean([d.gap.explained for d in hits]) == pytest.approx(1.0, abs=0.25)
@@ -88,7 +94,7 @@ def test_finds_what_was_put_in(options, truth, stated):
 def test_what_no_scale_explains_is_unexplained():
     c = campaign(seed=3)
     wavy = replace(c, value=c.value * (1 + 0.2 * np.sin(np.arange(len(c)) ** 2)))
-    assert diagnose_predictions(wavy).verdict == "unexplained"
+    assert diagnose(wavy).verdict == "unexplained"
 
 
 def test_answer_does_not_depend_on_the_order_of_rows_or_on_an_outlier():
@@ -97,11 +103,11 @@ def test_answer_does_not_depend_on_the_order_of_rows_or_on_an_outlier():
     names = ("pose", "wrench", "quantity", "value", "sigma", "session", "file", "line")
     models = {name: values[order] for name, values in c.predictions.items()}
     mixed = replace(c, predictions=models, **{name: getattr(c, name)[order] for name in names})
-    plain, shuffled = (diagnose_predictions(x) for x in (c, mixed))
+    plain, shuffled = (diagnose(x) for x in (c, mixed))
     assert shuffled.effects[0].parameters["factor"].value == pytest.approx(plain.effects[0].parameters["factor"].value)
     spoiled = c.value.copy()
     spoiled[7] *= 5
-    robust = diagnose_predictions(replace(c, value=spoiled))
+    robust = diagnose(replace(c, value=spoiled))
     assert found(robust) == found(plain)
     assert "left out as an outlier: readings.csv, line 9" in robust.remarks
 
@@ -111,13 +117,43 @@ def test_one_direction_only_leaves_its_names_confused():
     only = c.direction == 0
     names = ("pose", "wrench", "quantity", "value", "sigma", "session", "file", "line")
     models = {name: values[only] for name, values in c.predictions.items() if name == "value"}
-    d = diagnose_predictions(replace(c, predictions=models, **{name: getattr(c, name)[only] for name in names}))
+    d = diagnose(replace(c, predictions=models, **{name: getattr(c, name)[only] for name in names}))
     assert d.effects[0].place == "all"
     assert set(d.effects[0].confused_with) == {"scale @ translation", "scale @ x"}
 
 
+def test_six_directions_of_their_own_are_six_scales():
+    d = diagnose(campaign(factors=(0.8, 0.9, 1.1, 1.2, 1.3, 0.85), poses=12))
+    assert d.verdict == "identified"
+    assert found(d) == {("scale", axis) for axis in ("x", "y", "z", "rx", "ry", "rz")}
+
+
+def test_rivals_exclude_each_other():
+    c = campaign(rival="softer")
+    model = ColumnModel(replace(c, predictions={**c.predictions, "other": 1.05 * c.predictions["value"]}))
+    sets = [h.names for h in find(model).hypotheses]
+    assert frozenset(["rival @ softer"]) in sets
+    assert not any({"rival @ softer", "rival @ other"} <= names for names in sets)
+
+
+@pytest.mark.parametrize(("odds", "worthwhile"), [(0.15, False), (1.05, False), (1.2, True), (24.0, True)])
+def test_a_measurement_is_suggested_only_where_it_helps(odds, worthwhile):
+    """Ln-odds of at least ln 3 = 1.0986 are expected of it: half the squared distance in standard deviations."""
+    problem = Problem(ColumnModel(campaign(factors=(1.1,) * 6)), ColumnModel(campaign(factors=(1.1,) * 6)).noise())
+    scale = next(c for c in problem.model.library if c.name == "scale @ all")
+    none, all_scaled = problem.fit((), np.zeros(0)), problem.fit([scale], np.array([0.1]))
+    values = problem.model.campaign.predictions["value"]
+    largest = np.abs(all_scaled.values[0]) * values
+    step = next_measurement(problem.model, largest / np.sqrt(2.0 * odds) * np.linspace(1.0, 2.0, 36), none, all_scaled)
+    if worthwhile:
+        assert step.expected_gain == pytest.approx(odds)
+        assert (step.pose, step.quantity) == ("P0", "kx")
+    else:
+        assert step is None
+
+
 def test_answer_is_json():
-    text = json.dumps(to_json(diagnose_predictions(PUBLISHED)), allow_nan=False)
+    text = json.dumps(to_json(diagnose(PUBLISHED)), allow_nan=False)
     assert json.loads(text)["gap"]["unit"] == "% rms"
 
 
@@ -128,6 +164,28 @@ def test_evidence_is_that_of_the_joint_gaussian():
     covariance = np.eye(9) + X @ np.diag(prior**2) @ X.T
     _, volume = np.linalg.slogdet(2 * np.pi * covariance)
     exact = -0.5 * (volume + y @ np.linalg.solve(covariance, y))
-    known = np.zeros(9, dtype=bool)
-    assert fit(y, X, prior, known, np.ones(1)).evidence == pytest.approx(exact)
-    assert fit(y, X, prior, ~known, np.ones(3)).evidence == pytest.approx(exact)
+    none, all_of_it = np.zeros(9, dtype=bool), np.ones(9, dtype=bool)
+    exact += 0.5 * 9 * np.log(2 * np.pi)  # which is the same for all hypotheses and left out
+    for scaled in (none, all_of_it):
+        noise = Noise(np.ones(9), all_of_it, scaled, np.ones(3))
+        found = posterior(y, X, prior, np.zeros(2, dtype=bool), noise, np.ones(1))
+        assert found.log_evidence == pytest.approx(exact)
+        assert found.covariance == pytest.approx(np.linalg.inv(np.diag(prior**-2) + X.T @ X))
+
+
+def test_an_unknown_noise_factor_is_integrated_out():
+    """Against a sum over the grid of joint Gaussian densities; the posterior is the mixture's."""
+    rng = np.random.default_rng(4)
+    X, y, factors = rng.standard_normal((8, 1)), rng.standard_normal(8), np.geomspace(0.3, 3.0, 7)
+    scaled = np.arange(8) < 5
+    densities, means = [], []
+    for factor in factors:
+        unit = np.diag(np.where(scaled, factor**2, 1.0))
+        covariance = unit + 0.25 * X @ X.T
+        densities.append(np.exp(-0.5 * (np.linalg.slogdet(covariance)[1] + y @ np.linalg.solve(covariance, y))))
+        means.append(float(0.25 * X[:, 0] @ np.linalg.solve(covariance, y)))
+    noise = Noise(np.ones(8), np.ones(8, dtype=bool), scaled, factors)
+    found = posterior(y, X, np.array([0.5]), np.zeros(1, dtype=bool), noise, np.ones(1))
+    assert found.log_evidence == pytest.approx(np.log(np.mean(densities)))
+    assert found.mean[0] == pytest.approx(np.average(means, weights=densities))
+    assert np.log(found.noise_factor) == pytest.approx(np.average(np.log(factors), weights=densities))

@@ -1,4 +1,4 @@
-"""The Biglide as a frame of bodies: where it really stands, and how it answers to whatever loads it there."""
+"""The Biglide as a structure of bodies: where it really stands, and how it answers to whatever loads it there."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.gap.lab.frame import GROUND, Connection, Frame, lever
+from stiffscope.gap.lab.structure import GROUND, Connection, Structure, lever
 
 if TYPE_CHECKING:
-    from stiffscope.gap.lab.frame import Array
     from stiffscope.gap.lab.machine import Dimensions, Machine
+    from stiffscope.gap.lab.structure import Array
 
 OUTWARD = (-1.0, 1.0)  # direction of x that leads outward, limb 1 and limb 2
 DRIVES = ("limb1", "limb2", "stage")
@@ -22,7 +22,7 @@ _FIXED = np.zeros(6, dtype=bool)
 
 
 @dataclass(frozen=True)
-class Stance:
+class Configuration:
     """Where the machine really stands when it is commanded to poses (n, 3)."""
 
     tool: Array
@@ -43,7 +43,7 @@ def command(dimensions: Dimensions, poses: Array) -> Array:
     return np.stack([reach - x, reach + x, y], axis=1)
 
 
-def stand(machine: Machine, poses: Array) -> Stance:
+def locate(machine: Machine, poses: Array) -> Configuration:
     """Return where the rigid machine stands for poses (n, 3); link errors enter by their mean over a limb.
 
     Raises InputError for a pose that it cannot reach.
@@ -61,7 +61,7 @@ def stand(machine: Machine, poses: Array) -> Stance:
     q = np.stack([np.arctan2(depth, across), np.arctan2(depth, span - across)], axis=1)
     x = -a[:, 0] + across + half
     tool = np.stack([x, sent[:, 2] + machine.drives[2].offset, depth + dims.l1 + dims.l2], axis=1)
-    return Stance(tool, q, lengths, half)
+    return Configuration(tool, q, lengths, half)
 
 
 BASE, STAGE, PLATFORM, TOOL, BODIES = 0, 1, 18, 19, 20
@@ -88,21 +88,21 @@ def link_axes(angle: Array, limb: int) -> Array:
     return out
 
 
-def joints_b(machine: Machine, stance: Stance, limb: int) -> Array:
+def joints_b(machine: Machine, configuration: Configuration, limb: int) -> Array:
     """Return the points B_ij (3, n, 3)."""
     dims, side = machine.dimensions, -OUTWARD[limb]
-    middle = stance.tool + np.array([-side * stance.half_width, 0, -dims.l2])
+    middle = configuration.tool + np.array([-side * configuration.half_width, 0, -dims.l2])
     offsets = np.array([[-side * dims.h, 0, 0], [side * dims.h, dims.d, 0], [side * dims.h, -dims.d, 0]])
     return middle[None] + offsets[:, None]
 
 
-def _limb(machine: Machine, stance: Stance, limb: int) -> list[Connection]:
-    n, tag = len(stance.tool), f"limb{limb + 1}"
+def _limb(machine: Machine, configuration: Configuration, limb: int) -> list[Connection]:
+    n, tag = len(configuration.tool), f"limb{limb + 1}"
     world = np.broadcast_to(np.eye(3), (n, 3, 3))
-    axes = link_axes(stance.angles[:, limb], limb)
-    along = stance.lengths[limb] * axes[:, :, 0]
-    ends = joints_b(machine, stance, limb)
-    a = stance.tool + np.array([OUTWARD[limb] * stance.half_width, 0, -machine.dimensions.l2]) - along
+    axes = link_axes(configuration.angles[:, limb], limb)
+    along = configuration.lengths[limb] * axes[:, :, 0]
+    ends = joints_b(machine, configuration, limb)
+    a = configuration.tool + np.array([OUTWARD[limb] * configuration.half_width, 0, -machine.dimensions.l2]) - along
     o = a - [0, 0, machine.dimensions.l1]
     yields = np.diag([1 / machine.drives[limb].stiffness, *machine.guides[limb][1:]])
     body = carriage(limb)
@@ -122,31 +122,31 @@ def _limb(machine: Machine, stance: Stance, limb: int) -> list[Connection]:
     return out
 
 
-def build(machine: Machine, stance: Stance) -> Frame:
-    """Return the machine's frame where it stands."""
-    n = len(stance.tool)
+def build(machine: Machine, configuration: Configuration) -> Structure:
+    """Return the machine's structure where it stands."""
+    n = len(configuration.tool)
     world = np.broadcast_to(np.eye(3), (n, 3, 3))
     origin = np.zeros((n, 3))
-    stage = origin + np.stack([np.zeros(n), stance.tool[:, 1], np.zeros(n)], axis=1)
+    stage = origin + np.stack([np.zeros(n), configuration.tool[:, 1], np.zeros(n)], axis=1)
     guide = np.diag(machine.stage_guide)
     guide[1, 1] = 1 / machine.drives[2].stiffness
     connections = [
         Connection("base", GROUND, BASE, origin, world, np.diag(machine.base), _FIXED),
         Connection("stage.drive", BASE, STAGE, stage, world, guide, _FIXED),
-        *_limb(machine, stance, 0),
-        *_limb(machine, stance, 1),
-        Connection("tool", PLATFORM, TOOL, stance.tool, world, np.diag(machine.platform), _FIXED),
+        *_limb(machine, configuration, 0),
+        *_limb(machine, configuration, 1),
+        Connection("tool", PLATFORM, TOOL, configuration.tool, world, np.diag(machine.platform), _FIXED),
     ]
     if np.any(machine.cable):
         slack = machine.cable == 0
         yields = np.diag(1 / np.where(slack, np.inf, machine.cable))
-        chain = Connection("cable", GROUND, PLATFORM, stance.tool, world, yields, slack)
+        chain = Connection("cable", GROUND, PLATFORM, configuration.tool, world, yields, slack)
         connections.append(chain)
-    return Frame(BODIES, connections)
+    return Structure(BODIES, connections)
 
 
 @dataclass(frozen=True)
-class Answer:
+class Response:
     """How a standing machine answers to loads, at its tool point; n poses, three drives."""
 
     shift: Array
@@ -165,59 +165,59 @@ class Answer:
     """(n, 3, 3)."""
 
 
-def _weights(machine: Machine, stance: Stance, frame: Frame) -> Array:
+def _weights(machine: Machine, configuration: Configuration, structure: Structure) -> Array:
     """Return the weights: a uniform link hangs on both ends, which gives its exact stretch wL/2EA."""
     down = np.array([0, 0, machine.acceleration, 0, 0, 0])
-    total = np.zeros(frame.matrix.shape[:2])
+    total = np.zeros(structure.matrix.shape[:2])
     if machine.gravity:
-        total += frame.load(PLATFORM, stance.tool, machine.platform_mass * down)
+        total += structure.load(PLATFORM, configuration.tool, machine.platform_mass * down)
         for limb in range(2):
-            along = stance.lengths[limb] * link_axes(stance.angles[:, limb], limb)[:, :, 0]
-            for j, end in enumerate(joints_b(machine, stance, limb)):
+            along = configuration.lengths[limb] * link_axes(configuration.angles[:, limb], limb)[:, :, 0]
+            for j, end in enumerate(joints_b(machine, configuration, limb)):
                 near, far = link_bodies(limb, j)
-                total += frame.load(near, end - along, 0.5 * machine.link_mass * down)
-                total += frame.load(far, end, 0.5 * machine.link_mass * down)
+                total += structure.load(near, end - along, 0.5 * machine.link_mass * down)
+                total += structure.load(far, end, 0.5 * machine.link_mass * down)
     if machine.payload_mass:
-        at = stance.tool + machine.payload_centre
-        total += frame.load(PLATFORM, at, machine.payload_mass * down)
+        at = configuration.tool + machine.payload_centre
+        total += structure.load(PLATFORM, at, machine.payload_mass * down)
     return total
 
 
-def _lack_of_fit(machine: Machine, poses: Array, frame: Frame) -> Array:
-    total = np.zeros(frame.matrix.shape[:2])
+def _offset_loads(machine: Machine, poses: Array, structure: Structure) -> Array:
+    total = np.zeros(structure.matrix.shape[:2])
     for limb in range(2):
         mean = machine.length_error[limb].mean()
         for j in range(3):
             kappa, length = machine.bow[limb, j], machine.dimensions.L
             rest = [machine.length_error[limb, j] - mean, 0, kappa * length**2 / 2, 0, -kappa * length, 0]
-            total += frame.misfit(f"limb{limb + 1}.link{j + 1}", np.array(rest))
+            total += structure.offset_load(f"limb{limb + 1}.link{j + 1}", np.array(rest))
     if np.any(machine.cable):
         pull = np.zeros((len(poses), 6))
         pull[:, :3] = -(poses - [0, 0, 0.35])
-        total += frame.misfit("cable", pull)
+        total += structure.offset_load("cable", pull)
     return total
 
 
-def answer(machine: Machine, poses: Array) -> Answer:
+def respond(machine: Machine, poses: Array) -> Response:
     """Return the linear answer of the machine, where it really stands, to everything that can load it."""
-    stance = stand(machine, poses)
-    frame = build(machine, stance)
+    configuration = locate(machine, poses)
+    structure = build(machine, configuration)
     n = len(poses)
-    units = [frame.load(TOOL, stance.tool, unit) for unit in np.eye(6)]
-    dead = _weights(machine, stance, frame) + _lack_of_fit(machine, poses, frame)
+    units = [structure.load(TOOL, configuration.tool, unit) for unit in np.eye(6)]
+    dead = _weights(machine, configuration, structure) + _offset_loads(machine, poses, structure)
     names = [f"{name}.drive" for name in DRIVES]
     slots = [0, 0, 1]
-    lost = [frame.misfit(name, np.eye(6)[slot]) for name, slot in zip(names, slots, strict=True)]
-    solution = frame.solve(np.stack([*units, dead, *lost], axis=2))
-    twist = frame.twist(solution, TOOL, stance.tool)
+    lost = [structure.offset_load(name, np.eye(6)[slot]) for name, slot in zip(names, slots, strict=True)]
+    solution = structure.solve(np.stack([*units, dead, *lost], axis=2))
+    twist = structure.twist(solution, TOOL, configuration.tool)
     force = np.empty((n, 3, 10))
     for k, (name, slot) in enumerate(zip(names, slots, strict=True)):
-        stretch = frame.relative(solution, name)[:, slot]
+        stretch = structure.relative(solution, name)[:, slot]
         stretch[:, 7 + k] -= 1.0
         force[:, k] = machine.drives[k].stiffness * stretch
     shift = np.zeros((n, 6))
-    shift[:, :3] = stance.tool - poses
-    return Answer(
+    shift[:, :3] = configuration.tool - poses
+    return Response(
         shift=shift,
         compliance=twist[:, :, :6],
         dead=twist[:, :, 6],
@@ -230,7 +230,7 @@ def answer(machine: Machine, poses: Array) -> Answer:
 
 def stiffness(machine: Machine, poses: Array) -> Array:
     """Return the Cartesian stiffness (n, 6, 6) at M, axes {O}, without loads or instrument."""
-    return np.asarray(np.linalg.inv(answer(machine, poses).compliance), dtype=np.float64)
+    return np.asarray(np.linalg.inv(respond(machine, poses).compliance), dtype=np.float64)
 
 
 def carry(points: Array, wrenches: Array) -> Array:

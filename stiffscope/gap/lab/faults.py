@@ -1,4 +1,4 @@
-"""Effects planted in the true machine: each word of the shared vocabulary, and faults that it has no word for."""
+"""Faults injected into the true machine: each word of the vocabulary, and faults that it has no word for."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.gap.lab.frame import lever
 from stiffscope.gap.lab.machine import MIRROR, beam, section_of
-from stiffscope.gap.vocabulary import AXES, LINKS, VOCABULARY
+from stiffscope.gap.lab.structure import lever
+from stiffscope.gap.quantities import AXES
+from stiffscope.robot.vocabulary import LINKS, VOCABULARY
 
 if TYPE_CHECKING:
-    from stiffscope.gap.lab.frame import Array
     from stiffscope.gap.lab.machine import Machine
+    from stiffscope.gap.lab.structure import Array
 
 Parameters = Mapping[str, float]
-Planter = Callable[["Machine", str, Parameters], "Machine"]
+Injector = Callable[["Machine", str, Parameters], "Machine"]
 
 _DRIVE = {"limb1": (0,), "limb2": (1,), "stage": (2,), "limbs": (0, 1)}
 
@@ -36,39 +37,19 @@ def _which_links(place: str) -> Array:
 
 
 def _axes(parameters: Parameters) -> Array:
-    return np.array([parameters.get(axis, 0.0) for axis in AXES])
+    return _named(parameters, *AXES)
 
 
-def _gravity(machine: Machine, _place: str, _parameters: Parameters) -> Machine:
-    return replace(machine, gravity=True)
-
-
-def _payload(machine: Machine, _place: str, parameters: Parameters) -> Machine:
-    centre = _axes(parameters)[:3]
-    return replace(machine, payload_mass=machine.payload_mass + parameters["mass"], payload_centre=centre)
-
-
-def _actuator(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    factor = parameters["factor"]
-    return _drives(machine, place, lambda d: replace(d, stiffness=d.stiffness * factor))
-
-
-def _joints(machine: Machine, _place: str, parameters: Parameters) -> Machine:
-    radial, axial, tilting = (parameters.get(k, 0.0) for k in ("radial", "axial", "tilting"))
-    added = np.array([radial, axial, radial, tilting, 0.0, tilting])
-    return replace(machine, bearings=machine.bearings + added)
-
-
-def _link_stiffness(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    factor = np.where(_which_links(place) > 0, parameters["factor"], 1.0)
-    return replace(machine, links=machine.links / factor[:, :, None, None])
+def _links(machine: Machine, place: str, changed: Callable[[Array], Array]) -> Machine:
+    links = np.where(_which_links(place)[:, :, None, None] > 0, changed(machine.links), machine.links)
+    return replace(machine, links=links)
 
 
 def _rigid_ends(machine: Machine, _place: str, parameters: Parameters) -> Machine:
     """Replace each link by its own section over the length that bends, seen from B_ij behind the clamped end."""
     clamped, length = parameters["length"], machine.dimensions.L
     if not 0 <= clamped < length / 2:
-        raise InputError(f"rigid-ends, length: expected 0 to {length / 2:g} m, found {clamped:g}")
+        raise InputError(f"rigid-ends, length: expected 0 to {length / 2:g} m, got {clamped:g}")
     links = np.empty_like(machine.links)
     carry = lever(np.array([[clamped, 0, 0]]))[0]
     for place in np.ndindex(2, 3):
@@ -88,71 +69,43 @@ def _sliders(machine: Machine, _place: str, parameters: Parameters) -> Machine:
     return replace(machine, sliders=np.stack([full, MIRROR @ full @ MIRROR]))
 
 
-def _guides(machine: Machine, _place: str, parameters: Parameters) -> Machine:
-    lateral, vertical, angular = (parameters.get(k, 0.0) for k in ("lateral", "vertical", "angular"))
-    added = np.array([0.0, lateral, vertical, angular, angular, angular])
-    return replace(machine, guides=machine.guides + added)
+def _longer(machine: Machine, place: str, error: float) -> Machine:
+    return replace(machine, length_error=machine.length_error + error * _which_links(place))
 
 
-def _base(machine: Machine, _place: str, parameters: Parameters) -> Machine:
-    return replace(machine, base=machine.base + _axes(parameters))
-
-
-def _platform(machine: Machine, _place: str, parameters: Parameters) -> Machine:
-    return replace(machine, platform=machine.platform + _axes(parameters))
-
-
-def _backlash(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    return _drives(machine, place, lambda d: replace(d, backlash=d.backlash + parameters["half_width"]))
-
-
-def _encoder(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    return _drives(machine, place, lambda d: replace(d, offset=d.offset + parameters["offset"]))
-
-
-def _length(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    return replace(machine, length_error=machine.length_error + parameters["error"] * _which_links(place))
-
-
-def _thermal(machine: Machine, _place: str, parameters: Parameters) -> Machine:
-    growth = machine.expansion * parameters["temperature"] * machine.dimensions.L
-    return replace(machine, length_error=machine.length_error + growth)
+def _named(parameters: Parameters, *names: str) -> Array:
+    """Parameters in this order; zero for a name that is empty or left out."""
+    return np.array([parameters.get(name, 0.0) for name in names])
 
 
 def _instrument(machine: Machine, **changes: Any) -> Machine:
     return replace(machine, instrument=replace(machine.instrument, **changes))
 
 
-def _misalignment(machine: Machine, _place: str, parameters: Parameters) -> Machine:
-    return _instrument(machine, rotation=machine.instrument.rotation + _axes(parameters)[3:])
-
-
-def _displacement_scale(machine: Machine, _place: str, parameters: Parameters) -> Machine:
-    return _instrument(machine, scale=machine.instrument.scale * parameters["factor"])
-
-
-def _force_scale(machine: Machine, _place: str, parameters: Parameters) -> Machine:
-    return _instrument(machine, force=machine.instrument.force * parameters["factor"])
-
-
-_KNOWN: dict[str, Planter] = {
-    "gravity": _gravity,
-    "payload": _payload,
-    "actuator-stiffness": _actuator,
-    "joint-compliance": _joints,
-    "link-stiffness": _link_stiffness,
+_KNOWN: dict[str, Injector] = {
+    "gravity": lambda m, _, _v: replace(m, gravity=True),
+    "payload": lambda m, _, v: replace(m, payload_mass=m.payload_mass + v["mass"], payload_centre=_axes(v)[:3]),
+    "actuator-stiffness": lambda m, place, v: _drives(
+        m, place, lambda d: replace(d, stiffness=d.stiffness * v["factor"])
+    ),
+    "joint-compliance": lambda m, _, v: replace(
+        m, bearings=m.bearings + _named(v, "radial", "axial", "radial", "tilting", "", "tilting")
+    ),
+    "link-stiffness": lambda m, place, v: _links(m, place, lambda links: links / v["factor"]),
     "rigid-ends": _rigid_ends,
     "slider-compliance": _sliders,
-    "guide-compliance": _guides,
-    "base-compliance": _base,
-    "platform-compliance": _platform,
-    "backlash": _backlash,
-    "encoder-offset": _encoder,
-    "link-length": _length,
-    "thermal": _thermal,
-    "instrument-misalignment": _misalignment,
-    "displacement-scale": _displacement_scale,
-    "force-scale": _force_scale,
+    "guide-compliance": lambda m, _, v: replace(
+        m, guides=m.guides + _named(v, "", "lateral", "vertical", "angular", "angular", "angular")
+    ),
+    "base-compliance": lambda m, _, v: replace(m, base=m.base + _axes(v)),
+    "platform-compliance": lambda m, _, v: replace(m, platform=m.platform + _axes(v)),
+    "backlash": lambda m, place, v: _drives(m, place, lambda d: replace(d, backlash=d.backlash + v["half_width"])),
+    "encoder-offset": lambda m, place, v: _drives(m, place, lambda d: replace(d, offset=d.offset + v["offset"])),
+    "link-length": lambda m, place, v: _longer(m, place, v["error"]),
+    "thermal": lambda m, place, v: _longer(m, place, m.expansion * v["temperature"] * m.dimensions.L),
+    "instrument-misalignment": lambda m, _, v: _instrument(m, rotation=m.instrument.rotation + _axes(v)[3:]),
+    "displacement-scale": lambda m, _, v: _instrument(m, scale=m.instrument.scale * v["factor"]),
+    "force-scale": lambda m, _, v: _instrument(m, force=m.instrument.force * v["factor"]),
 }
 
 
@@ -176,42 +129,6 @@ def _soft_guide(machine: Machine, place: str, parameters: Parameters) -> Machine
     return replace(machine, guides=guides)
 
 
-def _stage_guide(machine: Machine, _place: str, parameters: Parameters) -> Machine:
-    return replace(machine, stage_guide=machine.stage_guide + _axes(parameters))
-
-
-def _cable(machine: Machine, _place: str, parameters: Parameters) -> Machine:
-    return replace(machine, cable=machine.cable + _axes(parameters))
-
-
-def _hardening(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    return _drives(machine, place, lambda d: replace(d, hardening=parameters["cubic"]))
-
-
-def _friction(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    return _drives(machine, place, lambda d: replace(d, friction=parameters["force"]))
-
-
-def _bow(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    return replace(machine, bow=machine.bow + parameters["curvature"] * _which_links(place))
-
-
-def _pitch(machine: Machine, _place: str, parameters: Parameters) -> Machine:
-    return replace(machine, rail_pitch=machine.rail_pitch + parameters["relative"])
-
-
-def _width(machine: Machine, _place: str, parameters: Parameters) -> Machine:
-    return replace(machine, width_error=machine.width_error + parameters["error"])
-
-
-def _drift(machine: Machine, _place: str, parameters: Parameters) -> Machine:
-    return _instrument(machine, drift=machine.instrument.drift + _axes(parameters))
-
-
-def _gain_drift(machine: Machine, _place: str, parameters: Parameters) -> Machine:
-    return _instrument(machine, gain_drift=parameters["relative"])
-
-
 def _crosstalk(machine: Machine, place: str, parameters: Parameters) -> Machine:
     matrix = machine.instrument.crosstalk.copy()
     source, sink = place.split("->")
@@ -219,57 +136,58 @@ def _crosstalk(machine: Machine, place: str, parameters: Parameters) -> Machine:
     return _instrument(machine, crosstalk=matrix)
 
 
-def _quantum(machine: Machine, _place: str, parameters: Parameters) -> Machine:
-    return _instrument(machine, quantum=_axes(parameters))
-
-
-def _application(machine: Machine, _place: str, parameters: Parameters) -> Machine:
-    return _instrument(machine, application=_axes(parameters)[:3])
-
-
-def _bad_session(machine: Machine, _place: str, parameters: Parameters) -> Machine:
-    return _instrument(machine, bad_session=parameters["relative"])
-
-
+_EACH_DRIVE = ("limb1", "limb2", "limbs", "stage")
 _BEARINGS = tuple(f"{link}.{end}" for link in LINKS for end in ("joint_a", "joint_b"))
 _CROSSINGS = tuple(f"{a}->{b}" for a in AXES for b in AXES if a != b)
 
-OUTSIDE: dict[str, tuple[tuple[str, ...], tuple[str, ...], Planter]] = {
+OUTSIDE: dict[str, tuple[tuple[str, ...], tuple[str, ...], Injector]] = {
     "one-soft-slider": (("limb1", "limb2"), ("factor",), _soft_slider),
     "one-loose-bearing": (_BEARINGS, ("radial",), _loose_bearing),
     "one-soft-guide": (("limb1", "limb2"), ("angular",), _soft_guide),
-    "stage-guide": (("stage",), AXES, _stage_guide),
-    "cable-chain": (("platform",), AXES[:3], _cable),
-    "hardening-drive": (("limb1", "limb2", "limbs", "stage"), ("cubic",), _hardening),
-    "drive-friction": (("limb1", "limb2", "limbs", "stage"), ("force",), _friction),
-    "bowed-link": (("links", *LINKS), ("curvature",), _bow),
-    "screw-pitch": (("limbs",), ("relative",), _pitch),
-    "platform-width": (("platform",), ("error",), _width),
-    "drifting-sensor": (("instrument",), AXES, _drift),
-    "gain-drift": (("instrument",), ("relative",), _gain_drift),
+    "stage-guide": (("stage",), AXES, lambda m, _, v: replace(m, stage_guide=m.stage_guide + _axes(v))),
+    "cable-chain": (("platform",), AXES[:3], lambda m, _, v: replace(m, cable=m.cable + _axes(v))),
+    "hardening-drive": (
+        _EACH_DRIVE,
+        ("cubic",),
+        lambda m, place, v: _drives(m, place, lambda d: replace(d, hardening=v["cubic"])),
+    ),
+    "drive-friction": (
+        _EACH_DRIVE,
+        ("force",),
+        lambda m, place, v: _drives(m, place, lambda d: replace(d, friction=v["force"])),
+    ),
+    "bowed-link": (
+        ("links", *LINKS),
+        ("curvature",),
+        lambda m, place, v: replace(m, bow=m.bow + v["curvature"] * _which_links(place)),
+    ),
+    "screw-pitch": (("limbs",), ("relative",), lambda m, _, v: replace(m, rail_pitch=m.rail_pitch + v["relative"])),
+    "platform-width": (("platform",), ("error",), lambda m, _, v: replace(m, width_error=m.width_error + v["error"])),
+    "drifting-sensor": (("instrument",), AXES, lambda m, _, v: _instrument(m, drift=m.instrument.drift + _axes(v))),
+    "gain-drift": (("instrument",), ("relative",), lambda m, _, v: _instrument(m, gain_drift=v["relative"])),
     "cross-talk": (_CROSSINGS, ("share",), _crosstalk),
-    "coarse-converter": (("instrument",), AXES, _quantum),
-    "wrench-off-centre": (("instrument",), AXES[:3], _application),
-    "bad-session": (("instrument",), ("relative",), _bad_session),
+    "coarse-converter": (("instrument",), AXES, lambda m, _, v: _instrument(m, quantum=_axes(v))),
+    "wrench-off-centre": (("instrument",), AXES[:3], lambda m, _, v: _instrument(m, application=_axes(v)[:3])),
+    "bad-session": (("instrument",), ("relative",), lambda m, _, v: _instrument(m, bad_session=v["relative"])),
 }
-"""Faults that the vocabulary has no word for: places, parameters, and how each is planted."""
+"""Faults that the vocabulary has no word for: places, parameters, and how each is injected."""
 
 
-def plant(machine: Machine, effect: str, place: str, parameters: Parameters) -> Machine:
+def inject(machine: Machine, effect: str, place: str, parameters: Parameters) -> Machine:
     """Return the machine with one effect more; parameters that are left out of a group are zero.
 
     Raises InputError for a name that neither the vocabulary nor `OUTSIDE` has, listing what would be valid.
     """
     if effect in VOCABULARY:
         places, names = VOCABULARY[effect].places, tuple(n for n, _ in VOCABULARY[effect].parameters)
-        planter = _KNOWN[effect]
+        injector = _KNOWN[effect]
     elif effect in OUTSIDE:
-        places, names, planter = OUTSIDE[effect]
+        places, names, injector = OUTSIDE[effect]
     else:
         valid = ", ".join([*VOCABULARY, *OUTSIDE])
-        raise InputError(f"effect: expected one of {valid}, found {effect!r}")
+        raise InputError(f"effect: expected one of {valid}, got {effect!r}")
     if place not in places:
-        raise InputError(f"{effect}, place: expected one of {', '.join(places)}, found {place!r}")
+        raise InputError(f"{effect}, place: expected one of {', '.join(places)}, got {place!r}")
     strange = [name for name in parameters if name not in names]
     if strange:
         raise InputError(f"{effect}, {strange[0]}: expected one of {', '.join(names) or 'no parameters'}")
@@ -278,4 +196,4 @@ def plant(machine: Machine, effect: str, place: str, parameters: Parameters) -> 
     bad = [name for name, value in parameters.items() if not np.isfinite(value)]
     if bad or any(parameters.get(name, 1.0) <= 0 for name in ("factor",)):
         raise InputError(f"{effect}, {(bad or ['factor'])[0]}: expected a finite number, a factor above 0")
-    return planter(machine, place, parameters)
+    return injector(machine, place, parameters)

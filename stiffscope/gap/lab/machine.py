@@ -13,7 +13,7 @@ from stiffscope.errors import InputError
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from stiffscope.gap.lab.frame import Array
+    from stiffscope.gap.lab.structure import Array
 
 MIRROR = np.diag([-1.0, -1.0, 1.0, -1.0, -1.0, 1.0])  # slider of limb 2 from that of limb 1
 

@@ -7,18 +7,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.gap.lab.assembly import A_RANGE, answer, carry, command
-from stiffscope.gap.readings import Campaign
-from stiffscope.gap.vocabulary import DEFLECTION, DEVIATION, STIFFNESS
+from stiffscope.gap.campaign import Campaign
+from stiffscope.gap.lab.assembly import A_RANGE, carry, command, respond
+from stiffscope.gap.quantities import DEFLECTION, DEVIATION, STIFFNESS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from stiffscope.gap.lab.assembly import Answer
-    from stiffscope.gap.lab.frame import Array
+    from stiffscope.gap.lab.assembly import Response
     from stiffscope.gap.lab.machine import Dimensions, Drive, Machine
+    from stiffscope.gap.lab.structure import Array
 
     Codes = NDArray[np.int64]
 
@@ -104,14 +104,14 @@ def _lost_motion(drive: Drive, force: Array) -> Array:
     return out
 
 
-def _settle(machine: Machine, pose: Codes, reply: Answer, force: Array, *, gaps: bool) -> Array:
+def _settle(machine: Machine, pose: Codes, response: Response, force: Array, *, gaps: bool) -> Array:
     """Return the lost motion (n, 3) of the drives under forces (n, 3), in equilibrium with its own effect.
 
     With `gaps`, a drive with backlash stands at the end of its dead zone towards its force; where that would turn
     the force round, it hangs free inside the zone at the point of no force.
     """
     width = np.array([d.backlash for d in machine.drives]) if gaps else np.zeros(3)
-    coupling = reply.force_by_drive[pose]
+    coupling = response.force_by_drive[pose]
     own = np.minimum(np.einsum("nkk->nk", coupling), 0.0)
     scale = max(1.0, float(np.abs(force).max())) if force.size else 1.0
     s = np.zeros_like(force)
@@ -129,27 +129,27 @@ def _settle(machine: Machine, pose: Codes, reply: Answer, force: Array, *, gaps:
     return s
 
 
-def _deflections(machine: Machine, reply: Answer, pose: Codes, stated: Array) -> Array:
+def _deflections(machine: Machine, response: Response, pose: Codes, stated: Array) -> Array:
     """Return true deflections (n, 6) under stated wrenches (n, 6): loaded minus unloaded."""
     tool = machine.instrument
     true = carry(tool.application, tool.force * stated)
-    move = np.einsum("nij,nj->ni", reply.compliance[pose], true)
-    force = np.einsum("nkj,nj->nk", reply.force[pose], true)
+    move = np.einsum("nij,nj->ni", response.compliance[pose], true)
+    force = np.einsum("nkj,nj->nk", response.force[pose], true)
     if not any(d.backlash or d.hardening or d.friction for d in machine.drives):
         return move
-    dead = reply.dead_force[pose]
-    loaded = _settle(machine, pose, reply, force + dead, gaps=False)
-    unloaded = _settle(machine, pose, reply, dead, gaps=False)
-    gap = _settle(machine, pose, reply, force, gaps=True) - _settle(machine, pose, reply, force, gaps=False)
+    dead = response.dead_force[pose]
+    loaded = _settle(machine, pose, response, force + dead, gaps=False)
+    unloaded = _settle(machine, pose, response, dead, gaps=False)
+    gap = _settle(machine, pose, response, force, gaps=True) - _settle(machine, pose, response, force, gaps=False)
     lost = loaded - unloaded + gap
-    return move + np.einsum("nij,nj->ni", reply.by_drive[pose], lost)
+    return move + np.einsum("nij,nj->ni", response.by_drive[pose], lost)
 
 
-def _deviations(machine: Machine, reply: Answer) -> Array:
+def _deviations(machine: Machine, response: Response) -> Array:
     """Return true deviations (p, 6) of the unloaded machine from its commands."""
-    pose = np.arange(len(reply.dead))
-    lost = _settle(machine, pose, reply, reply.dead_force, gaps=True)
-    return reply.shift + reply.dead + np.einsum("nij,nj->ni", reply.by_drive, lost)
+    pose = np.arange(len(response.dead))
+    lost = _settle(machine, pose, response, response.dead_force, gaps=True)
+    return response.shift + response.dead + np.einsum("nij,nj->ni", response.by_drive, lost)
 
 
 def _seen(machine: Machine) -> Array:
@@ -162,11 +162,11 @@ def _seen(machine: Machine) -> Array:
     return tool.scale * (np.eye(6) + tool.crosstalk) @ both
 
 
-def _stiffnesses(machine: Machine, reply: Answer) -> Array:
+def _stiffnesses(machine: Machine, response: Response) -> Array:
     """Return the diagonals (p, 6) of stiffness as stated wrench over read displacement."""
     tool = machine.instrument
     at_m = tool.force * carry(tool.application, np.eye(6)).T
-    shown = _seen(machine) @ reply.compliance @ at_m
+    shown = _seen(machine) @ response.compliance @ at_m
     return np.einsum("nii->ni", np.linalg.inv(shown))
 
 
@@ -181,7 +181,7 @@ class _Rows:
 
 
 def _take(machine: Machine, plan: Plan) -> _Rows:
-    reply = answer(machine, plan.poses)
+    response = respond(machine, plan.poses)
     p, m = len(plan.poses), len(plan.wrenches)
     axes = np.array(plan.directions, dtype=np.int64)
     blocks: list[tuple[Codes, Array, Codes, Array]] = []
@@ -195,12 +195,12 @@ def _take(machine: Machine, plan: Plan) -> _Rows:
     if m:
         pose = np.repeat(np.arange(p), m)
         stated = np.tile(plan.wrenches, (p, 1))
-        block(DEFLECTION, pose, stated, _deflections(machine, reply, pose, stated) @ _seen(machine).T)
+        block(DEFLECTION, pose, stated, _deflections(machine, response, pose, stated) @ _seen(machine).T)
     if plan.deviations:
-        shown = _deviations(machine, reply) @ _seen(machine).T
+        shown = _deviations(machine, response) @ _seen(machine).T
         block(DEVIATION, np.arange(p), np.zeros((p, 6)), shown)
     if plan.stiffness:
-        block(STIFFNESS, np.arange(p), np.full((p, 6), np.nan), _stiffnesses(machine, reply))
+        block(STIFFNESS, np.arange(p), np.full((p, 6), np.nan), _stiffnesses(machine, response))
     pose, wrench, codes, value = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
     order = np.tile(np.argsort(pose, kind="stable"), plan.repeats)
     return _Rows(pose[order], wrench[order], codes[order], value[order])

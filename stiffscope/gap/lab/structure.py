@@ -81,7 +81,7 @@ def _relative(connection: Connection) -> Array:
     return turn @ lever(connection.points)
 
 
-class Frame:
+class Structure:
     """An assembled frame, ready to be loaded. Built once from its connections and read-only after that."""
 
     def __init__(self, bodies: int, connections: Sequence[Connection]) -> None:
@@ -128,7 +128,7 @@ class Frame:
         out[:, 6 * body : 6 * body + 6] = at_origin[..., 0]
         return out
 
-    def misfit(self, name: str, rest: Array) -> Array:
+    def offset_load(self, name: str, rest: Array) -> Array:
         """Return the right-hand side (n, size) of a connection that rests at a twist (6,) or (n, 6)."""
         c = self._by_name[name]
         out = np.zeros(self.matrix.shape[:2])

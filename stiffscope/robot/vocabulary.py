@@ -1,18 +1,8 @@
-"""Names that campaigns, planted machines and answers share: quantities, effects, places, parameters."""
+"""Vocabulary of effects that robot files, campaigns, the virtual lab and diagnoses share: places and parameters."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-
-AXES = ("x", "y", "z", "rx", "ry", "rz")
-WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
-DEFLECTIONS = tuple(f"d{axis}" for axis in AXES)
-DEVIATIONS = tuple(f"e{axis}" for axis in AXES)
-STIFFNESSES = tuple(f"k{axis}" for axis in AXES)
-QUANTITIES = DEFLECTIONS + DEVIATIONS + STIFFNESSES
-"""A quantity's code is its position here: code // 6 is its kind, code % 6 its direction."""
-DEFLECTION, DEVIATION, STIFFNESS = 0, 1, 2
-COMPONENTS = ("fea", "beam", "published")
 
 LINKS = tuple(f"limb{i}.link{j}" for i in (1, 2) for j in (1, 2, 3))
 COMPLIANCE_ENTRIES = tuple(f"c{i}{j}" for i in range(1, 7) for j in range(i, 7))
@@ -32,7 +22,8 @@ def _same(names: tuple[str, ...], unit: str) -> tuple[tuple[str, str], ...]:
 
 
 _FACTOR = (("factor", "1"),)
-_DIAGONAL = (*_same(AXES[:3], "m/N"), *_same(AXES[3:], "rad/(N·m)"))
+_ROTATIONS = ("rx", "ry", "rz")
+_DIAGONAL = (*_same(("x", "y", "z"), "m/N"), *_same(_ROTATIONS, "rad/(N·m)"))
 _DRIVES = ("stage", "limb1", "limb2")
 
 VOCABULARY: dict[str, Term] = {
@@ -50,7 +41,7 @@ VOCABULARY: dict[str, Term] = {
     "encoder-offset": Term(("limb1", "limb2", "stage"), (("offset", "m"),)),
     "link-length": Term(("links", *LINKS), (("error", "m"),)),
     "thermal": Term(("links",), (("temperature", "K"),)),
-    "instrument-misalignment": Term(("instrument",), _same(AXES[3:], "rad")),
+    "instrument-misalignment": Term(("instrument",), _same(_ROTATIONS, "rad")),
     "displacement-scale": Term(("instrument",), _FACTOR),
     "force-scale": Term(("instrument",), _FACTOR),
 }
