@@ -6,11 +6,11 @@ import json
 import numpy as np
 import pytest
 
-from stiffscope.cli.interfaces import choices
 from stiffscope.cli.main import _guarded
 from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
-from stiffscope.jobs.experiments import order_part
+from stiffscope.jobs.interfaces import choices
+from stiffscope.jobs.orders import order_part
 from stiffscope.robot.robot_file import load_robot
 
 COARSE = (
@@ -33,7 +33,7 @@ def kitchen(tmp_path_factory):
         def here(function, jobs, reports):
             return {name: function(*words, lambda stage, _: stages.append(stage)) for name, words in jobs.items()}
 
-        patch.setattr("stiffscope.jobs.workers.work_together", here)
+        patch.setattr("stiffscope.jobs.workshop.work_together", here)
         yield stages
 
 

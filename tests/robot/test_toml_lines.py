@@ -35,7 +35,8 @@ parameters.factor = 0.9
 '''
 LINES = {
     ("name",): 2, ("a",): 3, ("a", "b"): 3, ("a", "b", "c.d"): 3, ("when",): 4, ("text",): 5, ("raw",): 8,
-    ("bodies",): 10, ("bodies", "leg1.arm"): 10, ("bodies", "leg1.arm", "base"): 11, ("bodies", "leg1.arm", "base", 0): 12,
+    ("bodies",): 10, ("bodies", "leg1.arm"): 10, ("bodies", "leg1.arm", "base"): 11,
+    ("bodies", "leg1.arm", "base", 0): 12,
     ("bodies", "leg1.arm", "base", 1): 13, ("bodies", "leg1.arm", "base", 1, 0): 13,
     ("bodies", "leg1.arm", "base", 1, 1): 13, ("bodies", "leg1.arm", "drive"): 15,
     ("bodies", "leg1.arm", "drive", "stiffness"): 15, ("bodies", "leg1.arm", "drive", "range"): 15,
