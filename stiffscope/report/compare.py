@@ -11,6 +11,7 @@ from stiffscope.robot import components
 from stiffscope.robot.components import entry_name
 
 if TYPE_CHECKING:
+    from stiffscope.fea.experiment import Experiment
     from stiffscope.jobs.results import PartResult
     from stiffscope.robot.schema import PartName, RobotFile
 
@@ -37,7 +38,7 @@ class Comparison:
     findings: tuple[str, ...]
 
 
-def compare(robot: RobotFile, name: PartName, result: PartResult) -> Comparison:
+def compare(robot: RobotFile, name: PartName, result: PartResult | Experiment) -> Comparison:
     """Set the sources side by side."""
     from stiffscope.fea.beam import euler_bernoulli
 
