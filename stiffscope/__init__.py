@@ -1,3 +1,101 @@
-"""stiffscope: from a CAD part to the stiffness of the whole robot, and to the gap between model and machine."""
+"""stiffscope: from a CAD part to the stiffness of the whole robot, and to the gap between model and machine.
+
+`import stiffscope as ss` gives what a notebook needs; each name is loaded when it is first used.
+
+A part
+    load_robot         read a robot file, or a robot of `data/` by its name, with changes as `--set` makes them
+    build_part         the solid of a part of a robot, with its material, clamped and loaded faces
+    read_step          the solid of a STEP file as a part
+    material           a material by its name
+    run_experiment     virtual experiment: the part's 6x6 compliance with error bounds, by finite elements
+    Settings           how an experiment meshes, holds, loads and solves, and the tolerance wanted
+    Experiment         what an experiment gives: `compliance`, `error`, fields; a table in a notebook
+    load_experiment    an experiment from the file that `Experiment.save` or `stiffscope run` wrote
+    beam_compliance    the same 6x6 by beam theory
+    compare            finite elements beside beam theory beside the published matrix, entry by entry
+    deformed           picture of a part under each unit wrench
+
+A robot
+    assemble           the elastic robot from its parts' compliances
+    analyse            stiffness, sag and mobility at tool points
+    Stiffness          what `analyse` gives; a table in a notebook
+    stiffness          6x6 stiffness at tool points
+    sag                twist of the tool under the robot's own weight
+    deflection         twist of the tool under a wrench, and each component's share of the strain energy
+    Deflection         what `deflection` gives
+    stiffness_map      picture of the stiffness over the workspace
+
+A machine
+    diagnose           which effects explain the gap between a model and the readings of a campaign folder
+    Diagnosis          what `diagnose` gives: verdict, effects, gap, what to measure next
+
+Errors
+    StiffscopeError    base class of every error that stiffscope raises on purpose
+    InputError         bad input; its message is one line that says what is wrong and what would be valid
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from stiffscope.cad.materials import material as material
+    from stiffscope.cad.step import read_step as read_step
+    from stiffscope.errors import InputError as InputError
+    from stiffscope.errors import StiffscopeError as StiffscopeError
+    from stiffscope.fea.experiment import Experiment as Experiment
+    from stiffscope.fea.experiment import Settings as Settings
+    from stiffscope.fea.experiment import load_experiment as load_experiment
+    from stiffscope.fea.experiment import run_experiment as run_experiment
+    from stiffscope.gap.diagnosis import Diagnosis as Diagnosis
+    from stiffscope.jobs.assembly import assemble as assemble
+    from stiffscope.jobs.campaigns import diagnose as diagnose
+    from stiffscope.jobs.orders import build_part as build_part
+    from stiffscope.report.compare import compare as compare
+    from stiffscope.report.notebook import deformed as deformed
+    from stiffscope.report.notebook import stiffness_map as stiffness_map
+    from stiffscope.robot.components import beam_compliance as beam_compliance
+    from stiffscope.robot.robot_file import load_robot as load_robot
+    from stiffscope.vjm.analysis import Stiffness as Stiffness
+    from stiffscope.vjm.analysis import analyse as analyse
+    from stiffscope.vjm.analysis import sag as sag
+    from stiffscope.vjm.analysis import stiffness as stiffness
+    from stiffscope.vjm.deflection import Deflection as Deflection
+    from stiffscope.vjm.deflection import deflection as deflection
 
 __version__ = "0.2.0"
+
+_MODULES = {
+    "cad.materials": ("material",),
+    "cad.step": ("read_step",),
+    "errors": ("InputError", "StiffscopeError"),
+    "fea.experiment": ("Experiment", "Settings", "load_experiment", "run_experiment"),
+    "gap.diagnosis": ("Diagnosis",),
+    "jobs.assembly": ("assemble",),
+    "jobs.campaigns": ("diagnose",),
+    "jobs.orders": ("build_part",),
+    "report.compare": ("compare",),
+    "report.notebook": ("deformed", "stiffness_map"),
+    "robot.components": ("beam_compliance",),
+    "robot.robot_file": ("load_robot",),
+    "vjm.analysis": ("Stiffness", "analyse", "sag", "stiffness"),
+    "vjm.deflection": ("Deflection", "deflection"),
+}
+_HOME = {name: module for module, names in _MODULES.items() for name in names}
+
+__all__ = sorted(_HOME)  # noqa: PLE0605  # pyright: ignore[reportUnsupportedDunderAll]
+
+
+def __getattr__(name: str) -> Any:
+    """Load a name from its module when it is first asked for."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'stiffscope' has no attribute {name!r}")
+    value = getattr(import_module(f"stiffscope.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """The names above."""
+    return sorted([*__all__, "__version__"])

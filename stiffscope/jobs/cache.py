@@ -14,6 +14,7 @@ import logging
 import os
 import shutil
 import sys
+import tempfile
 import time
 import uuid
 from dataclasses import dataclass
@@ -34,9 +35,19 @@ _STALE = 24 * 3600.0
 
 @dataclass(frozen=True)
 class Cache:
-    """A store of results under one folder."""
+    """A store of results under one folder.
+
+    Attributes
+    ----------
+    root
+        The folder.
+    spare
+        Where results go that it cannot hold; by default to the system's temporary folder, for good.
+
+    """
 
     root: Path
+    spare: Path | None = None
 
     def get(self, kind: str, key: str) -> Path | None:
         """Folder of a complete and intact entry, or None."""
@@ -50,30 +61,33 @@ class Cache:
         self._discard(folder)
         return None
 
-    def put(self, kind: str, key: str, write: Callable[[Path], object]) -> Path | None:
-        """Let `write(folder)` fill a new entry and move it into place.
+    def put(self, kind: str, key: str, write: Callable[[Path], object]) -> Path:
+        """Let `write(folder)` make a result and keep it.
 
-        Returns the entry's folder, or None where the cache cannot be written (the result is then merely not
-        kept). What `write` itself raises is passed on. When another process stored the same key meanwhile,
-        either one stays.
+        Returns the folder of the entry, or one in `spare` where the cache cannot be written. What `write` itself
+        raises is passed on. When another process stored the same key meanwhile, either one stays.
         """
+        made = Path(tempfile.mkdtemp(prefix=f"{kind}-", dir=self.spare))
+        try:
+            write(made)
+        except BaseException:
+            shutil.rmtree(made, ignore_errors=True)
+            raise
+        held = self._stored(made, kind, key)
+        if held is None:
+            return made
+        shutil.rmtree(made, ignore_errors=True)
+        return held
+
+    def _stored(self, made: Path, kind: str, key: str) -> Path | None:
+        """Copy a result aside, list its checksums and move it into place; None where the cache cannot be written."""
+        folder = self.root / kind / key
         aside = self.root / "aside" / uuid.uuid4().hex
         try:
-            aside.mkdir(parents=True)
+            aside.parent.mkdir(parents=True, exist_ok=True)
             self._sweep()
-        except OSError as error:
-            log.warning("results are not kept: the cache %s cannot be written (%s)", self.root, error.strerror)
-            return None
-        try:
-            write(aside)
-            return self._place(aside, kind, key)
-        finally:
-            shutil.rmtree(aside, ignore_errors=True)
-
-    def _place(self, aside: Path, kind: str, key: str) -> Path | None:
-        folder = self.root / kind / key
-        try:
-            files = {name: _checksum(aside / name) for name in sorted(kept_files(aside))}
+            shutil.copytree(made, aside)
+            files = {name: file_digest(aside / name) for name in sorted(kept_files(aside))}
             (aside / _INDEX).write_text(json.dumps({"format": FORMAT, "kind": kind, "key": key, "files": files}))
             folder.parent.mkdir(parents=True, exist_ok=True)
             for _ in range(3):
@@ -85,6 +99,8 @@ class Cache:
                         return folder
         except OSError as error:
             log.warning("results are not kept: the cache %s cannot be written (%s)", self.root, error.strerror)
+        finally:
+            shutil.rmtree(aside, ignore_errors=True)
         return None
 
     def _discard(self, folder: Path) -> None:
@@ -109,14 +125,14 @@ class Cache:
                     shutil.rmtree(left, ignore_errors=True)
 
 
-def default_cache() -> Cache:
-    """Cache of this user; the environment variable STIFFSCOPE_CACHE puts it elsewhere."""
+def cache_folder() -> Path:
+    """Folder of this user's cache; the environment variable STIFFSCOPE_CACHE puts it elsewhere."""
     chosen = os.environ.get("STIFFSCOPE_CACHE")
     if chosen:
-        return Cache(Path(chosen).expanduser().absolute())
+        return Path(chosen).expanduser().absolute()
     import platformdirs
 
-    return Cache(Path(platformdirs.user_cache_dir("stiffscope", appauthor=False)))
+    return Path(platformdirs.user_cache_dir("stiffscope", appauthor=False))
 
 
 def digest(determined_by: Mapping[str, Any]) -> str:
@@ -127,7 +143,8 @@ def digest(determined_by: Mapping[str, Any]) -> str:
 
 def file_digest(path: Path) -> str:
     """SHA-256 of a file's bytes."""
-    return _checksum(path)
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 @cache
@@ -171,7 +188,7 @@ def _flaw(folder: Path, kind: str, key: str) -> str | None:
         listed = index["files"]
         if sorted(listed) != sorted(kept_files(folder)):
             return "its files are not those that were written"
-        torn = [name for name, checksum in listed.items() if _checksum(folder / name) != checksum]
+        torn = [name for name, checksum in listed.items() if file_digest(folder / name) != checksum]
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         return f"it cannot be read ({type(error).__name__})"
     return f"{torn[0]} is damaged" if torn else None
@@ -184,8 +201,3 @@ def kept_files(folder: Path) -> Iterable[str]:
             raise OSError(f"{path} is a link")
         if path.is_file() and path.name != _INDEX:
             yield path.relative_to(folder).as_posix()
-
-
-def _checksum(path: Path) -> str:
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -8,11 +8,13 @@ import sys
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-import stiffscope
 from stiffscope import files
+from stiffscope.jobs.cache import file_digest, library_version
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from stiffscope.robot.schema import RobotFile
 
 LIBRARIES = (
     *("build123d", "cadquery-ocp-novtk", "pytetwild", "scikit-fem", "numpy", "scipy"),
@@ -24,12 +26,8 @@ LIBRARIES = (
 class Manifest:
     """Gathered while a command runs, written at its end into the output folder."""
 
-    command: list[str]
-    robot: str | None = None
-    robot_sha256: str | None = None
-    overrides: list[str] = field(default_factory=list)
-    inputs: dict[str, str] = field(default_factory=dict)
-    """SHA-256 of further files that went in, by name."""
+    sources: dict[str, Any] = field(default_factory=dict)
+    """The robot file with its SHA-256 and what `--set` changed, and the SHA-256 of further files, by name."""
     results: dict[str, dict[str, Any]] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     started: dt.datetime = field(default_factory=lambda: dt.datetime.now(dt.UTC))
@@ -38,25 +36,32 @@ class Manifest:
         """Say of one result its cache key, whether it was reused, and the time it took now."""
         self.results[result] = {"reused": reused, "seconds": round(seconds, 3), "key": key, **more}
 
+    def elapsed(self) -> float:
+        """Seconds since the command began."""
+        return (dt.datetime.now(dt.UTC) - self.started).total_seconds()
+
     def write(self, folder: Path) -> None:
         """Write manifest.json into a folder; the staging of the folder adds the list of its files."""
-        from stiffscope.jobs.cache import library_version
-
-        robot = {"file": self.robot, "sha256": self.robot_sha256, "set": self.overrides}
-        ended = dt.datetime.now(dt.UTC)
         content = {
             "made_by": files.MAKER,
-            "version": stiffscope.__version__,
-            "command": self.command,
+            "version": library_version("stiffscope"),
+            "command": sys.argv[1:],
             "started": self.started.isoformat(timespec="seconds"),
-            "seconds": {
-                **{k: round(v, 3) for k, v in self.seconds.items()},
-                "total": round((ended - self.started).total_seconds(), 3),
-            },
-            **({"robot": robot} if self.robot else {}),
-            **({"inputs": self.inputs} if self.inputs else {}),
+            "seconds": {name: round(value, 3) for name, value in {**self.seconds, "total": self.elapsed()}.items()},
+            **self.sources,
             "results": self.results,
             "versions": {"python": sys.version.split()[0], **{name: library_version(name) for name in LIBRARIES}},
             "machine": {"system": platform.system(), "processor": platform.machine()},
         }
         (folder / files.MANIFEST).write_text(files.to_json(content), encoding="utf-8")
+
+
+def manifest_of(robot: RobotFile | None, *inputs: Path) -> Manifest:
+    """A manifest that begins now, of a robot and of further files that go in."""
+    sources: dict[str, Any] = {}
+    if robot is not None:
+        changed = list(robot.overrides)
+        sources["robot"] = {"file": str(robot.path), "sha256": file_digest(robot.path), "set": changed}
+    if inputs:
+        sources["inputs"] = {path.name: file_digest(path) for path in inputs}
+    return Manifest(sources)

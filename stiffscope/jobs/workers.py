@@ -1,4 +1,7 @@
-"""Jobs side by side, each in a process of its own: progress comes back, errors too, and nobody outlives the parent."""
+"""Jobs side by side, each in a process of its own: progress comes back, errors too, and nobody outlives the parent.
+
+`concurrent.futures` cannot end a job that is running (before Python 3.14), nor say which job took its process down.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator, Mapping
     from multiprocessing.process import BaseProcess
 
 log = logging.getLogger(__name__)
@@ -38,7 +41,7 @@ def work_together(
     jobs
         Name of each job and its arguments.
     reports
-        Where a job's progress goes, by name; may lack names.
+        Where a job's progress goes, by name.
 
     Raises
     ------
@@ -54,13 +57,21 @@ def work_together(
         for name, arguments in jobs.items():
             here, there = context.Pipe(duplex=False)
             process = context.Process(target=_child, args=(there, function, arguments), daemon=False)
-            process.start()
+            with _safe_path():
+                process.start()
             there.close()
             running[here] = (name, process)
         return _gather(running, reports)
     finally:
         for _, process in running.values():
             _end(process)
+
+
+def work_here(
+    function: Callable[..., Any], jobs: Mapping[Any, tuple[Any, ...]], reports: Mapping[Any, Any]
+) -> dict[Any, Any]:
+    """Call the function once for each job like `work_together`, but one after another in this process."""
+    return {name: function(*arguments, reports[name]) for name, arguments in jobs.items()}
 
 
 def _gather(running: dict[Connection, tuple[Any, BaseProcess]], reports: Mapping[Any, Any]) -> dict[Any, Any]:
@@ -78,7 +89,7 @@ def _gather(running: dict[Connection, tuple[Any, BaseProcess]], reports: Mapping
                 raise WorkerError(
                     f"{name}: its process ended without an answer (exit code {process.exitcode})"
                 ) from None
-            if kind == "progress" and name in reports:
+            if kind == "progress":
                 reports[name](*content)
             elif kind == "log":
                 logging.getLogger(content.name).handle(content)
@@ -91,6 +102,20 @@ def _gather(running: dict[Connection, tuple[Any, BaseProcess]], reports: Mapping
                 log.debug("%s", content)
                 raise WorkerError(f"{name}: {content.strip().splitlines()[-1]}")
     return answers
+
+
+@contextlib.contextmanager
+def _safe_path() -> Iterator[None]:
+    """Let a child start without the working folder on its path: a user's random.py must not stand in for Python's."""
+    former = os.environ.get("PYTHONSAFEPATH")
+    os.environ["PYTHONSAFEPATH"] = "1"
+    try:
+        yield
+    finally:
+        if former is None:
+            del os.environ["PYTHONSAFEPATH"]
+        else:
+            os.environ["PYTHONSAFEPATH"] = former
 
 
 def _end(process: BaseProcess) -> None:

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.robot import components
+from stiffscope.robot.components import entry_name
 
 if TYPE_CHECKING:
-    from stiffscope.jobs.experiments import PartResult
+    from stiffscope.fea.experiment import Experiment
+    from stiffscope.jobs.results import PartResult
     from stiffscope.robot.schema import PartName, RobotFile
 
 
@@ -36,12 +38,7 @@ class Comparison:
     findings: tuple[str, ...]
 
 
-def entry_name(i: int, j: int) -> tuple[str, str]:
-    """Name and unit of a compliance's entry, counted from 0, at or above the diagonal."""
-    return f"C{i + 1}{j + 1}", "m/N" if j < 3 else "rad/(N·m)" if i >= 3 else "m/(N·m)"
-
-
-def compare(robot: RobotFile, name: PartName, result: PartResult) -> Comparison:
+def compare(robot: RobotFile, name: PartName, result: PartResult | Experiment) -> Comparison:
     """Set the sources side by side."""
     from stiffscope.fea.beam import euler_bernoulli
 

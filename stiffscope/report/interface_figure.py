@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
-    from stiffscope.cli.interfaces import Comparison, Tested
+    from stiffscope.jobs.interfaces import Comparison, Tested
 
 PLATE = "#dfe4e8"
 LINEAR = 10.0  # % below which the scale of changes is linear

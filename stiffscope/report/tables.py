@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from stiffscope.cli.interfaces import Comparison as Interfaces
-    from stiffscope.jobs.experiments import PartResult
+    from stiffscope.jobs.interfaces import Comparison as Interfaces
+    from stiffscope.jobs.results import PartResult
     from stiffscope.report.compare import Comparison
     from stiffscope.vjm.audit import Finding
 

@@ -12,20 +12,11 @@ if TYPE_CHECKING:
     import numpy as np
 
     from stiffscope.fea.beam import Section
-    from stiffscope.jobs.experiments import PartResult
     from stiffscope.robot.effects import NominalRobot
-    from stiffscope.robot.part_schema import Source
     from stiffscope.robot.schema import PartName, RobotFile
     from stiffscope.vjm.biglide import Biglide, Geometry
 
     Theory = Callable[[float, Section, float, float], np.ndarray]
-
-
-def sources(robot: RobotFile, components: str | None) -> dict[PartName, Source]:
-    """Where each part's matrix comes from: the robot file, unless `components` names one source for all."""
-    from stiffscope.robot.schema import PARTS
-
-    return {name: components or robot.part(name).compliance for name in PARTS}  # type: ignore[misc]
 
 
 def beam_segments(robot: RobotFile, name: PartName) -> list[tuple[float, Section]]:
@@ -47,7 +38,23 @@ def beam_segments(robot: RobotFile, name: PartName) -> list[tuple[float, Section
 
 
 def beam_compliance(robot: RobotFile, name: PartName, theory: Theory | None = None) -> np.ndarray:
-    """(6, 6) of a beam, by default Timoshenko's with Saint-Venant's torsion: the best that beam theory has."""
+    """Compliance of a part by beam theory.
+
+    Parameters
+    ----------
+    robot
+        As `load_robot` gives it.
+    name
+        The part's name in the robot file.
+    theory
+        A function of `stiffscope.fea.beam`; by default Timoshenko's beam with Saint-Venant's torsion.
+
+    Returns
+    -------
+    ndarray
+        (6, 6), SI: twist at the loaded end for unit wrenches there, in the part's axes, clamped at the other end.
+
+    """
     import numpy as np
 
     from stiffscope.fea.beam import timoshenko
@@ -70,13 +77,6 @@ def published_compliance(robot: RobotFile, name: PartName) -> np.ndarray:
     return slider_compliance() if name == "slider" else beam_compliance(robot, name, euler_bernoulli)
 
 
-def component(robot: RobotFile, name: PartName, source: Source, results: Mapping[PartName, PartResult]) -> np.ndarray:
-    """(6, 6) of a part from a source; "fea" takes it from the results."""
-    if source == "fea":
-        return results[name].compliance
-    return beam_compliance(robot, name) if source == "beam" else published_compliance(robot, name)
-
-
 def geometry(robot: RobotFile) -> Geometry:
     """The mechanism's dimensions for `vjm`."""
     from stiffscope.vjm.biglide import Geometry
@@ -92,6 +92,11 @@ def assemble(robot: RobotFile, matrices: Mapping[PartName, np.ndarray], link_mas
         geometry(robot), matrices["link"], matrices["slider"], robot.drive.stiffness, link_mass, robot.platform.mass
     )
     return with_effects(bare, robot)
+
+
+def entry_name(i: int, j: int) -> tuple[str, str]:
+    """Name and unit of a compliance's entry, counted from 0, at or above the diagonal."""
+    return f"C{i + 1}{j + 1}", "m/N" if j < 3 else "rad/(N·m)" if i >= 3 else "m/(N·m)"
 
 
 def with_effects(bare: Biglide, robot: RobotFile) -> Biglide:

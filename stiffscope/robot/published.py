@@ -5,7 +5,7 @@ from __future__ import annotations
 import tomllib
 from typing import TYPE_CHECKING, Any
 
-from stiffscope.robot.robot_file import data_folder
+from stiffscope.data import FOLDER
 
 if TYPE_CHECKING:
     import numpy as np
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 def published(name: str) -> dict[str, Any]:
     """Content of `data/published/<name>.toml` as it stands there (numbers in multiples of its `unit`)."""
-    with (data_folder() / "published" / f"{name}.toml").open("rb") as stream:
+    with (FOLDER / "published" / f"{name}.toml").open("rb") as stream:
         return tomllib.load(stream)
 
 

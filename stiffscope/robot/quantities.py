@@ -23,7 +23,7 @@ class Dimension:
 
     noun: str
     unit: str
-    example: str
+    example: str = ""
 
 
 LENGTH = Dimension("a length", "m", "20 mm")
@@ -35,25 +35,15 @@ STIFFNESS = Dimension("a stiffness", "N/m", "12.7 N/um")
 ACCELERATION = Dimension("an acceleration", "m/s^2", "9.81 m/s^2")
 DURATION = Dimension("a duration", "s", "120 s")
 FOUNDATION = Dimension("a stiffness per area", "N/m^3", "50 N/mm^3")
+FORCE = Dimension("a force", "N", "100 N")
+MOMENT = Dimension("a moment", "N*m", "5 N*m")
 NUMBER = Dimension("a number", "", "0.3")
 SHARE = Dimension("a share", "", "0.1 %")
 
-_NOUNS = (
-    LENGTH,
-    MODULUS,
-    DENSITY,
-    EXPANSION,
-    MASS,
-    STIFFNESS,
-    ACCELERATION,
-    DURATION,
-    FOUNDATION,
-    Dimension("an angle", "rad", ""),
-    Dimension("an area", "m^2", ""),
-    Dimension("a force", "N", ""),
-    Dimension("a volume", "m^3", ""),
-    Dimension("a temperature", "K", ""),
-    Dimension("a moment", "N*m", ""),
+_NAMED = (
+    *(LENGTH, MODULUS, DENSITY, EXPANSION, MASS, STIFFNESS, ACCELERATION, DURATION, FOUNDATION),
+    *(Dimension("an angle", "rad"), Dimension("an area", "m^2"), FORCE, Dimension("a volume", "m^3")),
+    *(Dimension("a temperature", "K"), MOMENT),
 )
 
 
@@ -82,56 +72,74 @@ def to_si(value: Any, dimension: Dimension, *, sign: str = "positive") -> float:
         One line: what was expected, what was found, an example of what would be valid.
 
     """
-    expected = f'expected {dimension.noun} such as "{dimension.example}"'
+    expected = f'expected {dimension.noun} such as "{dimension.example}", got {shown(value)}'
     if isinstance(value, bool) or not isinstance(value, int | float | str):
-        raise ValueError(f"{expected}, got {shown(value)}")
+        raise ValueError(expected)
     try:
-        si = _parse(value, dimension, expected) if isinstance(value, str) else float(value)
+        si = _parsed(value, dimension, expected) if isinstance(value, str) else float(value)
     except OverflowError:
         si = math.inf
     if not math.isfinite(si):
-        raise ValueError(f"{expected}, got {shown(value)}, which is not a finite number")
+        raise ValueError(f"{expected}, which is not a finite number")
     if si < 0 and sign != "any":
-        raise ValueError(f"{expected}, got {shown(value)}: it must {_condition(sign)}")
+        raise ValueError(f"{expected}: it must {'be greater than zero' if sign == 'positive' else 'not be negative'}")
     if si == 0 and sign == "positive":
-        raise ValueError(f"{expected}, got {shown(value)}: it must {_condition(sign)}")
+        raise ValueError(f"{expected}: it must be greater than zero")
     return si
 
 
-def _parse(text: str, dimension: Dimension, expected: str) -> float:
+def several(text: str, *dimensions: Dimension) -> tuple[float, ...]:
+    """SI floats of a list such as "0, 0, 350 mm", one for each dimension; a number without a unit is SI.
+
+    Raises
+    ------
+    ValueError
+        One line: the list is longer or shorter, or one of its values is wrong.
+
+    """
+    words = text.split(",")
+    if len(words) != len(dimensions):
+        raise ValueError(f"expected {len(dimensions)} values with commas between them, got {len(words)}")
+    bare = [bool(match and not match[2]) for match in map(_NUMBER.match, words)]
+    values = [float(word) if plain else word.strip() for word, plain in zip(words, bare, strict=True)]
+    return tuple(to_si(value, dimension, sign="any") for value, dimension in zip(values, dimensions, strict=True))
+
+
+def _parsed(text: str, dimension: Dimension, expected: str) -> float:
     match = _NUMBER.match(text)
     if match is None:
-        raise ValueError(f"{expected}, got {shown(text)}, which does not begin with a number")
-    number, unit_text = float(match[1]), match[2]
-    if not unit_text:
-        if not dimension.unit:
-            return number
-        no_unit = f"which has no unit (a bare number without quotes is {dimension.unit})"
-        raise ValueError(f"{expected}, got {shown(text)}, {no_unit}")
+        raise ValueError(f"{expected}, which does not begin with a number")
+    number, unit = float(match[1]), match[2]
+    if not unit and dimension.unit:
+        raise ValueError(f"{expected}, which has no unit (a bare number without quotes is {dimension.unit})")
     try:
-        one = _registry().Quantity(1.0, _registry().parse_units(unit_text.removeprefix("*").strip()))
-        factor = float(one.to(dimension.unit or "dimensionless").magnitude)
+        factor = _factor(unit, dimension.unit) if unit else 1.0
     except Exception as error:
-        raise ValueError(f"{expected}, got {shown(text)}{_why(unit_text)}") from error
+        raise ValueError(f"{expected}{_why(unit)}") from error
+    return float(f"{number * factor:.15g}") if unit else number  # "7 mm" is 0.007 m: results are found by their inputs
+
+
+@cache
+def _factor(unit: str, si: str) -> float:
+    """What one of a unit is in SI. Raises whatever pint does for what is no such unit."""
+    one = _registry().Quantity(1.0, _registry().parse_units(unit.removeprefix("*").strip()))
     if dict(one.unit_items()).get("percent", 1) != 1:
-        raise ValueError(f'{expected}, got {shown(text)}, and "{unit_text}" is not a unit')
-    return float(f"{number * factor:.15g}")  # "7 mm" is 0.007 m: results are found again by their inputs
+        raise ValueError(f"{unit} is not a unit")
+    return float(one.to(si or "dimensionless").magnitude)
 
 
-def _why(unit_text: str) -> str:
+def _why(unit: str) -> str:
     """Say what the unit measures instead, if it can be named."""
+    nothing = f', and "{unit}" is not a unit'
     try:
-        found = _registry().parse_units(unit_text)
+        found = _registry().parse_units(unit)
     except Exception:  # noqa: BLE001 (pint raises a dozen kinds, from its tokenizer's to ZeroDivisionError)
-        return f', and "{unit_text}" is not a unit'
-    for other in _NOUNS:
-        if found.dimensionality == _registry().parse_units(other.unit).dimensionality:
-            return f", which is {other.noun}"
-    return f", which measures {found.dimensionality}"
-
-
-def _condition(sign: str) -> str:
-    return "be greater than zero" if sign == "positive" else "not be negative"
+        return nothing
+    if found.dimensionless and "%" in unit:
+        return nothing
+    same = (other for other in _NAMED if found.dimensionality == _registry().parse_units(other.unit).dimensionality)
+    other = next(same, None)
+    return f", which is {other.noun}" if other else f", which measures {found.dimensionality}"
 
 
 def shown(value: Any) -> str:

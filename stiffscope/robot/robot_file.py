@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import difflib
 import json
 import re
@@ -13,7 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
+from stiffscope.robot.toml_lines import key_lines, line_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -21,20 +22,12 @@ if TYPE_CHECKING:
     from pydantic import BaseModel, ValidationError
 
     from stiffscope.robot.schema import RobotFile
-
-Key = tuple[str | int, ...]
-
-
-def data_folder() -> Path:
-    """Folder of the project's data."""
-    from stiffscope.data import FOLDER
-
-    return FOLDER
+    from stiffscope.robot.toml_lines import Key
 
 
 def robot_names() -> list[str]:
     """Names of the robots that `data/` knows."""
-    return sorted(path.stem for path in data_folder().glob("*.toml"))
+    return sorted(path.stem for path in FOLDER.glob("*.toml"))
 
 
 def find_robot(name_or_path: str | Path) -> Path:
@@ -42,7 +35,7 @@ def find_robot(name_or_path: str | Path) -> Path:
     path = Path(name_or_path)
     if path.is_file():
         return path
-    named = data_folder() / f"{name_or_path}.toml"
+    named = FOLDER / f"{name_or_path}.toml"
     if path.name == str(name_or_path) and named.is_file():
         return named
     if path.is_dir():
@@ -80,7 +73,6 @@ def load_robot(name_or_path: str | Path, overrides: Sequence[str] = (), toleranc
     except tomllib.TOMLDecodeError as error:
         raise InputError(_syntax_line(path, text, error)) from error
     changed: dict[Key, str] = {}
-    data = copy.deepcopy(data)
     for override in overrides:
         key, value = _parse_override(override)
         _assign(data, key, value, f"--set {override}")
@@ -148,11 +140,12 @@ class _Source:
             if key[:length] in self.changed:
                 inside = f"{name}: " if length < len(key) else ""
                 return InputError(f"{self.changed[key[:length]]}: {inside}{message}")
-        if not _known(tomllib.loads(self.text), key[:-1] or key):
+        lines = key_lines(self.text)
+        if (key[:-1] or key) not in lines:
             for changed, origin in self.changed.items():
                 if changed[: len(key) - 1] == key[:-1]:
                     return InputError(f"{origin}: {name}: {message}")
-        return InputError(f"{self.path}:{line_of(self.text, key)}: {name}: {message}")
+        return InputError(f"{self.path}:{line_of(lines, key)}: {name}: {message}")
 
 
 def _check(data: dict[str, Any], source: _Source, overrides: Sequence[str]) -> RobotFile:
@@ -167,7 +160,7 @@ def _check(data: dict[str, Any], source: _Source, overrides: Sequence[str]) -> R
         others = len({(e["msg"], source.changed.get(e["loc"], e["loc"])) for e in error.errors()}) - 1
         raise source.refuse(key, message + (f" (and {others} more)" if others else "")) from error
     try:
-        robot.check_parts()
+        _check_parts(robot)
     except InputError as error:  # cad names the parameter: "link.bore: ..."
         name, _, message = str(error).partition(":")
         key = tuple(name.strip().split("."))
@@ -176,6 +169,17 @@ def _check(data: dict[str, Any], source: _Source, overrides: Sequence[str]) -> R
         raise InputError(f"{source.path}: {error}") from error
     robot.remember(source.path, overrides)
     return robot
+
+
+def _check_parts(robot: RobotFile) -> None:
+    """Raise InputError for what only the parts together can tell."""
+    from stiffscope.robot.components import geometry
+    from stiffscope.robot.schema import PARTS
+
+    for name in PARTS:
+        robot.parameters(name)
+        robot.material(name)
+    geometry(robot)
 
 
 def _known(data: Any, key: Key) -> bool:
@@ -235,32 +239,3 @@ def _unknown(word: str, valid: list[str]) -> str:
 
 def _listed(names: Sequence[str]) -> str:
     return ", ".join(names) or "(none)"
-
-
-def line_of(text: str, key: Key) -> int:
-    """Line where a key's value begins: where the file, cut after it, first parses with the key in it.
-
-    A key that is not there gets the line of the nearest table that is.
-    """
-    lines = text.splitlines()
-    while key:
-        begun = 0
-        for number in range(1, len(lines) + 1):
-            try:
-                data: Any = tomllib.loads("\n".join(lines[:number]))
-            except tomllib.TOMLDecodeError:
-                continue
-            if _reaches(data, key):
-                return begun + 1
-            begun = number
-        key = key[:-1]
-    return 1
-
-
-def _reaches(data: Any, key: Key) -> bool:
-    for part in key:
-        try:
-            data = data[part]
-        except (KeyError, IndexError, TypeError):
-            return False
-    return True

@@ -193,15 +193,6 @@ class RobotFile(Section):
         except InputError as error:
             raise InputError(f"{name}.{error}") from error
 
-    def check_parts(self) -> None:
-        """Raise InputError for what only the parts together can tell."""
-        from stiffscope.robot.components import geometry
-
-        for name in PARTS:
-            self.parameters(name)
-            self.material(name)
-        geometry(self)
-
     def remember(self, path: Path, overrides: typing.Iterable[str]) -> None:
         """Note where it came from."""
         self._path, self._overrides = path, tuple(overrides)

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
+from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
 from stiffscope.robot import components
-from stiffscope.robot.robot_file import data_folder, load_robot
+from stiffscope.robot.robot_file import load_robot
 from stiffscope.vjm.analysis import stiffness
 
-TEXT = (data_folder() / "biglide.toml").read_text(encoding="utf-8")
+TEXT = (FOLDER / "biglide.toml").read_text(encoding="utf-8")
 BASE = 'effect = "base-compliance"\nplace = "base"'
 SLIDERS = 'effect = "slider-compliance"\nplace = "sliders"'
 ADOPTED = 'effect = "actuator-stiffness"\nplace = "limb1"\nparameters = { factor = 0.8 }'

@@ -6,10 +6,11 @@ import json
 import numpy as np
 import pytest
 
-from stiffscope.cli.interfaces import choices
 from stiffscope.cli.main import _guarded
+from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
-from stiffscope.jobs.experiments import order_part
+from stiffscope.jobs.interfaces import choices
+from stiffscope.jobs.orders import order_part
 from stiffscope.robot.robot_file import load_robot
 
 COARSE = (
@@ -32,7 +33,7 @@ def kitchen(tmp_path_factory):
         def here(function, jobs, reports):
             return {name: function(*words, lambda stage, _: stages.append(stage)) for name, words in jobs.items()}
 
-        patch.setattr("stiffscope.jobs.workers.work_together", here)
+        patch.setattr("stiffscope.jobs.workshop.work_together", here)
         yield stages
 
 
@@ -56,9 +57,7 @@ def compliance(capfd, *words: str) -> tuple[dict, str]:
     ],
 )
 def test_refused_by_line_and_field(tmp_path, line, message):
-    from stiffscope.robot.robot_file import data_folder
-
-    before, slider = (data_folder() / "biglide.toml").read_text().split("[slider] ")
+    before, slider = (FOLDER / "biglide.toml").read_text().split("[slider] ")
     key = line.split()[0]
     slider = "\n".join(line if old.split()[:1] == [key] else old for old in slider.splitlines())
     text = before + "[slider] " + slider

@@ -4,9 +4,17 @@ import json
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+
+from stiffscope.cli.showing import show_compliance
+from stiffscope.fea.experiment import Experiment
+from stiffscope.jobs.orders import order_part
+from stiffscope.jobs.results import PartResult, compliance_json
+from stiffscope.robot.components import beam_compliance
+from stiffscope.robot.robot_file import load_robot
 
 RUN = "import sys; from stiffscope.cli.main import _guarded; code = _guarded(sys.argv[1:]); print(sorted(set(sys.modules) & {'OCP', 'pytetwild', 'skfem'})); sys.exit(code)"  # noqa: E501
 
@@ -71,17 +79,22 @@ def test_a_change_of_the_slider_reruns_the_slider_alone(tmp_path):
 
 @pytest.mark.parametrize("solid", ["parametric", "part.step"])
 def test_beam_theory_is_beside_the_own_shape_alone(tmp_path, capsys, solid):
-    from stiffscope.cli.run import compliance_json, show_compliance
-    from stiffscope.jobs.experiments import PartResult
-    from stiffscope.robot.components import beam_compliance
-    from stiffscope.robot.robot_file import load_robot
-
     robot = load_robot("biglide")
     beam = beam_compliance(robot, "slider")
-    facts = {"compliance": beam.tolist(), "error": (0.01 * abs(beam)).tolist(), "solid": solid}
-    result = PartResult("slider", "", tmp_path, facts, None, reused=True, seconds=0.0)
     own = solid == "parametric"
-    assert compliance_json(robot, result)["beam"] == (beam.tolist() if own else None)
+    (tmp_path / "part.step").write_text("")
+    order = order_part(robot, "slider", None if own else tmp_path / solid)
+    empty = np.zeros((0, 3))
+    experiment = Experiment(
+        "slider", "rigid", beam, 0.01 * abs(beam), np.zeros((1, 3)), np.zeros(3),
+        SimpleNamespace(points=empty, cells=empty), empty, empty, 0.0, 1.0, 1.0, 0,
+    )  # fmt: skip
+    facts = {"mass": 1.0, "mass_centre": [0, 0, 0], "inertia": np.eye(3)}
+    result = PartResult(order, "", tmp_path, experiment, facts, reused=True, seconds=0.0)
+    written = compliance_json(robot, result)
+    assert written["solid"] == solid
+    assert (written["beam"] is None) != own
+    assert not own or np.array_equal(written["beam"], beam)
     show_compliance(robot, result)
     shown = capsys.readouterr().out
     assert f"{beam[3, 3]:.5g}" in shown

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from stiffscope.jobs.cache import Cache, code_version, digest
+from stiffscope.jobs.cache import Cache, cache_folder, code_version, digest
 
 KEY = digest({"part": "slider"})
 
@@ -64,7 +64,9 @@ def test_damaged_entry_is_absent_and_replaced(cache, harm):
     assert result(cache) == "43"
 
 
-def test_failed_writer_leaves_nothing(cache):
+def test_failed_writer_leaves_nothing(tmp_path):
+    cache = Cache(tmp_path / "cache", tmp_path)
+
     def fail(folder: Path) -> None:
         (folder / "half.json").write_text("{")
         raise RuntimeError("killed")
@@ -72,7 +74,7 @@ def test_failed_writer_leaves_nothing(cache):
     with pytest.raises(RuntimeError):
         cache.put("experiment", KEY, fail)
     assert result(cache) is None
-    assert list((cache.root / "aside").iterdir()) == []
+    assert list(tmp_path.rglob("half.json")) == []
 
 
 def _put_many(root: str, content: str) -> None:
@@ -94,8 +96,10 @@ def test_two_processes_write_the_same_entry_at_once(cache):
 
 def test_unwritable_cache_is_done_without(tmp_path):
     (tmp_path / "file").write_text("")
-    cache = Cache(tmp_path / "file" / "cache")
-    assert cache.put("experiment", KEY, write("42")) is None
+    cache = Cache(tmp_path / "file" / "cache", tmp_path)
+    held = cache.put("experiment", KEY, write("42"))
+    assert held.parent == tmp_path
+    assert (held / "deep" / "result.json").read_text() == "42"
     assert cache.get("experiment", KEY) is None
 
 
@@ -107,11 +111,10 @@ def test_digest_tells_neighbouring_numbers_apart():
 
 
 def test_code_version_covers_source_and_libraries():
-    assert len({code_version(("cad",), ()), code_version(("fea",), ()), code_version(("cad",), ("numpy",))}) == 3
+    cad, fea = ("stiffscope.cad",), ("stiffscope.fea",)
+    assert len({code_version(cad, ()), code_version(fea, ()), code_version(cad, ("numpy",))}) == 3
 
 
 def test_environment_chooses_the_folder(tmp_path, monkeypatch):
-    from stiffscope.jobs.cache import default_cache
-
     monkeypatch.setitem(os.environ, "STIFFSCOPE_CACHE", str(tmp_path))
-    assert default_cache().root == tmp_path
+    assert cache_folder() == tmp_path

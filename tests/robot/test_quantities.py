@@ -35,3 +35,11 @@ def test_refusals_are_one_line_with_an_example(bad):
         q.to_si(bad, q.LENGTH)
     assert "\n" not in str(refused.value)
     assert len(str(refused.value)) < 200
+
+
+def test_several_values_each_have_their_unit():
+    wrench = (*[q.FORCE] * 3, *[q.MOMENT] * 3)
+    assert q.several("100 N, 0,-2e3 ,0,0 N*m,5 N*mm", *wrench) == pytest.approx((100, 0, -2000, 0, 0, 0.005))
+    for bad, message in (("1 m,0,0,0,0,0", "a force such as .* which is a length"), ("1,2", "expected 6 values")):
+        with pytest.raises(ValueError, match=message):
+            q.several(bad, *wrench)

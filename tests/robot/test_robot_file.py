@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
-from stiffscope.robot.robot_file import data_folder, find_robot, load_robot
+from stiffscope.robot.robot_file import find_robot, load_robot
 from stiffscope.robot.schema import PARTS, RobotFile
 
-TEXT = (data_folder() / "biglide.toml").read_text(encoding="utf-8")
+TEXT = (FOLDER / "biglide.toml").read_text(encoding="utf-8")
 
 
 def line_with(start: str, text: str) -> int:
@@ -154,7 +155,7 @@ def test_files_that_cannot_be_robots(tmp_path):
 
 
 def test_a_name_is_found_and_a_path_wins(tmp_path, monkeypatch):
-    assert find_robot("biglide") == data_folder() / "biglide.toml"
+    assert find_robot("biglide") == FOLDER / "biglide.toml"
     monkeypatch.chdir(tmp_path)
     Path("biglide").write_text("here")
     assert find_robot("biglide") == Path("biglide")

@@ -1,4 +1,4 @@
-"""`--adopt`: a robot file that carries the effects of a diagnosis from now on, with where they come from."""
+"""A robot file that carries the effects of a diagnosis from now on, with where they come from."""
 
 from __future__ import annotations
 

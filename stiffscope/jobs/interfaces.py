@@ -1,4 +1,4 @@
-"""`stiffscope interfaces`: how much a part's compliance depends on how it is taken to be held and loaded.
+"""How much a part's compliance depends on how it is taken to be held and loaded.
 
 Each choice changes one thing of the robot file, as `--set` would, and leaves everything else as it is there.
 """
@@ -8,33 +8,25 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
-import logging
-import sys
-import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope import files
-from stiffscope.cli.run import workshop
 from stiffscope.errors import InputError
-from stiffscope.jobs.cache import file_digest
-from stiffscope.jobs.experiments import order_part, solve_parts
-from stiffscope.jobs.manifest import Manifest
-from stiffscope.report import tables
-from stiffscope.report.compare import entry_name
+from stiffscope.jobs.experiments import solve_parts
+from stiffscope.jobs.orders import order_part
+from stiffscope.robot.components import entry_name
 from stiffscope.robot.robot_file import load_robot
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from pathlib import Path
 
     from stiffscope.cad.slider import SliderParameters
-    from stiffscope.jobs.experiments import PartOrder, PartResult
+    from stiffscope.jobs.orders import PartOrder
+    from stiffscope.jobs.results import PartResult
+    from stiffscope.jobs.workshop import Workshop
     from stiffscope.robot.schema import PartName, RobotFile
-
-log = logging.getLogger(__name__)
 
 AT_ONCE = 2  # experiments side by side: each may take gigabytes
 PAD_HEIGHT = 1 / 4  # of the thickness, for joint pads where the part has none
@@ -54,12 +46,17 @@ class Choice:
 
 @dataclass(frozen=True)
 class Tested:
-    """A part's compliance (6, 6) under a choice, and its 95 % bounds; SI, at the own choice's reference point."""
+    """A part under a choice: its compliance (6, 6) and 95 % bounds, SI, at the own choice's reference point."""
 
     choice: Choice
-    order: PartOrder
+    result: PartResult
     compliance: np.ndarray
     error: np.ndarray
+
+    @property
+    def order(self) -> PartOrder:
+        """The experiment that was made."""
+        return self.result.order
 
 
 @dataclass(frozen=True)
@@ -86,37 +83,34 @@ class Comparison:
 
 
 def compare_interfaces(
-    name: str, part: PartName, out: Path, *, overrides: Sequence[str], tolerance: str | None, quiet: bool
-) -> None:
-    """Test the part under each choice and write a complete folder: CSV, JSON, figure."""
-    from stiffscope.report.interface_figure import draw
+    name: str, part: PartName, shop: Workshop, *, overrides: Sequence[str] = (), tolerance: str | None = None
+) -> Comparison:
+    """Test a part under each choice.
 
-    begun = time.perf_counter()
+    Parameters
+    ----------
+    name, overrides, tolerance
+        As for `load_robot`.
+    part
+        The part's name in the robot file.
+    shop
+        Where the experiments are made.
+
+    Raises
+    ------
+    InputError
+        The robot file, or the part in it, cannot be used.
+
+    """
     robot = load_robot(name, overrides, tolerance)
-    files.check_output(out)
-    manifest = Manifest(sys.argv[1:], str(robot.path), file_digest(robot.path), list(overrides))
     base = [*overrides, f"{part}.pads=together"] if part == "slider" else list(overrides)
-    own = order_part(load_robot(name, base, tolerance), part, pictures=False, label=OWN)
+    own = order_part(load_robot(name, base, tolerance), part, label=OWN)
     orders, names, left_out = _orders(name, robot, part, base, tolerance, own)
-    with workshop(quiet=quiet) as (cache, spare, open_line), files.staged_folder(out) as folder:
-        wanted = {Choice(", ".join(names) or OWN, OWN, ()): own, **orders}
-        found: list[PartResult] = []
-        for start in range(0, len(wanted), AT_ONCE):
-            batch = list(wanted.values())[start : start + AT_ONCE]
-            found += solve_parts(batch, cache, spare, {order.label: open_line(order.label) for order in batch})
-        for choice, result in zip(wanted, found, strict=True):
-            manifest.note(choice.name, key=result.key, reused=result.reused, seconds=result.seconds)
-        compared = _compared(part, wanted, found, left_out)
-        files.write_bytes(folder / "interfaces.csv", _csv(compared).encode())
-        files.write_json(folder / "interfaces.json", _json(compared, found))
-        draw(compared, f"{robot.name}: what the interfaces make of the {part}'s compliance", folder / "interfaces.png")
-        manifest.write(folder)
-    for choice, result in zip(wanted, found, strict=True):
-        if result.note:
-            log.warning("%s, %s: %s", part, choice.name, result.note)
-    if not quiet:
-        tables.show_interfaces(compared)
-        tables.show_line(f"Written to {out} in {time.perf_counter() - begun:.1f} s")
+    wanted = {Choice(", ".join(names) or OWN, OWN, ()): own, **orders}
+    found: list[PartResult] = []
+    for start in range(0, len(wanted), AT_ONCE):
+        found += solve_parts(list(wanted.values())[start : start + AT_ONCE], shop)
+    return _compared(part, dict(zip(wanted, found, strict=True)), left_out)
 
 
 def choices(robot: RobotFile, part: PartName) -> list[Choice]:
@@ -190,7 +184,7 @@ def _orders(
             continue
         try:
             changed = load_robot(name, [*base, *choice.overrides], tolerance)
-            order = order_part(changed, part, pictures=False, label=choice.name)
+            order = order_part(changed, part, label=choice.name)
         except InputError as error:
             left_out.append(f"{choice.name}: left out; {error}")
             continue
@@ -201,24 +195,22 @@ def _orders(
     return orders, same, left_out
 
 
-def _compared(
-    part: str, wanted: Mapping[Choice, PartOrder], found: Sequence[PartResult], left_out: Sequence[str]
-) -> Comparison:
+def _compared(part: str, found: Mapping[Choice, PartResult], left_out: Sequence[str]) -> Comparison:
     from stiffscope.fea.adapt import SIGNIFICANT
 
-    point = found[0].facts["reference_point"]
-    own, *others = (Tested(*order, *_at(result, point)) for order, result in zip(wanted.items(), found, strict=True))
+    point = next(iter(found.values())).experiment.reference_point
+    own, *others = (Tested(choice, result, *_at(result, point)) for choice, result in found.items())
     scale = np.sqrt(np.diag(own.compliance))
     notable = np.abs(own.compliance) > SIGNIFICANT * np.outer(scale, scale)
     entries = [_entry(own, others, i, j) for i in range(6) for j in range(i, 6) if notable[i, j]]
     return Comparison(part, own, tuple(others), tuple(entries), tuple(left_out))
 
 
-def _at(result: PartResult, point: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+def _at(result: PartResult, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Compliance and bounds (6, 6) at another reference point: pads stand out from the face that they load."""
     from stiffscope.vjm.screws import shift
 
-    carry = shift(np.subtract(point, result.facts["reference_point"]))
+    carry = shift(point - result.experiment.reference_point)
     return carry @ result.compliance @ carry.T, np.abs(carry) @ result.error @ np.abs(carry.T)
 
 
@@ -230,7 +222,7 @@ def _entry(own: Tested, others: Sequence[Tested], i: int, j: int) -> Entry:
     return Entry(*entry_name(i, j), value, error, tuple(ratio - 1 for ratio in ratios), tuple(bars))
 
 
-def _csv(compared: Comparison) -> str:
+def interfaces_csv(compared: Comparison) -> str:
     """A line for each entry and choice, SI; changes are relative to the own choice's."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -245,12 +237,12 @@ def _csv(compared: Comparison) -> str:
     return text.getvalue()
 
 
-def _json(compared: Comparison, found: Sequence[PartResult]) -> dict[str, Any]:
+def interfaces_json(compared: Comparison) -> dict[str, Any]:
     """The whole matrices."""
-    tested = (compared.own, *compared.others)
+    facts = ("tolerance", "relative_bound", "note", "mesh")
     return {
         "part": compared.part,
-        "reference_point": found[0].facts["reference_point"],
+        "reference_point": compared.own.result.experiment.reference_point,
         "choices": [
             {
                 "name": t.choice.name,
@@ -258,9 +250,9 @@ def _json(compared: Comparison, found: Sequence[PartResult]) -> dict[str, Any]:
                 "set": list(t.choice.overrides),
                 "compliance": t.compliance,
                 "error": t.error,
-                **{key: result.facts[key] for key in ("tolerance", "relative_bound", "note", "mesh")},
+                **{key: t.result.facts[key] for key in facts},
             }
-            for t, result in zip(tested, found, strict=True)
+            for t in (compared.own, *compared.others)
         ],
         "left_out": list(compared.left_out),
     }

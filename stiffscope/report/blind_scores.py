@@ -1,22 +1,13 @@
-"""`stiffscope blind`: withheld campaigns are drawn, diagnosed and scored, and the score is shown."""
+"""The score of a blind check: as JSON, as tables, as figures."""
 
 from __future__ import annotations
 
-import os
-import sys
-import time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope import files
-from stiffscope.cli.run import solve_robots, workshop
-from stiffscope.jobs.cache import file_digest
-from stiffscope.jobs.manifest import Manifest
 from stiffscope.report import tables
 from stiffscope.report.gap_figures import AFTER, BEFORE, EFFECT, STYLE, new_figure
-from stiffscope.robot.components import nominal_robot
-from stiffscope.robot.robot_file import load_robot
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -35,30 +26,6 @@ MEASURES = (
 )
 HELD_OUT = 1.2
 ENOUGH = 50  # intervals below which a share of them says little
-
-
-def blind(out: Path, *, campaigns: int, seed: int, quiet: bool, target: str | None) -> None:
-    """Run the blind check and write a complete folder: campaigns, seal, answers, scores, figures."""
-    from stiffscope.gap.blind import run_blind
-
-    files.check_output(out, target)
-    begun = time.perf_counter()
-    robot = load_robot("biglide")
-    manifest = Manifest(sys.argv[1:], str(robot.path), file_digest(robot.path))
-    with workshop(quiet=quiet) as (cache, spare, open_line), files.staged_folder(out) as folder:
-        made = solve_robots({"now": robot}, "published", cache, spare, open_line, pictures=False)["now"]
-        report = open_line("blind")
-        scores = run_blind(folder, nominal_robot(made.elastic, robot), campaigns, seed, report, os.cpu_count() or 1)
-        report("figures", 1.0)
-        found = scores_json(scores, campaigns, seed, time.perf_counter() - begun)
-        files.write_json(folder / "scores.json", found)
-        _draw(scores, folder)
-        manifest.write(folder)
-    if target:
-        files.write_json(target, found)
-    if not quiet and target != "-":
-        show_scores(scores)
-        tables.show_line(f"{campaigns} campaigns in {time.perf_counter() - begun:.0f} s; written to {out}")
 
 
 def scores_json(scores: Scores, campaigns: int, seed: int, seconds: float) -> dict[str, Any]:
@@ -134,7 +101,8 @@ def _show_confusion(scores: Scores) -> None:
     tables.console().print(table)
 
 
-def _draw(scores: Scores, folder: Path) -> None:
+def draw_scores(scores: Scores, folder: Path) -> None:
+    """Write the two figures as SVG and PNG."""
     import matplotlib as mpl
 
     with mpl.rc_context(STYLE):

@@ -1,0 +1,158 @@
+"""The commands on measurements: diagnosis of a campaign, the blind check of the diagnosis, the audit of the paper."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from stiffscope import files
+from stiffscope.cli import options
+from stiffscope.cli.options import takes
+from stiffscope.jobs.manifest import manifest_of
+from stiffscope.robot.robot_file import load_robot
+
+if TYPE_CHECKING:
+    from stiffscope.gap.diagnosis import Diagnosis
+    from stiffscope.jobs.assembly import Assembled
+    from stiffscope.jobs.campaigns import Case
+
+GROUPS = {
+    "Eq. (29)": "Eq. (29): compliance of the slidable platform",
+    "Eq. (30a)": "Eq. (30a): stiffness at P1 with gravity",
+    "Eq. (30b)": "Eq. (30b): stiffness at P2 with gravity",
+    "Table 5": "Table 5: principal stiffness at Q1",
+    "Table 6": "Table 6: principal stiffness at Q2",
+    "text": "RMS figures of the text, %",
+}
+
+
+@click.command()
+@takes(click.argument("name", metavar="CAMPAIGN"), options.out, options.target)
+@click.option(
+    "--adopt",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Write a robot file that carries the effects that were found.",
+)
+def diagnose(name: str, out: Path, *, target: str | None, adopt: Path | None, quiet: bool) -> None:
+    """Where model and machine differ, and which effect causes it.
+
+    CAMPAIGN is a folder with a campaign.toml and its readings, or the name of a campaign that comes along: published.
+    """
+    from stiffscope.cli.showing import shown_workshop
+    from stiffscope.gap.diagnosis import to_json
+    from stiffscope.jobs.adoption import check_target
+    from stiffscope.jobs.campaigns import diagnose_case, open_case
+    from stiffscope.report import gap_tables, tables
+
+    files.check_output(out, target, adopt)
+    case = open_case(name)
+    manifest = manifest_of(case.robot, *(case.folder / file for file in ("campaign.toml", *case.campaign.files)))
+    if adopt is not None:
+        check_target(adopt, case.robot)
+    with shown_workshop(quiet=quiet) as shop:
+        diagnosis, nominal = diagnose_case(case, shop)
+        with files.staged_folder(out) as folder:
+            files.write_json(folder / "diagnosis.json", to_json(diagnosis))
+            _write_page(case, nominal, diagnosis, folder)
+            manifest.write(folder)
+    if target:
+        files.write_json(target, to_json(diagnosis))
+    loud = not quiet and target != "-"
+    if loud:
+        gap_tables.show_diagnosis(diagnosis, nominal.matrices["slider"] if nominal else None)
+        tables.show_line(f"Written to {out}; the page is {out / 'report.html'}")
+    if adopt is not None and nominal is not None:
+        _adopt(adopt, nominal, diagnosis, case, loud=loud)
+
+
+def _write_page(case: Case, nominal: Assembled | None, diagnosis: Diagnosis, folder: Path) -> None:
+    """The HTML page with its figures."""
+    from stiffscope.report.gap_figures import draw_figures
+    from stiffscope.report.html import write_page
+    from stiffscope.report.kept_pictures import draw_shares
+
+    figures = draw_figures(diagnosis, folder)
+    facts = [f"{len(case.campaign):,} readings at {len(case.campaign.pose_names)} poses"]
+    if nominal is None:
+        facts.append("the model under test is the campaign's own predictions")
+    else:
+        made_of = ", ".join(f"{part} {source}" for part, source in nominal.sources.items())
+        modelled = ", ".join(case.campaign.modelled) or "no effect"
+        facts.append(f"nominal robot {nominal.robot.name} ({made_of}; modelled: {modelled})")
+        draw_shares(nominal, diagnosis, case.campaign.poses, folder)
+    write_page(
+        folder / "report.html", diagnosis, title=f"Where is the gap? {case.name}", facts=facts, folder=folder,
+        figures=figures, slider=nominal.matrices["slider"] if nominal else None,
+    )  # fmt: skip
+
+
+def _adopt(target: Path, nominal: Assembled, diagnosis: Diagnosis, case: Case, *, loud: bool) -> None:
+    from stiffscope.jobs.adoption import adopt
+    from stiffscope.report import tables
+
+    components = case.campaign.components
+    left = adopt(target, nominal.robot, nominal.carrying, diagnosis, campaign=case.name, components=components)
+    if loud:
+        for reason in left:
+            tables.show_line(f"Not adopted: {reason}")
+        tables.show_line(f"Adopted in {target}, with the parts' matrices of the diagnosis ({components})")
+
+
+@click.command()
+@takes(options.out, options.target)
+@click.option("--campaigns", default=100, show_default=True, type=click.IntRange(1, 100000), help="How many to draw.")
+@click.option("--seed", default=1, show_default=True, type=click.IntRange(0), help="What decides which are drawn.")
+def blind(out: Path, *, target: str | None, campaigns: int, seed: int, quiet: bool) -> None:
+    """The check of the diagnosis on campaigns whose effects are withheld.
+
+    Draws campaigns, seals what is in them, diagnoses them, and scores the answers.
+    """
+    from stiffscope.cli.showing import shown_workshop
+    from stiffscope.gap.blind import run_blind
+    from stiffscope.jobs.assembly import assemble_robots
+    from stiffscope.report import tables
+    from stiffscope.report.blind_scores import draw_scores, scores_json, show_scores
+
+    files.check_output(out, target)
+    robot = load_robot("biglide")
+    manifest = manifest_of(robot)
+    with shown_workshop(quiet=quiet) as shop, files.staged_folder(out) as folder:
+        made = assemble_robots({"now": robot}, "published", shop)["now"]
+        report = shop.open_line("blind")
+        scores = run_blind(folder, made.carrying, campaigns, seed, report, os.cpu_count() or 1)
+        report("figures", 1.0)
+        found = scores_json(scores, campaigns, seed, manifest.elapsed())
+        files.write_json(folder / "scores.json", found)
+        draw_scores(scores, folder)
+        manifest.write(folder)
+    if target:
+        files.write_json(target, found)
+    if not quiet and target != "-":
+        show_scores(scores)
+        tables.show_line(f"{campaigns} campaigns in {manifest.elapsed():.0f} s; written to {out}")
+
+
+@click.command()
+@takes(options.target)
+def audit(*, target: str | None, quiet: bool) -> None:
+    """The paper's numbers recomputed, each with a verdict."""
+    from stiffscope.cli.showing import shown_workshop
+    from stiffscope.jobs.experiments import solve_parts
+    from stiffscope.jobs.orders import order_part
+    from stiffscope.report import tables
+    from stiffscope.robot.audit import findings_on_paper
+
+    robot = load_robot("biglide")
+    with shown_workshop(quiet=quiet) as shop:
+        (slider,) = solve_parts([order_part(robot, "slider")], shop)
+    findings = findings_on_paper(robot, slider.compliance)
+    if target:
+        files.write_json(target, [dataclasses.asdict(finding) for finding in findings])
+    if not quiet and target != "-":
+        for source, title in GROUPS.items():
+            tables.show_findings(title, [finding for finding in findings if finding.source == source])

@@ -1,0 +1,91 @@
+"""Arguments and options that several commands take."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+PARTS = ("link", "slider")
+SOURCES = ("fea", "beam", "published")
+GRAVITY = ("none", "literal", "exact")
+
+
+def takes(*options: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command these options, in this order in its help, and those that every command has."""
+
+    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
+        for option in reversed((*options, quiet, debug)):
+            command = option(command)
+        return command
+
+    return decorate
+
+
+def _note_debug(_context: click.Context, _option: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        logging.getLogger().setLevel(logging.DEBUG)
+        for chatty in ("matplotlib", "PIL", "pint", "numba"):
+            logging.getLogger(chatty).setLevel(logging.WARNING)
+
+
+def _check_file(_context: click.Context, _option: click.Parameter, target: str | None) -> str | None:
+    from stiffscope.files import check_file
+
+    if target not in (None, "-"):
+        check_file(Path(target))
+    return target
+
+
+def gravity(default: str | None) -> Callable[..., Any]:
+    """The option `--gravity`; without a default the robot file decides."""
+    return click.option(
+        "--gravity",
+        type=click.Choice(GRAVITY),
+        default=default,
+        show_default=True if default else "none, unless the robot file has adopted gravity",
+        help="How weight acts on stiffness.",
+    )
+
+
+def folder(name: str, text: str, *, required: bool = False) -> Callable[..., Any]:
+    """An option for a folder to write."""
+    return click.option(name, required=required, metavar="DIR", type=click.Path(path_type=Path), help=text)
+
+
+robot = click.argument("name", metavar="ROBOT.toml")
+overrides = click.option(
+    "--set", "overrides", multiple=True, metavar="PART.PARAMETER=VALUE",
+    help="Change a value of the robot file, such as slider.thickness=25mm. May be repeated.",
+)  # fmt: skip
+tolerance = click.option(
+    "--tolerance", metavar="SHARE", help="Error bar wanted of every entry of the parts' matrices, such as 0.1% or 1e-3."
+)
+components = click.option(
+    "--components",
+    type=click.Choice(SOURCES),
+    help="Source of the parts' matrices, instead of what the robot file says.",
+)
+quiet = click.option("--quiet", is_flag=True, help="No progress bars and no tables.")
+debug = click.option(
+    "--debug", is_flag=True, expose_value=False, callback=_note_debug, help="Show where an unexpected error came from."
+)
+out = folder("--out", "Folder to write: complete or absent.", required=True)
+target = click.option(
+    "--json", "target", metavar="FILE", callback=_check_file,
+    help='Write JSON ("-": standard output, nothing else there).',
+)  # fmt: skip
+poses = click.option(
+    "--at", "poses", multiple=True, metavar="X,Y,Z",
+    help='Tool point in m or with units ("0,0,350 mm"), or a pose named in the robot file. May be repeated.',
+)  # fmt: skip
+
+
+def part(**more: Any) -> Callable[..., Any]:
+    """The option `--part`."""
+    return click.option("--part", type=click.Choice(PARTS), help="The link or the slider.", **more)

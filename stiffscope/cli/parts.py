@@ -1,0 +1,130 @@
+"""The commands on one part: compliance, comparison with beam theory, choices of interface, faces of a STEP file."""
+
+from __future__ import annotations
+
+import logging
+import time
+from typing import TYPE_CHECKING
+
+import click
+
+from stiffscope import files
+from stiffscope.cli import options
+from stiffscope.cli.options import takes
+from stiffscope.jobs.manifest import manifest_of
+from stiffscope.robot.robot_file import load_robot
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+log = logging.getLogger(__name__)
+
+
+@click.command()
+@takes(options.robot, options.part(required=True), options.tolerance, options.overrides, options.target)
+@options.folder(
+    "--superelement",
+    "Folder to write: the stiffness condensed on the part's interfaces (npz, Matrix Market), complete or absent.",
+)
+@click.option(
+    "--step", metavar="FILE", help="Take this solid as the part: clamped at its least x, loaded at its greatest."
+)
+def compliance(
+    name: str, part: str, *, tolerance: str | None, overrides: tuple[str, ...], target: str | None,
+    superelement: Path | None, step: str | None, quiet: bool,
+) -> None:  # fmt: skip
+    """A part's 6x6 compliance with error bars."""
+    from stiffscope.cli.showing import show_compliance, shown_workshop, warn_of
+    from stiffscope.jobs.experiments import solve_parts
+    from stiffscope.jobs.orders import order_part
+    from stiffscope.jobs.results import compliance_json, write_superelement
+    from stiffscope.report import tables
+
+    robot = load_robot(name, overrides, tolerance)
+    if superelement:
+        files.check_output(superelement, target)
+    manifest = manifest_of(robot)
+    with shown_workshop(quiet=quiet) as shop:
+        (result,) = solve_parts([order_part(robot, part, step)], shop)
+    if superelement:
+        write_superelement(result, superelement, manifest)
+    if target:
+        files.write_json(target, compliance_json(robot, result))
+    if quiet or target == "-":
+        warn_of([result])
+        return
+    tables.show_parts([result])
+    show_compliance(robot, result)
+    if superelement:
+        tables.show_line(f"Superelement written to {superelement}")
+
+
+@click.command()
+@takes(options.robot, options.part(), options.overrides)
+def compare(name: str, part: str | None, *, overrides: tuple[str, ...], quiet: bool) -> None:
+    """FEA beside beam theory beside published, entry by entry."""
+    from stiffscope.cli.showing import show_compliance, shown_workshop, warn_of
+    from stiffscope.jobs.assembly import check_one_interface
+    from stiffscope.jobs.experiments import solve_parts
+    from stiffscope.jobs.orders import order_part
+
+    robot = load_robot(name, overrides)
+    parts = (part,) if part else options.PARTS
+    for each in parts:
+        check_one_interface(robot, each)
+    with shown_workshop(quiet=quiet) as shop:
+        results = solve_parts([order_part(robot, each) for each in parts], shop)
+    warn_of(results)
+    for result in results:
+        show_compliance(robot, result)
+
+
+@click.command()
+@takes(options.robot, options.out, options.tolerance, options.overrides)
+@options.part(default="slider", show_default=True)
+def interfaces(
+    name: str, out: Path, *, tolerance: str | None, overrides: tuple[str, ...], part: str, quiet: bool
+) -> None:
+    """How much a part's compliance depends on how it is held and loaded.
+
+    Tests the part loaded as a rigid face, by an even traction and on three joint pads, and held by its face, in its
+    bolt holes and on an elastic foundation. Prints what each choice changes; writes CSV, JSON and a figure to DIR.
+    """
+    from stiffscope.cli.showing import shown_workshop
+    from stiffscope.jobs.interfaces import compare_interfaces, interfaces_csv, interfaces_json
+    from stiffscope.report import tables
+    from stiffscope.report.interface_figure import draw
+
+    begun = time.perf_counter()
+    robot = load_robot(name, overrides, tolerance)
+    files.check_output(out)
+    manifest = manifest_of(robot)
+    with shown_workshop(quiet=quiet) as shop, files.staged_folder(out) as folder:
+        compared = compare_interfaces(name, part, shop, overrides=overrides, tolerance=tolerance)
+        files.write_bytes(folder / "interfaces.csv", interfaces_csv(compared).encode())
+        files.write_json(folder / "interfaces.json", interfaces_json(compared))
+        draw(compared, f"{robot.name}: what the interfaces make of the {part}'s compliance", folder / "interfaces.png")
+        for tested in (compared.own, *compared.others):
+            result = tested.result
+            manifest.note(tested.choice.name, key=result.key, reused=result.reused, seconds=result.seconds)
+            if result.note:
+                log.warning("%s, %s: %s", part, tested.choice.name, result.note)
+        manifest.write(folder)
+    if not quiet:
+        tables.show_interfaces(compared)
+        tables.show_line(f"Written to {out} in {time.perf_counter() - begun:.1f} s")
+
+
+@click.command()
+@takes(click.argument("file", metavar="FILE.step"), options.target)
+def faces(file: str, *, target: str | None, quiet: bool) -> None:
+    """The faces of a STEP file, to choose from."""
+    from stiffscope.cad.faces import describe
+    from stiffscope.cad.step import read_solid
+    from stiffscope.report import tables
+
+    rows = describe(read_solid(file))
+    if target:
+        files.write_json(target, rows)
+    if not quiet and target != "-":
+        tables.show_faces(file, rows)

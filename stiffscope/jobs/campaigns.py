@@ -1,0 +1,113 @@
+"""A campaign diagnosed: where its folder is, the nominal robot that it names, assembled, and the diagnosis."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stiffscope.data import FOLDER
+from stiffscope.errors import InputError
+from stiffscope.jobs.assembly import assemble_robots
+from stiffscope.jobs.workshop import workshop
+from stiffscope.robot.robot_file import load_robot, robot_names
+
+if TYPE_CHECKING:
+    from stiffscope.gap.diagnosis import Diagnosis
+    from stiffscope.gap.readings import Campaign
+    from stiffscope.jobs.assembly import Assembled
+    from stiffscope.jobs.workshop import Workshop
+    from stiffscope.robot.schema import RobotFile
+
+SHELVES = ("campaigns", "withheld")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A campaign with its nominal robot; no robot where it brings its own predictions."""
+
+    name: str
+    folder: Path
+    campaign: Campaign
+    robot: RobotFile | None
+
+
+def diagnose(campaign: str | Path) -> Diagnosis:
+    """Find which effects explain the gap between a model and the measurements of a campaign.
+
+    Parameters
+    ----------
+    campaign
+        Folder with a campaign.toml and its readings, or the name of a campaign in `data/`, such as "published".
+
+    Returns
+    -------
+    Diagnosis
+        Verdict, effects with probabilities and parameters, the gap before and after, what to measure next.
+
+    Raises
+    ------
+    InputError
+        There is no such campaign, or its files are wrong.
+
+    """
+    with workshop() as shop:
+        return diagnose_case(open_case(campaign), shop)[0]
+
+
+def diagnose_case(case: Case, shop: Workshop) -> tuple[Diagnosis, Assembled | None]:
+    """The diagnosis of a campaign, and the nominal robot that it starts from, where there is one."""
+    from stiffscope.gap.diagnose import diagnose
+
+    if case.robot is None:
+        return diagnose(case.campaign), None
+    nominal = assemble_robots({"nominal": case.robot}, case.campaign.components, shop)["nominal"]
+    return diagnose(case.campaign, nominal.carrying, shop.open_line("diagnosis")), nominal
+
+
+def open_case(name: str | Path) -> Case:
+    """The campaign in a folder, or by its name in `data/`, with the robot that it names."""
+    from stiffscope.gap.readings import load_campaign
+
+    folder = find_campaign(name)
+    campaign = load_campaign(folder)
+    if campaign.robot is None:
+        return Case(folder.resolve().name, folder, campaign, None)
+    robot = load_robot(_robot_of(folder, campaign.robot))
+    if robot.carries("gravity") and "gravity" not in campaign.modelled:
+        campaign = dataclasses.replace(campaign, modelled=(*campaign.modelled, "gravity"))
+    return Case(folder.resolve().name, folder, campaign, robot)
+
+
+def find_campaign(name: str | Path) -> Path:
+    """Folder of a campaign given as a folder, its campaign.toml, or a name in `data/`."""
+    path = Path(name)
+    if path.is_dir():
+        return path
+    if path.name == "campaign.toml" and path.is_file():
+        return path.parent
+    for shelf in SHELVES:
+        known = FOLDER / shelf / path.name
+        if path.name == str(name) and (known / "campaign.toml").is_file():
+            return known
+    listed = ", ".join(campaign_names()) or "(none)"
+    raise InputError(f"{name}: no such campaign; give a folder with a campaign.toml or one of the names {listed}")
+
+
+def campaign_names() -> list[str]:
+    """Names of the campaigns that `data/` knows."""
+    return sorted(p.parent.name for shelf in SHELVES for p in (FOLDER / shelf).glob("*/campaign.toml"))
+
+
+def _robot_of(folder: Path, robot: str) -> Path:
+    """The campaign's robot file: beside the campaign, or by its name in `data/`."""
+    if (folder / robot).is_file():
+        return folder / robot
+    if robot in robot_names():
+        return FOLDER / f"{robot}.toml"
+    names = ", ".join(robot_names())
+    where = folder / "campaign.toml"
+    expected = f"a robot file, seen from its folder, or one of {names}"
+    raise InputError(f"{where}, robot: expected {expected}, found {json.dumps(robot)}")

@@ -1,0 +1,123 @@
+"""A part's finished experiment with its files, and what scripts read of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from stiffscope import files
+from stiffscope.robot.components import beam_compliance
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy as np
+
+    from stiffscope.fea.experiment import Experiment
+    from stiffscope.jobs.manifest import Manifest
+    from stiffscope.jobs.orders import PartOrder
+    from stiffscope.robot.schema import PartName, RobotFile
+
+EXPERIMENT, SOLID, FIELDS = "experiment.npz", "solid.json", "fields.vtu"
+AXES = {
+    "link": "x along the link from its clamped end; twist (v, omega) and wrench (f, m) at the centre of the loaded end",
+    "slider": "x away from the clamped face, y across, z down; "
+    "twist (v, omega) and wrench (f, m) at the centre of the loaded face",
+}
+STEP_AXES = (
+    "those of the STEP file, or of the frame chosen in it; twist and wrench at the loaded faces' reference point"
+)
+
+
+@dataclass(frozen=True)
+class PartResult:
+    """A part's virtual experiment, and the files of it that the cache holds.
+
+    Attributes
+    ----------
+    order, key : what was asked for, and its cache key.
+    folder : where its files are: the experiment (npz), the fields (vtu), the solid (STEP, STL).
+    experiment : what the unit wrenches did.
+    solid : what cad tells of the solid: mass in kg, mass_centre in m, inertia in kg·m², numbers of its faces.
+    reused, seconds : whether the cache had it, and the time that it took now.
+    """
+
+    order: PartOrder
+    key: str
+    folder: Path
+    experiment: Experiment
+    solid: dict[str, Any]
+    reused: bool
+    seconds: float
+
+    @property
+    def name(self) -> PartName:
+        """The part's name."""
+        return self.order.name
+
+    @property
+    def compliance(self) -> np.ndarray:
+        """(6, 6) in the part's axes at its reference point."""
+        return self.experiment.compliance
+
+    @property
+    def error(self) -> np.ndarray:
+        """(6, 6) 95 % bounds."""
+        return self.experiment.error
+
+    @property
+    def note(self) -> str:
+        """One line on why a wanted tolerance was not met; empty when it was, or when none was wanted."""
+        return self.experiment.note
+
+    @property
+    def own_shape(self) -> bool:
+        """Whether the solid is the robot file's own shape, not a STEP file's."""
+        return self.order.step is None
+
+    @property
+    def mass(self) -> float:
+        """Mass of the solid, kg."""
+        return self.solid["mass"]
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What is told of a part besides its fields: plain numbers, SI."""
+        experiment, order = self.experiment, self.order
+        several = len(experiment.reference_points) > 1
+        together = ("reference_points", "flexibility", "flexibility_error") if several else ()
+        return {
+            "part": self.name,
+            "compliance": experiment.compliance,
+            "error": experiment.error,
+            "reference_point": experiment.reference_point,
+            **{name: getattr(experiment, name) for name in together},
+            "interface": experiment.interface,
+            "foundation": order.settings.foundation,
+            "tolerance": order.settings.tolerance,
+            "relative_bound": experiment.relative_bound,
+            "note": experiment.note,
+            "axes": STEP_AXES if order.step else AXES[order.name],
+            "solid": order.step.path.name if order.step else "parametric",
+            "mesh": {"nodes": len(experiment.mesh.points), "tetrahedra": len(experiment.mesh.cells), "order": 2},
+            "volume": experiment.volume,
+            "cad_volume": experiment.cad_volume,
+            **{name: self.solid[name] for name in ("mass", "mass_centre", "inertia")},
+            "seconds": experiment.seconds,
+        }
+
+
+def compliance_json(robot: RobotFile, result: PartResult) -> dict[str, Any]:
+    """What scripts read of a part; beam theory knows the own shape alone, not a STEP file's solid."""
+    beam = beam_compliance(robot, result.name) if result.own_shape else None
+    return {**result.facts, "beam": beam, "cached": result.reused}
+
+
+def write_superelement(result: PartResult, out: Path, manifest: Manifest) -> None:
+    """A folder with the part condensed on its interfaces, as npz and as Matrix Market: see `stiffscope.fea.export`."""
+    from stiffscope.fea.export import write_superelement as write
+
+    with files.staged_folder(out) as folder:
+        write(result.experiment, folder / result.name)
+        manifest.note(result.name, key=result.key, reused=result.reused, seconds=result.seconds)
+        manifest.write(folder)
