@@ -130,7 +130,17 @@ def robot_deflection(
         shares = {"energy": found.energy, "shares": found.shares}
         files.write_json(target, {"poses": list(points.values()), "wrench": load, "twist": found.twist, **shares})
     if not quiet and target != "-":
-        tables.show_deflection(list(points), found.twist, found.shares, wrench)
+        error = _deflection_bars(assembled, list(points.values()), found.twist)
+        tables.show_deflection(list(points), found.twist, found.shares, wrench, error)
+
+
+def _deflection_bars(assembled: Assembled, poses: Sequence[Sequence[float]], twist: np.ndarray) -> np.ndarray | float:
+    """95 % bounds (n, 6) on deflections, from those on the stiffness."""
+    from stiffscope.vjm.analysis import stiffness
+    from stiffscope.vjm.uncertainty import deflection_error
+
+    bars = stiffness_bars(assembled, poses)
+    return 0.0 if bars is None else deflection_error(stiffness(assembled.elastic, poses), bars, twist)
 
 
 def compare_parts(name: str, parts: Sequence[PartName], *, overrides: Sequence[str], quiet: bool) -> None:

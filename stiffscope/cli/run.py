@@ -18,6 +18,7 @@ import numpy as np
 from stiffscope import files
 from stiffscope.errors import InputError
 from stiffscope.jobs.cache import code_version, default_cache, digest, file_digest, kept_files
+from stiffscope.jobs.compare import compare
 from stiffscope.jobs.experiments import (
     EXPERIMENT,
     FIELDS,
@@ -31,7 +32,6 @@ from stiffscope.jobs.experiments import (
 )
 from stiffscope.jobs.manifest import Manifest
 from stiffscope.report import tables
-from stiffscope.report.compare import compare
 from stiffscope.report.pictures import PictureError, draw
 from stiffscope.report.progress import progress
 from stiffscope.robot import components as parts_of
@@ -319,7 +319,7 @@ def show_compliance(robot: RobotFile, result: PartResult) -> None:
     if result.own_shape:
         tables.show_comparison(compare(robot, result.name, result))
     else:
-        tables.show_matrix(f"Compliance of the {result.name}, SI", result.compliance)
+        tables.show_matrix(f"Compliance of the {result.name}, SI", result.compliance, result.error)
         tables.show_line("No beam theory beside it: it is a STEP file's solid, not the robot file's own shape\n")
 
 

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.report.drawing.sheet import power
-from stiffscope.report.gap_figures import AFTER, BEFORE, EFFECT, STYLE, new_figure
+from stiffscope.report.figures import AFTER, BEFORE, EFFECT, STYLE, new_figure
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from matplotlib.axes import Axes
 
-    from stiffscope.cli.interfaces import Comparison, Tested
+    from stiffscope.jobs.interfaces import Comparison, Tested
 
 PLATE = "#dfe4e8"
 LINEAR = 10.0  # % below which the scale of changes is linear
