@@ -42,14 +42,15 @@ def show_scores(scores: Scores) -> None:
         met = "yes" if scores.held_out <= HELD_OUT else "no"
         words = "rightly identified: largest held-out gap over noise"
         rows.append((words, f"{scores.held_out:.3f}", f"≤ {HELD_OUT}", met))
-    show_table("Blind check", (("",), ("measured", "target", "met")), rows)
+    show_table("Blind check", (("measure",), ("measured", "target", "met")), rows, prose=("measure",))
     _show_gaps(scores)
     planted, answered, counts = scores.confusion()
     confusion = [
         (word, ", ".join(f"{name} {n}" for name, n in zip(answered, row, strict=True) if n))
         for word, row in zip(planted, counts, strict=True)
     ]
-    show_table("Single effects", (("planted",), ("answered",)), confusion, prose=("answered",))
+    if confusion:
+        show_table("Single effects", (("planted",), ("answered",)), confusion, prose=("answered",))
     _show_wrong(scores)
 
 

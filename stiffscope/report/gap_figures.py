@@ -103,7 +103,7 @@ def signature_correlation(diagnosis: Diagnosis) -> Figure | None:
     matrix = np.array(rows, dtype=float)
     order = _clustered(matrix)
     matrix, labels = matrix[np.ix_(order, order)], [label(names[k]) for k in order]
-    size = 2.6 + 0.29 * len(names)
+    size = 0.6 + 0.29 * len(names) + 0.065 * max(map(len, labels))
     figure = new_figure(size + 1.2, size, "Signature correlation (1: indistinguishable from these readings)")
     axes = figure.subplots()
     image = axes.imshow(matrix, cmap="Purples", vmin=0, vmax=1)

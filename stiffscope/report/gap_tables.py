@@ -49,7 +49,7 @@ def _show_effects(diagnosis: Diagnosis, slider: np.ndarray | None) -> None:
         ]
         for k, parameter in enumerate(parameters or [("none", "", "")]):
             rows.append((*(("", "", "") if k else first), *parameter))
-    show_table("Effects", groups, rows)
+    show_table("Effects", groups, rows, prose=("effect @ place",))
 
 
 def _show_gap(diagnosis: Diagnosis) -> None:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-FOLDED = 24  # least width of a column of prose, characters
+FOLDED = 16  # least width of a column of prose, characters
 ASCII_BOX = "    \n    \n -- \n    \n    \n    \n    \n    \n"  # rich's SIMPLE_HEAD with a dashed line
 SUPERSCRIPTS = re.compile("[⁰¹²³⁴-⁹⁻]+")
 ASCII = str.maketrans(

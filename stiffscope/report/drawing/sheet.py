@@ -33,7 +33,7 @@ def _relative(figure: Figure, cell: tuple[float, ...]) -> tuple[float, float, fl
 
 
 def fill(figure: Figure, cell: tuple[float, float, float, float], image: Floats, heading: str, remark: str) -> None:
-    """Put a rendering into a cell, under a heading and a remark."""
+    """Put a rendering into a cell, with a heading on the left and a remark on the right."""
     left, bottom, width, height = cell
     pixel = 1 / (figure.get_size_inches()[1] * 100)
     axes = figure.add_axes((left, bottom + 48 * pixel, width, height - 78 * pixel))
@@ -45,9 +45,9 @@ def fill(figure: Figure, cell: tuple[float, float, float, float], image: Floats,
 
 
 def scale_bar(
-    figure: Figure, cell: tuple[float, float, float, float], limit: float, greatest: float, unit: str, colours: str
+    figure: Figure, cell: tuple[float, float, float, float], limit: float, largest: float, unit: str, colours: str
 ) -> None:
-    """The colour scale below a rendering, with the greatest value."""
+    """The colour scale below a rendering, with the largest value."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -57,20 +57,18 @@ def scale_bar(
     axes = figure.add_axes((left + 0.06 * width, bottom + 34 * pixel, 0.6 * width, 9 * pixel))
     bar = figure.colorbar(
         ScalarMappable(Normalize(0, limit / factor), colours), cax=axes, orientation="horizontal",
-        extend="max" if greatest > 1.001 * limit else "neither",
+        extend="max" if largest > 1.001 * limit else "neither",
     )  # fmt: skip
     bar.ax.tick_params(labelsize=9, length=2, pad=2)
     bar.outline.set_linewidth(0.4)
-    text = f"{prefix}{unit}, greatest {greatest / factor:.3g}"
+    text = f"{prefix}{unit}, max. {largest / factor:.3g}"
     figure.text(left + 0.70 * width, bottom + 38 * pixel, text, fontsize=9, va="center", color="#14181c")
 
 
 def write_title(figure: Figure, title: str) -> None:
-    """The heading of the sheet."""
-    height = figure.get_size_inches()[1] * 100
-    figure.text(
-        12 / (figure.get_size_inches()[0] * 100), 1 - 14 / height, title, fontsize=15, va="top", fontweight="bold"
-    )
+    """Write the heading of the sheet; names of robots and parts in it are never read as mathematics."""
+    width, height = figure.get_size_inches() * 100
+    figure.text(12 / width, 1 - 14 / height, title, fontsize=15, va="top", fontweight="bold", parse_math=False)
 
 
 def power(number: float, decimals: int = 1) -> str:
