@@ -67,7 +67,7 @@ def compare_interfaces(
         compared = _compared(part, wanted, found, left_out)
         files.write_bytes(folder / "interfaces.csv", _csv(compared).encode())
         files.write_json(folder / "interfaces.json", _json(compared, found))
-        draw(compared, f"{robot.name}: what the interfaces make of the {part}'s compliance", folder / "interfaces.png")
+        draw(compared, f"{robot.name}: effect of the interfaces on the {part}'s compliance", folder / "interfaces.png")
         manifest.write(folder)
     for choice, result in zip(wanted, found, strict=True):
         if result.note:

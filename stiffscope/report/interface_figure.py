@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 PLATE = "#dfe4e8"
 LINEAR = 10.0  # % below which the scale of changes is linear
 CAPTION = (
-    "Sketches from above: held at the top, loaded at the bottom. Yellow: the entry grows, green: it shrinks. "
+    "Sketches from above: clamped at the top, loaded at the bottom. Yellow: the entry grows, green: it shrinks. "
     f"Whiskers: 95 % bounds. The scale is linear up to {LINEAR:g} %, logarithmic beyond."
 )
 SLENDER = (0.16, 0.4)  # width and depth of the sketch of a link or of a STEP file's solid: not to scale
@@ -83,7 +83,7 @@ def _changes(axes: Axes, compared: Comparison, k: int) -> None:
 
 
 def _sketch(axes: Axes, tested: Tested) -> None:
-    """The part from above, held at the top and loaded at the bottom; lengths in widths of the part."""
+    """The part from above, clamped at the top and loaded at the bottom; lengths in widths of the part."""
     from matplotlib.patches import Rectangle
 
     shape: Any = None if tested.order.step else tested.order.shape

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
     import xarray as xr
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
     from stiffscope.vjm.analysis import Gravity
     from stiffscope.vjm.biglide import Biglide
@@ -68,97 +67,85 @@ def robot_maps(robot: Biglide, poses: Poses, points: int, gravity: Gravity, g: f
 
 def draw_stiffness(found: WorkspaceMap, poses: Poses, title: str, *targets: Path, loaded: bool = False) -> None:
     """Draw the diagonal of K without or with the robot's own weight."""
-    values = found.loaded if loaded else found.stiffness
-    panels = [(f"{TITLES[k]} ({UNITS[k][0]})", values[..., k] * UNITS[k][1]) for k in range(6)]
-    _save(_sheet(found, panels, poses, title, "viridis"), targets)
+    _draw(found, _stiffness(found.loaded if loaded else found.stiffness), 3, poses, title, targets)
 
 
 def draw_difference(found: WorkspaceMap, poses: Poses, title: str, *targets: Path) -> None:
     """Draw the change by the robot's own weight, in parts per million of the stiffness without it."""
-    panels = [(f"{TITLES[k]}: with − without weight (ppm)", _change(found)[..., k]) for k in range(6)]
-    _save(_sheet(found, panels, poses, title, CHANGE), targets)
+    _draw(found, _change(found), 3, poses, title, targets)
 
 
 def draw_sag(found: WorkspaceMap, poses: Poses, title: str, *targets: Path) -> None:
     """Draw the platform's sag and tilt under the robot's own weight: the components above rounding."""
     largest = np.nanmax(np.abs(found.sag), axis=(0, 1))
     shown = [k for k in range(6) if largest[k] > 1e-4 * largest.max()] or [2]
-    panels = [(SAGS[k], 1e6 * found.sag[..., k]) for k in shown]
-    _save(_sheet(found, panels, poses, title, "magma_r"), targets)
+    _draw(found, [Panel(SAGS[k], 1e6 * found.sag[..., k], "magma_r") for k in shown], 3, poses, title, targets)
 
 
 def draw_all(found: WorkspaceMap, poses: Poses, title: str, *targets: Path) -> None:
     """Draw the diagonal of K without weight, with it, and the change: the whole map on one sheet."""
+    panels = [*_stiffness(found.stiffness, " without weight"), *_stiffness(found.loaded, " with weight")]
+    _draw(found, [*panels, *_change(found)], 6, poses, title, targets)
+
+
+class Panel(NamedTuple):
+    """One quantity (nz, nx) over the workspace, in the unit of its title."""
+
+    title: str
+    values: np.ndarray
+    colours: str = "viridis"
+
+
+def _stiffness(values: np.ndarray, words: str = "") -> list[Panel]:
+    return [Panel(f"{TITLES[k]}{words} ({unit})", factor * values[..., k]) for k, (unit, factor) in enumerate(UNITS)]
+
+
+def _change(found: WorkspaceMap) -> list[Panel]:
+    change = 1e6 * (found.loaded / found.stiffness - 1)
+    return [Panel(f"{TITLES[k]} with − without weight (ppm)", change[..., k], CHANGE) for k in range(6)]
+
+
+def _draw(
+    found: WorkspaceMap, panels: Sequence[Panel], most: int, poses: Poses, title: str, targets: Iterable[Path]
+) -> None:
+    """Draw panels, at most so many in a row, and write the sheet to each target."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(25, 11.5), layout="constrained", facecolor="white")
-    _head(figure, title)
-    rows = (
-        ("without weight", found.stiffness, "viridis"),
-        ("with weight", found.loaded, "viridis"),
-        ("with − without", _change(found), CHANGE),
-    )
-    grid = figure.subplots(3, 6, sharex=True, sharey=True)
-    for line, (words, values, colours) in zip(grid, rows, strict=True):
-        for k, axes in enumerate(line):
-            unit, factor = ("ppm", 1.0) if colours == CHANGE else UNITS[k]
-            name = f"{TITLES[k]} {words} ({unit})"
-            _panel(axes, found, name, factor * values[..., k], poses, colours, lines=5)
-    grid[0, 0].invert_yaxis()
-    _save(figure, targets)
-
-
-def _change(found: WorkspaceMap) -> np.ndarray:
-    return 1e6 * (found.loaded / found.stiffness - 1)
-
-
-def _head(figure: Figure, title: str) -> None:
-    gap, size = ("  ", 14) if figure.get_figwidth() > 8 else ("\n", 11)
-    words = f"{title}{gap}({SHOWN})"
-    figure.suptitle(words, fontsize=size, fontweight="bold", x=0.01, ha="left", parse_math=False)
-
-
-def _sheet(
-    found: WorkspaceMap, panels: Sequence[tuple[str, np.ndarray]], poses: Poses, title: str, colours: str
-) -> Figure:
-    from matplotlib.figure import Figure
-
-    columns = min(len(panels), 3)
+    columns = min(len(panels), most)
     rows = -(-len(panels) // columns)
-    figure = Figure(figsize=(14 * columns / 3, 0.8 + 3.7 * rows), layout="constrained", facecolor="white")
-    _head(figure, title)
+    figure = Figure(figsize=(4.5 * columns, 0.8 + 3.7 * rows), layout="constrained", facecolor="white")
+    gap, size = ("  ", 14) if columns > 1 else ("\n", 11)
+    heading: Any = {"t": f"{title}{gap}({SHOWN})", "fontsize": size, "fontweight": "bold"}
+    figure.suptitle(x=0.01, ha="left", parse_math=False, **heading)
     grid = list(figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).flat)
     for axes in grid[len(panels) :]:
         axes.remove()
-    for axes, (name, values) in zip(grid, panels, strict=False):
-        _panel(axes, found, name, values, poses, colours)
+    for axes, panel in zip(grid, panels, strict=False):
+        _fill(axes, found, panel)
+        _mark(axes, found, poses)
     grid[0].invert_yaxis()
-    return figure
+    for target in targets:
+        figure.savefig(target, dpi=110)
+        figure.set_layout_engine("none")  # laid out once: half of the time of a second format
 
 
-def _panel(
-    axes: Axes, found: WorkspaceMap, title: str, values: np.ndarray, poses: Poses, colours: str, lines: int = 8
-) -> None:
-    x, z = 1e3 * found.x, 1e3 * found.z
+def _fill(axes: Axes, found: WorkspaceMap, panel: Panel) -> None:
+    x, z, values, change = 1e3 * found.x, 1e3 * found.z, panel.values, panel.colours == CHANGE
     low, high = np.nanmin(values), np.nanmax(values)
-    if colours == CHANGE:
+    if change:
         low, high = -max(abs(low), abs(high)), max(abs(low), abs(high))
     if high - low < 1e-9 * max(abs(low), abs(high)) or high == low:  # constant, apart from rounding
         low, high = low - max(abs(low), 1e-6), high + max(abs(high), 1e-6)
-    image = axes.pcolormesh(x, z, values, cmap=colours, shading="nearest", vmin=low, vmax=high, rasterized=True)
+    image = axes.pcolormesh(x, z, values, cmap=panel.colours, shading="nearest", vmin=low, vmax=high, rasterized=True)
     if np.nanmax(values) - np.nanmin(values) > 1e-6 * abs(high):
-        pale = colours == CHANGE and np.nanmedian(np.abs(values)) < 0.5 * high
-        ink = "#3c4650" if pale else "white"
-        drawn = axes.contour(x, z, values, levels=lines, colors=ink, linewidths=0.6, linestyles="solid", alpha=0.8)
+        ink = "#3c4650" if change and np.nanmedian(np.abs(values)) < 0.5 * high else "white"
+        drawn = axes.contour(x, z, values, levels=6, colors=ink, linewidths=0.6, linestyles="solid", alpha=0.8)
         axes.clabel(drawn, fontsize=7, fmt="%.5g")
     figure: Any = axes.get_figure()
     figure.colorbar(image, ax=axes, pad=0.01)
-    axes.set_aspect("equal")
-    axes.set_title(title, fontsize=12)
-    axes.set_xlabel("x (mm)")
-    axes.set_ylabel("z (mm, down)")
+    axes.set(aspect="equal", xlabel="x (mm)", ylabel="z (mm, down)")
+    axes.set_title(panel.title, fontsize=12)
     axes.label_outer()
-    _mark(axes, found, poses)
 
 
 def _mark(axes: Axes, found: WorkspaceMap, poses: Poses) -> None:
@@ -176,12 +163,6 @@ def _mark(axes: Axes, found: WorkspaceMap, poses: Poses) -> None:
         axes.plot(*place, "o", color=MARK, markersize=5, markeredgecolor="white")
         offset: Any = {"xytext": (6, 5), "textcoords": "offset points"}
         axes.annotate(name, place, color=MARK, weight="bold", path_effects=halo, parse_math=False, **offset)
-
-
-def _save(figure: Figure, targets: Iterable[Path]) -> None:
-    for target in targets:
-        figure.savefig(target, dpi=110)
-        figure.set_layout_engine("none")  # laid out once: half of the time of a second format
 
 
 def write_map(found: WorkspaceMap, folder: Path, title: str = "") -> None:

@@ -133,14 +133,14 @@ def show_stiffness(
         Line above the table.
 
     """
-    sagged = sag is not None and bool(np.any(sag))
-    last = (*COUPLINGS, "sag µm") if sagged else COUPLINGS
+    sag = sag if np.any(sag) else None
+    last = COUPLINGS if sag is None else (*COUPLINGS, "sag µm")
     rows: list[Sequence[str]] = []
     for i, name in enumerate(names):
         matrix = np.asarray(stiffness[i])
         bound = np.zeros((6, 6)) if bars is None else np.asarray(bars[i])
         shown = np.where(resolved(matrix, bound), matrix, np.nan) / 1e6
-        sunk = [f"{1e6 * sag[i][2]:z.2f}"] if sagged else []
+        sunk = [] if sag is None else [f"{1e6 * sag[i][2]:z.2f}"]
         place = ", ".join(f"{c:z.4g}" for c in poses[i])
         rows.append((name, place, *_cells(_diagonal_and_couplings(shown), ".4f"), *sunk))
         if bars is not None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from stiffscope.fea.experiment import load_experiment
 from stiffscope.report.drawing.camera import View, new_plotter, shot, view_of
-from stiffscope.report.drawing.sheet import fill, legend, power, scale_bar, sheet_of, write_title
+from stiffscope.report.drawing.sheet import fill, legend, power, scale_bar, sheet_of
 from stiffscope.report.drawing.surfaces import outline, sides, surface
 
 if TYPE_CHECKING:
@@ -66,17 +66,15 @@ def contact_sheet(target: Path, experiment: Experiment, title: str) -> None:
     scales = DEFORMATION * diagonal / size.max(axis=1)
     shapes = [mesh.points + scale * u for scale, u in zip(scales, motion, strict=True)]
     view = view_of(np.vstack([mesh.points, *shapes]), towards=(0.55, 1.0, -0.75), width=900)
-    figure, cells = sheet_of(4, 3, view)
+    figure, cells = sheet_of(4, 3, view.size, f"{title} under unit wrenches: displacement and von Mises stress")
     for row, (values, unit, word, colours) in enumerate(
         ((size, "m", "displacement", "viridis"), (stress, "Pa", "von Mises stress", "inferno"))
     ):
         for j in range(6):
             image, limit, largest = _deformed(mesh, shapes[j], values[j], colours, view)
-            cell = cells[2 * row + j // 3][j % 3]
-            heading = f"{WRENCHES[j]} = {LOADS[j]}   {word}"
-            fill(figure, cell, image, heading, f"deformation × {power(scales[j])}")
-            scale_bar(figure, cell, limit, largest, unit, colours)
-    write_title(figure, f"{title} under unit wrenches: displacement and von Mises stress")
+            cell = cells[6 * row + j]
+            fill(cell, image, f"{WRENCHES[j]} = {LOADS[j]}   {word}", f"deformation × {power(scales[j])}")
+            scale_bar(cell, limit, largest, unit, colours)
     figure.savefig(target, dpi=100)
 
 
@@ -103,9 +101,10 @@ def tagged_mesh(target: Path, experiment: Experiment, title: str, clamped: list[
     """Draw the mesh from both ends, clamped and loaded faces in colour."""
     mesh = experiment.mesh
     views = [view_of(mesh.points, towards=(side, 1.0, -0.75), width=1100) for side in (0.55, -0.9)]
-    figure, cells = sheet_of(1, 2, views[0])
+    counts = f"{len(mesh.cells):,} quadratic tetrahedra, {len(mesh.points):,} nodes"
+    figure, cells = sheet_of(1, 2, views[0].size, f"{title}: {counts}")
     for view, cell, heading in zip(
-        views, cells[0], ("seen from the loaded end", "seen from the clamped end"), strict=True
+        views, cells, ("seen from the loaded end", "seen from the clamped end"), strict=True
     ):
         plotter = new_plotter(view)
         for faces, colour in ((clamped, CLAMPED), (loaded, LOADED), (None, FREE)):
@@ -114,8 +113,6 @@ def tagged_mesh(target: Path, experiment: Experiment, title: str, clamped: list[
                 plotter.add_mesh(surface(mesh, mesh.points, chosen), color=colour, ambient=0.5, diffuse=0.55)
         plotter.add_mesh(sides(mesh, mesh.points + view.lift), color="#3c4650", line_width=0.9)
         plotter.add_mesh(outline(mesh, mesh.points + 2 * view.lift), color="#14181c", line_width=2.2)
-        fill(figure, cell, shot(plotter), heading, "")
-    counts = f"{len(mesh.cells):,} quadratic tetrahedra, {len(mesh.points):,} nodes"
+        fill(cell, shot(plotter), heading)
     legend(figure, ((CLAMPED, "clamped"), (LOADED, f"loaded ({experiment.interface})"), (FREE, "free")))
-    write_title(figure, f"{title}: {counts}")
     figure.savefig(target, dpi=100)
