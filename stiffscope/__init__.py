@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from stiffscope.jobs.assembly import assemble as assemble
     from stiffscope.jobs.campaigns import diagnose as diagnose
     from stiffscope.jobs.orders import build_part as build_part
-    from stiffscope.report.compare import compare as compare
+    from stiffscope.jobs.compare import compare as compare
     from stiffscope.report.notebook import deformed as deformed
     from stiffscope.report.notebook import stiffness_map as stiffness_map
     from stiffscope.robot.components import beam_compliance as beam_compliance

@@ -34,3 +34,8 @@ def stiffness_error(robot: Biglide, poses: ArrayLike, link: Array, slider: Array
         carried = np.abs(elements[name].wrench)
         error = error + np.swapaxes(carried, -1, -2) @ bar @ carried
     return error
+
+
+def deflection_error(stiffness: Array, error: Array, twist: Array) -> Array:
+    """Bound (n, 6) on twists (n, 6) in m, rad from the bounds (n, 6, 6) on stiffnesses (n, 6, 6): |K⁻¹| |δK| |t|."""
+    return (np.abs(np.linalg.inv(stiffness)) @ np.abs(error) @ np.abs(twist)[..., None])[..., 0]

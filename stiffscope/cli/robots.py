@@ -220,14 +220,14 @@ def _figures(gravity: Gravity) -> list[tuple[str, str, Callable[..., None]]]:
     """Title, file and drawing function of each figure of a map."""
     from stiffscope.report import maps
 
-    plain = [("principal stiffness at M, y = 0, without gravity", "stiffness", maps.draw_stiffness)]
+    plain = [("stiffness at M (diagonal of K), y = 0, without gravity", "stiffness", maps.draw_stiffness)]
     if gravity == "none":
         return plain
     loaded = functools.partial(maps.draw_stiffness, loaded=True)
     return [
         ("stiffness at M without and with weight, and what it changes", "map", maps.draw_all),
         *plain,
-        (f"principal stiffness at M, y = 0, gravity {gravity}", "stiffness_with_gravity", loaded),
+        (f"stiffness at M (diagonal of K), y = 0, gravity {gravity}", "stiffness_with_gravity", loaded),
         (f"what gravity ({gravity}) changes", "gravity_difference", maps.draw_difference),
         ("sag under its own weight", "sag", maps.draw_sag),
     ]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from stiffscope.jobs.workshop import workshop
 from stiffscope.report import tables
-from stiffscope.report.compare import compare
+from stiffscope.jobs.compare import compare
 from stiffscope.report.progress import progress
 
 if TYPE_CHECKING:

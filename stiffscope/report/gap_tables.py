@@ -1,71 +1,73 @@
-"""Tables of a diagnosis and of a blind check on standard output."""
+"""A diagnosis on standard output: the verdict in a sentence, then tables."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from stiffscope.report import text as wording
-from stiffscope.report.tables import console, new_table
+from stiffscope.report import text
+from stiffscope.report.numbers import percent
+from stiffscope.report.terminal import show_line, show_table
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import numpy as np
 
     from stiffscope.gap.diagnosis import Diagnosis
 
 
 def show_diagnosis(diagnosis: Diagnosis, slider: np.ndarray | None) -> None:
-    """The verdict in a sentence, then effects, gap, alternatives, where, what next, remarks."""
-    out = console()
-    out.print()
-    out.print(wording.sentence(diagnosis), style="bold", markup=False, soft_wrap=True)
-    out.print()
+    """Show the whole diagnosis; `slider` (6, 6) is the compliance in the model, None without a robot."""
+    show_line(f"\n{text.sentence(diagnosis)}\n", "bold")
     if diagnosis.effects:
         _show_effects(diagnosis, slider)
     _show_gap(diagnosis)
     if diagnosis.alternatives:
         _show_alternatives(diagnosis)
-    out.print("Where", style="bold")
-    for line in wording.located(diagnosis.where):
-        out.print(f"  {line}", markup=False, soft_wrap=True)
+    _show_list("Where", text.located(diagnosis.where))
     if diagnosis.next_measurement:
-        out.print("Next", style="bold")
-        out.print(f"  {wording.what_next(diagnosis.next_measurement)}", markup=False, soft_wrap=True)
-    if diagnosis.remarks:
-        out.print("Remarks", style="bold")
-        for remark in diagnosis.remarks:
-            out.print(f"  {remark}", markup=False, soft_wrap=True)
-    out.print()
+        _show_list("Next", [text.what_next(diagnosis.next_measurement)])
+    _show_list("Remarks", diagnosis.remarks)
+    show_line("")
+
+
+def _show_list(title: str, lines: Sequence[str]) -> None:
+    if lines:
+        show_line(title, "bold")
+    for line in lines:
+        show_line(f"  {line}")
 
 
 def _show_effects(diagnosis: Diagnosis, slider: np.ndarray | None) -> None:
-    table = new_table("Effects", "effect @ place", "probability", "parameter", "value ± 1 σ", "model", "gap alone")
+    groups = (("effect @ place",), ("probability", "gap alone"), ("parameter", "value ± 1 σ", "model"))
+    rows: list[Sequence[str]] = []
     for effect in diagnosis.effects:
-        first = [f"{effect.effect} @ {effect.place}", f"{effect.probability:.4f}"]
-        last = wording.percent(effect.gap_after)
-        if not effect.parameters:
-            table.add_row(*first, "none", "", "", last)
-        for key, parameter in effect.parameters.items():
-            nominal = wording.nominal_value(effect.effect, key, slider)
-            doubt = "" if parameter.plausible else "  (not plausible)"
-            value = wording.quantity(parameter)
-            table.add_row(*first, key, value + doubt, wording.beside(parameter, nominal), last)
-            first, last = ["", ""], ""
-    console().print(table)
+        first = (f"{effect.effect} @ {effect.place}", f"{effect.probability:.4f}", percent(effect.gap_after))
+        parameters = [
+            (p.name, p.value + ("" if p.plausible else " (not plausible)"), p.nominal)
+            for p in text.parameters(effect, slider)
+        ]
+        for k, parameter in enumerate(parameters or [("none", "", "")]):
+            rows.append((*(("", "", "") if k else first), *parameter))
+    show_table("Effects", groups, rows, prose=("effect @ place",))
 
 
 def _show_gap(diagnosis: Diagnosis) -> None:
     gap = diagnosis.gap
-    columns = ("", "before", "after", "held out", "noise", "χ² per reading before", "after")
-    table = new_table("Gap", *columns)
-    percents = (wording.percent(v) for v in (gap.nominal, gap.explained, gap.held_out, gap.noise))
-    table.add_row("rms", *percents, *(f"{v:.4g}" for v in gap.chi2_per_reading))
-    console().print(table)
+    groups = (("",), ("before", "after", "held out", "noise"), ("χ² per reading before", "after"))
+    percents = (percent(v) for v in (gap.nominal, gap.explained, gap.held_out, gap.noise))
+    show_table("Gap", groups, [("rms", *percents, *(f"{v:.4g}" for v in gap.chi2_per_reading))])
 
 
 def _show_alternatives(diagnosis: Diagnosis) -> None:
-    table = new_table("Alternatives", "effect @ place", "probability", "gap after")
-    table.add_column("why not", justify="left", overflow="fold")
-    for a in diagnosis.alternatives:
-        place = " + ".join(f"{e} @ {p}" for e, p in zip(a.effect.split(" + "), a.place.split(" + "), strict=True))
-        table.add_row(place, wording.chance(a.probability), wording.percent(a.gap_after), a.why_not)
-    console().print(table)
+    groups = (("effect @ place",), ("probability", "gap after", "why not"))
+    rows = [
+        (
+            " + ".join(f"{e} @ {p}" for e, p in zip(a.effect.split(" + "), a.place.split(" + "), strict=True)),
+            text.probability(a.probability),
+            percent(a.gap_after),
+            a.why_not,
+        )
+        for a in diagnosis.alternatives
+    ]
+    show_table("Alternatives", groups, rows, prose=("effect @ place", "why not"))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.report.drawing.sheet import power
-from stiffscope.report.gap_figures import AFTER, BEFORE, EFFECT, STYLE, new_figure
+from stiffscope.report.figures import AFTER, BEFORE, EFFECT, STYLE, new_figure
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 PLATE = "#dfe4e8"
 LINEAR = 10.0  # % below which the scale of changes is linear
 CAPTION = (
-    "Sketches from above: held at the top, loaded at the bottom. Yellow: the entry grows, green: it shrinks. "
+    "Sketches from above: clamped at the top, loaded at the bottom. Yellow: the entry grows, green: it shrinks. "
     f"Whiskers: 95 % bounds. The scale is linear up to {LINEAR:g} %, logarithmic beyond."
 )
 SLENDER = (0.16, 0.4)  # width and depth of the sketch of a link or of a STEP file's solid: not to scale
 
 
 def draw(compared: Comparison, title: str, target: Path) -> None:
-    """Write the figure as PNG."""
+    """Draw the entries under the choice of the robot file and their changes under the others, as PNG."""
     import matplotlib as mpl
 
     count = len(compared.others)
@@ -44,7 +44,7 @@ def draw(compared: Comparison, title: str, target: Path) -> None:
 
 
 def _values(axes: Axes, compared: Comparison) -> None:
-    """The entries under the own choice, as text."""
+    """The entries under the choice of the robot file, as text."""
     axes.set_xlim(0, 1)
     axes.set_ylim(len(compared.entries) - 0.4, -0.6)
     axes.axis("off")
@@ -56,14 +56,14 @@ def _values(axes: Axes, compared: Comparison) -> None:
 
 
 def _changes(axes: Axes, compared: Comparison, k: int) -> None:
-    """Bars of the change in % with its bounds, on a scale that is linear about zero and logarithmic beyond."""
+    """Bars of the change in % with its bounds, on a symmetric logarithmic scale."""
     changes = 100 * np.array([entry.changes[k] for entry in compared.entries])
     bars = 100 * np.array([entry.bars[k] for entry in compared.entries])
     rows = np.arange(len(changes))
     axes.barh(rows, changes, 0.62, xerr=bars, color=np.where(changes > 0, EFFECT, AFTER), ecolor=BEFORE, capsize=2.5)
     for row, (change, bar) in enumerate(zip(changes, bars, strict=True)):
         end, side = (change + bar, 1) if change > 0 else (change - bar, -1)
-        text = f"{round(change, 1) + 0:+.{0 if abs(change) >= 99.95 else 1}f}".replace("-", "−")
+        text = f"{change:+z.{0 if abs(change) >= 99.95 else 1}f}".replace("-", "−")
         place: Any = {"va": "center", "ha": "left" if side > 0 else "right"}
         axes.annotate(text, (end, row), (5 * side, 0), textcoords="offset points", fontsize=9, **place)
     axes.set_xscale("symlog", linthresh=LINEAR, linscale=0.7)
@@ -83,7 +83,7 @@ def _changes(axes: Axes, compared: Comparison, k: int) -> None:
 
 
 def _sketch(axes: Axes, tested: Tested) -> None:
-    """The part from above, held at the top and loaded at the bottom; lengths in widths of the part."""
+    """The part from above, clamped at the top and loaded at the bottom; lengths in widths of the part."""
     from matplotlib.patches import Rectangle
 
     shape: Any = None if tested.order.step else tested.order.shape
@@ -105,8 +105,8 @@ def _sketch(axes: Axes, tested: Tested) -> None:
         _load(axes, middle, across, bottom, rigid=rigid)
     if pads and rigid:
         _load(axes, 0.0, abs(faces[1][0] - faces[2][0]) + faces[0][1], bottom, rigid=rigid)
-    words = textwrap.fill(tested.choice.words, 40)
-    axes.text(0, -0.15, words, ha="center", va="top", fontsize=8.5, color=BEFORE, linespacing=1.3)
+    words: Any = {"s": textwrap.fill(tested.choice.words, 40), "fontsize": 8.5, "linespacing": 1.3}
+    axes.text(0, -0.15, ha="center", va="top", color=BEFORE, parse_math=False, **words)
     axes.set(xlim=(-0.58, 0.58), ylim=(-0.34, depth + 0.16), aspect="equal")
     axes.axis("off")
 
@@ -127,7 +127,7 @@ def _clamp(axes: Axes, width: float, depth: float, *, springs: bool) -> None:
 
 
 def _load(axes: Axes, middle: float, width: float, bottom: float, *, rigid: bool) -> None:
-    """A bar for a face that moves as one body, arrows for an even traction."""
+    """A bar for a rigid face, arrows for a uniform traction."""
     left, right = middle - width / 2, middle + width / 2
     if rigid:
         axes.plot([left, right], [bottom - 0.012] * 2, color=EFFECT, lw=4, solid_capstyle="butt")

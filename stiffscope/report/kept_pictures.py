@@ -145,7 +145,7 @@ def _draw_map(assembled: Assembled, folder: Path) -> None:
     robot = assembled.robot
     found = robot_maps(assembled.elastic, robot.poses, MAP_POINTS, "exact", robot.gravity.acceleration)
     write_map(found, folder)
-    draw_stiffness(found, robot.poses, f"{robot.name}: principal stiffness at M, y = 0", folder / "map.png")
+    draw_stiffness(found, robot.poses, f"{robot.name}: stiffness at M (diagonal of K), y = 0", folder / "map.png")
 
 
 def _draw_poses(assembled: Assembled, folder: Path) -> None:

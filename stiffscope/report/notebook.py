@@ -1,8 +1,9 @@
-"""For a notebook: pictures that show themselves in a cell."""
+"""For a notebook: pictures that show themselves in a cell, and how it displays the objects of other rooms."""
 
 from __future__ import annotations
 
 import dataclasses
+import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ from stiffscope.report.pictures import draw
 
 if TYPE_CHECKING:
     from stiffscope.fea.experiment import Experiment
+    from stiffscope.vjm.analysis import Stiffness
     from stiffscope.vjm.biglide import Biglide
 
 
@@ -30,8 +32,40 @@ class Picture:
         files.write_bytes(Path(path), self.png)
 
 
+def register() -> None:
+    """Make a running IPython show experiments and stiffnesses as tables; without one, do nothing.
+
+    The objects know nothing of HTML: their classes are found by name when the first of them is shown.
+    """
+    shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
+    if shell is None:
+        return
+    html = shell.display_formatter.formatters["text/html"]
+    html.for_type_by_name("stiffscope.fea.experiment", "Experiment", _experiment)
+    html.for_type_by_name("stiffscope.vjm.analysis", "Stiffness", _stiffness)
+
+
+def _experiment(experiment: Experiment) -> str:
+    from stiffscope.report.html import experiment_html
+
+    return experiment_html(experiment)
+
+
+def _stiffness(state: Stiffness) -> str:
+    from stiffscope.report.html import stiffness_html
+
+    return stiffness_html(state)
+
+
 def deformed(experiment: Experiment) -> Picture:
-    """A part under each of its six unit wrenches. Raises PictureError where this machine cannot draw."""
+    """Draw a part under each of its six unit wrenches.
+
+    Raises
+    ------
+    PictureError
+        This machine cannot draw; the message names what is missing.
+
+    """
     with tempfile.TemporaryDirectory(prefix="stiffscope-") as folder:
         held = Path(folder) / "experiment.npz"
         experiment.save(held)
@@ -41,12 +75,26 @@ def deformed(experiment: Experiment) -> Picture:
 
 
 def stiffness_map(robot: Biglide, points: int = 121) -> Picture:
-    """Principal stiffness in six directions over all that the robot reaches, at y = 0."""
+    """Draw the stiffness (diagonal of K) over all that the robot reaches at y = 0, without gravity.
+
+    Parameters
+    ----------
+    robot
+        A Biglide; maps of other robots are not drawn yet.
+    points
+        Tool points along x and along z.
+
+    Raises
+    ------
+    InputError
+        Not a Biglide.
+
+    """
     from stiffscope.report import maps
     from stiffscope.vjm.gravity import STANDARD
 
     found = maps.robot_maps(robot, {}, points, "none", STANDARD)
     with tempfile.TemporaryDirectory(prefix="stiffscope-") as folder:
         target = Path(folder) / "map.png"
-        maps.draw_stiffness(found, {}, "principal stiffness at M, y = 0", target)
+        maps.draw_stiffness(found, {}, "stiffness at M (diagonal of K), y = 0", target)
         return Picture(target.read_bytes())

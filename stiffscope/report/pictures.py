@@ -8,17 +8,16 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from stiffscope.errors import StiffscopeError
 
 log = logging.getLogger(__name__)
 
 TIME_LIMIT = 300.0
 
 
-class PictureError(RuntimeError):
+class PictureError(StiffscopeError, RuntimeError):
     """Pictures cannot be drawn on this machine; the message names what is missing."""
 
 
@@ -42,7 +41,8 @@ def draw(picture: str, target: Path, **arguments: Any) -> None:
     """
     with tempfile.TemporaryDirectory(prefix="stiffscope-") as folder:
         order = Path(folder) / "order.json"
-        order.write_text(json.dumps({"picture": picture, "target": str(target), "arguments": _plain(arguments)}))
+        asked = {"picture": picture, "target": target, "arguments": arguments}
+        order.write_text(json.dumps(asked, default=_plain))
         command = [sys.executable, "-P", "-m", "stiffscope.report.drawing", str(order)]
         try:
             done = subprocess.run(command, capture_output=True, text=True, timeout=TIME_LIMIT, check=False, cwd=folder)
@@ -54,7 +54,7 @@ def draw(picture: str, target: Path, **arguments: Any) -> None:
 
 
 def _cause(code: int, errors: str) -> str:
-    """One line for a drawing that did not come about."""
+    """One line on why there is no picture."""
     lines = [line for line in errors.splitlines() if line.strip()]
     last = lines[-1].strip() if lines else f"the process ended with code {code}"
     graphics = ("libGL", "libEGL", "libOSMesa", "OpenGL", "libX", "RenderWindow", "cannot open shared object")
@@ -67,16 +67,5 @@ def _cause(code: int, errors: str) -> str:
 
 
 def _plain(value: Any) -> Any:
-    if hasattr(value, "tolist"):
-        return value.tolist()
-    if isinstance(value, Path):
-        return str(value.absolute())
-    if isinstance(value, dict):
-        return _plain_items(value)
-    if isinstance(value, list | tuple | set | frozenset):
-        return [_plain(item) for item in value]
-    return value
-
-
-def _plain_items(values: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: _plain(value) for name, value in values.items()}
+    """What JSON does not know: arrays and paths."""
+    return value.tolist() if hasattr(value, "tolist") else str(value.absolute())

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from stiffscope.report.numbers import WRENCH, percent, point
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -13,11 +16,12 @@ if TYPE_CHECKING:
     from stiffscope.gap.diagnosis import Diagnosis, Effect, NextMeasurement, Parameter, Where
 
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
+NOTABLE = 3.0  # σ by which a parameter must differ from the model's to be marked
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 
 
 def sentence(diagnosis: Diagnosis) -> str:
-    """The verdict in one plain sentence."""
+    """Return the verdict in one plain sentence."""
     gap = diagnosis.gap
     shrinks = (
         f"the gap shrinks from {percent(gap.nominal)} to {percent(gap.explained)} rms "
@@ -27,34 +31,32 @@ def sentence(diagnosis: Diagnosis) -> str:
         sizes = f"{percent(gap.nominal)} rms, noise {percent(gap.noise)}"
         return f"No gap: model and readings agree within the noise ({sizes})."
     if diagnosis.verdict == "unexplained":
-        place = _mostly(diagnosis.where)
         return (
-            f"Unexplained: no effect that is known here accounts for the gap of {percent(gap.nominal)} rms "
-            f"(noise {percent(gap.noise)}); it lies mostly in {place}."
+            f"Unexplained: no known effect accounts for the gap of {percent(gap.nominal)} rms "
+            f"(noise {percent(gap.noise)}); it lies mostly in {_largest_directions(diagnosis.where)}."
         )
     named = " and ".join(_with_size(effect) for effect in diagnosis.effects) or "no effect"
     if diagnosis.verdict == "ambiguous":
-        others = _rivals(diagnosis)
-        return f"Ambiguous: {named} fits, but these readings cannot tell it from {others}; with it {shrinks}."
+        rivals = _rivals(diagnosis)
+        return f"Ambiguous: {named} fits, but these readings cannot distinguish it from {rivals}; with it {shrinks}."
     return f"Identified: {named}; {shrinks}."
 
 
-def percent(value: float) -> str:
-    """A share in % with three digits."""
-    return "unknown" if not math.isfinite(value) else f"{value:.3g} %"
-
-
 def name(effect: str, place: str) -> str:
-    """An effect and its place as people say them: actuator stiffness (limb1)."""
+    """Return an effect and its place in words: "actuator stiffness (limb1)"."""
     return " + ".join(
         f"{what.replace('-', ' ')} ({where})"
         for what, where in zip(effect.split(" + "), place.split(" + "), strict=True)
     )
 
 
+def label(key: str) -> str:
+    """Return "actuator-stiffness @ limb1" in words; anything else as it is."""
+    return name(*key.split(" @ ", 1)) if key.count(" @ ") == 1 else key
+
+
 def _with_size(effect: Effect) -> str:
-    first = next(iter(effect.parameters.items()), None)
-    if first is None or len(effect.parameters) > 3:
+    if not 0 < len(effect.parameters) <= 3:
         return name(effect.effect, effect.place)
     sizes = ", ".join(f"{key} {quantity(p)}" for key, p in effect.parameters.items())
     return f"{name(effect.effect, effect.place)}, {sizes}"
@@ -65,29 +67,68 @@ def _rivals(diagnosis: Diagnosis) -> str:
     confused = dict.fromkeys(other for effect in diagnosis.effects for other in effect.confused_with)
     near = [f"{a.effect} @ {a.place}" for a in diagnosis.alternatives if a.probability > 0.02]
     others = [other for other in (confused or dict.fromkeys(near)) if other not in named]
-    said = [name(*other.split(" @ ", 1)) if other.count(" @ ") == 1 else other for other in others[:4]]
-    return ", ".join(said) + (" and others" if len(others) > 4 else "") or "no effect at all"
+    return ", ".join(map(label, others[:4])) + (" and others" if len(others) > 4 else "") or "no effect at all"
 
 
-def _mostly(where: Where) -> str:
-    most = sorted(where.direction, key=lambda axis: -where.direction[axis])[:2]
-    return " and ".join(f"{axis} ({100 * where.direction[axis]:.0f} %)" for axis in most) or "no single direction"
+def _largest_directions(where: Where) -> str:
+    largest = sorted(where.direction, key=lambda axis: -where.direction[axis])[:2]
+    return " and ".join(f"{axis} ({100 * where.direction[axis]:.0f} %)" for axis in largest) or "no single direction"
+
+
+@dataclass(frozen=True)
+class FittedParameter:
+    """A parameter of an effect as text, beside the model's value where it has one."""
+
+    name: str
+    value: str
+    nominal: str
+    ratio: str
+    """Of the fitted to the model's value."""
+    deviation: str
+    """From the model's value (0 without one), in standard uncertainties."""
+    notable: bool
+    """Whether it differs from a value of the model by more than `NOTABLE` standard uncertainties."""
+    plausible: bool
+
+
+def parameters(effect: Effect, slider: np.ndarray | None) -> list[FittedParameter]:
+    """Return an effect's parameters as text; `slider` (6, 6) is the compliance in the model, None without a robot."""
+    out: list[FittedParameter] = []
+    for key, p in effect.parameters.items():
+        nominal = _nominal(effect.effect, key, slider)
+        deviation = (p.value - (nominal or 0.0)) / p.sigma if p.sigma > 0 else math.nan
+        factor, unit = _multiple(p)
+        out.append(
+            FittedParameter(
+                name=key,
+                value=quantity(p),
+                nominal="" if nominal is None else f"{nominal / factor:.4g}{unit}",
+                ratio=f"{p.value / nominal:.4g}" if nominal else "",
+                deviation=f"{deviation:+.1f}" if math.isfinite(deviation) else "",
+                notable=nominal is not None and abs(deviation) > NOTABLE,
+                plausible=p.plausible,
+            )
+        )
+    return out
+
+
+def _nominal(effect: str, parameter: str, slider: np.ndarray | None) -> float | None:
+    """Return the model's value: 1 for a factor, the slider's entry, otherwise none."""
+    if parameter == "factor":
+        return 1.0
+    if effect == "slider-compliance" and slider is not None:
+        return float(slider[int(parameter[1]) - 1, int(parameter[2]) - 1])
+    return None
 
 
 def quantity(parameter: Parameter) -> str:
-    """Value ± σ with two digits of σ, in the unit's own multiple: "5.00 ± 0.12 nm/N"."""
+    """Return value ± σ with two digits of σ, in a suitable multiple of the unit: "5.00 ± 0.12 nm/N"."""
     factor, unit = _multiple(parameter)
     value, sigma = parameter.value / factor, parameter.sigma / factor
     if not (math.isfinite(sigma) and sigma > 0):
         return f"{value:.4g}{unit}"
     digits = max(1 - math.floor(math.log10(sigma)), 0)
-    return f"{value:.4g} ± {sigma:.2g}{unit}" if digits > 9 else f"{value:.{digits}f} ± {sigma:.{digits}f}{unit}"
-
-
-def beside(parameter: Parameter, nominal: float | None) -> str:
-    """What the model has for a parameter, in the same unit; nothing where it has nothing."""
-    factor, unit = _multiple(parameter)
-    return "" if nominal is None else f"{nominal / factor:.4g}{unit}"
+    return f"{value:.4g} ± {sigma:.2g}{unit}" if digits > 9 else f"{value:z.{digits}f} ± {sigma:.{digits}f}{unit}"
 
 
 def _multiple(parameter: Parameter) -> tuple[float, str]:
@@ -102,22 +143,13 @@ def _multiple(parameter: Parameter) -> tuple[float, str]:
     return factor, f" {prefix}{unit}"
 
 
-def chance(probability: float) -> str:
-    """A probability; what is next to nothing is said to be so."""
-    return f"{probability:.2g}" if probability >= 1e-6 else "< 1e-6"
-
-
-def nominal_value(effect: str, parameter: str, slider: np.ndarray | None) -> float | None:
-    """What the model under test has for a parameter: 1 for a factor, the slider's own entry, otherwise nothing."""
-    if parameter == "factor":
-        return 1.0
-    if effect == "slider-compliance" and slider is not None:
-        return float(slider[int(parameter[1]) - 1, int(parameter[2]) - 1])
-    return None
+def probability(value: float) -> str:
+    """Return a probability with two digits, or that it is below 1e-6."""
+    return f"{value:.2g}" if value >= 1e-6 else "< 1e-6"
 
 
 def steps(diagnosis: Diagnosis) -> Sequence[tuple[str, float]]:
-    """The waterfall: label and gap in % rms, from the model as it is down to the noise."""
+    """Return the waterfall: label and gap in % rms, from the model as it is down to the noise."""
     if diagnosis.steps:
         return diagnosis.steps
     gap = diagnosis.gap
@@ -127,21 +159,21 @@ def steps(diagnosis: Diagnosis) -> Sequence[tuple[str, float]]:
 
 
 def what_next(step: NextMeasurement) -> str:
-    """The next measurement as an instruction."""
+    """Return the next measurement as an instruction."""
     place = f"at pose {step.pose}" if step.pose else ""
     if step.position is not None:
-        place = f"at M = ({', '.join(f'{1e3 * c:.4g}' for c in step.position)}) mm"
+        place = f"at M = ({point(step.position)}) mm"
     action = f"read {step.quantity} {place}" if step.quantity else f"measure {place}"
     if step.wrench is not None and any(step.wrench):
-        parts = zip(("fx", "fy", "fz", "mx", "my", "mz"), step.wrench, ("N",) * 3 + ("N·m",) * 3, strict=True)
-        action += " under " + ", ".join(f"{axis} = {value:.4g} {unit}" for axis, value, unit in parts if value)
+        components = zip(WRENCH, step.wrench, ("N",) * 3 + ("N·m",) * 3, strict=True)
+        action += " under " + ", ".join(f"{axis} = {value:.4g} {unit}" for axis, value, unit in components if value)
     elif step.wrench is not None:
         action += " without load, against the commanded pose"
-    return f"{action}: separates {' from '.join(step.separates)} (expected ln-odds {step.expected_gain:.3g})"
+    return f"{action}: distinguishes {' from '.join(step.separates)} (expected ln-odds {step.expected_gain:.3g})"
 
 
 def located(where: Where) -> list[str]:
-    """Where the gap lies: by direction, by component, and the worst poses."""
+    """Return where the gap lies: by direction, by component, and the worst poses."""
     lines = ["by direction: " + ", ".join(f"{axis} {100 * s:.0f} %" for axis, s in where.direction.items() if s > 5e-3)]
     shares = sorted(where.component.items(), key=lambda item: -item[1])
     if shares:

@@ -1,7 +1,13 @@
-"""The drawing process."""
+"""The drawing process: draws what an order file of `stiffscope.report.pictures.draw` asks for."""
 
+import json
+import os
 import sys
+from pathlib import Path
 
-from stiffscope.report.drawing import main
+from stiffscope.report.drawing.part import part_pictures
+from stiffscope.report.drawing.robot import robot
 
-main(sys.argv[1])
+order = json.loads(Path(sys.argv[1]).read_text())
+{"part_pictures": part_pictures, "robot": robot}[order["picture"]](Path(order["target"]), **order["arguments"])
+os._exit(0)  # VTK's own end has been seen to crash after the picture was there

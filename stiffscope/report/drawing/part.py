@@ -1,4 +1,4 @@
-"""Pictures of a part: deformed by six unit wrenches, and meshed with its held and loaded faces."""
+"""Pictures of a part: deformed by six unit wrenches, and meshed, with its clamped and loaded faces."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from stiffscope.fea.experiment import load_experiment
 from stiffscope.report.drawing.camera import View, new_plotter, shot, view_of
-from stiffscope.report.drawing.sheet import fill, legend, power, scale_bar, sheet_of, write_title
+from stiffscope.report.drawing.sheet import fill, legend, power, scale_bar, sheet_of
 from stiffscope.report.drawing.surfaces import outline, sides, surface
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 WRENCHES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 LOADS = ("1 N", "1 N", "1 N", "1 N·m", "1 N·m", "1 N·m")
 CLAMPED, LOADED, FREE = "#1f5fa8", "#e08214", "#d9dde2"
-DEFORMATION = 0.12  # greatest displacement shown, in lengths of the part's diagonal
+DEFORMATION = 0.12  # largest displacement as drawn, relative to the part's diagonal
 
 
 def part_pictures(
@@ -36,39 +36,52 @@ def part_pictures(
     sheet: str,
     mesh: str | None = None,
 ) -> None:
-    """Pictures of a part: its deformations, and its mesh where a file is given for it."""
-    held = load_experiment(experiment)
-    contact_sheet(folder / sheet, held, title)
+    """Draw a part's deformations, and its mesh where a file is given for it.
+
+    Parameters
+    ----------
+    folder
+        Where to write.
+    experiment
+        File of the experiment.
+    title
+        What the part is called.
+    clamped, loaded
+        Indices of the CAD faces.
+    sheet, mesh
+        Names of the PNG files.
+
+    """
+    solved = load_experiment(experiment)
+    contact_sheet(folder / sheet, solved, title)
     if mesh:
-        tagged_mesh(folder / mesh, held, title, clamped, loaded)
+        tagged_mesh(folder / mesh, solved, title, clamped, loaded)
 
 
-def contact_sheet(target: Path, held: Experiment, title: str) -> None:
-    """The part deformed by each unit wrench: displacement above, von Mises stress below."""
-    mesh, motion, stress = held.mesh, held.displacement[:6], held.von_mises[:6]
+def contact_sheet(target: Path, experiment: Experiment, title: str) -> None:
+    """Draw the part deformed by each unit wrench: displacement above, von Mises stress below."""
+    mesh, motion, stress = experiment.mesh, experiment.displacement[:6], experiment.von_mises[:6]
     size = np.linalg.norm(motion, axis=2)  # (6, nodes)
     diagonal = float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
     scales = DEFORMATION * diagonal / size.max(axis=1)
     shapes = [mesh.points + scale * u for scale, u in zip(scales, motion, strict=True)]
     view = view_of(np.vstack([mesh.points, *shapes]), towards=(0.55, 1.0, -0.75), width=900)
-    figure, cells = sheet_of(4, 3, view)
+    figure, cells = sheet_of(4, 3, view.size, f"{title} under unit wrenches: displacement and von Mises stress")
     for row, (values, unit, word, colours) in enumerate(
         ((size, "m", "displacement", "viridis"), (stress, "Pa", "von Mises stress", "inferno"))
     ):
         for j in range(6):
-            image, limit, greatest = _deformed(mesh, shapes[j], values[j], colours, view)
-            cell = cells[2 * row + j // 3][j % 3]
-            heading = f"{WRENCHES[j]} = {LOADS[j]}   {word}"
-            fill(figure, cell, image, heading, f"deformation × {power(scales[j])}")
-            scale_bar(figure, cell, limit, greatest, unit, colours)
-    write_title(figure, title)
+            image, limit, largest = _deformed(mesh, shapes[j], values[j], colours, view)
+            cell = cells[6 * row + j]
+            fill(cell, image, f"{WRENCHES[j]} = {LOADS[j]}   {word}", f"deformation × {power(scales[j])}")
+            scale_bar(cell, limit, largest, unit, colours)
     figure.savefig(target, dpi=100)
 
 
 def _deformed(mesh: TetMesh, points: Floats, values: Floats, colours: str, view: View) -> tuple[Floats, float, float]:
-    """Picture of a deformed part, the colours' upper limit and the greatest value."""
-    greatest = float(values.max())
-    limit = float(np.quantile(values[np.unique(mesh.facets)], 0.995)) if colours == "inferno" else greatest
+    """Image of a deformed part, the upper limit of its colours and the largest value."""
+    largest = float(values.max())
+    limit = float(np.quantile(values[np.unique(mesh.facets)], 0.995)) if colours == "inferno" else largest
     plotter = new_plotter(view)
     still = surface(mesh, mesh.points)
     plotter.add_mesh(still, color="#9aa4b0", opacity=0.10, lighting=False)
@@ -81,15 +94,18 @@ def _deformed(mesh: TetMesh, points: Floats, values: Floats, colours: str, view:
         feature_angle=40, show_scalar_bar=False, ambient=0.55, diffuse=0.5,
     )  # fmt: skip
     plotter.add_mesh(outline(mesh, points + view.lift), color="#20252b", line_width=1.5)
-    return shot(plotter), limit, greatest
+    return shot(plotter), limit, largest
 
 
-def tagged_mesh(target: Path, held: Experiment, title: str, clamped: list[int], loaded: list[int]) -> None:
-    """The mesh: clamped and loaded faces in colour, from both sides."""
-    mesh = held.mesh
+def tagged_mesh(target: Path, experiment: Experiment, title: str, clamped: list[int], loaded: list[int]) -> None:
+    """Draw the mesh from both ends, clamped and loaded faces in colour."""
+    mesh = experiment.mesh
     views = [view_of(mesh.points, towards=(side, 1.0, -0.75), width=1100) for side in (0.55, -0.9)]
-    figure, cells = sheet_of(1, 2, views[0])
-    for view, cell, heading in zip(views, cells[0], ("towards the loaded end", "towards the clamped end"), strict=True):
+    counts = f"{len(mesh.cells):,} quadratic tetrahedra, {len(mesh.points):,} nodes"
+    figure, cells = sheet_of(1, 2, views[0].size, f"{title}: {counts}")
+    for view, cell, heading in zip(
+        views, cells, ("seen from the loaded end", "seen from the clamped end"), strict=True
+    ):
         plotter = new_plotter(view)
         for faces, colour in ((clamped, CLAMPED), (loaded, LOADED), (None, FREE)):
             chosen = np.isin(mesh.facet_face, clamped + loaded if faces is None else faces, invert=faces is None)
@@ -97,8 +113,6 @@ def tagged_mesh(target: Path, held: Experiment, title: str, clamped: list[int], 
                 plotter.add_mesh(surface(mesh, mesh.points, chosen), color=colour, ambient=0.5, diffuse=0.55)
         plotter.add_mesh(sides(mesh, mesh.points + view.lift), color="#3c4650", line_width=0.9)
         plotter.add_mesh(outline(mesh, mesh.points + 2 * view.lift), color="#14181c", line_width=2.2)
-        fill(figure, cell, shot(plotter), heading, "")
-    counts = f"{len(mesh.cells):,} quadratic tetrahedra, {len(mesh.points):,} nodes"
-    legend(figure, ((CLAMPED, "clamped"), (LOADED, f"loaded ({held.interface})"), (FREE, "free")))
-    write_title(figure, f"{title}: {counts}")
+        fill(cell, shot(plotter), heading)
+    legend(figure, ((CLAMPED, "clamped"), (LOADED, f"loaded ({experiment.interface})"), (FREE, "free")))
     figure.savefig(target, dpi=100)

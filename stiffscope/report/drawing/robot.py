@@ -8,14 +8,13 @@ import numpy as np
 
 from stiffscope.fea.experiment import load_experiment
 from stiffscope.report.drawing.camera import View, new_plotter, shot, view_of
-from stiffscope.report.drawing.sheet import write_title
+from stiffscope.report.drawing.sheet import GREY
 from stiffscope.report.drawing.surfaces import surface
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     import pyvista as pv
-    from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
@@ -67,6 +66,8 @@ def _assembly(
 
 
 def _frame(target: Path, image: Floats, view: View, title: str, scale: str | None) -> None:
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
 
     width, height = view.size
@@ -74,23 +75,17 @@ def _frame(target: Path, image: Floats, view: View, title: str, scale: str | Non
     axes = figure.add_axes((0, 0, 1, height / (height + 60)))
     axes.imshow(image)
     axes.set_axis_off()
-    write_title(figure, title)
-    figure.text(
-        12 / width, 14 / (height + 60), "axes at M: x red, y green, z blue (down)", fontsize=10, color="#5a6570"
-    )
+    figure.suptitle(title, x=12 / width, ha="left", fontsize=15, fontweight="bold", parse_math=False)
+    figure.text(12 / width, 14 / height, "axes at M: x red, y green, z blue (down)", fontsize=10, color=GREY)
     if scale:
-        _share_bar(figure, scale)
+        bar = figure.colorbar(
+            ScalarMappable(Normalize(0, 100), SHARES),
+            cax=figure.add_axes((0.70, 0.075, 0.27, 0.022)),
+            orientation="horizontal",
+        )
+        bar.ax.tick_params(labelsize=9, length=2, pad=2)
+        bar.ax.set_title(f"{scale}, %", fontsize=10, color=GREY)
     figure.savefig(target, dpi=100)
-
-
-def _share_bar(figure: Figure, scale: str) -> None:
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
-    axes = figure.add_axes((0.70, 0.075, 0.27, 0.022))
-    bar = figure.colorbar(ScalarMappable(Normalize(0, 100), SHARES), cax=axes, orientation="horizontal")
-    bar.ax.tick_params(labelsize=9, length=2, pad=2)
-    bar.ax.set_title(f"{scale}, %", fontsize=10, color="#5a6570")
 
 
 def _skin(part: dict[str, Any], otherwise: Any) -> pv.PolyData:

@@ -31,7 +31,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Comparison:
-    """All entries that any source has, and what the differences mean in words."""
+    """All entries that any source has, and findings on their differences, a sentence each."""
 
     part: str
     entries: tuple[Entry, ...]
@@ -39,7 +39,7 @@ class Comparison:
 
 
 def compare(robot: RobotFile, name: PartName, result: PartResult | Experiment) -> Comparison:
-    """Set the sources side by side."""
+    """Return a part's compliance by FEA, beam theories and the paper, entry by entry, with findings."""
     from stiffscope.fea.beam import euler_bernoulli
 
     simple = components.beam_compliance(robot, name, euler_bernoulli)
@@ -59,31 +59,31 @@ def compare(robot: RobotFile, name: PartName, result: PartResult | Experiment) -
 def _findings(
     robot: RobotFile, name: PartName, fea: np.ndarray, simple: np.ndarray, beam: np.ndarray, printed: np.ndarray
 ) -> list[str]:
-    """Which assumption fails where, in words."""
+    """Which assumption fails where, a sentence each."""
     from stiffscope.fea.beam import polar
 
     segments = components.beam_segments(robot, name)
     length, section = sum(length for length, _ in segments), segments[0][1]
-    found = _left_out(robot, name)
+    found = _not_in_beam_theory(robot, name)
     for i, axis in ((1, "y"), (2, "z")):
         share = 1 - simple[i, i] / beam[i, i]
         if share > 0.02:
             slender = length / _depth(robot, name, axis)
             found.append(
                 f"C{i + 1}{i + 1}: shear makes {100 * share:.0f} % of the deflection along {axis}, where the part is "
-                f"only {slender:.2g} times as long as deep; Euler-Bernoulli leaves it out"
+                f"only {slender:.2g} times as long as deep; Euler-Bernoulli neglects it"
             )
     narrowing = 1 - fea[4, 4] / beam[4, 4]
-    if name == "slider" and narrowing > 0.03 and not _left_out(robot, name):
+    if name == "slider" and narrowing > 0.03 and not _not_in_beam_theory(robot, name):
         found.append(
             f"C33, C35, C55: a wide plate bends {100 * narrowing:.0f} % less about y than a beam, whose section is "
-            "free to change its shape"
+            "free to contract and expand sideways"
         )
     torsion = fea[3, 3] / beam[3, 3]
     if abs(torsion - 1) > 0.02:
         found.append(
             f"C44: {torsion:.2f} times Saint-Venant's torsion, in which the ends warp freely; here they cannot, and "
-            "the part is too short to forget it"
+            "the part is too short for the end effect to decay (Saint-Venant)"
         )
     if printed[3, 3] < 0.5 * beam[3, 3]:
         found.append(
@@ -97,16 +97,16 @@ def _findings(
         worst = np.max(np.abs(np.diag(fea) / np.diag(beam) - 1))
         found.append(
             f"Beam theory holds: the diagonal is within {100 * worst:.2f} % of Timoshenko's; the clamped end, which "
-            "cannot contract sideways, accounts for such a difference"
+            "cannot contract sideways, explains such a difference"
         )
     return found
 
 
-def _left_out(robot: RobotFile, name: PartName) -> list[str]:
+def _not_in_beam_theory(robot: RobotFile, name: PartName) -> list[str]:
     shape = robot.part(name).shape()
     extras = {"ribs": "rib_count", "bolt holes": "hole_count", "joint pads": "pad_height"} if name == "slider" else {}
     present = [word for word, key in extras.items() if shape[key]]
-    return [f"Beam theory sees the bare plate: the {' and '.join(present)} are in the FEA alone"] if present else []
+    return [f"Beam theory models the bare plate: the {' and '.join(present)} are in the FEA only"] if present else []
 
 
 def _depth(robot: RobotFile, name: PartName, axis: str) -> float:

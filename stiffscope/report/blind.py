@@ -1,0 +1,152 @@
+"""The scores of a blind check as tables and figures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.report.figures import AFTER, BEFORE, EFFECT, name_columns, name_rows, new_figure, save_figures
+from stiffscope.report.terminal import show_table
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from matplotlib.figure import Figure
+
+    from stiffscope.gap.blind import Scores
+
+MEASURES = (
+    ("singles", "single effects with ln-odds above 10: right", "≥ 95 %", 0.95, 1.0),
+    ("pairs", "pairs: right", "≥ 85 %", 0.85, 1.0),
+    ("false_alarms", "no effect: false alarms", "≤ 2 %", 0.0, 0.02),
+    ("abstentions", "unknown effects: not named with confidence", "≥ 90 %", 0.9, 1.0),
+    ("left_out", "effect removed from the library: no confident wrong name", "", 0.0, 1.0),
+    ("coverage", "95 % intervals that contain the true value", "90 to 98 %", 0.9, 0.98),
+)
+HELD_OUT = 1.2
+ENOUGH = 50  # intervals below which their share is not judged
+
+
+def show_scores(scores: Scores) -> None:
+    """Show the scores beside their targets, the gap by kind of campaign, the confusion, and the wrong answers."""
+    intervals = sum(len(o.covered) for o in scores.outcomes)
+    rows = []
+    for key, words, target, low, high in MEASURES:
+        value = getattr(scores, key)
+        share = "none drawn" if value is None else f"{100 * value:.1f} %"
+        few = key == "coverage" and intervals < ENOUGH
+        met = "" if value is None or not target or few else "yes" if low <= value <= high else "no"
+        rows.append((words + (f" ({intervals})" if key == "coverage" else ""), share, target, met))
+    if scores.held_out is not None:
+        met = "yes" if scores.held_out <= HELD_OUT else "no"
+        words = "rightly identified: largest held-out gap over noise"
+        rows.append((words, f"{scores.held_out:.3f}", f"≤ {HELD_OUT}", met))
+    show_table("Blind check", (("measure",), ("measured", "target", "met")), rows, prose=("measure",))
+    _show_gaps(scores)
+    planted, answered, counts = scores.confusion()
+    confusion = [
+        (word, ", ".join(f"{name} {n}" for name, n in zip(answered, row, strict=True) if n))
+        for word, row in zip(planted, counts, strict=True)
+    ]
+    if confusion:
+        show_table("Single effects", (("planted",), ("answered",)), confusion, prose=("answered",))
+    _show_wrong(scores)
+
+
+def _show_gaps(scores: Scores) -> None:
+    rows = []
+    for kind in dict.fromkeys(o.kind for o in scores.outcomes):
+        here = [o for o in scores.outcomes if o.kind == kind and not o.left_out]
+        medians = np.nanmedian([o.gap for o in here], axis=0)
+        rows.append((kind, str(len(here)), str(sum(o.right for o in here)), *(f"{v:.3g}" for v in medians)))
+    groups = (("",), ("campaigns", "right"), ("before", "after", "held out", "noise"))
+    show_table("Gap, % rms, median", groups, rows)
+
+
+def _show_wrong(scores: Scores) -> None:
+    rows = [
+        (
+            f"{o.number:03d}",
+            f"{o.kind}, without {o.left_out}" if o.left_out else o.kind,
+            " + ".join(o.truth),
+            f"{o.verdict}: {' + '.join(o.named) or 'no effect'}",
+            f"{o.evidence:.1f}",
+        )
+        for o in scores.outcomes
+        if not o.right
+    ]
+    if rows:
+        groups = (("campaign",), ("kind", "planted", "answered", "ln-odds"))
+        show_table("Not right", groups, rows, prose=("kind", "planted", "answered"))
+
+
+def draw_scores(scores: Scores, folder: Path) -> None:
+    """Write the figures "confusion" and "gaps" as SVG and PNG."""
+    save_figures(folder, {"confusion": lambda: confusion(scores), "gaps": lambda: gaps(scores)})
+
+
+def confusion(scores: Scores) -> Figure:
+    """Draw planted against answered: single effects, none, and unknown ones."""
+    planted, answered, counts = scores.confusion()
+    figure = new_figure(4.2 + 0.34 * len(answered), 3.4 + 0.27 * len(planted), "Planted (rows) and answered (columns)")
+    axes = figure.subplots()
+    grid = np.array(counts, dtype=float).reshape(len(planted), len(answered))
+    axes.imshow(np.where(grid > 0, grid, np.nan), cmap="Purples", vmin=0, vmax=max(grid.max(initial=1.0) * 1.4, 2.0))
+    name_columns(axes, answered)
+    name_rows(axes, planted)
+    for i, j in np.argwhere(grid > 0):
+        axes.text(j, i, f"{grid[i, j]:.0f}", ha="center", va="center", fontsize=8)
+    return figure
+
+
+def gaps(scores: Scores) -> Figure:
+    """Draw the gap before, after and held out of each campaign, in units of its noise."""
+    shown = sorted((o for o in scores.outcomes if not o.left_out), key=lambda o: (o.kind, o.gap[0] / o.gap[3]))
+    figure = new_figure(9.5, 4.2, "Gap over noise, each campaign")
+    axes = figure.subplots()
+    over_noise = np.array([o.gap for o in shown]) / np.array([[o.gap[3]] for o in shown])
+    marks = ((0, "before", BEFORE, "o"), (1, "after", EFFECT, "D"), (2, "held out", AFTER, "x"))
+    for k, word, colour, mark in marks:
+        axes.plot(over_noise[:, k], mark, color=colour, markersize=4, label=word)
+    axes.axhline(1.0, color=BEFORE, lw=0.8, ls=":")
+    axes.set_yscale("log")
+    axes.set_ylabel("gap / noise")
+    kinds = [o.kind for o in shown]
+    starts = [k for k in range(len(kinds)) if k == 0 or kinds[k] != kinds[k - 1]]
+    axes.set_xticks(starts, [kinds[k] for k in starts], ha="left")
+    for start in starts[1:]:
+        axes.axvline(start - 0.5, color="#c9d0d6", lw=0.8)
+    axes.legend(frameon=False, ncols=3)
+    axes.spines[["top", "right"]].set_visible(False)
+    return figure
+
+
+def scores_json(scores: Scores, campaigns: int, seed: int, seconds: float) -> dict[str, Any]:
+    """What scripts read of a blind check; a share of nothing is null."""
+    planted, answered, counts = scores.confusion()
+    outcomes = [
+        {
+            "campaign": o.number,
+            "kind": o.kind,
+            "truth": list(o.truth),
+            "left_out": o.left_out or None,
+            "verdict": o.verdict,
+            "named": list(o.named),
+            "confused_with": [list(group) for group in o.groups],
+            "right": o.right,
+            "evidence": o.evidence,
+            "gap": dict(zip(("nominal", "explained", "held_out", "noise"), o.gap, strict=True)),
+            "covered": list(o.covered),
+        }
+        for o in scores.outcomes
+    ]
+    return {
+        "campaigns": campaigns,
+        "seed": seed,
+        "seconds": round(seconds, 1),
+        **{key: getattr(scores, key) for key, *_ in MEASURES},
+        "held_out_over_noise": scores.held_out,
+        "confusion": {"planted": planted, "answered": answered, "counts": counts},
+        "outcomes": outcomes,
+    }

@@ -1,0 +1,61 @@
+"""What all matplotlib figures share: colours, style, heading, and text that is never read as mathematics."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+BEFORE, EFFECT, AFTER, NOISE = "#4b5560", "#e4b04a", "#2f7d6b", "#b4bcc5"
+STYLE: Any = {"svg.fonttype": "none", "svg.hashsalt": "stiffscope", "font.family": "sans-serif", "font.size": 10}
+
+
+def new_figure(width: float, height: float, title: str) -> Figure:
+    """Return an empty figure, sizes in inches, under a heading."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
+    figure.suptitle(title, x=0.01, ha="left", fontsize=12, fontweight="bold", parse_math=False)
+    return figure
+
+
+def save_figures(folder: Path, figures: dict[str, Callable[[], Figure | None]]) -> list[str]:
+    """Draw figures and write each as SVG and PNG under its name; returns the names of those that there are."""
+    import matplotlib as mpl
+
+    drawn: list[str] = []
+    with mpl.rc_context(STYLE):
+        for stem, draw in figures.items():
+            figure = draw()
+            if figure is not None:
+                figure.savefig(folder / f"{stem}.svg", metadata={"Date": None})
+                figure.savefig(folder / f"{stem}.png", dpi=110)
+                drawn.append(stem)
+    return drawn
+
+
+def name_rows(axes: Axes, names: Sequence[str], size: float = 8) -> None:
+    """Write a name at each row of an image."""
+    axes.set_yticks(range(len(names)), names, fontsize=size, parse_math=False)
+    axes.tick_params(length=0)
+
+
+def name_columns(axes: Axes, names: Sequence[str], size: float = 8) -> None:
+    """Write a slanted name at each column of an image."""
+    slanted: Any = {"rotation": 60, "ha": "right", "rotation_mode": "anchor"}
+    axes.set_xticks(range(len(names)), names, fontsize=size, parse_math=False, **slanted)
+    axes.tick_params(length=0)
+
+
+def write_cells(axes: Axes, grid: np.ndarray, form: str, shade: Callable[[Any], Any], size: float = 7) -> None:
+    """Write the finite numbers of a grid into the cells of its image, white where `shade` (0 to 1) is dark."""
+    for i, j in np.argwhere(np.isfinite(grid)):
+        colour = "white" if float(shade(grid[i, j])) > 0.45 else "#20252b"
+        axes.text(j, i, form.format(grid[i, j]), ha="center", va="center", fontsize=size, color=colour)

@@ -1,0 +1,111 @@
+"""Lines and tables on standard output: as wide as the terminal, never cut off, in ASCII where nothing else is known."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from itertools import accumulate, pairwise
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+
+    from rich.console import Console
+    from rich.table import Table
+
+FOLDED = 16  # least width of a column of prose, characters
+ASCII_BOX = "    \n    \n -- \n    \n    \n    \n    \n    \n"  # rich's SIMPLE_HEAD with a dashed line
+SUPERSCRIPTS = re.compile("[⁰¹²³⁴-⁹⁻]+")
+ASCII = str.maketrans(
+    {"µ": "u", "±": "+/-", "·": "*", "×": "x", "−": "-", "√": "sqrt", "≤": "<=", "≥": ">=", "°": "deg", "χ": "chi",
+     "σ": "sigma", "ω": "w"}
+)  # fmt: skip
+
+
+def show_line(text: str, style: str | None = None) -> None:
+    """Print a line of prose: wrapped on a terminal, whole in a file."""
+    out = _console()
+    out.print(in_encoding(text, out.encoding), style=style, soft_wrap=not out.is_terminal)
+
+
+def show_table(
+    title: str, groups: Sequence[Sequence[str]], rows: Sequence[Sequence[str]], *, prose: Collection[str] = ()
+) -> None:
+    """Print a table; where it is wider than the terminal, as several below each other, their first columns repeated.
+
+    Parameters
+    ----------
+    title
+        Line above the table.
+    groups
+        Names of the columns in groups that stay together; the first group is repeated in every table.
+    rows
+        A cell for each column.
+    prose
+        Columns of words: left-aligned, and folded instead of widening the table.
+
+    """
+    out = _console()
+    names = [in_encoding(name, out.encoding) for group in groups for name in group]
+    cells = [[in_encoding(cell, out.encoding) for cell in row] for row in rows]
+    folded = {k for k, name in enumerate(name for group in groups for name in group) if name in prose}
+    first, *others = (list(range(a, b)) for a, b in pairwise(accumulate(map(len, groups), initial=0)))
+
+    def table(columns: list[int]) -> Table:
+        filled = [row for row in cells if any(row[k] for k in columns)]
+        return _table(names, filled, first + columns, folded, ascii_only=out.options.ascii_only)
+
+    show_line(title, "bold")
+    shown: list[int] = []
+    for group in [*others, []]:
+        if shown and (not group or _least_width(out, table(shown + group)) > out.width):
+            whole = _console()
+            whole.width = max(out.width, _least_width(out, table(shown)))
+            whole.print(table(shown))
+            whole.print()
+            shown = []
+        shown += group
+
+
+def in_encoding(text: str, encoding: str) -> str:
+    """Return the text as a terminal of this encoding can show it: 10⁶ N·m/rad is 10^6 N*m/rad in ASCII."""
+    try:
+        text.encode(encoding)
+    except UnicodeEncodeError:
+        raised = SUPERSCRIPTS.sub(lambda found: "^" + unicodedata.normalize("NFKC", found[0]), text)
+        return raised.translate(ASCII).encode(encoding, "replace").decode(encoding)
+    return text
+
+
+def _console() -> Console:
+    """Without markup: brackets in a user's names are brackets."""
+    from rich.console import Console
+
+    return Console(highlight=False, markup=False, emoji=False)
+
+
+def _least_width(out: Console, table: Table) -> int:
+    from rich.measure import Measurement
+
+    return Measurement.get(out, out.options.update(width=10_000), table).minimum
+
+
+def _table(
+    names: Sequence[str], rows: Sequence[Sequence[str]], columns: Sequence[int], folded: set[int], *, ascii_only: bool
+) -> Table:
+    """First column and prose left, the others right."""
+    from rich import box
+    from rich.cells import cell_len
+    from rich.table import Table
+
+    lines = box.Box(ASCII_BOX, ascii=True) if ascii_only else box.SIMPLE_HEAD
+    table = Table(box=lines, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
+    for k in columns:
+        widest = max(cell_len(row[k]) for row in [names, *rows])
+        if k in folded:
+            table.add_column(names[k], overflow="fold", min_width=min(FOLDED, widest))
+        else:
+            table.add_column(names[k], justify="left" if k == 0 else "right", no_wrap=True, min_width=widest)
+    for row in rows:
+        table.add_row(*(row[k] for k in columns))
+    return table
