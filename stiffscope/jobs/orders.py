@@ -130,4 +130,6 @@ def _step_order(robot: RobotFile, section: Step | None, given: str | Path | None
         return StepOrder(path.absolute(), content)
     tagged = ("clamped", section.clamped), ("loaded", section.loaded)
     chosen = {tag: tuple(face.selector() for face in faces) for tag, faces in tagged if faces is not None}
-    return StepOrder(path.absolute(), content, **chosen, placement=section.placement(), reference_point=section.reference_point)
+    return StepOrder(
+        path.absolute(), content, **chosen, placement=section.placement(), reference_point=section.reference_point
+    )

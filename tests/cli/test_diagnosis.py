@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from stiffscope.cli.main import _guarded
+from stiffscope.data import FOLDER
 from stiffscope.gap.blind_cases import BlindCase, Fault, write_case
 from stiffscope.gap.campaign_io import write_campaign
 from stiffscope.gap.lab.faults import inject
 from stiffscope.gap.lab.machine import biglide
 from stiffscope.gap.lab.measuring import Noise, default_plan, measure
-from stiffscope.robot.robot_file import data_folder, load_robot
+from stiffscope.robot.robot_file import load_robot
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +65,7 @@ def test_gravity_and_expansion_come_from_the_robot_file(tmp_path):
     machine = inject(replace(biglide(), acceleration=3.71, expansion=23.6e-6), "thermal", "links", {"temperature": 9.0})
     folder = tmp_path / "mars"
     write_campaign(replace(measure(machine, default_plan(machine, rng), Noise(), rng), robot="mars.toml"), folder)
-    text = (data_folder() / "biglide.toml").read_text(encoding="utf-8")
+    text = (FOLDER / "biglide.toml").read_text(encoding="utf-8")
     for old, new in (("9.81 m/s^2", "3.71 m/s^2"), ("11.7e-6 1/K", "23.6e-6 1/K")):
         assert old in text
         text = text.replace(old, new)
