@@ -1,4 +1,4 @@
-"""The blind check: campaigns with withheld effects are diagnosed, the seal is opened, the answers are scored."""
+"""The blind check: campaigns with withheld effects are diagnosed, the seal is opened, the diagnoses are scored."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     Progress = Callable[[str, float], None]
 
-GROUP = 3  # an answer may name the truth in a group of at most so many
+GROUP = 3  # a diagnosis may name the truth in a group of at most so many
 EVIDENT = 10.0  # ln-odds against no effect from which a single effect must be found
 HONEST = 1.2  # times the noise floor, held out
 MANY = 6  # parameters of an effect beyond which its intervals are not scored: the entries of a matrix
@@ -36,18 +36,18 @@ MANY = 6  # parameters of an effect beyond which its intervals are not scored: t
 
 @dataclass(frozen=True)
 class Outcome:
-    """One campaign: what was withheld, what was answered, and whether that was right."""
+    """One campaign: what was withheld, what was diagnosed, and whether that is right."""
 
     number: int
     kind: str
     truth: tuple[str, ...]
     verdict: str
     named: tuple[str, ...]
-    """Effects of the answer, `effect @ place`."""
+    """Diagnosed effects, `effect @ place`."""
     groups: tuple[tuple[str, ...], ...]
-    """What each of them cannot be told apart from."""
+    """What these readings cannot distinguish from each of them."""
     evidence: float
-    """Ln-odds of the answer against no effect."""
+    """Ln-odds of the best hypothesis against no effect."""
     gap: tuple[float, float, float, float]
     """% rms before, after, held out, noise."""
     covered: tuple[bool, ...]
@@ -57,7 +57,7 @@ class Outcome:
 
     @property
     def right(self) -> bool:
-        """Whether the answer is the truth, each effect itself or in its group of at most three."""
+        """Whether the diagnosis is the truth, each effect itself or in its group of at most three."""
         if self.kind == "none":
             return self.verdict == "no-gap"
         if self.kind == "outside":
@@ -80,7 +80,7 @@ class Scores:
 
     outcomes: tuple[Outcome, ...]
     singles: float | None
-    """Share of right answers among single effects with evidence beyond `EVIDENT`."""
+    """Share of right diagnoses among single effects with evidence beyond `EVIDENT`."""
     pairs: float | None
     false_alarms: float | None
     """Share of no-effect campaigns in which an effect was named."""
@@ -94,7 +94,7 @@ class Scores:
     """Largest held-out gap over the noise floor where an effect was identified rightly."""
 
     def confusion(self) -> tuple[tuple[str, ...], tuple[str, ...], tuple[tuple[int, ...], ...]]:
-        """What was planted alone against what was answered: rows, columns, counts."""
+        """What was injected alone against what was diagnosed: rows, columns, counts."""
         alone = [o for o in self.outcomes if len(o.truth) <= 1 and not o.left_out]
         rows = sorted({_word(o.truth) for o in alone})
         columns = sorted({_answered(o) for o in alone})
@@ -116,7 +116,7 @@ def _answered(outcome: Outcome) -> str:
 
 
 def _matched(truth: set[str], named: list[tuple[str, tuple[str, ...]]]) -> bool:
-    """Whether every true effect has an answer of its own that names it, or a small group that does."""
+    """Whether every true effect has a diagnosed effect of its own that names it, or a small group that does."""
     if not named:
         return not truth
     name, group = named[0]
@@ -249,7 +249,7 @@ def _covered(case: BlindCase, found: dict[str, Any]) -> tuple[bool, ...]:
 
 
 def score(outcomes: Sequence[Outcome]) -> Scores:
-    """Shares of right answers by kind."""
+    """Shares of right diagnoses by kind."""
     first = [o for o in outcomes if not o.left_out]
     evident = [o for o in first if o.kind == "single" and o.evidence > EVIDENT]
     held = [o.gap[2] / o.gap[3] for o in first if o.right and o.confident and o.kind in {"single", "pair"}]

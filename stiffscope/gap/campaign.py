@@ -79,4 +79,4 @@ class Campaign:
 
     def where(self, reading: int) -> str:
         """Return the file and line of one reading."""
-        return f"{self.files[self.file[reading]]}, line {self.line[reading]}"
+        return f"{self.files[self.file[reading]]}:{self.line[reading]}"

@@ -37,36 +37,36 @@ def load_header(folder: Path) -> Header:
     except OSError:
         raise InputError(f"{folder}: expected a campaign.toml in this folder") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"campaign.toml: expected TOML, found {error}") from None
+        raise InputError(f"campaign.toml: expected TOML, got {error}") from None
     unknown = [key for key in data if key not in _KEYS]
     if unknown:
-        raise InputError(f"campaign.toml, {unknown[0]}: expected one of {', '.join(_KEYS)}")
+        raise InputError(f"campaign.toml: {unknown[0]}: expected one of {', '.join(_KEYS)}")
     robot, predictions = _text(data, "robot"), _text(data, "predictions")
     if (robot is None) == (predictions is None):
         raise InputError("campaign.toml: expected either robot or predictions, one of the two")
     components = _text(data, "components") or "fea"
     if components not in COMPONENTS:
-        raise InputError(f"campaign.toml, components: expected one of {', '.join(COMPONENTS)}, found {components!r}")
+        raise InputError(f"campaign.toml: components: expected one of {', '.join(COMPONENTS)}, got {components!r}")
     modelled = _texts(data.get("modelled", []), "modelled")
     strange = [name for name in modelled if name not in VOCABULARY]
     if strange:
         valid = ", ".join(VOCABULARY)
-        raise InputError(f"campaign.toml, modelled: expected effects among {valid}, found {strange[0]!r}")
+        raise InputError(f"campaign.toml: modelled: expected effects among {valid}, got {strange[0]!r}")
     listed = data.get("readings")
     readings = _texts([listed] if isinstance(listed, str) else listed, "readings")
     if not readings or len(set(readings)) < len(readings):
-        raise InputError("campaign.toml, readings: expected one file name or a list of different ones")
+        raise InputError("campaign.toml: readings: expected one file name or a list of different ones")
     return Header(robot, modelled, components, readings, predictions)
 
 
 def _text(data: dict[str, Any], key: str) -> str | None:
     value = data.get(key)
     if key in data and (not isinstance(value, str) or not value.strip()):
-        raise InputError(f"campaign.toml, {key}: expected a text, found {value!r}")
+        raise InputError(f"campaign.toml: {key}: expected a text, got {value!r}")
     return value
 
 
 def _texts(value: Any, key: str) -> tuple[str, ...]:
     if not isinstance(value, list) or not all(isinstance(v, str) and v for v in cast("list[Any]", value)):
-        raise InputError(f"campaign.toml, {key}: expected a list of texts, found {value!r}")
+        raise InputError(f"campaign.toml: {key}: expected a list of texts, got {value!r}")
     return tuple(cast("list[str]", value))

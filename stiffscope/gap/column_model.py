@@ -78,7 +78,7 @@ class ColumnModel:
 
     @property
     def library(self) -> tuple[Candidate, ...]:
-        """Rivals, and scales that these readings can tell apart; those that look the same are twins of the first."""
+        """Rivals, and scales that these readings distinguish; indistinguishable ones are twins of the first."""
         return self._library
 
     @cached_property

@@ -38,7 +38,7 @@ def load_campaign(folder: Path) -> Campaign:
     bare = header.predictions is not None
     parts = [_load_readings(folder / name, bare=bare) for name in header.readings]
     if len({part.labelled for part in parts}) > 1:
-        raise InputError("campaign.toml, readings: expected all files with x y z, or all with pose")
+        raise InputError("campaign.toml: readings: expected all files with x y z, or all with pose")
     names, pose, poses = _number_poses(parts)
     labels = [label for part in parts for label in part.sessions]
     sessions = {label: i for i, label in enumerate(dict.fromkeys(labels))}
@@ -179,9 +179,9 @@ def _load_predictions(path: Path, parts: list[_Rows]) -> dict[str, Array]:
     labelled = "pose" in table.columns
     if labelled != parts[0].labelled:
         wanted = "pose" if parts[0].labelled else "x y z"
-        raise InputError(f"{table.name}, line 1: expected the readings' own key columns ({wanted})")
+        raise InputError(f"{table.name}:1: expected the readings' own key columns ({wanted})")
     if "sigma" in table.columns:
-        raise InputError(f"{table.name}, line 1, column sigma: expected predictions, which have no sigma")
+        raise InputError(f"{table.name}:1: sigma: expected predictions, which have no sigma")
     keys = _keys_of(table.columns, bare=True)
     models = [name for name in table.columns if name not in {*keys, "session", *POSITION}]
     quantity = _quantity(table)

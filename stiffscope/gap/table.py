@@ -34,7 +34,7 @@ class Table:
         """Return the error that names one cell."""
         found = self.columns[column][row] if column in self.columns else ""
         shown = "an empty cell" if not found.strip() else repr(found[:40])
-        return InputError(f"{self.name}, line {self.lines[row]}, column {column}: expected {expected}, found {shown}")
+        return InputError(f"{self.name}:{self.lines[row]}: {column}: expected {expected}, got {shown}")
 
 
 def read_table(path: Path, check: Callable[[str, list[str]], None]) -> Table:
@@ -56,14 +56,14 @@ def read_table(path: Path, check: Callable[[str, list[str]], None]) -> Table:
                 lines.append(before + 1)
             before = reader.line_num
     except csv.Error as error:
-        raise InputError(f"{path.name}, line {reader.line_num}: expected a CSV row, found {error}") from None
+        raise InputError(f"{path.name}:{reader.line_num}: expected a CSV row, got {error}") from None
     if not rows:
-        raise InputError(f"{path.name}: expected a header line with the column names, found an empty file")
+        raise InputError(f"{path.name}: expected a header line with the column names, got an empty file")
     header = _header(path.name, rows[0], lines[0])
     check(path.name, header)
     _check_lengths(path.name, header, rows, lines)
     if len(rows) == 1:
-        raise InputError(f"{path.name}, line {lines[0] + 1}: expected at least one row under the header")
+        raise InputError(f"{path.name}:{lines[0] + 1}: expected at least one row under the header")
     cells = zip(*rows[1:], strict=True)
     columns = {name: tuple(map(str.strip, column)) for name, column in zip(header, cells, strict=True)}
     return Table(path.name, columns, tuple(lines[1:]))
@@ -73,27 +73,27 @@ def _text(path: Path) -> str:
     try:
         raw = path.read_bytes()
     except OSError as error:
-        raise InputError(f"{path}: expected a readable CSV file, found {error.strerror}") from None
+        raise InputError(f"{path}: expected a readable CSV file, got {error.strerror}") from None
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = raw[: error.start].count(b"\n") + 1
-        raise InputError(f"{path.name}, line {line}: expected UTF-8 text, found byte {raw[error.start]:#04x}") from None
+        raise InputError(f"{path.name}:{line}: expected UTF-8 text, got byte {raw[error.start]:#04x}") from None
     if "\0" in text:
         line = text[: text.index("\0")].count("\n") + 1
-        raise InputError(f"{path.name}, line {line}: expected text, found a NUL byte")
+        raise InputError(f"{path.name}:{line}: expected text, got a NUL byte")
     return text
 
 
 def _header(name: str, row: list[str], line: int) -> list[str]:
     header = [cell.strip() for cell in row]
     if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
-        raise InputError(f"{name}, line {line}: expected columns separated by commas, found {header[0][:40]!r}")
+        raise InputError(f"{name}:{line}: expected columns separated by commas, got {header[0][:40]!r}")
     for position, cell in enumerate(header):
         if not cell:
-            raise InputError(f"{name}, line {line}, column {position + 1}: expected a name in the header")
+            raise InputError(f"{name}:{line}: column {position + 1}: expected a name in the header")
         if cell in header[:position]:
-            raise InputError(f"{name}, line {line}, column {cell}: expected each name once, found it twice")
+            raise InputError(f"{name}:{line}: {cell}: expected each name once, got it twice")
     return header
 
 
@@ -102,21 +102,21 @@ def _check_lengths(name: str, header: list[str], rows: list[list[str]], lines: l
     for row, line in zip(rows, lines, strict=True):
         if len(row) < count:
             at = header[len(row)]
-            message = f"expected {count} cells, found {len(row)}: the row ends early"
-            raise InputError(f"{name}, line {line}, column {at}: {message}")
+            message = f"expected {count} cells, got {len(row)}: the row ends early"
+            raise InputError(f"{name}:{line}: {at}: {message}")
         if len(row) > count:
-            message = f"expected {count} cells, found {len(row)}"
-            raise InputError(f"{name}, line {line}, column {count + 1}: {message}")
+            message = f"expected {count} cells, got {len(row)}"
+            raise InputError(f"{name}:{line}: column {count + 1}: {message}")
 
 
 def check_columns(name: str, header: list[str], required: Collection[str], valid: Collection[str]) -> None:
     """Raise InputError for a missing column, or for one that is not valid (all of `valid` are listed)."""
     missing = [column for column in required if column not in header]
     if missing:
-        raise InputError(f"{name}, line 1, column {missing[0]}: expected this column, it is missing")
+        raise InputError(f"{name}:1: {missing[0]}: expected this column, got none")
     unknown = [column for column in header if column not in valid]
     if unknown:
-        raise InputError(f"{name}, line 1, column {unknown[0]}: expected one of {', '.join(valid)}")
+        raise InputError(f"{name}:1: {unknown[0]}: expected one of {', '.join(valid)}")
 
 
 def numbers(table: Table, column: str, *, empty: bool = False, expected: str = "a finite number") -> Array:

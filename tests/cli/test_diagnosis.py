@@ -92,7 +92,7 @@ def test_gravity_and_expansion_come_from_the_robot_file(tmp_path):
         (["SOFT", "--adopt", "notes.toml"], "notes.toml: is there and is no robot file"),
         (["SOFT", "--adopt", "nosuch/robot.toml"], "there is no folder nosuch"),
         (["NOROBOT"], 'robot: expected a robot file, seen from its folder, or one of biglide, found "gantry"'),
-        (["BADCELL"], "readings.csv, line 2"),
+        (["BADCELL"], "readings.csv:2"),
     ],
 )
 def test_bad_input_writes_nothing(arguments, message, soft_drive, tmp_path, capsys, monkeypatch):

@@ -109,7 +109,7 @@ def test_answer_does_not_depend_on_the_order_of_rows_or_on_an_outlier():
     spoiled[7] *= 5
     robust = diagnose(replace(c, value=spoiled))
     assert found(robust) == found(plain)
-    assert "left out as an outlier: readings.csv, line 9" in robust.remarks
+    assert "left out as an outlier: readings.csv:9" in robust.remarks
 
 
 def test_one_direction_only_leaves_its_names_confused():

@@ -38,7 +38,7 @@ def test_reads_all_three_kinds(tmp_path):
     assert (c.wrench[3] == 0).all()
     assert np.isnan(c.sigma).tolist() == [False, True, False, True]
     assert c.components == "fea"
-    assert c.where(2) == "readings.csv, line 4"
+    assert c.where(2) == "readings.csv:4"
     with pytest.raises(ValueError, match="read-only"):
         c.value[0] = 1
 
@@ -60,25 +60,25 @@ def test_harmless_spellings_read_alike(tmp_path, text):
 @pytest.mark.parametrize(
     ("row", "column", "cell", "expected"),
     [
-        (0, 0, "left", "line 2, column x: expected a finite number of metres, found 'left'"),
-        (0, 3, "", "line 2, column fx: .*deflection needs its wrench, found an empty cell"),
-        (0, 4, "1_0", "line 2, column fy: expected a finite number"),
-        (1, 3, "5", "line 3, column fx: .*a stiffness reading has no wrench"),
-        (1, 10, "-2e7", "line 3, column value: expected a positive stiffness"),
-        (2, 5, "9", "line 4, column fz: .*unloaded platform"),
-        (2, 9, "dq", "line 4, column quantity: expected one of dx dy .* krz, found 'dq'"),
-        (2, 10, "nan", "line 4, column value: expected a finite reading"),
-        (2, 10, "", "line 4, column value: .*found an empty cell"),
-        (3, 10, "1e999", "line 5, column value: expected a finite"),
-        (0, 11, "-1e-6", "line 2, column sigma: expected a positive number"),
-        (0, 11, "0", "line 2, column sigma: expected a positive number"),
-        (3, 2, "1,5", "line 5, column 14: expected 13 cells, found 14"),
+        (0, 0, "left", "2: x: expected a finite number of metres, got 'left'"),
+        (0, 3, "", "2: fx: .*deflection needs its wrench, got an empty cell"),
+        (0, 4, "1_0", "2: fy: expected a finite number"),
+        (1, 3, "5", "3: fx: .*a stiffness reading has no wrench"),
+        (1, 10, "-2e7", "3: value: expected a positive stiffness"),
+        (2, 5, "9", "4: fz: .*unloaded platform"),
+        (2, 9, "dq", "4: quantity: expected one of dx dy .* krz, got 'dq'"),
+        (2, 10, "nan", "4: value: expected a finite reading"),
+        (2, 10, "", "4: value: .*got an empty cell"),
+        (3, 10, "1e999", "5: value: expected a finite"),
+        (0, 11, "-1e-6", "2: sigma: expected a positive number"),
+        (0, 11, "0", "2: sigma: expected a positive number"),
+        (3, 2, "1,5", "5: column 14: expected 13 cells, got 14"),
     ],
 )
 def test_names_the_malformed_cell(tmp_path, row, column, cell, expected):
     rows = [line.split(",") for line in GOOD]
     rows[row][column] = cell
-    with pytest.raises(InputError, match=f"^readings.csv, {expected}") as caught:
+    with pytest.raises(InputError, match=f"^readings.csv:{expected}") as caught:
         load_campaign(folder(tmp_path, [",".join(r) for r in rows]))
     assert "\n" not in str(caught.value)
 
@@ -87,16 +87,16 @@ def test_names_the_malformed_cell(tmp_path, row, column, cell, expected):
     ("text", "expected"),
     [
         ("", "expected a header line .* empty file"),
-        (HEADER, "line 2: expected at least one row"),
-        (HEADER + "\n".join(GOOD)[:-20], "line 5, column .*: expected 13 cells, found 3: the row ends early"),
-        (HEADER.replace(",sigma", "") + GOOD[0], "line 1, column sigma: expected this column, it is missing"),
-        (HEADER.replace("fz,", "") + GOOD[0], "line 1, column fz: expected this column, it is missing"),
-        (HEADER.replace("session", "Session") + GOOD[0], "line 1, column Session: expected one of x, y, z"),
-        (HEADER.replace("session", "pose") + GOOD[0], "line 1, column pose: expected one of x, y, z"),
-        (HEADER.replace("session", "x") + GOOD[0], "line 1, column x: expected each name once"),
-        (HEADER.replace(",", ";") + GOOD[0], "line 1: expected columns separated by commas"),
-        (HEADER + GOOD[0] + "\n\0", "line 3: expected text, found a NUL byte"),
-        (HEADER + GOOD[0] + '\n"0,0', "line 3: expected a CSV row"),
+        (HEADER, "2: expected at least one row"),
+        (HEADER + "\n".join(GOOD)[:-20], "5: .*: expected 13 cells, got 3: the row ends early"),
+        (HEADER.replace(",sigma", "") + GOOD[0], "1: sigma: expected this column, got none"),
+        (HEADER.replace("fz,", "") + GOOD[0], "1: fz: expected this column, got none"),
+        (HEADER.replace("session", "Session") + GOOD[0], "1: Session: expected one of x, y, z"),
+        (HEADER.replace("session", "pose") + GOOD[0], "1: pose: expected one of x, y, z"),
+        (HEADER.replace("session", "x") + GOOD[0], "1: x: expected each name once"),
+        (HEADER.replace(",", ";") + GOOD[0], "1: expected columns separated by commas"),
+        (HEADER + GOOD[0] + "\n\0", "3: expected text, got a NUL byte"),
+        (HEADER + GOOD[0] + '\n"0,0', "3: expected a CSV row"),
     ],
 )
 def test_names_the_malformed_file(tmp_path, text, expected):
@@ -105,7 +105,7 @@ def test_names_the_malformed_file(tmp_path, text, expected):
 
 
 def test_refuses_other_encodings(tmp_path):
-    with pytest.raises(InputError, match=r"readings.csv, line 2: expected UTF-8 text, found byte 0xb5"):
+    with pytest.raises(InputError, match=r"readings.csv:2: expected UTF-8 text, got byte 0xb5"):
         load_campaign(folder(tmp_path, [GOOD[0] + "µ"], encoding="latin-1"))
 
 
@@ -140,7 +140,7 @@ def test_several_files_share_poses_and_sessions(tmp_path):
     c = load_campaign(tmp_path)
     assert c.pose.tolist() == [0, 0, 1, 1, 0, 1]
     assert c.session_names == ("a", "b", "c")
-    assert c.where(5) == "more.csv, line 3"
+    assert c.where(5) == "more.csv:3"
 
 
 def test_published_campaign_reproduces_the_corrected_rms():
@@ -159,12 +159,12 @@ def test_published_campaign_reproduces_the_corrected_rms():
 @pytest.mark.parametrize(
     ("model", "expected"),
     [
-        ("pose,quantity,value\nA,kx,1\n", r"readings.csv, line 3, column pose: expected a reading that model.csv"),
-        ("pose,quantity,value\nA,kx,1\nB,ky,x\n", "model.csv, line 3, column value: expected a finite predicted"),
-        ("pose,quantity,value\nA,kx,1\nB,ky,2\nA,kx,3\n", "model.csv, line 4, column value: .* on line 2"),
-        ("pose,quantity,value,sigma\nA,kx,1,1\n", "model.csv, line 1, column sigma"),
-        ("pose,quantity,rival\nA,kx,1\n", "model.csv, line 1, column value: expected this column"),
-        ("x,y,z,quantity,value\n0,0,0,kx,1\n", r"model.csv, line 1: expected the readings' own key columns"),
+        ("pose,quantity,value\nA,kx,1\n", r"readings.csv:3: pose: expected a reading that model.csv"),
+        ("pose,quantity,value\nA,kx,1\nB,ky,x\n", "model.csv:3: value: expected a finite predicted"),
+        ("pose,quantity,value\nA,kx,1\nB,ky,2\nA,kx,3\n", "model.csv:4: value: .* on line 2"),
+        ("pose,quantity,value,sigma\nA,kx,1,1\n", "model.csv:1: sigma"),
+        ("pose,quantity,rival\nA,kx,1\n", "model.csv:1: value: expected this column"),
+        ("x,y,z,quantity,value\n0,0,0,kx,1\n", r"model.csv:1: expected the readings' own key columns"),
     ],
 )
 def test_predictions_answer_every_reading(tmp_path, model, expected):

@@ -1,4 +1,4 @@
-"""The Biglide as a structure of bodies: where it really stands, and how it answers to whatever loads it there."""
+"""The Biglide as a structure of bodies: its true configuration, and its response to loads there."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _FIXED = np.zeros(6, dtype=bool)
 
 @dataclass(frozen=True)
 class Configuration:
-    """Where the machine really stands when it is commanded to poses (n, 3)."""
+    """True configuration of the machine when it is commanded to poses (n, 3)."""
 
     tool: Array
     """(n, 3) M of the rigid machine with its geometry errors."""
@@ -44,7 +44,7 @@ def command(dimensions: Dimensions, poses: Array) -> Array:
 
 
 def locate(machine: Machine, poses: Array) -> Configuration:
-    """Return where the rigid machine stands for poses (n, 3); link errors enter by their mean over a limb.
+    """Return the configuration of the rigid machine for poses (n, 3); link errors enter by their mean over a limb.
 
     Raises InputError for a pose that it cannot reach.
     """
@@ -123,7 +123,7 @@ def _limb(machine: Machine, configuration: Configuration, limb: int) -> list[Con
 
 
 def build(machine: Machine, configuration: Configuration) -> Structure:
-    """Return the machine's structure where it stands."""
+    """Return the machine's structure in its true configuration."""
     n = len(configuration.tool)
     world = np.broadcast_to(np.eye(3), (n, 3, 3))
     origin = np.zeros((n, 3))
@@ -147,14 +147,14 @@ def build(machine: Machine, configuration: Configuration) -> Structure:
 
 @dataclass(frozen=True)
 class Response:
-    """How a standing machine answers to loads, at its tool point; n poses, three drives."""
+    """Linear response to loads at the tool point; n poses, three drives."""
 
     shift: Array
-    """(n, 6) rigid geometry error: where it stands minus where it was sent."""
+    """(n, 6) rigid geometric error: true minus commanded pose."""
     compliance: Array
     """(n, 6, 6)."""
     dead: Array
-    """(n, 6) twist under its own loads and lack of fit."""
+    """(n, 6) twist under its own loads and offsets."""
     by_drive: Array
     """(n, 6, 3) twist for a unit of lost motion in each drive."""
     force: Array
@@ -199,7 +199,7 @@ def _offset_loads(machine: Machine, poses: Array, structure: Structure) -> Array
 
 
 def respond(machine: Machine, poses: Array) -> Response:
-    """Return the linear answer of the machine, where it really stands, to everything that can load it."""
+    """Return the linear response of the machine, in its true configuration, to everything that can load it."""
     configuration = locate(machine, poses)
     structure = build(machine, configuration)
     n = len(poses)

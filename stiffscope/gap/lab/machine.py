@@ -147,7 +147,7 @@ def biglide(components: str = "published", *, link: Array | None = None, slider:
     components: "published" (Eqs. 28 and 29) or "fea"; link and slider (6, 6) replace what it names.
     """
     if components not in {"published", "fea"}:
-        raise InputError(f"components: expected published or fea, found {components!r}")
+        raise InputError(f"components: expected published or fea, got {components!r}")
     data: dict[str, Any] = tomllib.loads(default_file().read_text(encoding="utf-8"))
     dimensions = Dimensions(**data["geometry"])
     bar, matrices = data["link"], data["compliance"]

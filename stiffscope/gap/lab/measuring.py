@@ -1,4 +1,4 @@
-"""A campaign measured on the virtual machine: plan, nonlinear answer, instrument, noise."""
+"""A campaign measured on the virtual machine: plan, nonlinear response, instrument, noise."""
 
 from __future__ import annotations
 
