@@ -61,7 +61,10 @@ def test_an_adopted_effect_closes_the_gap(soft_drive, tmp_path, capsys):
         (["published", "--adopt", "robot.toml"], "predictions instead of a robot"),
         (["SOFT", "--adopt", "notes.toml"], "notes.toml: is there and is no robot file"),
         (["SOFT", "--adopt", "nosuch/robot.toml"], "there is no folder nosuch"),
-        (["NOROBOT"], 'robot: expected a robot file, seen from its folder, or one of biglide, found "gantry"'),
+        (
+            ["NOROBOT"],
+            'campaign.toml: robot: expected a robot file, seen from its folder, or one of biglide, got "g',
+        ),
         (["BADCELL"], "readings.csv, line 2"),
     ],
 )
