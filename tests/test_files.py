@@ -79,6 +79,7 @@ def test_json_is_strict_and_readable(tmp_path, capsys):
     text = to_json({"matrix": np.eye(2), "bad": float("nan"), "path": tmp_path})
     assert json.loads(text) == {"matrix": [[1, 0], [0, 1]], "bad": None, "path": str(tmp_path)}
     assert "[1.0, 0.0]" in text
+    assert to_json([-0.0, np.array([-0.0, -1.0])]) == "[\n  0.0,\n  [0.0, -1.0]\n]\n"
     write_json("-", {"a": 1})
     assert json.loads(capsys.readouterr().out) == {"a": 1}
     write_json(tmp_path / "a.json", {"a": 1})

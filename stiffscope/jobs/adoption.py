@@ -127,6 +127,5 @@ def _inline(values: dict[str, Any]) -> Any:
     import tomlkit
 
     table = tomlkit.inline_table()
-    for key, value in values.items():
-        table.append(key, _inline(value) if isinstance(value, dict) else value)
+    table.update(values)
     return table

@@ -24,12 +24,11 @@ if TYPE_CHECKING:
     from stiffscope.jobs.results import PartResult
     from stiffscope.jobs.workshop import Workshop
     from stiffscope.robot.effects import NominalRobot
-    from stiffscope.robot.part_schema import Source
     from stiffscope.robot.schema import PartName, RobotFile
     from stiffscope.vjm.analysis import Stiffness
     from stiffscope.vjm.biglide import Biglide
 
-    Components = Source | Mapping[PartName, Source | ArrayLike] | None
+    Components = str | Mapping[PartName, str | ArrayLike] | None
 
 
 @dataclass(frozen=True)
@@ -88,7 +87,7 @@ def assemble_robots(robots: Mapping[str, RobotFile], components: Components, sho
     }
 
 
-def sources(robot: RobotFile, components: Components) -> dict[PartName, Source | ArrayLike]:
+def sources(robot: RobotFile, components: Components) -> dict[PartName, str | ArrayLike]:
     """Where each part's matrix comes from, in words or as the matrix itself; see `assemble`."""
     from stiffscope.robot.part_schema import Source
     from stiffscope.robot.schema import PARTS
@@ -103,7 +102,7 @@ def sources(robot: RobotFile, components: Components) -> dict[PartName, Source |
     return {name: given.get(name, robot.part(name).compliance) for name in PARTS}
 
 
-def _tested(robot: RobotFile, chosen: Mapping[PartName, Source | ArrayLike]) -> list[PartName]:
+def _tested(robot: RobotFile, chosen: Mapping[PartName, str | ArrayLike]) -> list[PartName]:
     """Parts whose experiment the robot's matrices and masses need."""
     tested = [name for name, source in chosen.items() if isinstance(source, str) and source == "fea"]
     for name in tested:
@@ -141,7 +140,7 @@ def _assembled(robot: RobotFile, components: Components, results: Mapping[PartNa
 
 
 def _matrix(
-    robot: RobotFile, name: PartName, source: Source | ArrayLike, results: Mapping[PartName, PartResult]
+    robot: RobotFile, name: PartName, source: str | ArrayLike, results: Mapping[PartName, PartResult]
 ) -> np.ndarray:
     """Compliance (6, 6) of a part from its source."""
     if not isinstance(source, str):

@@ -107,7 +107,5 @@ def _robot_of(folder: Path, robot: str) -> Path:
         return folder / robot
     if robot in robot_names():
         return FOLDER / f"{robot}.toml"
-    names = ", ".join(robot_names())
-    where = folder / "campaign.toml"
-    expected = f"a robot file, seen from its folder, or one of {names}"
-    raise InputError(f"{where}, robot: expected {expected}, found {json.dumps(robot)}")
+    expected = f"a robot file, seen from its folder, or one of {', '.join(robot_names())}"
+    raise InputError(f"{folder / 'campaign.toml'}: robot: expected {expected}, got {json.dumps(robot)}")

@@ -129,7 +129,7 @@ def _end(process: BaseProcess) -> None:
     process.join()
 
 
-def _child(end: Connection, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+def _child(end: Any, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
     _obey_parent()
     root = logging.getLogger()
     root.addHandler(_Forward(end))
@@ -145,18 +145,14 @@ def _child(end: Connection, function: Callable[..., Any], arguments: tuple[Any, 
         end.send(("failed", traceback.format_exc()))
 
 
-class _Forward(logging.Handler):
+class _Forward(logging.handlers.QueueHandler):
     """Sends log records to the parent, which knows where they go."""
 
-    def __init__(self, end: Connection) -> None:
-        super().__init__()
-        self.end = end
-
-    def emit(self, record: logging.LogRecord) -> None:
+    def enqueue(self, record: logging.LogRecord) -> None:
         """Send one record."""
-        record.msg, record.args, record.exc_info = record.getMessage(), None, None
+        end: Any = self.queue
         with contextlib.suppress(OSError):
-            self.end.send(("log", record))
+            end.send(("log", record))
 
 
 def _obey_parent() -> None:

@@ -33,96 +33,88 @@ def line_of(lines: Mapping[Key, int], key: Key) -> int:
 
 
 class _Walk:
-    """One pass over a text that tomllib has accepted; each method takes a position among the words, and returns one."""
+    """One pass over a text that tomllib has accepted; `here` is the position among the words."""
 
     def __init__(self, text: str) -> None:
-        self.words: list[str] = []
-        self.at: list[int] = []
+        self.words: list[tuple[str, int]] = []
         line = 1
         for word in _TOKEN.findall(text):
             if word[0] != "#":
-                self.words.append(word)
-                self.at.append(line)
+                self.words.append((word, line))
             if "\n" in word:
                 line += word.count("\n")
+        self.words.append(("\n", line))
+        self.here = 0
         self.lines: dict[Key, int] = {}
         self.last: dict[Key, int] = {}  # position of the latest table of each array of tables
-        self._statements()
-
-    def _statements(self) -> None:
         table: Key = ()
-        position = 0
-        while position < len(self.words):
-            if self.words[position] == "\n":
-                position += 1
-            elif self.words[position] == "[":
-                table, position = self._header(position)
+        while self.here < len(self.words):
+            if self._next() == "\n":
+                self.here += 1
+            elif self._next() == "[":
+                table = self._header()
             else:
-                key, position = self._key(position)
-                position = self._value(position + 1, (*table, *key))
+                self._pair(table)
 
-    def _header(self, position: int) -> tuple[Key, int]:
-        line, brackets = self.at[position], 1 + (self.words[position + 1] == "[")
-        key, position = self._key(position + brackets)
-        table = (*self._resolved(key[:-1]), key[-1])
-        self._note(table, line)
-        if brackets == 2:
+    def _next(self) -> str:
+        return self.words[self.here][0]
+
+    def _header(self) -> Key:
+        """[table] or [[array of tables]]; a key that passes such an array means the latest of its tables."""
+        self.here += 1
+        many = self._next() == "["
+        self.here += many
+        key = self._key()
+        table: Key = ()
+        for part in key[:-1]:
+            table = (*table, part)
+            if table in self.last:
+                table = (*table, self.last[table])
+        table = (*table, key[-1])
+        self._note(table)
+        if many:
             self.last[table] = self.last.get(table, -1) + 1
             table = (*table, self.last[table])
-            self._note(table, line)
-        return table, position + brackets
+            self._note(table)
+        self.here += 1 + many
+        return table
 
-    def _key(self, position: int) -> tuple[Key, int]:
-        parts = [_name(self.words[position])]
-        while self.words[position + 1] == ".":
-            position += 2
-            parts.append(_name(self.words[position]))
-        return tuple(parts), position + 1
+    def _pair(self, table: Key) -> None:
+        key = self._key()
+        self.here += 1  # =
+        self._value((*table, *key))
 
-    def _value(self, position: int, path: Key) -> int:
-        self._note(path, self.at[position])
-        if self.words[position] == "[":
-            return self._items(position + 1, path)
-        if self.words[position] == "{":
-            return self._pairs(position + 1, path)
-        while position < len(self.words) and self.words[position] not in _ENDS:
-            position += 1
-        return position
+    def _key(self) -> Key:
+        parts: list[str] = []
+        while True:
+            word = self._next()
+            parts.append(next(iter(tomllib.loads(f"{word} = 0"))) if word[0] in "\"'" else word)
+            self.here += 1
+            if self._next() != ".":
+                return tuple(parts)
+            self.here += 1
 
-    def _items(self, position: int, path: Key) -> int:
+    def _value(self, path: Key) -> None:
+        self._note(path)
+        opened = self._next()
+        if opened not in "[{":
+            while self._next() not in _ENDS:
+                self.here += 1
+            return
+        self.here += 1
         count = 0
-        while self.words[position] != "]":
-            if self.words[position] in _ENDS:
-                position += 1
+        while self._next() not in "]}":
+            if self._next() in _ENDS:
+                self.here += 1
+            elif opened == "{":
+                self._pair(path)
             else:
-                position = self._value(position, (*path, count))
+                self._value((*path, count))
                 count += 1
-        return position + 1
+        self.here += 1
 
-    def _pairs(self, position: int, path: Key) -> int:
-        while self.words[position] != "}":
-            if self.words[position] in _ENDS:
-                position += 1
-            else:
-                key, position = self._key(position)
-                position = self._value(position + 1, (*path, *key))
-        return position + 1
-
-    def _note(self, path: Key, line: int) -> None:
-        for length in range(len(path), 0, -1):
-            if path[:length] in self.lines:
-                break
-            self.lines[path[:length]] = line
-
-    def _resolved(self, key: Key) -> Key:
-        """A header's key with the position of the latest table wherever it passes an array of tables."""
-        found: Key = ()
-        for part in key:
-            found = (*found, part)
-            if found in self.last:
-                found = (*found, self.last[found])
-        return found
-
-
-def _name(word: str) -> str:
-    return next(iter(tomllib.loads(f"{word} = 0"))) if word[0] in "\"'" else word
+    def _note(self, path: Key) -> None:
+        """Note the present line for a path, and for what leads to it, unless they have one."""
+        while path and path not in self.lines:
+            self.lines[path] = self.words[self.here][1]
+            path = path[:-1]

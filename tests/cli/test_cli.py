@@ -10,6 +10,10 @@ import time
 import numpy as np
 import pytest
 
+from stiffscope.cad.slider import build
+from stiffscope.cad.step import write_step
+from stiffscope.robot.robot_file import load_robot
+
 COMMAND = [sys.executable, "-c", "from stiffscope.cli.main import main; main()"]
 
 
@@ -39,6 +43,15 @@ def test_version():
         (["stiffness", "biglide", "--at", "0,0,1e308"], "out of reach"),
         (["stiffness", "biglide", "--set", "geometry.a_min=0.7"], "geometry.a_max: expected more than geometry.a_min"),
         (["deflection", "biglide", "--components", "beam", "--wrench", "1e200,0,0,0,0,0"], "wrench: expected finite"),
+        (["deflection", "biglide", "--wrench", "1 N,0,0,0,0"], "--wrench 1 N,0,0,0,0: expected 6 values"),
+        (
+            ["deflection", "biglide", "--wrench", "1 m,0,0,0,0,0"],
+            'a force such as "100 N", got "1 m", which is a length',
+        ),
+        (
+            ["deflection", "biglide", "--wrench", "1,0,0,0,0,5 N"],
+            'a moment such as "5 N*m", got "5 N", which is a force',
+        ),
         (["stiffness", "biglide", "--set", "effects=3"], "--set effects: expected a list, got 3"),
         (["stiffness", "biglide", "--at", "0,0"], "expected X,Y,Z"),
         (["stiffness", "biglide", "--at", "0,0,nan"], "--at 0,0,nan"),
@@ -64,6 +77,61 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments, message, tmp_path):
     assert len(done.stderr.splitlines()) == 1
     assert message in done.stderr
     assert os.listdir(tmp_path) == []
+
+
+def test_without_arguments_the_help_is_printed_as_it_is():
+    bare, asked = stiffscope(), stiffscope("--help")
+    assert (bare.returncode, bare.stdout) == (2, "")
+    assert bare.stderr.strip() == asked.stdout.strip()
+    assert len(bare.stderr.splitlines()) > 15
+
+
+def test_help_names_a_default_without_brackets():
+    told = " ".join(stiffscope("map", "--help").stdout.split())
+    assert "[default: exact]" in told
+    told = " ".join(stiffscope("stiffness", "--help").stdout.split())
+    assert "[default: (none, unless the robot file has adopted gravity)]" in told
+
+
+def test_poses_and_wrenches_take_units():
+    published = ("--components", "published", "--json", "-")
+    same = (("0,0,0.35", "100,0,-2000,0,0,0.005"), ("0 mm,0 mm,350 mm", "100 N, 0,-2 kN,0 N*m,0,5 N*mm"))
+    one, other = (
+        json.loads(stiffscope("deflection", "biglide", "--at", at, "--wrench", wrench, *published).stdout)
+        for at, wrench in same
+    )
+    assert one == other
+    assert one["wrench"] == [100, 0, -2000, 0, 0, 0.005]
+
+
+@pytest.fixture
+def foreign(tmp_path):
+    """A working folder with a user's own modules, named as ours, as those of libraries and as Python's."""
+    for name in ("app", "cad", "fea", "vjm", "data", "numpy", "random", "click", "skfem"):
+        (tmp_path / f"{name}.py").write_text(f"raise RuntimeError('{name}.py of the working folder was imported')")
+    (tmp_path / "gap").mkdir()
+    (tmp_path / "gap" / "__init__.py").write_text("raise RuntimeError('gap/')")
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["faces", "part.step", "--json", "-"],
+        ["compliance", "biglide", "--part", "link", "--set", "link.mesh.size=60mm", "--json", "-"],
+        ["stiffness", "biglide", "--components", "published", "--json", "-"],
+        ["diagnose", "published", "--out", "out", "--json", "-"],
+    ],
+)
+def test_modules_of_the_working_folder_change_nothing(foreign, arguments):
+    if "part.step" in arguments:
+        robot = load_robot("biglide")
+        write_step(build(robot.parameters("slider"), robot.material("slider")), foreign / "part.step")
+    environment = {**os.environ, "STIFFSCOPE_CACHE": str(foreign / "cache")}
+    command = [sys.executable, "-m", "stiffscope", *arguments]
+    done = subprocess.run(command, cwd=foreign, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    json.loads(done.stdout)
 
 
 def test_stiffness_of_the_published_robot_as_json():

@@ -91,7 +91,10 @@ def test_gravity_and_expansion_come_from_the_robot_file(tmp_path):
         (["published", "--adopt", "robot.toml"], "predictions instead of a robot"),
         (["SOFT", "--adopt", "notes.toml"], "notes.toml: is there and is no robot file"),
         (["SOFT", "--adopt", "nosuch/robot.toml"], "there is no folder nosuch"),
-        (["NOROBOT"], 'robot: expected a robot file, seen from its folder, or one of biglide, found "gantry"'),
+        (
+            ["NOROBOT"],
+            'campaign.toml: robot: expected a robot file, seen from its folder, or one of biglide, got "g',
+        ),
         (["BADCELL"], "readings.csv:2"),
     ],
 )

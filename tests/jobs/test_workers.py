@@ -1,0 +1,71 @@
+"""Jobs in processes of their own: what comes back of them, and that none outlives its parent."""
+
+import logging
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from stiffscope.errors import InputError
+from stiffscope.jobs.workers import WorkerError, work_here, work_together
+
+
+def job(kind, report):
+    report(kind, 0.5)
+    if kind == "refuse":
+        raise InputError("link.bore: expected a diameter")
+    if kind == "fail":
+        raise ZeroDivisionError("1 / 0")
+    if kind == "crash":
+        os._exit(3)
+    logging.getLogger("job").warning("%s is done", kind)
+    return kind.upper()
+
+
+def wait_long(folder, _report):
+    (Path(folder) / str(os.getpid())).touch()
+    time.sleep(60)
+
+
+@pytest.mark.parametrize("work", [work_here, work_together])
+def test_answers_progress_and_warnings_come_back(work, caplog):
+    told = []
+    jobs = {"one": ("a",), "two": ("b",)}
+    reports = {name: lambda stage, fraction, name=name: told.append((name, stage, fraction)) for name in jobs}
+    assert work(job, jobs, reports) == {"one": "A", "two": "B"}
+    assert sorted(told) == [("one", "a", 0.5), ("two", "b", 0.5)]
+    assert sorted(caplog.messages) == ["a is done", "b is done"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "error", "message"),
+    [
+        ("refuse", InputError, "^link.bore: expected a diameter$"),
+        ("fail", WorkerError, "^one: ZeroDivisionError: 1 / 0$"),
+        ("crash", WorkerError, r"^one: its process ended without an answer \(exit code 3\)$"),
+    ],
+)
+def test_what_goes_wrong_is_told_in_a_line(kind, error, message):
+    with pytest.raises(error, match=message):
+        work_together(job, {"one": (kind,)}, {"one": lambda *_: None})
+
+
+def test_a_killed_parent_takes_its_children_along(tmp_path):
+    code = "from tests.jobs.test_workers import wait_long, work_together as w; "
+    code += f"w(wait_long, {{'one': ({str(tmp_path)!r},)}}, {{'one': print}})"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    parent = subprocess.Popen([sys.executable, "-c", code], env=environment, cwd=Path(__file__).parents[2])
+    begun = time.monotonic()
+    while not os.listdir(tmp_path):
+        assert time.monotonic() - begun < 30
+        time.sleep(0.05)
+    child = int(os.listdir(tmp_path)[0])
+    parent.send_signal(signal.SIGKILL)
+    parent.wait()
+    while Path(f"/proc/{child}").exists() and "Z (zombie)" not in Path(f"/proc/{child}/status").read_text():
+        assert time.monotonic() - begun < 60
+        time.sleep(0.05)
