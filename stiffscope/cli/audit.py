@@ -26,8 +26,8 @@ GROUPS = {
     "Eq. (29)": "Eq. (29): compliance of the slidable platform",
     "Eq. (30a)": "Eq. (30a): stiffness at P1 with gravity",
     "Eq. (30b)": "Eq. (30b): stiffness at P2 with gravity",
-    "Table 5": "Table 5: stiffness (diagonal of K) at Q1",
-    "Table 6": "Table 6: stiffness (diagonal of K) at Q2",
+    "Table 5": "Table 5: principal stiffness at Q1",
+    "Table 6": "Table 6: principal stiffness at Q2",
     "text": "RMS figures of the text, %",
 }
 

@@ -130,17 +130,7 @@ def robot_deflection(
         shares = {"energy": found.energy, "shares": found.shares}
         files.write_json(target, {"poses": list(points.values()), "wrench": load, "twist": found.twist, **shares})
     if not quiet and target != "-":
-        error = _deflection_bars(assembled, list(points.values()), found.twist)
-        tables.show_deflection(list(points), found.twist, found.shares, wrench, error)
-
-
-def _deflection_bars(assembled: Assembled, poses: Sequence[Sequence[float]], twist: np.ndarray) -> np.ndarray | float:
-    """95 % bounds (n, 6) on deflections, from those on the stiffness."""
-    from stiffscope.vjm.analysis import stiffness
-    from stiffscope.vjm.uncertainty import deflection_error
-
-    bars = stiffness_bars(assembled, poses)
-    return 0.0 if bars is None else deflection_error(stiffness(assembled.elastic, poses), bars, twist)
+        tables.show_deflection(list(points), found.twist, found.shares, wrench)
 
 
 def compare_parts(name: str, parts: Sequence[PartName], *, overrides: Sequence[str], quiet: bool) -> None:
@@ -187,14 +177,14 @@ def _figures(gravity: Gravity) -> list[tuple[str, str, Callable[..., None]]]:
     """Title, file and drawing function of each figure of a map."""
     from stiffscope.report import maps
 
-    plain = [("stiffness at M (diagonal of K), y = 0, without gravity", "stiffness", maps.draw_stiffness)]
+    plain = [("principal stiffness at M, y = 0, without gravity", "stiffness", maps.draw_stiffness)]
     if gravity == "none":
         return plain
     loaded = functools.partial(maps.draw_stiffness, loaded=True)
     return [
         ("stiffness at M without and with weight, and what it changes", "map", maps.draw_all),
         *plain,
-        (f"stiffness at M (diagonal of K), y = 0, gravity {gravity}", "stiffness_with_gravity", loaded),
+        (f"principal stiffness at M, y = 0, gravity {gravity}", "stiffness_with_gravity", loaded),
         (f"what gravity ({gravity}) changes", "gravity_difference", maps.draw_difference),
         ("sag under its own weight", "sag", maps.draw_sag),
     ]

@@ -11,6 +11,7 @@ import io
 import logging
 import sys
 import time
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,11 +20,10 @@ from stiffscope import files
 from stiffscope.cli.run import workshop
 from stiffscope.errors import InputError
 from stiffscope.jobs.cache import file_digest
-from stiffscope.jobs.compare import entry_name
 from stiffscope.jobs.experiments import order_part, solve_parts
-from stiffscope.jobs.interfaces import Choice, Comparison, Entry, Tested
 from stiffscope.jobs.manifest import Manifest
 from stiffscope.report import tables
+from stiffscope.report.compare import entry_name
 from stiffscope.robot.robot_file import load_robot
 
 if TYPE_CHECKING:
@@ -41,6 +41,48 @@ PAD_HEIGHT = 1 / 4  # of the thickness, for joint pads where the part has none
 HOLE_PITCH = 4.0  # thicknesses from one bolt hole to the next, for holes where the part has none
 OWN = "as in the robot file"
 APART = "the pads are loaded together here, not apart, so that there is one matrix (--set slider.pads=together)"
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A way to hold or load a part: its name, what it is in words, and the values of `--set` that choose it."""
+
+    name: str
+    words: str
+    overrides: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Tested:
+    """A part's compliance (6, 6) under a choice, and its 95 % bounds; SI, at the own choice's reference point."""
+
+    choice: Choice
+    order: PartOrder
+    compliance: np.ndarray
+    error: np.ndarray
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An entry under the own choice (SI, with its bound), and what each other choice makes of it, relative."""
+
+    name: str
+    unit: str
+    own: float
+    error: float
+    changes: tuple[float, ...]
+    bars: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A part under the choice of the robot file and under the others; why some are left out, a line each."""
+
+    part: str
+    own: Tested
+    others: tuple[Tested, ...]
+    entries: tuple[Entry, ...]
+    left_out: tuple[str, ...]
 
 
 def compare_interfaces(
@@ -67,7 +109,7 @@ def compare_interfaces(
         compared = _compared(part, wanted, found, left_out)
         files.write_bytes(folder / "interfaces.csv", _csv(compared).encode())
         files.write_json(folder / "interfaces.json", _json(compared, found))
-        draw(compared, f"{robot.name}: effect of the interfaces on the {part}'s compliance", folder / "interfaces.png")
+        draw(compared, f"{robot.name}: what the interfaces make of the {part}'s compliance", folder / "interfaces.png")
         manifest.write(folder)
     for choice, result in zip(wanted, found, strict=True):
         if result.note:

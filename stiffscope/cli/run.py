@@ -18,7 +18,6 @@ import numpy as np
 from stiffscope import files
 from stiffscope.errors import InputError
 from stiffscope.jobs.cache import code_version, default_cache, digest, file_digest, kept_files
-from stiffscope.jobs.compare import compare
 from stiffscope.jobs.experiments import (
     EXPERIMENT,
     FIELDS,
@@ -32,6 +31,7 @@ from stiffscope.jobs.experiments import (
 )
 from stiffscope.jobs.manifest import Manifest
 from stiffscope.report import tables
+from stiffscope.report.compare import compare
 from stiffscope.report.pictures import PictureError, draw
 from stiffscope.report.progress import progress
 from stiffscope.robot import components as parts_of
@@ -290,7 +290,7 @@ def _draw_map(assembled: Assembled, folder: Path) -> None:
     robot = assembled.robot
     found = robot_maps(assembled.elastic, robot.poses, MAP_POINTS, "exact", robot.gravity.acceleration)
     write_map(found, folder)
-    draw_stiffness(found, robot.poses, f"{robot.name}: stiffness at M (diagonal of K), y = 0", folder / "map.png")
+    draw_stiffness(found, robot.poses, f"{robot.name}: principal stiffness at M, y = 0", folder / "map.png")
 
 
 def _draw_robot(assembled: Assembled, folder: Path) -> None:
@@ -319,7 +319,7 @@ def show_compliance(robot: RobotFile, result: PartResult) -> None:
     if result.own_shape:
         tables.show_comparison(compare(robot, result.name, result))
     else:
-        tables.show_matrix(f"Compliance of the {result.name}, SI", result.compliance, result.error)
+        tables.show_matrix(f"Compliance of the {result.name}, SI", result.compliance)
         tables.show_line("No beam theory beside it: it is a STEP file's solid, not the robot file's own shape\n")
 
 

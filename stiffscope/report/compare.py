@@ -42,7 +42,7 @@ def entry_name(i: int, j: int) -> tuple[str, str]:
 
 
 def compare(robot: RobotFile, name: PartName, result: PartResult) -> Comparison:
-    """Return a part's compliance by FEA, beam theories and the paper, entry by entry, with findings."""
+    """Set the sources side by side."""
     from stiffscope.fea.beam import euler_bernoulli
 
     simple = components.beam_compliance(robot, name, euler_bernoulli)
