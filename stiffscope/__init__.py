@@ -51,8 +51,8 @@ if TYPE_CHECKING:
     from stiffscope.gap.diagnosis import Diagnosis as Diagnosis
     from stiffscope.jobs.assembly import assemble as assemble
     from stiffscope.jobs.campaigns import diagnose as diagnose
-    from stiffscope.jobs.compare import compare as compare
     from stiffscope.jobs.orders import build_part as build_part
+    from stiffscope.report.compare import compare as compare
     from stiffscope.report.notebook import deformed as deformed
     from stiffscope.report.notebook import stiffness_map as stiffness_map
     from stiffscope.robot.components import beam_compliance as beam_compliance
@@ -75,7 +75,7 @@ _MODULES = {
     "jobs.assembly": ("assemble",),
     "jobs.campaigns": ("diagnose",),
     "jobs.orders": ("build_part",),
-    "jobs.compare": ("compare",),
+    "report.compare": ("compare",),
     "report.notebook": ("deformed", "stiffness_map"),
     "robot.components": ("beam_compliance",),
     "robot.robot_file": ("load_robot",),

@@ -116,7 +116,7 @@ def blind(out: Path, *, target: str | None, campaigns: int, seed: int, quiet: bo
     from stiffscope.gap.blind import run_blind
     from stiffscope.jobs.assembly import assemble_robots
     from stiffscope.report import tables
-    from stiffscope.report.blind import draw_scores, scores_json, show_scores
+    from stiffscope.report.blind_scores import draw_scores, scores_json, show_scores
 
     files.check_output(out, target)
     robot = load_robot("biglide")

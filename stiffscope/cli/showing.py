@@ -6,9 +6,9 @@ import logging
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from stiffscope.jobs.compare import compare
 from stiffscope.jobs.workshop import workshop
 from stiffscope.report import tables
+from stiffscope.report.compare import compare
 from stiffscope.report.progress import progress
 
 if TYPE_CHECKING:

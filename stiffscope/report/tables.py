@@ -24,9 +24,9 @@ from stiffscope.report.terminal import show_line, show_table
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from stiffscope.jobs.compare import Comparison
     from stiffscope.jobs.interfaces import Comparison as Interfaces
     from stiffscope.jobs.results import PartResult
+    from stiffscope.report.compare import Comparison
     from stiffscope.vjm.audit import Finding
 
 SIX = (DIAGONAL[:3], DIAGONAL[3:])

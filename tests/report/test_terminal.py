@@ -4,15 +4,16 @@ import os
 import re
 import subprocess
 import sys
+from types import SimpleNamespace as Stub
 
 import numpy as np
 import pytest
 
 from stiffscope.gap.blind import Outcome, Scores
 from stiffscope.gap.diagnosis import Alternative, Diagnosis, Effect, Gap, NextMeasurement, Parameter, Where
-from stiffscope.jobs.compare import Comparison, Entry
 from stiffscope.report import tables
-from stiffscope.report.blind import show_scores
+from stiffscope.report.blind_scores import show_scores
+from stiffscope.report.compare import Comparison, Entry
 from stiffscope.report.gap_tables import show_diagnosis
 from stiffscope.report.numbers import resolved
 from stiffscope.report.terminal import in_encoding, show_line, show_table
@@ -21,8 +22,6 @@ PAIR = "actuator-stiffness + slider-compliance", "limb1 + sliders"
 
 
 def parts():
-    from stiffscope.jobs.experiments import PartResult
-
     facts = {
         "mesh": {"nodes": 1_049_572, "tetrahedra": 730_571},
         "seconds": {"cad": 15.4, "mesh": 1008.5, "solve": 10810.2},
@@ -31,9 +30,8 @@ def parts():
         "cad_volume": 1.0,
         "mass": 14.27,
         "relative_bound": 6.3e-4,
-        "note": "",
     }
-    tables.show_parts([PartResult("slider", "", None, facts, None, reused=False, seconds=12810.8)])
+    tables.show_parts([Stub(name="slider", facts=facts, note="", reused=False, seconds=12810.8)])
 
 
 def comparison():
@@ -44,8 +42,6 @@ def comparison():
 
 
 def interfaces():
-    from types import SimpleNamespace as Stub
-
     choices = [
         Stub(choice=Stub(name=name, words="the loaded face carries the load evenly", overrides=("slider.pads=apart",)))
         for name in ("rigid face, rigid clamp", "even traction", "three pads", "bolt holes", "foundation")

@@ -1,4 +1,4 @@
-"""The scores of a blind check as tables and figures."""
+"""The scores of a blind check: as JSON, as tables, as figures."""
 
 from __future__ import annotations
 
@@ -26,6 +26,36 @@ MEASURES = (
 )
 HELD_OUT = 1.2
 ENOUGH = 50  # intervals below which their share is not judged
+
+
+def scores_json(scores: Scores, campaigns: int, seed: int, seconds: float) -> dict[str, Any]:
+    """Return what scripts read of a blind check; a share of nothing is null."""
+    planted, answered, counts = scores.confusion()
+    outcomes = [
+        {
+            "campaign": o.number,
+            "kind": o.kind,
+            "truth": list(o.truth),
+            "left_out": o.left_out or None,
+            "verdict": o.verdict,
+            "named": list(o.named),
+            "confused_with": [list(group) for group in o.groups],
+            "right": o.right,
+            "evidence": o.evidence,
+            "gap": dict(zip(("nominal", "explained", "held_out", "noise"), o.gap, strict=True)),
+            "covered": list(o.covered),
+        }
+        for o in scores.outcomes
+    ]
+    return {
+        "campaigns": campaigns,
+        "seed": seed,
+        "seconds": round(seconds, 1),
+        **{key: getattr(scores, key) for key, *_ in MEASURES},
+        "held_out_over_noise": scores.held_out,
+        "confusion": {"planted": planted, "answered": answered, "counts": counts},
+        "outcomes": outcomes,
+    }
 
 
 def show_scores(scores: Scores) -> None:
@@ -120,33 +150,3 @@ def gaps(scores: Scores) -> Figure:
     axes.legend(frameon=False, ncols=3)
     axes.spines[["top", "right"]].set_visible(False)
     return figure
-
-
-def scores_json(scores: Scores, campaigns: int, seed: int, seconds: float) -> dict[str, Any]:
-    """What scripts read of a blind check; a share of nothing is null."""
-    planted, answered, counts = scores.confusion()
-    outcomes = [
-        {
-            "campaign": o.number,
-            "kind": o.kind,
-            "truth": list(o.truth),
-            "left_out": o.left_out or None,
-            "verdict": o.verdict,
-            "named": list(o.named),
-            "confused_with": [list(group) for group in o.groups],
-            "right": o.right,
-            "evidence": o.evidence,
-            "gap": dict(zip(("nominal", "explained", "held_out", "noise"), o.gap, strict=True)),
-            "covered": list(o.covered),
-        }
-        for o in scores.outcomes
-    ]
-    return {
-        "campaigns": campaigns,
-        "seed": seed,
-        "seconds": round(seconds, 1),
-        **{key: getattr(scores, key) for key, *_ in MEASURES},
-        "held_out_over_noise": scores.held_out,
-        "confusion": {"planted": planted, "answered": answered, "counts": counts},
-        "outcomes": outcomes,
-    }
