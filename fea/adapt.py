@@ -10,6 +10,7 @@ import numpy as np
 
 from stiffscope.fea.mesh import EDGES, MeshError
 from stiffscope.fea.refine import bisect
+from stiffscope.fea.significance import largest_relative_bound
 from stiffscope.fea.singular import singular_edges
 from stiffscope.fea.solution import solve_specimen
 from stiffscope.fea.specimen import GRADING_RATIO, mesh_specimen
@@ -17,29 +18,19 @@ from stiffscope.fea.specimen import GRADING_RATIO, mesh_specimen
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from stiffscope.fea.experiment import Settings
     from stiffscope.fea.mesh import Floats, TetMesh
+    from stiffscope.fea.settings import Settings
     from stiffscope.fea.solution import Solution
     from stiffscope.fea.specimen import Specimen
 
 logger = logging.getLogger(__name__)
 
-SIGNIFICANT = 0.01  # of sqrt(C_ii C_jj): smaller entries are zeros of a symmetry, or nearly so
 SHAPE_SHARE = 0.5  # of the tolerance that the mesh's shape may use up before the part is meshed anew, finer
 FINER = 0.6
 REMAINS = 0.15  # of the error of a refined element: a cut edge at a singular one takes 0.14, a halved one less
 AIM = 0.9  # of the tolerance
 LEAST_LEFT = 0.05  # of the error now: what the elements that are not refined may keep in any case
 GROWTH = 6.0  # most elements after a round, in parts of those before
-
-
-def relative_bound(flexibility: Floats, error: Floats) -> tuple[float, tuple[int, int]]:
-    """Return the largest error over |C_ij| of the significant entries, and where it is."""
-    scale = np.sqrt(flexibility.diagonal())
-    size = np.abs(flexibility)
-    ratio = np.where(size > SIGNIFICANT * np.outer(scale, scale), error / np.maximum(size, 1e-300), 0.0)
-    i, j = np.unravel_index(ratio.argmax(), ratio.shape)
-    return float(ratio[i, j]), (int(i), int(j))
 
 
 def solve_within(
@@ -60,10 +51,10 @@ def solve_within(
     if settings.tolerance is None:
         return mesh, solution, ""
     size, rounds, spent = settings.size or _size_of(mesh), 0, time.perf_counter() - begun
-    while (bound := relative_bound(solution.flexibility, solution.error)[0]) > settings.tolerance:
+    while (bound := largest_relative_bound(solution.compliance, solution.error)[0]) > settings.tolerance:
         rounds += 1
         tell("refine", min(1.0, settings.tolerance / bound))
-        shape = relative_bound(solution.flexibility, solution.geometry)[0]
+        shape = largest_relative_bound(solution.compliance, solution.geometry)[0]
         if shape > SHAPE_SHARE * settings.tolerance:
             size, why = size * FINER, f"the mesh's shape alone leaves {100 * shape:.2g} %"
             try:
@@ -144,7 +135,7 @@ def refined(specimen: Specimen, mesh: TetMesh, indicator: Floats, settings: Sett
 
 def _excuse(specimen: Specimen, mesh: TetMesh, solution: Solution, settings: Settings, limit: str, why: str) -> str:
     """Return what was reached, at which limit, and why; an empty ``why`` asks where the error sits."""
-    bound, (i, j) = relative_bound(solution.flexibility, solution.error)
+    bound, (i, j) = largest_relative_bound(solution.compliance, solution.error)
     if not why:
         near = _on_singular_edges(specimen, mesh, settings)[mesh.cells].any(axis=1)
         share = solution.indicator[near].sum() / solution.indicator.sum()

@@ -50,7 +50,7 @@ def free_superelement(experiment: Experiment) -> tuple[Floats, Floats]:
     The clamp turns with node 0 as one body, so only motion relative to it strains the part: nothing is
     approximated. Node 0 is ``clamp_point``; with an elastic foundation it is the ground under it.
     """
-    from stiffscope.fea.interfaces import rigid_modes
+    from stiffscope.fea.couplings import rigid_modes
 
     centre = experiment.clamp_point
     nodes = np.vstack([centre, experiment.reference_points])

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
+    from skfem import MeshTet2
 
     from stiffscope.cad.part import Surface
 
@@ -43,7 +45,7 @@ class TetMesh:
 
     Attributes
     ----------
-    points : (n, 3) node positions.
+    points : (n, 3) node positions: the vertices, then the mids of the edges, in scikit-fem's order.
     cells : (m, 10) nodes of each tetrahedron, VTK's order (4 corners, then mids of ``EDGES``).
     facets : (k, 6) nodes of each boundary triangle (3 corners, then 3 mids), outward.
     facet_face : (k,) number of the CAD face on which each boundary triangle lies.
@@ -55,6 +57,25 @@ class TetMesh:
     facets: Ints
     facet_face: Ints
     pulled_back: int = 0
+
+    @cached_property
+    def grid(self) -> MeshTet2:
+        """The mesh as scikit-fem's; the boundary named ``str(face)`` holds the facets on that CAD face."""
+        from skfem import MeshTet2
+
+        grid = MeshTet2(np.ascontiguousarray(self.points.T), np.ascontiguousarray(self.cells[:, :4].T, dtype=np.int32))
+        number = np.empty(len(self.facets), dtype=np.int64)
+        outer = grid.boundary_facets()
+        number[np.lexsort(np.sort(self.facets[:, :3], axis=1).T)] = outer[np.lexsort(grid.facets[:, outer])]
+        return grid.with_boundaries({str(face): number[self.facet_face == face] for face in np.unique(self.facet_face)})
+
+    @cached_property
+    def curved(self) -> NDArray[np.bool_]:
+        """(m,) whether sides of each tetrahedron are curved."""
+        ends = self.points[self.cells[:, EDGES]]  # (m, 6, 2, 3)
+        sag = np.linalg.norm(self.points[self.cells[:, 4:]] - ends.mean(axis=2), axis=2)
+        length = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
+        return (sag > 1e-8 * length).any(axis=1)
 
     def facets_of(self, faces: frozenset[int]) -> Ints:
         """Return (k, 6) the boundary triangles on the given CAD faces."""

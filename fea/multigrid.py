@@ -13,14 +13,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.fea.interfaces import factorize
-from stiffscope.fea.mesh import EDGES
+from stiffscope.errors import InputError
+from stiffscope.fea.couplings import factorize
+from stiffscope.fea.settings import SOLVERS
 from stiffscope.fea.solvers import Solver, conjugate_gradients, product
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-    from stiffscope.fea.interfaces import Supports
+    from stiffscope.fea.couplings import Supports
     from stiffscope.fea.mesh import Floats, TetMesh
     from stiffscope.fea.solvers import Solve
 
@@ -33,7 +34,14 @@ TOLERANCE, LIMIT = 1e-11, 200
 
 
 def prepare(mesh: TetMesh, stiffness: csr_array, supports: Supports, name: str = "auto") -> Solver:
-    """Return the solver of the supported stiffness (3n, 3n) of a mesh: multigrid, direct, or auto, the faster one."""
+    """Return the solver of the supported stiffness (3n, 3n) of a mesh: multigrid, direct, or auto, the faster one.
+
+    Raises
+    ------
+    InputError : an unknown name.
+    """
+    if name not in SOLVERS:
+        raise InputError(f"solver: expected {', '.join(SOLVERS[:-1])} or {SOLVERS[-1]}, got {name!r}")
     if name == "multigrid" or (name == "auto" and 3 * len(supports.free) > FACTORIZED_TO):
         return two_levels(mesh, stiffness, supports)
     solve = factorize(stiffness, supports)
@@ -77,29 +85,21 @@ def two_levels(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> Solve
 
 def _linear_level(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> Solve:
     """Return the correction of all coordinates by the solution for linear displacements between the vertices."""
-    from scipy.sparse import csr_array, eye_array, kron
+    from scipy.sparse import coo_array, csr_array, eye_array, kron, vstack
 
-    vertices = np.unique(mesh.cells[:, :4])
-    number = np.full(len(mesh.points), -1)
-    number[vertices] = np.arange(len(vertices))
-    mids, first = np.unique(mesh.cells[:, 4:], return_index=True)
-    ends = mesh.cells[:, :4][:, EDGES].reshape(-1, 2)[first]
-    rows = np.concatenate([vertices, mids, mids])
-    columns = number[np.concatenate([vertices, ends[:, 0], ends[:, 1]])]
-    weights = np.concatenate([np.ones(len(vertices)), np.full(2 * len(mids), 0.5)])
-    between = csr_array((weights, (rows, columns)), shape=(len(mesh.points), len(vertices)))
+    count, edges = int(mesh.grid.nvertices), mesh.grid.edges
+    halves = coo_array((np.full(edges.size, 0.5), (np.tile(np.arange(edges.shape[1]), 2), edges.ravel())))
+    between = vstack([eye_array(count), halves])  # nodes are numbered vertices first
     spread = csr_array(kron(between, eye_array(3), format="csr"))
     linear = csr_array(spread.T @ (stiffness @ spread))
 
-    tied = supports.tied[number[supports.tied] >= 0]
-    chosen = np.isin(supports.tied, tied)
     held = replace(
         supports,
-        nodes=len(vertices),
-        free=_kept(number, supports.free),
-        tied=number[tied],
-        clamped=_kept(number, supports.clamped),
-        tie=supports.tie[np.repeat(chosen, 3)],
+        nodes=count,
+        free=supports.free[supports.free < count],
+        tied=supports.tied[supports.tied < count],
+        clamped=supports.clamped[supports.clamped < count],
+        tie=supports.tie[np.repeat(supports.tied < count, 3)],
     )
     solve = factorize(linear, held)
     down = spread[supports.free_dofs]  # forces on free nodes, seen by the vertices
@@ -112,11 +112,6 @@ def _linear_level(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> So
         return np.vstack([down @ held.expand(answer), answer[len(answer) - twists :]])
 
     return correct
-
-
-def _kept(number: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    renumbered = number[nodes]
-    return renumbered[renumbered >= 0]
 
 
 def _root_of_inverse_blocks(stiffness: csr_array, supports: Supports) -> csr_array:

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.fea.geometry import shapes
 from stiffscope.fea.mesh import EDGES, FACE_MIDS, FACES, TetMesh, unique_edges
-from stiffscope.fea.shape import evaluate
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -101,7 +101,7 @@ def _rebuilt(mesh: TetMesh, pieces: _Pieces, vertex_count: int) -> TetMesh:
     points = np.zeros((vertex_count + len(edges), 3))
     _, first = np.unique(cells, return_index=True)
     roots = mesh.points[mesh.cells[pieces.root[first // 10]]]
-    points[cells.reshape(-1)[first]] = evaluate(roots, reference.reshape(-1, 3)[first])
+    points[cells.reshape(-1)[first]] = np.einsum("nk,kni->ki", shapes(reference.reshape(-1, 3)[first].T)[0], roots)
     facets, faces = _inherited_facets(mesh, pieces, cells)
     used, compact = np.unique(cells, return_inverse=True)
     new = np.full(len(points), -1, dtype=np.int64)

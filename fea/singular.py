@@ -1,4 +1,4 @@
-"""Edges where stresses are singular, how strongly, and what elements of higher order still miss there.
+"""Singular edges, their exponents, and the error that cubic elements leave there.
 
 Around an edge displacements go as r^λ: M. L. Williams, J. Appl. Mech. 19 (1952) 526, for plane strain.
 """
@@ -31,7 +31,7 @@ def singular_edges(
 
     Parameters
     ----------
-    held, loaded : CAD faces that cannot deform, and those under tractions, set by set.
+    held, loaded : sets of CAD faces that cannot deform, and of those under tractions.
     """
     facets = mesh.facets[:, :3]
     a, b, c = (mesh.points[facets[:, k]] for k in range(3))
@@ -80,22 +80,22 @@ def held_exponent(inside: Floats) -> Floats:
     return np.minimum(np.real(power), 1.0)
 
 
-def still_missing(exponent: Floats) -> Floats:
-    """Return what cubics lack at an edge, in parts of what they gain on quadratics: energies fall as p^(-4λ).
+def remaining_ratio(exponent: Floats) -> Floats:
+    """Return the error of cubics at an edge relative to the quadratic-to-cubic difference: energies fall as p^(-4λ).
 
     I. Babuška and M. Suri, RAIRO Modél. Math. Anal. Numér. 21 (1987) 199.
     """
     return 1 / (1.5 ** (4 * exponent) - 1)
 
 
-def missing_at_edges(mesh: TetMesh, held: Sequence[frozenset[int]], loaded: Sequence[frozenset[int]] = ()) -> Floats:
-    """Return (m,) ``still_missing`` of the elements that touch a singular edge, at its strongest, and 0 elsewhere.
+def remaining_at_edges(mesh: TetMesh, held: Sequence[frozenset[int]], loaded: Sequence[frozenset[int]] = ()) -> Floats:
+    """Return (m,) ``remaining_ratio`` of the elements that touch a singular edge, its largest value; 0 elsewhere.
 
     Parameters
     ----------
-    held, loaded : CAD faces that cannot deform, and those under tractions, set by set.
+    held, loaded : sets of CAD faces that cannot deform, and of those under tractions.
     """
     edges, exponents = singular_edges(mesh, held, loaded)
     at_node = np.zeros(len(mesh.points))
-    np.maximum.at(at_node, edges.reshape(-1), np.repeat(still_missing(exponents), 2))
+    np.maximum.at(at_node, edges.reshape(-1), np.repeat(remaining_ratio(exponents), 2))
     return at_node[mesh.cells[:, :4]].max(axis=1)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.fea.geometry import jacobian_range, quadrature, shapes
 from stiffscope.fea.mesh import EDGES, FACE_MIDS, FACES, TetMesh, boundary_facets, unique_edges
-from stiffscope.fea.shape import facet_rule, facet_values, jacobian_range
 from stiffscope.fea.tags import smooth_tags, tag_facets
 
 if TYPE_CHECKING:
@@ -144,9 +144,9 @@ def _balance(nodes: Floats, facets: Ints, tags: Ints, target: _Target) -> Floats
     First the mean gap of each side is taken to zero, then that of each triangle.
     """
     nodes = _balance_sides(nodes, facets, tags, target)
-    at, weights = facet_rule()
+    at, weights = quadrature(4, triangle=True)
     gaps = np.zeros((len(facets), 3))
-    for values, weight in zip(facet_values(at), weights, strict=True):
+    for values, weight in zip(shapes(at)[0].T, weights, strict=True):
         on_facet = np.einsum("n,knj->kj", values, nodes[facets])
         triples = np.repeat(np.arange(len(facets))[:, None], 3, axis=1)
         gaps += 2 * weight * (_on_faces(on_facet, triples, tags, target) - on_facet)

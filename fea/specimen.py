@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.fea.geometry import area_elements, centroid, jacobian_range, volume
 from stiffscope.fea.mesh import MeshError, default_envelope, default_size, tetrahedralize
 from stiffscope.fea.refine import grade
-from stiffscope.fea.shape import area_elements, centroid, jacobian_range, volume
 from stiffscope.fea.singular import singular_edges
 from stiffscope.fea.snap import snap
 
@@ -101,7 +101,7 @@ def _best_mesh(
                 break
             raise
         mesh = snap(points, cells, specimen.surface, specimen.project, size)
-        tried.append((shape_error(specimen, mesh) + sum(interface_error(specimen, mesh)), mesh))
+        tried.append((geometric_error(specimen, mesh) + sum(interface_error(specimen, mesh)), mesh))
         if tried[-1][0] < GOOD_SHAPE or time.perf_counter() - begun > patience:
             break
         logger.info("%s: shape error %.1e, meshing once more", specimen.name, tried[-1][0])
@@ -110,7 +110,7 @@ def _best_mesh(
     return best
 
 
-def shape_error(specimen: Specimen, mesh: TetMesh) -> float:
+def geometric_error(specimen: Specimen, mesh: TetMesh) -> float:
     """Return how far the mesh's volume and area are off, relative, together."""
     wanted = sum(face.area for face in specimen.surface.faces)
     area = face_areas(mesh, len(specimen.surface.faces)).sum()

@@ -204,7 +204,7 @@ def _orders(
 def _compared(
     part: str, wanted: Mapping[Choice, PartOrder], found: Sequence[PartResult], left_out: Sequence[str]
 ) -> Comparison:
-    from stiffscope.fea.adapt import SIGNIFICANT
+    from stiffscope.fea.significance import SIGNIFICANT
 
     point = found[0].facts["reference_point"]
     own, *others = (Tested(*order, *_at(result, point)) for order, result in zip(wanted.items(), found, strict=True))

@@ -18,7 +18,7 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 
-from stiffscope.fea.adapt import SIGNIFICANT
+from stiffscope.fea.significance import SIGNIFICANT
 from stiffscope.fea.experiment import Settings, run_experiment
 from stiffscope.fea.mesh import MeshError
 from tests.benchmarks.random_parts import draw
