@@ -40,8 +40,8 @@ def tensor(elasticity: Floats) -> Floats:
 def assemble(mesh: TetMesh, elasticity: Floats) -> csr_array:
     """Return the stiffness matrix of a mesh without supports.
 
-    Six scalar forms A_kl = ∫ ∂_k u ∂_l v are combined into the blocks K_ij = C_ikjl A_kl: the same matrix as that of the
-    vector form in a quarter of its time.
+    Six scalar forms A_kl = ∫ ∂_k v ∂_l u are combined into the blocks K_ij = C_ikjl A_kl: the vector form's matrix in a
+    quarter of its time.
 
     Parameters
     ----------

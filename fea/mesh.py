@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     Project = Callable[[int, Floats], Floats]
 
 MOST_ELEMENTS = 2e6
-FIN = 0.06  # depth of the fins at seams, in element sizes, and at least three envelopes: deep ones mislead the mesher
+FIN = 0.06  # depth of the fins at seams in element sizes, at least three envelopes; deeper fins cause spurious elements
 
 # The six edges of a tetrahedron and its four outward faces, in the order of VTK's (and scikit-fem's) tet10.
 EDGES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
@@ -36,7 +36,7 @@ FACE_MIDS = np.array([[6, 5, 4], [4, 8, 7], [5, 9, 8], [7, 9, 6]])  # mids of (v
 
 
 class MeshError(InputError):
-    """The solid could not be meshed: too fine for the time given, or a surface no mesher can fill."""
+    """The solid cannot be meshed or solved: too fine for the time limit, or an invalid surface."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class TetMesh:
     cells : (m, 10) nodes of each tetrahedron, VTK's order (4 corners, then mids of ``EDGES``).
     facets : (k, 6) nodes of each boundary triangle (3 corners, then 3 mids), outward.
     facet_face : (k,) number of the CAD face on which each boundary triangle lies.
-    pulled_back : elements that snapping would have inverted and that were pulled back.
+    pulled_back : elements whose nodes were moved back because snapping inverted them.
     """
 
     points: Floats
@@ -95,9 +95,9 @@ def default_size(volume: float, area: float) -> float:
 
 
 def default_envelope(surface: Surface, size: float) -> float:
-    """Return how far (m) fTetWild may leave the surface: 0.03 sizes, away from the slow end of its range.
+    """Return fTetWild's distance (m) from the surface: 0.03 sizes, within the range in which it is fast.
 
-    At most a tenth of the thickness, be it slow: a wall must stay a wall.
+    At most a tenth of the thickness even where that is slow, so that thin walls survive.
     """
     diagonal = float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
     return float(min(np.clip(0.03 * size, 3e-4 * diagonal, 1e-3 * diagonal), 0.1 * thickness(surface)))
@@ -109,7 +109,7 @@ def thickness(surface: Surface) -> float:
 
 
 def check_lengths(name: str, solid: tuple[float, float], size: float | None, envelope: float | None) -> None:
-    """Raise MeshError for lengths that are no mesh's of this part: too fine to end, too coarse to show it.
+    """Raise MeshError for a size or an envelope that is too small or too large for this part.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def check_lengths(name: str, solid: tuple[float, float], size: float | None, env
         ("size", size, finest, diagonal),
         ("envelope", envelope, 1e-5 * diagonal, 0.01 * diagonal),
     ):
-        if value is not None and not 0.99 * least <= value <= 1.01 * most:  # what is printed is rounded
+        if value is not None and not 0.99 * least <= value <= 1.01 * most:  # the message rounds them
             raise MeshError(
                 f"{name}.mesh.{kind}: expected {least * 1e3:.3g} mm to {most * 1e3:.3g} mm for this part, "
                 f"got {value * 1e3:g} mm"
@@ -142,7 +142,7 @@ def tetrahedralize(
     Parameters
     ----------
     surface : watertight triangles, outward, metres.
-    size, envelope : wanted edge length and allowed distance to the surface, metres.
+    size, envelope : target edge length and allowed distance to the surface, metres.
     time_limit : seconds after which the mesher is killed.
     threads : fTetWild's threads; 0 takes all.
 
@@ -152,7 +152,7 @@ def tetrahedralize(
 
     Raises
     ------
-    MeshError : the surface is open, the mesher crashed or ran out of time, or its volume is 10 % off.
+    MeshError : the surface is open, the mesher crashed or exceeded its time, or its volume is 10 % wrong.
     """
     check_surface(surface, size, envelope)
     vertices, triangles = _with_fins(surface, min(max(FIN * size, 3 * envelope), 0.3 * thickness(surface)))
@@ -192,10 +192,10 @@ def check_surface(surface: Surface, size: float, envelope: float) -> None:
 
 
 def _with_fins(surface: Surface, depth: float) -> tuple[Floats, Ints]:
-    """Return vertices and triangles with a fin hung inwards from each seam.
+    """Return vertices and triangles with a fin pointing inwards at each seam.
 
-    Between two triangles in one plane the mesher keeps no edge, where three sheets meet it does. The triangles of
-    a fin face both ways in turn, since the mesher tells the inside by the solid angles of what it was given.
+    The mesher keeps an edge where three sheets meet, but none between two triangles in one plane. The triangles of
+    a fin face both ways in turn, since the mesher finds the interior from solid angles (winding numbers).
     """
     vertices, triangles, tags = surface.vertices, surface.triangles, surface.face_of_triangle
     if not surface.seams:

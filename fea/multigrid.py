@@ -1,4 +1,4 @@
-"""Conjugate gradients on quadratic tetrahedra with the linear ones of the same mesh as coarse level.
+"""Two-level multigrid: conjugate gradients on quadratic tetrahedra, the linear ones of the same mesh as coarse level.
 
 A cycle smooths all nodes by Chebyshev steps on the 3 x 3 diagonal blocks (Adams et al., J. Comput. Phys. 188, 2003),
 corrects by the linear problem, which has an eighth of the unknowns, and smooths again. The twists of rigid
@@ -29,7 +29,7 @@ logger = logging.getLogger(__name__)
 
 FACTORIZED_TO = 25_000  # degrees of freedom up to which a factorization is faster
 STEPS = 2  # of the smoother, before and after the correction
-SMOOTHED = 8.0  # the smoother takes the part of the spectrum above the largest eigenvalue over this
+SMOOTHED = 8.0  # ratio of the largest eigenvalue to the smallest one that the smoother reduces
 TOLERANCE, LIMIT = 1e-11, 200
 
 
@@ -58,7 +58,7 @@ def two_levels(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> Solve
     def apply(coordinates: Floats) -> Floats:
         return supports.restrict(multiply(supports.expand(coordinates)))
 
-    def scaled(residual: Floats) -> Floats:  # twists are left to the linear level
+    def scaled(residual: Floats) -> Floats:  # the linear level corrects the twists
         split = len(residual) - width
         return np.vstack([inverse @ residual[:split], np.zeros_like(residual[split:])])
 
@@ -102,7 +102,7 @@ def _linear_level(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> So
         tie=supports.tie[np.repeat(supports.tied < count, 3)],
     )
     solve = factorize(linear, held)
-    down = spread[supports.free_dofs]  # forces on free nodes, seen by the vertices
+    down = spread[supports.free_dofs]  # restriction to the vertices of forces on free nodes
     split, twists = down.shape[0], supports.tie.shape[1]
 
     def correct(residual: Floats) -> Floats:
@@ -130,8 +130,8 @@ def _root_of_inverse_blocks(stiffness: csr_array, supports: Supports) -> csr_arr
 def largest_eigenvalue(symmetric: Solve, size: int) -> float:
     """Return the largest eigenvalue of a symmetric product of (size,) vectors, to 1 %.
 
-    By Lanczos's method: one nearly flat element has an eigenvalue far above all others that power steps take long to
-    see, and a smoother for a spectrum that ends an eighth below it is no longer positive definite.
+    By Lanczos's method: a nearly flat element has an isolated largest eigenvalue, which power iteration finds slowly;
+    a smoother for a spectrum that ends an eighth below it is not positive definite.
     """
     from scipy.sparse.linalg import LinearOperator, eigsh
 
