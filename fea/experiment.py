@@ -147,27 +147,36 @@ def run_experiment(part: Part, settings: Settings | None = None, progress: Progr
     InputError : a length out of range, interfaces that overlap, or a foundation that is too soft.
     MeshError : the part cannot be meshed or solved.
     """
+    started = time.perf_counter()
+    _report(progress, "cad", 0.0)
+    settings = settings or Settings()
+    specimen = specimen_of(part, settings)
+    return examine(specimen, settings, progress, time.perf_counter() - started)
+
+
+def specimen_of(part: Part, settings: Settings) -> Specimen:
+    """Return the part as plain numbers, its surface triangulated for the element size of the settings.
+
+    Raises
+    ------
+    MeshError : a length of the settings is out of range for this part.
+    """
     from stiffscope.cad import kernel
     from stiffscope.cad.part import mass_properties, project, surface
     from stiffscope.fea.specimen import Specimen
 
-    started = time.perf_counter()
-    _report(progress, "cad", 0.0)
-    settings = settings or Settings()
     volume = mass_properties(part).volume
     check_lengths(part.name, (volume, kernel.diagonal(part.solid) * 1e-3), settings.size, settings.envelope)
     size = settings.size or default_size(volume, sum(face.area for face in part.faces))
-    skin = surface(part, deflection=CHORD * size, angle=TURN)
-    specimen = Specimen(
+    return Specimen(
         name=part.name,
-        surface=skin,
+        surface=surface(part, deflection=CHORD * size, angle=TURN),
         project=lambda place, points: project(part, place, points),
         elasticity=part.material.elasticity(),
         clamped=part.clamped,
         loaded=tuple((face.faces, np.asarray(face.reference_point, dtype=float)) for face in part.loaded),
         volume=float(volume),
     )
-    return examine(specimen, settings, progress, time.perf_counter() - started)
 
 
 def examine(

@@ -1,6 +1,13 @@
 """An elastic (Winkler) foundation under the clamp: the contact of a bolted joint, equally stiff in all directions.
 
-The clamped faces are held by springs of k N/m³ per unit of area, whose energy is ½ ∫ k |u|² dA.
+The clamped faces are held by springs of k N/m³ per unit of area, whose energy is ½ ∫ k |u|² dA. Machined steel faces
+pressed together by some MPa have 1e12 to 1e13 N/m³ (1,000 to 10,000 N/mm³; 3.5 to 8.8 MPa/µm were measured at 6.3 MPa,
+the rougher face being the softer). A steel layer of 20 mm is as stiff as the upper end: 1.06e13 N/m³.
+
+References
+----------
+L. Zhu, J. Chen, Z. Zhang, J. Hong, Normal contact stiffness model considering 3D surface topography and actual contact
+status, Mech. Sci. 12 (2021) 41, doi:10.5194/ms-12-41-2021, for models and measurements of such contacts.
 """
 
 from __future__ import annotations

@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 
 from stiffscope.cad import slider
-from stiffscope.fea.experiment import Settings, run_experiment
+from stiffscope.fea.experiment import run_experiment
 from stiffscope.fea.geometry import centroid, jacobian_range, volume
 from stiffscope.fea.mesh import MeshError, boundary_facets, tetrahedralize
 from stiffscope.fea.refine import bisect, grade
-from stiffscope.fea.singular import free_exponent, fixed_exponent, singular_edges
+from stiffscope.fea.settings import Settings
+from stiffscope.fea.singular import fixed_exponent, free_exponent, singular_edges
 from stiffscope.fea.specimen import face_areas, interface_error
 from tests.fea.shapes import box
 from tests.validation import parts

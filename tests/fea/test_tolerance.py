@@ -12,10 +12,11 @@ from stiffscope.errors import InputError
 from stiffscope.fea.couplings import rigid_modes
 from stiffscope.fea.cubic import cubic_compliance
 from stiffscope.fea.elasticity import isotropic
-from stiffscope.fea.experiment import Settings, examine, load_experiment
+from stiffscope.fea.experiment import examine, load_experiment
 from stiffscope.fea.export import free_superelement, write_superelement
 from stiffscope.fea.geometry import volume
 from stiffscope.fea.mesh import MeshError
+from stiffscope.fea.settings import Settings
 from stiffscope.fea.singular import singular_edges
 from tests.fea.conftest import PLATE
 from tests.fea.shapes import CLAMPED, box, cylinder
