@@ -1,4 +1,4 @@
-"""Refine a mesh where the cubic solution gained, until every entry's bound is as tight as wanted."""
+"""Adaptive refinement until the error bound of every significant entry meets the tolerance."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from stiffscope.fea.mesh import EDGES, MeshError
 from stiffscope.fea.refine import bisect
+from stiffscope.fea.significance import largest_relative_bound
 from stiffscope.fea.singular import singular_edges
 from stiffscope.fea.solution import solve_specimen
 from stiffscope.fea.specimen import GRADING_RATIO, mesh_specimen
@@ -17,57 +18,47 @@ from stiffscope.fea.specimen import GRADING_RATIO, mesh_specimen
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from stiffscope.fea.experiment import Settings
     from stiffscope.fea.mesh import Floats, TetMesh
+    from stiffscope.fea.settings import Settings
     from stiffscope.fea.solution import Solution
     from stiffscope.fea.specimen import Specimen
 
 logger = logging.getLogger(__name__)
 
-SIGNIFICANT = 0.01  # of sqrt(C_ii C_jj): smaller entries are zeros of a symmetry, or nearly so
-SHAPE_SHARE = 0.5  # of the tolerance that the mesh's shape may use up before the part is meshed anew, finer
-FINER = 0.6
-REMAINS = 0.15  # of the error of a refined element: a cut edge at a singular one takes 0.14, a halved one less
+SHAPE_SHARE = 0.5  # of the tolerance: a larger geometric error asks for a new, finer mesh
+FINER = 0.6  # size of the new mesh over that of the old
+REMAINS = 0.15  # of an element's error after refinement: 0.25^(2λ) = 0.14 at a singular edge, less elsewhere
 AIM = 0.9  # of the tolerance
-LEAST_LEFT = 0.05  # of the error now: what the elements that are not refined may keep in any case
-GROWTH = 6.0  # most elements after a round, in parts of those before
-
-
-def relative_bound(flexibility: Floats, error: Floats) -> tuple[float, tuple[int, int]]:
-    """Return the largest error over |C_ij| of the significant entries, and where it is."""
-    scale = np.sqrt(flexibility.diagonal())
-    size = np.abs(flexibility)
-    ratio = np.where(size > SIGNIFICANT * np.outer(scale, scale), error / np.maximum(size, 1e-300), 0.0)
-    i, j = np.unravel_index(ratio.argmax(), ratio.shape)
-    return float(ratio[i, j]), (int(i), int(j))
+LEAST_LEFT = 0.05  # share of the error that unrefined elements may keep in any case
+GROWTH = 6.0  # largest ratio of elements after a round to those before
 
 
 def solve_within(
-    specimen: Specimen, mesh: TetMesh, settings: Settings, tell: Callable[[str, float], None]
+    specimen: Specimen, mesh: TetMesh, settings: Settings, progress: Callable[[str, float], None]
 ) -> tuple[TetMesh, Solution, str]:
     """Solve, and with a tolerance refine and solve again until it is met or a limit is reached.
 
     Returns
     -------
-    the last mesh, its solution, and an empty note or one line on why the tolerance is not met.
+    the last mesh, its solution, and one line on why the tolerance is not met (empty if it is).
     """
 
     def stopped(limit: str, why: str) -> tuple[TetMesh, Solution, str]:
-        return mesh, solution, _excuse(specimen, mesh, solution, settings, limit, why)
+        return mesh, solution, _shortfall(specimen, mesh, solution, settings, limit, why)
 
     begun = time.perf_counter()
     solution = _solve(specimen, mesh, settings)
     if settings.tolerance is None:
         return mesh, solution, ""
-    size, rounds, spent = settings.size or _size_of(mesh), 0, time.perf_counter() - begun
-    while (bound := relative_bound(solution.flexibility, solution.error)[0]) > settings.tolerance:
+    size, rounds, spent = settings.size or _edge_length(mesh), 0, time.perf_counter() - begun
+    while (bound := largest_relative_bound(solution.compliance, solution.error)[0]) > settings.tolerance:
         rounds += 1
-        tell("refine", min(1.0, settings.tolerance / bound))
-        shape = relative_bound(solution.flexibility, solution.geometry)[0]
+        progress("refine", min(1.0, settings.tolerance / bound))
+        shape = largest_relative_bound(solution.compliance, solution.geometry)[0]
         if shape > SHAPE_SHARE * settings.tolerance:
             size, why = size * FINER, f"the mesh's shape alone leaves {100 * shape:.2g} %"
             try:
-                finer = _meshed_anew(specimen, settings, size)
+                finer = _finer_mesh(specimen, settings, size)
             except MeshError as error:
                 return stopped("the mesher's limit", f"{why}; {error}")
         else:
@@ -92,12 +83,12 @@ def _solve(specimen: Specimen, mesh: TetMesh, settings: Settings) -> Solution:
     return solve_specimen(specimen, mesh, settings.interface, settings.solver, settings.foundation)
 
 
-def _size_of(mesh: TetMesh) -> float:
+def _edge_length(mesh: TetMesh) -> float:
     ends = mesh.points[mesh.cells[:, :4][:, EDGES]]
     return float(np.quantile(np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2), 0.9))
 
 
-def _meshed_anew(specimen: Specimen, settings: Settings, size: float) -> TetMesh:
+def _finer_mesh(specimen: Specimen, settings: Settings, size: float) -> TetMesh:
     return mesh_specimen(
         specimen,
         size=size,
@@ -117,7 +108,7 @@ def _on_singular_edges(specimen: Specimen, mesh: TetMesh, settings: Settings) ->
 
 
 def refined(specimen: Specimen, mesh: TetMesh, indicator: Floats, settings: Settings, bound: float) -> TetMesh:
-    """Return the mesh refined in the fewest elements that hold all of the error but what may stay.
+    """Return the mesh refined in the fewest elements whose refinement meets the tolerance.
 
     At a singular edge the element edges that leave it are cut near it; elsewhere the long edges are halved.
     """
@@ -142,12 +133,12 @@ def refined(specimen: Specimen, mesh: TetMesh, indicator: Floats, settings: Sett
     return bisect(mesh, marked, at)
 
 
-def _excuse(specimen: Specimen, mesh: TetMesh, solution: Solution, settings: Settings, limit: str, why: str) -> str:
-    """Return what was reached, at which limit, and why; an empty ``why`` asks where the error sits."""
-    bound, (i, j) = relative_bound(solution.flexibility, solution.error)
+def _shortfall(specimen: Specimen, mesh: TetMesh, solution: Solution, settings: Settings, limit: str, why: str) -> str:
+    """Return the bound reached, at which limit, and why; an empty ``why`` is replaced by the error's location."""
+    bound, (i, j) = largest_relative_bound(solution.compliance, solution.error)
     if not why:
         near = _on_singular_edges(specimen, mesh, settings)[mesh.cells].any(axis=1)
         share = solution.indicator[near].sum() / solution.indicator.sum()
-        why = f"{share:.0%} of what may be missing sits at borders of held faces and re-entrant edges"
+        why = f"{share:.0%} of the estimated error is at borders of fixed faces and re-entrant edges"
     reached = f"the bound of C{i + 1}{j + 1} reached {bound:.3g} at {limit}"
     return f"tolerance {settings.tolerance:.3g} not met: {reached}; {why}"

@@ -1,4 +1,4 @@
-"""Beam theory beside the virtual experiments: compliance at the end of a clamped straight beam.
+"""Beam theory for comparison: compliance at the end of a clamped straight beam.
 
 Axes: x along the beam from the clamped end to the loaded one, where the reference point is; y and z are principal.
 Twist (v, ω) for a wrench (f, m), SI.

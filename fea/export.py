@@ -1,4 +1,4 @@
-"""What other programs read: VTU files of mesh and fields, and the part as a superelement."""
+"""Export to other programs: VTU files of mesh and fields, and the part as a superelement."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ WRENCHES = ("fx", "fy", "fz", "mx", "my", "mz")
 def write_vtu(experiment: Experiment, path: Path | str) -> Path:
     """Write the quadratic mesh with displacement (m) and von Mises stress (Pa) for each unit wrench; return the path.
 
-    Boundary triangles come as a second block of cells; the cell field ``face`` holds their CAD face, -1 inside.
+    The boundary triangles are a second block of cells; the cell field ``face`` is their CAD face, -1 for tetrahedra.
     """
     import meshio
 
@@ -25,8 +25,8 @@ def write_vtu(experiment: Experiment, path: Path | str) -> Path:
     mesh = experiment.mesh
     fields = {}
     for k, (motion, stress) in enumerate(zip(experiment.displacement, experiment.von_mises, strict=True)):
-        port = "" if len(experiment.displacement) == 6 else f"_{k // 6 + 1}"
-        name = WRENCHES[k % 6] + port
+        suffix = "" if len(experiment.displacement) == 6 else f"_{k // 6 + 1}"
+        name = WRENCHES[k % 6] + suffix
         fields[f"displacement_{name}"] = motion
         fields[f"von_mises_{name}"] = stress
     cells: list[Any] = [("tetra10", mesh.cells), ("triangle6", mesh.facets)]
@@ -45,19 +45,21 @@ by leaving out its six rows and columns. Nodes, x y z in m:
 
 
 def free_superelement(experiment: Experiment) -> tuple[Floats, Floats]:
-    """Return (6n + 6, 6n + 6) stiffness of the part free in space, and (n + 1, 3) its nodes: the clamp, then the ports.
+    """Return (6n + 6, 6n + 6) stiffness of the unsupported part, and (n + 1, 3) its nodes: clamp, then interfaces.
 
-    The clamp turns with node 0 as one body, so only motion relative to it strains the part: nothing is
-    approximated. Node 0 is ``clamp_point``; with an elastic foundation it is the ground under it.
+    The clamp moves with node 0 as one body and only relative motion strains the part, so this is exact. Node 0 is
+    ``clamp_point``; with an elastic foundation it is the ground under it.
     """
-    from stiffscope.fea.interfaces import rigid_modes
+    from stiffscope.fea.couplings import rigid_modes
 
     centre = experiment.clamp_point
     nodes = np.vstack([centre, experiment.reference_points])
-    carried = np.zeros((len(experiment.reference_points), 6, 6))
-    carried[:, :3] = rigid_modes(experiment.reference_points, centre)
-    carried[:, 3:, 3:] = np.eye(3)
-    relative = np.hstack([-carried.reshape(-1, 6), np.eye(6 * len(carried))])  # twists relative to the clamp's body
+    kinematics = np.zeros((len(experiment.reference_points), 6, 6))
+    kinematics[:, :3] = rigid_modes(experiment.reference_points, centre)
+    kinematics[:, 3:, 3:] = np.eye(3)
+    relative = np.hstack(
+        [-kinematics.reshape(-1, 6), np.eye(6 * len(kinematics))]
+    )  # twists relative to the clamp's body
     stiffness = relative.T @ experiment.superelement @ relative
     return (stiffness + stiffness.T) / 2, nodes
 

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
+    from skfem import MeshTet2
 
     from stiffscope.cad.part import Surface
 
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
     Project = Callable[[int, Floats], Floats]
 
 MOST_ELEMENTS = 2e6
-FIN = 0.06  # depth of the fins at seams, in element sizes, and at least three envelopes: deep ones mislead the mesher
+FIN = 0.06  # depth of the fins at seams in element sizes, at least three envelopes; deeper fins cause spurious elements
 
 # The six edges of a tetrahedron and its four outward faces, in the order of VTK's (and scikit-fem's) tet10.
 EDGES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
@@ -34,7 +36,7 @@ FACE_MIDS = np.array([[6, 5, 4], [4, 8, 7], [5, 9, 8], [7, 9, 6]])  # mids of (v
 
 
 class MeshError(InputError):
-    """The solid could not be meshed: too fine for the time given, or a surface no mesher can fill."""
+    """The solid cannot be meshed or solved: too fine for the time limit, or an invalid surface."""
 
 
 @dataclass(frozen=True)
@@ -43,11 +45,11 @@ class TetMesh:
 
     Attributes
     ----------
-    points : (n, 3) node positions.
+    points : (n, 3) node positions: the vertices, then the mids of the edges, in scikit-fem's order.
     cells : (m, 10) nodes of each tetrahedron, VTK's order (4 corners, then mids of ``EDGES``).
     facets : (k, 6) nodes of each boundary triangle (3 corners, then 3 mids), outward.
     facet_face : (k,) number of the CAD face on which each boundary triangle lies.
-    pulled_back : elements that snapping would have inverted and that were pulled back.
+    pulled_back : elements whose nodes were moved back because snapping inverted them.
     """
 
     points: Floats
@@ -55,6 +57,25 @@ class TetMesh:
     facets: Ints
     facet_face: Ints
     pulled_back: int = 0
+
+    @cached_property
+    def grid(self) -> MeshTet2:
+        """The mesh as scikit-fem's; the boundary named ``str(face)`` holds the facets on that CAD face."""
+        from skfem import MeshTet2
+
+        grid = MeshTet2(np.ascontiguousarray(self.points.T), np.ascontiguousarray(self.cells[:, :4].T, dtype=np.int32))
+        number = np.empty(len(self.facets), dtype=np.int64)
+        outer = grid.boundary_facets()
+        number[np.lexsort(np.sort(self.facets[:, :3], axis=1).T)] = outer[np.lexsort(grid.facets[:, outer])]
+        return grid.with_boundaries({str(face): number[self.facet_face == face] for face in np.unique(self.facet_face)})
+
+    @cached_property
+    def curved(self) -> NDArray[np.bool_]:
+        """(m,) whether sides of each tetrahedron are curved."""
+        ends = self.points[self.cells[:, EDGES]]  # (m, 6, 2, 3)
+        sag = np.linalg.norm(self.points[self.cells[:, 4:]] - ends.mean(axis=2), axis=2)
+        length = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
+        return (sag > 1e-8 * length).any(axis=1)
 
     def facets_of(self, faces: frozenset[int]) -> Ints:
         """Return (k, 6) the boundary triangles on the given CAD faces."""
@@ -74,9 +95,9 @@ def default_size(volume: float, area: float) -> float:
 
 
 def default_envelope(surface: Surface, size: float) -> float:
-    """Return how far (m) fTetWild may leave the surface: 0.03 sizes, away from the slow end of its range.
+    """Return fTetWild's distance (m) from the surface: 0.03 sizes, within the range in which it is fast.
 
-    At most a tenth of the thickness, be it slow: a wall must stay a wall.
+    At most a tenth of the thickness even where that is slow, so that thin walls survive.
     """
     diagonal = float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
     return float(min(np.clip(0.03 * size, 3e-4 * diagonal, 1e-3 * diagonal), 0.1 * thickness(surface)))
@@ -88,7 +109,7 @@ def thickness(surface: Surface) -> float:
 
 
 def check_lengths(name: str, solid: tuple[float, float], size: float | None, envelope: float | None) -> None:
-    """Raise MeshError for lengths that are no mesh's of this part: too fine to end, too coarse to show it.
+    """Raise MeshError for a size or an envelope that is too small or too large for this part.
 
     Parameters
     ----------
@@ -100,7 +121,7 @@ def check_lengths(name: str, solid: tuple[float, float], size: float | None, env
         ("size", size, finest, diagonal),
         ("envelope", envelope, 1e-5 * diagonal, 0.01 * diagonal),
     ):
-        if value is not None and not 0.99 * least <= value <= 1.01 * most:  # what is printed is rounded
+        if value is not None and not 0.99 * least <= value <= 1.01 * most:  # the message rounds them
             raise MeshError(
                 f"{name}.mesh.{kind}: expected {least * 1e3:.3g} mm to {most * 1e3:.3g} mm for this part, "
                 f"got {value * 1e3:g} mm"
@@ -121,7 +142,7 @@ def tetrahedralize(
     Parameters
     ----------
     surface : watertight triangles, outward, metres.
-    size, envelope : wanted edge length and allowed distance to the surface, metres.
+    size, envelope : target edge length and allowed distance to the surface, metres.
     time_limit : seconds after which the mesher is killed.
     threads : fTetWild's threads; 0 takes all.
 
@@ -131,7 +152,7 @@ def tetrahedralize(
 
     Raises
     ------
-    MeshError : the surface is open, the mesher crashed or ran out of time, or its volume is 10 % off.
+    MeshError : the surface is open, the mesher crashed or exceeded its time, or its volume is 10 % wrong.
     """
     check_surface(surface, size, envelope)
     vertices, triangles = _with_fins(surface, min(max(FIN * size, 3 * envelope), 0.3 * thickness(surface)))
@@ -171,10 +192,10 @@ def check_surface(surface: Surface, size: float, envelope: float) -> None:
 
 
 def _with_fins(surface: Surface, depth: float) -> tuple[Floats, Ints]:
-    """Return vertices and triangles with a fin hung inwards from each seam.
+    """Return vertices and triangles with a fin pointing inwards at each seam.
 
-    Between two triangles in one plane the mesher keeps no edge, where three sheets meet it does. The triangles of
-    a fin face both ways in turn, since the mesher tells the inside by the solid angles of what it was given.
+    The mesher keeps an edge where three sheets meet, but none between two triangles in one plane. The triangles of
+    a fin face both ways in turn, since the mesher finds the interior from solid angles (winding numbers).
     """
     vertices, triangles, tags = surface.vertices, surface.triangles, surface.face_of_triangle
     if not surface.seams:

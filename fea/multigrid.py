@@ -1,4 +1,4 @@
-"""Conjugate gradients on quadratic tetrahedra with the linear ones of the same mesh as coarse level.
+"""Two-level multigrid: conjugate gradients on quadratic tetrahedra, the linear ones of the same mesh as coarse level.
 
 A cycle smooths all nodes by Chebyshev steps on the 3 x 3 diagonal blocks (Adams et al., J. Comput. Phys. 188, 2003),
 corrects by the linear problem, which has an eighth of the unknowns, and smooths again. The twists of rigid
@@ -13,14 +13,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.fea.interfaces import factorize
-from stiffscope.fea.mesh import EDGES
+from stiffscope.errors import InputError
+from stiffscope.fea.couplings import factorize
+from stiffscope.fea.settings import SOLVERS
 from stiffscope.fea.solvers import Solver, conjugate_gradients, product
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-    from stiffscope.fea.interfaces import Supports
+    from stiffscope.fea.couplings import Supports
     from stiffscope.fea.mesh import Floats, TetMesh
     from stiffscope.fea.solvers import Solve
 
@@ -28,12 +29,19 @@ logger = logging.getLogger(__name__)
 
 FACTORIZED_TO = 25_000  # degrees of freedom up to which a factorization is faster
 STEPS = 2  # of the smoother, before and after the correction
-SMOOTHED = 8.0  # the smoother takes the part of the spectrum above the largest eigenvalue over this
+SMOOTHED = 8.0  # ratio of the largest eigenvalue to the smallest one that the smoother reduces
 TOLERANCE, LIMIT = 1e-11, 200
 
 
 def prepare(mesh: TetMesh, stiffness: csr_array, supports: Supports, name: str = "auto") -> Solver:
-    """Return the solver of the supported stiffness (3n, 3n) of a mesh: multigrid, direct, or auto, the faster one."""
+    """Return the solver of the supported stiffness (3n, 3n) of a mesh: multigrid, direct, or auto, the faster one.
+
+    Raises
+    ------
+    InputError : an unknown name.
+    """
+    if name not in SOLVERS:
+        raise InputError(f"solver: expected {', '.join(SOLVERS[:-1])} or {SOLVERS[-1]}, got {name!r}")
     if name == "multigrid" or (name == "auto" and 3 * len(supports.free) > FACTORIZED_TO):
         return two_levels(mesh, stiffness, supports)
     solve = factorize(stiffness, supports)
@@ -50,7 +58,7 @@ def two_levels(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> Solve
     def apply(coordinates: Floats) -> Floats:
         return supports.restrict(multiply(supports.expand(coordinates)))
 
-    def scaled(residual: Floats) -> Floats:  # twists are left to the linear level
+    def scaled(residual: Floats) -> Floats:  # the linear level corrects the twists
         split = len(residual) - width
         return np.vstack([inverse @ residual[:split], np.zeros_like(residual[split:])])
 
@@ -77,32 +85,24 @@ def two_levels(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> Solve
 
 def _linear_level(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> Solve:
     """Return the correction of all coordinates by the solution for linear displacements between the vertices."""
-    from scipy.sparse import csr_array, eye_array, kron
+    from scipy.sparse import coo_array, csr_array, eye_array, kron, vstack
 
-    vertices = np.unique(mesh.cells[:, :4])
-    number = np.full(len(mesh.points), -1)
-    number[vertices] = np.arange(len(vertices))
-    mids, first = np.unique(mesh.cells[:, 4:], return_index=True)
-    ends = mesh.cells[:, :4][:, EDGES].reshape(-1, 2)[first]
-    rows = np.concatenate([vertices, mids, mids])
-    columns = number[np.concatenate([vertices, ends[:, 0], ends[:, 1]])]
-    weights = np.concatenate([np.ones(len(vertices)), np.full(2 * len(mids), 0.5)])
-    between = csr_array((weights, (rows, columns)), shape=(len(mesh.points), len(vertices)))
+    count, edges = int(mesh.grid.nvertices), mesh.grid.edges
+    halves = coo_array((np.full(edges.size, 0.5), (np.tile(np.arange(edges.shape[1]), 2), edges.ravel())))
+    between = vstack([eye_array(count), halves])  # nodes are numbered vertices first
     spread = csr_array(kron(between, eye_array(3), format="csr"))
     linear = csr_array(spread.T @ (stiffness @ spread))
 
-    tied = supports.tied[number[supports.tied] >= 0]
-    chosen = np.isin(supports.tied, tied)
     held = replace(
         supports,
-        nodes=len(vertices),
-        free=_kept(number, supports.free),
-        tied=number[tied],
-        clamped=_kept(number, supports.clamped),
-        tie=supports.tie[np.repeat(chosen, 3)],
+        nodes=count,
+        free=supports.free[supports.free < count],
+        tied=supports.tied[supports.tied < count],
+        clamped=supports.clamped[supports.clamped < count],
+        tie=supports.tie[np.repeat(supports.tied < count, 3)],
     )
     solve = factorize(linear, held)
-    down = spread[supports.free_dofs]  # forces on free nodes, seen by the vertices
+    down = spread[supports.free_dofs]  # restriction to the vertices of forces on free nodes
     split, twists = down.shape[0], supports.tie.shape[1]
 
     def correct(residual: Floats) -> Floats:
@@ -112,11 +112,6 @@ def _linear_level(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> So
         return np.vstack([down @ held.expand(answer), answer[len(answer) - twists :]])
 
     return correct
-
-
-def _kept(number: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    renumbered = number[nodes]
-    return renumbered[renumbered >= 0]
 
 
 def _root_of_inverse_blocks(stiffness: csr_array, supports: Supports) -> csr_array:
@@ -135,8 +130,8 @@ def _root_of_inverse_blocks(stiffness: csr_array, supports: Supports) -> csr_arr
 def largest_eigenvalue(symmetric: Solve, size: int) -> float:
     """Return the largest eigenvalue of a symmetric product of (size,) vectors, to 1 %.
 
-    By Lanczos's method: one nearly flat element has an eigenvalue far above all others that power steps take long to
-    see, and a smoother for a spectrum that ends an eighth below it is no longer positive definite.
+    By Lanczos's method: a nearly flat element has an isolated largest eigenvalue, which power iteration finds slowly;
+    a smoother for a spectrum that ends an eighth below it is not positive definite.
     """
     from scipy.sparse.linalg import LinearOperator, eigsh
 

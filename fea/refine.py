@@ -1,7 +1,7 @@
-"""Local refinement by bisecting edges: grading towards singular edges, or wherever an estimate asks.
+"""Local refinement by bisection of edges: grading towards singular edges, and adaptive refinement.
 
-Children keep the parent's quadratic map (a straight-sided piece of a quadratic element in its reference
-coordinates is again a quadratic element), so refinement neither moves the boundary nor inverts an element.
+Children keep the parent's quadratic map (a straight-sided part of the reference element maps to a quadratic
+element again), so refinement neither moves the boundary nor inverts an element.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.fea.geometry import shapes
 from stiffscope.fea.mesh import EDGES, FACE_MIDS, FACES, TetMesh, unique_edges
-from stiffscope.fea.shape import evaluate
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -32,7 +32,7 @@ class _Pieces:
 
 
 def bisect(mesh: TetMesh, marked: Ints, at: Floats) -> TetMesh:
-    """Return the mesh with each marked edge cut in two, and the tetrahedra around it with it.
+    """Return the mesh with each marked edge, and the tetrahedra around it, cut in two.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def _rebuilt(mesh: TetMesh, pieces: _Pieces, vertex_count: int) -> TetMesh:
     points = np.zeros((vertex_count + len(edges), 3))
     _, first = np.unique(cells, return_index=True)
     roots = mesh.points[mesh.cells[pieces.root[first // 10]]]
-    points[cells.reshape(-1)[first]] = evaluate(roots, reference.reshape(-1, 3)[first])
+    points[cells.reshape(-1)[first]] = np.einsum("nk,kni->ki", shapes(reference.reshape(-1, 3)[first].T)[0], roots)
     facets, faces = _inherited_facets(mesh, pieces, cells)
     used, compact = np.unique(cells, return_inverse=True)
     new = np.full(len(points), -1, dtype=np.int64)
@@ -122,7 +122,7 @@ def _inherited_facets(mesh: TetMesh, pieces: _Pieces, cells: Ints) -> tuple[Ints
     match = outer_key[order][slot] == side_key
     parent.reshape(-1)[match] = mesh.facet_face[order][slot[match]]
     bary = np.concatenate([1 - pieces.corners.sum(axis=2, keepdims=True), pieces.corners], axis=2)  # (m, 4, 4)
-    opposite = [3, 2, 0, 1]  # the vertex each of FACES leaves out
+    opposite = [3, 2, 0, 1]  # the vertex opposite to each of FACES
     found_facets, found_faces = [], []
     for child in range(4):
         on_side = np.abs(bary[:, FACES[child]]).max(axis=1) < 1e-12  # (m, 4): root coordinate k vanishes

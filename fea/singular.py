@@ -1,4 +1,4 @@
-"""Edges where stresses are singular, how strongly, and what elements of higher order still miss there.
+"""Singular edges, their exponents, and the error that cubic elements leave there.
 
 Around an edge displacements go as r^λ: M. L. Williams, J. Appl. Mech. 19 (1952) 526, for plane strain.
 """
@@ -18,20 +18,20 @@ if TYPE_CHECKING:
 
 SHARP = 0.35  # rad beyond the straight angle from which a re-entrant edge counts
 KOLOSOV = 3 - 4 * 0.3  # of plane strain; at a right angle λ is 0.76 to 0.64 for Poisson's ratios of 0.2 to 0.45
-BRANCH = np.radians(142.0)  # beyond which λ is complex at a held edge
+BRANCH = np.radians(142.0)  # beyond which λ is complex at a fixed edge
 
 
 def singular_edges(
-    mesh: TetMesh, held: Sequence[frozenset[int]], loaded: Sequence[frozenset[int]] = ()
+    mesh: TetMesh, fixed: Sequence[frozenset[int]], loaded: Sequence[frozenset[int]] = ()
 ) -> tuple[Ints, Floats]:
     """Return (e, 2) vertex pairs along singular edges and (e,) their exponents λ.
 
-    Singular are the borders of held faces, re-entrant edges, and the borders of loaded faces unless they are at an
+    Singular are the borders of fixed faces, re-entrant edges, and the borders of loaded faces unless they are at an
     edge of the solid: there displacements go as r log r, and λ is 1.
 
     Parameters
     ----------
-    held, loaded : CAD faces that cannot deform, and those under tractions, set by set.
+    fixed, loaded : sets of CAD faces that cannot deform, and of those under tractions.
     """
     facets = mesh.facets[:, :3]
     a, b, c = (mesh.points[facets[:, k]] for k in range(3))
@@ -42,10 +42,10 @@ def singular_edges(
     rise = np.einsum("ij,ij->i", normals[left], (a + b + c)[right] - (a + b + c)[left])
     inside = np.maximum(np.pi + np.where(rise > 0, turn, -turn), 0.1)  # angle of the material around the edge
     parted = mesh.facet_face[left] != mesh.facet_face[right]
-    border = _differ(mesh, held, left, right)
+    border = _differ(mesh, fixed, left, right)
     reentrant = ~border & parted & (inside > np.pi + SHARP)
     jump = ~border & ~reentrant & _differ(mesh, loaded, left, right) & (inside > np.pi - SHARP)
-    exponents = held_exponent(inside[border]), free_exponent(inside[reentrant]), np.ones(int(jump.sum()))
+    exponents = fixed_exponent(inside[border]), free_exponent(inside[reentrant]), np.ones(int(jump.sum()))
     return np.vstack([pairs[which] for which in (border, reentrant, jump)]), np.concatenate(exponents)
 
 
@@ -65,8 +65,8 @@ def free_exponent(inside: Floats) -> Floats:
     return power
 
 
-def held_exponent(inside: Floats) -> Floats:
-    """Return λ (its real part) where a held side meets a free one; 0.711 at a right angle, 0.5 in a plane, at most 1.
+def fixed_exponent(inside: Floats) -> Floats:
+    """Return λ (its real part) where a fixed side meets a free one; 0.711 at a right angle, 0.5 in a plane, at most 1.
 
     κ sin² λω = (κ + 1)² / 4 - λ² sin² ω, with Kolosov's κ; by Newton's method from that of two right angles.
     """
@@ -80,22 +80,22 @@ def held_exponent(inside: Floats) -> Floats:
     return np.minimum(np.real(power), 1.0)
 
 
-def still_missing(exponent: Floats) -> Floats:
-    """Return what cubics lack at an edge, in parts of what they gain on quadratics: energies fall as p^(-4λ).
+def remaining_ratio(exponent: Floats) -> Floats:
+    """Return the error of cubics at an edge relative to the quadratic-to-cubic difference: energies fall as p^(-4λ).
 
     I. Babuška and M. Suri, RAIRO Modél. Math. Anal. Numér. 21 (1987) 199.
     """
     return 1 / (1.5 ** (4 * exponent) - 1)
 
 
-def missing_at_edges(mesh: TetMesh, held: Sequence[frozenset[int]], loaded: Sequence[frozenset[int]] = ()) -> Floats:
-    """Return (m,) ``still_missing`` of the elements that touch a singular edge, at its strongest, and 0 elsewhere.
+def remaining_at_edges(mesh: TetMesh, fixed: Sequence[frozenset[int]], loaded: Sequence[frozenset[int]] = ()) -> Floats:
+    """Return (m,) ``remaining_ratio`` of the elements that touch a singular edge, its largest value; 0 elsewhere.
 
     Parameters
     ----------
-    held, loaded : CAD faces that cannot deform, and those under tractions, set by set.
+    fixed, loaded : sets of CAD faces that cannot deform, and of those under tractions.
     """
-    edges, exponents = singular_edges(mesh, held, loaded)
+    edges, exponents = singular_edges(mesh, fixed, loaded)
     at_node = np.zeros(len(mesh.points))
-    np.maximum.at(at_node, edges.reshape(-1), np.repeat(still_missing(exponents), 2))
+    np.maximum.at(at_node, edges.reshape(-1), np.repeat(remaining_ratio(exponents), 2))
     return at_node[mesh.cells[:, :4]].max(axis=1)

@@ -1,4 +1,4 @@
-"""Put boundary nodes on the exact CAD surface: fTetWild then only has to get the topology right."""
+"""Projection of the boundary nodes on the exact CAD surface: fTetWild only has to find the topology."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.fea.geometry import jacobian_range, quadrature, shapes
 from stiffscope.fea.mesh import EDGES, FACE_MIDS, FACES, TetMesh, boundary_facets, unique_edges
-from stiffscope.fea.shape import facet_rule, facet_values, jacobian_range
 from stiffscope.fea.tags import smooth_tags, tag_facets
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 ROUNDS = 60
-FLATTEST = 0.003  # least Jacobian of a curved element over its mean, below which it is dropped or pulled back
+FLATTEST = 0.003  # least Jacobian of a curved element over its mean, below which it is removed or moved back
 
 
 def snap(points: Floats, cells: Ints, surface: Surface, project: Project, size: float) -> TetMesh:
@@ -31,7 +31,7 @@ def snap(points: Floats, cells: Ints, surface: Surface, project: Project, size: 
     surface : the CAD surface they fill.
     project : ``project(face, points)`` gives the closest points on the face's underlying surface, and with the
         numbers after the last face's those on the surface's seams.
-    size : wanted edge length (m), the scale of what counts as near.
+    size : target edge length (m); nodes farther than that from a face are left in place.
     """
     facets, owner, local = boundary_facets(cells)
     skin = _Skin(cells, facets, owner, local, smooth_tags(facets, tag_facets(surface, points[facets], size / 2)))
@@ -39,10 +39,10 @@ def snap(points: Floats, cells: Ints, surface: Surface, project: Project, size: 
     nodes, full, full_facets, edges = _curved(points, skin, target)
     for _ in range(3):
         inverted = jacobian_range(nodes[full]) < FLATTEST
-        doomed = np.intersect1d(np.flatnonzero(inverted), _twins(skin))
-        if not len(doomed):
+        slivers = np.intersect1d(np.flatnonzero(inverted), _sliver_candidates(skin))
+        if not len(slivers):
             break
-        skin = _without(skin, doomed)
+        skin = _without(skin, slivers)
         nodes, full, full_facets, edges = _curved(points, skin, target)
     nodes, pulled = _pull_back(nodes, full, points, edges)
     return _compact(TetMesh(nodes, full, full_facets, skin.tags, pulled))
@@ -50,7 +50,7 @@ def snap(points: Floats, cells: Ints, surface: Surface, project: Project, size: 
 
 @dataclass(frozen=True)
 class _Target:
-    """Where nodes are put: the closest points on faces and seams, the element size (m), the number of faces."""
+    """Projection on faces and seams, element size (m), number of faces."""
 
     project: Project
     size: float
@@ -80,40 +80,40 @@ def _curved(points: Floats, skin: _Skin, target: _Target) -> tuple[Floats, Ints,
     return _balance(nodes, facets, skin.tags, target), cells, facets, edges
 
 
-def _twins(skin: _Skin) -> Ints:
-    """Return the tetrahedra with two boundary triangles on one CAD face: chips that snapping may flatten."""
+def _sliver_candidates(skin: _Skin) -> Ints:
+    """Return the tetrahedra with two boundary triangles on one CAD face: sliver candidates."""
     order = np.lexsort((skin.tags, skin.owner))
     first, second = order[:-1], order[1:]
     same = (skin.owner[first] == skin.owner[second]) & (skin.tags[first] == skin.tags[second])
     return np.unique(skin.owner[first[same]])
 
 
-def _without(skin: _Skin, doomed: Ints) -> _Skin:
-    """Remove tetrahedra; the triangles that this uncovers inherit the CAD face of those that went."""
-    if not len(doomed):
+def _without(skin: _Skin, slivers: Ints) -> _Skin:
+    """Return the skin without tetrahedra; new boundary triangles inherit the CAD face of the removed ones."""
+    if not len(slivers):
         return skin
     known = {tuple(sorted(facet)): tag for facet, tag in zip(skin.facets.tolist(), skin.tags.tolist(), strict=True)}
-    heir = dict(zip(skin.owner.tolist(), skin.tags.tolist(), strict=True))
-    for cell in doomed.tolist():
+    inherited = dict(zip(skin.owner.tolist(), skin.tags.tolist(), strict=True))
+    for cell in slivers.tolist():
         for side in FACES:
-            known.setdefault(tuple(sorted(skin.cells[cell, side].tolist())), heir[cell])
-    cells = np.delete(skin.cells, doomed, axis=0)
+            known.setdefault(tuple(sorted(skin.cells[cell, side].tolist())), inherited[cell])
+    cells = np.delete(skin.cells, slivers, axis=0)
     facets, owner, local = boundary_facets(cells)
     tags = np.array([known[tuple(sorted(facet))] for facet in facets.tolist()])
-    logger.debug("dropped %d flat tetrahedra", len(doomed))
+    logger.debug("dropped %d flat tetrahedra", len(slivers))
     return _Skin(cells, facets, owner, local, tags)
 
 
 def _on_faces(points: Floats, nodes: Ints, tags: Ints, target: _Target) -> Floats:
     """Return points with ``nodes`` (k, 3) of each boundary triangle moved on all CAD faces (and seams) they touch.
 
-    Alternating projections; a node whose faces do not meet nearby (a wrong tag) keeps the nearest one.
+    By alternating projections; a node whose faces do not meet nearby (a wrong tag) stays in place.
     """
     node, place = _places(nodes, tags, target)
     moved = points.copy()
-    crowd = np.bincount(node, minlength=len(points))
-    for sharing in range(1, int(crowd.max()) + 1):
-        mine = crowd[node] == sharing
+    places = np.bincount(node, minlength=len(points))
+    for sharing in range(1, int(places.max()) + 1):
+        mine = places[node] == sharing
         _alternate(moved, node[mine], place[mine], target, 1 if sharing == 1 else ROUNDS)
     far = np.linalg.norm(moved - points, axis=1) > target.size
     if far.any():
@@ -123,7 +123,7 @@ def _on_faces(points: Floats, nodes: Ints, tags: Ints, target: _Target) -> Float
 
 
 def _places(nodes: Ints, tags: Ints, target: _Target) -> tuple[Ints, Ints]:
-    """Return each pair of node and place once; a node on both faces of a seam has the seam instead of them."""
+    """Return the unique pairs of node and place; the seam replaces both its faces for a node on them."""
     count = target.faces + len(target.seams)
     pairs = np.unique(nodes.reshape(-1) * count + np.repeat(tags, 3))
     node, place = pairs // count, pairs % count
@@ -144,9 +144,9 @@ def _balance(nodes: Floats, facets: Ints, tags: Ints, target: _Target) -> Floats
     First the mean gap of each side is taken to zero, then that of each triangle.
     """
     nodes = _balance_sides(nodes, facets, tags, target)
-    at, weights = facet_rule()
+    at, weights = quadrature(4, triangle=True)
     gaps = np.zeros((len(facets), 3))
-    for values, weight in zip(facet_values(at), weights, strict=True):
+    for values, weight in zip(shapes(at)[0].T, weights, strict=True):
         on_facet = np.einsum("n,knj->kj", values, nodes[facets])
         triples = np.repeat(np.arange(len(facets))[:, None], 3, axis=1)
         gaps += 2 * weight * (_on_faces(on_facet, triples, tags, target) - on_facet)
@@ -167,7 +167,7 @@ def _balance_sides(nodes: Floats, facets: Ints, tags: Ints, target: _Target) -> 
     start, stop, middle = nodes[ends[first, 0]], nodes[ends[first, 1]], nodes[node]
     new = np.searchsorted(node, mids)
     gap = np.zeros_like(middle)
-    for s in (0.5 - 0.15**0.5, 0.5 + 0.15**0.5):  # Gauss's three points, of which the mid has no gap
+    for s in (0.5 - 0.15**0.5, 0.5 + 0.15**0.5):  # three Gauss points; the gap at the middle one is zero
         on_side = (1 - s) * (1 - 2 * s) * start + s * (2 * s - 1) * stop + 4 * s * (1 - s) * middle
         gap += (_on_faces(on_side, new, tags, target) - on_side) * 5 / 18
     balanced = nodes.copy()
@@ -189,21 +189,21 @@ def _alternate(points: Floats, node: Ints, place: Ints, target: _Target, rounds:
 
 
 def _pull_back(nodes: Floats, cells: Ints, original: Floats, edges: Ints) -> tuple[Floats, int]:
-    """Straighten, then return towards the mesher's positions, the elements that snapping inverted."""
+    """Straighten the elements that snapping inverted, then move them back towards the mesher's positions."""
     nodes = nodes.copy()
     corners = len(original)
     least = jacobian_range(nodes[cells])
     pulled = np.zeros(len(cells), dtype=bool)
     for attempt in range(8):
-        hurt = least < FLATTEST
-        if not hurt.any():
+        inverted = least < FLATTEST
+        if not inverted.any():
             break
-        pulled |= hurt
-        if attempt > 1:  # straight sides were not enough: the corners go half of the way back
-            touched = np.unique(cells[hurt, :4])
+        pulled |= inverted
+        if attempt > 1:  # straight sides did not suffice: move the corners half of the way back
+            touched = np.unique(cells[inverted, :4])
             nodes[touched] = (nodes[touched] + original[touched]) / 2
-            hurt = np.isin(cells[:, :4], touched).any(axis=1)
-        mids = np.unique(cells[hurt, 4:])
+            inverted = np.isin(cells[:, :4], touched).any(axis=1)
+        mids = np.unique(cells[inverted, 4:])
         middle = nodes[edges[mids - corners]].mean(axis=1)
         nodes[mids] = middle if attempt else (nodes[mids] + middle) / 2
         least = jacobian_range(nodes[cells])

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Solver:
-    """What forces (c, loads) do to the coordinates: ``solve`` in full, ``precondition`` roughly, for an iteration."""
+    """Coordinates from forces (c, loads): ``solve`` exactly, ``precondition`` approximately, for an iteration."""
 
     solve: Solve
     precondition: Solve
@@ -35,12 +35,12 @@ def _threads() -> ThreadPoolExecutor:
 
 
 def on_all_cores(work: Callable[..., Any], *items: Iterable[Any]) -> list[Any]:
-    """Do independent pieces of NumPy's or SciPy's work side by side; their loops let go of the interpreter."""
+    """Run independent pieces of NumPy's or SciPy's work in threads; their loops release the interpreter lock."""
     return list(_threads().map(work, *items))
 
 
 def product(matrix: csr_array) -> Solve:
-    """Return ``x -> matrix @ x`` of a square matrix with its rows shared among the cores."""
+    """Return ``x -> matrix @ x`` of a square matrix with its rows distributed to the cores."""
     from scipy.sparse import csr_array
 
     cores = os.cpu_count() or 1
@@ -66,9 +66,9 @@ def factorized(matrix: csr_array) -> Solve:
 def conjugate_gradients(
     apply: Solve, precondition: Solve, force: Floats, motion: Floats, tolerance: float, limit: int
 ) -> tuple[Floats, bool]:
-    """Solve for all columns at once, until a step adds less than a tenth of ``tolerance`` of the energy gained.
+    """Solve for all columns at once until a step adds less than ``tolerance`` / 10 of the energy gained so far.
 
-    Returns the motion, and whether that came to pass within ``limit`` steps.
+    Returns the motion, and whether it converged within ``limit`` steps.
     """
     motion = motion.copy()
     residual = force - apply(motion)
@@ -76,13 +76,13 @@ def conjugate_gradients(
     fall = np.einsum("ij,ij->j", residual, step)
     direction = step
     gained = np.full(force.shape[1], np.finfo(float).tiny)
-    for _ in range(limit):  # in place: these arrays are the most that a large problem holds
+    for _ in range(limit):  # in place: these arrays are the largest of the problem
         pushed = apply(direction)
         length = fall / np.maximum(np.einsum("ij,ij->j", direction, pushed), np.finfo(float).tiny)
         motion += length * direction
         pushed *= length
         residual -= pushed
-        gain = length * fall  # what this step adds to each compliance
+        gain = length * fall  # contribution of this step to each compliance
         gained += gain
         if (gain < 0.1 * tolerance * gained).all():
             return motion, True

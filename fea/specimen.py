@@ -1,4 +1,4 @@
-"""A part as plain numbers, and its mesh: no CAD kernel is needed from here on."""
+"""A part as plain numbers, independent of the CAD kernel, and its mesh."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.fea.geometry import area_elements, centroid, jacobian_range, volume
 from stiffscope.fea.mesh import MeshError, default_envelope, default_size, tetrahedralize
 from stiffscope.fea.refine import grade
-from stiffscope.fea.shape import area_elements, centroid, jacobian_range, volume
 from stiffscope.fea.singular import singular_edges
 from stiffscope.fea.snap import snap
 
@@ -21,22 +21,22 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-ATTEMPTS, PATIENCE = 3, 5.0  # meshes tried, and seconds after which no further one is
-CLOSER = 3.0  # each has so many times less of an envelope: one wider than a step is high may swallow the step
+ATTEMPTS, PATIENCE = 3, 5.0  # meshes tried, and seconds after which no further one is started
+CLOSER = 3.0  # ratio of successive envelopes: one larger than the height of a step may lose the step
 GOOD_SHAPE = 3e-5
 
-GRADING_RATIO = 0.25  # of halving and quartering, quartering gains three times as much for the same elements
+GRADING_RATIO = 0.25  # cutting at a quarter reduces the error three times as much as halving, for as many elements
 
 
 @dataclass(frozen=True)
 class Specimen:
-    """A part as plain numbers: all that an experiment needs to know, without the CAD kernel.
+    """Geometry, material, clamped and loaded faces of a part, as plain numbers.
 
     Attributes
     ----------
     project : ``project(place, points)``, closest points on a CAD face's surface or, numbered after them, a seam, m.
     elasticity : (6, 6) Pa, Voigt order xx, yy, zz, yz, xz, xy.
-    clamped : CAD faces that are held.
+    clamped : CAD faces that are fixed.
     loaded : (CAD faces, reference point) of each loaded interface.
     """
 
@@ -54,7 +54,7 @@ class Specimen:
         return self.clamped, *(faces for faces, _ in self.loaded)
 
     def fixed(self, *, rigid: bool) -> tuple[frozenset[int], ...]:
-        """Those of them that cannot deform: the loaded ones where they are rigid."""
+        """The interfaces that cannot deform: the clamp, and loaded faces with rigid couplings."""
         return self.interfaces if rigid else self.interfaces[:1]
 
 
@@ -71,11 +71,11 @@ def mesh_specimen(
 ) -> TetMesh:
     """Return the quadratic mesh of a specimen, snapped to its CAD surface and graded at singular edges.
 
-    After ``patience`` seconds no mesh of a better shape is tried for.
+    After ``patience`` seconds no further attempt at a better geometry is made.
 
     Raises
     ------
-    MeshError : no mesh in time, inverted elements, a held face without triangles, or a wrong volume.
+    MeshError : time limit exceeded, inverted elements, an interface without triangles, or a wrong volume.
     """
     size = size or default_size(specimen.volume, sum(face.area for face in specimen.surface.faces))
     envelope = envelope or default_envelope(specimen.surface, size)
@@ -89,7 +89,7 @@ def mesh_specimen(
 def _best_mesh(
     specimen: Specimen, size: float, envelope: float, time_limit: float, threads: int, patience: float
 ) -> TetMesh:
-    """Return the first mesh whose shape is good, or the best of a few: no two runs of fTetWild are the same."""
+    """Return the first mesh with a good geometry, or the best of a few: fTetWild is not deterministic."""
     begun = time.perf_counter()
     tried: list[tuple[float, TetMesh]] = []
     for attempt in range(ATTEMPTS):
@@ -101,24 +101,24 @@ def _best_mesh(
                 break
             raise
         mesh = snap(points, cells, specimen.surface, specimen.project, size)
-        tried.append((shape_error(specimen, mesh) + sum(interface_error(specimen, mesh)), mesh))
+        tried.append((geometric_error(specimen, mesh) + sum(interface_error(specimen, mesh)), mesh))
         if tried[-1][0] < GOOD_SHAPE or time.perf_counter() - begun > patience:
             break
-        logger.info("%s: shape error %.1e, meshing once more", specimen.name, tried[-1][0])
+        logger.info("%s: geometric error %.1e, meshing once more", specimen.name, tried[-1][0])
     best = min(tried, key=lambda one: one[0])[1]
     _check(specimen, best)
     return best
 
 
-def shape_error(specimen: Specimen, mesh: TetMesh) -> float:
-    """Return how far the mesh's volume and area are off, relative, together."""
+def geometric_error(specimen: Specimen, mesh: TetMesh) -> float:
+    """Return the sum of the relative errors of the mesh's volume and area."""
     wanted = sum(face.area for face in specimen.surface.faces)
     area = face_areas(mesh, len(specimen.surface.faces)).sum()
     return abs(volume(mesh.points, mesh.cells) / specimen.volume - 1) + float(abs(area / wanted - 1))
 
 
 def interface_error(specimen: Specimen, mesh: TetMesh) -> tuple[float, float]:
-    """Return how far, at worst, an interface's area is off, relative, and its centre, in parts of its size."""
+    """Return the largest relative error of an interface's area, and of its centroid relative to its size."""
     areas, worst = face_areas(mesh, len(specimen.surface.faces)), np.zeros(2)
     for interface in specimen.interfaces:
         numbers = sorted(interface)
@@ -133,7 +133,7 @@ def interface_error(specimen: Specimen, mesh: TetMesh) -> tuple[float, float]:
 
 
 def face_areas(mesh: TetMesh, count: int) -> Floats:
-    """Return (count,) the area (m²) that the mesh gives to each CAD face."""
+    """Return (count,) the area (m²) of each CAD face on the mesh."""
     total = np.zeros(count)
     np.add.at(total, mesh.facet_face, area_elements(mesh.points[mesh.facets]).sum(axis=1))
     return total
@@ -146,7 +146,7 @@ def _check(specimen: Specimen, mesh: TetMesh) -> None:
     for faces in specimen.interfaces:
         for face in faces:
             if not (mesh.facet_face == face).any():
-                raise MeshError(f"mesh: face {face} of {specimen.name} got no triangles; choose a smaller size")
+                raise MeshError(f"mesh: face {face} of {specimen.name} has no triangles; choose a smaller size")
     off = volume(mesh.points, mesh.cells) / specimen.volume - 1
     if abs(off) > 0.01:
         raise MeshError(f"mesh: the volume of {specimen.name} is {off:.1%} off; choose a smaller size or envelope")

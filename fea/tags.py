@@ -1,4 +1,4 @@
-"""Which CAD face a boundary triangle lies on: the mesher keeps no tags, so the nearest face wins."""
+"""The CAD face of each boundary triangle: the nearest one, since the mesher keeps no tags."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def tag_facets(surface: Surface, corners: Floats, reach: float) -> Ints:
     ----------
     surface : the CAD surface with a face number on each of its triangles.
     corners : (k, 3, 3) corner positions of the boundary triangles, outward, metres.
-    reach : length (m) that a right angle between the normals counts for; about half an element.
+    reach : length (m) equivalent to a right angle between the normals; about half an element.
     """
     centres = corners.mean(axis=1)
     normals = _unit_normals(corners)
@@ -82,11 +82,11 @@ def _squared_distances(points: Floats, triangles: Floats) -> Floats:
 
 
 def smooth_tags(facets: Ints, tags: Ints, rounds: int = 3) -> Ints:
-    """Return tags without islands: a triangle two of whose neighbours share another tag takes theirs."""
+    """Return tags without islands: a triangle takes the tag that two of its neighbours share."""
     pairs = np.sort(facets[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     keys = pairs[:, 0] * (facets.max() + 1) + pairs[:, 1]
     order = np.argsort(keys, kind="stable")
-    neighbours = np.empty(len(keys), dtype=np.int64)  # a closed surface: each side is there exactly twice
+    neighbours = np.empty(len(keys), dtype=np.int64)  # on a closed surface each side occurs twice
     neighbours[order[0::2]], neighbours[order[1::2]] = order[1::2] // 3, order[0::2] // 3
     if len(keys) % 2 or not np.array_equal(keys[order[0::2]], keys[order[1::2]]):
         return tags

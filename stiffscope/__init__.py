@@ -45,9 +45,9 @@ if TYPE_CHECKING:
     from stiffscope.errors import InputError as InputError
     from stiffscope.errors import StiffscopeError as StiffscopeError
     from stiffscope.fea.experiment import Experiment as Experiment
-    from stiffscope.fea.experiment import Settings as Settings
     from stiffscope.fea.experiment import load_experiment as load_experiment
     from stiffscope.fea.experiment import run_experiment as run_experiment
+    from stiffscope.fea.settings import Settings as Settings
     from stiffscope.gap.diagnosis import Diagnosis as Diagnosis
     from stiffscope.jobs.assembly import assemble as assemble
     from stiffscope.jobs.campaigns import diagnose as diagnose

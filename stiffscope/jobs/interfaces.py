@@ -196,7 +196,7 @@ def _orders(
 
 
 def _compared(part: str, found: Mapping[Choice, PartResult], left_out: Sequence[str]) -> Comparison:
-    from stiffscope.fea.adapt import SIGNIFICANT
+    from stiffscope.fea.significance import SIGNIFICANT
 
     point = next(iter(found.values())).experiment.reference_point
     own, *others = (Tested(choice, result, *_at(result, point)) for choice, result in found.items())

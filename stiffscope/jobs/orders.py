@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from stiffscope.cad.part import Part
     from stiffscope.cad.slider import SliderParameters
     from stiffscope.cad.solid import Placement
-    from stiffscope.fea.experiment import Settings
+    from stiffscope.fea.settings import Settings
     from stiffscope.robot.part_schema import Step
     from stiffscope.robot.schema import PartName, RobotFile
 
@@ -80,7 +80,7 @@ class PartOrder:
 
 def order_part(robot: RobotFile, name: PartName, step: str | Path | None = None, *, label: str = "") -> PartOrder:
     """The experiment that a robot file asks for, on its own shape or on a STEP file's."""
-    from stiffscope.fea.experiment import Settings
+    from stiffscope.fea.settings import Settings
 
     section = robot.part(name)
     settings = Settings(interface=section.interface, foundation=section.foundation, **section.mesh.model_dump())

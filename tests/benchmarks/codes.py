@@ -11,6 +11,7 @@ import sys
 import tempfile
 import time
 from dataclasses import asdict, dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -21,15 +22,43 @@ PARAMETERS = {"link": {}, "slider": {}, "ribbed slider": {"rib_count": 4, "fille
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Quadratic mesh (VTK order), clamped nodes, triangles of the rigid face, its reference point; SI."""
+    """A mesh (see ``TetMesh``), its clamped and its rigid CAD faces, the reference point, the material; SI."""
 
     points: np.ndarray
     cells: np.ndarray
-    clamped: np.ndarray
     facets: np.ndarray
+    facet_face: np.ndarray
+    clamped: np.ndarray
+    loaded: np.ndarray
     point: np.ndarray
     youngs_modulus: float
     poisson: float
+
+    @cached_property
+    def mesh(self):
+        """The mesh, with its views for scikit-fem."""
+        from stiffscope.fea.mesh import TetMesh
+
+        return TetMesh(self.points, self.cells, self.facets, self.facet_face)
+
+    def nodes(self, faces):
+        """Nodes on CAD faces."""
+        return self.mesh.nodes_of(frozenset(faces.tolist()))
+
+    @property
+    def elasticity(self):
+        """(6, 6) Pa."""
+        from stiffscope.fea.elasticity import isotropic
+
+        return isotropic(self.youngs_modulus, self.youngs_modulus / 2 / (1 + self.poisson))
+
+    def supported(self, kind="rigid"):
+        """The constraints and the loads of the clamp and a coupling."""
+        from stiffscope.fea.couplings import Coupling, support, unit_loads
+
+        couplings = (Coupling(frozenset(self.loaded.tolist()), self.point, kind),)
+        supports = support(self.mesh, self.nodes(self.clamped), couplings)
+        return supports, unit_loads(self.mesh, supports, couplings)
 
 
 def build(name):
@@ -43,30 +72,27 @@ def build(name):
 
 def meshed(name, factor=1.0, layers=1):
     """From the CAD to a Problem, as ours does."""
-    from stiffscope.cad.part import mass_properties, project, surface
-    from stiffscope.fea.experiment import CHORD, TURN
+    from stiffscope.cad.part import mass_properties
+    from stiffscope.fea.experiment import specimen_of
     from stiffscope.fea.mesh import default_size
-    from stiffscope.fea.specimen import Specimen, mesh_specimen
+    from stiffscope.fea.settings import Settings
+    from stiffscope.fea.specimen import mesh_specimen
 
     part = build(name)
-    volume = mass_properties(part).volume
-    size = factor * default_size(volume, sum(face.area for face in part.faces))
-    specimen = Specimen(
-        name, surface(part, CHORD * size, TURN), lambda face, points: project(part, face, points),
-        part.material.elasticity(), part.clamped, tuple((face.faces, face.reference_point) for face in part.loaded),
-        volume,
-    )  # fmt: skip
-    mesh, face = mesh_specimen(specimen, size=size, layers=layers), part.loaded[0]
+    size = factor * default_size(mass_properties(part).volume, sum(face.area for face in part.faces))
+    mesh = mesh_specimen(specimen_of(part, Settings(size=size)), size=size, layers=layers)
+    face = part.loaded[0]
     return Problem(
-        mesh.points, mesh.cells, mesh.nodes_of(part.clamped), mesh.facets_of(face.faces),
-        np.asarray(face.reference_point), part.material.youngs_modulus, part.material.poisson,
+        mesh.points, mesh.cells, mesh.facets, mesh.facet_face, np.array(sorted(part.clamped)),
+        np.array(sorted(face.faces)), np.asarray(face.reference_point), part.material.youngs_modulus,
+        part.material.poisson,
     )  # fmt: skip
 
 
 def in_calculix(problem, job):
     """CalculiX with SPOOLES on "threads" threads."""
     text = calculix.deck(
-        problem.points, problem.cells, problem.clamped, np.unique(problem.facets), problem.point,
+        problem.points, problem.cells, problem.nodes(problem.clamped), problem.nodes(problem.loaded), problem.point,
         problem.youngs_modulus, problem.poisson,
     )  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
@@ -78,9 +104,7 @@ def in_ours(problem, job):
     from stiffscope.fea import elasticity as fea_elasticity
 
     fea_elasticity.CURVED_ORDER = job.get("order", 4)
-    shear = problem.youngs_modulus / 2 / (1 + problem.poisson)
-    elasticity = fea_elasticity.isotropic(problem.youngs_modulus, shear)
-    return tied(problem, fea_elasticity.assemble(problem, elasticity))
+    return tied(problem, fea_elasticity.assemble(problem.mesh, problem.elasticity))
 
 
 def in_mfem(problem, job):
@@ -123,37 +147,15 @@ def in_mfem(problem, job):
     return tied(problem, stiffness[order][:, order])
 
 
-def in_scikit_fem(problem, job):
-    """Stiffness by scikit-fem's own form and quadrature; rigid face and solution as in ours."""
-    del job
-    from skfem import Basis, ElementTetP2, ElementVector, MeshTet2
-    from skfem.models.elasticity import lame_parameters, linear_elasticity
-
-    vertices = np.unique(problem.cells[:, :4])
-    rest = np.setdiff1d(np.arange(len(problem.points)), vertices)
-    new = np.empty(len(problem.points), dtype=int)
-    new[np.concatenate([vertices, rest])] = np.arange(len(new))
-    grid = MeshTet2(problem.points[np.concatenate([vertices, rest])].T, new[problem.cells].T)
-    basis = Basis(grid, ElementVector(ElementTetP2()))
-    law = lame_parameters(problem.youngs_modulus, problem.poisson)
-    stiffness = linear_elasticity(*law).assemble(basis).tocsr()
-    order = np.empty((len(problem.points), 3), dtype=int)
-    order[problem.cells] = basis.element_dofs.T.reshape(-1, 10, 3)
-    return tied(problem, stiffness[order.reshape(-1)][:, order.reshape(-1)])
-
-
 def tied(problem, stiffness):
     """Compliance of an assembled stiffness with the clamp, the rigid face and the solver of ours."""
-    from stiffscope.fea.interfaces import Port, support, unit_loads
     from stiffscope.fea.multigrid import prepare
 
-    ports = (Port(problem.facets, problem.point, "rigid"),)
-    supports = support(problem, problem.clamped, ports)
-    loads = unit_loads(problem.points, supports, ports)
-    return loads.T @ prepare(problem, stiffness, supports).solve(loads)
+    supports, loads = problem.supported()
+    return loads.T @ prepare(problem.mesh, stiffness, supports).solve(loads)
 
 
-CODES = {"ours": in_ours, "CalculiX": in_calculix, "MFEM": in_mfem, "scikit-fem": in_scikit_fem}
+CODES = {"ours": in_ours, "CalculiX": in_calculix, "MFEM": in_mfem}
 
 
 def command(job):
@@ -164,7 +166,8 @@ def command(job):
 def solved(job):
     """What a job finds: compliance and degrees of freedom, and of a whole experiment its bound."""
     if job["code"] == "experiment":
-        from stiffscope.fea.experiment import Settings, run_experiment
+        from stiffscope.fea.experiment import run_experiment
+        from stiffscope.fea.settings import Settings
 
         done = run_experiment(build(job["part"]), Settings(**job.get("settings", {})))
         return {"compliance": done.compliance.tolist(), "dofs": done.unknowns, "bound": done.relative_bound,

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from stiffscope.fea.experiment import Settings, examine
+from stiffscope.fea.experiment import examine
+from stiffscope.fea.settings import Settings
 from stiffscope.fea.specimen import mesh_specimen
 from tests.fea.shapes import box, cylinder
 

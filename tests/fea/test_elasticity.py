@@ -1,36 +1,61 @@
 import numpy as np
 import pytest
+from scipy.sparse import block_array
+from skfem import Basis, ElementTetP2, ElementVector, InteriorFacetBasis
+from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from stiffscope.errors import InputError
-from stiffscope.fea.cubic import cubic_compliance, cubic_values, element_energies, enlarge
-from stiffscope.fea.elasticity import assemble, isotropic, strains
-from stiffscope.fea.interfaces import KINDS, Port, rigid_modes, support, unit_loads
+from stiffscope.fea.couplings import Coupling, rigid_modes, support, unit_loads
+from stiffscope.fea.cubic import cubic_compliance, element_energies, element_forces, enrich
+from stiffscope.fea.elasticity import assemble, isotropic, nodal_stresses
+from stiffscope.fea.geometry import quadrature, volume
 from stiffscope.fea.multigrid import largest_eigenvalue, prepare
-from stiffscope.fea.shape import NODES, quadrature, shape_values, volume
+from stiffscope.fea.settings import KINDS
+from stiffscope.fea.spaces import ElementTetCubic, cell_bases
 from tests.fea.shapes import CLAMPED, LOADED, STEEL
+
+LAME = lame_parameters(211e9, 211 / 162 - 1)  # of STEEL
 
 
 def respond(specimen, mesh, kind="rigid", solver="direct", elasticity=STEEL):
-    ports = (Port(mesh.facets_of(LOADED), specimen.loaded[0][1], kind),)
-    supports = support(mesh, mesh.nodes_of(CLAMPED), ports)
+    couplings = (Coupling(LOADED, specimen.loaded[0][1], kind),)
+    supports = support(mesh, mesh.nodes_of(CLAMPED), couplings)
     stiffness = assemble(mesh, elasticity)
     prepared = prepare(mesh, stiffness, supports, solver)
-    loads = unit_loads(mesh.points, supports, ports)
-    return supports, ports, prepared, loads, prepared.solve(loads)
+    loads = unit_loads(mesh, supports, couplings)
+    return supports, couplings, prepared, loads, prepared.solve(loads)
 
 
-def test_assembly_is_scikit_fems(stub):
-    from skfem import Basis, ElementTetP2, ElementVector, MeshTet2
-    from skfem.models.elasticity import lame_parameters, linear_elasticity
-
+def test_the_mesh_is_numbered_as_scikit_fem_numbers_it(stub):
     _, mesh = stub
-    young, poisson = 211e9, 211 / 162 - 1
-    theirs = MeshTet2(mesh.points.T, mesh.cells.T)
-    basis = Basis(theirs, ElementVector(ElementTetP2()), intorder=4)
-    matrix = linear_elasticity(*lame_parameters(young, poisson)).assemble(basis)
-    ours = assemble(mesh, STEEL)
-    assert np.sort(matrix.diagonal()) == pytest.approx(np.sort(ours.diagonal()), rel=1e-3)
-    assert matrix.diagonal().sum() == pytest.approx(ours.diagonal().sum(), rel=1e-4)
+    assert np.array_equal(mesh.grid.dofs.element_dofs.T, mesh.cells)
+    for face in range(3):
+        facets = mesh.grid.facets[:, mesh.grid.boundaries[str(face)]]
+        assert np.array_equal(np.unique(facets), np.unique(mesh.facets_of(frozenset({face}))[:, :3]))
+
+
+def test_the_stiffness_is_that_of_scikit_fems_vector_form(stub):
+    _, mesh = stub
+    bases = cell_bases(mesh, ElementVector(ElementTetP2()), 2, 4)
+    expected = sum(linear_elasticity(*LAME).assemble(basis) for basis in bases)
+    assert len(bases) == 2
+    assert abs(assemble(mesh, STEEL) - expected).max() < 1e-12 * abs(expected).max()
+
+
+def test_the_cubic_forces_are_those_of_scikit_fems_vector_form(stub, rng):
+    """The kernel of the cubic product beside the form, on all functions at once."""
+    _, mesh = stub
+    space, expected = enrich(mesh, STEEL), 0
+    pairs = (cell_bases(mesh, ElementVector(element), 4, 6) for element in (ElementTetP2(), ElementTetCubic()))
+    for bases in zip(*pairs, strict=True):
+        expected = expected + block_array([[linear_elasticity(*LAME).assemble(u, v) for u in bases] for v in bases])
+    motion = rng.normal(size=(space.count, 3, 2))
+    forces = np.zeros_like(motion)
+    for batch in space.batches():
+        cells = space.cells[np.concatenate([chunk.elements for chunk in batch])]
+        np.add.at(forces, cells, element_forces(space, batch, motion))
+    expected = (expected @ motion.reshape(-1, 2)).reshape(motion.shape)
+    assert np.abs(forces - expected).max() < 1e-12 * np.abs(expected).max()
 
 
 def test_rigid_motion_costs_nothing_and_constant_strain_is_exact(stub, rng):
@@ -46,30 +71,34 @@ def test_rigid_motion_costs_nothing_and_constant_strain_is_exact(stub, rng):
     strain = np.array([e[0, 0], e[1, 1], e[2, 2], 2 * e[1, 2], 2 * e[0, 2], 2 * e[0, 1]])
     energy = strain @ elasticity @ strain * volume(mesh.points, mesh.cells)
     assert motion @ (stiffness @ motion) == pytest.approx(energy, rel=1e-6)
-    local = motion.reshape(-1, 3, 1)[mesh.cells[:5]]
-    assert strains(mesh.points[mesh.cells[:5]], local, NODES)[..., 0, :] == pytest.approx(
-        np.broadcast_to(strain, (5, 10, 6)), abs=1e-9
-    )
+    stress = nodal_stresses(mesh, motion[:, None], elasticity)
+    assert np.abs(stress[:, 0] - elasticity @ strain).max() < 1e-6 * np.abs(elasticity @ strain).max()
 
 
-def test_cubic_gradients_are_derivatives():
-    at, step = quadrature(4)[0], 1e-6
-    _, slopes = cubic_values(at)
-    for k in range(3):
-        shift = step * np.eye(3)[k]
-        numeric = (cubic_values(at + shift)[0] - cubic_values(at - shift)[0]) / (2 * step)
-        assert slopes[:, :, k] == pytest.approx(numeric, abs=1e-8)
-    assert cubic_values(NODES)[0] == pytest.approx(0, abs=1e-15)
-    assert shape_values(NODES)[0] == pytest.approx(np.eye(10), abs=1e-12)
+def test_cubic_functions_are_continuous_vanish_at_nodes_and_have_their_derivatives(stub):
+    element, at, step = ElementTetCubic(), quadrature(4)[0], 1e-6
+    for i in range(10):
+        assert element.lbasis(ElementTetP2.doflocs.T, i)[0] == pytest.approx(0, abs=1e-15)
+        for k in range(3):
+            shift = step * np.eye(3)[k][:, None]
+            numeric = (element.lbasis(at + shift, i)[0] - element.lbasis(at - shift, i)[0]) / (2 * step)
+            assert element.lbasis(at, i)[1][k] == pytest.approx(numeric, abs=1e-8)
+    _, mesh = stub
+    grid, basis = mesh.grid, Basis(mesh.grid, element, intorder=2)
+    field = np.random.default_rng(1).normal(size=basis.N)
+    inner = np.flatnonzero(grid.f2t[1] >= 0)[:200]
+    sides = [InteriorFacetBasis(grid, element, facets=inner, side=side, intorder=3) for side in (0, 1)]
+    left, right = (np.asarray(side.interpolate(field).value) for side in sides)
+    assert left == pytest.approx(right, abs=1e-9)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_cubic_solution_is_softer_in_every_direction(stub, kind):
     specimen, mesh = stub
-    supports, ports, solver, loads, quadratic = respond(specimen, mesh, kind)
+    supports, couplings, solver, loads, quadratic = respond(specimen, mesh, kind)
     lower = loads.T @ quadratic
-    space = enlarge(mesh, STEEL)
-    cubic, gained = cubic_compliance(mesh, space, supports, ports, solver, loads, quadratic, 1e-6)
+    space = enrich(mesh, STEEL)
+    cubic, gained = cubic_compliance(mesh, space, supports, couplings, solver, loads, quadratic, 1e-6)
     scale = np.sqrt(np.outer(lower.diagonal(), lower.diagonal()))
     assert np.linalg.eigvalsh((cubic - lower) / scale).min() > -1e-9
     assert np.abs((cubic - lower) / scale).max() < 0.05
@@ -77,7 +106,7 @@ def test_the_cubic_solution_is_softer_in_every_direction(stub, kind):
     energies, whole = element_energies(mesh, space, supports, gained, np.ones(len(mesh.cells)))
     assert energies.sum(axis=0) == pytest.approx(whole.diagonal(), rel=1e-9)
     assert np.abs((whole - (cubic - lower)) / scale).max() < 1e-3 * np.abs((cubic - lower) / scale).max()
-    quick, _ = cubic_compliance(mesh, space, supports, ports, solver, loads, quadratic)
+    quick, _ = cubic_compliance(mesh, space, supports, couplings, solver, loads, quadratic)
     assert np.abs((quick - cubic) / scale).max() < 0.02 * np.abs((cubic - lower) / scale).max()
 
 
@@ -103,6 +132,11 @@ def test_one_eigenvalue_far_above_the_others_is_seen():
 
 def test_interfaces_that_overlap_are_refused(stub):
     specimen, mesh = stub
-    port = Port(mesh.facets_of(LOADED), specimen.loaded[0][1], "rigid")
+    coupling = Coupling(LOADED, specimen.loaded[0][1], "rigid")
     with pytest.raises(InputError, match="rigid face"):
-        support(mesh, mesh.nodes_of(CLAMPED), (port, port))
+        support(mesh, mesh.nodes_of(CLAMPED), (coupling, coupling))
+
+
+def test_an_unknown_solver_is_refused(stub):
+    with pytest.raises(InputError, match="solver: expected auto, direct or multigrid, got 'splu'"):
+        respond(*stub, solver="splu")

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.fea.experiment import Settings, examine, load_experiment
+from stiffscope.fea.experiment import examine, load_experiment
 from stiffscope.fea.export import write_vtu
+from stiffscope.fea.settings import Settings
 from tests.fea.conftest import LINK, PLATE
 
 # Plate: structured mesh graded to 0.2 mm at the edges, cubic, 551,000 unknowns. Link: cubic, three layers, 136,000

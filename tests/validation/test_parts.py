@@ -7,8 +7,9 @@ from stiffscope.cad.link import LinkParameters, build
 from stiffscope.cad.materials import STEEL
 from stiffscope.cad.part import mass_properties
 from stiffscope.cad.step import read_step, write_step
-from stiffscope.fea.experiment import Settings, run_experiment
+from stiffscope.fea.experiment import run_experiment
 from stiffscope.fea.mesh import default_size
+from stiffscope.fea.settings import Settings
 from tests.validation import parts
 from tests.validation.axisymmetric import stretch
 

@@ -1,9 +1,9 @@
-"""How a part is held and loaded: few coordinates for rigid faces, nodal forces for distributed ones.
+"""How a part is held and loaded: rigid (kinematic) and distributed couplings of a face to its reference point.
 
 Rigid: the face moves as one body, u = R(x) t with the twist t = (v, ω) at the reference point.
-Distributed: the wrench enters as the traction R(x) (RᵀMR)⁻¹ w, with M the face's mass matrix; its work-conjugate
+Distributed: the wrench w enters as the traction R(x) (RᵀMR)⁻¹ w, with M the face's mass matrix; its work-conjugate
 twist is the mean motion (RᵀMR)⁻¹ RᵀM u.
-Either way the response to unit wrenches is C = Fᵀ A⁻¹ F, with A the stiffness of the coordinates left free.
+Either way the compliance is C = Fᵀ A⁻¹ F, with A the stiffness of the unconstrained coordinates.
 """
 
 from __future__ import annotations
@@ -12,38 +12,42 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from skfem import ElementTetP2, ElementVector, LinearForm
+from skfem.helpers import dot
 
 from stiffscope.errors import InputError
-from stiffscope.fea.shape import area_elements, facet_rule, facet_values
 from stiffscope.fea.solvers import factorized
+from stiffscope.fea.spaces import face_basis
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
+    from skfem.element import ElementH1
 
     from stiffscope.fea.mesh import Floats, Ints, TetMesh
     from stiffscope.fea.solvers import Solve
 
-KINDS = ("rigid", "distributed")
+ORDER = 4  # of quadrature on the faces
+_WORK = LinearForm(lambda v, w: dot(w["mode"], v))
 
 
 @dataclass(frozen=True)
-class Port:
-    """A loaded interface on a mesh: its boundary triangles (k, 6), its reference point (m), its kind."""
+class Coupling:
+    """A loaded interface: its CAD faces, its reference point (m), and "rigid" or "distributed"."""
 
-    facets: Ints
+    faces: frozenset[int]
     reference_point: Floats
     kind: str
 
 
 @dataclass(frozen=True)
 class Supports:
-    """The motion of all nodes by the coordinates left free: u = [free nodes, twists of rigid ports].
+    """The displacements of all nodes from the unconstrained coordinates: free nodes and twists of rigid couplings.
 
     Attributes
     ----------
-    free : (f,) nodes that move on their own.
-    tied, clamped : nodes on rigid ports, and nodes that do not move.
-    tie : (3 t, 6 r) motion of the tied nodes for each coordinate of the r rigid ports.
+    free : (f,) nodes without constraints.
+    tied, clamped : (t,) nodes on rigid couplings, and fixed nodes.
+    tie : (3t, 6r) displacements of the tied nodes for each twist component of the r rigid couplings.
     """
 
     nodes: int
@@ -86,23 +90,23 @@ def rigid_modes(points: Floats, reference: Floats) -> Floats:
     return modes
 
 
-def support(mesh: TetMesh, clamped: Ints, ports: tuple[Port, ...]) -> Supports:
-    """Return the coordinates that clamped nodes and rigid ports leave free.
+def support(mesh: TetMesh, clamped: Ints, couplings: tuple[Coupling, ...]) -> Supports:
+    """Return the constraints of clamped nodes and rigid couplings.
 
     Raises
     ------
     InputError : a rigid face shares nodes with the clamp or with another rigid face.
     """
     count = len(mesh.points)
-    rigid = [port for port in ports if port.kind == "rigid"]
+    rigid = [coupling for coupling in couplings if coupling.kind == "rigid"]
     tie = np.zeros((count, 3, 6 * len(rigid)))
     is_tied, is_free = np.zeros(count, dtype=bool), np.ones(count, dtype=bool)
-    for slot, port in enumerate(rigid):
-        nodes = np.unique(port.facets)
+    for slot, coupling in enumerate(rigid):
+        nodes = mesh.nodes_of(coupling.faces)
         if is_tied[nodes].any() or np.isin(nodes, clamped).any():
             raise InputError("interfaces: a rigid face touches the clamp or another rigid face; choose them apart")
         is_tied[nodes] = True
-        tie[nodes, :, 6 * slot : 6 * slot + 6] = rigid_modes(mesh.points[nodes], port.reference_point)
+        tie[nodes, :, 6 * slot : 6 * slot + 6] = rigid_modes(mesh.points[nodes], coupling.reference_point)
     is_free[clamped] = False
     tied = np.flatnonzero(is_tied)
     return Supports(
@@ -132,47 +136,49 @@ def factorize(stiffness: csr_array, supports: Supports) -> Solve:
     return solve_all
 
 
-def tractions(points: Floats, port: Port, order: int = 4) -> tuple[Floats, Floats]:
-    """Return (k, q, 3, 6) tractions times area of unit wrenches at the facets' quadrature points, and (q, 2)."""
-    at, _ = facet_rule(order)
-    corners = points[port.facets]  # (k, 6, 3)
-    area = area_elements(corners, order)
-    where = np.einsum("qn,kni->kqi", facet_values(at), corners)
-    modes = rigid_modes(where.reshape(-1, 3), port.reference_point).reshape(*where.shape, 6)
-    gram = np.einsum("kq,kqia,kqib->ab", area, modes, modes)
-    return area[..., None, None] * (modes @ np.linalg.inv(gram)), at
+def traction_work(mesh: TetMesh, coupling: Coupling, element: ElementH1) -> Floats:
+    """Return (3w, 6) the work B = M R (RᵀMR)⁻¹ of a distributed coupling's unit wrenches on an element's functions.
+
+    M is the mass matrix of the face between the element's w functions and the nodes' quadratic ones, R the nodes'
+    rigid motion; w is the number of nodes where the element is the quadratic one.
+    """
+    modes = rigid_modes(mesh.points, coupling.reference_point).reshape(-1, 6)
+    nodal = face_basis(mesh, ElementVector(ElementTetP2()), coupling.faces, ORDER)
+    fields = [nodal.interpolate(mode) for mode in modes.T]
+    gram = np.column_stack([_WORK.assemble(nodal, mode=field) for field in fields])
+    tested = face_basis(mesh, ElementVector(element), coupling.faces, ORDER)
+    work = np.column_stack([_WORK.assemble(tested, mode=field) for field in fields])
+    return work @ np.linalg.inv(modes.T @ gram)
 
 
-def unit_loads(points: Floats, supports: Supports, ports: tuple[Port, ...]) -> Floats:
-    """Return (3f + 6r, 6n) generalized forces of the unit wrenches on n ports, (f, m) at each reference point."""
+def unit_loads(mesh: TetMesh, supports: Supports, couplings: tuple[Coupling, ...]) -> Floats:
+    """Return (3f + 6r, 6n) generalized forces of the unit wrenches (f, m) at the reference points of n couplings."""
     columns = []
     slot = 3 * len(supports.free)
-    for port in ports:
-        if port.kind == "rigid":
+    for coupling in couplings:
+        if coupling.kind == "rigid":
             forces = np.zeros((3 * len(supports.free) + supports.tie.shape[1], 6))
             forces[slot : slot + 6] = np.eye(6)
             slot += 6
         else:
-            traction, at = tractions(points, port)
-            nodal = np.einsum("qn,kqia->knia", facet_values(at), traction)
-            loads = np.zeros((len(points), 3, 6))
-            np.add.at(loads, port.facets.reshape(-1), nodal.reshape(-1, 3, 6))
-            forces = supports.restrict(loads.reshape(-1, 6))
+            forces = supports.restrict(traction_work(mesh, coupling, ElementTetP2()))
         columns.append(forces)
     return np.hstack(columns)
 
 
-def imbalance(points: Floats, stiffness: csr_array, motion: Floats, clamped: Ints, ports: tuple[Port, ...]) -> float:
-    """Return how far the clamp's reactions are from balancing the unit wrenches.
+def imbalance(
+    points: Floats, stiffness: csr_array, motion: Floats, clamped: Ints, couplings: tuple[Coupling, ...]
+) -> float:
+    """Return the largest residual of the equilibrium between the clamp's reactions and the unit wrenches.
 
-    Relative to the wrench, a force at the lever between clamp and reference point counting as its moment. What a
-    load puts on the clamp's own nodes is left out: where both share nodes this says less.
+    Relative to the wrench; moments are compared over the distance from reference point to clamp. Loads on the clamped
+    nodes themselves are ignored, so it is not reliable where load and clamp share nodes.
     """
     reaction = stiffness[dofs_of(clamped)] @ motion  # (3c, 6n)
     worst = 0.0
-    for k, port in enumerate(ports):
-        modes = rigid_modes(points[clamped], port.reference_point).reshape(-1, 6)
-        lever = float(np.linalg.norm(points[clamped] - port.reference_point, axis=1).max())
+    for k, coupling in enumerate(couplings):
+        modes = rigid_modes(points[clamped], coupling.reference_point).reshape(-1, 6)
+        lever = float(np.linalg.norm(points[clamped] - coupling.reference_point, axis=1).max())
         units = np.array([1.0] * 3 + [lever] * 3)  # what a unit of each component of the wrench weighs
         wrench = modes.T @ reaction[:, 6 * k : 6 * k + 6] + np.eye(6)
         worst = max(worst, float((np.abs(wrench) / units[:, None] * units).max()))

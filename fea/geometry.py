@@ -1,0 +1,72 @@
+"""Volumes, areas and Jacobians of curved elements from their nodes, while a mesh is still being made.
+
+Shape functions and quadrature are scikit-fem's; on a finished mesh its bases and mappings do the rest (``spaces``).
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from stiffscope.fea.mesh import Floats, Ints
+
+
+@lru_cache(maxsize=8)
+def quadrature(order: int, *, triangle: bool = False) -> tuple[Floats, Floats]:
+    """Return (3, q) or (2, q) points and (q,) weights on the reference tetrahedron or triangle."""
+    from skfem.quadrature import get_quadrature
+    from skfem.refdom import RefTet, RefTri
+
+    return get_quadrature(RefTri if triangle else RefTet, order)
+
+
+def shapes(points: Floats) -> tuple[Floats, Floats]:
+    """Return (n, q) values and (n, d, q) gradients of the quadratic tetrahedron's or triangle's n functions.
+
+    Parameters
+    ----------
+    points : (d, q) reference coordinates; d = 3 is the tetrahedron (n = 10), d = 2 the triangle (n = 6).
+    """
+    from skfem import ElementTetP2, ElementTriP2
+
+    element, count = (ElementTetP2(), 10) if len(points) == 3 else (ElementTriP2(), 6)
+    values, gradients = zip(*(element.lbasis(points, node) for node in range(count)), strict=True)
+    return np.stack(values), np.stack(gradients)
+
+
+def jacobian_determinants(corners: Floats, at: Floats) -> Floats:
+    """Return (m, q) the Jacobian determinants (m³) of elements with nodes (m, 10, 3) at reference points (3, q)."""
+    a, b, c = np.einsum("mni,ndq->dmqi", corners, shapes(at)[1], optimize=True)
+    return np.einsum("mqi,mqi->mq", a, np.cross(b, c))
+
+
+def jacobian_range(corners: Floats) -> Floats:
+    """Return (m,) the least Jacobian of each element with nodes (m, 10, 3) over its mean size; negative is inverted."""
+    from skfem import ElementTetP2
+
+    values = jacobian_determinants(corners, np.hstack([ElementTetP2.doflocs.T, quadrature(4)[0]]))
+    edges = corners[:, 1:4] - corners[:, :1]
+    mean = np.abs(values).mean(axis=1) + 1e-6 * np.linalg.norm(edges, axis=2).prod(axis=1)
+    return values.min(axis=1) / mean
+
+
+def volume(points: Floats, cells: Ints) -> float:
+    """Return the volume (m³) of the curved mesh, exactly."""
+    at, weights = quadrature(3)
+    return float((jacobian_determinants(points[cells], at) @ weights).sum())
+
+
+def area_elements(corners: Floats, order: int = 4) -> Floats:
+    """Return (k, q) the area (m²) of each quadrature point of curved triangles (k, 6, 3)."""
+    at, weights = quadrature(order, triangle=True)
+    a, b = np.einsum("kni,ndq->dkqi", corners, shapes(at)[1], optimize=True)
+    return np.linalg.norm(np.cross(a, b), axis=2) * weights
+
+
+def centroid(corners: Floats) -> Floats:
+    """Return (3,) the centroid (m) of the area of curved triangles (k, 6, 3)."""
+    area, values = area_elements(corners), shapes(quadrature(4, triangle=True)[0])[0]
+    return np.einsum("kq,nq,kni->i", area, values, corners) / area.sum()

@@ -1,0 +1,106 @@
+"""Function spaces on a mesh: scikit-fem's quadratic element, our cubic enrichment, and bases on cells and on faces."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from skfem import Basis, FacetBasis
+from skfem.element import DiscreteField, Element, ElementH1
+from skfem.mapping import MappingAffine, MappingIsoparametric
+from skfem.quadrature import get_quadrature
+from skfem.refdom import RefTet, RefTri
+
+if TYPE_CHECKING:
+    from skfem import MeshTet2
+    from skfem.mapping import Mapping
+
+    from stiffscope.fea.mesh import Floats, Ints, TetMesh
+
+GRADIENTS = np.vstack([-np.ones(3), np.eye(3)])  # of the barycentric coordinates
+
+
+class ElementTetCubic(ElementH1):
+    """Hierarchical cubics λ_a λ_b (λ_a − λ_b) of the six edges and λ_a λ_b λ_c of the four faces.
+
+    Together with ``ElementTetP2`` they span all cubics, and they vanish at its nodes, so that its coefficients stay
+    nodal values.
+
+    References
+    ----------
+    B. Szabó and I. Babuška, Finite Element Analysis, Wiley, 1991.
+    """
+
+    edge_dofs = 1
+    facet_dofs = 1
+    maxdeg = 3
+    dofnames = ("u", "u")
+    doflocs = np.vstack([RefTet.p.T[RefTet.edges].mean(axis=1), RefTet.p.T[RefTet.facets].mean(axis=1)])
+    refdom = RefTet
+
+    def lbasis(self, X: Floats, i: int) -> tuple[Floats, Floats]:
+        """Return value and reference gradient of function ``i`` of the ten at reference points X."""
+        b = np.stack([1 - X.sum(axis=0), *X])
+        if i < 6:
+            p, q = RefTet.edges[i]
+            x, y = b[p], b[q]
+            slopes = {p: y * (2 * x - y), q: x * (x - 2 * y)}
+            value = x * y * (x - y)
+        elif i < 10:
+            p, q, r = RefTet.facets[i - 6]
+            value, slopes = b[p] * b[q] * b[r], {p: b[q] * b[r], q: b[p] * b[r], r: b[p] * b[q]}
+        else:
+            self._index_error()
+        return value, sum(np.multiply.outer(GRADIENTS[k], slope) for k, slope in slopes.items())
+
+    def orient(self, mapping: Mapping, i: int, tind: Ints | None = None) -> Ints:
+        """Return (m,) the signs of function ``i``: edges run from their lower vertex to their higher one."""
+        t = mapping.mesh.t if tind is None else mapping.mesh.t[:, tind]
+        if i >= 6:
+            return np.ones(t.shape[1], dtype=int)
+        a, b = RefTet.edges[i]
+        return np.where(t[a] < t[b], 1, -1)
+
+    def gbasis(self, mapping: Mapping, X: Floats, i: int, tind: Ints | None = None) -> tuple[DiscreteField]:
+        """Return function ``i`` in the elements ``tind``, oriented."""
+        (field,) = super().gbasis(mapping, X, i, tind)
+        sign = self.orient(mapping, i, tind)[:, None]
+        return (DiscreteField(value=np.asarray(field) * sign, grad=field.grad * sign),)
+
+
+def cell_bases(mesh: TetMesh, element: Element, straight: int, curved: int) -> list[Basis]:
+    """Return the bases of the elements with straight and with curved sides, by quadrature of those orders."""
+    grid, bent = mesh.grid, mesh.curved
+    groups = ((np.flatnonzero(~bent), MappingAffine(grid), straight), (np.flatnonzero(bent), grid.mapping(), curved))
+    return [
+        Basis(grid, element, mapping=mapping, intorder=order, elements=chosen, disable_doflocs=True)
+        for chosen, mapping, order in groups
+        if len(chosen)
+    ]
+
+
+def face_basis(mesh: TetMesh, element: Element, faces: frozenset[int], order: int) -> FacetBasis:
+    """Return the basis on the boundary facets of CAD faces."""
+    facets = np.concatenate([mesh.grid.boundaries[str(face)] for face in sorted(faces)])
+    rule = get_quadrature(RefTri, order)
+    mapping = _FacetMapping(mesh.grid, facets, rule[0])
+    return FacetBasis(mesh.grid, element, mapping=mapping, quadrature=rule, facets=facets, disable_doflocs=True)
+
+
+class _FacetMapping(MappingIsoparametric):
+    """Knows where the quadrature points of the facets lie in their elements.
+
+    scikit-fem looks for them by Newton's method, which need not converge in nearly flat curved elements.
+    """
+
+    def __init__(self, grid: MeshTet2, facets: Ints, points: Floats) -> None:
+        super().__init__(grid, grid.elem(), grid.bndelem)
+        corners = grid.facets[:, facets]  # (3, k)
+        local = (grid.t[None][:, :, grid.f2t[0, facets]] == corners[:, None]).argmax(axis=1)
+        weights = np.vstack([1 - points.sum(axis=0), points])  # (3, q)
+        self._inside = np.einsum("ick,cq->ikq", RefTet.p[:, local], weights)
+
+    def invF(self, x: Floats, tind: Ints | None = None, **_: float) -> Floats:
+        """Return (3, k, q) the reference points, whatever is asked."""
+        del x, tind
+        return self._inside
