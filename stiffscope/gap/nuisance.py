@@ -32,7 +32,10 @@ _SPRING = 1e6  # N/m: a spring towards the frame, times the parameter
 
 def nuisance_patterns(nominal: NominalRobot) -> tuple[Candidate, ...]:
     """Unnamed faults of single parts, of the surroundings, and of the instrument in time."""
-    return (*_parts(nominal), *(_pattern(place, *rest) for place, rest in _PATTERNS.items()))
+    return (
+        *_parts(nominal),
+        *(_unnamed(p, (scale,) * count, Pattern(read)) for p, (count, scale, read) in _PATTERNS.items()),
+    )
 
 
 def _parts(nominal: NominalRobot) -> Iterator[Candidate]:
@@ -54,17 +57,14 @@ def _parts(nominal: NominalRobot) -> Iterator[Candidate]:
 def _part(
     place: str, scale: tuple[float, ...], changes: Callable[[Array], Changes], *, component: str = ""
 ) -> Candidate:
-    names = tuple(f"p{k + 1}" for k in range(len(scale)))
-    units = ("",) * len(scale)
-    action = MechanicalEffect(UNNAMED, place, names, units, changes)
+    action = MechanicalEffect(UNNAMED, place, (), (), changes)
+    return _unnamed(place, scale, action, component)
+
+
+def _unnamed(place: str, scale: tuple[float, ...], action: object, component: str = "") -> Candidate:
+    names, units = tuple(f"p{k + 1}" for k in range(len(scale))), ("",) * len(scale)
     free = ((-np.inf, np.inf),) * len(scale)
     return Candidate(UNNAMED, place, names, units, scale, free, component=component, action=action)
-
-
-def _pattern(place: str, count: int, scale: float, columns: Callable[[RobotPrediction], Array]) -> Candidate:
-    names = tuple(f"p{k + 1}" for k in range(count))
-    free = ((-np.inf, np.inf),) * count
-    return Candidate(UNNAMED, place, names, ("",) * count, (scale,) * count, free, action=Pattern(columns))
 
 
 def _bowed(length: float, names: Sequence[str], values: Array) -> Changes:

@@ -86,23 +86,23 @@ class RobotPrediction:
         applied = np.einsum("nj,nj->n", per_wrench, np.nan_to_num(c.wrench)) * self.force_scale
         return applied, self.elastic.dead_drive_force(drive, self.gravity)
 
-    def drive_signs(self, drive: str) -> tuple[Array, Array]:
-        """Signs of the forces of a drive; zero where it carries none."""
-        applied, dead = self.drive_forces(drive)
-        return _sign(applied), _sign(dead)
-
     def by_drive(self, drive: str) -> Array:
         """Twist (p, 6) of the tool for a shift of one metre in a drive."""
         return self.elastic.drive_force(drive)
 
+    def _dead_zone(self, drive: str) -> tuple[Array, Array]:
+        """Twist of the tool per metre of backlash: at every reading (n, 6), and unloaded at every pose (p, 6)."""
+        slide = self.by_drive(drive)
+        applied, dead = (_sign(force)[:, None] for force in self.drive_forces(drive))
+        return applied * slide[self.campaign.pose], dead * slide
+
     def _lost_motion(self, drive: str) -> tuple[Array, Array]:
-        """Twist of the tool by backlash: at every reading (n, 6), and unloaded at every pose (p, 6)."""
+        """Twist of the tool by backlash, as `_dead_zone`."""
         half_width = self._first(f"backlash @ {drive}")
         if half_width == 0.0:
             return np.zeros((len(self.campaign), 6)), np.zeros((len(self.campaign.poses), 6))
-        slide = self.by_drive(drive)
-        applied, dead = self.drive_signs(drive)
-        return half_width * applied[:, None] * slide[self.campaign.pose], half_width * dead[:, None] * slide
+        applied, dead = self._dead_zone(drive)
+        return half_width * applied, half_width * dead
 
     @cached_property
     def instrument(self) -> Array:
@@ -193,7 +193,7 @@ class RobotPrediction:
             case "payload":
                 return self._payload()[:, : len(candidate.scale)]
             case "backlash":
-                return self._backlash(candidate.place)
+                return self.change(*self._dead_zone(candidate.place))[:, None]
             case "displacement-scale":
                 return self._scaled([1.0, 1.0, -1.0]) / self.instrument[0, 0]
             case "force-scale":
@@ -234,11 +234,6 @@ class RobotPrediction:
         yields = self.compliance - self.elastic.tool_compliance
         wrenches = self.at.robot.acceleration * _PAYLOAD
         return np.stack([self.change(dead=yields @ wrench) for wrench in wrenches], axis=1)
-
-    def _backlash(self, drive: str) -> Array:
-        applied, dead = self.drive_signs(drive)
-        slide = self.by_drive(drive)
-        return self.change(applied[:, None] * slide[self.campaign.pose], dead[:, None] * slide)[:, None]
 
     def _scaled(self, signs: list[float]) -> Array:
         """Readings (n, 1) times a sign for deflection, deviation, stiffness."""

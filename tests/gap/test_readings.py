@@ -179,9 +179,9 @@ def test_eight_thousand_rows_read_fast_and_come_back_unchanged(tmp_path):
     rows = [f"{k % 7 / 100},0,0.35,{k},0,0,0,0,0,dx,{k * 1e-9!r},1e-6,s" for k in range(8000)]
     first = load_campaign(folder(tmp_path, rows))
     write_campaign(first, tmp_path / "again", comment="two\nlines")
-    start = time.perf_counter()
+    start = time.process_time()
     again = load_campaign(tmp_path / "again")
-    assert time.perf_counter() - start < 0.5  # 0.1 s alone on the machine
+    assert time.process_time() - start < 0.5  # 0.1 s alone on the machine
     for name in ("poses", "pose", "wrench", "quantity", "value", "sigma", "session"):
         assert np.array_equal(getattr(first, name), getattr(again, name))
     published = load_campaign(DATA / "published")
