@@ -36,6 +36,7 @@ Errors
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -100,3 +101,9 @@ def __getattr__(name: str) -> Any:
 def __dir__() -> list[str]:
     """The names above."""
     return sorted([*__all__, "__version__"])
+
+
+if "IPython" in sys.modules:  # a notebook shows experiments and stiffnesses as tables
+    from stiffscope.report.notebook import register
+
+    register()

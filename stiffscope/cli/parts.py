@@ -103,7 +103,7 @@ def interfaces(
         compared = compare_interfaces(name, part, shop, overrides=overrides, tolerance=tolerance)
         files.write_bytes(folder / "interfaces.csv", interfaces_csv(compared).encode())
         files.write_json(folder / "interfaces.json", interfaces_json(compared))
-        draw(compared, f"{robot.name}: what the interfaces make of the {part}'s compliance", folder / "interfaces.png")
+        draw(compared, f"{robot.name}: effect of the interfaces on the {part}'s compliance", folder / "interfaces.png")
         for tested in (compared.own, *compared.others):
             result = tested.result
             manifest.note(tested.choice.name, key=result.key, reused=result.reused, seconds=result.seconds)

@@ -69,6 +69,7 @@ def deflection(
     wrench: str, quiet: bool,
 ) -> None:  # fmt: skip
     """How far the tool yields under a wrench, and which part yields how much of it."""
+    from stiffscope.jobs.assembly import deflection_bars
     from stiffscope.report import tables
     from stiffscope.robot import quantities as q
     from stiffscope.vjm.deflection import deflection as deflected
@@ -85,7 +86,8 @@ def deflection(
         shares = {"energy": found.energy, "shares": found.shares}
         files.write_json(target, {"poses": list(points.values()), "wrench": load, "twist": found.twist, **shares})
     if not quiet and target != "-":
-        tables.show_deflection(list(points), found.twist, found.shares, ",".join(f"{value:g}" for value in load))
+        error = deflection_bars(assembled, list(points.values()), found.twist)
+        tables.show_deflection(list(points), found.twist, found.shares, ",".join(f"{v:g}" for v in load), error)
 
 
 @click.command("map")

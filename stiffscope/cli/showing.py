@@ -42,5 +42,5 @@ def show_compliance(robot: RobotFile, result: PartResult) -> None:
     elif result.own_shape:
         tables.show_comparison(compare(robot, result.name, result))
     else:
-        tables.show_matrix(f"Compliance of the {result.name}, SI", result.compliance)
+        tables.show_matrix(f"Compliance of the {result.name}, SI", result.compliance, result.error)
         tables.show_line("No beam theory beside it: it is a STEP file's solid, not the robot file's own shape\n")

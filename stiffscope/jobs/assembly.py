@@ -172,6 +172,15 @@ def stiffness_bars(assembled: Assembled, poses: Any) -> np.ndarray | None:
     return stiffness_error(assembled.elastic, poses, link, slider)
 
 
+def deflection_bars(assembled: Assembled, poses: Any, twist: np.ndarray) -> np.ndarray | float:
+    """95 % bounds (n, 6) on deflections (n, 6) in m, rad, from those on the stiffness; 0 where no part has any."""
+    from stiffscope.vjm.analysis import stiffness
+    from stiffscope.vjm.uncertainty import deflection_error
+
+    bars = stiffness_bars(assembled, poses)
+    return 0.0 if bars is None else deflection_error(stiffness(assembled.elastic, poses), bars, twist)
+
+
 def stiffness_json(state: Stiffness, error: np.ndarray | None = None) -> dict[str, Any]:
     """What scripts read of the robot."""
     bars = {} if error is None else {"error": error}

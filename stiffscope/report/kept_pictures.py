@@ -64,13 +64,13 @@ def write_run_pictures(assembled: Assembled, folder: Path, cache: Cache, manifes
 
 
 def draw_shares(assembled: Assembled, diagnosis: Diagnosis, poses: np.ndarray, folder: Path) -> None:
-    """The robot at the pose of the greatest misfit, its components coloured by their share of the gap."""
+    """The robot at the pose of the largest residual, its components coloured by their share of the gap."""
     where = diagnosis.where
     if not where.component:
         return
     worst = int(np.argmax([np.nansum(np.square(row)) for row in np.array(where.pose, dtype=float)]))
     place = ", ".join(f"{1e3 * c:.4g}" for c in poses[worst])
-    title = f"Share of the gap by component, at the pose of the greatest misfit, M = ({place}) mm"
+    title = f"Share of the gap by component, at the pose of the largest residual, M = ({place}) mm"
     picture = {"file": "robot.png", "title": title, "pose": poses[worst]}
     try:
         _draw_robot(assembled, folder, [picture], shares=shares(diagnosis), scale="share of the gap")
