@@ -48,7 +48,7 @@ def write(folder, diagnosis, **more):
 
 
 def test_the_page_is_complete_and_self_contained(tmp_path):
-    page, figures = write(tmp_path, diagnosed(likeness=(("a @ b", "c @ d"), ((1.0, 0.9), (0.9, 1.0)))))
+    page, figures = write(tmp_path, diagnosed(signature_correlation=(("a @ b", "c @ d"), ((1.0, 0.9), (0.9, 1.0)))))
     assert figures == ["waterfall", "residuals", "signatures"]
     sources = [value for name, value in page.attributes if name in {"src", "href"}]
     assert len(sources) == page.tags.count("img") == 3
@@ -66,7 +66,7 @@ def test_the_page_is_complete_and_self_contained(tmp_path):
 
 @pytest.mark.parametrize("text", [HOSTILE, MATHEMATICS])
 def test_a_campaign_cannot_inject_anything(text, tmp_path):
-    plain = diagnosed(likeness=(("a @ b", "c @ d"), ((1.0, 0.9), (0.9, 1.0))))
+    plain = diagnosed(signature_correlation=(("a @ b", "c @ d"), ((1.0, 0.9), (0.9, 1.0))))
     effect = Effect(text, text, 0.9, 1.0, dict.fromkeys([text], plain.effects[0].parameters["factor"]), (text,))
     hostile = replace(
         plain,
@@ -77,7 +77,7 @@ def test_a_campaign_cannot_inject_anything(text, tmp_path):
         next_measurement=replace(plain.next_measurement, separates=(text, text), pose=text),
         remarks=(text,),
         steps=((text, 1.0), ("noise", 0.5)),
-        likeness=((text, f"{text} @ x"), plain.likeness[1]),
+        signature_correlation=((text, f"{text} @ x"), plain.likeness[1]),
     )
     for name in ("plain", "hostile"):
         (tmp_path / name).mkdir()
