@@ -77,7 +77,7 @@ def test_a_campaign_cannot_inject_anything(text, tmp_path):
         next_measurement=replace(plain.next_measurement, separates=(text, text), pose=text),
         remarks=(text,),
         steps=((text, 1.0), ("noise", 0.5)),
-        signature_correlation=((text, f"{text} @ x"), plain.likeness[1]),
+        signature_correlation=((text, f"{text} @ x"), plain.signature_correlation[1]),
     )
     for name in ("plain", "hostile"):
         (tmp_path / name).mkdir()
