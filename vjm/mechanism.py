@@ -38,8 +38,8 @@ FREE = {
     "spherical": "S",
     "planar": "P1 P2 R0",
 }
-"""Free motions of each kind of joint, in their order: rotations R and slides P along the joint's axes x, y, z (0, 1, 2),
-S all rotations; the second axis of a universal joint (R1) need not be square to the first."""
+"""Free motions of each kind of joint, in their order: rotations R and slides P along the joint's axes x, y, z (0, 1,
+2), S all rotations; the second axis of a universal joint (R1) need not be square to the first."""
 _DRIVEN = {"revolute": 0, "prismatic": 0, "cylindrical": 1}  # which of the free motions a drive acts along
 _ORTHONORMAL = 1e-9
 _PARALLEL = 1e-6
@@ -50,7 +50,7 @@ def spelled(table: str, name: str) -> str:
     return f"{table}.{name}" if re.fullmatch(r"[A-Za-z0-9_-]+", name) else f'{table}."{name}"'
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Elastic:
     """What makes a body elastic: its compliance, and the places of its two ends.
 
@@ -67,7 +67,7 @@ class Elastic:
     offset: Array | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Body:
     """A rigid body, or an elastic one between two ends.
 
@@ -123,7 +123,7 @@ def member(
     return Body(name, mass, elastic=Elastic(np.asarray(compliance, dtype=float), start, end, axes, bound))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Drive:
     """A spring along the free direction of a joint, N/m or N·m/rad, and the range of its displacement from home."""
 
@@ -132,7 +132,7 @@ class Drive:
     high: float = np.inf
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Joint:
     """A joint between two nodes, ``first`` and ``second``.
 
@@ -165,11 +165,8 @@ class Joint:
                 _set(self, key, _direction(getattr(self, key), f"{here}.{key}"))
         if self.axis is None and self.kind not in {"fixed", "spherical"}:
             raise InputError(f"{here}.axis: expected the direction of a {self.kind} joint, got none")
-        if self.kind == "universal":
-            if self.axis2 is None:
-                raise InputError(f"{here}.axis2: expected the second direction of a universal joint, got none")
-            if np.linalg.norm(np.cross(self.axis, self.axis2)) < _PARALLEL:
-                raise InputError(f"{here}.axis2: expected a direction other than axis, got {self.axis2.tolist()}")
+        if self.kind == "universal" and self.axis2 is None:
+            raise InputError(f"{here}.axis2: expected the second direction of a universal joint, got none")
         if self.drive is not None:
             self._check_drive(self.drive, here)
         if self.compliance is not None:
@@ -190,7 +187,7 @@ class Joint:
     def axes(self) -> Array:
         """Columns (3, 3): the joint's x, y, z in base axes at home."""
         here = spelled("joints", self.name)
-        return np.eye(3) if self.axis is None else axes_along(self.axis, self.axis2, here)
+        return np.eye(3) if self.axis is None else axes_along(self.axis, self.axis2, here, ("axis", "axis2"))
 
     @cached_property
     def motions(self) -> tuple[tuple[str, Array], ...]:
@@ -211,7 +208,7 @@ class Joint:
         return None if self.drive is None else _DRIVEN[self.kind]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Tool:
     """The tool point M on a body (or end of one), ``at`` (3,) in m, and the coordinates that command a pose.
 
@@ -240,7 +237,7 @@ class Tool:
         return np.concatenate([self.at, np.zeros(3)])[self.commanded]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Change:
     """What an effect does to an element: compliance (6, 6) added, twist (6,) of its unloaded end, in its own axes."""
 
@@ -251,7 +248,7 @@ class Change:
 NO_CHANGE = Change()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Mechanism:
     """Bodies, joints and tool, and ``gravity`` (3,), the acceleration of free fall in m/s², base axes.
 
@@ -361,19 +358,19 @@ class Mechanism:
         return replace(self, bodies=tuple(bodies), joints=tuple(joints), base=base, grip=grip)
 
 
-def axes_along(x: ArrayLike, y: ArrayLike | None = None, name: str = "axes") -> Array:
+def axes_along(
+    x: ArrayLike, y: ArrayLike | None = None, name: str = "axes", keys: tuple[str, str] = ("x", "y")
+) -> Array:
     """Axes (3, 3) as columns: x along ``x`` (3,), y as near to ``y`` (3,) as can be, z = x × y.
 
     ``y`` is by default the base axis after the one that ``x`` is nearest to.
     """
-    along = _direction(x, f"{name}: x")
-    if y is None:
-        side = np.eye(3)[(int(np.argmax(np.abs(along))) + 1) % 3]
-    else:
-        side = _direction(y, f"{name}: y")
+    along = _direction(x, f"{name}.{keys[0]}")
+    following = np.eye(3)[(int(np.argmax(np.abs(along))) + 1) % 3]
+    side = following if y is None else _direction(y, f"{name}.{keys[1]}")
     normal = np.cross(along, side)
     if np.linalg.norm(normal) < _PARALLEL:
-        raise InputError(f"{name}: y: expected a direction other than x, got {side.tolist()}")
+        raise InputError(f"{name}.{keys[1]}: expected a direction other than {keys[0]}, got {side.tolist()}")
     normal = normal / np.linalg.norm(normal)
     return np.column_stack([along, np.cross(normal, along), normal])
 
