@@ -379,12 +379,20 @@ def _stiffen(state: Condensed, connection: Connection) -> None:
     if state.loads is None:
         return
     along = chain(state, connection)
-    preload = -stiffness @ along.offset
-    if len(connection.members) > 1 and any(c.any() for c in along.carried):
-        preload = preload + back_t @ _held(state, connection, along, own)
+    preload = preload_of(state, connection, along, own)
     state.load(connection.end, -preload)
     state.load(connection.start, preload + along.total)
     state.done.append((along, stiffness, preload))
+
+
+def preload_of(state: Condensed, connection: Connection, along: Chain, own: Array) -> Array:
+    """Wrench (n, 6, c) at M that holds the ends of a connection together under its loads and offsets."""
+    back = connection.frame(state.where).inverse_adjoint()
+    back_t = np.swapaxes(back, -1, -2)
+    preload = -back_t @ (own @ (back @ along.offset))
+    if any(c.any() for c in along.carried):
+        preload = preload + back_t @ _held(state, connection, along, own)
+    return preload
 
 
 def _held(state: Condensed, connection: Connection, along: Chain, own: Array) -> Array:
@@ -485,7 +493,7 @@ def _fold(state: Condensed, step: Fold) -> None:
         share = np.swapaxes(around[c], -1, -2) @ moved
         state.load(c, share)
         state.load(start, -share)
-    state.done.append((along, b, np.swapaxes(weight, -1, -2) @ half, y, around))
+    state.done.append((along, b, np.swapaxes(weight, -1, -2) @ half, y, around, force))
 
 
 def _rows(blocks: list[Array], cases: int) -> Array:
