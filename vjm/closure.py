@@ -122,12 +122,7 @@ class Closure:
         for k, cut in enumerate(self.linkage.cuts):
             mine = [(i, r - self.starts[k]) for i, r in enumerate(self.rows) if 0 <= r - self.starts[k] < cut.size]
             theirs = [(position[c], a) for a, c in enumerate(cut.columns) if c in position]
-            pairs = [
-                (i, j, a, b)
-                for a, (i, _) in enumerate(mine)
-                for b, (j, _) in enumerate(theirs)
-                if fill[i, j]
-            ]
+            pairs = [(i, j, a, b) for a, (i, _) in enumerate(mine) for b, (j, _) in enumerate(theirs) if fill[i, j]]
             self.entries.append((k, np.array([r for _, r in mine], int), np.array([a for _, a in theirs], int), pairs))
 
     def solve(self, q: Array, steps: int = _STEPS) -> Solution:

@@ -112,7 +112,9 @@ class Configurations:
         bad = np.flatnonzero(~self.valid)
         if bad.size:
             i = int(bad[0])
-            given = ", ".join(f"{name} = {v:.6g}" for name, v in zip(self.mechanism.tool.pose, self.poses[i], strict=True))
+            given = ", ".join(
+                f"{name} = {v:.6g}" for name, v in zip(self.mechanism.tool.pose, self.poses[i], strict=True)
+            )
             raise InputError(f"pose {i} ({given}): {self.reason(i)}")
         return self
 
@@ -373,7 +375,9 @@ class _Reached:
         tool[:, 3:] = rotation_vector(placed.rotation[link])
         if "" in linkage.columns:
             tool[:, 3:] = q[:, linkage.columns[""][3:]]
-        out = Configurations(mechanism, tool[:, mechanism.tool.commanded], tool, failure == 0, q, linkage, failure, culprit)
+        out = Configurations(
+            mechanism, tool[:, mechanism.tool.commanded], tool, failure == 0, q, linkage, failure, culprit
+        )
         out.__dict__["placed"] = placed
         drives = out.drives
         for k, joint in enumerate(mechanism.drives):

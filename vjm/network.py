@@ -174,7 +174,11 @@ def _joint(joint: Joint, first: str, second: str) -> Element:
 def free_directions(element: Element, where: Places) -> Array:
     """Free directions (n or 1, 6, k) in the element's own axes."""
     joint = element.joint
-    if joint is None or (where.rigid and joint.kind != "universal") or joint.kind in {"fixed", "prismatic", "spherical"}:
+    if (
+        joint is None
+        or (where.rigid and joint.kind != "universal")
+        or joint.kind in {"fixed", "prismatic", "spherical"}
+    ):
         return element.free[None]
     axis = joint.axis2 if joint.kind == "universal" else joint.axis
     turn = np.flatnonzero(element.free[3:].any(axis=0))  # the last rotation's axis rides on the second body

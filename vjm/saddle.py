@@ -47,7 +47,9 @@ def saddle_stiffness(state: Condensed) -> Array:
     moved, good = _solved(state, m[:, inner[:, None], inner], -coupling, "stiffness")
     if not good:
         names = ", ".join(e.name for c in state.order.left for e, _ in c.members)
-        raise InputError(f"the tool has infinite stiffness in a direction, through {names}: expected a compliance there")
+        raise InputError(
+            f"the tool has infinite stiffness in a direction, through {names}: expected a compliance there"
+        )
     k = m[:, tool, tool] + np.swapaxes(coupling, -1, -2) @ moved
     return 0.5 * (k + np.swapaxes(k, -1, -2))
 
@@ -73,7 +75,9 @@ def saddle_response(state: Condensed) -> tuple[dict[str, Array], list[tuple[Chai
         right[:, y] += _pull(state, along, b)
     found, good = _solved(state, system.matrix, right, "response")
     if not good:
-        raise InputError("the tool, or a body, moves freely under its load: ask for its mobility, not for its deflection")
+        raise InputError(
+            "the tool, or a body, moves freely under its load: ask for its mobility, not for its deflection"
+        )
     moved = {node: found[:, place] for node, place in system.nodes.items()}
     moved[GROUND] = np.zeros((1, 6, cases))
     states: list[tuple[Chain, Array, Array, Array]] = []
