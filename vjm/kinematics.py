@@ -60,20 +60,26 @@ class Configurations:
         return len(self.valid)
 
     def __getitem__(self, some: slice | NDArray[np.intp] | NDArray[np.bool_]) -> Configurations:
-        parts = (getattr(self, key)[some] for key in ("poses", "tool", "valid", "q"))
-        return Configurations(self.mechanism, *parts, self.linkage, self.failure[some], self.culprit[some])
+        poses, tool, valid = self.poses[some], self.tool[some], self.valid[some]
+        q, failure, culprit = self.q[:, some], self.failure[some], self.culprit[some]
+        return Configurations(self.mechanism, poses, tool, valid, q, self.linkage, failure, culprit)
 
     @cached_property
     def placed(self) -> Placed:
         """Links where they are."""
         return self.linkage.placed(self.q)
 
+    def link_frame(self, link: int) -> tuple[Array, Array]:
+        """Displacement from home of a rigid link: rotation (n or 1, 3, 3) and position (n or 1, 3)."""
+        rotation = np.ascontiguousarray(np.moveaxis(self.placed.rotation[link], -1, 0))
+        return rotation, np.ascontiguousarray(self.placed.position[link].T)
+
     def frame(self, node: str) -> tuple[Array, Array]:
         """Rotation (n, 3, 3) and position (n, 3) of a node: of a rigid body its displacement from home, of an elastic
         body's end the part axes and the end's place.
         """
         link = self.linkage.frame[self.linkage.link_of[node]]
-        rotation, position = self.placed.rotation[link], self.placed.position[link]
+        rotation, position = self.link_frame(link)
         body = next((b for b in self.mechanism.bodies if node in b.nodes), None)
         if body is not None and body.elastic is not None:
             end = body.elastic.base if node == body.nodes[0] else body.elastic.tip
@@ -173,8 +179,9 @@ def _range_text(joint: Joint, value: float) -> str:
 
 
 def _joined(mechanism: Mechanism, parts: list[Configurations]) -> Configurations:
-    keys = ("poses", "tool", "valid", "q", "failure", "culprit")
-    poses, tool, valid, q, failure, culprit = (np.concatenate([getattr(p, key) for p in parts]) for key in keys)
+    keys = ("poses", "tool", "valid", "failure", "culprit")
+    poses, tool, valid, failure, culprit = (np.concatenate([getattr(p, key) for p in parts]) for key in keys)
+    q = np.concatenate([p.q for p in parts], axis=1)
     return Configurations(mechanism, poses, tool, valid, q, parts[0].linkage, failure, culprit)
 
 
@@ -204,8 +211,8 @@ def _solver(mechanism: Mechanism, given: Given) -> Solver:
             raise InputError(f"tool.pose: the mechanism at home cannot move along {names}")
         solver = Solver(mechanism, linkage, closure, 0.0)
         if given == "tool":
-            placed = linkage.placed(home[None])
-            solver.home_sign = float(_drive_sign(solver, placed, closure.rates(placed))[0])
+            placed = linkage.placed(home[:, None])
+            solver.home_sign = float(_drive_sign(solver, placed, closure.rates(placed, {}))[0])
         known[given] = solver
     return known[given]
 
@@ -213,25 +220,25 @@ def _solver(mechanism: Mechanism, given: Given) -> Solver:
 def _drive_sign(solver: Solver, placed: Placed, rates: Array) -> Array:
     """Sign (n,) of the determinant of the drives' rates by the commanded coordinates; zeros where it is not square."""
     drives = solver.mechanism.drives
-    n = len(rates)
-    if len(drives) != rates.shape[2]:
+    n = rates.shape[2]
+    if len(drives) != rates.shape[1]:
         return np.zeros(n)
     rows = np.empty((n, len(drives), len(drives)))
     linkage = solver.linkage
     for k, joint in enumerate(drives):
         scale = 1.0 if joint.kind == "revolute" else linkage.length
         if joint.name in linkage.columns:
-            rows[:, k] = rates[:, linkage.columns[joint.name][joint.driven or 0]] / scale
+            rows[:, k] = rates[linkage.columns[joint.name][joint.driven or 0]].T / scale
             continue
         cut = next(c for c in linkage.cuts if c.joint is joint)
-        across = linkage.rate(cut, placed) @ rates[:, cut.columns]
-        axis = placed.rotation[cut.first] @ joint.axes[:, 0]
+        across = np.einsum("cin,ckn,c->ikn", placed.twists[cut.columns], rates[cut.columns], cut.signs)
+        axis = joint.axes[:, 0] @ placed.rotation[cut.first]
         if joint.kind == "revolute":
-            rows[:, k] = np.einsum("...i,...ij->...j", axis, across[:, 3:])
+            rows[:, k] = np.einsum("in,ikn->nk", np.broadcast_to(axis, (3, n)), across[3:])
         else:
-            at = placed.point(cut.second, joint.at)
-            moved = across[:, :3] - np.cross(at[:, :, None], across[:, 3:], axis=1)
-            rows[:, k] = np.einsum("...i,...ij->...j", axis, moved) / scale
+            at = np.broadcast_to(placed.point(cut.second, joint.at), (3, n))
+            moved = across[:3] - np.cross(at[:, None], across[3:], axis=0)
+            rows[:, k] = np.einsum("in,ikn->nk", np.broadcast_to(axis, (3, n)), moved) / scale
     rows = rows * linkage.scale[linkage.known]
     finite = np.isfinite(rows).all(axis=(1, 2))
     rows[~finite] = 0.0
@@ -262,33 +269,35 @@ class _Reached:
         linkage = solver.linkage
         self.unit = linkage.scale[linkage.known]
         self.values: Array = np.zeros((1, len(linkage.known)))
-        self.q: Array = np.zeros((1, linkage.size))
+        self.q: Array = np.zeros((linkage.size, 1))
         self.predict: Callable[[Array], Array] | None = None
 
     def visit(self, values: Array) -> Configurations:
         """Configurations at given values (n, k)."""
         solver, linkage = self.solver, self.solver.linkage
         n = len(values)
-        q: Array = np.zeros((n, linkage.size)) if self.predict is None else self.predict(values)
-        done = np.zeros(n, dtype=bool)
         failure, culprit = np.zeros(n, dtype=np.int8), np.zeros(n, dtype=np.intp)
-        if self.predict is not None:
-            q[:, linkage.known] = values
+        if self.predict is None:
+            q, done = np.zeros((linkage.size, n)), np.zeros(n, dtype=bool)
+            placed, factors = None, {}
+        else:
+            q = self.predict(values)
+            q[linkage.known] = values.T
             found = solver.closure.solve(q)
-            q, done = found.q, found.closed.copy()
-        if not done.all():
+            q, done, placed, factors = found.q, found.closed.copy(), found.placed, found.factors
+        if placed is None or not done.all():
             self._follow(values, q, done, failure, culprit)
-        placed = linkage.placed(q)
+            placed, factors = linkage.placed(q), {}
         if solver.home_sign:
-            sign = _drive_sign(solver, placed, solver.closure.rates(placed))
+            sign = _drive_sign(solver, placed, solver.closure.rates(placed, factors))
             failure[(sign * solver.home_sign < 0.0) & done] = _BRANCH
-        return self._configurations(values, q, failure, culprit)
+        return self._configurations(q, placed, failure, culprit)
 
     def _follow(
         self, values: Array, q: Array, done: NDArray[np.bool_], failure: NDArray[np.int8], culprit: NDArray[np.intp]
     ) -> None:
         """Reach the values that are not yet done from home, then from what was reached before them."""
-        linkage, closure = self.solver.linkage, self.solver.closure
+        linkage = self.solver.linkage
         fresh = len(self.values) == 1
         for attempt in range(6):
             left = np.flatnonzero(~done)
@@ -298,44 +307,39 @@ class _Reached:
                 start = np.zeros(len(left), dtype=int)
             else:
                 _, start = cKDTree(self.values / self.unit).query(values[left] / self.unit)
-            reached, at, errors = self._walk(self.values[start], self.q[start], values[left])
-            q[left[reached]] = at[reached]
+            reached, at, errors = self._walk(self.values[start], self.q[:, start], values[left])
+            q[:, left[reached]] = at[:, reached]
             done[left[reached]] = True
-            failure[left], culprit[left] = _OPEN, errors.argmax(axis=1) if errors.shape[1] else -1
-            near = (errors < CLOSED).all(axis=1)
-            failure[left[near]] = _BRANCH
+            failure[left] = np.where((errors < CLOSED).all(axis=0), _BRANCH, _OPEN)
+            culprit[left] = errors.argmax(axis=0) if len(errors) else -1
             failure[left[reached]] = _REACHED
             if not reached.any():
                 break
             self.values = np.concatenate([self.values, values[left[reached]]])
-            self.q = np.concatenate([self.q, at[reached]])
-        lost = ~done
-        q[lost] = np.nan
-        q[np.ix_(lost, linkage.known)] = values[lost]
-        _ = closure
+            self.q = np.concatenate([self.q, at[:, reached]], axis=1)
+        lost = np.flatnonzero(~done)
+        q[:, lost] = np.nan
+        q[np.ix_(linkage.known, lost)] = values[lost].T
 
     def _walk(self, start: Array, q: Array, end: Array) -> tuple[NDArray[np.bool_], Array, Array]:
-        """Follow coordinates (n, m) from start to end values (n, k), each in steps of its own."""
+        """Follow coordinates (m, n) from start to end values (n, k), each in steps of its own."""
         linkage, closure = self.solver.linkage, self.solver.closure
-        n = len(q)
+        n = q.shape[1]
         way, step = np.zeros(n), np.ones(n)
         q = q.copy()
-        errors = np.full((n, len(linkage.cuts)), np.inf)
-        going = np.ones(n, dtype=bool)
-        while going.any():
-            some = np.flatnonzero(going)
+        errors = np.full((len(linkage.cuts), n), np.inf)
+        some = np.arange(n)
+        while some.size:
             ahead = np.minimum(way[some] + step[some], 1.0)
-            trial = q[some].copy()
-            trial[:, linkage.known] = start[some] + ahead[:, None] * (end[some] - start[some])
-            before = self._signs(q[some]) if False else None
+            trial = q[:, some]
+            trial[linkage.known] = (start[some] + ahead[:, None] * (end[some] - start[some])).T
             found = closure.solve(trial)
             good = found.closed
-            errors[some] = found.error
-            q[some[good]] = found.q[good]
+            errors[:, some] = found.error
+            q[:, some[good]] = found.q[:, good]
             way[some[good]] = ahead[good]
             step[some] = np.where(good, 2.0 * step[some], 0.5 * step[some])
-            going = (way < 1.0) & (step >= _SHORTEST)
-            _ = before
+            some = some[(way[some] < 1.0) & (step[some] >= _SHORTEST)]
         return way >= 1.0, q, np.nan_to_num(errors, nan=np.inf)
 
     def fit(self) -> None:
@@ -354,30 +358,27 @@ class _Reached:
 
         table = features(self.values)
         train = np.arange(count) % 4 > 0
-        solution = np.linalg.lstsq(table[train], self.q[train], rcond=None)[0]
-        off = np.abs(table[~train] @ solution - self.q[~train]) / self.solver.linkage.scale
+        solution = np.linalg.lstsq(table[train], self.q.T[train], rcond=None)[0]
+        off = np.abs(table[~train] @ solution - self.q.T[~train]) / self.solver.linkage.scale
         if float(np.quantile(off.max(axis=1), 0.9)) < _FIT:
-            self.predict = lambda values: features(values) @ solution
+            self.predict = lambda values: np.ascontiguousarray((features(values) @ solution).T)
         else:
             tree = cKDTree(self.values / self.unit)
-            self.predict = lambda values: self.q[tree.query(values / self.unit)[1]]
+            self.predict = lambda values: self.q[:, tree.query(values / self.unit)[1]]
 
     def _configurations(
-        self, values: Array, q: Array, failure: NDArray[np.int8], culprit: NDArray[np.intp]
+        self, q: Array, placed: Placed, failure: NDArray[np.int8], culprit: NDArray[np.intp]
     ) -> Configurations:
-        solver, linkage = self.solver, self.solver.linkage
-        mechanism = solver.mechanism
-        placed = linkage.placed(q)
+        linkage, mechanism = self.solver.linkage, self.solver.mechanism
         link = linkage.frame[linkage.link_of[mechanism.tool.body]]
-        n = len(q)
-        tool = np.empty((n, 6))
-        tool[:, :3] = placed.point(link, mechanism.tool.at)
-        tool[:, 3:] = rotation_vector(placed.rotation[link])
+        tool = np.empty((q.shape[1], 6))
+        tool[:, :3] = placed.point(link, mechanism.tool.at).T
         if "" in linkage.columns:
-            tool[:, 3:] = q[:, linkage.columns[""][3:]]
-        out = Configurations(
-            mechanism, tool[:, mechanism.tool.commanded], tool, failure == 0, q, linkage, failure, culprit
-        )
+            tool[:, 3:] = q[linkage.columns[""][3:]].T
+        else:
+            tool[:, 3:] = rotation_vector(np.moveaxis(placed.rotation[link], -1, 0))
+        poses = tool[:, mechanism.tool.commanded]
+        out = Configurations(mechanism, poses, tool, failure == 0, q, linkage, failure, culprit)
         out.__dict__["placed"] = placed
         drives = out.drives
         for k, joint in enumerate(mechanism.drives):
@@ -386,7 +387,8 @@ class _Reached:
             outside = (drives[:, k] < joint.drive.low - _SLACK) | (drives[:, k] > joint.drive.high + _SLACK)
             outside &= failure == _REACHED
             failure[outside], culprit[outside] = _RANGE, k
-        return Configurations(mechanism, out.poses, tool, failure == 0, q, linkage, failure, culprit)
+        np.equal(failure, 0, out=out.valid)
+        return out
 
 
 def _terms(k: int, degree: int) -> int:

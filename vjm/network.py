@@ -16,7 +16,7 @@ from stiffscope.vjm.screws import Frame, rotation
 
 if TYPE_CHECKING:
     from stiffscope.vjm.kinematics import Configurations
-    from stiffscope.vjm.linkage import Linkage, Placed
+    from stiffscope.vjm.linkage import Linkage
     from stiffscope.vjm.mechanism import Change, Joint, Mechanism
     from stiffscope.vjm.screws import Array
 
@@ -112,17 +112,12 @@ def nodes_of(mechanism: Mechanism) -> tuple[str, ...]:
 
 
 def places(configurations: Configurations) -> Places:
-    """Nodes of the unloaded mechanism."""
-    linkage, placed = configurations.linkage, configurations.placed
-    return rigid_places(linkage, placed, configurations.tool[:, :3])
-
-
-def rigid_places(linkage: Linkage, placed: Placed, tool: Array) -> Places:
-    """Nodes of a linkage's rigid links."""
+    """Nodes of the unloaded mechanism, whose links are rigid."""
+    linkage = configurations.linkage
     link = link_of(linkage)
-    frames = {node: linkage.frame[k] for node, k in link.items()}
-    rotation = {node: placed.rotation[k] for node, k in frames.items()}
-    return Places(rotation, {node: placed.position[k] for node, k in frames.items()}, tool)
+    known = {k: configurations.link_frame(linkage.frame[k]) for k in set(link.values())}
+    rotation, position = ({node: known[k][i] for node, k in link.items()} for i in (0, 1))
+    return Places(rotation, position, configurations.tool[:, :3])
 
 
 def link_of(linkage: Linkage) -> dict[str, int]:
