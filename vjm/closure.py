@@ -123,11 +123,11 @@ class Closure:
         sparse = used[np.ix_(row_order, column_order)]
         self.entries = [[j for j in size if sparse[i, j]] for i in size]
 
-    def solve(self, q: Array, steps: int = _STEPS) -> Solution:
+    def solve(self, q: Array, steps: int = _STEPS, *, patient: bool = False) -> Solution:
         """Newton's method from coordinates (m, n), whose known rows are as given.
 
         A pose is closed where all equations hold to 1e-12 and the steps contract as they do near a solution: a start
-        too far away may lead to another branch.
+        too far away may lead to another branch. ``patient``: go on with poses that cannot be closed so.
         """
         n = q.shape[1]
         q = q.copy()
@@ -143,6 +143,8 @@ class Closure:
                     worst[k] = np.abs(e).max(axis=0, initial=0.0)
                 most = worst.max(axis=0, initial=0.0)
                 going = ~(most < _ENOUGH)
+                if not patient:
+                    going &= trusted
                 if count == steps or not self.rows or not going.any():
                     break
                 factors = self.factored(self.matrix(placed))

@@ -32,7 +32,9 @@ if TYPE_CHECKING:
 CHUNK = 1024  # poses; what is at work stays within the processor's cache
 _FEW = 1500  # poses, below which each is followed from home
 _LANDMARKS = 1200
-_SHORTEST = 1.0 / 64.0  # of the way
+_SHORTEST, _SHORT = 1.0 / 64.0, 1.0 / 4.0  # of the way from home, or from a pose near by
+_NEIGHBOURS = 3.0  # distances between poses, within which one is reached from another
+_ROUNDS = 20
 _SLACK = 1e-9  # rad or m; a drive at the very end of its range is still in it
 _FIT = 0.05  # rad or own lengths that a predicted start may be off
 _REACHED, _OPEN, _RANGE, _BRANCH = range(4)
@@ -100,18 +102,21 @@ class Configurations:
 
     def reason(self, index: int) -> str:
         """Why a configuration is not valid; empty where it is."""
-        k = int(self.culprit[index])
-        match int(self.failure[index]):
-            case 0:
-                return ""
-            case 1:
-                name = self.linkage.cuts[k].joint.name if 0 <= k < len(self.linkage.cuts) else "the tool"
-                return f"out of reach: the loop through {spelled('joints', name)} does not close"
-            case 2:
-                joint = self.mechanism.drives[k]
-                return _range_text(joint, float(self.drives[index, k]))
-            case _:
-                return "on another branch: no way leads there from home without passing a singular pose"
+        if self.valid[index]:
+            return ""
+        if int(self.failure[index]) == _RANGE:
+            k = int(self.culprit[index])
+            return _range_text(self.mechanism.drives[k], float(self.drives[index, k]))
+        if int(self.failure[index]) == _OPEN:
+            solver = solver_of(self.mechanism, self.linkage.given)
+            q = np.zeros((self.linkage.size, 1))
+            q[self.linkage.known] = self.q[self.linkage.known, index, None]
+            found = solver.closure.solve(q, 50, patient=True)
+            if not (found.error[:, 0] < CLOSED).all():
+                worst = np.nan_to_num(found.error[:, 0], nan=np.inf).argmax()
+                name = spelled("joints", self.linkage.cuts[int(worst)].joint.name)
+                return f"out of reach: the loop through {name} does not close"
+        return "on another branch: no way leads there from home without passing a singular pose"
 
     def required(self) -> Configurations:
         """Itself, where all are valid. Raises InputError with the first that is not."""
@@ -138,7 +143,7 @@ def configure(mechanism: Mechanism, poses: ArrayLike) -> Configurations:
 
 def configured(mechanism: Mechanism, points: Array, size: int = CHUNK) -> Iterator[Configurations]:
     """Configurations at checked poses (n, k), ``size`` at a time."""
-    solver = _solver(mechanism, "tool")
+    solver = solver_of(mechanism, "tool")
     home = mechanism.tool.home
     yield from _all(solver, points - home, size)
 
@@ -150,7 +155,7 @@ def configure_drives(mechanism: Mechanism, displacements: ArrayLike) -> Configur
     """
     names = [j.name for j in mechanism.drives]
     values = _checked(displacements, names, "drives")
-    parts = list(_all(_solver(mechanism, "drives"), values, CHUNK))
+    parts = list(_all(solver_of(mechanism, "drives"), values, CHUNK))
     return parts[0] if len(parts) == 1 else _joined(mechanism, parts)
 
 
@@ -199,7 +204,8 @@ class Solver:
 _solvers: WeakKeyDictionary[Mechanism, dict[Given, Solver]] = WeakKeyDictionary()
 
 
-def _solver(mechanism: Mechanism, given: Given) -> Solver:
+def solver_of(mechanism: Mechanism, given: Given) -> Solver:
+    """The equations of a mechanism, ranked once."""
     known = _solvers.setdefault(mechanism, {})
     if given not in known:
         linkage = Linkage(mechanism, given)
@@ -270,6 +276,7 @@ class _Reached:
         self.unit = linkage.scale[linkage.known]
         self.values: Array = np.zeros((1, len(linkage.known)))
         self.q: Array = np.zeros((linkage.size, 1))
+        self.near = np.inf
         self.predict: Callable[[Array], Array] | None = None
 
     def visit(self, values: Array) -> Configurations:
@@ -286,48 +293,61 @@ class _Reached:
             found = solver.closure.solve(q)
             q, done, placed, factors = found.q, found.closed.copy(), found.placed, found.factors
         if placed is None or not done.all():
-            self._follow(values, q, done, failure, culprit)
+            self._follow(values, q, done)
             placed, factors = linkage.placed(q), {}
+        failure[~done] = _OPEN
         if solver.home_sign:
             sign = _drive_sign(solver, placed, solver.closure.rates(placed, factors))
             failure[(sign * solver.home_sign < 0.0) & done] = _BRANCH
         return self._configurations(q, placed, failure, culprit)
 
-    def _follow(
-        self, values: Array, q: Array, done: NDArray[np.bool_], failure: NDArray[np.int8], culprit: NDArray[np.intp]
-    ) -> None:
-        """Reach the values that are not yet done from home, then from what was reached before them."""
+    def _follow(self, values: Array, q: Array, done: NDArray[np.bool_]) -> None:
+        """Reach the values that are not yet done: from home, then those near by from what was reached before them."""
         linkage = self.solver.linkage
-        fresh = len(self.values) == 1
-        for attempt in range(6):
+        if len(self.values) == 1:
+            near = np.flatnonzero(~done)
+            self._reach(values, q, done, near, np.zeros(len(near), dtype=int), _SHORTEST)
+            unit = values / self.unit
+            spacing = cKDTree(unit).query(unit, k=min(2, len(unit)))[0]
+            self.near = _NEIGHBOURS * float(np.median(spacing[..., -1]))
+        for _ in range(_ROUNDS):
             left = np.flatnonzero(~done)
             if not left.size:
                 return
-            if attempt == 0 and fresh:
-                start = np.zeros(len(left), dtype=int)
-            else:
-                _, start = cKDTree(self.values / self.unit).query(values[left] / self.unit)
-            reached, at, errors = self._walk(self.values[start], self.q[:, start], values[left])
-            q[:, left[reached]] = at[:, reached]
-            done[left[reached]] = True
-            failure[left] = np.where((errors < CLOSED).all(axis=0), _BRANCH, _OPEN)
-            culprit[left] = errors.argmax(axis=0) if len(errors) else -1
-            failure[left[reached]] = _REACHED
-            if not reached.any():
+            distance, start = cKDTree(self.values / self.unit).query(values[left] / self.unit)
+            close = (distance <= self.near)
+            if not self._reach(values, q, done, left[close], start[close], _SHORT):
                 break
-            self.values = np.concatenate([self.values, values[left[reached]]])
-            self.q = np.concatenate([self.q, at[:, reached]], axis=1)
         lost = np.flatnonzero(~done)
         q[:, lost] = np.nan
         q[np.ix_(linkage.known, lost)] = values[lost].T
 
-    def _walk(self, start: Array, q: Array, end: Array) -> tuple[NDArray[np.bool_], Array, Array]:
+    def _reach(
+        self,
+        values: Array,
+        q: Array,
+        done: NDArray[np.bool_],
+        some: NDArray[np.intp],
+        start: NDArray[np.intp],
+        shortest: float,
+    ) -> bool:
+        """Walk to some of the values from ``start`` among what was reached; whether any new one was."""
+        if not some.size:
+            return False
+        reached, at = self._walk(self.values[start], self.q[:, start], values[some], shortest)
+        there = some[reached]
+        q[:, there] = at[:, reached]
+        done[there] = True
+        self.values = np.concatenate([self.values, values[there]])
+        self.q = np.concatenate([self.q, at[:, reached]], axis=1)
+        return bool(reached.any())
+
+    def _walk(self, start: Array, q: Array, end: Array, shortest: float) -> tuple[NDArray[np.bool_], Array]:
         """Follow coordinates (m, n) from start to end values (n, k), each in steps of its own."""
         linkage, closure = self.solver.linkage, self.solver.closure
         n = q.shape[1]
         way, step = np.zeros(n), np.ones(n)
         q = q.copy()
-        errors = np.full((len(linkage.cuts), n), np.inf)
         some = np.arange(n)
         while some.size:
             ahead = np.minimum(way[some] + step[some], 1.0)
@@ -335,12 +355,11 @@ class _Reached:
             trial[linkage.known] = (start[some] + ahead[:, None] * (end[some] - start[some])).T
             found = closure.solve(trial)
             good = found.closed
-            errors[:, some] = found.error
             q[:, some[good]] = found.q[:, good]
             way[some[good]] = ahead[good]
             step[some] = np.where(good, 2.0 * step[some], 0.5 * step[some])
-            some = some[(way[some] < 1.0) & (step[some] >= _SHORTEST)]
-        return way >= 1.0, q, np.nan_to_num(errors, nan=np.inf)
+            some = some[(way[some] < 1.0) & (step[some] >= shortest)]
+        return way >= 1.0, q
 
     def fit(self) -> None:
         """Predict starts by a polynomial of the given values, where one fits what was reached."""
