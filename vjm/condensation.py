@@ -360,7 +360,7 @@ def chain(state: Condensed, connection: Connection) -> Chain:
     offset: Array = np.zeros((1, 6, loads.cases))
     for e, sign in connection.members:
         if e.name in loads.offsets:
-            offset = offset + state.where.frame(e).adjoint() @ (sign * loads.offsets[e.name])
+            offset = offset + state.where.adjoint(e) @ (sign * loads.offsets[e.name])
     return Chain(connection, carried, total, offset)
 
 
@@ -505,9 +505,9 @@ def tool_stiffness(state: Condensed) -> Array:
     """Stiffness (n or 1, 6, 6) at M in base axes. Raises InputError where it would be infinite."""
     order = state.order
     if order.left:
-        from stiffscope.vjm.saddle import saddle_stiffness
+        from stiffscope.vjm.saddle import saddle_unit
 
-        return saddle_stiffness(state)
+        return saddle_unit(state)[0]
     if (GROUND, END) in state.pairs or (END, GROUND) in state.pairs:
         return state.pair(END, GROUND)
     return np.zeros((1, 6, 6))

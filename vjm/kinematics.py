@@ -397,6 +397,8 @@ class _Reached:
         else:
             tool[:, 3:] = rotation_vector(np.moveaxis(placed.rotation[link], -1, 0))
         poses = tool[:, mechanism.tool.commanded]
+        if "" in linkage.columns:
+            poses = mechanism.tool.home + q[linkage.known].T
         out = Configurations(mechanism, poses, tool, failure == 0, q, linkage, failure, culprit)
         out.__dict__["placed"] = placed
         drives = out.drives

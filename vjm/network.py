@@ -7,7 +7,7 @@ twist of its second node against its first, ``Nᵀ w = 0``, in the element's own
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -67,10 +67,18 @@ class Places:
     rigid: bool = True
     """True where the nodes of a rigid link stand together as at home: nothing is bent."""
 
+    known: dict[str, Array] = field(default_factory=dict[Any, Any])
+
     def frame(self, element: Element) -> Frame:
         """Where an element stands, seen from M: (n or 1, 3, 3) and (n or 1, 3)."""
         r = self.rotation[element.carrier] @ element.axes
         return Frame(r, self.point(element.second, element.at) - self.tool)
+
+    def adjoint(self, element: Element) -> Array:
+        """Carry a twist (n or 1, 6, 6) from an element's own point and axes to M in base axes."""
+        if element.name not in self.known:
+            self.known[element.name] = self.frame(element).adjoint()
+        return self.known[element.name]
 
     def factor(self, element: Element) -> Array:
         """Factor (n or 1, 6, r) of an element's compliance; a bent body's rotates by Rx, Ry, Rz in this order."""

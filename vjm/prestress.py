@@ -16,9 +16,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.vjm.condensation import Loads, condensed, tool_stiffness
-from stiffscope.vjm.loading import loaded
+from stiffscope.vjm.loading import loaded, recovered, yielded
 from stiffscope.vjm.mechanism import GROUND
 from stiffscope.vjm.network import END, Places, free_directions, masses
+from stiffscope.vjm.saddle import loaded_unit
 from stiffscope.vjm.screws import rotation_of, skew
 
 if TYPE_CHECKING:
@@ -41,18 +42,17 @@ def loaded_stiffness(order: Order, where: Places, gravity: Array) -> tuple[Array
     """
     sagged = loaded(order, where, np.zeros((1, 6, 1)), internal_loads(order, where, gravity))
     there = bent(where, sagged)
-    stiffness = tool_stiffness(condensed(order, there))
-    own = internal_loads(order, there, gravity)
-    n = len(stiffness)
-    wrench = np.concatenate([np.zeros((n, 6, 1)), stiffness], axis=2)
-
-    def first(w: Array) -> Array:
-        return np.concatenate([w, np.zeros((*w.shape[:2], 6))], axis=2)
-
-    loads = Loads(7, {k: first(w) for k, w in own.nodes.items()}, {k: first(t) for k, t in own.offsets.items()})
-    response = loaded(order, there, wrench, loads)
+    state = condensed(order, there, internal_loads(order, there, gravity))
+    if order.left:
+        stiffness, ends, left = loaded_unit(state)
+    else:
+        stiffness, left = tool_stiffness(state), []
+        n = len(stiffness)
+        end = np.concatenate([yielded(stiffness, state.force(END)), np.broadcast_to(np.eye(6), (n, 6, 6))], axis=2)
+        ends = {GROUND: np.zeros((1, 6, 7)), END: end}
+    response = recovered(state, ends, left, mix=np.eye(1, 7))
     half = second_order(response, order.mechanism, gravity)
-    return stiffness + half + np.swapaxes(half, -1, -2), np.broadcast_to(sagged.twist[..., 0], (n, 6))
+    return stiffness + half + np.swapaxes(half, -1, -2), np.broadcast_to(sagged.twist[..., 0], (len(stiffness), 6))
 
 
 def bent(where: Places, response: Response) -> Places:
