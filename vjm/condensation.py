@@ -9,7 +9,7 @@ loops is solved with its constraints as multipliers (``stiffscope.vjm.saddle``).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 from weakref import WeakKeyDictionary
 
@@ -22,7 +22,7 @@ from stiffscope.vjm.screws import Frame
 from stiffscope.vjm.semidefinite import half_inverse, inverse, pivoted, projector
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from stiffscope.vjm.linkage import Linkage
     from stiffscope.vjm.mechanism import Mechanism
@@ -47,11 +47,13 @@ class Connection:
     origin: Array
     constant: Array | None = None
     formable: bool = False
+    still: tuple[Array, ...] = ()
+    """Adjoints of the members to the connection's own axes, where no pose changes them."""
 
     def reversed(self) -> Connection:
         """The same from its end to its start."""
         turned = tuple((e, -s) for e, s in reversed(self.members))
-        return Connection(self.end, self.start, turned, self.anchor, self.origin, self.constant, self.formable)
+        return replace(self, start=self.end, end=self.start, members=turned, still=self.still[::-1])
 
     @property
     def inner(self) -> tuple[str, ...]:
@@ -62,8 +64,10 @@ class Connection:
         """Its own axes, seen from M."""
         return Frame(where.rotation[self.anchor], where.point(self.anchor, self.origin) - where.tool)
 
-    def adjoints(self, where: Places) -> list[Array]:
+    def adjoints(self, where: Places) -> Sequence[Array]:
         """Carry each member's twist (n or 1, 6, 6) to the connection's own axes."""
+        if self.still and where.rigid:
+            return self.still
         r = np.swapaxes(where.rotation[self.anchor], -1, -2)
         p = where.point(self.anchor, self.origin)
         out: list[Array] = []
@@ -231,7 +235,9 @@ class _Planner:
         whole = factor.shape[2] + free.shape[2] >= 6
         k, formable = stiffened(factor, free, self.length) if whole and start != end else (np.zeros((1, 6, 6)), False)
         constant = formable and all(moves_with(e, self.links[anchor], self.links) for e, _ in members)
-        return Connection(start, end, members, anchor, origin, k if constant else None, formable)
+        if constant:
+            return replace(made, constant=k, formable=True, still=tuple(made.adjoints(self.home)))
+        return replace(made, formable=formable)
 
 
 def stacked(blocks: Iterable[Array]) -> Array:

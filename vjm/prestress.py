@@ -77,10 +77,13 @@ def second_order(response: Response, mechanism: Mechanism, gravity: Array) -> Ar
     total: Array = np.zeros((1, 6, 6))
     for state in response.elements.values():
         e = state.element
+        motions = e.factor.shape[1] + e.free.shape[1]
+        if not motions:  # both nodes move as one
+            continue
         first, second = response.nodes[e.first], response.nodes[e.second]
         wrench = state.carried[..., 0]
         total = total + 0.5 * _t(first[..., 1:]) @ (bracket(wrench) @ second[..., 1:])
-        if e.factor.shape[1] or e.free.shape[1]:
+        if motions > 1:
             total = total + _ordered(state)
     for node, m in masses(mechanism, response.where).items() if gravity.any() else ():
         u = response.nodes[node][..., 1:]
