@@ -164,7 +164,11 @@ class Closure:
         """Entries (n,) of the ranked equations' derivatives, in the order of elimination."""
         linkage = self.linkage
         entries: dict[tuple[int, int], Array] = {}
-        sign = {(k, int(c)): float(v) for k, cut in enumerate(linkage.cuts) for c, v in zip(cut.columns, cut.signs, strict=True)}
+        sign = {
+            (k, int(c)): float(v)
+            for k, cut in enumerate(linkage.cuts)
+            for c, v in zip(cut.columns, cut.signs, strict=True)
+        }
         for i, (row, k) in enumerate(zip(self.rows, self.cut_of, strict=True)):
             wrench = linkage.wrench(linkage.cuts[k], int(row - self.starts[k]), placed)
             for j in self.entries[i]:

@@ -315,7 +315,7 @@ class _Reached:
             if not left.size:
                 return
             distance, start = cKDTree(self.values / self.unit).query(values[left] / self.unit)
-            close = (distance <= self.near)
+            close = distance <= self.near
             if not self._reach(values, q, done, left[close], start[close], _SHORT):
                 break
         lost = np.flatnonzero(~done)

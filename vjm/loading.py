@@ -16,10 +16,7 @@ from stiffscope.vjm.condensation import (
     Fold,
     Loads,
     Stiffen,
-    chain,
     condensed,
-    own_stiffness,
-    preload_of,
     regained,
     stacked,
     tool_stiffness,
@@ -124,8 +121,6 @@ def recovered(
                 _recover_eliminated(out, step, kept, share)
             case Fold():
                 _recover_folded(state, out, step, kept, share)
-    for c in state.order.loops:
-        _recover_loop(state, out, chain(state, c), share)
     return out
 
 
@@ -176,18 +171,6 @@ def _recover_folded(
     out.nodes[step.node] = node
     count = sum(e.factor.shape[1] for e, _ in step.connection.members)
     _walk(state, out, along, wrench, span, y[:, count:], share)
-
-
-def _recover_loop(state: Condensed, out: Response, along: Chain, share: Array) -> None:
-    """A connection from a node to itself carries only what its misfits and the loads on its nodes make of it."""
-    c = along.connection
-    factor, free = c.flexible(state.where)
-    zero = np.zeros_like(out.nodes[c.start])
-    wrench = zero
-    if factor.shape[2] + free.shape[2] >= 6:
-        own = own_stiffness(c, state.where, state.order.length, rigid=False)
-        wrench = zero + preload_of(state, c, along, own) @ share
-    _walk(state, out, along, wrench, zero, None, share)
 
 
 def _walk(

@@ -67,6 +67,8 @@ class Places:
     rigid: bool = True
     """True where the nodes of a rigid link stand together as at home: nothing is bent."""
 
+    softened: dict[str, Array] = field(default_factory=dict[Any, Any])
+    """Factors (n, 6, 6) of compliances that stand for those of some elements."""
     known: dict[str, Array] = field(default_factory=dict[Any, Any])
 
     def frame(self, element: Element) -> Frame:
@@ -82,6 +84,8 @@ class Places:
 
     def factor(self, element: Element) -> Array:
         """Factor (n or 1, 6, r) of an element's compliance; a bent body's rotates by Rx, Ry, Rz in this order."""
+        if element.name in self.softened:
+            return self.softened[element.name]
         if self.rigid or element.joint is not None or not element.factor.shape[1]:
             return element.factor[None]
         turn = element.axes.T @ self.across(element) @ element.axes

@@ -208,11 +208,13 @@ def _independent(state: Condensed, use: str) -> tuple[Array, Array]:
 
 def _scale(state: Condensed, system: System) -> Array:
     """Units in which stiffnesses, and lengths of the mechanism, are about one."""
-    stiff = [float(np.einsum("nii->n", k[:, :3, :3])[0]) / 3.0 for k in state.pairs.values()]
-    soft = [float((e.factor[:3] ** 2).sum()) for c in state.order.left for e, _ in c.members if e.factor[:3].any()]
-    sizes = [k for k in stiff if k > 0.0] + [1.0 / c for c in soft]
-    root = np.exp(0.5 * np.mean(np.log(sizes))) if sizes else 1.0
     length = state.order.length
+    unit = np.repeat([1.0, 1.0 / length], 3)
+    sizes = [float(np.abs(np.diagonal(k[0]) * unit**2).max()) for k in state.pairs.values()]
+    factors = [e.factor / unit[:, None] for c in state.order.left for e, _ in c.members if e.factor.shape[1]]
+    sizes += [1.0 / float((f**2).sum()) for f in factors]
+    sizes = [k for k in sizes if k > _RANK * max(sizes)]
+    root = np.exp(0.5 * np.mean(np.log(sizes))) if sizes else 1.0
     scale = np.ones(system.matrix.shape[-1])
     for place in system.nodes.values():
         scale[place] = np.repeat([1.0, 1.0 / length], 3) / root

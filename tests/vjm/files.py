@@ -66,7 +66,9 @@ def biglide(link=None, slider=None, drive=DRIVE, link_mass=1.95, platform_mass=7
         assert ends[0] < 0 < ends[1] or slide
         bodies += [Body(f"{limb}.carriage"), Body(f"{limb}.slider", elastic=Elastic(slider, a, a, axes))]
         joints += [
-            Joint(f"{limb}.actuator", "stage", f"{limb}.carriage", "prismatic", a - g.l1 * z, x, drive=Drive(drive, *ends)),
+            Joint(
+                f"{limb}.actuator", "stage", f"{limb}.carriage", "prismatic", a - g.l1 * z, x, drive=Drive(drive, *ends)
+            ),
             Joint(f"{limb}.bolts", f"{limb}.carriage", f"{limb}.slider.base", "fixed", a),
         ]
         for j, foot in enumerate((-side * g.h * x, side * g.h * x + g.d * y, side * g.h * x - g.d * y), start=1):
