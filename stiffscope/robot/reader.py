@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -80,7 +79,7 @@ def load_robot(name_or_path: str | Path, overrides: Sequence[str] = (), toleranc
 
 def read_robot(path: Path, text: str, overrides: Sequence[str] = (), tolerance: str | None = None) -> RobotFile:
     """Read a robot from a text; `path` is what errors call it and what paths in it are relative to. As `load_robot`."""
-    data = copy.deepcopy(parse_text(path, text))
+    data = parse_text(path, text)
     source = Source(path, text)
     try:
         return _read(data, source, overrides, tolerance)
