@@ -1,0 +1,410 @@
+"""Kinematics of any mechanism: configurations from tool poses or from displacements of the drives.
+
+The branch is the one that is reached from home: coordinates are followed along straight lines of the given values, in
+steps that Newton's method takes without doubt, from home or from a pose that was reached before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations_with_replacement
+from typing import TYPE_CHECKING
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from stiffscope.errors import InputError
+from stiffscope.vjm.closure import CLOSED, Closure
+from stiffscope.vjm.linkage import Linkage, rotation_vector
+from stiffscope.vjm.mechanism import COORDINATES, spelled
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from stiffscope.vjm.linkage import Given, Placed
+    from stiffscope.vjm.mechanism import Joint, Mechanism
+    from stiffscope.vjm.screws import Array
+
+CHUNK = 1024  # poses; what is at work stays within the processor's cache
+_FEW = 1500  # poses, below which each is followed from home
+_LANDMARKS = 1200
+_SHORTEST = 1.0 / 64.0  # of the way
+_SLACK = 1e-9  # rad or m; a drive at the very end of its range is still in it
+_FIT = 0.05  # rad or own lengths that a predicted start may be off
+_REACHED, _OPEN, _RANGE, _BRANCH = range(4)
+
+
+@dataclass(frozen=True, eq=False)
+class Configurations:
+    """A mechanism at n configurations.
+
+    ``poses`` (n, k): commanded tool coordinates; ``tool`` (n, 6): x y z in m, rotation vector from home in rad;
+    ``valid`` (n,): where every loop closes on the branch of home with all drives in range. Elsewhere numbers are NaN
+    and ``reason`` tells why.
+    """
+
+    mechanism: Mechanism
+    poses: Array
+    tool: Array
+    valid: NDArray[np.bool_]
+    q: Array
+    linkage: Linkage
+    failure: NDArray[np.int8]
+    culprit: NDArray[np.intp]
+
+    def __len__(self) -> int:
+        return len(self.valid)
+
+    def __getitem__(self, some: slice | NDArray[np.intp] | NDArray[np.bool_]) -> Configurations:
+        parts = (getattr(self, key)[some] for key in ("poses", "tool", "valid", "q"))
+        return Configurations(self.mechanism, *parts, self.linkage, self.failure[some], self.culprit[some])
+
+    @cached_property
+    def placed(self) -> Placed:
+        """Links where they are."""
+        return self.linkage.placed(self.q)
+
+    def frame(self, node: str) -> tuple[Array, Array]:
+        """Rotation (n, 3, 3) and position (n, 3) of a node: of a rigid body its displacement from home, of an elastic
+        body's end the part axes and the end's place.
+        """
+        link = self.linkage.frame[self.linkage.link_of[node]]
+        rotation, position = self.placed.rotation[link], self.placed.position[link]
+        body = next((b for b in self.mechanism.bodies if node in b.nodes), None)
+        if body is not None and body.elastic is not None:
+            end = body.elastic.base if node == body.nodes[0] else body.elastic.tip
+            rotation, position = rotation @ body.elastic.axes, rotation @ end + position
+        n = len(self)
+        return np.broadcast_to(rotation, (n, 3, 3)), np.broadcast_to(position, (n, 3))
+
+    def coordinates(self, joint: str) -> Array:
+        """Coordinates (n, f) of a joint as displaced from home, rad and m, in the order of its free motions."""
+        return self.linkage.coordinates(self.mechanism.joint(joint), self.q, self.placed)
+
+    @property
+    def drives(self) -> Array:
+        """Displacements (n, d) of the drives from home, in the mechanism's order."""
+        joints = self.mechanism.drives
+        columns = [self.coordinates(j.name)[:, j.driven or 0] for j in joints]
+        return np.stack(columns, axis=1) if columns else np.zeros((len(self), 0))
+
+    def reason(self, index: int) -> str:
+        """Why a configuration is not valid; empty where it is."""
+        k = int(self.culprit[index])
+        match int(self.failure[index]):
+            case 0:
+                return ""
+            case 1:
+                name = self.linkage.cuts[k].joint.name if 0 <= k < len(self.linkage.cuts) else "the tool"
+                return f"out of reach: the loop through {spelled('joints', name)} does not close"
+            case 2:
+                joint = self.mechanism.drives[k]
+                return _range_text(joint, float(self.drives[index, k]))
+            case _:
+                return "on another branch: no way leads there from home without passing a singular pose"
+
+    def required(self) -> Configurations:
+        """Itself, where all are valid. Raises InputError with the first that is not."""
+        bad = np.flatnonzero(~self.valid)
+        if bad.size:
+            i = int(bad[0])
+            given = ", ".join(f"{name} = {v:.6g}" for name, v in zip(self.mechanism.tool.pose, self.poses[i], strict=True))
+            raise InputError(f"pose {i} ({given}): {self.reason(i)}")
+        return self
+
+
+def configure(mechanism: Mechanism, poses: ArrayLike) -> Configurations:
+    """Configurations at tool poses (n, k), one column for each coordinate of ``tool.pose``, m and rad.
+
+    Raises InputError for an array of another shape, a number that is not finite, and a mechanism that cannot move as
+    its poses say. A pose out of reach is not valid.
+    """
+    points = checked_poses(mechanism, poses)
+    parts = list(configured(mechanism, points))
+    return parts[0] if len(parts) == 1 else _joined(mechanism, parts)
+
+
+def configured(mechanism: Mechanism, points: Array, size: int = CHUNK) -> Iterator[Configurations]:
+    """Configurations at checked poses (n, k), ``size`` at a time."""
+    solver = _solver(mechanism, "tool")
+    home = mechanism.tool.home
+    yield from _all(solver, points - home, size)
+
+
+def configure_drives(mechanism: Mechanism, displacements: ArrayLike) -> Configurations:
+    """Configurations at displacements (n, d) of all drives from home, in the mechanism's order, m and rad.
+
+    Raises InputError for an array of another shape or a number that is not finite.
+    """
+    names = [j.name for j in mechanism.drives]
+    values = _checked(displacements, names, "drives")
+    parts = list(_all(_solver(mechanism, "drives"), values, CHUNK))
+    return parts[0] if len(parts) == 1 else _joined(mechanism, parts)
+
+
+def checked_poses(mechanism: Mechanism, poses: ArrayLike) -> Array:
+    """Poses as a stack (n, k). Raises InputError on another shape or what is not finite."""
+    return _checked(poses, list(mechanism.tool.pose), "poses")
+
+
+def _checked(values: ArrayLike, names: list[str], what: str) -> Array:
+    array = np.atleast_2d(np.asarray(values, dtype=float))
+    if array.ndim != 2 or array.shape[1] != len(names):
+        raise InputError(f"{what}: expected (n, {len(names)}) numbers {', '.join(names)}, got shape {np.shape(values)}")
+    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+    if bad.size:
+        raise InputError(f"{what}: row {int(bad[0])}: expected finite numbers, got {array[bad[0]].tolist()}")
+    return array
+
+
+def _range_text(joint: Joint, value: float) -> str:
+    turns = joint.kind == "revolute"
+    factor, unit = (180.0 / np.pi, "deg") if turns else (1.0, "m")
+    low, high = (joint.drive.low, joint.drive.high) if joint.drive else (-np.inf, np.inf)
+    here = spelled("joints", joint.name)
+    ends = f"{low * factor:.6g} to {high * factor:.6g}"
+    return f"{here}: {value * factor:.6g} {unit} is outside its range {ends} {unit}"
+
+
+def _joined(mechanism: Mechanism, parts: list[Configurations]) -> Configurations:
+    keys = ("poses", "tool", "valid", "q", "failure", "culprit")
+    poses, tool, valid, q, failure, culprit = (np.concatenate([getattr(p, key) for p in parts]) for key in keys)
+    return Configurations(mechanism, poses, tool, valid, q, parts[0].linkage, failure, culprit)
+
+
+@dataclass(eq=False)
+class Solver:
+    """The equations at home, and what was learned of them since."""
+
+    mechanism: Mechanism
+    linkage: Linkage
+    closure: Closure
+    home_sign: float
+    """Sign of the determinant of drives by commanded coordinates at home; 0 where it tells nothing."""
+
+
+_solvers: WeakKeyDictionary[Mechanism, dict[Given, Solver]] = WeakKeyDictionary()
+
+
+def _solver(mechanism: Mechanism, given: Given) -> Solver:
+    known = _solvers.setdefault(mechanism, {})
+    if given not in known:
+        linkage = Linkage(mechanism, given)
+        home = np.zeros(linkage.size)
+        closure = Closure(linkage, home)
+        locked = set(range(len(linkage.known))) - set(closure.commanded)
+        if locked and given == "tool":
+            names = ", ".join(mechanism.tool.pose[k] for k in sorted(locked))
+            raise InputError(f"tool.pose: the mechanism at home cannot move along {names}")
+        solver = Solver(mechanism, linkage, closure, 0.0)
+        if given == "tool":
+            placed = linkage.placed(home[None])
+            solver.home_sign = float(_drive_sign(solver, placed, closure.rates(placed))[0])
+        known[given] = solver
+    return known[given]
+
+
+def _drive_sign(solver: Solver, placed: Placed, rates: Array) -> Array:
+    """Sign (n,) of the determinant of the drives' rates by the commanded coordinates; zeros where it is not square."""
+    drives = solver.mechanism.drives
+    n = len(rates)
+    if len(drives) != rates.shape[2]:
+        return np.zeros(n)
+    rows = np.empty((n, len(drives), len(drives)))
+    linkage = solver.linkage
+    for k, joint in enumerate(drives):
+        scale = 1.0 if joint.kind == "revolute" else linkage.length
+        if joint.name in linkage.columns:
+            rows[:, k] = rates[:, linkage.columns[joint.name][joint.driven or 0]] / scale
+            continue
+        cut = next(c for c in linkage.cuts if c.joint is joint)
+        across = linkage.rate(cut, placed) @ rates[:, cut.columns]
+        axis = placed.rotation[cut.first] @ joint.axes[:, 0]
+        if joint.kind == "revolute":
+            rows[:, k] = np.einsum("...i,...ij->...j", axis, across[:, 3:])
+        else:
+            at = placed.point(cut.second, joint.at)
+            moved = across[:, :3] - np.cross(at[:, :, None], across[:, 3:], axis=1)
+            rows[:, k] = np.einsum("...i,...ij->...j", axis, moved) / scale
+    rows = rows * linkage.scale[linkage.known]
+    finite = np.isfinite(rows).all(axis=(1, 2))
+    rows[~finite] = 0.0
+    size = np.linalg.norm(rows, axis=2).prod(axis=1)
+    det = np.linalg.det(rows)
+    return np.where(np.abs(det) > 1e-9 * np.where(size > 0.0, size, 1.0), np.sign(det), 0.0)
+
+
+def _all(solver: Solver, values: Array, size: int) -> Iterator[Configurations]:
+    """Configurations at given values (n, k), displacements from home."""
+    if len(values) <= _FEW:
+        known = _Reached(solver)
+        yield known.visit(values)
+        return
+    rng = np.random.default_rng(0)
+    known = _Reached(solver)
+    known.visit(values[rng.choice(len(values), _LANDMARKS, replace=False)])
+    known.fit()
+    for start in range(0, len(values), size):
+        yield known.visit(values[start : start + size])
+
+
+class _Reached:
+    """Poses reached so far, from which others are."""
+
+    def __init__(self, solver: Solver) -> None:
+        self.solver = solver
+        linkage = solver.linkage
+        self.unit = linkage.scale[linkage.known]
+        self.values: Array = np.zeros((1, len(linkage.known)))
+        self.q: Array = np.zeros((1, linkage.size))
+        self.predict: Callable[[Array], Array] | None = None
+
+    def visit(self, values: Array) -> Configurations:
+        """Configurations at given values (n, k)."""
+        solver, linkage = self.solver, self.solver.linkage
+        n = len(values)
+        q: Array = np.zeros((n, linkage.size)) if self.predict is None else self.predict(values)
+        done = np.zeros(n, dtype=bool)
+        failure, culprit = np.zeros(n, dtype=np.int8), np.zeros(n, dtype=np.intp)
+        if self.predict is not None:
+            q[:, linkage.known] = values
+            found = solver.closure.solve(q)
+            q, done = found.q, found.closed.copy()
+        if not done.all():
+            self._follow(values, q, done, failure, culprit)
+        placed = linkage.placed(q)
+        if solver.home_sign:
+            sign = _drive_sign(solver, placed, solver.closure.rates(placed))
+            failure[(sign * solver.home_sign < 0.0) & done] = _BRANCH
+        return self._configurations(values, q, failure, culprit)
+
+    def _follow(
+        self, values: Array, q: Array, done: NDArray[np.bool_], failure: NDArray[np.int8], culprit: NDArray[np.intp]
+    ) -> None:
+        """Reach the values that are not yet done from home, then from what was reached before them."""
+        linkage, closure = self.solver.linkage, self.solver.closure
+        fresh = len(self.values) == 1
+        for attempt in range(6):
+            left = np.flatnonzero(~done)
+            if not left.size:
+                return
+            if attempt == 0 and fresh:
+                start = np.zeros(len(left), dtype=int)
+            else:
+                _, start = cKDTree(self.values / self.unit).query(values[left] / self.unit)
+            reached, at, errors = self._walk(self.values[start], self.q[start], values[left])
+            q[left[reached]] = at[reached]
+            done[left[reached]] = True
+            failure[left], culprit[left] = _OPEN, errors.argmax(axis=1) if errors.shape[1] else -1
+            near = (errors < CLOSED).all(axis=1)
+            failure[left[near]] = _BRANCH
+            failure[left[reached]] = _REACHED
+            if not reached.any():
+                break
+            self.values = np.concatenate([self.values, values[left[reached]]])
+            self.q = np.concatenate([self.q, at[reached]])
+        lost = ~done
+        q[lost] = np.nan
+        q[np.ix_(lost, linkage.known)] = values[lost]
+        _ = closure
+
+    def _walk(self, start: Array, q: Array, end: Array) -> tuple[NDArray[np.bool_], Array, Array]:
+        """Follow coordinates (n, m) from start to end values (n, k), each in steps of its own."""
+        linkage, closure = self.solver.linkage, self.solver.closure
+        n = len(q)
+        way, step = np.zeros(n), np.ones(n)
+        q = q.copy()
+        errors = np.full((n, len(linkage.cuts)), np.inf)
+        going = np.ones(n, dtype=bool)
+        while going.any():
+            some = np.flatnonzero(going)
+            ahead = np.minimum(way[some] + step[some], 1.0)
+            trial = q[some].copy()
+            trial[:, linkage.known] = start[some] + ahead[:, None] * (end[some] - start[some])
+            before = self._signs(q[some]) if False else None
+            found = closure.solve(trial)
+            good = found.closed
+            errors[some] = found.error
+            q[some[good]] = found.q[good]
+            way[some[good]] = ahead[good]
+            step[some] = np.where(good, 2.0 * step[some], 0.5 * step[some])
+            going = (way < 1.0) & (step >= _SHORTEST)
+            _ = before
+        return way >= 1.0, q, np.nan_to_num(errors, nan=np.inf)
+
+    def fit(self) -> None:
+        """Predict starts by a polynomial of the given values, where one fits what was reached."""
+        low, high = self.values.min(axis=0), self.values.max(axis=0)
+        middle, half = 0.5 * (low + high), np.where(high > low, 0.5 * (high - low), 1.0)
+        count, k = self.values.shape
+        degree = 1
+        while degree < 14 and _terms(k, degree + 1) <= count // 4:
+            degree += 1
+        powers = [p for d in range(degree + 1) for p in combinations_with_replacement(range(k), d)]
+
+        def features(values: Array) -> Array:
+            unit = (values - middle) / half
+            return _chebyshev(unit, powers, degree)
+
+        table = features(self.values)
+        train = np.arange(count) % 4 > 0
+        solution = np.linalg.lstsq(table[train], self.q[train], rcond=None)[0]
+        off = np.abs(table[~train] @ solution - self.q[~train]) / self.solver.linkage.scale
+        if float(np.quantile(off.max(axis=1), 0.9)) < _FIT:
+            self.predict = lambda values: features(values) @ solution
+        else:
+            tree = cKDTree(self.values / self.unit)
+            self.predict = lambda values: self.q[tree.query(values / self.unit)[1]]
+
+    def _configurations(
+        self, values: Array, q: Array, failure: NDArray[np.int8], culprit: NDArray[np.intp]
+    ) -> Configurations:
+        solver, linkage = self.solver, self.solver.linkage
+        mechanism = solver.mechanism
+        placed = linkage.placed(q)
+        link = linkage.frame[linkage.link_of[mechanism.tool.body]]
+        n = len(q)
+        tool = np.empty((n, 6))
+        tool[:, :3] = placed.point(link, mechanism.tool.at)
+        tool[:, 3:] = rotation_vector(placed.rotation[link])
+        if "" in linkage.columns:
+            tool[:, 3:] = q[:, linkage.columns[""][3:]]
+        out = Configurations(mechanism, tool[:, mechanism.tool.commanded], tool, failure == 0, q, linkage, failure, culprit)
+        out.__dict__["placed"] = placed
+        drives = out.drives
+        for k, joint in enumerate(mechanism.drives):
+            if joint.drive is None or not np.isfinite([joint.drive.low, joint.drive.high]).any():
+                continue
+            outside = (drives[:, k] < joint.drive.low - _SLACK) | (drives[:, k] > joint.drive.high + _SLACK)
+            outside &= failure == _REACHED
+            failure[outside], culprit[outside] = _RANGE, k
+        return Configurations(mechanism, out.poses, tool, failure == 0, q, linkage, failure, culprit)
+
+
+def _terms(k: int, degree: int) -> int:
+    out = 1
+    for i in range(degree):
+        out = out * (k + i + 1) // (i + 1)
+    return out
+
+
+def _chebyshev(unit: Array, powers: list[tuple[int, ...]], degree: int) -> Array:
+    """Products (n, terms) of Chebyshev polynomials of the columns of ``unit`` (n, k)."""
+    n, k = unit.shape
+    tables = np.ones((degree + 1, k, n))
+    if degree:
+        tables[1] = unit.T
+    for d in range(2, degree + 1):
+        tables[d] = 2.0 * unit.T * tables[d - 1] - tables[d - 2]
+    out = np.ones((len(powers), n))
+    for row, power in zip(out, powers, strict=True):
+        for column in set(power):
+            row *= tables[power.count(column), column]
+    return out.T
+
+
+__all__ = ["COORDINATES", "Configurations", "checked_poses", "configure", "configure_drives", "configured"]

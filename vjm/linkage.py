@@ -1,0 +1,371 @@
+"""A mechanism as rigid links: a spanning tree of joint coordinates, and the joints that close its loops.
+
+Every link stands by its displacement from home, ``x = R x_home + p`` in base axes. A tree joint contributes its
+coordinates (rotations R and slides P along axes, or a rotation vector S); a joint that is cut contributes equations:
+what it holds of the relative displacement of its two links.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from stiffscope.vjm.mechanism import GROUND, Joint
+from stiffscope.vjm.screws import rotation_of, skew
+
+if TYPE_CHECKING:
+    from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.screws import Array
+
+Given = Literal["tool", "drives"]
+TOOL_MOTIONS = (*((("P", axis)) for axis in np.eye(3)), ("S", np.zeros(3)))
+_HELD = {  # components along the joint's axes that it holds: of translation, of rotation
+    "fixed": ((0, 1, 2), (0, 1, 2)),
+    "revolute": ((0, 1, 2), (1, 2)),
+    "prismatic": ((1, 2), (0, 1, 2)),
+    "cylindrical": ((1, 2), (1, 2)),
+    "universal": ((0, 1, 2), (0,)),
+    "spherical": ((0, 1, 2), ()),
+    "planar": ((0,), (1, 2)),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """One motion of a tree joint: ``sign`` is -1 where the tree enters the joint from its second body."""
+
+    kind: str
+    axis: Array
+    point: Array
+    sign: float
+    column: int
+    parent: int
+    child: int
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """A joint that closes a loop: ``columns`` of the coordinates that move its links apart, with their signs."""
+
+    joint: Joint
+    first: int
+    second: int
+    columns: Array
+    signs: Array
+
+    @property
+    def size(self) -> int:
+        """Number of its equations."""
+        return sum(len(part) for part in _HELD[self.joint.kind])
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """Links at n configurations: ``rotation`` (n or 1, 3, 3) and ``position`` (n or 1, 3) of each frame.
+
+    ``twists`` (n, 6, m): what a unit rate of each coordinate moves, at the origin in base axes.
+    """
+
+    rotation: list[Array]
+    position: list[Array]
+    twists: Array
+
+    def point(self, frame: int, home: Array) -> Array:
+        """Where a point (3,) of a link is, (n or 1, 3)."""
+        return self.rotation[frame] @ home + self.position[frame]
+
+
+class Linkage:
+    """Spanning tree and cut joints of a mechanism whose tool pose, or whose drives, are given.
+
+    Where the tool is given, it hangs in the tree by three slides x, y, z and a rotation vector: the pose's coordinates,
+    as displacements from home.
+    """
+
+    def __init__(self, mechanism: Mechanism, given: Given) -> None:
+        self.mechanism = mechanism
+        self.given = given
+        self.link_of, links = _clusters(mechanism)
+        self.length = _size(mechanism)
+        joints = [j for j in mechanism.joints if self.link_of[j.first] != self.link_of[j.second]]
+        self.idle = [j for j in mechanism.joints if j.kind != "fixed" and j not in joints]
+        tree = self._tree(joints, links)
+        self.motions: list[Motion] = []
+        self.columns: dict[str, list[int]] = {}
+        self.frame = {self.link_of[GROUND]: 0}
+        self._grow(joints, tree)
+        self.size = sum(3 if m.kind == "S" else 1 for m in self.motions)
+        paths = self._paths()
+        self.cuts = [self._cut(j, paths) for j in joints if j.name not in tree]
+        self.known = self._known()
+        scale = np.ones(self.size)
+        for m in self.motions:
+            if m.kind == "P":
+                scale[m.column] = self.length
+        self.scale = scale
+
+    def _tree(self, joints: list[Joint], links: int) -> set[str]:
+        """Kruskal: joints with few unknown coordinates first, driven before passive, so that the freest are cut."""
+
+        def unknown(j: Joint) -> tuple[float, bool]:
+            count = sum(3 if kind == "S" else 1 for kind, _ in j.motions)
+            known = j.drive is not None and self.given == "drives"
+            return count - known, j.drive is None
+
+        parent = list(range(links))
+
+        def root(i: int) -> int:
+            while parent[i] != i:
+                i = parent[i]
+            return i
+
+        if self.given == "tool":
+            parent[self.link_of[self.mechanism.tool.body]] = root(self.link_of[GROUND])
+        tree: set[str] = set()
+        for j in sorted(joints, key=unknown):
+            a, b = root(self.link_of[j.first]), root(self.link_of[j.second])
+            if a != b:
+                parent[a] = b
+                tree.add(j.name)
+        return tree
+
+    def _grow(self, joints: list[Joint], tree: set[str]) -> None:
+        """Frames and motions along the tree, outward from the ground."""
+        edges: list[tuple[str, int, int, tuple[tuple[str, Array], ...], Array]] = [
+            (j.name, self.link_of[j.first], self.link_of[j.second], j.motions, j.at) for j in joints if j.name in tree
+        ]
+        tool = self.mechanism.tool
+        if self.given == "tool":
+            edges.insert(0, ("", self.link_of[GROUND], self.link_of[tool.body], TOOL_MOTIONS, tool.at))
+        count, frames = 0, 1
+        queue = deque([self.link_of[GROUND]])
+        while queue:
+            link = queue.popleft()
+            for name, first, second, motions, at in edges:
+                if name in self.columns or link not in {first, second}:
+                    continue
+                sign = 1.0 if link == first else -1.0
+                columns: list[int] = []
+                for kind, _ in motions:
+                    columns += range(count, count := count + (3 if kind == "S" else 1))
+                self.columns[name] = columns
+                starts = iter(columns)
+                begun = [[next(starts) for _ in range(3 if kind == "S" else 1)][0] for kind, _ in motions]
+                steps = list(zip(motions, begun, strict=True))
+                at_frame = self.frame[link]
+                for (kind, axis), column in steps if sign > 0.0 else reversed(steps):
+                    self.motions.append(Motion(kind, axis, at, sign, column, at_frame, frames))
+                    at_frame, frames = frames, frames + 1
+                there = second if link == first else first
+                self.frame[there] = at_frame
+                queue.append(there)
+        self.frames = frames
+
+    def _paths(self) -> list[set[int]]:
+        paths: list[set[int]] = [set() for _ in range(self.frames)]
+        for m in self.motions:
+            paths[m.child] = paths[m.parent] | set(range(m.column, m.column + (3 if m.kind == "S" else 1)))
+        return paths
+
+    def _cut(self, joint: Joint, paths: list[set[int]]) -> Cut:
+        first, second = (self.frame[self.link_of[node]] for node in (joint.first, joint.second))
+        ahead, behind = sorted(paths[second] - paths[first]), sorted(paths[first] - paths[second])
+        signs = np.array([1.0] * len(ahead) + [-1.0] * len(behind))
+        return Cut(joint, first, second, np.array(ahead + behind, dtype=int), signs)
+
+    def _known(self) -> list[int]:
+        """Columns whose values are given, in the order of the commanded coordinates or of the drives."""
+        if self.given == "tool":
+            return [self.columns[""][k] for k in self.mechanism.tool.commanded]
+        return [
+            self.columns[j.name][j.driven]
+            for j in self.mechanism.drives
+            if j.name in self.columns and j.driven is not None
+        ]
+
+    def placed(self, q: Array) -> Placed:
+        """Links and their motions at coordinates (n, m)."""
+        rotation, position = [np.eye(3)[None]] * self.frames, [np.zeros((1, 3))] * self.frames
+        twists = np.zeros((len(q), 6, self.size))
+        for m in self.motions:
+            r, p, c = rotation[m.parent], position[m.parent], m.column
+            if m.kind == "P":
+                along = r @ m.axis
+                twists[:, :3, c] = m.sign * along
+                r_out, p_out = r, p + along * (m.sign * q[:, c, None])
+            else:
+                at = r @ m.point + p
+                if m.kind == "R":
+                    along = r @ (m.sign * m.axis)
+                    twists[:, 3:, c] = along
+                    twists[:, :3, c] = cross(at, along)
+                    s = skew(m.axis)
+                    turn = q[:, c, None, None]
+                    r_out = r + (m.sign * np.sin(turn)) * (r @ s) + (1.0 - np.cos(turn)) * (r @ (s @ s))
+                else:
+                    vector = m.sign * q[:, c : c + 3]
+                    spin = m.sign * (r @ left_jacobian(vector))
+                    twists[:, 3:, c : c + 3] = spin
+                    twists[:, :3, c : c + 3] = skew(at) @ spin
+                    r_out = r @ rotation_of(vector)
+                p_out = at - r_out @ m.point
+            rotation[m.child], position[m.child] = r_out, p_out
+        return Placed(rotation, position, twists)
+
+    def closure(self, cut: Cut, placed: Placed) -> tuple[Array, Array]:
+        """Errors (n, h) of a cut joint, lengths over the mechanism's own, and the wrenches (n, h, 6) that measure them.
+
+        The wrenches act on the second link at the origin in base axes: times a twist they give the error's rate.
+        """
+        joint = cut.joint
+        to_first = np.swapaxes(placed.rotation[cut.first], -1, -2)
+        across = to_first @ placed.rotation[cut.second]
+        at = placed.point(cut.second, joint.at)
+        gap = (to_first @ (at - placed.position[cut.first])[..., None])[..., 0] - joint.at
+        return _held_errors(joint, placed.rotation[cut.first], across, gap, at, self.length)
+
+    def rate(self, cut: Cut, placed: Placed) -> Array:
+        """Relative twist (n, 6, k) of a cut joint's links, at the origin, for unit rates of its columns."""
+        return placed.twists[:, :, cut.columns] * cut.signs
+
+    def coordinates(self, joint: Joint, q: Array, placed: Placed) -> Array:
+        """Coordinates (n, f) of a joint in the order of its motions, rad and m."""
+        if joint.name in self.columns:
+            return q[:, self.columns[joint.name]]
+        first, second = (self.frame[self.link_of[node]] for node in (joint.first, joint.second))
+        to_first = np.swapaxes(placed.rotation[first], -1, -2)
+        across = to_first @ placed.rotation[second]
+        gap = (to_first @ (placed.point(second, joint.at) - placed.position[first])[..., None])[..., 0] - joint.at
+        found = _free_coordinates(joint, across, gap)
+        return np.broadcast_to(found, (len(q), found.shape[-1]))
+
+
+def _held_errors(
+    joint: Joint, carrier: Array, across: Array, gap: Array, at: Array, length: float
+) -> tuple[Array, Array]:
+    """Errors and wrenches of what a joint holds, see ``Linkage.closure``."""
+    held, turns = _HELD[joint.kind]
+    axes = carrier @ joint.axes
+    n = np.broadcast_shapes(axes.shape[:1], at.shape[:1], across.shape[:1], gap.shape[:1])[0]
+    size = len(held) + len(turns)
+    errors, wrenches = np.empty((n, size)), np.zeros((n, size, 6))
+    h = len(held)
+    directions = np.swapaxes(axes[..., held], -1, -2) / length
+    errors[:, :h] = gap @ joint.axes[:, held] / length
+    wrenches[:, :h, :3] = directions
+    wrenches[:, :h, 3:] = cross(at[:, None], directions)
+    if joint.kind == "universal" and joint.axis is not None and joint.axis2 is not None:
+        second = across @ joint.axis2
+        errors[:, h] = second @ joint.axis - joint.axis2 @ joint.axis
+        wrenches[:, h, 3:] = (carrier @ cross(second, joint.axis)[..., None])[..., 0]
+    elif len(turns) == 2:
+        image = across @ joint.axes[:, 0]
+        errors[:, h] = -(image @ joint.axes[:, 2])
+        errors[:, h + 1] = image @ joint.axes[:, 1]
+        wrenches[:, h:, 3:] = np.swapaxes(axes[..., 1:], -1, -2)
+    elif turns:
+        errors[:, h:] = turned(across) @ joint.axes
+        wrenches[:, h:, 3:] = np.swapaxes(axes, -1, -2)
+    return errors, wrenches
+
+
+def _free_coordinates(joint: Joint, across: Array, gap: Array) -> Array:
+    """Coordinates of a joint from the displacement of its second body against its first."""
+    x, y, z = joint.axes.T
+    angle = np.arctan2((across @ y) @ z, (across @ y) @ y)[..., None]
+    match joint.kind:
+        case "revolute":
+            return angle
+        case "prismatic":
+            return (gap @ x)[..., None]
+        case "cylindrical":
+            return np.concatenate(np.broadcast_arrays(angle, (gap @ x)[..., None]), axis=-1)
+        case "planar":
+            slide = np.stack([gap @ y, gap @ z], axis=-1)
+            n = np.broadcast_shapes(slide.shape[:1], angle.shape[:1])
+            return np.concatenate([np.broadcast_to(slide, (*n, 2)), np.broadcast_to(angle, (*n, 1))], axis=-1)
+        case "spherical":
+            return rotation_vector(across)
+        case "universal" if joint.axis2 is not None:
+            side = cross(x, joint.axis2)
+            image = across @ joint.axis2
+            first = np.arctan2(-(image @ side), image @ cross(side, x))
+            second_side = cross(joint.axis2, x)  # seen from the second body
+            back = np.swapaxes(across, -1, -2) @ x
+            second = np.arctan2(back @ second_side, back @ cross(second_side, joint.axis2))
+            return np.stack([-first, second * -1.0], axis=-1)
+        case _:
+            return np.zeros((len(across), 0))
+
+
+def _clusters(mechanism: Mechanism) -> tuple[dict[str, int], int]:
+    """Rigid link of every node: bodies that fixed joints connect are one, and so are the ends of an elastic one."""
+    names = [GROUND, *(b.name for b in mechanism.bodies)]
+    group = {name: k for k, name in enumerate(names)}
+    for j in mechanism.joints:
+        if j.kind == "fixed":
+            a, b = group[mechanism.carrier(j.first)], group[mechanism.carrier(j.second)]
+            group = {name: a if k == b else k for name, k in group.items()}
+    order = {k: i for i, k in enumerate(dict.fromkeys(group.values()))}
+    link = {name: order[k] for name, k in group.items()}
+    nodes = {GROUND: link[GROUND]} | {node: link[b.name] for b in mechanism.bodies for node in b.nodes}
+    return nodes, len(order)
+
+
+def _size(mechanism: Mechanism) -> float:
+    """Characteristic length in m: of the box about joints and tool."""
+    points = np.array([mechanism.tool.at, *(j.at for j in mechanism.joints)])
+    return float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Cross product (..., 3), a quarter of np.cross's time."""
+    a, b = np.broadcast_arrays(a, b)
+    out = np.empty(a.shape)
+    out[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
+    out[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
+    out[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return out
+
+
+def turned(rotation: Array) -> Array:
+    """Sine of the angle times the axis (..., 3) of rotations (..., 3, 3)."""
+    r = rotation
+    return 0.5 * np.stack([r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]], -1)
+
+
+def rotation_vector(rotation: Array) -> Array:
+    """Rotation vector (..., 3) in rad, no longer than π, of rotations (..., 3, 3)."""
+    s = turned(rotation)
+    sine = np.linalg.norm(s, axis=-1)
+    cosine = 0.5 * (np.einsum("...ii->...", rotation) - 1.0)
+    angle = np.arctan2(sine, cosine)
+    near = sine < 1e-4  # no rotation, or half a turn: its axis is in the symmetric part
+    factor = np.where(near & (cosine > 0.0), 1.0 + angle**2 / 6.0, angle / np.where(sine > 0.0, sine, 1.0))
+    vector = s * factor[..., None]
+    half = near & (cosine < 0.0)
+    if half.any():
+        r = rotation[half]
+        outer = 0.5 * (r + np.swapaxes(r, -1, -2)) + np.eye(3) * (-cosine[half])[..., None, None]
+        best = np.argmax(np.einsum("...ii->...i", outer), axis=-1)
+        axis = np.take_along_axis(outer, best[..., None, None], axis=-1)[..., 0]
+        axis = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
+        flip = np.where(np.einsum("...i,...i", axis, s[half]) < 0.0, -1.0, 1.0)
+        vector[half] = axis * (flip * angle[half])[..., None]
+    return vector
+
+
+def left_jacobian(vector: Array) -> Array:
+    """Angular velocity in fixed axes per rate of a rotation vector (..., 3); (..., 3, 3)."""
+    square = np.einsum("...i,...i", vector, vector)[..., None, None]
+    angle = np.sqrt(square)
+    s = skew(vector)
+    half = np.sinc(angle / (2.0 * np.pi))
+    small = square < 1e-2
+    safe = np.where(small, 1.0, angle)
+    series = 1.0 / 6.0 - square / 120.0 * (1.0 - square / 42.0 * (1.0 - square / 72.0))
+    third = np.where(small, series, (safe - np.sin(safe)) / safe**3)
+    return np.eye(3) + 0.5 * half**2 * s + third * (s @ s)
