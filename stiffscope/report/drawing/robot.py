@@ -1,7 +1,11 @@
-"""The robot at a pose, drawn from its parts; its components may carry shares of something as colours."""
+"""Any robot at a pose: parts as their solids, rigid bodies as hulls of what they connect, joints by type.
+
+Everything is given at home in base axes; a picture says how each node has moved since, ``x = R x_home + p``.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +16,7 @@ from stiffscope.report.drawing.sheet import write_title
 from stiffscope.report.drawing.surfaces import surface
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
     from pathlib import Path
 
     import pyvista as pv
@@ -19,51 +24,203 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
+    Moves = Mapping[str, tuple[Floats, Floats]]
 
-STEEL = "#c3c8ce"
+PARTS = ("#3b7dbf", "#d9822b", "#5b9a68", "#8e6bb0", "#b5666a", "#4c9c9c")
+RIGID, GROUND, PASSIVE, DRIVEN, SCREW = "#5f6b78", "#b4bcc5", "#2c343c", "#c0392b", "#c3c8ce"
 SHARES = "YlOrRd"
+TOWARDS = (0.42, 1.0, 0.5)  # the camera, in axes whose z points up
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A surface at home that belongs to an element, and the nodes it moves with; an elastic body bends between two."""
+
+    element: str
+    surface: pv.PolyData
+    colour: str
+    nodes: tuple[str, ...]
+    axes: Floats | None = None  # part axes as columns, of an elastic body
+    base: Floats | None = None
+    length: float = 0.0
+
+    def moved(self, moves: Moves) -> pv.PolyData:
+        """The surface where its nodes have moved to."""
+        home = np.asarray(self.surface.points, float)
+        ends = [home @ np.asarray(r).T + p for r, p in (moves[node] for node in self.nodes)]
+        out = self.surface.copy()
+        out.points = ends[0] if len(ends) == 1 else self._bent(home, ends, moves)
+        return out
+
+    def _bent(self, home: Floats, ends: list[Floats], moves: Moves) -> Floats:
+        """Between the rigid displacements of both ends: Hermite's cubic, as a beam bends; linear along its axis."""
+        axes, base = np.asarray(self.axes), np.asarray(self.base)
+        s = np.clip((home - base) @ axes[:, 0] / self.length, 0.0, 1.0)[:, None]
+        share = s * s * (3.0 - 2.0 * s)
+        out = (1.0 - share) * ends[0] + share * ends[1]
+        turn = np.asarray(moves[self.nodes[0]][0])
+        along = turn @ axes[:, 0]
+        stretch = (ends[1] - ends[0]) @ along
+        return out + ((s[:, 0] - share[:, 0]) * stretch)[:, None] * along
 
 
 def robot(
     folder: Path,
     pictures: list[dict[str, Any]],
-    geometry: dict[str, float],
-    link: dict[str, Any],
-    slider: dict[str, Any],
+    bodies: list[dict[str, Any]],
+    joints: list[dict[str, Any]],
+    tool: dict[str, Any],
+    up: list[float],
     shares: dict[str, float] | None = None,
     scale: str = "share",
 ) -> None:
-    """The robot drawn from its parts at tool points M: one picture for each {file, title, pose}.
+    """The robot, one picture for each {file, title, moves}; ``moves``: node to [R (3, 3), p (3,)] since home.
 
-    `link` and `slider` hold the part's experiment file, or None, and its shape. `shares` colours components
-    ("limb1.link1", "limb2.slider", "stage.actuator", "platform") by a share between 0 and 1, `scale` says of what.
+    Parameters
+    ----------
+    folder
+        Where the files go.
+    pictures
+        As above.
+    bodies
+        {name, nodes, part, experiment, shape, mesh, axes, base, length, centre}; a rigid body has one node. ``shape``:
+        "rod" {radius} or "plate" {width, thickness}, for a part without an experiment; ``mesh``: an STL file in m.
+    joints
+        {name, kind, first, second, at, axis, axis2, driven, low, high}, m and rad.
+    tool
+        {node, at}.
+    up
+        (3,), against gravity.
+    shares
+        Colours of elements, by a share between 0 and 1; ``scale`` says of what.
+
     """
-    skins = {"link": _skin(link, _rod), "slider": _skin(slider, _plate)}
+    reach = _extent(bodies, joints, tool)
+    solids = [*_elastic(bodies, reach), *_rigid(bodies, joints, tool, reach), *_joints(joints, reach)]
     for picture in pictures:
-        bodies = _bodies(
-            geometry, np.array(picture["pose"]), skins, float(slider["depth"]) + float(slider["pad_height"])
-        )
-        image, view = _assembly(bodies, np.array(picture["pose"]), shares)
+        moves = {name: (np.array(r, float), np.array(p, float)) for name, (r, p) in picture["moves"].items()}
+        moves["ground"] = (np.eye(3), np.zeros(3))
+        rotation, position = moves[tool["node"]]
+        point = rotation @ np.array(tool["at"], float) + position
+        image, view = _scene([(s, s.moved(moves)) for s in solids], point, np.array(up, float), shares, reach)
         _frame(folder / picture["file"], image, view, picture["title"], None if shares is None else scale)
 
 
-def _assembly(
-    bodies: list[tuple[str, pv.PolyData, str]], pose: Floats, shares: dict[str, float] | None
+def _extent(bodies: list[dict[str, Any]], joints: list[dict[str, Any]], tool: dict[str, Any]) -> float:
+    """Size of the robot at home in m."""
+    points = [j["at"] for j in joints] + [tool["at"]]
+    points += [b["base"] for b in bodies if b.get("base") is not None]
+    return max(float(np.ptp(np.array(points, float), axis=0).max()), 1e-3)
+
+
+def _elastic(bodies: list[dict[str, Any]], reach: float) -> Iterable[Solid]:
+    """Parts as their solids: the experiment's surface, else the shape's."""
+    parts = list(dict.fromkeys(b["part"] for b in bodies if len(b["nodes"]) == 2))
+    for body in bodies:
+        if len(body["nodes"]) == 2:
+            axes, base = np.array(body["axes"], float), np.array(body["base"], float)
+            skin = _skin(body, reach)
+            skin.points = np.asarray(skin.points, float) @ axes.T + base
+            colour = PARTS[parts.index(body["part"]) % len(PARTS)]
+            yield Solid(body["name"], skin, colour, tuple(body["nodes"]), axes, base, float(body["length"]))
+
+
+def _skin(body: dict[str, Any], reach: float) -> pv.PolyData:
+    """Surface of a part in its own axes, clamped at x = 0, in m."""
+    if body.get("experiment"):
+        mesh = load_experiment(body["experiment"]).mesh
+        return _triangles(surface(mesh, mesh.points).clean())
+    shape, length = body.get("shape") or {}, float(body["length"])
+    if "width" in shape:
+        return _subdivided_box(length, float(shape["width"]), float(shape["thickness"]))
+    return _rod(np.zeros(3), np.array([length, 0, 0]), float(shape.get("radius", min(0.04 * length, 0.02 * reach))))
+
+
+def _rigid(
+    bodies: list[dict[str, Any]], joints: list[dict[str, Any]], tool: dict[str, Any], reach: float
+) -> Iterable[Solid]:
+    """Rigid bodies as hulls of small balls where their joints are; the ground as a foot under each."""
+    for name, colour in [("ground", GROUND), *((b["name"], RIGID) for b in bodies if len(b["nodes"]) == 1)]:
+        body = next((b for b in bodies if b["name"] == name), {})
+        if body.get("mesh"):
+            import pyvista as pv
+
+            yield Solid(name, _triangles(pv.read(body["mesh"])), colour, (name,))
+            continue
+        points = [j["at"] for j in joints if name in (j["first"], j["second"])]
+        if tool["node"] == name:
+            points = [*points, tool["at"]]
+        if name == "ground":
+            for j in joints:
+                if "ground" in (j["first"], j["second"]) and j["kind"] != "prismatic":
+                    yield Solid(name, _foot(np.array(j["at"], float), reach), colour, (name,))
+        elif points:
+            yield Solid(name, _hull(np.array(points, float), 0.016 * reach), colour, (name,))
+
+
+def _joints(joints: list[dict[str, Any]], reach: float) -> Iterable[Solid]:
+    """Joints by type, in the colour of their being driven or passive."""
+    r = 0.02 * reach
+    for joint in joints:
+        if joint["kind"] == "fixed":
+            continue
+        at = np.array(joint["at"], float)
+        colour = DRIVEN if joint["driven"] else PASSIVE
+        axis = np.array(joint["axis"] if joint.get("axis") is not None else [0, 0, 1], float)
+        match joint["kind"]:
+            case "spherical":
+                yield Solid(joint["name"], _ball(at, 1.1 * r), colour, (joint["first"],))
+            case "universal":
+                second = np.array(joint["axis2"], float)
+                yield Solid(joint["name"], _rod(at - 1.5 * r * axis, at + 1.5 * r * axis, 0.6 * r), colour, (joint["first"],))
+                yield Solid(
+                    joint["name"], _rod(at - 1.5 * r * second, at + 1.5 * r * second, 0.6 * r), colour, (joint["second"],)
+                )
+            case "prismatic" | "cylindrical":
+                yield from _slide(joint, at, axis, r, reach, colour)
+            case _:
+                yield Solid(joint["name"], _rod(at - 1.4 * r * axis, at + 1.4 * r * axis, r), colour, (joint["first"],))
+
+
+def _slide(
+    joint: dict[str, Any], at: Floats, axis: Floats, r: float, reach: float, colour: str
+) -> Iterable[Solid]:
+    """A rail along the range of the slide, on the first body, and a carriage on the second."""
+    low, high = (
+        float(np.clip(default if joint.get(key) is None else joint[key], -reach, reach))
+        for key, default in (("low", -0.2 * reach), ("high", 0.2 * reach))
+    )
+    rail = _rod(at + (low - 2 * r) * axis, at + (high + 2 * r) * axis, 0.35 * r)
+    yield Solid(joint["name"], rail, SCREW, (joint["first"],))
+    yield Solid(joint["name"], _rod(at - 1.6 * r * axis, at + 1.6 * r * axis, 1.1 * r), colour, (joint["second"],))
+
+
+def _scene(
+    solids: list[tuple[Solid, pv.PolyData]], point: Floats, up: Floats, shares: dict[str, float] | None, reach: float
 ) -> tuple[Floats, View]:
-    seen = [*(body.points for _, body, _ in bodies), np.add([pose], [0.0, 0.0, 0.13])]
-    view = view_of(np.vstack(seen), towards=(0.28, 1.0, -0.36), width=1500)
+    seen = [*(shape.points for _, shape in solids), np.add([point], 0.12 * reach * np.eye(3))]
+    view = view_of(np.vstack(seen), towards=tuple(_upright(up) @ TOWARDS), width=1500, up=tuple(up))
     plotter = new_plotter(view)
-    for name, body, colour in bodies:
+    for solid, shape in solids:
         plotter.add_mesh(
-            body, color=colour if shares is None else _share_colour(shares.get(name)), smooth_shading=True,
-            split_sharp_edges=True, feature_angle=35, ambient=0.42, diffuse=0.6, specular=0.15,
+            shape, color=solid.colour if shares is None else _share_colour(shares.get(solid.element)),
+            smooth_shading=True, split_sharp_edges=True, feature_angle=35, ambient=0.42, diffuse=0.6, specular=0.15,
         )  # fmt: skip
-        edges = body.extract_feature_edges(35, boundary_edges=False, manifold_edges=False, non_manifold_edges=False)
+        edges = shape.extract_feature_edges(35, boundary_edges=False, manifold_edges=False, non_manifold_edges=False)
         if edges.n_points:
             edges.points += view.lift / 2
-            plotter.add_mesh(edges, color="#20252b", line_width=1.4)
-    _axes(plotter, pose, view)
+            plotter.add_mesh(edges, color="#20252b", line_width=1.2)
+    _axes(plotter, point, view, reach)
     return shot(plotter), view
+
+
+def _upright(up: Floats) -> Floats:
+    """Axes (3, 3) as columns whose z is ``up``: those of the base where z is up or down, a half turn about y for down."""
+    if abs(up[2]) > 0.99:
+        return np.diag([1.0, 1.0, 1.0]) if up[2] > 0 else np.diag([1.0, 1.0, -1.0])
+    side = np.cross(up, [0.0, 0.0, 1.0])
+    side /= np.linalg.norm(side)
+    return np.column_stack([side, np.cross(up, side), up])
 
 
 def _frame(target: Path, image: Floats, view: View, title: str, scale: str | None) -> None:
@@ -75,9 +232,8 @@ def _frame(target: Path, image: Floats, view: View, title: str, scale: str | Non
     axes.imshow(image)
     axes.set_axis_off()
     write_title(figure, title)
-    figure.text(
-        12 / width, 14 / (height + 60), "axes at M: x red, y green, z blue (down)", fontsize=10, color="#5a6570"
-    )
+    key = "axes at M: x red, y green, z blue" + ("" if scale else "; joints: red driven, black passive")
+    figure.text(12 / width, 14 / (height + 60), key, fontsize=10, color="#5a6570")
     if scale:
         _share_bar(figure, scale)
     figure.savefig(target, dpi=100)
@@ -93,116 +249,58 @@ def _share_bar(figure: Figure, scale: str) -> None:
     bar.ax.set_title(f"{scale}, %", fontsize=10, color="#5a6570")
 
 
-def _skin(part: dict[str, Any], otherwise: Any) -> pv.PolyData:
-    if part["experiment"] is None:
-        return otherwise(part)
-    mesh = load_experiment(part["experiment"]).mesh
-    return _poly(surface(mesh, mesh.points).clean())
-
-
-def _rod(part: dict[str, Any]) -> pv.PolyData:
+def _subdivided_box(length: float, width: float, thickness: float) -> pv.PolyData:
+    """A plate with enough points along x to bend."""
     import pyvista as pv
 
-    length = part["length"]
-    middle, along = (length / 2, 0, 0), (1, 0, 0)
-    return _poly(pv.Cylinder(center=middle, direction=along, radius=part["radius"], height=length, resolution=48))
+    sides = (0.0, length, -width / 2, width / 2, -thickness / 2, thickness / 2)
+    return _triangles(pv.Box(sides, level=8))
 
 
-def _plate(part: dict[str, Any]) -> pv.PolyData:
-    return _box((part["depth"] / 2, 0, 0), (part["depth"], part["width"], part["thickness"]))
-
-
-def _box(centre: Any, sides: Any) -> pv.PolyData:
+def _rod(start: Floats, end: Floats, radius: float) -> pv.PolyData:
+    """A bar along stations, so that it can bend."""
     import pyvista as pv
 
-    (x, y, z), (a, b, c) = centre, sides
-    return _poly(pv.Box((x - a / 2, x + a / 2, y - b / 2, y + b / 2, z - c / 2, z + c / 2)))
+    stations = np.linspace(start, end, 13)
+    return _triangles(pv.Spline(stations, 13).tube(radius=radius, n_sides=32, capping=True))
 
 
-def _poly(shape: Any) -> pv.PolyData:
+def _ball(at: Floats, radius: float) -> pv.PolyData:
+    import pyvista as pv
+
+    return _triangles(pv.Sphere(radius=radius, center=at, theta_resolution=24, phi_resolution=16))
+
+
+def _foot(at: Floats, reach: float) -> pv.PolyData:
+    return _hull(at[None], 0.026 * reach)
+
+
+def _hull(points: Floats, radius: float) -> pv.PolyData:
+    """Convex hull of balls about points."""
+    import pyvista as pv
+    from scipy.spatial import ConvexHull
+
+    ball = np.asarray(pv.Icosphere(radius=radius, nsub=1).points, float)
+    cloud = (points[:, None] + ball[None]).reshape(-1, 3)
+    hull = ConvexHull(cloud)
+    faces = hull.simplices.copy()
+    corners = cloud[faces]
+    outward = np.einsum("ij,ij->i", np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), hull.equations[:, :3])
+    faces[outward < 0] = faces[outward < 0][:, ::-1]
+    return pv.PolyData.from_regular_faces(cloud, faces).clean()
+
+
+def _triangles(shape: Any) -> pv.PolyData:
     """A closed surface as triangles, which is what filters promise to nobody's type checker."""
     return shape.triangulate()
 
 
-def _bodies(
-    g: dict[str, float], m: Floats, skins: dict[str, pv.PolyData], depth: float
-) -> list[tuple[str, pv.PolyData, str]]:
-    """Every body as (component, surface in {O}, colour)."""
-    import pyvista as pv
-
-    sine = (m[2] - g["l1"] - g["l2"]) / g["L"]
-    cosine = np.sqrt(1 - sine**2)
-    reach = g["L"] * cosine + g["l"]
-    rail = g["a_max"] + depth + 0.06
-    low, high = float(skins["slider"].points[:, 2].min()), float(skins["slider"].points[:, 2].max())
-    back = g["l1"] + low  # the guide's carriage fills the height between rail and slider
-    bodies = [*_stage(rail), ("stage", _box((0, m[1], -0.035), (2 * rail, 0.10, 0.03)), "#8d99a6")]
-    bodies.append(
-        (
-            "platform",
-            _box((m[0], m[1], m[2] + 0.012), (2 * (g["l"] + g["h"]) + 0.03, 2 * g["d"] + 0.06, 0.030)),
-            "#4b5560",
-        )
-    )
-    for i, side in ((1, 1.0), (2, -1.0)):
-        a = np.array([m[0] - side * reach, m[1], g["l1"]])
-        turn = np.diag([side, side, 1.0])
-        bodies.append((f"limb{i}.slider", _moved(skins["slider"], turn, a - turn @ [depth, 0, 0]), "#d9822b"))
-        middle = a + np.array([-side * (depth + 0.03), 0, (high - back) / 2 - g["l1"] / 2 - 0.01])
-        bodies.append((f"limb{i}.carriage", _box(middle, (0.06, 0.20, g["l1"] + high + 0.02)), "#5f6b78"))
-        bodies.append(
-            (f"limb{i}.actuator", _screw([-side * 0.03, m[1] + 0.08, -0.03], [middle[0], m[1] + 0.08, -0.03]), STEEL)
-        )
-        b = m + np.array([-side * g["l"], 0, -g["l2"]])
-        axes = np.column_stack([[side * cosine, 0, sine], [0, 1, 0], np.cross([side * cosine, 0, sine], [0, 1, 0])])
-        feet = ((-side * g["h"], 0.0), (side * g["h"], g["d"]), (side * g["h"], -g["d"]))
-        for j, (dx, dy) in enumerate(feet, 1):
-            end = b + np.array([dx, dy, 0])
-            start = end - g["L"] * axes[:, 0]
-            bodies.append((f"limb{i}.link{j}", _moved(skins["link"], axes, start), "#3b7dbf"))
-            for name, point in (("a", start), ("b", end)):
-                bearing = _poly(
-                    pv.Cylinder(center=point, direction=(0, 1, 0), radius=0.017, height=0.044, resolution=40)
-                )
-                bodies.append((f"limb{i}.link{j}.joint_{name}", bearing, "#2c343c"))
-    return bodies
-
-
-def _stage(rail: float) -> list[tuple[str, pv.PolyData, str]]:
-    """The frame that the rail travels on along y, and the screw that moves it."""
-    beams = _joined(*(_box((x, 0, -0.065), (0.06, 0.44, 0.03)) for x in (0.06 - rail, rail - 0.06)))
-    return [("base", beams, "#b4bcc5"), ("stage.actuator", _screw([0, -0.24, -0.065], [0, 0.16, -0.065]), STEEL)]
-
-
-def _screw(motor: Any, end: Any) -> pv.PolyData:
-    """A lead screw and, at its near end, the motor."""
-    import pyvista as pv
-
-    start, way = np.asarray(motor, float), np.subtract(end, motor)
-    length = float(np.linalg.norm(way))
-    screw = pv.Cylinder(center=start + way / 2, direction=way, radius=0.008, height=length, resolution=32)
-    drive = pv.Cylinder(center=start + 0.03 * way / length, direction=way, radius=0.026, height=0.07, resolution=48)
-    return _joined(_poly(screw), _poly(drive))
-
-
-def _joined(*bodies: pv.PolyData) -> pv.PolyData:
-    import pyvista as pv
-
-    return _poly(pv.merge(bodies).extract_surface())
-
-
-def _moved(skin: pv.PolyData, rotation: Floats, origin: Floats) -> pv.PolyData:
-    moved = skin.copy()
-    moved.points = skin.points @ np.asarray(rotation).T + origin
-    return moved
-
-
-def _axes(plotter: pv.Plotter, point: Floats, view: View) -> None:
+def _axes(plotter: pv.Plotter, point: Floats, view: View, reach: float) -> None:
     import pyvista as pv
 
     for direction, colour in zip(np.eye(3), ("#d62728", "#2ca02c", "#1f4fd6"), strict=True):
         start = point + 0.5 * view.half_height * view.direction
-        arrow = pv.Arrow(start=start, direction=direction, scale=0.12, shaft_radius=0.03, tip_radius=0.09)
+        arrow = pv.Arrow(start=start, direction=direction, scale=0.11 * reach, shaft_radius=0.03, tip_radius=0.09)
         plotter.add_mesh(arrow, color=colour, ambient=0.5)
 
 
