@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 PARTS = ("#3b7dbf", "#d9822b", "#5b9a68", "#8e6bb0", "#b5666a", "#4c9c9c")
 RIGID, GROUND, PASSIVE, DRIVEN, SCREW = "#5f6b78", "#b4bcc5", "#2c343c", "#c0392b", "#c3c8ce"
 SHARES = "YlOrRd"
-TOWARDS = (0.42, 1.0, 0.5)  # the camera, in axes whose z points up
+TOWARDS = (0.42, -1.0, 0.5)  # the camera, in axes whose z points up
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,12 @@ def robot(
 
     """
     reach = _extent(bodies, joints, tool)
-    solids = [*_elastic(bodies, reach), *_rigid(bodies, joints, tool, reach), *_joints(joints, reach)]
+    solids = [
+        *_elastic(bodies, reach),
+        *_rigid(bodies, joints, tool, reach),
+        *_feet(joints, np.array(up, float), np.array(tool["at"], float), reach),
+        *_joints(bodies, joints, reach),
+    ]
     for picture in pictures:
         moves = {name: (np.array(r, float), np.array(p, float)) for name, (r, p) in picture["moves"].items()}
         moves["ground"] = (np.eye(3), np.zeros(3))
@@ -139,29 +144,42 @@ def _skin(body: dict[str, Any], reach: float) -> pv.PolyData:
 def _rigid(
     bodies: list[dict[str, Any]], joints: list[dict[str, Any]], tool: dict[str, Any], reach: float
 ) -> Iterable[Solid]:
-    """Rigid bodies as hulls of small balls where their joints are; the ground as a foot under each."""
-    for name, colour in [("ground", GROUND), *((b["name"], RIGID) for b in bodies if len(b["nodes"]) == 1)]:
-        body = next((b for b in bodies if b["name"] == name), {})
+    """Rigid bodies as hulls of small balls where their joints are, or as the user's own surface."""
+    for body in bodies:
+        if len(body["nodes"]) == 2:
+            continue
+        name = body["name"]
+        points = [j["at"] for j in joints if name in (j["first"], j["second"])]
+        points += [tool["at"]] if tool["node"] == name else []
         if body.get("mesh"):
             import pyvista as pv
 
-            yield Solid(name, _triangles(pv.read(body["mesh"])), colour, (name,))
-            continue
-        points = [j["at"] for j in joints if name in (j["first"], j["second"])]
-        if tool["node"] == name:
-            points = [*points, tool["at"]]
-        if name == "ground":
-            for j in joints:
-                if "ground" in (j["first"], j["second"]) and j["kind"] != "prismatic":
-                    yield Solid(name, _foot(np.array(j["at"], float), reach), colour, (name,))
+            yield Solid(name, _triangles(pv.read(body["mesh"])), RIGID, (name,))
         elif points:
-            yield Solid(name, _hull(np.array(points, float), 0.016 * reach), colour, (name,))
+            yield Solid(name, _hull(np.array(points, float), 0.016 * reach), RIGID, (name,))
 
 
-def _joints(joints: list[dict[str, Any]], reach: float) -> Iterable[Solid]:
-    """Joints by type, in the colour of their being driven or passive."""
-    r = 0.02 * reach
+def _feet(joints: list[dict[str, Any]], up: Floats, tool: Floats, reach: float) -> Iterable[Solid]:
+    """What stands on the ground: a foot at each of its joints, on the side away from the tool."""
+    ring = np.array([[np.cos(a), np.sin(a), 0.0] for a in np.linspace(0, 2 * np.pi, 25)[:-1]])
     for joint in joints:
+        if "ground" not in (joint["first"], joint["second"]):
+            continue
+        at = np.array(joint["at"], float)
+        away = up if (at - tool) @ up > 0 else -up
+        ends = [at]
+        if joint["kind"] in {"prismatic", "cylindrical"}:
+            ends = [at + way * np.array(joint["axis"], float) for way in _range(joint, reach)]
+        for end in ends:
+            foot = end + 0.07 * reach * away + 0.045 * reach * ring @ _upright(up).T
+            yield Solid("ground", _hull(np.vstack([end, foot]), 0.012 * reach), GROUND, ("ground",))
+
+
+def _joints(bodies: list[dict[str, Any]], joints: list[dict[str, Any]], reach: float) -> Iterable[Solid]:
+    """Joints by type, in the colour of their being driven or passive; they stand out from the rods that they join."""
+    rods = {node: float((b.get("shape") or {}).get("radius", 0.0)) for b in bodies for node in b["nodes"]}
+    for joint in joints:
+        r = max(0.02 * reach, 1.2 * rods.get(joint["first"], 0.0), 1.2 * rods.get(joint["second"], 0.0))
         if joint["kind"] == "fixed":
             continue
         at = np.array(joint["at"], float)
@@ -172,9 +190,14 @@ def _joints(joints: list[dict[str, Any]], reach: float) -> Iterable[Solid]:
                 yield Solid(joint["name"], _ball(at, 1.1 * r), colour, (joint["first"],))
             case "universal":
                 second = np.array(joint["axis2"], float)
-                yield Solid(joint["name"], _rod(at - 1.5 * r * axis, at + 1.5 * r * axis, 0.6 * r), colour, (joint["first"],))
                 yield Solid(
-                    joint["name"], _rod(at - 1.5 * r * second, at + 1.5 * r * second, 0.6 * r), colour, (joint["second"],)
+                    joint["name"], _rod(at - 1.5 * r * axis, at + 1.5 * r * axis, 0.6 * r), colour, (joint["first"],)
+                )
+                yield Solid(
+                    joint["name"],
+                    _rod(at - 1.5 * r * second, at + 1.5 * r * second, 0.6 * r),
+                    colour,
+                    (joint["second"],),
                 )
             case "prismatic" | "cylindrical":
                 yield from _slide(joint, at, axis, r, reach, colour)
@@ -182,17 +205,21 @@ def _joints(joints: list[dict[str, Any]], reach: float) -> Iterable[Solid]:
                 yield Solid(joint["name"], _rod(at - 1.4 * r * axis, at + 1.4 * r * axis, r), colour, (joint["first"],))
 
 
-def _slide(
-    joint: dict[str, Any], at: Floats, axis: Floats, r: float, reach: float, colour: str
-) -> Iterable[Solid]:
+def _slide(joint: dict[str, Any], at: Floats, axis: Floats, r: float, reach: float, colour: str) -> Iterable[Solid]:
     """A rail along the range of the slide, on the first body, and a carriage on the second."""
+    low, high = _range(joint, reach)
+    rail = _rod(at + (low - 2 * r) * axis, at + (high + 2 * r) * axis, 0.35 * r)
+    yield Solid(joint["name"], rail, SCREW, (joint["first"],))
+    yield Solid(joint["name"], _rod(at - 1.6 * r * axis, at + 1.6 * r * axis, 1.1 * r), colour, (joint["second"],))
+
+
+def _range(joint: dict[str, Any], reach: float) -> tuple[float, float]:
+    """Range of a slide as it is drawn: its drive's, or some of the robot's size."""
     low, high = (
         float(np.clip(default if joint.get(key) is None else joint[key], -reach, reach))
         for key, default in (("low", -0.2 * reach), ("high", 0.2 * reach))
     )
-    rail = _rod(at + (low - 2 * r) * axis, at + (high + 2 * r) * axis, 0.35 * r)
-    yield Solid(joint["name"], rail, SCREW, (joint["first"],))
-    yield Solid(joint["name"], _rod(at - 1.6 * r * axis, at + 1.6 * r * axis, 1.1 * r), colour, (joint["second"],))
+    return low, high
 
 
 def _scene(
@@ -215,9 +242,9 @@ def _scene(
 
 
 def _upright(up: Floats) -> Floats:
-    """Axes (3, 3) as columns whose z is ``up``: those of the base where z is up or down, a half turn about y for down."""
+    """Axes (3, 3) as columns whose z is ``up``: those of the base, or half a turn about x from them, where z is vertical."""
     if abs(up[2]) > 0.99:
-        return np.diag([1.0, 1.0, 1.0]) if up[2] > 0 else np.diag([1.0, 1.0, -1.0])
+        return np.diag([1.0, 1.0, 1.0] if up[2] > 0 else [1.0, -1.0, -1.0])
     side = np.cross(up, [0.0, 0.0, 1.0])
     side /= np.linalg.norm(side)
     return np.column_stack([side, np.cross(up, side), up])
@@ -271,10 +298,6 @@ def _ball(at: Floats, radius: float) -> pv.PolyData:
     return _triangles(pv.Sphere(radius=radius, center=at, theta_resolution=24, phi_resolution=16))
 
 
-def _foot(at: Floats, reach: float) -> pv.PolyData:
-    return _hull(at[None], 0.026 * reach)
-
-
 def _hull(points: Floats, radius: float) -> pv.PolyData:
     """Convex hull of balls about points."""
     import pyvista as pv
@@ -285,7 +308,9 @@ def _hull(points: Floats, radius: float) -> pv.PolyData:
     hull = ConvexHull(cloud)
     faces = hull.simplices.copy()
     corners = cloud[faces]
-    outward = np.einsum("ij,ij->i", np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), hull.equations[:, :3])
+    outward = np.einsum(
+        "ij,ij->i", np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), hull.equations[:, :3]
+    )
     faces[outward < 0] = faces[outward < 0][:, ::-1]
     return pv.PolyData.from_regular_faces(cloud, faces).clean()
 
