@@ -179,7 +179,9 @@ def _joints(bodies: list[dict[str, Any]], joints: list[dict[str, Any]], reach: f
     """Joints by type, in the colour of their being driven or passive; they stand out from the rods that they join."""
     rods = {node: float((b.get("shape") or {}).get("radius", 0.0)) for b in bodies for node in b["nodes"]}
     for joint in joints:
-        r = max(0.02 * reach, 1.2 * rods.get(joint["first"], 0.0), 1.2 * rods.get(joint["second"], 0.0))
+        ends = [radius for node in (joint["first"], joint["second"]) if (radius := rods.get(node, 0.0))]
+        smaller = joint["kind"] in {"spherical", "universal", "prismatic", "cylindrical"}
+        r = max(0.02 * reach, 1.2 * (min if smaller else max)(ends, default=0.0))
         if joint["kind"] == "fixed":
             continue
         at = np.array(joint["at"], float)
@@ -242,7 +244,7 @@ def _scene(
 
 
 def _upright(up: Floats) -> Floats:
-    """Axes (3, 3) as columns whose z is ``up``: those of the base, or half a turn about x from them, where z is vertical."""
+    """Axes (3, 3) as columns whose z is ``up``: where z is vertical the base's, or half a turn from them."""
     if abs(up[2]) > 0.99:
         return np.diag([1.0, 1.0, 1.0] if up[2] > 0 else [1.0, -1.0, -1.0])
     side = np.cross(up, [0.0, 0.0, 1.0])
