@@ -1,1 +1,1 @@
-"""Parametric solids: link, slider, any STEP file, materials."""
+"""Parts: parametric solids (link, slider), solids from STEP files, materials, mass properties."""

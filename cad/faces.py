@@ -1,4 +1,4 @@
-"""The faces of a solid: what each is, a listing to choose from, and the choice of faces by geometry."""
+"""The faces of a solid: their geometry, a listing of them, and selection by geometry."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -22,11 +22,28 @@ DISTANCE = 1e-5  # m: two places or radii within it are the same
 
 @dataclass(frozen=True, eq=False)
 class FaceGeometry:
-    """One face, in m and the part's axes. What a kind does not have is zero.
+    """Geometry of one face, in the part's axes. Quantities that a kind does not have are zero.
 
-    A plane has an `origin` and its outward normal as `axis`; a cylinder a point of its axis, the axis and its
-    radius; a cone the same, the radius at the origin and the half angle (the radius grows along the axis); a
-    sphere its centre and radius; a torus its centre, axis, large `radius` and `minor_radius`.
+    Attributes
+    ----------
+    index
+        Position in the list of the solid's faces.
+    kind
+        One of `KINDS`.
+    area
+        m².
+    centroid
+        (3,) m.
+    origin
+        (3,) m; a point of a plane, of a cylinder's or cone's axis; the centre of a sphere or torus.
+    axis
+        (3,) unit vector; outward normal of a plane, axis of revolution otherwise.
+    radius
+        m; of a cone at `origin`, of a torus the major one.
+    half_angle
+        rad, of a cone; its radius grows along `axis`.
+    minor_radius
+        m, of a torus.
     """
 
     index: int
@@ -41,7 +58,7 @@ class FaceGeometry:
 
 
 def face_geometries(shape: "Shape") -> tuple[FaceGeometry, ...]:
-    """Return what each face of the shape is, in order (SI)."""
+    """Return the geometry of each face of the shape, in order (SI)."""
     from stiffscope.cad import kernel
 
     return tuple(_geometry(index, face) for index, face in enumerate(kernel.faces(shape)))
@@ -86,13 +103,27 @@ def _sizes(kind: str, form: Any) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class FaceSelector:
-    """A choice of faces by geometry: a face is chosen when it meets every condition that is given.
+    """Selection of faces by geometry: a face is selected when it meets every condition given.
 
-    `kind`: one of `KINDS`. `normal`: outward normal of a plane, or axis (either way) of a round face, within
-    1 degree. `radius` in m (a torus: its small one). `position`: "min x", "max z", ... (of the faces that meet
-    the other conditions, the ones whose centroid lies furthest that way), or a point in m (of those faces,
-    the ones that it is on, within 0.01 mm; where it is on none, the ones whose centroid it is). `index`: number or
-    numbers in the listing.
+    Parameters
+    ----------
+    kind
+        One of `KINDS`.
+    normal
+        Outward normal of a plane, or axis (of either sign) of a round face, within 1 degree.
+    position
+        "min x", "max z", ...: of the faces that meet the other conditions, those whose centroid lies
+        farthest in that direction; or a point (3,) in m: those that contain it within 0.01 mm, and if none does,
+        those whose centroid it is.
+    radius
+        m; of a torus the minor one.
+    index
+        Number or numbers in the listing of faces.
+
+    Raises
+    ------
+    InputError
+        No condition, or one that no face could meet.
     """
 
     kind: str | None = None
@@ -102,7 +133,7 @@ class FaceSelector:
     index: int | Sequence[int] | None = None
 
     def __post_init__(self) -> None:
-        """Raise InputError for a condition that no face could meet."""
+        """Check every condition."""
         if all(value is None for value in self.__dict__.values()):
             raise InputError(f"selector: expected at least one of {', '.join(self.__dict__)}, got none")
         if self.kind is not None and self.kind not in KINDS:
@@ -116,19 +147,31 @@ class FaceSelector:
             raise InputError(f"selector.position: expected one of {', '.join(ENDS)} or {POINT}, got {self.position!r}")
 
     def __str__(self) -> str:
-        """Return the conditions in words, lengths in mm as in the listing."""
-        said = {name: value for name, value in self.__dict__.items() if value is not None}
+        """Return the conditions as text, lengths in mm as in the listing."""
+        given = {name: value for name, value in self.__dict__.items() if value is not None}
         if self.radius is not None:
-            said["radius"] = mm(self.radius)
+            given["radius"] = mm(self.radius)
         if self.position is not None and not isinstance(self.position, str):
-            said["position"] = "(" + ", ".join(f"{x * 1e3:.6g}" for x in self.position) + ") mm"
-        return ", ".join(f"{name} = {value}" for name, value in said.items())
+            given["position"] = "(" + ", ".join(f"{x * 1e3:.6g}" for x in self.position) + ") mm"
+        return ", ".join(f"{name} = {value}" for name, value in given.items())
 
 
 def select(shape: "Shape", selectors: Iterable[FaceSelector], field: str = "faces") -> frozenset[int]:
-    """Return the indices of the faces that any of the selectors chooses.
+    """Return the indices of the faces that at least one of the selectors selects.
 
-    InputError names `field` when a selector matches nothing, or all together every face, and says what exists.
+    Parameters
+    ----------
+    shape
+        Solid of the CAD kernel.
+    selectors
+        Selections whose union is returned.
+    field
+        Name of the field in error messages.
+
+    Raises
+    ------
+    InputError
+        A selector matches no face, or together they match every face; the message lists the faces there are.
     """
     geometries = face_geometries(shape)
     chosen: set[int] = set()
@@ -150,14 +193,14 @@ def _matches(shape: "Shape", geometries: Sequence[FaceGeometry], selector: FaceS
     from stiffscope.cad import kernel
 
     found = [face for face in geometries if _meets(face, selector)]
-    place = selector.position
-    if isinstance(place, str) and found:
-        end, axis = place.split()
+    position = selector.position
+    if isinstance(position, str) and found:
+        end, axis = position.split()
         along = np.array([face.centroid["xyz".index(axis)] for face in found])
         furthest = along.min() if end == "min" else along.max()
         found = [face for face, x in zip(found, along, strict=True) if abs(x - furthest) < DISTANCE]
-    elif place is not None and not isinstance(place, str):
-        point = np.asarray(place, dtype=float)
+    elif position is not None and not isinstance(position, str):
+        point = np.asarray(position, dtype=float)
         faces = kernel.faces(shape)
         on = [face for face in found if kernel.distance(faces[face.index], 1e3 * point) < 1e3 * DISTANCE]
         found = on or [face for face in found if np.linalg.norm(face.centroid - point) < DISTANCE]
@@ -179,7 +222,7 @@ def _meets(face: FaceGeometry, selector: FaceSelector) -> bool:
 
 
 def _summary(geometries: Sequence[FaceGeometry]) -> str:
-    """Say in one line what faces exist."""
+    """Summarize in one line which faces there are."""
     planes = sorted({_direction(face.axis) for face in geometries if face.kind == "plane"})
     words = [f"planes with normal {', '.join(_few(planes))}"] if planes else []
     for kind in KINDS[1:-1]:
@@ -204,10 +247,13 @@ def _direction(axis: NDArray[np.float64]) -> str:
 
 
 def describe(shape: "Shape") -> list[dict[str, Any]]:
-    """Return one row a face, for a listing: index, kind, area_mm2, centroid_mm, axis, radius_mm.
+    """Return a listing of the faces.
 
-    `axis` is the outward normal of a plane, the axis of a round face, and like `radius_mm` None where there
-    is none.
+    Returns
+    -------
+    list of dict
+        For each face ``index``, ``kind``, ``area_mm2``, ``centroid_mm`` (3,), ``axis`` (3,; outward normal of a plane,
+        axis of a round face, else None), ``radius_mm`` (None where there is none).
     """
     return [
         {

@@ -1,7 +1,7 @@
-"""What is asked of a solid's faces and edges, over Open CASCADE (the kernel of build123d). Lengths in mm.
+"""Queries of a solid's faces and edges through Open CASCADE, the CAD kernel of build123d. Lengths in mm.
 
-Parts are modelled with build123d; a solid that is only looked at needs the kernel alone, which loads four times as
-fast. A build123d shape is a kernel shape inside (`shape.wrapped`); `build123d.Solid(shape)` goes the other way.
+Parts are modelled with build123d; queries of an existing solid need the kernel alone, which imports four times as
+fast. A build123d shape wraps a kernel shape (`shape.wrapped`); `build123d.Solid(shape)` wraps one.
 This module is slow to import (0.5 to 1.5 s): import it inside the functions that need it.
 """
 
@@ -44,7 +44,7 @@ X_AXIS = gp_Ax1(gp_Pnt(0, 0, 0), gp_Dir(1, 0, 0))
 
 
 def silence() -> None:
-    """Keep the kernel from talking on standard output, which belongs to the program."""
+    """Suppress the kernel's messages on standard output, which the program's own output uses."""
     messenger = Message.DefaultMessenger_s()
     for printer in list(messenger.Printers()):
         if isinstance(printer, Message_PrinterOStream):
@@ -54,27 +54,27 @@ def silence() -> None:
 silence()
 
 
-class _Numbers:
-    """Numbers of shapes as first met; neighbours share edges and vertices, turned over."""
+class _Numbering:
+    """Numbers shapes in the order of first occurrence, whatever their orientation: neighbours share them reversed."""
 
     def __init__(self) -> None:
-        self._alike: dict[int, list[tuple[int, Shape]]] = {}
+        self._by_hash: dict[int, list[tuple[int, Shape]]] = {}
         self.count = 0
 
     def of(self, item: Shape) -> int:
-        """Return the number of a shape, the next one if it is new."""
-        met = self._alike.setdefault(hash(item.Oriented(TopAbs_Orientation.TopAbs_FORWARD)), [])
-        for number, other in met:
+        """Return the number of a shape; a new shape gets the next one."""
+        same_hash = self._by_hash.setdefault(hash(item.Oriented(TopAbs_Orientation.TopAbs_FORWARD)), [])
+        for number, other in same_hash:
             if item.IsSame(other):
                 return number
-        met.append((self.count, item))
+        same_hash.append((self.count, item))
         self.count += 1
         return self.count - 1
 
 
-def _parts(shape: Shape, kind: Any, cast_to: Any) -> list[Any]:
-    """Each one once, as first met."""
-    explorer, found, numbers = TopExp_Explorer(shape, kind), [], _Numbers()
+def _distinct(shape: Shape, kind: Any, cast_to: Any) -> list[Any]:
+    """Return the sub-shapes of a kind, each once, in the order of first occurrence."""
+    explorer, found, numbers = TopExp_Explorer(shape, kind), [], _Numbering()
     while explorer.More():
         item = explorer.Current()
         if numbers.of(item) == len(found):
@@ -84,28 +84,28 @@ def _parts(shape: Shape, kind: Any, cast_to: Any) -> list[Any]:
 
 
 def faces(shape: Shape) -> list[Face]:
-    """Return the faces in the order that numbers them everywhere (that of build123d's `solid.faces()`)."""
-    return _parts(shape, TopAbs_ShapeEnum.TopAbs_FACE, TopoDS.Face)
+    """Return the faces; their order (that of build123d's `solid.faces()`) defines every face index."""
+    return _distinct(shape, TopAbs_ShapeEnum.TopAbs_FACE, TopoDS.Face)
 
 
 def edges(shape: Shape) -> list[Edge]:
     """Return the distinct edges."""
-    return _parts(shape, TopAbs_ShapeEnum.TopAbs_EDGE, TopoDS.Edge)
+    return _distinct(shape, TopAbs_ShapeEnum.TopAbs_EDGE, TopoDS.Edge)
 
 
 def vertices(shape: Shape) -> list[Vertex]:
     """Return the distinct vertices."""
-    return _parts(shape, TopAbs_ShapeEnum.TopAbs_VERTEX, TopoDS.Vertex)
+    return _distinct(shape, TopAbs_ShapeEnum.TopAbs_VERTEX, TopoDS.Vertex)
 
 
 def solids(shape: Shape) -> list[Solid]:
     """Return the distinct solids."""
-    return _parts(shape, TopAbs_ShapeEnum.TopAbs_SOLID, TopoDS.Solid)
+    return _distinct(shape, TopAbs_ShapeEnum.TopAbs_SOLID, TopoDS.Solid)
 
 
 def borders(shape: Shape) -> dict[tuple[int, int], list[Edge]]:
-    """Return the edges between each two faces (indices, the lesser first) that meet."""
-    numbers = _Numbers()
+    """Return the common edges of each pair of adjacent faces (face indices, the smaller first)."""
+    numbers = _Numbering()
     beside: dict[int, list[int]] = {}
     found: dict[tuple[int, int], list[Edge]] = {}
     for index, face in enumerate(faces(shape)):
@@ -117,7 +117,7 @@ def borders(shape: Shape) -> dict[tuple[int, int], list[Edge]]:
     return found
 
 
-def turn(edge: Edge, one: Face, other: Face) -> float:
+def normal_angle(edge: Edge, one: Face, other: Face) -> float:
     """Return the angle (rad) between the outward normals of two faces on an edge between them."""
     normals = []
     for face in (one, other):
@@ -128,12 +128,12 @@ def turn(edge: Edge, one: Face, other: Face) -> float:
 
 
 def compound(*shapes: Shape) -> TopoDS_Compound:
-    """Return the shapes side by side as one."""
-    builder, together = BRep_Builder(), TopoDS_Compound()
-    builder.MakeCompound(together)
+    """Return a compound of the shapes."""
+    builder, union = BRep_Builder(), TopoDS_Compound()
+    builder.MakeCompound(union)
     for shape in shapes:
-        builder.Add(together, shape)
-    return together
+        builder.Add(union, shape)
+    return union
 
 
 def is_valid(shape: Shape) -> bool:
@@ -142,21 +142,21 @@ def is_valid(shape: Shape) -> bool:
 
 
 def oriented(solid: Solid) -> Solid:
-    """Return the solid with its faces outward."""
+    """Return the solid with outward face normals."""
     turned = TopoDS.Solid(solid)
     BRepLib.OrientClosedSolid_s(turned)
     return turned
 
 
 def diagonal(shape: Shape) -> float:
-    """Return the diagonal of the bounding box; infinite for what has no bounds."""
+    """Return the diagonal of the bounding box; infinite for an unbounded or empty shape."""
     bounds = Bnd_Box()
     BRepBndLib.AddOptimal_s(shape, bounds, False, False)
     return float("inf") if bounds.IsVoid() or bounds.IsOpen() else float(np.sqrt(bounds.SquareExtent()))
 
 
 def self_intersects(shape: Shape) -> bool:
-    """Whether faces or edges of the shape meet elsewhere than at the borders they share."""
+    """Whether faces or edges of the shape intersect other than at shared borders."""
     analyzer = BOPAlgo_ArgumentAnalyzer()
     analyzer.SetShape1(shape)
     analyzer.SelfInterMode = True
@@ -165,7 +165,7 @@ def self_intersects(shape: Shape) -> bool:
 
 
 def surface_under(face: Face) -> tuple[str, Any]:
-    """Return the kind of a face's surface ("plane", "bsplinesurface", ...) and how to ask for its form."""
+    """Return the kind of a face's surface ("plane", "bsplinesurface", ...) and its adaptor."""
     surface = BRepAdaptor_Surface(face)
     return surface.GetType().name.removeprefix("GeomAbs_").lower(), surface
 
@@ -181,7 +181,7 @@ def xyz(point: Any) -> Floats:
 
 
 def position(vertex: Vertex) -> Floats:
-    """(3,) where the vertex is."""
+    """(3,) position of a vertex."""
     return xyz(BRep_Tool.Pnt_s(vertex))
 
 
@@ -192,13 +192,13 @@ def closest(shape: Shape, point: Floats) -> Floats:
 
 
 def closest_under(face: Face, points: Floats) -> Floats:
-    """(n, 3) the points of the surface under a face, to the end of its parameters, that are closest to `points`."""
+    """(n, 3) the points closest to `points` on the surface under a face, within the face's parameter range."""
     search = GeomAPI_ProjectPointOnSurf()
     search.Init(BRep_Tool.Surface_s(face), *BRepTools.UVBounds_s(face), 1e-9)
     found = np.empty_like(points)
     for i, point in enumerate(points):
         search.Perform(gp_Pnt(*point))
-        candidates = [closest(face, point)]  # it knows the borders, which have no normal to drop
+        candidates = [closest(face, point)]  # includes the borders, where no perpendicular foot may exist
         if search.NbPoints() > 0:
             candidates.append(xyz(search.NearestPoint()))
         found[i] = min(candidates, key=lambda candidate: float(np.linalg.norm(candidate - point)))
@@ -216,8 +216,8 @@ def middle(edge: Edge) -> Floats:
     return xyz(curve.Value((curve.FirstParameter() + curve.LastParameter()) / 2))
 
 
-def in_frame(solid: Solid, origin: Floats, x: Floats, z: Floats) -> Solid:
-    """Return the solid in the coordinates of the frame with this origin and these x and z directions."""
+def in_axes(solid: Solid, origin: Floats, x: Floats, z: Floats) -> Solid:
+    """Return the solid in the coordinates with the given origin (3,) and directions (3,) of x and z."""
     change = gp_Trsf()
     change.SetTransformation(gp_Ax3(gp_Pnt(*origin), gp_Dir(*z), gp_Dir(*x)))
     return TopoDS.Solid(solid.Moved(TopLoc_Location(change)))
@@ -244,7 +244,7 @@ def inertia(properties: GProp_GProps) -> Floats:
 
 
 def triangulated(shape: Shape, deflection: float, angle: float) -> list[tuple[Floats, NDArray[np.int64]]]:
-    """Tessellate each face: its nodes (n, 3) and outward triangles (t, 3), for each face in order."""
+    """Tessellate each face in order: return its nodes (n, 3) and outward triangles (t, 3)."""
     BRepTools.Clean_s(shape)
     BRepMesh_IncrementalMesh(shape, deflection, False, angle, False)
     return [_triangles(face) for face in faces(shape)]

@@ -1,4 +1,7 @@
-"""Files of the kernel: STEP, and its own exact binary form between processes. Slow to import, as `cad.kernel` is."""
+"""Files of the CAD kernel: STEP, and the kernel's exact binary format to exchange solids between processes.
+
+Slow to import, as `stiffscope.cad.kernel` is.
+"""
 
 # pyright: reportAttributeAccessIssue=false
 from pathlib import Path
@@ -13,7 +16,7 @@ from stiffscope.cad.kernel import Shape, Solid, compound
 
 
 def read_step(path: Path) -> Shape:
-    """Return all that a STEP file holds as one shape, in mm; an empty compound when nothing can be read."""
+    """Return the content of a STEP file as one shape, in mm; an empty compound when nothing can be read."""
     reader = STEPControl_Reader()
     if reader.ReadFile(str(path)) == IFSelect_ReturnStatus.IFSelect_RetDone and reader.TransferRoots():
         shape = reader.OneShape()

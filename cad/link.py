@@ -1,6 +1,6 @@
-"""The robot's link: a round bar or tube, thicker (or thinner) at its ends if wished.
+"""A link: a round bar or tube, with optional end fittings.
 
-Axes: x along the link from the clamped end at x = 0 to the loaded end; the reference point is that end's centre.
+Axes: x along the link, from the clamped end at x = 0 to the loaded end, whose centre is the reference point.
 """
 
 from dataclasses import dataclass, replace
@@ -11,14 +11,28 @@ from stiffscope.cad.checks import GAP, length, mm, optional_length, require
 from stiffscope.cad.faces import FaceSelector, select
 from stiffscope.cad.materials import STEEL, AnyMaterial
 from stiffscope.cad.part import Interface, Part
-from stiffscope.cad.soundness import sound_solid
+from stiffscope.cad.validity import valid_solid
 
 
 @dataclass(frozen=True)
 class LinkParameters:
-    """Lengths in m. `bore` is a diameter, `radius` and `fitting_radius` are radii; 0 leaves a feature out.
+    """Dimensions of a link, in m; 0 leaves a feature out.
 
-    The end fittings are two cylinders of `fitting_radius` and `fitting_length`, one at each end, inside of `length`.
+    Parameters
+    ----------
+    length
+        Total length, end fittings included.
+    radius
+        Outer radius.
+    bore
+        Diameter of a bore along the whole link.
+    fitting_radius, fitting_length
+        Dimensions of the two cylindrical end fittings.
+
+    Raises
+    ------
+    InputError
+        A value out of range, named as in the robot file (``link.bore``).
     """
 
     length: float = 0.5
@@ -28,7 +42,7 @@ class LinkParameters:
     fitting_length: float = 0.0
 
     def __post_init__(self) -> None:
-        """Raise InputError, naming the field, for what is not a link."""
+        """Check the dimensions."""
         length("link.length", self.length)
         length("link.radius", self.radius)
         optional_length("link.bore", self.bore)
@@ -57,20 +71,35 @@ class LinkParameters:
 
     @property
     def has_fittings(self) -> bool:
-        """Whether the ends are thicker or thinner than the rest."""
+        """Whether the ends have another radius than the rest."""
         return self.fitting_radius not in {0.0, self.radius}
 
     def present(self) -> "LinkParameters":
-        """Return the same link with what is said of absent fittings at its defaults."""
+        """Return the same link with the unused parameters of absent fittings at their defaults."""
         return self if self.has_fittings else replace(self, fitting_radius=0.0, fitting_length=0.0)
 
 
 def build(parameters: LinkParameters, material: AnyMaterial = STEEL, name: str = "link") -> Part:
-    """Return the link as a part."""
+    """Build a link.
+
+    Parameters
+    ----------
+    parameters
+        Dimensions.
+    material
+        Linear elastic material.
+    name
+        Name of the part.
+
+    Returns
+    -------
+    Part
+        Clamped at x = 0, with the interface ``end`` at the far end.
+    """
     from build123d import Axis, Polygon, revolve
 
     section = Polygon(*((1e3 * x, 1e3 * r) for x, r in _profile(parameters)), align=None)
-    solid = sound_solid(revolve(section.face(), Axis.X).wrapped, name)
+    solid = valid_solid(revolve(section.face(), Axis.X).wrapped, name)
     ends = [
         select(solid, [FaceSelector(kind="plane", normal=normal, position=position)])
         for normal, position in (((-1, 0, 0), "min x"), ((1, 0, 0), "max x"))
@@ -80,7 +109,7 @@ def build(parameters: LinkParameters, material: AnyMaterial = STEEL, name: str =
 
 
 def _profile(link: LinkParameters) -> list[tuple[float, float]]:
-    """Return the half section (x, r), which turned about x gives the link."""
+    """Return the half section (x, r), in m, that is revolved about x."""
     inner, outer = link.bore / 2, link.radius
     if not link.has_fittings:
         top = [(0.0, outer), (link.length, outer)]

@@ -1,4 +1,4 @@
-"""Linear elastic materials with their sources. SI: Pa, kg/m3, 1/K; the part's x is a fibre's direction."""
+"""Linear elastic materials with their sources (docs/theory.md, section 6.1). SI; fibres run along the part's x."""
 
 from __future__ import annotations
 
@@ -34,7 +34,26 @@ def _check_positive(material: Material | TransverselyIsotropic, *names: str) -> 
 
 @dataclass(frozen=True)
 class Material:
-    """Isotropic: Young's and shear modulus in Pa, density in kg/m3, linear expansion in 1/K."""
+    """Isotropic linear elastic material.
+
+    Parameters
+    ----------
+    name
+        Key in the table of materials.
+    youngs_modulus, shear_modulus
+        Pa.
+    density
+        kg/m³.
+    expansion
+        Coefficient of linear thermal expansion, 1/K.
+    source
+        Where the values are from.
+
+    Raises
+    ------
+    InputError
+        A value that is not finite, an elasticity matrix that is not positive definite, no density.
+    """
 
     name: str
     youngs_modulus: float
@@ -44,7 +63,7 @@ class Material:
     source: str = ""
 
     def __post_init__(self) -> None:
-        """Raise InputError unless the elasticity is positive definite and the density positive."""
+        """Check the values."""
         _check_finite(self)
         _check_positive(self, "youngs_modulus", "shear_modulus", "density")
         if not -1 < self.poisson < 0.5:
@@ -62,11 +81,11 @@ class Material:
 
     @property
     def expansions(self) -> NDArray[np.float64]:
-        """(3,) linear expansion along x, y, z in 1/K."""
+        """(3,) coefficients of linear thermal expansion along x, y, z, 1/K."""
         return np.full(3, self.expansion)
 
     def elasticity(self) -> NDArray[np.float64]:
-        """(6, 6) stiffness in Pa; Voigt order xx, yy, zz, yz, xz, xy, engineering shear."""
+        """(6, 6) elasticity matrix in Pa; Voigt order xx, yy, zz, yz, xz, xy, engineering shear strains."""
         lame = self.youngs_modulus * self.poisson / ((1 + self.poisson) * (1 - 2 * self.poisson))
         stiffness = np.diag([2 * self.shear_modulus] * 3 + [self.shear_modulus] * 3)
         stiffness[:3, :3] += lame
@@ -75,10 +94,33 @@ class Material:
 
 @dataclass(frozen=True)
 class TransverselyIsotropic:
-    """Fibres along the part's x, isotropic across: moduli in Pa, density in kg/m3, expansions in 1/K.
+    """Transversely isotropic linear elastic material: fibres along the part's x, isotropic in the y-z plane.
 
-    `axial_poisson` is the contraction across for a stretch along x, `transverse_poisson` the one within the
-    plane across; the shear modulus across is `transverse_modulus / 2 / (1 + transverse_poisson)`.
+    The shear modulus of the y-z plane is ``transverse_modulus / 2 / (1 + transverse_poisson)``.
+
+    Parameters
+    ----------
+    name
+        Key in the table of materials.
+    axial_modulus, transverse_modulus
+        Young's moduli along x and in the y-z plane, Pa.
+    axial_shear_modulus
+        Between x and the y-z plane, Pa.
+    axial_poisson
+        Transverse contraction for a stretch along x.
+    transverse_poisson
+        Contraction within the y-z plane for a stretch in it.
+    density
+        kg/m³.
+    axial_expansion, transverse_expansion
+        Coefficients of linear thermal expansion, 1/K.
+    source
+        Where the values are from.
+
+    Raises
+    ------
+    InputError
+        A value that is not finite, an elasticity matrix that is not positive definite, no density.
     """
 
     name: str
@@ -93,7 +135,7 @@ class TransverselyIsotropic:
     source: str = ""
 
     def __post_init__(self) -> None:
-        """Raise InputError unless the elasticity is positive definite and the density positive."""
+        """Check the values."""
         _check_finite(self)
         _check_positive(self, "axial_modulus", "transverse_modulus", "axial_shear_modulus", "density")
         if not -1 < self.transverse_poisson < 1:
@@ -106,31 +148,31 @@ class TransverselyIsotropic:
         if not abs(self.axial_poisson) < largest:
             raise InputError(
                 f"materials.{self.name}.axial_poisson: expected a number between {-largest:.4g} and "
-                f"{largest:.4g} (else the material would give energy away), got {self.axial_poisson:g}"
+                f"{largest:.4g} (else the elasticity matrix is not positive definite), got {self.axial_poisson:g}"
             )
 
     @property
     def youngs_modulus(self) -> float:
-        """Young's modulus along x: what beam theory needs of a part along x."""
+        """Young's modulus along x, for beam theory."""
         return self.axial_modulus
 
     @property
     def shear_modulus(self) -> float:
-        """Shear modulus between x and across: what beam theory needs of a part along x."""
+        """Shear modulus between x and the y-z plane, for beam theory."""
         return self.axial_shear_modulus
 
     @property
     def expansion(self) -> float:
-        """Linear expansion along x in 1/K."""
+        """Coefficient of linear thermal expansion along x, 1/K."""
         return self.axial_expansion
 
     @property
     def expansions(self) -> NDArray[np.float64]:
-        """(3,) linear expansion along x, y, z in 1/K."""
+        """(3,) coefficients of linear thermal expansion along x, y, z, 1/K."""
         return np.array([self.axial_expansion, self.transverse_expansion, self.transverse_expansion])
 
     def elasticity(self) -> NDArray[np.float64]:
-        """(6, 6) stiffness in Pa; Voigt order xx, yy, zz, yz, xz, xy, engineering shear."""
+        """(6, 6) elasticity matrix in Pa; Voigt order xx, yy, zz, yz, xz, xy, engineering shear strains."""
         along, across = 1 / self.axial_modulus, 1 / self.transverse_modulus
         compliance = np.diag([along, across, across] + [0.0] * 3)
         compliance[0, 1:3] = compliance[1:3, 0] = -self.axial_poisson * along
@@ -145,8 +187,8 @@ AnyMaterial = Material | TransverselyIsotropic
 
 STEEL = Material(
     "steel", 211e9, 81e9, 7850.0, 11.7e-6,
-    "E, G: Table 4 of the Biglide paper. Density and expansion: handbook values of structural steel "
-    "(EN 1991-1-1, ASM). The paper's link of 1.95 kg would need 7945 kg/m3",
+    "E, G: Table 4 of Guan et al. (2023), see docs/theory.md, section 1. Density and expansion: handbook values of "
+    "structural steel (EN 1991-1-1, ASM). The published link of 1.95 kg would need 7945 kg/m3",
 )  # fmt: skip
 ALUMINIUM_7075 = Material(
     "aluminium-7075", 71.7e9, 26.9e9, 2810.0, 23.6e-6,
@@ -167,7 +209,7 @@ TITANIUM = Material(
 CFRP_TUBE = TransverselyIsotropic(
     "cfrp-tube", 126e9, 11e9, 6.6e9, 0.28, 0.4, 1580.0, -1e-6, 26e-6,
     "AS4/3501-6, 60 % fibres, all along the tube: Soden, Hinton and Kaddour, Compos. Sci. Technol. 58 (1998) "
-    "1011, table 2; density: maker's data. Layers at an angle twist stiffer and stretch softer: give your own",
+    "1011, table 2; density: maker's data. Angle plies are stiffer in torsion and softer in tension: define your own",
 )  # fmt: skip
 
 MATERIALS: dict[str, AnyMaterial] = {
@@ -176,7 +218,20 @@ MATERIALS: dict[str, AnyMaterial] = {
 
 
 def material(name: str, own: Mapping[str, AnyMaterial] | None = None) -> AnyMaterial:
-    """Return one's own material, or that of the table, by name; InputError lists the names when there is none."""
+    """Return a material by name.
+
+    Parameters
+    ----------
+    name
+        Key of `own` or of `MATERIALS`.
+    own
+        Further materials by name; they take precedence.
+
+    Raises
+    ------
+    InputError
+        There is no such material; the message lists the names.
+    """
     known = MATERIALS | dict(own or {})
     if name not in known:
         raise InputError(f"material: expected one of {', '.join(known)}, got {name!r}")

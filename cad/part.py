@@ -1,6 +1,6 @@
-"""A part: a solid with its material, where it is held and where it is loaded; what others need to know of it.
+"""A part: a solid with its material, its clamped faces and its loaded interfaces; its surface and mass properties.
 
-A part's coordinates are its reference axes. Outside of this room everything is in SI and plain numpy.
+The coordinates of a part are its reference axes. What this package hands out is in SI and plain numpy.
 """
 
 import hashlib
@@ -17,15 +17,25 @@ from stiffscope.cad.materials import AnyMaterial
 from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
-    from stiffscope.cad.kernel import Shape, Solid
+    from stiffscope.cad.kernel import Edge, Shape, Solid
 
 Floats = NDArray[np.float64]
-SMOOTH = np.deg2rad(20.0)  # faces that meet at less leave a mesher no edge to keep
+SMOOTH = np.deg2rad(20.0)  # the mesher preserves no edge between faces whose normals differ by less
 
 
 @dataclass(frozen=True, eq=False)
 class Interface:
-    """Where a load enters: faces, by index, and the point (3,) in m that its twist and wrench refer to."""
+    """A loaded interface: the faces through which a wrench enters.
+
+    Attributes
+    ----------
+    name
+        Name of the interface, unique in its part.
+    faces
+        Indices of the solid's faces.
+    reference_point
+        (3,) m, to which twist and wrench refer.
+    """
 
     name: str
     faces: frozenset[int]
@@ -34,10 +44,28 @@ class Interface:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A solid (of the kernel, in mm) held at `clamped` and loaded at `loaded`.
+    """A solid with a material, clamped faces and loaded interfaces.
 
-    A face's index is its position in `kernel.faces(solid)`, the order of build123d's `solid.faces()`. The
+    The index of a face is its position in `kernel.faces(solid)`, which is the order of build123d's `solid.faces()`. The
     compliance of a part refers to `loaded[0].reference_point`.
+
+    Parameters
+    ----------
+    name
+        Name of the part, in messages and file names.
+    solid
+        Solid of the CAD kernel, mm.
+    material
+        Linear elastic material.
+    clamped
+        Indices of the faces that do not move.
+    loaded
+        Interfaces through which wrenches enter.
+
+    Raises
+    ------
+    InputError
+        No clamped face or no interface, a face index that does not exist, a face used twice.
     """
 
     name: str
@@ -47,7 +75,7 @@ class Part:
     loaded: tuple[Interface, ...]
 
     def __post_init__(self) -> None:
-        """Raise InputError unless the face sets are non-empty, exist and are apart from one another."""
+        """Check the sets of faces."""
         taken: dict[int, str] = {}
         for name, chosen in (("clamped", self.clamped), *((one.name, one.faces) for one in self.loaded)):
             if not chosen:
@@ -57,8 +85,8 @@ class Part:
                     raise InputError(f"{self.name}.{name}: expected faces from 0 to {len(self.faces) - 1}, got {index}")
                 if index in taken:
                     raise InputError(
-                        f"{self.name}.{name}: expected faces that nothing else takes, "
-                        f"got face {index}, which is of {taken[index]} too"
+                        f"{self.name}.{name}: expected faces that no other interface uses, "
+                        f"got face {index}, which belongs to {taken[index]} too"
                     )
                 taken[index] = name
         if not self.loaded:
@@ -66,29 +94,44 @@ class Part:
 
     @cached_property
     def faces(self) -> tuple[FaceGeometry, ...]:
-        """What each face is, in order."""
+        """Geometry of each face, in order."""
         return face_geometries(self.solid)
 
     @cached_property
     def seams(self) -> dict[tuple[int, int], "Shape"]:
-        """Pairs of faces that pass into one another smoothly where an interface ends, with the edges between them."""
+        """Smooth borders of interfaces: pairs of adjacent faces with nearly equal normals, and their common edges."""
         from stiffscope.cad import kernel
 
-        interfaces = (self.clamped, *(port.faces for port in self.loaded))
-        owner = {face: number for number, chosen in enumerate(interfaces) for face in chosen}
+        interfaces = (self.clamped, *(interface.faces for interface in self.loaded))
+        owner = {face: number for number, faces in enumerate(interfaces) for face in faces}
         faces = kernel.faces(self.solid)
+
+        def smooth(a: int, b: int, edges: list["Edge"]) -> bool:
+            return any(kernel.normal_angle(edge, faces[a], faces[b]) < SMOOTH for edge in edges)
+
         return {
             (a, b): kernel.compound(*edges)
             for (a, b), edges in kernel.borders(self.solid).items()
-            if owner.get(a) != owner.get(b) and any(kernel.turn(edge, faces[a], faces[b]) < SMOOTH for edge in edges)
+            if owner.get(a) != owner.get(b) and smooth(a, b, edges)
         }
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """The part's surface as plain numpy: closed, outward, with the face of each triangle.
+    """Tessellated surface of a part: closed, with outward triangles.
 
-    `vertices` (nv, 3) in m, `triangles` (nt, 3), `face_of_triangle` (nt,), `faces` by index, `seams` as in `Part`.
+    Attributes
+    ----------
+    vertices
+        (nv, 3) m.
+    triangles
+        (nt, 3) vertex indices.
+    face_of_triangle
+        (nt,) index of the CAD face of each triangle.
+    faces
+        Geometry of the CAD faces, by index.
+    seams
+        Pairs of faces as in `Part.seams`.
     """
 
     vertices: Floats
@@ -99,9 +142,21 @@ class Surface:
 
 
 def surface(part: Part, deflection: float = 5e-4, angle: float = 0.8) -> Surface:
-    """Tessellate the part: chords within `deflection` m of the surface and `angle` rad of one another.
+    """Tessellate a part.
 
-    InputError when the surface does not close.
+    Parameters
+    ----------
+    part
+        The part.
+    deflection
+        Largest distance between a chord and the surface, m.
+    angle
+        Largest angle between neighbouring chords, rad.
+
+    Raises
+    ------
+    InputError
+        The tessellation is not closed.
     """
     vertices, triangles, face_of_triangle = tessellated(part.solid, deflection, angle)
     gaps = open_edges(triangles)
@@ -111,7 +166,7 @@ def surface(part: Part, deflection: float = 5e-4, angle: float = 0.8) -> Surface
 
 
 def tessellated(solid: "Solid", deflection: float, angle: float) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
-    """Return vertices (nv, 3) in m, each once, outward triangles (nt, 3) and the face of each (nt,)."""
+    """Return distinct vertices (nv, 3) in m, outward triangles (nt, 3) and the face of each triangle (nt,)."""
     from stiffscope.cad import kernel
 
     pieces = kernel.triangulated(solid, deflection * 1e3, angle)
@@ -127,10 +182,10 @@ def tessellated(solid: "Solid", deflection: float, angle: float) -> tuple[Floats
 
 
 def _merged(nodes: Floats, step: float = 1e-5) -> tuple[Floats, NDArray[np.int64]]:
-    """Merge nodes (n, 3) that are the same up to rounding (in mm): return them once and each one's number.
+    """Merge nodes (n, 3), in mm, that coincide up to rounding: return the distinct ones and the index of each node.
 
-    The kernel gives the nodes of a border to both faces, equal to 1e-13; the grid that they are compared on is
-    shifted off all round numbers, and a pair that it parts all the same shows as an open edge.
+    Both faces at a border have its nodes, equal to 1e-13. Nodes are compared on a grid whose offset avoids round
+    numbers; a pair that falls into two cells nevertheless shows as an open edge.
     """
     cells = np.floor(nodes / step + (np.sqrt(2) - 1)).astype(np.int64)
     _, first, number = np.unique(cells, axis=0, return_index=True, return_inverse=True)
@@ -138,7 +193,7 @@ def _merged(nodes: Floats, step: float = 1e-5) -> tuple[Floats, NDArray[np.int64
 
 
 def open_edges(triangles: NDArray[np.int64]) -> int:
-    """Count the edges of triangles (nt, 3) that do not run once each way: zero for a closed surface."""
+    """Count the edges of triangles (nt, 3) that are not used once in each direction: zero for a closed surface."""
     directed = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     base = triangles.max(initial=0) + 1
     there, times = np.unique(directed[:, 0] * base + directed[:, 1], return_counts=True)
@@ -147,9 +202,21 @@ def open_edges(triangles: NDArray[np.int64]) -> int:
 
 
 def project(part: Part, place: int, points: Floats) -> Floats:
-    """Return the points (n, 3) of the surface under a face that are closest to `points` (n, 3), in m.
+    """Project points on the surface under a face, or on a seam.
 
-    Places after those of the faces are the edges of the part's seams.
+    Parameters
+    ----------
+    part
+        The part.
+    place
+        Index of a face; ``len(part.faces) + k`` is the k-th seam.
+    points
+        (n, 3) m.
+
+    Returns
+    -------
+    (n, 3)
+        The closest points, m.
     """
     from stiffscope.cad.projection import on_shape, projected
 
@@ -161,7 +228,19 @@ def project(part: Part, place: int, points: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class MassProperties:
-    """Volume in m3, mass in kg, mass centre (3,) in m, inertia (3, 3) about it in kg m2; the part's axes."""
+    """Mass properties in the part's axes.
+
+    Attributes
+    ----------
+    volume
+        m³.
+    mass
+        kg.
+    centre
+        (3,) centre of mass, m.
+    inertia
+        (3, 3) about the centre of mass, kg·m².
+    """
 
     volume: float
     mass: float
@@ -180,9 +259,10 @@ def mass_properties(part: Part) -> MassProperties:
 
 
 def geometry_digest(part: Part) -> str:
-    """Return a hash (hex) of all that determines the part's compliance: shape, faces chosen, material.
+    """Return a hash (hex) of everything that determines the part's compliance: shape, selected faces, material.
 
-    The same in every process; the part's name is not in it. Lengths count to 1e-6 mm, moments to nine digits.
+    It is the same in every process and does not contain the part's name. Lengths are rounded to 1e-6 mm, moments to
+    nine digits.
     """
     digest = hashlib.sha256()
     for line in _description(part):
@@ -217,6 +297,6 @@ def _lengths(*vectors: Floats) -> str:
 
 
 def _digits(*values: float) -> str:
-    """Nine digits of each value; what is 1e-12 of the largest or less is rounding error, and zero."""
+    """Format each value with nine digits; values up to 1e-12 of the largest are rounding errors and count as zero."""
     least = 1e-12 * max(map(abs, values), default=0)
     return " ".join(f"{value:.8e}" if abs(value) > least else "0" for value in values)

@@ -1,4 +1,4 @@
-"""The closest point on the surface under a face: closed form where the surface has one, else the kernel's."""
+"""Projection on the surface under a face: in closed form where there is one, else by the CAD kernel."""
 
 from typing import TYPE_CHECKING
 
@@ -14,9 +14,9 @@ Floats = NDArray[np.float64]
 
 
 def projected(solid: "Solid", face: FaceGeometry, points: Floats) -> Floats:
-    """Return the closest points (n, 3) to `points` (n, 3), in m.
+    """Return the points (n, 3) of the surface closest to `points` (n, 3), in m.
 
-    Planes and round surfaces are taken as unbounded, others as ending with their parameter range.
+    Planes and round surfaces are taken as unbounded, others as bounded by the face's parameter range.
     """
     if face.kind == "plane":
         return points - np.outer((points - face.origin) @ face.axis, face.axis)
@@ -37,7 +37,7 @@ def on_shape(shape: "Shape", points: Floats) -> Floats:
 
 
 def _on_round(face: FaceGeometry, points: Floats) -> Floats:
-    """Project in the half plane through the axis: there the surface is a line or a circle."""
+    """Project in the half plane through the axis, where the surface is a line or a circle."""
     lever = points - face.origin
     height = lever @ face.axis  # (n,)
     across = lever - np.outer(height, face.axis)
@@ -55,7 +55,7 @@ def _on_round(face: FaceGeometry, points: Floats) -> Floats:
 
 
 def _directions(vectors: Floats, otherwise: Floats) -> Floats:
-    """Unit vectors (n, k); a vector of no length takes the direction `otherwise`."""
+    """Normalize vectors (n, k); a zero vector becomes `otherwise` (k,)."""
     lengths = np.linalg.norm(vectors, axis=1)
     units = np.tile(otherwise, (len(vectors), 1))
     units[lengths > 0] = vectors[lengths > 0] / lengths[lengths > 0, None]

@@ -1,7 +1,7 @@
-"""The robot's slider (slidable platform): a plate with optional ribs, bolt holes and joint pads.
+"""A slider (slidable platform): a plate with optional ribs, bolt holes and joint pads.
 
-Axes: x away from the clamped face at x = 0, y across, z down; y = 0 is the plate's middle and z = 0 half its
-thickness. The reference point is the centre of the plate's loaded face, or of the middle pad if there are pads.
+Axes: x away from the clamped face at x = 0, y across, z down; y = z = 0 is the centre line of the plate. The reference
+point is the centre of the loaded face, or of the middle pad if there are pads.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -13,7 +13,7 @@ from stiffscope.cad.checks import FINEST, GAP, choice, count, length, mm, option
 from stiffscope.cad.faces import FaceSelector, face_geometries, select
 from stiffscope.cad.materials import STEEL, AnyMaterial
 from stiffscope.cad.part import Interface, Part
-from stiffscope.cad.soundness import sound_solid
+from stiffscope.cad.validity import valid_solid
 from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,22 +21,44 @@ if TYPE_CHECKING:
 
     from stiffscope.cad.kernel import Shape, Solid
 
-_SLIGHT = 1e-6  # mm
+_TOLERANCE = 1e-6  # mm
 
 
 @dataclass(frozen=True)
 class SliderParameters:
-    """Lengths in m; a count or `pad_height` of 0 leaves the feature out, and its other numbers unused.
+    """Dimensions of a slider, in m; a count or `pad_height` of 0 leaves the feature out and its parameters unused.
 
-    Plate: `depth` (x), `width` (y), `thickness` (z).
-    Ribs stand on the underside (+z), from the clamped face along x to a half-round nose at `rib_length`, and are
-    `rib_thickness` wide (y) and `rib_height` high; `rib_pitch` apart, 0: spread evenly over the width; their
-    roots are rounded by `fillet`.
-    Bolt holes go through the plate along z in a row at `hole_offset` from the clamped face, `hole_pitch` apart
-    (0: spread evenly); `clamp` says whether the part is held at its clamped "face" or in its "holes".
-    Pads for the link joints at y = 0, +`pad_spacing`, -`pad_spacing` are raised by `pad_height` (x) from the loaded
-    face, `pad_width` wide (y) and as thick as the plate; `pads` loads them "together" (one rigid or distributed
-    interface) or "apart" (an interface each: link1, link2, link3).
+    Parameters
+    ----------
+    depth, width, thickness
+        Dimensions of the plate along x, y and z.
+    rib_count
+        Ribs on the underside (+z), from the clamped face along x to a half-round nose.
+    rib_thickness, rib_height, rib_length
+        Dimensions of a rib along y, z and x.
+    rib_pitch
+        Distance between ribs; 0 spreads them evenly over the width.
+    fillet
+        Radius at the roots of the ribs.
+    hole_count
+        Bolt holes through the plate along z, in one row across.
+    hole_diameter, hole_offset
+        Diameter of a hole, and distance of its axis from the clamped face.
+    hole_pitch
+        Distance between holes; 0 spreads them evenly over the width.
+    clamp
+        What is clamped, the "face" at x = 0 or the walls of the "holes".
+    pad_height, pad_width
+        Dimensions of the joint pads on the loaded face along x and y; they are as thick as the plate.
+    pad_spacing
+        Distance of the outer pads from the middle one.
+    pads
+        Load the pads "together" (one interface) or "apart" (interfaces link1, link2, link3).
+
+    Raises
+    ------
+    InputError
+        A value out of range, named as in the robot file (``slider.rib_pitch``).
     """
 
     depth: float = 0.085
@@ -59,7 +81,7 @@ class SliderParameters:
     pads: Literal["together", "apart"] = "together"
 
     def __post_init__(self) -> None:
-        """Raise InputError, naming the field, for what is not a slider."""
+        """Check the dimensions."""
         for name in ("depth", "width", "thickness"):
             length(f"slider.{name}", getattr(self, name))
         for name in ("rib_pitch", "fillet", "hole_pitch", "pad_height"):
@@ -77,7 +99,7 @@ class SliderParameters:
         _check_pads(self)
 
     def present(self) -> "SliderParameters":
-        """Return the same slider with the unused numbers of absent features at their defaults."""
+        """Return the same slider with the unused parameters of absent features at their defaults."""
         features = {
             "rib_": self.rib_count,
             "rib_pitch": self.rib_count > 1,
@@ -90,27 +112,27 @@ class SliderParameters:
 
     @property
     def rib_positions(self) -> tuple[float, ...]:
-        """The y of each rib's middle."""
+        """(rib_count,) y of each rib's centre plane, m."""
         return _row(self.rib_count, self.rib_pitch, self.width)
 
     @property
     def hole_positions(self) -> tuple[float, ...]:
-        """The y of each bolt hole's axis."""
+        """(hole_count,) y of each bolt hole's axis, m."""
         return _row(self.hole_count, self.hole_pitch, self.width)
 
     @property
     def pad_positions(self) -> tuple[float, ...]:
-        """The y of each pad's middle: joints 1, 2 and 3."""
+        """(3,) y of the pads' centres, joints 1, 2 and 3, m; empty without pads."""
         return (0.0, self.pad_spacing, -self.pad_spacing) if self.pad_height else ()
 
 
 def _row(number: int, pitch: float, width: float) -> tuple[float, ...]:
-    """Places of a row about y = 0; without a pitch each has an equal share of the width."""
+    """Positions of a row centred at y = 0; without a pitch each item has an equal share of the width."""
     return tuple((i - (number - 1) / 2) * (pitch or width / number) for i in range(number))
 
 
 def _check_row(slider: SliderParameters, item: str, size: str, needs: float) -> None:
-    """Check that the ribs or holes, each taking `needs` of the width, clear one another and the plate's sides."""
+    """Check that ribs or holes, each `needs` wide, keep clear of one another and of the plate's sides."""
     number, pitch = getattr(slider, f"{item}_count"), getattr(slider, f"{item}_pitch")
     spacing = pitch or slider.width / number
     most = max((slider.width - 2 * GAP - needs) / (number - 1) if number > 1 else spacing, 0.0)
@@ -178,7 +200,7 @@ def _check_holes(slider: SliderParameters) -> None:
             require(
                 abs(hole - rib) >= clearance,
                 "slider.hole_pitch",
-                f"bolt holes at least {mm(clearance)} from a rib's middle (change a pitch or a count)",
+                f"bolt holes at least {mm(clearance)} from a rib's centre plane (change a pitch or a count)",
                 f"a hole at y = {mm(hole)} and a rib at y = {mm(rib)}",
             )
 
@@ -203,13 +225,33 @@ def _check_pads(slider: SliderParameters) -> None:
 
 
 def build(parameters: SliderParameters, material: AnyMaterial = STEEL, name: str = "slider") -> Part:
-    """Return the slider as a part."""
-    solid = sound_solid(_shape(parameters), name)
+    """Build a slider.
+
+    Parameters
+    ----------
+    parameters
+        Dimensions.
+    material
+        Linear elastic material.
+    name
+        Name of the part.
+
+    Returns
+    -------
+    Part
+        Clamped at its face x = 0 or in its holes, with the interface ``joints``, or one for each pad.
+
+    Raises
+    ------
+    InputError
+        The CAD kernel cannot make the fillet.
+    """
+    solid = valid_solid(_shape(parameters), name)
     return Part(name, solid, material, _clamped(parameters, solid), _loaded(parameters, solid))
 
 
 def _shape(slider: SliderParameters) -> "Shape":
-    """Return the solid in mm: plate, pads and ribs in one, roots rounded, holes drilled."""
+    """Return the solid in mm: plate, pads and ribs fused, roots filleted, holes cut."""
     from build123d import Align, Box, Cylinder, Pos, fillet
 
     depth, width, thickness = (1e3 * v for v in (slider.depth, slider.width, slider.thickness))
@@ -235,10 +277,10 @@ def _shape(slider: SliderParameters) -> "Shape":
 
 
 def _is_root(edge: "Edge", depth: float, width: float, thickness: float) -> bool:
-    """Whether an edge lies on the plate's underside, inside its outline: where a rib stands."""
+    """Whether an edge lies on the plate's underside and inside its outline, so at the root of a rib."""
     middle = edge.position_at(0.5)
-    inside = _SLIGHT < middle.X < depth - _SLIGHT and abs(middle.Y) < width / 2 - _SLIGHT
-    return abs(middle.Z - thickness / 2) < _SLIGHT and inside
+    inside = _TOLERANCE < middle.X < depth - _TOLERANCE and abs(middle.Y) < width / 2 - _TOLERANCE
+    return abs(middle.Z - thickness / 2) < _TOLERANCE and inside
 
 
 def _clamped(slider: SliderParameters, solid: "Solid") -> frozenset[int]:

@@ -1,4 +1,4 @@
-"""Any solid as a part: its faces chosen by geometry, its axes by a frame."""
+"""Any solid as a part: faces selected by geometry, part axes by a placement."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from stiffscope.cad.checks import POINT, direction, is_point, require
-from stiffscope.cad.faces import FaceSelector, select
+from stiffscope.cad.faces import FaceGeometry, FaceSelector, face_geometries, select
 from stiffscope.cad.materials import STEEL, AnyMaterial
 from stiffscope.cad.part import Interface, Part
-from stiffscope.cad.soundness import sound_solid
+from stiffscope.cad.validity import valid_solid
 from stiffscope.errors import InputError
 
 Vector = Sequence[float]
@@ -21,20 +21,33 @@ GREATEST_X = (FaceSelector(kind="plane", normal=(1, 0, 0), position="max x"),)
 
 
 @dataclass(frozen=True)
-class Frame:
-    """The part's axes in the coordinates of the CAD model: origin in m, directions of x and of z (y = z × x)."""
+class Placement:
+    """The part's axes in the coordinates of the CAD model; y = z × x.
+
+    Parameters
+    ----------
+    origin
+        (3,) m.
+    x, z
+        (3,) directions of the part's x and z; they need not be of unit length.
+
+    Raises
+    ------
+    InputError
+        An origin out of range, or directions that are not at right angles.
+    """
 
     origin: Vector = (0.0, 0.0, 0.0)
     x: Vector = (1.0, 0.0, 0.0)
     z: Vector = (0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
-        """Raise InputError unless the origin is a point and the directions are at right angles."""
-        require(is_point(self.origin), "frame.origin", POINT, repr(self.origin))
-        direction("frame.x", self.x)
-        direction("frame.z", self.z)
+        """Check origin and directions."""
+        require(is_point(self.origin), "placement.origin", POINT, repr(self.origin))
+        direction("placement.x", self.x)
+        direction("placement.z", self.z)
         cosine = np.dot(self.x, self.z) / np.linalg.norm(self.x) / np.linalg.norm(self.z)
-        require(abs(cosine) <= 1e-6, "frame.z", "a direction at right angles to x", repr(self.z))
+        require(abs(cosine) <= 1e-6, "placement.z", "a direction at right angles to x", repr(self.z))
 
 
 def part_of(
@@ -44,56 +57,73 @@ def part_of(
     material: AnyMaterial = STEEL,
     clamped: Selectors = LEAST_X,
     loaded: Selectors | Mapping[str, Selectors] = GREATEST_X,
-    frame: Frame | None = None,
+    placement: Placement | None = None,
     reference_point: Vector | None = None,
 ) -> Part:
-    """Return a build123d (or kernel) solid, in mm, as a part.
+    """Make a part from a solid.
 
-    Selectors, `frame` and `reference_point` (m) are in the coordinates of the solid; the part's are the frame's.
-    `loaded` may name several interfaces. Without a reference point, an interface refers to the centroid of its
-    faces. InputError for a solid that is not sound and for selectors that fit no face or every face.
+    Parameters
+    ----------
+    solid
+        Solid of build123d or of the CAD kernel, mm.
+    name
+        Name of the part.
+    material
+        Linear elastic material.
+    clamped
+        Selectors of the clamped faces, in the coordinates of the solid, as are the next three.
+    loaded
+        Selectors of the loaded interface, or of several interfaces by name.
+    placement
+        The part's axes; by default those of the solid.
+    reference_point
+        (3,) m, of a single interface; by default the centroid of its faces.
+
+    Raises
+    ------
+    InputError
+        An invalid solid, or selectors that match no face or every face.
     """
-    return chosen_part(
-        sound_solid(getattr(solid, "wrapped", solid), name),
+    return part_from_valid(
+        valid_solid(getattr(solid, "wrapped", solid), name),
         name=name,
         material=material,
         clamped=clamped,
         loaded=loaded,
-        frame=frame or Frame(),
+        placement=placement or Placement(),
         reference_point=reference_point,
     )
 
 
-def chosen_part(
+def part_from_valid(
     solid: Any,
     *,
     name: str,
     material: AnyMaterial,
     clamped: Selectors,
     loaded: Selectors | Mapping[str, Selectors],
-    frame: Frame,
+    placement: Placement,
     reference_point: Vector | None,
 ) -> Part:
-    """Return a solid known to be sound as a part, as `part_of` does."""
+    """Make a part from a kernel solid known to be valid; see `part_of`."""
     from stiffscope.cad import kernel
 
-    held = select(solid, clamped, f"{name}.clamped")
+    clamped_faces = select(solid, clamped, f"{name}.clamped")
     named = loaded if isinstance(loaded, Mapping) else {"loaded": loaded}
     if reference_point is not None and len(named) > 1:
         raise InputError(f"{name}.reference_point: expected none with {len(named)} interfaces, got one")
     if reference_point is not None:
         _check_near(solid, reference_point, f"{name}.reference_point")
-    chosen = {key: select(solid, selectors, f"{name}.{key}") for key, selectors in named.items()}
-    origin, x, z = (np.asarray(vector, dtype=float) for vector in (frame.origin, frame.x, frame.z))
-    moved = kernel.in_frame(solid, origin * 1e3, x, z)
+    selected = {key: select(solid, selectors, f"{name}.{key}") for key, selectors in named.items()}
+    origin, x, z = (np.asarray(vector, dtype=float) for vector in (placement.origin, placement.x, placement.z))
+    moved = kernel.in_axes(solid, origin * 1e3, x, z)
     point = None if reference_point is None else _axes(x, z) @ (np.asarray(reference_point, dtype=float) - origin)
-    centred = Part(
-        name, moved, material, held, tuple(Interface(key, faces, np.zeros(3)) for key, faces in chosen.items())
-    )
+    geometries = face_geometries(moved)
     interfaces = (
-        Interface(key, faces, _centroid(centred, faces) if point is None else point) for key, faces in chosen.items()
+        Interface(key, faces, _centroid([geometries[index] for index in sorted(faces)]) if point is None else point)
+        for key, faces in selected.items()
     )
-    return Part(name, moved, material, held, tuple(interfaces))
+    return Part(name, moved, material, clamped_faces, tuple(interfaces))
 
 
 def _check_near(solid: Any, point: Vector, field: str) -> None:
@@ -107,11 +137,10 @@ def _check_near(solid: Any, point: Vector, field: str) -> None:
 
 
 def _axes(x: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """(3, 3) the unit directions x, y, z as rows."""
+    """(3, 3) unit vectors along x, y, z as rows."""
     x, z = x / np.linalg.norm(x), z / np.linalg.norm(z)
     return np.stack([x, np.cross(z, x), z])
 
 
-def _centroid(part: Part, chosen: frozenset[int]) -> np.ndarray:
-    faces = [part.faces[index] for index in sorted(chosen)]
+def _centroid(faces: Sequence[FaceGeometry]) -> np.ndarray:
     return np.average([face.centroid for face in faces], axis=0, weights=[face.area for face in faces])

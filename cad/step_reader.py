@@ -1,4 +1,4 @@
-"""The process that reads a STEP file, checks what is in it and hands the solid back: see `stiffscope.cad.step`."""
+"""Subprocess of `stiffscope.cad.step`: reads a STEP file, checks its solid and writes it in the kernel's format."""
 
 import sys
 from pathlib import Path
@@ -7,13 +7,13 @@ from stiffscope.cad.step import REFUSED
 from stiffscope.errors import InputError
 
 
-def main(file: str, shown: str, aside: str) -> int:
-    """Read `file`, called `shown` in messages, and write its solid to `aside`; return the exit code."""
+def main(file: str, shown: str, brep: str) -> int:
+    """Read `file`, called `shown` in messages, write its solid to `brep` and return the exit code."""
     from stiffscope.cad import kernel_files
-    from stiffscope.cad.soundness import sound_solid
+    from stiffscope.cad.validity import valid_solid
 
     try:
-        kernel_files.write_binary(sound_solid(kernel_files.read_step(Path(file)), shown), Path(aside))
+        kernel_files.write_binary(valid_solid(kernel_files.read_step(Path(file)), shown), Path(brep))
     except InputError as refused:
         sys.stderr.write(f"\n{refused}\n")
         return REFUSED

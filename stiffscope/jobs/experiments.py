@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from stiffscope.cad.link import LinkParameters
     from stiffscope.cad.materials import AnyMaterial
     from stiffscope.cad.slider import SliderParameters
-    from stiffscope.cad.solid import Frame
+    from stiffscope.cad.solid import Placement
     from stiffscope.fea.experiment import Settings
     from stiffscope.robot.part_schema import Step
     from stiffscope.robot.schema import PartName, RobotFile
@@ -56,7 +56,7 @@ class StepOrder:
     sha256: str
     clamped: tuple[FaceSelector, ...] = LEAST_X
     loaded: tuple[FaceSelector, ...] = GREATEST_X
-    frame: Frame | None = None
+    placement: Placement | None = None
     reference_point: tuple[float, float, float] | None = None
 
 
@@ -152,7 +152,9 @@ def _step_order(robot: RobotFile, section: Step | None, given: str | Path | None
         return StepOrder(path.absolute(), content)
     tagged = ("clamped", section.clamped), ("loaded", section.loaded)
     chosen = {tag: tuple(face.selector() for face in faces) for tag, faces in tagged if faces is not None}
-    return StepOrder(path.absolute(), content, **chosen, frame=section.frame(), reference_point=section.reference_point)
+    return StepOrder(
+        path.absolute(), content, **chosen, placement=section.placement(), reference_point=section.reference_point
+    )
 
 
 def solve_parts(

@@ -64,7 +64,7 @@ def build_part(order: PartOrder) -> Part:
     if order.step:
         return read_step(
             order.step.path, name=order.name, material=order.material, clamped=order.step.clamped,
-            loaded=order.step.loaded, frame=order.step.frame, reference_point=order.step.reference_point,
+            loaded=order.step.loaded, placement=order.step.placement, reference_point=order.step.reference_point,
         )  # fmt: skip
     if isinstance(order.shape, link.LinkParameters):
         return link.build(order.shape, order.material)

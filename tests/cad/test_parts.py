@@ -155,7 +155,7 @@ def test_numbers_of_present_features_count(full: LinkParameters | SliderParamete
         (SliderParameters, {"fillet": 0.001}, "slider.fillet", "0 without ribs"),
         (SliderParameters, {"hole_count": 4, "hole_pitch": 0.009}, "slider.hole_pitch", "9.5 mm to"),
         (SliderParameters, {"hole_count": 4, "hole_offset": 0.003}, "slider.hole_offset", "5 mm to 80 mm"),
-        (SliderParameters, {"hole_count": 3, "rib_count": 3}, "slider.hole_pitch", "from a rib's middle"),
+        (SliderParameters, {"hole_count": 3, "rib_count": 3}, "slider.hole_pitch", "from a rib's centre plane"),
         (SliderParameters, {"clamp": "holes"}, "slider.clamp", "'face'"),
         (SliderParameters, {"pad_height": 0.01, "pad_spacing": 0.16}, "slider.pad_spacing", "159.5 mm"),
         (SliderParameters, {"pad_height": 0.01, "pad_width": 0.08}, "slider.pad_width", "69.5 mm"),

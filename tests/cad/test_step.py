@@ -13,9 +13,9 @@ from stiffscope.cad.faces import FaceSelector, describe, face_geometries, select
 from stiffscope.cad.link import LinkParameters
 from stiffscope.cad.part import Part, geometry_digest, mass_properties
 from stiffscope.cad.slider import SliderParameters
-from stiffscope.cad.solid import Frame, part_of
-from stiffscope.cad.soundness import sound_solid
+from stiffscope.cad.solid import Placement, part_of
 from stiffscope.cad.step import read_solid, read_step, write_step, write_stl
+from stiffscope.cad.validity import valid_solid
 from stiffscope.errors import InputError
 
 HOLED = SliderParameters(rib_count=2, fillet=0.003, hole_count=3)
@@ -52,18 +52,18 @@ def test_units_of_the_file_count(holed: Part, step: Path, tmp_path: Path) -> Non
         read_solid(metres)
 
 
-def test_frame_gives_the_axes(holed: Part) -> None:
-    turned = part_of(holed.solid, frame=Frame(origin=(0, 0, 0.01), x=(0, 1, 0), z=(0, 0, 1)))  # its y is -x
+def test_placement_gives_the_axes(holed: Part) -> None:
+    turned = part_of(holed.solid, placement=Placement(origin=(0, 0, 0.01), x=(0, 1, 0), z=(0, 0, 1)))  # its y is -x
     x, y, z = mass_properties(holed).centre
     assert mass_properties(turned).centre == pytest.approx([y, -x, z - 0.01], abs=1e-12)
     assert turned.loaded[0].reference_point == pytest.approx([0, -0.085, -0.01], abs=1e-9)
     (held,) = turned.clamped
     assert turned.faces[held].axis == pytest.approx([0, 1, 0])
     with pytest.raises(InputError, match="right angles"):
-        Frame(x=(1, 0, 0), z=(1, 0, 1))
+        Placement(x=(1, 0, 0), z=(1, 0, 1))
     for unusable in ((1e300, 0, 0), (1e-200, 0, 0), (0, 0, 0), (1, 0)):
-        with pytest.raises(InputError, match=r"frame\.x: expected a direction"):
-            Frame(x=unusable)
+        with pytest.raises(InputError, match=r"placement\.x: expected a direction"):
+            Placement(x=unusable)
 
 
 def test_selectors_choose_by_geometry(holed: Part) -> None:
@@ -109,7 +109,7 @@ def test_selectors_that_choose_nothing_or_everything_say_what_exists(holed: Part
 
 
 def test_held_and_loaded_faces_are_apart(holed: Part) -> None:
-    with pytest.raises(InputError, match="nothing else takes"):
+    with pytest.raises(InputError, match="no other interface uses"):
         part_of(holed.solid, loaded=[FaceSelector(position="min x", kind="plane")])
 
 
@@ -145,7 +145,7 @@ BAD = {
 def test_what_is_no_solid_is_refused(name: str) -> None:
     make, found = BAD[name]
     with pytest.raises(InputError, match=rf"x.step: expected .* found .*{found}"):
-        sound_solid(make(), "x.step")
+        valid_solid(make(), "x.step")
 
 
 def test_what_is_no_solid_is_refused_in_a_file(tmp_path: Path) -> None:
@@ -160,8 +160,8 @@ def test_rubbish_is_refused(step: Path, tmp_path: Path) -> None:
     text = step.read_text()
     bodies = {
         "empty": ("", "an empty one"),
-        "other": ("solid cube\nendsolid", "another kind"),
-        "torn": (text[: len(text) // 2], "a torn one"),
+        "other": ("solid cube\nendsolid", "another format"),
+        "torn": (text[: len(text) // 2], "a truncated one"),
         "hollow": ("ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\nENDSEC;\nEND-ISO-10303-21;\n", "no solid and no face"),
         "scrambled": (text.replace("CARTESIAN_POINT('',(", "CARTESIAN_POINT('',(1E400,#7,"), "expected"),
     }

@@ -1,0 +1,72 @@
+"""The documentation and the code refer to each other: every name and every section that is cited exists."""
+
+import importlib
+import re
+from functools import reduce
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = [*sorted((ROOT / "docs").glob("*.md")), ROOT / "CONTRIBUTING.md", ROOT / "README.md"]
+ROOMS = ("cad", "fea", "vjm", "stiffscope", "tests", "examples")
+SECTION = re.compile(r"^#{2,3} (\d+(?:\.\d+)?) ", re.MULTILINE)
+CITED = re.compile(r"docs/theory\.md,?\s+section\s+(\d+(?:\.\d+)?)")
+
+
+def resolved(name: str) -> object:
+    """Import the longest prefix of a dotted name that is a module, and take the rest as attributes."""
+    parts = name.split(".")
+    for count in range(len(parts), 0, -1):
+        try:
+            module = importlib.import_module(".".join(parts[:count]))
+        except ModuleNotFoundError as missing:
+            if missing.name is None or not f"{name}.".startswith(f"{missing.name}."):
+                raise
+            continue
+        return reduce(getattr, parts[count:], module)
+    raise ModuleNotFoundError(name)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_name_resolves(page: Path) -> None:
+    wrong = []
+    for name in sorted(set(re.findall(r"\bstiffscope(?:\.\w+)+", page.read_text(encoding="utf-8")))):
+        try:
+            resolved(name)
+        except (ModuleNotFoundError, AttributeError):
+            wrong.append(name)
+    assert not wrong
+
+
+def test_an_unknown_name_does_not_resolve() -> None:
+    with pytest.raises(AttributeError):
+        resolved("stiffscope.errors.NoSuchError")
+    with pytest.raises((AttributeError, ModuleNotFoundError)):
+        resolved("stiffscope.nowhere.function")
+
+
+def test_every_cited_section_exists() -> None:
+    there = set(SECTION.findall((ROOT / "docs/theory.md").read_text(encoding="utf-8")))
+    sources = [path for room in ROOMS for path in (ROOT / room).rglob("*.py")]
+    cited = {number: path for path in [*sources, *PAGES] for number in CITED.findall(path.read_text(encoding="utf-8"))}
+    assert cited
+    assert {number: path for number, path in cited.items() if number not in there} == {}
+
+
+def test_equations_are_numbered_once_and_in_order() -> None:
+    numbers = [
+        tuple(map(int, pair)) for pair in re.findall(r"\\tag\{(\d+)\.(\d+)\}", (ROOT / "docs/theory.md").read_text())
+    ]
+    assert numbers == sorted(set(numbers))
+    last: dict[int, int] = {}
+    for section, number in numbers:
+        assert number == last.get(section, 0) + 1
+        last[section] = number
+
+
+def test_changelog_has_the_version() -> None:
+    from stiffscope import __version__
+
+    assert f"## [{__version__}]" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert f"version: {__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
