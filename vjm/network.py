@@ -1,0 +1,204 @@
+"""The elastic network of a mechanism: its nodes, its elements, and where each of them is.
+
+Every joint, elastic body, the base and the tool's grip is an element between two nodes: ``t = C w + N q + t₀`` for the
+twist of its second node against its first, ``Nᵀ w = 0``, in the element's own axes at its own point.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.vjm.mechanism import BASE, GROUND, TOOL
+from stiffscope.vjm.screws import Frame, rotation, skew
+
+if TYPE_CHECKING:
+    from stiffscope.vjm.kinematics import Configurations
+    from stiffscope.vjm.linkage import Linkage, Placed
+    from stiffscope.vjm.mechanism import Change, Joint, Mechanism
+    from stiffscope.vjm.screws import Array
+
+FOOT = "<base>"  # the node that stands on the base
+END = "<tool>"  # the node at M
+
+
+def _none() -> Array:
+    return np.zeros((6, 0))
+
+
+@dataclass(frozen=True, eq=False)
+class Element:
+    """``factor`` F (6, r) of its compliance F Fᵀ, ``free`` directions N (6, k), ``offset`` t₀ (6,) or None.
+
+    ``axes`` (3, 3) ride on the node ``carrier``, the point ``at`` (3,) on ``second``, both as they are at home.
+    """
+
+    name: str
+    first: str
+    second: str
+    axes: Array
+    at: Array
+    carrier: str
+    factor: Array = field(default_factory=_none)
+    free: Array = field(default_factory=_none)
+    offset: Array | None = None
+    joint: Joint | None = None
+
+    @property
+    def compliance(self) -> Array:
+        """C (6, 6), symmetric, may be singular or zero."""
+        return self.factor @ self.factor.T
+
+    @property
+    def rigid(self) -> bool:
+        """True where it has no compliance, no free direction and no offset."""
+        return not (self.factor.shape[1] or self.free.shape[1] or self.offset is not None)
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Displacement from home of every node, ``x = R x_home + p``, and the tool point (n, 3), at n configurations."""
+
+    rotation: dict[str, Array]
+    position: dict[str, Array]
+    tool: Array
+    rigid: bool = True
+    """True where the nodes of a rigid link stand together as at home: nothing is bent."""
+
+    def frame(self, element: Element) -> Frame:
+        """Where an element stands, seen from M: (n or 1, 3, 3) and (n or 1, 3)."""
+        r = self.rotation[element.carrier] @ element.axes
+        return Frame(r, self.point(element.second, element.at) - self.tool)
+
+    def point(self, node: str, home: Array) -> Array:
+        """A point (3,) of a node's body, in base axes, (n or 1, 3)."""
+        return self.rotation[node] @ home + self.position[node]
+
+
+def elements_of(mechanism: Mechanism) -> tuple[Element, ...]:
+    """Every element of a mechanism."""
+    origin = np.zeros(3)
+    out = [_change(BASE, GROUND, FOOT, origin, mechanism.base)]
+    for j in mechanism.joints:
+        first, second = (FOOT if node == GROUND else node for node in (j.first, j.second))
+        out.append(_joint(j, first, second))
+    for body in mechanism.bodies:
+        if body.elastic is not None:
+            e = body.elastic
+            base, tip = body.nodes
+            out.append(Element(body.name, base, tip, e.axes, e.tip, base, _factor(e.compliance), offset=e.offset))
+    out.append(_change(TOOL, mechanism.tool.body, END, mechanism.tool.at, mechanism.grip))
+    return tuple(out)
+
+
+def nodes_of(mechanism: Mechanism) -> tuple[str, ...]:
+    """Every node, the ground first and the tool last."""
+    return (GROUND, FOOT, *(node for body in mechanism.bodies for node in body.nodes), END)
+
+
+def places(configurations: Configurations) -> Places:
+    """Nodes of the unloaded mechanism."""
+    linkage, placed = configurations.linkage, configurations.placed
+    return rigid_places(linkage, placed, configurations.tool[:, :3])
+
+
+def rigid_places(linkage: Linkage, placed: Placed, tool: Array) -> Places:
+    """Nodes of a linkage's rigid links."""
+    link = link_of(linkage)
+    frames = {node: linkage.frame[k] for node, k in link.items()}
+    rotation = {node: placed.rotation[k] for node, k in frames.items()}
+    return Places(rotation, {node: placed.position[k] for node, k in frames.items()}, tool)
+
+
+def link_of(linkage: Linkage) -> dict[str, int]:
+    """Rigid link of every node of the network."""
+    mechanism = linkage.mechanism
+    return linkage.link_of | {FOOT: linkage.link_of[GROUND], END: linkage.link_of[mechanism.tool.body]}
+
+
+def moves_with(element: Element, link: int, links: dict[str, int]) -> bool:
+    """Whether an element's compliance and free directions do not change, seen from a rigid link at its ends."""
+    joint = element.joint
+    if joint is None or joint.kind == "fixed":
+        return links[element.carrier] == link
+    if joint.kind == "universal" or link not in {links[element.first], links[element.second]}:
+        return False
+    if joint.compliance is None:
+        return True
+    if joint.kind in {"revolute", "spherical"}:
+        turn = np.kron(np.eye(2), rotation(np.eye(3)[0], 0.7))
+        round_ = np.allclose(turn @ joint.compliance @ turn.T, joint.compliance, rtol=1e-12, atol=0.0)
+        return links[element.first] == link or (joint.kind == "revolute" and round_)
+    return False
+
+
+def _change(name: str, first: str, second: str, at: Array, change: Change) -> Element:
+    factor = _none() if change.compliance is None else _factor(change.compliance)
+    return Element(name, first, second, np.eye(3), at, first, factor, offset=change.offset)
+
+
+def _joint(joint: Joint, first: str, second: str) -> Element:
+    compliance = np.zeros((6, 6)) if joint.compliance is None else joint.compliance.copy()
+    free: list[Array] = []
+    for k, (kind, direction) in enumerate(joint.motions):
+        if kind == "S":
+            free += list(np.eye(6)[3:])
+            continue
+        along = joint.axes.T @ direction
+        screw = np.concatenate([along, np.zeros(3)] if kind == "P" else [np.zeros(3), along])
+        if k == joint.driven and joint.drive is not None:
+            compliance += np.outer(screw, screw) / joint.drive.stiffness
+        else:
+            free.append(screw)
+    columns = np.array(free).T if free else _none()
+    return Element(
+        joint.name, first, second, joint.axes, joint.at, first, _factor(compliance), columns, joint.offset, joint
+    )
+
+
+def free_directions(element: Element, where: Places) -> Array:
+    """Free directions (n or 1, 6, k) in the element's own axes; a universal joint's second axis rides on its second body."""
+    joint = element.joint
+    if joint is None or joint.kind != "universal" or joint.axis2 is None:
+        return element.free[None]
+    back = np.swapaxes(where.rotation[element.carrier] @ element.axes, -1, -2)
+    second = (back @ (where.rotation[element.second] @ joint.axis2)[..., None])[..., 0]
+    out = np.repeat(element.free[None], len(second), axis=0)
+    out[:, 3:, 1] = second
+    return out
+
+
+def _factor(compliance: Array) -> Array:
+    """F (6, r) of a compliance F Fᵀ of rank r; lengths scaled so that no unit decides."""
+    diagonal = np.sqrt(np.diagonal(compliance).clip(min=0.0))
+    used = diagonal > 0.0
+    if not used.any():
+        return _none()
+    unit = compliance[np.ix_(used, used)] / np.outer(diagonal[used], diagonal[used])
+    values, vectors = np.linalg.eigh(unit)
+    keep = values > 1e-14 * values[-1]
+    out = np.zeros((6, int(keep.sum())))
+    out[used] = diagonal[used, None] * (vectors[:, keep] * np.sqrt(values[keep]))
+    return out
+
+
+def weights(mechanism: Mechanism, where: Places) -> dict[str, Array]:
+    """Wrench (n or 1, 6, 3) at M in base axes on every node that carries mass, for a unit of gravity along each axis."""
+    out: dict[str, Array] = {}
+    for body in mechanism.bodies:
+        if body.mass == 0.0:
+            continue
+        if body.elastic is not None:
+            ends = zip(body.nodes, (body.elastic.base, body.elastic.tip), strict=True)
+            points = [(node, at, 0.5 * body.mass) for node, at in ends]
+        else:
+            points = [(body.name, body.centre if body.centre is not None else np.zeros(3), body.mass)]
+        for node, at, mass in points:
+            lever = where.point(node, at) - where.tool
+            wrench = np.empty((len(lever), 6, 3))
+            wrench[:, :3] = mass * np.eye(3)
+            wrench[:, 3:] = mass * skew(lever)
+            out[node] = out[node] + wrench if node in out else wrench
+    return out

@@ -1,0 +1,180 @@
+"""What no order of chains and eliminations takes: connections that are rigid in directions in which they close loops.
+
+Node twists u, coordinates y of the connections (unit springs and free motions, ``B = [F N]``) and their wrenches w as
+multipliers make one saddle-point system, ``[[K, 0, Aᵀ], [0, D, -Bᵀ], [A, -B, 0]]``. Redundant constraints and idle
+motions make it singular; what is independent at home is solved for, and the rest verified at every pose.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.linalg import qr
+
+from stiffscope.errors import InputError
+from stiffscope.vjm.condensation import Chain, chain, condensed, home, stacked
+from stiffscope.vjm.mechanism import GROUND
+from stiffscope.vjm.network import END, free_directions
+
+if TYPE_CHECKING:
+    from stiffscope.vjm.condensation import Condensed
+    from stiffscope.vjm.screws import Array
+
+_RANK = 1e-10
+_CONSISTENT = 1e-7  # of a right-hand side, that a solution may leave
+
+
+@dataclass(eq=False)
+class System:
+    """The saddle-point matrix (n, s, s), the places of node twists in it, and of each connection's y and w."""
+
+    matrix: Array
+    nodes: dict[str, slice]
+    coordinates: list[slice]
+    wrenches: list[slice]
+    columns: list[Array]  # B (n or 1, 6, m) of each connection at M in base axes
+
+
+def saddle_stiffness(state: Condensed) -> Array:
+    """Stiffness (n or 1, 6, 6) at M in base axes. Raises InputError where it would be infinite."""
+    system = _system(state)
+    tool = system.nodes[END]
+    inner = np.r_[tool.stop : system.matrix.shape[-1]]
+    m = system.matrix
+    coupling = m[:, inner, tool]
+    moved, good = _solved(state, m[:, inner[:, None], inner], -coupling, "stiffness")
+    if not good:
+        names = ", ".join(e.name for c in state.order.left for e, _ in c.members)
+        raise InputError(f"the tool has infinite stiffness in a direction, through {names}: expected a compliance there")
+    k = m[:, tool, tool] + np.swapaxes(coupling, -1, -2) @ moved
+    return 0.5 * (k + np.swapaxes(k, -1, -2))
+
+
+def saddle_response(state: Condensed) -> tuple[dict[str, Array], list[tuple[Chain, Array, Array, Array]]]:
+    """Twists of the kept nodes, and for each connection left: its loads, wrench, the twist across it and its rates.
+
+    Raises InputError where the tool moves freely.
+    """
+    system = _system(state)
+    loads = state.loads
+    cases = loads.cases if loads else 0
+    chains = [chain(state, c) for c in state.order.left]
+    n = max([len(system.matrix), *(len(f) for f in state.forces.values()), *(len(c.total) for c in chains)])
+    right = np.zeros((n, system.matrix.shape[-1], cases))
+    for node, place in system.nodes.items():
+        right[:, place] += state.force(node)
+    for along, y, w, b in zip(chains, system.coordinates, system.wrenches, system.columns, strict=True):
+        c = along.connection
+        if c.start in system.nodes:
+            right[:, system.nodes[c.start]] += along.total
+        right[:, w] += along.offset
+        right[:, y] += _pull(state, along, b)
+    found, good = _solved(state, system.matrix, right, "response")
+    if not good:
+        raise InputError("the tool, or a body, moves freely under its load: ask for its mobility, not for its deflection")
+    moved = {node: found[:, place] for node, place in system.nodes.items()}
+    moved[GROUND] = np.zeros((1, 6, cases))
+    states: list[tuple[Chain, Array, Array, Array]] = []
+    for along, y, w in zip(chains, system.coordinates, system.wrenches, strict=True):
+        c = along.connection
+        count = sum(e.factor.shape[1] for e, _ in c.members)
+        states.append((along, found[:, w], moved[c.end] - moved[c.start], found[:, y][:, count:]))
+    return moved, states
+
+
+def _pull(state: Condensed, along: Chain, b: Array) -> Array:
+    """What the loads on a connection's inner nodes do along its coordinates, (n, m, c)."""
+    out: list[Array] = []
+    at, where = 0, state.where
+    sizes = [e.factor.shape[1] for e, _ in along.connection.members]
+    sizes += [free_directions(e, where).shape[2] for e, _ in along.connection.members]
+    for size, load in zip(sizes, along.carried * 2, strict=True):
+        out.append(np.swapaxes(b[:, :, at : at + size], -1, -2) @ load)
+        at += size
+    rows = max(len(o) for o in out)
+    return np.concatenate([np.broadcast_to(o, (rows, *o.shape[1:])) for o in out], axis=1)
+
+
+def _system(state: Condensed) -> System:
+    """Assemble the matrix; the tool's twist comes first."""
+    order, where = state.order, state.where
+    nodes: dict[str, slice] = {}
+    at = 0
+    for node in (END, *order.kept):
+        nodes[node] = slice(at, at + 6)
+        at += 6
+    columns, coordinates, wrenches = [], [], []
+    counts: list[int] = []
+    for c in order.left:
+        factor, free = c.flexible(where)
+        columns.append(c.frame(where).adjoint() @ stacked([factor, free]))
+        counts.append(factor.shape[2])
+        coordinates.append(slice(at, at + columns[-1].shape[2]))
+        at += columns[-1].shape[2]
+    for _ in order.left:
+        wrenches.append(slice(at, at + 6))
+        at += 6
+    n = max([1, *(len(b) for b in columns), *(len(k) for k in state.pairs.values())])
+    m = np.zeros((n, at, at))
+    for (a, b), k in state.pairs.items():
+        for i, j, part in ((a, b, k), (b, a, np.swapaxes(k, -1, -2))):
+            if i in nodes:
+                m[:, nodes[i], nodes[i]] += part
+                if j in nodes:
+                    m[:, nodes[i], nodes[j]] -= part
+    for c, y, w, b, r in zip(order.left, coordinates, wrenches, columns, counts, strict=True):
+        m[:, np.arange(y.start, y.start + r), np.arange(y.start, y.start + r)] = 1.0
+        m[:, y, w] = -np.swapaxes(b, -1, -2)
+        m[:, w, y] = -b
+        for node, sign in ((c.end, 1.0), (c.start, -1.0)):
+            if node in nodes:
+                m[:, w, nodes[node]] = m[:, nodes[node], w] = sign * np.eye(6)
+    return System(m, nodes, coordinates, wrenches, columns)
+
+
+def _solved(state: Condensed, matrix: Array, right: Array, use: str) -> tuple[Array, bool]:
+    """Solution (n, s, c) of a symmetric system that may be singular, and whether all of it holds."""
+    scale, keep = _independent(state, use)
+    m = matrix * (scale[:, None] * scale)
+    b = right * scale[:, None]
+    n = max(len(m), len(b))
+    out = np.zeros((n, *b.shape[1:]))
+    try:
+        part = np.linalg.solve(m[:, keep[:, None], keep], b[:, keep])
+    except np.linalg.LinAlgError:
+        part = np.full((n, len(keep), b.shape[2]), np.nan)
+    out[:, keep] = part
+    size = np.maximum(np.abs(b).max(axis=(1, 2)), 1e-300)
+    bad = ~(np.abs(m @ out - b).max(axis=(1, 2)) <= _CONSISTENT * size)
+    if bad.any():
+        some = np.broadcast_to(m, (n, *m.shape[1:]))[bad]
+        rest = np.broadcast_to(b, (n, *b.shape[1:]))[bad]
+        values, vectors = np.linalg.eigh(some)
+        kept = np.abs(values) > _RANK * np.abs(values).max(axis=1, keepdims=True)
+        turned = np.swapaxes(vectors, -1, -2) @ rest
+        out[bad] = vectors @ (np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)[..., None] * turned)
+        left = np.abs(some @ out[bad] - rest).max(axis=(1, 2))
+        if not (left <= _CONSISTENT * np.broadcast_to(size, n)[bad]).all():
+            return out, False
+    return out * scale[:, None], True
+
+
+def _independent(state: Condensed, use: str) -> tuple[Array, Array]:
+    """Scale of rows and columns at home, and which of them are independent there."""
+    cache: dict[str, tuple[Array, Array]] = state.order.__dict__.setdefault("_independent", {})
+    if use not in cache:
+        at_home = condensed(state.order, home(state.order.mechanism))
+        m = _system(at_home).matrix[0]
+        if use == "stiffness":
+            m = m[6:, 6:]
+        scale = np.ones(len(m))
+        for _ in range(4):
+            size = np.abs(m * (scale[:, None] * scale)).max(axis=1)
+            scale = scale / np.sqrt(np.where(size > 0.0, size, 1.0))
+        _, r, order = qr(m * (scale[:, None] * scale), pivoting=True)
+        pivots = np.abs(np.diagonal(r))
+        cache[use] = scale, np.sort(order[: int((pivots > _RANK * pivots[0]).sum())])
+    return cache[use]
+
