@@ -14,7 +14,7 @@ from stiffscope.robot.copies import tensor
 from stiffscope.robot.description import GROUND, nodes
 from stiffscope.robot.evaluate import FieldError
 from stiffscope.robot.mechanism_of import mechanism_of
-from stiffscope.robot.part_matrices import SAME_LENGTH, PartMatrix, length_difference
+from stiffscope.robot.part_matrices import PartMatrix
 from stiffscope.robot.part_sections import ParametricPart, solid_length
 from stiffscope.robot.sections import Bearing, ElasticBody, RigidBody
 from stiffscope.robot.validate import one_of
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from stiffscope.robot.description import RobotFile
     from stiffscope.robot.sections import JointSection
 
+SAME_LENGTH = 1e-4  # relative; coordinates are often rounded to a hundredth of a millimetre
 _PARALLEL = 1e-6  # sine of the angle below which two directions are one
 _PATH = re.compile(r'(?:(?:[A-Za-z0-9_-]+|"[^"]*")(?:\.|(?=: )))+')
 
@@ -73,14 +74,18 @@ def _check_elastic(robot: RobotFile, name: str, body: ElasticBody) -> None:
     if size < 1e-9:
         raise FieldError((*key, "tip"), f"expected a point away from the base, got the same, {list(body.tip)} m")
     length = solid_length(part)
-    if length is not None and length_difference(length, np.array(body.base), np.array(body.tip)) is not None:
-        message = f"expected a tip {mm(length)} from the base, as part {body.part} is long (to {SAME_LENGTH:.2%})"
+    if length is not None and abs(length - size) > SAME_LENGTH * length:
+        message = f"expected a tip {mm(length)} from the base, as part {body.part} is long, to {SAME_LENGTH:.2%}"
         raise FieldError((*key, "tip"), f"{message}, got {mm(size)}")
     if body.y is None:
         if part.shape != "rod":
-            raise FieldError((*key, "y"), f"expected a direction across a {part.shape} part, such as [0, 1, 0], got nothing")
+            raise FieldError(
+                (*key, "y"), f"expected a direction across a {part.shape} part, such as [0, 1, 0], got nothing"
+            )
     elif np.linalg.norm(np.cross(along / size, body.y)) < _PARALLEL * np.linalg.norm(body.y):
-        raise FieldError((*key, "y"), f"expected a direction across the line from base to tip, got one along it, {list(body.y)}")
+        raise FieldError(
+            (*key, "y"), f"expected a direction across the line from base to tip, got one along it, {list(body.y)}"
+        )
 
 
 def _check_rigid(name: str, body: RigidBody) -> None:

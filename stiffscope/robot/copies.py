@@ -48,7 +48,9 @@ def ordered(copies: Sequence[Copies]) -> list[int]:
         ]
         if not ready:
             number = next(iter(left))
-            raise FieldError(("copies", number, "of"), f'expected a set that is no copy of its copy, got "{left[number].of}"')
+            raise FieldError(
+                ("copies", number, "of"), f'expected a set that is no copy of its copy, got "{left[number].of}"'
+            )
         order.append(ready[0])
         del left[ready[0]]
     return order
@@ -62,7 +64,9 @@ def check(written: Written, entry: Copies, number: int) -> None:
         shown = ", ".join(list(known)[:12]) + (", …" if len(known) > 12 else "")
         raise FieldError((*key, "of"), f'expected a set of bodies and joints ({shown or "none"}), got "{entry.of}"')
     if len(entry.as_) != len(entry.angles) or not entry.as_:
-        raise FieldError((*key, "angles"), f"expected an angle for each of {len(entry.as_)} names, got {len(entry.angles)}")
+        raise FieldError(
+            (*key, "angles"), f"expected an angle for each of {len(entry.as_)} names, got {len(entry.angles)}"
+        )
     for position, new in enumerate(entry.as_):
         if new in entry.as_[:position] or written.in_set(new) or not all(new.split(".")):
             taken = written.in_set(new)

@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING
 
 from stiffscope.cad.materials import MATERIALS, AnyMaterial, material
 from stiffscope.robot.part_sections import ParametricPart, PartSection
-from stiffscope.robot.sections import BodySection, Effect, ElasticBody, GravitySection, JointSection, MapSection, ToolSection
+from stiffscope.robot.sections import (
+    BodySection,
+    Effect,
+    ElasticBody,
+    GravitySection,
+    JointSection,
+    MapSection,
+    ToolSection,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -32,7 +40,7 @@ class Turned:
 
 @dataclass(frozen=True)
 class RobotFile:
-    """A robot file's content. Names of bodies and joints are unique among both; `copied` holds those of `[[copies]]`."""
+    """A robot file's content. Names are unique among bodies and joints; `copied` holds those of `[[copies]]`."""
 
     name: str
     parts: Mapping[str, PartSection]
@@ -67,7 +75,7 @@ class RobotFile:
 
     def material(self, name: str) -> AnyMaterial | None:
         """Material of a part: of this file, or of the table in `stiffscope.cad.materials`; a matrix may have none."""
-        wanted = self.parts[name].material
+        wanted = getattr(self.parts[name], "material", None)
         return None if wanted is None else material(wanted, self.materials)
 
     def elastic_bodies(self) -> dict[str, ElasticBody]:

@@ -101,30 +101,32 @@ def check_names(expression: Expression, known: Collection[str]) -> None:
 def _names(node: ast.expr, text: str) -> Iterable[str]:
     """Names in an expression; ValueError for what is no arithmetic."""
     match node:
-        case ast.Constant(value=bool() | str() | bytes() | complex() | None):
-            raise ValueError(f"expected only {_WHAT}, got {_piece(node, text)}")
-        case ast.Constant(value=int() | float()):
-            pass
-        case ast.Name(id=name):
-            if name in FUNCTIONS:
-                raise ValueError(f"expected {name}(…), got {name} without its argument")
+        case ast.Name(id=name) if name in FUNCTIONS:
+            raise ValueError(f"expected {name}(…), got {name} without its argument")
+        case ast.Name() | ast.Attribute():
+            name = _dotted(node, text)
             if name not in CONSTANTS:
                 yield name
-        case ast.Attribute():
-            yield _dotted(node, text)
+        case _:
+            for each in _operands(node, text):
+                yield from _names(each, text)
+
+
+def _operands(node: ast.expr, text: str) -> list[ast.expr]:
+    """What a node computes with; none for a number. ValueError for a node that is not of the whitelist."""
+    match node:
+        case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
+            return []
         case ast.UnaryOp(op=op, operand=operand) if type(op) in _OPERATORS:
-            yield from _names(operand, text)
+            return [operand]
         case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
-            yield from _names(left, text)
-            yield from _names(right, text)
+            return [left, right]
         case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if name in FUNCTIONS:
             if len(args) != FUNCTIONS[name][1]:
                 raise ValueError(f"expected {FUNCTIONS[name][1]} argument(s) of {name}, got {len(args)}")
-            for each in args:
-                yield from _names(each, text)
-        case _:
-            hint = "; a power is **" if any(isinstance(each, ast.BitXor) for each in ast.walk(node)) else ""
-            raise ValueError(f"expected only {_WHAT}, got {_piece(node, text)}{hint}")
+            return args
+    hint = "; a power is **" if any(isinstance(each, ast.BitXor) for each in ast.walk(node)) else ""
+    raise ValueError(f"expected only {_WHAT}, got {_piece(node, text)}{hint}")
 
 
 def _dotted(node: ast.expr, text: str) -> str:
@@ -147,7 +149,9 @@ def _value(node: ast.expr, text: str, values: Mapping[str, float]) -> float:
         case ast.UnaryOp(op=op, operand=operand):
             return _OPERATORS[type(op)](_value(operand, text, values))
         case ast.BinOp(left=left, op=op, right=right):
-            return _applied(_piece(node, text), _OPERATORS[type(op)], _value(left, text, values), _value(right, text, values))
+            return _applied(
+                _piece(node, text), _OPERATORS[type(op)], _value(left, text, values), _value(right, text, values)
+            )
         case ast.Call(func=ast.Name(id=name), args=args):
             return _applied(_piece(node, text), FUNCTIONS[name][0], *(_value(each, text, values) for each in args))
     raise ValueError(f"expected only {_WHAT}, got {_piece(node, text)}")

@@ -51,9 +51,7 @@ def gravity_of(robot: RobotFile) -> np.ndarray:
 def _body(name: str, body: BodySection, matrices: Mapping[str, PartMatrix]) -> Body:
     if isinstance(body, ElasticBody):
         made_of = matrices[body.part]
-        return member(
-            name, body.base, body.tip, made_of.compliance, y=body.y, mass=made_of.mass, error=made_of.error
-        )
+        return member(name, body.base, body.tip, made_of.compliance, y=body.y, mass=made_of.mass, error=made_of.error)
     centre = None if body.centre is None else np.array(body.centre)
     return Body(name, body.mass, centre, None if body.inertia is None else tensor(body.inertia))
 

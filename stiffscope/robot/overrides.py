@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING, Any
 from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
-    from stiffscope.robot.positions import Key
+    from collections.abc import Collection, Iterable, Mapping
 
 NAMED = ("parts", "joints", "bodies")  # sections whose names may be given alone
 TABLES = (*NAMED, "parameters", "tool", "gravity", "poses", "map", "materials", "groups")
@@ -24,7 +22,7 @@ _EXAMPLE = "slider.thickness=25mm"
 class Override:
     """A value for a key, and the text that asked for it."""
 
-    key: Key
+    key: tuple[str, ...]
     value: Any
     text: str
 
@@ -41,7 +39,7 @@ def split(text: str) -> tuple[str, Any]:
         return name, value.strip()
 
 
-def located(text: str, names: Mapping[str, Iterable[str]], keys: Mapping[str, Iterable[str]]) -> Override:
+def located(text: str, names: Mapping[str, Iterable[str]], keys: Mapping[str, Collection[str]]) -> Override:
     """Find what an override means.
 
     Parameters
@@ -60,7 +58,9 @@ def located(text: str, names: Mapping[str, Iterable[str]], keys: Mapping[str, It
 
     """
     name, value = split(text)
-    found = [(section, *rest) for section in NAMED for rest in _ways(name, names.get(section, ()))]
+    found: list[tuple[str, ...]] = [
+        (section, *rest) for section in NAMED for rest in _ways(name, names.get(section, ()))
+    ]
     section, _, rest = name.partition(".")
     if section in TABLES:
         inside = next(iter(_ways(rest, names.get(section, ()))), None) if section in _NESTED else None
@@ -71,14 +71,13 @@ def located(text: str, names: Mapping[str, Iterable[str]], keys: Mapping[str, It
         guess = f'; did you mean "{close[0]}"?' if close else ""
         shown = ", ".join(known[:12]) + (", …" if len(known) > 12 else "")
         raise InputError(
-            f"--set {text}: expected NAME.KEY=VALUE with a NAME of {shown} or {', '.join(TABLES)}, "
-            f'got "{name}"{guess}'
+            f'--set {text}: expected NAME.KEY=VALUE with a NAME of {shown} or {", ".join(TABLES)}, got "{name}"{guess}'
         )
     fitting = [key for key in found if len(key) > 2 and key[2] in keys.get(key[0], ())]
     return Override((fitting or found)[0], value, f"--set {text}")
 
 
-def _ways(name: str, known: Iterable[str]) -> list[Key]:
+def _ways(name: str, known: Iterable[str]) -> list[tuple[str, ...]]:
     """A known name and the keys after it, longest name first."""
     fitting = sorted((each for each in known if name.startswith(f"{each}.")), key=len, reverse=True)
     return [(each, *name[len(each) + 1 :].split(".")) for each in fitting]

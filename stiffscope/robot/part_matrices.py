@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -11,7 +10,7 @@ import numpy as np
 from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
 from stiffscope.fea.beam import circle, euler_bernoulli, rectangle, timoshenko
-from stiffscope.robot.part_sections import MatrixPart, ParametricPart, PartSection, StepPart
+from stiffscope.robot.part_sections import MatrixPart, ParametricPart, PartSection, SolidPart, StepPart
 from stiffscope.vjm.screws import shift
 
 if TYPE_CHECKING:
@@ -53,7 +52,9 @@ class Experiment(Protocol):
 
 def source_of(part: PartSection, components: str | None = None) -> str:
     """Where a part's matrix comes from: its section, unless `components` names one source for all shapes."""
-    return part.compliance if components is None or isinstance(part, MatrixPart | StepPart) else components
+    if isinstance(part, SolidPart):
+        return part.compliance if components is None or isinstance(part, StepPart) else components
+    return "matrix"
 
 
 def used_parts(robot: RobotFile) -> tuple[str, ...]:
@@ -179,12 +180,3 @@ def published_matrix(name: str) -> np.ndarray:
     if "compliance" not in content:
         raise InputError(f"data/published/{name}.toml: expected a table with a 6x6 `compliance`, got none")
     return np.array(content["compliance"], dtype=float) * content["unit"]
-
-
-def length_difference(length: float, base: np.ndarray, tip: np.ndarray) -> float | None:
-    """Length of a body, m, where its solid is not as long as it, to 0.01 %; else None."""
-    apart = float(np.linalg.norm(np.subtract(tip, base)))
-    return None if math.isclose(apart, length, rel_tol=SAME_LENGTH) else apart
-
-
-SAME_LENGTH = 1e-4

@@ -29,7 +29,6 @@ from stiffscope.robot.values import (
     Length,
     LengthOrAuto,
     LengthOrZero,
-    Mass,
     MassOrCad,
     Modulus,
     Point,
@@ -91,16 +90,17 @@ class Face(Section):
 
 
 class PartSection(Section):
-    """What every part has: a shape, a mass in kg ("cad": volume times density), a material, the source of its 6x6."""
+    """What every part has: a shape, and a mass in kg ("cad": volume times density)."""
 
     shape: str
     mass: MassOrCad = "cad"
-    material: MaterialName
-    compliance: Source = "fea"
 
 
 class SolidPart(PartSection):
-    """A part that is a solid: how it is held, loaded and meshed."""
+    """A part that is a solid: its material, where its 6x6 comes from, how it is held, loaded and meshed."""
+
+    material: MaterialName
+    compliance: Source = "fea"
 
     interface: Literal["rigid", "distributed"] = "rigid"
     foundation: Foundation = None
@@ -142,14 +142,12 @@ class _Rod(ParametricPart):
     """A round bar or tube, with end fittings if wished; axes: x along it from the clamped end."""
 
     build: ClassVar[type] = LinkParameters
-    shape: Literal["rod"]
 
 
 class _Plate(ParametricPart):
     """A plate with optional ribs, holes and pads; axes: x away from the clamped face, y across, z through it."""
 
     build: ClassVar[type] = SliderParameters
-    shape: Literal["plate"]
     published: str | None = None  # a matrix of data/published, for the source "published"
 
 
@@ -168,8 +166,6 @@ def solid_length(part: PartSection) -> float | None:
 class StepPart(SolidPart):
     """A solid from a STEP file; its faces by geometry, its axes by a frame, x from base to tip."""
 
-    shape: Literal["step"]
-    compliance: Literal["fea"] = "fea"
     file: Annotated[str, Says('a path such as "arm.step"')]
     clamped: tuple[Face, ...] | None = None
     loaded: tuple[Face, ...] | None = None
@@ -177,6 +173,13 @@ class StepPart(SolidPart):
     x: Direction = (1.0, 0.0, 0.0)
     z: Direction = (0.0, 0.0, 1.0)
     reference_point: Point | None = None
+
+    @field_validator("compliance")
+    @classmethod
+    def _by_experiment(cls, value: Source) -> Source:
+        if value != "fea":
+            raise ValueError(f'expected "fea" for a solid of a STEP file, got "{value}"')
+        return value
 
     @field_validator("clamped", "loaded")
     @classmethod
@@ -208,12 +211,17 @@ Matrix = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_six_by_six), 
 class MatrixPart(PartSection):
     """A 6x6 compliance from elsewhere: SI, clamped at its base, twist and wrench at its tip, part axes."""
 
-    shape: Literal["matrix"]
     matrix: Matrix
     error: Matrix | None = None
-    mass: Mass = 0.0
-    material: str | None = None  # type: ignore[assignment]
-    compliance: Literal["matrix"] = "matrix"  # type: ignore[assignment]
+    mass: MassOrCad = 0.0
+    material: str | None = None
+
+    @field_validator("mass")
+    @classmethod
+    def _weighed(cls, value: float | str) -> float | str:
+        if isinstance(value, str):
+            raise ValueError('expected a mass such as "80 g", got "cad", which is for solids')
+        return value
 
     @field_validator("matrix")
     @classmethod

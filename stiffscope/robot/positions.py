@@ -8,7 +8,9 @@ from typing import Any
 Key = tuple[str | int, ...]
 
 _STRING = r'"""(?:\\.|[^\\])*?"{3,5}|\'\'\'.*?\'{3,5}|"(?:\\.|[^"\\])*"|\'[^\']*\''
-_TOKEN = re.compile(rf"[ \t\r]+|\#[^\n]*|(?P<string>{_STRING})|(?P<bare>[^\s\"'\#=,.\[\]{{}}]+)|(?P<mark>.|\n)", re.DOTALL)
+_TOKEN = re.compile(
+    rf"[ \t\r]+|\#[^\n]*|(?P<string>{_STRING})|(?P<bare>[^\s\"'\#=,.\[\]{{}}]+)|(?P<mark>.|\n)", re.DOTALL
+)
 _ESCAPE = re.compile(r'\\(u[0-9a-fA-F]{4}|U[0-9a-fA-F]{8}|[btnfre"\\])')
 _ESCAPED = {"b": "\b", "t": "\t", "n": "\n", "f": "\f", "r": "\r", "e": "\x1b", '"': '"', "\\": "\\"}
 

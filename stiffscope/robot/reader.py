@@ -1,14 +1,10 @@
-"""Read a robot file: apply `--set`, evaluate its expressions, make its copies, check it; errors name file, line, field."""
+"""Read a robot file: apply `--set`, evaluate expressions, make copies, check; errors name file, line and field."""
 
 from __future__ import annotations
 
-import contextlib
 import copy
-import re
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.robot import copies as sets
@@ -17,7 +13,7 @@ from stiffscope.robot.checks import check_robot
 from stiffscope.robot.description import RobotFile
 from stiffscope.robot.evaluate import FieldError, parameter_values, with_values
 from stiffscope.robot.library import find_robot
-from stiffscope.robot.overrides import NAMED, Override, assign, located
+from stiffscope.robot.overrides import Override, assign, located
 from stiffscope.robot.part_sections import PARTS, Fibrous, Isotropic, PartSection
 from stiffscope.robot.sections import (
     AXES,
@@ -108,8 +104,10 @@ def _read(data: dict[str, Any], source: Source, overrides: Sequence[str], tolera
         {name: _joint(name, table) for name, table in data.get("joints", {}).items()},
         {},
     )
-    _make_copies(written, [section(Copies, each, ("copies", i)) for i, each in enumerate(data.get("copies", []))], source)
-    _change_copies(written, later, values, source)
+    _make_copies(
+        written, [section(Copies, each, ("copies", i)) for i, each in enumerate(data.get("copies", []))], source
+    )
+    _change_copies(written, later, values)
 
     if "tool" not in data:
         raise FieldError(("tool",), "expected a table of body, at, pose, got nothing")
@@ -123,7 +121,9 @@ def _read(data: dict[str, Any], source: Source, overrides: Sequence[str], tolera
         parameters=MappingProxyType({name: value for name, value in values.items() if "." not in name}),
         groups=MappingProxyType(_groups(data.get("groups", {}), written)),
         gravity=section(GravitySection, data["gravity"], ("gravity",)) if "gravity" in data else None,
-        poses=MappingProxyType({name: _pose(each, tool, ("poses", name)) for name, each in data.get("poses", {}).items()}),
+        poses=MappingProxyType(
+            {name: _pose(each, tool, ("poses", name)) for name, each in data.get("poses", {}).items()}
+        ),
         map=_map(data["map"], tool) if "map" in data else None,
         materials=MappingProxyType({name: _material(name, each) for name, each in data.get("materials", {}).items()}),
         effects=tuple(section(Effect, each, ("effects", i)) for i, each in enumerate(data.get("effects", []))),
@@ -218,7 +218,9 @@ def _body(name: str, table: Any) -> BodySection:
         elastic = [each for each in table if each in keys_of(ElasticBody)]
         rigid = [each for each in table if each in keys_of(RigidBody)]
         if "part" in elastic and rigid:
-            message = f"expected no {rigid[0]} of a body with a part, which has its part's, got {q.shown(table[rigid[0]])}"
+            message = (
+                f"expected no {rigid[0]} of a body with a part, which has its part's, got {q.shown(table[rigid[0]])}"
+            )
             raise FieldError((*key, rigid[0]), message)
         if elastic and not rigid:
             return section(ElasticBody, table, key)
@@ -257,18 +259,16 @@ def _make_copies(written: sets.Written, entries: Sequence[Copies], source: Sourc
                     written.joints[copied] = _joint(copied, table)
 
 
-def _change_copies(
-    written: sets.Written, later: Sequence[Override], values: Mapping[str, float], source: Source
-) -> None:
+def _change_copies(written: sets.Written, later: Sequence[Override], values: Mapping[str, float]) -> None:
     """Apply the overrides of copied bodies and joints."""
     for override in later:
         kind, name = override.key[:2]
         known, read = (written.bodies, _body) if kind == "bodies" else (written.joints, _joint)
         if name not in known:
             raise InputError(f'{override.text}: expected the name of a body or joint, got "{name}"')
-        data = {kind: {name: known[name].model_dump(exclude_unset=True)}}
+        data: dict[str, Any] = {kind: {name: known[name].model_dump(exclude_unset=True)}}
         assign(data, override)
-        known[name] = read(str(name), with_values(data, values)[kind][name])  # type: ignore[assignment]
+        known[name] = read(name, with_values(data, values)[kind][name])  # type: ignore[assignment]
 
 
 def _material(name: str, table: Any) -> AnyMaterial:

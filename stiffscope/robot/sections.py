@@ -12,7 +12,6 @@ from stiffscope.robot.values import (
     Angle,
     Angles,
     Compliance,
-    Coordinate,
     Diagonal,
     Direction,
     Inertia,
@@ -110,7 +109,9 @@ class JointSection(Section):
     @classmethod
     def _two(cls, value: Any) -> Any:
         if not isinstance(value, list | tuple) or len(value) != 2 or not all(isinstance(name, str) for name in value):
-            raise ValueError(f'expected two bodies or ends of bodies such as ["ground", "arm.base"], got {q.shown(value)}')
+            raise ValueError(
+                f'expected two bodies or ends of bodies such as ["ground", "arm.base"], got {q.shown(value)}'
+            )
         return value
 
     def bearing(self) -> tuple[float, ...]:
@@ -125,15 +126,12 @@ class JointSection(Section):
 class FixedJoint(JointSection):
     """Holds everything; its axes are the base's."""
 
-    type: Literal["fixed"]
-
 
 class RevoluteJoint(JointSection):
     """Turns about its axis."""
 
     FREE: ClassVar[tuple[int, ...]] = (3,)
 
-    type: Literal["revolute"]
     axis: Direction
     drive: RotaryDrive | None = None
 
@@ -143,7 +141,6 @@ class PrismaticJoint(JointSection):
 
     FREE: ClassVar[tuple[int, ...]] = (0,)
 
-    type: Literal["prismatic"]
     axis: Direction
     drive: LinearDrive | None = None
 
@@ -153,7 +150,6 @@ class CylindricalJoint(JointSection):
 
     FREE: ClassVar[tuple[int, ...]] = (0, 3)
 
-    type: Literal["cylindrical"]
     axis: Direction
     drive: LinearDrive | None = None
 
@@ -163,7 +159,6 @@ class UniversalJoint(JointSection):
 
     FREE: ClassVar[tuple[int, ...]] = (3, 4)
 
-    type: Literal["universal"]
     axis: Direction
     axis2: Direction
 
@@ -173,7 +168,6 @@ class SphericalJoint(JointSection):
 
     FREE: ClassVar[tuple[int, ...]] = (3, 4, 5)
 
-    type: Literal["spherical"]
     axis: Direction | None = None
 
 
@@ -182,7 +176,6 @@ class PlanarJoint(JointSection):
 
     FREE: ClassVar[tuple[int, ...]] = (1, 2, 3)
 
-    type: Literal["planar"]
     axis: Direction
 
 
@@ -195,7 +188,6 @@ JOINTS: dict[str, type[JointSection]] = {
     "spherical": SphericalJoint,
     "planar": PlanarJoint,
 }
-DRIVEN = tuple(kind for kind, joint in JOINTS.items() if "drive" in joint.model_fields)
 
 
 class Copies(Section):
@@ -266,6 +258,3 @@ class Effect(Section):
     place: Name
     parameters: dict[str, Ratio] = Field(default_factory=dict)
     provenance: dict[str, Any] = Field(default_factory=dict)
-
-
-COORDINATES = {name: Coordinate if name in AXES[:3] else Angle for name in AXES}

@@ -46,13 +46,13 @@ def parse_text(path: Path, text: str) -> dict[str, Any]:
         place = re.search(r"\(at line (\d+), column (\d+)\)", str(error))
         reason = str(error).split(" (at ")[0]
         if place is None:
-            line, where = text.count("\n") + 1, "at the end of the file"
+            line, where = text.count("\n") + 1, "the end of the file"
         else:
             lines = text.splitlines()
             line = min(int(place[1]), len(lines))
-            where = f'at column {place[2]} of "{lines[line - 1].strip()[:60]}"'
+            where = f'"{lines[line - 1].strip()[:60]}" (column {place[2]})'
         reason = reason[:1].lower() + reason[1:]
-        raise InputError(f"{path}:{line}: expected valid TOML, got: {reason}, {where}") from error
+        raise InputError(f"{path}:{line}: expected valid TOML, got {where}: {reason}") from error
     except RecursionError as error:
         raise InputError(f"{path}: expected a robot file, got tables or lists nested too deeply") from error
 

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 from stiffscope.errors import InputError
 from stiffscope.robot import quantities as q
 from stiffscope.robot.evaluate import FieldError
-from stiffscope.robot.values import Says
+from stiffscope.robot.values import Reads, Says
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -62,20 +62,17 @@ def _first(error: ValidationError, model: type[BaseModel]) -> tuple[Key, str]:
     item = next((each for each in errors if each["type"] == "extra_forbidden"), errors[0])
     key: Key = tuple(part for part in item["loc"] if not str(part).startswith(("function-", "tagged-")))
     value = item.get("input")
-    match item["type"]:
-        case "extra_forbidden":
-            return key, unknown_key(str(key[-1]), keys_of(_model_at(model, key[:-1])))
-        case "missing":
-            return key, f"expected {_wanted(_model_at(model, key[:-1]), str(key[-1]))}, got nothing"
-        case "literal_error":
-            return key, f"expected {item.get('ctx', {}).get('expected')}, got {q.shown(value)}"
-        case "model_type" | "model_attributes_type" | "dict_type":
-            inside = ", ".join(keys_of(_model_at(model, key))) if item["type"] != "dict_type" else "names"
-            return key, f"expected a table of {inside}, got {q.shown(value)}"
-        case "tuple_type" | "list_type":
-            return key, f"expected a list, got {q.shown(value)}"
-        case "string_type":
-            return key, f'expected a text in quotes, got {q.shown(value)}'
+    plain = {
+        "missing": lambda: f"expected {_wanted(_model_at(model, key[:-1]), str(key[-1]))}, got nothing",
+        "extra_forbidden": lambda: unknown_key(str(key[-1]), keys_of(_model_at(model, key[:-1]))),
+        "literal_error": lambda: f"expected {item.get('ctx', {}).get('expected')}, got {q.shown(value)}",
+        "model_type": lambda: f"expected a table of {', '.join(keys_of(_model_at(model, key)))}, got {q.shown(value)}",
+        "dict_type": lambda: f"expected a table, got {q.shown(value)}",
+        "tuple_type": lambda: f"expected a list, got {q.shown(value)}",
+        "string_type": lambda: f"expected a text in quotes, got {q.shown(value)}",
+    }
+    if item["type"] in plain:
+        return key, plain[item["type"]]()
     named, message = "", item["msg"].removeprefix("Value error, ")
     if isinstance(item.get("ctx", {}).get("error"), InputError):  # cad names the field: "frame.x: ..."
         named, _, message = message.partition(": ")
@@ -85,7 +82,11 @@ def _first(error: ValidationError, model: type[BaseModel]) -> tuple[Key, str]:
 def _wanted(model: type[BaseModel], key: str) -> str:
     """What a missing key should have held."""
     field = next((field for name, field in model.model_fields.items() if key in {name, field.alias}), None)
-    said = [str(note) for note in field.metadata if isinstance(note, Says)] if field else []
+    said = (
+        [note.says if isinstance(note, Reads) else note for note in field.metadata if isinstance(note, Reads | Says)]
+        if field
+        else []
+    )
     return said[-1] if said else "a value"
 
 
@@ -94,7 +95,7 @@ def _model_at(model: type[BaseModel], key: Key) -> type[BaseModel]:
     for part in key:
         field = None if isinstance(part, int) else model.model_fields.get(part)
         if field is not None:
-            model = next(_models(field.annotation), model)
+            model = next(iter(_models(field.annotation)), model)
     return model
 
 

@@ -5,6 +5,7 @@ Importing this module imports pydantic; the reader does so when a file is read.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict
@@ -53,9 +54,16 @@ def any_quantity(value: Any) -> float:
         raise ValueError(f'expected a quantity such as "220 mm" or "25 deg", or an expression, got {why}') from error
 
 
-def _quantity(dimension: q.Dimension, sign: str = "positive") -> Any:
-    read = BeforeValidator(lambda value: q.to_si(value, dimension, sign=sign))
-    return Annotated[float, read, Says(f'{dimension.noun} such as "{dimension.example}"')]
+@dataclass(frozen=True)
+class Reads(BeforeValidator):
+    """How a value is read, and what it should have been where it is missing."""
+
+    says: str = ""
+
+
+def _quantity(dimension: q.Dimension, sign: str = "positive") -> Reads:
+    said = f'{dimension.noun} such as "{dimension.example}"'
+    return Reads(lambda value: q.to_si(value, dimension, sign=sign), says=said)
 
 
 def whole(value: Any) -> int:
@@ -133,22 +141,22 @@ def _direction(value: Any) -> Any:
     return value
 
 
-Length = _quantity(q.LENGTH)
-LengthOrZero = _quantity(q.LENGTH, "non-negative")
-Coordinate = _quantity(q.LENGTH, "any")
-Angle = _quantity(ANGLE, "any")
-Modulus = _quantity(q.MODULUS)
-Ratio = _quantity(q.NUMBER, "any")
-Density = _quantity(q.DENSITY)
-Expansion = _quantity(q.EXPANSION, "any")
-Mass = _quantity(q.MASS, "non-negative")
-Stiffness = _quantity(q.STIFFNESS)
-Torsion = _quantity(TORSION)
-Acceleration = _quantity(q.ACCELERATION, "non-negative")
-Duration = _quantity(q.DURATION)
-Compliance = _quantity(COMPLIANCE, "non-negative")
-Tilting = _quantity(TILTING, "non-negative")
-_Inertia = _quantity(INERTIA, "any")
+Length = Annotated[float, _quantity(q.LENGTH)]
+LengthOrZero = Annotated[float, _quantity(q.LENGTH, "non-negative")]
+Coordinate = Annotated[float, _quantity(q.LENGTH, "any")]
+Angle = Annotated[float, _quantity(ANGLE, "any")]
+Modulus = Annotated[float, _quantity(q.MODULUS)]
+Ratio = Annotated[float, _quantity(q.NUMBER, "any")]
+Density = Annotated[float, _quantity(q.DENSITY)]
+Expansion = Annotated[float, _quantity(q.EXPANSION, "any")]
+Mass = Annotated[float, _quantity(q.MASS, "non-negative")]
+Stiffness = Annotated[float, _quantity(q.STIFFNESS)]
+Torsion = Annotated[float, _quantity(TORSION)]
+Acceleration = Annotated[float, _quantity(q.ACCELERATION, "non-negative")]
+Duration = Annotated[float, _quantity(q.DURATION)]
+Compliance = Annotated[float, _quantity(COMPLIANCE, "non-negative")]
+Tilting = Annotated[float, _quantity(TILTING, "non-negative")]
+_Inertia = Annotated[float, _quantity(INERTIA, "any")]
 
 Point = Annotated[tuple[Coordinate, Coordinate, Coordinate], _list_of(3, _POINT), Says(_POINT)]
 Vector = Annotated[tuple[Ratio, Ratio, Ratio], _list_of(3, _VECTOR), Says(_VECTOR)]

@@ -99,7 +99,7 @@ def compliance(robot: RobotFile, matrices) -> np.ndarray:
 def motions(robot: RobotFile, *, driven: bool) -> np.ndarray:
     """(6, k): an orthonormal basis of the tool's rigid motions at home, drives held or free."""
     names, a, _ = system(robot, {}, driven=driven, rigid=True)
-    u, s, vt = np.linalg.svd(a)
+    _, s, vt = np.linalg.svd(a)
     null = vt[(s > 1e-9 * s[0]).sum() :].T
     q, r, _ = np.linalg.svd(tool_rows(robot, names) @ null)
     return q[:, : (r > 1e-7).sum()]
