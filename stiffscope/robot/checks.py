@@ -20,9 +20,10 @@ from stiffscope.robot.sections import Bearing, ElasticBody, RigidBody
 from stiffscope.robot.validate import one_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Mapping
 
     from stiffscope.robot.description import RobotFile
+    from stiffscope.robot.positions import Key
     from stiffscope.robot.sections import JointSection
 
 SAME_LENGTH = 1e-4  # relative; coordinates are often rounded to a hundredth of a millimetre
@@ -41,9 +42,10 @@ def check_robot(robot: RobotFile) -> None:
             _check_elastic(robot, name, body)
         else:
             _check_rigid(name, body)
+    known = nodes(robot.bodies)
     for name, joint in robot.joints.items():
-        _check_joint(robot, name, joint)
-    _one_of(("tool", "body"), robot.tool.body, [each for each in nodes(robot.bodies) if each != GROUND], robot)
+        _check_joint(robot, name, joint, known)
+    _check_node(("tool", "body"), robot.tool.body, {each: of for each, of in known.items() if of != GROUND}, robot)
     _check_mechanism(robot)
 
 
@@ -100,11 +102,10 @@ def _check_rigid(name: str, body: RigidBody) -> None:
             raise FieldError((*key, "inertia"), f"expected no negative principal moment, got {least:.6g} kg·m²")
 
 
-def _check_joint(robot: RobotFile, name: str, joint: JointSection) -> None:
+def _check_joint(robot: RobotFile, name: str, joint: JointSection, known: Mapping[str, str]) -> None:
     key = ("joints", name)
-    known = nodes(robot.bodies)
     for number, each in enumerate(joint.between):
-        _one_of((*key, "between", number), each, known, robot)
+        _check_node((*key, "between", number), each, known, robot)
     first, second = joint.between
     if known[first] == known[second]:
         raise FieldError((*key, "between"), f"expected two bodies, got {first} and {second}")
@@ -129,16 +130,18 @@ def _check_bearing(key: tuple[str, ...], joint: JointSection) -> None:
         raise FieldError((*key, "compliance", *inner), message)
 
 
-def _one_of(key: tuple[str | int, ...], name: str, valid: Iterable[str], robot: RobotFile) -> None:
+def _check_node(key: Key, name: str, known: Mapping[str, str], robot: RobotFile) -> None:
     """Refuse what is no body or end of one; an elastic body has to say which end."""
+    if name in known:
+        return
     if isinstance(robot.bodies.get(name), ElasticBody):
         raise FieldError(key, f'expected an end of the elastic body, "{name}.base" or "{name}.tip", got "{name}"')
     for end in ("base", "tip"):
         body = name.removesuffix(f".{end}")
-        if body != name and isinstance(robot.bodies.get(body), RigidBody) and name not in robot.bodies:
+        if body != name and isinstance(robot.bodies.get(body), RigidBody):
             raise FieldError(key, f'expected "{body}", which is rigid and has no ends, got {q.shown(name)}')
     try:
-        one_of(name, valid, "a body or an end of one")
+        one_of(name, known, "a body or an end of one")
     except ValueError as error:
         raise FieldError(key, str(error)) from error
 
