@@ -77,7 +77,7 @@ class Connection:
         factors, free = [np.zeros((1, 6, 0))], [np.zeros((1, 6, 0))]
         for (e, _), carry in zip(self.members, self.adjoints(where), strict=True):
             if e.factor.shape[1]:
-                factors.append(carry @ e.factor)
+                factors.append(carry @ where.factor(e))
             if e.free.shape[1]:
                 free.append(carry @ free_directions(e, where))
         return stacked(factors), stacked(free)
@@ -263,15 +263,11 @@ def stiffened(factor: Array, free: Array, length: float) -> tuple[Array, bool]:
 
 @dataclass(eq=False)
 class Loads:
-    """Wrenches (n or 1, 6, c) on nodes at M in base axes, and how many times each case's offsets act (c,)."""
+    """``cases`` of wrenches (n or 1, 6, c) on nodes at M in base axes, and of elements' offsets in their own axes."""
 
-    nodes: dict[str, Array]
-    misfit: Array
-
-    @property
-    def cases(self) -> int:
-        """Number of load cases."""
-        return len(self.misfit)
+    cases: int
+    nodes: dict[str, Array] = field(default_factory=dict[Any, Any])
+    offsets: dict[str, Array] = field(default_factory=dict[Any, Any])
 
 
 @dataclass(eq=False)
@@ -363,9 +359,8 @@ def chain(state: Condensed, connection: Connection) -> Chain:
         carried.insert(0, total)
     offset: Array = np.zeros((1, 6, loads.cases))
     for e, sign in connection.members:
-        if e.offset is not None:
-            own = sign * e.offset[:, None] * loads.misfit
-            offset = offset + state.where.frame(e).adjoint() @ own
+        if e.name in loads.offsets:
+            offset = offset + state.where.frame(e).adjoint() @ (sign * loads.offsets[e.name])
     return Chain(connection, carried, total, offset)
 
 
@@ -407,7 +402,7 @@ def _held(state: Condensed, connection: Connection, along: Chain, own: Array) ->
     for (e, _), carry, load in zip(connection.members, connection.adjoints(where), along.carried, strict=True):
         here = forth @ load
         if e.factor.shape[1]:
-            f = carry @ e.factor
+            f = carry @ where.factor(e)
             compliance = f @ np.swapaxes(f, -1, -2)
             whole = whole + compliance
             tau = tau + compliance @ here
@@ -481,7 +476,7 @@ def _fold(state: Condensed, step: Fold) -> None:
     pull: list[Array] = []
     for kind in ("factor", "free"):
         for (e, _), at, load in zip(connection.members, connection.adjoints(where), along.carried, strict=True):
-            columns = e.factor[None] if kind == "factor" else free_directions(e, where)
+            columns = where.factor(e) if kind == "factor" else free_directions(e, where)
             if columns.shape[2]:
                 pull.append(np.swapaxes(carry @ at @ columns, -1, -2) @ load)
     weight = half_inverse(d)

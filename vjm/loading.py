@@ -61,7 +61,7 @@ class ElementState:
     @cached_property
     def energy(self) -> Array:
         """Strain energy (n, c) in J."""
-        stress = np.swapaxes(self.element.factor, -1, -2) @ self.wrench
+        stress = self.element.factor.T @ self.wrench
         return 0.5 * np.einsum("nrc,nrc->nc", stress, stress)
 
 
@@ -85,7 +85,7 @@ def loaded(order: Order, where: Places, wrench: Array, loads: Loads) -> Response
     """
     nodes = {node: w for node, w in loads.nodes.items() if node != GROUND}
     nodes[END] = nodes[END] + wrench if END in nodes else wrench
-    state = condensed(order, where, Loads(nodes, loads.misfit))
+    state = condensed(order, where, Loads(loads.cases, nodes, loads.offsets))
     if order.left:
         from stiffscope.vjm.saddle import saddle_response
 
@@ -181,10 +181,10 @@ def _walk(state: Condensed, out: Response, along: Chain, wrench: Array, span: Ar
     columns: list[Array] = []
     for (e, sign), w in zip(c.members, carried, strict=True):
         carry = where.frame(e).adjoint()
-        f = carry @ e.factor
+        f = carry @ where.factor(e)
         part = f @ (np.swapaxes(f, -1, -2) @ w) if f.shape[2] else np.zeros((1, 6, 1))
-        if e.offset is not None and state.loads is not None:
-            part = part + carry @ (sign * e.offset[:, None] * state.loads.misfit)
+        if state.loads is not None and e.name in state.loads.offsets:
+            part = part + carry @ (sign * state.loads.offsets[e.name])
         elastic.append(part)
         columns.append(carry @ free_directions(e, where) if e.free.shape[1] else np.zeros((1, 6, 0)))
     if rates is None:

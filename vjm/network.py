@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.vjm.mechanism import BASE, GROUND, TOOL
-from stiffscope.vjm.screws import Frame, rotation, skew
+from stiffscope.vjm.screws import Frame, rotation
 
 if TYPE_CHECKING:
     from stiffscope.vjm.kinematics import Configurations
@@ -71,6 +71,19 @@ class Places:
         """Where an element stands, seen from M: (n or 1, 3, 3) and (n or 1, 3)."""
         r = self.rotation[element.carrier] @ element.axes
         return Frame(r, self.point(element.second, element.at) - self.tool)
+
+    def factor(self, element: Element) -> Array:
+        """Factor (n or 1, 6, r) of an element's compliance; a bent body's rotates by Rx, Ry, Rz in this order."""
+        if self.rigid or element.joint is not None or not element.factor.shape[1]:
+            return element.factor[None]
+        turn = element.axes.T @ self.across(element) @ element.axes
+        out = np.repeat(element.factor[None], len(turn), axis=0)
+        out[:, 3:] = euler_axes(turn) @ element.factor[3:]
+        return out
+
+    def across(self, element: Element) -> Array:
+        """Rotation (n or 1, 3, 3) of an element's second node against its first."""
+        return np.swapaxes(self.rotation[element.first], -1, -2) @ self.rotation[element.second]
 
     def point(self, node: str, home: Array) -> Array:
         """A point (3,) of a node's body, in base axes, (n or 1, 3)."""
@@ -159,14 +172,29 @@ def _joint(joint: Joint, first: str, second: str) -> Element:
 
 
 def free_directions(element: Element, where: Places) -> Array:
-    """Free directions (n or 1, 6, k) in the element's own axes; a universal joint's second axis rides on its second body."""
+    """Free directions (n or 1, 6, k) in the element's own axes."""
     joint = element.joint
-    if joint is None or joint.kind != "universal" or joint.axis2 is None:
+    if joint is None or (where.rigid and joint.kind != "universal") or joint.kind in {"fixed", "prismatic", "spherical"}:
         return element.free[None]
-    back = np.swapaxes(where.rotation[element.carrier] @ element.axes, -1, -2)
-    second = (back @ (where.rotation[element.second] @ joint.axis2)[..., None])[..., 0]
+    axis = joint.axis2 if joint.kind == "universal" else joint.axis
+    turn = np.flatnonzero(element.free[3:].any(axis=0))  # the last rotation's axis rides on the second body
+    if axis is None or not turn.size:
+        return element.free[None]
+    second = (where.across(element) @ axis) @ element.axes
     out = np.repeat(element.free[None], len(second), axis=0)
-    out[:, 3:, 1] = second
+    out[:, 3:, turn[-1]] = second
+    return out
+
+
+def euler_axes(turn: Array) -> Array:
+    """Axes (n, 3, 3), as columns, about which small rotations Rx, Ry, Rz act in this order where they make ``turn``."""
+    b = np.arcsin(turn[..., 0, 2])
+    a = np.arctan2(-turn[..., 1, 2], turn[..., 2, 2])
+    out = np.zeros(turn.shape)
+    out[..., 0, 0] = 1.0
+    out[..., 1, 1], out[..., 2, 1] = np.cos(a), np.sin(a)
+    out[..., 0, 2] = np.sin(b)
+    out[..., 1, 2], out[..., 2, 2] = -np.sin(a) * np.cos(b), np.cos(a) * np.cos(b)
     return out
 
 
@@ -184,9 +212,22 @@ def _factor(compliance: Array) -> Array:
     return out
 
 
-def weights(mechanism: Mechanism, where: Places) -> dict[str, Array]:
-    """Wrench (n or 1, 6, 3) at M in base axes on every node that carries mass, for a unit of gravity along each axis."""
-    out: dict[str, Array] = {}
+@dataclass(frozen=True, eq=False)
+class Masses:
+    """Mass in kg at a node, and its first moment Σ m r (n or 1, 3) about M."""
+
+    mass: float
+    moment: Array
+
+    def weight(self, gravity: Array) -> Array:
+        """Wrench (n or 1, 6, 1) at M in base axes under an acceleration (3,)."""
+        force = np.broadcast_to(self.mass * gravity, self.moment.shape)
+        return np.concatenate([force, np.cross(self.moment, gravity)], axis=1)[..., None]
+
+
+def masses(mechanism: Mechanism, where: Places) -> dict[str, Masses]:
+    """Masses of every node that has any; an elastic body's acts half at either end."""
+    out: dict[str, Masses] = {}
     for body in mechanism.bodies:
         if body.mass == 0.0:
             continue
@@ -196,9 +237,7 @@ def weights(mechanism: Mechanism, where: Places) -> dict[str, Array]:
         else:
             points = [(body.name, body.centre if body.centre is not None else np.zeros(3), body.mass)]
         for node, at, mass in points:
-            lever = where.point(node, at) - where.tool
-            wrench = np.empty((len(lever), 6, 3))
-            wrench[:, :3] = mass * np.eye(3)
-            wrench[:, 3:] = mass * skew(lever)
-            out[node] = out[node] + wrench if node in out else wrench
+            moment = mass * (where.point(node, at) - where.tool)
+            before = out.get(node, Masses(0.0, np.zeros((1, 3))))
+            out[node] = Masses(before.mass + mass, before.moment + moment)
     return out

@@ -166,15 +166,32 @@ def _independent(state: Condensed, use: str) -> tuple[Array, Array]:
     cache: dict[str, tuple[Array, Array]] = state.order.__dict__.setdefault("_independent", {})
     if use not in cache:
         at_home = condensed(state.order, home(state.order.mechanism))
-        m = _system(at_home).matrix[0]
+        system = _system(at_home)
+        scale = _scale(at_home, system)
+        m = system.matrix[0]
         if use == "stiffness":
-            m = m[6:, 6:]
-        scale = np.ones(len(m))
-        for _ in range(4):
-            size = np.abs(m * (scale[:, None] * scale)).max(axis=1)
-            scale = scale / np.sqrt(np.where(size > 0.0, size, 1.0))
+            m, scale = m[6:, 6:], scale[6:]
         _, r, order = qr(m * (scale[:, None] * scale), pivoting=True)
         pivots = np.abs(np.diagonal(r))
         cache[use] = scale, np.sort(order[: int((pivots > _RANK * pivots[0]).sum())])
     return cache[use]
 
+
+def _scale(state: Condensed, system: System) -> Array:
+    """Units in which stiffnesses, and lengths of the mechanism, are about one."""
+    stiff = [float(np.einsum("nii->n", k[:, :3, :3])[0]) / 3.0 for k in state.pairs.values()]
+    soft = [float((e.factor[:3] ** 2).sum()) for c in state.order.left for e, _ in c.members if e.factor[:3].any()]
+    sizes = [k for k in stiff if k > 0.0] + [1.0 / c for c in soft]
+    root = np.exp(0.5 * np.mean(np.log(sizes))) if sizes else 1.0
+    length = state.order.length
+    scale = np.ones(system.matrix.shape[-1])
+    for place in system.nodes.values():
+        scale[place] = np.repeat([1.0, 1.0 / length], 3) / root
+    for place in system.wrenches:
+        scale[place] = np.repeat([1.0, length], 3) * root
+    for place, b, c in zip(system.coordinates, system.columns, state.order.left, strict=True):
+        count = sum(e.factor.shape[1] for e, _ in c.members)
+        moved = np.linalg.norm(b[0] * np.repeat([1.0, length], 3)[:, None], axis=0)
+        free = np.arange(len(moved)) >= count
+        scale[place] = np.where(free, 1.0 / (np.where(moved > 0.0, moved, 1.0) * root), 1.0)
+    return scale
