@@ -130,7 +130,7 @@ def configure(mechanism: Mechanism, poses: ArrayLike) -> Configurations:
 
 def configured(mechanism: Mechanism, points: Array, size: int = CHUNK) -> Iterator[Configurations]:
     """Configurations at checked poses (n, k), ``size`` at a time."""
-    solver = _solver(mechanism, "tool")
+    solver = solver_of(mechanism, "tool")
     home = mechanism.tool.home
     yield from _all(solver, points - home, size)
 
@@ -142,7 +142,7 @@ def configure_drives(mechanism: Mechanism, displacements: ArrayLike) -> Configur
     """
     names = [j.name for j in mechanism.drives]
     values = _checked(displacements, names, "drives")
-    parts = list(_all(_solver(mechanism, "drives"), values, CHUNK))
+    parts = list(_all(solver_of(mechanism, "drives"), values, CHUNK))
     return parts[0] if len(parts) == 1 else _joined(mechanism, parts)
 
 
@@ -190,7 +190,7 @@ class Solver:
 _solvers: WeakKeyDictionary[Mechanism, dict[Given, Solver]] = WeakKeyDictionary()
 
 
-def _solver(mechanism: Mechanism, given: Given) -> Solver:
+def solver_of(mechanism: Mechanism, given: Given) -> Solver:
     known = _solvers.setdefault(mechanism, {})
     if given not in known:
         linkage = Linkage(mechanism, given)
@@ -203,12 +203,12 @@ def _solver(mechanism: Mechanism, given: Given) -> Solver:
         solver = Solver(mechanism, linkage, closure, 0.0)
         if given == "tool":
             placed = linkage.placed(home[None])
-            solver.home_sign = float(_drive_sign(solver, placed, closure.rates(placed))[0])
+            solver.home_sign = float(drive_sign(solver, placed, closure.rates(placed))[0])
         known[given] = solver
     return known[given]
 
 
-def _drive_sign(solver: Solver, placed: Placed, rates: Array) -> Array:
+def drive_sign(solver: Solver, placed: Placed, rates: Array) -> Array:
     """Sign (n,) of the determinant of the drives' rates by the commanded coordinates; zeros where it is not square."""
     drives = solver.mechanism.drives
     n = len(rates)
@@ -278,7 +278,7 @@ class _Reached:
             self._follow(values, q, done, failure, culprit)
         placed = linkage.placed(q)
         if solver.home_sign:
-            sign = _drive_sign(solver, placed, solver.closure.rates(placed))
+            sign = drive_sign(solver, placed, solver.closure.rates(placed))
             failure[(sign * solver.home_sign < 0.0) & done] = _BRANCH
         return self._configurations(values, q, failure, culprit)
 
