@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.vjm.kinematics import drive_sign, solver_of
-from stiffscope.vjm.mechanism import spelled
+from stiffscope.vjm.mobility import joined
 
 if TYPE_CHECKING:
     from stiffscope.vjm.closure import Solution
@@ -80,13 +80,16 @@ def _faults(solver: Solver, found: Solution) -> list[str]:
     linkage = solver.linkage
     sign = drive_sign(solver, found.placed, solver.closure.rates(found.placed))
     out = ["passes a singular pose" if each * solver.home_sign < 0.0 else "" for each in sign]
+    outside: list[list[str]] = [[] for _ in out]
     for joint in solver.mechanism.drives:
         if joint.drive is not None:
             value = linkage.coordinates(joint, found.q, found.placed)[:, joint.driven or 0]
             for i in np.flatnonzero((value < joint.drive.low) | (value > joint.drive.high)):
-                out[i] = f"{spelled('joints', joint.name)} at an end of its range"
+                outside[i].append(joint.name)
+    for i, names in enumerate(outside):
+        if names:
+            out[i] = f"{joined(names)} at the end of {'its' if len(names) == 1 else 'their'} range"
     for i in np.flatnonzero(~found.closed):
         worst = int(np.argmax(np.nan_to_num(found.error[i], nan=np.inf)))
-        loop = spelled("joints", linkage.cuts[worst].joint.name)
-        out[i] = f"out of reach or singular: the loop through {loop} does not close"
+        out[i] = f"out of reach or singular: the loop through {linkage.cuts[worst].joint.name} does not close"
     return out

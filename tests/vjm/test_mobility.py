@@ -205,7 +205,7 @@ def test_reach_of_a_two_bar_arm():
     assert "does not close" in x.at_high
     shoulder = brentq(lambda at: np.arctan2(at, 1) - np.arccos(np.hypot(1, at) / 2) + 1, -1.5, 0.9)
     assert y.low == pytest.approx(shoulder, abs=2e-3)
-    assert y.at_low == "joints.a at an end of its range"
+    assert y.at_low == "a at the end of its range"
 
 
 def test_reach_is_endless_along_a_free_slide():
