@@ -218,12 +218,12 @@ def solver_of(mechanism: Mechanism, given: Given) -> Solver:
         solver = Solver(mechanism, linkage, closure, 0.0)
         if given == "tool":
             placed = linkage.placed(home[:, None])
-            solver.home_sign = float(_drive_sign(solver, placed, closure.rates(placed, {}))[0])
+            solver.home_sign = float(drive_sign(solver, placed, closure.rates(placed, {}))[0])
         known[given] = solver
     return known[given]
 
 
-def _drive_sign(solver: Solver, placed: Placed, rates: Array) -> Array:
+def drive_sign(solver: Solver, placed: Placed, rates: Array) -> Array:
     """Sign (n,) of the determinant of the drives' rates by the commanded coordinates; zeros where it is not square."""
     drives = solver.mechanism.drives
     n = rates.shape[2]
@@ -297,7 +297,7 @@ class _Reached:
             placed, factors = linkage.placed(q), {}
         failure[~done] = _OPEN
         if solver.home_sign:
-            sign = _drive_sign(solver, placed, solver.closure.rates(placed, factors))
+            sign = drive_sign(solver, placed, solver.closure.rates(placed, factors))
             failure[(sign * solver.home_sign < 0.0) & done] = _BRANCH
         return self._configurations(q, placed, failure, culprit)
 

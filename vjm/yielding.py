@@ -11,7 +11,6 @@ from stiffscope.errors import InputError
 from stiffscope.vjm.condensation import Loads, order_of
 from stiffscope.vjm.kinematics import Configurations, configure
 from stiffscope.vjm.loading import loaded
-from stiffscope.vjm.mechanism import spelled
 from stiffscope.vjm.network import places
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from stiffscope.cad.faces import ENDS, FaceSelector
 from stiffscope.cad.link import LinkParameters
 from stiffscope.cad.materials import AnyMaterial, Material, TransverselyIsotropic
 from stiffscope.cad.slider import SliderParameters
-from stiffscope.cad.solid import Frame
+from stiffscope.cad.solid import Placement
 from stiffscope.robot import quantities as q
 from stiffscope.robot.values import (
     Count,
@@ -188,13 +188,13 @@ class StepPart(SolidPart):
             raise ValueError("expected at least one face selector, got none")
         return value
 
-    def frame(self) -> Frame:
+    def placement(self) -> Placement:
         """The part's axes for cad."""
-        return Frame(self.origin, self.x, self.z)
+        return Placement(self.origin, self.x, self.z)
 
     @model_validator(mode="after")
     def _at_right_angles(self) -> Self:
-        self.frame()
+        self.placement()
         return self
 
 
