@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict
 
-from stiffscope.fea.experiment import MOST_LAYERS
+from stiffscope.fea.settings import MOST_LAYERS
 from stiffscope.robot import quantities as q
 
 if TYPE_CHECKING:
