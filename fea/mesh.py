@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -84,6 +84,13 @@ class TetMesh:
     def nodes_of(self, faces: frozenset[int]) -> Ints:
         """Return (k,) the sorted nodes on the given CAD faces."""
         return np.unique(self.facets_of(faces))
+
+
+def compact(mesh: TetMesh) -> TetMesh:
+    """Return the mesh without nodes that no element uses."""
+    used, cells = np.unique(mesh.cells, return_inverse=True)
+    cells, facets = cells.reshape(mesh.cells.shape), np.searchsorted(used, mesh.facets)
+    return replace(mesh, points=mesh.points[used], cells=cells, facets=facets)
 
 
 def default_size(volume: float, area: float) -> float:

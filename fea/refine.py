@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.fea.geometry import shapes
-from stiffscope.fea.mesh import EDGES, FACE_MIDS, FACES, TetMesh, unique_edges
+from stiffscope.fea.mesh import EDGES, FACE_MIDS, FACES, TetMesh, boundary_facets, compact, unique_edges
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from stiffscope.fea.mesh import Floats, Ints
 
+OPPOSITE = [3, 2, 0, 1]  # the vertex opposite to each of FACES
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 
 
@@ -103,36 +104,20 @@ def _rebuilt(mesh: TetMesh, pieces: _Pieces, vertex_count: int) -> TetMesh:
     roots = mesh.points[mesh.cells[pieces.root[first // 10]]]
     points[cells.reshape(-1)[first]] = np.einsum("nk,kni->ki", shapes(reference.reshape(-1, 3)[first].T)[0], roots)
     facets, faces = _inherited_facets(mesh, pieces, cells)
-    used, compact = np.unique(cells, return_inverse=True)
-    new = np.full(len(points), -1, dtype=np.int64)
-    new[used] = np.arange(len(used))
-    return TetMesh(points[used], compact.reshape(cells.shape), new[facets], faces, mesh.pulled_back)
+    return compact(TetMesh(points, cells, facets, faces, mesh.pulled_back))
 
 
 def _inherited_facets(mesh: TetMesh, pieces: _Pieces, cells: Ints) -> tuple[Ints, Ints]:
-    """Return (k, 6) boundary triangles and (k,) their CAD faces: pieces of the parents' boundary triangles."""
-    parent = np.full((len(mesh.cells), 4), -1, dtype=np.int64)
-    count = len(mesh.points)
-    sides = np.sort(mesh.cells[:, FACES], axis=2).reshape(-1, 3)
-    outer = np.sort(mesh.facets[:, :3], axis=1)
-    side_key = (sides[:, 0] * count + sides[:, 1]) * count + sides[:, 2]
-    outer_key = (outer[:, 0] * count + outer[:, 1]) * count + outer[:, 2]
-    order = np.argsort(outer_key)
-    slot = np.searchsorted(outer_key[order], side_key).clip(max=len(outer_key) - 1)
-    match = outer_key[order][slot] == side_key
-    parent.reshape(-1)[match] = mesh.facet_face[order][slot[match]]
-    bary = np.concatenate([1 - pieces.corners.sum(axis=2, keepdims=True), pieces.corners], axis=2)  # (m, 4, 4)
-    opposite = [3, 2, 0, 1]  # the vertex opposite to each of FACES
-    found_facets, found_faces = [], []
-    for child in range(4):
-        on_side = np.abs(bary[:, FACES[child]]).max(axis=1) < 1e-12  # (m, 4): root coordinate k vanishes
-        for side in range(4):
-            tag = parent[pieces.root, side]
-            here = np.flatnonzero(on_side[:, opposite[side]] & (tag >= 0))
-            found_facets.append(cells[here][:, np.concatenate([FACES[child]])])
-            found_facets[-1] = np.hstack([found_facets[-1], cells[here][:, FACE_MIDS[child]]])
-            found_faces.append(tag[here])
-    return np.concatenate(found_facets), np.concatenate(found_faces)
+    """Return (k, 6) boundary triangles and (k,) their CAD faces, those of the parents' boundary triangles."""
+    outer, owner, local = boundary_facets(mesh.cells[:, :4])
+    face = np.empty((len(mesh.cells), 4), dtype=np.int64)
+    order, known = (np.lexsort(np.sort(triangles, axis=1).T) for triangles in (outer, mesh.facets[:, :3]))
+    face[owner[order], local[order]] = mesh.facet_face[known]
+    facets, owner, local = boundary_facets(cells[:, :4])
+    corners = pieces.corners[owner[:, None], FACES[local]]  # (k, 3, 3)
+    off = np.abs(np.concatenate([1 - corners.sum(axis=2, keepdims=True), corners], axis=2)).max(axis=1)
+    side = np.argmin(off[:, OPPOSITE], axis=1)  # the parent's face on which a barycentric coordinate vanishes
+    return np.hstack([facets, cells[owner[:, None], FACE_MIDS[local]]]), face[pieces.root[owner], side]
 
 
 def grade(mesh: TetMesh, edges: Ints, layers: int, ratio: float) -> TetMesh:

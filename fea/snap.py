@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.fea.geometry import jacobian_range, quadrature, shapes
-from stiffscope.fea.mesh import EDGES, FACE_MIDS, FACES, TetMesh, boundary_facets, unique_edges
+from stiffscope.fea.mesh import FACE_MIDS, FACES, TetMesh, boundary_facets, compact, unique_edges
 from stiffscope.fea.tags import smooth_tags, tag_facets
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def snap(points: Floats, cells: Ints, surface: Surface, project: Project, size: 
         skin = _without(skin, slivers)
         nodes, full, full_facets, edges = _curved(points, skin, target)
     nodes, pulled = _pull_back(nodes, full, points, edges)
-    return _compact(TetMesh(nodes, full, full_facets, skin.tags, pulled))
+    return compact(TetMesh(nodes, full, full_facets, skin.tags, pulled))
 
 
 @dataclass(frozen=True)
@@ -210,13 +210,3 @@ def _pull_back(nodes: Floats, cells: Ints, original: Floats, edges: Ints) -> tup
     if (least <= 0).any():
         logger.warning("%d elements stay inverted after snapping", (least <= 0).sum())
     return nodes, int(pulled.sum())
-
-
-def _compact(mesh: TetMesh) -> TetMesh:
-    """Return the mesh without nodes that no element uses."""
-    used, cells = np.unique(mesh.cells, return_inverse=True)
-    new = np.full(len(mesh.points), -1, dtype=np.int64)
-    new[used] = np.arange(len(used))
-    return TetMesh(
-        mesh.points[used], cells.reshape(-1, len(EDGES) + 4), new[mesh.facets], mesh.facet_face, mesh.pulled_back
-    )

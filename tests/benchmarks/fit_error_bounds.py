@@ -2,8 +2,8 @@
 
 ``STIFFSCOPE_PARTS=49 STIFFSCOPE_SEED=3 python -m tests.benchmarks.fit_error_bounds``. Each part is solved on its
 default mesh and on one refined until its own bound is FINER times tighter. With the errors of the cubic compliance C
-against the finer one, all in parts of sqrt(C_ii C_jj), the theory's estimate a at singular edges and the gain g
-of cubic on quadratic elements:
+against the finer one, all in parts of sqrt(C_ii C_jj), the theory's estimate a at singular edges and the gain g of
+cubic on quadratic elements:
 
 - AT_EDGES and ELSEWHERE are the non-negative least squares of C_ii,finer - C_ii = AT_EDGES a_ii + ELSEWHERE g_ii, each
   row divided by its estimate a_ii + g_ii, so that small errors count as much as large ones;

@@ -1,12 +1,11 @@
-"""CalculiX, MFEM and plain scikit-fem beside ours: the same mesh, clamp, rigid face and six loads; then from the CAD.
+"""CalculiX and MFEM beside ours: the same mesh, clamp, rigid face and six loads; then from the CAD.
 
 ``pytest -m benchmark -s tests/benchmarks/test_codes.py``; prints Markdown tables. Every figure is of a whole fresh
 process: imports, reading or meshing, deck, solver, result.
 
-Quadrature in curved elements matters: CalculiX's C3D10 has four points, ours and scikit-fem's forms eleven, and on the
-link, all curved, that moves entries by 1e-3 (MFEM with four points agrees with CalculiX, with more with ours). So both
-take as many points on the same mesh: four beside CalculiX and MFEM, eleven beside scikit-fem. sfepy is not compared:
-its meshes have straight sides only.
+Quadrature in curved elements matters: CalculiX's C3D10 has four points, ours eleven, and on the link, all curved, that
+moves entries by 1e-3 (MFEM with four points agrees with CalculiX, with more with ours). So all take four points on the
+same mesh. sfepy is not compared: its meshes have straight sides only.
 
 The last table is what a user pays for 0.1 % of true error. CalculiX gets our mesher and our grading at the singular
 edges, in several finenesses, the cheapest that suffices counting. The reference is kept as npz in the folder
