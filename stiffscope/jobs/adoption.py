@@ -39,10 +39,31 @@ def check_target(target: Path, robot: RobotFile | None) -> None:
 def adopt(
     target: Path, robot: RobotFile, bare: NominalRobot, diagnosis: Diagnosis, *, campaign: str, components: str
 ) -> list[str]:
-    """Write the robot file with the diagnosis' effects; returns those that no robot can carry, and why.
+    """Write a robot file that carries the effects of a diagnosis.
 
-    The parts' matrices come from the source that the effects were found with. Raises InputError when the verdict is
-    not "identified", or none of the effects can be carried.
+    Parameters
+    ----------
+    target
+        The file to write.
+    robot, bare
+        The robot file that the diagnosis starts from, and the elastic robot made of it.
+    diagnosis
+        What was found.
+    campaign
+        The campaign's name, for the record.
+    components
+        Source of the parts' matrices that the effects were found with; the written file takes them from there too.
+
+    Returns
+    -------
+    list of str
+        The effects that no robot can carry, each with the reason.
+
+    Raises
+    ------
+    InputError
+        The verdict is not "identified", or none of the effects can be carried.
+
     """
     if diagnosis.verdict != "identified":
         raise InputError(

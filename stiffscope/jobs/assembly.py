@@ -75,7 +75,28 @@ def assemble(robot: RobotFile, components: Components = None) -> Biglide:
 
 
 def assemble_robots(robots: Mapping[str, RobotFile], components: Components, shop: Workshop) -> dict[str, Assembled]:
-    """Assemble robots, by label; the parts that several share are made once."""
+    """Assemble several robots; the parts that they share are tested once.
+
+    Parameters
+    ----------
+    robots
+        Robot files by label; the label of all but the first stands in messages.
+    components
+        As for `assemble`.
+    shop
+        Where the experiments are made.
+
+    Returns
+    -------
+    dict
+        Each label's assembled robot.
+
+    Raises
+    ------
+    InputError
+        A part cannot be tested, or the robot cannot be assembled from the parts.
+
+    """
     orders: dict[tuple[str, PartName], PartOrder] = {}
     for i, (label, robot) in enumerate(robots.items()):
         for name in _tested(robot, sources(robot, components)):
@@ -161,7 +182,21 @@ def at_named_poses(assembled: Assembled, poses: Mapping[str, Sequence[float]]) -
 
 
 def stiffness_bars(assembled: Assembled, poses: Any) -> np.ndarray | None:
-    """95 % bounds (n, 6, 6) on the stiffness from those of the parts' experiments; None where no part has any."""
+    """Propagate the bounds of the parts' experiments to the robot's stiffness.
+
+    Parameters
+    ----------
+    assembled
+        The robot with its parts' experiments.
+    poses
+        Tool points (n, 3), m.
+
+    Returns
+    -------
+    ndarray or None
+        95 % bounds (n, 6, 6) on the stiffness at M, SI; None where no part was tested.
+
+    """
     from stiffscope.vjm.uncertainty import stiffness_error
 
     made = {name: source == "fea" for name, source in assembled.sources.items()}

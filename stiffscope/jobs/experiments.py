@@ -22,9 +22,25 @@ if TYPE_CHECKING:
 
 
 def solve_parts(orders: Sequence[PartOrder], shop: Workshop) -> list[PartResult]:
-    """Results of virtual experiments in the order given, from the cache or made now.
+    """Take virtual experiments from the cache, or make them.
 
-    Equal orders are made once. Neither CAD nor mesher is imported for what the cache has.
+    Parameters
+    ----------
+    orders
+        What to test; equal orders are made once, those that differ need different labels.
+    shop
+        Where: cache, processes, progress.
+
+    Returns
+    -------
+    list of PartResult
+        One for each order. Neither CAD nor mesher is imported for what the cache has.
+
+    Raises
+    ------
+    InputError
+        A part cannot be built, meshed or held as asked.
+
     """
     found = {order: held for order in dict.fromkeys(orders) if (held := _held(order, shop.cache)) is not None}
     missing = [order for order in dict.fromkeys(orders) if order not in found]

@@ -79,7 +79,23 @@ class PartOrder:
 
 
 def order_part(robot: RobotFile, name: PartName, step: str | Path | None = None, *, label: str = "") -> PartOrder:
-    """The experiment that a robot file asks for, on its own shape or on a STEP file's."""
+    """Order the experiment that a robot file asks for.
+
+    Parameters
+    ----------
+    robot, name
+        The robot, and its part.
+    step
+        A STEP file to take instead of the part's own shape, or of the one that the robot file names.
+    label
+        What messages and progress call it; by default the part's name.
+
+    Raises
+    ------
+    InputError
+        The STEP file cannot be read.
+
+    """
     from stiffscope.fea.settings import Settings
 
     section = robot.part(name)
