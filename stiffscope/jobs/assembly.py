@@ -119,8 +119,7 @@ def _assembled(robot: RobotFile, components: Components, results: Mapping[str, P
     from stiffscope.robot.effects import carried
 
     sources = {
-        name: source if isinstance(source, str) else "given"
-        for name, source in part_sources(robot, components).items()
+        name: source if isinstance(source, str) else "given" for name, source in part_sources(robot, components).items()
     }
     _check_lengths(robot, (results[name] for name, source in sources.items() if source == "step"))
     matrices = part_matrices(robot, components, results)
