@@ -235,7 +235,7 @@ def published_compliance(robot: RobotFile, name: str) -> np.ndarray:
     table = getattr(part, "published", None)
     if table is None:
         raise InputError(
-            f"{robot.path}: parts.{name}.published: expected the name of a matrix in data/published, got nothing"
+            f"{_here(robot, name)}.published: expected the name of a matrix in data/published, got nothing"
         )
     return published_matrix(table)
 
