@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
+import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, get_args
 
 import numpy as np
 
 from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
 from stiffscope.fea.beam import circle, euler_bernoulli, rectangle, timoshenko
-from stiffscope.robot.part_sections import MatrixPart, ParametricPart, PartSection, SolidPart, StepPart
+from stiffscope.robot.part_sections import MatrixPart, ParametricPart, PartSection, SolidPart, Source, StepPart
+from stiffscope.vjm.checks import checked_compliance
 from stiffscope.vjm.screws import shift
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
+
+    from numpy.typing import ArrayLike
 
     from stiffscope.fea.beam import Section
     from stiffscope.robot.description import RobotFile
 
     Theory = Callable[[float, Section, float, float], np.ndarray]
+    Components = str | Mapping[str, str | ArrayLike] | None
 
 
 @dataclass(frozen=True)
@@ -51,10 +57,13 @@ class Experiment(Protocol):
 
 
 def source_of(part: PartSection, components: str | None = None) -> str:
-    """Where a part's matrix comes from: its section, unless `components` names one source for all shapes."""
-    if isinstance(part, SolidPart):
-        return part.compliance if components is None or isinstance(part, StepPart) else components
-    return "matrix"
+    """Where a part's matrix comes from: its section, unless `components` names one source for all rods and plates.
+
+    One of "fea", "beam", "published" for rods and plates, "step" (FEA of a STEP file's solid), "matrix".
+    """
+    if isinstance(part, StepPart):
+        return "step"
+    return components or part.compliance if isinstance(part, SolidPart) else "matrix"
 
 
 def used_parts(robot: RobotFile) -> tuple[str, ...]:
@@ -63,17 +72,49 @@ def used_parts(robot: RobotFile) -> tuple[str, ...]:
     return tuple(name for name in robot.parts if name in used)
 
 
-def needed_experiments(robot: RobotFile, components: str | None = None) -> tuple[str, ...]:
+def part_sources(robot: RobotFile, components: Components = None) -> dict[str, str | np.ndarray]:
+    """Where the matrix of every part that is used comes from: a word of `source_of`, or the matrix (6, 6) itself.
+
+    Raises InputError for a part, a word or a matrix in `components` that is none.
+    """
+    used = used_parts(robot)
+    given = components if isinstance(components, Mapping) else {}
+    word = components if isinstance(components, str) else None
+    for name in given:
+        if name not in used:
+            raise InputError(f"components: expected parts among {', '.join(used)}, got {name!r}")
+    for each in (word, *given.values()):
+        if isinstance(each, str) and each not in get_args(Source):
+            raise InputError(f"components: expected {', '.join(get_args(Source))} or a matrix, got {each!r}")
+    return {name: _source(robot.parts[name], name, given.get(name), word) for name in used}
+
+
+def _source(part: PartSection, name: str, given: str | ArrayLike | None, word: str | None) -> str | np.ndarray:
+    if given is None:
+        return source_of(part, word)
+    if not isinstance(given, str):
+        return checked_compliance(given, f"components: {name}", semidefinite=True)
+    if isinstance(part, ParametricPart) or (isinstance(part, StepPart) and given == "fea"):
+        return source_of(part, given)
+    able = "fea or a matrix" if isinstance(part, StepPart) else "a matrix"
+    raise InputError(f"components: expected {able} for {name}, a {part.shape} part, got {given!r}")
+
+
+def needed_experiments(robot: RobotFile, components: Components = None) -> tuple[str, ...]:
     """Parts of which a virtual experiment is needed: for the matrix, or for a mass that only CAD tells."""
     return tuple(
         name
-        for name in used_parts(robot)
-        if source_of(robot.parts[name], components) == "fea" or known_mass(robot, name) is None
+        for name, source in part_sources(robot, components).items()
+        if _tested(source) or known_mass(robot, name) is None
     )
 
 
+def _tested(source: str | np.ndarray) -> bool:
+    return isinstance(source, str) and source in {"fea", "step"}
+
+
 def part_matrices(
-    robot: RobotFile, components: str | None = None, experiments: Mapping[str, Experiment] | None = None
+    robot: RobotFile, components: Components = None, experiments: Mapping[str, Experiment] | None = None
 ) -> dict[str, PartMatrix]:
     """Matrix and mass of every part that is used.
 
@@ -82,7 +123,8 @@ def part_matrices(
     robot
         The robot file.
     components
-        "fea", "beam" or "published" for all rods and plates; None: as the file says.
+        "fea", "beam" or "published" for all rods and plates, or by part one of these words or a matrix (6, 6) in SI
+        and the part's axes; None: as the file says.
     experiments
         Results of the virtual experiments that `needed_experiments` names.
 
@@ -94,19 +136,25 @@ def part_matrices(
     """
     experiments = experiments or {}
     found = {}
-    for name in used_parts(robot):
-        part, source = robot.parts[name], source_of(robot.parts[name], components)
+    for name, source in part_sources(robot, components).items():
         mass = known_mass(robot, name)
-        mass = experiments[name].mass if mass is None else mass
-        if source == "fea":
-            found[name] = PartMatrix(experiments[name].compliance, experiments[name].error, mass)
-        elif isinstance(part, MatrixPart):
-            error = None if part.error is None else np.array(part.error)
-            found[name] = PartMatrix(np.array(part.matrix), error, mass)
-        else:
-            theory = beam_compliance if source == "beam" else published_compliance
-            found[name] = PartMatrix(theory(robot, name), None, mass)
+        compliance, error = _matrix(robot, name, source, experiments)
+        found[name] = PartMatrix(compliance, error, experiments[name].mass if mass is None else mass)
     return found
+
+
+def _matrix(
+    robot: RobotFile, name: str, source: str | np.ndarray, experiments: Mapping[str, Experiment]
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Compliance (6, 6) of a part, and bounds (6, 6) where its source has any."""
+    part = robot.parts[name]
+    if not isinstance(source, str):
+        return source, None
+    if _tested(source):
+        return experiments[name].compliance, experiments[name].error
+    if isinstance(part, MatrixPart):
+        return np.array(part.matrix), None if part.error is None else np.array(part.error)
+    return (beam_compliance if source == "beam" else published_compliance)(robot, name), None
 
 
 def known_mass(robot: RobotFile, name: str) -> float | None:
@@ -131,7 +179,7 @@ def beam_segments(robot: RobotFile, name: str) -> list[tuple[float, Section]]:
     poisson = getattr(robot.material(name), "poisson", 0.3)
     part = robot.parts[name]
     if not isinstance(part, ParametricPart):
-        raise InputError(f"parts.{name}: expected a rod or plate for beam theory, got a {part.shape}")
+        raise InputError(f"{robot.path}: parts.{name}: expected a rod or plate for beam theory, got a {part.shape}")
     size = part.lengths()
     if part.shape == "plate":
         return [(size["depth"], rectangle(size["width"], size["thickness"], poisson))]
@@ -147,7 +195,7 @@ def beam_compliance(robot: RobotFile, name: str, theory: Theory = timoshenko) ->
     material = robot.material(name)
     segments = beam_segments(robot, name)
     if material is None:
-        raise InputError(f"parts.{name}.material: expected a material for beam theory, got none")
+        raise InputError(f"{robot.path}: parts.{name}.material: expected a material for beam theory, got none")
     total, beyond = np.zeros((6, 6)), 0.0
     for length, section in reversed(segments):
         piece = theory(length, section, material.youngs_modulus, material.shear_modulus)
@@ -164,19 +212,27 @@ def published_compliance(robot: RobotFile, name: str) -> np.ndarray:
         return beam_compliance(robot, name, euler_bernoulli)
     table = getattr(part, "published", None)
     if table is None:
-        raise InputError(f"parts.{name}.published: expected the name of a matrix in data/published, got nothing")
+        raise InputError(f"{robot.path}: parts.{name}.published: expected the name of a matrix in data/published, got nothing")
     return published_matrix(table)
 
 
 def published_matrix(name: str) -> np.ndarray:
     """(6, 6), SI, of `data/published/<name>.toml`, whose numbers are multiples of its `unit`."""
-    import tomllib
+    content = published(name)
+    if "compliance" not in content:
+        raise InputError(f"data/published/{name}.toml: expected a table with a 6x6 `compliance`, got none")
+    return np.array(content["compliance"], dtype=float) * content["unit"]
 
+
+def published(name: str) -> dict[str, Any]:
+    """Content of `data/published/<name>.toml` as it stands there. Raises InputError for a name that is not there."""
     path = FOLDER / "published" / f"{name}.toml"
     known = sorted(each.stem for each in path.parent.glob("*.toml"))
     if name not in known:
         raise InputError(f"data/published: expected one of {', '.join(known)}, got {name!r}")
-    content = tomllib.loads(path.read_text(encoding="utf-8"))
-    if "compliance" not in content:
-        raise InputError(f"data/published/{name}.toml: expected a table with a 6x6 `compliance`, got none")
-    return np.array(content["compliance"], dtype=float) * content["unit"]
+    return tomllib.loads(path.read_text(encoding="utf-8"))
+
+
+def entry_name(i: int, j: int) -> tuple[str, str]:
+    """Name and unit of a compliance's entry, counted from 0, at or above the diagonal."""
+    return f"C{i + 1}{j + 1}", "m/N" if j < 3 else "rad/(N·m)" if i >= 3 else "m/(N·m)"
