@@ -116,16 +116,21 @@ def check_reach(robot: RobotFile, poses: Mapping[str, Sequence[float]]) -> None:
 
 
 def _assembled(robot: RobotFile, components: Components, results: Mapping[str, PartResult]) -> Assembled:
-    from stiffscope.robot.effects import carried
-
     sources = {
-        name: source if isinstance(source, str) else "given"
-        for name, source in part_sources(robot, components).items()
+        name: source if isinstance(source, str) else "given" for name, source in part_sources(robot, components).items()
     }
     _check_lengths(robot, (results[name] for name, source in sources.items() if source == "step"))
     matrices = part_matrices(robot, components, results)
     bare = mechanism_of(robot, matrices)
-    return Assembled(robot, sources, dict(results), matrices, carried(bare, robot) if robot.effects else bare, bare)
+    return Assembled(robot, sources, dict(results), matrices, _with_effects(bare, robot), bare)
+
+
+def _with_effects(bare: Mechanism, robot: RobotFile) -> Mechanism:
+    if not robot.effects:
+        return bare
+    from stiffscope.robot.effects import carried
+
+    return carried(bare, robot)
 
 
 def _check_lengths(robot: RobotFile, results: Iterable[PartResult]) -> None:
@@ -138,8 +143,8 @@ def _check_lengths(robot: RobotFile, results: Iterable[PartResult]) -> None:
                 part = robot.part(result.name)
                 file = part.file if isinstance(part, StepPart) else ""
                 raise InputError(
-                    f"{robot.path}: {field_name(('bodies', name, 'tip'))}: expected a tip {mm(length)} from the base, as "
-                    f"the reference point of {file} is from its clamped faces along x, got {mm(given)}"
+                    f"{robot.path}: {field_name(('bodies', name, 'tip'))}: expected a tip {mm(length)} from the base, "
+                    f"as the reference point of {file} is from its clamped faces along x, got {mm(given)}"
                 )
 
 
@@ -160,7 +165,7 @@ def stiffness_bars(assembled: Assembled, poses: Any) -> np.ndarray | None:
 
 
 def deflection_bars(assembled: Assembled, poses: Any, twist: np.ndarray) -> np.ndarray | float:
-    """95 % bounds (n, 6) on deflections (n, 6) in m, rad: ``|C| |δK| |t|``; 0 where no part has bounds on its matrix."""
+    """95 % bounds (n, 6) on deflections (n, 6) in m, rad, ``|C| |δK| |t|``; 0 where no part has any on its matrix."""
     bars = stiffness_bars(assembled, poses)
     if bars is None:
         return 0.0

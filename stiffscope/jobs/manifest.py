@@ -14,7 +14,7 @@ from stiffscope.jobs.cache import file_digest, library_version
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from stiffscope.robot.schema import RobotFile
+    from stiffscope.robot.description import RobotFile
 
 LIBRARIES = (
     *("build123d", "cadquery-ocp-novtk", "pytetwild", "scikit-fem", "numpy", "scipy"),

@@ -191,7 +191,28 @@ def beam_segments(robot: RobotFile, name: str) -> list[tuple[float, Section]]:
 
 
 def beam_compliance(robot: RobotFile, name: str, theory: Theory = timoshenko) -> np.ndarray:
-    """(6, 6) of a beam, by default Timoshenko's with Saint-Venant's torsion: the best that beam theory has."""
+    """Compliance of a rod or plate by beam theory.
+
+    Parameters
+    ----------
+    robot
+        As `load_robot` gives it.
+    name
+        The part's name in the robot file.
+    theory
+        A function of `stiffscope.fea.beam`; by default Timoshenko's beam with Saint-Venant's torsion.
+
+    Returns
+    -------
+    ndarray
+        (6, 6), SI: twist at the loaded end for unit wrenches there, in the part's axes, clamped at the other end.
+
+    Raises
+    ------
+    InputError
+        The part is no rod or plate, or has no material.
+
+    """
     material = robot.material(name)
     segments = beam_segments(robot, name)
     if material is None:
@@ -212,7 +233,9 @@ def published_compliance(robot: RobotFile, name: str) -> np.ndarray:
         return beam_compliance(robot, name, euler_bernoulli)
     table = getattr(part, "published", None)
     if table is None:
-        raise InputError(f"{robot.path}: parts.{name}.published: expected the name of a matrix in data/published, got nothing")
+        raise InputError(
+            f"{robot.path}: parts.{name}.published: expected the name of a matrix in data/published, got nothing"
+        )
     return published_matrix(table)
 
 
