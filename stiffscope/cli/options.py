@@ -91,3 +91,4 @@ joints = click.option(
     "are not named stay at home. May be repeated.",
 )  # fmt: skip
 part = click.option("--part", metavar="PART", help="A part of the robot file.")
+required_part = click.option("--part", required=True, metavar="PART", help="A part of the robot file.")

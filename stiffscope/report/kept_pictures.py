@@ -96,7 +96,9 @@ def draw_deflection(
         moved, at = moves(mechanism, found, k), found.tool[k, :3]
         twists = {node: twist[k if len(twist) > 1 else 0, :, 0] for node, twist in nodes.items()}
         factor = exaggeration(mechanism, moved, twists, at)
-        title = f"{assembled.robot.name} at {name} under {','.join(f'{v:g}' for v in load)} N, N·m; deformed × {factor:g}"
+        title = (
+            f"{assembled.robot.name} at {name} under {','.join(f'{v:g}' for v in load)} N, N·m; deformed × {factor:g}"
+        )
         shown = [picture(f"deflection_{k + 1}.png", title, deformed(moved, twists, at, factor), moved)]
         energy = {element: float(share[k]) for element, share in bent.shares.items()}
         _draw_robot(assembled, folder, shown, energy, "share of the strain energy")

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from stiffscope.robot.description import RobotFile
+    from stiffscope.robot.sections import MapSection
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.statics import Gravity
 
@@ -59,10 +60,16 @@ class StiffnessMap:
 
 def robot_map(robot: RobotFile, mechanism: Mechanism, points: int, gravity: Gravity) -> StiffnessMap:
     """Evaluate what `[map]` of a robot file sweeps. Raises InputError where the file has none, or nothing is reached."""
+    section = swept(robot)
+    return stiffness_map(mechanism, section.ranges(), points, gravity=gravity, at=section.at)
+
+
+def swept(robot: RobotFile) -> MapSection:
+    """What `[map]` of a robot file says. Raises InputError where it has none."""
     if robot.map is None:
         example = 'such as x = ["-150 mm", "150 mm"] and z = ["380 mm", "520 mm"]'
         raise InputError(f"{robot.path}: map: expected a table of two coordinates to sweep, {example}, got none")
-    return stiffness_map(mechanism, robot.map.ranges(), points, gravity=gravity, at=robot.map.at)
+    return robot.map
 
 
 def stiffness_map(
