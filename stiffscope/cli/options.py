@@ -82,8 +82,8 @@ target = click.option(
 )  # fmt: skip
 poses = click.option(
     "--at", "poses", multiple=True, metavar="X,Y,Z",
-    help='Tool pose: as many numbers as the robot file\'s [tool] pose names, SI or with units ("0,0,350 mm"), or a pose '
-    "that the file names. May be repeated.",
+    help='Tool pose: as many numbers as [tool] pose of the file names, SI or with units ("0,0,350 mm"), or a pose by '
+    "its name in the file. May be repeated.",
 )  # fmt: skip
 joints = click.option(
     "--joints", "joints", multiple=True, metavar="DRIVE=POSITION,…",

@@ -1,4 +1,4 @@
-"""Where a command looks at a robot: tool poses of `--at`, positions of the drives of `--joints`, or the file's poses."""
+"""Where a command looks at a robot: tool poses of `--at`, drives' positions of `--joints`, or the file's poses."""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import logging
 import shutil
@@ -230,17 +231,14 @@ def _show_run(now: Assembled, states: Mapping[str, Stiffness]) -> None:
 
 def _state(assembled: Assembled, found: Configurations, gravity: str) -> Stiffness:
     """Stiffness, mobility and sag under a gravity of `--gravity`."""
-    import dataclasses
-
     from stiffscope.vjm.statics import analyse, sag
 
     if gravity != "literal":
         return analyse(assembled.mechanism, found, gravity="exact" if gravity == "exact" else "none")
-    from stiffscope.robot.audit import literal_stiffness
+    from stiffscope.robot.literal_gravity import literal_gravity
 
-    matrix = literal_stiffness(assembled.mechanism, found.poses)
-    state = analyse(assembled.mechanism, found)
-    return dataclasses.replace(state, matrix=matrix, sag=sag(assembled.mechanism, found))
+    matrix = literal_gravity(assembled.mechanism, found.poses)
+    return dataclasses.replace(analyse(assembled.mechanism, found), matrix=matrix, sag=sag(assembled.mechanism, found))
 
 
 def _warn_of_singular(names: Sequence[str], state: Stiffness) -> None:

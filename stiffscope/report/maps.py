@@ -59,7 +59,7 @@ class StiffnessMap:
 
 
 def robot_map(robot: RobotFile, mechanism: Mechanism, points: int, gravity: Gravity) -> StiffnessMap:
-    """Evaluate what `[map]` of a robot file sweeps. Raises InputError where the file has none, or nothing is reached."""
+    """Evaluate what `[map]` of a robot file sweeps. Raises InputError where it has none, or nothing is reached."""
     section = swept(robot)
     return stiffness_map(mechanism, section.ranges(), points, gravity=gravity, at=section.at)
 

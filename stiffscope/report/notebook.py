@@ -89,8 +89,8 @@ def stiffness_map(
     mechanism
         Any mechanism.
     ranges
-        Two coordinates of its tool pose and the ends of each, m and rad, such as ``{"x": (-0.1, 0.1), "z": (0.3, 0.5)}``
-        or ``robot.map.ranges()`` of a robot file.
+        Two coordinates of its tool pose and the ends of each, m and rad: ``{"x": (-0.1, 0.1), "z": (0.3, 0.5)}``, or
+        ``robot.map.ranges()`` of a robot file.
     points
         Poses along either.
     at : (k,)

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from stiffscope.jobs.interfaces import Comparison as Interfaces
     from stiffscope.jobs.results import PartResult
     from stiffscope.report.compare import Comparison
-    from stiffscope.vjm.statics import Stiffness
     from stiffscope.robot.audit import Finding
+    from stiffscope.vjm.statics import Stiffness
 
 SIX = (DIAGONAL[:3], DIAGONAL[3:])
 COUPLINGS = ("K_15", "K_24")

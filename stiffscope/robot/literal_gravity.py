@@ -1,0 +1,49 @@
+"""Gravity as the Biglide's paper has it, Eqs. (1) to (3): ``K_θ - K_G`` of each link and slider under what it carries."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.vjm.literal import Behind, literal_stiffness
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from stiffscope.vjm.mechanism import Body, Mechanism
+    from stiffscope.vjm.screws import Array
+
+LIMBS = {f"limb{i}": tuple(f"limb{i}.link{j}" for j in (1, 2, 3)) for i in (1, 2)}
+
+
+def literal_gravity(mechanism: Mechanism, poses: ArrayLike) -> Array:
+    """Stiffness (n, 6, 6) at M of the Biglide under its own weight as the paper has it.
+
+    Each link carries a sixth of the platform's weight at M; each slider half of it, and its three links' weights at
+    their middles. Raises InputError for any other robot, and for a pose out of reach.
+    """
+    bodies = {body.name: body for body in mechanism.bodies}
+    needed = ["platform", *(f"{limb}.slider" for limb in LIMBS), *(link for links in LIMBS.values() for link in links)]
+    if not all(name in bodies and (name == "platform" or bodies[name].elastic is not None) for name in needed):
+        raise InputError(
+            "--gravity literal: expected the Biglide, whose paper it is taken from; use none or exact here"
+        )
+    platform = mechanism.gravity * bodies["platform"].mass
+    behind: dict[str, list[Behind]] = {}
+    for limb, links in LIMBS.items():
+        behind[f"{limb}.slider"] = [_at_tool(mechanism, platform / 2.0)]
+        for link in links:
+            behind[link] = [_at_tool(mechanism, platform / 6.0)]
+            behind[f"{limb}.slider"].append(_at_middle(bodies[link], mechanism.gravity))
+    return literal_stiffness(mechanism, poses, behind)
+
+
+def _at_tool(mechanism: Mechanism, force: Array) -> Behind:
+    return Behind(force, mechanism.tool.body, mechanism.tool.at)
+
+
+def _at_middle(link: Body, gravity: Array) -> Behind:
+    ends = () if link.elastic is None else (link.elastic.base, link.elastic.tip)
+    return Behind(link.mass * gravity, link.nodes[0], np.mean(ends, axis=0))
