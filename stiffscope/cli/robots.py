@@ -45,11 +45,14 @@ def stiffness(
     from stiffscope.cli.poses import asked_poses
     from stiffscope.jobs.assembly import stiffness_bars, stiffness_json
     from stiffscope.report import tables
+    from stiffscope.robot.literal_gravity import require_biglide
     from stiffscope.robot.reader import load_robot
 
     robot = load_robot(name, overrides)
     asked = asked_poses(robot, poses, joints)
     gravity = gravity or ("exact" if robot.carries("gravity") else "none")
+    if gravity == "literal":
+        require_biglide(asked.configurations.mechanism)
     assembled = _assembled(robot, components, quiet=quiet)
     state = _state(assembled, asked.configurations, gravity)
     bars = stiffness_bars(assembled, state.configurations)

@@ -1,4 +1,4 @@
-"""Gravity as the Biglide's paper has it, Eqs. (1) to (3): ``K_θ - K_G`` of each link and slider under what it carries."""
+"""Gravity as the Biglide's paper has it, Eqs. (1) to (3): ``K_θ - K_G`` of links and sliders under what they carry."""
 
 from __future__ import annotations
 
@@ -24,12 +24,8 @@ def literal_gravity(mechanism: Mechanism, poses: ArrayLike) -> Array:
     Each link carries a sixth of the platform's weight at M; each slider half of it, and its three links' weights at
     their middles. Raises InputError for any other robot, and for a pose out of reach.
     """
+    require_biglide(mechanism)
     bodies = {body.name: body for body in mechanism.bodies}
-    needed = ["platform", *(f"{limb}.slider" for limb in LIMBS), *(link for links in LIMBS.values() for link in links)]
-    if not all(name in bodies and (name == "platform" or bodies[name].elastic is not None) for name in needed):
-        raise InputError(
-            "--gravity literal: expected the Biglide, whose paper it is taken from; use none or exact here"
-        )
     platform = mechanism.gravity * bodies["platform"].mass
     behind: dict[str, list[Behind]] = {}
     for limb, links in LIMBS.items():
@@ -38,6 +34,16 @@ def literal_gravity(mechanism: Mechanism, poses: ArrayLike) -> Array:
             behind[link] = [_at_tool(mechanism, platform / 6.0)]
             behind[f"{limb}.slider"].append(_at_middle(bodies[link], mechanism.gravity))
     return literal_stiffness(mechanism, poses, behind)
+
+
+def require_biglide(mechanism: Mechanism) -> None:
+    """Raise InputError where a mechanism has not the bodies that the paper's equations are about."""
+    elastic = {body.name for body in mechanism.bodies if body.elastic is not None}
+    needed = {*(f"{limb}.slider" for limb in LIMBS), *(link for links in LIMBS.values() for link in links)}
+    if not needed <= elastic or "platform" not in {body.name for body in mechanism.bodies}:
+        raise InputError(
+            "--gravity literal: expected the Biglide, whose paper it is from; use none or exact for others"
+        )
 
 
 def _at_tool(mechanism: Mechanism, force: Array) -> Behind:
