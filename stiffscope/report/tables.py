@@ -136,7 +136,7 @@ def show_stiffness(
             rows.append(("", "± 95 %", *spread, *("" for _ in sunk)))
     where = coordinates(pose)
     groups = (("pose", where), *SIX, COUPLINGS if sag is None else (*COUPLINGS, *SAG))
-    show_table(f"{title} ({units})", groups, rows, prose=("pose", where) if len(pose) > 3 else ())
+    show_table(f"{title} ({units})", groups, rows, prose=(where,) if len(pose) > 3 else ())
     _explain_zeros(rows)
 
 

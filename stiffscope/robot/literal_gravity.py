@@ -41,9 +41,7 @@ def require_biglide(mechanism: Mechanism) -> None:
     elastic = {body.name for body in mechanism.bodies if body.elastic is not None}
     needed = {*(f"{limb}.slider" for limb in LIMBS), *(link for links in LIMBS.values() for link in links)}
     if not needed <= elastic or "platform" not in {body.name for body in mechanism.bodies}:
-        raise InputError(
-            "--gravity literal: expected the Biglide, whose paper it is from; use none or exact for others"
-        )
+        raise InputError("--gravity literal: expected the Biglide, whose paper has it; none or exact serve any robot")
 
 
 def _at_tool(mechanism: Mechanism, force: Array) -> Behind:
