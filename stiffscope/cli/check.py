@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import logging
-import sys
 from typing import TYPE_CHECKING
 
+import click
+
 from stiffscope import files
+from stiffscope.cli import options
+from stiffscope.cli.options import takes
 from stiffscope.errors import InputError
-from stiffscope.jobs.cache import file_digest
-from stiffscope.jobs.manifest import Manifest
-from stiffscope.report.check_tables import show_check
-from stiffscope.report.pictures import PictureError, draw
-from stiffscope.report.robot_scene import moves, picture, pose_text, scene
-from stiffscope.robot.inspection import inspect_robot, inspection_json
-from stiffscope.robot.reader import load_robot
+from stiffscope.jobs.manifest import manifest_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from pathlib import Path
 
     from stiffscope.robot.inspection import Inspection
@@ -25,62 +21,55 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 
-def check_robot(
-    name: str,
-    *,
-    overrides: Sequence[str] = (),
-    out: Path | None = None,
-    target: str | None = None,
-    quiet: bool = False,
-) -> None:
-    """Show what a robot file amounts to.
+@click.command()
+@takes(
+    options.robot,
+    options.overrides,
+    options.folder("--out", "Folder to write: pictures at home and at every named pose, and check.json."),
+    options.target,
+)
+def check(name: str, *, overrides: tuple[str, ...], out: Path | None, target: str | None, quiet: bool) -> None:
+    """What a robot file says: bodies, joints, mobility, masses, drives, reach, poses; no experiment is made.
 
-    Parameters
-    ----------
-    name
-        A path, or the name of a robot in `data/robots`.
-    overrides
-        As `--set` takes them.
-    out
-        Folder for pictures of the robot at home and at every named pose, and `check.json`.
-    target
-        File for the same as JSON, "-" for standard output.
-    quiet
-        No tables.
-
-    Raises
-    ------
-    InputError
-        No such file, a bad one, or, once all that can be told was shown, a mechanism that cannot move as its poses say.
-
+    All that can be told is shown before a mechanism that cannot move as its poses say is refused.
     """
+    from stiffscope.report.check_tables import show_check
+    from stiffscope.robot.inspection import inspect_robot, inspection_json
+    from stiffscope.robot.reader import load_robot
+
     robot = load_robot(name, overrides)
     if out is not None:
-        files.check_output(out, None if target in {None, "-"} else target)
+        files.check_output(out, target)
     found = inspect_robot(robot)
     if not quiet and target != "-":
         show_check(found)
     if out is not None:
-        _write(found, out, overrides)
+        _write(found, out)
     if target is not None:
         files.write_json(target, inspection_json(found))
     if found.error:
         raise InputError(found.error)
 
 
-def _write(found: Inspection, out: Path, overrides: Sequence[str]) -> None:
-    path = found.robot.path
+def _write(found: Inspection, out: Path) -> None:
+    from stiffscope.report.pictures import PictureError
+    from stiffscope.robot.inspection import inspection_json
+
+    manifest = manifest_of(found.robot)
     with files.staged_folder(out) as folder:
         files.write_json(folder / "check.json", inspection_json(found))
         try:
             _draw(found, folder)
         except PictureError as error:
             log.warning("%s", error)
-        Manifest(sys.argv[1:], str(path), file_digest(path), list(overrides)).write(folder)
+        manifest.write(folder)
 
 
 def _draw(found: Inspection, folder: Path) -> None:
     """The robot at home and at every named pose that it reaches."""
+    from stiffscope.report.pictures import draw
+    from stiffscope.report.robot_scene import moves, picture, pose_text, scene
+
     if found.configurations is None:
         return
     pictures = []

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.report.drawing.camera import new_plotter, shot, view_of
-from stiffscope.report.drawing.sheet import write_title
 from stiffscope.report.drawing.solids import DRIVEN, PASSIVE, RIGID, extent, part_colours, solids_of, upright
 
 if TYPE_CHECKING:
@@ -29,6 +28,7 @@ SHARES = "YlOrRd"
 NO_SHARE, BEFORE, EDGES = "#d9dde2", "#9aa4b0", "#20252b"
 TOWARDS = (0.42, -1.0, 0.4)  # the camera, in axes whose z points up
 WIDTH, ABOVE, BELOW = 1200, 42, 34  # pixels: of the picture, of its title, of its key
+LONG = 95  # characters of a title, from which it is smaller
 _NAMED = 5  # parts in the key, at most
 
 
@@ -140,7 +140,10 @@ def _framed(image: Floats, view: View, title: str) -> Figure:
     axes = figure.add_axes((0, BELOW / total, 1, height / total))
     axes.imshow(image, interpolation="none")
     axes.set_axis_off()
-    write_title(figure, title)
+    size = 15 if len(title) < LONG else 11.5
+    figure.text(
+        12 / width, 1 - 12 / total, title, fontsize=size, va="top", fontweight="bold", parse_math=False, color="#14181c"
+    )
     figure.text(1 - 12 / width, 12 / total, "at M: x red, y green, z blue", fontsize=10, color="#5a6570", ha="right")
     return figure
 
