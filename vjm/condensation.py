@@ -175,7 +175,7 @@ class _Planner:
             if not self._take_out():
                 break
         return Order(
-            self.mechanism, self.elements, self.length, tuple(self.steps), tuple(self.loops), tuple(self.flexible),
+            self.mechanism, self.elements, self.length, tuple(self.steps), tuple(self.flexible),
             tuple(self.nodes),
         )  # fmt: skip
 
