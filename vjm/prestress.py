@@ -21,12 +21,16 @@ from stiffscope.vjm.mechanism import GROUND
 from stiffscope.vjm.network import END, Places, free_directions, masses
 from stiffscope.vjm.saddle import loaded_unit
 from stiffscope.vjm.screws import rotation_of, skew
+from stiffscope.vjm.strain import remaining_offsets
 
 if TYPE_CHECKING:
     from stiffscope.vjm.condensation import Order
     from stiffscope.vjm.loading import ElementState, Response
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.screws import Array
+
+_SMALL = 3e-5  # rad, or of the mechanism's length: a step beyond which the equilibrium is sought on
+_BENDS = 8
 
 
 def internal_loads(order: Order, where: Places, gravity: Array) -> Loads:
@@ -38,11 +42,18 @@ def internal_loads(order: Order, where: Places, gravity: Array) -> Loads:
 def loaded_stiffness(order: Order, where: Places, gravity: Array) -> tuple[Array, Array]:
     """Stiffness (n, 6, 6) at M in base axes under the mechanism's own weight and offsets, and its sag (n, 6).
 
-    Raises InputError where the tool moves freely.
+    The sag is that of small displacements; the stiffness is taken at the equilibrium of finite ones, and is NaN where
+    none is found. Raises InputError where the tool moves freely.
     """
-    sagged = loaded(order, where, np.zeros((1, 6, 1)), internal_loads(order, where, gravity))
-    there = bent(where, sagged)
-    state = condensed(order, there, internal_loads(order, there, gravity))
+    moved = loaded(order, where, np.zeros((1, 6, 1)), internal_loads(order, where, gravity))
+    sag, there = moved.twist[..., 0], bent(where, moved)
+    size = _size(moved, order.length)
+    for _ in range(_BENDS):
+        if not (size > _SMALL).any():
+            break
+        moved = loaded(order, there, np.zeros((1, 6, 1)), _remaining(order, there, where, gravity))
+        there, size = bent(there, moved), _size(moved, order.length)
+    state = condensed(order, there, _remaining(order, there, where, gravity))
     if order.left:
         stiffness, ends, left = loaded_unit(state)
     else:
@@ -52,7 +63,20 @@ def loaded_stiffness(order: Order, where: Places, gravity: Array) -> tuple[Array
         ends = {GROUND: np.zeros((1, 6, 7)), END: end}
     response = recovered(state, ends, left, mix=np.eye(1, 7))
     half = second_order(response, order.mechanism, gravity)
-    return stiffness + half + np.swapaxes(half, -1, -2), np.broadcast_to(sagged.twist[..., 0], (len(stiffness), 6))
+    whole = stiffness + half + np.swapaxes(half, -1, -2)
+    return np.where((size > _SMALL)[:, None, None], np.nan, whole), np.broadcast_to(sag, (len(whole), 6))
+
+
+def _remaining(order: Order, there: Places, rest: Places, gravity: Array) -> Loads:
+    return Loads(1, internal_loads(order, there, gravity).nodes, remaining_offsets(order, there, rest))
+
+
+def _size(moved: Response, length: float) -> Array:
+    """Largest rotation, or translation over the mechanism's length, of any node (n,)."""
+    unit = np.repeat([1.0 / length, 1.0], 3)
+    n = len(moved.twist)
+    sizes = [np.abs(u[..., 0] * unit).max(axis=1) for u in moved.nodes.values()]
+    return np.max([np.broadcast_to(size, n) for size in sizes], axis=0)
 
 
 def bent(where: Places, response: Response) -> Places:

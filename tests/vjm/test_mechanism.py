@@ -39,7 +39,10 @@ def test_a_mechanism_knows_its_elements():
         (lambda: Body("a", -1.0), r"bodies\.a\.mass: expected a mass of at least 0 kg, got -1"),
         (lambda: member("a.b", [0, 0, 0], [0, 0, 0], C), r'bodies\."a\.b"\.x: expected a direction'),
         (lambda: member("a", [0, 0, 0], [1, 0, 0], C, y=[2, 0, 0]), r"bodies\.a\.y: expected a direction other than x"),
-        (lambda: member("a", [0, 0, 0], [1, 0, 0], -C), r"bodies\.a\.compliance: diagonal entries must not be negative"),
+        (
+            lambda: member("a", [0, 0, 0], [1, 0, 0], -C),
+            r"bodies\.a\.compliance: diagonal entries must not be negative",
+        ),
         (lambda: Joint("j", "a", "b", "hinge", [0, 0, 0]), r"joints\.j\.type: expected one of fixed, revolute"),
         (lambda: Joint("j", "a", "b", "revolute", [0, 0, 0]), r"joints\.j\.axis: expected the direction"),
         (lambda: Joint("j", "a", "b", "revolute", [0, 0, 0], [0, 0, 0]), r"joints\.j\.axis: expected a direction"),

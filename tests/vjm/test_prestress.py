@@ -43,14 +43,16 @@ def test_exact_stiffness_is_the_hessian_of_the_potential_energy(robot, pose, wei
 
 
 def test_lack_of_fit_prestresses_as_the_potential_energy_says():
-    """A Delta whose rods are long by 0.1 mm or short: no weight, only the loops against each other."""
+    """A Delta whose rods are long by 0.02 mm or short: no weight, only the loops against each other."""
     m = read("linear-delta")
-    off = {f"leg{k}.rod{j}": Change(offset=np.r_[1e-4 * (-1) ** (k + j), np.zeros(5)]) for k in (1, 2, 3) for j in (1, 2)}
+    off = {
+        f"leg{k}.rod{j}": Change(offset=np.r_[2e-5 * (-1) ** (k + j), np.zeros(5)]) for k in (1, 2, 3) for j in (1, 2)
+    }
     m = replace(m.changed(off), gravity=np.zeros(3))
     pose = CHECKED["linear-delta"]["poses"][1]
     hessian, droop = Potential(oracle.Bodies(m).close(pose, 4)).tangent_stiffness()
     change, left = compared(m, hessian, droop, pose)
-    assert change > 1e-4
+    assert change > 1e-5
     assert left < 5e-3 * change
 
 
@@ -75,7 +77,7 @@ def test_method_figures_with_weights_half_at_either_end(q, ppm, down):
     loaded, plain = analyse(m, pose, gravity="exact"), stiffness(m, pose)
     change = 1e6 * (np.diagonal(loaded.matrix[0]) / np.diagonal(plain[0]) - 1.0)
     assert change == pytest.approx(ppm, abs=0.06)
-    assert 1e6 * loaded.sag[0, 2] == pytest.approx(down, rel=2e-4)
+    assert 1e6 * loaded.sag[0, 2] == pytest.approx(down, abs=1.2e-3)
 
 
 def test_without_loads_nothing_changes():
