@@ -123,6 +123,6 @@ class Potential:
         coupling = kkt[np.ix_(inner, self.tool)]
         k = kkt[np.ix_(self.tool, self.tool)] - coupling.T @ np.linalg.solve(kkt[np.ix_(inner, inner)], coupling)
         sag = z[self.tool]
-        spin = np.cross(np.eye(3), sag[3:])  # angular velocity per rate of the rotation vector: I + ½ S(ρ)
-        chart = np.block([[np.eye(3), np.zeros((3, 3))], [np.zeros((3, 3)), np.eye(3) - 0.5 * spin]])
+        spin = np.cross(np.eye(3), sag[3:])  # rate of the rotation vector per angular velocity: I - S/2 + S²/12
+        chart = np.block([[np.eye(3), np.zeros((3, 3))], [np.zeros((3, 3)), np.eye(3) - spin / 2 + spin @ spin / 12]])
         return chart.T @ k @ chart, sag
