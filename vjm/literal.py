@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.vjm.condensation import condensed, order_of, tool_stiffness
+from stiffscope.vjm.condensation import condensed, tool_stiffness
 from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.network import places
+from stiffscope.vjm.order import order_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""What every element of a mechanism carries and how far every node moves, under wrenches at the tool or at any body."""
+"""Loads on a condensed network: carried to the tool step by step, and what every element carries recovered from there."""
 
 from __future__ import annotations
 
@@ -9,31 +9,61 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.condensation import (
-    Chain,
-    Condensed,
-    Eliminate,
-    Fold,
-    Loads,
-    Stiffen,
-    condensed,
-    regained,
-    stacked,
-    tool_stiffness,
-)
+from stiffscope.vjm.condensation import Eliminated, Folded, Stiff, condensed, tool_stiffness
 from stiffscope.vjm.mechanism import GROUND
 from stiffscope.vjm.network import END, free_directions
-from stiffscope.vjm.semidefinite import pivoted
+from stiffscope.vjm.order import stacked
+from stiffscope.vjm.semidefinite import inverse, pivoted
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from stiffscope.vjm.condensation import Order
+    from stiffscope.vjm.condensation import Condensed
     from stiffscope.vjm.network import Element, Places
+    from stiffscope.vjm.order import Connection, Order
     from stiffscope.vjm.screws import Array
 
 _FREE = 1e-12  # relative pivot of the tool's stiffness that is rounding
-_BALANCED = 1e-6  # of a load, that may be left where the tool moves freely
+_BALANCED = 1e-6  # of a load, that may be left along a free motion
+
+
+@dataclass(eq=False)
+class Loads:
+    """``cases`` of wrenches (n or 1, 6, c) on nodes at M in base axes, and of elements' offsets in their own axes."""
+
+    cases: int
+    nodes: dict[str, Array] = field(default_factory=dict[Any, Any])
+    offsets: dict[str, Array] = field(default_factory=dict[Any, Any])
+
+
+@dataclass(eq=False)
+class Chain:
+    """Loads along a connection: at M in base axes."""
+
+    connection: Connection
+    carried: list[Array]
+    """Wrenches (n or 1, 6, c) on each member's end by the loads on the nodes after it, from the start."""
+    total: Array
+    """Of all loads on its inner nodes (n or 1, 6, c)."""
+    offset: Array
+    """Twist (n or 1, 6, c) of its end against its start by its members' offsets."""
+
+
+@dataclass(eq=False)
+class Carried:
+    """Loads that were carried to the nodes left: ``forces`` (n or 1, 6, c) on them, and what each step has kept."""
+
+    loads: Loads
+    forces: dict[str, Array]
+    kept: list[Any] = field(default_factory=list[Any])
+
+    def add(self, node: str, wrench: Array) -> None:
+        """Add a wrench on a node."""
+        self.forces[node] = self.forces[node] + wrench if node in self.forces else wrench
+
+    def force(self, node: str) -> Array:
+        """Wrench on a node so far."""
+        return self.forces.get(node, np.zeros((1, 6, self.loads.cases)))
 
 
 @dataclass(eq=False)
@@ -79,48 +109,83 @@ class Response:
     elements: dict[str, ElementState] = field(default_factory=dict[Any, Any])
 
 
-def loaded(order: Order, where: Places, wrench: Array, loads: Loads) -> Response:
-    """Equilibrium under wrenches (n or 1, 6, c) at M, and loads on nodes and offsets (which this changes in no way).
+def loaded(order: Order, where: Places, loads: Loads) -> Response:
+    """Equilibrium under loads on nodes (the tool is one) and offsets.
 
-    Raises InputError where the tool moves freely under its load.
+    Raises InputError where something moves freely under its load.
     """
-    nodes = {node: w for node, w in loads.nodes.items() if node != GROUND}
-    nodes[END] = nodes[END] + wrench if END in nodes else wrench
-    state = condensed(order, where, Loads(loads.cases, nodes, loads.offsets))
-    if order.left:
+    return equilibrium(condensed(order, where), loads)
+
+
+def equilibrium(state: Condensed, loads: Loads) -> Response:
+    """``loaded`` of a network that was condensed before."""
+    load = carried(state, loads)
+    if state.order.left:
         from stiffscope.vjm.saddle import saddle_response
 
-        return recovered(state, *saddle_response(state))
-    ends = {GROUND: np.zeros((1, 6, loads.cases)), END: yielded(tool_stiffness(state), state.force(END))}
-    return recovered(state, ends)
+        return recovered(state, load, *saddle_response(state, load))
+    ends = {GROUND: np.zeros((1, 6, loads.cases)), END: yielded(tool_stiffness(state), load.force(END))}
+    return recovered(state, load, ends)
+
+
+def held(state: Condensed, loads: Loads) -> Response:
+    """``equilibrium`` with the tool held."""
+    load = carried(state, loads)
+    still = np.zeros((1, 6, loads.cases))
+    if state.order.left:
+        from stiffscope.vjm.saddle import saddle_held
+
+        return recovered(state, load, *saddle_held(state, load))
+    return recovered(state, load, {GROUND: still, END: still})
+
+
+def carried(state: Condensed, loads: Loads) -> Carried:
+    """Carry loads through every step of the condensation."""
+    out = Carried(loads, {node: w for node, w in loads.nodes.items() if node != GROUND})
+    for gone in state.gone:
+        match gone:
+            case Stiff():
+                out.kept.append(_through_stiff(state, gone, out))
+            case Eliminated():
+                out.kept.append(_through_eliminated(gone, out))
+            case Folded():
+                out.kept.append(_through_folded(state, gone, out))
+    return out
 
 
 def recovered(
     state: Condensed,
+    load: Carried | None,
     ends: dict[str, Array],
-    left: Sequence[tuple[Chain, Array, Array, Array]] = (),
+    left: Sequence[tuple[Connection, Chain | None, Array, Array, Array]] = (),
     mix: Array | None = None,
 ) -> Response:
     """Twists (n, 6, c) of all nodes and states of all elements from those of the nodes that were not condensed.
 
-    ``left``: connections that were not, with wrench, twist across and rates. ``mix`` (c₀, c): how much of each of the
-    condensed load cases is in each of these.
+    ``left``: connections that were not, with their loads, wrench, twist across and rates. ``mix`` (c₀, c): how much of
+    each of the carried load cases is in each of these.
     """
     out = Response(state.where, ends[END], ends)
-    cases = state.loads.cases if state.loads else 0
-    share = np.eye(cases) if mix is None else mix
-    for along, carried, span, rates in left:
-        _walk(state, out, along, carried, span, rates, share)
-    for step, kept in zip(reversed(state.order.steps), reversed(state.done), strict=True):
-        match step:
-            case Stiffen():
-                along, stiffness, preload = kept
-                span = out.nodes[along.connection.end] - out.nodes[along.connection.start]
-                _walk(state, out, along, stiffness @ span + preload @ share, span, None, share)
-            case Eliminate():
-                _recover_eliminated(out, step, kept, share)
-            case Fold():
-                _recover_folded(state, out, step, kept, share)
+    walk = _Walk(state, load, out, mix)
+    for connection, along, wrench, span, rates in left:
+        walk.along(connection, along, wrench, span, rates)
+    kept = load.kept if load else [None] * len(state.gone)
+    for gone, own in zip(reversed(state.gone), reversed(kept), strict=True):
+        match gone:
+            case Stiff():
+                c = gone.connection
+                span = out.nodes[c.end] - out.nodes[c.start]
+                wrench = gone.stiffness @ span
+                if own:
+                    wrench = wrench + walk.mixed(own[1])
+                walk.along(c, own[0] if own else None, wrench, span, None)
+            case Eliminated():
+                moved = walk.mixed(own) if own is not None else np.zeros((1, 6, 1))
+                for c, reach in zip(gone.step.neighbours, gone.reach, strict=True):
+                    moved = moved + reach @ out.nodes[c]
+                out.nodes[gone.step.node] = np.swapaxes(gone.half, -1, -2) @ moved
+            case Folded():
+                _recover_folded(gone, own, walk)
     return out
 
 
@@ -141,69 +206,200 @@ def yielded(stiffness: Array, wrench: Array) -> Array:
     return twist
 
 
-def _recover_eliminated(
-    out: Response, step: Eliminate, kept: tuple[Array, list[Array], Array | None], share: Array
-) -> None:
-    half, reach, push = kept
-    moved = np.zeros((1, 6, 1)) if push is None else push @ share
-    for c, r in zip(step.neighbours, reach, strict=True):
-        moved = moved + r @ out.nodes[c]
-    out.nodes[step.node] = np.swapaxes(half, -1, -2) @ moved
+def chain(state: Condensed, load: Carried, connection: Connection) -> Chain:
+    """Loads and offsets along a connection."""
+    total: Array = np.zeros((1, 6, load.loads.cases))
+    each: list[Array] = [total]
+    for node in reversed(connection.inner):
+        if node in load.forces:
+            total = total + load.forces[node]
+        each.insert(0, total)
+    offset: Array = np.zeros((1, 6, load.loads.cases))
+    for e, sign in connection.members:
+        if e.name in load.loads.offsets:
+            offset = offset + state.where.adjoint(e) @ (sign * load.loads.offsets[e.name])
+    return Chain(connection, each, total, offset)
 
 
-def _recover_folded(
-    state: Condensed,
-    out: Response,
-    step: Fold,
-    kept: tuple[Chain, Array, Array, Array, dict[str, Array], Array],
-    share: Array,
-) -> None:
-    along, b, weight, y, around, force = kept
-    start = out.nodes[step.connection.start]
-    y = y @ share
-    for c in step.neighbours:
-        y = y + weight @ (around[c] @ (out.nodes[c] - start))
-    span = along.offset @ share + b @ y
+def regained(free: Array, length: float) -> Array:
+    """Coordinates (n, k, 6) of the free directions (n, 6, k) nearest to a twist, lengths scaled."""
+    scale = np.array([1.0 / length] * 3 + [1.0] * 3)
+    unit = free * scale[:, None]
+    unit_t = np.swapaxes(unit, -1, -2)
+    return inverse(unit_t @ unit) @ unit_t * scale
+
+
+def _through_stiff(state: Condensed, gone: Stiff, load: Carried) -> tuple[Chain, Array]:
+    c = gone.connection
+    along = chain(state, load, c)
+    preload: Array = np.zeros((1, 6, load.loads.cases))
+    if along.offset.any():
+        preload = preload - gone.stiffness @ along.offset
+    if any(w.any() for w in along.carried):
+        preload = preload + np.swapaxes(gone.back, -1, -2) @ _holding(state, gone, along)
+    load.add(c.end, -preload)
+    load.add(c.start, preload + along.total)
+    return along, preload
+
+
+def _holding(state: Condensed, gone: Stiff, along: Chain) -> Array:
+    """Wrench (n, 6, c) that holds the end of a connection under the loads on its inner nodes, in its own axes.
+
+    ``w = w₀ - K (τ + C w₀)`` with Nᵀ w₀ = -ν, what the loads would do along the free directions.
+    """
+    forth = np.swapaxes(gone.connection.frame(state.where).adjoint(), -1, -2)
+    tau: Array = np.zeros((1, 6, 1))
+    free: list[Array] = []
+    nu: list[Array] = []
+    for (factor, directions), wrench in zip(gone.members, along.carried, strict=True):
+        here = forth @ wrench
+        if factor.shape[2]:
+            tau = tau + factor @ (np.swapaxes(factor, -1, -2) @ here)
+        if directions.shape[2]:
+            free.append(directions)
+            nu.append(np.swapaxes(directions, -1, -2) @ here)
+    if not nu:
+        return -gone.own @ tau
+    directions, work = stacked(free), _rows(nu)
+    hold = -np.swapaxes(regained(directions, state.order.length), -1, -2) @ work
+    left = np.abs(np.swapaxes(directions, -1, -2) @ hold + work)
+    if (left > _BALANCED * np.abs(work).max(axis=(1, 2), keepdims=True)).any():
+        _refuse([e.name for e, _ in gone.connection.members])
+    for factor, _ in gone.members:
+        if factor.shape[2]:
+            tau = tau + factor @ (np.swapaxes(factor, -1, -2) @ hold)
+    return hold - gone.own @ tau
+
+
+def _through_eliminated(gone: Eliminated, load: Carried) -> Array | None:
+    force = load.forces.pop(gone.step.node, None)
+    if force is None:
+        return None
+    push = gone.half @ force
+    _check_balance((gone.step.node,), gone.half, gone.own, force)
+    for c, reach in zip(gone.step.neighbours, gone.reach, strict=True):
+        load.add(c, np.swapaxes(reach, -1, -2) @ push)
+    return push
+
+
+def _through_folded(state: Condensed, gone: Folded, load: Carried) -> tuple[Chain, Array, Array]:
+    connection = gone.step.connection
+    along = chain(state, load, connection)
+    force = load.force(gone.step.node)
+    drive = np.swapaxes(gone.columns, -1, -2) @ (force - gone.own @ along.offset)
+    if any(w.any() for w in along.carried):
+        drive = drive + pulled(state, along, gone.columns)
+    y = np.swapaxes(gone.half, -1, -2) @ (gone.half @ drive)
+    _check_balance([e.name for e, _ in connection.members], gone.half, gone.core, drive)
+    moved = along.offset + gone.columns @ y  # twist of the node where all others stand still
+    load.add(connection.start, force + along.total)
+    for c, stiffness in gone.around.items():
+        share = np.swapaxes(stiffness, -1, -2) @ moved
+        load.add(c, share)
+        load.add(connection.start, -share)
+    return along, y, force
+
+
+def pulled(state: Condensed, along: Chain, columns: Array) -> Array:
+    """What the loads on a connection's inner nodes do along its coordinates, (n, m, c)."""
+    out: list[Array] = []
+    at = 0
+    sizes = [e.factor.shape[1] for e, _ in along.connection.members]
+    sizes += [free_directions(e, state.where).shape[2] for e, _ in along.connection.members]
+    for size, wrench in zip(sizes, along.carried * 2, strict=True):
+        out.append(np.swapaxes(columns[:, :, at : at + size], -1, -2) @ wrench)
+        at += size
+    return _rows(out)
+
+
+def _rows(blocks: list[Array]) -> Array:
+    n = max(len(b) for b in blocks)
+    return np.concatenate([np.broadcast_to(b, (n, *b.shape[1:])) for b in blocks], axis=1)
+
+
+def _check_balance(names: Sequence[str], half: Array, matrix: Array, load: Array) -> None:
+    """Refuse a load along a direction that a generalized inverse has dropped."""
+    if not (np.einsum("nii->ni", half) == 0.0).any():
+        return
+    left = np.abs(load - matrix @ (np.swapaxes(half, -1, -2) @ (half @ load)))
+    if (left > _BALANCED * np.abs(load).max(axis=(1, 2), keepdims=True) + 1e-300).any():
+        _refuse(names)
+
+
+def _refuse(names: Sequence[str]) -> None:
+    raise InputError(f"{', '.join(names)}: moves freely under its load, there is no equilibrium")
+
+
+def _recover_folded(gone: Folded, own: tuple[Chain, Array, Array] | None, walk: _Walk) -> None:
+    nodes, connection = walk.out.nodes, gone.step.connection
+    start = nodes[connection.start]
+    y: Array = walk.mixed(own[1]) if own else np.zeros((1, gone.columns.shape[2], 1))
+    for c, stiffness in gone.around.items():
+        y = y + gone.share @ (stiffness @ (nodes[c] - start))
+    span = gone.columns @ y
+    if own:
+        span = span + walk.mixed(own[0].offset)
     node = start + span
-    wrench = force @ share
-    for c in step.neighbours:
-        wrench = wrench + around[c] @ (out.nodes[c] - node)
-    out.nodes[step.node] = node
-    count = sum(e.factor.shape[1] for e, _ in step.connection.members)
-    _walk(state, out, along, wrench, span, y[:, count:], share)
+    wrench: Array = walk.mixed(own[2]) if own else np.zeros_like(node)
+    for c, stiffness in gone.around.items():
+        wrench = wrench + stiffness @ (nodes[c] - node)
+    nodes[gone.step.node] = node
+    count = sum(e.factor.shape[1] for e, _ in connection.members)
+    walk.along(connection, own[0] if own else None, wrench, span, y[:, count:])
 
 
-def _walk(
-    state: Condensed, out: Response, along: Chain, wrench: Array, span: Array, rates: Array | None, share: Array
-) -> None:
-    """Carry wrench and twist along a connection whose end, moved by ``span``, carries ``wrench``."""
-    c, where = along.connection, state.where
-    carried = [wrench + load @ share if load.any() else wrench for load in along.carried]
-    elastic: list[Array | None] = []
-    columns: list[Array] = []
-    for (e, sign), w in zip(c.members, carried, strict=True):
-        part = None
-        if e.factor.shape[1]:
-            f = where.adjoint(e) @ where.factor(e)
-            part = f @ (np.swapaxes(f, -1, -2) @ w)
-        if state.loads is not None and e.name in state.loads.offsets:
-            offset = where.adjoint(e) @ (sign * state.loads.offsets[e.name] @ share)
-            part = offset if part is None else part + offset
-        elastic.append(part)
-        columns.append(where.adjoint(e) @ free_directions(e, where) if e.free.shape[1] else np.zeros((1, 6, 0)))
-    if rates is None and any(n.shape[2] for n in columns):
-        rest = span - sum(part for part in elastic if part is not None)
-        rates = regained(stacked(columns), state.order.length) @ rest
-    node, at = out.nodes[c.start], 0
-    for k, ((e, sign), w, part, free) in enumerate(zip(c.members, carried, elastic, columns, strict=True)):
-        across = np.zeros((1, 6, w.shape[2])) if part is None else part
-        rate = np.zeros((1, 0, w.shape[2]))
-        if rates is not None and free.shape[2]:
-            rate = rates[:, at : at + free.shape[2]]
-            at += free.shape[2]
-            across = across + free @ rate
-        out.elements[e.name] = ElementState(e, where, sign * w, sign * across, sign * rate)
-        if part is not None or free.shape[2]:
-            node = node + across
-        if k < len(c.members) - 1:
-            out.nodes[c.inner[k]] = node
+@dataclass(eq=False)
+class _Walk:
+    """Carries wrenches and twists along connections into a response."""
+
+    state: Condensed
+    load: Carried | None
+    out: Response
+    mix: Array | None
+
+    def mixed(self, cases: Array) -> Array:
+        """The carried cases (n, k, c₀) as these cases have them."""
+        return cases if self.mix is None else cases @ self.mix
+
+    def along(
+        self, connection: Connection, loads: Chain | None, wrench: Array, span: Array, rates: Array | None
+    ) -> None:
+        """Members and nodes of a connection whose end, moved by ``span``, carries ``wrench``."""
+        where = self.state.where
+        offsets = self.load.loads.offsets if self.load else {}
+        wrenches: list[Array] = []
+        elastic: list[Array | None] = []
+        columns: list[Array] = []
+        for k, (e, sign) in enumerate(connection.members):
+            w = wrench
+            if loads is not None and loads.carried[k].any():
+                w = wrench + self.mixed(loads.carried[k])
+            part = None
+            if e.factor.shape[1]:
+                f = where.adjoint(e) @ where.factor(e)
+                part = f @ (np.swapaxes(f, -1, -2) @ w)
+            if e.name in offsets:
+                offset = where.adjoint(e) @ self.mixed(sign * offsets[e.name])
+                part = offset if part is None else part + offset
+            wrenches.append(w)
+            elastic.append(part)
+            columns.append(where.adjoint(e) @ free_directions(e, where) if e.free.shape[1] else np.zeros((1, 6, 0)))
+        if rates is None and any(n.shape[2] for n in columns):
+            rest = span - sum(part for part in elastic if part is not None)
+            rates = regained(stacked(columns), self.state.order.length) @ rest
+        node, at = self.out.nodes[connection.start], 0
+        inner = connection.inner
+        for k, ((e, sign), w, part, free) in enumerate(
+            zip(connection.members, wrenches, elastic, columns, strict=True)
+        ):
+            across: Array = np.zeros((1, 6, w.shape[2])) if part is None else part
+            rate: Array = np.zeros((1, 0, w.shape[2]))
+            if rates is not None and free.shape[2]:
+                rate = rates[:, at : at + free.shape[2]]
+                at += free.shape[2]
+                across = across + free @ rate
+            self.out.elements[e.name] = ElementState(e, where, sign * w, sign * across, sign * rate)
+            if part is not None or free.shape[2]:
+                node = node + across
+            if k < len(inner):
+                self.out.nodes[inner[k]] = node

@@ -209,6 +209,13 @@ def euler_axes(turn: Array) -> Array:
     return out
 
 
+def euler_angles(turn: Array) -> Array:
+    """Small rotations Rx, Ry, Rz (n, 3) in rad that make ``turn`` (n, 3, 3) in this order."""
+    a = np.arctan2(-turn[..., 1, 2], turn[..., 2, 2])
+    c = np.arctan2(-turn[..., 0, 1], turn[..., 0, 0])
+    return np.stack([a, np.arcsin(turn[..., 0, 2].clip(-1.0, 1.0)), c], axis=-1)
+
+
 def _factor(compliance: Array) -> Array:
     """F (6, r) of a compliance F Fᵀ of rank r; lengths scaled so that no unit decides."""
     diagonal = np.sqrt(np.diagonal(compliance).clip(min=0.0))

@@ -14,12 +14,18 @@ import numpy as np
 from scipy.linalg import qr
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.condensation import Chain, chain, condensed, home, stacked
+from stiffscope.vjm.condensation import condensed
+from stiffscope.vjm.loading import chain, pulled
 from stiffscope.vjm.mechanism import GROUND
-from stiffscope.vjm.network import END, free_directions
+from stiffscope.vjm.network import END
+from stiffscope.vjm.order import home, stacked
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from stiffscope.vjm.condensation import Condensed
+    from stiffscope.vjm.loading import Carried, Chain
+    from stiffscope.vjm.order import Connection
     from stiffscope.vjm.screws import Array
 
 _RANK = 1e-10
@@ -37,8 +43,8 @@ class System:
     columns: list[Array]  # B (n or 1, 6, m) of each connection at M in base axes
 
 
-Left: TypeAlias = "list[tuple[Chain, Array, Array, Array]]"
-"""For each connection left: its loads, its wrench, the twist across it, and its rates."""
+Left: TypeAlias = "list[tuple[Connection, Chain | None, Array, Array, Array]]"
+"""Connections left: their loads, wrench, twist across and rates."""
 
 
 def saddle_unit(state: Condensed) -> tuple[Array, dict[str, Array], Left]:
@@ -51,7 +57,7 @@ def saddle_unit(state: Condensed) -> tuple[Array, dict[str, Array], Left]:
     inner = np.r_[tool.stop : system.matrix.shape[-1]]
     m = system.matrix
     coupling = m[:, inner, tool]
-    moved, good = _solved(state, m[:, inner[:, None], inner], -coupling, "stiffness")
+    moved, good = _solved(state, m[:, inner[:, None], inner], -coupling, "held")
     if not good:
         names = ", ".join(e.name for c in state.order.left for e, _ in c.members)
         raise InputError(
@@ -59,71 +65,76 @@ def saddle_unit(state: Condensed) -> tuple[Array, dict[str, Array], Left]:
         )
     k = m[:, tool, tool] + np.swapaxes(coupling, -1, -2) @ moved
     unit = np.concatenate([np.broadcast_to(np.eye(6), (len(moved), 6, 6)), moved], axis=1)
-    still = Chain(state.order.left[0], [], np.zeros((1, 6, 6)), np.zeros((1, 6, 6)))
-    chains = [Chain(c, [], still.total, still.offset) for c in state.order.left]
-    return 0.5 * (k + np.swapaxes(k, -1, -2)), *_recovered(system, chains, unit)
+    nothing = [None] * len(state.order.left)
+    return 0.5 * (k + np.swapaxes(k, -1, -2)), *_recovered(state, system, nothing, unit)
 
 
-def saddle_response(state: Condensed) -> tuple[dict[str, Array], Left]:
-    """Twists of the kept nodes and connections under the loads. Raises InputError where the tool moves freely."""
+def saddle_response(state: Condensed, load: Carried) -> tuple[dict[str, Array], Left]:
+    """Twists of the kept nodes and connections under the loads. Raises InputError where something moves freely."""
     system = _system(state)
-    loads = state.loads
-    cases = loads.cases if loads else 0
-    chains = [chain(state, c) for c in state.order.left]
-    n = max([len(system.matrix), *(len(f) for f in state.forces.values()), *(len(c.total) for c in chains)])
-    right = np.zeros((n, system.matrix.shape[-1], cases))
-    for node, place in system.nodes.items():
-        right[:, place] += state.force(node)
-    for along, y, w, b in zip(chains, system.coordinates, system.wrenches, system.columns, strict=True):
-        c = along.connection
-        if c.start in system.nodes:
-            right[:, system.nodes[c.start]] += along.total
-        right[:, w] += along.offset
-        right[:, y] += _pull(state, along, b)
+    chains, right = _right(state, system, load)
     found, good = _solved(state, system.matrix, right, "response")
     if not good:
         raise InputError("the tool, or a body, moves freely under its load: ask for its mobility, not its deflection")
-    return _recovered(system, chains, found)
+    return _recovered(state, system, chains, found)
 
 
-def loaded_unit(state: Condensed) -> tuple[Array, dict[str, Array], Left]:
+def saddle_held(state: Condensed, load: Carried) -> tuple[dict[str, Array], Left]:
+    """``saddle_response`` with the tool held."""
+    system = _system(state)
+    chains, right = _right(state, system, load)
+    tool = system.nodes[END]
+    inner = np.r_[tool.stop : system.matrix.shape[-1]]
+    found, good = _solved(state, system.matrix[:, inner[:, None], inner], right[:, inner], "held")
+    if not good:
+        raise InputError("a body moves freely under its load: there is no equilibrium")
+    whole = np.concatenate([np.zeros((len(found), 6, found.shape[2])), found], axis=1)
+    return _recovered(state, system, chains, whole)
+
+
+def loaded_unit(state: Condensed, load: Carried) -> tuple[Array, dict[str, Array], Left]:
     """``saddle_unit`` with one case more, before the unit twists: the equilibrium under the loads."""
     stiffness, unit, across = saddle_unit(state)
-    moved, carried = saddle_response(state)
+    moved, under = saddle_response(state, load)
 
     def both(a: Array, b: Array) -> Array:
         n = max(len(a), len(b))
         return np.concatenate([np.broadcast_to(x, (n, *x.shape[1:])) for x in (a, b)], axis=2)
 
     ends = {node: both(moved[node], unit[node]) for node in moved}
-    left = [
-        (a[0], *(both(x, y) for x, y in zip(a[1:], b[1:], strict=True))) for a, b in zip(carried, across, strict=True)
+    left: Left = [
+        (c, along, both(w, v[2]), both(t, v[3]), both(q, v[4]))
+        for (c, along, w, t, q), v in zip(under, across, strict=True)
     ]
     return stiffness, ends, left
 
 
-def _recovered(system: System, chains: list[Chain], found: Array) -> tuple[dict[str, Array], Left]:
+def _right(state: Condensed, system: System, load: Carried) -> tuple[list[Chain], Array]:
+    """Loads along the connections, and the right-hand side (n, s, c)."""
+    chains = [chain(state, load, c) for c in state.order.left]
+    n = max([len(system.matrix), *(len(f) for f in load.forces.values()), *(len(c.total) for c in chains)])
+    right = np.zeros((n, system.matrix.shape[-1], load.loads.cases))
+    for node, place in system.nodes.items():
+        right[:, place] += load.force(node)
+    for along, y, w, b in zip(chains, system.coordinates, system.wrenches, system.columns, strict=True):
+        c = along.connection
+        if c.start in system.nodes:
+            right[:, system.nodes[c.start]] += along.total
+        right[:, w] += along.offset
+        right[:, y] += pulled(state, along, b)
+    return chains, right
+
+
+def _recovered(
+    state: Condensed, system: System, chains: Sequence[Chain | None], found: Array
+) -> tuple[dict[str, Array], Left]:
     moved = {node: found[:, place] for node, place in system.nodes.items()}
     moved[GROUND] = np.zeros((1, 6, found.shape[2]))
     states: Left = []
-    for along, y, w in zip(chains, system.coordinates, system.wrenches, strict=True):
-        c = along.connection
+    for c, along, y, w in zip(state.order.left, chains, system.coordinates, system.wrenches, strict=True):
         count = sum(e.factor.shape[1] for e, _ in c.members)
-        states.append((along, found[:, w], moved[c.end] - moved[c.start], found[:, y][:, count:]))
+        states.append((c, along, found[:, w], moved[c.end] - moved[c.start], found[:, y][:, count:]))
     return moved, states
-
-
-def _pull(state: Condensed, along: Chain, b: Array) -> Array:
-    """What the loads on a connection's inner nodes do along its coordinates, (n, m, c)."""
-    out: list[Array] = []
-    at, where = 0, state.where
-    sizes = [e.factor.shape[1] for e, _ in along.connection.members]
-    sizes += [free_directions(e, where).shape[2] for e, _ in along.connection.members]
-    for size, load in zip(sizes, along.carried * 2, strict=True):
-        out.append(np.swapaxes(b[:, :, at : at + size], -1, -2) @ load)
-        at += size
-    rows = max(len(o) for o in out)
-    return np.concatenate([np.broadcast_to(o, (rows, *o.shape[1:])) for o in out], axis=1)
 
 
 def _system(state: Condensed) -> System:
@@ -198,7 +209,7 @@ def _independent(state: Condensed, use: str) -> tuple[Array, Array]:
         system = _system(at_home)
         scale = _scale(at_home, system)
         m = system.matrix[0]
-        if use == "stiffness":
+        if use == "held":
             m, scale = m[6:, 6:], scale[6:]
         _, r, order = qr(m * (scale[:, None] * scale), pivoting=True)
         pivots = np.abs(np.diagonal(r))

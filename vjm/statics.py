@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.condensation import Loads, condensed, order_of, tool_stiffness
+from stiffscope.vjm.condensation import condensed, tool_stiffness
 from stiffscope.vjm.kinematics import CHUNK, Configurations, checked_poses, configure, configured
-from stiffscope.vjm.loading import Response, loaded
+from stiffscope.vjm.loading import Loads, Response, equilibrium, loaded
 from stiffscope.vjm.mechanism import GROUND
-from stiffscope.vjm.network import FOOT, masses, places
+from stiffscope.vjm.network import END, FOOT, masses, places
+from stiffscope.vjm.order import order_of
 from stiffscope.vjm.prestress import internal_loads, loaded_stiffness
 from stiffscope.vjm.singularity import characteristic_length, mobility
 
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from stiffscope.vjm.condensation import Order
+    from stiffscope.vjm.order import Order
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.network import Places
     from stiffscope.vjm.screws import Array
@@ -123,7 +124,7 @@ def sag(mechanism: Mechanism, poses: ArrayLike | Configurations) -> Array:
     """
 
     def work(order: Order, where: Places) -> Array:
-        return loaded(order, where, np.zeros((1, 6, 1)), internal_loads(order, where, mechanism.gravity)).twist[..., 0]
+        return loaded(order, where, internal_loads(order, where, mechanism.gravity)).twist[..., 0]
 
     return _over(mechanism, poses, (6,), work)
 
@@ -209,7 +210,8 @@ def respond(
         force = np.broadcast_to(at_tool[:, :3], moment.shape)
         whole = np.concatenate([force, moment], axis=1)[..., None] * np.ones(cases)
         all_loads.nodes[node] = all_loads.nodes.get(node, np.zeros((1, 6, 1))) + whole
-    return loaded(order, where, applied, all_loads)
+    all_loads.nodes[END] = all_loads.nodes.get(END, np.zeros((1, 6, 1))) + applied
+    return loaded(order, where, all_loads)
 
 
 def stiffness_error(mechanism: Mechanism, poses: ArrayLike | Configurations) -> Array:
@@ -221,8 +223,9 @@ def stiffness_error(mechanism: Mechanism, poses: ArrayLike | Configurations) -> 
     bars = {b.name: b.elastic.error for b in mechanism.bodies if b.elastic is not None and b.elastic.error is not None}
 
     def work(order: Order, where: Places) -> Array:
-        matrix = tool_stiffness(condensed(order, where))
-        elements = loaded(order, where, matrix, Loads(6)).elements
+        state = condensed(order, where)
+        matrix = tool_stiffness(state)
+        elements = equilibrium(state, Loads(6, {END: matrix})).elements
         out = np.zeros_like(matrix)
         for name, bar in bars.items():
             carried = np.abs(elements[name].wrench)

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.condensation import Loads, order_of
 from stiffscope.vjm.kinematics import Configurations, configure
-from stiffscope.vjm.loading import loaded
-from stiffscope.vjm.network import places
+from stiffscope.vjm.loading import Loads, loaded
+from stiffscope.vjm.mechanism import spelled
+from stiffscope.vjm.network import END, places
+from stiffscope.vjm.order import order_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -44,7 +45,7 @@ def deflection(mechanism: Mechanism, poses: ArrayLike | Configurations, wrench: 
     found = _found(mechanism, poses)
     load = _checked_wrench(wrench, len(found))
     order = order_of(mechanism, found.linkage)
-    response = loaded(order, places(found), load[..., None], Loads(1))
+    response = loaded(order, places(found), Loads(1, {END: load[..., None]}))
     twist = np.broadcast_to(response.twist[..., 0], (len(found), 6))
     energy = 0.5 * np.einsum("ni,ni->n", load, twist)
     shares = {
@@ -80,7 +81,8 @@ def deflection_with_backlash(
         shift = np.zeros((1, 6, cases))
         shift[0, along[j.name], k + 1] = 1.0
         loads.offsets[j.name] = shift
-    state = loaded(order_of(mechanism, found.linkage), places(found), applied, loads)
+    loads.nodes[END] = applied
+    state = loaded(order_of(mechanism, found.linkage), places(found), loads)
     twist = np.broadcast_to(state.twist, (n, 6, cases))
     if not drives:
         return twist[..., 0]

@@ -103,23 +103,26 @@ class Potential:
             out[k] = (self.gradient(z + d, multipliers)[0] - self.gradient(z - d, multipliers)[0]) / (2 * step)
         return 0.5 * (out + out.T)
 
-    def tangent_stiffness(self, iterations=3):
+    def tangent_stiffness(self, iterations=6):
         """Stiffness (6, 6) at the loaded equilibrium, at the tool point, and its sag (6,)."""
         z = np.zeros(self.size)
         count = self.energy_and_constraints(z)[1].shape[-1]
         multipliers = np.zeros(count)
-        for k in range(iterations + 1):
-            gradient, jacobian = self.gradient(z, multipliers)
-            h = self.hessian(z, multipliers)
-            kkt = np.block([[h, jacobian.T], [jacobian, np.zeros((count, count))]])
-            if k == iterations:
-                break
-            step = np.linalg.solve(kkt, -np.concatenate([gradient, self.energy_and_constraints(z)[1]]))
+
+        def system():
+            _, jacobian = self.gradient(z, multipliers)
+            return np.block([[self.hessian(z, multipliers), jacobian.T], [jacobian, np.zeros((count, count))]])
+
+        inverse = np.linalg.inv(system())
+        for _ in range(iterations):
+            gradient, _ = self.gradient(z, multipliers)
+            step = -inverse @ np.concatenate([gradient, self.energy_and_constraints(z)[1]])
             z, multipliers = z + step[: self.size], multipliers + step[self.size :]
+        kkt = system()
         inner = np.setdiff1d(np.arange(len(kkt)), self.tool)
         coupling = kkt[np.ix_(inner, self.tool)]
         k = kkt[np.ix_(self.tool, self.tool)] - coupling.T @ np.linalg.solve(kkt[np.ix_(inner, inner)], coupling)
         sag = z[self.tool]
-        spin = np.cross(np.eye(3), sag[3:])  # angular velocity per rate of the rotation vector: I + ½ S(ρ)
-        chart = np.block([[np.eye(3), np.zeros((3, 3))], [np.zeros((3, 3)), np.eye(3) - 0.5 * spin]])
+        spin = np.cross(np.eye(3), sag[3:])  # rate of the rotation vector per angular velocity: I - S/2 + S²/12
+        chart = np.block([[np.eye(3), np.zeros((3, 3))], [np.zeros((3, 3)), np.eye(3) - spin / 2 + spin @ spin / 12]])
         return chart.T @ k @ chart, sag
