@@ -97,7 +97,8 @@ def _by_colour(solids: list[Solid], moves: Moves, shares: dict[str, float] | Non
 
 
 def _joined(shapes: list[pv.PolyData]) -> pv.PolyData:
-    return shapes[0] if len(shapes) == 1 else shapes[0].append_polydata(*shapes[1:])
+    first: Any = shapes[0]
+    return first if len(shapes) == 1 else first.append_polydata(*shapes[1:])
 
 
 def _scene(shapes: dict[str, pv.PolyData], point: Floats, up: Floats, reach: float) -> tuple[Floats, View]:
