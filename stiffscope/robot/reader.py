@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -80,7 +79,7 @@ def load_robot(name_or_path: str | Path, overrides: Sequence[str] = (), toleranc
 
 def read_robot(path: Path, text: str, overrides: Sequence[str] = (), tolerance: str | None = None) -> RobotFile:
     """Read a robot from a text; `path` is what errors call it and what paths in it are relative to. As `load_robot`."""
-    data = copy.deepcopy(parse_text(path, text))
+    data = parse_text(path, text)
     source = Source(path, text)
     try:
         return _read(data, source, overrides, tolerance)
@@ -158,7 +157,7 @@ def _overridden(
     if not overrides and tolerance is None:
         return []
     names = {key: list(value) for key, value in data.items() if isinstance(value, dict)}
-    copied = {key: set(_copied_names(data, names.get(key, []))) for key in ("bodies", "joints")}
+    copied = {key: list(_copied_names(data, names.get(key, []))) for key in ("bodies", "joints")}
     for key, more in copied.items():
         names[key] = [*names.get(key, []), *more]
     later = []
@@ -309,7 +308,7 @@ def _groups(table: Mapping[str, Any], written: sets.Written) -> dict[str, tuple[
 def _pose(value: Any, tool: ToolSection, key: tuple[str | int, ...]) -> tuple[float, ...]:
     """A tool pose: as many numbers as `[tool] pose` names."""
     if not isinstance(value, list | tuple) or len(value) != len(tool.pose):
-        raise FieldError(key, f"expected {len(tool.pose)} numbers, {' '.join(tool.pose)}, got {q.shown(value)}")
+        raise FieldError(key, f"expected a pose of {len(tool.pose)}, {' '.join(tool.pose)}, got {q.shown(value)}")
     found = []
     for number, (name, each) in enumerate(zip(tool.pose, value, strict=True)):
         try:

@@ -325,7 +325,7 @@ def test_nothing_changes_after_reading(read):
          "tool: expected a table of body, at, pose, got nothing"),
         ("direction = [0, 0, -2]\n", "", "[gravity]",
          "gravity.direction: expected three numbers such as .* got nothing"),
-        ('home = [0, 0, "-500 mm"]', "home = [0, 0]", "home", "poses.home: expected 3 numbers, x y z, got"),
+        ('home = [0, 0, "-500 mm"]', "home = [0, 0]", "home", "poses.home: expected a pose of 3, x y z, got"),
         ('home = [0, 0, "-500 mm"]', 'home = [0, 0, "5 deg"]', "home", r"poses.home\[2\]: expected a length"),
         ('z = ["-600 mm", "-400 mm"]', "", "[map]", "map: expected two coordinates to sweep, got x"),
         ('z = ["-600 mm", "-400 mm"]', "rz = [0, 1]", "rz",
