@@ -33,13 +33,13 @@ _PASSIVE_FIRST = 1e-4  # weight of driven columns: passive ones carry the motion
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Coordinates (n, m), where they close every loop, the links there, and the sign of the equations' determinant."""
+    """Coordinates (m, n), where they close every loop, the links there, and the factors of the last step."""
 
     q: Array
     closed: NDArray[np.bool_]
     placed: Placed
-    sign: Array
-    error: Array  # (n, cuts): largest error of each cut joint
+    error: Array  # (cuts, n): largest error of each cut joint
+    factors: dict[tuple[int, int], Array]
 
 
 class Closure:
@@ -48,7 +48,7 @@ class Closure:
     def __init__(self, linkage: Linkage, q: Array) -> None:
         self.linkage = linkage
         self.starts = np.cumsum([0, *(c.size for c in linkage.cuts)])
-        whole = self._whole(q[None])[0]
+        whole = self._whole(q[:, None])[..., 0]
         unknown = [c for c in range(linkage.size) if c not in linkage.known]
         self.columns = self._independent_columns(whole, unknown)
         self.held = [c for c in unknown if c not in set(self.columns)]
@@ -70,14 +70,15 @@ class Closure:
         return [k for k in range(len(known)) if np.linalg.norm(rest[:, k]) < 1e-7 * size]
 
     def _whole(self, q: Array) -> Array:
-        """All equations' derivatives (n, rows, m)."""
+        """All equations' derivatives (rows, m, n) at coordinates (m, n)."""
         linkage = self.linkage
         placed = linkage.placed(q)
-        out = np.zeros((len(q), int(self.starts[-1]), linkage.size))
+        out = np.zeros((int(self.starts[-1]), linkage.size, q.shape[1]))
         for k, cut in enumerate(linkage.cuts):
-            _, wrenches = linkage.closure(cut, placed)
-            out[:, self.starts[k] : self.starts[k + 1], cut.columns] = wrenches @ linkage.rate(cut, placed)
-        return out * linkage.scale
+            for row in range(cut.size):
+                rate = np.einsum("in,cin->cn", linkage.wrench(cut, row, placed), placed.twists[cut.columns])
+                out[self.starts[k] + row, cut.columns] = rate * cut.signs[:, None]
+        return out * linkage.scale[:, None]
 
     def _independent_columns(self, whole: Array, unknown: list[int]) -> list[int]:
         driven = {
@@ -92,8 +93,9 @@ class Closure:
     def _order(self, q: Array) -> None:
         """Pivots by Markowitz's rule, and the fill of the factors."""
         rng = np.random.default_rng(0)
-        spread = q + 0.3 * rng.normal(size=(3, len(q))) * self.linkage.scale
-        pattern = (np.abs(self._whole(spread)) > _STRUCTURAL).any(axis=0)[np.ix_(self.rows, self.columns)]
+        spread = q[:, None] + 0.3 * rng.normal(size=(len(q), 3)) * self.linkage.scale[:, None]
+        used = (np.abs(self._whole(spread)) > _STRUCTURAL).any(axis=2)[np.ix_(self.rows, self.columns)]
+        pattern = used.copy()
         matrix = self.whole[np.ix_(self.rows, self.columns)].copy()
         rows, columns = list(range(len(self.rows))), list(range(len(self.columns)))
         row_order: list[int] = []
@@ -117,90 +119,76 @@ class Closure:
         size = range(len(self.rows))
         self.below = [[i for i in size if i > k and fill[i, k]] for k in size]
         self.right = [[j for j in size if j > k and fill[k, j]] for k in size]
-        position = {c: k for k, c in enumerate(self.columns)}
-        self.entries: list[tuple[int, Array, Array, list[tuple[int, int, int, int]]]] = []
-        for k, cut in enumerate(self.linkage.cuts):
-            mine = [(i, r - self.starts[k]) for i, r in enumerate(self.rows) if 0 <= r - self.starts[k] < cut.size]
-            theirs = [(position[c], a) for a, c in enumerate(cut.columns) if c in position]
-            pairs = [
-                (i, j, a, b)
-                for a, (i, _) in enumerate(mine)
-                for b, (j, _) in enumerate(theirs)
-                if fill[i, j]
-            ]
-            self.entries.append((k, np.array([r for _, r in mine], int), np.array([a for _, a in theirs], int), pairs))
+        self.cut_of = [int(k) for k in np.searchsorted(self.starts, self.rows, side="right") - 1]
+        sparse = used[np.ix_(row_order, column_order)]
+        self.entries = [[j for j in size if sparse[i, j]] for i in size]
 
-    def solve(self, q: Array, steps: int = _STEPS) -> Solution:
-        """Newton's method from coordinates (n, m), whose known columns are as given.
+    def solve(self, q: Array, steps: int = _STEPS, *, patient: bool = False) -> Solution:
+        """Newton's method from coordinates (m, n), whose known rows are as given.
 
         A pose is closed where all equations hold to 1e-12 and the steps contract as they do near a solution: a start
-        too far away may lead to another branch.
+        too far away may lead to another branch. ``patient``: go on with poses that cannot be closed so.
         """
-        n = len(q)
+        n = q.shape[1]
         q = q.copy()
-        scale = self.linkage.scale[self.columns]
+        scale = self.linkage.scale[self.columns][:, None]
         first, trusted = np.full(n, np.nan), np.ones(n, dtype=bool)
-        sign = np.ones(n)
+        factors: dict[tuple[int, int], Array] = {}
         with np.errstate(all="ignore"):
             for count in range(steps + 1):
                 placed = self.linkage.placed(q)
-                errors = [self.linkage.closure(cut, placed) for cut in self.linkage.cuts]
-                worst = np.zeros((n, len(errors)))
-                for k, (e, _) in enumerate(errors):
-                    worst[:, k] = np.abs(e).max(axis=1)
-                most = worst.max(axis=1, initial=0.0)
-                going = most > _ENOUGH
+                errors = [self.linkage.errors(cut, placed) for cut in self.linkage.cuts]
+                worst = np.zeros((len(errors), n))
+                for k, e in enumerate(errors):
+                    worst[k] = np.abs(e).max(axis=0, initial=0.0)
+                most = worst.max(axis=0, initial=0.0)
+                going = ~(most < _ENOUGH)
+                if not patient:
+                    going &= trusted
                 if count == steps or not self.rows or not going.any():
                     break
-                matrix = self.matrix(placed, errors)
-                factors, sign = self.factored(matrix)
-                step = self.substituted(factors, self._right(errors)).T  # (n, columns)
-                size = np.abs(step).max(axis=1)
+                factors = self.factored(self.matrix(placed))
+                right = [errors[k][row - self.starts[k]] for row, k in zip(self.rows, self.cut_of, strict=True)]
+                step = self.substituted(factors, right)
+                size = np.abs(step).max(axis=0)
                 if count == 0:
                     first = size
                     trusted &= size < _FAR
                 elif count == 1:
                     trusted &= (size < _CONTRACTION * first) | (first < _NEAR) | (most < CLOSED)
                 going &= np.isfinite(size) & (size < 10.0)
-                q[:, self.columns] -= np.where(going[:, None], step * scale, 0.0)
-        return Solution(q, (most < CLOSED) & trusted, placed, sign, worst)
+                q[self.columns] -= step * scale if going.all() else np.where(going, step * scale, 0.0)
+        return Solution(q, (most < CLOSED) & trusted, placed, worst, factors)
 
-    def matrix(self, placed: Placed, errors: list[tuple[Array, Array]]) -> dict[tuple[int, int], Array]:
+    def matrix(self, placed: Placed) -> dict[tuple[int, int], Array]:
         """Entries (n,) of the ranked equations' derivatives, in the order of elimination."""
+        linkage = self.linkage
         entries: dict[tuple[int, int], Array] = {}
-        scale = self.linkage.scale
-        for k, rows, columns, pairs in self.entries:
-            if not pairs:
-                continue
-            cut = self.linkage.cuts[k]
-            chosen = cut.columns[columns]
-            rate = placed.twists[:, :, chosen] * (cut.signs[columns] * scale[chosen])
-            block = np.ascontiguousarray((errors[k][1][:, rows] @ rate).transpose(1, 2, 0))
-            for i, j, a, b in pairs:
-                entries[i, j] = block[a, b]
+        sign = {
+            (k, int(c)): float(v)
+            for k, cut in enumerate(linkage.cuts)
+            for c, v in zip(cut.columns, cut.signs, strict=True)
+        }
+        for i, (row, k) in enumerate(zip(self.rows, self.cut_of, strict=True)):
+            wrench = linkage.wrench(linkage.cuts[k], int(row - self.starts[k]), placed)
+            for j in self.entries[i]:
+                c = self.columns[j]
+                factor = sign[k, c] * float(linkage.scale[c])
+                entries[i, j] = np.einsum("in,in->n", wrench, placed.twists[c]) * factor
         return entries
 
-    def _right(self, errors: list[tuple[Array, Array]]) -> list[Array]:
-        out: list[Array] = [np.zeros(0)] * len(self.rows)
-        cut_of = np.searchsorted(self.starts, self.rows, side="right") - 1
-        for i, (row, k) in enumerate(zip(self.rows, cut_of, strict=True)):
-            out[i] = errors[k][0][:, row - self.starts[k]].copy()
-        return out
-
-    def factored(self, entries: dict[tuple[int, int], Array]) -> tuple[dict[tuple[int, int], Array], Array]:
-        """Factors L and U in place of the entries, and the sign (n,) of the determinant."""
+    def factored(self, entries: dict[tuple[int, int], Array]) -> dict[tuple[int, int], Array]:
+        """Factors L and U in place of the entries."""
         a = dict(entries)
-        sign: Array = np.ones(1)
         for k, (below, right) in enumerate(zip(self.below, self.right, strict=True)):
             pivot = a[k, k]
-            sign = sign * np.sign(pivot)
             for i in below:
                 factor = a[i, k] / pivot
                 a[i, k] = factor
                 for j in right:
                     known = a.get((i, j))
                     a[i, j] = -factor * a[k, j] if known is None else known - factor * a[k, j]
-        return a, sign
+        return a
 
     def substituted(self, factors: dict[tuple[int, int], Array], right: list[Array]) -> Array:
         """Solution (columns, n) for one right-hand side."""
@@ -214,28 +202,26 @@ class Closure:
             y[k] = y[k] / factors[k, k]
         return np.array(y)
 
-    def rates(self, placed: Placed) -> Array:
-        """Rates (n, m, k) of all coordinates for unit rates of each known one."""
+    def rates(self, placed: Placed, factors: dict[tuple[int, int], Array]) -> Array:
+        """Rates (m, k, n) of all coordinates for unit rates of each known one; ``factors`` may be those near by."""
         linkage = self.linkage
-        errors = [linkage.closure(cut, placed) for cut in linkage.cuts]
-        n = len(placed.twists)
-        out = np.zeros((n, linkage.size, len(linkage.known)))
-        cut_of = np.searchsorted(self.starts, self.rows, side="right") - 1
+        n = placed.twists.shape[2]
+        out = np.zeros((linkage.size, len(linkage.known), n))
         with np.errstate(all="ignore"):
-            factors, _ = self.factored(self.matrix(placed, errors))
+            factors = factors or self.factored(self.matrix(placed))
             for k, column in enumerate(linkage.known):
                 right: list[Array] = []
-                for row, c in zip(self.rows, cut_of, strict=True):
+                for row, c in zip(self.rows, self.cut_of, strict=True):
                     cut = linkage.cuts[c]
                     at = np.flatnonzero(cut.columns == column)
                     if not at.size:
                         right.append(np.zeros(n))
                         continue
-                    wrench = errors[c][1][:, row - self.starts[c]]
-                    right.append(np.einsum("ni,ni->n", wrench, placed.twists[:, :, column]) * cut.signs[at[0]])
+                    wrench = linkage.wrench(cut, int(row - self.starts[c]), placed)
+                    right.append(np.einsum("in,in->n", wrench, placed.twists[column]) * cut.signs[at[0]])
                 if right:
-                    out[:, self.columns, k] = -self.substituted(factors, right).T * linkage.scale[self.columns]
-                out[:, column, k] = 1.0
+                    out[self.columns, k] = -self.substituted(factors, right) * linkage.scale[self.columns][:, None]
+                out[column, k] = 1.0
         return out
 
 

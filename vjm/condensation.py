@@ -9,7 +9,7 @@ loops is solved with its constraints as multipliers (``stiffscope.vjm.saddle``).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 from weakref import WeakKeyDictionary
 
@@ -22,13 +22,15 @@ from stiffscope.vjm.screws import Frame
 from stiffscope.vjm.semidefinite import half_inverse, inverse, pivoted, projector
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from stiffscope.vjm.linkage import Linkage
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.screws import Array
 
+ROUNDING = 1e-10  # of a motion, that is left of it where all of it is free
 RIGID = 1e-13  # relative pivot below which a constrained direction has no compliance at all
+BALANCED = 1e-6  # of a load, that may be left along a free motion
 Members: TypeAlias = "tuple[tuple[Element, float], ...]"
 
 
@@ -47,11 +49,13 @@ class Connection:
     origin: Array
     constant: Array | None = None
     formable: bool = False
+    still: tuple[Array, ...] = ()
+    """Adjoints of the members to the connection's own axes, where no pose changes them."""
 
     def reversed(self) -> Connection:
         """The same from its end to its start."""
         turned = tuple((e, -s) for e, s in reversed(self.members))
-        return Connection(self.end, self.start, turned, self.anchor, self.origin, self.constant, self.formable)
+        return replace(self, start=self.end, end=self.start, members=turned, still=self.still[::-1])
 
     @property
     def inner(self) -> tuple[str, ...]:
@@ -62,8 +66,10 @@ class Connection:
         """Its own axes, seen from M."""
         return Frame(where.rotation[self.anchor], where.point(self.anchor, self.origin) - where.tool)
 
-    def adjoints(self, where: Places) -> list[Array]:
+    def adjoints(self, where: Places) -> Sequence[Array]:
         """Carry each member's twist (n or 1, 6, 6) to the connection's own axes."""
+        if self.still and where.rigid:
+            return self.still
         r = np.swapaxes(where.rotation[self.anchor], -1, -2)
         p = where.point(self.anchor, self.origin)
         out: list[Array] = []
@@ -118,14 +124,13 @@ Step: TypeAlias = "Stiffen | Eliminate | Fold"
 class Order:
     """What a mechanism's network is condensed by, found at home.
 
-    ``loops``: connections from a node to itself; ``left``: those that no step could take, between ``kept`` nodes.
+    ``left``: connections that no step could take, between ``kept`` nodes.
     """
 
     mechanism: Mechanism
     elements: tuple[Element, ...]
     length: float
     steps: tuple[Step, ...]
-    loops: tuple[Connection, ...]
     left: tuple[Connection, ...]
     kept: tuple[str, ...]
 
@@ -159,14 +164,10 @@ class _Planner:
         self.stiff: set[frozenset[str]] = set()
         self.nodes = [n for n in nodes_of(mechanism) if n not in {GROUND, END}]
         self.steps: list[Step] = []
-        self.loops: list[Connection] = []
 
     def order(self) -> Order:
         while True:
             self._merge()
-            for c in [c for c in self.flexible if c.start == c.end]:
-                self.flexible.remove(c)
-                self.loops.append(c)
             for c in [c for c in self.flexible if c.formable]:
                 self.flexible.remove(c)
                 self.steps.append(Stiffen(c))
@@ -174,7 +175,7 @@ class _Planner:
             if not self._take_out():
                 break
         return Order(
-            self.mechanism, self.elements, self.length, tuple(self.steps), tuple(self.loops), tuple(self.flexible),
+            self.mechanism, self.elements, self.length, tuple(self.steps), tuple(self.flexible),
             tuple(self.nodes),
         )  # fmt: skip
 
@@ -188,11 +189,13 @@ class _Planner:
         """Join two connections at a node where nothing else is."""
         for node in list(self.nodes):
             here = self._at(node)
-            if len(here) != 2 or self._neighbours(node) or any(c.start == c.end for c in here):
+            if len(here) != 2 or self._neighbours(node):
                 continue
             a, b = here
             a = a if a.end == node else a.reversed()
             b = b if b.start == node else b.reversed()
+            if a.start == b.end:  # side by side
+                continue
             self.flexible = [c for c in self.flexible if c not in here]
             self.flexible.append(self._connection(a.start, b.end, a.members + b.members))
             self.nodes.remove(node)
@@ -229,9 +232,11 @@ class _Planner:
         made = Connection(start, end, members, anchor, origin)
         factor, free = made.flexible(self.home)
         whole = factor.shape[2] + free.shape[2] >= 6
-        k, formable = stiffened(factor, free, self.length) if whole and start != end else (np.zeros((1, 6, 6)), False)
+        k, formable = stiffened(factor, free, self.length) if whole else (np.zeros((1, 6, 6)), False)
         constant = formable and all(moves_with(e, self.links[anchor], self.links) for e, _ in members)
-        return Connection(start, end, members, anchor, origin, k if constant else None, formable)
+        if constant:
+            return replace(made, constant=k, formable=True, still=tuple(made.adjoints(self.home)))
+        return replace(made, formable=formable)
 
 
 def stacked(blocks: Iterable[Array]) -> Array:
@@ -248,13 +253,15 @@ def stiffened(factor: Array, free: Array, length: float) -> tuple[Array, bool]:
     """
     scale = np.array([1.0 / length] * 3 + [1.0] * 3)[:, None]
     f = factor * scale
+    p, rank = np.eye(6)[None], np.zeros(1)
     if free.shape[2]:
         p, rank = projector(free * scale)
+        p = np.where((rank < 6.0)[:, None, None], p, 0.0)
+        size = np.linalg.norm(f, axis=1, keepdims=True)
         f = p @ f
-    else:
-        p, rank = np.eye(6)[None], np.zeros(1)
+        f = np.where(np.linalg.norm(f, axis=1, keepdims=True) > ROUNDING * size, f, 0.0)
     core = f @ np.swapaxes(f, -1, -2)
-    mean = np.einsum("nii->n", core) / np.maximum(6.0 - rank, 1.0)
+    mean = np.where(rank < 6.0, np.einsum("nii->n", core) / np.maximum(6.0 - rank, 1.0), 1.0)
     core = core + mean[:, None, None] * (np.eye(6) - p)
     half, pivots = pivoted(core, RIGID)
     half = half @ p * scale[:, 0]
@@ -360,7 +367,7 @@ def chain(state: Condensed, connection: Connection) -> Chain:
     offset: Array = np.zeros((1, 6, loads.cases))
     for e, sign in connection.members:
         if e.name in loads.offsets:
-            offset = offset + state.where.frame(e).adjoint() @ (sign * loads.offsets[e.name])
+            offset = offset + state.where.adjoint(e) @ (sign * loads.offsets[e.name])
     return Chain(connection, carried, total, offset)
 
 
@@ -416,6 +423,9 @@ def _held(state: Condensed, connection: Connection, along: Chain, own: Array) ->
     rows = max(len(v) for v in nu)
     nu = np.concatenate([np.broadcast_to(v, (rows, *v.shape[1:])) for v in nu], axis=-2)
     held = -np.swapaxes(regained(directions, state.order.length), -1, -2) @ nu
+    left = np.abs(np.swapaxes(directions, -1, -2) @ held + nu)
+    if (left > BALANCED * np.abs(nu).max(axis=(1, 2), keepdims=True)).any():
+        _refuse([e.name for e, _ in connection.members])
     return held - own @ (tau + whole @ held)
 
 
@@ -435,6 +445,8 @@ def _eliminate(state: Condensed, step: Eliminate) -> None:
     reach = [half @ g for g in around]
     force = state.forces.pop(node, None)
     push = None if force is None else half @ force
+    if push is not None:
+        _check_balance((node,), half, own, force)
     for i, a in enumerate(step.neighbours):
         back = np.swapaxes(reach[i], -1, -2)
         if push is not None:
@@ -482,6 +494,13 @@ def _fold(state: Condensed, step: Fold) -> None:
     weight = half_inverse(d)
     drive = weight @ _rows(pull, state.loads.cases) if pull else np.zeros((1, 0, state.loads.cases))
     y = np.swapaxes(weight, -1, -2) @ (half @ (force - own @ along.offset) + drive)
+    names = [e.name for e, _ in connection.members]
+    _check_balance(
+        names,
+        weight,
+        d,
+        np.swapaxes(b, -1, -2) @ (force - own @ along.offset) + (_rows(pull, state.loads.cases) if pull else 0.0),
+    )
     moved = along.offset + b @ y  # twist of the node where all others stand still
     state.load(start, force + along.total)
     for c in step.neighbours:
@@ -489,6 +508,20 @@ def _fold(state: Condensed, step: Fold) -> None:
         state.load(c, share)
         state.load(start, -share)
     state.done.append((along, b, np.swapaxes(weight, -1, -2) @ half, y, around, force))
+
+
+def _check_balance(names: Sequence[str], half: Array, matrix: Array, load: Array) -> None:
+    """Refuse a load along a direction that a generalized inverse has dropped."""
+    if not (np.einsum("nii->ni", half) == 0.0).any():
+        return
+    left = np.abs(load - matrix @ (np.swapaxes(half, -1, -2) @ (half @ load)))
+    size = np.abs(load).max(axis=(1, 2), keepdims=True)
+    if (left > BALANCED * size + 1e-300).any():
+        _refuse(names)
+
+
+def _refuse(names: Sequence[str]) -> None:
+    raise InputError(f"{', '.join(names)}: moves freely under its load, there is no equilibrium")
 
 
 def _rows(blocks: list[Array], cases: int) -> Array:
@@ -505,9 +538,9 @@ def tool_stiffness(state: Condensed) -> Array:
     """Stiffness (n or 1, 6, 6) at M in base axes. Raises InputError where it would be infinite."""
     order = state.order
     if order.left:
-        from stiffscope.vjm.saddle import saddle_stiffness
+        from stiffscope.vjm.saddle import saddle_unit
 
-        return saddle_stiffness(state)
+        return saddle_unit(state)[0]
     if (GROUND, END) in state.pairs or (END, GROUND) in state.pairs:
         return state.pair(END, GROUND)
     return np.zeros((1, 6, 6))

@@ -32,7 +32,9 @@ if TYPE_CHECKING:
 CHUNK = 1024  # poses; what is at work stays within the processor's cache
 _FEW = 1500  # poses, below which each is followed from home
 _LANDMARKS = 1200
-_SHORTEST = 1.0 / 64.0  # of the way
+_SHORTEST, _SHORT = 1.0 / 64.0, 1.0 / 4.0  # of the way from home, or from a pose near by
+_NEIGHBOURS = 3.0  # distances between poses, within which one is reached from another
+_ROUNDS = 20
 _SLACK = 1e-9  # rad or m; a drive at the very end of its range is still in it
 _FIT = 0.05  # rad or own lengths that a predicted start may be off
 _REACHED, _OPEN, _RANGE, _BRANCH = range(4)
@@ -60,20 +62,26 @@ class Configurations:
         return len(self.valid)
 
     def __getitem__(self, some: slice | NDArray[np.intp] | NDArray[np.bool_]) -> Configurations:
-        parts = (getattr(self, key)[some] for key in ("poses", "tool", "valid", "q"))
-        return Configurations(self.mechanism, *parts, self.linkage, self.failure[some], self.culprit[some])
+        poses, tool, valid = self.poses[some], self.tool[some], self.valid[some]
+        q, failure, culprit = self.q[:, some], self.failure[some], self.culprit[some]
+        return Configurations(self.mechanism, poses, tool, valid, q, self.linkage, failure, culprit)
 
     @cached_property
     def placed(self) -> Placed:
         """Links where they are."""
         return self.linkage.placed(self.q)
 
+    def link_frame(self, link: int) -> tuple[Array, Array]:
+        """Displacement from home of a rigid link: rotation (n or 1, 3, 3) and position (n or 1, 3)."""
+        rotation = np.ascontiguousarray(np.moveaxis(self.placed.rotation[link], -1, 0))
+        return rotation, np.ascontiguousarray(self.placed.position[link].T)
+
     def frame(self, node: str) -> tuple[Array, Array]:
         """Rotation (n, 3, 3) and position (n, 3) of a node: of a rigid body its displacement from home, of an elastic
         body's end the part axes and the end's place.
         """
         link = self.linkage.frame[self.linkage.link_of[node]]
-        rotation, position = self.placed.rotation[link], self.placed.position[link]
+        rotation, position = self.link_frame(link)
         body = next((b for b in self.mechanism.bodies if node in b.nodes), None)
         if body is not None and body.elastic is not None:
             end = body.elastic.base if node == body.nodes[0] else body.elastic.tip
@@ -94,25 +102,30 @@ class Configurations:
 
     def reason(self, index: int) -> str:
         """Why a configuration is not valid; empty where it is."""
-        k = int(self.culprit[index])
-        match int(self.failure[index]):
-            case 0:
-                return ""
-            case 1:
-                name = self.linkage.cuts[k].joint.name if 0 <= k < len(self.linkage.cuts) else "the tool"
-                return f"out of reach: the loop through {spelled('joints', name)} does not close"
-            case 2:
-                joint = self.mechanism.drives[k]
-                return _range_text(joint, float(self.drives[index, k]))
-            case _:
-                return "on another branch: no way leads there from home without passing a singular pose"
+        if self.valid[index]:
+            return ""
+        if int(self.failure[index]) == _RANGE:
+            k = int(self.culprit[index])
+            return _range_text(self.mechanism.drives[k], float(self.drives[index, k]))
+        if int(self.failure[index]) == _OPEN:
+            solver = solver_of(self.mechanism, self.linkage.given)
+            q = np.zeros((self.linkage.size, 1))
+            q[self.linkage.known] = self.q[self.linkage.known, index, None]
+            found = solver.closure.solve(q, 50, patient=True)
+            if not (found.error[:, 0] < CLOSED).all():
+                worst = np.nan_to_num(found.error[:, 0], nan=np.inf).argmax()
+                name = spelled("joints", self.linkage.cuts[int(worst)].joint.name)
+                return f"out of reach: the loop through {name} does not close"
+        return "on another branch: no way leads there from home without passing a singular pose"
 
     def required(self) -> Configurations:
         """Itself, where all are valid. Raises InputError with the first that is not."""
         bad = np.flatnonzero(~self.valid)
         if bad.size:
             i = int(bad[0])
-            given = ", ".join(f"{name} = {v:.6g}" for name, v in zip(self.mechanism.tool.pose, self.poses[i], strict=True))
+            given = ", ".join(
+                f"{name} = {v:.6g}" for name, v in zip(self.mechanism.tool.pose, self.poses[i], strict=True)
+            )
             raise InputError(f"pose {i} ({given}): {self.reason(i)}")
         return self
 
@@ -171,8 +184,9 @@ def _range_text(joint: Joint, value: float) -> str:
 
 
 def _joined(mechanism: Mechanism, parts: list[Configurations]) -> Configurations:
-    keys = ("poses", "tool", "valid", "q", "failure", "culprit")
-    poses, tool, valid, q, failure, culprit = (np.concatenate([getattr(p, key) for p in parts]) for key in keys)
+    keys = ("poses", "tool", "valid", "failure", "culprit")
+    poses, tool, valid, failure, culprit = (np.concatenate([getattr(p, key) for p in parts]) for key in keys)
+    q = np.concatenate([p.q for p in parts], axis=1)
     return Configurations(mechanism, poses, tool, valid, q, parts[0].linkage, failure, culprit)
 
 
@@ -191,6 +205,7 @@ _solvers: WeakKeyDictionary[Mechanism, dict[Given, Solver]] = WeakKeyDictionary(
 
 
 def solver_of(mechanism: Mechanism, given: Given) -> Solver:
+    """The equations of a mechanism, ranked once."""
     known = _solvers.setdefault(mechanism, {})
     if given not in known:
         linkage = Linkage(mechanism, given)
@@ -202,8 +217,8 @@ def solver_of(mechanism: Mechanism, given: Given) -> Solver:
             raise InputError(f"tool.pose: the mechanism at home cannot move along {names}")
         solver = Solver(mechanism, linkage, closure, 0.0)
         if given == "tool":
-            placed = linkage.placed(home[None])
-            solver.home_sign = float(drive_sign(solver, placed, closure.rates(placed))[0])
+            placed = linkage.placed(home[:, None])
+            solver.home_sign = float(drive_sign(solver, placed, closure.rates(placed, {}))[0])
         known[given] = solver
     return known[given]
 
@@ -211,25 +226,25 @@ def solver_of(mechanism: Mechanism, given: Given) -> Solver:
 def drive_sign(solver: Solver, placed: Placed, rates: Array) -> Array:
     """Sign (n,) of the determinant of the drives' rates by the commanded coordinates; zeros where it is not square."""
     drives = solver.mechanism.drives
-    n = len(rates)
-    if len(drives) != rates.shape[2]:
+    n = rates.shape[2]
+    if len(drives) != rates.shape[1]:
         return np.zeros(n)
     rows = np.empty((n, len(drives), len(drives)))
     linkage = solver.linkage
     for k, joint in enumerate(drives):
         scale = 1.0 if joint.kind == "revolute" else linkage.length
         if joint.name in linkage.columns:
-            rows[:, k] = rates[:, linkage.columns[joint.name][joint.driven or 0]] / scale
+            rows[:, k] = rates[linkage.columns[joint.name][joint.driven or 0]].T / scale
             continue
         cut = next(c for c in linkage.cuts if c.joint is joint)
-        across = linkage.rate(cut, placed) @ rates[:, cut.columns]
-        axis = placed.rotation[cut.first] @ joint.axes[:, 0]
+        across = np.einsum("cin,ckn,c->ikn", placed.twists[cut.columns], rates[cut.columns], cut.signs)
+        axis = joint.axes[:, 0] @ placed.rotation[cut.first]
         if joint.kind == "revolute":
-            rows[:, k] = np.einsum("...i,...ij->...j", axis, across[:, 3:])
+            rows[:, k] = np.einsum("in,ikn->nk", np.broadcast_to(axis, (3, n)), across[3:])
         else:
-            at = placed.point(cut.second, joint.at)
-            moved = across[:, :3] - np.cross(at[:, :, None], across[:, 3:], axis=1)
-            rows[:, k] = np.einsum("...i,...ij->...j", axis, moved) / scale
+            at = np.broadcast_to(placed.point(cut.second, joint.at), (3, n))
+            moved = across[:3] - np.cross(at[:, None], across[3:], axis=0)
+            rows[:, k] = np.einsum("in,ikn->nk", np.broadcast_to(axis, (3, n)), moved) / scale
     rows = rows * linkage.scale[linkage.known]
     finite = np.isfinite(rows).all(axis=(1, 2))
     rows[~finite] = 0.0
@@ -260,81 +275,91 @@ class _Reached:
         linkage = solver.linkage
         self.unit = linkage.scale[linkage.known]
         self.values: Array = np.zeros((1, len(linkage.known)))
-        self.q: Array = np.zeros((1, linkage.size))
+        self.q: Array = np.zeros((linkage.size, 1))
+        self.near = np.inf
         self.predict: Callable[[Array], Array] | None = None
 
     def visit(self, values: Array) -> Configurations:
         """Configurations at given values (n, k)."""
         solver, linkage = self.solver, self.solver.linkage
         n = len(values)
-        q: Array = np.zeros((n, linkage.size)) if self.predict is None else self.predict(values)
-        done = np.zeros(n, dtype=bool)
         failure, culprit = np.zeros(n, dtype=np.int8), np.zeros(n, dtype=np.intp)
-        if self.predict is not None:
-            q[:, linkage.known] = values
+        if self.predict is None:
+            q, done = np.zeros((linkage.size, n)), np.zeros(n, dtype=bool)
+            placed, factors = None, {}
+        else:
+            q = self.predict(values)
+            q[linkage.known] = values.T
             found = solver.closure.solve(q)
-            q, done = found.q, found.closed.copy()
-        if not done.all():
-            self._follow(values, q, done, failure, culprit)
-        placed = linkage.placed(q)
+            q, done, placed, factors = found.q, found.closed.copy(), found.placed, found.factors
+        if placed is None or not done.all():
+            self._follow(values, q, done)
+            placed, factors = linkage.placed(q), {}
+        failure[~done] = _OPEN
         if solver.home_sign:
-            sign = drive_sign(solver, placed, solver.closure.rates(placed))
+            sign = drive_sign(solver, placed, solver.closure.rates(placed, factors))
             failure[(sign * solver.home_sign < 0.0) & done] = _BRANCH
-        return self._configurations(values, q, failure, culprit)
+        return self._configurations(q, placed, failure, culprit)
 
-    def _follow(
-        self, values: Array, q: Array, done: NDArray[np.bool_], failure: NDArray[np.int8], culprit: NDArray[np.intp]
-    ) -> None:
-        """Reach the values that are not yet done from home, then from what was reached before them."""
-        linkage, closure = self.solver.linkage, self.solver.closure
-        fresh = len(self.values) == 1
-        for attempt in range(6):
+    def _follow(self, values: Array, q: Array, done: NDArray[np.bool_]) -> None:
+        """Reach the values that are not yet done: from home, then those near by from what was reached before them."""
+        linkage = self.solver.linkage
+        if len(self.values) == 1:
+            near = np.flatnonzero(~done)
+            self._reach(values, q, done, near, np.zeros(len(near), dtype=int), _SHORTEST)
+            unit = values / self.unit
+            spacing = cKDTree(unit).query(unit, k=min(2, len(unit)))[0]
+            self.near = _NEIGHBOURS * float(np.median(spacing[..., -1]))
+        for _ in range(_ROUNDS):
             left = np.flatnonzero(~done)
             if not left.size:
                 return
-            if attempt == 0 and fresh:
-                start = np.zeros(len(left), dtype=int)
-            else:
-                _, start = cKDTree(self.values / self.unit).query(values[left] / self.unit)
-            reached, at, errors = self._walk(self.values[start], self.q[start], values[left])
-            q[left[reached]] = at[reached]
-            done[left[reached]] = True
-            failure[left], culprit[left] = _OPEN, errors.argmax(axis=1) if errors.shape[1] else -1
-            near = (errors < CLOSED).all(axis=1)
-            failure[left[near]] = _BRANCH
-            failure[left[reached]] = _REACHED
-            if not reached.any():
+            distance, start = cKDTree(self.values / self.unit).query(values[left] / self.unit)
+            close = distance <= self.near
+            if not self._reach(values, q, done, left[close], start[close], _SHORT):
                 break
-            self.values = np.concatenate([self.values, values[left[reached]]])
-            self.q = np.concatenate([self.q, at[reached]])
-        lost = ~done
-        q[lost] = np.nan
-        q[np.ix_(lost, linkage.known)] = values[lost]
-        _ = closure
+        lost = np.flatnonzero(~done)
+        q[:, lost] = np.nan
+        q[np.ix_(linkage.known, lost)] = values[lost].T
 
-    def _walk(self, start: Array, q: Array, end: Array) -> tuple[NDArray[np.bool_], Array, Array]:
-        """Follow coordinates (n, m) from start to end values (n, k), each in steps of its own."""
+    def _reach(
+        self,
+        values: Array,
+        q: Array,
+        done: NDArray[np.bool_],
+        some: NDArray[np.intp],
+        start: NDArray[np.intp],
+        shortest: float,
+    ) -> bool:
+        """Walk to some of the values from ``start`` among what was reached; whether any new one was."""
+        if not some.size:
+            return False
+        reached, at = self._walk(self.values[start], self.q[:, start], values[some], shortest)
+        there = some[reached]
+        q[:, there] = at[:, reached]
+        done[there] = True
+        self.values = np.concatenate([self.values, values[there]])
+        self.q = np.concatenate([self.q, at[:, reached]], axis=1)
+        return bool(reached.any())
+
+    def _walk(self, start: Array, q: Array, end: Array, shortest: float) -> tuple[NDArray[np.bool_], Array]:
+        """Follow coordinates (m, n) from start to end values (n, k), each in steps of its own."""
         linkage, closure = self.solver.linkage, self.solver.closure
-        n = len(q)
+        n = q.shape[1]
         way, step = np.zeros(n), np.ones(n)
         q = q.copy()
-        errors = np.full((n, len(linkage.cuts)), np.inf)
-        going = np.ones(n, dtype=bool)
-        while going.any():
-            some = np.flatnonzero(going)
+        some = np.arange(n)
+        while some.size:
             ahead = np.minimum(way[some] + step[some], 1.0)
-            trial = q[some].copy()
-            trial[:, linkage.known] = start[some] + ahead[:, None] * (end[some] - start[some])
-            before = self._signs(q[some]) if False else None
+            trial = q[:, some]
+            trial[linkage.known] = (start[some] + ahead[:, None] * (end[some] - start[some])).T
             found = closure.solve(trial)
             good = found.closed
-            errors[some] = found.error
-            q[some[good]] = found.q[good]
+            q[:, some[good]] = found.q[:, good]
             way[some[good]] = ahead[good]
             step[some] = np.where(good, 2.0 * step[some], 0.5 * step[some])
-            going = (way < 1.0) & (step >= _SHORTEST)
-            _ = before
-        return way >= 1.0, q, np.nan_to_num(errors, nan=np.inf)
+            some = some[(way[some] < 1.0) & (step[some] >= shortest)]
+        return way >= 1.0, q
 
     def fit(self) -> None:
         """Predict starts by a polynomial of the given values, where one fits what was reached."""
@@ -352,28 +377,29 @@ class _Reached:
 
         table = features(self.values)
         train = np.arange(count) % 4 > 0
-        solution = np.linalg.lstsq(table[train], self.q[train], rcond=None)[0]
-        off = np.abs(table[~train] @ solution - self.q[~train]) / self.solver.linkage.scale
+        solution = np.linalg.lstsq(table[train], self.q.T[train], rcond=None)[0]
+        off = np.abs(table[~train] @ solution - self.q.T[~train]) / self.solver.linkage.scale
         if float(np.quantile(off.max(axis=1), 0.9)) < _FIT:
-            self.predict = lambda values: features(values) @ solution
+            self.predict = lambda values: np.ascontiguousarray((features(values) @ solution).T)
         else:
             tree = cKDTree(self.values / self.unit)
-            self.predict = lambda values: self.q[tree.query(values / self.unit)[1]]
+            self.predict = lambda values: self.q[:, tree.query(values / self.unit)[1]]
 
     def _configurations(
-        self, values: Array, q: Array, failure: NDArray[np.int8], culprit: NDArray[np.intp]
+        self, q: Array, placed: Placed, failure: NDArray[np.int8], culprit: NDArray[np.intp]
     ) -> Configurations:
-        solver, linkage = self.solver, self.solver.linkage
-        mechanism = solver.mechanism
-        placed = linkage.placed(q)
+        linkage, mechanism = self.solver.linkage, self.solver.mechanism
         link = linkage.frame[linkage.link_of[mechanism.tool.body]]
-        n = len(q)
-        tool = np.empty((n, 6))
-        tool[:, :3] = placed.point(link, mechanism.tool.at)
-        tool[:, 3:] = rotation_vector(placed.rotation[link])
+        tool = np.empty((q.shape[1], 6))
+        tool[:, :3] = placed.point(link, mechanism.tool.at).T
         if "" in linkage.columns:
-            tool[:, 3:] = q[:, linkage.columns[""][3:]]
-        out = Configurations(mechanism, tool[:, mechanism.tool.commanded], tool, failure == 0, q, linkage, failure, culprit)
+            tool[:, 3:] = q[linkage.columns[""][3:]].T
+        else:
+            tool[:, 3:] = rotation_vector(np.moveaxis(placed.rotation[link], -1, 0))
+        poses = tool[:, mechanism.tool.commanded]
+        if "" in linkage.columns:
+            poses = mechanism.tool.home + q[linkage.known].T
+        out = Configurations(mechanism, poses, tool, failure == 0, q, linkage, failure, culprit)
         out.__dict__["placed"] = placed
         drives = out.drives
         for k, joint in enumerate(mechanism.drives):
@@ -382,7 +408,8 @@ class _Reached:
             outside = (drives[:, k] < joint.drive.low - _SLACK) | (drives[:, k] > joint.drive.high + _SLACK)
             outside &= failure == _REACHED
             failure[outside], culprit[outside] = _RANGE, k
-        return Configurations(mechanism, out.poses, tool, failure == 0, q, linkage, failure, culprit)
+        np.equal(failure, 0, out=out.valid)
+        return out
 
 
 def _terms(k: int, degree: int) -> int:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 Given = Literal["tool", "drives"]
 TOOL_MOTIONS = (*((("P", axis)) for axis in np.eye(3)), ("S", np.zeros(3)))
-_HELD = {  # components along the joint's axes that it holds: of translation, of rotation
+HELD = {  # components along the joint's axes that it holds: of translation, of rotation
     "fixed": ((0, 1, 2), (0, 1, 2)),
     "revolute": ((0, 1, 2), (1, 2)),
     "prismatic": ((1, 2), (0, 1, 2)),
@@ -59,14 +59,15 @@ class Cut:
     @property
     def size(self) -> int:
         """Number of its equations."""
-        return sum(len(part) for part in _HELD[self.joint.kind])
+        return sum(len(part) for part in HELD[self.joint.kind])
 
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """Links at n configurations: ``rotation`` (n or 1, 3, 3) and ``position`` (n or 1, 3) of each frame.
+    """Links at n configurations: ``rotation`` (3, 3, n or 1) and ``position`` (3, n or 1) of each frame.
 
-    ``twists`` (n, 6, m): what a unit rate of each coordinate moves, at the origin in base axes.
+    ``twists`` (m, 6, n): what a unit rate of each coordinate moves, at the origin in base axes. Poses stand last here
+    and in the closure of loops, where every entry is a vector over poses; everywhere else they lead.
     """
 
     rotation: list[Array]
@@ -74,8 +75,8 @@ class Placed:
     twists: Array
 
     def point(self, frame: int, home: Array) -> Array:
-        """Where a point (3,) of a link is, (n or 1, 3)."""
-        return self.rotation[frame] @ home + self.position[frame]
+        """Where a point (3,) of a link is, (3, n or 1)."""
+        return home @ self.rotation[frame] + self.position[frame]
 
 
 class Linkage:
@@ -187,89 +188,96 @@ class Linkage:
         ]
 
     def placed(self, q: Array) -> Placed:
-        """Links and their motions at coordinates (n, m)."""
-        rotation, position = [np.eye(3)[None]] * self.frames, [np.zeros((1, 3))] * self.frames
-        twists = np.zeros((len(q), 6, self.size))
+        """Links and their motions at coordinates (m, n)."""
+        rotation, position = [np.eye(3)[..., None]] * self.frames, [np.zeros((3, 1))] * self.frames
+        twists = np.zeros((self.size, 6, q.shape[1]))
         for m in self.motions:
             r, p, c = rotation[m.parent], position[m.parent], m.column
             if m.kind == "P":
-                along = r @ m.axis
-                twists[:, :3, c] = m.sign * along
-                r_out, p_out = r, p + along * (m.sign * q[:, c, None])
+                along = (m.sign * m.axis) @ r
+                twists[c, :3] = along
+                r_out, p_out = r, p + along * q[c]
             else:
-                at = r @ m.point + p
+                at = m.point @ r + p
                 if m.kind == "R":
-                    along = r @ (m.sign * m.axis)
-                    twists[:, 3:, c] = along
-                    twists[:, :3, c] = cross(at, along)
+                    along = (m.sign * m.axis) @ r
+                    twists[c, 3:] = along
+                    _cross(at, along, twists[c, :3])
                     s = skew(m.axis)
-                    turn = q[:, c, None, None]
-                    r_out = r + (m.sign * np.sin(turn)) * (r @ s) + (1.0 - np.cos(turn)) * (r @ (s @ s))
+                    r_out = r + np.matmul((m.sign * s).T, r) * np.sin(q[c])
+                    r_out = r_out + np.matmul((s @ s).T, r) * (1.0 - np.cos(q[c]))
                 else:
-                    vector = m.sign * q[:, c : c + 3]
-                    spin = m.sign * (r @ left_jacobian(vector))
-                    twists[:, 3:, c : c + 3] = spin
-                    twists[:, :3, c : c + 3] = skew(at) @ spin
-                    r_out = r @ rotation_of(vector)
-                p_out = at - r_out @ m.point
+                    vector = m.sign * q[c : c + 3].T
+                    before = np.moveaxis(r, -1, 0)
+                    spin = m.sign * (before @ left_jacobian(vector))
+                    for k in range(3):
+                        twists[c + k, 3:] = spin[..., k].T
+                        _cross(at, twists[c + k, 3:], twists[c + k, :3])
+                    r_out = np.ascontiguousarray(np.moveaxis(before @ rotation_of(vector), 0, -1))
+                p_out = at - m.point @ r_out
             rotation[m.child], position[m.child] = r_out, p_out
         return Placed(rotation, position, twists)
 
-    def closure(self, cut: Cut, placed: Placed) -> tuple[Array, Array]:
-        """Errors (n, h) of a cut joint, lengths over the mechanism's own, and the wrenches (n, h, 6) that measure them.
+    def errors(self, cut: Cut, placed: Placed) -> Array:
+        """Errors (h, n) of a cut joint: lengths over the mechanism's own, and what its held rotations are off."""
+        joint = cut.joint
+        held, turns = HELD[joint.kind]
+        axes = np.matmul(joint.axes.T, placed.rotation[cut.first])  # (3, 3, n): component, axis
+        gap = placed.point(cut.second, joint.at) - placed.point(cut.first, joint.at)
+        out = [(axes[:, k] * gap).sum(axis=0) / self.length for k in held]
+        second = placed.rotation[cut.second]
+        if joint.kind == "universal" and joint.axis is not None and joint.axis2 is not None:
+            a, b = joint.axis @ placed.rotation[cut.first], joint.axis2 @ second
+            out.append((a * b).sum(axis=0) - joint.axis @ joint.axis2)
+        elif len(turns) == 2:
+            image = joint.axes[:, 0] @ second
+            out += [-(axes[:, 2] * image).sum(axis=0), (axes[:, 1] * image).sum(axis=0)]
+        elif turns:
+            theirs = np.matmul(joint.axes.T, second)
+            for i, j in ((1, 2), (2, 0), (0, 1)):
+                out.append(0.5 * ((axes[:, j] * theirs[:, i]).sum(axis=0) - (axes[:, i] * theirs[:, j]).sum(axis=0)))
+        return np.array(np.broadcast_arrays(*out)) if out else np.zeros((0, 1))
 
-        The wrenches act on the second link at the origin in base axes: times a twist they give the error's rate.
+    def wrench(self, cut: Cut, row: int, placed: Placed) -> Array:
+        """The wrench (6, n or 1) on the second link, at the origin in base axes, that measures one of the errors.
+
+        Times a twist it gives the error's rate.
         """
         joint = cut.joint
-        to_first = np.swapaxes(placed.rotation[cut.first], -1, -2)
-        across = to_first @ placed.rotation[cut.second]
-        at = placed.point(cut.second, joint.at)
-        gap = (to_first @ (at - placed.position[cut.first])[..., None])[..., 0] - joint.at
-        return _held_errors(joint, placed.rotation[cut.first], across, gap, at, self.length)
-
-    def rate(self, cut: Cut, placed: Placed) -> Array:
-        """Relative twist (n, 6, k) of a cut joint's links, at the origin, for unit rates of its columns."""
-        return placed.twists[:, :, cut.columns] * cut.signs
+        held, turns = HELD[joint.kind]
+        carrier = placed.rotation[cut.first]
+        if row < len(held):
+            force = joint.axes[:, held[row]] @ carrier / self.length
+            at = placed.point(cut.second, joint.at)
+            out = np.empty((6, max(force.shape[1], at.shape[1])))
+            out[:3] = force
+            _cross(at, out[:3], out[3:])
+            return out
+        if joint.kind == "universal" and joint.axis is not None and joint.axis2 is not None:
+            a, b = joint.axis @ carrier, joint.axis2 @ placed.rotation[cut.second]
+            out = np.zeros((6, max(a.shape[1], b.shape[1])))
+            _cross(b, a, out[3:])
+            return out
+        moment = joint.axes[:, turns[row - len(held)]] @ carrier
+        return np.concatenate([np.zeros_like(moment), moment])
 
     def coordinates(self, joint: Joint, q: Array, placed: Placed) -> Array:
-        """Coordinates (n, f) of a joint in the order of its motions, rad and m."""
+        """Coordinates (n, f) of a joint in the order of its motions, rad and m, from all coordinates (m, n)."""
         if joint.name in self.columns:
-            return q[:, self.columns[joint.name]]
+            return q[self.columns[joint.name]].T
         first, second = (self.frame[self.link_of[node]] for node in (joint.first, joint.second))
-        to_first = np.swapaxes(placed.rotation[first], -1, -2)
-        across = to_first @ placed.rotation[second]
-        gap = (to_first @ (placed.point(second, joint.at) - placed.position[first])[..., None])[..., 0] - joint.at
-        found = _free_coordinates(joint, across, gap)
-        return np.broadcast_to(found, (len(q), found.shape[-1]))
+        to_first = np.swapaxes(np.moveaxis(placed.rotation[first], -1, 0), -1, -2)
+        across = to_first @ np.moveaxis(placed.rotation[second], -1, 0)
+        gap = (placed.point(second, joint.at) - placed.point(first, joint.at)).T
+        found = _free_coordinates(joint, across, (to_first @ gap[..., None])[..., 0])
+        return np.broadcast_to(found, (q.shape[1], found.shape[-1]))
 
 
-def _held_errors(
-    joint: Joint, carrier: Array, across: Array, gap: Array, at: Array, length: float
-) -> tuple[Array, Array]:
-    """Errors and wrenches of what a joint holds, see ``Linkage.closure``."""
-    held, turns = _HELD[joint.kind]
-    axes = carrier @ joint.axes
-    n = np.broadcast_shapes(axes.shape[:1], at.shape[:1], across.shape[:1], gap.shape[:1])[0]
-    size = len(held) + len(turns)
-    errors, wrenches = np.empty((n, size)), np.zeros((n, size, 6))
-    h = len(held)
-    directions = np.swapaxes(axes[..., held], -1, -2) / length
-    errors[:, :h] = gap @ joint.axes[:, held] / length
-    wrenches[:, :h, :3] = directions
-    wrenches[:, :h, 3:] = cross(at[:, None], directions)
-    if joint.kind == "universal" and joint.axis is not None and joint.axis2 is not None:
-        second = across @ joint.axis2
-        errors[:, h] = second @ joint.axis - joint.axis2 @ joint.axis
-        wrenches[:, h, 3:] = (carrier @ cross(second, joint.axis)[..., None])[..., 0]
-    elif len(turns) == 2:
-        image = across @ joint.axes[:, 0]
-        errors[:, h] = -(image @ joint.axes[:, 2])
-        errors[:, h + 1] = image @ joint.axes[:, 1]
-        wrenches[:, h:, 3:] = np.swapaxes(axes[..., 1:], -1, -2)
-    elif turns:
-        errors[:, h:] = turned(across) @ joint.axes
-        wrenches[:, h:, 3:] = np.swapaxes(axes, -1, -2)
-    return errors, wrenches
+def _cross(a: Array, b: Array, out: Array) -> None:
+    """Cross product of vectors (3, n) into ``out``."""
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
 
 
 def _free_coordinates(joint: Joint, across: Array, gap: Array) -> Array:
@@ -290,13 +298,13 @@ def _free_coordinates(joint: Joint, across: Array, gap: Array) -> Array:
         case "spherical":
             return rotation_vector(across)
         case "universal" if joint.axis2 is not None:
-            side = cross(x, joint.axis2)
+            side = np.cross(x, joint.axis2)
             image = across @ joint.axis2
-            first = np.arctan2(-(image @ side), image @ cross(side, x))
-            second_side = cross(joint.axis2, x)  # seen from the second body
+            first = np.arctan2(-(image @ side), image @ np.cross(side, x))
+            second_side = np.cross(joint.axis2, x)  # seen from the second body
             back = np.swapaxes(across, -1, -2) @ x
-            second = np.arctan2(back @ second_side, back @ cross(second_side, joint.axis2))
-            return np.stack([-first, second * -1.0], axis=-1)
+            second = np.arctan2(back @ second_side, back @ np.cross(second_side, joint.axis2))
+            return np.stack([-first, -second], axis=-1)
         case _:
             return np.zeros((len(across), 0))
 
@@ -319,16 +327,6 @@ def _size(mechanism: Mechanism) -> float:
     """Characteristic length in m: of the box about joints and tool."""
     points = np.array([mechanism.tool.at, *(j.at for j in mechanism.joints)])
     return float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
-
-
-def cross(a: Array, b: Array) -> Array:
-    """Cross product (..., 3), a quarter of np.cross's time."""
-    a, b = np.broadcast_arrays(a, b)
-    out = np.empty(a.shape)
-    out[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
-    out[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
-    out[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return out
 
 
 def turned(rotation: Array) -> Array:

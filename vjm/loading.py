@@ -16,7 +16,6 @@ from stiffscope.vjm.condensation import (
     Fold,
     Loads,
     Stiffen,
-    chain,
     condensed,
     regained,
     stacked,
@@ -27,6 +26,8 @@ from stiffscope.vjm.network import END, free_directions
 from stiffscope.vjm.semidefinite import pivoted
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from stiffscope.vjm.condensation import Order
     from stiffscope.vjm.network import Element, Places
     from stiffscope.vjm.screws import Array
@@ -51,7 +52,7 @@ class ElementState:
     @cached_property
     def wrench(self) -> Array:
         """Wrench (n, 6, c) that it carries, at its own point in its own axes."""
-        return np.swapaxes(self.where.frame(self.element).adjoint(), -1, -2) @ self.carried
+        return np.swapaxes(self.where.adjoint(self.element), -1, -2) @ self.carried
 
     @cached_property
     def twist(self) -> Array:
@@ -89,23 +90,37 @@ def loaded(order: Order, where: Places, wrench: Array, loads: Loads) -> Response
     if order.left:
         from stiffscope.vjm.saddle import saddle_response
 
-        moved, states = saddle_response(state)
-    else:
-        stiffness = tool_stiffness(state)
-        moved, states = {GROUND: np.zeros((1, 6, loads.cases)), END: yielded(stiffness, state.force(END))}, []
-    out = Response(where, moved[END], moved)
-    for along, carried, span, rates in states:
-        _walk(state, out, along, carried, span, rates)
-    for step, kept in zip(reversed(order.steps), reversed(state.done), strict=True):
+        return recovered(state, *saddle_response(state))
+    ends = {GROUND: np.zeros((1, 6, loads.cases)), END: yielded(tool_stiffness(state), state.force(END))}
+    return recovered(state, ends)
+
+
+def recovered(
+    state: Condensed,
+    ends: dict[str, Array],
+    left: Sequence[tuple[Chain, Array, Array, Array]] = (),
+    mix: Array | None = None,
+) -> Response:
+    """Twists (n, 6, c) of all nodes and states of all elements from those of the nodes that were not condensed.
+
+    ``left``: connections that were not, with wrench, twist across and rates. ``mix`` (c₀, c): how much of each of the
+    condensed load cases is in each of these.
+    """
+    out = Response(state.where, ends[END], ends)
+    cases = state.loads.cases if state.loads else 0
+    share = np.eye(cases) if mix is None else mix
+    for along, carried, span, rates in left:
+        _walk(state, out, along, carried, span, rates, share)
+    for step, kept in zip(reversed(state.order.steps), reversed(state.done), strict=True):
         match step:
             case Stiffen():
-                _recover_stiff(state, out, kept)
+                along, stiffness, preload = kept
+                span = out.nodes[along.connection.end] - out.nodes[along.connection.start]
+                _walk(state, out, along, stiffness @ span + preload @ share, span, None, share)
             case Eliminate():
-                _recover_eliminated(out, step, kept)
+                _recover_eliminated(out, step, kept, share)
             case Fold():
-                _recover_folded(state, out, step, kept)
-    for c in order.loops:
-        _recover_loop(state, out, chain(state, c))
+                _recover_folded(state, out, step, kept, share)
     return out
 
 
@@ -126,78 +141,69 @@ def yielded(stiffness: Array, wrench: Array) -> Array:
     return twist
 
 
-def _recover_stiff(state: Condensed, out: Response, kept: tuple[Chain, Array, Array]) -> None:
-    along, stiffness, preload = kept
-    c = along.connection
-    span = out.nodes[c.end] - out.nodes[c.start]
-    _walk(state, out, along, stiffness @ span + preload, span, None)
-
-
-def _recover_eliminated(out: Response, step: Eliminate, kept: tuple[Array, list[Array], Array | None]) -> None:
+def _recover_eliminated(
+    out: Response, step: Eliminate, kept: tuple[Array, list[Array], Array | None], share: Array
+) -> None:
     half, reach, push = kept
-    moved: Array | float = 0.0 if push is None else push
+    moved = np.zeros((1, 6, 1)) if push is None else push @ share
     for c, r in zip(step.neighbours, reach, strict=True):
         moved = moved + r @ out.nodes[c]
     out.nodes[step.node] = np.swapaxes(half, -1, -2) @ moved
 
 
 def _recover_folded(
-    state: Condensed, out: Response, step: Fold, kept: tuple[Chain, Array, Array, Array, dict[str, Array], Array]
+    state: Condensed,
+    out: Response,
+    step: Fold,
+    kept: tuple[Chain, Array, Array, Array, dict[str, Array], Array],
+    share: Array,
 ) -> None:
-    along, b, share, y, around, force = kept
+    along, b, weight, y, around, force = kept
     start = out.nodes[step.connection.start]
+    y = y @ share
     for c in step.neighbours:
-        y = y + share @ (around[c] @ (out.nodes[c] - start))
-    span = along.offset + b @ y
+        y = y + weight @ (around[c] @ (out.nodes[c] - start))
+    span = along.offset @ share + b @ y
     node = start + span
-    wrench = force
+    wrench = force @ share
     for c in step.neighbours:
         wrench = wrench + around[c] @ (out.nodes[c] - node)
     out.nodes[step.node] = node
     count = sum(e.factor.shape[1] for e, _ in step.connection.members)
-    _walk(state, out, along, wrench, span, y[:, count:])
+    _walk(state, out, along, wrench, span, y[:, count:], share)
 
 
-def _recover_loop(state: Condensed, out: Response, along: Chain) -> None:
-    """A connection from a node to itself carries only what its misfits and the loads on its nodes make of it."""
-    c = along.connection
-    start = out.nodes[c.start]
-    factor, free = c.flexible(state.where)
-    zero = np.zeros_like(start)
-    if factor.shape[2] + free.shape[2] >= 6:
-        from stiffscope.vjm.condensation import own_stiffness, preload_of
-
-        own = own_stiffness(c, state.where, state.order.length, rigid=False)
-        _walk(state, out, along, preload_of(state, c, along, own) + zero, zero, None)
-    else:
-        _walk(state, out, along, zero, zero, None)
-
-
-def _walk(state: Condensed, out: Response, along: Chain, wrench: Array, span: Array, rates: Array | None) -> None:
+def _walk(
+    state: Condensed, out: Response, along: Chain, wrench: Array, span: Array, rates: Array | None, share: Array
+) -> None:
     """Carry wrench and twist along a connection whose end, moved by ``span``, carries ``wrench``."""
     c, where = along.connection, state.where
-    carried = [wrench + load for load in along.carried]
-    elastic: list[Array] = []
+    carried = [wrench + load @ share if load.any() else wrench for load in along.carried]
+    elastic: list[Array | None] = []
     columns: list[Array] = []
     for (e, sign), w in zip(c.members, carried, strict=True):
-        carry = where.frame(e).adjoint()
-        f = carry @ where.factor(e)
-        part = f @ (np.swapaxes(f, -1, -2) @ w) if f.shape[2] else np.zeros((1, 6, 1))
+        part = None
+        if e.factor.shape[1]:
+            f = where.adjoint(e) @ where.factor(e)
+            part = f @ (np.swapaxes(f, -1, -2) @ w)
         if state.loads is not None and e.name in state.loads.offsets:
-            part = part + carry @ (sign * state.loads.offsets[e.name])
+            offset = where.adjoint(e) @ (sign * state.loads.offsets[e.name] @ share)
+            part = offset if part is None else part + offset
         elastic.append(part)
-        columns.append(carry @ free_directions(e, where) if e.free.shape[1] else np.zeros((1, 6, 0)))
-    if rates is None:
-        free = stacked(columns)
-        rest = span - sum(elastic, np.zeros((1, 6, 1)))
-        rates = regained(free, state.order.length) @ rest if free.shape[2] else np.zeros((1, 0, 1))
+        columns.append(where.adjoint(e) @ free_directions(e, where) if e.free.shape[1] else np.zeros((1, 6, 0)))
+    if rates is None and any(n.shape[2] for n in columns):
+        rest = span - sum(part for part in elastic if part is not None)
+        rates = regained(stacked(columns), state.order.length) @ rest
     node, at = out.nodes[c.start], 0
     for k, ((e, sign), w, part, free) in enumerate(zip(c.members, carried, elastic, columns, strict=True)):
-        rate = rates[:, at : at + free.shape[2]]
-        at += free.shape[2]
-        across = part + free @ rate
-        across = np.broadcast_to(across, np.broadcast_shapes(across.shape, w.shape))
+        across = np.zeros((1, 6, w.shape[2])) if part is None else part
+        rate = np.zeros((1, 0, w.shape[2]))
+        if rates is not None and free.shape[2]:
+            rate = rates[:, at : at + free.shape[2]]
+            at += free.shape[2]
+            across = across + free @ rate
         out.elements[e.name] = ElementState(e, where, sign * w, sign * across, sign * rate)
-        node = node + across
+        if part is not None or free.shape[2]:
+            node = node + across
         if k < len(c.members) - 1:
             out.nodes[c.inner[k]] = node

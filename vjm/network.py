@@ -7,7 +7,7 @@ twist of its second node against its first, ``Nᵀ w = 0``, in the element's own
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from stiffscope.vjm.screws import Frame, rotation
 
 if TYPE_CHECKING:
     from stiffscope.vjm.kinematics import Configurations
-    from stiffscope.vjm.linkage import Linkage, Placed
+    from stiffscope.vjm.linkage import Linkage
     from stiffscope.vjm.mechanism import Change, Joint, Mechanism
     from stiffscope.vjm.screws import Array
 
@@ -67,13 +67,25 @@ class Places:
     rigid: bool = True
     """True where the nodes of a rigid link stand together as at home: nothing is bent."""
 
+    softened: dict[str, Array] = field(default_factory=dict[Any, Any])
+    """Factors (n, 6, 6) of compliances that stand for those of some elements."""
+    known: dict[str, Array] = field(default_factory=dict[Any, Any])
+
     def frame(self, element: Element) -> Frame:
         """Where an element stands, seen from M: (n or 1, 3, 3) and (n or 1, 3)."""
         r = self.rotation[element.carrier] @ element.axes
         return Frame(r, self.point(element.second, element.at) - self.tool)
 
+    def adjoint(self, element: Element) -> Array:
+        """Carry a twist (n or 1, 6, 6) from an element's own point and axes to M in base axes."""
+        if element.name not in self.known:
+            self.known[element.name] = self.frame(element).adjoint()
+        return self.known[element.name]
+
     def factor(self, element: Element) -> Array:
         """Factor (n or 1, 6, r) of an element's compliance; a bent body's rotates by Rx, Ry, Rz in this order."""
+        if element.name in self.softened:
+            return self.softened[element.name]
         if self.rigid or element.joint is not None or not element.factor.shape[1]:
             return element.factor[None]
         turn = element.axes.T @ self.across(element) @ element.axes
@@ -112,17 +124,12 @@ def nodes_of(mechanism: Mechanism) -> tuple[str, ...]:
 
 
 def places(configurations: Configurations) -> Places:
-    """Nodes of the unloaded mechanism."""
-    linkage, placed = configurations.linkage, configurations.placed
-    return rigid_places(linkage, placed, configurations.tool[:, :3])
-
-
-def rigid_places(linkage: Linkage, placed: Placed, tool: Array) -> Places:
-    """Nodes of a linkage's rigid links."""
+    """Nodes of the unloaded mechanism, whose links are rigid."""
+    linkage = configurations.linkage
     link = link_of(linkage)
-    frames = {node: linkage.frame[k] for node, k in link.items()}
-    rotation = {node: placed.rotation[k] for node, k in frames.items()}
-    return Places(rotation, {node: placed.position[k] for node, k in frames.items()}, tool)
+    known = {k: configurations.link_frame(linkage.frame[k]) for k in set(link.values())}
+    rotation, position = ({node: known[k][i] for node, k in link.items()} for i in (0, 1))
+    return Places(rotation, position, configurations.tool[:, :3])
 
 
 def link_of(linkage: Linkage) -> dict[str, int]:
@@ -174,7 +181,11 @@ def _joint(joint: Joint, first: str, second: str) -> Element:
 def free_directions(element: Element, where: Places) -> Array:
     """Free directions (n or 1, 6, k) in the element's own axes."""
     joint = element.joint
-    if joint is None or (where.rigid and joint.kind != "universal") or joint.kind in {"fixed", "prismatic", "spherical"}:
+    if (
+        joint is None
+        or (where.rigid and joint.kind != "universal")
+        or joint.kind in {"fixed", "prismatic", "spherical"}
+    ):
         return element.free[None]
     axis = joint.axis2 if joint.kind == "universal" else joint.axis
     turn = np.flatnonzero(element.free[3:].any(axis=0))  # the last rotation's axis rides on the second body
@@ -196,6 +207,13 @@ def euler_axes(turn: Array) -> Array:
     out[..., 0, 2] = np.sin(b)
     out[..., 1, 2], out[..., 2, 2] = -np.sin(a) * np.cos(b), np.cos(a) * np.cos(b)
     return out
+
+
+def euler_angles(turn: Array) -> Array:
+    """Small rotations Rx, Ry, Rz (n, 3) in rad that make ``turn`` (n, 3, 3) in this order."""
+    a = np.arctan2(-turn[..., 1, 2], turn[..., 2, 2])
+    c = np.arctan2(-turn[..., 0, 1], turn[..., 0, 0])
+    return np.stack([a, np.arcsin(turn[..., 0, 2].clip(-1.0, 1.0)), c], axis=-1)
 
 
 def _factor(compliance: Array) -> Array:

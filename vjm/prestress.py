@@ -16,16 +16,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.vjm.condensation import Loads, condensed, tool_stiffness
-from stiffscope.vjm.loading import loaded
+from stiffscope.vjm.loading import loaded, recovered, yielded
 from stiffscope.vjm.mechanism import GROUND
 from stiffscope.vjm.network import END, Places, free_directions, masses
+from stiffscope.vjm.saddle import loaded_unit
 from stiffscope.vjm.screws import rotation_of, skew
+from stiffscope.vjm.strain import remaining_offsets
 
 if TYPE_CHECKING:
     from stiffscope.vjm.condensation import Order
     from stiffscope.vjm.loading import ElementState, Response
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.screws import Array
+
+_SMALL = 3e-5  # rad, or of the mechanism's length: a step beyond which the equilibrium is sought on
+_BENDS = 8
 
 
 def internal_loads(order: Order, where: Places, gravity: Array) -> Loads:
@@ -37,22 +42,41 @@ def internal_loads(order: Order, where: Places, gravity: Array) -> Loads:
 def loaded_stiffness(order: Order, where: Places, gravity: Array) -> tuple[Array, Array]:
     """Stiffness (n, 6, 6) at M in base axes under the mechanism's own weight and offsets, and its sag (n, 6).
 
-    Raises InputError where the tool moves freely.
+    The sag is that of small displacements; the stiffness is taken at the equilibrium of finite ones, and is NaN where
+    none is found. Raises InputError where the tool moves freely.
     """
-    sagged = loaded(order, where, np.zeros((1, 6, 1)), internal_loads(order, where, gravity))
-    there = bent(where, sagged)
-    stiffness = tool_stiffness(condensed(order, there))
-    own = internal_loads(order, there, gravity)
-    n = len(stiffness)
-    wrench = np.concatenate([np.zeros((n, 6, 1)), stiffness], axis=2)
-
-    def first(w: Array) -> Array:
-        return np.concatenate([w, np.zeros((*w.shape[:2], 6))], axis=2)
-
-    loads = Loads(7, {k: first(w) for k, w in own.nodes.items()}, {k: first(t) for k, t in own.offsets.items()})
-    response = loaded(order, there, wrench, loads)
+    moved = loaded(order, where, np.zeros((1, 6, 1)), internal_loads(order, where, gravity))
+    sag, there = moved.twist[..., 0], bent(where, moved)
+    size = _size(moved, order.length)
+    for _ in range(_BENDS):
+        if not (size > _SMALL).any():
+            break
+        moved = loaded(order, there, np.zeros((1, 6, 1)), _remaining(order, there, where, gravity))
+        there, size = bent(there, moved), _size(moved, order.length)
+    state = condensed(order, there, _remaining(order, there, where, gravity))
+    if order.left:
+        stiffness, ends, left = loaded_unit(state)
+    else:
+        stiffness, left = tool_stiffness(state), []
+        n = len(stiffness)
+        end = np.concatenate([yielded(stiffness, state.force(END)), np.broadcast_to(np.eye(6), (n, 6, 6))], axis=2)
+        ends = {GROUND: np.zeros((1, 6, 7)), END: end}
+    response = recovered(state, ends, left, mix=np.eye(1, 7))
     half = second_order(response, order.mechanism, gravity)
-    return stiffness + half + np.swapaxes(half, -1, -2), np.broadcast_to(sagged.twist[..., 0], (n, 6))
+    whole = stiffness + half + np.swapaxes(half, -1, -2)
+    return np.where((size > _SMALL)[:, None, None], np.nan, whole), np.broadcast_to(sag, (len(whole), 6))
+
+
+def _remaining(order: Order, there: Places, rest: Places, gravity: Array) -> Loads:
+    return Loads(1, internal_loads(order, there, gravity).nodes, remaining_offsets(order, there, rest))
+
+
+def _size(moved: Response, length: float) -> Array:
+    """Largest rotation, or translation over the mechanism's length, of any node (n,)."""
+    unit = np.repeat([1.0 / length, 1.0], 3)
+    n = len(moved.twist)
+    sizes = [np.abs(u[..., 0] * unit).max(axis=1) for u in moved.nodes.values()]
+    return np.max([np.broadcast_to(size, n) for size in sizes], axis=0)
 
 
 def bent(where: Places, response: Response) -> Places:
@@ -77,10 +101,13 @@ def second_order(response: Response, mechanism: Mechanism, gravity: Array) -> Ar
     total: Array = np.zeros((1, 6, 6))
     for state in response.elements.values():
         e = state.element
+        motions = e.factor.shape[1] + e.free.shape[1]
+        if not motions:  # both nodes move as one
+            continue
         first, second = response.nodes[e.first], response.nodes[e.second]
         wrench = state.carried[..., 0]
         total = total + 0.5 * _t(first[..., 1:]) @ (bracket(wrench) @ second[..., 1:])
-        if e.factor.shape[1] or e.free.shape[1]:
+        if motions > 1:
             total = total + _ordered(state)
     for node, m in masses(mechanism, response.where).items() if gravity.any() else ():
         u = response.nodes[node][..., 1:]

@@ -8,7 +8,7 @@ motions make it singular; what is independent at home is solved for, and the res
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from scipy.linalg import qr
@@ -37,8 +37,15 @@ class System:
     columns: list[Array]  # B (n or 1, 6, m) of each connection at M in base axes
 
 
-def saddle_stiffness(state: Condensed) -> Array:
-    """Stiffness (n or 1, 6, 6) at M in base axes. Raises InputError where it would be infinite."""
+Left: TypeAlias = "list[tuple[Chain, Array, Array, Array]]"
+"""For each connection left: its loads, its wrench, the twist across it, and its rates."""
+
+
+def saddle_unit(state: Condensed) -> tuple[Array, dict[str, Array], Left]:
+    """Stiffness (n or 1, 6, 6) at M in base axes; twists of the kept nodes, and connections, under unit tool twists.
+
+    Raises InputError where the stiffness would be infinite.
+    """
     system = _system(state)
     tool = system.nodes[END]
     inner = np.r_[tool.stop : system.matrix.shape[-1]]
@@ -47,16 +54,18 @@ def saddle_stiffness(state: Condensed) -> Array:
     moved, good = _solved(state, m[:, inner[:, None], inner], -coupling, "stiffness")
     if not good:
         names = ", ".join(e.name for c in state.order.left for e, _ in c.members)
-        raise InputError(f"the tool has infinite stiffness in a direction, through {names}: expected a compliance there")
+        raise InputError(
+            f"the tool has infinite stiffness in a direction, through {names}: expected a compliance there"
+        )
     k = m[:, tool, tool] + np.swapaxes(coupling, -1, -2) @ moved
-    return 0.5 * (k + np.swapaxes(k, -1, -2))
+    unit = np.concatenate([np.broadcast_to(np.eye(6), (len(moved), 6, 6)), moved], axis=1)
+    still = Chain(state.order.left[0], [], np.zeros((1, 6, 6)), np.zeros((1, 6, 6)))
+    chains = [Chain(c, [], still.total, still.offset) for c in state.order.left]
+    return 0.5 * (k + np.swapaxes(k, -1, -2)), *_recovered(system, chains, unit)
 
 
-def saddle_response(state: Condensed) -> tuple[dict[str, Array], list[tuple[Chain, Array, Array, Array]]]:
-    """Twists of the kept nodes, and for each connection left: its loads, wrench, the twist across it and its rates.
-
-    Raises InputError where the tool moves freely.
-    """
+def saddle_response(state: Condensed) -> tuple[dict[str, Array], Left]:
+    """Twists of the kept nodes and connections under the loads. Raises InputError where the tool moves freely."""
     system = _system(state)
     loads = state.loads
     cases = loads.cases if loads else 0
@@ -73,10 +82,30 @@ def saddle_response(state: Condensed) -> tuple[dict[str, Array], list[tuple[Chai
         right[:, y] += _pull(state, along, b)
     found, good = _solved(state, system.matrix, right, "response")
     if not good:
-        raise InputError("the tool, or a body, moves freely under its load: ask for its mobility, not for its deflection")
+        raise InputError("the tool, or a body, moves freely under its load: ask for its mobility, not its deflection")
+    return _recovered(system, chains, found)
+
+
+def loaded_unit(state: Condensed) -> tuple[Array, dict[str, Array], Left]:
+    """``saddle_unit`` with one case more, before the unit twists: the equilibrium under the loads."""
+    stiffness, unit, across = saddle_unit(state)
+    moved, carried = saddle_response(state)
+
+    def both(a: Array, b: Array) -> Array:
+        n = max(len(a), len(b))
+        return np.concatenate([np.broadcast_to(x, (n, *x.shape[1:])) for x in (a, b)], axis=2)
+
+    ends = {node: both(moved[node], unit[node]) for node in moved}
+    left = [
+        (a[0], *(both(x, y) for x, y in zip(a[1:], b[1:], strict=True))) for a, b in zip(carried, across, strict=True)
+    ]
+    return stiffness, ends, left
+
+
+def _recovered(system: System, chains: list[Chain], found: Array) -> tuple[dict[str, Array], Left]:
     moved = {node: found[:, place] for node, place in system.nodes.items()}
-    moved[GROUND] = np.zeros((1, 6, cases))
-    states: list[tuple[Chain, Array, Array, Array]] = []
+    moved[GROUND] = np.zeros((1, 6, found.shape[2]))
+    states: Left = []
     for along, y, w in zip(chains, system.coordinates, system.wrenches, strict=True):
         c = along.connection
         count = sum(e.factor.shape[1] for e, _ in c.members)
@@ -179,11 +208,13 @@ def _independent(state: Condensed, use: str) -> tuple[Array, Array]:
 
 def _scale(state: Condensed, system: System) -> Array:
     """Units in which stiffnesses, and lengths of the mechanism, are about one."""
-    stiff = [float(np.einsum("nii->n", k[:, :3, :3])[0]) / 3.0 for k in state.pairs.values()]
-    soft = [float((e.factor[:3] ** 2).sum()) for c in state.order.left for e, _ in c.members if e.factor[:3].any()]
-    sizes = [k for k in stiff if k > 0.0] + [1.0 / c for c in soft]
-    root = np.exp(0.5 * np.mean(np.log(sizes))) if sizes else 1.0
     length = state.order.length
+    unit = np.repeat([1.0, 1.0 / length], 3)
+    sizes = [float(np.abs(np.diagonal(k[0]) * unit**2).max()) for k in state.pairs.values()]
+    factors = [e.factor / unit[:, None] for c in state.order.left for e, _ in c.members if e.factor.shape[1]]
+    sizes += [1.0 / float((f**2).sum()) for f in factors]
+    sizes = [k for k in sizes if k > _RANK * max(sizes)]
+    root = np.exp(0.5 * np.mean(np.log(sizes))) if sizes else 1.0
     scale = np.ones(system.matrix.shape[-1])
     for place in system.nodes.values():
         scale[place] = np.repeat([1.0, 1.0 / length], 3) / root

@@ -24,7 +24,7 @@ def half_inverse(matrix: Array, tolerance: float = DROPPED) -> Array:
 def pivoted(matrix: Array, tolerance: float = DROPPED) -> tuple[Array, Array]:
     """``half_inverse`` and the relative pivots (n, m) that it met."""
     n, m = matrix.shape[0], matrix.shape[-1]
-    a = np.ascontiguousarray(matrix.transpose(1, 2, 0))
+    a = matrix.transpose(1, 2, 0).copy(order="C")
     w = np.zeros((m, m, n))
     pivots = np.empty((n, m))
     for j in range(m):

@@ -66,7 +66,9 @@ def biglide(link=None, slider=None, drive=DRIVE, link_mass=1.95, platform_mass=7
         assert ends[0] < 0 < ends[1] or slide
         bodies += [Body(f"{limb}.carriage"), Body(f"{limb}.slider", elastic=Elastic(slider, a, a, axes))]
         joints += [
-            Joint(f"{limb}.actuator", "stage", f"{limb}.carriage", "prismatic", a - g.l1 * z, x, drive=Drive(drive, *ends)),
+            Joint(
+                f"{limb}.actuator", "stage", f"{limb}.carriage", "prismatic", a - g.l1 * z, x, drive=Drive(drive, *ends)
+            ),
             Joint(f"{limb}.bolts", f"{limb}.carriage", f"{limb}.slider.base", "fixed", a),
         ]
         for j, foot in enumerate((-side * g.h * x, side * g.h * x + g.d * y, side * g.h * x - g.d * y), start=1):
@@ -77,3 +79,22 @@ def biglide(link=None, slider=None, drive=DRIVE, link_mass=1.95, platform_mass=7
                 Joint(f"{name}.b", f"{name}.tip", "platform", "revolute", corner + foot, y),
             ]
     return Mechanism(tuple(bodies), tuple(joints), Tool("platform", tool, ("x", "y", "z")), np.array([0, 0, 9.81]))
+
+
+def serial_arm(elastic=True, drive=2e5):
+    """Six driven revolutes, elastic or rigid links between them, tilted."""
+    points = np.array([[0, 0, 0.3], [0.1, 0, 0.6], [0.15, 0.05, 1.1], [0.3, 0, 1.2], [0.7, 0.02, 1.25], [0.8, 0, 1.2]])
+    axes = np.array([[0, 0, 1], [0, 1, 0], [0, 1, 0.1], [1, 0, 0], [0, 1, 0], [1, 0, 0.2]])
+    tool, bodies, joints, before = np.array([0.9, 0.05, 1.15]), [], [], "ground"
+    for k, (at, axis) in enumerate(zip(points, axes, strict=True), start=1):
+        name, end = f"link{k}", points[k] if k < 6 else tool
+        if elastic:
+            length = np.linalg.norm(end - at)
+            bodies.append(member(name, at, end, euler_bernoulli(length, 0.04), mass=10.0 * length))
+        else:
+            bodies.append(Body(name, 2.0, 0.5 * (at + end)))
+        first, last = bodies[-1].nodes[0], bodies[-1].nodes[-1]
+        joints.append(Joint(f"joint{k}", before, first, "revolute", at, axis, drive=Drive(drive * k)))
+        before = last
+    tool = Tool(before, tool, ("x", "y", "z", "rx", "ry", "rz"))
+    return Mechanism(tuple(bodies), tuple(joints), tool, np.array([0.5, 0.2, -9.7]))

@@ -174,7 +174,10 @@ def weights(bodies):
 
 
 def solve(bodies, loads=None, *, offsets=False):
-    """Stiffness (6, 6) at M, and under ``loads`` by node (wrench at the origin) the twist (6,) of M and all wrenches."""
+    """Stiffness (6, 6) at M, and under ``loads`` by node (wrench at the origin) the twist (6,) of M and all wrenches.
+
+    Twist and wrenches are NaN where something moves freely under the loads.
+    """
     nodes, elements, tool = network(bodies)
     place = {n: 6 * k for k, n in enumerate(nodes)}
     size = 6 * len(nodes)
@@ -213,7 +216,9 @@ def solve(bodies, loads=None, *, offsets=False):
     k = (s[t, t] - s[t, inner] @ pinv @ s[inner, t]) / np.outer(scale[t], scale[t])
     to_m = np.block([[np.eye(3), -skew(tool)], [np.zeros((3, 3)), np.eye(3)]])  # twist at the origin to M
     back = np.linalg.inv(to_m)
-    x = scale * (np.linalg.pinv(s, rcond=1e-12, hermitian=True) @ (scale * b))
+    found = np.linalg.pinv(s, rcond=1e-12, hermitian=True) @ (scale * b)
+    moves = np.abs(s @ found - scale * b).max() > 1e-8 * np.abs(scale * b).max()  # no equilibrium
+    x = np.full(total, np.nan) if moves else scale * found
     return back.T @ k @ back, to_m @ x[t], {n: x[w] for n, w in spots.items()}
 
 
