@@ -92,8 +92,8 @@ def _placed(configurations: Configurations | None, index: int, node: str) -> tup
     """Displacement of a node since home, ``x = R x_home + p``."""
     if configurations is None:
         return np.eye(3), np.zeros(3)
-    link = configurations.linkage.frame[configurations.linkage.link_of[node]]
-    rotation, position = configurations.placed.rotation[link], configurations.placed.position[link]
+    linkage = configurations.linkage
+    rotation, position = configurations.link_frame(linkage.frame[linkage.link_of[node]])
     return rotation[index if len(rotation) > 1 else 0], position[index if len(position) > 1 else 0]
 
 
