@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.report.drawing.camera import new_plotter, shot, view_of
-from stiffscope.report.drawing.sheet import write_title
 from stiffscope.report.drawing.solids import DRIVEN, PASSIVE, RIGID, extent, part_colours, solids_of, upright
 
 if TYPE_CHECKING:
@@ -141,7 +140,9 @@ def _framed(image: Floats, view: View, title: str) -> Figure:
     axes = figure.add_axes((0, BELOW / total, 1, height / total))
     axes.imshow(image, interpolation="none")
     axes.set_axis_off()
-    write_title(figure, title)
+    figure.suptitle(
+        title, x=12 / width, y=1 - 12 / total, ha="left", va="top", fontsize=15, fontweight="bold", parse_math=False
+    )
     figure.text(1 - 12 / width, 12 / total, "at M: x red, y green, z blue", fontsize=10, color="#5a6570", ha="right")
     return figure
 
@@ -154,10 +155,12 @@ def _key(figure: Figure, colours: dict[str, str]) -> None:
         named[f"{list(colours)[_NAMED]}, …"] = list(colours.values())[_NAMED]
     entries = {**named, "rigid": RIGID, "joint": PASSIVE, "drive": DRIVEN}
     handles = [Patch(facecolor=colour, label=name) for name, colour in entries.items()]
-    figure.legend(
+    key = figure.legend(
         handles=handles, loc="lower left", ncols=len(handles), frameon=False, fontsize=10, handlelength=1.0,
         handletextpad=0.4, columnspacing=1.2, borderaxespad=0.2,
     )  # fmt: skip
+    for text in key.get_texts():
+        text.set_parse_math(False)  # names of parts are as they are
 
 
 def _share_bar(figure: Figure, scale: str, most: float) -> None:
