@@ -54,18 +54,18 @@ def reach(mechanism: Mechanism) -> tuple[Reach, ...]:
 def _march(solver: Solver, ways: Array) -> tuple[Array, list[str]]:
     """Shares (n,) of ways (n, k) from home that can be gone, and what ends them."""
     linkage, n = solver.linkage, len(ways)
-    q = np.zeros((n, linkage.size))
+    q = np.zeros((linkage.size, n))
     share, step, beyond, steady = np.zeros(n), np.full(n, _LONGEST), np.full(n, np.inf), np.zeros(n, dtype=int)
     reasons = [""] * n
     while (going := np.flatnonzero((share < 1.0) & (step >= _SHORTEST))).size:
         ahead = np.minimum(share[going] + step[going], 1.0)
-        trial = q[going]
-        trial[:, linkage.known] = ahead[:, None] * ways[going]
+        trial = q[:, going]
+        trial[linkage.known] = (ahead[:, None] * ways[going]).T
         found = solver.closure.solve(trial)
         faults = _faults(solver, found)
         for i, k in enumerate(going):
             if not faults[i]:
-                share[k], q[k], steady[k] = ahead[i], found.q[i], steady[k] + 1
+                share[k], q[:, k], steady[k] = ahead[i], found.q[:, i], steady[k] + 1
                 step[k] = min(_LONGEST, step[k] * (2.0 if steady[k] > 2 else 1.0), 0.5 * (beyond[k] - share[k]))
                 continue
             reasons[k], steady[k] = faults[i], 0
@@ -78,7 +78,7 @@ def _march(solver: Solver, ways: Array) -> tuple[Array, list[str]]:
 def _faults(solver: Solver, found: Solution) -> list[str]:
     """Why configurations are not valid; empty where they are."""
     linkage = solver.linkage
-    sign = drive_sign(solver, found.placed, solver.closure.rates(found.placed))
+    sign = drive_sign(solver, found.placed, solver.closure.rates(found.placed, {}))
     out = ["passes a singular pose" if each * solver.home_sign < 0.0 else "" for each in sign]
     outside: list[list[str]] = [[] for _ in out]
     for joint in solver.mechanism.drives:
@@ -90,6 +90,6 @@ def _faults(solver: Solver, found: Solution) -> list[str]:
         if names:
             out[i] = f"{joined(names)} at the end of {'its' if len(names) == 1 else 'their'} range"
     for i in np.flatnonzero(~found.closed):
-        worst = int(np.argmax(np.nan_to_num(found.error[i], nan=np.inf)))
+        worst = int(np.argmax(np.nan_to_num(found.error[:, i], nan=np.inf)))
         out[i] = f"out of reach or singular: the loop through {linkage.cuts[worst].joint.name} does not close"
     return out

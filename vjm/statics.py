@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from stiffscope.vjm.order import Order
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.network import Places
+    from stiffscope.vjm.order import Order
     from stiffscope.vjm.screws import Array
 
 Gravity = Literal["none", "exact"]

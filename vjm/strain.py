@@ -10,9 +10,9 @@ from stiffscope.vjm.linkage import HELD
 from stiffscope.vjm.network import euler_angles, euler_axes
 
 if TYPE_CHECKING:
-    from stiffscope.vjm.order import Order
     from stiffscope.vjm.mechanism import Joint
     from stiffscope.vjm.network import Element, Places
+    from stiffscope.vjm.order import Order
     from stiffscope.vjm.screws import Array
 
 

@@ -53,7 +53,10 @@ def compliance(capfd, *words: str) -> tuple[dict, str]:
         ("tolerance  = 0", "slider.mesh.tolerance: .*greater than zero"),
         ("tolerance  = 1.5", "slider.mesh.tolerance: expected a share from 1e-6 to below 1"),
         ("most_unknowns = 0", "slider.mesh.most_unknowns: expected a positive whole number"),
-        ('foundation = "5 N/m"', r'slider.foundation: .* per area such as "5000 N/mm\^3", got "5 N/m", which is a stiff'),
+        (
+            'foundation = "5 N/m"',
+            r'slider.foundation: .* per area such as "5000 N/mm\^3", got "5 N/m", which is a stiff',
+        ),
     ],
 )
 def test_refused_by_line_and_field(tmp_path, line, message):

@@ -97,7 +97,8 @@ def _by_colour(solids: list[Solid], moves: Moves, shares: dict[str, float] | Non
 
 
 def _joined(shapes: list[pv.PolyData]) -> pv.PolyData:
-    return shapes[0] if len(shapes) == 1 else shapes[0].append_polydata(*shapes[1:])
+    first: Any = shapes[0]
+    return first if len(shapes) == 1 else first.append_polydata(*shapes[1:])
 
 
 def _scene(shapes: dict[str, pv.PolyData], point: Floats, up: Floats, reach: float) -> tuple[Floats, View]:
@@ -140,9 +141,14 @@ def _framed(image: Floats, view: View, title: str) -> Figure:
     axes = figure.add_axes((0, BELOW / total, 1, height / total))
     axes.imshow(image, interpolation="none")
     axes.set_axis_off()
+<<<<<<< HEAD
     size = 15 if len(title) < LONG else 11.5
     figure.text(
         12 / width, 1 - 12 / total, title, fontsize=size, va="top", fontweight="bold", parse_math=False, color="#14181c"
+=======
+    figure.suptitle(
+        title, x=12 / width, y=1 - 12 / total, ha="left", va="top", fontsize=15, fontweight="bold", parse_math=False
+>>>>>>> refs/heads/check
     )
     figure.text(1 - 12 / width, 12 / total, "at M: x red, y green, z blue", fontsize=10, color="#5a6570", ha="right")
     return figure
@@ -156,10 +162,12 @@ def _key(figure: Figure, colours: dict[str, str]) -> None:
         named[f"{list(colours)[_NAMED]}, …"] = list(colours.values())[_NAMED]
     entries = {**named, "rigid": RIGID, "joint": PASSIVE, "drive": DRIVEN}
     handles = [Patch(facecolor=colour, label=name) for name, colour in entries.items()]
-    figure.legend(
+    key = figure.legend(
         handles=handles, loc="lower left", ncols=len(handles), frameon=False, fontsize=10, handlelength=1.0,
         handletextpad=0.4, columnspacing=1.2, borderaxespad=0.2,
     )  # fmt: skip
+    for text in key.get_texts():
+        text.set_parse_math(False)  # names of parts are as they are
 
 
 def _share_bar(figure: Figure, scale: str, most: float) -> None:

@@ -288,7 +288,7 @@ def _hull(points: Floats, radius: float) -> pv.PolyData:
         "ij,ij->i", np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), hull.equations[:, :3]
     )
     faces[outward < 0] = faces[outward < 0][:, ::-1]
-    return pv.PolyData.from_regular_faces(cloud, faces).clean()
+    return _triangles(pv.PolyData.from_regular_faces(cloud, faces).clean())
 
 
 def _triangles(shape: Any) -> pv.PolyData:
