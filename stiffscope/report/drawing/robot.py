@@ -141,14 +141,9 @@ def _framed(image: Floats, view: View, title: str) -> Figure:
     axes = figure.add_axes((0, BELOW / total, 1, height / total))
     axes.imshow(image, interpolation="none")
     axes.set_axis_off()
-<<<<<<< HEAD
     size = 15 if len(title) < LONG else 11.5
     figure.text(
         12 / width, 1 - 12 / total, title, fontsize=size, va="top", fontweight="bold", parse_math=False, color="#14181c"
-=======
-    figure.suptitle(
-        title, x=12 / width, y=1 - 12 / total, ha="left", va="top", fontsize=15, fontweight="bold", parse_math=False
->>>>>>> refs/heads/check
     )
     figure.text(1 - 12 / width, 12 / total, "at M: x red, y green, z blue", fontsize=10, color="#5a6570", ha="right")
     return figure
