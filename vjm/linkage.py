@@ -154,7 +154,7 @@ class Linkage:
                     columns += range(count, count := count + (3 if kind == "S" else 1))
                 self.columns[name] = columns
                 starts = iter(columns)
-                begun = [[next(starts) for _ in range(3 if kind == "S" else 1)][0] for kind, _ in motions]
+                begun = [[next(starts) for _ in range(3 if kind == "S" else 1)][0] for kind, _ in motions]  # noqa: RUF015
                 steps = list(zip(motions, begun, strict=True))
                 at_frame = self.frame[link]
                 for (kind, axis), column in steps if sign > 0.0 else reversed(steps):
@@ -280,7 +280,7 @@ def _cross(a: Array, b: Array, out: Array) -> None:
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
-def _free_coordinates(joint: Joint, across: Array, gap: Array) -> Array:
+def _free_coordinates(joint: Joint, across: Array, gap: Array) -> Array:  # noqa: PLR0911 (one a kind)
     """Coordinates of a joint from the displacement of its second body against its first."""
     x, y, z = joint.axes.T
     angle = np.arctan2((across @ y) @ z, (across @ y) @ y)[..., None]

@@ -79,7 +79,7 @@ class Stiffness:
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """A dead load on a node: ``wrench`` (6,) or (n, 6) in N, N·m, base axes, at the body's point ``at`` (3,) at home."""
+    """A dead load on a node: ``wrench`` (6,) or (n, 6) in N, N·m, base axes, at the body's home point ``at`` (3,)."""
 
     node: str
     wrench: Array

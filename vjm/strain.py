@@ -1,4 +1,4 @@
-"""Finite strains of elements whose nodes have moved: what each has taken of its spring, and how far its joint is off."""
+"""Finite strains of elements whose nodes have moved: what each has taken of its spring, and its joint's error."""
 
 from __future__ import annotations
 
