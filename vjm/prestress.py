@@ -3,8 +3,9 @@
 The network is bent by its loads (every node by its own twist), condensed again, and the second-order work of what it
 carries is added. A closed kinematic pair of nodes i, j with coordinates y along ordered screws s obeys
 ``log(exp(-u_i) exp(u_j)) = log Π exp(s_a y_a)``; to second order both sides are Lie brackets (Baker, Campbell,
-Hausdorff), so that a carried wrench w contributes ``-½ w·[u_i, u_j] - ½ Σ_{a<b} w·[s_a, s_b] y_a y_b``, and a weight f at a lever r
-contributes ``-½ f·(ω × (v + ω × r))``. All internal motions are stationary, so that theirs need no correction.
+Hausdorff), so that a carried wrench w contributes ``-½ w·[u_i, u_j] - ½ Σ_{a<b} w·[s_a, s_b] y_a y_b``, and a weight
+f at a lever r contributes ``-½ f·(ω × (v + ω × r))``. All internal motions are stationary, so that theirs need no
+correction.
 
 Of a joint, slides come first, then its bearing and drive, then its rotations; of an elastic body Tx Ty Tz Rx Ry Rz.
 """

@@ -10,8 +10,7 @@ import numpy as np
 
 from stiffscope.fea.beam import euler_bernoulli, polar
 from stiffscope.robot.mechanism_of import mechanism_of
-from stiffscope.robot.part_matrices import beam_compliance, part_matrices
-from stiffscope.robot.part_matrices import published
+from stiffscope.robot.part_matrices import beam_compliance, part_matrices, published
 from stiffscope.robot.published_model import published_model
 from stiffscope.vjm.statics import stiffness
 

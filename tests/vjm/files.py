@@ -27,7 +27,7 @@ def read(name):
         def named(name, of=of, new=new):
             return new + name.removeprefix(of) if of and name.split(".")[0] == of else name
 
-        for name, b in content["bodies"].items():
+        for name, b in content["bodies"].items():  # noqa: PLR1704
             if not of or named(name) != name:
                 if "part" in b:
                     part = content["parts"][b["part"]]
@@ -47,7 +47,7 @@ def read(name):
     return Mechanism(tuple(bodies), tuple(joints), tool, gravity)
 
 
-def biglide(link=None, slider=None, drive=DRIVE, link_mass=1.95, platform_mass=7.93, q=np.radians(35.8), g=GEOMETRY):
+def biglide(link=None, slider=None, drive=DRIVE, link_mass=1.95, platform_mass=7.93, q=np.radians(35.8), g=GEOMETRY):  # noqa: B008
     """The Biglide as a mechanism, home at the link angle q."""
     x, y, z = np.eye(3)
     link = euler_bernoulli() if link is None else link

@@ -42,7 +42,7 @@ class Bodies:
         k = self.index[self.m.carrier(node)]
         return self.rotation[k], self.position[k]
 
-    def errors(self, pose):
+    def errors(self, pose):  # noqa: C901
         """Constraint errors and their derivative by all bodies' twists (about the origin)."""
         n = 6 * (len(self.index) - 1)
         rows, right = [], []
@@ -140,10 +140,10 @@ def network(bodies):
             if kind == "S":
                 free += list(np.eye(6)[3:])
                 continue
-            if j.kind == "universal":
-                d = axes.T @ (r1 @ j.axis if not free else r2 @ j.axis2)
+            if j.kind == "universal":  # noqa: SIM108
+                d = axes.T @ (r1 @ j.axis if not free else r2 @ j.axis2)  # noqa: PLW2901
             else:
-                d = j.axes.T @ d
+                d = j.axes.T @ d  # noqa: PLW2901
             free.append(np.concatenate([d, np.zeros(3)] if kind == "P" else [np.zeros(3), d]))
         if j.drive is not None:
             c += np.outer(free[-1], free[-1]) / j.drive.stiffness

@@ -34,7 +34,7 @@ class Potential:
         at = self.nodes.index(self.m.tool.body)
         self.tool = np.arange(6 * at, 6 * at + 6)
 
-    def energy_and_constraints(self, z):
+    def energy_and_constraints(self, z):  # noqa: C901
         """Energy (...) and constraint errors (..., k) of coordinates z (..., size)."""
         moved = {"ground": (np.eye(3) + 0 * z[..., :1, None], 0 * z[..., :3], np.eye(3), np.zeros(3))}
         for k, node in enumerate(self.nodes):

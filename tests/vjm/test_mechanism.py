@@ -89,7 +89,7 @@ def test_changes_add_up_and_leave_the_original():
     assert np.allclose(soft.body("leg1.arm").elastic.compliance, 3 * C)
     assert np.allclose(soft.joint("wrist").offset, 2.0)
     assert np.allclose(m.body("leg1.arm").elastic.compliance, C)
-    with pytest.raises(InputError, match="no element 'arm'; it has base, leg1.motor"):
+    with pytest.raises(InputError, match="no element 'arm'; it has base, leg1.motor"):  # noqa: RUF043
         m.changed({"arm": Change(C)})
     with pytest.raises(InputError, match="tool: diagonal entries must not be negative"):
         m.changed({"tool": Change(-C)})

@@ -291,7 +291,7 @@ def test_rigid_loops_are_constraints():
 def test_infinite_stiffness_is_refused_by_name():
     guide = Joint("guide", "ground", "sled", "prismatic", [0, 0, 0], [1, 0, 0], drive=Drive(1e6))
     m = Mechanism((Body("sled"),), (guide,), Tool("sled", [0, 0, 0.1], ("x",)))
-    with pytest.raises(InputError, match="infinite stiffness in a direction, through .*guide"):
+    with pytest.raises(InputError, match="infinite stiffness in a direction, through .*guide"):  # noqa: RUF043
         stiffness(m, [[0.0]])
 
 
