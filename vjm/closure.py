@@ -27,6 +27,8 @@ _PIVOT = 0.05  # of the largest in its row or column, for the sake of sparsity
 _STEPS = 8
 _CONTRACTION = 0.3  # of the second step over the first: beyond, the start was too far
 _NEAR = 1e-6  # of a first step that needs no such check
+_STILL = 1e-4  # rad or own lengths, of a first step after which the next may use the same factors
+_STRAGGLERS = 0.25  # of the poses, that go on alone
 _FAR = 0.7  # rad or own lengths, of a first step
 _PASSIVE_FIRST = 1e-4  # weight of driven columns: passive ones carry the motion where there is a choice
 
@@ -122,6 +124,8 @@ class Closure:
         self.cut_of = [int(k) for k in np.searchsorted(self.starts, self.rows, side="right") - 1]
         sparse = used[np.ix_(row_order, column_order)]
         self.entries = [[j for j in size if sparse[i, j]] for i in size]
+        cuts = self.linkage.cuts
+        self.signs = [dict(zip(cut.columns.tolist(), cut.signs.tolist(), strict=True)) for cut in cuts]
 
     def solve(self, q: Array, steps: int = _STEPS, *, patient: bool = False) -> Solution:
         """Newton's method from coordinates (m, n), whose known rows are as given.
@@ -147,7 +151,13 @@ class Closure:
                     going &= trusted
                 if count == steps or not self.rows or not going.any():
                     break
-                factors = self.factored(self.matrix(placed))
+                if count > 1 and 0 < going.sum() < _STRAGGLERS * n:
+                    late = self.solve(q[:, going], steps - count, patient=patient)
+                    q[:, going], worst[:, going], closed = late.q, late.error, (most < CLOSED) & trusted
+                    closed[going] = late.closed & trusted[going]
+                    return Solution(q, closed, self.linkage.placed(q), worst, factors)
+                if count != 1 or np.mean(first < _STILL) < 1.0 - _STRAGGLERS:  # else the same factors still serve
+                    factors = self.factored(self.matrix(placed))
                 right = [errors[k][row - self.starts[k]] for row, k in zip(self.rows, self.cut_of, strict=True)]
                 step = self.substituted(factors, right)
                 size = np.abs(step).max(axis=0)
@@ -164,17 +174,16 @@ class Closure:
         """Entries (n,) of the ranked equations' derivatives, in the order of elimination."""
         linkage = self.linkage
         entries: dict[tuple[int, int], Array] = {}
-        sign = {
-            (k, int(c)): float(v)
-            for k, cut in enumerate(linkage.cuts)
-            for c, v in zip(cut.columns, cut.signs, strict=True)
-        }
         for i, (row, k) in enumerate(zip(self.rows, self.cut_of, strict=True)):
             wrench = linkage.wrench(linkage.cuts[k], int(row - self.starts[k]), placed)
             for j in self.entries[i]:
                 c = self.columns[j]
-                factor = sign[k, c] * float(linkage.scale[c])
-                entries[i, j] = np.einsum("in,in->n", wrench, placed.twists[c]) * factor
+                rate = np.einsum("in,in->n", wrench, placed.twists[c])
+                entries[i, j] = rate * (self.signs[k][c] * float(linkage.scale[c]))
+            for k_known, c in enumerate(linkage.known):  # the known coordinates' columns, behind those of the unknown
+                if c in self.signs[k]:
+                    rate = np.einsum("in,in->n", wrench, placed.twists[c])
+                    entries[i, len(self.rows) + k_known] = rate * self.signs[k][c]
         return entries
 
     def factored(self, entries: dict[tuple[int, int], Array]) -> dict[tuple[int, int], Array]:
@@ -205,20 +214,13 @@ class Closure:
     def rates(self, placed: Placed, factors: dict[tuple[int, int], Array]) -> Array:
         """Rates (m, k, n) of all coordinates for unit rates of each known one; ``factors`` may be those near by."""
         linkage = self.linkage
-        n = placed.twists.shape[2]
+        n = placed.q.shape[1]
         out = np.zeros((linkage.size, len(linkage.known), n))
         with np.errstate(all="ignore"):
             factors = factors or self.factored(self.matrix(placed))
+            size = len(self.rows)
             for k, column in enumerate(linkage.known):
-                right: list[Array] = []
-                for row, c in zip(self.rows, self.cut_of, strict=True):
-                    cut = linkage.cuts[c]
-                    at = np.flatnonzero(cut.columns == column)
-                    if not at.size:
-                        right.append(np.zeros(n))
-                        continue
-                    wrench = linkage.wrench(cut, int(row - self.starts[c]), placed)
-                    right.append(np.einsum("in,in->n", wrench, placed.twists[column]) * cut.signs[at[0]])
+                right = [factors.get((i, size + k), np.zeros(n)) for i in range(size)]
                 if right:
                     out[self.columns, k] = -self.substituted(factors, right) * linkage.scale[self.columns][:, None]
                 out[column, k] = 1.0

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -64,19 +65,39 @@ class Cut:
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """Links at n configurations: ``rotation`` (3, 3, n or 1) and ``position`` (3, n or 1) of each frame.
+    """Links at n configurations ``q`` (m, n): ``rotation`` (3, 3, n or 1) and ``position`` (3, n or 1) of each frame.
 
-    ``twists`` (m, 6, n): what a unit rate of each coordinate moves, at the origin in base axes. Poses stand last here
-    and in the closure of loops, where every entry is a vector over poses; everywhere else they lead.
+    Poses stand last here and in the closure of loops, where every entry is a vector over poses; elsewhere they lead.
     """
 
     rotation: list[Array]
     position: list[Array]
-    twists: Array
+    q: Array
+    motions: tuple[Motion, ...]
 
     def point(self, frame: int, home: Array) -> Array:
         """Where a point (3,) of a link is, (3, n or 1)."""
         return home @ self.rotation[frame] + self.position[frame]
+
+    @cached_property
+    def twists(self) -> Array:
+        """What a unit rate of each coordinate moves, (m, 6, n), at the origin in base axes."""
+        out = np.zeros((len(self.q), 6, self.q.shape[1]))
+        for m in self.motions:
+            r, c = self.rotation[m.parent], m.column
+            if m.kind == "P":
+                out[c, :3] = (m.sign * m.axis) @ r
+                continue
+            at = m.point @ r + self.position[m.parent]
+            if m.kind == "R":
+                out[c, 3:] = (m.sign * m.axis) @ r
+                _cross(at, out[c, 3:], out[c, :3])
+                continue
+            spin = m.sign * (np.moveaxis(r, -1, 0) @ left_jacobian(m.sign * self.q[c : c + 3].T))
+            for k in range(3):
+                out[c + k, 3:] = spin[..., k].T
+                _cross(at, out[c + k, 3:], out[c + k, :3])
+        return out
 
 
 class Linkage:
@@ -190,33 +211,21 @@ class Linkage:
     def placed(self, q: Array) -> Placed:
         """Links and their motions at coordinates (m, n)."""
         rotation, position = [np.eye(3)[..., None]] * self.frames, [np.zeros((3, 1))] * self.frames
-        twists = np.zeros((self.size, 6, q.shape[1]))
         for m in self.motions:
             r, p, c = rotation[m.parent], position[m.parent], m.column
             if m.kind == "P":
-                along = (m.sign * m.axis) @ r
-                twists[c, :3] = along
-                r_out, p_out = r, p + along * q[c]
+                r_out, p_out = r, p + ((m.sign * m.axis) @ r) * q[c]
             else:
-                at = m.point @ r + p
                 if m.kind == "R":
-                    along = (m.sign * m.axis) @ r
-                    twists[c, 3:] = along
-                    _cross(at, along, twists[c, :3])
                     s = skew(m.axis)
                     r_out = r + np.matmul((m.sign * s).T, r) * np.sin(q[c])
                     r_out = r_out + np.matmul((s @ s).T, r) * (1.0 - np.cos(q[c]))
                 else:
-                    vector = m.sign * q[c : c + 3].T
-                    before = np.moveaxis(r, -1, 0)
-                    spin = m.sign * (before @ left_jacobian(vector))
-                    for k in range(3):
-                        twists[c + k, 3:] = spin[..., k].T
-                        _cross(at, twists[c + k, 3:], twists[c + k, :3])
-                    r_out = np.ascontiguousarray(np.moveaxis(before @ rotation_of(vector), 0, -1))
-                p_out = at - m.point @ r_out
+                    turn = np.moveaxis(r, -1, 0) @ rotation_of(m.sign * q[c : c + 3].T)
+                    r_out = np.ascontiguousarray(np.moveaxis(turn, 0, -1))
+                p_out = p + m.point @ (r - r_out)
             rotation[m.child], position[m.child] = r_out, p_out
-        return Placed(rotation, position, twists)
+        return Placed(rotation, position, q, tuple(self.motions))
 
     def errors(self, cut: Cut, placed: Placed) -> Array:
         """Errors (h, n) of a cut joint: lengths over the mechanism's own, and what its held rotations are off."""

@@ -122,7 +122,11 @@ class Potential:
         inner = np.setdiff1d(np.arange(len(kkt)), self.tool)
         coupling = kkt[np.ix_(inner, self.tool)]
         k = kkt[np.ix_(self.tool, self.tool)] - coupling.T @ np.linalg.solve(kkt[np.ix_(inner, inner)], coupling)
-        sag = z[self.tool]
-        spin = np.cross(np.eye(3), sag[3:])  # rate of the rotation vector per angular velocity: I - S/2 + S²/12
-        chart = np.block([[np.eye(3), np.zeros((3, 3))], [np.zeros((3, 3)), np.eye(3) - spin / 2 + spin @ spin / 12]])
-        return chart.T @ k @ chart, sag
+        return by_angular_velocity(k, z[self.tool]), z[self.tool]
+
+
+def by_angular_velocity(stiffness, sag):
+    """A stiffness (6, 6) whose rotations are those of a rotation vector, here that of ``sag`` (6,), in base axes."""
+    spin = np.cross(np.eye(3), sag[3:])  # rate of the rotation vector per angular velocity: I - S/2 + S²/12
+    chart = np.block([[np.eye(3), np.zeros((3, 3))], [np.zeros((3, 3)), np.eye(3) - spin / 2 + spin @ spin / 12]])
+    return chart.T @ stiffness @ chart
