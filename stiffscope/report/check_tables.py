@@ -50,6 +50,7 @@ def _table(out: Console, title: str, columns: Sequence[str], rows: Iterable[Sequ
     from rich.table import Table
 
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, title_style="bold")
+    table.min_width = min(WIDTH, len(title))
     for k, column in enumerate(columns):
         table.add_column(column, justify="left" if k < left else "right", overflow="fold", no_wrap=k >= left)
     for row in rows:

@@ -99,14 +99,14 @@ def inspect_robot(robot: RobotFile) -> Inspection:
         named = _named_poses(robot, mechanism)
         configurations = configure(mechanism, list(named.values()))
     except InputError as error:
-        remarks = tuple(_of_mobility(found, mechanism))
+        remarks = tuple(_of_mobility(found))
         return Inspection(
             robot, mechanism, found, residual, parts, masses, (), (), None, None, remarks, f"{robot.path}: {error}"
         )
     poses = tuple(_pose(configurations, k, name, tool) for k, (name, tool) in enumerate(named.items()))
     mapped = None if robot.map is None else _mapped(robot, mechanism)
     remarks = (
-        *_of_mobility(found, mechanism),
+        *_of_mobility(found),
         *_of_home(found, mechanism),
         *_of_poses(poses),
         *([] if mapped in {None, 1.0} else [f"{100 * (mapped or 0):.0f} % of the map's points are reached"]),
@@ -170,7 +170,7 @@ def _mapped(robot: RobotFile, mechanism: Mechanism) -> float:
     return float(configure(mechanism, points).valid.mean())
 
 
-def _of_mobility(found: Mobility, mechanism: Mechanism) -> Iterator[str]:
+def _of_mobility(found: Mobility) -> Iterator[str]:
     """What is amiss with drives and coordinates."""
     locked, free = ([name for name, what in found.coordinates.items() if what == word] for word in ("locked", "free"))
     if locked:
@@ -181,7 +181,7 @@ def _of_mobility(found: Mobility, mechanism: Mechanism) -> Iterator[str]:
     if found.loose:
         left = ", ".join(map(str, found.loose))
         more = len(found.loose)
-        yield f"too few drives: with all {len(mechanism.drives)} held the tool still moves ({left}); {more} more needed"
+        yield f"too few drives: with all held the tool still moves ({left}); {more} more needed"
     if found.redundant_drives:
         names = joined(found.dependent_drives)
         yield f"drives that others or the loops determine: {names}; {found.redundant_drives} too many"
