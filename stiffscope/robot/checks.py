@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 SAME_LENGTH = 1e-4  # relative; coordinates are often rounded to a hundredth of a millimetre
 _PARALLEL = 1e-6  # sine of the angle below which two directions are one
+_FILE_NAME = re.compile(r"[^/\\\x00-\x1f]{0,100}")
 _PATH = re.compile(r'(?:(?:[A-Za-z0-9_-]+|"[^"]*")(?:\.|(?=: )))+')
 
 
@@ -52,6 +53,8 @@ def check_robot(robot: RobotFile) -> None:
 def _check_part(robot: RobotFile, name: str) -> None:
     part = robot.parts[name]
     key = ("parts", name)
+    if name in {"", ".", ".."} or not _FILE_NAME.fullmatch(name):
+        raise FieldError(key, f"expected a name that a folder of results can have, got {q.shown(name)}")
     try:
         robot.material(name)
     except InputError as error:  # "material: expected one of ..."
