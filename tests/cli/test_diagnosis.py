@@ -14,7 +14,7 @@ from stiffscope.gap.campaign_io import write_campaign
 from stiffscope.gap.lab.faults import inject
 from stiffscope.gap.lab.machine import biglide
 from stiffscope.gap.lab.measuring import Noise, default_plan, measure
-from stiffscope.robot.robot_file import load_robot
+from stiffscope.robot.reader import load_robot
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import pytest
 from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
 from stiffscope.robot import components
-from stiffscope.robot.robot_file import load_robot
+from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.analysis import stiffness
 
 TEXT = (FOLDER / "biglide.toml").read_text(encoding="utf-8")

@@ -11,7 +11,7 @@ from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
 from stiffscope.jobs.interfaces import choices
 from stiffscope.jobs.orders import order_part
-from stiffscope.robot.robot_file import load_robot
+from stiffscope.robot.reader import load_robot
 
 COARSE = (
     "slider.mesh.size=40mm",
