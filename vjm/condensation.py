@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.mechanism import GROUND
-from stiffscope.vjm.network import END, free_directions
+from stiffscope.vjm.network import free_directions
 from stiffscope.vjm.order import Eliminate, Fold, Stiffen, stacked, stiffened
 from stiffscope.vjm.semidefinite import half_inverse
 
@@ -122,17 +121,6 @@ def condensed(order: Order, where: Places) -> Condensed:
             case Fold():
                 state.gone.append(_fold(state, step))
     return state
-
-
-def tool_stiffness(state: Condensed) -> Array:
-    """Stiffness (n or 1, 6, 6) at M in base axes. Raises InputError where it would be infinite."""
-    if state.order.left:
-        from stiffscope.vjm.saddle import saddle_unit
-
-        return saddle_unit(state)[0]
-    if (GROUND, END) in state.pairs or (END, GROUND) in state.pairs:
-        return state.pair(END, GROUND)
-    return np.zeros((1, 6, 6))
 
 
 def _stiffen(state: Condensed, connection: Connection) -> Stiff:

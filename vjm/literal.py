@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.vjm.condensation import condensed, tool_stiffness
+from stiffscope.vjm.condensation import condensed
+from stiffscope.vjm.equilibrium import tool_stiffness
 from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.network import places
 from stiffscope.vjm.order import order_of

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.condensation import Eliminated, Folded, Stiff, condensed, tool_stiffness
+from stiffscope.vjm.condensation import Eliminated, Folded, Stiff
 from stiffscope.vjm.mechanism import GROUND
 from stiffscope.vjm.network import END, free_directions
 from stiffscope.vjm.order import stacked
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from stiffscope.vjm.condensation import Condensed
     from stiffscope.vjm.network import Element, Places
-    from stiffscope.vjm.order import Connection, Order
+    from stiffscope.vjm.order import Connection
     from stiffscope.vjm.screws import Array
 
 _FREE = 1e-12  # relative pivot of the tool's stiffness that is rounding
@@ -107,36 +107,6 @@ class Response:
     twist: Array
     nodes: dict[str, Array] = field(default_factory=dict[Any, Any])
     elements: dict[str, ElementState] = field(default_factory=dict[Any, Any])
-
-
-def loaded(order: Order, where: Places, loads: Loads) -> Response:
-    """Equilibrium under loads on nodes (the tool is one) and offsets.
-
-    Raises InputError where something moves freely under its load.
-    """
-    return equilibrium(condensed(order, where), loads)
-
-
-def equilibrium(state: Condensed, loads: Loads) -> Response:
-    """``loaded`` of a network that was condensed before."""
-    load = carried(state, loads)
-    if state.order.left:
-        from stiffscope.vjm.saddle import saddle_response
-
-        return recovered(state, load, *saddle_response(state, load))
-    ends = {GROUND: np.zeros((1, 6, loads.cases)), END: yielded(tool_stiffness(state), load.force(END))}
-    return recovered(state, load, ends)
-
-
-def held(state: Condensed, loads: Loads) -> Response:
-    """``equilibrium`` with the tool held."""
-    load = carried(state, loads)
-    still = np.zeros((1, 6, loads.cases))
-    if state.order.left:
-        from stiffscope.vjm.saddle import saddle_held
-
-        return recovered(state, load, *saddle_held(state, load))
-    return recovered(state, load, {GROUND: still, END: still})
 
 
 def carried(state: Condensed, loads: Loads) -> Carried:

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.vjm.equilibrium import loaded
 from stiffscope.vjm.kinematics import Configurations, configure
-from stiffscope.vjm.loading import Loads, loaded
+from stiffscope.vjm.loading import Loads
 from stiffscope.vjm.network import END, places
 from stiffscope.vjm.order import order_of
 

@@ -86,7 +86,7 @@ def test_poses_per_second(rng, capsys):
         if poses is None:
             k = len(m.tool.home)
             span = {6: [0.004] * 3 + [0.05] * 3, 3: [0.08, 0.08, 0.05], 1: [0.3]}[k]
-            poses = m.tool.home + rng.uniform(-1.0, 1.0, (20_000, k)) * span
+            poses = m.tool.home + rng.uniform(-1.0, 1.0, (20_000, k)) * span  # noqa: PLW2901
         found = configure(m, poses[:2000])
         seconds = timed(lambda m=m, poses=poses: stiffness(m, poses))
         loop = timed(lambda m=m, poses=poses: [stiffness(m, p) for p in poses[:20]], 1) / 20

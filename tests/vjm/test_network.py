@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.condensation import condensed, tool_stiffness
+from stiffscope.vjm.condensation import condensed
+from stiffscope.vjm.equilibrium import loaded, tool_stiffness
 from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.linkage import Linkage
-from stiffscope.vjm.loading import loaded
 from stiffscope.vjm.mechanism import Body, Change, Drive, Joint, Mechanism, Tool, member
 from stiffscope.vjm.order import home, order_of
 from stiffscope.vjm.prestress import internal_loads
