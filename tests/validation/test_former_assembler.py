@@ -1,4 +1,4 @@
-"""The shipped Biglide beside the numbers of the former assembler, a tree of springs in series and parallel of its own."""
+"""The shipped Biglide beside the numbers of the former assembler: a tree of springs in series and in parallel."""
 
 from pathlib import Path
 
