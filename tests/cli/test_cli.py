@@ -72,7 +72,10 @@ def test_version():
         (["stiffness", "biglide", "--at", "0,0,3 kg"], "which is a mass"),
         (["stiffness", "biglide", "--components", "guess"], "--components"),
         (["stiffness", "biglide", "--set", "slider.thickness=12kg"], "--set slider.thickness"),
-        (["stiffness", "biglide", "--set", "link.mesh=3"], "--set link.mesh=3: parts.link.mesh: expected a table of size, "),
+        (
+            ["stiffness", "biglide", "--set", "link.mesh=3"],
+            "--set link.mesh=3: parts.link.mesh: expected a table of size, ",
+        ),
         (["stiffness", "biglide", "--set", "slider.pads=apart", "--set", "slider.pad_height=9mm"], 'got "apart"'),
         (["audit", "--json", ""], "give a file"),
         (["deflection", "nosuch/x.toml", "--wrench", "1,0,0,0,0,0", "--json", "/none/x"], "cannot be written"),

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
-from stiffscope.robot import components
+from stiffscope.jobs.assembly import assemble
+from stiffscope.robot.library import find_robot
 from stiffscope.robot.reader import load_robot
-from stiffscope.vjm.analysis import stiffness
+from stiffscope.vjm.statics import stiffness
 
-TEXT = (FOLDER / "biglide.toml").read_text(encoding="utf-8")
+TEXT = find_robot("biglide").read_text(encoding="utf-8")
 BASE = 'effect = "base-compliance"\nplace = "base"'
 SLIDERS = 'effect = "slider-compliance"\nplace = "sliders"'
 ADOPTED = 'effect = "actuator-stiffness"\nplace = "limb1"\nparameters = { factor = 0.8 }'
@@ -25,9 +25,7 @@ def assembled(tmp_path):
     def from_text(text):
         path = tmp_path / "robot.toml"
         path.write_text(text, encoding="utf-8")
-        robot = load_robot(path)
-        matrices = {name: components.published_compliance(robot, name) for name in ("link", "slider")}
-        return components.assemble(robot, matrices, 1.95)
+        return assemble(load_robot(path), "published")
 
     return from_text
 
