@@ -31,12 +31,12 @@ class Geometry(NamedTuple):
 GEOMETRY = Geometry()
 
 
-def pose_at(q, x=0.0, y=0.0, geometry=GEOMETRY):
+def pose_at(geometry, q, x=0.0, y=0.0):
     """Tool point (3,) at the link angle q in rad."""
     return np.array([x, y, geometry.l1 + geometry.l2 + geometry.L * np.sin(q)])
 
 
-def slides(poses, geometry=GEOMETRY):
+def slides(geometry, poses):
     """Positions (n, 3) of limb 1, limb 2 and the stage at tool points (n, 3); NaN where no link reaches."""
     x, y, z = np.atleast_2d(poses).T
     sine = (z - geometry.l1 - geometry.l2) / geometry.L
@@ -45,9 +45,9 @@ def slides(poses, geometry=GEOMETRY):
     return np.column_stack([reach - x, reach + x, y])
 
 
-def reachable(poses, geometry=GEOMETRY):
+def reachable(geometry, poses):
     """Whether tool points (n, 3) are within reach (n,)."""
-    a = slides(poses, geometry)[:, :2]
+    a = slides(geometry, poses)[:, :2]
     return ((a >= geometry.a_min) & (a <= geometry.a_max)).all(axis=1)
 
 
@@ -77,7 +77,7 @@ def random_poses(rng, n, geometry=GEOMETRY):
     points = np.column_stack(
         [rng.uniform(-0.17, 0.17, 20 * n), rng.uniform(-0.3, 0.3, 20 * n), rng.uniform(0.21, 0.54, 20 * n)]
     )
-    return points[reachable(points, geometry)][:n]
+    return points[reachable(geometry, points)][:n]
 
 
 def nominal_robot(*overrides):

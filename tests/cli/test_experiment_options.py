@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from stiffscope.cli.main import _guarded
-from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
 from stiffscope.jobs.interfaces import choices
 from stiffscope.jobs.orders import order_part
+from stiffscope.robot.library import find_robot
 from stiffscope.robot.reader import load_robot
 
 COARSE = (
@@ -60,10 +60,10 @@ def compliance(capfd, *words: str) -> tuple[dict, str]:
     ],
 )
 def test_refused_by_line_and_field(tmp_path, line, message):
-    before, slider = (FOLDER / "biglide.toml").read_text().split("[slider] ")
+    before, slider = find_robot("biglide").read_text().split("[parts.slider] ")
     key = line.split()[0]
     slider = "\n".join(line if old.split()[:1] == [key] else old for old in slider.splitlines())
-    text = before + "[slider] " + slider
+    text = before + "[parts.slider] " + slider
     (tmp_path / "robot.toml").write_text(text)
     with pytest.raises(InputError, match=message) as refused:
         load_robot(tmp_path / "robot.toml")

@@ -6,7 +6,7 @@ import pytest
 from stiffscope.robot.audit import findings_on_paper, matrix_findings, principal_findings, rms_findings
 from stiffscope.robot.published_model import published_model
 from stiffscope.vjm.statics import respond, sag, stiffness
-from tests.robots import euler_bernoulli, nominal_robot, pose_at, robot_of
+from tests.robots import GEOMETRY, euler_bernoulli, nominal_robot, pose_at, robot_of
 
 ENTRIES = ((0, 0), (1, 1), (2, 2), (3, 3), (4, 4), (5, 5), (0, 4), (1, 3))
 TABLE = {  # K in 1e6 at x = y = 0; the last row with a rigid slider
@@ -23,7 +23,7 @@ def paper():
 
 
 def at(degrees):
-    return pose_at(np.radians(degrees))
+    return pose_at(GEOMETRY, np.radians(degrees))
 
 
 @pytest.mark.parametrize(("degrees", "slider"), TABLE)
