@@ -2,8 +2,8 @@
 
 All twists and wrenches of nodes stand at M in base axes, so that members in series add their compliances C and collect
 their free directions N, and members in parallel add their stiffnesses ``K = Z (Zᵀ C Z)⁻¹ Zᵀ``. Nodes are eliminated by
-Schur complements, in the order of ``stiffscope.vjm.order``. What only constrains itself in rigid loops is solved with its
-constraints as multipliers (``stiffscope.vjm.saddle``). No singular matrix is inverted.
+Schur complements, in the order of ``stiffscope.vjm.order``. What only constrains itself in rigid loops is solved with
+its constraints as multipliers (``stiffscope.vjm.saddle``). No singular matrix is inverted.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Stiff:
 
 @dataclass(eq=False)
 class Eliminated:
-    """A node that went: ``half`` W with WᵀW an inverse of its ``own`` stiffness, and ``reach`` W G of each neighbour."""
+    """A node that went: ``half`` W, WᵀW an inverse of its ``own`` stiffness, and ``reach`` W G of each neighbour."""
 
     step: Eliminate
     own: Array

@@ -428,9 +428,9 @@ def _chebyshev(unit: Array, powers: list[tuple[int, ...]], degree: int) -> Array
     for d in range(2, degree + 1):
         tables[d] = 2.0 * unit.T * tables[d - 1] - tables[d - 2]
     out = np.ones((len(powers), n))
-    for row, power in zip(out, powers, strict=True):
+    for k, power in enumerate(powers):
         for column in set(power):
-            row *= tables[power.count(column), column]
+            out[k] *= tables[power.count(column), column]
     return out.T
 
 

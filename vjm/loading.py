@@ -1,4 +1,4 @@
-"""Loads on a condensed network: carried to the tool step by step, and what every element carries recovered from there."""
+"""Loads on a condensed network: carried to the tool step by step; what every element carries, recovered from there."""
 
 from __future__ import annotations
 

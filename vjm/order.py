@@ -1,7 +1,8 @@
 """The order in which an elastic network is condensed to its tool, found once for a mechanism at home.
 
-Chains without branches become one connection, of compliance C and free directions N. Where what N leaves has compliance,
-it is stiffened; else it is folded: the node at its end takes its coordinates. Nodes between stiffnesses are eliminated.
+Chains without branches become one connection, of compliance C and free directions N. Where what N leaves has
+compliance, it is stiffened; else it is folded: the node at its end takes its coordinates. Nodes between stiffnesses are
+eliminated.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Small symmetric positive semidefinite matrices, many at a time: factors that drop what is singular.
 
-Any generalized inverse serves in a Schur complement of a semidefinite matrix, so that no eigenvalues are needed: a pivot
-of LDLᵀ that is rounding beside its own diagonal entry is dropped. That ratio does not depend on units.
+Any generalized inverse serves in a Schur complement of a semidefinite matrix, so that no eigenvalues are needed: a
+pivot of LDLᵀ that is rounding beside its own diagonal entry is dropped. That ratio does not depend on units.
 """
 
 from __future__ import annotations

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from stiffscope.vjm.order import Order
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.network import Places
+    from stiffscope.vjm.order import Order
     from stiffscope.vjm.screws import Array
 
 Gravity = Literal["none", "exact"]
@@ -79,7 +79,7 @@ class Stiffness:
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """A dead load on a node: ``wrench`` (6,) or (n, 6) in N, N·m, base axes, at the body's point ``at`` (3,) at home."""
+    """A dead load on a node: ``wrench`` (6,) or (n, 6) in N, N·m, base axes, at a point ``at`` (3,) given at home."""
 
     node: str
     wrench: Array
@@ -96,7 +96,7 @@ def stiffness(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravit
     poses
         Tool poses (n, k) in m and rad, or configurations.
     gravity
-        ``"exact"``: tangent stiffness under the mechanism's own weight and offsets; NaN where it finds no equilibrium.
+        ``"exact"``: tangent stiffness under own weight and offsets; NaN where there is no equilibrium.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Finite strains of elements whose nodes have moved: what each has taken of its spring, and how far its joint is off."""
+"""Finite strains of elements whose nodes have moved: what each spring has taken, and how far each joint is off."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from stiffscope.vjm.linkage import HELD
 from stiffscope.vjm.network import euler_angles, euler_axes
 
 if TYPE_CHECKING:
-    from stiffscope.vjm.order import Order
     from stiffscope.vjm.mechanism import Joint
     from stiffscope.vjm.network import Element, Places
+    from stiffscope.vjm.order import Order
     from stiffscope.vjm.screws import Array
 
 

@@ -10,7 +10,6 @@ import numpy as np
 from stiffscope.errors import InputError
 from stiffscope.vjm.kinematics import Configurations, configure
 from stiffscope.vjm.loading import Loads, loaded
-from stiffscope.vjm.mechanism import spelled
 from stiffscope.vjm.network import END, places
 from stiffscope.vjm.order import order_of
 

@@ -1,4 +1,4 @@
-"""An independent second derivation: the total potential energy of any mechanism, finite motions and all, and its Hessian.
+"""A second derivation: the total potential energy of any mechanism, finite motions and all, and its Hessian.
 
 Every node moves by six coordinates of its own from where the unloaded mechanism has it; elastic bodies store energy by
 their coordinates Tx Ty Tz Rx Ry Rz, drives by theirs, joints constrain by Lagrange multipliers. Gradients come from

@@ -7,11 +7,11 @@ import pytest
 
 from stiffscope.errors import InputError
 from stiffscope.vjm.condensation import condensed, tool_stiffness
-from stiffscope.vjm.order import home, order_of
 from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.linkage import Linkage
 from stiffscope.vjm.loading import loaded
 from stiffscope.vjm.mechanism import Body, Change, Drive, Joint, Mechanism, Tool, member
+from stiffscope.vjm.order import home, order_of
 from stiffscope.vjm.prestress import internal_loads
 from stiffscope.vjm.singularity import free_twists, mobility
 from stiffscope.vjm.statics import Load, batches, respond, sag, stiffness, stiffness_error

@@ -105,8 +105,8 @@ def test_a_tight_string_is_stiff_sideways():
     ]
     bodies[-1] = replace(bodies[-1], elastic=replace(bodies[-1].elastic, tip=np.zeros(3)))
     m = Mechanism(tuple(bodies), tuple(joints), Tool("knot", [0, 0, 0], ("x",))).changed(off)
-    from stiffscope.vjm.order import home, order_of
     from stiffscope.vjm.linkage import Linkage
+    from stiffscope.vjm.order import home, order_of
     from stiffscope.vjm.prestress import loaded_stiffness
 
     k = loaded_stiffness(order_of(m, Linkage(m, "drives")), home(m), np.zeros(3))[0][0]
