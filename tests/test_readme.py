@@ -14,6 +14,7 @@ from stiffscope.cad.slider import build
 from stiffscope.cad.step import write_step
 from stiffscope.cli.main import _guarded
 from stiffscope.jobs.workers import work_here
+from stiffscope.report.html import experiment_html, stiffness_html
 from stiffscope.robot.robot_file import load_robot
 
 ROOT = Path(__file__).parents[1]
@@ -99,7 +100,7 @@ def test_the_python_way(place, monkeypatch, tmp_path):
         [24.21, 1.965, 12.59, 1.411, 0.1427, 2.76], rel=5e-3
     )
     assert names["ss"].stiffness_map(names["machine"], 9).png.startswith(b"\x89PNG")
-    assert "<table" in names["test"]._repr_html_()
-    assert "<table" in names["state"]._repr_html_()
+    assert "<table" in experiment_html(names["test"])
+    assert "<table" in stiffness_html(names["state"])
     assert names["found"].verdict == "identified"
     assert names["found"].gap.nominal == pytest.approx(9.19, abs=0.01)

@@ -63,24 +63,6 @@ class Stiffness:
     mobility: NDArray[np.int_]
     reserve: Array
 
-    def _repr_html_(self) -> str:
-        names = (
-            "K<sub>tx</sub>",
-            "K<sub>ty</sub>",
-            "K<sub>tz</sub>",
-            "K<sub>rx</sub>",
-            "K<sub>ry</sub>",
-            "K<sub>rz</sub>",
-        )
-        head = "".join(f"<th>{n}</th>" for n in ("x, y, z (m)", *names, "sag z (µm)"))
-        rows = "".join(
-            f"<tr><td>{', '.join(f'{c:.4g}' for c in p)}</td>"
-            + "".join(f"<td>{v:.5g}</td>" for v in np.diagonal(k))
-            + f"<td>{s[2] * 1e6:.3g}</td></tr>"
-            for p, k, s in zip(self.poses[:20], self.matrix[:20], self.sag[:20], strict=True)
-        )
-        return f"<table><caption>Stiffness at M (N/m, N·m/rad)</caption><tr>{head}</tr>{rows}</table>"
-
 
 def stiffness(robot: Robot, poses: ArrayLike, *, gravity: Gravity = "none", g: float = STANDARD) -> Array:
     """Stiffness (n, 6, 6) at tool points (n, 3) in m, at M in axes {O}. Raises InputError for an unreachable pose."""

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
+from stiffscope.report.html import stiffness_html
 from stiffscope.vjm.analysis import analyse, stiffness
 from stiffscope.vjm.biglide import Biglide, link_angle, pose_at, reachable, slides, tool_point
 from stiffscope.vjm.deflection import deflection, load_deflection
@@ -166,7 +167,7 @@ def test_analysis_reports_sag_and_mobility(robot):
     assert state.mobility.tolist() == [0]
     assert state.sag[0, 2] > 1e-5
     assert not analyse(robot, [[0, 0, 0.35]]).sag.any()
-    assert "Stiffness at M" in state._repr_html_()
+    assert "Stiffness at M" in stiffness_html(state)
 
 
 def test_reachable_agrees_with_what_is_refused(robot, rng):
