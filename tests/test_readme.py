@@ -20,7 +20,8 @@ ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 SMALL = {
     "run": "--set link.mesh.size=60mm --set slider.mesh.size=60mm",
-    "compliance": "--set slider.mesh.size=60mm --set slider.mesh.most_unknowns=9000",
+    "compliance": "--set slider.mesh.size=60mm --set slider.mesh.most_unknowns=9000"
+    " --set slider.rib_count=0 --set slider.fillet=0mm",
     "interfaces": "--set slider.mesh.size=60mm --set slider.width=160mm --set slider.pad_spacing=45mm",
     "map": "--components published --gravity none --points 9",
     "blind": "--campaigns 1",
