@@ -6,6 +6,9 @@ twist is the mean motion (RᵀMR)⁻¹ RᵀM u.
 Either way the compliance is C = Fᵀ A⁻¹ F, with A the stiffness of the unconstrained coordinates.
 """
 
+# pyright: reportReturnType=false
+# (scikit-fem declares its types loosely)
+
 from __future__ import annotations
 
 from dataclasses import dataclass

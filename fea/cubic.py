@@ -9,6 +9,9 @@ solution took 1.8 times the processor time and 1.7 times the memory on the defau
 ribbed one; ``tests/fea`` compares the two.
 """
 
+# pyright: reportOptionalSubscript=false
+# (scikit-fem declares its types loosely)
+
 from __future__ import annotations
 
 from dataclasses import dataclass

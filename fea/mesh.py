@@ -1,5 +1,8 @@
 """From a closed CAD surface to linear tetrahedra, and the quadratic mesh that the experiments use."""
 
+# pyright: reportOptionalSubscript=false
+# (scikit-fem declares its types loosely)
+
 from __future__ import annotations
 
 import subprocess

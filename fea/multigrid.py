@@ -5,6 +5,9 @@ corrects by the linear problem, which has an eighth of the unknowns, and smooths
 interfaces belong to both levels. No factor of the quadratic stiffness is ever stored.
 """
 
+# pyright: reportOptionalMemberAccess=false
+# (scikit-fem declares its types loosely)
+
 from __future__ import annotations
 
 import logging

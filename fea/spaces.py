@@ -1,5 +1,8 @@
 """Function spaces on a mesh: scikit-fem's quadratic element, our cubic enrichment, and bases on cells and on faces."""
 
+# pyright: reportAssignmentType=false, reportAttributeAccessIssue=false, reportIncompatibleMethodOverride=false, reportOptionalOperand=false, reportOptionalSubscript=false, reportReturnType=false
+# (scikit-fem declares its types loosely)
+
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
