@@ -65,18 +65,6 @@ class Stiffness:
         """Which poses are within reach (n,)."""
         return self.configurations.valid
 
-    def _repr_html_(self) -> str:
-        names = [f"K<sub>{k}</sub>" for k in ("tx", "ty", "tz", "rx", "ry", "rz")]
-        titles = (", ".join(self.configurations.mechanism.tool.pose), *names, "|sag| (µm)")
-        rows = "".join(
-            f"<tr><td>{', '.join(f'{c:.4g}' for c in p)}</td>"
-            + "".join(f"<td>{v:.5g}</td>" for v in np.diagonal(k))
-            + f"<td>{np.linalg.norm(s[:3]) * 1e6:.3g}</td></tr>"
-            for p, k, s in zip(self.poses[:20], self.matrix[:20], self.sag[:20], strict=True)
-        )
-        head = "".join(f"<th>{t}</th>" for t in titles)
-        return f"<table><caption>Stiffness at M (N/m, N·m/rad)</caption><tr>{head}</tr>{rows}</table>"
-
 
 @dataclass(frozen=True, eq=False)
 class Load:
