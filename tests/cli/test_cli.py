@@ -180,8 +180,12 @@ def test_sag_under_its_own_weight():
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
 def test_a_stopped_run_leaves_nothing(tmp_path, how):
     environment = {**os.environ, "STIFFSCOPE_CACHE": str(tmp_path / "cache")}
+    heeding = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"  # shells' background jobs do not
+    )
     running = subprocess.Popen(
-        [*COMMAND, "run", "biglide", "--out", str(tmp_path / "out"), "--set", "link.length=505mm"],
+        [*COMMAND[:2], f"{heeding}; {COMMAND[2]}", "run", "biglide", "--out", str(tmp_path / "out"),
+         "--set", "link.length=505mm"],
         stderr=subprocess.PIPE, text=True, env=environment, start_new_session=True,
     )  # fmt: skip
     time.sleep(2.5)
