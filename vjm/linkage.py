@@ -174,8 +174,8 @@ class Linkage:
                 for kind, _ in motions:
                     columns += range(count, count := count + (3 if kind == "S" else 1))
                 self.columns[name] = columns
-                starts = iter(columns)
-                begun = [[next(starts) for _ in range(3 if kind == "S" else 1)][0] for kind, _ in motions]  # noqa: RUF015
+                sizes = [3 if kind == "S" else 1 for kind, _ in motions]
+                begun = [columns[sum(sizes[:k])] for k in range(len(sizes))]
                 steps = list(zip(motions, begun, strict=True))
                 at_frame = self.frame[link]
                 for (kind, axis), column in steps if sign > 0.0 else reversed(steps):
@@ -292,30 +292,27 @@ def _cross(a: Array, b: Array, out: Array) -> None:
 def _free_coordinates(joint: Joint, across: Array, gap: Array) -> Array:  # noqa: PLR0911 (one a kind)
     """Coordinates of a joint from the displacement of its second body against its first."""
     x, y, z = joint.axes.T
-    angle = np.arctan2((across @ y) @ z, (across @ y) @ y)[..., None]
+    angle = np.arctan2((across @ y) @ z, (across @ y) @ y)
+    found: list[Array] = []
     match joint.kind:
         case "revolute":
-            return angle
+            found = [angle]
         case "prismatic":
-            return (gap @ x)[..., None]
+            found = [gap @ x]
         case "cylindrical":
-            return np.concatenate(np.broadcast_arrays(angle, (gap @ x)[..., None]), axis=-1)
+            found = [angle, gap @ x]
         case "planar":
-            slide = np.stack([gap @ y, gap @ z], axis=-1)
-            n = np.broadcast_shapes(slide.shape[:1], angle.shape[:1])
-            return np.concatenate([np.broadcast_to(slide, (*n, 2)), np.broadcast_to(angle, (*n, 1))], axis=-1)
+            found = [gap @ y, gap @ z, angle]
         case "spherical":
-            return rotation_vector(across)
+            found = list(rotation_vector(across).T)
         case "universal" if joint.axis2 is not None:
+            image, back = across @ joint.axis2, np.swapaxes(across, -1, -2) @ x
             side = np.cross(x, joint.axis2)
-            image = across @ joint.axis2
-            first = np.arctan2(-(image @ side), image @ np.cross(side, x))
-            second_side = np.cross(joint.axis2, x)  # seen from the second body
-            back = np.swapaxes(across, -1, -2) @ x
-            second = np.arctan2(back @ second_side, back @ np.cross(second_side, joint.axis2))
-            return np.stack([-first, -second], axis=-1)
+            found = [np.arctan2(image @ side, image @ np.cross(side, x))]
+            found.append(np.arctan2(back @ side, back @ np.cross(joint.axis2, side)))
         case _:
             return np.zeros((len(across), 0))
+    return np.stack(np.broadcast_arrays(*found), axis=-1)
 
 
 def _clusters(mechanism: Mechanism) -> tuple[dict[str, int], int]:

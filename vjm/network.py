@@ -15,6 +15,8 @@ from stiffscope.vjm.mechanism import BASE, GROUND, TOOL
 from stiffscope.vjm.screws import Frame, rotation
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.linkage import Linkage
     from stiffscope.vjm.mechanism import Change, Joint, Mechanism
@@ -70,6 +72,17 @@ class Places:
     softened: dict[str, Array] = field(default_factory=dict[Any, Any])
     """Factors (n, 6, 6) of compliances that stand for those of some elements."""
     known: dict[str, Array] = field(default_factory=dict[Any, Any])
+
+    def some(self, mask: NDArray[np.bool_]) -> Places:
+        """Places at some of the configurations."""
+
+        def pick(a: Array) -> Array:
+            return a[mask] if len(a) > 1 else a
+
+        rotation = {node: pick(r) for node, r in self.rotation.items()}
+        position = {node: pick(p) for node, p in self.position.items()}
+        softened = {name: pick(f) for name, f in self.softened.items()}
+        return Places(rotation, position, self.tool[mask], self.rigid, softened)
 
     def frame(self, element: Element) -> Frame:
         """Where an element stands, seen from M: (n or 1, 3, 3) and (n or 1, 3)."""

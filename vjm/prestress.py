@@ -28,6 +28,8 @@ from stiffscope.vjm.screws import rotation_of, skew
 from stiffscope.vjm.strain import remaining_offsets
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from stiffscope.vjm.condensation import Condensed
     from stiffscope.vjm.loading import ElementState, Response
     from stiffscope.vjm.mechanism import Mechanism
@@ -37,7 +39,7 @@ if TYPE_CHECKING:
 _SMALL = 1e-4  # rad, or of the mechanism's length: displacements beyond which the linear equilibrium is improved
 _SETTLED = 1e-7
 _STEPS = 12
-_SLIGHT = 1e-2  # of the motions, that they change by second-order work: one step tells that to 1e-6
+_SLIGHT = 1e-2  # of the motions, that they change by second-order work; one step gives that to 1e-6
 
 
 def internal_loads(order: Order, where: Places, gravity: Array) -> Loads:
@@ -52,49 +54,62 @@ def loaded_stiffness(order: Order, where: Places, gravity: Array) -> tuple[Array
     The sag is that of small displacements; the stiffness is taken at the equilibrium of finite ones, and is NaN where
     none is found. Raises InputError where the tool moves freely.
     """
+    matrix, sag, far = _tangent(order, where, gravity, thorough=False)
+    if far.any():
+        matrix[far] = _tangent(order, where.some(far), gravity, thorough=True)[0]
+    return matrix, sag
+
+
+def _tangent(order: Order, where: Places, gravity: Array, *, thorough: bool) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Tangent stiffness and sag, and where (n,) they should be sought thoroughly: displacements are not small there.
+
+    ``thorough``: the equilibrium of finite displacements, and internal motions to convergence, not to first order.
+    """
     moved = loaded(order, where, internal_loads(order, where, gravity))
     sag, there = moved.twist[..., 0], bent(where, moved)
     size = _size(moved, order.length)
-    if (size > _SMALL).any():
-        for _ in range(_STEPS):
-            moved = loaded(order, there, _remaining(order, there, where, gravity))
-            there, size = bent(there, moved), _size(moved, order.length)
-            if not (size > _SETTLED).any():
-                break
+    for _ in range(_STEPS if thorough else 0):
+        moved = loaded(order, there, _remaining(order, there, where, gravity))
+        there, size = bent(there, moved), _size(moved, order.length)
+        if not (size > _SETTLED).any():
+            break
     state = condensed(order, there)
     load = carried(state, _remaining(order, there, where, gravity))
     if order.left:
         stiffness, ends, left = loaded_unit(state, load)
     else:
         stiffness, left = tool_stiffness(state), []
-        n = len(stiffness)
-        end = np.concatenate([yielded(stiffness, load.force(END)), np.broadcast_to(np.eye(6), (n, 6, 6))], axis=2)
+        unit = np.broadcast_to(np.eye(6), (len(stiffness), 6, 6))
+        end = np.concatenate([yielded(stiffness, load.force(END)), unit], axis=2)
         ends = {GROUND: np.zeros((1, 6, 7)), END: end}
-    response = recovered(state, load, ends, left, mix=np.eye(1, 7))
-    work = SecondOrder(response, order.mechanism, gravity)
-    unit = Motion.of(response, slice(1, 7))
-    whole = stiffness + _relaxed(state, work, unit)
-    return np.where((size > _SMALL)[:, None, None], np.nan, whole), np.broadcast_to(sag, (len(whole), 6))
+    work = SecondOrder(recovered(state, load, ends, left, mix=np.eye(1, 7)), order.mechanism, gravity)
+    change, share = _relaxed(state, work, thorough=thorough)
+    n = len(where.tool)
+    matrix = np.array(np.broadcast_to(stiffness + change, (n, 6, 6)))
+    if thorough:
+        matrix[size > _SMALL] = np.nan
+    return matrix, np.broadcast_to(sag, (n, 6)), np.broadcast_to((size > _SMALL) | (share > _SLIGHT), n)
 
 
-def _relaxed(state: Condensed, work: SecondOrder, unit: Motion) -> Array:
-    """Change (n, 6, 6) of the stiffness by the second-order work, all internal motions in equilibrium with it.
+def _relaxed(state: Condensed, work: SecondOrder, *, thorough: bool) -> tuple[Array, Array]:
+    """Change (n, 6, 6) of the stiffness by the second-order work, all internal motions in equilibrium with it, and by
+    what share (n,) these have changed.
 
     With H the Hessian of that work and X the motions for unit twists of the tool, these change by δ where
     ``H₀ δ = -H (X + δ)``; the stiffness, being stationary, by ``Xᵀ H X + δᵀ H X + δᵀ H δ`` for the first such δ, and by
     ``Xᵀ H (X + δ)`` for the last.
     """
+    unit = Motion.of(work.response, slice(1, 7))
     relaxed = Motion.of(held(state, Loads(6, work.loads(unit))), slice(0, 6))
     share = relaxed.size / unit.size
-    if share < _SLIGHT:
-        half = work.half(unit.plus(relaxed, 0.5)) + 0.75 * work.half(relaxed)
-        return half + np.swapaxes(half, -1, -2)
-    for _ in range(_STEPS):
+    last = 0.75
+    for _ in range(_STEPS if thorough else 0):
+        last = -0.25
         before, relaxed = relaxed, Motion.of(held(state, Loads(6, work.loads(unit.plus(relaxed, 1.0)))), slice(0, 6))
-        if relaxed.plus(before, -1.0).size < _SETTLED * unit.size:
+        if (relaxed.plus(before, -1.0).size < _SETTLED * unit.size).all():
             break
-    half = work.half(unit.plus(relaxed, 0.5)) - 0.25 * work.half(relaxed)
-    return half + np.swapaxes(half, -1, -2)
+    half = work.half(unit.plus(relaxed, 0.5)) + last * work.half(relaxed)
+    return half + np.swapaxes(half, -1, -2), share
 
 
 def _remaining(order: Order, there: Places, rest: Places, gravity: Array) -> Loads:
@@ -149,9 +164,10 @@ class Motion:
         return out
 
     @property
-    def size(self) -> float:
-        """Largest of all nodes' twists."""
-        return max(float(np.abs(u).max()) for u in self.nodes.values())
+    def size(self) -> Array:
+        """Largest of all nodes' twists (n,)."""
+        sizes = [np.abs(u).max(axis=(1, 2)) for u in self.nodes.values()]
+        return np.max(np.broadcast_arrays(*sizes), axis=0)
 
     def plus(self, other: Motion, times: float) -> Motion:
         """Its sum with ``times`` the other."""

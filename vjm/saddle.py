@@ -158,12 +158,7 @@ def _system(state: Condensed) -> System:  # noqa: C901 (one matrix, row by row)
         at += 6
     n = max([1, *(len(b) for b in columns), *(len(k) for k in state.pairs.values())])
     m = np.zeros((n, at, at))
-    for (a, b), k in state.pairs.items():
-        for i, j, part in ((a, b, k), (b, a, np.swapaxes(k, -1, -2))):
-            if i in nodes:
-                m[:, nodes[i], nodes[i]] += part
-                if j in nodes:
-                    m[:, nodes[i], nodes[j]] -= part
+    _add_stiffnesses(m, state, nodes)
     for c, y, w, b, r in zip(order.left, coordinates, wrenches, columns, counts, strict=True):
         m[:, np.arange(y.start, y.start + r), np.arange(y.start, y.start + r)] = 1.0
         m[:, y, w] = -np.swapaxes(b, -1, -2)
@@ -172,6 +167,15 @@ def _system(state: Condensed) -> System:  # noqa: C901 (one matrix, row by row)
             if node in nodes:
                 m[:, w, nodes[node]] = m[:, nodes[node], w] = sign * np.eye(6)
     return System(m, nodes, coordinates, wrenches, columns)
+
+
+def _add_stiffnesses(matrix: Array, state: Condensed, nodes: dict[str, slice]) -> None:
+    for (a, b), k in state.pairs.items():
+        for i, j, part in ((a, b, k), (b, a, np.swapaxes(k, -1, -2))):
+            if i in nodes:
+                matrix[:, nodes[i], nodes[i]] += part
+                if j in nodes:
+                    matrix[:, nodes[i], nodes[j]] -= part
 
 
 def _solved(state: Condensed, matrix: Array, right: Array, use: str) -> tuple[Array, bool]:

@@ -85,7 +85,7 @@ def stiffness(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravit
     poses
         Tool poses (n, k) in m and rad, or configurations.
     gravity
-        ``"exact"``: tangent stiffness under the mechanism's own weight and offsets; NaN where it finds no equilibrium.
+        ``"exact"``: tangent stiffness under own weight and offsets; NaN where there is no equilibrium.
 
     Raises
     ------
