@@ -289,7 +289,7 @@ def _cross(a: Array, b: Array, out: Array) -> None:
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
-def _free_coordinates(joint: Joint, across: Array, gap: Array) -> Array:  # noqa: PLR0911 (one a kind)
+def _free_coordinates(joint: Joint, across: Array, gap: Array) -> Array:
     """Coordinates of a joint from the displacement of its second body against its first."""
     x, y, z = joint.axes.T
     angle = np.arctan2((across @ y) @ z, (across @ y) @ y)

@@ -137,7 +137,7 @@ def _recovered(
     return moved, states
 
 
-def _system(state: Condensed) -> System:  # noqa: C901 (one matrix, row by row)
+def _system(state: Condensed) -> System:
     """Assemble the matrix; the tool's twist comes first."""
     order, where = state.order, state.where
     nodes: dict[str, slice] = {}

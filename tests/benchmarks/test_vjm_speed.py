@@ -10,11 +10,10 @@ import time
 import numpy as np
 import pytest
 
-from stiffscope.vjm.biglide import pose_at
 from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.mechanism import Body, Joint, Mechanism, Tool, member
 from stiffscope.vjm.statics import analyse, stiffness
-from tests.robots import DRIVE, GEOMETRY, euler_bernoulli, random_poses
+from tests.robots import DRIVE, GEOMETRY, euler_bernoulli, pose_at, random_poses
 from tests.vjm.files import biglide, read
 
 pytestmark = pytest.mark.benchmark
@@ -93,8 +92,10 @@ def test_poses_per_second(rng, capsys):
         rate = len(poses) / seconds
         exact = 2000 / timed(lambda m=m, found=found: stiffness(m, found, gravity="exact"), 1)
         with capsys.disabled():
-            print(f"{name:26s} {rate:10,.0f} poses a CPU second; {1 / loop:6,.0f} one by one; exact gravity {exact:8,.0f}; "
-                  f"{found.valid.mean():.0%} valid")  # fmt: skip
+            print(
+                f"{name:26s} {rate:10,.0f} poses a CPU second; {1 / loop:6,.0f} one by one; "
+                f"exact gravity {exact:8,.0f}; {found.valid.mean():.0%} within reach"
+            )
         assert rate > wanted
 
 

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.biglide import reachable, slides
 from stiffscope.vjm.closure import Closure
 from stiffscope.vjm.kinematics import configure, configure_drives
 from stiffscope.vjm.linkage import Linkage, left_jacobian, rotation_vector
 from stiffscope.vjm.mechanism import Body, Drive, Joint, Mechanism, Tool
 from stiffscope.vjm.screws import rotation_of
 from stiffscope.vjm.statics import stiffness
-from tests.robots import GEOMETRY, random_poses
+from tests.robots import GEOMETRY, random_poses, reachable, slides
 from tests.vjm import oracle
 from tests.vjm.files import biglide, read, serial_arm
 

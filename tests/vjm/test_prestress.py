@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiffscope.vjm.biglide import pose_at
 from stiffscope.vjm.literal import Behind, literal_stiffness, load_hessian
 from stiffscope.vjm.mechanism import Body, Change, Joint, Mechanism, Tool, member
 from stiffscope.vjm.screws import rotation
 from stiffscope.vjm.statics import analyse, sag, stiffness
-from tests.robots import GEOMETRY, euler_bernoulli, published_slider, random_compliance
+from tests.robots import GEOMETRY, euler_bernoulli, pose_at, published_slider, random_compliance
 from tests.vjm import energy, oracle
 from tests.vjm.files import CHECKED, biglide, read, serial_arm
 from tests.vjm.potential import Potential, by_angular_velocity
