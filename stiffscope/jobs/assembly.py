@@ -18,7 +18,6 @@ from stiffscope.robot.inspection import rigid_mechanism
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import needed_experiments, part_matrices, part_sources
 from stiffscope.robot.part_sections import StepPart
-from stiffscope.robot.source import field_name
 from stiffscope.vjm import statics
 from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.semidefinite import inverse
@@ -99,9 +98,10 @@ def assemble_robots(robots: Mapping[str, RobotFile], components: Components, sho
 def check_one_interface(robot: RobotFile, name: str) -> None:
     """Raise InputError where a part has more loaded interfaces, and so more matrices, than one."""
     if getattr(robot.part(name), "pads", None) == "apart":
-        raise InputError(
-            f'{robot.path}: {field_name(("parts", name, "pads"))}: expected "together", which makes one matrix, got '
-            '"apart" (whose three interfaces `stiffscope compliance` gives)'
+        raise robot.refuse(
+            ("parts", name, "pads"),
+            'expected "together", which makes one matrix, got "apart" (whose three interfaces '
+            "`stiffscope compliance` gives)",
         )
 
 
@@ -142,9 +142,10 @@ def _check_lengths(robot: RobotFile, results: Iterable[PartResult]) -> None:
             if abs(length - given) > SAME_LENGTH * given:
                 part = robot.part(result.name)
                 file = part.file if isinstance(part, StepPart) else ""
-                raise InputError(
-                    f"{robot.path}: {field_name(('bodies', name, 'tip'))}: expected a tip {mm(length)} from the base, "
-                    f"as the reference point of {file} is from its clamped faces along x, got {mm(given)}"
+                raise robot.refuse(
+                    ("bodies", name, "tip"),
+                    f"expected a tip {mm(length)} from the base, as the reference point of {file} is from its clamped "
+                    f"faces along x, got {mm(given)}",
                 )
 
 

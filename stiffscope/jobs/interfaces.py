@@ -18,7 +18,6 @@ from stiffscope.jobs.experiments import solve_parts
 from stiffscope.jobs.orders import order_part
 from stiffscope.robot.part_matrices import entry_name
 from stiffscope.robot.part_sections import ParametricPart, SolidPart
-from stiffscope.robot.source import field_name
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -132,8 +131,7 @@ def choices(robot: RobotFile, part: str) -> list[Choice]:
     """
     section = robot.part(part)
     if not isinstance(section, SolidPart):
-        here = field_name(("parts", part))
-        raise InputError(f"{robot.path}: {here}: expected a part that is a solid, got a {section.shape}")
+        raise robot.refuse(("parts", part, "shape"), f'expected a part that is a solid, got "{section.shape}"')
     bed = _bed(robot, part)
 
     def choice(name: str, words: str, **values: float | str | None) -> Choice:

@@ -11,7 +11,6 @@ from stiffscope.cad.solid import GREATEST_X, LEAST_X
 from stiffscope.errors import InputError
 from stiffscope.jobs.cache import code_version, digest, file_digest
 from stiffscope.robot.part_sections import ParametricPart, SolidPart, StepPart
-from stiffscope.robot.source import field_name
 
 if TYPE_CHECKING:
     from stiffscope.cad.faces import FaceSelector
@@ -103,11 +102,11 @@ def order_part(robot: RobotFile, name: str, step: str | Path | None = None, *, l
 
     if name not in robot.parts:
         raise InputError(f"part: expected one of {', '.join(robot.parts) or '(none)'}, got {name!r}")
-    part, here = robot.part(name), f"{robot.path}: {field_name(('parts', name))}"
+    part = robot.part(name)
     solid = _step_order(robot, name, step) or _dimensions(robot, name)
     material = robot.material(name)
     if material is None:
-        raise InputError(f"{here}.material: expected the material of the solid, got none")
+        raise robot.refuse(("parts", name, "material"), "expected the material of the solid, got none")
     settings = Settings()
     if isinstance(part, SolidPart):
         settings = Settings(interface=part.interface, foundation=part.foundation, **part.mesh.model_dump())
@@ -140,15 +139,16 @@ def build_part(robot: RobotFile, name: str) -> Part:
 
 def _dimensions(robot: RobotFile, name: str) -> LinkParameters | SliderParameters:
     """Shape of a rod or plate, without the parameters of absent features."""
-    here = f"{robot.path}: {field_name(('parts', name))}"
     part = robot.part(name)
     if not isinstance(part, ParametricPart):
-        raise InputError(f"{here}: expected a rod, a plate or a STEP file, which are solids, got a {part.shape}")
+        raise robot.refuse(
+            ("parts", name, "shape"), f'expected a rod, a plate or a STEP file, which are solids, got "{part.shape}"'
+        )
     try:
         return robot.dimensions(name).present()
     except InputError as error:  # cad names the parameter: "link.bore: expected ..."
         key, _, message = str(error).partition(": ")
-        raise InputError(f"{here}.{key.partition('.')[2]}: {message}") from error
+        raise robot.refuse(("parts", name, *key.split(".")[1:]), message) from error
 
 
 def _step_order(robot: RobotFile, name: str, given: str | Path | None) -> StepOrder | None:
@@ -162,8 +162,10 @@ def _step_order(robot: RobotFile, name: str, given: str | Path | None) -> StepOr
     try:
         content = file_digest(path)
     except OSError as error:
-        named = shown if given else f"{robot.path}: {field_name(('parts', name, 'file'))}"
-        raise InputError(f"{named}: expected a STEP file, got {error.strerror} ({path})") from error
+        message = f"expected a STEP file, got {error.strerror} ({path})"
+        if given:
+            raise InputError(f"{shown}: {message}") from error
+        raise robot.refuse(("parts", name, "file"), message) from error
     if section is None:
         return StepOrder(path.absolute(), content)
     tagged = ("clamped", section.clamped), ("loaded", section.loaded)

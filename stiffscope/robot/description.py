@@ -17,6 +17,7 @@ from stiffscope.robot.sections import (
     MapSection,
     ToolSection,
 )
+from stiffscope.robot.source import Source
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 
     from stiffscope.cad.link import LinkParameters
     from stiffscope.cad.slider import SliderParameters
+    from stiffscope.errors import InputError
+    from stiffscope.robot.positions import Key
 
 GROUND = "ground"
 ENDS = ("base", "tip")
@@ -55,8 +58,16 @@ class RobotFile:
     materials: Mapping[str, AnyMaterial] = field(default_factory=dict)
     effects: tuple[Effect, ...] = ()
     copied: Mapping[str, Turned] = field(default_factory=dict)
-    path: Path = Path()
-    overrides: tuple[str, ...] = ()
+    source: Source = field(default_factory=lambda: Source(Path(), ""), compare=False)
+
+    @property
+    def path(self) -> Path:
+        """The file it was read from."""
+        return self.source.path
+
+    def refuse(self, key: Key, message: str) -> InputError:
+        """Error for a key, with the `--set` that brought it or its file and line."""
+        return self.source.refuse(key, message)
 
     def carries(self, effect: str) -> bool:
         """Whether it has adopted such an effect."""

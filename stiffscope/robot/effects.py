@@ -160,8 +160,8 @@ def mechanical_effects(nominal: NominalRobot) -> tuple[MechanicalEffect, ...]:
     for name, term in VOCABULARY.items():
         for place in set(term.places) - _OUTSIDE:
             if not nominal.elements(place):
-                path = nominal.robot.path
-                raise InputError(f"{path}: groups: expected {place}, a place of the effect {name}, got none such")
+                message = f"expected {place}, a place of the effect {name}, got none such"
+                raise nominal.robot.refuse(("groups",), message)
     return tuple(_effects(nominal))
 
 
@@ -324,12 +324,12 @@ def _named(robot: NominalRobot, effect: str, place: str, parameters: Mapping[str
 def carried(mechanism: Mechanism, robot: RobotFile) -> Mechanism:
     """The mechanism with the effects that its file has adopted, in their order.
 
-    Raises InputError, by the effect's number in the file, for what is no part of the robot.
+    Raises InputError, with the effect's line in the file, for what is no part of the robot.
     """
     nominal = NominalRobot(mechanism, robot)
-    for number, effect in enumerate(robot.effects, 1):
+    for number, effect in enumerate(robot.effects):
         try:
             nominal = adopted(nominal, effect.effect, effect.place, effect.parameters)
         except InputError as error:
-            raise InputError(f"{robot.path}: effects, number {number}: {error}") from error
+            raise robot.refuse(("effects", number), str(error)) from error
     return nominal.mechanism

@@ -13,7 +13,6 @@ from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
 from stiffscope.fea.beam import circle, euler_bernoulli, rectangle, timoshenko
 from stiffscope.robot.part_sections import MatrixPart, ParametricPart, PartSection, SolidPart, Source, StepPart
-from stiffscope.robot.source import field_name
 from stiffscope.vjm.checks import checked_compliance
 from stiffscope.vjm.screws import shift
 
@@ -180,7 +179,7 @@ def beam_segments(robot: RobotFile, name: str) -> list[tuple[float, Section]]:
     poisson = getattr(robot.material(name), "poisson", 0.3)
     part = robot.parts[name]
     if not isinstance(part, ParametricPart):
-        raise InputError(f"{_here(robot, name)}: expected a rod or plate for beam theory, got a {part.shape}")
+        raise robot.refuse(("parts", name, "shape"), f'expected a rod or plate for beam theory, got "{part.shape}"')
     size = part.lengths()
     if part.shape == "plate":
         return [(size["depth"], rectangle(size["width"], size["thickness"], poisson))]
@@ -217,7 +216,7 @@ def beam_compliance(robot: RobotFile, name: str, theory: Theory = timoshenko) ->
     material = robot.material(name)
     segments = beam_segments(robot, name)
     if material is None:
-        raise InputError(f"{_here(robot, name)}.material: expected a material for beam theory, got none")
+        raise robot.refuse(("parts", name, "material"), "expected a material for beam theory, got none")
     total, beyond = np.zeros((6, 6)), 0.0
     for length, section in reversed(segments):
         piece = theory(length, section, material.youngs_modulus, material.shear_modulus)
@@ -234,14 +233,9 @@ def published_compliance(robot: RobotFile, name: str) -> np.ndarray:
         return beam_compliance(robot, name, euler_bernoulli)
     table = getattr(part, "published", None)
     if table is None:
-        raise InputError(
-            f"{_here(robot, name)}.published: expected the name of a matrix in data/published, got nothing"
-        )
+        message = "expected the name of a matrix in data/published, got nothing"
+        raise robot.refuse(("parts", name, "published"), message)
     return published_matrix(table)
-
-
-def _here(robot: RobotFile, name: str) -> str:
-    return f"{robot.path}: {field_name(('parts', name))}"
 
 
 def published_matrix(name: str) -> np.ndarray:

@@ -80,7 +80,7 @@ def load_robot(name_or_path: str | Path, overrides: Sequence[str] = (), toleranc
 def read_robot(path: Path, text: str, overrides: Sequence[str] = (), tolerance: str | None = None) -> RobotFile:
     """Read a robot from a text; `path` is what errors call it and what paths in it are relative to. As `load_robot`."""
     data = parse_text(path, text)
-    source = Source(path, text)
+    source = Source(path, text, tuple(overrides))
     try:
         return _read(data, source, overrides, tolerance)
     except FieldError as error:
@@ -127,8 +127,7 @@ def _read(data: dict[str, Any], source: Source, overrides: Sequence[str], tolera
         materials=MappingProxyType({name: _material(name, each) for name, each in data.get("materials", {}).items()}),
         effects=tuple(section(Effect, each, ("effects", i)) for i, each in enumerate(data.get("effects", []))),
         copied=MappingProxyType(written.copied),
-        path=source.path,
-        overrides=tuple(overrides),
+        source=source,
     )
     check_robot(robot)
     return robot

@@ -59,10 +59,11 @@ def parse_text(path: Path, text: str) -> dict[str, Any]:
 
 @dataclass
 class Source:
-    """A robot file's path and text, the keys that `--set` changed, and the names that copies come from."""
+    """A robot file's path and text, what `--set` changed of it and the keys of that, and where copies come from."""
 
     path: Path
     text: str
+    overrides: tuple[str, ...] = ()
     changed: dict[Key, str] = field(default_factory=dict)
     origins: dict[str, str] = field(default_factory=dict)
 
