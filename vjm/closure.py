@@ -5,6 +5,9 @@ drives), rows that depend on others (overconstrained loops) are only verified. W
 factored without pivoting, in an order found at home, every entry a vector over poses.
 """
 
+# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownMemberType=false, reportUnknownVariableType=false
+# (scipy declares few types)
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -96,7 +99,8 @@ class Closure:
         """Pivots by Markowitz's rule, and the fill of the factors."""
         rng = np.random.default_rng(0)
         spread = q[:, None] + 0.3 * rng.normal(size=(len(q), 3)) * self.linkage.scale[:, None]
-        used = (np.abs(self._whole(spread)) > _STRUCTURAL).any(axis=2)[np.ix_(self.rows, self.columns)]
+        everywhere: NDArray[np.bool_] = np.any(np.abs(self._whole(spread)) > _STRUCTURAL, axis=2)
+        used = everywhere[np.ix_(self.rows, self.columns)]
         pattern = used.copy()
         matrix = self.whole[np.ix_(self.rows, self.columns)].copy()
         rows, columns = list(range(len(self.rows))), list(range(len(self.columns)))
@@ -168,7 +172,8 @@ class Closure:
                     trusted &= (size < _CONTRACTION * first) | (first < _NEAR) | (most < CLOSED)
                 going &= np.isfinite(size) & (size < 10.0)
                 q[self.columns] -= step * scale if going.all() else np.where(going, step * scale, 0.0)
-        return Solution(q, (most < CLOSED) & trusted, placed, worst, factors)
+        closed = (most < CLOSED) & trusted  # pyright: ignore[reportPossiblyUnboundVariable]
+        return Solution(q, closed, placed, worst, factors)  # pyright: ignore[reportPossiblyUnboundVariable]
 
     def matrix(self, placed: Placed) -> dict[tuple[int, int], Array]:
         """Entries (n,) of the ranked equations' derivatives, in the order of elimination."""
@@ -231,7 +236,7 @@ def _independent(matrix: Array) -> list[int]:
     """Columns that span the range of a matrix, by QR with pivoting."""
     if not matrix.size:
         return []
-    _, r, order = qr(matrix, mode="economic", pivoting=True)
+    _, r, order = qr(matrix, mode="economic", pivoting=True)  # pyright: ignore[reportAssignmentType]
     pivots = np.abs(np.diagonal(r))
     rank = int(np.sum(pivots > _RANK * max(pivots[0], 1e-300))) if pivots[0] > 1e-12 else 0
     return sorted(int(k) for k in order[:rank])

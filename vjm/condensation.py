@@ -141,7 +141,7 @@ def _eliminate(state: Condensed, step: Eliminate) -> Eliminated:
     around = [state.pair(step.node, c) for c in step.neighbours]
     own = sum(around, np.zeros((1, 6, 6)))
     half = half_inverse(own)
-    reach = [half @ g for g in around]
+    reach: list[Array] = [half @ g for g in around]
     for i, a in enumerate(step.neighbours):
         for j in range(i):
             state.add(a, step.neighbours[j], np.swapaxes(reach[i], -1, -2) @ reach[j])
@@ -156,8 +156,8 @@ def _fold(state: Condensed, step: Fold) -> Folded:
     columns_t = np.swapaxes(columns, -1, -2)
     around = {c: state.pair(step.node, c) for c in step.neighbours}
     own = sum(around.values(), np.zeros((1, 6, 6)))
-    springs = np.arange(columns.shape[2]) < factor.shape[2]
-    core = columns_t @ own @ columns + np.diag(springs.astype(float))
+    springs = np.repeat([1.0, 0.0], [factor.shape[2], free.shape[2]])
+    core = columns_t @ own @ columns + np.diag(springs)
     half = half_inverse(core)
     pull = half @ columns_t  # (n, m, 6)
     reach = {c: pull @ around[c] for c in step.neighbours if c != start}

@@ -4,6 +4,9 @@ The branch is the one that is reached from home: coordinates are followed along 
 steps that Newton's method takes without doubt, from home or from a pose that was reached before.
 """
 
+# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownMemberType=false, reportUnknownVariableType=false
+# (scipy declares few types)
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -13,7 +16,7 @@ from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from stiffscope.errors import InputError
 from stiffscope.vjm.closure import CLOSED, Closure
@@ -308,19 +311,19 @@ class _Reached:
             near = np.flatnonzero(~done)
             self._reach(values, q, done, near, np.zeros(len(near), dtype=int), _SHORTEST)
             unit = values / self.unit
-            spacing = cKDTree(unit).query(unit, k=min(2, len(unit)))[0]
+            spacing = KDTree(unit).query(unit, k=min(2, len(unit)))[0]
             self.near = _NEIGHBOURS * float(np.median(spacing[..., -1]))
         for _ in range(_ROUNDS):
             left = np.flatnonzero(~done)
             if not left.size:
                 return
-            distance, start = cKDTree(self.values / self.unit).query(values[left] / self.unit)
+            distance, start = map(np.asarray, KDTree(self.values / self.unit).query(values[left] / self.unit))
             close = distance <= self.near
             if not self._reach(values, q, done, left[close], start[close], _SHORT):
                 break
         lost = np.flatnonzero(~done)
         q[:, lost] = np.nan
-        q[np.ix_(linkage.known, lost)] = values[lost].T
+        q[np.array(linkage.known, dtype=int)[:, None], lost] = values[lost].T
 
     def _reach(
         self,
@@ -382,7 +385,7 @@ class _Reached:
         if float(np.quantile(off.max(axis=1), 0.9)) < _FIT:
             self.predict = lambda values: np.ascontiguousarray((features(values) @ solution).T)
         else:
-            tree = cKDTree(self.values / self.unit)
+            tree = KDTree(self.values / self.unit)
             self.predict = lambda values: self.q[:, tree.query(values / self.unit)[1]]
 
     def _configurations(

@@ -18,6 +18,8 @@ from stiffscope.vjm.mechanism import GROUND, Joint
 from stiffscope.vjm.screws import rotation_of, skew
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.screws import Array
 
@@ -54,7 +56,7 @@ class Cut:
     joint: Joint
     first: int
     second: int
-    columns: Array
+    columns: NDArray[np.intp]
     signs: Array
 
     @property
@@ -109,7 +111,7 @@ class Linkage:
 
     def __init__(self, mechanism: Mechanism, given: Given) -> None:
         self.mechanism = mechanism
-        self.given = given
+        self.given: Given = given
         self.link_of, links = _clusters(mechanism)
         self.length = _size(mechanism)
         joints = [j for j in mechanism.joints if self.link_of[j.first] != self.link_of[j.second]]
@@ -210,7 +212,8 @@ class Linkage:
 
     def placed(self, q: Array) -> Placed:
         """Links and their motions at coordinates (m, n)."""
-        rotation, position = [np.eye(3)[..., None]] * self.frames, [np.zeros((3, 1))] * self.frames
+        rotation: list[Array] = [np.eye(3)[..., None]] * self.frames
+        position: list[Array] = [np.zeros((3, 1))] * self.frames
         for m in self.motions:
             r, p, c = rotation[m.parent], position[m.parent], m.column
             if m.kind == "P":
@@ -344,12 +347,12 @@ def turned(rotation: Array) -> Array:
 def rotation_vector(rotation: Array) -> Array:
     """Rotation vector (..., 3) in rad, no longer than π, of rotations (..., 3, 3)."""
     s = turned(rotation)
-    sine = np.linalg.norm(s, axis=-1)
+    sine: Array = np.linalg.norm(s, axis=-1)
     cosine = 0.5 * (np.einsum("...ii->...", rotation) - 1.0)
     angle = np.arctan2(sine, cosine)
     near = sine < 1e-4  # no rotation, or half a turn: its axis is in the symmetric part
-    factor = np.where(near & (cosine > 0.0), 1.0 + angle**2 / 6.0, angle / np.where(sine > 0.0, sine, 1.0))
-    vector = s * factor[..., None]
+    factor: Array = np.where(near & (cosine > 0.0), 1.0 + angle**2 / 6.0, angle / np.where(sine > 0.0, sine, 1.0))
+    vector: Array = s * factor[..., None]
     half = near & (cosine < 0.0)
     if half.any():
         r = rotation[half]

@@ -7,8 +7,8 @@ are eliminated.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeAlias
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, TypeAlias
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -20,6 +20,8 @@ from stiffscope.vjm.semidefinite import pivoted, projector
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+
+    from numpy.typing import NDArray
 
     from stiffscope.vjm.linkage import Linkage
     from stiffscope.vjm.mechanism import Mechanism
@@ -129,6 +131,8 @@ class Order:
     steps: tuple[Step, ...]
     left: tuple[Connection, ...]
     kept: tuple[str, ...]
+    independent: dict[str, tuple[Array, NDArray[np.intp]]] = field(default_factory=dict[Any, Any])
+    """Of a saddle-point system its scale and independent rows at home, by what is solved for, once it has been."""
 
 
 _orders: WeakKeyDictionary[Mechanism, Order] = WeakKeyDictionary()

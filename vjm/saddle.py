@@ -5,6 +5,9 @@ multipliers make one saddle-point system, ``[[K, 0, Aᵀ], [0, D, -Bᵀ], [A, -B
 motions make it singular; what is independent at home is solved for, and the rest verified at every pose.
 """
 
+# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownMemberType=false, reportUnknownVariableType=false
+# (scipy declares few types)
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -22,6 +25,8 @@ from stiffscope.vjm.order import home, stacked
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from numpy.typing import NDArray
 
     from stiffscope.vjm.condensation import Condensed
     from stiffscope.vjm.loading import Carried, Chain
@@ -145,7 +150,9 @@ def _system(state: Condensed) -> System:
     for node in (END, *order.kept):
         nodes[node] = slice(at, at + 6)
         at += 6
-    columns, coordinates, wrenches = [], [], []
+    columns: list[Array] = []
+    coordinates: list[slice] = []
+    wrenches: list[slice] = []
     counts: list[int] = []
     for c in order.left:
         factor, free = c.flexible(where)
@@ -205,9 +212,9 @@ def _solved(state: Condensed, matrix: Array, right: Array, use: str) -> tuple[Ar
     return out * scale[:, None], True
 
 
-def _independent(state: Condensed, use: str) -> tuple[Array, Array]:
+def _independent(state: Condensed, use: str) -> tuple[Array, NDArray[np.intp]]:
     """Scale of rows and columns at home, and which of them are independent there."""
-    cache: dict[str, tuple[Array, Array]] = state.order.__dict__.setdefault("_independent", {})
+    cache = state.order.independent
     if use not in cache:
         at_home = condensed(state.order, home(state.order.mechanism))
         system = _system(at_home)
@@ -215,9 +222,10 @@ def _independent(state: Condensed, use: str) -> tuple[Array, Array]:
         m = system.matrix[0]
         if use == "held":
             m, scale = m[6:, 6:], scale[6:]
-        _, r, order = qr(m * (scale[:, None] * scale), pivoting=True)
+        _, r, order = qr(m * (scale[:, None] * scale), pivoting=True)  # pyright: ignore[reportAssignmentType]
         pivots = np.abs(np.diagonal(r))
-        cache[use] = scale, np.sort(order[: int((pivots > _RANK * pivots[0]).sum())])
+        first = int((pivots > _RANK * pivots[0]).sum())
+        cache[use] = scale, np.sort(np.asarray(order[:first], dtype=np.intp))
     return cache[use]
 
 

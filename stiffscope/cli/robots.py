@@ -229,7 +229,7 @@ def _show_run(now: Assembled, states: Mapping[str, Stiffness]) -> None:
     names, state = list(now.robot.poses), states["now"]
     tables.show_stiffness(names, state, title=f"Stiffness at M ({_made_of(now)})")
     if "before" in states:
-        tables.show_change(names, states["before"].matrix, state.matrix, now.robot.overrides)
+        tables.show_change(names, states["before"].matrix, state.matrix, now.robot.source.overrides)
 
 
 def _state(assembled: Assembled, found: Configurations, gravity: str) -> Stiffness:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -78,8 +79,8 @@ class RobotAtPoses:
         d = self.model.dimensions
         reach = np.arccos((np.clip([d.a_max, d.a_min], d.l, d.l + d.L) - d.l) / d.L)
         half = 0.5 * (d.a_max - d.a_min)
-        x, z = np.meshgrid(np.linspace(-half, half, _GRID), np.linspace(*d.tool_point(reach)[:, 2], _GRID))
-        points = np.column_stack([x.ravel(), np.full(x.size, y), z.ravel()])
+        low, high = (float(z) for z in d.tool_point(reach)[:, 2])
+        points = np.array(list(product(np.linspace(-half, half, _GRID), [y], np.linspace(low, high, _GRID))))
         return points[configure(self.robot.mechanism, points).valid]
 
 

@@ -54,9 +54,9 @@ def compare(robot: RobotFile, name: str, result: PartResult | Experiment) -> Com
         for j in range(i, 6):
             known = beam[i, j] or (printed is not None and printed[i, j])
             if known or abs(fea[i, j]) > max(error[i, j], 1e-4 * scale[i, j]):
-                values = (float(v[i, j]) for v in (fea, error, simple, beam))
+                name_and_unit = parts_of.entry_name(i, j)
                 published = None if printed is None else float(printed[i, j])
-                entries.append(Entry(*parts_of.entry_name(i, j), *values, published))
+                entries.append(Entry(*name_and_unit, fea[i, j], error[i, j], simple[i, j], beam[i, j], published))
     return Comparison(name, tuple(entries), tuple(_findings(robot, name, fea, simple, beam, printed)))
 
 

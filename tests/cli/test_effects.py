@@ -42,17 +42,17 @@ def test_adopted_effects_change_the_robot_in_their_order(assembled):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('"actuator-stiffness"', '"actuator"', "effects, number 1: effect: expected one of gravity, payload"),
+        ('"actuator-stiffness"', '"actuator"', "effects[0]: effect: expected one of gravity, payload"),
         (
             '"limb1"',
             '"limb3"',
-            "number 1: actuator-stiffness, place: expected one of stage, limb1, limb2, limbs, got 'limb3'",
+            "effects[0]: actuator-stiffness, place: expected one of stage, limb1, limb2, limbs, got 'limb3'",
         ),
-        ("factor", "faktor", "number 1: actuator-stiffness: expected parameters factor, got faktor"),
+        ("factor", "faktor", "effects[0]: actuator-stiffness: expected parameters factor, got faktor"),
         ("0.8", '"0.8 m"', "effects[0].parameters.factor: expected a number"),
         ('"actuator-stiffness"', '"backlash"', "effects"),
-        ("factor = 0.8", "", "effects, number 1: actuator-stiffness @ limb1: expected parameters factor, got none"),
-        ("0.8", "-0.8", "effects, number 1: actuator-stiffness @ limb1, factor: expected more than 0, got -0.8"),
+        ("factor = 0.8", "", "effects[0]: actuator-stiffness @ limb1: expected parameters factor, got none"),
+        ("0.8", "-0.8", "effects[0]: actuator-stiffness @ limb1, factor: expected more than 0, got -0.8"),
         (ADOPTED, f"{BASE}\nparameters = {{ x = -1e-6 }}", "base: diagonal entries must not be negative"),
         (
             ADOPTED,
