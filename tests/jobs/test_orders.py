@@ -54,7 +54,7 @@ def test_a_step_file_is_known_by_its_content_faces_and_axes(tmp_path):
         ]
     }
     assert len(keys) == 5
-    with pytest.raises(InputError, match=r'robot\.toml:6: parts\."bar 1"\.file: expected a STEP file, got No such file'):
+    with pytest.raises(InputError, match=r'robot\.toml:6: parts\."bar 1"\.file: expected a STEP file, got No such'):
         order_part(one_part(tmp_path, STEP.replace("bar.step", "none.step")), NAME)
 
 
@@ -72,7 +72,7 @@ def test_a_given_step_file_takes_the_place_of_any_part(tmp_path):
 
 def test_parts_that_have_no_experiment_are_refused(tmp_path):
     robot = one_part(tmp_path, MATRIX)
-    with pytest.raises(InputError, match=r'robot\.toml:5: parts\."bar 1"\.shape: expected a rod, a plate or .*, got "matrix"'):
+    with pytest.raises(InputError, match=r'robot\.toml:5: parts\."bar 1"\.shape: expected a rod, .*, got "matrix"'):
         order_part(robot, NAME)
     with pytest.raises(InputError, match="expected one of bar 1, got 'link'"):
         build_part(robot, "link")
