@@ -3,7 +3,7 @@
 `import stiffscope as ss` gives what a notebook needs; each name is loaded when it is first used.
 
 A part
-    load_robot         read a robot file, or a robot of `data/` by its name, with changes as `--set` makes them
+    load_robot         read a robot file, or a robot of `data/robots` by its name, with changes as `--set` makes them
     build_part         the solid of a part of a robot, with its material, clamped and loaded faces
     read_step          the solid of a STEP file as a part
     material           a material by its name
@@ -15,14 +15,19 @@ A part
     compare            finite elements beside beam theory beside the published matrix, entry by entry
     deformed           picture of a part under each unit wrench
 
-A robot
-    assemble           the elastic robot from its parts' compliances
-    analyse            stiffness, sag and mobility at tool points
-    Stiffness          what `analyse` gives; a table in a notebook
-    stiffness          6x6 stiffness at tool points
+A robot, of a file or made here
+    assemble           the mechanism of a robot file with its parts' compliances
+    Mechanism          bodies, joints, tool and gravity; base axes, at one home configuration
+    Body               a rigid body
+    member             an elastic body between two ends, of a 6x6 compliance
+    Joint              a joint between two bodies or ends of bodies
+    Drive              the spring and the range of a driven joint
+    Tool               the tool point and the coordinates that command a pose
+    configure          configurations of a mechanism at tool poses; which are out of reach, and why
+    analyse            stiffness, sag and mobility at tool poses
+    stiffness          6x6 stiffness at tool poses
     sag                twist of the tool under the robot's own weight
-    deflection         twist of the tool under a wrench, and each component's share of the strain energy
-    Deflection         what `deflection` gives
+    deflection         twist of the tool under a wrench, and each element's share of the strain energy
     stiffness_map      picture of the stiffness over the workspace
 
 A machine
@@ -56,14 +61,19 @@ if TYPE_CHECKING:
     from stiffscope.report.compare import compare as compare
     from stiffscope.report.notebook import deformed as deformed
     from stiffscope.report.notebook import stiffness_map as stiffness_map
-    from stiffscope.robot.components import beam_compliance as beam_compliance
-    from stiffscope.robot.robot_file import load_robot as load_robot
-    from stiffscope.vjm.analysis import Stiffness as Stiffness
-    from stiffscope.vjm.analysis import analyse as analyse
-    from stiffscope.vjm.analysis import sag as sag
-    from stiffscope.vjm.analysis import stiffness as stiffness
-    from stiffscope.vjm.deflection import Deflection as Deflection
-    from stiffscope.vjm.deflection import deflection as deflection
+    from stiffscope.robot.part_matrices import beam_compliance as beam_compliance
+    from stiffscope.robot.reader import load_robot as load_robot
+    from stiffscope.vjm.kinematics import configure as configure
+    from stiffscope.vjm.mechanism import Body as Body
+    from stiffscope.vjm.mechanism import Drive as Drive
+    from stiffscope.vjm.mechanism import Joint as Joint
+    from stiffscope.vjm.mechanism import Mechanism as Mechanism
+    from stiffscope.vjm.mechanism import Tool as Tool
+    from stiffscope.vjm.mechanism import member as member
+    from stiffscope.vjm.statics import analyse as analyse
+    from stiffscope.vjm.statics import sag as sag
+    from stiffscope.vjm.statics import stiffness as stiffness
+    from stiffscope.vjm.yielding import deflection as deflection
 
 __version__ = "0.2.0"
 
@@ -79,10 +89,12 @@ _MODULES = {
     "jobs.orders": ("build_part",),
     "report.compare": ("compare",),
     "report.notebook": ("deformed", "stiffness_map"),
-    "robot.components": ("beam_compliance",),
-    "robot.robot_file": ("load_robot",),
-    "vjm.analysis": ("Stiffness", "analyse", "sag", "stiffness"),
-    "vjm.deflection": ("Deflection", "deflection"),
+    "robot.part_matrices": ("beam_compliance",),
+    "robot.reader": ("load_robot",),
+    "vjm.kinematics": ("configure",),
+    "vjm.mechanism": ("Body", "Drive", "Joint", "Mechanism", "Tool", "member"),
+    "vjm.statics": ("analyse", "sag", "stiffness"),
+    "vjm.yielding": ("deflection",),
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
 

@@ -1,15 +1,54 @@
-"""The paper's robot with published matrices, and random components."""
+"""The paper's robot with published matrices, its kinematics in closed form, and random components."""
 
 import tomllib
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from stiffscope.vjm.biglide import Biglide, Geometry, reachable
+from stiffscope.robot.effects import NominalRobot
+from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.part_matrices import PartMatrix, part_matrices
+from stiffscope.robot.reader import load_robot
 
 DATA = Path(__file__).parents[1] / "data" / "published"
-GEOMETRY = Geometry(L=0.5, l=0.075, l1=0.04, l2=0.015, h=0.0175, d=0.07)
 DRIVE = 1.27e7
+
+
+class Geometry(NamedTuple):
+    """Dimensions of Tables 1 to 3 in m, and the range of the carriages."""
+
+    L: float = 0.5
+    l: float = 0.075
+    l1: float = 0.04
+    l2: float = 0.015
+    h: float = 0.0175
+    d: float = 0.07
+    a_min: float = 0.20
+    a_max: float = 0.55
+
+
+GEOMETRY = Geometry()
+
+
+def pose_at(geometry, q, x=0.0, y=0.0):
+    """Tool point (3,) at the link angle q in rad."""
+    return np.array([x, y, geometry.l1 + geometry.l2 + geometry.L * np.sin(q)])
+
+
+def slides(geometry, poses):
+    """Positions (n, 3) of limb 1, limb 2 and the stage at tool points (n, 3); NaN where no link reaches."""
+    x, y, z = np.atleast_2d(poses).T
+    sine = (z - geometry.l1 - geometry.l2) / geometry.L
+    cosine = np.sqrt(np.where((sine > 0.0) & (sine < 1.0), 1.0 - sine**2, np.nan))
+    reach = geometry.L * cosine + geometry.l
+    return np.column_stack([reach - x, reach + x, y])
+
+
+def reachable(geometry, poses):
+    """Whether tool points (n, 3) are within reach (n,)."""
+    a = slides(geometry, poses)[:, :2]
+    return ((a >= geometry.a_min) & (a <= geometry.a_max)).all(axis=1)
 
 
 def euler_bernoulli(length=0.5, radius=0.0125, e=211e9, g=81e9):
@@ -41,5 +80,18 @@ def random_poses(rng, n, geometry=GEOMETRY):
     return points[reachable(geometry, points)][:n]
 
 
+def nominal_robot(*overrides):
+    """The shipped Biglide with Eqs. (28) and (29), as a diagnosis takes it."""
+    robot = load_robot("biglide", overrides)
+    return NominalRobot(mechanism_of(robot, part_matrices(robot, "published")), robot)
+
+
 def published_robot():
-    return Biglide(GEOMETRY, euler_bernoulli(), published_slider(), DRIVE, link_mass=1.95, platform_mass=7.93)
+    """The shipped Biglide with Eqs. (28) and (29) as a mechanism."""
+    return nominal_robot().mechanism
+
+
+def robot_of(link, slider):
+    """The shipped Biglide with these matrices of link and slider."""
+    robot = load_robot("biglide")
+    return mechanism_of(robot, {"link": PartMatrix(link, mass=1.95), "slider": PartMatrix(slider)})

@@ -1,4 +1,4 @@
-"""`import stiffscope as ss`: what it has, what it costs, and what it does for a robot whose mass is CAD's."""
+"""`import stiffscope as ss`: what it has, what it costs, and what it does for robots of files and of Python."""
 
 import ast
 import pydoc
@@ -37,29 +37,50 @@ def test_type_checkers_see_the_same_names_in_the_same_modules():
         _ = ss.nosuch
 
 
-def test_a_link_with_the_mass_of_its_solid_can_be_assembled(monkeypatch, tmp_path):
-    monkeypatch.setenv("STIFFSCOPE_CACHE", str(tmp_path))
-    robot = ss.load_robot("biglide", ["link.mass=cad", "link.mesh.size=60mm"])
+def test_a_part_weighs_what_its_solid_does():
+    robot = ss.load_robot("biglide", ["link.mass=cad"])
     machine = ss.assemble(robot, "published")
-    assert machine.link_mass == pytest.approx(np.pi * 0.0125**2 * 0.5 * robot.material("link").density, rel=1e-9)
+    expected = np.pi * 0.0125**2 * 0.5 * robot.material("link").density
+    assert machine.body("limb1.link1").mass == pytest.approx(expected, rel=1e-9)
 
 
 def test_parts_come_from_words_and_matrices():
     robot = ss.load_robot("biglide")
     slider = 2 * ss.beam_compliance(robot, "slider")
     machine = ss.assemble(robot, {"link": "beam", "slider": slider})
-    assert np.array_equal(machine.slider, slider)
-    assert np.array_equal(machine.link, ss.beam_compliance(robot, "link"))
+    assert np.array_equal(machine.body("limb2.slider").elastic.compliance, slider)
+    assert np.array_equal(machine.body("limb2.link3").elastic.compliance, ss.beam_compliance(robot, "link"))
     for wrong, message in (
         ({"links": slider}, "expected parts among link, slider, got 'links'"),
         ({"link": "fem"}, "expected fea, beam, published or a matrix, got 'fem'"),
-        ({"link": "beam", "slider": np.eye(3)}, "slider compliance"),
+        ({"link": "beam", "slider": np.eye(3)}, "components: slider: expected a 6x6"),
         ("fem", "expected fea, beam, published or a matrix, got 'fem'"),
     ):
         with pytest.raises(ss.InputError, match=message):
             ss.assemble(robot, wrong)
     with pytest.raises(ss.InputError, match="expected one of link, slider, got 'arm'"):
         ss.build_part(robot, "arm")
+
+
+def test_a_robot_is_made_in_python():
+    """A beam on a stiff slide: the tool's compliance is the beam's and, along the slide, the drive's."""
+    beam = np.diag([1e-9, 4e-8, 4e-8, 1e-5, 1e-5, 1e-5])
+    machine = ss.Mechanism(
+        bodies=(ss.member("beam", [0, 0, 0], [0.3, 0, 0], beam, y=[0, 1, 0]), ss.Body("hand", 2.0, [0.3, 0, 0])),
+        joints=(
+            ss.Joint("slide", "ground", "beam.base", "prismatic", [0, 0, 0], [1, 0, 0], drive=ss.Drive(1e7, -0.1, 0.1)),
+            ss.Joint("weld", "beam.tip", "hand", "fixed", [0.3, 0, 0]),
+        ),
+        tool=ss.Tool("hand", [0.3, 0, 0], ("x",)),
+        gravity=[0, 0, -9.81],
+    )
+    found = ss.configure(machine, [[0.3], [0.35]]).required()
+    expected = np.linalg.inv(beam + np.diag([1e-7, 0, 0, 0, 0, 0]))
+    np.testing.assert_allclose(ss.stiffness(machine, found), [expected] * 2, rtol=1e-9, atol=1e-3)
+    assert ss.sag(machine, found)[1, 2] == pytest.approx(-4e-8 * 2.0 * 9.81)
+    assert ss.analyse(machine, found).mobility.tolist() == [0, 0]
+    assert ss.deflection(machine, found, [10, 0, 0, 0, 0, 0]).shares["slide"][0] == pytest.approx(100 / 101)
+    assert "range" in ss.configure(machine, [[0.5]]).reason(0)
 
 
 def test_a_campaign_folder_is_diagnosed():

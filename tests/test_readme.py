@@ -15,7 +15,7 @@ from stiffscope.cad.step import write_step
 from stiffscope.cli.main import _guarded
 from stiffscope.jobs.workers import work_here
 from stiffscope.report.html import experiment_html, stiffness_html
-from stiffscope.robot.robot_file import load_robot
+from stiffscope.robot.reader import load_robot
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -58,7 +58,7 @@ def place(tmp_path_factory):
     """A folder with a part.step; experiments are made in this process, so that CAD is imported once."""
     robot = load_robot("biglide")
     folder = tmp_path_factory.mktemp("readme")
-    write_step(build(robot.parameters("slider"), robot.material("slider")), folder / "part.step")
+    write_step(build(robot.dimensions("slider"), robot.material("slider")), folder / "part.step")
     (folder / "data").symlink_to(ROOT / "data")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("STIFFSCOPE_CACHE", str(tmp_path_factory.mktemp("cache")))
@@ -99,7 +99,8 @@ def test_the_python_way(place, monkeypatch, tmp_path):
     assert np.diagonal(names["state"].matrix[0]) / 1e6 == pytest.approx(
         [24.21, 1.965, 12.59, 1.411, 0.1427, 2.76], rel=5e-3
     )
-    assert names["ss"].stiffness_map(names["machine"], 9).png.startswith(b"\x89PNG")
+    swept = names["robot"].map.ranges()
+    assert names["ss"].stiffness_map(names["machine"], swept, 9).png.startswith(b"\x89PNG")
     assert "<table" in experiment_html(names["test"])
     assert "<table" in stiffness_html(names["state"])
     assert names["found"].verdict == "identified"

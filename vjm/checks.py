@@ -1,4 +1,4 @@
-"""Checks of what is handed to the mechanics: shapes, finiteness, symmetry, definiteness."""
+"""Checks of what is handed to the mechanics: shape, finiteness, symmetry, definiteness."""
 
 from __future__ import annotations
 
@@ -15,19 +15,6 @@ if TYPE_CHECKING:
 
 _SYMMETRY = 1e-6  # relative; published matrices are rounded
 _INDEFINITE = -1e-9
-
-
-def checked_poses(poses: ArrayLike) -> Array:
-    """Poses as a stack (n, 3) in m; a single pose (3,) becomes (1, 3). Raises InputError on another shape or a NaN."""
-    array = np.atleast_2d(np.asarray(poses, dtype=float))
-    if array.ndim != 2 or array.shape[1] != 3:
-        msg = f"poses: expected (n, 3) coordinates x, y, z in m, got shape {np.shape(poses)}"
-        raise InputError(msg)
-    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
-    if bad.size:
-        msg = f"pose {int(bad[0])}: x, y, z must be finite numbers in m, got {array[bad[0]].tolist()}"
-        raise InputError(msg)
-    return array
 
 
 def checked_compliance(matrix: ArrayLike, name: str, *, semidefinite: bool = False) -> Array:

@@ -13,9 +13,10 @@ from stiffscope import files
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
 from stiffscope.jobs.manifest import manifest_of
-from stiffscope.robot.robot_file import load_robot
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from stiffscope.gap.diagnosis import Diagnosis
     from stiffscope.jobs.assembly import Assembled
     from stiffscope.jobs.campaigns import Case
@@ -64,10 +65,16 @@ def diagnose(name: str, out: Path, *, target: str | None, adopt: Path | None, qu
         files.write_json(target, to_json(diagnosis))
     loud = not quiet and target != "-"
     if loud:
-        gap_tables.show_diagnosis(diagnosis, nominal.matrices["slider"] if nominal else None)
+        gap_tables.show_diagnosis(diagnosis, _slider(nominal))
         tables.show_line(f"Written to {out}; the page is {out / 'report.html'}")
     if adopt is not None and nominal is not None:
         _adopt(adopt, nominal, diagnosis, case, loud=loud)
+
+
+def _slider(nominal: Assembled | None) -> np.ndarray | None:
+    """Compliance (6, 6) of the part that the effects call the slider, in the model."""
+    part = nominal.matrices.get("slider") if nominal else None
+    return None if part is None else part.compliance
 
 
 def _write_page(case: Case, nominal: Assembled | None, diagnosis: Diagnosis, folder: Path) -> None:
@@ -87,16 +94,17 @@ def _write_page(case: Case, nominal: Assembled | None, diagnosis: Diagnosis, fol
         draw_shares(nominal, diagnosis, case.campaign.poses, folder)
     write_page(
         folder / "report.html", diagnosis, title=f"Where is the gap? {case.name}", facts=facts, folder=folder,
-        figures=figures, slider=nominal.matrices["slider"] if nominal else None,
+        figures=figures, slider=_slider(nominal),
     )  # fmt: skip
 
 
 def _adopt(target: Path, nominal: Assembled, diagnosis: Diagnosis, case: Case, *, loud: bool) -> None:
     from stiffscope.jobs.adoption import adopt
     from stiffscope.report import tables
+    from stiffscope.robot.effects import NominalRobot
 
-    components = case.campaign.components
-    left = adopt(target, nominal.robot, nominal.carrying, diagnosis, campaign=case.name, components=components)
+    components, carrying = case.campaign.components, NominalRobot(nominal.mechanism, nominal.robot)
+    left = adopt(target, nominal.robot, carrying, diagnosis, campaign=case.name, components=components)
     if loud:
         for reason in left:
             tables.show_line(f"Not adopted: {reason}")
@@ -117,6 +125,8 @@ def blind(out: Path, *, target: str | None, campaigns: int, seed: int, quiet: bo
     from stiffscope.jobs.assembly import assemble_robots
     from stiffscope.report import tables
     from stiffscope.report.blind_scores import draw_scores, scores_json, show_scores
+    from stiffscope.robot.effects import NominalRobot
+    from stiffscope.robot.reader import load_robot
 
     files.check_output(out, target)
     robot = load_robot("biglide")
@@ -124,7 +134,8 @@ def blind(out: Path, *, target: str | None, campaigns: int, seed: int, quiet: bo
     with shown_workshop(quiet=quiet) as shop, files.staged_folder(out) as folder:
         made = assemble_robots({"now": robot}, "published", shop)["now"]
         report = shop.open_line("blind")
-        scores = run_blind(folder, made.carrying, campaigns, seed, report, os.cpu_count() or 1)
+        nominal = NominalRobot(made.mechanism, robot)
+        scores = run_blind(folder, nominal, campaigns, seed, report, os.cpu_count() or 1)
         report("figures", 1.0)
         found = scores_json(scores, campaigns, seed, manifest.elapsed())
         files.write_json(folder / "scores.json", found)
@@ -146,6 +157,7 @@ def audit(*, target: str | None, quiet: bool) -> None:
     from stiffscope.jobs.orders import order_part
     from stiffscope.report import tables
     from stiffscope.robot.audit import findings_on_paper
+    from stiffscope.robot.reader import load_robot
 
     robot = load_robot("biglide")
     with shown_workshop(quiet=quiet) as shop:

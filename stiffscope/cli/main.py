@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 import click
 from click.exceptions import NoArgsIsHelpError
 
-from stiffscope.cli import campaigns, parts, robots
+from stiffscope.cli import campaigns, check, library, parts, robots
 from stiffscope.errors import InputError
 
 
@@ -23,15 +23,16 @@ class Stopped(BaseException):
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(package_name="stiffscope", prog_name="stiffscope", message="%(prog)s %(version)s")
 def cli() -> None:
-    """Stiffness of a parallel robot: virtual experiments on its parts, the whole robot, the gap to the real machine.
+    """Stiffness of a robot: virtual experiments on its parts, the whole robot, the gap to the real machine.
 
-    ROBOT.toml is a robot file, or the name of a robot that comes along: biglide.
+    ROBOT is a robot file, or the name of a robot that comes along (biglide, delta; stiffscope robots lists them).
     """
 
 
 for command in (
     *(robots.run, robots.stiffness, robots.deflection, robots.map_),
     *(parts.compliance, parts.compare, parts.interfaces, parts.faces),
+    *(check.check, library.robots, library.new, library.import_),
     *(campaigns.diagnose, campaigns.blind, campaigns.audit),
 ):
     cli.add_command(command)

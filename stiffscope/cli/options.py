@@ -11,7 +11,6 @@ import click
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-PARTS = ("link", "slider")
 SOURCES = ("fea", "beam", "published")
 GRAVITY = ("none", "literal", "exact")
 
@@ -58,10 +57,11 @@ def folder(name: str, text: str, *, required: bool = False) -> Callable[..., Any
     return click.option(name, required=required, metavar="DIR", type=click.Path(path_type=Path), help=text)
 
 
-robot = click.argument("name", metavar="ROBOT.toml")
+robot = click.argument("name", metavar="ROBOT")
 overrides = click.option(
-    "--set", "overrides", multiple=True, metavar="PART.PARAMETER=VALUE",
-    help="Change a value of the robot file, such as slider.thickness=25mm. May be repeated.",
+    "--set", "overrides", multiple=True, metavar="NAME.KEY=VALUE",
+    help="Change a value of a part, parameter, body or joint of the robot file, such as slider.thickness=25mm. "
+    "May be repeated.",
 )  # fmt: skip
 tolerance = click.option(
     "--tolerance", metavar="SHARE", help="Error bar wanted of every entry of the parts' matrices, such as 0.1% or 1e-3."
@@ -82,10 +82,13 @@ target = click.option(
 )  # fmt: skip
 poses = click.option(
     "--at", "poses", multiple=True, metavar="X,Y,Z",
-    help='Tool point in m or with units ("0,0,350 mm"), or a pose named in the robot file. May be repeated.',
+    help='Tool pose: as many numbers as [tool] pose of the file names, SI or with units ("0,0,350 mm"), or a pose by '
+    "its name in the file. May be repeated.",
 )  # fmt: skip
-
-
-def part(**more: Any) -> Callable[..., Any]:
-    """The option `--part`."""
-    return click.option("--part", type=click.Choice(PARTS), help="The link or the slider.", **more)
+joints = click.option(
+    "--joints", "joints", multiple=True, metavar="DRIVE=POSITION,…",
+    help='Displacements of drives from home instead of a tool pose ("leg1.motor=10 deg,leg2.motor=5 deg"); drives that '
+    "are not named stay at home. May be repeated.",
+)  # fmt: skip
+part = click.option("--part", metavar="PART", help="A part of the robot file.")
+required_part = click.option("--part", required=True, metavar="PART", help="A part of the robot file.")

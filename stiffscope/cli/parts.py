@@ -11,17 +11,19 @@ import click
 from stiffscope import files
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
+from stiffscope.errors import InputError
 from stiffscope.jobs.manifest import manifest_of
-from stiffscope.robot.robot_file import load_robot
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from stiffscope.robot.description import RobotFile
 
 log = logging.getLogger(__name__)
 
 
 @click.command()
-@takes(options.robot, options.part(required=True), options.tolerance, options.overrides, options.target)
+@takes(options.robot, options.required_part, options.tolerance, options.overrides, options.target)
 @options.folder(
     "--superelement",
     "Folder to write: the stiffness condensed on the part's interfaces (npz, Matrix Market), complete or absent.",
@@ -39,6 +41,7 @@ def compliance(
     from stiffscope.jobs.orders import order_part
     from stiffscope.jobs.results import compliance_json, write_superelement
     from stiffscope.report import tables
+    from stiffscope.robot.reader import load_robot
 
     robot = load_robot(name, overrides, tolerance)
     if superelement:
@@ -60,47 +63,52 @@ def compliance(
 
 
 @click.command()
-@takes(options.robot, options.part(), options.overrides)
+@takes(options.robot, options.part, options.overrides)
 def compare(name: str, part: str | None, *, overrides: tuple[str, ...], quiet: bool) -> None:
     """FEA beside beam theory beside published, entry by entry."""
     from stiffscope.cli.showing import show_compliance, shown_workshop, warn_of
     from stiffscope.jobs.assembly import check_one_interface
     from stiffscope.jobs.experiments import solve_parts
     from stiffscope.jobs.orders import order_part
+    from stiffscope.robot.reader import load_robot
 
     robot = load_robot(name, overrides)
-    parts = (part,) if part else options.PARTS
-    for each in parts:
-        check_one_interface(robot, each)
+    orders = [order_part(robot, each) for each in ((part,) if part else _solids(robot))]
+    for order in orders:
+        check_one_interface(robot, order.name)
     with shown_workshop(quiet=quiet) as shop:
-        results = solve_parts([order_part(robot, each) for each in parts], shop)
+        results = solve_parts(orders, shop)
     warn_of(results)
     for result in results:
         show_compliance(robot, result)
 
 
 @click.command()
-@takes(options.robot, options.out, options.tolerance, options.overrides)
-@options.part(default="slider", show_default=True)
+@takes(options.robot, options.out, options.part, options.tolerance, options.overrides)
 def interfaces(
-    name: str, out: Path, *, tolerance: str | None, overrides: tuple[str, ...], part: str, quiet: bool
+    name: str, out: Path, *, tolerance: str | None, overrides: tuple[str, ...], part: str | None, quiet: bool
 ) -> None:
     """How much a part's compliance depends on how it is held and loaded.
 
-    Tests the part loaded as a rigid face, by an even traction and on three joint pads, and held by its face, in its
-    bolt holes and on an elastic foundation. Prints what each choice changes; writes CSV, JSON and a figure to DIR.
+    Tests the part (without --part: the robot's first plate, else its first solid) loaded as a rigid face and by an even
+    traction, a plate also on three joint pads, and held by its face, on an elastic foundation, a plate also in its bolt
+    holes. Prints what each choice changes; writes CSV, JSON and a figure to DIR.
     """
     from stiffscope.cli.showing import shown_workshop
     from stiffscope.jobs.interfaces import compare_interfaces, interfaces_csv, interfaces_json
+    from stiffscope.jobs.orders import order_part
     from stiffscope.report import tables
     from stiffscope.report.interface_figure import draw
+    from stiffscope.robot.reader import load_robot
 
     begun = time.perf_counter()
     robot = load_robot(name, overrides, tolerance)
+    part = part or min(_solids(robot), key=lambda each: robot.part(each).shape != "plate")
+    order_part(robot, part)  # refuses what is no solid before a folder is begun
     files.check_output(out)
     manifest = manifest_of(robot)
     with shown_workshop(quiet=quiet) as shop, files.staged_folder(out) as folder:
-        compared = compare_interfaces(name, part, shop, overrides=overrides, tolerance=tolerance)
+        compared = compare_interfaces(robot, part, shop)
         files.write_bytes(folder / "interfaces.csv", interfaces_csv(compared).encode())
         files.write_json(folder / "interfaces.json", interfaces_json(compared))
         draw(compared, f"{robot.name}: effect of the interfaces on the {part}'s compliance", folder / "interfaces.png")
@@ -113,6 +121,16 @@ def interfaces(
     if not quiet:
         tables.show_interfaces(compared)
         tables.show_line(f"Written to {out} in {time.perf_counter() - begun:.1f} s")
+
+
+def _solids(robot: RobotFile) -> list[str]:
+    """Parts that a virtual experiment can be made on. Raises InputError where there is none."""
+    from stiffscope.robot.part_matrices import used_parts
+
+    solids = [name for name in used_parts(robot) if robot.part(name).shape != "matrix"]
+    if not solids:
+        raise InputError(f"{robot.path}: parts: expected a rod, a plate or a STEP file's solid, got none")
+    return solids
 
 
 @click.command()

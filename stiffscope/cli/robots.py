@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import logging
 import shutil
@@ -14,7 +15,6 @@ from stiffscope.cli import options
 from stiffscope.cli.options import takes
 from stiffscope.errors import InputError
 from stiffscope.jobs.manifest import manifest_of
-from stiffscope.robot.robot_file import load_robot
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -22,93 +22,118 @@ if TYPE_CHECKING:
 
     from stiffscope.jobs.assembly import Assembled
     from stiffscope.jobs.manifest import Manifest
-    from stiffscope.robot.schema import RobotFile
-    from stiffscope.vjm.analysis import Gravity, Stiffness
-
-    Points = Mapping[str, Sequence[float]]
+    from stiffscope.robot.description import RobotFile
+    from stiffscope.vjm.kinematics import Configurations
+    from stiffscope.vjm.statics import Stiffness
 
 log = logging.getLogger(__name__)
 
 
 @click.command()
-@takes(options.robot, options.poses, options.components, options.gravity(None), options.overrides, options.target)
+@takes(
+    *(options.robot, options.poses, options.joints, options.components, options.gravity(None)),
+    *(options.overrides, options.target),
+)
 def stiffness(
-    name: str, *, poses: tuple[str, ...], components: Any, gravity: Gravity | None, overrides: tuple[str, ...],
-    target: str | None, quiet: bool,
+    name: str, *, poses: tuple[str, ...], joints: tuple[str, ...], components: Any, gravity: str | None,
+    overrides: tuple[str, ...], target: str | None, quiet: bool,
 ) -> None:  # fmt: skip
-    """The robot's 6x6 stiffness at tool points, and its sag.
+    """The robot's 6x6 stiffness at tool poses, and its sag.
 
-    Without --at, at the poses of the robot file.
+    Without --at and --joints, at the poses of the robot file.
     """
+    from stiffscope.cli.poses import asked_poses
     from stiffscope.jobs.assembly import stiffness_bars, stiffness_json
     from stiffscope.report import tables
-    from stiffscope.vjm.analysis import analyse
+    from stiffscope.robot.literal_gravity import require_biglide
+    from stiffscope.robot.reader import load_robot
 
     robot = load_robot(name, overrides)
-    points = _tool_points(robot, poses)
+    asked = asked_poses(robot, poses, joints)
     gravity = gravity or ("exact" if robot.carries("gravity") else "none")
-    assembled = _assembled(robot, components, points, quiet=quiet)
-    state = analyse(assembled.elastic, list(points.values()), gravity=gravity, g=robot.gravity.acceleration)
-    bars = stiffness_bars(assembled, state.poses)
+    if gravity == "literal":
+        require_biglide(asked.configurations.mechanism)
+    assembled = _assembled(robot, components, quiet=quiet)
+    state = _state(assembled, asked.configurations, gravity)
+    bars = stiffness_bars(assembled, state.configurations)
     if target:
         files.write_json(target, stiffness_json(state, bars))
-    _warn_of_singular(points, state)
+    _warn_of_singular(asked.names, state)
     if not quiet and target != "-":
         title = f"Stiffness at M ({_made_of(assembled)}; gravity {gravity})"
-        tables.show_stiffness(list(points), state.poses, state.matrix, state.sag, bars, title=title)
+        tables.show_stiffness(asked.names, state, bars, title=title)
 
 
 @click.command()
-@takes(options.robot, options.poses, options.components, options.overrides, options.target)
+@takes(options.robot, options.poses, options.joints, options.components, options.overrides, options.target)
+@options.folder("--out", "Folder to write: pictures of the robot deformed, complete or absent.")
 @click.option(
     "--wrench", required=True, metavar="FX,FY,FZ,MX,MY,MZ",
-    help='Wrench on the platform at M, axes {O}, in N and N·m or with units ("100 N,0,0,0,0,5 N*m").',
+    help='Wrench on the tool at M, axes {O}, in N and N·m or with units ("100 N,0,0,0,0,5 N*m").',
 )  # fmt: skip
 def deflection(
-    name: str, *, poses: tuple[str, ...], components: Any, overrides: tuple[str, ...], target: str | None,
-    wrench: str, quiet: bool,
+    name: str, *, poses: tuple[str, ...], joints: tuple[str, ...], components: Any, overrides: tuple[str, ...],
+    target: str | None, out: Path | None, wrench: str, quiet: bool,
 ) -> None:  # fmt: skip
-    """How far the tool yields under a wrench, and which part yields how much of it."""
+    """How far the tool yields under a wrench, and which element yields how much of it."""
+    import numpy as np
+
+    from stiffscope.cli.poses import asked_poses
     from stiffscope.jobs.assembly import deflection_bars
     from stiffscope.report import tables
     from stiffscope.robot import quantities as q
-    from stiffscope.vjm.deflection import deflection as deflected
+    from stiffscope.robot.reader import load_robot
+    from stiffscope.vjm.yielding import deflection as deflected
 
     robot = load_robot(name, overrides)
-    points = _tool_points(robot, poses)
+    asked = asked_poses(robot, poses, joints)
     try:
-        load = q.several(wrench, *[q.FORCE] * 3, *[q.MOMENT] * 3)
+        load = np.array(q.several(wrench, *[q.FORCE] * 3, *[q.MOMENT] * 3))
     except ValueError as error:
         raise InputError(f'--wrench {wrench}: {error}; FX,FY,FZ,MX,MY,MZ such as "100 N,0,0,0,0,5 N*m"') from error
-    assembled = _assembled(robot, components, points, quiet=quiet)
-    found = deflected(assembled.elastic, list(points.values()), load)
+    if out is not None:
+        files.check_output(out, target)
+    manifest = manifest_of(robot)
+    assembled = _assembled(robot, components, quiet=quiet)
+    found = deflected(assembled.mechanism, asked.configurations, load)
+    if out is not None:
+        from stiffscope.report.kept_pictures import draw_deflection
+
+        with files.staged_folder(out) as folder:
+            draw_deflection(assembled, asked.names, asked.configurations, load, found, folder)
+            manifest.write(folder)
     if target:
+        at = {"poses": asked.configurations.poses, "tool": asked.configurations.tool}
         shares = {"energy": found.energy, "shares": found.shares}
-        files.write_json(target, {"poses": list(points.values()), "wrench": load, "twist": found.twist, **shares})
+        files.write_json(target, {**at, "wrench": load, "twist": found.twist, **shares})
     if not quiet and target != "-":
-        error = deflection_bars(assembled, list(points.values()), found.twist)
-        tables.show_deflection(list(points), found.twist, found.shares, ",".join(f"{v:g}" for v in load), error)
+        error = deflection_bars(assembled, asked.configurations, found.twist)
+        tables.show_deflection(asked.names, found.twist, found.shares, ",".join(f"{v:g}" for v in load), error)
 
 
 @click.command("map")
 @takes(options.robot, options.out, options.components, options.gravity("exact"), options.overrides)
 @click.option(
-    "--points", default=200, show_default=True, type=click.IntRange(2, 3000), help="Tool points along x and z."
+    "--points", default=200, show_default=True, type=click.IntRange(2, 3000), help="Poses along either coordinate."
 )
 def map_(
-    name: str, out: Path, *, components: Any, gravity: Gravity, overrides: tuple[str, ...], points: int, quiet: bool
+    name: str, out: Path, *, components: Any, gravity: Any, overrides: tuple[str, ...], points: int, quiet: bool
 ) -> None:
-    """Stiffness over the workspace: figures and numbers."""
+    """Stiffness over what [map] of the robot file sweeps: figures and numbers."""
     from stiffscope.report import maps, tables
+    from stiffscope.robot.reader import load_robot
 
     robot = load_robot(name, overrides)
+    if gravity == "literal":
+        raise InputError("--gravity literal: expected none or exact for a map, got literal, which is for single poses")
+    maps.swept(robot)
     files.check_output(out)
     manifest = manifest_of(robot)
-    elastic = _assembled(robot, components, {}, quiet=quiet).elastic
+    mechanism = _assembled(robot, components, quiet=quiet).mechanism
     with files.staged_folder(out) as folder:
-        found = maps.robot_maps(elastic, robot.poses, points, gravity, robot.gravity.acceleration)
+        found = maps.robot_map(robot, mechanism, points, gravity)
         maps.write_map(found, folder, f"{robot.name}: stiffness over the workspace, gravity {gravity}")
-        for title, stem, draw in _figures(gravity):
+        for title, stem, draw in _figures(gravity, maps.held_text(found)):
             draw(found, robot.poses, f"{robot.name}: {title}", folder / f"{stem}.png", folder / f"{stem}.svg")
         manifest.write(folder)
     if not quiet:
@@ -129,10 +154,12 @@ def run(
     from stiffscope.jobs.assembly import assemble_robots, at_named_poses, check_reach
     from stiffscope.report import tables
     from stiffscope.report.kept_pictures import write_run_pictures
+    from stiffscope.robot.reader import load_robot
 
     robot = load_robot(name, overrides, tolerance)
     if not robot.poses:
-        raise InputError(f'{robot.path}: has no poses; give one in [poses], such as Q1 = ["0 mm", "0 mm", "350 mm"]')
+        pose = ", ".join("0" if name.startswith("r") else '"0 mm"' for name in robot.tool.pose)
+        raise InputError(f"{robot.path}: has no poses; give one in [poses], such as Q1 = [{pose}]")
     check_reach(robot, robot.poses)
     files.check_output(out)
     robots = {"now": robot} | ({"before": load_robot(name, (), tolerance)} if overrides else {})
@@ -177,15 +204,16 @@ def _write_robot(assembled: Assembled, state: Stiffness, folder: Path) -> None:
     import numpy as np
 
     from stiffscope.jobs.assembly import stiffness_bars, stiffness_json
+    from stiffscope.report.kept_pictures import plain_robot
 
     robot = assembled.robot
     names = {"names": list(robot.poses), "components": assembled.sources}
-    bars = stiffness_bars(assembled, state.poses)
+    bars = stiffness_bars(assembled, state.configurations)
     files.write_json(folder / "stiffness.json", {**stiffness_json(state, bars), **names})
-    matrices: dict[str, Any] = {f"{name}_compliance": matrix for name, matrix in assembled.matrices.items()}
-    matrices |= {"poses": state.poses, "stiffness": state.matrix, "sag": state.sag}
+    matrices: dict[str, Any] = {f"{name}_compliance": part.compliance for name, part in assembled.matrices.items()}
+    matrices |= {"poses": state.poses, "tool": state.tool, "stiffness": state.matrix, "sag": state.sag}
     np.savez_compressed(folder / "matrices.npz", **matrices)
-    files.write_json(folder / "robot.json", robot.model_dump(mode="json"))
+    files.write_json(folder / "robot.json", plain_robot(robot))
 
 
 def _show_run(now: Assembled, states: Mapping[str, Stiffness]) -> None:
@@ -199,15 +227,27 @@ def _show_run(now: Assembled, states: Mapping[str, Stiffness]) -> None:
         if now.sources[name] == "fea":
             show_compliance(now.robot, result)
     names, state = list(now.robot.poses), states["now"]
-    tables.show_stiffness(names, state.poses, state.matrix, state.sag, title=f"Stiffness at M ({_made_of(now)})")
+    tables.show_stiffness(names, state, title=f"Stiffness at M ({_made_of(now)})")
     if "before" in states:
-        tables.show_change(names, states["before"].matrix, state.matrix, now.robot.overrides)
+        tables.show_change(names, states["before"].matrix, state.matrix, now.robot.source.overrides)
 
 
-def _warn_of_singular(points: Points, state: Stiffness) -> None:
-    from stiffscope.vjm.analysis import singular_note
+def _state(assembled: Assembled, found: Configurations, gravity: str) -> Stiffness:
+    """Stiffness, mobility and sag under a gravity of `--gravity`."""
+    from stiffscope.vjm.statics import analyse, sag
 
-    for pose, matrix, sag in zip(points, state.matrix, state.sag, strict=True):
+    if gravity != "literal":
+        return analyse(assembled.mechanism, found, gravity="exact" if gravity == "exact" else "none")
+    from stiffscope.robot.literal_gravity import literal_gravity
+
+    matrix = literal_gravity(assembled.mechanism, found.poses)
+    return dataclasses.replace(analyse(assembled.mechanism, found), matrix=matrix, sag=sag(assembled.mechanism, found))
+
+
+def _warn_of_singular(names: Sequence[str], state: Stiffness) -> None:
+    from stiffscope.vjm.singularity import singular_note
+
+    for pose, matrix, sag in zip(names, state.matrix, state.sag, strict=True):
         if note := singular_note(matrix):
             log.warning("%s: %s", pose, note)
         elif any(value != value for value in sag):  # noqa: PLR0124 (NaN)
@@ -215,48 +255,32 @@ def _warn_of_singular(points: Points, state: Stiffness) -> None:
 
 
 def _made_of(assembled: Assembled) -> str:
-    return ", ".join(f"{part} {source}" for part, source in assembled.sources.items())
+    return ", ".join(f"{part} {source}" for part, source in assembled.sources.items()) or "rigid parts"
 
 
-def _figures(gravity: Gravity) -> list[tuple[str, str, Callable[..., None]]]:
+def _figures(gravity: str, held: str) -> list[tuple[str, str, Callable[..., None]]]:
     """Title, file and drawing function of each figure of a map."""
     from stiffscope.report import maps
 
-    plain = [("stiffness at M (diagonal of K), y = 0, without gravity", "stiffness", maps.draw_stiffness)]
+    where = f", {held}" if held else ""
+    plain = [(f"stiffness at M (diagonal of K){where}, without gravity", "stiffness", maps.draw_stiffness)]
     if gravity == "none":
         return plain
     loaded = functools.partial(maps.draw_stiffness, loaded=True)
     return [
-        ("stiffness at M without and with weight, and what it changes", "map", maps.draw_all),
+        (f"stiffness at M without and with weight, and what it changes{where}", "map", maps.draw_all),
         *plain,
-        (f"stiffness at M (diagonal of K), y = 0, gravity {gravity}", "stiffness_with_gravity", loaded),
-        (f"what gravity ({gravity}) changes", "gravity_difference", maps.draw_difference),
-        ("sag under its own weight", "sag", maps.draw_sag),
+        (f"stiffness at M (diagonal of K){where}, gravity {gravity}", "stiffness_with_gravity", loaded),
+        (f"what gravity ({gravity}) changes{where}", "gravity_difference", maps.draw_difference),
+        (f"sag under its own weight{where}", "sag", maps.draw_sag),
     ]
 
 
-def _tool_points(robot: RobotFile, poses: Sequence[str]) -> dict[str, tuple[float, ...]]:
-    """The tool points (m) of `--at`, by their texts or names; without any, those of the robot file."""
-    from stiffscope.robot import quantities as q
-
-    points: dict[str, tuple[float, ...]] = {}
-    for text in poses or robot.poses:
-        try:
-            points[text] = robot.poses[text] if text in robot.poses else q.several(text, *[q.LENGTH] * 3)
-        except ValueError as error:
-            names = f" or a pose of {robot.path}: {', '.join(robot.poses)}" if robot.poses else ""
-            raise InputError(f'--at {text}: {error}; expected X,Y,Z such as "0,0,350 mm"{names}') from error
-    if not points:
-        raise InputError(f"{robot.path}: has no poses; give a tool point with --at X,Y,Z")
-    return points
-
-
-def _assembled(robot: RobotFile, components: Any, points: Points, *, quiet: bool) -> Assembled:
-    """The robot with its parts; that it reaches the points is checked before they are made."""
+def _assembled(robot: RobotFile, components: Any, *, quiet: bool) -> Assembled:
+    """The robot with its parts."""
     from stiffscope.cli.showing import shown_workshop, warn_of
-    from stiffscope.jobs.assembly import assemble_robots, check_reach
+    from stiffscope.jobs.assembly import assemble_robots
 
-    check_reach(robot, points)
     with shown_workshop(quiet=quiet) as shop:
         made = assemble_robots({"now": robot}, components, shop)["now"]
     warn_of(made.results.values())

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from stiffscope.jobs.results import PartResult
     from stiffscope.jobs.workshop import Workshop
-    from stiffscope.robot.schema import RobotFile
+    from stiffscope.robot.description import RobotFile
 
 log = logging.getLogger(__name__)
 

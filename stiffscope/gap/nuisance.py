@@ -13,7 +13,7 @@ import numpy as np
 from stiffscope.gap.forward_model import UNNAMED, Candidate
 from stiffscope.gap.quantities import AXES, STIFFNESS
 from stiffscope.gap.robot_prediction import Pattern
-from stiffscope.robot.effects import Change, MechanicalEffect, added_diagonal, softer
+from stiffscope.robot.effects import RADIAL, Change, MechanicalEffect, added_diagonal, softer
 from stiffscope.robot.vocabulary import LINKS
 
 if TYPE_CHECKING:
@@ -40,18 +40,18 @@ def nuisance_patterns(nominal: NominalRobot) -> tuple[Candidate, ...]:
 
 def _parts(nominal: NominalRobot) -> Iterator[Candidate]:
     eye = np.eye(6)
-    radial = np.array([[1.0, 0, 1, 0, 0, 0]])
     for limb in ("limb1", "limb2"):
-        slider, carriage = f"{limb}.slider", f"{limb}.carriage"
+        slider, (carriage,) = f"{limb}.slider", nominal.elements(limb)
         yield _part(f"one slider alone, {limb}", (0.5,), partial(softer, nominal, [slider]), component=slider)
         yield _part(f"one carriage alone, {limb}", (5e-9, 5e-9, 1e-7, 1e-7, 1e-7),
                     partial(added_diagonal, [carriage], eye[1:]))  # fmt: skip
     for link in LINKS:
         for joint in (f"{link}.joint_a", f"{link}.joint_b"):
-            yield _part(f"one bearing alone, {joint}", (5e-9,), partial(added_diagonal, [joint], radial))
+            yield _part(f"one bearing alone, {joint}", (5e-9,), partial(added_diagonal, [joint], RADIAL[None]))
         yield _part(f"a bowed link, {link}", (1e-4,), partial(_bowed, nominal.link_length, [link]))
     yield _part("bowed links", (1e-4,), partial(_bowed, nominal.link_length, LINKS))
-    yield _part("the guide of the stage", (1e-8,) * 3 + (1e-7,) * 3, partial(added_diagonal, ["stage.guide"], eye))
+    stage = nominal.elements("stage")
+    yield _part("the guide of the stage", (1e-8,) * 3 + (1e-7,) * 3, partial(added_diagonal, stage, eye))
 
 
 def _part(
@@ -131,8 +131,8 @@ def _pitch(prediction: RobotPrediction) -> Array:
     """Lead-screw pitch error of the two sliding drives, and a platform wider than its drawing."""
     x, centre = prediction.campaign.poses[:, 0], prediction.at.drive_centre()
     first, second = (prediction.by_drive(drive) for drive in ("limb1", "limb2"))
-    pitch = -(centre - x)[:, None] * first + (centre + x)[:, None] * second
-    return np.stack([prediction.change(dead=pitch), prediction.change(dead=second - first)], axis=1)
+    pitch = (centre - x)[:, None] * first + (centre + x)[:, None] * second
+    return np.stack([prediction.change(dead=pitch), prediction.change(dead=first + second)], axis=1)
 
 
 def _tether(prediction: RobotPrediction) -> Array:

@@ -87,7 +87,7 @@ class RobotPrediction:
         return applied, self.elastic.dead_drive_force(drive, self.gravity)
 
     def by_drive(self, drive: str) -> Array:
-        """Twist (p, 6) of the tool for a shift of one metre in a drive."""
+        """Twist (p, 6) of the tool for a shift of one metre in a drive, along its axis."""
         return self.elastic.drive_force(drive)
 
     def _dead_zone(self, drive: str) -> tuple[Array, Array]:
@@ -223,8 +223,7 @@ class RobotPrediction:
             if slope.compliance is not None:
                 carried = np.swapaxes(at, -1, -2) @ slope.compliance
                 compliance += carried @ at
-                if name != "platform":  # which the dead loads do not cross
-                    dead += np.einsum("pij,pj->pi", carried, elastic.dead_wrench(name, self.gravity))
+                dead += np.einsum("pij,pj->pi", carried, elastic.dead_wrench(name, self.gravity))
             if slope.offset is not None:
                 dead += np.einsum("pji,j->pi", at, slope.offset)
         wrench = np.nan_to_num(c.wrench) * self.force_scale

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 from stiffscope import files
 from stiffscope.errors import InputError
-from stiffscope.robot.robot_file import load_robot
+from stiffscope.robot.part_sections import ParametricPart, StepPart
+from stiffscope.robot.reader import load_robot
 
 if TYPE_CHECKING:
-    from tomlkit import TOMLDocument
-
     from stiffscope.gap.diagnosis import Diagnosis, Effect
+    from stiffscope.robot.description import RobotFile
     from stiffscope.robot.effects import NominalRobot
-    from stiffscope.robot.schema import RobotFile
 
 
 def check_target(target: Path, robot: RobotFile | None) -> None:
@@ -95,12 +94,15 @@ def _text(
 ) -> str:
     import tomlkit
 
-    document = tomlkit.parse(robot.path.read_text(encoding="utf-8-sig"))
-    for part in ("link", "slider"):
-        if robot.part(part).compliance != components:
-            document[part]["compliance"] = components  # type: ignore[index]
-        if robot.part(part).step is not None:
-            _move_step(document, part, robot.path, target)
+    document: Any = tomlkit.parse(robot.path.read_text(encoding="utf-8-sig"))
+    for name, part in robot.parts.items():
+        if isinstance(part, ParametricPart) and part.compliance != components:
+            document["parts"][name]["compliance"] = components
+        if isinstance(part, StepPart):
+            _move(document["parts"][name], "file", robot.path, target)
+    for body in document["bodies"].values():
+        if "mesh" in body:
+            _move(body, "mesh", robot.path, target)
     former = document.pop("effects").unwrap() if "effects" in document else []
     if not former:
         document.add(tomlkit.nl())
@@ -113,12 +115,11 @@ def _text(
     return tomlkit.dumps(document)
 
 
-def _move_step(document: TOMLDocument, part: str, source: Path, target: Path) -> None:
-    """A STEP file is named from where the robot file stands."""
-    step: Any = document[part]["step"]  # type: ignore[index]
-    if not Path(step["file"]).is_absolute():
-        place = (source.parent / step["file"]).resolve()
-        step["file"] = Path(os.path.relpath(place, target.resolve().parent)).as_posix()
+def _move(table: Any, key: str, source: Path, target: Path) -> None:
+    """A file is named from where the robot file stands."""
+    if not Path(table[key]).is_absolute():
+        place = (source.parent / table[key]).resolve()
+        table[key] = Path(os.path.relpath(place, target.resolve().parent)).as_posix()
 
 
 def _entry(effect: Effect, diagnosis: Diagnosis, campaign: str) -> dict[str, Any]:

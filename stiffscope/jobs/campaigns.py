@@ -12,14 +12,15 @@ from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
 from stiffscope.jobs.assembly import assemble_robots
 from stiffscope.jobs.workshop import workshop
-from stiffscope.robot.robot_file import load_robot, robot_names
+from stiffscope.robot.library import find_robot, robot_names
+from stiffscope.robot.reader import load_robot
 
 if TYPE_CHECKING:
     from stiffscope.gap.diagnosis import Diagnosis
     from stiffscope.gap.readings import Campaign
     from stiffscope.jobs.assembly import Assembled
     from stiffscope.jobs.workshop import Workshop
-    from stiffscope.robot.schema import RobotFile
+    from stiffscope.robot.description import RobotFile
 
 SHELVES = ("campaigns", "withheld")
 
@@ -60,11 +61,13 @@ def diagnose(campaign: str | Path) -> Diagnosis:
 def diagnose_case(case: Case, shop: Workshop) -> tuple[Diagnosis, Assembled | None]:
     """The diagnosis of a campaign, and the nominal robot that it starts from, where there is one."""
     from stiffscope.gap.diagnose import diagnose
+    from stiffscope.robot.effects import NominalRobot
 
     if case.robot is None:
         return diagnose(case.campaign), None
     nominal = assemble_robots({"nominal": case.robot}, case.campaign.components, shop)["nominal"]
-    return diagnose(case.campaign, nominal.carrying, shop.open_line("diagnosis")), nominal
+    carrying = NominalRobot(nominal.mechanism, nominal.robot)
+    return diagnose(case.campaign, carrying, shop.open_line("diagnosis")), nominal
 
 
 def open_case(name: str | Path) -> Case:
@@ -102,10 +105,10 @@ def campaign_names() -> list[str]:
 
 
 def _robot_of(folder: Path, robot: str) -> Path:
-    """The campaign's robot file: beside the campaign, or by its name in `data/`."""
+    """The campaign's robot file: beside the campaign, or by its name in `data/robots`."""
     if (folder / robot).is_file():
         return folder / robot
     if robot in robot_names():
-        return FOLDER / f"{robot}.toml"
+        return find_robot(robot)
     expected = f"a robot file, seen from its folder, or one of {', '.join(robot_names())}"
     raise InputError(f"{folder / 'campaign.toml'}: robot: expected {expected}, got {json.dumps(robot)}")

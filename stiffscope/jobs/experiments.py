@@ -7,6 +7,8 @@ import json
 import time
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from stiffscope.jobs.results import EXPERIMENT, FIELDS, SOLID, PartResult
 
 if TYPE_CHECKING:
@@ -94,13 +96,16 @@ def _write(order: PartOrder, folder: Path, report: Report) -> None:
 
 def _solid(part: Part) -> dict[str, Any]:
     """What cad tells of a part's solid, SI."""
+    from stiffscope.cad.faces import face_geometries
     from stiffscope.cad.part import mass_properties
 
     solid = mass_properties(part)
+    held = [face for face in face_geometries(part.solid) if face.index in set(map(int, part.clamped))]
     return {
         "mass": solid.mass,
         "mass_centre": list(map(float, solid.centre)),
         "inertia": [list(map(float, row)) for row in solid.inertia],
+        "clamped_centre": np.average([f.centroid for f in held], axis=0, weights=[f.area for f in held]).tolist(),
         "faces": {
             "clamped": sorted(int(face) for face in part.clamped),
             "loaded": sorted(int(face) for port in part.loaded for face in port.faces),

@@ -16,8 +16,8 @@ import numpy as np
 from stiffscope.errors import InputError
 from stiffscope.jobs.experiments import solve_parts
 from stiffscope.jobs.orders import order_part
-from stiffscope.robot.components import entry_name
-from stiffscope.robot.robot_file import load_robot
+from stiffscope.robot.part_matrices import entry_name
+from stiffscope.robot.part_sections import ParametricPart, SolidPart
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -26,22 +26,33 @@ if TYPE_CHECKING:
     from stiffscope.jobs.orders import PartOrder
     from stiffscope.jobs.results import PartResult
     from stiffscope.jobs.workshop import Workshop
-    from stiffscope.robot.schema import PartName, RobotFile
+    from stiffscope.robot.description import RobotFile
 
 AT_ONCE = 2  # experiments side by side: each may take gigabytes
 PAD_HEIGHT = 1 / 4  # of the thickness, for joint pads where the part has none
 HOLE_PITCH = 4.0  # thicknesses from one bolt hole to the next, for holes where the part has none
 OWN = "as in the robot file"
-APART = "the pads are loaded together here, not apart, so that there is one matrix (--set slider.pads=together)"
+UNKNOWN = {
+    "three pads": "the solid of a STEP file is as it is",
+    "bolt holes": "the solid of a STEP file is as it is",
+    "foundation": "the robot file gives no foundation of this part, and no thickness to take one from",
+}
+APART = "the pads are loaded together here, not apart, so that there is one matrix"
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A way to hold or load a part: its name, what it is in words, and the values of `--set` that choose it."""
+    """A way to hold or load a part: its name, what it is in words, and the values of the part's keys that make it."""
 
     name: str
     words: str
-    overrides: tuple[str, ...]
+    values: tuple[tuple[str, Any], ...] = ()
+    part: str = ""
+
+    @property
+    def overrides(self) -> tuple[str, ...]:
+        """What `--set` takes to choose it."""
+        return tuple(f"{self.part}.{key}={_written(key, value)}" for key, value in self.values)
 
 
 @dataclass(frozen=True)
@@ -82,60 +93,63 @@ class Comparison:
     left_out: tuple[str, ...]
 
 
-def compare_interfaces(
-    name: str, part: PartName, shop: Workshop, *, overrides: Sequence[str] = (), tolerance: str | None = None
-) -> Comparison:
+def compare_interfaces(robot: RobotFile, part: str, shop: Workshop) -> Comparison:
     """Test a part under each choice.
 
     Parameters
     ----------
-    name, overrides, tolerance
-        As for `load_robot`.
+    robot
+        As `load_robot` gives it.
     part
-        The part's name in the robot file.
+        Name of a rod, a plate or a STEP file's solid in it.
     shop
         Where the experiments are made.
 
     Raises
     ------
     InputError
-        The robot file, or the part in it, cannot be used.
+        There is no such part, or it is no solid that can be tested.
 
     """
-    robot = load_robot(name, overrides, tolerance)
-    base = [*overrides, f"{part}.pads=together"] if part == "slider" else list(overrides)
-    own = order_part(load_robot(name, base, tolerance), part, label=OWN)
-    orders, names, left_out = _orders(name, robot, part, base, tolerance, own)
-    wanted = {Choice(", ".join(names) or OWN, OWN, ()): own, **orders}
+    apart = getattr(robot.parts.get(part), "pads", None) == "apart"
+    base = _with(robot, part, {"pads": "together"}) if apart else robot
+    own = order_part(base, part, label=OWN)
+    orders, names, left_out = _orders(base, part, own)
+    wanted = {Choice(", ".join(names) or OWN, OWN): own, **orders}
     found: list[PartResult] = []
     for start in range(0, len(wanted), AT_ONCE):
         found += solve_parts(list(wanted.values())[start : start + AT_ONCE], shop)
-    return _compared(part, dict(zip(wanted, found, strict=True)), left_out)
+    return _compared(part, dict(zip(wanted, found, strict=True)), [APART] * apart + left_out)
 
 
-def choices(robot: RobotFile, part: PartName) -> list[Choice]:
+def choices(robot: RobotFile, part: str) -> list[Choice]:
     """Choices for a part: how to load it, how to hold it; sizes that the part lacks follow from its own.
 
     Pads are a quarter of the thickness high, bolt holes four thicknesses apart (or as near to that as ribs let
-    them be); the foundation gives as a layer of the part's material would that is as deep as the part is thick.
+    them be); the foundation gives as a layer of the part's material would that is as deep as the part is thick. A STEP
+    file's solid is as it is, and tested on a foundation only where the file has one.
     """
-    section, length = robot.part(part), robot.part(part).lengths()
-    thickness = length["thickness"] if part == "slider" else 2 * length["radius"]
-    bed = section.foundation or float(f"{robot.material(part).youngs_modulus / thickness:.3g}")
+    section = robot.part(part)
+    if not isinstance(section, SolidPart):
+        raise robot.refuse(("parts", part, "shape"), f'expected a part that is a solid, got "{section.shape}"')
+    bed = _bed(robot, part)
 
     def choice(name: str, words: str, **values: float | str | None) -> Choice:
         wanted = {key: value for key, value in values.items() if getattr(section, key, value) != value}
-        return Choice(name, words, tuple(f"{part}.{key}={_written(key, value)}" for key, value in wanted.items()))
+        return Choice(name, words, tuple(wanted.items()), part)
 
-    whole, face = ({"pad_height": 0.0}, {"clamp": "face"}) if part == "slider" else ({}, {})
+    plate = section.shape == "plate"
+    whole, face = ({"pad_height": 0.0}, {"clamp": "face"}) if plate else ({}, {})
     found = [
         choice("rigid face", "the loaded face moves as one body", interface="rigid", **whole),
         choice("even traction", "the loaded face carries the load evenly", interface="distributed", **whole),
         choice("rigid clamp", "the clamped face does not move", foundation=None, **face),
-        choice("foundation", f"springs of {bed / 1e9:.12g} N/mm³ under the clamped face", foundation=bed, **face),
     ]
-    if part == "slider":
-        slider: Any = robot.parameters(part)
+    if bed is not None:
+        words = f"springs of {bed / 1e9:.12g} N/mm³ under the clamped face"
+        found.append(choice("foundation", words, foundation=bed, **face))
+    if plate:
+        slider: Any = robot.dimensions(part)
         height = slider.pad_height or PAD_HEIGHT * slider.thickness
         rigid = {} if slider.pad_height else {"interface": "rigid"}  # pads that are there are loaded as they are
         pads = ", ".join(f"{1e3 * size:g} mm {word}" for size, word in _pad_sizes(slider, height))
@@ -144,6 +158,22 @@ def choices(robot: RobotFile, part: PartName) -> list[Choice]:
         found.insert(2, choice("three pads", f"loaded on three joint pads, {pads}", pad_height=height, **rigid))
         found.insert(4, choice("bolt holes", holes, hole_count=count, clamp="holes", foundation=None))
     return found
+
+
+def _bed(robot: RobotFile, part: str) -> float | None:
+    """Stiffness per area of the foundation to test, N/m³; None where nothing tells how thick the part is."""
+    section, material = robot.part(part), robot.material(part)
+    given = getattr(section, "foundation", None)
+    if given or material is None or not isinstance(section, ParametricPart):
+        return given
+    length = section.lengths()
+    thickness = length["thickness"] if section.shape == "plate" else 2 * length["radius"]
+    return float(f"{material.youngs_modulus / thickness:.3g}")
+
+
+def _with(robot: RobotFile, part: str, values: Mapping[str, Any]) -> RobotFile:
+    """The robot with a part of other values, SI; where its bodies stand is of no account to the part."""
+    return dataclasses.replace(robot, parts={**robot.parts, part: robot.part(part).model_copy(update=dict(values))})
 
 
 def _written(key: str, value: Any) -> str:
@@ -172,19 +202,16 @@ def _fits(slider: SliderParameters, count: int) -> bool:
     return True
 
 
-def _orders(
-    name: str, robot: RobotFile, part: PartName, base: Sequence[str], tolerance: str | None, own: PartOrder
-) -> tuple[dict[Choice, PartOrder], list[str], list[str]]:
+def _orders(robot: RobotFile, part: str, own: PartOrder) -> tuple[dict[Choice, PartOrder], list[str], list[str]]:
     """Experiments of the choices that differ from the own one, the names of those that are it, and what is left out."""
     orders: dict[Choice, PartOrder] = {}
-    same, left_out = [], [APART] if robot.part(part).shape().get("pads") == "apart" else []
-    for choice in choices(robot, part):
-        if own.step and choice.name in {"three pads", "bolt holes"}:
-            left_out.append(f"{choice.name}: left out, since the solid of a STEP file is as it is")
-            continue
+    same: list[str] = []
+    known = choices(robot, part)
+    names = {choice.name for choice in known}
+    left_out = [f"{name}: left out, since {why}" for name, why in UNKNOWN.items() if own.step and name not in names]
+    for choice in known:
         try:
-            changed = load_robot(name, [*base, *choice.overrides], tolerance)
-            order = order_part(changed, part, label=choice.name)
+            order = order_part(_with(robot, part, dict(choice.values)), part, label=choice.name)
         except InputError as error:
             left_out.append(f"{choice.name}: left out; {error}")
             continue

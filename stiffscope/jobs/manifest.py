@@ -14,7 +14,7 @@ from stiffscope.jobs.cache import file_digest, library_version
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from stiffscope.robot.schema import RobotFile
+    from stiffscope.robot.description import RobotFile
 
 LIBRARIES = (
     *("build123d", "cadquery-ocp-novtk", "pytetwild", "scikit-fem", "numpy", "scipy"),
@@ -60,7 +60,7 @@ def manifest_of(robot: RobotFile | None, *inputs: Path) -> Manifest:
     """A manifest that begins now, of a robot and of further files that go in."""
     sources: dict[str, Any] = {}
     if robot is not None:
-        changed = list(robot.overrides)
+        changed = list(robot.source.overrides)
         sources["robot"] = {"file": str(robot.path), "sha256": file_digest(robot.path), "set": changed}
     if inputs:
         sources["inputs"] = {path.name: file_digest(path) for path in inputs}

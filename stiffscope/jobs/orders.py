@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from stiffscope.cad.solid import GREATEST_X, LEAST_X
 from stiffscope.errors import InputError
 from stiffscope.jobs.cache import code_version, digest, file_digest
+from stiffscope.robot.part_sections import ParametricPart, SolidPart, StepPart
 
 if TYPE_CHECKING:
     from stiffscope.cad.faces import FaceSelector
@@ -19,11 +20,10 @@ if TYPE_CHECKING:
     from stiffscope.cad.slider import SliderParameters
     from stiffscope.cad.solid import Placement
     from stiffscope.fea.settings import Settings
-    from stiffscope.robot.part_schema import Step
-    from stiffscope.robot.schema import PartName, RobotFile
+    from stiffscope.robot.description import RobotFile
 
 LIBRARIES = ("build123d", "cadquery-ocp-novtk", "pytetwild", "scikit-fem", "numpy", "scipy")
-FORM = 4  # of the files of an experiment in the cache; other code reads other forms
+FORM = 5  # of the files of an experiment in the cache; other code reads other forms
 
 
 @dataclass(frozen=True)
@@ -40,22 +40,37 @@ class StepOrder:
 
 @dataclass(frozen=True)
 class PartOrder:
-    """Everything that determines a part's virtual experiment; the label names it in messages only."""
+    """Everything that determines a part's virtual experiment; the label names it in messages only.
 
-    name: PartName
-    shape: LinkParameters | SliderParameters
+    The solid is that of dimensions, a rod's or a plate's, or of a STEP file.
+    """
+
+    name: str
+    solid: LinkParameters | SliderParameters | StepOrder
     material: AnyMaterial
     settings: Settings
-    step: StepOrder | None = None
     label: str = field(default="", compare=False)
+
+    @property
+    def step(self) -> StepOrder | None:
+        """The STEP file, where the solid is one's."""
+        return self.solid if isinstance(self.solid, StepOrder) else None
+
+    @property
+    def shape(self) -> str:
+        """The kind of solid: "rod", "plate" or "step"."""
+        from stiffscope.cad.link import LinkParameters
+
+        return "step" if self.step else "rod" if isinstance(self.solid, LinkParameters) else "plate"
 
     def key(self) -> str:
         """Cache key: shape, material, settings, a STEP file's content, and the code that works on them."""
-        step = dataclasses.replace(self.step, path=Path()) if self.step else None
+        solid = dataclasses.replace(self.solid, path=Path()) if isinstance(self.solid, StepOrder) else self.solid
         return digest(
             {
                 "name": self.name,
-                "shape": dataclasses.asdict(step or self.shape),
+                "shape": self.shape,
+                "solid": dataclasses.asdict(solid),
                 "material": dataclasses.asdict(self.material),
                 "settings": dataclasses.asdict(self.settings),
                 "code": code_version(("stiffscope.cad", "stiffscope.fea"), LIBRARIES),
@@ -68,43 +83,37 @@ class PartOrder:
         from stiffscope.cad import link, slider
         from stiffscope.cad.step import read_step
 
-        if self.step:
+        if isinstance(self.solid, StepOrder):
             return read_step(
-                self.step.path, name=self.name, material=self.material, clamped=self.step.clamped,
-                loaded=self.step.loaded, placement=self.step.placement, reference_point=self.step.reference_point,
+                self.solid.path, name=self.name, material=self.material, clamped=self.solid.clamped,
+                loaded=self.solid.loaded, placement=self.solid.placement, reference_point=self.solid.reference_point,
             )  # fmt: skip
-        if isinstance(self.shape, link.LinkParameters):
-            return link.build(self.shape, self.material)
-        return slider.build(self.shape, self.material)
+        if isinstance(self.solid, link.LinkParameters):
+            return link.build(self.solid, self.material, self.name)
+        return slider.build(self.solid, self.material, self.name)
 
 
-def order_part(robot: RobotFile, name: PartName, step: str | Path | None = None, *, label: str = "") -> PartOrder:
-    """Order the experiment that a robot file asks for.
+def order_part(robot: RobotFile, name: str, step: str | Path | None = None, *, label: str = "") -> PartOrder:
+    """The experiment that a robot file asks for, on its own shape or on a STEP file's.
 
-    Parameters
-    ----------
-    robot, name
-        The robot, and its part.
-    step
-        A STEP file to take instead of the part's own shape, or of the one that the robot file names.
-    label
-        What messages and progress call it; by default the part's name.
-
-    Raises
-    ------
-    InputError
-        The STEP file cannot be read.
-
+    Raises InputError for a part that is none, has no solid, or whose solid cannot be.
     """
     from stiffscope.fea.settings import Settings
 
-    section = robot.part(name)
-    settings = Settings(interface=section.interface, foundation=section.foundation, **section.mesh.model_dump())
-    solid = _step_order(robot, section.step, step)
-    return PartOrder(name, robot.parameters(name).present(), robot.material(name), settings, solid, label or name)
+    if name not in robot.parts:
+        raise InputError(f"part: expected one of {', '.join(robot.parts) or '(none)'}, got {name!r}")
+    part = robot.part(name)
+    solid = _step_order(robot, name, step) or _dimensions(robot, name)
+    material = robot.material(name)
+    if material is None:
+        raise robot.refuse(("parts", name, "material"), "expected the material of the solid, got none")
+    settings = Settings()
+    if isinstance(part, SolidPart):
+        settings = Settings(interface=part.interface, foundation=part.foundation, **part.mesh.model_dump())
+    return PartOrder(name, solid, material, settings, label or name)
 
 
-def build_part(robot: RobotFile, name: PartName) -> Part:
+def build_part(robot: RobotFile, name: str) -> Part:
     """Build a part of a robot: the robot file's own shape of it, or the STEP file that it names.
 
     Parameters
@@ -125,15 +134,27 @@ def build_part(robot: RobotFile, name: PartName) -> Part:
         There is no such part, or its solid cannot be built or read.
 
     """
-    from stiffscope.robot.schema import PARTS
-
-    if name not in PARTS:
-        raise InputError(f"part: expected one of {', '.join(PARTS)}, got {name!r}")
     return order_part(robot, name).build()
 
 
-def _step_order(robot: RobotFile, section: Step | None, given: str | Path | None) -> StepOrder | None:
+def _dimensions(robot: RobotFile, name: str) -> LinkParameters | SliderParameters:
+    """Shape of a rod or plate, without the parameters of absent features."""
+    part = robot.part(name)
+    if not isinstance(part, ParametricPart):
+        raise robot.refuse(
+            ("parts", name, "shape"), f'expected a rod, a plate or a STEP file, which are solids, got "{part.shape}"'
+        )
+    try:
+        return robot.dimensions(name).present()
+    except InputError as error:  # cad names the parameter: "link.bore: expected ..."
+        key, _, message = str(error).partition(": ")
+        raise robot.refuse(("parts", name, *key.split(".")[1:]), message) from error
+
+
+def _step_order(robot: RobotFile, name: str, given: str | Path | None) -> StepOrder | None:
     """A STEP file given on the command line, with the robot file's choice of faces, or the robot file's own."""
+    part = robot.part(name)
+    section = part if isinstance(part, StepPart) else None
     if given is None and section is None:
         return None
     shown = Path(given or section.file)  # type: ignore[union-attr]
@@ -141,7 +162,10 @@ def _step_order(robot: RobotFile, section: Step | None, given: str | Path | None
     try:
         content = file_digest(path)
     except OSError as error:
-        raise InputError(f"{shown}: no STEP file can be read there ({error.strerror})") from error
+        message = f"expected a STEP file, got {error.strerror} ({path})"
+        if given:
+            raise InputError(f"{shown}: {message}") from error
+        raise robot.refuse(("parts", name, "file"), message) from error
     if section is None:
         return StepOrder(path.absolute(), content)
     tagged = ("clamped", section.clamped), ("loaded", section.loaded)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from stiffscope import files
-from stiffscope.robot.components import beam_compliance
+from stiffscope.robot.part_matrices import beam_compliance
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -16,17 +16,16 @@ if TYPE_CHECKING:
     from stiffscope.fea.experiment import Experiment
     from stiffscope.jobs.manifest import Manifest
     from stiffscope.jobs.orders import PartOrder
-    from stiffscope.robot.schema import PartName, RobotFile
+    from stiffscope.robot.description import RobotFile
 
 EXPERIMENT, SOLID, FIELDS = "experiment.npz", "solid.json", "fields.vtu"
 AXES = {
-    "link": "x along the link from its clamped end; twist (v, omega) and wrench (f, m) at the centre of the loaded end",
-    "slider": "x away from the clamped face, y across, z down; "
+    "rod": "x along the rod from its clamped end; twist (v, omega) and wrench (f, m) at the centre of the loaded end",
+    "plate": "x away from the clamped face, y across, z through the plate, to the side of its ribs; "
     "twist (v, omega) and wrench (f, m) at the centre of the loaded face",
+    "step": "those of the STEP file, or of the frame chosen in it; "
+    "twist (v, omega) and wrench (f, m) at the loaded faces' reference point",
 }
-STEP_AXES = (
-    "those of the STEP file, or of the frame chosen in it; twist and wrench at the loaded faces' reference point"
-)
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,8 @@ class PartResult:
     order, key : what was asked for, and its cache key.
     folder : where its files are: the experiment (npz), the fields (vtu), the solid (STEP, STL).
     experiment : what the unit wrenches did.
-    solid : what cad tells of the solid: mass in kg, mass_centre in m, inertia in kg·m², numbers of its faces.
+    solid : what cad tells of the solid: mass in kg, mass_centre in m, inertia in kg·m², clamped_centre (of the clamped
+        faces) in m, numbers of its faces.
     reused, seconds : whether the cache had it, and the time that it took now.
     """
 
@@ -51,7 +51,7 @@ class PartResult:
     seconds: float
 
     @property
-    def name(self) -> PartName:
+    def name(self) -> str:
         """The part's name."""
         return self.order.name
 
@@ -81,6 +81,11 @@ class PartResult:
         return self.solid["mass"]
 
     @property
+    def length(self) -> float:
+        """From the clamped faces to the reference point along the part's x, m."""
+        return float(self.experiment.reference_point[0] - self.solid["clamped_centre"][0])
+
+    @property
     def facts(self) -> dict[str, Any]:
         """What is told of a part besides its fields: plain numbers, SI."""
         experiment, order = self.experiment, self.order
@@ -97,7 +102,7 @@ class PartResult:
             "tolerance": order.settings.tolerance,
             "relative_bound": experiment.relative_bound,
             "note": experiment.note,
-            "axes": STEP_AXES if order.step else AXES[order.name],
+            "axes": AXES[order.shape],
             "solid": order.step.path.name if order.step else "parametric",
             "mesh": {"nodes": len(experiment.mesh.points), "tetrahedra": len(experiment.mesh.cells), "order": 2},
             "volume": experiment.volume,

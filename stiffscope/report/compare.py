@@ -1,19 +1,21 @@
-"""FEA beside beam theory beside the published matrix, entry by entry, and which assumption fails where."""
+"""FEA beside beam theory beside the published matrix, entry by entry, and which assumption fails where.
+
+A rod or a plate of any robot; "published" is for robots whose file names a published matrix.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.robot import components
-from stiffscope.robot.components import entry_name
+from stiffscope.robot import part_matrices as parts_of
 
 if TYPE_CHECKING:
     from stiffscope.fea.experiment import Experiment
     from stiffscope.jobs.results import PartResult
-    from stiffscope.robot.schema import PartName, RobotFile
+    from stiffscope.robot.description import RobotFile
 
 
 @dataclass(frozen=True)
@@ -26,7 +28,7 @@ class Entry:
     error: float
     euler_bernoulli: float
     timoshenko: float
-    published: float
+    published: float | None
 
 
 @dataclass(frozen=True)
@@ -38,31 +40,42 @@ class Comparison:
     findings: tuple[str, ...]
 
 
-def compare(robot: RobotFile, name: PartName, result: PartResult | Experiment) -> Comparison:
-    """Return a part's compliance by FEA, beam theories and the paper, entry by entry, with findings."""
+def compare(robot: RobotFile, name: str, result: PartResult | Experiment) -> Comparison:
+    """Return the compliance of a rod or plate by FEA, beam theories and the paper, entry by entry, with findings."""
     from stiffscope.fea.beam import euler_bernoulli
 
-    simple = components.beam_compliance(robot, name, euler_bernoulli)
-    beam = components.beam_compliance(robot, name)
-    printed = components.published_compliance(robot, name)
+    simple = parts_of.beam_compliance(robot, name, euler_bernoulli)
+    beam = parts_of.beam_compliance(robot, name)
+    printed = _printed(robot, name)
     fea, error = result.compliance, result.error
     scale = np.sqrt(np.outer(np.diag(fea), np.diag(fea)))
     entries = []
     for i in range(6):
         for j in range(i, 6):
-            if beam[i, j] or printed[i, j] or abs(fea[i, j]) > max(error[i, j], 1e-4 * scale[i, j]):
-                values = (fea, error, simple, beam, printed)
-                entries.append(Entry(*entry_name(i, j), *(float(v[i, j]) for v in values)))
+            known = beam[i, j] or (printed is not None and printed[i, j])
+            if known or abs(fea[i, j]) > max(error[i, j], 1e-4 * scale[i, j]):
+                name_and_unit = parts_of.entry_name(i, j)
+                published = None if printed is None else float(printed[i, j])
+                entries.append(Entry(*name_and_unit, fea[i, j], error[i, j], simple[i, j], beam[i, j], published))
     return Comparison(name, tuple(entries), tuple(_findings(robot, name, fea, simple, beam, printed)))
 
 
+def _printed(robot: RobotFile, name: str) -> np.ndarray | None:
+    """The published compliance (6, 6), where any part of the robot has one."""
+    own = getattr(robot.part(name), "published", None)
+    if own or (robot.part(name).shape == "rod" and any(getattr(p, "published", None) for p in robot.parts.values())):
+        return parts_of.published_compliance(robot, name)
+    return None
+
+
 def _findings(
-    robot: RobotFile, name: PartName, fea: np.ndarray, simple: np.ndarray, beam: np.ndarray, printed: np.ndarray
+    robot: RobotFile, name: str, fea: np.ndarray, simple: np.ndarray, beam: np.ndarray, printed: np.ndarray | None
 ) -> list[str]:
     """Which assumption fails where, a sentence each."""
     from stiffscope.fea.beam import polar
 
-    segments = components.beam_segments(robot, name)
+    plate = robot.part(name).shape == "plate"
+    segments = parts_of.beam_segments(robot, name)
     length, section = sum(length for length, _ in segments), segments[0][1]
     found = _not_in_beam_theory(robot, name)
     for i, axis in ((1, "y"), (2, "z")):
@@ -74,7 +87,7 @@ def _findings(
                 f"only {slender:.2g} times as long as deep; Euler-Bernoulli neglects it"
             )
     narrowing = 1 - fea[4, 4] / beam[4, 4]
-    if name == "slider" and narrowing > 0.03 and not _not_in_beam_theory(robot, name):
+    if plate and narrowing > 0.03 and not _not_in_beam_theory(robot, name):
         found.append(
             f"C33, C35, C55: a wide plate bends {100 * narrowing:.0f} % less about y than a beam, whose section is "
             "free to contract and expand sideways"
@@ -85,13 +98,13 @@ def _findings(
             f"C44: {torsion:.2f} times Saint-Venant's torsion, in which the ends warp freely; here they cannot, and "
             "the part is too short for the end effect to decay (Saint-Venant)"
         )
-    if printed[3, 3] < 0.5 * beam[3, 3]:
+    if printed is not None and printed[3, 3] < 0.5 * beam[3, 3]:
         found.append(
             f"C44 as published is {fea[3, 3] / printed[3, 3]:.1f} times too stiff: its torsion constant is "
             f"I_y + I_z, {polar(section).torsion / section.torsion:.1f} times Saint-Venant's; they are equal for "
             "round sections alone"
         )
-    if printed[1, 1] < 0.5 * fea[1, 1]:
+    if printed is not None and printed[1, 1] < 0.5 * fea[1, 1]:
         found.append(f"C22 as published is {fea[1, 1] / printed[1, 1]:.1f} times too stiff: it has no shear")
     if not found:
         worst = np.max(np.abs(np.diag(fea) / np.diag(beam) - 1))
@@ -102,13 +115,15 @@ def _findings(
     return found
 
 
-def _not_in_beam_theory(robot: RobotFile, name: PartName) -> list[str]:
-    shape = robot.part(name).shape()
-    extras = {"ribs": "rib_count", "bolt holes": "hole_count", "joint pads": "pad_height"} if name == "slider" else {}
-    present = [word for word, key in extras.items() if shape[key]]
+def _not_in_beam_theory(robot: RobotFile, name: str) -> list[str]:
+    part = robot.part(name)
+    extras = {"ribs": "rib_count", "bolt holes": "hole_count", "joint pads": "pad_height"}
+    present = [word for word, key in extras.items() if getattr(part, key, 0)]
     return [f"Beam theory models the bare plate: the {' and '.join(present)} are in the FEA only"] if present else []
 
 
-def _depth(robot: RobotFile, name: PartName, axis: str) -> float:
-    shape = robot.part(name).lengths()
-    return 2 * shape["radius"] if name == "link" else shape["width" if axis == "y" else "thickness"]
+def _depth(robot: RobotFile, name: str, axis: str) -> float:
+    size: Any = robot.dimensions(name)
+    if robot.part(name).shape == "rod":
+        return 2 * size.radius
+    return size.width if axis == "y" else size.thickness

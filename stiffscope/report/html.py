@@ -9,7 +9,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.report import text
-from stiffscope.report.numbers import DIAGONAL, TWIST, WRENCH, ZERO, ZERO_NOTE, percent, point, resolved, with_bound
+from stiffscope.report.numbers import (
+    DIAGONAL,
+    TWIST,
+    WRENCH,
+    ZERO,
+    ZERO_NOTE,
+    coordinates,
+    percent,
+    point,
+    resolved,
+    with_bound,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,7 +30,7 @@ if TYPE_CHECKING:
 
     from stiffscope.fea.experiment import Experiment
     from stiffscope.gap.diagnosis import Diagnosis
-    from stiffscope.vjm.analysis import Stiffness
+    from stiffscope.vjm.statics import Stiffness
 
 UNITS = (("m/N", "m/(N·m)"), ("rad/N", "rad/(N·m)"))
 KINDS = {".svg": "image/svg+xml", ".png": "image/png"}
@@ -109,11 +120,12 @@ def stiffness_html(state: Stiffness) -> str:
         (
             ", ".join(f"{c:z.4g}" for c in pose),
             *(f"{v:.5g}" for v in np.diagonal(matrix)),
-            f"{1e6 * sag[2]:z.3g}",
+            f"{1e6 * np.linalg.norm(sag[:3]):.3g}",
         )
         for pose, matrix, sag in zip(state.poses[:POSES], state.matrix[:POSES], state.sag[:POSES], strict=True)
     ]
-    return _macro("stiffness", DIAGONAL, rows, max(0, len(state.poses) - POSES))
+    place = coordinates(state.configurations.mechanism.tool.pose)
+    return _macro("stiffness", place, DIAGONAL, rows, max(0, len(state.poses) - POSES))
 
 
 def _macro(name: str, *arguments: object) -> str:

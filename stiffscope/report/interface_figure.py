@@ -86,7 +86,7 @@ def _sketch(axes: Axes, tested: Tested) -> None:
     """The part from above, clamped at the top and loaded at the bottom; lengths in widths of the part."""
     from matplotlib.patches import Rectangle
 
-    shape: Any = None if tested.order.step else tested.order.shape
+    shape: Any = None if tested.order.step else tested.order.solid
     unit = getattr(shape, "width", 1.0)
     width, depth = (1.0, shape.depth / unit) if hasattr(shape, "depth") else SLENDER
     axes.set_title(tested.choice.name, fontsize=11, fontweight="bold", pad=4)

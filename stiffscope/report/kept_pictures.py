@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-import dataclasses
 import logging
 import shutil
 import time
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stiffscope.jobs.cache import code_version, digest, file_digest, kept_files
 from stiffscope.jobs.results import EXPERIMENT
+from stiffscope.report import maps
 from stiffscope.report.pictures import PictureError, draw
+from stiffscope.report.robot_scene import deformed, exaggeration, moves, picture, pose_text, scene
+from stiffscope.vjm.kinematics import configure
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from stiffscope.gap.diagnosis import Diagnosis
@@ -25,18 +28,14 @@ if TYPE_CHECKING:
     from stiffscope.jobs.cache import Cache
     from stiffscope.jobs.manifest import Manifest
     from stiffscope.jobs.results import PartResult
+    from stiffscope.robot.description import RobotFile
+    from stiffscope.vjm.kinematics import Configurations
+    from stiffscope.vjm.yielding import Deflection
 
 log = logging.getLogger(__name__)
 
 AT_ONCE = 2  # pictures; each is drawn in a process of its own
-MAP_POINTS = 81
-GROUPS = {
-    "joints": tuple(f"limb{i}.link{j}.joint_{end}" for i in (1, 2) for j in (1, 2, 3) for end in "ab"),
-    "links": tuple(f"limb{i}.link{j}" for i in (1, 2) for j in (1, 2, 3)),
-    "carriages": ("limb1.carriage", "limb2.carriage"),
-    "sliders": ("limb1.slider", "limb2.slider"),
-    "limbs": ("limb1.actuator", "limb2.actuator"),
-}
+MAP_POINTS = 41
 
 
 @dataclass(frozen=True)
@@ -64,27 +63,55 @@ def write_run_pictures(assembled: Assembled, folder: Path, cache: Cache, manifes
 
 
 def draw_shares(assembled: Assembled, diagnosis: Diagnosis, poses: np.ndarray, folder: Path) -> None:
-    """The robot at the pose of the largest residual, its components coloured by their share of the gap."""
+    """The robot at the pose of the largest residual, its elements coloured by their share of the gap."""
     where = diagnosis.where
     if not where.component:
         return
     worst = int(np.argmax([np.nansum(np.square(row)) for row in np.array(where.pose, dtype=float)]))
-    place = ", ".join(f"{1e3 * c:.4g}" for c in poses[worst])
-    title = f"Share of the gap by component, at the pose of the largest residual, M = ({place}) mm"
-    picture = {"file": "robot.png", "title": title, "pose": poses[worst]}
-    try:
-        _draw_robot(assembled, folder, [picture], shares=shares(diagnosis), scale="share of the gap")
-    except PictureError as error:
-        log.warning("%s", error)
+    found = configure(assembled.mechanism, poses[worst])
+    place = pose_text(assembled.mechanism, found.poses[0])
+    title = f"Share of the gap by component, at the pose of the largest residual, {place}"
+    shown = [picture("robot.png", title, moves(assembled.mechanism, found))]
+    _draw_robot(assembled, folder, shown, shares(assembled.robot, diagnosis), "share of the gap")
 
 
-def shares(diagnosis: Diagnosis) -> dict[str, float]:
-    """Share of the gap by body of the drawing: a group's share is shown on each of its members."""
+def shares(robot: RobotFile, diagnosis: Diagnosis) -> dict[str, float]:
+    """Share of the gap by element: that of a place which means several is shown on each of them."""
     out: dict[str, float] = {}
     for component, share in diagnosis.where.component.items():
-        for body in GROUPS.get(component, (component,)):
-            out[body] = out.get(body, 0.0) + share
+        for element in robot.members(component) or (component,):
+            out[element] = out.get(element, 0.0) + share
     return out
+
+
+def draw_deflection(
+    assembled: Assembled, names: Sequence[str], found: Configurations, load: np.ndarray, bent: Deflection, folder: Path
+) -> None:
+    """The robot under a wrench (6,) at each pose, deformed, its elements coloured by their share of the energy."""
+    from stiffscope.vjm.statics import respond
+
+    mechanism = assembled.mechanism
+    nodes = respond(mechanism, found, load).nodes
+    for k, name in enumerate(names):
+        moved, at = moves(mechanism, found, k), found.tool[k, :3]
+        twists = {node: twist[k if len(twist) > 1 else 0, :, 0] for node, twist in nodes.items()}
+        factor = exaggeration(mechanism, moved, twists, at)
+        title = (
+            f"{assembled.robot.name} at {name} under {','.join(f'{v:g}' for v in load)} N, N·m; deformed × {factor:g}"
+        )
+        shown = [picture(f"deflection_{k + 1}.png", title, deformed(moved, twists, at, factor), moved)]
+        energy = {element: float(share[k]) for element, share in bent.shares.items()}
+        _draw_robot(assembled, folder, shown, energy, "share of the strain energy")
+
+
+def plain_robot(robot: RobotFile) -> dict[str, Any]:
+    """All that a robot file says, as plain data, SI, copies made: what determines its pictures."""
+    from pydantic_core import to_jsonable_python
+
+    left = {"path", "overrides", "copied"}
+    content = {field.name: getattr(robot, field.name) for field in fields(robot) if field.name not in left}
+    plain = {key: dict(value) if isinstance(value, Mapping) else value for key, value in content.items()}
+    return to_jsonable_python(plain, by_alias=True, inf_nan_mode="constants")
 
 
 def _kept(order: Order, cache: Cache) -> tuple[Path | None, bool, float]:
@@ -120,49 +147,56 @@ def _part_order(result: PartResult, target: Path) -> Order:
 
 
 def _robot_orders(assembled: Assembled, target: Path) -> list[Order]:
-    """A small map, and the robot at its poses."""
+    """The robot at its poses, and a small map where the file says what to sweep."""
     facts = {
-        "robot": assembled.robot.model_dump(mode="json"),
-        "matrices": {name: matrix.tolist() for name, matrix in assembled.matrices.items()},
+        "robot": plain_robot(assembled.robot),
+        "matrices": {name: [part.compliance.tolist(), part.mass] for name, part in assembled.matrices.items()},
     }
-    mapping = code_version(("stiffscope.vjm", "stiffscope.report"), ("matplotlib", "numpy"))
+    code = code_version(("stiffscope.vjm", "stiffscope.robot", "stiffscope.report"), ("matplotlib", "numpy"))
     skins = {name: file_digest(result.folder / EXPERIMENT) for name, result in assembled.results.items()}
-    map_key, robot_key = digest({**facts, "code": mapping}), digest({**facts, "skins": skins, "code": _drawing_code()})
-    return [
-        Order("robot", robot_key, lambda folder: _draw_poses(assembled, folder), target),
-        Order("map", map_key, lambda folder: _draw_map(assembled, folder), target),
-    ]
+    map_key, robot_key = digest({**facts, "code": code}), digest({**facts, "skins": skins, "code": _drawing_code()})
+    drawn = Order("robot", robot_key, lambda folder: _draw_poses(assembled, folder), target)
+    mapped = Order("map", map_key, lambda folder: _draw_map(assembled, folder), target)
+    return [drawn, mapped] if assembled.robot.map is not None else [drawn]
 
 
 def _drawing_code() -> str:
-    """Hash of what determines pictures besides their content."""
-    return code_version(("stiffscope.report.drawing",), ("pyvista", "vtk", "matplotlib"))
+    """Hash of what determines pictures of solids besides their content."""
+    return code_version(("stiffscope.report", "stiffscope.vjm"), ("pyvista", "vtk", "matplotlib"))
 
 
 def _draw_map(assembled: Assembled, folder: Path) -> None:
-    from stiffscope.report.maps import draw_stiffness, robot_maps, write_map
-
     robot = assembled.robot
-    found = robot_maps(assembled.elastic, robot.poses, MAP_POINTS, "exact", robot.gravity.acceleration)
-    write_map(found, folder)
-    draw_stiffness(found, robot.poses, f"{robot.name}: stiffness at M (diagonal of K), y = 0", folder / "map.png")
+    found = maps.robot_map(robot, assembled.mechanism, MAP_POINTS, "exact")
+    maps.write_map(found, folder)
+    held = maps.held_text(found)
+    title = f"{robot.name}: stiffness at M (diagonal of K)" + (held and f", {held}")
+    maps.draw_stiffness(found, robot.poses, title, folder / "map.png")
 
 
 def _draw_poses(assembled: Assembled, folder: Path) -> None:
-    robot = assembled.robot
-    pictures: list[dict[str, Any]] = []
-    for name, pose in robot.poses.items():
-        place = ", ".join(f"{1e3 * c:.5g}" for c in pose)
-        title = f"{robot.name} at {name}: M = ({place}) mm"
-        pictures.append({"file": f"robot_{name}.png", "title": title, "pose": pose})
-    _draw_robot(assembled, folder, pictures)
+    robot, mechanism = assembled.robot, assembled.mechanism
+    found = configure(mechanism, list(robot.poses.values()))
+    shown = [
+        picture(
+            f"robot_{name}.png", f"{robot.name} at {name}: {pose_text(mechanism, pose)}", moves(mechanism, found, k)
+        )
+        for k, (name, pose) in enumerate(robot.poses.items())
+    ]
+    draw("robot", folder, pictures=shown, **scene(robot, mechanism, _experiments(assembled)))
 
 
-def _draw_robot(assembled: Assembled, folder: Path, pictures: Sequence[Mapping[str, Any]], **more: Any) -> None:
-    """Pictures {file, title, pose} of the robot, its parts as they were tested; `more` goes to `drawing.robot`."""
-    tested = {name: result.folder / EXPERIMENT for name, result in assembled.results.items()}
-    parts = {
-        name: {**assembled.robot.part(name).shape(), "experiment": tested.get(name)} for name in assembled.matrices
-    }
-    geometry = dataclasses.asdict(assembled.elastic.geometry)
-    draw("robot", folder, pictures=list(pictures), geometry=geometry, **parts, **more)
+def _draw_robot(
+    assembled: Assembled, folder: Path, shown: Sequence[dict[str, Any]], part: Mapping[str, float], scale: str
+) -> None:
+    """Pictures coloured by shares of elements; where this machine cannot draw, say so and leave them out."""
+    arguments = scene(assembled.robot, assembled.mechanism, _experiments(assembled), part)
+    try:
+        draw("robot", folder, pictures=list(shown), scale=scale, **arguments)
+    except PictureError as error:
+        log.warning("%s", error)
+
+
+def _experiments(assembled: Assembled) -> dict[str, Path]:
+    """File of each part's virtual experiment: such parts are drawn as their own solids."""
+    return {name: result.folder / EXPERIMENT for name, result in assembled.results.items()}

@@ -1,7 +1,8 @@
-"""The workspace maps of `stiffscope.vjm.maps` as figures and as tables of numbers."""
+"""Maps of the stiffness over two coordinates of the tool: evaluated, drawn, and written as tables of numbers."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -16,80 +17,139 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
 
-    from stiffscope.vjm.analysis import Gravity
-    from stiffscope.vjm.biglide import Biglide
-    from stiffscope.vjm.maps import WorkspaceMap
+    from stiffscope.robot.description import RobotFile
+    from stiffscope.robot.sections import MapSection
+    from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.statics import Gravity
 
-    Poses = Mapping[str, tuple[float, float, float]]
+    Poses = Mapping[str, Sequence[float]]
+    Ranges = Mapping[str, tuple[float, float]]
 
 TITLES = tuple(f"$K_{{{name[2:]}}}$" for name in DIAGONAL)
 UNITS = (("N/µm", 1e-6),) * 3 + (("kN·m/rad", 1e-3),) * 3
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 SAGS = (*(f"sag along {axis} (µm)" for axis in "xyz"), *(f"sag about {axis} (µrad)" for axis in "xyz"))
 MARK = "#14181c"
-SHOWN = "rectangle: main workspace W1 to W4"
 CHANGE = "coolwarm"  # colours about zero
+IN_PLANE = 1e-6  # m or rad that a pose may be off the map and is still marked on it
 
 
-def robot_maps(robot: Biglide, poses: Poses, points: int, gravity: Gravity, g: float) -> WorkspaceMap:
-    """Evaluate the maps over all that the robot reaches at y = 0.
+@dataclass(frozen=True, eq=False)
+class StiffnessMap:
+    """Maps over a grid of tool poses; NaN where the robot does not reach or weights find no equilibrium.
+
+    ``across`` and ``up`` name the two coordinates swept, ``columns`` (na,) and ``rows`` (nu,) are their values, ``at``
+    those of the others, m and rad. ``stiffness`` and ``loaded`` (nu, na, 6): diagonals of the stiffness at M without
+    and with the robot's own weight, N/m and N·m/rad; ``sag`` (nu, na, 6) in m, rad. ``down``: rows grow downwards.
+    """
+
+    across: str
+    up: str
+    columns: np.ndarray
+    rows: np.ndarray
+    at: dict[str, float]
+    stiffness: np.ndarray
+    loaded: np.ndarray
+    sag: np.ndarray
+    down: bool = False
+
+    def holds(self, coordinates: Mapping[str, float]) -> bool:
+        """Whether a pose lies in what is swept."""
+        return all(abs(coordinates[name] - value) < IN_PLANE for name, value in self.at.items())
+
+
+def robot_map(robot: RobotFile, mechanism: Mechanism, points: int, gravity: Gravity) -> StiffnessMap:
+    """Evaluate what `[map]` of a robot file sweeps. Raises InputError where it has none, or nothing is reached."""
+    section = swept(robot)
+    return stiffness_map(mechanism, section.ranges(), points, gravity=gravity, at=section.at)
+
+
+def swept(robot: RobotFile) -> MapSection:
+    """What `[map]` of a robot file says. Raises InputError where it has none."""
+    if robot.map is None:
+        example = 'such as x = ["-150 mm", "150 mm"] and z = ["380 mm", "520 mm"]'
+        raise InputError(f"{robot.path}: map: expected a table of two coordinates to sweep, {example}, got none")
+    return robot.map
+
+
+def stiffness_map(
+    mechanism: Mechanism,
+    ranges: Ranges,
+    points: int,
+    *,
+    gravity: Gravity = "none",
+    at: Sequence[float] | None = None,
+) -> StiffnessMap:
+    """Evaluate the stiffness over two coordinates of the tool.
 
     Parameters
     ----------
-    robot
-        A Biglide.
-    poses
-        Named tool points, m; the main workspace lies between the heights of Q1 and Q2 where they are there.
+    mechanism
+        Any mechanism whose tool has at least two coordinates.
+    ranges
+        Two coordinates of `mechanism.tool.pose` and the ends of each, m and rad; the first is drawn across.
     points
-        Tool points along x and along z.
-    gravity, g
-        How weight acts on stiffness; gravitational acceleration in m/s².
+        Poses along either.
+    gravity
+        "exact" for the stiffness under the mechanism's own weight and the sag, beside those without.
+    at : (k,)
+        Pose that gives the other coordinates, by default home.
 
     Raises
     ------
     InputError
-        The robot is not a Biglide.
+        Not two coordinates of the tool, or no pose is reached.
 
     """
-    from stiffscope.vjm import biglide
-    from stiffscope.vjm.maps import reachable_box, workspace_map
+    from stiffscope.vjm.kinematics import configure
+    from stiffscope.vjm.statics import stiffness, under_weight
 
-    if not isinstance(robot, biglide.Biglide):
-        name = type(robot).__name__
-        raise InputError(f"map: expected a Biglide, whose workspace is known, got {name}; evaluate it at poses instead")
-    box = reachable_box(robot.geometry)
-    middle = [box.z_min + share * (box.z_max - box.z_min) for share in (1 / 3, 2 / 3)]
-    heights = [poses[name][2] if name in poses else z for name, z in zip(("Q1", "Q2"), middle, strict=True)]
-    low = robot.geometry.l1 + robot.geometry.l2
-    q1, q2 = np.arcsin(np.clip((np.sort(heights) - low) / robot.geometry.L, -1.0, 1.0))
-    return workspace_map(robot, (q1, q2), size=(points, points), gravity=gravity, g=g)
+    pose = mechanism.tool.pose
+    if len(ranges) != 2 or not set(ranges) <= set(pose):
+        raise InputError(f"map: expected two of {', '.join(pose)}, got {', '.join(ranges) or 'none'}")
+    (across, columns), (up, rows) = ((name, np.linspace(*ends, points)) for name, ends in ranges.items())
+    fixed = mechanism.tool.home if at is None else np.asarray(at, dtype=float)
+    grid = np.tile(fixed, (points * points, 1))
+    grid[:, pose.index(across)], grid[:, pose.index(up)] = np.tile(columns, points), np.repeat(rows, points)
+    found = configure(mechanism, grid)
+    if not found.valid.any():
+        raise InputError(f"map: no pose is within reach; the first is not: {found.reason(0)}")
+    plain = loaded = stiffness(mechanism, found)
+    sag = np.where(found.valid[:, None], np.zeros((len(grid), 6)), np.nan)
+    if gravity != "none":
+        loaded, sag = under_weight(mechanism, found, plain)
+    diagonals = (np.diagonal(matrix, axis1=1, axis2=2) for matrix in (plain, loaded))
+    values = (value.reshape(points, points, 6) for value in (*diagonals, sag))
+    others = {name: float(v) for name, v in zip(pose, fixed, strict=True) if name not in ranges}
+    weight = mechanism.gravity[AXES.index(up)] if up in AXES[:3] else 0.0
+    return StiffnessMap(across, up, columns, rows, others, *values, down=bool(weight > 0.0))
 
 
-def draw_stiffness(found: WorkspaceMap, poses: Poses, title: str, *targets: Path, loaded: bool = False) -> None:
-    """Draw the diagonal of K without or with the robot's own weight."""
+def draw_stiffness(found: StiffnessMap, poses: Poses, title: str, *targets: Path, loaded: bool = False) -> None:
+    """Draw the diagonal of K without or with the robot's own weight; `poses` by name, in all coordinates."""
     _draw(found, _stiffness(found.loaded if loaded else found.stiffness), 3, poses, title, targets)
 
 
-def draw_difference(found: WorkspaceMap, poses: Poses, title: str, *targets: Path) -> None:
+def draw_difference(found: StiffnessMap, poses: Poses, title: str, *targets: Path) -> None:
     """Draw the change by the robot's own weight, in parts per million of the stiffness without it."""
     _draw(found, _change(found), 3, poses, title, targets)
 
 
-def draw_sag(found: WorkspaceMap, poses: Poses, title: str, *targets: Path) -> None:
-    """Draw the platform's sag and tilt under the robot's own weight: the components above rounding."""
+def draw_sag(found: StiffnessMap, poses: Poses, title: str, *targets: Path) -> None:
+    """Draw the tool's sag and tilt under the robot's own weight: the components above rounding."""
     largest = np.nanmax(np.abs(found.sag), axis=(0, 1))
     shown = [k for k in range(6) if largest[k] > 1e-4 * largest.max()] or [2]
     _draw(found, [Panel(SAGS[k], 1e6 * found.sag[..., k], "magma_r") for k in shown], 3, poses, title, targets)
 
 
-def draw_all(found: WorkspaceMap, poses: Poses, title: str, *targets: Path) -> None:
+def draw_all(found: StiffnessMap, poses: Poses, title: str, *targets: Path) -> None:
     """Draw the diagonal of K without weight, with it, and the change: the whole map on one sheet."""
     panels = [*_stiffness(found.stiffness, " without weight"), *_stiffness(found.loaded, " with weight")]
     _draw(found, [*panels, *_change(found)], 6, poses, title, targets)
 
 
 class Panel(NamedTuple):
-    """One quantity (nz, nx) over the workspace, in the unit of its title."""
+    """One quantity (nu, na) over the map, in the unit of its title."""
 
     title: str
     values: np.ndarray
@@ -100,92 +160,118 @@ def _stiffness(values: np.ndarray, words: str = "") -> list[Panel]:
     return [Panel(f"{TITLES[k]}{words} ({unit})", factor * values[..., k]) for k, (unit, factor) in enumerate(UNITS)]
 
 
-def _change(found: WorkspaceMap) -> list[Panel]:
+def _change(found: StiffnessMap) -> list[Panel]:
     change = 1e6 * (found.loaded / found.stiffness - 1)
     return [Panel(f"{TITLES[k]} with − without weight (ppm)", change[..., k], CHANGE) for k in range(6)]
 
 
 def _draw(
-    found: WorkspaceMap, panels: Sequence[Panel], most: int, poses: Poses, title: str, targets: Iterable[Path]
+    found: StiffnessMap, panels: Sequence[Panel], most: int, poses: Poses, title: str, targets: Iterable[Path]
 ) -> None:
     """Draw panels, at most so many in a row, and write the sheet to each target."""
     from matplotlib.figure import Figure
 
     columns = min(len(panels), most)
     rows = -(-len(panels) // columns)
-    figure = Figure(figsize=(4.5 * columns, 0.8 + 3.7 * rows), layout="constrained", facecolor="white")
-    gap, size = ("  ", 14) if columns > 1 else ("\n", 11)
-    heading: Any = {"t": f"{title}{gap}({SHOWN})", "fontsize": size, "fontweight": "bold"}
-    figure.suptitle(x=0.01, ha="left", parse_math=False, **heading)
+    across, up = (float(np.ptp(values)) for values in (found.columns, found.rows))
+    slim = np.clip(up / across, 0.4, 1.6) if _alike(found) else 0.8
+    figure = Figure(figsize=(4.5 * columns, 0.8 + (0.6 + 3.6 * slim) * rows), layout="constrained", facecolor="white")
+    heading: Any = {"fontsize": 14 if columns > 1 else 11, "fontweight": "bold"}
+    figure.suptitle(title, x=0.01, ha="left", parse_math=False, **heading)
     grid = list(figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).flat)
     for axes in grid[len(panels) :]:
         axes.remove()
     for axes, panel in zip(grid, panels, strict=False):
         _fill(axes, found, panel)
         _mark(axes, found, poses)
-    grid[0].invert_yaxis()
+    if found.down:
+        grid[0].invert_yaxis()
     for target in targets:
         figure.savefig(target, dpi=110)
         figure.set_layout_engine("none")  # laid out once: half of the time of a second format
 
 
-def _fill(axes: Axes, found: WorkspaceMap, panel: Panel) -> None:
-    x, z, values, change = 1e3 * found.x, 1e3 * found.z, panel.values, panel.colours == CHANGE
+def _alike(found: StiffnessMap) -> bool:
+    """Whether both coordinates are lengths, or both angles."""
+    return found.across.startswith("r") == found.up.startswith("r")
+
+
+def _fill(axes: Axes, found: StiffnessMap, panel: Panel) -> None:
+    values, change = panel.values, panel.colours == CHANGE
     low, high = np.nanmin(values), np.nanmax(values)
     if change:
         low, high = -max(abs(low), abs(high)), max(abs(low), abs(high))
     if high - low < 1e-9 * max(abs(low), abs(high)) or high == low:  # constant, apart from rounding
         low, high = low - max(abs(low), 1e-6), high + max(abs(high), 1e-6)
-    image = axes.pcolormesh(x, z, values, cmap=panel.colours, shading="nearest", vmin=low, vmax=high, rasterized=True)
+    x, y = _factor(found.across) * found.columns, _factor(found.up) * found.rows
+    image = axes.pcolormesh(x, y, values, cmap=panel.colours, shading="nearest", vmin=low, vmax=high, rasterized=True)
     if np.nanmax(values) - np.nanmin(values) > 1e-6 * abs(high):
         ink = "#3c4650" if change and np.nanmedian(np.abs(values)) < 0.5 * high else "white"
-        drawn = axes.contour(x, z, values, levels=6, colors=ink, linewidths=0.6, linestyles="solid", alpha=0.8)
+        drawn = axes.contour(x, y, values, levels=6, colors=ink, linewidths=0.6, linestyles="solid", alpha=0.8)
         axes.clabel(drawn, fontsize=7, fmt="%.5g")
     figure: Any = axes.get_figure()
     figure.colorbar(image, ax=axes, pad=0.01)
-    axes.set(aspect="equal", xlabel="x (mm)", ylabel="z (mm, down)")
+    down = ", down" if found.down else ""
+    axes.set(xlabel=f"{found.across} ({_unit(found.across)})", ylabel=f"{found.up} ({_unit(found.up)}{down})")
+    axes.set_aspect("equal" if _alike(found) else "auto")
     axes.set_title(panel.title, fontsize=12)
     axes.label_outer()
 
 
-def _mark(axes: Axes, found: WorkspaceMap, poses: Poses) -> None:
-    """The named poses and the main workspace."""
-    from matplotlib.patches import Rectangle
+def _factor(coordinate: str) -> float:
+    """What a coordinate is multiplied by to be drawn."""
+    return 180.0 / np.pi if coordinate.startswith("r") else 1e3
+
+
+def _unit(coordinate: str) -> str:
+    return "deg" if coordinate.startswith("r") else "mm"
+
+
+def _mark(axes: Axes, found: StiffnessMap, poses: Poses) -> None:
+    """The named poses that lie in what is swept."""
     from matplotlib.patheffects import withStroke
 
     halo: Any = [withStroke(linewidth=2.5, foreground="white")]
-    main = found.main
-    corner, width, height = (main.x_min, main.z_min), main.x_max - main.x_min, main.z_max - main.z_min
-    outline = Rectangle((1e3 * corner[0], 1e3 * corner[1]), 1e3 * width, 1e3 * height, fill=False, color=MARK, lw=1.0)
-    axes.add_patch(outline)
-    for name, (x, _, z) in poses.items():
-        place: Any = (1e3 * x, 1e3 * z)
+    swept = {found.across, found.up}
+    names = [name for name in AXES if name in swept or name in found.at]
+    for label, pose in poses.items():
+        coordinates = dict(zip(names, pose, strict=True))
+        if not found.holds(coordinates):
+            continue
+        place: Any = [_factor(name) * coordinates[name] for name in (found.across, found.up)]
         axes.plot(*place, "o", color=MARK, markersize=5, markeredgecolor="white")
         offset: Any = {"xytext": (6, 5), "textcoords": "offset points"}
-        axes.annotate(name, place, color=MARK, weight="bold", path_effects=halo, parse_math=False, **offset)
+        axes.annotate(label, place, color=MARK, weight="bold", path_effects=halo, parse_math=False, **offset)
 
 
-def write_map(found: WorkspaceMap, folder: Path, title: str = "") -> None:
-    """Write the numbers, SI: map.csv, a line for each reachable tool point; map.npz, arrays (z, x, direction); map.nc.
+def held_text(found: StiffnessMap) -> str:
+    """The other coordinates as a title has them: "y = 0 mm"; angles of zero are left out."""
+    said = {name: (_factor(name) * value, _unit(name)) for name, value in found.at.items()}
+    shown = {name: each for name, each in said.items() if each[0] or not name.startswith("r")}
+    return ", ".join(f"{name} = {value:z.5g} {unit}" for name, (value, unit) in shown.items())
+
+
+def write_map(found: StiffnessMap, folder: Path, title: str = "") -> None:
+    """Write the numbers, SI: map.csv, a line for each reachable pose; map.npz, arrays (row, column, direction); map.nc.
 
     The netCDF file is the dataset of `as_dataset`.
     """
-    nz, nx, _ = found.stiffness.shape
-    at = np.column_stack([np.tile(found.x, nz), np.repeat(found.z, nx)])
+    at = np.column_stack([np.tile(found.columns, len(found.rows)), np.repeat(found.rows, len(found.columns))])
     rows = np.column_stack([at, *(values.reshape(-1, 6) for values in (found.stiffness, found.loaded, found.sag))])
     words = [name.lower().replace("_", "") for name in DIAGONAL]
-    header = ",".join(["x", "z", *words, *(f"{word}_loaded" for word in words), *(f"sag_{axis}" for axis in AXES)])
-    inside = np.isfinite(rows[:, 2])
-    np.savetxt(folder / "map.csv", rows[inside], delimiter=",", header=header, comments="", fmt="%.9g")
-    arrays = {"x": found.x, "y": np.float64(found.y), "z": found.z, "direction": np.array(DIAGONAL)}
+    names = [found.across, found.up, *words, *(f"{word}_loaded" for word in words), *(f"sag_{axis}" for axis in AXES)]
+    reached = np.isfinite(rows[:, 2])
+    np.savetxt(folder / "map.csv", rows[reached], delimiter=",", header=",".join(names), comments="", fmt="%.9g")
+    arrays = {found.across: found.columns, found.up: found.rows, "direction": np.array(DIAGONAL)}
+    arrays |= {name: np.float64(value) for name, value in found.at.items()}
     fields = {"stiffness": found.stiffness, "stiffness_loaded": found.loaded, "sag": found.sag}
     with (folder / "map.npz").open("wb") as stream:
         np.savez_compressed(stream, **arrays, **fields)  # type: ignore[arg-type]
     as_dataset(found, title).to_netcdf(folder / "map.nc", engine="scipy", format="NETCDF3_64BIT")
 
 
-def as_dataset(found: WorkspaceMap, title: str = "") -> xr.Dataset:
-    """Return a map as a dataset over (z, x) with names and units, SI; NaN where the robot does not reach.
+def as_dataset(found: StiffnessMap, title: str = "") -> xr.Dataset:
+    """Return a map as a dataset over its two coordinates with names and units, SI; NaN where nothing is reached.
 
     Variables are `K_tx` to `K_rz`, the same with `_loaded` (under the robot's own weight), and `sag_x` to `sag_rz`.
     """
@@ -196,23 +282,24 @@ def as_dataset(found: WorkspaceMap, title: str = "") -> xr.Dataset:
     kinds = (
         (DIAGONAL, found.stiffness, forces, "stiffness at M without gravity"),
         ([f"{name}_loaded" for name in DIAGONAL], found.loaded, forces, "stiffness at M with the robot's own weight"),
-        (sags, found.sag, lengths, "twist of the platform under the robot's own weight"),
+        (sags, found.sag, lengths, "twist of the tool under the robot's own weight"),
     )
     variables = {
-        name: (("z", "x"), values[..., k], {"units": units[k], "long_name": f"{words}, {AXES[k]}"})
+        name: ((found.up, found.across), values[..., k], {"units": units[k], "long_name": f"{words}, {AXES[k]}"})
         for names, values, units, words in kinds
         for k, name in enumerate(names)
     }
+    swept = {found.across: (found.across, found.columns), found.up: (found.up, found.rows)}
     places: dict[str, Any] = {
-        "x": ("x", found.x, {"units": "m", "long_name": "M along the rail"}),
-        "y": ((), found.y, {"units": "m", "long_name": "M across the rail"}),
-        "z": ("z", found.z, {"units": "m", "long_name": "depth of M below the rail", "positive": "down"}),
+        name: (*value, {"units": lengths[AXES.index(name)], "long_name": _long_name(name)})
+        for name, value in (swept | {name: ((), value) for name, value in found.at.items()}).items()
     }
-    box = found.main
-    about = {
-        "title": title or "workspace map",
-        "Conventions": "CF-1.8",
-        "source": "stiffscope",
-        "main_workspace": f"x {box.x_min:.9g} to {box.x_max:.9g} m, z {box.z_min:.9g} to {box.z_max:.9g} m",
-    }
+    if found.down:
+        places[found.up][2]["positive"] = "down"
+    about = {"title": title or "stiffness map", "Conventions": "CF-1.8", "source": "stiffscope"}
     return xr.Dataset(variables, places, about)
+
+
+def _long_name(coordinate: str) -> str:
+    turned = f"rotation vector of the tool from home, {coordinate[-1]}"
+    return turned if coordinate.startswith("r") else f"tool point M, {coordinate}"

@@ -13,9 +13,11 @@ from stiffscope import files
 from stiffscope.report.pictures import draw
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from stiffscope.fea.experiment import Experiment
-    from stiffscope.vjm.analysis import Stiffness
-    from stiffscope.vjm.biglide import Biglide
+    from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.statics import Stiffness
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ def register() -> None:
         return
     html = shell.display_formatter.formatters["text/html"]
     html.for_type_by_name("stiffscope.fea.experiment", "Experiment", _experiment)
-    html.for_type_by_name("stiffscope.vjm.analysis", "Stiffness", _stiffness)
+    html.for_type_by_name("stiffscope.vjm.statics", "Stiffness", _stiffness)
 
 
 def _experiment(experiment: Experiment) -> str:
@@ -74,27 +76,37 @@ def deformed(experiment: Experiment) -> Picture:
         return Picture((Path(folder) / sheet).read_bytes())
 
 
-def stiffness_map(robot: Biglide, points: int = 121) -> Picture:
-    """Draw the stiffness (diagonal of K) over all that the robot reaches at y = 0, without gravity.
+def stiffness_map(
+    mechanism: Mechanism,
+    ranges: Mapping[str, tuple[float, float]],
+    points: int = 61,
+    at: Sequence[float] | None = None,
+) -> Picture:
+    """Draw the stiffness (diagonal of K) over two coordinates of the tool, without gravity.
 
     Parameters
     ----------
-    robot
-        A Biglide; maps of other robots are not drawn yet.
+    mechanism
+        Any mechanism.
+    ranges
+        Two coordinates of its tool pose and the ends of each, m and rad: ``{"x": (-0.1, 0.1), "z": (0.3, 0.5)}``, or
+        ``robot.map.ranges()`` of a robot file.
     points
-        Tool points along x and along z.
+        Poses along either.
+    at : (k,)
+        Pose that gives the other coordinates, by default home.
 
     Raises
     ------
     InputError
-        Not a Biglide.
+        Not two coordinates of the tool, or no pose is within reach.
 
     """
     from stiffscope.report import maps
-    from stiffscope.vjm.gravity import STANDARD
 
-    found = maps.robot_maps(robot, {}, points, "none", STANDARD)
+    found = maps.stiffness_map(mechanism, ranges, points, at=at)
     with tempfile.TemporaryDirectory(prefix="stiffscope-") as folder:
         target = Path(folder) / "map.png"
-        maps.draw_stiffness(found, {}, "stiffness at M (diagonal of K), y = 0", target)
+        held = maps.held_text(found)
+        maps.draw_stiffness(found, {}, "stiffness at M (diagonal of K)" + (held and f", {held}"), target)
         return Picture(target.read_bytes())

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
 DIAGONAL = ("K_tx", "K_ty", "K_tz", "K_rx", "K_ry", "K_rz")
@@ -49,3 +51,10 @@ def with_bound(value: float, bound: float) -> str:
 def point(position: Any, digits: int = 4) -> str:
     """Return a position (3,) in m as text in mm: "0, 0, 347.5"."""
     return ", ".join(f"{1e3 * c:z.{digits}g}" for c in position)
+
+
+def coordinates(pose: Sequence[str]) -> str:
+    """Return the heading of a column of tool poses, which are shown in SI: "x, y, z (m)"."""
+    turns = sum(name.startswith("r") for name in pose)
+    unit = "m" if not turns else "rad" if turns == len(pose) else "m, rad"
+    return f"{', '.join(pose)} ({unit})"

@@ -13,6 +13,7 @@ from stiffscope.report.numbers import (
     WRENCH,
     ZERO,
     ZERO_NOTE,
+    coordinates,
     percent,
     point,
     ratio,
@@ -27,10 +28,12 @@ if TYPE_CHECKING:
     from stiffscope.jobs.interfaces import Comparison as Interfaces
     from stiffscope.jobs.results import PartResult
     from stiffscope.report.compare import Comparison
-    from stiffscope.vjm.audit import Finding
+    from stiffscope.robot.audit import Finding
+    from stiffscope.vjm.statics import Stiffness
 
 SIX = (DIAGONAL[:3], DIAGONAL[3:])
 COUPLINGS = ("K_15", "K_24")
+SAG = ("|sag| µm", "sag z µm")
 
 
 def show_parts(results: Sequence[PartResult]) -> None:
@@ -66,20 +69,14 @@ def show_parts(results: Sequence[PartResult]) -> None:
 
 def show_comparison(comparison: Comparison) -> None:
     """FEA beside beam theory beside the published matrix."""
-    groups = (
-        ("entry", "unit"),
-        ("FEA", "± 95 %"),
-        ("Timoshenko", "FEA/T"),
-        ("Euler-B.", "FEA/EB"),
-        ("published", "FEA/publ."),
-    )
-    rows = [
-        (
-            *(e.name, e.unit, f"{e.fea:.6g}", relative(e.error, e.fea)),
-            *(cell for v in (e.timoshenko, e.euler_bernoulli, e.published) for cell in (f"{v:.5g}", ratio(e.fea, v))),
-        )
-        for e in comparison.entries
-    ]
+    groups = [("entry", "unit"), ("FEA", "± 95 %"), ("Timoshenko", "FEA/T"), ("Euler-B.", "FEA/EB")]
+    if any(e.published is not None for e in comparison.entries):
+        groups.append(("published", "FEA/publ."))
+    rows = []
+    for e in comparison.entries:
+        others = [v for v in (e.timoshenko, e.euler_bernoulli, e.published) if v is not None]
+        cells = (cell for v in others for cell in (f"{v:.5g}", ratio(e.fea, v)))
+        rows.append((e.name, e.unit, f"{e.fea:.6g}", relative(e.error, e.fea), *cells))
     show_table(f"Compliance of the {comparison.part}, clamped at one end", groups, rows)
     for finding in comparison.findings:
         show_line(f"  {finding}.")
@@ -107,47 +104,48 @@ def show_interfaces(compared: Interfaces) -> None:
 
 
 def show_stiffness(
-    names: Sequence[str],
-    poses: Any,
-    stiffness: Any,
-    sag: Any | None = None,
-    bars: Any | None = None,
-    *,
-    title: str = "Stiffness at M",
+    names: Sequence[str], state: Stiffness, bars: Any | None = None, *, title: str = "Stiffness at M"
 ) -> None:
-    """Show the diagonal of K and two couplings at each pose.
+    """Show the diagonal of K, two couplings and the sag at each pose.
 
     Parameters
     ----------
     names
         Names of the n poses.
-    poses : (n, 3)
-        Tool points, m.
-    stiffness : (n, 6, 6)
-        N/m, N, N·m/rad, at M.
-    sag : (n, 6)
-        Twist under the robot's own weight, m and rad.
+    state
+        The robot there.
     bars : (n, 6, 6)
         95 % bounds on the stiffness, propagated from the parts' experiments.
     title
         Line above the table.
 
     """
-    sag = sag if np.any(sag) else None
-    last = COUPLINGS if sag is None else (*COUPLINGS, "sag µm")
+    pose = state.configurations.mechanism.tool.pose
+    sag = state.sag if np.any(state.sag) else None
+    factor, units = _scale(state.matrix)
     rows: list[Sequence[str]] = []
     for i, name in enumerate(names):
-        matrix = np.asarray(stiffness[i])
+        matrix = np.asarray(state.matrix[i])
         bound = np.zeros((6, 6)) if bars is None else np.asarray(bars[i])
-        shown = np.where(resolved(matrix, bound), matrix, np.nan) / 1e6
-        sunk = [] if sag is None else [f"{1e6 * sag[i][2]:z.2f}"]
-        place = ", ".join(f"{c:z.4g}" for c in poses[i])
+        shown = np.where(resolved(matrix, bound), matrix, np.nan) / factor
+        sunk = [] if sag is None else [f"{1e6 * np.linalg.norm(sag[i][:3]):.2f}", f"{1e6 * sag[i][2]:z.2f}"]
+        place = ", ".join(f"{c:z.4g}" for c in state.poses[i])
         rows.append((name, place, *_cells(_diagonal_and_couplings(shown), ".4f"), *sunk))
         if bars is not None:
-            spread = (f"{v:.2g}" for v in _diagonal_and_couplings(bound / 1e6))
+            spread = (f"{v:.2g}" for v in _diagonal_and_couplings(bound / factor))
             rows.append(("", "± 95 %", *spread, *("" for _ in sunk)))
-    show_table(f"{title} (10⁶ N/m, 10⁶ N·m/rad, 10⁶ N)", (("pose", "x, y, z (m)"), *SIX, last), rows)
+    where = coordinates(pose)
+    groups = (("pose", where), *SIX, COUPLINGS if sag is None else (*COUPLINGS, *SAG))
+    show_table(f"{title} ({units})", groups, rows, prose=(where,) if len(pose) > 3 else ())
     _explain_zeros(rows)
+
+
+def _scale(stiffness: Any) -> tuple[float, str]:
+    """A power of a thousand in which the least stiffness of the diagonals has digits, and the units with it."""
+    diagonals = np.abs(np.diagonal(stiffness, axis1=1, axis2=2))
+    least = np.min(diagonals, where=diagonals > NEGLIGIBLE * np.nanmax(diagonals, initial=0.0), initial=np.inf)
+    factor, power = next(((f, p) for f, p in ((1e6, "10⁶ "), (1e3, "10³ ")) if least >= 0.1 * f), (1.0, ""))
+    return factor, f"{power}N/m, {power}N·m/rad, {power}N"
 
 
 def _diagonal_and_couplings(matrix: np.ndarray) -> list[float]:
@@ -178,13 +176,14 @@ def show_deflection(names: Sequence[str], twist: Any, shares: Mapping[str, Any],
 
 def show_change(names: Sequence[str], old: Any, new: Any, overrides: Sequence[str]) -> None:
     """Diagonals of the stiffnesses (n, 6, 6) before and after `--set`, side by side."""
+    factor, units = _scale(old)
     rows = []
     for i, name in enumerate(names):
         before, after = np.diag(old[i]), np.diag(new[i])
-        rows.append((name, "before", *(f"{v / 1e6:z.4f}" for v in before)))
-        rows.append(("", "now", *(f"{v / 1e6:z.4f}" for v in after)))
+        rows.append((name, "before", *(f"{v / factor:z.4f}" for v in before)))
+        rows.append(("", "now", *(f"{v / factor:z.4f}" for v in after)))
         rows.append(("", "change", *(f"{100 * (b / a - 1):+z.2f} %" for a, b in zip(before, after, strict=True))))
-    show_table(f"Changed: {', '.join(overrides)}", (("pose", ""), *SIX), rows)
+    show_table(f"Changed: {', '.join(overrides)} ({units.rpartition(',')[0]})", (("pose", ""), *SIX), rows)
 
 
 def show_matrix(title: str, matrix: Any, error: Any = 0.0) -> None:
@@ -230,7 +229,7 @@ def show_faces(file: str, rows: Sequence[Mapping[str, Any]]) -> None:
     ]
     show_table(f"Faces of {file}", groups, cells)
     show_line("Choose faces by geometry in a robot file, or by index:")
-    show_line(f'  [slider.step]\n  file = "{file}"')
+    show_line(f'  [parts.NAME]\n  shape = "step"\n  file = "{file}"')
     show_line('  clamped = [{ kind = "plane", normal = [-1, 0, 0], position = "min x" }]')
     show_line('  loaded = [{ kind = "cylinder", radius = "8 mm" }, { index = 3 }]')
 

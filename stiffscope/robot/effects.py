@@ -1,76 +1,100 @@
-"""Mechanical effects of the vocabulary: what each changes in an elastic robot.
+"""Mechanical effects of the vocabulary: what each changes in a robot's mechanism.
 
 A mechanical effect adds compliance to named elements or moves their unloaded ends. One function of its internal
 parameters says so; it serves both to build the robot that carries the effect and to differentiate it. Internal
 parameters are such that the tool's motion is as linear in them as can be (``u = 1/factor - 1`` for a stiffness factor);
-physical parameters are those of the vocabulary.
+physical parameters are those of the vocabulary. The words are those of the Biglide, which its file has as groups.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.robot.description import RobotFile
+from stiffscope.robot.sections import ElasticBody
 from stiffscope.robot.vocabulary import LINKS, VOCABULARY
-from stiffscope.vjm.biglide import pose_at
-from stiffscope.vjm.elastic import Node, Spring, edited, leaves
-from stiffscope.vjm.screws import HALF_TURN, shift
+from stiffscope.vjm.mechanism import BASE, TOOL, Change, Mechanism
+from stiffscope.vjm.network import elements_of
+from stiffscope.vjm.screws import shift
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from numpy.typing import NDArray
-
-    from stiffscope.vjm.biglide import Biglide
 
     Array = NDArray[np.floating[Any]]
     Map = Callable[[Array], Array]
 
-_X, _Y = np.eye(6)[0], np.eye(6)[1]
+ALONG = np.eye(6)[0]
+"""Along an elastic body, or along the axis of a joint: outward in the Biglide's drives."""
+RADIAL = np.array([0.0, 1, 1, 0, 0, 0])
+"""Across the axis of a joint."""
 _EACH = np.eye(6)
-_JOINT = np.array([[1.0, 0, 1, 0, 0, 0], [0, 1, 0, 0, 0, 0], [0, 0, 0, 1, 0, 1]])  # radial, axial, tilting
+_JOINT = np.array([RADIAL, ALONG, [0, 0, 0, 0, 1, 1]])  # radial, axial, tilting
 _GUIDE = np.array([[0.0, 1, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 1, 1]])  # lateral, vertical, angular
-_OUTWARD = {"limb1": -_X, "limb2": _X, "stage": _Y}  # a drive's zero moves this way for a positive offset
+_OUTSIDE = {"robot", "instrument"}  # places that are no elements
+_ELEMENTS = {"platform": TOOL}  # places that are elements by another name
 _ALL_ENTRIES = tuple((i, j) for i in range(6) for j in range(i, 6))
 _SYMMETRIC_PLATE = ((0, 0), (1, 1), (1, 5), (2, 2), (2, 4), (3, 3), (4, 4), (5, 5))  # a part with two symmetry planes
 _ENTRY_UNITS = ("m/N", "m/(N·m)", "rad/(N·m)")
 
-
-@dataclass(frozen=True)
-class Change:
-    """What an effect does to an element: compliance (6, 6) added, twist (6,) of its unloaded end, in its own axes."""
-
-    compliance: Array | None = None
-    offset: Array | None = None
-
-
 Changes = dict[str, Change]
-"""Changes by the element's name."""
+"""Changes by the element's name, in its own axes."""
 
 
 @dataclass(frozen=True)
 class NominalRobot:
-    """An elastic robot, and what effects need to know of its file beside it."""
+    """A mechanism, and the robot file that it is made of, where effects look up places and materials."""
 
-    elastic: Biglide
-    acceleration: float
-    """Of gravity, m/s²."""
-    expansion: float
-    """Linear thermal expansion of the links' material along them, 1/K."""
+    mechanism: Mechanism
+    robot: RobotFile
+
+    @property
+    def acceleration(self) -> float:
+        """Of gravity, m/s²."""
+        return float(np.linalg.norm(self.mechanism.gravity))
+
+    @property
+    def expansion(self) -> float:
+        """Linear thermal expansion of the links' material along them, 1/K."""
+        body = self.robot.bodies[LINKS[0]]
+        material = self.robot.material(body.part) if isinstance(body, ElasticBody) else None
+        if material is None:
+            raise InputError(f"bodies.{LINKS[0]}: expected a part with a material that expands, got none")
+        return material.expansion
 
     @cached_property
     def compliances(self) -> Mapping[str, Array]:
-        """Compliance (6, 6) of every spring, in its own axes at its own origin."""
-        return {node.name: node.compliance for node in leaves(_mid_tree(self.elastic)) if isinstance(node, Spring)}
+        """Compliance (6, 6) of every element, in its own axes at its own point."""
+        return {element.name: element.compliance for element in elements_of(self.mechanism)}
 
     @property
     def link_length(self) -> float:
         """Length of a link, m."""
-        return self.elastic.geometry.L
+        link = self.mechanism.body(LINKS[0]).elastic
+        if link is None:
+            raise InputError(f"bodies.{LINKS[0]}: expected an elastic body, got a rigid one")
+        return float(np.linalg.norm(link.tip - link.base))
+
+    def elements(self, place: str) -> tuple[str, ...]:
+        """Names of the elements that a place of the vocabulary means; none where the robot has no such place."""
+        name = _ELEMENTS.get(place, place)
+        return (name,) if name in {BASE, TOOL} else self.robot.members(place)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        plain = {f.name: getattr(self.robot, f.name) for f in fields(self.robot)}  # read-only mappings do not pickle
+        plain = {name: dict(value) if isinstance(value, Mapping) else value for name, value in plain.items()}
+        return _restored, (self.mechanism, plain)
+
+
+def _restored(mechanism: Mechanism, robot: dict[str, Any]) -> NominalRobot:
+    return NominalRobot(mechanism, RobotFile(**robot))
 
 
 def _same(values: Array) -> Array:
@@ -129,7 +153,15 @@ def moved(names: Sequence[str], direction: Array, values: Array) -> Changes:
 
 
 def mechanical_effects(nominal: NominalRobot) -> tuple[MechanicalEffect, ...]:
-    """Every mechanical effect of the vocabulary, at every place of a robot."""
+    """Every mechanical effect of the vocabulary, at every place of a robot.
+
+    Raises InputError for a robot that lacks one of the places.
+    """
+    for name, term in VOCABULARY.items():
+        for place in set(term.places) - _OUTSIDE:
+            if not nominal.elements(place):
+                message = f"expected {place}, a place of the effect {name}, got none such"
+                raise nominal.robot.refuse(("groups",), message)
     return tuple(_effects(nominal))
 
 
@@ -141,32 +173,30 @@ def _effects(nominal: NominalRobot) -> Iterator[MechanicalEffect]:
         names, units = zip(*parameters, strict=True)
         return MechanicalEffect(name, place, names, units, changes, *maps)
 
-    def stiffer(name: str, place: str, elements: Sequence[str]) -> MechanicalEffect:
-        return effect(name, place, partial(softer, nominal, elements), stiffness_factor_of, softening_of)
+    def stiffer(name: str, place: str) -> MechanicalEffect:
+        return effect(name, place, partial(softer, nominal, nominal.elements(place)), stiffness_factor_of, softening_of)
 
-    drives = {place: [f"{place}.actuator"] for place in ("stage", "limb1", "limb2")}
-    joints = [f"{link}.{end}" for link in LINKS for end in ("joint_a", "joint_b")]
-    for place, names in {**drives, "limbs": drives["limb1"] + drives["limb2"]}.items():
-        yield stiffer("actuator-stiffness", place, names)
-    yield effect("joint-compliance", "joints", partial(added_diagonal, joints, _JOINT))
-    links: dict[str, Sequence[str]] = {"links": LINKS, **{link: [link] for link in LINKS}}
-    for place, names in links.items():
-        yield stiffer("link-stiffness", place, names)
+    def added(name: str, place: str, pattern: Array) -> MechanicalEffect:
+        return effect(name, place, partial(added_diagonal, nominal.elements(place), pattern))
+
+    for place in VOCABULARY["actuator-stiffness"].places:
+        yield stiffer("actuator-stiffness", place)
+    yield added("joint-compliance", "joints", _JOINT)
+    for place in VOCABULARY["link-stiffness"].places:
+        yield stiffer("link-stiffness", place)
     yield effect("rigid-ends", "links", partial(_clamped_ends, nominal))
-    sliders = partial(softer, nominal, ["limb1.slider", "limb2.slider"])
+    sliders = partial(softer, nominal, nominal.elements("sliders"))
     yield effect("slider-compliance", "sliders", sliders, factor_of, growth_of)
     yield _slider_entries(nominal, _SYMMETRIC_PLATE)
     yield _slider_entries(nominal, _ALL_ENTRIES)
-    carriages = ["limb1.carriage", "limb2.carriage"]
-    yield effect("guide-compliance", "carriages", partial(added_diagonal, carriages, _GUIDE))
-    yield effect("base-compliance", "base", partial(added_diagonal, ["base"], _EACH))
-    yield effect("platform-compliance", "platform", partial(added_diagonal, ["platform"], _EACH))
-    for place, names in drives.items():
-        yield effect("encoder-offset", place, partial(moved, names, _OUTWARD[place]))
-    for place, names in links.items():
-        yield effect("link-length", place, partial(moved, names, _X))
+    yield added("guide-compliance", "carriages", _GUIDE)
+    yield added("base-compliance", "base", _EACH)
+    yield added("platform-compliance", "platform", _EACH)
+    for name in ("encoder-offset", "link-length"):
+        for place in VOCABULARY[name].places:
+            yield effect(name, place, partial(moved, nominal.elements(place), ALONG))
     growth = nominal.expansion * nominal.link_length
-    yield effect("thermal", "links", partial(moved, LINKS, growth * _X))
+    yield effect("thermal", "links", partial(moved, nominal.elements("links"), growth * ALONG))
 
 
 def _clamped_ends(nominal: NominalRobot, values: Array) -> Changes:
@@ -176,7 +206,7 @@ def _clamped_ends(nominal: NominalRobot, values: Array) -> Changes:
     span = length - 2.0 * clamped
     to_end = shift([clamped, 0.0, 0.0])
     changes: Changes = {}
-    for name in LINKS:
+    for name in nominal.elements("links"):
         c = nominal.compliances[name]
         rates = np.diagonal(c) / length  # of the nominal uniform section: axial, shear y, z, torsion, bending y, z
         rates[1] -= c[5, 5] * length / 3.0
@@ -198,7 +228,8 @@ def _cantilever(length: float, rates: Array) -> Array:
 
 def _slider_entries(nominal: NominalRobot, pairs: Sequence[tuple[int, int]]) -> MechanicalEffect:
     """Entries of the slider's compliance; internal parameters are multiples of sqrt(C_ii C_jj)."""
-    compliance = nominal.compliances["limb1.slider"]
+    sliders = nominal.elements("sliders")
+    compliance = nominal.compliances[sliders[0]]
     root = np.sqrt(np.diagonal(compliance).clip(min=1e-30))
     scale = np.array([root[i] * root[j] for i, j in pairs])
     here = np.array([compliance[pair] for pair in pairs])
@@ -207,7 +238,7 @@ def _slider_entries(nominal: NominalRobot, pairs: Sequence[tuple[int, int]]) -> 
         added = np.zeros((6, 6))
         for (i, j), value in zip(pairs, values * scale, strict=True):
             added[i, j] = added[j, i] = value
-        return {"limb1.slider": Change(added), "limb2.slider": Change(HALF_TURN @ added @ HALF_TURN)}
+        return dict.fromkeys(sliders, Change(added))
 
     return MechanicalEffect(
         "slider-compliance",
@@ -220,25 +251,25 @@ def _slider_entries(nominal: NominalRobot, pairs: Sequence[tuple[int, int]]) -> 
     )
 
 
-def _mid_tree(robot: Biglide) -> Node:
-    return robot.tree(pose_at(robot.geometry, np.radians(45.0)))
+def changed(mechanism: Mechanism, changes: Changes) -> Mechanism:
+    """The mechanism with elements changed. Raises InputError for an unknown element, or one that ends up indefinite.
 
-
-def changed(tree: Node, changes: Changes) -> Node:
-    """The tree with elements changed. Raises InputError for an element that is no spring, or ends up indefinite."""
-    for name, change in changes.items():
-        tree = edited(tree, name, partial(_with_change, change=change))
-    return tree
-
-
-def _with_change(node: Node, change: Change) -> Node:
-    if not isinstance(node, Spring):
-        raise InputError(f"{node.name}: an effect needs a spring here")
-    offset = node.offset
-    if change.offset is not None:
-        offset = change.offset if offset is None else offset + change.offset
-    compliance = node.compliance if change.compliance is None else node.compliance + change.compliance
-    return replace(node, compliance=compliance, offset=offset)
+    A drive that becomes stiffer takes its change itself: what is added to a joint's bearing must not be negative.
+    """
+    joints, bearings = list(mechanism.joints), dict(changes)
+    for k, joint in enumerate(joints):
+        change = changes.get(joint.name)
+        along = 3 if joint.kind == "revolute" else 0
+        if joint.drive is None or change is None or change.compliance is None or change.compliance[along, along] >= 0.0:
+            continue
+        left = 1.0 / joint.drive.stiffness + float(change.compliance[along, along])
+        if left <= 0.0:
+            raise InputError(f"{joint.name}: expected a drive that yields, got a compliance of {left:.6g}")
+        joints[k] = replace(joint, drive=replace(joint.drive, stiffness=1.0 / left))
+        rest = change.compliance.copy()
+        rest[along, along] = 0.0
+        bearings[joint.name] = replace(change, compliance=rest)
+    return replace(mechanism, joints=tuple(joints)).changed(bearings)
 
 
 def adopted(robot: NominalRobot, effect: str, place: str, parameters: Mapping[str, float]) -> NominalRobot:
@@ -260,7 +291,7 @@ def adopted(robot: NominalRobot, effect: str, place: str, parameters: Mapping[st
     if effect == "gravity":
         return robot
     if effect == "payload":
-        raise InputError("payload: add its mass to platform.mass of the robot file")
+        raise InputError("payload: add its mass to bodies.platform.mass of the robot file")
     known = _named(robot, effect, place, parameters)
     if not parameters:
         raise InputError(f"{effect} @ {place}: expected parameters {', '.join(known.names)}, got none")
@@ -269,8 +300,7 @@ def adopted(robot: NominalRobot, effect: str, place: str, parameters: Mapping[st
     nominal = known.physical(np.zeros(len(known.names)))
     given = np.array([float(parameters.get(name, value)) for name, value in zip(known.names, nominal, strict=True)])
     changes = known.changes(known.internal(given))
-    changed(_mid_tree(robot.elastic), changes)  # raises for a compliance that is none
-    return replace(robot, elastic=robot.elastic.edited(partial(changed, changes=changes)))
+    return replace(robot, mechanism=changed(robot.mechanism, changes))
 
 
 def _named(robot: NominalRobot, effect: str, place: str, parameters: Mapping[str, float]) -> MechanicalEffect:
@@ -289,3 +319,17 @@ def _named(robot: NominalRobot, effect: str, place: str, parameters: Mapping[str
             f"{effect}: expected parameters {', '.join(placed[0].names) or 'none'}, got {', '.join(parameters)}"
         )
     return min(fitting, key=lambda e: len(e.names))
+
+
+def carried(mechanism: Mechanism, robot: RobotFile) -> Mechanism:
+    """The mechanism with the effects that its file has adopted, in their order.
+
+    Raises InputError, with the effect's line in the file, for what is no part of the robot.
+    """
+    nominal = NominalRobot(mechanism, robot)
+    for number, effect in enumerate(robot.effects):
+        try:
+            nominal = adopted(nominal, effect.effect, effect.place, effect.parameters)
+        except InputError as error:
+            raise robot.refuse(("effects", number), str(error)) from error
+    return nominal.mechanism

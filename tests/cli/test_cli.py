@@ -12,7 +12,7 @@ import pytest
 
 from stiffscope.cad.slider import build
 from stiffscope.cad.step import write_step
-from stiffscope.robot.robot_file import load_robot
+from stiffscope.robot.reader import load_robot
 
 COMMAND = [sys.executable, "-c", "from stiffscope.cli.main import main; main()"]
 
@@ -37,11 +37,25 @@ def test_version():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["stiffness", "nosuch"], "no such robot file"),
+        (["stiffness", "nosuch"], "nosuch: expected a robot file or one of biglide, delta, "),
         (["stiffness", "biglide", "--at", "0,0,3", "--components", "published"], "out of reach"),
-        (["stiffness", "biglide", "--set", "poses.Q1=[0, 0, 9]"], "Q1: pose 0,0,9 m is out of reach"),
+        (["stiffness", "biglide", "--set", "poses.Q1=[0, 0, 9]"], "Q1: out of reach: the loop through joints."),
         (["stiffness", "biglide", "--at", "0,0,1e308"], "out of reach"),
-        (["stiffness", "biglide", "--set", "geometry.a_min=0.7"], "geometry.a_max: expected more than geometry.a_min"),
+        (
+            ["stiffness", "biglide", "--set", "parameters.a_min=0.7"],
+            'joints."limb1.actuator".drive.range: expected a lo',
+        ),
+        (["stiffness", "delta", "--joints", "leg1.moto=1"], 'got "leg1.moto"; did you mean "leg1.motor"?'),
+        (["stiffness", "delta", "--joints", "leg1.motor=1 mm"], 'expected an angle such as "25 deg", got "1 mm"'),
+        (["stiffness", "delta", "--joints", "leg1.motor"], 'DRIVE=POSITION,… such as "leg1.motor=10 mm", got "leg1.mo'),
+        (["stiffness", "delta", "--joints", "leg1.motor=80 deg"], "80 deg is outside its range -45 to 75 deg"),
+        (["stiffness", "delta", "--joints", "leg1.motor=0", "--at", "home"], "either poses with --at or drives"),
+        (["stiffness", "stewart", "--at", "0,0,0.3"], "expected X,Y,Z,RX,RY,RZ such as"),
+        (["stiffness", "delta", "--gravity", "literal"], "--gravity literal: expected the Biglide"),
+        (["map", "biglide", "--gravity", "literal", "--out", "out"], "--gravity literal: expected none or exact"),
+        (["compliance", "delta", "--part", "link"], "part: expected one of arm, rod, got 'link'"),
+        (["new", "dleta", "mine.toml"], 'did you mean "delta"?'),
+        (["import", "nosuch.urdf", "--out", "mine.toml"], "nosuch.urdf"),
         (["deflection", "biglide", "--components", "beam", "--wrench", "1e200,0,0,0,0,0"], "wrench: expected finite"),
         (["deflection", "biglide", "--wrench", "1 N,0,0,0,0"], "--wrench 1 N,0,0,0,0: expected 6 values"),
         (
@@ -52,18 +66,24 @@ def test_version():
             ["deflection", "biglide", "--wrench", "1,0,0,0,0,5 N"],
             'a moment such as "5 N*m", got "5 N", which is a force',
         ),
-        (["stiffness", "biglide", "--set", "effects=3"], "--set effects: expected a list, got 3"),
+        (["stiffness", "biglide", "--set", "effects=3"], "--set effects=3: expected NAME.KEY=VALUE such as"),
         (["stiffness", "biglide", "--at", "0,0"], "expected X,Y,Z"),
         (["stiffness", "biglide", "--at", "0,0,nan"], "--at 0,0,nan"),
         (["stiffness", "biglide", "--at", "0,0,3 kg"], "which is a mass"),
         (["stiffness", "biglide", "--components", "guess"], "--components"),
         (["stiffness", "biglide", "--set", "slider.thickness=12kg"], "--set slider.thickness"),
-        (["stiffness", "biglide", "--set", "link.mesh=3"], "--set link.mesh: expected a table of size, "),
+        (
+            ["stiffness", "biglide", "--set", "link.mesh=3"],
+            "--set link.mesh=3: parts.link.mesh: expected a table of size, ",
+        ),
         (["stiffness", "biglide", "--set", "slider.pads=apart", "--set", "slider.pad_height=9mm"], 'got "apart"'),
         (["audit", "--json", ""], "give a file"),
         (["deflection", "nosuch/x.toml", "--wrench", "1,0,0,0,0,0", "--json", "/none/x"], "cannot be written"),
         (["compliance", "biglide"], "--part"),
-        (["compliance", "biglide", "--part", "link", "--step", "nosuch.step"], "no STEP file can be read"),
+        (
+            ["compliance", "biglide", "--part", "link", "--step", "nosuch.step"],
+            "nosuch.step: expected a STEP file, got N",
+        ),
         (["run", "biglide"], "--out"),
         (["run", "biglide", "--out", "/proc/stiffscope"], "cannot be written"),
         (["run", "biglide", "--out", "."], "the one you are in"),
@@ -100,7 +120,7 @@ def test_poses_and_wrenches_take_units():
         json.loads(stiffscope("deflection", "biglide", "--at", at, "--wrench", wrench, *published).stdout)
         for at, wrench in same
     )
-    assert one == other
+    assert np.array(one["twist"]) == pytest.approx(np.array(other["twist"]), rel=1e-12, abs=1e-18)
     assert one["wrench"] == [100, 0, -2000, 0, 0, 0.005]
 
 
@@ -126,7 +146,7 @@ def foreign(tmp_path):
 def test_modules_of_the_working_folder_change_nothing(foreign, arguments):
     if "part.step" in arguments:
         robot = load_robot("biglide")
-        write_step(build(robot.parameters("slider"), robot.material("slider")), foreign / "part.step")
+        write_step(build(robot.dimensions("slider"), robot.material("slider")), foreign / "part.step")
     environment = {**os.environ, "STIFFSCOPE_CACHE": str(foreign / "cache")}
     command = [sys.executable, "-m", "stiffscope", *arguments]
     done = subprocess.run(command, cwd=foreign, env=environment, capture_output=True, text=True, check=False)
@@ -175,3 +195,44 @@ def test_a_stopped_run_leaves_nothing(tmp_path, how):
     assert errors.strip() == "stiffscope: stopped; nothing half-written is left"
     assert os.listdir(tmp_path) in ([], ["cache"])
     assert not list((tmp_path / "cache").rglob("*.npz"))
+
+
+def test_poses_by_the_drives():
+    """A robot at the drives' positions that a tool pose needs is where that pose says, and as stiff."""
+    drives = json.loads(stiffscope("check", "delta", "--json", "-").stdout)["poses"]["side"]["drives"]
+    joints = ",".join(f"leg{k + 1}.motor={value!r}" for k, value in enumerate(drives))
+    beam = ("--components", "beam", "--json", "-")
+    one, other = (
+        json.loads(stiffscope("stiffness", "delta", *words, *beam).stdout)
+        for words in (("--at", "side"), ("--joints", joints))
+    )
+    for key in ("poses", "tool", "stiffness"):
+        found, expected = np.array(other[key]), np.array(one[key])
+        assert found == pytest.approx(expected, rel=1e-9, abs=1e-9 * np.abs(expected).max())
+
+
+def test_a_robot_of_ones_own(tmp_path):
+    listed = json.loads(stiffscope("robots", "--json", "-").stdout)
+    assert {"biglide", "delta", "stewart"} <= set(listed)
+    mine = tmp_path / "mine.toml"
+    assert "Next: stiffscope check" in stiffscope("new", "stewart", str(mine)).stdout
+    checked = stiffscope("check", str(mine), "--out", str(tmp_path / "out"))
+    assert checked.returncode == 0, checked.stderr
+    assert "Mobility at home" in checked.stdout
+    assert {"check.json", "manifest.json"} <= set(os.listdir(tmp_path / "out"))
+    again = stiffscope("new", "delta", str(mine))
+    assert (again.returncode, "expected a file that is not there yet" in again.stderr) == (2, True)
+
+
+def test_a_simulators_model_becomes_a_robot(tmp_path):
+    (tmp_path / "arm.urdf").write_text(
+        """<robot name="arm"><link name="base"/>
+        <link name="upper"><inertial><mass value="2"/><origin xyz="0 0 0.2"/>
+        <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+        <joint name="j" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
+        <limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+    )
+    words = ["import", str(tmp_path / "arm.urdf"), "--out", str(tmp_path / "arm.toml"), "--drive", "j=5 kN*m/rad"]
+    assert "driven: j" in stiffscope(*words).stdout
+    robot = load_robot(tmp_path / "arm.toml")
+    assert robot.joints["j"].drive.stiffness == 5e3

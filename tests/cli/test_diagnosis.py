@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from stiffscope.cli.main import _guarded
-from stiffscope.data import FOLDER
 from stiffscope.gap.blind_cases import BlindCase, Fault, write_case
 from stiffscope.gap.campaign_io import write_campaign
 from stiffscope.gap.lab.faults import inject
 from stiffscope.gap.lab.machine import biglide
 from stiffscope.gap.lab.measuring import Noise, default_plan, measure
-from stiffscope.robot.robot_file import load_robot
+from stiffscope.robot.library import find_robot
+from stiffscope.robot.reader import load_robot
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,7 @@ def test_gravity_and_expansion_come_from_the_robot_file(tmp_path):
     machine = inject(replace(biglide(), acceleration=3.71, expansion=23.6e-6), "thermal", "links", {"temperature": 9.0})
     folder = tmp_path / "mars"
     write_campaign(replace(measure(machine, default_plan(machine, rng), Noise(), rng), robot="mars.toml"), folder)
-    text = (FOLDER / "biglide.toml").read_text(encoding="utf-8")
+    text = find_robot("biglide").read_text(encoding="utf-8")
     for old, new in (("9.81 m/s^2", "3.71 m/s^2"), ("11.7e-6 1/K", "23.6e-6 1/K")):
         assert old in text
         text = text.replace(old, new)
@@ -93,7 +93,7 @@ def test_gravity_and_expansion_come_from_the_robot_file(tmp_path):
         (["SOFT", "--adopt", "nosuch/robot.toml"], "there is no folder nosuch"),
         (
             ["NOROBOT"],
-            'campaign.toml: robot: expected a robot file, seen from its folder, or one of biglide, got "g',
+            "campaign.toml: robot: expected a robot file, seen from its folder, or one of biglide, delta, ",
         ),
         (["BADCELL"], "readings.csv:2"),
     ],

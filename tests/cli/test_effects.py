@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
-from stiffscope.robot import components
-from stiffscope.robot.robot_file import load_robot
-from stiffscope.vjm.analysis import stiffness
+from stiffscope.jobs.assembly import assemble
+from stiffscope.robot.library import find_robot
+from stiffscope.robot.reader import load_robot
+from stiffscope.vjm.statics import stiffness
 
-TEXT = (FOLDER / "biglide.toml").read_text(encoding="utf-8")
+TEXT = find_robot("biglide").read_text(encoding="utf-8")
 BASE = 'effect = "base-compliance"\nplace = "base"'
 SLIDERS = 'effect = "slider-compliance"\nplace = "sliders"'
 ADOPTED = 'effect = "actuator-stiffness"\nplace = "limb1"\nparameters = { factor = 0.8 }'
@@ -25,9 +25,7 @@ def assembled(tmp_path):
     def from_text(text):
         path = tmp_path / "robot.toml"
         path.write_text(text, encoding="utf-8")
-        robot = load_robot(path)
-        matrices = {name: components.published_compliance(robot, name) for name in ("link", "slider")}
-        return components.assemble(robot, matrices, 1.95)
+        return assemble(load_robot(path), "published")
 
     return from_text
 
@@ -44,15 +42,23 @@ def test_adopted_effects_change_the_robot_in_their_order(assembled):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('"actuator-stiffness"', '"actuator"', "effects.0.effect: expected one of gravity, payload"),
-        ('"limb1"', '"limb3"', 'effects.0.place: expected one of stage, limb1, limb2, limbs, got "limb3"'),
-        ("factor", "faktor", "effects.0.parameters: expected one of factor"),
-        ("0.8", '"0.8 m"', "effects.0.parameters.factor: expected a number"),
+        ('"actuator-stiffness"', '"actuator"', "effects[0]: effect: expected one of gravity, payload"),
+        (
+            '"limb1"',
+            '"limb3"',
+            "effects[0]: actuator-stiffness, place: expected one of stage, limb1, limb2, limbs, got 'limb3'",
+        ),
+        ("factor", "faktor", "effects[0]: actuator-stiffness: expected parameters factor, got faktor"),
+        ("0.8", '"0.8 m"', "effects[0].parameters.factor: expected a number"),
         ('"actuator-stiffness"', '"backlash"', "effects"),
-        ("factor = 0.8", "", "effects, number 1: actuator-stiffness @ limb1: expected parameters factor, got none"),
-        ("0.8", "-0.8", "effects, number 1: actuator-stiffness @ limb1, factor: expected more than 0, got -0.8"),
+        ("factor = 0.8", "", "effects[0]: actuator-stiffness @ limb1: expected parameters factor, got none"),
+        ("0.8", "-0.8", "effects[0]: actuator-stiffness @ limb1, factor: expected more than 0, got -0.8"),
         (ADOPTED, f"{BASE}\nparameters = {{ x = -1e-6 }}", "base: diagonal entries must not be negative"),
-        (ADOPTED, f"{SLIDERS}\nparameters = {{ c11 = -1e-9 }}", "slider: diagonal entries must not be negative"),
+        (
+            ADOPTED,
+            f"{SLIDERS}\nparameters = {{ c11 = -1e-9 }}",
+            'bodies."limb1.slider".compliance: diagonal entries must not be negative',
+        ),
     ],
 )
 def test_what_no_robot_can_carry_is_refused(assembled, old, new, message):

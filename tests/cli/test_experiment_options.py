@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from stiffscope.cli.main import _guarded
-from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
 from stiffscope.jobs.interfaces import choices
 from stiffscope.jobs.orders import order_part
-from stiffscope.robot.robot_file import load_robot
+from stiffscope.robot.library import find_robot
+from stiffscope.robot.reader import load_robot
 
 COARSE = (
     "slider.mesh.size=40mm",
@@ -60,10 +60,10 @@ def compliance(capfd, *words: str) -> tuple[dict, str]:
     ],
 )
 def test_refused_by_line_and_field(tmp_path, line, message):
-    before, slider = (FOLDER / "biglide.toml").read_text().split("[slider] ")
+    before, slider = find_robot("biglide").read_text().split("[parts.slider] ")
     key = line.split()[0]
     slider = "\n".join(line if old.split()[:1] == [key] else old for old in slider.splitlines())
-    text = before + "[slider] " + slider
+    text = before + "[parts.slider] " + slider
     (tmp_path / "robot.toml").write_text(text)
     with pytest.raises(InputError, match=message) as refused:
         load_robot(tmp_path / "robot.toml")
@@ -78,7 +78,7 @@ def test_tolerance_of_the_command_line_is_for_both_parts(text):
 
 @pytest.mark.parametrize("text", ["tight", "0.1%%"])
 def test_a_wrong_tolerance_is_one_complaint(text):
-    with pytest.raises(InputError, match=r"^--tolerance: expected a share (?!.*more\))"):
+    with pytest.raises(InputError, match=r"^--tolerance \S+: parts.link.mesh.tolerance: expected a share (?!.*more\))"):
         load_robot("biglide", (), text)
 
 
@@ -143,7 +143,7 @@ def test_interfaces_of_the_slider(kitchen, capfd, tmp_path):
     names = {choice for _, choice in change}
     assert names == {"rigid face, rigid clamp", "even traction", "three pads", "foundation"}
     assert all(name in shown for name in names)
-    assert "bolt holes: left out; --set slider.hole_offset: expected" in shown
+    assert "bolt holes: left out; --set slider.hole_offset=1mm: parts.slider.hole_offset: expected" in shown
     assert all(change["C44", name] > 0.1 for name in names - {"rigid face, rigid clamp"})
     assert change["C11", "foundation"] == pytest.approx(1 / 3, rel=0.3)  # a layer of 20 mm under 60 mm
     assert (tmp_path / "out" / "interfaces.png").stat().st_size > 20_000

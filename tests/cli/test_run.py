@@ -13,8 +13,8 @@ from stiffscope.cli.showing import show_compliance
 from stiffscope.fea.experiment import Experiment
 from stiffscope.jobs.orders import order_part
 from stiffscope.jobs.results import PartResult, compliance_json
-from stiffscope.robot.components import beam_compliance
-from stiffscope.robot.robot_file import load_robot
+from stiffscope.robot.part_matrices import beam_compliance
+from stiffscope.robot.reader import load_robot
 
 RUN = "import sys; from stiffscope.cli.main import _guarded; code = _guarded(sys.argv[1:]); print(sorted(set(sys.modules) & {'OCP', 'pytetwild', 'skfem'})); sys.exit(code)"  # noqa: E501
 

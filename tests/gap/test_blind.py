@@ -13,10 +13,9 @@ from stiffscope.gap.blind import run_blind
 from stiffscope.gap.blind_cases import draw, unseal
 from stiffscope.gap.diagnose import diagnose
 from stiffscope.gap.readings import load_campaign
-from stiffscope.robot.effects import NominalRobot
-from tests.robots import published_robot
+from tests.robots import nominal_robot
 
-ROBOT = NominalRobot(published_robot(), acceleration=9.81, expansion=11.7e-6)
+ROBOT = nominal_robot()
 WITHHELD = Path(__file__).parents[2] / "data" / "withheld"
 
 

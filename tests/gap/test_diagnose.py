@@ -1,5 +1,6 @@
 """The diagnosis on what the lab plants: each effect recovered, invariances, what must not be named."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -12,11 +13,16 @@ from stiffscope.gap.lab.faults import inject
 from stiffscope.gap.lab.machine import biglide
 from stiffscope.gap.lab.measuring import Noise, default_plan, measure
 from stiffscope.gap.robot_model import RobotModel, robot_candidates
-from stiffscope.robot.effects import NominalRobot, adopted
-from stiffscope.vjm.analysis import stiffness
-from tests.robots import published_robot
+from stiffscope.robot.effects import NominalRobot, adopted, carried
+from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.part_matrices import part_matrices
+from stiffscope.robot.reader import load_robot
+from stiffscope.robot.sections import Effect
+from stiffscope.vjm.mechanism import TOOL
+from stiffscope.vjm.statics import stiffness
+from tests.robots import nominal_robot
 
-ROBOT = NominalRobot(published_robot(), acceleration=9.81, expansion=11.7e-6)
+ROBOT = nominal_robot()
 
 SOFT = ("actuator-stiffness", "limb1", {"factor": 0.8})
 SIZES = {
@@ -77,7 +83,8 @@ def test_gravity_and_expansion_are_those_of_the_robot(effect, place):
     there = replace(biglide(), acceleration=3.71, expansion=23.6e-6)
     quiet = campaign((effect, place, SIZES[effect]), machine=there, displacement=1e-12, rotation=1e-12)
     sigma = np.where(quiet.direction < 3, 1e-6, 5e-6)
-    right = predicted(quiet, NominalRobot(published_robot(), 3.71, 23.6e-6), effect, place, SIZES[effect])
+    mars = nominal_robot("gravity.acceleration=3.71 m/s^2", "materials.steel.expansion=23.6e-6 1/K")
+    right = predicted(quiet, mars, effect, place, SIZES[effect])
     wrong = predicted(quiet, ROBOT, effect, place, SIZES[effect])
     assert np.abs((right - quiet.value) / sigma).max() < 0.5
     assert np.abs((wrong - quiet.value) / sigma).max() > 3.0
@@ -85,8 +92,7 @@ def test_gravity_and_expansion_are_those_of_the_robot(effect, place):
 
 def test_a_pitch_error_grows_from_the_middle_of_the_robots_own_drives():
     """At x = 0 both carriages are half the range out, so a pitch error is a width error times that."""
-    geometry = replace(published_robot().geometry, a_min=0.30, a_max=0.56)
-    model = RobotModel(campaign(), replace(ROBOT, elastic=replace(published_robot(), geometry=geometry)))
+    model = RobotModel(campaign(), nominal_robot("parameters.a_min=300 mm", "parameters.a_max=560 mm"))
     centred = replace(model.campaign, poses=model.campaign.poses * [0.0, 1.0, 1.0])
     pattern = next(c for c in model.library if "rail" in c.place)
     pitch, width = RobotModel(centred, model.nominal).predict().columns(pattern).T
@@ -162,14 +168,48 @@ def test_fea_against_beam_is_found_as_the_slider_entry_by_entry():
 
 def test_an_adopted_effect_is_an_ordinary_robot():
     robot = adopted(ROBOT, "actuator-stiffness", "limb1", {"factor": 0.8})
-    softer = stiffness(robot.elastic, [0, 0, 0.35])[0]
-    assert softer[0, 0] < stiffness(published_robot(), [0, 0, 0.35])[0][0, 0]
+    softer = stiffness(robot.mechanism, [0, 0, 0.35])[0]
+    assert softer[0, 0] < stiffness(ROBOT.mechanism, [0, 0, 0.35])[0][0, 0]
     healed = diagnose(campaign(SOFT), robot)
     assert healed.verdict == "no-gap"
     with pytest.raises(InputError, match="no part of the robot"):
         adopted(ROBOT, "force-scale", "instrument", {"factor": 1.1})
     with pytest.raises(InputError, match="expected one of stage, limb1"):
         adopted(ROBOT, "actuator-stiffness", "limb3", {"factor": 1.1})
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.25])
+def test_an_adopted_drive_is_as_stiff_as_it_says(factor):
+    """A stage alone in series: 1/K_ty changes by what its drive's compliance does."""
+    stage = adopted(ROBOT, "actuator-stiffness", "stage", {"factor": factor})
+    before, after = (np.linalg.inv(stiffness(r.mechanism, [0, 0, 0.35])[0])[1, 1] for r in (ROBOT, stage))
+    assert after - before == pytest.approx((1.0 / factor - 1.0) / 1.27e7, rel=1e-9)
+
+
+def test_a_file_carries_its_effects_in_their_order():
+    soft = Effect(effect="platform-compliance", place="platform", parameters={"x": 1e-8})
+    stiff = Effect(effect="actuator-stiffness", place="stage", parameters={"factor": 1.25})
+    both = carried(ROBOT.mechanism, replace(ROBOT.robot, effects=(soft, stiff)))
+    assert both.grip.compliance[0, 0] == pytest.approx(1e-8)
+    assert both.joint("stage.actuator").drive.stiffness == pytest.approx(1.25 * 1.27e7)
+    assert set(both.elements) == set(ROBOT.mechanism.elements) >= {TOOL}
+    wrong = Effect(effect="backlash", place="stage", parameters={"half_width": 1e-5})
+    with pytest.raises(InputError, match=r"biglide\.toml: effects, number 2: backlash @ stage: no part of the robot"):
+        carried(ROBOT.mechanism, replace(ROBOT.robot, effects=(soft, wrong)))
+
+
+def test_the_nominal_robot_crosses_to_a_worker():
+    there = pickle.loads(pickle.dumps(ROBOT))  # noqa: S301
+    assert dict(there.robot.parameters) == dict(ROBOT.robot.parameters)
+    assert np.array_equal(stiffness(there.mechanism, [0, 0, 0.35]), stiffness(ROBOT.mechanism, [0, 0, 0.35]))
+
+
+def test_a_robot_without_the_places_of_the_vocabulary_is_refused():
+    robot = load_robot("delta")
+    delta = NominalRobot(mechanism_of(robot, part_matrices(robot)), robot)
+    assert carried(delta.mechanism, robot) is delta.mechanism
+    with pytest.raises(InputError, match=r"delta\.toml: groups: expected .*, a place of the effect"):
+        diagnose(campaign(), delta)
 
 
 def test_competing_explanations_come_with_a_measurement_that_separates_them():

@@ -12,8 +12,7 @@ import pytest
 from stiffscope.gap.diagnosis import Alternative, Effect, Where
 from stiffscope.report.gap_figures import draw_figures
 from stiffscope.report.html import experiment_html, stiffness_html, write_page
-from stiffscope.vjm.analysis import Stiffness
-from tests.report.test_terminal import diagnosed
+from tests.report.test_terminal import diagnosed, state
 
 HOSTILE = "<script>alert(1)</script>\"'>&amp;<img onload=f()>"
 MATHEMATICS = r"$\frac{1$ A_1^"
@@ -112,14 +111,12 @@ def test_an_experiment_shows_every_entry_with_its_bound():
 
 
 def test_a_stiffness_shows_its_first_poses():
-    ones = np.ones(30)
-    state = Stiffness(
-        np.zeros((30, 3)), np.tile(1e6 * np.eye(6), (30, 1, 1)), np.zeros((30, 6)), ones.astype(int), ones
-    )
-    page = Page(stiffness_html(state))
+    many = state(np.zeros((30, 2)), np.tile(1e6 * np.eye(6), (30, 1, 1)), np.full((30, 6), 3e-6), ("x", "rz"))
+    page = Page(stiffness_html(many))
     assert page.tags.count("tr") == 21
     assert "and 10 more poses" in page.words
     assert "Stiffness at M" in " ".join(page.words)
+    assert {"x, rz (m, rad)", "|sag| (µm)", "5.2"} <= set(page.words)
 
 
 def test_a_notebook_shows_the_tables():
@@ -133,8 +130,8 @@ def test_a_notebook_shows_the_tables():
         register()
         zeros = np.zeros((6, 6))
         shown = Experiment("plate", "rigid", np.eye(6), zeros, np.zeros((1, 3)), *[None] * 4, 0.0, 1.0, 1.0, 6)
-        state = Stiffness(np.zeros((1, 3)), np.eye(6)[None], np.zeros((1, 6)), np.zeros(1, dtype=int), np.ones(1))
-        for value, words in ((shown, "plate, rigid"), (state, "Stiffness at M")):
+        stiff = state(np.zeros((1, 3)), np.eye(6)[None], np.zeros((1, 6)))
+        for value, words in ((shown, "plate, rigid"), (stiff, "Stiffness at M (diagonal")):
             formats, _ = shell.display_formatter.format(value)
             assert words in formats["text/html"]
             assert "<table>" in formats["text/html"]

@@ -1,39 +1,69 @@
-"""Workspace maps as files and pictures."""
+"""Stiffness maps of any robot as files and pictures."""
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from stiffscope.errors import InputError
-from stiffscope.report.maps import as_dataset, robot_maps, write_map
-from stiffscope.report.notebook import stiffness_map
-from stiffscope.vjm.analysis import stiffness
-from tests.robots import published_robot
+from stiffscope.report.maps import as_dataset, held_text, robot_map, stiffness_map, write_map
+from stiffscope.report.notebook import stiffness_map as picture
+from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.part_matrices import part_matrices
+from stiffscope.robot.reader import load_robot
+from stiffscope.vjm.statics import sag, stiffness
+
+NAMES = ("K_tx", "K_ty", "K_tz", "K_rx", "K_ry", "K_rz")
 
 
 @pytest.fixture(scope="module")
-def found():
-    return robot_maps(published_robot(), {}, 9, "exact", 9.81)
+def stewart():
+    robot = load_robot("stewart")
+    return robot, mechanism_of(robot, part_matrices(robot, "beam"))
 
 
-def test_netcdf_is_what_the_robot_says(found, tmp_path):
-    xr = pytest.importorskip("xarray")
+def test_netcdf_is_what_the_robot_says(tmp_path):
+    robot = load_robot("biglide")
+    mechanism = mechanism_of(robot, part_matrices(robot, "published"))
+    found = robot_map(robot, mechanism, 9, "exact")
     write_map(found, tmp_path, "the title")
     with xr.open_dataset(tmp_path / "map.nc") as file:
         assert (file.title, set(file.coords)) == ("the title", {"x", "y", "z"})
-        assert all(variable.attrs["units"] for variable in file.variables.values())
-        assert all(variable.attrs["long_name"] for variable in file.variables.values())
+        assert all(variable.attrs["units"] and variable.attrs["long_name"] for variable in file.variables.values())
         units = {name: file[name].units for name in ("x", "K_tz", "K_rz_loaded", "sag_z", "sag_rx")}
         assert units == {"x": "m", "K_tz": "N m-1", "K_rz_loaded": "N m rad-1", "sag_z": "m", "sag_rx": "rad"}
+        assert file["z"].positive == "down"
+        assert np.isnan(file["K_tx"].isel(x=0, z=0))  # out of reach
         here = file.isel(x=4, z=5)
-        matrix = stiffness(published_robot(), [[float(here.x), float(here.y), float(here.z)]])[0]
-        names = ("K_tx", "K_ty", "K_tz", "K_rx", "K_ry", "K_rz")
-        assert [float(here[name]) for name in names] == pytest.approx(np.diag(matrix), rel=1e-12)
+        pose = [[float(here.x), float(here.y), float(here.z)]]
+        for end, matrix in (("", stiffness(mechanism, pose)), ("_loaded", stiffness(mechanism, pose, gravity="exact"))):
+            assert [float(here[name + end]) for name in NAMES] == pytest.approx(np.diag(matrix[0]), rel=1e-9)
+        assert float(here["sag_z"]) == pytest.approx(sag(mechanism, pose)[0, 2], rel=1e-3)
         assert xr.Dataset.identical(file.load(), as_dataset(found, "the title"))
 
 
-def test_another_robot_is_refused_in_one_line():
-    class Hexapod:
-        pass
+def test_an_angle_against_a_length_at_another_pose(stewart, tmp_path):
+    robot, mechanism = stewart
+    at = (0.01, 0.0, robot.poses["home"][2], 0.0, 0.0, 0.1)
+    found = stiffness_map(mechanism, {"z": (0.27, 0.3), "ry": (-0.1, 0.1)}, 4, at=at)
+    write_map(found, tmp_path)
+    assert held_text(found) == "x = 10 mm, y = 0 mm, rz = 5.7296 deg"
+    with xr.open_dataset(tmp_path / "map.nc") as file:
+        assert (file["K_tx"].dims, file["ry"].units, float(file["rz"])) == (("ry", "z"), "rad", 0.1)
+        here = file.isel(z=1, ry=3)
+        pose = [0.01, 0.0, float(here.z), 0.0, float(here.ry), 0.1]
+        matrix = stiffness(mechanism, pose)[0]
+    assert [float(here[name]) for name in NAMES] == pytest.approx(np.diag(matrix), rel=1e-9)
+    assert picture(mechanism, {"z": (0.27, 0.3), "ry": (-0.1, 0.1)}, 3, at).png.startswith(b"\x89PNG")
 
-    with pytest.raises(InputError, match="expected a Biglide, whose workspace is known, got Hexapod"):
-        stiffness_map(Hexapod())
+
+@pytest.mark.parametrize(
+    ("ranges", "message"),
+    [
+        ({"x": (0.0, 0.1)}, "expected two of x, y, z, rx, ry, rz, got x"),
+        ({"x": (0.0, 0.1), "u": (0.0, 1.0)}, "expected two of x, y, z, rx, ry, rz, got x, u"),
+        ({"x": (5.0, 6.0), "y": (5.0, 6.0)}, "no pose is within reach"),
+    ],
+)
+def test_what_cannot_be_mapped_is_refused(stewart, ranges, message):
+    with pytest.raises(InputError, match=message):
+        stiffness_map(stewart[1], ranges, 3)

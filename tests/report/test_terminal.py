@@ -17,6 +17,7 @@ from stiffscope.report.compare import Comparison, Entry
 from stiffscope.report.gap_tables import show_diagnosis
 from stiffscope.report.numbers import resolved
 from stiffscope.report.terminal import in_encoding, show_line, show_table
+from stiffscope.vjm.statics import Stiffness
 
 PAIR = "actuator-stiffness + slider-compliance", "limb1 + sliders"
 
@@ -50,12 +51,21 @@ def interfaces():
     tables.show_interfaces(Stub(part="slider", own=choices[0], others=choices[1:], entries=[entry], left_out=()))
 
 
+def state(poses, matrix, sag, pose=("x", "y", "z")):
+    """What a robot does at tool poses (n, k)."""
+    poses = np.asarray(poses, dtype=float)
+    found = Stub(poses=poses, tool=np.zeros((len(poses), 6)), mechanism=Stub(tool=Stub(pose=pose)))
+    return Stiffness(found, np.asarray(matrix), np.asarray(sag), np.zeros(len(poses), dtype=int), np.ones(len(poses)))
+
+
 def stiffness():
     matrix = np.diag([23.8718, 1.9639, 12.4172, 1.3612, 0.1401, 2.675]) * 1e6
     matrix[1, 3] = matrix[3, 1] = -1e-3
     poses = [[0.0, -0.0, 0.3475], [-0.125, 0.1125, 0.5055]]
     names = ["Q1", "-0.125,0.1125,0.5055"]
-    tables.show_stiffness(names, poses, [matrix] * 2, np.full((2, 6), 1.098e-5), [1e-4 * np.abs(matrix)] * 2)
+    tables.show_stiffness(names, state(poses, [matrix] * 2, np.full((2, 6), 1.098e-5)), [1e-4 * np.abs(matrix)] * 2)
+    soft, turned = 1e-3 * matrix, np.hstack([poses, -0.0 * np.ones((2, 1)), 0.1047 * np.ones((2, 2))])
+    tables.show_stiffness(names, state(turned, [soft] * 2, np.zeros((2, 6)), ("x", "y", "z", "rx", "ry", "rz")))
     tables.show_change(names, [matrix] * 2, [matrix * (1 - 1e-9)] * 2, ["slider.thickness=25mm"])
 
 

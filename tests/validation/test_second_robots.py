@@ -1,76 +1,103 @@
-"""Robots composed from the same algebra as the Biglide's, beside closed forms and a direct-stiffness check."""
+"""Robots of other kinds: a hexapod beside its closed form, a Delta beside a direct-stiffness model."""
 
 import numpy as np
 import pytest
 
-from examples.delta import example
-from examples.gough_stewart import cubic_platform
 from stiffscope.errors import InputError
-from stiffscope.vjm.analysis import mobility, stiffness
-from stiffscope.vjm.reduction import as_stiffness
-from stiffscope.vjm.response import respond
+from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.part_matrices import part_matrices
+from stiffscope.robot.reader import load_robot
+from stiffscope.vjm.kinematics import configure
+from stiffscope.vjm.mechanism import Body, Drive, Joint, Mechanism, Tool
+from stiffscope.vjm.singularity import mobility
+from stiffscope.vjm.statics import respond, stiffness
 
 
-def test_cubic_gough_stewart_platform():
+def cubic_hexapod(size, strut, height):
+    """Six driven struts along edges of a cube on its corner, each ``size`` high; M at a height above its centre."""
+    corners = np.sqrt(3.0) * size * (np.array([[0, 0, 1], [0, 1, 1], [0, 1, 0], [1, 1, 0], [1, 0, 0], [1, 0, 1]]) - 0.5)
+    x, y = np.array([1, -1, 0]) / np.sqrt(2), np.array([1, 1, -2]) / np.sqrt(6)
+    points = corners @ np.stack([x, y, np.cross(x, y)]).T  # the cube's diagonal along z
+    bodies, joints = [Body("platform")], []
+    for k, ends in enumerate([(0, 1), (2, 1), (2, 3), (4, 3), (4, 5), (0, 5)]):
+        foot, head = sorted(points[list(ends)], key=lambda p: p[2])
+        first, second = np.linalg.svd((head - foot)[None])[2][1:]
+        bodies += [Body(f"lower{k}"), Body(f"upper{k}")]
+        joints += [
+            Joint(f"foot{k}", "ground", f"lower{k}", "universal", foot, first, second),
+            Joint(f"drive{k}", f"lower{k}", f"upper{k}", "prismatic", foot, head - foot, drive=Drive(strut)),
+            Joint(f"head{k}", f"upper{k}", "platform", "spherical", head),
+        ]
+    tool = Tool("platform", np.array([0.0, 0.0, height]), ("x", "y", "z", "rx", "ry", "rz"))
+    return Mechanism(tuple(bodies), tuple(joints), tool)
+
+
+@pytest.mark.parametrize("height", [0.0, 0.11])
+def test_cubic_gough_stewart_platform(height):
     """tdehaeze, stewart-simscape, cubic configuration: K at the cube's centre, and at a point d above it."""
-    k, size, d = 2.5e6, 0.3, 0.11
-    closed = np.diag([2 * k] * 3 + [1.5 * k * size**2] * 2 + [6 * k * size**2])
-    assert np.allclose(as_stiffness(cubic_platform(size, k)), closed, rtol=1e-10, atol=1e-6 * k * size**2)
-    closed[3, 3] = closed[4, 4] = 1.5 * k * size**2 + 2 * k * d**2
-    closed[0, 4] = closed[4, 0] = -2 * k * d
-    closed[1, 3] = closed[3, 1] = 2 * k * d
-    assert np.allclose(as_stiffness(cubic_platform(size, k, d)), closed, rtol=1e-10, atol=1e-6 * k * size**2)
+    k, size = 2.5e6, 0.3
+    closed = np.diag([2 * k] * 3 + [1.5 * k * size**2 + 2 * k * height**2] * 2 + [6 * k * size**2])
+    closed[0, 4] = closed[4, 0] = -2 * k * height
+    closed[1, 3] = closed[3, 1] = 2 * k * height
+    hexapod = cubic_hexapod(size, k, height)
+    assert np.allclose(stiffness(hexapod, hexapod.tool.home)[0], closed, rtol=1e-10, atol=1e-9 * k * size**2)
 
 
 def test_delta_agrees_with_direct_stiffness():
-    """Three drives, three elbows (6 freedoms each) and the platform; rods as bars between ball joints."""
-    robot, poses = example(), np.array([[0.0, 0.0, 0.55], [0.1, 0.05, 0.5]])
-    ours = stiffness(robot, poses)
+    """The shipped Delta: three elbows (6 freedoms each), three drives and the platform; rods as bars between balls."""
+    robot = load_robot("delta")
+    delta, poses = mechanism_of(robot, part_matrices(robot)), np.array(list(robot.poses.values()))
+    ours = stiffness(delta, poses)
     for pose, matrix in zip(poses, ours, strict=True):
-        assert np.allclose(matrix, _direct(robot, pose), rtol=1e-8, atol=1e-9 * np.abs(matrix).max())
+        assert np.allclose(matrix, direct(robot, delta, pose), rtol=1e-8, atol=1e-9 * np.abs(matrix).max())
     assert mobility(ours)[0].tolist() == [0, 0]
 
 
-def _direct(robot, pose):
-    """Energy of arms and bars over 21 + 6 explicit freedoms, condensed; places from the joints' own frames."""
-    state = respond(robot.tree(pose), np.eye(6)).elements
-    k = np.zeros((27, 27))
+def elbow_of(shoulder, wrist, out, arm, rod):
+    """Outer intersection of the arm's circle, in the plane of ``out`` and z, with the rod's sphere about the wrist."""
+    to = wrist - shoulder
+    r, z = to @ out, to[2]
+    angle = np.arctan2(z, r) + np.arccos((arm**2 + to @ to - rod**2) / (2 * arm * np.hypot(r, z)))
+    return shoulder + arm * (np.cos(angle) * out + np.sin(angle) * np.array([0, 0, 1.0]))
 
-    def at(rows, point):
+
+def direct(robot, delta, pose):
+    """Energy of drives, arms and bars over 21 + 6 explicit freedoms, condensed; places by trigonometry."""
+    size, k = robot.parameters, np.zeros((27, 27))
+    arm, rod = (delta.body(name).elastic for name in ("leg1.arm", "leg1.rod1"))
+    lengths = [np.linalg.norm(e.tip - e.base) for e in (arm, rod)]
+    platform = np.arange(21, 27)
+
+    def at(rows, lever):
         out = np.zeros((3, 27))
         out[:, rows[:3]] = np.eye(3)
-        out[:, rows[3:]] = _lever(point)
+        out[:, rows[3:]] = np.cross(np.eye(3), lever).T
         return out
 
-    platform = np.arange(21, 27)
     for leg in range(3):
-        angle = 2 * np.pi * leg / 3
-        side = np.array([-np.sin(angle), np.cos(angle), 0.0])
-        k[leg, leg] += robot.drive
-        elbow = np.arange(3 + 6 * leg, 9 + 6 * leg)
-        arm = state[f"leg{leg}.arm"].frame
-        origin = arm.origin().reshape(3)
-        shoulder = state[f"leg{leg}.drive"].frame.origin().reshape(3)
-        stretch = np.zeros((6, 27))
-        stretch[:3, elbow[:3]], stretch[3:, elbow[3:]] = np.eye(3), np.eye(3)  # the elbow body's motion at its origin
-        stretch[:3, leg] -= np.cross(side, origin - shoulder)
+        turn = 2 * np.pi * leg / 3
+        out, side = np.array([np.cos(turn), np.sin(turn), 0]), np.array([-np.sin(turn), np.cos(turn), 0])
+        shoulder, wrist = size["w_B"] * out, pose + size["u_P"] * out
+        elbow = elbow_of(shoulder, wrist, out, *lengths)
+        k[leg, leg] += delta.joint("leg1.motor").drive.stiffness
+        tip = np.arange(3 + 6 * leg, 9 + 6 * leg)
+        stretch = np.eye(27)[tip]
+        stretch[:3, leg] -= np.cross(side, elbow - shoulder)
         stretch[3:, leg] -= side
-        turned = np.kron(np.eye(2), arm.matrix().reshape(3, 3).T) @ stretch
-        k += turned.T @ np.linalg.inv(robot.arm_compliance) @ turned
-        for rod in range(2):
-            top = state[f"leg{leg}.rod{rod}.upper"].frame.origin().reshape(3)
-            low = state[f"leg{leg}.rod{rod}.lower"].frame.origin().reshape(3)
-            along = (low - top) / np.linalg.norm(low - top)
-            row = along @ (at(platform, low) - at(elbow, top - origin))
-            k += np.outer(row, row) / robot.rod_compliance[0, 0]
+        along = (elbow - shoulder) / lengths[0]
+        stretch = np.kron(np.eye(2), np.array([along, side, np.cross(along, side)])) @ stretch
+        k += stretch.T @ np.linalg.inv(arm.compliance) @ stretch
+        for shift in (-0.5, 0.5):
+            beside = shift * size["h"] * side
+            bar = (wrist - elbow) / lengths[1] @ (at(platform, wrist + beside - pose) - at(tip, beside))
+            k += np.outer(bar, bar) / rod.compliance[0, 0]
     return k[21:, 21:] - k[21:, :21] @ np.linalg.solve(k[:21, :21], k[:21, 21:])
 
 
-def _lever(point):
-    """ω × p as a matrix on ω."""
-    return np.array([[0, point[2], -point[1]], [-point[2], 0, point[0]], [point[1], -point[0], 0]])
-
-
-def test_a_delta_out_of_reach_is_refused():
+def test_a_pose_out_of_reach_has_no_numbers_and_is_refused_by_name():
+    robot = load_robot("delta")
+    delta, far = mechanism_of(robot, part_matrices(robot)), [0.0, 0.0, -3.0]
+    assert np.isnan(stiffness(delta, far)).all()
+    assert not configure(delta, far).valid.any()
     with pytest.raises(InputError, match="out of reach"):
-        stiffness(example(), [0.0, 0.0, 1.0])
+        respond(delta, far, np.zeros(6))

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-UP = (0.0, 0.0, -1.0)  # z points down, in the parts and in the robot
+DOWN_Z = (0.0, 0.0, -1.0)  # what is up where z points down, as in the parts
 
 
 @dataclass(frozen=True)
@@ -24,6 +24,7 @@ class View:
     focus: Floats
     half_height: float
     size: tuple[int, int]
+    up: tuple[float, float, float] = DOWN_Z
 
     @property
     def direction(self) -> Floats:
@@ -36,20 +37,25 @@ class View:
         return 4e-3 * self.half_height * self.direction
 
 
-def view_of(points: Floats, towards: tuple[float, float, float], width: int) -> View:
+def view_of(
+    points: Floats,
+    towards: tuple[float, float, float],
+    width: int,
+    up: tuple[float, float, float] = DOWN_Z,
+) -> View:
     """Camera that just holds all points; the picture is as flat as they are."""
     direction = np.array(towards) / np.linalg.norm(towards)
-    right = np.cross(-direction, UP)
+    right = np.cross(-direction, up)
     right /= np.linalg.norm(right)
-    up = np.cross(right, -direction)
-    flat = points @ np.array([right, up]).T
+    upward = np.cross(right, -direction)
+    flat = points @ np.array([right, upward]).T
     low, high = flat.min(axis=0), flat.max(axis=0)
     extent = 1.06 * (high - low)
     height = int(np.clip(width * extent[1] / extent[0], 0.34 * width, 0.8 * width))
     half_height = max(extent[1], extent[0] * height / width) / 2
     middle = (low + high) / 2
     depth = float((points @ direction).mean())
-    return View(towards, middle @ np.array([right, up]) + depth * direction, half_height, (width, height))
+    return View(towards, middle @ np.array([right, upward]) + depth * direction, half_height, (width, height), up)
 
 
 def new_plotter(view: View) -> pv.Plotter:
@@ -61,10 +67,10 @@ def new_plotter(view: View) -> pv.Plotter:
     plotter.enable_anti_aliasing("ssaa")
     plotter.enable_parallel_projection()  # type: ignore[call-arg]
     plotter.camera.focal_point = view.focus
-    plotter.camera.position = view.focus + 10.0 * view.direction
-    plotter.camera.up = UP
+    plotter.camera.position = view.focus + 20.0 * view.half_height * view.direction
+    plotter.camera.up = view.up
     plotter.camera.parallel_scale = view.half_height
-    plotter.camera.clipping_range = (0.1, 20.0)
+    plotter.camera.clipping_range = (0.1 * view.half_height, 40.0 * view.half_height)
     return plotter
 
 

@@ -1,4 +1,7 @@
-"""The robot at a pose, drawn from its parts; its components may carry shares of something as colours."""
+"""Pictures of any robot at a pose: parts as their solids, rigid bodies as hulls of what they connect, joints by type.
+
+Everything is given at home in base axes; a picture says how each node has moved since, ``x = R x_home + p``.
+"""
 
 from __future__ import annotations
 
@@ -6,203 +9,175 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.fea.experiment import load_experiment
-from stiffscope.report.drawing.camera import View, new_plotter, shot, view_of
-from stiffscope.report.drawing.sheet import GREY
-from stiffscope.report.drawing.surfaces import surface
+from stiffscope.report.drawing.camera import new_plotter, shot, view_of
+from stiffscope.report.drawing.solids import DRIVEN, PASSIVE, RIGID, extent, part_colours, solids_of, upright
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     import pyvista as pv
+    from matplotlib.figure import Figure
     from numpy.typing import NDArray
+
+    from stiffscope.report.drawing.camera import View
+    from stiffscope.report.drawing.solids import Moves, Solid
 
     Floats = NDArray[np.float64]
 
-STEEL = "#c3c8ce"
 SHARES = "YlOrRd"
+NO_SHARE, BEFORE, EDGES = "#d9dde2", "#9aa4b0", "#20252b"
+TOWARDS = (0.42, -1.0, 0.4)  # the camera, in axes whose z points up
+WIDTH, ABOVE, BELOW = 1200, 42, 34  # pixels: of the picture, of its title, of its key
+LONG = 95  # characters of a title, from which it is smaller
+_NAMED = 5  # parts in the key, at most
 
 
 def robot(
     folder: Path,
     pictures: list[dict[str, Any]],
-    geometry: dict[str, float],
-    link: dict[str, Any],
-    slider: dict[str, Any],
+    bodies: list[dict[str, Any]],
+    joints: list[dict[str, Any]],
+    tool: dict[str, Any],
+    up: list[float],
     shares: dict[str, float] | None = None,
     scale: str = "share",
 ) -> None:
-    """The robot drawn from its parts at tool points M: one picture for each {file, title, pose}.
+    """The robot, one picture for each {file, title, moves, before}; `stiffscope.report.robot_scene` makes all of it.
 
-    `link` and `slider` hold the part's experiment file, or None, and its shape. `shares` colours components
-    ("limb1.link1", "limb2.slider", "stage.actuator", "platform") by a share between 0 and 1, `scale` says of what.
+    Parameters
+    ----------
+    folder
+        Where the files go.
+    pictures
+        ``moves``: node to [R (3, 3), p (3,)] since home; ``before``, optional: the same, drawn in a light colour.
+    bodies
+        {name, nodes, part, experiment, shape, mesh, axes, base, length}; a rigid body has one node. ``shape``:
+        {radius} of a rod or {width, thickness} of a plate, for a part without an experiment; ``mesh``: a surface in m.
+    joints
+        {name, kind, first, second, at, axis, axis2, driven, low, high}, m and rad.
+    tool
+        {node, at}.
+    up
+        (3,), against gravity.
+    shares
+        Colours of elements, by a share between 0 and 1, up to the largest; ``scale`` says of what.
+
     """
-    skins = {"link": _skin(link, _rod), "slider": _skin(slider, _plate)}
+    upward, home = np.array(up, float), np.array(tool["at"], float)
+    solids = solids_of(bodies, joints, tool, upward)
+    reach = extent(bodies, joints, tool)
     for picture in pictures:
-        bodies = _bodies(
-            geometry, np.array(picture["pose"]), skins, float(slider["depth"]) + float(slider["pad_height"])
-        )
-        image, view = _assembly(bodies, np.array(picture["pose"]), shares)
-        _frame(folder / picture["file"], image, view, picture["title"], None if shares is None else scale)
+        moves, before = _moves(picture["moves"]), picture.get("before")
+        rotation, position = moves[tool["node"]]
+        shapes = _by_colour(solids, moves, shares)
+        if before is not None:
+            shapes["before"] = _joined([solid.moved(_moves(before)) for solid in solids])
+        image, view = _scene(shapes, rotation @ home + position, upward, reach)
+        figure = _framed(image, view, picture["title"])
+        if shares is None:
+            _key(figure, part_colours(bodies))
+        else:
+            _share_bar(figure, scale, max(shares.values(), default=1.0))
+        figure.savefig(folder / picture["file"], dpi=100)
 
 
-def _assembly(
-    bodies: list[tuple[str, pv.PolyData, str]], pose: Floats, shares: dict[str, float] | None
-) -> tuple[Floats, View]:
-    seen = [*(body.points for _, body, _ in bodies), np.add([pose], [0.0, 0.0, 0.13])]
-    view = view_of(np.vstack(seen), towards=(0.28, 1.0, -0.36), width=1500)
+def _moves(given: dict[str, Any]) -> Moves:
+    moves = {name: (np.array(r, float), np.array(p, float)) for name, (r, p) in given.items()}
+    return {**moves, "ground": (np.eye(3), np.zeros(3))}
+
+
+def _by_colour(solids: list[Solid], moves: Moves, shares: dict[str, float] | None) -> dict[str, pv.PolyData]:
+    """One surface for each colour: many small ones are slow to draw."""
+    groups: dict[str, list[pv.PolyData]] = {}
+    most = max((shares or {}).values(), default=1.0)
+    for solid in solids:
+        colour = solid.colour if shares is None else _share_colour(shares.get(solid.element), most)
+        groups.setdefault(colour, []).append(solid.moved(moves))
+    return {colour: _joined(shapes) for colour, shapes in groups.items()}
+
+
+def _joined(shapes: list[pv.PolyData]) -> pv.PolyData:
+    first: Any = shapes[0]
+    return first if len(shapes) == 1 else first.append_polydata(*shapes[1:])
+
+
+def _scene(shapes: dict[str, pv.PolyData], point: Floats, up: Floats, reach: float) -> tuple[Floats, View]:
+    seen = np.vstack([*(shape.points for shape in shapes.values()), np.add([point], 0.12 * reach * np.eye(3))])
+    view = view_of(seen, towards=tuple(upright(up) @ TOWARDS), width=WIDTH, up=tuple(up))
     plotter = new_plotter(view)
-    for name, body, colour in bodies:
+    for colour, shape in shapes.items():
+        if colour == "before":
+            plotter.add_mesh(shape, color=BEFORE, opacity=0.10, lighting=False)
+            plotter.add_silhouette(shape, color=BEFORE, line_width=2.0)
+            continue
         plotter.add_mesh(
-            body, color=colour if shares is None else _share_colour(shares.get(name)), smooth_shading=True,
-            split_sharp_edges=True, feature_angle=35, ambient=0.42, diffuse=0.6, specular=0.15,
+            shape, color=colour, smooth_shading=True, split_sharp_edges=True, feature_angle=35,
+            ambient=0.42, diffuse=0.6, specular=0.15,
         )  # fmt: skip
-        edges = body.extract_feature_edges(35, boundary_edges=False, manifold_edges=False, non_manifold_edges=False)
+        edges = shape.extract_feature_edges(35, boundary_edges=False, manifold_edges=False, non_manifold_edges=False)
         if edges.n_points:
             edges.points += view.lift / 2
-            plotter.add_mesh(edges, color="#20252b", line_width=1.4)
-    _axes(plotter, pose, view)
+            plotter.add_mesh(edges, color=EDGES, line_width=1.2)
+    _axes(plotter, point, view, reach)
     return shot(plotter), view
 
 
-def _frame(target: Path, image: Floats, view: View, title: str, scale: str | None) -> None:
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-    from matplotlib.figure import Figure
-
-    width, height = view.size
-    figure = Figure(figsize=(width / 100, (height + 60) / 100), facecolor="white")
-    axes = figure.add_axes((0, 0, 1, height / (height + 60)))
-    axes.imshow(image)
-    axes.set_axis_off()
-    figure.suptitle(title, x=12 / width, ha="left", fontsize=15, fontweight="bold", parse_math=False)
-    figure.text(12 / width, 14 / height, "axes at M: x red, y green, z blue (down)", fontsize=10, color=GREY)
-    if scale:
-        bar = figure.colorbar(
-            ScalarMappable(Normalize(0, 100), SHARES),
-            cax=figure.add_axes((0.70, 0.075, 0.27, 0.022)),
-            orientation="horizontal",
-        )
-        bar.ax.tick_params(labelsize=9, length=2, pad=2)
-        bar.ax.set_title(f"{scale}, %", fontsize=10, color=GREY)
-    figure.savefig(target, dpi=100)
-
-
-def _skin(part: dict[str, Any], otherwise: Any) -> pv.PolyData:
-    if part["experiment"] is None:
-        return otherwise(part)
-    mesh = load_experiment(part["experiment"]).mesh
-    return _poly(surface(mesh, mesh.points).clean())
-
-
-def _rod(part: dict[str, Any]) -> pv.PolyData:
-    import pyvista as pv
-
-    length = part["length"]
-    middle, along = (length / 2, 0, 0), (1, 0, 0)
-    return _poly(pv.Cylinder(center=middle, direction=along, radius=part["radius"], height=length, resolution=48))
-
-
-def _plate(part: dict[str, Any]) -> pv.PolyData:
-    return _box((part["depth"] / 2, 0, 0), (part["depth"], part["width"], part["thickness"]))
-
-
-def _box(centre: Any, sides: Any) -> pv.PolyData:
-    import pyvista as pv
-
-    (x, y, z), (a, b, c) = centre, sides
-    return _poly(pv.Box((x - a / 2, x + a / 2, y - b / 2, y + b / 2, z - c / 2, z + c / 2)))
-
-
-def _poly(shape: Any) -> pv.PolyData:
-    """A closed surface as triangles, which is what filters promise to nobody's type checker."""
-    return shape.triangulate()
-
-
-def _bodies(
-    g: dict[str, float], m: Floats, skins: dict[str, pv.PolyData], depth: float
-) -> list[tuple[str, pv.PolyData, str]]:
-    """Every body as (component, surface in {O}, colour)."""
-    import pyvista as pv
-
-    sine = (m[2] - g["l1"] - g["l2"]) / g["L"]
-    cosine = np.sqrt(1 - sine**2)
-    reach = g["L"] * cosine + g["l"]
-    rail = g["a_max"] + depth + 0.06
-    low, high = float(skins["slider"].points[:, 2].min()), float(skins["slider"].points[:, 2].max())
-    back = g["l1"] + low  # the guide's carriage fills the height between rail and slider
-    bodies = [*_stage(rail), ("stage", _box((0, m[1], -0.035), (2 * rail, 0.10, 0.03)), "#8d99a6")]
-    bodies.append(
-        (
-            "platform",
-            _box((m[0], m[1], m[2] + 0.012), (2 * (g["l"] + g["h"]) + 0.03, 2 * g["d"] + 0.06, 0.030)),
-            "#4b5560",
-        )
-    )
-    for i, side in ((1, 1.0), (2, -1.0)):
-        a = np.array([m[0] - side * reach, m[1], g["l1"]])
-        turn = np.diag([side, side, 1.0])
-        bodies.append((f"limb{i}.slider", _moved(skins["slider"], turn, a - turn @ [depth, 0, 0]), "#d9822b"))
-        middle = a + np.array([-side * (depth + 0.03), 0, (high - back) / 2 - g["l1"] / 2 - 0.01])
-        bodies.append((f"limb{i}.carriage", _box(middle, (0.06, 0.20, g["l1"] + high + 0.02)), "#5f6b78"))
-        bodies.append(
-            (f"limb{i}.actuator", _screw([-side * 0.03, m[1] + 0.08, -0.03], [middle[0], m[1] + 0.08, -0.03]), STEEL)
-        )
-        b = m + np.array([-side * g["l"], 0, -g["l2"]])
-        axes = np.column_stack([[side * cosine, 0, sine], [0, 1, 0], np.cross([side * cosine, 0, sine], [0, 1, 0])])
-        feet = ((-side * g["h"], 0.0), (side * g["h"], g["d"]), (side * g["h"], -g["d"]))
-        for j, (dx, dy) in enumerate(feet, 1):
-            end = b + np.array([dx, dy, 0])
-            start = end - g["L"] * axes[:, 0]
-            bodies.append((f"limb{i}.link{j}", _moved(skins["link"], axes, start), "#3b7dbf"))
-            for name, point in (("a", start), ("b", end)):
-                bearing = _poly(
-                    pv.Cylinder(center=point, direction=(0, 1, 0), radius=0.017, height=0.044, resolution=40)
-                )
-                bodies.append((f"limb{i}.link{j}.joint_{name}", bearing, "#2c343c"))
-    return bodies
-
-
-def _stage(rail: float) -> list[tuple[str, pv.PolyData, str]]:
-    """The frame that the rail travels on along y, and the screw that moves it."""
-    beams = _joined(*(_box((x, 0, -0.065), (0.06, 0.44, 0.03)) for x in (0.06 - rail, rail - 0.06)))
-    return [("base", beams, "#b4bcc5"), ("stage.actuator", _screw([0, -0.24, -0.065], [0, 0.16, -0.065]), STEEL)]
-
-
-def _screw(motor: Any, end: Any) -> pv.PolyData:
-    """A lead screw and, at its near end, the motor."""
-    import pyvista as pv
-
-    start, way = np.asarray(motor, float), np.subtract(end, motor)
-    length = float(np.linalg.norm(way))
-    screw = pv.Cylinder(center=start + way / 2, direction=way, radius=0.008, height=length, resolution=32)
-    drive = pv.Cylinder(center=start + 0.03 * way / length, direction=way, radius=0.026, height=0.07, resolution=48)
-    return _joined(_poly(screw), _poly(drive))
-
-
-def _joined(*bodies: pv.PolyData) -> pv.PolyData:
-    import pyvista as pv
-
-    return _poly(pv.merge(bodies).extract_surface())
-
-
-def _moved(skin: pv.PolyData, rotation: Floats, origin: Floats) -> pv.PolyData:
-    moved = skin.copy()
-    moved.points = skin.points @ np.asarray(rotation).T + origin
-    return moved
-
-
-def _axes(plotter: pv.Plotter, point: Floats, view: View) -> None:
+def _axes(plotter: pv.Plotter, point: Floats, view: View, reach: float) -> None:
     import pyvista as pv
 
     for direction, colour in zip(np.eye(3), ("#d62728", "#2ca02c", "#1f4fd6"), strict=True):
         start = point + 0.5 * view.half_height * view.direction
-        arrow = pv.Arrow(start=start, direction=direction, scale=0.12, shaft_radius=0.03, tip_radius=0.09)
+        arrow = pv.Arrow(start=start, direction=direction, scale=0.11 * reach, shaft_radius=0.03, tip_radius=0.09)
         plotter.add_mesh(arrow, color=colour, ambient=0.5)
 
 
-def _share_colour(share: float | None) -> str:
+def _framed(image: Floats, view: View, title: str) -> Figure:
+    """The picture under its title, with room below for what its colours mean."""
+    from matplotlib.figure import Figure
+
+    width, height = view.size
+    total = height + ABOVE + BELOW
+    figure = Figure(figsize=(width / 100, total / 100), facecolor="white")
+    axes = figure.add_axes((0, BELOW / total, 1, height / total))
+    axes.imshow(image, interpolation="none")
+    axes.set_axis_off()
+    size = 15 if len(title) < LONG else 11.5
+    figure.text(
+        12 / width, 1 - 12 / total, title, fontsize=size, va="top", fontweight="bold", parse_math=False, color="#14181c"
+    )
+    figure.text(1 - 12 / width, 12 / total, "at M: x red, y green, z blue", fontsize=10, color="#5a6570", ha="right")
+    return figure
+
+
+def _key(figure: Figure, colours: dict[str, str]) -> None:
+    from matplotlib.patches import Patch
+
+    named = dict(list(colours.items())[:_NAMED])
+    if len(colours) > _NAMED:
+        named[f"{list(colours)[_NAMED]}, …"] = list(colours.values())[_NAMED]
+    entries = {**named, "rigid": RIGID, "joint": PASSIVE, "drive": DRIVEN}
+    handles = [Patch(facecolor=colour, label=name) for name, colour in entries.items()]
+    key = figure.legend(
+        handles=handles, loc="lower left", ncols=len(handles), frameon=False, fontsize=10, handlelength=1.0,
+        handletextpad=0.4, columnspacing=1.2, borderaxespad=0.2,
+    )  # fmt: skip
+    for text in key.get_texts():
+        text.set_parse_math(False)  # names of parts are as they are
+
+
+def _share_bar(figure: Figure, scale: str, most: float) -> None:
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    pixel = 1 / (100 * figure.get_size_inches()[1])
+    axes = figure.add_axes((0.20, 18 * pixel, 0.30, 9 * pixel))
+    bar = figure.colorbar(ScalarMappable(Normalize(0, 100 * most), SHARES), cax=axes, orientation="horizontal")
+    bar.ax.tick_params(labelsize=8, length=2, pad=1)
+    figure.text(0.19, 18 * pixel, f"{scale}, %", fontsize=10, color="#5a6570", ha="right")
+
+
+def _share_colour(share: float | None, most: float) -> str:
     from matplotlib import colormaps
     from matplotlib.colors import to_hex
 
-    return "#d9dde2" if share is None else to_hex(colormaps[SHARES](float(np.clip(share, 0, 1))))
+    return NO_SHARE if share is None else to_hex(colormaps[SHARES](share / most if most > 0.0 else 0.0))

@@ -1,0 +1,88 @@
+"""Where a command looks at a robot: tool poses of `--at`, drives' positions of `--joints`, or the file's poses."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from stiffscope.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from stiffscope.robot.description import RobotFile
+    from stiffscope.vjm.kinematics import Configurations
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Poses by the texts or names that they were asked for by, all within reach."""
+
+    names: tuple[str, ...]
+    configurations: Configurations
+
+
+def asked_poses(robot: RobotFile, at: Sequence[str], joints: Sequence[str]) -> Asked:
+    """Find the poses of `--at` or `--joints`; without either, those of the robot file.
+
+    Needs no matrix of any part. Raises InputError for what is no pose of this robot, and for one out of reach.
+    """
+    from stiffscope.robot.inspection import rigid_mechanism
+    from stiffscope.vjm.kinematics import configure, configure_drives
+
+    if at and joints:
+        raise InputError("--joints: expected either poses with --at or drives with --joints, got both")
+    names = tuple(joints or at or robot.poses)
+    if not names:
+        example = f"--at {','.join(robot.tool.pose).upper()} or --joints"
+        raise InputError(f"{robot.path}: has no poses; give one with {example}")
+    mechanism = rigid_mechanism(robot)
+    if joints:
+        found = configure_drives(mechanism, [_displacements(robot, text) for text in joints])
+    else:
+        found = configure(mechanism, [_coordinates(robot, text) for text in names])
+    for index, name in enumerate(names):
+        if not found.valid[index]:
+            raise InputError(f"{name}: {found.reason(index)}")
+    return Asked(names, found)
+
+
+def _coordinates(robot: RobotFile, text: str) -> tuple[float, ...]:
+    """A pose by its name or its coordinates, m and rad."""
+    from stiffscope.robot import quantities as q
+    from stiffscope.robot.values import ANGLE
+
+    if text in robot.poses:
+        return robot.poses[text]
+    pose = robot.tool.pose
+    try:
+        return q.several(text, *(ANGLE if name.startswith("r") else q.LENGTH for name in pose))
+    except ValueError as error:
+        example = ",".join("10 deg" if name.startswith("r") else "350 mm" if name == "z" else "0" for name in pose)
+        names = f" or a pose of {robot.path}: {', '.join(robot.poses)}" if robot.poses else ""
+        raise InputError(
+            f'--at {text}: {error}; expected {",".join(pose).upper()} such as "{example}"{names}'
+        ) from error
+
+
+def _displacements(robot: RobotFile, text: str) -> list[float]:
+    """Displacements of all drives from home, m and rad; those that the text does not name are at home."""
+    from stiffscope.robot import quantities as q
+    from stiffscope.robot.values import ANGLE
+
+    drives = robot.drives()
+    given: dict[str, float] = {}
+    for word in text.split(","):
+        name, equals, value = (each.strip() for each in word.partition("="))
+        if not equals:
+            raise InputError(f'--joints {text}: expected DRIVE=POSITION,… such as "{drives[0]}=10 mm", got "{word}"')
+        if name not in drives or name in given:
+            close = difflib.get_close_matches(name, drives, n=1, cutoff=0.6)
+            guess = f'; did you mean "{close[0]}"?' if close and name not in given else ""
+            raise InputError(f'--joints {text}: expected each of {", ".join(drives)} once, got "{name}"{guess}')
+        try:
+            (given[name],) = q.several(value, ANGLE if robot.joints[name].type == "revolute" else q.LENGTH)
+        except ValueError as error:
+            raise InputError(f"--joints {text}: {name}: {error}") from error
+    return [given.get(name, 0.0) for name in drives]

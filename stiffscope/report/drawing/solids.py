@@ -1,0 +1,296 @@
+"""The solids of any robot at home: parts, rigid bodies, joints by type, feet; and how they move with their nodes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.fea.experiment import load_experiment
+from stiffscope.report.drawing.surfaces import surface
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    import pyvista as pv
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Moves = Mapping[str, tuple[Floats, Floats]]
+    Tables = list[dict[str, Any]]
+
+PARTS = ("#3b7dbf", "#d9822b", "#5b9a68", "#8e6bb0", "#b5666a", "#4c9c9c")
+RIGID, GROUND, PASSIVE, DRIVEN, RAIL = "#76828f", "#b4bcc5", "#2c343c", "#c0392b", "#c3c8ce"
+_SMALLEST = 0.018  # radius of a joint, in the robot's size
+_PLATE = 0.014  # half the thickness of a rigid body
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A surface at home that belongs to an element, and the nodes it moves with; an elastic body bends between two."""
+
+    element: str
+    surface: pv.PolyData
+    colour: str
+    nodes: tuple[str, ...]
+    axes: Floats | None = None  # part axes as columns, of an elastic body
+    base: Floats | None = None
+    length: float = 0.0
+
+    def moved(self, moves: Moves) -> pv.PolyData:
+        """The surface where its nodes have moved to."""
+        home = np.asarray(self.surface.points, float)
+        ends = [home @ np.asarray(r).T + p for r, p in (moves[node] for node in self.nodes)]
+        out = self.surface.copy()
+        out.points = ends[0] if len(ends) == 1 else self._bent(home, ends, moves)
+        return out
+
+    def _bent(self, home: Floats, ends: list[Floats], moves: Moves) -> Floats:
+        """Between the rigid displacements of both ends: Hermite's cubic, as a beam bends; linear along its axis."""
+        axes, base = np.asarray(self.axes), np.asarray(self.base)
+        s = np.clip((home - base) @ axes[:, 0] / self.length, 0.0, 1.0)[:, None]
+        share = s * s * (3.0 - 2.0 * s)
+        out = (1.0 - share) * ends[0] + share * ends[1]
+        along = np.asarray(moves[self.nodes[0]][0]) @ axes[:, 0]
+        stretch = (ends[1] - ends[0]) @ along
+        return out + ((s[:, 0] - share[:, 0]) * stretch)[:, None] * along
+
+
+def part_colours(bodies: Tables) -> dict[str, str]:
+    """Colour of each part, in the order of the bodies."""
+    parts = dict.fromkeys(b["part"] for b in bodies if len(b["nodes"]) == 2)
+    return {part: PARTS[k % len(PARTS)] for k, part in enumerate(parts)}
+
+
+def extent(bodies: Tables, joints: Tables, tool: dict[str, Any]) -> float:
+    """Size of the robot at home in m."""
+    points = [j["at"] for j in joints] + [tool["at"]]
+    points += [b["base"] for b in bodies if b.get("base") is not None]
+    return max(float(np.ptp(np.array(points, float), axis=0).max()), 1e-3)
+
+
+def solids_of(bodies: Tables, joints: Tables, tool: dict[str, Any], up: Floats) -> list[Solid]:
+    """Everything that a picture shows, at home; see `stiffscope.report.drawing.robot.robot` for the arguments."""
+    reach = extent(bodies, joints, tool)
+    sizes = _sizes(bodies, joints, reach)
+    return [
+        *_elastic(bodies, reach),
+        *_brackets(bodies, joints, tool, sizes, reach),
+        *_rigid(bodies, joints, tool, reach),
+        *_feet(joints, up, np.array(tool["at"], float), sizes, reach),
+        *_joints(joints, sizes, reach),
+    ]
+
+
+def upright(up: Floats) -> Floats:
+    """Axes (3, 3) as columns whose z is ``up``: where z is vertical the base's, or half a turn from them."""
+    if abs(up[2]) > 0.99:
+        return np.diag([1.0, 1.0, 1.0] if up[2] > 0 else [1.0, -1.0, -1.0])
+    side = np.cross(up, [0.0, 0.0, 1.0])
+    side /= np.linalg.norm(side)
+    return np.column_stack([side, np.cross(up, side), up])
+
+
+def _elastic(bodies: Tables, reach: float) -> Iterable[Solid]:
+    """Parts as their solids: the experiment's surface, else the shape's."""
+    colours = part_colours(bodies)
+    for body in bodies:
+        if len(body["nodes"]) == 2:
+            axes, base = np.array(body["axes"], float), np.array(body["base"], float)
+            skin = _skin(body, reach)
+            skin.points = np.asarray(skin.points, float) @ axes.T + base
+            colour, length = colours[body["part"]], float(body["length"])
+            yield Solid(body["name"], skin, colour, tuple(body["nodes"]), axes, base, length)
+
+
+def _skin(body: dict[str, Any], reach: float) -> pv.PolyData:
+    """Surface of a part in its own axes, clamped at x = 0, in m."""
+    if body.get("experiment"):
+        mesh = load_experiment(body["experiment"]).mesh
+        return _triangles(surface(mesh, mesh.points).clean())
+    shape, length = body.get("shape") or {}, float(body["length"])
+    if "width" in shape:
+        return _plate(length, float(shape["width"]), float(shape["thickness"]))
+    return _rod(np.zeros(3), np.array([length, 0, 0]), _radius(body, reach))
+
+
+def _radius(body: dict[str, Any], reach: float) -> float:
+    """Radius of an elastic body that is drawn as a rod, m; that of a matrix is made up."""
+    known = (body.get("shape") or {}).get("radius")
+    return float(known) if known else min(0.03 * float(body["length"]), 0.014 * reach)
+
+
+def _ends(bodies: Tables) -> dict[str, Floats]:
+    """Where the ends of elastic bodies are."""
+    out = {}
+    for body in bodies:
+        if len(body["nodes"]) == 2:
+            base, along = np.array(body["base"], float), np.array(body["axes"], float)[:, 0]
+            out |= dict(zip(body["nodes"], (base, base + float(body["length"]) * along), strict=True))
+    return out
+
+
+def _brackets(
+    bodies: Tables, joints: Tables, tool: dict[str, Any], sizes: dict[str, tuple[float, float]], reach: float
+) -> Iterable[Solid]:
+    """What is rigid between an end of an elastic body and a joint, or the tool, that stands off from it."""
+    ends = _ends(bodies)
+    held = [(node, j["at"], 0.5 * sizes[j["name"]][0]) for j in joints for node in (j["first"], j["second"])]
+    held.append((tool["node"], tool["at"], 0.5 * _SMALLEST * reach))
+    for node, at, radius in held:
+        if node in ends and np.linalg.norm(ends[node] - at) > 0.02 * reach:
+            yield Solid(node, _rod(ends[node], np.array(at, float), radius), RIGID, (node,))
+
+
+def _rigid(bodies: Tables, joints: Tables, tool: dict[str, Any], reach: float) -> Iterable[Solid]:
+    """Rigid bodies as hulls of small balls where their joints are, or as the user's own surface; a post to the tool."""
+    for body in bodies:
+        if len(body["nodes"]) == 2:
+            continue
+        name = body["name"]
+        points = [np.array(j["at"], float) for j in joints if name in (j["first"], j["second"])]
+        if tool["node"] == name:
+            at, middle = np.array(tool["at"], float), np.mean(points, axis=0)
+            if len(points) < 3:
+                points.append(at)
+            elif np.linalg.norm(at - middle) > 2 * _PLATE * reach:
+                yield Solid(name, _rod(middle, at, 0.7 * _PLATE * reach), RIGID, (name,))
+        if body.get("mesh"):
+            import pyvista as pv
+
+            yield Solid(name, _triangles(pv.read(body["mesh"])), RIGID, (name,))
+        else:
+            yield Solid(name, _hull(np.array(points), _PLATE * reach), RIGID, (name,))
+
+
+def _feet(
+    joints: Tables, up: Floats, tool: Floats, sizes: dict[str, tuple[float, float]], reach: float
+) -> Iterable[Solid]:
+    """What stands on the ground: a foot at each of its joints, on the side away from the tool."""
+    ring = np.array([[np.cos(a), np.sin(a), 0.0] for a in np.linspace(0, 2 * np.pi, 25)[:-1]])
+    for joint in joints:
+        if "ground" not in (joint["first"], joint["second"]):
+            continue
+        at, (r, half) = np.array(joint["at"], float), sizes[joint["name"]]
+        away = up if (at - tool) @ up > 0 else -up
+        ends, drop = [at], half
+        if joint["kind"] in {"prismatic", "cylindrical"}:
+            axis = np.array(joint["axis"], float)
+            ends, drop = [at + way * axis for way in _range(joint, reach)], r
+        for end in ends:
+            foot = end + (drop + 0.04 * reach) * away + max(0.035 * reach, r) * ring @ upright(up).T
+            yield Solid("ground", _hull(np.vstack([end, foot]), 0.01 * reach), GROUND, ("ground",))
+
+
+def _sizes(bodies: Tables, joints: Tables, reach: float) -> dict[str, tuple[float, float]]:
+    """Radius and half the length of each joint: it stands out from the rods that it joins, and from joints there."""
+    rods = {node: _radius(b, reach) for b in bodies for node in b["nodes"] if len(b["nodes"]) == 2 and _is_rod(b)}
+    out: dict[str, tuple[float, float]] = {}
+
+    def thickness(joint: dict[str, Any]) -> float:
+        return max((rods.get(node, 0.0) for node in (joint["first"], joint["second"])), default=0.0)
+
+    for joint in sorted(joints, key=thickness, reverse=True):
+        ends = [rods[node] for node in (joint["first"], joint["second"]) if node in rods]
+        match joint["kind"]:
+            case "spherical" | "prismatic" | "cylindrical":
+                r = max(_SMALLEST * reach, 1.25 * min(ends, default=0.0))
+                half = 1.6 * r
+            case "universal":
+                r = max(_SMALLEST * reach, 0.6 * max(ends, default=0.0))
+                half = 1.9 * r
+            case _:
+                r = max(_SMALLEST * reach, 1.15 * max(ends, default=0.0))
+                half = 1.2 * r if ends else 1.5 * r
+        there = [
+            out[j["name"]] for j in joints if j["name"] in out and np.linalg.norm(np.subtract(j["at"], joint["at"])) < r
+        ]
+        if there and joint["kind"] != "fixed":
+            widest = max(radius for radius, _ in there)
+            r, half = 0.75 * widest, max(half, 1.35 * widest)
+        out[joint["name"]] = r, half
+    return out
+
+
+def _is_rod(body: dict[str, Any]) -> bool:
+    return "width" not in (body.get("shape") or {})
+
+
+def _joints(joints: Tables, sizes: dict[str, tuple[float, float]], reach: float) -> Iterable[Solid]:
+    """Joints by type, in the colour of their being driven or passive."""
+    for joint in joints:
+        name, at, (r, half) = joint["name"], np.array(joint["at"], float), sizes[joint["name"]]
+        colour = DRIVEN if joint["driven"] else PASSIVE
+        axis = np.array(joint["axis"] if joint.get("axis") is not None else [0, 0, 1], float)
+        match joint["kind"]:
+            case "fixed":
+                pass
+            case "spherical":
+                yield Solid(name, _ball(at, 1.1 * r), colour, (joint["first"],))
+            case "universal":
+                second = np.array(joint["axis2"], float)
+                yield Solid(name, _rod(at - half * axis, at + half * axis, 0.6 * r), colour, (joint["first"],))
+                yield Solid(name, _rod(at - half * second, at + half * second, 0.6 * r), colour, (joint["second"],))
+            case "prismatic" | "cylindrical":
+                low, high = _range(joint, reach)
+                rail = _rod(at + (low - 2 * r) * axis, at + (high + 2 * r) * axis, 0.35 * r)
+                yield Solid(name, rail, RAIL, (joint["first"],))
+                yield Solid(name, _rod(at - half * axis, at + half * axis, 1.1 * r), colour, (joint["second"],))
+            case "planar":
+                yield Solid(name, _rod(at - 0.3 * r * axis, at + 0.3 * r * axis, 2.0 * r), colour, (joint["first"],))
+            case _:
+                yield Solid(name, _rod(at - half * axis, at + half * axis, r), colour, (joint["first"],))
+
+
+def _range(joint: dict[str, Any], reach: float) -> tuple[float, float]:
+    """Range of a slide as it is drawn: its drive's, or some of the robot's size."""
+    low, high = (
+        float(np.clip(default if joint.get(key) is None else joint[key], -reach, reach))
+        for key, default in (("low", -0.2 * reach), ("high", 0.2 * reach))
+    )
+    return low, high
+
+
+def _plate(length: float, width: float, thickness: float) -> pv.PolyData:
+    """A plate with enough points along x to bend."""
+    import pyvista as pv
+
+    sides = (0.0, length, -width / 2, width / 2, -thickness / 2, thickness / 2)
+    return _triangles(pv.Box(sides, level=8))
+
+
+def _rod(start: Floats, end: Floats, radius: float) -> pv.PolyData:
+    """A bar along stations, so that it can bend."""
+    import pyvista as pv
+
+    stations = np.linspace(start, end, 13)
+    return _triangles(pv.Spline(stations, 13).tube(radius=radius, n_sides=32, capping=True))
+
+
+def _ball(at: Floats, radius: float) -> pv.PolyData:
+    import pyvista as pv
+
+    return _triangles(pv.Sphere(radius=radius, center=at, theta_resolution=24, phi_resolution=16))
+
+
+def _hull(points: Floats, radius: float) -> pv.PolyData:
+    """Convex hull of balls about points."""
+    import pyvista as pv
+    from scipy.spatial import ConvexHull
+
+    ball = np.asarray(pv.Icosphere(radius=radius, nsub=2).points, float)
+    cloud = (points[:, None] + ball[None]).reshape(-1, 3)
+    hull = ConvexHull(cloud)
+    faces = hull.simplices.copy()
+    corners = cloud[faces]
+    outward = np.einsum(
+        "ij,ij->i", np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), hull.equations[:, :3]
+    )
+    faces[outward < 0] = faces[outward < 0][:, ::-1]
+    return _triangles(pv.PolyData.from_regular_faces(cloud, faces).clean())
+
+
+def _triangles(shape: Any) -> pv.PolyData:
+    """A closed surface as triangles, which is what filters promise to nobody's type checker."""
+    return shape.triangulate()

@@ -1,0 +1,139 @@
+"""A robot as plain data for `stiffscope.report.drawing.robot`: bodies, joints, tool, and how its nodes have moved."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.robot.part_sections import ParametricPart
+from stiffscope.vjm.network import places
+from stiffscope.vjm.screws import skew
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from stiffscope.robot.description import RobotFile
+    from stiffscope.vjm.kinematics import Configurations
+    from stiffscope.vjm.mechanism import Body, Joint, Mechanism
+    from stiffscope.vjm.screws import Array
+
+    Moves = dict[str, tuple[Array, Array]]
+
+DEFORMATION = 0.06  # greatest displacement shown, in the robot's size
+
+
+def scene(
+    robot: RobotFile,
+    mechanism: Mechanism,
+    experiments: Mapping[str, Path] | None = None,
+    shares: Mapping[str, float] | None = None,
+) -> dict[str, Any]:
+    """What every picture of a robot shares: arguments `bodies, joints, tool, up, shares` of `drawing.robot`.
+
+    Parameters
+    ----------
+    robot, mechanism
+        The robot file and its mechanism, of which the pictures are.
+    experiments
+        File of the virtual experiment of each part that was tested: such parts are drawn as their own solids.
+    shares
+        Share of the strain energy by element, between 0 and 1, for colours.
+
+    """
+    down = mechanism.gravity
+    return {
+        "bodies": [_body(robot, body, experiments or {}) for body in mechanism.bodies],
+        "joints": [_joint(joint) for joint in mechanism.joints],
+        "tool": {"node": mechanism.tool.body, "at": mechanism.tool.at},
+        "up": -down / np.linalg.norm(down) if down.any() else np.array([0.0, 0.0, 1.0]),
+        "shares": None if shares is None else dict(shares),
+    }
+
+
+def moves(mechanism: Mechanism, configurations: Configurations, index: int = 0) -> Moves:
+    """Displacement of every node since home at one of the configurations, ``x = R x_home + p``: (3, 3) and (3,)."""
+    where = places(configurations)
+    out = {}
+    for node in (node for body in mechanism.bodies for node in body.nodes):
+        rotation, position = where.rotation[node], where.position[node]
+        out[node] = rotation[index if len(rotation) > 1 else 0], position[index if len(position) > 1 else 0]
+    return out
+
+
+def deformed(moved: Moves, twists: Mapping[str, Array], at: Array, factor: float) -> Moves:
+    """Nodes moved on by twists (6,) at the point ``at`` (3,) in base axes, m and rad, times a factor.
+
+    Displacements are linear in the twists, ``factor (v + ω × (x - at))``, so that what is exaggerated keeps its shape.
+    """
+    out = {}
+    for node, (rotation, position) in moved.items():
+        v, w = np.split(factor * np.asarray(twists.get(node, np.zeros(6)), dtype=float), 2)
+        out[node] = (np.eye(3) + skew(w)) @ rotation, position + v + np.cross(w, position - at)
+    return out
+
+
+def exaggeration(mechanism: Mechanism, moved: Moves, twists: Mapping[str, Array], at: Array) -> float:
+    """A factor 1, 2 or 5 times a power of ten that makes the greatest displacement of a joint or the tool well seen."""
+    points = [(node, joint.at) for joint in mechanism.joints for node in (joint.first, joint.second) if node in moved]
+    points.append((mechanism.tool.body, mechanism.tool.at))
+    now = {(node, tuple(home)): moved[node][0] @ home + moved[node][1] for node, home in points}
+    motion = [twists[node][:3] + np.cross(twists[node][3:], x - at) for (node, _), x in now.items() if node in twists]
+    greatest = max((float(np.linalg.norm(u)) for u in motion), default=0.0)
+    if greatest == 0.0:
+        return 1.0
+    wanted = DEFORMATION * float(np.ptp(np.array(list(now.values())), axis=0).max()) / greatest
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(max(step for step in (1.0, 2.0, 5.0) if step * power <= wanted * (1 + 1e-9)) * power)
+
+
+def picture(file: str, title: str, moved: Moves, before: Moves | None = None) -> dict[str, Any]:
+    """One picture of `drawing.robot`: the robot as moved, and in a light colour where it was before."""
+    return {"file": file, "title": title, "moves": moved} | ({} if before is None else {"before": before})
+
+
+def pose_text(mechanism: Mechanism, pose: Sequence[float]) -> str:
+    """Commanded coordinates in mm and degrees: x = 20 mm, ry = 6 deg; rotations of zero are left out."""
+    said = []
+    for name, value in zip(mechanism.tool.pose, pose, strict=True):
+        if not name.startswith("r"):
+            said.append(f"{name} = {1e3 * value:.5g} mm")
+        elif value:
+            said.append(f"{name} = {np.degrees(value):.4g} deg")
+    return ", ".join(said)
+
+
+def _body(robot: RobotFile, body: Body, experiments: Mapping[str, Path]) -> dict[str, Any]:
+    section = robot.bodies[body.name]
+    out: dict[str, Any] = {"name": body.name, "nodes": body.nodes, "centre": body.centre}
+    if body.elastic is None:
+        mesh = getattr(section, "mesh", None)
+        return out if mesh is None else out | {"mesh": robot.path.parent / mesh}
+    e, name = body.elastic, section.part  # type: ignore[union-attr]
+    return out | {
+        "part": name,
+        "experiment": experiments.get(name),
+        "shape": _shape(robot, name),
+        "axes": e.axes,
+        "base": e.base,
+        "length": float(np.linalg.norm(e.tip - e.base)),
+    }
+
+
+def _shape(robot: RobotFile, name: str) -> dict[str, float]:
+    """What a part without an experiment is drawn by."""
+    part = robot.parts[name]
+    if not isinstance(part, ParametricPart):
+        return {}
+    size = part.lengths()
+    return {key: size[key] for key in ("radius", "width", "thickness", "depth") if key in size}
+
+
+def _joint(joint: Joint) -> dict[str, Any]:
+    low, high = (joint.drive.low, joint.drive.high) if joint.drive else (-np.inf, np.inf)
+    return {
+        "name": joint.name, "kind": joint.kind, "first": joint.first, "second": joint.second, "at": joint.at,
+        "axis": joint.axis, "axis2": joint.axis2, "driven": joint.drive is not None,
+        "low": low if np.isfinite(low) else None, "high": high if np.isfinite(high) else None,
+    }  # fmt: skip

@@ -1,0 +1,162 @@
+"""What only a robot file's sections together can tell: parts, lengths, directions, and whether it is a mechanism."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.cad.checks import mm
+from stiffscope.errors import InputError
+from stiffscope.robot import quantities as q
+from stiffscope.robot.copies import tensor
+from stiffscope.robot.description import GROUND, nodes
+from stiffscope.robot.evaluate import FieldError
+from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.part_matrices import PartMatrix
+from stiffscope.robot.part_sections import ParametricPart, solid_length
+from stiffscope.robot.sections import Bearing, ElasticBody, RigidBody
+from stiffscope.robot.validate import one_of
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from stiffscope.robot.description import RobotFile
+    from stiffscope.robot.positions import Key
+    from stiffscope.robot.sections import JointSection
+
+SAME_LENGTH = 1e-4  # relative; coordinates are often rounded to a hundredth of a millimetre
+_PARALLEL = 1e-6  # sine of the angle below which two directions are one
+_FILE_NAME = re.compile(r"[^/\\\x00-\x1f]{0,100}")
+_PATH = re.compile(r'(?:(?:[A-Za-z0-9_-]+|"[^"]*")(?:\.|(?=: )))+')
+
+
+def check_robot(robot: RobotFile) -> None:
+    """Raise FieldError for the first thing that makes the file no robot."""
+    if not robot.bodies:
+        raise FieldError(("bodies",), "expected at least one body, got none")
+    for name in robot.parts:
+        _check_part(robot, name)
+    for name, body in robot.bodies.items():
+        if isinstance(body, ElasticBody):
+            _check_elastic(robot, name, body)
+        else:
+            _check_rigid(name, body)
+    known = nodes(robot.bodies)
+    for name, joint in robot.joints.items():
+        _check_joint(robot, name, joint, known)
+    _check_node(("tool", "body"), robot.tool.body, {each: of for each, of in known.items() if of != GROUND}, robot)
+    _check_mechanism(robot)
+
+
+def _check_part(robot: RobotFile, name: str) -> None:
+    part = robot.parts[name]
+    key = ("parts", name)
+    if name in {"", ".", ".."} or not _FILE_NAME.fullmatch(name):
+        raise FieldError(key, f"expected a name that a folder of results can have, got {q.shown(name)}")
+    try:
+        robot.material(name)
+    except InputError as error:  # "material: expected one of ..."
+        raise FieldError((*key, "material"), str(error).partition(": ")[2]) from error
+    if isinstance(part, ParametricPart):
+        try:
+            part.parameters()
+        except InputError as error:  # cad names the parameter: "link.bore: expected ..."
+            field, _, message = str(error).partition(": ")
+            raise FieldError((*key, *field.split(".")[1:]), message) from error
+
+
+def _check_elastic(robot: RobotFile, name: str, body: ElasticBody) -> None:
+    key = ("bodies", name)
+    try:
+        one_of(body.part, robot.parts, "a part")
+    except ValueError as error:
+        raise FieldError((*key, "part"), str(error)) from error
+    part = robot.parts[body.part]
+    along = np.subtract(body.tip, body.base)
+    size = float(np.linalg.norm(along))
+    if size < 1e-9:
+        raise FieldError((*key, "tip"), f"expected a point away from the base, got the same, {list(body.tip)} m")
+    length = solid_length(part)
+    if length is not None and abs(length - size) > SAME_LENGTH * length:
+        message = f"expected a tip {mm(length)} from the base, as part {body.part} is long, to {SAME_LENGTH:.2%}"
+        raise FieldError((*key, "tip"), f"{message}, got {mm(size)}")
+    if body.y is None:
+        if part.shape != "rod":
+            raise FieldError(
+                (*key, "y"), f"expected a direction across a {part.shape} part, such as [0, 1, 0], got nothing"
+            )
+    elif np.linalg.norm(np.cross(along / size, body.y)) < _PARALLEL * np.linalg.norm(body.y):
+        raise FieldError(
+            (*key, "y"), f"expected a direction across the line from base to tip, got one along it, {list(body.y)}"
+        )
+
+
+def _check_rigid(name: str, body: RigidBody) -> None:
+    key = ("bodies", name)
+    if body.mass and body.centre is None:
+        raise FieldError((*key, "centre"), f"expected a point where the mass of {body.mass:g} kg acts, got nothing")
+    if body.inertia is not None:
+        if not body.mass:
+            raise FieldError((*key, "mass"), "expected a mass above 0 kg beside an inertia, got none")
+        least = float(np.linalg.eigvalsh(tensor(body.inertia))[0])
+        if least < -1e-9 * max(map(abs, body.inertia)):
+            raise FieldError((*key, "inertia"), f"expected no negative principal moment, got {least:.6g} kg·m²")
+
+
+def _check_joint(robot: RobotFile, name: str, joint: JointSection, known: Mapping[str, str]) -> None:
+    key = ("joints", name)
+    for number, each in enumerate(joint.between):
+        _check_node((*key, "between", number), each, known, robot)
+    first, second = joint.between
+    if known[first] == known[second]:
+        raise FieldError((*key, "between"), f"expected two bodies, got {first} and {second}")
+    axis, axis2 = getattr(joint, "axis", None), getattr(joint, "axis2", None)
+    if axis is not None and axis2 is not None:
+        sine = np.linalg.norm(np.cross(axis, axis2)) / np.linalg.norm(axis) / np.linalg.norm(axis2)
+        if sine < _PARALLEL:
+            raise FieldError((*key, "axis2"), f"expected a direction other than axis, got {list(axis2)}")
+    _check_bearing(key, joint)
+
+
+def _check_bearing(key: tuple[str, ...], joint: JointSection) -> None:
+    """A bearing yields along what it holds; a drive's own direction has the drive's stiffness."""
+    if getattr(joint, "drive", None) is None or joint.compliance is None:
+        return
+    along = joint.FREE[0]
+    given = joint.compliance
+    free = (given.axial if along == 0 else 0.0) if isinstance(given, Bearing) else given[along]
+    if free:
+        inner = ("axial",) if isinstance(given, Bearing) else (along,)
+        message = f"expected 0 along what the drive moves, which has the drive's stiffness, got {free:g}"
+        raise FieldError((*key, "compliance", *inner), message)
+
+
+def _check_node(key: Key, name: str, known: Mapping[str, str], robot: RobotFile) -> None:
+    """Refuse what is no body or end of one; an elastic body has to say which end."""
+    if name in known:
+        return
+    if isinstance(robot.bodies.get(name), ElasticBody):
+        raise FieldError(key, f'expected an end of the elastic body, "{name}.base" or "{name}.tip", got "{name}"')
+    for end in ("base", "tip"):
+        body = name.removesuffix(f".{end}")
+        if body != name and isinstance(robot.bodies.get(body), RigidBody):
+            raise FieldError(key, f'expected "{body}", which is rigid and has no ends, got {q.shown(name)}')
+    try:
+        one_of(name, known, "a body or an end of one")
+    except ValueError as error:
+        raise FieldError(key, str(error)) from error
+
+
+def _check_mechanism(robot: RobotFile) -> None:
+    """What `vjm` refuses of a mechanism with rigid parts: names that are taken, bodies that hang on nothing."""
+    rigid = {name: PartMatrix(np.zeros((6, 6))) for name in robot.parts}
+    try:
+        mechanism_of(robot, rigid)
+    except InputError as error:
+        path = _PATH.match(str(error))
+        if path is None:
+            raise
+        key = tuple(bare or quoted for bare, quoted in re.findall(r'([A-Za-z0-9_-]+)|"([^"]*)"', path[0]))
+        raise FieldError(key, str(error)[path.end() + 2 :]) from error

@@ -1,0 +1,202 @@
+"""Expressions of a robot file: "= 0.18 + a*cos(th)", arithmetic over named numbers and nothing else.
+
+The text is parsed by Python's own parser; a whitelist of nodes is then evaluated here, so no attribute, call or
+import of Python can be reached. Every number is a float: no power takes long.
+"""
+
+from __future__ import annotations
+
+import ast
+import difflib
+import keyword
+import math
+import operator
+import unicodedata
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterable, Mapping
+
+MOST_CHARACTERS, MOST_LEVELS = 500, 100
+FUNCTIONS: dict[str, tuple[Callable[..., float], int]] = {
+    "sqrt": (math.sqrt, 1),
+    "sin": (math.sin, 1),
+    "cos": (math.cos, 1),
+    "tan": (math.tan, 1),
+    "asin": (math.asin, 1),
+    "acos": (math.acos, 1),
+    "atan": (math.atan, 1),
+    "atan2": (math.atan2, 2),
+}
+CONSTANTS = {"pi": math.pi}
+_OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Pow: operator.pow,
+    ast.UAdd: operator.pos,
+    ast.USub: operator.neg,
+}
+_WHAT = f"+ - * / ** ( ), {' '.join(FUNCTIONS)} pi, and names of [parameters] or part.parameter"
+
+
+def is_expression(value: Any) -> bool:
+    """Whether a value of the file is an expression: a string that begins with "="."""
+    return isinstance(value, str) and value.lstrip().startswith("=")
+
+
+def refusal_of_name(name: str) -> str | None:
+    """Why an expression could not use a parameter of this name, or None."""
+    if name in FUNCTIONS or name in CONSTANTS:
+        return f'expected another name, got "{name}", which expressions already have'
+    if not name.isidentifier() or keyword.iskeyword(name):
+        return f'expected a name that expressions can use (letters, digits, _; no keyword of Python), got "{name}"'
+    return None
+
+
+@dataclass(frozen=True)
+class Expression:
+    """A parsed expression: its tree and the names that it uses, "a" or "part.parameter"."""
+
+    text: str
+    tree: ast.expr
+    names: tuple[str, ...]
+
+    def value(self, values: Mapping[str, float]) -> float:
+        """Its value, SI, from those of its names. Raises ValueError where it is no finite real number."""
+        found = _value(self.tree, self.text, values)
+        if not math.isfinite(found):
+            raise ValueError("expected an expression of finite value, got one that is too large")
+        return found
+
+
+def parse(text: str) -> Expression:
+    """Parse "= …". Raises ValueError, one line, for anything but arithmetic."""
+    body = " ".join(text.strip().removeprefix("=").split())
+    if len(body) > MOST_CHARACTERS:
+        raise ValueError(f"expected an expression of at most {MOST_CHARACTERS} characters, got {len(body)}")
+    try:
+        tree = ast.parse(body, mode="eval").body
+    except SyntaxError as error:
+        raise ValueError(f'expected an expression such as "= 0.18 + a*cos(th)", got "= {_cut(body)}"') from error
+    except (RecursionError, MemoryError, ValueError) as error:
+        raise ValueError(f'expected a simpler expression, got "{_cut(body)}"') from error
+    if _levels(tree) > MOST_LEVELS:
+        raise ValueError(f'expected an expression of at most {MOST_LEVELS} levels, got "{_cut(body)}"')
+    return Expression(body, tree, tuple(dict.fromkeys(_names(tree, body))))
+
+
+def check_names(expression: Expression, known: Collection[str]) -> None:
+    """Raise ValueError for a name that is not known, with the one that was probably meant."""
+    for name in expression.names:
+        if name not in known:
+            close = difflib.get_close_matches(name, sorted(known), n=1, cutoff=0.6)
+            guess = f'; did you mean "{close[0]}"?' if close else ""
+            listed = ", ".join(sorted(known)[:12]) or "(none)"
+            raise ValueError(f'expected a name of [parameters] or part.parameter ({listed}), got "{name}"{guess}')
+
+
+def _names(node: ast.expr, text: str) -> Iterable[str]:
+    """Names in an expression; ValueError for what is no arithmetic."""
+    match node:
+        case ast.Name(id=name) if name in FUNCTIONS:
+            raise ValueError(f"expected {name}(…), got {name} without its argument")
+        case ast.Name() | ast.Attribute():
+            name = _dotted(node, text)
+            if name not in CONSTANTS:
+                yield name
+        case _:
+            for each in _operands(node, text):
+                yield from _names(each, text)
+
+
+def _operands(node: ast.expr, text: str) -> list[ast.expr]:
+    """What a node computes with; none for a number. ValueError for a node that is not of the whitelist."""
+    match node:
+        case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
+            return []
+        case ast.UnaryOp(op=op, operand=operand) if type(op) in _OPERATORS:
+            return [operand]
+        case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
+            return [left, right]
+        case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if name in FUNCTIONS:
+            if len(args) != FUNCTIONS[name][1]:
+                raise ValueError(f"expected {FUNCTIONS[name][1]} argument(s) of {name}, got {len(args)}")
+            return args
+    hint = "; a power is **" if any(isinstance(each, ast.BitXor) for each in ast.walk(node)) else ""
+    raise ValueError(f"expected only {_WHAT}, got {_piece(node, text)}{hint}")
+
+
+def _dotted(node: ast.expr, text: str) -> str:
+    match node:
+        case ast.Name(id=name):
+            return name
+        case ast.Attribute(value=value, attr=attribute):
+            return f"{_dotted(value, text)}.{attribute}"
+    raise ValueError(f"expected only {_WHAT}, got {_piece(node, text)}")
+
+
+def _value(node: ast.expr, text: str, values: Mapping[str, float]) -> float:
+    match node:
+        case ast.Constant(value=int() | float() as number):
+            return _float(number)
+        case ast.Name(id=name):
+            return CONSTANTS[name] if name in CONSTANTS else values[name]
+        case ast.Attribute():
+            return values[_dotted(node, text)]
+        case ast.UnaryOp(op=op, operand=operand):
+            return _OPERATORS[type(op)](_value(operand, text, values))
+        case ast.BinOp(left=left, op=op, right=right):
+            return _applied(
+                _piece(node, text), _OPERATORS[type(op)], _value(left, text, values), _value(right, text, values)
+            )
+        case ast.Call(func=ast.Name(id=name), args=args):
+            return _applied(_piece(node, text), FUNCTIONS[name][0], *(_value(each, text, values) for each in args))
+    raise ValueError(f"expected only {_WHAT}, got {_piece(node, text)}")
+
+
+def _levels(tree: ast.expr) -> int:
+    """Depth of an expression's tree."""
+    level, count = [tree], 0
+    while level and count <= MOST_LEVELS:
+        level, count = [child for node in level for child in ast.iter_child_nodes(node)], count + 1
+    return count
+
+
+def _piece(node: ast.expr, text: str) -> str:
+    """The text that a node stands for."""
+    return _cut(ast.get_source_segment(text, node) or text)
+
+
+def _float(number: float) -> float:
+    try:
+        return float(number)
+    except OverflowError as error:
+        raise ValueError("expected numbers up to 1e308, got a larger one") from error
+
+
+def _applied(piece: str, function: Callable[..., Any], *values: float) -> float:
+    """A function of numbers; what has no finite real value is named with its operands."""
+    shown = f"{piece} of {', '.join(f'{value:.6g}' for value in values)}"
+    try:
+        result = function(*values)
+    except ZeroDivisionError as error:
+        raise ValueError(f"expected no division by zero, got {shown}") from error
+    except OverflowError as error:
+        raise ValueError(f"expected an expression of finite value, got {shown}, which is too large") from error
+    except ValueError as error:
+        raise ValueError(f"expected an expression of real value, got {shown}, which has none") from error
+    if isinstance(result, complex):
+        raise ValueError(f"expected an expression of real value, got {shown}, which has none")
+    return result
+
+
+def normal(name: str) -> str:
+    """A name as Python's parser spells it (micro sign and Greek mu are one letter there)."""
+    return unicodedata.normalize("NFKC", name)
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= 60 else f"{text[:57]}..."

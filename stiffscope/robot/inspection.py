@@ -1,0 +1,291 @@
+"""What a robot file amounts to, found without any virtual experiment: mobility, masses, reach, poses, and remarks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.part_matrices import PartMatrix, known_mass, source_of, used_parts
+from stiffscope.robot.part_sections import solid_length
+from stiffscope.robot.sections import ElasticBody
+from stiffscope.vjm.kinematics import configure
+from stiffscope.vjm.linkage import Linkage
+from stiffscope.vjm.mobility import NEAR, joined, mobility
+from stiffscope.vjm.reach import reach
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping
+
+    from stiffscope.robot.description import RobotFile
+    from stiffscope.vjm.kinematics import Configurations
+    from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.mobility import Mobility
+    from stiffscope.vjm.reach import Reach
+
+HOME = "home"
+ILL_CONDITIONED = 1e-2  # inverse condition number of pose by drives below which a pose is nearly singular
+RANK_GAP = 1e-12  # of singular values that do not count: what rounding to double precision leaves
+_NEARBY = 0.01  # of the mechanism's own length, and rad
+_GRID = 9  # points along each coordinate of the map
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part: where its 6x6 comes from, how long it is and what one weighs (None: only its solid tells)."""
+
+    name: str
+    shape: str
+    source: str
+    length: float | None
+    mass: float | None
+    bodies: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A named pose: whether the robot reaches it, or why not, and how far the drives are from home, m and rad.
+
+    ``conditioning``: see `stiffscope.vjm.mobility.Mobility`; None also where it is not reached.
+    """
+
+    name: str
+    tool: tuple[float, ...]
+    reason: str
+    drives: tuple[float, ...]
+    conditioning: float | None
+
+    @property
+    def reached(self) -> bool:
+        """Whether the robot reaches it."""
+        return not self.reason
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """All of it; ``masses`` by body, kg, None where only the part's solid tells.
+
+    ``residual``: largest gap of a loop at home, m; ``poses``: home first; ``configurations`` are theirs, None where the
+    mechanism cannot move as its poses say; ``mapped``: share of the map's points that are reached.
+    """
+
+    robot: RobotFile
+    mechanism: Mechanism
+    mobility: Mobility
+    residual: float
+    parts: tuple[Part, ...]
+    masses: Mapping[str, float | None]
+    reach: tuple[Reach, ...]
+    poses: tuple[Pose, ...]
+    configurations: Configurations | None
+    mapped: float | None
+    remarks: tuple[str, ...]
+    error: str
+    """Why the robot cannot be used as it is; empty where it can."""
+
+
+def inspect_robot(robot: RobotFile) -> Inspection:
+    """Inspect a robot at home and at its named poses, all bodies rigid."""
+    mechanism = rigid_mechanism(robot)
+    found = mobility(mechanism)
+    residual = _residual(mechanism)
+    parts = tuple(_part(robot, name) for name in used_parts(robot))
+    masses = {name: _mass(robot, name) for name in robot.bodies}
+    try:
+        ways = reach(mechanism)
+        named = _named_poses(robot, mechanism)
+        configurations = configure(mechanism, list(named.values()))
+    except InputError as error:
+        remarks = tuple(_of_mobility(found))
+        return Inspection(
+            robot, mechanism, found, residual, parts, masses, (), (), None, None, remarks, f"{robot.path}: {error}"
+        )
+    poses = tuple(_pose(configurations, k, name, tool) for k, (name, tool) in enumerate(named.items()))
+    mapped = None if robot.map is None else _mapped(robot, mechanism)
+    remarks = (
+        *_of_mobility(found),
+        *_of_home(found, mechanism),
+        *_of_poses(poses),
+        *([] if mapped in {None, 1.0} else [f"{100 * (mapped or 0):.0f} % of the map's points are reached"]),
+        *_of_masses(robot, masses),
+    )
+    return Inspection(
+        robot, mechanism, found, residual, parts, masses, ways, poses, configurations, mapped, remarks, ""
+    )
+
+
+def rigid_mechanism(robot: RobotFile) -> Mechanism:
+    """The mechanism of a robot file with rigid parts, for kinematics alone; masses where they are known."""
+    none = np.zeros((6, 6))
+    return mechanism_of(robot, {name: PartMatrix(none, None, known_mass(robot, name) or 0.0) for name in robot.parts})
+
+
+def _named_poses(robot: RobotFile, mechanism: Mechanism) -> dict[str, tuple[float, ...]]:
+    """Home, under the file's own name for it where there is one, and the file's poses."""
+    home = mechanism.tool.home
+    same = (name for name, pose in robot.poses.items() if np.allclose(pose, home, rtol=0.0, atol=1e-9))
+    named = next(same, f"{HOME} of the mechanism" if HOME in robot.poses else HOME)
+    return {named: tuple(home)} | {name: pose for name, pose in robot.poses.items() if name != named}
+
+
+def _part(robot: RobotFile, name: str) -> Part:
+    part, bodies = robot.parts[name], robot.bodies_of(name)
+    one = robot.elastic_bodies()[bodies[0]]
+    length = solid_length(part) or float(np.linalg.norm(np.subtract(one.tip, one.base)))
+    return Part(name, part.shape, source_of(part), length, known_mass(robot, name), bodies)
+
+
+def _mass(robot: RobotFile, name: str) -> float | None:
+    body = robot.bodies[name]
+    return known_mass(robot, body.part) if isinstance(body, ElasticBody) else body.mass
+
+
+def _pose(configurations: Configurations, k: int, name: str, tool: tuple[float, ...]) -> Pose:
+    valid = bool(configurations.valid[k])
+    conditioning = mobility(configurations.mechanism, configurations, k).conditioning if valid else None
+    drives = tuple(configurations.drives[k].tolist())
+    return Pose(name, tuple(map(float, tool)), configurations.reason(k), drives, conditioning)
+
+
+def _residual(mechanism: Mechanism) -> float:
+    """Largest error of a joint that closes a loop at home, m (angles times the mechanism's own length)."""
+    linkage = Linkage(mechanism, "tool")
+    placed = linkage.placed(np.zeros((linkage.size, 1)))
+    errors = [float(np.abs(linkage.errors(cut, placed)).max(initial=0.0)) for cut in linkage.cuts]
+    return linkage.length * max(errors, default=0.0)
+
+
+def _mapped(robot: RobotFile, mechanism: Mechanism) -> float:
+    """Share of the map that is reached, on a coarse grid."""
+    swept = robot.map
+    if swept is None:
+        return 1.0
+    lines = [np.linspace(*ends, _GRID) for ends in swept.ranges().values()]
+    grid = np.stack(np.meshgrid(*lines), axis=-1).reshape(-1, len(lines))
+    points = np.tile(mechanism.tool.home if swept.at is None else np.array(swept.at, dtype=float), (len(grid), 1))
+    points[:, [robot.tool.pose.index(name) for name in swept.ranges()]] = grid
+    return float(configure(mechanism, points).valid.mean())
+
+
+def _of_mobility(found: Mobility) -> Iterator[str]:
+    """What is amiss with drives and coordinates."""
+    locked, free = ([name for name, what in found.coordinates.items() if what == word] for word in ("locked", "free"))
+    if locked:
+        able = [str(each) for each in found.tool] or ["nothing"]
+        yield f"[tool] pose commands {', '.join(locked)}, which the mechanism holds; the tool can do: {', '.join(able)}"
+    if free:
+        yield f"the tool also moves in {', '.join(free)}, which [tool] pose does not command"
+    if found.loose:
+        left = ", ".join(map(str, found.loose))
+        more = len(found.loose)
+        yield f"too few drives: with all held the tool still moves ({left}); {more} more needed"
+    if found.redundant_drives:
+        names = joined(found.dependent_drives)
+        yield f"drives that others or the loops determine: {names}; {found.redundant_drives} too many"
+    if found.rounding > RANK_GAP or found.constraint_margin < NEAR:
+        size = found.rounding if found.rounding > RANK_GAP else found.constraint_margin
+        yield (
+            f"a motion is possible but for {size:.1g} of the mechanism's size: axes nearly parallel or nearly meeting; "
+            "are coordinates rounded? Give them as expressions, or to 12 digits"
+        )
+
+
+def _of_home(found: Mobility, mechanism: Mechanism) -> Iterator[str]:
+    """Whether home is singular: nearby the mechanism does not move as it does there."""
+    size = Linkage(mechanism, "tool").length
+    rng = np.random.default_rng(0)
+    unit = np.array([1.0 if name.startswith("r") else size for name in mechanism.tool.pose])
+    near = configure(mechanism, mechanism.tool.home + _NEARBY * unit * rng.uniform(-1.0, 1.0, (6, len(unit))))
+    for k in np.flatnonzero(near.valid)[:2]:
+        there = mobility(mechanism, near, int(k))
+        if (there.dof, len(there.tool)) != (found.dof, len(found.tool)):
+            yield (
+                f"home is singular: the mechanism has {found.dof} degrees of freedom there and {there.dof} nearby, "
+                f"the tool {len(found.tool)} and {len(there.tool)}"
+            )
+            return
+
+
+def _of_poses(poses: Iterable[Pose]) -> Iterator[str]:
+    """Poses out of reach, singular or nearly so."""
+    for pose in poses:
+        if not pose.reached:
+            yield f"pose {pose.name} is not reached: {pose.reason}"
+        elif pose.conditioning is not None and pose.conditioning < ILL_CONDITIONED:
+            word = "singular" if pose.conditioning == 0.0 else "nearly singular"
+            yield f"pose {pose.name} is {word}: 1/condition number of pose by drives is {pose.conditioning:.2g}"
+
+
+def _of_masses(robot: RobotFile, masses: Mapping[str, float | None]) -> Iterator[str]:
+    if robot.gravity is None:
+        yield "the file has no [gravity]: weights do not act"
+        return
+    without = [name for name, mass in masses.items() if mass == 0.0]
+    if without:
+        names = joined(without) if len(without) <= 4 else f"{', '.join(without[:3])} and {len(without) - 3} more"
+        yield f"no mass, and so no weight: {names}"
+
+
+def inspection_json(found: Inspection) -> dict[str, Any]:
+    """What scripts read of an inspection: m, rad, kg, base axes {O}."""
+    m, mechanism = found.mobility, found.mechanism
+    return {
+        "robot": found.robot.name,
+        "file": found.robot.path,
+        "usable": not found.error,
+        "error": found.error,
+        "remarks": found.remarks,
+        "bodies": [
+            {"name": name, "part": getattr(body, "part", None), "mass": found.masses[name]}
+            for name, body in found.robot.bodies.items()
+        ],
+        "joints": [
+            {"name": j.name, "type": j.kind, "between": [j.first, j.second], "at": j.at, "axis": j.axis,
+             "driven": j.drive is not None}
+            for j in mechanism.joints
+        ],
+        "drives": [
+            {"name": j.name, "stiffness": j.drive.stiffness, "unit": "rad" if j.kind == "revolute" else "m",
+             "range": [j.drive.low, j.drive.high]}
+            for j in mechanism.drives if j.drive is not None
+        ],
+        "degrees_of_freedom": {
+            "mechanism": m.dof, "tool": len(m.tool), "tool_motions": [str(each) for each in m.tool],
+            "coordinates": dict(m.coordinates), "joint_freedoms": m.freedoms, "loops": len(m.loops), "formula": m.count,
+        },
+        "redundant_constraints": [
+            {"count": r.count, "loops": r.loops, "bodies": r.bodies, "joints": r.joints,
+             "directions": [str(each) for each in r.directions]}
+            for r in m.redundancies
+        ],
+        "idle_motions": [
+            {"count": i.count, "bodies": i.bodies, "joints": i.joints, "motion": str(i)} for i in m.idle
+        ],
+        "undriven_motions": [str(each) for each in m.loose],
+        "redundant_drives": {"count": m.redundant_drives, "names": m.dependent_drives},
+        "conditioning": m.conditioning,
+        "constraint_margin": m.constraint_margin,
+        "residual": found.residual,
+        "mass": _total(found.masses),
+        "parts": {
+            p.name: {"shape": p.shape, "source": p.source, "length": p.length, "mass": p.mass, "bodies": p.bodies}
+            for p in found.parts
+        },
+        "reach": {
+            w.coordinate: {"low": w.low, "high": w.high, "at_low": w.at_low, "at_high": w.at_high} for w in found.reach
+        },
+        "poses": {
+            p.name: {"pose": p.tool, "reached": p.reached, "reason": p.reason, "drives": p.drives,
+                     "conditioning": p.conditioning}
+            for p in found.poses
+        },
+        "map_reached": found.mapped,
+    }  # fmt: skip
+
+
+def _total(masses: Mapping[str, float | None]) -> float | None:
+    known = [mass for mass in masses.values() if mass is not None]
+    return sum(known) if len(known) == len(masses) else None

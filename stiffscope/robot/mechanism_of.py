@@ -1,0 +1,96 @@
+"""From a robot file and its parts' matrices to the mechanism that `vjm` works on."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.robot.copies import tensor
+from stiffscope.robot.sections import ElasticBody
+from stiffscope.vjm.mechanism import Body, Drive, Joint, Mechanism, Tool, axes_along, member
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from stiffscope.robot.description import RobotFile
+    from stiffscope.robot.part_matrices import PartMatrix
+    from stiffscope.robot.sections import BodySection, JointSection
+
+
+def mechanism_of(robot: RobotFile, matrices: Mapping[str, PartMatrix]) -> Mechanism:
+    """The mechanism that a robot file describes, without the effects that it has adopted.
+
+    Parameters
+    ----------
+    robot
+        The robot file.
+    matrices
+        Matrix and mass of every part that is used, as `part_matrices` gives them.
+
+    Raises
+    ------
+    InputError
+        What does not make a mechanism, by the body or joint as the file spells it.
+
+    """
+    bodies = tuple(_body(name, body, matrices) for name, body in robot.bodies.items())
+    joints = tuple(_joint(robot, name, joint) for name, joint in robot.joints.items())
+    tool = Tool(robot.tool.body, np.array(robot.tool.at), robot.tool.pose)
+    return Mechanism(bodies, joints, tool, gravity_of(robot))
+
+
+def gravity_of(robot: RobotFile) -> np.ndarray:
+    """Acceleration of free fall (3,) in m/s², base axes; zero where the file has no `[gravity]`."""
+    if robot.gravity is None:
+        return np.zeros(3)
+    direction = np.array(robot.gravity.direction)
+    return robot.gravity.acceleration * direction / np.linalg.norm(direction)
+
+
+def _body(name: str, body: BodySection, matrices: Mapping[str, PartMatrix]) -> Body:
+    if isinstance(body, ElasticBody):
+        made_of = matrices[body.part]
+        return member(name, body.base, body.tip, made_of.compliance, y=body.y, mass=made_of.mass, error=made_of.error)
+    centre = None if body.centre is None else np.array(body.centre)
+    return Body(name, body.mass, centre, None if body.inertia is None else tensor(body.inertia))
+
+
+def _joint(robot: RobotFile, name: str, joint: JointSection) -> Joint:
+    axis, axis2 = getattr(joint, "axis", None), getattr(joint, "axis2", None)
+    drive = getattr(joint, "drive", None)
+    spring = None if drive is None else Drive(drive.stiffness, *(drive.range or (-np.inf, np.inf)))
+    return Joint(
+        name,
+        *joint.between,
+        joint.type,
+        np.array(joint.at),
+        None if axis is None else np.array(axis),
+        None if axis2 is None else np.array(axis2),
+        spring,
+        _bearing(robot, name, joint),
+    )
+
+
+def _bearing(robot: RobotFile, name: str, joint: JointSection) -> np.ndarray | None:
+    """Compliance (6, 6) of a joint's bearing in the joint's axes.
+
+    A diagonal is said of the joint as written; that of a copy turns with it, while its joint's axes are found anew.
+    """
+    diagonal = np.diag(joint.bearing())
+    if not diagonal.any():
+        return None
+    if name not in robot.copied:
+        return diagonal
+    turn = robot.copied[name].rotation
+    written, here = (_axes(joint, rotation) for rotation in (turn.T, np.eye(3)))
+    relative = np.kron(np.eye(2), here.T @ turn @ written)
+    return relative @ diagonal @ relative.T
+
+
+def _axes(joint: JointSection, rotation: np.ndarray) -> np.ndarray:
+    """Axes (3, 3) of a joint whose directions are turned."""
+    axis, axis2 = getattr(joint, "axis", None), getattr(joint, "axis2", None)
+    if axis is None:
+        return np.eye(3)
+    return axes_along(rotation @ axis, None if axis2 is None else rotation @ axis2)

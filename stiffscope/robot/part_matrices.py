@@ -1,0 +1,260 @@
+"""The 6x6 matrices and masses of a robot's parts from their sources: FEA, beam theory, published, given."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol, get_args
+
+import numpy as np
+
+from stiffscope.data import FOLDER
+from stiffscope.errors import InputError
+from stiffscope.fea.beam import circle, euler_bernoulli, rectangle, timoshenko
+from stiffscope.robot.part_sections import MatrixPart, ParametricPart, PartSection, SolidPart, Source, StepPart
+from stiffscope.vjm.checks import checked_compliance
+from stiffscope.vjm.screws import shift
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import ArrayLike
+
+    from stiffscope.fea.beam import Section
+    from stiffscope.robot.description import RobotFile
+
+    Theory = Callable[[float, Section, float, float], np.ndarray]
+    Components = str | Mapping[str, str | ArrayLike] | None
+
+
+@dataclass(frozen=True)
+class PartMatrix:
+    """Compliance (6, 6) in the part's axes at its tip, bounds (6, 6) on its entries or None, and mass in kg."""
+
+    compliance: np.ndarray
+    error: np.ndarray | None = None
+    mass: float = 0.0
+
+
+class Experiment(Protocol):
+    """What a virtual experiment knows of a part."""
+
+    @property
+    def compliance(self) -> np.ndarray:
+        """(6, 6) in the part's axes at its reference point."""
+        ...
+
+    @property
+    def error(self) -> np.ndarray:
+        """(6, 6) 95 % bounds."""
+        ...
+
+    @property
+    def mass(self) -> float:
+        """Mass of the solid, kg."""
+        ...
+
+
+def source_of(part: PartSection, components: str | None = None) -> str:
+    """Where a part's matrix comes from: its section, unless `components` names one source for all rods and plates.
+
+    One of "fea", "beam", "published" for rods and plates, "step" (FEA of a STEP file's solid), "matrix".
+    """
+    if isinstance(part, StepPart):
+        return "step"
+    return components or part.compliance if isinstance(part, SolidPart) else "matrix"
+
+
+def used_parts(robot: RobotFile) -> tuple[str, ...]:
+    """Parts that bodies are made of, in the file's order."""
+    used = {body.part for body in robot.elastic_bodies().values()}
+    return tuple(name for name in robot.parts if name in used)
+
+
+def part_sources(robot: RobotFile, components: Components = None) -> dict[str, str | np.ndarray]:
+    """Where the matrix of every part that is used comes from: a word of `source_of`, or the matrix (6, 6) itself.
+
+    Raises InputError for a part, a word or a matrix in `components` that is none.
+    """
+    used = used_parts(robot)
+    given = components if isinstance(components, Mapping) else {}
+    word = components if isinstance(components, str) else None
+    for name in given:
+        if name not in used:
+            raise InputError(f"components: expected parts among {', '.join(used)}, got {name!r}")
+    for each in (word, *given.values()):
+        if isinstance(each, str) and each not in get_args(Source):
+            raise InputError(f"components: expected {', '.join(get_args(Source))} or a matrix, got {each!r}")
+    return {name: _source(robot.parts[name], name, given.get(name), word) for name in used}
+
+
+def _source(part: PartSection, name: str, given: str | ArrayLike | None, word: str | None) -> str | np.ndarray:
+    if given is None:
+        return source_of(part, word)
+    if not isinstance(given, str):
+        return checked_compliance(given, f"components: {name}", semidefinite=True)
+    if isinstance(part, ParametricPart) or (isinstance(part, StepPart) and given == "fea"):
+        return source_of(part, given)
+    able = "fea or a matrix" if isinstance(part, StepPart) else "a matrix"
+    raise InputError(f"components: expected {able} for {name}, a {part.shape} part, got {given!r}")
+
+
+def needed_experiments(robot: RobotFile, components: Components = None) -> tuple[str, ...]:
+    """Parts of which a virtual experiment is needed: for the matrix, or for a mass that only CAD tells."""
+    return tuple(
+        name
+        for name, source in part_sources(robot, components).items()
+        if _tested(source) or known_mass(robot, name) is None
+    )
+
+
+def _tested(source: str | np.ndarray) -> bool:
+    return isinstance(source, str) and source in {"fea", "step"}
+
+
+def part_matrices(
+    robot: RobotFile, components: Components = None, experiments: Mapping[str, Experiment] | None = None
+) -> dict[str, PartMatrix]:
+    """Matrix and mass of every part that is used.
+
+    Parameters
+    ----------
+    robot
+        The robot file.
+    components
+        "fea", "beam" or "published" for all rods and plates, or by part one of these words or a matrix (6, 6) in SI
+        and the part's axes; None: as the file says.
+    experiments
+        Results of the virtual experiments that `needed_experiments` names.
+
+    Raises
+    ------
+    InputError
+        A part has no such matrix.
+
+    """
+    experiments = experiments or {}
+    found = {}
+    for name, source in part_sources(robot, components).items():
+        mass = known_mass(robot, name)
+        compliance, error = _matrix(robot, name, source, experiments)
+        found[name] = PartMatrix(compliance, error, experiments[name].mass if mass is None else mass)
+    return found
+
+
+def _matrix(
+    robot: RobotFile, name: str, source: str | np.ndarray, experiments: Mapping[str, Experiment]
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Compliance (6, 6) of a part, and bounds (6, 6) where its source has any."""
+    part = robot.parts[name]
+    if not isinstance(source, str):
+        return source, None
+    if _tested(source):
+        return experiments[name].compliance, experiments[name].error
+    if isinstance(part, MatrixPart):
+        return np.array(part.matrix), None if part.error is None else np.array(part.error)
+    return (beam_compliance if source == "beam" else published_compliance)(robot, name), None
+
+
+def known_mass(robot: RobotFile, name: str) -> float | None:
+    """Mass of a part in kg where the file or its plain shape tells it; None where only CAD does."""
+    part = robot.parts[name]
+    if not isinstance(part.mass, str):
+        return part.mass
+    plain = isinstance(part, ParametricPart) and not any(
+        part.dimensions().get(key, 0) for key in ("rib_count", "hole_count", "pad_height")
+    )
+    material = robot.material(name)
+    if not plain or material is None:
+        return None
+    return material.density * sum(length * section.area for length, section in beam_segments(robot, name))
+
+
+def beam_segments(robot: RobotFile, name: str) -> list[tuple[float, Section]]:
+    """Lengths (m) and cross-sections of a rod or plate seen as a beam along its x, from the clamped end on.
+
+    A rod with fittings is three round bars; a plate is without its ribs, holes and pads.
+    """
+    poisson = getattr(robot.material(name), "poisson", 0.3)
+    part = robot.parts[name]
+    if not isinstance(part, ParametricPart):
+        raise robot.refuse(("parts", name, "shape"), f'expected a rod or plate for beam theory, got "{part.shape}"')
+    size = part.lengths()
+    if part.shape == "plate":
+        return [(size["depth"], rectangle(size["width"], size["thickness"], poisson))]
+    shank = circle(size["radius"], size["bore"] / 2, poisson)
+    if not size["fitting_radius"]:
+        return [(size["length"], shank)]
+    end = size["fitting_length"], circle(size["fitting_radius"], size["bore"] / 2, poisson)
+    return [end, (size["length"] - 2 * end[0], shank), end]
+
+
+def beam_compliance(robot: RobotFile, name: str, theory: Theory = timoshenko) -> np.ndarray:
+    """Compliance of a rod or plate by beam theory.
+
+    Parameters
+    ----------
+    robot
+        As `load_robot` gives it.
+    name
+        The part's name in the robot file.
+    theory
+        A function of `stiffscope.fea.beam`; by default Timoshenko's beam with Saint-Venant's torsion.
+
+    Returns
+    -------
+    ndarray
+        (6, 6), SI: twist at the loaded end for unit wrenches there, in the part's axes, clamped at the other end.
+
+    Raises
+    ------
+    InputError
+        The part is no rod or plate, or has no material.
+
+    """
+    material = robot.material(name)
+    segments = beam_segments(robot, name)
+    if material is None:
+        raise robot.refuse(("parts", name, "material"), "expected a material for beam theory, got none")
+    total, beyond = np.zeros((6, 6)), 0.0
+    for length, section in reversed(segments):
+        piece = theory(length, section, material.youngs_modulus, material.shear_modulus)
+        to_tip = shift([beyond, 0.0, 0.0])
+        total += to_tip @ piece @ to_tip.T
+        beyond += length
+    return total
+
+
+def published_compliance(robot: RobotFile, name: str) -> np.ndarray:
+    """(6, 6) as published: Eq. (28) of the Biglide paper with the file's dimensions for a rod, a plate's as printed."""
+    part = robot.parts[name]
+    if part.shape == "rod":
+        return beam_compliance(robot, name, euler_bernoulli)
+    table = getattr(part, "published", None)
+    if table is None:
+        message = "expected the name of a matrix in data/published, got nothing"
+        raise robot.refuse(("parts", name, "published"), message)
+    return published_matrix(table)
+
+
+def published_matrix(name: str) -> np.ndarray:
+    """(6, 6), SI, of `data/published/<name>.toml`, whose numbers are multiples of its `unit`."""
+    content = published(name)
+    if "compliance" not in content:
+        raise InputError(f"data/published/{name}.toml: expected a table with a 6x6 `compliance`, got none")
+    return np.array(content["compliance"], dtype=float) * content["unit"]
+
+
+def published(name: str) -> dict[str, Any]:
+    """Content of `data/published/<name>.toml` as it stands there. Raises InputError for a name that is not there."""
+    path = FOLDER / "published" / f"{name}.toml"
+    known = sorted(each.stem for each in path.parent.glob("*.toml"))
+    if name not in known:
+        raise InputError(f"data/published: expected one of {', '.join(known)}, got {name!r}")
+    return tomllib.loads(path.read_text(encoding="utf-8"))
+
+
+def entry_name(i: int, j: int) -> tuple[str, str]:
+    """Name and unit of a compliance's entry, counted from 0, at or above the diagonal."""
+    return f"C{i + 1}{j + 1}", "m/N" if j < 3 else "rad/(N·m)" if i >= 3 else "m/(N·m)"

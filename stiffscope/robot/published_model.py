@@ -1,0 +1,169 @@
+"""The Biglide as its paper models it: reading R1 of the equations, and upper bounds of its stiffness.
+
+All here is of the one robot file `data/robots/biglide.toml`, by the names of its elements and parameters.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.vjm.mechanism import Change
+from stiffscope.vjm.screws import Frame, rotation, shift
+from stiffscope.vjm.statics import stiffness
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from stiffscope.vjm.mechanism import Mechanism
+
+    Array = NDArray[np.floating[Any]]
+
+SIDES = {1: 1.0, 2: -1.0}  # limb 1 is the left one; x₁ = +1, x₂ = -1
+_LENGTHS = ("l", "l1", "l2", "h", "d", "a_min", "a_max")
+_X, _Y, _ = np.eye(3)
+_NEAR_SINGULAR = 1e-6  # rad; links along the rail or across it
+
+
+@dataclass(frozen=True)
+class Dimensions:
+    """Dimensions of Tables 1 to 3 in m, by their names there, and the range of the two carriages a_i = |O O_i|."""
+
+    L: float
+    l: float
+    l1: float
+    l2: float
+    h: float
+    d: float
+    a_min: float
+    a_max: float
+
+    def tool_point(self, q: ArrayLike) -> Array:
+        """Tool points (n, 3) in m at x = y = 0 and link angles (n,) in rad."""
+        angle = np.atleast_1d(np.asarray(q, dtype=float))
+        return np.column_stack([0.0 * angle, 0.0 * angle, self.l1 + self.l2 + self.L * np.sin(angle)])
+
+    def link_angle(self, poses: Array) -> Array:
+        """Angles (n,) in rad between links and rail at tool points (n, 3) in m."""
+        return np.arcsin((poses[:, 2] - self.l1 - self.l2) / self.L)
+
+
+@dataclass(frozen=True)
+class PublishedModel:
+    """The Biglide's mechanism, wherever its drives stand, with the dimensions of its file."""
+
+    mechanism: Mechanism
+    dimensions: Dimensions
+
+    @property
+    def link(self) -> Array:
+        """Compliance (6, 6) of a link at B_ij in its own axes."""
+        return _elastic(self.mechanism, "limb1.link1")
+
+    @property
+    def drive(self) -> float:
+        """Stiffness of a drive, N/m."""
+        drive = self.mechanism.joint("limb1.actuator").drive
+        return np.inf if drive is None else drive.stiffness
+
+    def reading_r1(self, q: float) -> Array:
+        """Stiffness (6, 6) at M as the paper's equations give it, without gravity, at a link angle ``q`` in rad.
+
+        Eqs. (1) to (5) with ``K_C⁰`` in the bracket of Eq. (1), the Jacobians of Eqs. (19) and (20) for both limbs, a
+        pseudo-inverse of the singular K_Pl in Eq. (3), no slider, and Eq. (26) with the right sign.
+        """
+        parallelogram = self._parallelogram(q)
+        values, vectors = np.linalg.eigh(parallelogram)
+        kept = values > 1e-9 * values[-1]
+        compliance = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
+        whole = np.zeros((6, 6))
+        along_x, along_y = np.eye(6)[:2]
+        for i, side in SIDES.items():
+            axes = rotation(_Y, -q if i == 1 else q - np.pi)
+            to_limb = shift([0.0, 0.0, self.dimensions.l2]) @ Frame(axes).adjoint()
+            limb = np.outer(along_x, along_x) / self.drive + to_limb @ compliance @ to_limb.T
+            back = shift([-side * self.dimensions.l, 0.0, 0.0])
+            whole = whole + back.T @ np.linalg.inv(limb) @ back
+        return np.linalg.inv(np.linalg.inv(whole) + np.outer(along_y, along_y) / self.drive)
+
+    def _parallelogram(self, q: float) -> Array:
+        """K_Pl (6, 6) of Eqs. (1) and (2) with the Jacobians of Eqs. (19), (20a) and (20b)."""
+        g = self.dimensions
+        spring = np.linalg.inv(self.link)
+        total = np.zeros((6, 6))
+        for arm, foot in ((g.h, 0.0), (-g.h, g.d), (-g.h, -g.d)):
+            lever = np.array([arm * np.cos(q), -foot, arm * np.sin(q)])
+            back = shift(-lever)  # inverse of J_θ
+            passive = np.zeros((6, 2))
+            passive[0], passive[4] = lever[2], 1.0
+            passive[2] = [-lever[0] - g.L, -lever[0]]
+            fixed = back.T @ spring @ back
+            pull = fixed @ passive
+            total = total + fixed - pull @ np.linalg.inv(passive.T @ pull) @ pull.T
+        return total
+
+    def bounds(self, q: ArrayLike) -> Array:
+        """Upper bounds (n, 6) on the diagonal of the stiffness at M for link angles q (n,) in rad; SI.
+
+        More compliance only lowers a stiffness, so only what every path must cross yields: drives along x and y, links
+        along their axis and sideways. K_ry has that of the same robot with rigid sliders; K_rx and K_rz have the bound
+        of their sum.
+        """
+        q = np.atleast_1d(np.asarray(q, dtype=float))
+        link, drive = self.link, self.drive
+        axial = 3.0 / link[0, 0]
+        sideways = 1.0 / (link[1, 1] - link[1, 5] ** 2 / link[5, 5])  # 12 E I / L³: the end held against rotation
+        out = np.empty((len(q), 6))
+        out[:, 0] = 2.0 * drive
+        out[:, 1] = 1.0 / (1.0 / (6.0 * sideways) + 1.0 / drive)
+        out[:, 2] = 2.0 * np.sin(q) ** 2 / (1.0 / axial + np.cos(q) ** 2 / drive)
+        out[:, 4] = self._with_rigid_sliders(q)[:, 4, 4]
+        out[:, [3, 5]] = self.rotational_bound
+        return out
+
+    @cached_property
+    def rotational_bound(self) -> float:
+        """Upper bound in N·m/rad on ``K_rx + K_rz``: its largest value within reach with rigid sliders."""
+        g = self.dimensions
+        most, least = (min(max(a - g.l, 0.0) / g.L, 1.0) for a in (g.a_max, g.a_min))
+        angles = np.arccos(np.linspace(most, least, 200)).clip(_NEAR_SINGULAR, np.pi / 2.0 - _NEAR_SINGULAR)
+        matrix = self._with_rigid_sliders(angles)
+        return float((matrix[:, 3, 3] + matrix[:, 5, 5]).max())
+
+    def _with_rigid_sliders(self, q: Array) -> Array:
+        sliders = [f"limb{i}.slider" for i in SIDES]
+        rigid = self.mechanism.changed({name: Change(-_elastic(self.mechanism, name)) for name in sliders})
+        return stiffness(rigid, self.dimensions.tool_point(q))
+
+
+def published_model(mechanism: Mechanism, parameters: Mapping[str, float]) -> PublishedModel:
+    """The Biglide of a mechanism and its file's parameters. Raises InputError for another robot's."""
+    missing = [name for name in _LENGTHS if name not in parameters]
+    if missing:
+        raise InputError(f"parameters: expected {', '.join(_LENGTHS)} of the Biglide, got no {missing[0]}")
+    link = mechanism.body("limb1.link1").elastic
+    if link is None:
+        raise InputError("bodies.limb1.link1: expected an elastic body, got a rigid one")
+    length = float(np.linalg.norm(link.tip - link.base))
+    dimensions = Dimensions(L=length, **{name: parameters[name] for name in _LENGTHS})
+    return PublishedModel(without_ranges(mechanism), dimensions)
+
+
+def without_ranges(mechanism: Mechanism) -> Mechanism:
+    """The mechanism with drives that never come to an end."""
+    joints = (
+        j if j.drive is None else replace(j, drive=replace(j.drive, low=-np.inf, high=np.inf)) for j in mechanism.joints
+    )
+    return replace(mechanism, joints=tuple(joints))
+
+
+def _elastic(mechanism: Mechanism, name: str) -> Array:
+    """Compliance (6, 6) of a body; zero where it is rigid."""
+    body = mechanism.body(name).elastic
+    return np.zeros((6, 6)) if body is None else body.compliance

@@ -1,0 +1,90 @@
+"""Where a robot's values come from: the text of its file, and what `--set` changed; errors name the place."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from stiffscope.errors import InputError
+from stiffscope.robot.positions import Key, line_of, positions
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+
+
+def field_name(key: Key) -> str:
+    """A key as the file spells it: `joints."leg1.motor".axis[2]`."""
+    text = ""
+    for part in key:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            text += f".{part}" if _BARE.fullmatch(part) else f'."{part}"'
+    return text.removeprefix(".")
+
+
+def read_text(path: Path) -> str:
+    """Text of a robot file. Raises InputError for what is none."""
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: expected a robot file in TOML, got no text in UTF-8 (byte {error.start})") from error
+    except OSError as error:
+        raise InputError(f"{path}: expected a robot file, got {error.strerror}") from error
+
+
+def parse_text(path: Path, text: str) -> dict[str, Any]:
+    """Content of a TOML text. Raises InputError with line and column."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        place = re.search(r"\(at line (\d+), column (\d+)\)", str(error))
+        reason = str(error).split(" (at ")[0]
+        if place is None:
+            line, where = text.count("\n") + 1, "the end of the file"
+        else:
+            lines = text.splitlines()
+            line = min(int(place[1]), len(lines))
+            where = f'"{lines[line - 1].strip()[:60]}" (column {place[2]})'
+        reason = reason[:1].lower() + reason[1:]
+        raise InputError(f"{path}:{line}: expected valid TOML, got {where}: {reason}") from error
+    except RecursionError as error:
+        raise InputError(f"{path}: expected a robot file, got tables or lists nested too deeply") from error
+
+
+@dataclass
+class Source:
+    """A robot file's path and text, what `--set` changed of it and the keys of that, and where copies come from."""
+
+    path: Path
+    text: str
+    overrides: tuple[str, ...] = ()
+    changed: dict[Key, str] = field(default_factory=dict)
+    origins: dict[str, str] = field(default_factory=dict)
+
+    @cached_property
+    def lines(self) -> dict[Key, int]:
+        """Line of every key of the file."""
+        return positions(self.text)
+
+    def line(self, key: Key) -> int:
+        """Line of a key; that of its original for a copied body or joint."""
+        if len(key) > 1 and key[:2] not in self.lines and key[1] in self.origins:
+            key = (key[0], self.origins[str(key[1])], *key[2:])
+        return line_of(self.lines, key)
+
+    def refuse(self, key: Key, message: str) -> InputError:
+        """Error for a key: names the `--set` that brought it, else file and line."""
+        for length in range(len(key), 0, -1):
+            if key[:length] in self.changed:
+                return InputError(f"{self.changed[key[:length]]}: {field_name(key)}: {message}")
+        if key[:-1] not in self.lines:
+            for changed, origin in self.changed.items():
+                if len(key) > 1 and changed[: len(key) - 1] == key[:-1]:
+                    return InputError(f"{origin}: {field_name(key)}: {message}")
+        return InputError(f"{self.path}:{self.line(key)}: {field_name(key)}: {message}")

@@ -1,0 +1,87 @@
+"""Pictures of robots: what is given to the drawing process, and what it draws."""
+
+import numpy as np
+import pytest
+import pyvista as pv
+
+from stiffscope.report.drawing.solids import solids_of
+from stiffscope.report.pictures import draw
+from stiffscope.report.robot_scene import deformed, exaggeration, moves, picture, scene
+from stiffscope.robot.inspection import rigid_mechanism
+from stiffscope.robot.reader import load_robot, read_robot
+from stiffscope.vjm.kinematics import configure
+
+
+@pytest.fixture(scope="module")
+def delta():
+    robot = load_robot("delta")
+    mechanism = rigid_mechanism(robot)
+    return robot, mechanism, configure(mechanism, robot.poses["side"])
+
+
+def test_nodes_move_as_the_configuration_says(delta):
+    _, mechanism, there = delta
+    moved = moves(mechanism, there)
+    for body in mechanism.bodies:
+        if body.elastic is not None:
+            for node, home in zip(body.nodes, (body.elastic.base, body.elastic.tip), strict=True):
+                rotation, position = moved[node]
+                axes, place = (each[0] for each in there.frame(node))
+                assert np.allclose(rotation @ home + position, place, atol=1e-12)
+                assert np.allclose(rotation @ body.elastic.axes, axes, atol=1e-12)
+    for joint in mechanism.joints:  # every joint here is held together at its point
+        ends = [moved[n][0] @ joint.at + moved[n][1] for n in (joint.first, joint.second) if n in moved]
+        assert np.ptp(ends, axis=0).max() < 1e-11
+
+
+def test_deformed_nodes(delta):
+    """Twists of one rigid motion keep distances to first order; the tool goes where its own twist says."""
+    _, mechanism, there = delta
+    moved, at = moves(mechanism, there), there.tool[0, :3]
+    twist = np.array([1e-3, 2e-3, -1e-3, 4e-3, -2e-3, 1e-3])
+    twists = dict.fromkeys(moved, twist)
+    factor = exaggeration(mechanism, moved, twists, at)
+    bent = deformed(moved, twists, at, factor)
+    for node, (rotation, position) in bent.items():
+        x = moved[node][0] @ mechanism.tool.at + moved[node][1]
+        wanted = x + factor * (twist[:3] + np.cross(twist[3:], x - at))
+        assert np.allclose(rotation @ mechanism.tool.at + position, wanted, atol=1e-12)
+    assert f"{factor:g}"[0] in "125"
+    assert deformed(moved, {}, at, factor)["platform"][1] == pytest.approx(moved["platform"][1])
+
+
+@pytest.mark.parametrize("name", ["biglide", "delta", "five-bar", "orthoglide", "serial-arm", "stewart"])
+def test_solids_stand_where_their_bodies_are(name):
+    """Rods from base to tip, a driven joint in red, one solid at least for each body and joint."""
+    robot = load_robot(name)
+    mechanism = rigid_mechanism(robot)
+    plain = scene(robot, mechanism)
+    solids = solids_of(plain["bodies"], plain["joints"], plain["tool"], plain["up"])
+    drawn = {solid.element for solid in solids}
+    assert {b.name for b in mechanism.bodies} <= drawn
+    assert {j.name for j in mechanism.joints if j.kind != "fixed"} <= drawn
+    red = {solid.element for solid in solids if solid.colour == "#c0392b"}
+    assert red == {j.name for j in mechanism.drives}
+    for solid in solids:
+        body = next((b for b in mechanism.bodies if b.name == solid.element and b.elastic is not None), None)
+        if body is not None:
+            along = (np.asarray(solid.surface.points) - body.elastic.base) @ body.elastic.axes[:, 0]
+            assert along.min() == pytest.approx(0.0, abs=1e-6)
+            assert along.max() == pytest.approx(np.linalg.norm(body.elastic.tip - body.elastic.base), rel=1e-3)
+
+
+def test_picture_of_a_deformed_robot_with_the_users_own_surface(delta, tmp_path):
+    robot = delta[0]
+    pv.Cube(center=(0, 0, -1.06), x_length=0.2, y_length=0.2, z_length=0.02).save(tmp_path / "plate.stl")
+    text = robot.path.read_text().replace("[bodies.platform]", '[bodies.platform]\nmesh = "plate.stl"')
+    robot = read_robot(tmp_path / "delta.toml", text)
+    mechanism = rigid_mechanism(robot)
+    home = moves(mechanism, configure(mechanism, mechanism.tool.home))
+    bent = deformed(home, {"platform": np.array([0, 0.2, 0, 0, 0, 0])}, mechanism.tool.at, 1.0)
+    plain = scene(robot, mechanism, shares={"leg1.arm": 0.7, "leg2.arm": 0.3})
+    draw("robot", tmp_path, pictures=[picture("a.png", "Delta", bent, home)], scale="share of energy", **plain)
+    image = pv.read(tmp_path / "a.png")
+    assert image.dimensions[0] == 1200
+    colours = np.unique(np.asarray(image.point_data.active_scalars)[:, :3], axis=0)
+    assert len(colours) > 1000
+    assert 20_000 < (tmp_path / "a.png").stat().st_size < 400_000

@@ -1,0 +1,200 @@
+"""URDF and MJCF become robot files: geometry, masses, joints and closures, and nothing of a simulator's dynamics."""
+
+import numpy as np
+import pytest
+
+from stiffscope.errors import InputError
+from stiffscope.robot.import_model import import_model
+from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.reader import load_robot
+from tests.robot import at_home
+
+pytest.importorskip("mujoco")
+
+FOUR_BAR = """<mujoco model="four bar">
+  <compiler angle="degree"/>
+  <option gravity="0 -3 -4"/>
+  <default><joint damping="7" stiffness="11" type="hinge" axis="0 1 0"/><equality solref="0.02 1"/></default>
+  <asset><mesh name="lost" file="lost.stl"/></asset>
+  <worldbody>
+    <body name="frame" pos="0 0 1">
+      <body name="crank" pos="0 0 0">
+        <joint name="motor" range="-30 50"/>
+        <inertial pos="0 0 0.1" mass="2" diaginertia="0.02 0.03 0.01"/>
+        <geom type="mesh" mesh="lost"/>
+        <body name="flange" pos="0 0 0.2" euler="0 0 90">
+          <inertial pos="0.1 0 0" mass="1" diaginertia="0.001 0.002 0.003"/>
+        </body>
+        <body name="coupler" pos="0 0 0.2">
+          <joint name="elbow"/>
+          <inertial pos="0.2 0 0" mass="1" diaginertia="0.01 0.01 0.01"/>
+          <site name="tcp" pos="0.5 0 0.1"/>
+        </body>
+      </body>
+      <body name="rocker" pos="0.4 0 0">
+        <joint name="pivot"/>
+        <inertial pos="0 0 0.1" mass="1" diaginertia="0.01 0.01 0.01"/>
+      </body>
+    </body>
+  </worldbody>
+  <equality>
+    <connect name="pin" body1="coupler" body2="rocker" anchor="0.4 0.05 0"/>
+    <connect body1="coupler" body2="rocker" anchor="0.4 -0.05 0"/>
+    <connect body1="coupler" body2="rocker" anchor="0.4 0 0" active="false"/>
+    <joint joint1="motor" joint2="pivot"/>
+  </equality>
+  <actuator><position name="servo" joint="motor" kp="1234"/></actuator>
+</mujoco>
+"""
+
+ARM = """<robot name="arm">
+  <link name="base_link"/>
+  <link name="upper">
+    <inertial><origin xyz="0.1 0 0"/><mass value="2"/>
+      <inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial>
+    <visual><geometry><mesh filename="package://nowhere/upper.dae"/></geometry></visual>
+  </link>
+  <link name="plate">
+    <inertial><origin xyz="0 0.3 0"/><mass value="1"/>
+      <inertia ixx="0.004" iyy="0.003" izz="0.005" ixy="0" ixz="0" iyz="0"/></inertial>
+  </link>
+  <link name="carriage">
+    <inertial><mass value="0.5"/><inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial>
+  </link>
+  <joint name="shoulder" type="revolute">
+    <parent link="base_link"/><child link="upper"/><origin xyz="0 0 0.5" rpy="0 0 1.5707963267948966"/>
+    <axis xyz="0 0 1"/><limit lower="-1" upper="2" effort="10" velocity="1"/><dynamics damping="99"/>
+  </joint>
+  <joint name="weld" type="fixed">
+    <parent link="upper"/><child link="plate"/><origin xyz="0.2 0 0" rpy="0 0 3.141592653589793"/>
+  </joint>
+  <joint name="slide" type="prismatic">
+    <parent link="plate"/><child link="carriage"/><origin xyz="0.1 0 0"/><axis xyz="1 0 0"/>
+    <limit lower="-0.1" upper="0.2" effort="10" velocity="1"/>
+  </joint>
+</robot>
+"""
+
+
+@pytest.fixture
+def imported(tmp_path):
+    def from_text(text, suffix, **options):
+        (tmp_path / f"model{suffix}").write_text(text, encoding="utf-8")
+        model = import_model(tmp_path / f"model{suffix}", tmp_path / "robot.toml", **options)
+        return model, load_robot(tmp_path / "robot.toml"), (tmp_path / "robot.toml").read_text()
+
+    return from_text
+
+
+def test_a_four_bar_with_two_connects_on_a_line(imported):
+    model, robot, text = imported(FOUR_BAR, ".xml", drives=["motor=5 kN*m/rad"])
+    assert robot.name == "four bar"
+    pin = robot.joints["pin"]
+    assert (pin.type, pin.between) == ("revolute", ("coupler", "rocker"))
+    assert np.abs(pin.axis) == pytest.approx([0, 1, 0])
+    assert np.cross(np.subtract(pin.at, (0.4, 0, 1.2)), pin.axis) == pytest.approx([0, 0, 0])
+    assert robot.joints["motor"].between == ("ground", "crank")  # a body without joints is part of the ground
+    assert (robot.joints["motor"].drive.stiffness, *robot.joints["motor"].drive.range) == pytest.approx(
+        (5e3, *np.radians([-30, 50]))
+    )
+    assert robot.tool.at == pytest.approx((0.5, 0, 1.3))
+    assert robot.tool.pose == ("x",)
+    assert mechanism_of(robot, {}).gravity == pytest.approx([0, -3, -4])
+    assert at_home.motions(robot, driven=False).shape[1] == 1
+    assert at_home.motions(robot, driven=True).shape[1] == 0
+    told = " ".join(model.notes)
+    assert "without its meshes" in told
+    assert "not active" in told
+    assert "couples coordinates" in told
+    assert 'actuator "servo"' in text
+    for number in ("1234", "11 ", "7 ", "0.02 1"):  # gains, springs, damping, solver
+        assert number not in " ".join(line for line in text.splitlines() if not line.startswith("#"))
+
+
+def test_what_is_welded_is_weighed_together(imported):
+    _, robot, _ = imported(FOUR_BAR, ".xml")
+    crank = robot.bodies["crank"]
+    assert crank.mass == 3.0
+    assert crank.centre == pytest.approx(((0 + 0) / 3, 0.1 / 3, 1 + (2 * 0.1 + 0.2) / 3))
+    # about the common centre: 2 kg at (0, 0, 0.1) and 1 kg at (0, 0.1, 0.2), the latter's own x and y exchanged
+    r = np.array([[0, 0, 0.1], [0, 0.1, 0.2]]) - np.array([0, 0.1 / 3, 0.4 / 3])
+    own = np.diag([0.02, 0.03, 0.01]) + np.diag([0.002, 0.001, 0.003])
+    expected = own + sum(
+        m * (each @ each * np.eye(3) - np.outer(each, each)) for m, each in zip((2, 1), r, strict=True)
+    )
+    xx, yy, zz, xy, xz, yz = crank.inertia
+    np.testing.assert_allclose([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], expected, atol=1e-15)
+
+
+def test_an_arm_in_urdf(imported):
+    model, robot, text = imported(ARM, ".urdf", drives=["slide=2e7"], tool="carriage")
+    assert list(robot.bodies) == ["upper", "carriage"]
+    assert robot.bodies["upper"].mass == 3.0  # with the plate: (0.1, 0, 0) and (0.2, -0.3, 0), turned by 90 degrees
+    assert robot.bodies["upper"].centre == pytest.approx((0.3 / 3, (2 * 0.1 + 0.2) / 3, 0.5))
+    assert robot.joints["slide"].axis == pytest.approx((0, -1, 0), abs=1e-12)
+    assert robot.joints["slide"].drive.range == pytest.approx((-0.1, 0.2))
+    assert robot.joints["shoulder"].drive is None
+    assert robot.tool.at == pytest.approx((0, 0.1, 0.5), abs=1e-12)
+    assert robot.gravity.direction == pytest.approx((0, 0, -1))
+    assert "range = [-1, 2]" in text
+    assert '"... N*m/rad"' in text
+    assert any("meshes" in note for note in model.notes) or "package" not in text
+
+
+def test_another_home(imported):
+    _, robot, _ = imported(
+        ARM, ".urdf", drives=["slide=2e7"], tool="carriage", home=["slide=50 mm", "shoulder=-90 deg"]
+    )
+    assert robot.tool.at == pytest.approx((0.05, 0, 0.5), abs=1e-12)
+    assert robot.joints["slide"].drive.range == pytest.approx((-0.15, 0.15))
+
+
+def test_a_platform_that_hangs_on_closures_and_two_hinges_of_one_body(imported):
+    legs = "".join(
+        f'<body name="leg{i}" pos="{x} {y} 0"><joint axis="1 0 0"/><joint axis="0 1 0"/>'
+        '<geom size=".01 .1" type="capsule"/></body>'
+        for i, (x, y) in enumerate(((0, 0), (1, 0), (0, 1)))
+    )
+    ties = "".join(f'<connect body1="leg{i}" body2="top" anchor="0 0 1"/>' for i in range(3))
+    text = (
+        f'<mujoco><worldbody>{legs}<body name="top" pos="0 0 1"><freejoint/><geom size=".1"/></body></worldbody>'
+        f"<equality>{ties}</equality></mujoco>"
+    )
+    _, robot, _ = imported(text, ".xml", tool="top")
+    assert {joint.type for joint in robot.joints.values()} == {"universal", "spherical"}
+    assert set(robot.bodies) == {"leg0", "leg1", "leg2", "top"}
+    assert robot.tool.pose[:2] == ("x", "y")
+    assert at_home.motions(robot, driven=False).shape[1] == len(robot.tool.pose) == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "message"),
+    [
+        ("<mujoco>", {}, "model.xml: expected a model in URDF or MJCF, got: "),
+        ("", {}, "model.xml: expected a model in URDF or MJCF, got: "),
+        (FOUR_BAR, {"drives": ["moter=1"]}, r'--drive moter=1: expected a joint .*did you mean "motor"'),
+        (FOUR_BAR, {"drives": ["motor"]}, "--drive motor: expected JOINT=STIFFNESS"),
+        (FOUR_BAR, {"drives": ["motor=3 N/um"]}, "--drive motor=3 N/um: expected a torsional stiffness"),
+        (FOUR_BAR, {"tool": "hand"}, r'--tool hand: expected a body or site of .*tcp.*, got "hand"'),
+        (FOUR_BAR, {"tool": "frame"}, "expected a tool that moves, got frame"),
+        (FOUR_BAR, {"home": ["motor"]}, "--home motor: expected JOINT=POSITION"),
+        (FOUR_BAR, {"home": ["moter=1"]}, "--home moter: expected a joint"),
+        (FOUR_BAR.replace('pos="0.4 0 0">', 'pos="2 0 0">').replace(
+            '<connect name="pin" body1="coupler" body2="rocker" anchor="0.4 0.05 0"/>',
+            '<connect name="pin" site1="tcp" site2="far"/>').replace(
+            '<joint name="pivot"/>', '<joint name="pivot"/><site name="far" pos="3 0 0"/>'),
+         {}, "expected loops that close, got a gap of"),
+    ],
+)  # fmt: skip
+def test_refusals(imported, tmp_path, text, options, message):
+    with pytest.raises(InputError, match=message) as refused:
+        imported(text, ".xml", **options)
+    assert "\n" not in str(refused.value)
+    assert not (tmp_path / "robot.toml").exists()
+
+
+def test_a_file_that_is_there_is_kept(imported, tmp_path):
+    (tmp_path / "robot.toml").write_text("mine")
+    with pytest.raises(InputError, match="not there yet"):
+        imported(ARM, ".urdf")
+    assert (tmp_path / "robot.toml").read_text() == "mine"

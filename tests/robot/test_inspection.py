@@ -1,0 +1,123 @@
+"""What `stiffscope check` finds in shipped robots and in broken ones."""
+
+import json
+
+import numpy as np
+import pytest
+
+from stiffscope.data import FOLDER
+from stiffscope.files import to_json
+from stiffscope.robot.inspection import inspect_robot, inspection_json
+from stiffscope.robot.reader import load_robot, read_robot
+
+ROBOTS = FOLDER / "robots"
+SHIPPED = {  # degrees of freedom of mechanism and tool, redundant constraints, idle motions
+    "biglide": (3, 3, 18, 0),
+    "delta": (9, 3, 0, 6),
+    "five-bar": (2, 2, 3, 0),
+    "orthoglide": (3, 3, 12, 0),
+    "serial-arm": (6, 6, 0, 0),
+    "stewart": (6, 6, 0, 0),
+}
+
+
+def changed(name, tmp_path, *pairs):
+    """A shipped robot with some of its text replaced."""
+    text = (ROBOTS / f"{name}.toml").read_text()
+    for old, new in pairs:
+        assert old in text
+        text = text.replace(old, new)
+    path = tmp_path / f"{name}.toml"
+    path.write_text(text)
+    return read_robot(path, text)
+
+
+def test_every_shipped_robot_is_known():
+    assert set(SHIPPED) == {path.stem for path in ROBOTS.glob("*.toml")}
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_robot(name):
+    found = inspect_robot(load_robot(name))
+    m = found.mobility
+    assert (m.dof, len(m.tool), m.redundant, m.idle_count) == SHIPPED[name]
+    assert found.error == ""
+    assert found.residual < 1e-12
+    assert not m.loose
+    assert m.redundant_drives == 0
+    assert all(pose.reached for pose in found.poses)
+    assert np.allclose(found.poses[0].drives, 0.0, atol=1e-12)
+    for way, home in zip(found.reach, found.mechanism.tool.home, strict=True):
+        assert way.low < home < way.high
+    written = json.loads(to_json(inspection_json(found)))
+    assert written["degrees_of_freedom"]["tool"] == SHIPPED[name][1]
+    assert list(written["reach"]) == list(found.mechanism.tool.pose)
+
+
+def test_biglide_reaches_as_its_carriages_allow():
+    """Carriages at 200 to 550 mm, links of 500 mm, x = 0: a = l + L cos q, z = l1 + l2 + L sin q."""
+    z = inspect_robot(load_robot("biglide")).reach[2]
+    low, high = (0.055 + 0.5 * np.sqrt(1 - ((a - 0.075) / 0.5) ** 2) for a in (0.55, 0.2))
+    assert z.low == pytest.approx(low, abs=1e-3)
+    assert z.high == pytest.approx(high, abs=1e-3)
+
+
+def test_delta_weighs_what_its_rods_do():
+    """Aluminium tubes by their sections, and what the file gives; copies count."""
+    found = inspect_robot(load_robot("delta"))
+    rods = [mass for name, mass in found.masses.items() if ".rod" in name]
+    arms = [mass for name, mass in found.masses.items() if name.endswith(".arm")]
+    assert (len(rods), len(arms)) == (6, 3)
+    written = inspection_json(found)
+    assert written["mass"] == pytest.approx(sum(rods) + sum(arms) + found.masses["platform"])
+
+
+def test_pose_that_the_mechanism_cannot_do(tmp_path):
+    robot = changed(
+        "five-bar",
+        tmp_path,
+        ('["x", "y"]', '["x", "y", "rx"]'),
+        ('[0, "= y_M"]\nside', '[0, "= y_M", 0]\nside'),
+        ('["60 mm", "= y_M - 0.06"]', '["60 mm", "= y_M - 0.06", 0]'),
+    )
+    found = inspect_robot(robot)
+    assert "tool.pose: the mechanism at home cannot move along rx" in found.error
+    assert any("[tool] pose commands rx, which the mechanism holds" in each for each in found.remarks)
+    assert found.configurations is None
+    assert inspection_json(found)["usable"] is False
+
+
+def test_missing_drive_and_pose_out_of_range(tmp_path):
+    drive = 'drive   = { stiffness = "5 kN*m/rad", range = ["-60 deg", "60 deg"] }\n\n[joints."right'
+    one = inspect_robot(changed("five-bar", tmp_path, (drive, '\n[joints."right')))
+    assert len(one.mobility.loose) == 1
+    assert any("1 more needed" in each for each in one.remarks)
+    short = inspect_robot(changed("five-bar", tmp_path, ('"-60 deg", "60 deg"', '"-5 deg", "5 deg"')))
+    assert [pose.name for pose in short.poses if not pose.reached] == ["side"]
+    assert any(each.startswith("pose side is not reached: ") and "range" in each for each in short.remarks)
+
+
+def test_wrist_that_loses_a_direction(tmp_path):
+    """The serial arm with J5 parallel to J6: no joint turns about x."""
+    robot = changed("serial-arm", tmp_path, ("axis    = [1, 0, 0]", "axis    = [0, 0, 1]"))
+    found = inspect_robot(robot)
+    assert found.mobility.conditioning == 0.0
+    assert found.mobility.coordinates["rx"] == "locked"
+
+
+def test_nearly_singular_home(tmp_path):
+    """A five-bar whose outer bars are almost in line across: pushing M along y turns no drive."""
+    pairs = (('th = "110 deg" ', 'th = "90 deg" '), ('length     = "320 mm"', 'length     = "120.0006 mm"'))
+    found = inspect_robot(changed("five-bar", tmp_path, *pairs))
+    assert any(each.startswith("pose home is nearly singular: ") for each in found.remarks)
+    # With s = y / x_E of the outer bars, drives turn by dx and s dy over the inner bars' length: condition number 1/s.
+    slope = np.sqrt(120.0006**2 - 120.0**2) / 120.0
+    assert found.mobility.conditioning == pytest.approx(slope, rel=1e-6)
+
+
+def test_rounded_coordinates_are_told(tmp_path):
+    """A Biglide one of whose hinges is off by 10 nm to a side that its loop does not allow."""
+    old = 'axis    = [0, 1, 0]\n\n[joints."limb2.link3.joint_b"]'
+    found = inspect_robot(changed("biglide", tmp_path, (old, old.replace("[0, 1, 0]", "[1e-6, 1, 0]"))))
+    assert any("are coordinates rounded?" in each for each in found.remarks)
+    assert not any("are coordinates rounded?" in each for each in inspect_robot(load_robot("biglide")).remarks)

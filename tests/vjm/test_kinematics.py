@@ -1,0 +1,196 @@
+"""Loop closure, branches and ranges of any mechanism."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stiffscope.errors import InputError
+from stiffscope.vjm.closure import Closure
+from stiffscope.vjm.kinematics import configure, configure_drives
+from stiffscope.vjm.linkage import Linkage, left_jacobian, rotation_vector
+from stiffscope.vjm.mechanism import Body, Drive, Joint, Mechanism, Tool
+from stiffscope.vjm.screws import rotation_of
+from stiffscope.vjm.statics import stiffness
+from tests.robots import GEOMETRY, random_poses, reachable, slides
+from tests.vjm import oracle
+from tests.vjm.files import biglide, read, serial_arm
+
+SPANS = {
+    "stewart": [0.006, 0.006, 0.006, 0.06, 0.06, 0.06],
+    "linear-delta": [0.1, 0.1, 0.06],
+    "braced-gantry": [0.3],
+    "biglide": [0.03, 0.2, 0.06],
+    "serial arm": [0.05, 0.05, 0.05, 0.3, 0.3, 0.3],
+}
+
+
+def mechanism(name):
+    return {"biglide": biglide, "serial arm": serial_arm}.get(name, lambda: read(name))()
+
+
+@pytest.mark.parametrize("name", SPANS)
+def test_forward_kinematics_undoes_inverse(name, rng):
+    m = mechanism(name)
+    poses = m.tool.home + rng.uniform(-1.0, 1.0, (40, len(m.tool.home))) * SPANS[name]
+    found = configure(m, poses).required()
+    back = configure_drives(m, found.drives).required()
+    assert np.allclose(back.poses, poses, rtol=0.0, atol=1e-10)
+    for j in m.joints:
+        theirs = found.coordinates(j.name)
+        gap = (back.coordinates(j.name) - theirs + np.pi) % (2 * np.pi) - np.pi
+        assert np.abs(gap).max(initial=0.0) < 1e-8, j.name
+
+
+@pytest.mark.parametrize("name", SPANS)
+def test_every_joint_holds_to_rounding(name, rng):
+    """Errors of all joints by the oracle's own equations, overconstrained loops included."""
+    m = mechanism(name)
+    pose = m.tool.home + rng.uniform(-1.0, 1.0, len(m.tool.home)) * SPANS[name]
+    found = configure(m, pose).required()
+    bodies = oracle.Bodies(m)
+    for b in m.bodies:
+        r, p = found.frame(b.nodes[0])
+        if b.elastic is not None:
+            r = r @ b.elastic.axes.T
+            p = p - r[0] @ b.elastic.base
+        k = bodies.index[b.name]
+        bodies.rotation[k], bodies.position[k] = r[0], p[0]
+    assert np.abs(bodies.errors(pose)[1]).max() < 2e-12
+
+
+def test_biglide_slides_as_its_closed_form_says(rng):
+    m, poses = biglide(), random_poses(rng, 2000)
+    found = configure(m, poses).required()
+    moved = slides(GEOMETRY, poses) - slides(GEOMETRY, m.tool.home)
+    stage, left, right = found.drives.T
+    assert np.allclose(np.column_stack([-left, right, stage]), moved, rtol=0.0, atol=1e-11)
+
+
+def test_out_of_reach_is_told_and_never_taken(rng):
+    """A box far beyond the workspace: the same poses are valid that the closed form reaches."""
+    m = biglide()
+    box = rng.uniform([-0.3, -0.3, 0.1], [0.3, 0.3, 0.7], (4000, 3))
+    found = configure(m, box)
+    assert (found.valid == reachable(GEOMETRY, box)).all()
+    assert np.isnan(stiffness(m, box[~found.valid][:20])).all()
+    reasons = {found.reason(int(i)).split(":")[0] for i in np.flatnonzero(~found.valid)[::40]}
+    assert {"out of reach", 'joints."limb1.actuator"', 'joints."limb2.actuator"'} <= reasons
+    assert not found.reason(int(np.flatnonzero(found.valid)[0]))
+
+
+def test_a_drive_outside_its_range_is_named():
+    with pytest.raises(InputError, match=r'pose 1 .*joints\."limb2.actuator": 0.1\d* m is outside its range .* m'):
+        configure(biglide(), [[0.0, 0.0, 0.35], [0.17, 0.0, 0.35]]).required()
+
+
+def test_a_loop_that_does_not_close_is_named():
+    with pytest.raises(InputError, match=r"pose 0 \(x = 0, y = 0, z = 0.9\): out of reach: the loop through joints"):
+        configure(biglide(), [0.0, 0.0, 0.9]).required()
+
+
+def five_bar(sign=1.0):
+    """A planar five-bar, rigid, its elbows out."""
+    a, b = np.array([0.1, 0, 0]), np.array([0.25, 0.3, 0])
+    tip, z = np.array([0.0, 0.7, 0]), [0.0, 0, 1]
+    flip = np.array([-1.0, 1, 1])
+    joints = [
+        Joint("left.motor", "ground", "left.crank", "revolute", a * flip, z, drive=Drive(1e4)),
+        Joint("right.motor", "ground", "right.crank", "revolute", a, z, drive=Drive(1e4)),
+        Joint("left.elbow", "left.crank", "left.arm", "revolute", b * flip, z),
+        Joint("right.elbow", "right.crank", "right.arm", "revolute", b, z),
+        Joint("wrist", "left.arm", "right.arm", "revolute", tip, z),
+    ]
+    names = ("left.crank", "right.crank", "left.arm", "right.arm")
+    return Mechanism(tuple(Body(n) for n in names), tuple(joints), Tool("left.arm", tip, ("x", "y")))
+
+
+def test_five_bar_reaches_what_its_circles_allow(rng):
+    m = five_bar()
+    poses = np.column_stack([rng.uniform(-0.6, 0.6, 3000), rng.uniform(0.05, 0.9, 3000)])
+    found = configure(m, poses)
+    crank = np.hypot(0.15, 0.3)
+    arm = np.hypot(0.25, 0.4)
+    far = [np.hypot(poses[:, 0] - s * 0.1, poses[:, 1]) for s in (1, -1)]
+    inside = np.all([(d < crank + arm) & (d > abs(arm - crank)) for d in far], axis=0)
+    assert (found.valid <= inside).all()
+    assert found.valid.mean() > 0.8 * inside.mean()  # the rest lies beyond a singular pose
+    elbow = found.coordinates("right.elbow")[found.valid, 0]
+    start = np.arctan2(0.4, -0.25) - np.arctan2(0.3, 0.15)
+    assert (np.sin(start + elbow) > 0.0).all()  # always the branch of home
+
+
+def test_a_bennett_linkage_moves_though_counting_says_it_cannot():
+    """Four skew revolutes (a : sin α equal): mobility 1, three of six closure equations redundant."""
+    alpha, beta, a = np.radians(40.0), np.radians(70.0), 0.3
+    b = a * np.sin(beta) / np.sin(alpha)
+    theta = np.radians(80.0)
+    ratio = np.sin((beta + alpha) / 2) / np.sin((beta - alpha) / 2)
+    phi = 2 * np.arctan(ratio / np.tan(theta / 2))
+
+    def link(turn, length, twist):
+        c, s = np.cos(turn), np.sin(turn)
+        ca, sa = np.cos(twist), np.sin(twist)
+        return np.array(
+            [[c, -s * ca, s * sa, length * c], [s, c * ca, -c * sa, length * s], [0, sa, ca, 0], [0, 0, 0, 1.0]]
+        )
+
+    turns = (theta, phi, -theta, -phi)
+    steps = [link(t, n, w) for t, n, w in zip(turns, (a, b, a, b), (alpha, beta, alpha, beta), strict=True)]
+    assert np.abs(np.linalg.multi_dot(steps) - np.eye(4)).max() < 1e-12
+    frames = [np.eye(4)]
+    for step in steps[:3]:
+        frames.append(frames[-1] @ step)
+    names = ("ground", "one", "two", "three")
+    joints = [
+        Joint(f"j{k}", names[k - 1], names[k], "revolute", frames[k][:3, 3], frames[k][:3, 2]) for k in range(1, 4)
+    ]
+    joints.append(Joint("j0", "three", "ground", "revolute", frames[0][:3, 3], frames[0][:3, 2]))
+    joints[0] = replace(joints[0], drive=Drive(1e4))
+    m = Mechanism(tuple(Body(n) for n in names[1:]), tuple(joints), Tool("one", frames[1][:3, 3], ("rx",)))
+    linkage = Linkage(m, "drives")
+    closure = Closure(linkage, np.zeros(linkage.size))
+    assert closure.redundant == 3
+    found = configure_drives(m, np.linspace(-0.3, 0.3, 7)[:, None]).required()
+    assert np.ptp(found.coordinates("j2")) > 0.3
+
+
+def test_a_redundant_arm_takes_the_pose_with_what_it_needs():
+    """Seven revolutes, six coordinates: one joint stays at home."""
+    m = serial_arm()
+    extra = Joint("wrist", "link6.tip", "hand", "revolute", [0.9, 0.05, 1.15], [0.3, 1, 0.2], drive=Drive(1e5))
+    tool = Tool("hand", np.array([0.95, 0.05, 1.1]), m.tool.pose)
+    m = Mechanism((*m.bodies, Body("hand")), (*m.joints, extra), tool, m.gravity)
+    pose = m.tool.home + np.array([0.02, 0.03, -0.02, 0.1, 0.0, 0.1])
+    found = configure(m, pose).required()
+    assert np.allclose(found.tool[0], pose, atol=1e-11)
+    assert np.sum(np.abs(found.drives[0]) < 1e-12) == 1
+
+
+def test_a_pose_that_the_mechanism_cannot_command_is_refused():
+    m = five_bar()
+    with pytest.raises(InputError, match=r"tool\.pose: the mechanism at home cannot move along z"):
+        configure(replace(m, tool=Tool("left.arm", m.tool.at, ("x", "z"))), [0.0, 0.0])
+
+
+def test_coordinates_need_not_fit_a_polynomial(rng):
+    """Many poses start from a fit, few from home: the same configurations."""
+    m = read("linear-delta")
+    poses = m.tool.home + rng.uniform(-1.0, 1.0, (3000, 3)) * SPANS["linear-delta"]
+    many, few = configure(m, poses).required(), configure(m, poses[::50]).required()
+    assert np.allclose(many.drives[::50], few.drives, rtol=0.0, atol=1e-12)
+
+
+def test_rotation_vectors_and_their_rates(rng):
+    r, d = rng.normal(size=(50, 3)), 1e-6 * rng.normal(size=(50, 3))
+    change = rotation_of(r + d) @ np.swapaxes(rotation_of(r - d), -1, -2)
+    assert np.allclose(rotation_vector(change), 2.0 * (left_jacobian(r) @ d[..., None])[..., 0], atol=1e-12)
+    half = rotation_of(np.pi * np.array([[0.6, 0.0, 0.8]]))
+    assert np.allclose(np.abs(rotation_vector(half)), np.pi * np.array([[0.6, 0.0, 0.8]]), atol=1e-6)
+
+
+def test_shapes_and_finiteness():
+    with pytest.raises(InputError, match=r"poses: expected \(n, 3\) numbers x, y, z"):
+        configure(biglide(), [0.0, 1.0])
+    with pytest.raises(InputError, match="poses: row 0: expected finite numbers"):
+        configure(biglide(), [0.0, 1.0, np.nan])

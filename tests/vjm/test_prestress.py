@@ -1,0 +1,164 @@
+"""Stiffness under load against the Hessian of the full potential energy, and the figures of the method."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stiffscope.vjm.literal import Behind, literal_stiffness, load_hessian
+from stiffscope.vjm.mechanism import Body, Change, Joint, Mechanism, Tool, member
+from stiffscope.vjm.screws import rotation
+from stiffscope.vjm.statics import analyse, sag, stiffness
+from tests.robots import GEOMETRY, euler_bernoulli, pose_at, published_slider, random_compliance
+from tests.vjm import energy, oracle
+from tests.vjm.files import CHECKED, biglide, read, serial_arm
+from tests.vjm.potential import Potential, by_angular_velocity
+
+
+def compared(m, hessian, droop, pose):
+    """Change of stiffness by the loads, and how far it is from the Hessian's, over sqrt(K_ii K_jj)."""
+    plain, exact = stiffness(m, pose)[0], stiffness(m, pose, gravity="exact")[0]
+    size = np.sqrt(np.outer(np.diagonal(plain), np.diagonal(plain)))
+    assert np.allclose(sag(m, pose)[0], droop, rtol=0.0, atol=5e-3 * np.abs(droop).max())
+    return np.abs((exact - plain) / size).max(), np.abs((exact - hessian) / size).max()
+
+
+@pytest.mark.parametrize(
+    ("robot", "pose", "weight"),
+    [
+        (serial_arm, [0.85, 0.1, 1.1, 0.1, 0.05, -0.1], 1.0),
+        (lambda: read("linear-delta"), CHECKED["linear-delta"]["poses"][1], 1.0),
+        (lambda: read("stewart"), CHECKED["stewart"]["poses"][1], 100.0),
+    ],
+    ids=["serial arm", "linear-delta", "stewart"],
+)
+def test_exact_stiffness_is_the_hessian_of_the_potential_energy(robot, pose, weight):
+    m = robot()
+    m = replace(m, gravity=weight * m.gravity)
+    hessian, droop = Potential(oracle.Bodies(m).close(pose, 4)).tangent_stiffness()
+    change, left = compared(m, hessian, droop, pose)
+    assert change > 1e-5
+    assert left < 1e-3 * change
+
+
+def test_lack_of_fit_prestresses_as_the_potential_energy_says():
+    """A Delta whose rods are long by 5 µm or short: no weight, only the loops against each other."""
+    m = read("linear-delta")
+    off = {
+        f"leg{k}.rod{j}": Change(offset=np.r_[5e-6 * (-1) ** (k + j), np.zeros(5)]) for k in (1, 2, 3) for j in (1, 2)
+    }
+    m = replace(m.changed(off), gravity=np.zeros(3))
+    pose = CHECKED["linear-delta"]["poses"][1]
+    hessian, droop = Potential(oracle.Bodies(m).close(pose, 4)).tangent_stiffness()
+    change, left = compared(m, hessian, droop, pose)
+    assert change > 1e-5
+    assert left < 1e-4 * change
+
+
+@pytest.mark.parametrize("z", [0.30, 0.50])
+def test_biglide_is_the_hessian_of_its_own_potential(z, rng):
+    """Weights at the tool alone: the energy of ``tests.vjm.energy`` puts a link's elsewhere."""
+    link, slider = random_compliance(rng, euler_bernoulli()), random_compliance(rng, published_slider())
+    m = biglide(link, slider, link_mass=0.0, platform_mass=7.93)
+    q = float(np.arcsin((z - GEOMETRY.l1 - GEOMETRY.l2) / GEOMETRY.L))
+    hessian, droop = energy.tangent_stiffness(energy.Biglide(GEOMETRY, link, slider, 1.27e7, 0.0, 7.93, q, 9.81))
+    change, left = compared(m, by_angular_velocity(hessian, droop), droop, [0.0, 0.0, z])
+    assert change > 1e-5
+    assert left < 1e-3 * change
+
+
+@pytest.mark.parametrize(
+    ("q", "ppm", "down"),
+    [(35.8, [-4.3, 0.6, 156.8, 69.7, 232.6, -31.5], 11.049), (64.3, [-6.3, 0.5, 33.9, 5.7, 40.5, -15.8], 1.814)],
+)
+def test_method_figures_with_weights_half_at_either_end(q, ppm, down):
+    m, pose = biglide(), pose_at(GEOMETRY, np.radians(q))
+    loaded, plain = analyse(m, pose, gravity="exact"), stiffness(m, pose)
+    change = 1e6 * (np.diagonal(loaded.matrix[0]) / np.diagonal(plain[0]) - 1.0)
+    assert change == pytest.approx(ppm, abs=0.06)
+    assert 1e6 * loaded.sag[0, 2] == pytest.approx(down, abs=1.2e-3)
+
+
+def test_without_loads_nothing_changes():
+    m = replace(biglide(), gravity=np.zeros(3))
+    pose = [0.03, 0.0, 0.38]
+    assert np.allclose(stiffness(m, pose, gravity="exact"), stiffness(m, pose), rtol=1e-9, atol=0.1)
+
+
+def test_a_tight_string_is_stiff_sideways():
+    """Two struts in line, each too short by a misfit: together 2 T/l across, without any weight."""
+    length, axial, tension = 0.5, 1e7, 1000.0
+    bodies, joints, off = [Body("knot")], [], {}
+    for side in (1.0, -1.0):
+        name, foot = f"strut{side:+.0f}", [side * length, 0, 0]
+        bodies.append(member(name, foot, [0, 0, 0], np.diag([1 / axial, 1e-9, 1e-9, 1e-9, 1e-9, 1e-9])))
+        joints += [
+            Joint(f"{name}.foot", "ground", f"{name}.base", "spherical", foot),
+            Joint(f"{name}.tip", f"{name}.tip", "knot", "spherical", [0, 0, 0]),
+        ]
+        off[name] = Change(offset=np.r_[-tension / axial, np.zeros(5)])
+    bodies.append(member("hold", [0, 0, 0], [0, 0, 1], np.diag([1.0, 1, 1, 1e-6, 1e-6, 1e-6])))
+    joints += [
+        Joint("hold.foot", "ground", "hold.base", "fixed", [0, 0, 0]),
+        Joint("hold.end", "hold.tip", "knot", "fixed", [0, 0, 0]),
+    ]
+    bodies[-1] = replace(bodies[-1], elastic=replace(bodies[-1].elastic, tip=np.zeros(3)))
+    m = Mechanism(tuple(bodies), tuple(joints), Tool("knot", [0, 0, 0], ("x",))).changed(off)
+    from stiffscope.vjm.linkage import Linkage
+    from stiffscope.vjm.order import home, order_of
+    from stiffscope.vjm.prestress import loaded_stiffness
+
+    k = loaded_stiffness(order_of(m, Linkage(m, "drives")), home(m), np.zeros(3))[0][0]
+    across = 2 * tension / length
+    assert np.diagonal(k) == pytest.approx([2 * axial + 1, across + 1, across + 1, 1e6, 1e6, 1e6], rel=2e-4)
+
+
+def test_a_universal_joint_is_two_revolutes():
+    """One joint of two axes, or two of one with a cross between: the same robot, under its weight too."""
+    m = replace(read("linear-delta"), gravity=np.array([3.0, -2.0, 300.0]))
+    bodies, joints = list(m.bodies), []
+    for j in m.joints:
+        if j.kind != "universal" or not j.name.startswith("leg1"):
+            joints.append(j)
+            continue
+        bodies.append(Body(f"{j.name}.cross"))
+        joints.append(Joint(f"{j.name}.1", j.first, f"{j.name}.cross", "revolute", j.at, j.axis))
+        joints.append(Joint(f"{j.name}.2", f"{j.name}.cross", j.second, "revolute", j.at, j.axis2))
+    two = replace(m, bodies=tuple(bodies), joints=tuple(joints))
+    pose = CHECKED["linear-delta"]["poses"][1]
+    plain, one = stiffness(m, pose)[0], stiffness(m, pose, gravity="exact")[0]
+    size = np.sqrt(np.outer(np.diagonal(plain), np.diagonal(plain)))
+    change = np.abs((one - plain) / size).max()
+    assert change > 1e-5
+    assert np.abs((one - stiffness(two, pose, gravity="exact")[0]) / size).max() < 1e-4 * change
+
+
+def test_the_literal_reading_is_smaller_still():
+    m, pose = biglide(), [[0.0, 0.0, 0.35]]
+    down, tool = m.gravity, m.tool.at
+    behind = {}
+    for i in (1, 2):
+        carried = [Behind(0.5 * 7.93 * down, "platform", tool)]
+        for j in (1, 2, 3):
+            name = f"limb{i}.link{j}"
+            e = m.body(name).elastic
+            carried.append(Behind(1.95 * down, f"{name}.base", 0.5 * (e.base + e.tip)))
+            behind[name] = [Behind(7.93 / 6.0 * down, "platform", tool)]
+        behind[f"limb{i}.slider"] = carried
+    change = np.diagonal(literal_stiffness(m, pose, behind)[0]) / np.diagonal(stiffness(m, pose)[0]) - 1.0
+    assert 1e-7 < np.abs(change).max() < 1e-5
+
+
+def test_load_hessian_is_the_second_derivative_of_the_work():
+    force, lever, step = np.array([3.0, -2.0, 5.0]), np.array([0.1, 0.4, -0.2]), 1e-4
+
+    def work(angles):
+        turn = np.eye(3)
+        for axis, angle in zip(np.eye(3), angles, strict=True):
+            turn = turn @ rotation(axis, angle)
+        return force @ turn @ lever
+
+    basis = step * np.eye(3)
+    second = [[(work(a + b) - work(a - b) - work(b - a) + work(-a - b)) / (4 * step**2) for b in basis] for a in basis]
+    assert np.allclose(load_hessian(force, lever)[3:, 3:], second, atol=1e-6)
+    assert not load_hessian(force, lever)[:3].any()

@@ -1,0 +1,59 @@
+"""Deflection, its energy, and backlash."""
+
+import numpy as np
+import pytest
+
+from stiffscope.errors import InputError
+from stiffscope.vjm.mechanism import Body, Drive, Joint, Mechanism, Tool, member
+from stiffscope.vjm.statics import stiffness
+from stiffscope.vjm.yielding import deflection, deflection_with_backlash, load_deflection
+from tests.robots import random_poses
+from tests.vjm.files import biglide
+
+
+def test_deflection_is_compliance_times_load_and_its_shares_are_all(rng):
+    m, poses, wrench = biglide(), random_poses(rng, 6), rng.normal(size=(6, 6))
+    found = deflection(m, poses, wrench)
+    expected = np.linalg.solve(stiffness(m, poses), wrench[..., None])[..., 0]
+    assert np.allclose(found.twist, expected, rtol=1e-8)
+    assert np.allclose(sum(found.shares.values()), 1.0, rtol=1e-9)
+
+
+def sled(second=None):
+    """A sled on one drive, or held by two against each other."""
+    c = np.diag([1e-9, 1e-8, 1e-8, 1e-7, 1e-7, 1e-7])
+    bodies = [Body("nut"), member("rod", [0, 0, 0], [1, 0, 0], c)]
+    joints = [
+        Joint("drive", "ground", "nut", "prismatic", [0, 0, 0], [1, 0, 0], drive=Drive(1e6)),
+        Joint("bolt", "nut", "rod.base", "fixed", [0, 0, 0]),
+    ]
+    if second:
+        bodies += [Body("nut2"), member("rod2", [2, 0, 0], [1, 0, 0], c, y=[0, 1, 0])]
+        joints += [
+            Joint("drive2", "ground", "nut2", "prismatic", [2, 0, 0], [1, 0, 0], drive=Drive(second)),
+            Joint("bolt2", "nut2", "rod2.base", "fixed", [2, 0, 0]),
+            Joint("bolt3", "rod2.tip", "rod.tip", "fixed", [1, 0, 0]),
+        ]
+    return Mechanism(tuple(bodies), tuple(joints), Tool("rod.tip", [1, 0, 0], ("x",)))
+
+
+@pytest.mark.parametrize("force", [-50.0, 50.0])
+def test_one_drive_shifts_by_its_gap_towards_the_load(force):
+    moved = deflection_with_backlash(sled(), [[1.0]], [force, 0, 0, 0, 0, 0], {"drive": 1e-4})
+    assert moved[0, 0] == pytest.approx(force * (1e-6 + 1e-9) + np.sign(force) * 1e-4, rel=1e-9)
+
+
+def test_a_drive_in_its_gap_leaves_the_load_to_the_other():
+    """Two drives side by side: a small load is carried by the one without a gap alone."""
+    m, small = sled(2e6), 1.0
+    moved = deflection_with_backlash(m, [[1.0]], [small, 0, 0, 0, 0, 0], {"drive": 1e-3})
+    assert moved[0, 0] == pytest.approx(small * (1 / 2e6 + 1e-9), rel=1e-9)
+    large = load_deflection(m, [1.0], [1.0, 0, 0, 0, 0, 0], [0.0, 1e4, 2e4], {"drive": 1e-3})[:, 0]
+    both = 1 / (1e6 / (1 + 1e-3) + 2e6 / (1 + 2e-3))
+    assert np.diff(large)[1] == pytest.approx(1e4 * both, rel=1e-9)
+    assert large[0] == 0.0
+
+
+def test_backlash_needs_a_drive():
+    with pytest.raises(InputError, match="expected a drive, one of drive, got 'bolt'"):
+        deflection_with_backlash(sled(), [[1.0]], [1.0, 0, 0, 0, 0, 0], {"bolt": 1e-4})

@@ -1,0 +1,242 @@
+"""Loop closure by Newton's method, vectorized over poses.
+
+At home the equations are ranked once: columns without which the rest has full rank are held (idle motions, redundant
+drives), rows that depend on others (overconstrained loops) are only verified. What is left is square and sparse; it is
+factored without pivoting, in an order found at home, every entry a vector over poses.
+"""
+
+# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownMemberType=false, reportUnknownVariableType=false
+# (scipy declares few types)
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.linalg import qr
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from stiffscope.vjm.linkage import Linkage, Placed
+    from stiffscope.vjm.screws import Array
+
+CLOSED = 1e-12  # errors over the mechanism's own length, and rad
+_ENOUGH = 2e-13  # below which another step gains nothing
+_RANK = 1e-9
+_STRUCTURAL = 1e-13
+_PIVOT = 0.05  # of the largest in its row or column, for the sake of sparsity
+_STEPS = 8
+_CONTRACTION = 0.3  # of the second step over the first: beyond, the start was too far
+_NEAR = 1e-6  # of a first step that needs no such check
+_STILL = 1e-4  # rad or own lengths, of a first step after which the next may use the same factors
+_STRAGGLERS = 0.25  # of the poses, that go on alone
+_FAR = 0.7  # rad or own lengths, of a first step
+_PASSIVE_FIRST = 1e-4  # weight of driven columns: passive ones carry the motion where there is a choice
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Coordinates (m, n), where they close every loop, the links there, and the factors of the last step."""
+
+    q: Array
+    closed: NDArray[np.bool_]
+    placed: Placed
+    error: Array  # (cuts, n): largest error of each cut joint
+    factors: dict[tuple[int, int], Array]
+
+
+class Closure:
+    """The equations of a linkage's cut joints, ranked and ordered at coordinates ``q`` (m,)."""
+
+    def __init__(self, linkage: Linkage, q: Array) -> None:
+        self.linkage = linkage
+        self.starts = np.cumsum([0, *(c.size for c in linkage.cuts)])
+        whole = self._whole(q[:, None])[..., 0]
+        unknown = [c for c in range(linkage.size) if c not in linkage.known]
+        self.columns = self._independent_columns(whole, unknown)
+        self.held = [c for c in unknown if c not in set(self.columns)]
+        self.rows = _independent(whole[:, self.columns].T)
+        self.redundant = int(self.starts[-1]) - len(self.rows)
+        self.whole = whole
+        self._order(q)
+
+    @property
+    def commanded(self) -> list[int]:
+        """Which of the known coordinates can be given any value; the others are locked by the loops."""
+        known = self.linkage.known
+        if not known or not len(self.whole):
+            return list(range(len(known)))
+        basis = np.linalg.qr(self.whole[:, [*self.columns]])[0] if self.columns else np.zeros((len(self.whole), 0))
+        part = self.whole[:, known]
+        rest = part - basis @ (basis.T @ part)
+        size = np.abs(self.whole).max()
+        return [k for k in range(len(known)) if np.linalg.norm(rest[:, k]) < 1e-7 * size]
+
+    def _whole(self, q: Array) -> Array:
+        """All equations' derivatives (rows, m, n) at coordinates (m, n)."""
+        linkage = self.linkage
+        placed = linkage.placed(q)
+        out = np.zeros((int(self.starts[-1]), linkage.size, q.shape[1]))
+        for k, cut in enumerate(linkage.cuts):
+            for row in range(cut.size):
+                rate = np.einsum("in,cin->cn", linkage.wrench(cut, row, placed), placed.twists[cut.columns])
+                out[self.starts[k] + row, cut.columns] = rate * cut.signs[:, None]
+        return out * linkage.scale[:, None]
+
+    def _independent_columns(self, whole: Array, unknown: list[int]) -> list[int]:
+        driven = {
+            linkage_column
+            for j in self.linkage.mechanism.drives
+            if j.name in self.linkage.columns and j.driven is not None
+            for linkage_column in [self.linkage.columns[j.name][j.driven]]
+        }
+        weight = np.array([_PASSIVE_FIRST if c in driven else 1.0 for c in unknown])
+        return [unknown[k] for k in _independent(whole[:, unknown] * weight)]
+
+    def _order(self, q: Array) -> None:
+        """Pivots by Markowitz's rule, and the fill of the factors."""
+        rng = np.random.default_rng(0)
+        spread = q[:, None] + 0.3 * rng.normal(size=(len(q), 3)) * self.linkage.scale[:, None]
+        everywhere: NDArray[np.bool_] = np.any(np.abs(self._whole(spread)) > _STRUCTURAL, axis=2)
+        used = everywhere[np.ix_(self.rows, self.columns)]
+        pattern = used.copy()
+        matrix = self.whole[np.ix_(self.rows, self.columns)].copy()
+        rows, columns = list(range(len(self.rows))), list(range(len(self.columns)))
+        row_order: list[int] = []
+        column_order: list[int] = []
+        while rows:
+            sub = np.abs(matrix[np.ix_(rows, columns)])
+            mask = pattern[np.ix_(rows, columns)]
+            good = sub >= _PIVOT * np.maximum(sub.max(axis=0)[None], sub.max(axis=1)[:, None])
+            cost = np.outer(mask.sum(axis=1) - 1, mask.sum(axis=0) - 1) - 1e-3 * sub / max(sub.max(), 1e-300)
+            i, j = np.unravel_index(np.argmin(np.where(good, cost, np.inf)), cost.shape)
+            r, c = rows.pop(int(i)), columns.pop(int(j))
+            row_order.append(r)
+            column_order.append(c)
+            for other in rows:
+                if pattern[other, c]:
+                    pattern[other, columns] |= pattern[r, columns]
+                    matrix[other, columns] -= matrix[other, c] / matrix[r, c] * matrix[r, columns]
+        self.rows = [self.rows[r] for r in row_order]
+        self.columns = [self.columns[c] for c in column_order]
+        fill = pattern[np.ix_(row_order, column_order)]
+        size = range(len(self.rows))
+        self.below = [[i for i in size if i > k and fill[i, k]] for k in size]
+        self.right = [[j for j in size if j > k and fill[k, j]] for k in size]
+        self.cut_of = [int(k) for k in np.searchsorted(self.starts, self.rows, side="right") - 1]
+        sparse = used[np.ix_(row_order, column_order)]
+        self.entries = [[j for j in size if sparse[i, j]] for i in size]
+        cuts = self.linkage.cuts
+        self.signs = [dict(zip(cut.columns.tolist(), cut.signs.tolist(), strict=True)) for cut in cuts]
+
+    def solve(self, q: Array, steps: int = _STEPS, *, patient: bool = False) -> Solution:
+        """Newton's method from coordinates (m, n), whose known rows are as given.
+
+        A pose is closed where all equations hold to 1e-12 and the steps contract as they do near a solution: a start
+        too far away may lead to another branch. ``patient``: go on with poses that cannot be closed so.
+        """
+        n = q.shape[1]
+        q = q.copy()
+        scale = self.linkage.scale[self.columns][:, None]
+        first, trusted = np.full(n, np.nan), np.ones(n, dtype=bool)
+        factors: dict[tuple[int, int], Array] = {}
+        with np.errstate(all="ignore"):
+            for count in range(steps + 1):
+                placed = self.linkage.placed(q)
+                errors = [self.linkage.errors(cut, placed) for cut in self.linkage.cuts]
+                worst = np.zeros((len(errors), n))
+                for k, e in enumerate(errors):
+                    worst[k] = np.abs(e).max(axis=0, initial=0.0)
+                most = worst.max(axis=0, initial=0.0)
+                going = ~(most < _ENOUGH)
+                if not patient:
+                    going &= trusted
+                if count == steps or not self.rows or not going.any():
+                    break
+                if count > 1 and 0 < going.sum() < _STRAGGLERS * n:
+                    late = self.solve(q[:, going], steps - count, patient=patient)
+                    q[:, going], worst[:, going], closed = late.q, late.error, (most < CLOSED) & trusted
+                    closed[going] = late.closed & trusted[going]
+                    return Solution(q, closed, self.linkage.placed(q), worst, factors)
+                if count != 1 or np.mean(first < _STILL) < 1.0 - _STRAGGLERS:  # else the same factors still serve
+                    factors = self.factored(self.matrix(placed))
+                right = [errors[k][row - self.starts[k]] for row, k in zip(self.rows, self.cut_of, strict=True)]
+                step = self.substituted(factors, right)
+                size = np.abs(step).max(axis=0)
+                if count == 0:
+                    first = size
+                    trusted &= size < _FAR
+                elif count == 1:
+                    trusted &= (size < _CONTRACTION * first) | (first < _NEAR) | (most < CLOSED)
+                going &= np.isfinite(size) & (size < 10.0)
+                q[self.columns] -= step * scale if going.all() else np.where(going, step * scale, 0.0)
+        closed = (most < CLOSED) & trusted  # pyright: ignore[reportPossiblyUnboundVariable]
+        return Solution(q, closed, placed, worst, factors)  # pyright: ignore[reportPossiblyUnboundVariable]
+
+    def matrix(self, placed: Placed) -> dict[tuple[int, int], Array]:
+        """Entries (n,) of the ranked equations' derivatives, in the order of elimination."""
+        linkage = self.linkage
+        entries: dict[tuple[int, int], Array] = {}
+        for i, (row, k) in enumerate(zip(self.rows, self.cut_of, strict=True)):
+            wrench = linkage.wrench(linkage.cuts[k], int(row - self.starts[k]), placed)
+            for j in self.entries[i]:
+                c = self.columns[j]
+                rate = np.einsum("in,in->n", wrench, placed.twists[c])
+                entries[i, j] = rate * (self.signs[k][c] * float(linkage.scale[c]))
+            for k_known, c in enumerate(linkage.known):  # the known coordinates' columns, behind those of the unknown
+                if c in self.signs[k]:
+                    rate = np.einsum("in,in->n", wrench, placed.twists[c])
+                    entries[i, len(self.rows) + k_known] = rate * self.signs[k][c]
+        return entries
+
+    def factored(self, entries: dict[tuple[int, int], Array]) -> dict[tuple[int, int], Array]:
+        """Factors L and U in place of the entries."""
+        a = dict(entries)
+        for k, (below, right) in enumerate(zip(self.below, self.right, strict=True)):
+            pivot = a[k, k]
+            for i in below:
+                factor = a[i, k] / pivot
+                a[i, k] = factor
+                for j in right:
+                    known = a.get((i, j))
+                    a[i, j] = -factor * a[k, j] if known is None else known - factor * a[k, j]
+        return a
+
+    def substituted(self, factors: dict[tuple[int, int], Array], right: list[Array]) -> Array:
+        """Solution (columns, n) for one right-hand side."""
+        y = list(right)
+        for k, below in enumerate(self.below):
+            for i in below:
+                y[i] = y[i] - factors[i, k] * y[k]
+        for k in reversed(range(len(y))):
+            for j in self.right[k]:
+                y[k] = y[k] - factors[k, j] * y[j]
+            y[k] = y[k] / factors[k, k]
+        return np.array(y)
+
+    def rates(self, placed: Placed, factors: dict[tuple[int, int], Array]) -> Array:
+        """Rates (m, k, n) of all coordinates for unit rates of each known one; ``factors`` may be those near by."""
+        linkage = self.linkage
+        n = placed.q.shape[1]
+        out = np.zeros((linkage.size, len(linkage.known), n))
+        with np.errstate(all="ignore"):
+            factors = factors or self.factored(self.matrix(placed))
+            size = len(self.rows)
+            for k, column in enumerate(linkage.known):
+                right = [factors.get((i, size + k), np.zeros(n)) for i in range(size)]
+                if right:
+                    out[self.columns, k] = -self.substituted(factors, right) * linkage.scale[self.columns][:, None]
+                out[column, k] = 1.0
+        return out
+
+
+def _independent(matrix: Array) -> list[int]:
+    """Columns that span the range of a matrix, by QR with pivoting."""
+    if not matrix.size:
+        return []
+    _, r, order = qr(matrix, mode="economic", pivoting=True)  # pyright: ignore[reportAssignmentType]
+    pivots = np.abs(np.diagonal(r))
+    rank = int(np.sum(pivots > _RANK * max(pivots[0], 1e-300))) if pivots[0] > 1e-12 else 0
+    return sorted(int(k) for k in order[:rank])

@@ -1,0 +1,172 @@
+"""Condensation of an elastic network to its tool, batched over poses.
+
+All twists and wrenches of nodes stand at M in base axes, so that members in series add their compliances C and collect
+their free directions N, and members in parallel add their stiffnesses ``K = Z (Zᵀ C Z)⁻¹ Zᵀ``. Nodes are eliminated by
+Schur complements, in the order of ``stiffscope.vjm.order``. What only constrains itself in rigid loops is solved with
+its constraints as multipliers (``stiffscope.vjm.saddle``). No singular matrix is inverted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.vjm.network import free_directions
+from stiffscope.vjm.order import Eliminate, Fold, Stiffen, stacked, stiffened
+from stiffscope.vjm.semidefinite import half_inverse
+
+if TYPE_CHECKING:
+    from stiffscope.vjm.network import Places
+    from stiffscope.vjm.order import Connection, Order
+    from stiffscope.vjm.screws import Array
+
+
+@dataclass(eq=False)
+class Stiff:
+    """A stiffened connection: its stiffness (n or 1, 6, 6) in its ``own`` axes, and at M in base axes.
+
+    ``back`` (n or 1, 6, 6) carries a twist from M to its own axes.
+    """
+
+    connection: Connection
+    where: Places
+    own: Array
+    back: Array
+    stiffness: Array
+
+    @cached_property
+    def members(self) -> list[tuple[Array, Array]]:
+        """Factor (n or 1, 6, r) and free directions (n or 1, 6, k) of every member, in the connection's axes."""
+        carries = self.connection.adjoints(self.where)
+        return [
+            (carry @ self.where.factor(e), carry @ free_directions(e, self.where))
+            for (e, _), carry in zip(self.connection.members, carries, strict=True)
+        ]
+
+
+@dataclass(eq=False)
+class Eliminated:
+    """An eliminated node: ``half`` W, WᵀW an inverse of its ``own`` stiffness; ``reach`` W G of each neighbour."""
+
+    step: Eliminate
+    own: Array
+    half: Array
+    reach: list[Array]
+
+
+@dataclass(eq=False)
+class Folded:
+    """A node that went with its connection: coordinates ``y = share · force``, twist ``columns · y`` against the start.
+
+    ``half`` W with WᵀW an inverse of the coordinates' stiffness ``core``; ``around``: stiffness to each neighbour, and
+    ``own`` their sum.
+    """
+
+    step: Fold
+    columns: Array
+    core: Array
+    half: Array
+    share: Array
+    around: dict[str, Array]
+    own: Array
+
+
+Gone: TypeAlias = "Stiff | Eliminated | Folded"
+
+
+@dataclass(eq=False)
+class Condensed:
+    """A network condensed to ground, tool and what no step could take: stiffnesses between ``pairs`` of nodes."""
+
+    order: Order
+    where: Places
+    pairs: dict[tuple[str, str], Array] = field(default_factory=dict[Any, Any])
+    gone: list[Gone] = field(default_factory=list[Any])
+
+    def pair(self, a: str, b: str) -> Array:
+        """Stiffness G (n or 1, 6, 6) between two nodes: b's twist times it is a force on a."""
+        if (a, b) in self.pairs:
+            return self.pairs[a, b]
+        return np.swapaxes(self.pairs[b, a], -1, -2)
+
+    def add(self, a: str, b: str, stiffness: Array) -> None:
+        """Put one more stiffness between two nodes."""
+        if (b, a) in self.pairs:
+            self.pairs[b, a] = self.pairs[b, a] + np.swapaxes(stiffness, -1, -2)
+        elif (a, b) in self.pairs:
+            self.pairs[a, b] = self.pairs[a, b] + stiffness
+        else:
+            self.pairs[a, b] = stiffness
+
+    def drop(self, node: str, neighbours: tuple[str, ...]) -> None:
+        """Forget the stiffnesses at a node that went."""
+        for c in neighbours:
+            self.pairs.pop((node, c), None)
+            self.pairs.pop((c, node), None)
+
+
+def condensed(order: Order, where: Places) -> Condensed:
+    """Condense a network. Raises InputError where a connection has infinite stiffness."""
+    state = Condensed(order, where)
+    for step in order.steps:
+        match step:
+            case Stiffen():
+                state.gone.append(_stiffen(state, step.connection))
+            case Eliminate():
+                state.gone.append(_eliminate(state, step))
+            case Fold():
+                state.gone.append(_fold(state, step))
+    return state
+
+
+def _stiffen(state: Condensed, connection: Connection) -> Stiff:
+    where = state.where
+    own = connection.constant if where.rigid else None
+    if own is None:
+        own, finite = stiffened(*connection.flexible(where), state.order.length)
+        if not finite:
+            names = ", ".join(e.name for e, _ in connection.members)
+            raise InputError(f"{names}: infinite stiffness in a constrained direction; expected a compliance there")
+    back = connection.frame(where).inverse_adjoint()
+    stiffness = np.swapaxes(back, -1, -2) @ own @ back
+    state.add(connection.start, connection.end, stiffness)
+    return Stiff(connection, where, own, back, stiffness)
+
+
+def _eliminate(state: Condensed, step: Eliminate) -> Eliminated:
+    around = [state.pair(step.node, c) for c in step.neighbours]
+    own = sum(around, np.zeros((1, 6, 6)))
+    half = half_inverse(own)
+    reach: list[Array] = [half @ g for g in around]
+    for i, a in enumerate(step.neighbours):
+        for j in range(i):
+            state.add(a, step.neighbours[j], np.swapaxes(reach[i], -1, -2) @ reach[j])
+    state.drop(step.node, step.neighbours)
+    return Eliminated(step, own, half, reach)
+
+
+def _fold(state: Condensed, step: Fold) -> Folded:
+    connection, start = step.connection, step.connection.start
+    factor, free = connection.flexible(state.where)
+    columns = connection.frame(state.where).adjoint() @ stacked([factor, free])
+    columns_t = np.swapaxes(columns, -1, -2)
+    around = {c: state.pair(step.node, c) for c in step.neighbours}
+    own = sum(around.values(), np.zeros((1, 6, 6)))
+    springs = np.repeat([1.0, 0.0], [factor.shape[2], free.shape[2]])
+    core = columns_t @ own @ columns + np.diag(springs)
+    half = half_inverse(core)
+    pull = half @ columns_t  # (n, m, 6)
+    reach = {c: pull @ around[c] for c in step.neighbours if c != start}
+    everything = sum(reach.values(), np.zeros((1, pull.shape[-2], 6)))
+    others = list(reach)
+    for i, c in enumerate(others):
+        back = np.swapaxes(reach[c], -1, -2)
+        state.add(c, start, np.swapaxes(around[c], -1, -2) - back @ everything)
+        for other in others[:i]:
+            state.add(c, other, back @ reach[other])
+    state.drop(step.node, step.neighbours)
+    return Folded(step, columns, core, half, np.swapaxes(half, -1, -2) @ pull, around, own)

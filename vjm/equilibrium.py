@@ -1,0 +1,58 @@
+"""Solutions of a condensed network: its stiffness at the tool, and equilibrium under loads.
+
+What no step of the condensation could take is solved as a saddle-point system.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.vjm.condensation import condensed
+from stiffscope.vjm.loading import carried, recovered, yielded
+from stiffscope.vjm.mechanism import GROUND
+from stiffscope.vjm.network import END
+from stiffscope.vjm.saddle import saddle_held, saddle_response, saddle_unit
+
+if TYPE_CHECKING:
+    from stiffscope.vjm.condensation import Condensed
+    from stiffscope.vjm.loading import Loads, Response
+    from stiffscope.vjm.network import Places
+    from stiffscope.vjm.order import Order
+    from stiffscope.vjm.screws import Array
+
+
+def tool_stiffness(state: Condensed) -> Array:
+    """Stiffness (n or 1, 6, 6) at M in base axes. Raises InputError where it would be infinite."""
+    if state.order.left:
+        return saddle_unit(state)[0]
+    if (GROUND, END) in state.pairs or (END, GROUND) in state.pairs:
+        return state.pair(END, GROUND)
+    return np.zeros((1, 6, 6))
+
+
+def loaded(order: Order, where: Places, loads: Loads) -> Response:
+    """Equilibrium under loads on nodes (the tool is one) and offsets.
+
+    Raises InputError where something moves freely under its load.
+    """
+    return equilibrium(condensed(order, where), loads)
+
+
+def equilibrium(state: Condensed, loads: Loads) -> Response:
+    """``loaded`` of a network that was condensed before."""
+    load = carried(state, loads)
+    if state.order.left:
+        return recovered(state, load, *saddle_response(state, load))
+    ends = {GROUND: np.zeros((1, 6, loads.cases)), END: yielded(tool_stiffness(state), load.force(END))}
+    return recovered(state, load, ends)
+
+
+def held(state: Condensed, loads: Loads) -> Response:
+    """``equilibrium`` with the tool held."""
+    load = carried(state, loads)
+    still = np.zeros((1, 6, loads.cases))
+    if state.order.left:
+        return recovered(state, load, *saddle_held(state, load))
+    return recovered(state, load, {GROUND: still, END: still})

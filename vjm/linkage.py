@@ -1,0 +1,378 @@
+"""A mechanism as rigid links: a spanning tree of joint coordinates, and the joints that close its loops.
+
+Every link stands by its displacement from home, ``x = R x_home + p`` in base axes. A tree joint contributes its
+coordinates (rotations R and slides P along axes, or a rotation vector S); a joint that is cut contributes equations:
+what it holds of the relative displacement of its two links.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from stiffscope.vjm.mechanism import GROUND, Joint
+from stiffscope.vjm.screws import rotation_of, skew
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.screws import Array
+
+Given = Literal["tool", "drives"]
+TOOL_MOTIONS = (*((("P", axis)) for axis in np.eye(3)), ("S", np.zeros(3)))
+HELD = {  # components along the joint's axes that it holds: of translation, of rotation
+    "fixed": ((0, 1, 2), (0, 1, 2)),
+    "revolute": ((0, 1, 2), (1, 2)),
+    "prismatic": ((1, 2), (0, 1, 2)),
+    "cylindrical": ((1, 2), (1, 2)),
+    "universal": ((0, 1, 2), (0,)),
+    "spherical": ((0, 1, 2), ()),
+    "planar": ((0,), (1, 2)),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """One motion of a tree joint: ``sign`` is -1 where the tree enters the joint from its second body."""
+
+    kind: str
+    axis: Array
+    point: Array
+    sign: float
+    column: int
+    parent: int
+    child: int
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """A joint that closes a loop: ``columns`` of the coordinates that move its links apart, with their signs."""
+
+    joint: Joint
+    first: int
+    second: int
+    columns: NDArray[np.intp]
+    signs: Array
+
+    @property
+    def size(self) -> int:
+        """Number of its equations."""
+        return sum(len(part) for part in HELD[self.joint.kind])
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """Links at n configurations ``q`` (m, n): ``rotation`` (3, 3, n or 1) and ``position`` (3, n or 1) of each frame.
+
+    Poses stand last here and in the closure of loops, where every entry is a vector over poses; elsewhere they lead.
+    """
+
+    rotation: list[Array]
+    position: list[Array]
+    q: Array
+    motions: tuple[Motion, ...]
+
+    def point(self, frame: int, home: Array) -> Array:
+        """Where a point (3,) of a link is, (3, n or 1)."""
+        return home @ self.rotation[frame] + self.position[frame]
+
+    @cached_property
+    def twists(self) -> Array:
+        """What a unit rate of each coordinate moves, (m, 6, n), at the origin in base axes."""
+        out = np.zeros((len(self.q), 6, self.q.shape[1]))
+        for m in self.motions:
+            r, c = self.rotation[m.parent], m.column
+            if m.kind == "P":
+                out[c, :3] = (m.sign * m.axis) @ r
+                continue
+            at = m.point @ r + self.position[m.parent]
+            if m.kind == "R":
+                out[c, 3:] = (m.sign * m.axis) @ r
+                _cross(at, out[c, 3:], out[c, :3])
+                continue
+            spin = m.sign * (np.moveaxis(r, -1, 0) @ left_jacobian(m.sign * self.q[c : c + 3].T))
+            for k in range(3):
+                out[c + k, 3:] = spin[..., k].T
+                _cross(at, out[c + k, 3:], out[c + k, :3])
+        return out
+
+
+class Linkage:
+    """Spanning tree and cut joints of a mechanism whose tool pose, or whose drives, are given.
+
+    Where the tool is given, it hangs in the tree by three slides x, y, z and a rotation vector: the pose's coordinates,
+    as displacements from home.
+    """
+
+    def __init__(self, mechanism: Mechanism, given: Given) -> None:
+        self.mechanism = mechanism
+        self.given: Given = given
+        self.link_of, links = _clusters(mechanism)
+        self.length = _size(mechanism)
+        joints = [j for j in mechanism.joints if self.link_of[j.first] != self.link_of[j.second]]
+        self.idle = [j for j in mechanism.joints if j.kind != "fixed" and j not in joints]
+        tree = self._tree(joints, links)
+        self.motions: list[Motion] = []
+        self.columns: dict[str, list[int]] = {}
+        self.frame = {self.link_of[GROUND]: 0}
+        self._grow(joints, tree)
+        self.size = sum(3 if m.kind == "S" else 1 for m in self.motions)
+        paths = self._paths()
+        self.cuts = [self._cut(j, paths) for j in joints if j.name not in tree]
+        self.known = self._known()
+        scale = np.ones(self.size)
+        for m in self.motions:
+            if m.kind == "P":
+                scale[m.column] = self.length
+        self.scale = scale
+
+    def _tree(self, joints: list[Joint], links: int) -> set[str]:
+        """Kruskal: joints with few unknown coordinates first, driven before passive, so that the freest are cut."""
+
+        def unknown(j: Joint) -> tuple[float, bool]:
+            count = sum(3 if kind == "S" else 1 for kind, _ in j.motions)
+            known = j.drive is not None and self.given == "drives"
+            return count - known, j.drive is None
+
+        parent = list(range(links))
+
+        def root(i: int) -> int:
+            while parent[i] != i:
+                i = parent[i]
+            return i
+
+        if self.given == "tool":
+            parent[self.link_of[self.mechanism.tool.body]] = root(self.link_of[GROUND])
+        tree: set[str] = set()
+        for j in sorted(joints, key=unknown):
+            a, b = root(self.link_of[j.first]), root(self.link_of[j.second])
+            if a != b:
+                parent[a] = b
+                tree.add(j.name)
+        return tree
+
+    def _grow(self, joints: list[Joint], tree: set[str]) -> None:
+        """Frames and motions along the tree, outward from the ground."""
+        edges: list[tuple[str, int, int, tuple[tuple[str, Array], ...], Array]] = [
+            (j.name, self.link_of[j.first], self.link_of[j.second], j.motions, j.at) for j in joints if j.name in tree
+        ]
+        tool = self.mechanism.tool
+        if self.given == "tool":
+            edges.insert(0, ("", self.link_of[GROUND], self.link_of[tool.body], TOOL_MOTIONS, tool.at))
+        count, frames = 0, 1
+        queue = deque([self.link_of[GROUND]])
+        while queue:
+            link = queue.popleft()
+            for name, first, second, motions, at in edges:
+                if name in self.columns or link not in {first, second}:
+                    continue
+                sign = 1.0 if link == first else -1.0
+                columns: list[int] = []
+                for kind, _ in motions:
+                    columns += range(count, count := count + (3 if kind == "S" else 1))
+                self.columns[name] = columns
+                sizes = [3 if kind == "S" else 1 for kind, _ in motions]
+                begun = [columns[sum(sizes[:k])] for k in range(len(sizes))]
+                steps = list(zip(motions, begun, strict=True))
+                at_frame = self.frame[link]
+                for (kind, axis), column in steps if sign > 0.0 else reversed(steps):
+                    self.motions.append(Motion(kind, axis, at, sign, column, at_frame, frames))
+                    at_frame, frames = frames, frames + 1
+                there = second if link == first else first
+                self.frame[there] = at_frame
+                queue.append(there)
+        self.frames = frames
+
+    def _paths(self) -> list[set[int]]:
+        paths: list[set[int]] = [set() for _ in range(self.frames)]
+        for m in self.motions:
+            paths[m.child] = paths[m.parent] | set(range(m.column, m.column + (3 if m.kind == "S" else 1)))
+        return paths
+
+    def _cut(self, joint: Joint, paths: list[set[int]]) -> Cut:
+        first, second = (self.frame[self.link_of[node]] for node in (joint.first, joint.second))
+        ahead, behind = sorted(paths[second] - paths[first]), sorted(paths[first] - paths[second])
+        signs = np.array([1.0] * len(ahead) + [-1.0] * len(behind))
+        return Cut(joint, first, second, np.array(ahead + behind, dtype=int), signs)
+
+    def _known(self) -> list[int]:
+        """Columns whose values are given, in the order of the commanded coordinates or of the drives."""
+        if self.given == "tool":
+            return [self.columns[""][k] for k in self.mechanism.tool.commanded]
+        return [
+            self.columns[j.name][j.driven]
+            for j in self.mechanism.drives
+            if j.name in self.columns and j.driven is not None
+        ]
+
+    def placed(self, q: Array) -> Placed:
+        """Links and their motions at coordinates (m, n)."""
+        rotation: list[Array] = [np.eye(3)[..., None]] * self.frames
+        position: list[Array] = [np.zeros((3, 1))] * self.frames
+        for m in self.motions:
+            r, p, c = rotation[m.parent], position[m.parent], m.column
+            if m.kind == "P":
+                r_out, p_out = r, p + ((m.sign * m.axis) @ r) * q[c]
+            else:
+                if m.kind == "R":
+                    s = skew(m.axis)
+                    r_out = r + np.matmul((m.sign * s).T, r) * np.sin(q[c])
+                    r_out = r_out + np.matmul((s @ s).T, r) * (1.0 - np.cos(q[c]))
+                else:
+                    turn = np.moveaxis(r, -1, 0) @ rotation_of(m.sign * q[c : c + 3].T)
+                    r_out = np.ascontiguousarray(np.moveaxis(turn, 0, -1))
+                p_out = p + m.point @ (r - r_out)
+            rotation[m.child], position[m.child] = r_out, p_out
+        return Placed(rotation, position, q, tuple(self.motions))
+
+    def errors(self, cut: Cut, placed: Placed) -> Array:
+        """Errors (h, n) of a cut joint: lengths over the mechanism's own, and what its held rotations are off."""
+        joint = cut.joint
+        held, turns = HELD[joint.kind]
+        axes = np.matmul(joint.axes.T, placed.rotation[cut.first])  # (3, 3, n): component, axis
+        gap = placed.point(cut.second, joint.at) - placed.point(cut.first, joint.at)
+        out = [(axes[:, k] * gap).sum(axis=0) / self.length for k in held]
+        second = placed.rotation[cut.second]
+        if joint.kind == "universal" and joint.axis is not None and joint.axis2 is not None:
+            a, b = joint.axis @ placed.rotation[cut.first], joint.axis2 @ second
+            out.append((a * b).sum(axis=0) - joint.axis @ joint.axis2)
+        elif len(turns) == 2:
+            image = joint.axes[:, 0] @ second
+            out += [-(axes[:, 2] * image).sum(axis=0), (axes[:, 1] * image).sum(axis=0)]
+        elif turns:
+            theirs = np.matmul(joint.axes.T, second)
+            for i, j in ((1, 2), (2, 0), (0, 1)):
+                out.append(0.5 * ((axes[:, j] * theirs[:, i]).sum(axis=0) - (axes[:, i] * theirs[:, j]).sum(axis=0)))
+        return np.array(np.broadcast_arrays(*out)) if out else np.zeros((0, 1))
+
+    def wrench(self, cut: Cut, row: int, placed: Placed) -> Array:
+        """The wrench (6, n or 1) on the second link, at the origin in base axes, that measures one of the errors.
+
+        Times a twist it gives the error's rate.
+        """
+        joint = cut.joint
+        held, turns = HELD[joint.kind]
+        carrier = placed.rotation[cut.first]
+        if row < len(held):
+            force = joint.axes[:, held[row]] @ carrier / self.length
+            at = placed.point(cut.second, joint.at)
+            out = np.empty((6, max(force.shape[1], at.shape[1])))
+            out[:3] = force
+            _cross(at, out[:3], out[3:])
+            return out
+        if joint.kind == "universal" and joint.axis is not None and joint.axis2 is not None:
+            a, b = joint.axis @ carrier, joint.axis2 @ placed.rotation[cut.second]
+            out = np.zeros((6, max(a.shape[1], b.shape[1])))
+            _cross(b, a, out[3:])
+            return out
+        moment = joint.axes[:, turns[row - len(held)]] @ carrier
+        return np.concatenate([np.zeros_like(moment), moment])
+
+    def coordinates(self, joint: Joint, q: Array, placed: Placed) -> Array:
+        """Coordinates (n, f) of a joint in the order of its motions, rad and m, from all coordinates (m, n)."""
+        if joint.name in self.columns:
+            return q[self.columns[joint.name]].T
+        first, second = (self.frame[self.link_of[node]] for node in (joint.first, joint.second))
+        to_first = np.swapaxes(np.moveaxis(placed.rotation[first], -1, 0), -1, -2)
+        across = to_first @ np.moveaxis(placed.rotation[second], -1, 0)
+        gap = (placed.point(second, joint.at) - placed.point(first, joint.at)).T
+        found = _free_coordinates(joint, across, (to_first @ gap[..., None])[..., 0])
+        return np.broadcast_to(found, (q.shape[1], found.shape[-1]))
+
+
+def _cross(a: Array, b: Array, out: Array) -> None:
+    """Cross product of vectors (3, n) into ``out``."""
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+
+
+def _free_coordinates(joint: Joint, across: Array, gap: Array) -> Array:
+    """Coordinates of a joint from the displacement of its second body against its first."""
+    x, y, z = joint.axes.T
+    angle = np.arctan2((across @ y) @ z, (across @ y) @ y)
+    found: list[Array] = []
+    match joint.kind:
+        case "revolute":
+            found = [angle]
+        case "prismatic":
+            found = [gap @ x]
+        case "cylindrical":
+            found = [angle, gap @ x]
+        case "planar":
+            found = [gap @ y, gap @ z, angle]
+        case "spherical":
+            found = list(rotation_vector(across).T)
+        case "universal" if joint.axis2 is not None:
+            image, back = across @ joint.axis2, np.swapaxes(across, -1, -2) @ x
+            side = np.cross(x, joint.axis2)
+            found = [np.arctan2(image @ side, image @ np.cross(side, x))]
+            found.append(np.arctan2(back @ side, back @ np.cross(joint.axis2, side)))
+        case _:
+            return np.zeros((len(across), 0))
+    return np.stack(np.broadcast_arrays(*found), axis=-1)
+
+
+def _clusters(mechanism: Mechanism) -> tuple[dict[str, int], int]:
+    """Rigid link of every node: bodies that fixed joints connect are one, and so are the ends of an elastic one."""
+    names = [GROUND, *(b.name for b in mechanism.bodies)]
+    group = {name: k for k, name in enumerate(names)}
+    for j in mechanism.joints:
+        if j.kind == "fixed":
+            a, b = group[mechanism.carrier(j.first)], group[mechanism.carrier(j.second)]
+            group = {name: a if k == b else k for name, k in group.items()}
+    order = {k: i for i, k in enumerate(dict.fromkeys(group.values()))}
+    link = {name: order[k] for name, k in group.items()}
+    nodes = {GROUND: link[GROUND]} | {node: link[b.name] for b in mechanism.bodies for node in b.nodes}
+    return nodes, len(order)
+
+
+def _size(mechanism: Mechanism) -> float:
+    """Characteristic length in m: of the box about joints and tool."""
+    points = np.array([mechanism.tool.at, *(j.at for j in mechanism.joints)])
+    return float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
+
+
+def turned(rotation: Array) -> Array:
+    """Sine of the angle times the axis (..., 3) of rotations (..., 3, 3)."""
+    r = rotation
+    return 0.5 * np.stack([r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]], -1)
+
+
+def rotation_vector(rotation: Array) -> Array:
+    """Rotation vector (..., 3) in rad, no longer than π, of rotations (..., 3, 3)."""
+    s = turned(rotation)
+    sine: Array = np.linalg.norm(s, axis=-1)
+    cosine = 0.5 * (np.einsum("...ii->...", rotation) - 1.0)
+    angle = np.arctan2(sine, cosine)
+    near = sine < 1e-4  # no rotation, or half a turn: its axis is in the symmetric part
+    factor: Array = np.where(near & (cosine > 0.0), 1.0 + angle**2 / 6.0, angle / np.where(sine > 0.0, sine, 1.0))
+    vector: Array = s * factor[..., None]
+    half = near & (cosine < 0.0)
+    if half.any():
+        r = rotation[half]
+        outer = 0.5 * (r + np.swapaxes(r, -1, -2)) + np.eye(3) * (-cosine[half])[..., None, None]
+        best = np.argmax(np.einsum("...ii->...i", outer), axis=-1)
+        axis = np.take_along_axis(outer, best[..., None, None], axis=-1)[..., 0]
+        axis = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
+        flip = np.where(np.einsum("...i,...i", axis, s[half]) < 0.0, -1.0, 1.0)
+        vector[half] = axis * (flip * angle[half])[..., None]
+    return vector
+
+
+def left_jacobian(vector: Array) -> Array:
+    """Angular velocity in fixed axes per rate of a rotation vector (..., 3); (..., 3, 3)."""
+    square = np.einsum("...i,...i", vector, vector)[..., None, None]
+    angle = np.sqrt(square)
+    s = skew(vector)
+    half = np.sinc(angle / (2.0 * np.pi))
+    small = square < 1e-2
+    safe = np.where(small, 1.0, angle)
+    series = 1.0 / 6.0 - square / 120.0 * (1.0 - square / 42.0 * (1.0 - square / 72.0))
+    third = np.where(small, series, (safe - np.sin(safe)) / safe**3)
+    return np.eye(3) + 0.5 * half**2 * s + third * (s @ s)

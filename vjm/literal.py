@@ -1,0 +1,70 @@
+"""The paper's ``K_θ - K_G`` of Eqs. (1) to (3): an elastic body softened by the loads behind it, each body on its own.
+
+It is not what a loaded mechanism does (``stiffscope.vjm.prestress`` is), and stands for the audit of the paper.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.vjm.condensation import condensed
+from stiffscope.vjm.equilibrium import tool_stiffness
+from stiffscope.vjm.kinematics import configure
+from stiffscope.vjm.network import places
+from stiffscope.vjm.order import order_of
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import ArrayLike
+
+    from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.screws import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Behind:
+    """A force (3,) in N, base axes, that an elastic body carries: at a node's point ``at`` (3,), as it is at home."""
+
+    force: Array
+    node: str
+    at: Array
+
+
+def literal_stiffness(mechanism: Mechanism, poses: ArrayLike, behind: Mapping[str, Sequence[Behind]]) -> Array:
+    """Stiffness (n, 6, 6) at M with ``K_θ - K_G`` for K_θ of the elastic bodies that ``behind`` names.
+
+    Raises InputError for a pose out of reach.
+    """
+    found = configure(mechanism, poses).required()
+    order, where = order_of(mechanism, found.linkage), places(found)
+    softened: dict[str, Array] = {}
+    for e in order.elements:
+        if e.name not in behind:
+            continue
+        frame = where.frame(e)
+        to_own = np.swapaxes(frame.matrix(), -1, -2)
+        hessian = np.zeros((1, 6, 6))
+        for load in behind[e.name]:
+            away = where.point(load.node, load.at) - where.tool - frame.origin()
+            lever = (to_own @ away[..., None])[..., 0]
+            hessian = hessian + load_hessian(to_own @ load.force, lever)
+        c = np.linalg.solve(np.eye(6) - e.compliance @ hessian, e.compliance)
+        softened[e.name] = np.linalg.cholesky(0.5 * (c + np.swapaxes(c, -1, -2)))
+    return tool_stiffness(condensed(order, replace(where, rigid=False, softened=softened)))
+
+
+def load_hessian(force: Array, lever: Array) -> Array:
+    """Hessian of the work of a force (..., 3) at a lever (..., 3) behind a spring with coordinates Tx Ty Tz Rx Ry Rz.
+
+    ``H_ab = f_b r_a - (f·r) δ_ab`` for a ≤ b in the rotational block, symmetric, zero elsewhere; (..., 6, 6).
+    """
+    block = lever[..., :, None] * force[..., None, :]
+    block = block - np.einsum("...i,...i", force, lever)[..., None, None] * np.eye(3)
+    upper = np.triu(block)
+    hessian = np.zeros((*block.shape[:-2], 6, 6))
+    hessian[..., 3:, 3:] = upper + np.swapaxes(np.triu(block, 1), -1, -2)
+    return hessian

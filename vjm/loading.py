@@ -1,0 +1,375 @@
+"""Loads on a condensed network: carried to the tool step by step; what every element carries, recovered from there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.vjm.condensation import Eliminated, Folded, Stiff
+from stiffscope.vjm.mechanism import GROUND
+from stiffscope.vjm.network import END, free_directions
+from stiffscope.vjm.order import stacked
+from stiffscope.vjm.semidefinite import inverse, pivoted
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from stiffscope.vjm.condensation import Condensed
+    from stiffscope.vjm.network import Element, Places
+    from stiffscope.vjm.order import Connection
+    from stiffscope.vjm.screws import Array
+
+_FREE = 1e-12  # relative pivot of the tool's stiffness that is rounding
+_BALANCED = 1e-6  # of a load, that may be left along a free motion
+
+
+@dataclass(eq=False)
+class Loads:
+    """``cases`` of wrenches (n or 1, 6, c) on nodes at M in base axes, and of elements' offsets in their own axes."""
+
+    cases: int
+    nodes: dict[str, Array] = field(default_factory=dict[Any, Any])
+    offsets: dict[str, Array] = field(default_factory=dict[Any, Any])
+
+
+@dataclass(eq=False)
+class Chain:
+    """Loads along a connection: at M in base axes."""
+
+    connection: Connection
+    carried: list[Array]
+    """Wrenches (n or 1, 6, c) on each member's end by the loads on the nodes after it, from the start."""
+    total: Array
+    """Of all loads on its inner nodes (n or 1, 6, c)."""
+    offset: Array
+    """Twist (n or 1, 6, c) of its end against its start by its members' offsets."""
+
+
+@dataclass(eq=False)
+class Carried:
+    """Loads that were carried to the nodes left: ``forces`` (n or 1, 6, c) on them, and what each step has kept."""
+
+    loads: Loads
+    forces: dict[str, Array]
+    kept: list[Any] = field(default_factory=list[Any])
+
+    def add(self, node: str, wrench: Array) -> None:
+        """Add a wrench on a node."""
+        self.forces[node] = self.forces[node] + wrench if node in self.forces else wrench
+
+    def force(self, node: str) -> Array:
+        """Wrench on a node so far."""
+        return self.forces.get(node, np.zeros((1, 6, self.loads.cases)))
+
+
+@dataclass(eq=False)
+class ElementState:
+    """An element under c cases: ``across`` (n, 6, c), twist of its second node against its first, and ``carried``
+    (n, 6, c), wrench on its second node's side, both at M in base axes.
+    """
+
+    element: Element
+    where: Places
+    carried: Array
+    across: Array
+    rates: Array
+    """(n, k, c): motion along each of its free directions."""
+
+    @cached_property
+    def wrench(self) -> Array:
+        """Wrench (n, 6, c) that it carries, at its own point in its own axes."""
+        return np.swapaxes(self.where.adjoint(self.element), -1, -2) @ self.carried
+
+    @cached_property
+    def twist(self) -> Array:
+        """Twist (n, 6, c) across it, at its own point in its own axes."""
+        return self.where.frame(self.element).inverse_adjoint() @ self.across
+
+    @cached_property
+    def energy(self) -> Array:
+        """Strain energy (n, c) in J."""
+        stress = self.element.factor.T @ self.wrench
+        return 0.5 * np.einsum("nrc,nrc->nc", stress, stress)
+
+
+@dataclass(eq=False)
+class Response:
+    """``twist`` (n, 6, c) of the tool at M in base axes, m and rad, and all that leads to it.
+
+    ``nodes``: twists (n, 6, c) of every node at M in base axes; ``elements``: the state of every element by name.
+    """
+
+    where: Places
+    twist: Array
+    nodes: dict[str, Array] = field(default_factory=dict[Any, Any])
+    elements: dict[str, ElementState] = field(default_factory=dict[Any, Any])
+
+
+def carried(state: Condensed, loads: Loads) -> Carried:
+    """Carry loads through every step of the condensation."""
+    out = Carried(loads, {node: w for node, w in loads.nodes.items() if node != GROUND})
+    for gone in state.gone:
+        match gone:
+            case Stiff():
+                out.kept.append(_through_stiff(state, gone, out))
+            case Eliminated():
+                out.kept.append(_through_eliminated(gone, out))
+            case Folded():
+                out.kept.append(_through_folded(state, gone, out))
+    return out
+
+
+def recovered(
+    state: Condensed,
+    load: Carried | None,
+    ends: dict[str, Array],
+    left: Sequence[tuple[Connection, Chain | None, Array, Array, Array]] = (),
+    mix: Array | None = None,
+) -> Response:
+    """Twists (n, 6, c) of all nodes and states of all elements from those of the nodes that were not condensed.
+
+    ``left``: connections that were not, with their loads, wrench, twist across and rates. ``mix`` (c₀, c): how much of
+    each of the carried load cases is in each of these.
+    """
+    out = Response(state.where, ends[END], ends)
+    walk = _Walk(state, load, out, mix)
+    for connection, along, wrench, span, rates in left:
+        walk.along(connection, along, wrench, span, rates)
+    kept = load.kept if load else [None] * len(state.gone)
+    for gone, own in zip(reversed(state.gone), reversed(kept), strict=True):
+        match gone:
+            case Stiff():
+                c = gone.connection
+                span = out.nodes[c.end] - out.nodes[c.start]
+                wrench = gone.stiffness @ span
+                if own:
+                    wrench = wrench + walk.mixed(own[1])
+                walk.along(c, own[0] if own else None, wrench, span, None)
+            case Eliminated():
+                moved = walk.mixed(own) if own is not None else np.zeros((1, 6, 1))
+                for c, reach in zip(gone.step.neighbours, gone.reach, strict=True):
+                    moved = moved + reach @ out.nodes[c]
+                out.nodes[gone.step.node] = np.swapaxes(gone.half, -1, -2) @ moved
+            case Folded():
+                _recover_folded(gone, own, walk)
+    return out
+
+
+def yielded(stiffness: Array, wrench: Array) -> Array:
+    """Twist (n, 6, c) of a stiffness (n or 1, 6, 6) under wrenches (n or 1, 6, c).
+
+    Raises InputError where a wrench acts along a free direction.
+    """
+    half, pivots = pivoted(stiffness, _FREE)
+    twist = np.swapaxes(half, -1, -2) @ (half @ wrench)
+    if (pivots <= _FREE).any():
+        left = np.abs(stiffness @ twist - wrench)
+        if (left > _BALANCED * np.abs(wrench).max(axis=1, keepdims=True)).any():
+            count = int((pivots <= _FREE).sum(axis=1).max())
+            raise InputError(
+                f"the tool moves freely in {count} direction(s): ask for its mobility, not for its deflection"
+            )
+    return twist
+
+
+def chain(state: Condensed, load: Carried, connection: Connection) -> Chain:
+    """Loads and offsets along a connection."""
+    total: Array = np.zeros((1, 6, load.loads.cases))
+    each: list[Array] = [total]
+    for node in reversed(connection.inner):
+        if node in load.forces:
+            total = total + load.forces[node]
+        each.insert(0, total)
+    offset: Array = np.zeros((1, 6, load.loads.cases))
+    for e, sign in connection.members:
+        if e.name in load.loads.offsets:
+            offset = offset + state.where.adjoint(e) @ (sign * load.loads.offsets[e.name])
+    return Chain(connection, each, total, offset)
+
+
+def regained(free: Array, length: float) -> Array:
+    """Coordinates (n, k, 6) of the free directions (n, 6, k) nearest to a twist, lengths scaled."""
+    scale = np.array([1.0 / length] * 3 + [1.0] * 3)
+    unit = free * scale[:, None]
+    unit_t = np.swapaxes(unit, -1, -2)
+    return inverse(unit_t @ unit) @ unit_t * scale
+
+
+def _through_stiff(state: Condensed, gone: Stiff, load: Carried) -> tuple[Chain, Array]:
+    c = gone.connection
+    along = chain(state, load, c)
+    preload: Array = np.zeros((1, 6, load.loads.cases))
+    if along.offset.any():
+        preload = preload - gone.stiffness @ along.offset
+    if any(w.any() for w in along.carried):
+        preload = preload + np.swapaxes(gone.back, -1, -2) @ _holding(state, gone, along)
+    load.add(c.end, -preload)
+    load.add(c.start, preload + along.total)
+    return along, preload
+
+
+def _holding(state: Condensed, gone: Stiff, along: Chain) -> Array:
+    """Wrench (n, 6, c) that holds the end of a connection under the loads on its inner nodes, in its own axes.
+
+    ``w = w₀ - K (τ + C w₀)`` with Nᵀ w₀ = -ν, what the loads would do along the free directions.
+    """
+    forth = np.swapaxes(gone.connection.frame(state.where).adjoint(), -1, -2)
+    tau: Array = np.zeros((1, 6, 1))
+    free: list[Array] = []
+    nu: list[Array] = []
+    for (factor, directions), wrench in zip(gone.members, along.carried, strict=True):
+        here = forth @ wrench
+        if factor.shape[2]:
+            tau = tau + factor @ (np.swapaxes(factor, -1, -2) @ here)
+        if directions.shape[2]:
+            free.append(directions)
+            nu.append(np.swapaxes(directions, -1, -2) @ here)
+    if not nu:
+        return -gone.own @ tau
+    directions, work = stacked(free), _rows(nu)
+    hold = -np.swapaxes(regained(directions, state.order.length), -1, -2) @ work
+    left = np.abs(np.swapaxes(directions, -1, -2) @ hold + work)
+    if (left > _BALANCED * np.abs(work).max(axis=(1, 2), keepdims=True)).any():
+        _refuse([e.name for e, _ in gone.connection.members])
+    for factor, _ in gone.members:
+        if factor.shape[2]:
+            tau = tau + factor @ (np.swapaxes(factor, -1, -2) @ hold)
+    return hold - gone.own @ tau
+
+
+def _through_eliminated(gone: Eliminated, load: Carried) -> Array | None:
+    force = load.forces.pop(gone.step.node, None)
+    if force is None:
+        return None
+    push = gone.half @ force
+    _check_balance((gone.step.node,), gone.half, gone.own, force)
+    for c, reach in zip(gone.step.neighbours, gone.reach, strict=True):
+        load.add(c, np.swapaxes(reach, -1, -2) @ push)
+    return push
+
+
+def _through_folded(state: Condensed, gone: Folded, load: Carried) -> tuple[Chain, Array, Array]:
+    connection = gone.step.connection
+    along = chain(state, load, connection)
+    force = load.force(gone.step.node)
+    drive = np.swapaxes(gone.columns, -1, -2) @ (force - gone.own @ along.offset)
+    if any(w.any() for w in along.carried):
+        drive = drive + pulled(state, along, gone.columns)
+    y = np.swapaxes(gone.half, -1, -2) @ (gone.half @ drive)
+    _check_balance([e.name for e, _ in connection.members], gone.half, gone.core, drive)
+    moved = along.offset + gone.columns @ y  # twist of the node where all others stand still
+    load.add(connection.start, force + along.total)
+    for c, stiffness in gone.around.items():
+        share = np.swapaxes(stiffness, -1, -2) @ moved
+        load.add(c, share)
+        load.add(connection.start, -share)
+    return along, y, force
+
+
+def pulled(state: Condensed, along: Chain, columns: Array) -> Array:
+    """What the loads on a connection's inner nodes do along its coordinates, (n, m, c)."""
+    out: list[Array] = []
+    at = 0
+    sizes = [e.factor.shape[1] for e, _ in along.connection.members]
+    sizes += [free_directions(e, state.where).shape[2] for e, _ in along.connection.members]
+    for size, wrench in zip(sizes, along.carried * 2, strict=True):
+        out.append(np.swapaxes(columns[:, :, at : at + size], -1, -2) @ wrench)
+        at += size
+    return _rows(out)
+
+
+def _rows(blocks: list[Array]) -> Array:
+    n = max(len(b) for b in blocks)
+    return np.concatenate([np.broadcast_to(b, (n, *b.shape[1:])) for b in blocks], axis=1)
+
+
+def _check_balance(names: Sequence[str], half: Array, matrix: Array, load: Array) -> None:
+    """Refuse a load along a direction that a generalized inverse has dropped."""
+    if not (np.einsum("nii->ni", half) == 0.0).any():
+        return
+    left = np.abs(load - matrix @ (np.swapaxes(half, -1, -2) @ (half @ load)))
+    if (left > _BALANCED * np.abs(load).max(axis=(1, 2), keepdims=True) + 1e-300).any():
+        _refuse(names)
+
+
+def _refuse(names: Sequence[str]) -> None:
+    raise InputError(f"{', '.join(names)}: moves freely under its load, there is no equilibrium")
+
+
+def _recover_folded(gone: Folded, own: tuple[Chain, Array, Array] | None, walk: _Walk) -> None:
+    nodes, connection = walk.out.nodes, gone.step.connection
+    start = nodes[connection.start]
+    y: Array = walk.mixed(own[1]) if own else np.zeros((1, gone.columns.shape[2], 1))
+    for c, stiffness in gone.around.items():
+        y = y + gone.share @ (stiffness @ (nodes[c] - start))
+    span = gone.columns @ y
+    if own:
+        span = span + walk.mixed(own[0].offset)
+    node = start + span
+    wrench: Array = walk.mixed(own[2]) if own else np.zeros_like(node)
+    for c, stiffness in gone.around.items():
+        wrench = wrench + stiffness @ (nodes[c] - node)
+    nodes[gone.step.node] = node
+    count = sum(e.factor.shape[1] for e, _ in connection.members)
+    walk.along(connection, own[0] if own else None, wrench, span, y[:, count:])
+
+
+@dataclass(eq=False)
+class _Walk:
+    """Carries wrenches and twists along connections into a response."""
+
+    state: Condensed
+    load: Carried | None
+    out: Response
+    mix: Array | None
+
+    def mixed(self, cases: Array) -> Array:
+        """The carried cases (n, k, c₀) as these cases have them."""
+        return cases if self.mix is None else cases @ self.mix
+
+    def along(
+        self, connection: Connection, loads: Chain | None, wrench: Array, span: Array, rates: Array | None
+    ) -> None:
+        """Members and nodes of a connection whose end, moved by ``span``, carries ``wrench``."""
+        where = self.state.where
+        offsets = self.load.loads.offsets if self.load else {}
+        wrenches: list[Array] = []
+        elastic: list[Array | None] = []
+        columns: list[Array] = []
+        for k, (e, sign) in enumerate(connection.members):
+            w = wrench
+            if loads is not None and loads.carried[k].any():
+                w = wrench + self.mixed(loads.carried[k])
+            part = None
+            if e.factor.shape[1]:
+                f = where.adjoint(e) @ where.factor(e)
+                part = f @ (np.swapaxes(f, -1, -2) @ w)
+            if e.name in offsets:
+                offset = where.adjoint(e) @ self.mixed(sign * offsets[e.name])
+                part = offset if part is None else part + offset
+            wrenches.append(w)
+            elastic.append(part)
+            columns.append(where.adjoint(e) @ free_directions(e, where) if e.free.shape[1] else np.zeros((1, 6, 0)))
+        if rates is None and any(n.shape[2] for n in columns):
+            rest = span - sum(part for part in elastic if part is not None)
+            rates = regained(stacked(columns), self.state.order.length) @ rest
+        node, at = self.out.nodes[connection.start], 0
+        inner = connection.inner
+        for k, ((e, sign), w, part, free) in enumerate(
+            zip(connection.members, wrenches, elastic, columns, strict=True)
+        ):
+            across: Array = np.zeros((1, 6, w.shape[2])) if part is None else part
+            rate: Array = np.zeros((1, 0, w.shape[2]))
+            if rates is not None and free.shape[2]:
+                rate = rates[:, at : at + free.shape[2]]
+                at += free.shape[2]
+                across = across + free @ rate
+            self.out.elements[e.name] = ElementState(e, where, sign * w, sign * across, sign * rate)
+            if part is not None or free.shape[2]:
+                node = node + across
+            if k < len(inner):
+                self.out.nodes[inner[k]] = node

@@ -1,0 +1,301 @@
+"""Mobility of a mechanism at one configuration: what moves, what is idle, what is held more than once, by name.
+
+Bodies are rigid. Joint rates q̇ satisfy one twist equation for each independent loop, ``A q̇ = 0``; the null space of A
+is the mechanism's motions, its left null space the wrenches that joints can carry without a load: redundant
+constraints. Both follow from singular values of A, lengths over the mechanism's own.
+
+References
+----------
+J. Angeles, Fundamentals of Robotic Mechanical Systems, 4th ed., Springer 2014, ch. 8 (loop equations, mobility).
+T. H. Davies, "Kirchhoff's circulation law applied to multi-loop kinematic chains", Mech. Mach. Theory 16 (1981) 171.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.vjm.joint_rates import JointRates
+from stiffscope.vjm.mechanism import COORDINATES
+from stiffscope.vjm.screws import shift
+from stiffscope.vjm.subspaces import RANK, ZERO, blocks, named, null_space, range_space, rank, spaces
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from stiffscope.vjm.kinematics import Configurations
+    from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.screws import Array
+    from stiffscope.vjm.subspaces import Direction
+
+NEAR = 1e-4  # relative singular value below which a direction is nearly free
+_TOGETHER, _MANY = 3, 1000  # loops that are searched for what they share, and groups of them
+
+
+@dataclass(frozen=True, eq=False)
+class Redundancy:
+    """Constraints that a loop, or ``loops`` of them together, hold once more than needed.
+
+    ``bodies``: those that the loop passes, in its order; of several loops all of theirs, sets such as leg1 in short.
+    ``directions`` are as many as ``count`` where a single loop has them, else empty.
+    """
+
+    loops: int
+    bodies: tuple[str, ...]
+    joints: tuple[str, ...]
+    count: int
+    directions: tuple[Direction, ...]
+
+    def __str__(self) -> str:
+        many = f"{self.count} redundant constraint{'s' * (self.count > 1)}"
+        if self.loops == 1:
+            return f"the loop through {joined(self.bodies)} has {many}: {', '.join(map(str, self.directions))}"
+        return f"the {self.loops} loops through {joined(self.bodies)} share {many}"
+
+
+@dataclass(frozen=True, eq=False)
+class Idle:
+    """A motion of ``bodies`` in ``joints`` that neither moves the tool nor a drive; ``count`` of them."""
+
+    bodies: tuple[str, ...]
+    joints: tuple[str, ...]
+    count: int
+    direction: Direction | None
+    """The motion of the bodies where it is one and they all have the same."""
+
+    def __str__(self) -> str:
+        who, where = joined(self.bodies), joined(self.joints)
+        one = len(self.bodies) == 1
+        if self.direction is None:
+            ways = "" if self.count == 1 else f" in {self.count} independent ways"
+            return f"{who} move{'s' * one} idly{ways} in {where}"
+        verb = {"rotation": "spin", "translation": "slide", "screw": "screw"}[self.direction.kind]
+        return f"{who} {verb}{'s' * one} {'between' if len(self.joints) == 2 else 'in'} {where}"
+
+
+@dataclass(frozen=True, eq=False)
+class Mobility:
+    """What a mechanism can do at one configuration, every body rigid.
+
+    Attributes
+    ----------
+    freedoms
+        Sum of the joints' freedoms.
+    loops
+        Independent loops, each the bodies that it passes.
+    dof
+        Independent motions of the whole mechanism: ``freedoms - 6 loops + redundant``.
+    tool
+        Motions of the tool at M, base axes.
+    coordinates
+        What each of x y z rx ry rz does at M: "commanded" by ``tool.pose``, "follows" from those, is "free" besides
+        them, is "held"; or "locked": commanded, though the loops hold it.
+    loose
+        Motions of the tool that are left with all drives held: it lacks drives.
+    dependent_drives
+        Drives that others, or the loops, determine; ``redundant_drives`` of them could be taken away.
+    redundancies, idle
+        Redundant constraints and idle motions by name.
+    constraint_margin
+        Smallest singular value of A that counts over the largest: 0 where it is singular.
+    rounding
+        Largest singular value of A that does not count, over the largest.
+    conditioning
+        Inverse condition number of the commanded coordinates by the drives, lengths over the mechanism's own: 0 where
+        singular; None where drives and coordinates are not as many, or there is none.
+
+    """
+
+    freedoms: int
+    loops: tuple[tuple[str, ...], ...]
+    dof: int
+    tool: tuple[Direction, ...]
+    coordinates: Mapping[str, str]
+    loose: tuple[Direction, ...]
+    redundant_drives: int
+    dependent_drives: tuple[str, ...]
+    redundancies: tuple[Redundancy, ...]
+    idle: tuple[Idle, ...]
+    constraint_margin: float
+    rounding: float
+    conditioning: float | None
+
+    @property
+    def count(self) -> int:
+        """Mobility by the formula of Chebyshev, Grübler and Kutzbach, ``freedoms - 6 loops``."""
+        return self.freedoms - 6 * len(self.loops)
+
+    @property
+    def redundant(self) -> int:
+        """Number of redundant constraints."""
+        return sum(r.count for r in self.redundancies)
+
+    @property
+    def idle_count(self) -> int:
+        """Number of idle motions."""
+        return sum(i.count for i in self.idle)
+
+
+def mobility(mechanism: Mechanism, configurations: Configurations | None = None, index: int = 0) -> Mobility:
+    """Mobility at home, or at one of given configurations, which must be valid there."""
+    rates = JointRates(mechanism, configurations, index)
+    size = int(rates.starts[-1])
+    equations = [rates.along(loop) for loop in rates.loops]
+    whole = np.vstack(equations) if equations else np.zeros((0, size))
+    left, values, motions = spaces(whole)
+    drives = _drives(rates)
+    to_tool = shift((rates.tool - rates.middle) / rates.length)
+    tool = to_tool @ rates.of_body(mechanism.carrier(mechanism.tool.body))
+    held = motions @ null_space(drives @ motions)
+    idle = held @ null_space(tool @ held)
+    return Mobility(
+        size,
+        tuple(rates.bodies(loop) for loop in rates.loops),
+        motions.shape[1],
+        _twists(rates, tool @ motions),
+        _coordinates(rates, tool @ motions),
+        _twists(rates, tool @ held),
+        *_dependent(rates, drives @ motions),
+        _redundancies(rates, equations, left),
+        _idle(rates, idle),
+        *values,
+        _conditioning(rates, drives, tool, motions),
+    )
+
+
+def joined(names: Sequence[str]) -> str:
+    """Names as a sentence lists them."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def _in_short(names: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
+    """Names, those of a whole set ("leg1.…") by the set's."""
+    out: list[str] = []
+    for name in names:
+        leader = name.partition(".")[0]
+        whole = [other for other in known if other.partition(".")[0] == leader]
+        out.append(leader if len(whole) > 1 and set(whole) <= set(names) else name)
+    return tuple(dict.fromkeys(out))
+
+
+def _drives(rates: JointRates) -> Array:
+    rows = [
+        np.eye(int(rates.starts[-1]))[int(rates.starts[k]) + (j.driven or 0)]
+        for k, j in enumerate(rates.joints)
+        if j.drive is not None
+    ]
+    return np.array(rows).reshape(-1, int(rates.starts[-1]))
+
+
+def _dependent(rates: JointRates, drives: Array) -> tuple[int, tuple[str, ...]]:
+    """How many drives depend on others, and which take part in that."""
+    left = null_space(drives.T)
+    names = [j.name for j in rates.mechanism.drives]
+    taking = np.linalg.norm(left, axis=1) > ZERO
+    return left.shape[1], tuple(name for name, part in zip(names, taking, strict=True) if part)
+
+
+def _twists(rates: JointRates, twists: Array) -> tuple[Direction, ...]:
+    """The space of twists (6, k) at M, its directions by name."""
+    basis = range_space(twists)
+    return tuple(named(np.vstack([basis[3:], basis[:3]]), "rotation", "translation", rates.length))
+
+
+def _coordinates(rates: JointRates, tool: Array) -> dict[str, str]:
+    """See ``Mobility.coordinates``; ``tool`` (6, k)."""
+    pose = rates.mechanism.tool.pose
+    out: dict[str, str] = {}
+    taken: Array = np.zeros((0, tool.shape[1]))
+    for name in sorted(COORDINATES, key=lambda each: (each not in pose, COORDINATES.index(each))):
+        row = tool[COORDINATES.index(name)]
+        more = np.vstack([taken, row])
+        fresh = rank(more) > rank(taken) and np.linalg.norm(row) > RANK
+        if fresh:
+            taken = more
+        if name in pose:
+            out[name] = "commanded" if fresh else "locked"
+        elif np.linalg.norm(row) <= RANK:
+            out[name] = "held"
+        else:
+            out[name] = "free" if fresh else "follows"
+    return {name: out[name] for name in COORDINATES}
+
+
+def _conditioning(rates: JointRates, drives: Array, tool: Array, motions: Array) -> float | None:
+    """Inverse condition number of commanded coordinates by drives."""
+    pose = tool[rates.mechanism.tool.commanded]
+    if len(drives) != len(pose):
+        return None
+    forward = pose @ motions @ np.linalg.pinv(drives @ motions, rcond=RANK)
+    backward = drives @ motions @ np.linalg.pinv(pose @ motions, rcond=RANK)
+    if rank(forward) < len(pose) or rank(backward) < len(pose):
+        return 0.0
+    values = np.linalg.svd(forward, compute_uv=False)
+    return float(values[-1] / values[0])
+
+
+def _redundancies(rates: JointRates, equations: list[Array], left: Array) -> tuple[Redundancy, ...]:
+    """Left null space (6 loops, r): what each loop has by itself, then what few share, then what many do."""
+    out: list[Redundancy] = []
+    known = np.zeros((len(left), 0))
+    for group in _neighbours(rates):
+        if known.shape[1] == left.shape[1]:
+            break
+        wrenches = null_space(np.vstack([equations[k] for k in group]).T)
+        block = np.zeros((len(left), wrenches.shape[1]))
+        for i, k in enumerate(group):
+            block[6 * k : 6 * k + 6] = wrenches[6 * i : 6 * i + 6]
+        fresh = range_space(block - known @ (known.T @ block))
+        if fresh.shape[1]:
+            out.append(_redundancy(rates, group, fresh))
+            known = np.hstack([known, fresh])
+    rest = left @ null_space(known.T @ left)
+    return (*out, *(_redundancy(rates, group, rest[:, :n]) for group, n in blocks(rest, [6] * len(equations))))
+
+
+def _redundancy(rates: JointRates, group: Sequence[int], wrenches: Array) -> Redundancy:
+    loops = [rates.loops[k] for k in group]
+    names = rates.names(dict.fromkeys(j for loop in loops for j, _ in loop))
+    own = wrenches[6 * group[0] : 6 * group[0] + 6] if len(group) == 1 else np.zeros((6, 0))
+    directions = tuple(named(own, "translation", "rotation", rates.length))
+    bodies = tuple(dict.fromkeys(name for loop in loops for name in rates.bodies(loop)))
+    if len(loops) > 1:
+        bodies = _in_short(bodies, [b.name for b in rates.mechanism.bodies])
+    return Redundancy(len(loops), bodies, names, wrenches.shape[1], directions)
+
+
+def _neighbours(rates: JointRates) -> Iterable[tuple[int, ...]]:
+    """Each loop, then pairs and triples of loops that share joints, as far as they are few."""
+    joints = [{k for k, _ in loop} for loop in rates.loops]
+    groups: list[tuple[int, ...]] = [(k,) for k in range(len(joints))]
+    for _ in range(_TOGETHER):
+        yield from groups
+        larger = {
+            tuple(sorted((*group, k)))
+            for group in groups
+            for k in range(len(joints))
+            if k not in group and any(joints[k] & joints[other] for other in group)
+        }
+        groups = sorted(larger)
+        if len(groups) > _MANY:
+            return
+
+
+def _idle(rates: JointRates, idle: Array) -> tuple[Idle, ...]:
+    """Idle motions (m, k) apart from one another: those that share no joint."""
+    out: list[Idle] = []
+    for group, count in blocks(idle, np.diff(rates.starts).astype(int).tolist()):
+        own = np.zeros_like(idle)
+        for j in group:
+            own[rates.columns(j)] = idle[rates.columns(j)]
+        motion = range_space(own)
+        twists = {b.name: rates.of_body(b.name) @ motion for b in rates.mechanism.bodies}
+        moving = {name: t for name, t in twists.items() if np.abs(t).max(initial=0.0) > ZERO}
+        together = range_space(np.hstack(list(moving.values())))
+        direction = None
+        if count == 1 and together.shape[1] == 1:
+            direction = named(np.vstack([together[3:], together[:3]]), "rotation", "translation", rates.length)[0]
+        out.append(Idle(tuple(moving), rates.names(group), count, direction))
+    return tuple(out)

@@ -1,0 +1,274 @@
+"""The elastic network of a mechanism: its nodes, its elements, and where each of them is.
+
+Every joint, elastic body, the base and the tool's grip is an element between two nodes: ``t = C w + N q + t₀`` for the
+twist of its second node against its first, ``Nᵀ w = 0``, in the element's own axes at its own point.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.vjm.mechanism import BASE, GROUND, TOOL
+from stiffscope.vjm.screws import Frame, rotation
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from stiffscope.vjm.kinematics import Configurations
+    from stiffscope.vjm.linkage import Linkage
+    from stiffscope.vjm.mechanism import Change, Joint, Mechanism
+    from stiffscope.vjm.screws import Array
+
+FOOT = "<base>"  # the node that stands on the base
+END = "<tool>"  # the node at M
+
+
+def _none() -> Array:
+    return np.zeros((6, 0))
+
+
+@dataclass(frozen=True, eq=False)
+class Element:
+    """``factor`` F (6, r) of its compliance F Fᵀ, ``free`` directions N (6, k), ``offset`` t₀ (6,) or None.
+
+    ``axes`` (3, 3) ride on the node ``carrier``, the point ``at`` (3,) on ``second``, both as they are at home.
+    """
+
+    name: str
+    first: str
+    second: str
+    axes: Array
+    at: Array
+    carrier: str
+    factor: Array = field(default_factory=_none)
+    free: Array = field(default_factory=_none)
+    offset: Array | None = None
+    joint: Joint | None = None
+
+    @property
+    def compliance(self) -> Array:
+        """C (6, 6), symmetric, may be singular or zero."""
+        return self.factor @ self.factor.T
+
+    @property
+    def rigid(self) -> bool:
+        """True where it has no compliance, no free direction and no offset."""
+        return not (self.factor.shape[1] or self.free.shape[1] or self.offset is not None)
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Displacement from home of every node, ``x = R x_home + p``, and the tool point (n, 3), at n configurations."""
+
+    rotation: dict[str, Array]
+    position: dict[str, Array]
+    tool: Array
+    rigid: bool = True
+    """True where the nodes of a rigid link stand together as at home: nothing is bent."""
+
+    softened: dict[str, Array] = field(default_factory=dict[Any, Any])
+    """Factors (n, 6, 6) of compliances that stand for those of some elements."""
+    known: dict[str, Array] = field(default_factory=dict[Any, Any])
+
+    def some(self, mask: NDArray[np.bool_]) -> Places:
+        """Places at some of the configurations."""
+
+        def pick(a: Array) -> Array:
+            return a[mask] if len(a) > 1 else a
+
+        rotation = {node: pick(r) for node, r in self.rotation.items()}
+        position = {node: pick(p) for node, p in self.position.items()}
+        softened = {name: pick(f) for name, f in self.softened.items()}
+        return Places(rotation, position, self.tool[mask], self.rigid, softened)
+
+    def frame(self, element: Element) -> Frame:
+        """Where an element stands, seen from M: (n or 1, 3, 3) and (n or 1, 3)."""
+        r = self.rotation[element.carrier] @ element.axes
+        return Frame(r, self.point(element.second, element.at) - self.tool)
+
+    def adjoint(self, element: Element) -> Array:
+        """Carry a twist (n or 1, 6, 6) from an element's own point and axes to M in base axes."""
+        if element.name not in self.known:
+            self.known[element.name] = self.frame(element).adjoint()
+        return self.known[element.name]
+
+    def factor(self, element: Element) -> Array:
+        """Factor (n or 1, 6, r) of an element's compliance; a bent body's rotates by Rx, Ry, Rz in this order."""
+        if element.name in self.softened:
+            return self.softened[element.name]
+        if self.rigid or element.joint is not None or not element.factor.shape[1]:
+            return element.factor[None]
+        turn = element.axes.T @ self.across(element) @ element.axes
+        out = np.repeat(element.factor[None], len(turn), axis=0)
+        out[:, 3:] = euler_axes(turn) @ element.factor[3:]
+        return out
+
+    def across(self, element: Element) -> Array:
+        """Rotation (n or 1, 3, 3) of an element's second node against its first."""
+        return np.swapaxes(self.rotation[element.first], -1, -2) @ self.rotation[element.second]
+
+    def point(self, node: str, home: Array) -> Array:
+        """A point (3,) of a node's body, in base axes, (n or 1, 3)."""
+        return self.rotation[node] @ home + self.position[node]
+
+
+def elements_of(mechanism: Mechanism) -> tuple[Element, ...]:
+    """Every element of a mechanism."""
+    origin = np.zeros(3)
+    out = [_change(BASE, GROUND, FOOT, origin, mechanism.base)]
+    for j in mechanism.joints:
+        first, second = (FOOT if node == GROUND else node for node in (j.first, j.second))
+        out.append(_joint(j, first, second))
+    for body in mechanism.bodies:
+        if body.elastic is not None:
+            e = body.elastic
+            base, tip = body.nodes
+            out.append(Element(body.name, base, tip, e.axes, e.tip, base, _factor(e.compliance), offset=e.offset))
+    out.append(_change(TOOL, mechanism.tool.body, END, mechanism.tool.at, mechanism.grip))
+    return tuple(out)
+
+
+def nodes_of(mechanism: Mechanism) -> tuple[str, ...]:
+    """Every node, the ground first and the tool last."""
+    return (GROUND, FOOT, *(node for body in mechanism.bodies for node in body.nodes), END)
+
+
+def places(configurations: Configurations) -> Places:
+    """Nodes of the unloaded mechanism, whose links are rigid."""
+    linkage = configurations.linkage
+    link = link_of(linkage)
+    known = {k: configurations.link_frame(linkage.frame[k]) for k in set(link.values())}
+    rotation, position = ({node: known[k][i] for node, k in link.items()} for i in (0, 1))
+    return Places(rotation, position, configurations.tool[:, :3])
+
+
+def link_of(linkage: Linkage) -> dict[str, int]:
+    """Rigid link of every node of the network."""
+    mechanism = linkage.mechanism
+    return linkage.link_of | {FOOT: linkage.link_of[GROUND], END: linkage.link_of[mechanism.tool.body]}
+
+
+def moves_with(element: Element, link: int, links: dict[str, int]) -> bool:
+    """Whether an element's compliance and free directions do not change, seen from a rigid link at its ends."""
+    joint = element.joint
+    if joint is None or joint.kind == "fixed":
+        return links[element.carrier] == link
+    if joint.kind == "universal" or link not in {links[element.first], links[element.second]}:
+        return False
+    if joint.compliance is None:
+        return True
+    if joint.kind in {"revolute", "spherical"}:
+        turn = np.kron(np.eye(2), rotation(np.eye(3)[0], 0.7))
+        round_ = np.allclose(turn @ joint.compliance @ turn.T, joint.compliance, rtol=1e-12, atol=0.0)
+        return links[element.first] == link or (joint.kind == "revolute" and round_)
+    return False
+
+
+def _change(name: str, first: str, second: str, at: Array, change: Change) -> Element:
+    factor = _none() if change.compliance is None else _factor(change.compliance)
+    return Element(name, first, second, np.eye(3), at, first, factor, offset=change.offset)
+
+
+def _joint(joint: Joint, first: str, second: str) -> Element:
+    compliance = np.zeros((6, 6)) if joint.compliance is None else joint.compliance.copy()
+    free: list[Array] = []
+    for k, (kind, direction) in enumerate(joint.motions):
+        if kind == "S":
+            free += list(np.eye(6)[3:])
+            continue
+        along = joint.axes.T @ direction
+        screw = np.concatenate([along, np.zeros(3)] if kind == "P" else [np.zeros(3), along])
+        if k == joint.driven and joint.drive is not None:
+            compliance += np.outer(screw, screw) / joint.drive.stiffness
+        else:
+            free.append(screw)
+    columns = np.array(free).T if free else _none()
+    return Element(
+        joint.name, first, second, joint.axes, joint.at, first, _factor(compliance), columns, joint.offset, joint
+    )
+
+
+def free_directions(element: Element, where: Places) -> Array:
+    """Free directions (n or 1, 6, k) in the element's own axes."""
+    joint = element.joint
+    if (
+        joint is None
+        or (where.rigid and joint.kind != "universal")
+        or joint.kind in {"fixed", "prismatic", "spherical"}
+    ):
+        return element.free[None]
+    axis = joint.axis2 if joint.kind == "universal" else joint.axis
+    turn = np.flatnonzero(element.free[3:].any(axis=0))  # the last rotation's axis rides on the second body
+    if axis is None or not turn.size:
+        return element.free[None]
+    second = (where.across(element) @ axis) @ element.axes
+    out = np.repeat(element.free[None], len(second), axis=0)
+    out[:, 3:, turn[-1]] = second
+    return out
+
+
+def euler_axes(turn: Array) -> Array:
+    """Axes (n, 3, 3), as columns, about which small rotations Rx, Ry, Rz act in this order where they make ``turn``."""
+    b = np.arcsin(turn[..., 0, 2])
+    a = np.arctan2(-turn[..., 1, 2], turn[..., 2, 2])
+    out = np.zeros(turn.shape)
+    out[..., 0, 0] = 1.0
+    out[..., 1, 1], out[..., 2, 1] = np.cos(a), np.sin(a)
+    out[..., 0, 2] = np.sin(b)
+    out[..., 1, 2], out[..., 2, 2] = -np.sin(a) * np.cos(b), np.cos(a) * np.cos(b)
+    return out
+
+
+def euler_angles(turn: Array) -> Array:
+    """Small rotations Rx, Ry, Rz (n, 3) in rad that make ``turn`` (n, 3, 3) in this order."""
+    a = np.arctan2(-turn[..., 1, 2], turn[..., 2, 2])
+    c = np.arctan2(-turn[..., 0, 1], turn[..., 0, 0])
+    return np.stack([a, np.arcsin(turn[..., 0, 2].clip(-1.0, 1.0)), c], axis=-1)
+
+
+def _factor(compliance: Array) -> Array:
+    """F (6, r) of a compliance F Fᵀ of rank r; lengths scaled so that no unit decides."""
+    diagonal = np.sqrt(np.diagonal(compliance).clip(min=0.0))
+    used = diagonal > 0.0
+    if not used.any():
+        return _none()
+    unit = compliance[np.ix_(used, used)] / np.outer(diagonal[used], diagonal[used])
+    values, vectors = np.linalg.eigh(unit)
+    keep = values > 1e-14 * values[-1]
+    out = np.zeros((6, int(keep.sum())))
+    out[used] = diagonal[used, None] * (vectors[:, keep] * np.sqrt(values[keep]))
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class Masses:
+    """Mass in kg at a node, and its first moment Σ m r (n or 1, 3) about M."""
+
+    mass: float
+    moment: Array
+
+    def weight(self, gravity: Array) -> Array:
+        """Wrench (n or 1, 6, 1) at M in base axes under an acceleration (3,)."""
+        force = np.broadcast_to(self.mass * gravity, self.moment.shape)
+        return np.concatenate([force, np.cross(self.moment, gravity)], axis=1)[..., None]
+
+
+def masses(mechanism: Mechanism, where: Places) -> dict[str, Masses]:
+    """Masses of every node that has any; an elastic body's acts half at either end."""
+    out: dict[str, Masses] = {}
+    for body in mechanism.bodies:
+        if body.mass == 0.0:
+            continue
+        if body.elastic is not None:
+            ends = zip(body.nodes, (body.elastic.base, body.elastic.tip), strict=True)
+            points = [(node, at, 0.5 * body.mass) for node, at in ends]
+        else:
+            points = [(body.name, body.centre if body.centre is not None else np.zeros(3), body.mass)]
+        for node, at, mass in points:
+            moment = mass * (where.point(node, at) - where.tool)
+            before = out.get(node, Masses(0.0, np.zeros((1, 3))))
+            out[node] = Masses(before.mass + mass, before.moment + moment)
+    return out

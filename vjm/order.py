@@ -1,0 +1,268 @@
+"""The order in which an elastic network is condensed to its tool, found once for a mechanism at home.
+
+Chains without branches become one connection, of compliance C and free directions N. Where what N leaves has
+compliance, it is stiffened; else it is folded: the node at its end takes its coordinates. Nodes between stiffnesses
+are eliminated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, TypeAlias
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from stiffscope.vjm.mechanism import GROUND
+from stiffscope.vjm.network import END, Element, Places, elements_of, free_directions, link_of, moves_with, nodes_of
+from stiffscope.vjm.screws import Frame
+from stiffscope.vjm.semidefinite import pivoted, projector
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from numpy.typing import NDArray
+
+    from stiffscope.vjm.linkage import Linkage
+    from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.screws import Array
+
+ROUNDING = 1e-10  # of a motion, that is left of it where all of it is free
+RIGID = 1e-13  # relative pivot below which a constrained direction has no compliance at all
+Members: TypeAlias = "tuple[tuple[Element, float], ...]"
+
+
+@dataclass(frozen=True, eq=False)
+class Connection:
+    """Elements in series from node ``start`` to ``end``; -1 marks one that is passed from its second node.
+
+    ``anchor``: node whose body carries the connection's own axes, ``origin`` (3,) their origin at home.
+    ``constant``: its stiffness (6, 6) in its own axes where no pose changes it.
+    """
+
+    start: str
+    end: str
+    members: Members
+    anchor: str
+    origin: Array
+    constant: Array | None = None
+    formable: bool = False
+    still: tuple[Array, ...] = ()
+    """Adjoints of the members to the connection's own axes, where no pose changes them."""
+
+    def reversed(self) -> Connection:
+        """The same from its end to its start."""
+        turned = tuple((e, -s) for e, s in reversed(self.members))
+        return replace(self, start=self.end, end=self.start, members=turned, still=self.still[::-1])
+
+    @property
+    def inner(self) -> tuple[str, ...]:
+        """Nodes between its members, from the start."""
+        return tuple(e.second if s > 0.0 else e.first for e, s in self.members[:-1])
+
+    def frame(self, where: Places) -> Frame:
+        """Its own axes, seen from M."""
+        return Frame(where.rotation[self.anchor], where.point(self.anchor, self.origin) - where.tool)
+
+    def adjoints(self, where: Places) -> Sequence[Array]:
+        """Carry each member's twist (n or 1, 6, 6) to the connection's own axes."""
+        if self.still and where.rigid:
+            return self.still
+        r = np.swapaxes(where.rotation[self.anchor], -1, -2)
+        p = where.point(self.anchor, self.origin)
+        out: list[Array] = []
+        for e, _ in self.members:
+            away = (r @ (where.point(e.second, e.at) - p)[..., None])[..., 0]
+            out.append(Frame(r @ where.rotation[e.carrier] @ e.axes, away).adjoint())
+        return out
+
+    def flexible(self, where: Places) -> tuple[Array, Array]:
+        """Factor F (n or 1, 6, r) of its compliance and free directions N (n or 1, 6, k), in its own axes."""
+        factors, free = [np.zeros((1, 6, 0))], [np.zeros((1, 6, 0))]
+        for (e, _), carry in zip(self.members, self.adjoints(where), strict=True):
+            if e.factor.shape[1]:
+                factors.append(carry @ where.factor(e))
+            if e.free.shape[1]:
+                free.append(carry @ free_directions(e, where))
+        return stacked(factors), stacked(free)
+
+
+@dataclass(frozen=True, eq=False)
+class Stiffen:
+    """A connection turned into a stiffness between its nodes."""
+
+    connection: Connection
+
+
+@dataclass(frozen=True, eq=False)
+class Eliminate:
+    """A node between stiffnesses alone."""
+
+    node: str
+    neighbours: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Fold:
+    """A node at the end of one connection that is no stiffness; what else is at it are stiffnesses."""
+
+    connection: Connection
+    neighbours: tuple[str, ...]
+
+    @property
+    def node(self) -> str:
+        """The node that goes."""
+        return self.connection.end
+
+
+Step: TypeAlias = "Stiffen | Eliminate | Fold"
+
+
+@dataclass(frozen=True, eq=False)
+class Order:
+    """What a mechanism's network is condensed by, found at home.
+
+    ``left``: connections that no step could take, between ``kept`` nodes.
+    """
+
+    mechanism: Mechanism
+    elements: tuple[Element, ...]
+    length: float
+    steps: tuple[Step, ...]
+    left: tuple[Connection, ...]
+    kept: tuple[str, ...]
+    independent: dict[str, tuple[Array, NDArray[np.intp]]] = field(default_factory=dict[Any, Any])
+    """Of a saddle-point system its scale and independent rows at home, by what is solved for, once it has been."""
+
+
+_orders: WeakKeyDictionary[Mechanism, Order] = WeakKeyDictionary()
+
+
+def order_of(mechanism: Mechanism, linkage: Linkage) -> Order:
+    """The order of a mechanism, found once."""
+    if mechanism not in _orders:
+        _orders[mechanism] = _Planner(mechanism, linkage).order()
+    return _orders[mechanism]
+
+
+def home(mechanism: Mechanism) -> Places:
+    """Every node as it is at home."""
+    nodes = nodes_of(mechanism)
+    return Places(
+        dict.fromkeys(nodes, np.eye(3)[None]), dict.fromkeys(nodes, np.zeros((1, 3))), mechanism.tool.at[None]
+    )
+
+
+class _Planner:
+    def __init__(self, mechanism: Mechanism, linkage: Linkage) -> None:
+        self.mechanism = mechanism
+        self.length = linkage.length
+        self.links = link_of(linkage)
+        self.home = home(mechanism)
+        self.elements = elements_of(mechanism)
+        self.flexible = [self._connection(e.first, e.second, ((e, 1.0),)) for e in self.elements]
+        self.stiff: set[frozenset[str]] = set()
+        self.nodes = [n for n in nodes_of(mechanism) if n not in {GROUND, END}]
+        self.steps: list[Step] = []
+
+    def order(self) -> Order:
+        while True:
+            self._merge()
+            for c in [c for c in self.flexible if c.formable]:
+                self.flexible.remove(c)
+                self.steps.append(Stiffen(c))
+                self.stiff.add(frozenset((c.start, c.end)))
+            if not self._take_out():
+                break
+        return Order(
+            self.mechanism, self.elements, self.length, tuple(self.steps), tuple(self.flexible),
+            tuple(self.nodes),
+        )  # fmt: skip
+
+    def _at(self, node: str) -> list[Connection]:
+        return [c for c in self.flexible if node in {c.start, c.end}]
+
+    def _neighbours(self, node: str) -> list[str]:
+        return [next(iter(pair - {node})) for pair in self.stiff if node in pair]
+
+    def _merge(self) -> None:
+        """Join two connections at a node where nothing else is."""
+        for node in list(self.nodes):
+            here = self._at(node)
+            if len(here) != 2 or self._neighbours(node):
+                continue
+            a, b = here
+            a = a if a.end == node else a.reversed()
+            b = b if b.start == node else b.reversed()
+            if a.start == b.end:  # side by side
+                continue
+            self.flexible = [c for c in self.flexible if c not in here]
+            self.flexible.append(self._connection(a.start, b.end, a.members + b.members))
+            self.nodes.remove(node)
+
+    def _take_out(self) -> bool:
+        """Eliminate or fold the node with the fewest neighbours; False where none can go."""
+        ready: list[tuple[int, int, str]] = []
+        for k, node in enumerate(self.nodes):
+            if len(self._at(node)) <= 1:
+                ready.append((len(self._neighbours(node)), k, node))
+        if not ready:
+            return False
+        node = min(ready)[2]
+        neighbours = self._neighbours(node)
+        here = self._at(node)
+        around = set(neighbours)
+        if here:
+            (c,) = here
+            c = c if c.end == node else c.reversed()
+            self.steps.append(Fold(c, tuple(neighbours)))
+            self.flexible = [f for f in self.flexible if f not in here]
+            around |= {c.start} if neighbours else set()
+        else:
+            self.steps.append(Eliminate(node, tuple(neighbours)))
+        self.stiff = {pair for pair in self.stiff if node not in pair}
+        self.stiff |= {frozenset((a, b)) for a in around for b in around if a != b}
+        self.nodes.remove(node)
+        return True
+
+    def _connection(self, start: str, end: str, members: Members) -> Connection:
+        """A connection, its own axes, and whether and how it can be stiffened."""
+        body = next((e for e, _ in members if e.joint is None and e.factor.shape[1]), members[0][0])
+        anchor, origin = body.carrier, body.at
+        made = Connection(start, end, members, anchor, origin)
+        factor, free = made.flexible(self.home)
+        whole = factor.shape[2] + free.shape[2] >= 6
+        k, formable = stiffened(factor, free, self.length) if whole else (np.zeros((1, 6, 6)), False)
+        constant = formable and all(moves_with(e, self.links[anchor], self.links) for e, _ in members)
+        if constant:
+            return replace(made, constant=k, formable=True, still=tuple(made.adjoints(self.home)))
+        return replace(made, formable=formable)
+
+
+def stacked(blocks: Iterable[Array]) -> Array:
+    """Concatenate columns (n or 1, 6, r) of blocks."""
+    parts = list(blocks)
+    n = max(len(b) for b in parts)
+    return np.concatenate([np.broadcast_to(b, (n, *b.shape[1:])) for b in parts], axis=-1)
+
+
+def stiffened(factor: Array, free: Array, length: float) -> tuple[Array, bool]:
+    """Stiffness (n, 6, 6) of a compliance F Fᵀ with free directions N, and whether it is finite everywhere.
+
+    With P the projector onto the wrenches that N leaves, ``K = P (P C P + s (I - P))⁻¹ P``, lengths scaled.
+    """
+    scale = np.array([1.0 / length] * 3 + [1.0] * 3)[:, None]
+    f = factor * scale
+    p, rank = np.eye(6)[None], np.zeros(1)
+    if free.shape[2]:
+        p, rank = projector(free * scale)
+        p = np.where((rank < 6.0)[:, None, None], p, 0.0)
+        size = np.linalg.norm(f, axis=1, keepdims=True)
+        f = p @ f
+        f = np.where(np.linalg.norm(f, axis=1, keepdims=True) > ROUNDING * size, f, 0.0)
+    core = f @ np.swapaxes(f, -1, -2)
+    mean = np.where(rank < 6.0, np.einsum("nii->n", core) / np.maximum(6.0 - rank, 1.0), 1.0)
+    core = core + mean[:, None, None] * (np.eye(6) - p)
+    half, pivots = pivoted(core, RIGID)
+    half = half @ p * scale[:, 0]
+    return np.swapaxes(half, -1, -2) @ half, bool((pivots > RIGID).all())

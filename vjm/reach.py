@@ -1,0 +1,95 @@
+"""How far the tool can be commanded from home along each coordinate of its pose, one at a time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.vjm.kinematics import drive_sign, solver_of
+from stiffscope.vjm.mobility import joined
+
+if TYPE_CHECKING:
+    from stiffscope.vjm.closure import Solution
+    from stiffscope.vjm.kinematics import Solver
+    from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.screws import Array
+
+_LONGEST, _SHORTEST = 1.0 / 48.0, 1.0 / 8192.0  # steps of a way
+_WAYS = 2.0, 0.95 * np.pi  # in the mechanism's own lengths, and rad: beyond, nothing is looked for
+
+
+@dataclass(frozen=True)
+class Reach:
+    """Pose from ``low`` to ``high`` in one ``coordinate``, m or rad, the others as at home.
+
+    ``at_low`` and ``at_high``: what ends it there; empty where nothing did within twice the mechanism's own length.
+    """
+
+    coordinate: str
+    low: float
+    high: float
+    at_low: str
+    at_high: str
+
+
+def reach(mechanism: Mechanism) -> tuple[Reach, ...]:
+    """Reach along each coordinate of ``tool.pose``, within the drives' ranges and on the branch of home.
+
+    Raises InputError where the mechanism cannot move as its poses say.
+    """
+    home, names = mechanism.tool.home, mechanism.tool.pose
+    solver = solver_of(mechanism, "tool")
+    turns = [name.startswith("r") for name in names for _ in (0, 1)]
+    ways = np.where(turns, _WAYS[1], _WAYS[0] * solver.linkage.length) * np.tile([-1.0, 1.0], len(names))
+    shares, reasons = _march(solver, ways[:, None] * np.repeat(np.eye(len(names)), 2, axis=0))
+    ends = np.repeat(home, 2) + shares * ways
+    return tuple(
+        Reach(name, float(ends[2 * i]), float(ends[2 * i + 1]), reasons[2 * i], reasons[2 * i + 1])
+        for i, name in enumerate(names)
+    )
+
+
+def _march(solver: Solver, ways: Array) -> tuple[Array, list[str]]:
+    """Shares (n,) of ways (n, k) from home that can be gone, and what ends them."""
+    linkage, n = solver.linkage, len(ways)
+    q = np.zeros((linkage.size, n))
+    share, step, beyond, steady = np.zeros(n), np.full(n, _LONGEST), np.full(n, np.inf), np.zeros(n, dtype=int)
+    reasons = [""] * n
+    while (going := np.flatnonzero((share < 1.0) & (step >= _SHORTEST))).size:
+        ahead = np.minimum(share[going] + step[going], 1.0)
+        trial = q[:, going]
+        trial[linkage.known] = (ahead[:, None] * ways[going]).T
+        found = solver.closure.solve(trial)
+        faults = _faults(solver, found)
+        for i, k in enumerate(going):
+            if not faults[i]:
+                share[k], q[:, k], steady[k] = ahead[i], found.q[:, i], steady[k] + 1
+                step[k] = min(_LONGEST, step[k] * (2.0 if steady[k] > 2 else 1.0), 0.5 * (beyond[k] - share[k]))
+                continue
+            reasons[k], steady[k] = faults[i], 0
+            step[k] *= 0.5
+            if found.closed[i]:
+                beyond[k] = ahead[i]
+    return share, [why if part < 1.0 else "" for why, part in zip(reasons, share, strict=True)]
+
+
+def _faults(solver: Solver, found: Solution) -> list[str]:
+    """Why configurations are not valid; empty where they are."""
+    linkage = solver.linkage
+    sign = drive_sign(solver, found.placed, solver.closure.rates(found.placed, {}))
+    out = ["passes a singular pose" if each * solver.home_sign < 0.0 else "" for each in sign]
+    outside: list[list[str]] = [[] for _ in out]
+    for joint in solver.mechanism.drives:
+        if joint.drive is not None:
+            value = linkage.coordinates(joint, found.q, found.placed)[:, joint.driven or 0]
+            for i in np.flatnonzero((value < joint.drive.low) | (value > joint.drive.high)):
+                outside[i].append(joint.name)
+    for i, names in enumerate(outside):
+        if names:
+            out[i] = f"{joined(names)} at the end of {'its' if len(names) == 1 else 'their'} range"
+    for i in np.flatnonzero(~found.closed):
+        worst = int(np.argmax(np.nan_to_num(found.error[:, i], nan=np.inf)))
+        out[i] = f"out of reach or singular: the loop through {linkage.cuts[worst].joint.name} does not close"
+    return out

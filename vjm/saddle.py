@@ -1,0 +1,251 @@
+"""What no order of chains and eliminations takes: connections that are rigid in directions in which they close loops.
+
+Node twists u, coordinates y of the connections (unit springs and free motions, ``B = [F N]``) and their wrenches w as
+multipliers make one saddle-point system, ``[[K, 0, Aᵀ], [0, D, -Bᵀ], [A, -B, 0]]``. Redundant constraints and idle
+motions make it singular; what is independent at home is solved for, and the rest verified at every pose.
+"""
+
+# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownMemberType=false, reportUnknownVariableType=false
+# (scipy declares few types)
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+from scipy.linalg import qr
+
+from stiffscope.errors import InputError
+from stiffscope.vjm.condensation import condensed
+from stiffscope.vjm.loading import chain, pulled
+from stiffscope.vjm.mechanism import GROUND
+from stiffscope.vjm.network import END
+from stiffscope.vjm.order import home, stacked
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from stiffscope.vjm.condensation import Condensed
+    from stiffscope.vjm.loading import Carried, Chain
+    from stiffscope.vjm.order import Connection
+    from stiffscope.vjm.screws import Array
+
+_RANK = 1e-10
+_CONSISTENT = 1e-7  # of a right-hand side, that a solution may leave
+
+
+@dataclass(eq=False)
+class System:
+    """The saddle-point matrix (n, s, s), the places of node twists in it, and of each connection's y and w."""
+
+    matrix: Array
+    nodes: dict[str, slice]
+    coordinates: list[slice]
+    wrenches: list[slice]
+    columns: list[Array]  # B (n or 1, 6, m) of each connection at M in base axes
+
+
+Left: TypeAlias = "list[tuple[Connection, Chain | None, Array, Array, Array]]"
+"""Connections left: their loads, wrench, twist across and rates."""
+
+
+def saddle_unit(state: Condensed) -> tuple[Array, dict[str, Array], Left]:
+    """Stiffness (n or 1, 6, 6) at M in base axes; twists of the kept nodes, and connections, under unit tool twists.
+
+    Raises InputError where the stiffness would be infinite.
+    """
+    system = _system(state)
+    tool = system.nodes[END]
+    inner = np.r_[tool.stop : system.matrix.shape[-1]]
+    m = system.matrix
+    coupling = m[:, inner, tool]
+    moved, good = _solved(state, m[:, inner[:, None], inner], -coupling, "held")
+    if not good:
+        names = ", ".join(e.name for c in state.order.left for e, _ in c.members)
+        raise InputError(
+            f"the tool has infinite stiffness in a direction, through {names}: expected a compliance there"
+        )
+    k = m[:, tool, tool] + np.swapaxes(coupling, -1, -2) @ moved
+    unit = np.concatenate([np.broadcast_to(np.eye(6), (len(moved), 6, 6)), moved], axis=1)
+    nothing = [None] * len(state.order.left)
+    return 0.5 * (k + np.swapaxes(k, -1, -2)), *_recovered(state, system, nothing, unit)
+
+
+def saddle_response(state: Condensed, load: Carried) -> tuple[dict[str, Array], Left]:
+    """Twists of the kept nodes and connections under the loads. Raises InputError where something moves freely."""
+    system = _system(state)
+    chains, right = _right(state, system, load)
+    found, good = _solved(state, system.matrix, right, "response")
+    if not good:
+        raise InputError("the tool, or a body, moves freely under its load: ask for its mobility, not its deflection")
+    return _recovered(state, system, chains, found)
+
+
+def saddle_held(state: Condensed, load: Carried) -> tuple[dict[str, Array], Left]:
+    """``saddle_response`` with the tool held."""
+    system = _system(state)
+    chains, right = _right(state, system, load)
+    tool = system.nodes[END]
+    inner = np.r_[tool.stop : system.matrix.shape[-1]]
+    found, good = _solved(state, system.matrix[:, inner[:, None], inner], right[:, inner], "held")
+    if not good:
+        raise InputError("a body moves freely under its load: there is no equilibrium")
+    whole = np.concatenate([np.zeros((len(found), 6, found.shape[2])), found], axis=1)
+    return _recovered(state, system, chains, whole)
+
+
+def loaded_unit(state: Condensed, load: Carried) -> tuple[Array, dict[str, Array], Left]:
+    """``saddle_unit`` with one case more, before the unit twists: the equilibrium under the loads."""
+    stiffness, unit, across = saddle_unit(state)
+    moved, under = saddle_response(state, load)
+
+    def both(a: Array, b: Array) -> Array:
+        n = max(len(a), len(b))
+        return np.concatenate([np.broadcast_to(x, (n, *x.shape[1:])) for x in (a, b)], axis=2)
+
+    ends = {node: both(moved[node], unit[node]) for node in moved}
+    left: Left = [
+        (c, along, both(w, v[2]), both(t, v[3]), both(q, v[4]))
+        for (c, along, w, t, q), v in zip(under, across, strict=True)
+    ]
+    return stiffness, ends, left
+
+
+def _right(state: Condensed, system: System, load: Carried) -> tuple[list[Chain], Array]:
+    """Loads along the connections, and the right-hand side (n, s, c)."""
+    chains = [chain(state, load, c) for c in state.order.left]
+    n = max([len(system.matrix), *(len(f) for f in load.forces.values()), *(len(c.total) for c in chains)])
+    right = np.zeros((n, system.matrix.shape[-1], load.loads.cases))
+    for node, place in system.nodes.items():
+        right[:, place] += load.force(node)
+    for along, y, w, b in zip(chains, system.coordinates, system.wrenches, system.columns, strict=True):
+        c = along.connection
+        if c.start in system.nodes:
+            right[:, system.nodes[c.start]] += along.total
+        right[:, w] += along.offset
+        right[:, y] += pulled(state, along, b)
+    return chains, right
+
+
+def _recovered(
+    state: Condensed, system: System, chains: Sequence[Chain | None], found: Array
+) -> tuple[dict[str, Array], Left]:
+    moved = {node: found[:, place] for node, place in system.nodes.items()}
+    moved[GROUND] = np.zeros((1, 6, found.shape[2]))
+    states: Left = []
+    for c, along, y, w in zip(state.order.left, chains, system.coordinates, system.wrenches, strict=True):
+        count = sum(e.factor.shape[1] for e, _ in c.members)
+        states.append((c, along, found[:, w], moved[c.end] - moved[c.start], found[:, y][:, count:]))
+    return moved, states
+
+
+def _system(state: Condensed) -> System:
+    """Assemble the matrix; the tool's twist comes first."""
+    order, where = state.order, state.where
+    nodes: dict[str, slice] = {}
+    at = 0
+    for node in (END, *order.kept):
+        nodes[node] = slice(at, at + 6)
+        at += 6
+    columns: list[Array] = []
+    coordinates: list[slice] = []
+    wrenches: list[slice] = []
+    counts: list[int] = []
+    for c in order.left:
+        factor, free = c.flexible(where)
+        columns.append(c.frame(where).adjoint() @ stacked([factor, free]))
+        counts.append(factor.shape[2])
+        coordinates.append(slice(at, at + columns[-1].shape[2]))
+        at += columns[-1].shape[2]
+    for _ in order.left:
+        wrenches.append(slice(at, at + 6))
+        at += 6
+    n = max([1, *(len(b) for b in columns), *(len(k) for k in state.pairs.values())])
+    m = np.zeros((n, at, at))
+    _add_stiffnesses(m, state, nodes)
+    for c, y, w, b, r in zip(order.left, coordinates, wrenches, columns, counts, strict=True):
+        m[:, np.arange(y.start, y.start + r), np.arange(y.start, y.start + r)] = 1.0
+        m[:, y, w] = -np.swapaxes(b, -1, -2)
+        m[:, w, y] = -b
+        for node, sign in ((c.end, 1.0), (c.start, -1.0)):
+            if node in nodes:
+                m[:, w, nodes[node]] = m[:, nodes[node], w] = sign * np.eye(6)
+    return System(m, nodes, coordinates, wrenches, columns)
+
+
+def _add_stiffnesses(matrix: Array, state: Condensed, nodes: dict[str, slice]) -> None:
+    for (a, b), k in state.pairs.items():
+        for i, j, part in ((a, b, k), (b, a, np.swapaxes(k, -1, -2))):
+            if i in nodes:
+                matrix[:, nodes[i], nodes[i]] += part
+                if j in nodes:
+                    matrix[:, nodes[i], nodes[j]] -= part
+
+
+def _solved(state: Condensed, matrix: Array, right: Array, use: str) -> tuple[Array, bool]:
+    """Solution (n, s, c) of a symmetric system that may be singular, and whether all of it holds."""
+    scale, keep = _independent(state, use)
+    m = matrix * (scale[:, None] * scale)
+    b = right * scale[:, None]
+    n = max(len(m), len(b))
+    out = np.zeros((n, *b.shape[1:]))
+    try:
+        part = np.linalg.solve(m[:, keep[:, None], keep], b[:, keep])
+    except np.linalg.LinAlgError:
+        part = np.full((n, len(keep), b.shape[2]), np.nan)
+    out[:, keep] = part
+    size = np.maximum(np.abs(b).max(axis=(1, 2)), 1e-300)
+    bad = ~(np.abs(m @ out - b).max(axis=(1, 2)) <= _CONSISTENT * size)
+    if bad.any():
+        some = np.broadcast_to(m, (n, *m.shape[1:]))[bad]
+        rest = np.broadcast_to(b, (n, *b.shape[1:]))[bad]
+        values, vectors = np.linalg.eigh(some)
+        kept = np.abs(values) > _RANK * np.abs(values).max(axis=1, keepdims=True)
+        turned = np.swapaxes(vectors, -1, -2) @ rest
+        out[bad] = vectors @ (np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)[..., None] * turned)
+        left = np.abs(some @ out[bad] - rest).max(axis=(1, 2))
+        if not (left <= _CONSISTENT * np.broadcast_to(size, n)[bad]).all():
+            return out, False
+    return out * scale[:, None], True
+
+
+def _independent(state: Condensed, use: str) -> tuple[Array, NDArray[np.intp]]:
+    """Scale of rows and columns at home, and which of them are independent there."""
+    cache = state.order.independent
+    if use not in cache:
+        at_home = condensed(state.order, home(state.order.mechanism))
+        system = _system(at_home)
+        scale = _scale(at_home, system)
+        m = system.matrix[0]
+        if use == "held":
+            m, scale = m[6:, 6:], scale[6:]
+        _, r, order = qr(m * (scale[:, None] * scale), pivoting=True)  # pyright: ignore[reportAssignmentType]
+        pivots = np.abs(np.diagonal(r))
+        first = int((pivots > _RANK * pivots[0]).sum())
+        cache[use] = scale, np.sort(np.asarray(order[:first], dtype=np.intp))
+    return cache[use]
+
+
+def _scale(state: Condensed, system: System) -> Array:
+    """Units in which stiffnesses, and lengths of the mechanism, are about one."""
+    length = state.order.length
+    unit = np.repeat([1.0, 1.0 / length], 3)
+    sizes = [float(np.abs(np.diagonal(k[0]) * unit**2).max()) for k in state.pairs.values()]
+    factors = [e.factor / unit[:, None] for c in state.order.left for e, _ in c.members if e.factor.shape[1]]
+    sizes += [1.0 / float((f**2).sum()) for f in factors]
+    sizes = [k for k in sizes if k > _RANK * max(sizes)]
+    root = np.exp(0.5 * np.mean(np.log(sizes))) if sizes else 1.0
+    scale = np.ones(system.matrix.shape[-1])
+    for place in system.nodes.values():
+        scale[place] = np.repeat([1.0, 1.0 / length], 3) / root
+    for place in system.wrenches:
+        scale[place] = np.repeat([1.0, length], 3) * root
+    for place, b, c in zip(system.coordinates, system.columns, state.order.left, strict=True):
+        count = sum(e.factor.shape[1] for e, _ in c.members)
+        moved = np.linalg.norm(b[0] * np.repeat([1.0, length], 3)[:, None], axis=0)
+        free = np.arange(len(moved)) >= count
+        scale[place] = np.where(free, 1.0 / (np.where(moved > 0.0, moved, 1.0) * root), 1.0)
+    return scale

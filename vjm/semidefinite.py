@@ -1,0 +1,76 @@
+"""Small symmetric positive semidefinite matrices, many at a time: factors that drop what is singular.
+
+Any generalized inverse serves in a Schur complement of a semidefinite matrix, so that no eigenvalues are needed: a
+pivot of LDLᵀ that is rounding beside its own diagonal entry is dropped. That ratio does not depend on units.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from stiffscope.vjm.screws import Array
+
+DROPPED = 1e-9  # relative pivot below which a direction is free
+
+
+def half_inverse(matrix: Array, tolerance: float = DROPPED) -> Array:
+    """Lower triangular W (n, m, m) with ``WᵀW`` a generalized inverse of semidefinite matrices (n, m, m)."""
+    return pivoted(matrix, tolerance)[0]
+
+
+def pivoted(matrix: Array, tolerance: float = DROPPED) -> tuple[Array, Array]:
+    """``half_inverse`` and the relative pivots (n, m) that it met."""
+    n, m = matrix.shape[0], matrix.shape[-1]
+    a = matrix.transpose(1, 2, 0).copy(order="C")
+    w = np.zeros((m, m, n))
+    pivots = np.empty((n, m))
+    for j in range(m):
+        own = matrix[:, j, j]
+        ratio = a[j, j] / np.where(own > 0.0, own, 1.0)
+        keep = ratio > tolerance
+        pivots[:, j] = ratio
+        root = np.where(keep, 1.0 / np.sqrt(np.where(keep, a[j, j], 1.0)), 0.0)
+        if j + 1 < m:
+            factor = a[j + 1 :, j] * (root * root)
+            a[j + 1 :, j + 1 :] -= factor[:, None] * a[None, j, j + 1 :]
+            if j:
+                w[j + 1 :, :j] -= factor[:, None] * w[None, j, :j]
+            w[j + 1 :, j] = -factor
+        w[j, :j] *= root
+        w[j, j] = root
+    return np.ascontiguousarray(w.transpose(2, 0, 1)), pivots
+
+
+def inverse(matrix: Array, tolerance: float = DROPPED) -> Array:
+    """Generalized inverse (n, m, m) of semidefinite matrices (n, m, m)."""
+    half = half_inverse(matrix, tolerance)
+    return np.swapaxes(half, -1, -2) @ half
+
+
+def projector(directions: Array, tolerance: float = DROPPED) -> tuple[Array, Array]:
+    """Orthogonal projectors (n, d, d) onto what columns (n, d, k) leave, and how many dimensions (n,) they span.
+
+    Gram and Schmidt, each column twice; one that depends on those before it is dropped.
+    """
+    n, d, k = directions.shape
+    columns = np.ascontiguousarray(directions.transpose(2, 1, 0))
+    basis: list[Array] = []
+    rank = np.zeros(n)
+    out = np.broadcast_to(np.eye(d)[:, :, None], (d, d, n)).copy()
+    for j in range(k):
+        v = columns[j]
+        size = np.sqrt((v * v).sum(axis=0))
+        v = v / np.where(size > 0.0, size, 1.0)
+        for _ in range(2):
+            for q in basis:
+                v = v - q * (q * v).sum(axis=0)
+        rest = np.sqrt((v * v).sum(axis=0))
+        keep = rest > tolerance
+        v = v * np.where(keep, 1.0 / np.where(keep, rest, 1.0), 0.0)
+        basis.append(v)
+        rank += keep
+        out -= v[:, None] * v[None]
+    return np.ascontiguousarray(out.transpose(2, 0, 1)), rank

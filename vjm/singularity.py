@@ -1,0 +1,65 @@
+"""Principal stiffness, free directions and nearness to a singular pose."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from stiffscope.vjm.screws import Array
+
+_FREE = 1e-9  # relative principal stiffness below which a direction is free
+_NEAR = 1e-6  # and below which the pose is near singular
+_LENGTHS = 1e-3, 10.0  # m, of a robot's characteristic length; beyond, its rotations or translations are rounding
+
+
+def principal(matrix: Array) -> tuple[Array, Array]:
+    """Eigenvalues (..., 6), ascending, and directions of stiffnesses (..., 6, 6) scaled to the robot's characteristic
+    length and stiffness, so that no unit decides.
+    """
+    force = np.einsum("...ii->...", matrix[..., :3, :3]) / 3.0
+    scale = np.ones(matrix.shape[:-1])
+    scale[..., 3:] = characteristic_length(matrix)[..., None]
+    unit = matrix / (scale[..., :, None] * scale[..., None, :]) / np.where(force > 0.0, force, 1.0)[..., None, None]
+    values, vectors = np.linalg.eigh(unit)
+    return values, vectors / scale[..., :, None]
+
+
+def characteristic_length(matrix: Array) -> Array:
+    """Length (...) in m that makes the mean rotational entry of stiffnesses (..., 6, 6) equal to the translational."""
+    force, moment = (np.einsum("...ii->...", block) for block in (matrix[..., :3, :3], matrix[..., 3:, 3:]))
+    return np.sqrt(moment.clip(min=0.0) / np.where(force > 0.0, force, 1.0)).clip(*_LENGTHS)
+
+
+def mobility(matrix: Array) -> tuple[NDArray[np.int_], Array]:
+    """Free directions (...,) of stiffnesses (..., 6, 6), and their inverse condition number (0 is singular)."""
+    values, _ = principal(matrix)
+    ratio = values / np.where(values[..., -1:] > 0.0, values[..., -1:], 1.0)
+    return np.sum(np.abs(ratio) < _FREE, axis=-1), np.clip(ratio[..., 0], 0.0, None)
+
+
+def free_twists(matrix: Array) -> Array:
+    """Twists (m, 6) of unit size along the free directions of one stiffness (6, 6)."""
+    values, vectors = principal(matrix)
+    return vectors[:, np.abs(values) < _FREE * max(float(values[-1]), 1e-300)].T
+
+
+def softest(matrix: Array) -> Array:
+    """Twist (..., 6) along the least principal stiffness: the free direction near a singular pose."""
+    return principal(matrix)[1][..., :, 0]
+
+
+def singular_note(matrix: Array) -> str | None:
+    """What to tell of a pose at or near a singularity, or None; for one stiffness (6, 6)."""
+    count, inverse_condition = mobility(matrix)
+    if not count and inverse_condition > _NEAR:
+        return None
+    twist = softest(matrix)
+    direction = ", ".join(f"{v:+.3g}" for v in np.where(np.abs(twist) < _NEAR * np.abs(twist).max(), 0.0, twist))
+    state = f"the tool moves freely in {int(count)} direction(s)" if count else "near a singular pose"
+    if principal(matrix)[0][0] < -_NEAR:
+        state = "unstable, the loads overturn it"
+    return f"{state}: softest twist ({direction}), inverse condition number {float(inverse_condition):.2g}"

@@ -1,0 +1,78 @@
+"""Finite strains of elements whose nodes have moved: what each has taken of its spring, and its joint's error."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.vjm.linkage import HELD
+from stiffscope.vjm.network import euler_angles, euler_axes
+
+if TYPE_CHECKING:
+    from stiffscope.vjm.mechanism import Joint
+    from stiffscope.vjm.network import Element, Places
+    from stiffscope.vjm.order import Order
+    from stiffscope.vjm.screws import Array
+
+
+def remaining_offsets(order: Order, where: Places, rest: Places) -> dict[str, Array]:
+    """Offsets (n, 6, 1) that make a linear step from bent places obey each element's law, own axes at its own point.
+
+    ``rest``: where the unloaded mechanism is. A spring that has strained by θ of its t₀ still lacks t₀ - θ.
+    """
+    out: dict[str, Array] = {}
+    for e in order.elements:
+        strain = _strain(e, where, rest)
+        lack = -strain if e.offset is None else e.offset - strain
+        if e.joint is None and lack.any():
+            turn = e.axes.T @ where.across(e) @ e.axes
+            lack[:, 3:] = (euler_axes(turn) @ lack[:, 3:, None])[..., 0]
+        if lack.any():
+            out[e.name] = lack[..., None]
+    return out
+
+
+def _strain(e: Element, where: Places, rest: Places) -> Array:
+    """Coordinates Tx Ty Tz Rx Ry Rz (n, 6) of an element; of a joint those that it holds or drives."""
+    gap, turn = _relative(e, where)
+    n = max(len(gap), len(turn))
+    out = np.zeros((n, 6))
+    joint = e.joint
+    if joint is None:
+        out[:, :3], out[:, 3:] = gap, euler_angles(turn)
+        return out
+    held, turns = HELD[joint.kind]
+    out[:, held] = gap[:, held]
+    if joint.kind == "universal":
+        out[:, 3:] = _universal(joint, turn)
+    elif len(turns) == 2:  # where the axis points on the second body
+        out[:, 4], out[:, 5] = -turn[:, 2, 0], turn[:, 1, 0]
+    elif turns:
+        out[:, 3:] = euler_angles(turn)
+    if joint.drive is not None:
+        before, turned = _relative(e, rest)
+        if joint.kind == "revolute":
+            out[:, 3] = euler_angles(turn @ np.swapaxes(turned, -1, -2))[:, 0]
+        else:
+            out[:, 0] = gap[:, 0] - before[:, 0]
+    return out
+
+
+def _relative(e: Element, where: Places) -> tuple[Array, Array]:
+    """Displacement (n, 3) and rotation (n, 3, 3) of an element's second node against its first, in its own axes."""
+    axes = where.rotation[e.first] @ e.axes
+    moved = where.point(e.second, e.at) - where.point(e.first, e.at)
+    gap = (np.swapaxes(axes, -1, -2) @ moved[..., None])[..., 0]
+    return gap, e.axes.T @ where.across(e) @ e.axes
+
+
+def _universal(joint: Joint, turn: Array) -> Array:
+    """Rotation (n, 3), own axes, by which the two axes of a universal joint are off their angle."""
+    if joint.axis is None or joint.axis2 is None:
+        return np.zeros((len(turn), 3))
+    first, rest = joint.axes.T @ joint.axis, joint.axes.T @ joint.axis2
+    second = turn @ rest
+    square = np.cross(second, first)
+    off = second @ first - rest @ first
+    return square * (off / (square * square).sum(axis=1))[:, None]

@@ -1,0 +1,139 @@
+"""Subspaces of twists, wrenches and joint rates: ranks by singular values, direct sums, and directions by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from stiffscope.vjm.screws import Array
+
+RANK = 1e-9  # relative singular value below which a direction is free
+ZERO = 1e-7  # component of a unit vector that is zero
+
+
+@dataclass(frozen=True, eq=False)
+class Direction:
+    """A twist or a wrench in words: ``kind`` "translation", "rotation" or "screw", along or about ``axis`` (3,).
+
+    Of a redundant constraint: the translation or rotation that is held more than once.
+    """
+
+    kind: str
+    axis: Array
+    pitch: float = 0.0  # m/rad, of a screw
+
+    def __str__(self) -> str:
+        along = axis_name(self.axis)
+        if self.kind == "screw":
+            return f"screw about {along}, {1e3 * self.pitch:.3g} mm/rad"
+        return f"{self.kind} {'along' if self.kind == 'translation' else 'about'} {along}"
+
+
+def axis_name(axis: Array) -> str:
+    """A direction as x, -y, or its components."""
+    near = int(np.argmax(np.abs(axis)))
+    if abs(abs(axis[near]) - 1.0) < 1e-6:
+        return "xyz"[near]
+    return f"({', '.join(f'{c:.3g}' for c in np.where(np.abs(axis) < 1e-6, 0.0, axis))})"
+
+
+def spaces(matrix: Array) -> tuple[Array, tuple[float, float], Array]:
+    """Left null space, smallest singular value that counts and largest that does not (relative), null space."""
+    if not matrix.size:
+        return np.eye(len(matrix)), (1.0, 0.0), np.eye(matrix.shape[1])
+    u, values, vt = np.linalg.svd(matrix)
+    r = int(np.sum(values > RANK * values[0]))
+    dropped = float(values[r] / values[0]) if r < len(values) else 0.0
+    return u[:, r:], (float(values[r - 1] / values[0]), dropped), vt[r:].T
+
+
+def null_space(matrix: Array) -> Array:
+    """Orthonormal basis (n, k) of what a matrix (m, n) of entries of order 1 takes to zero."""
+    if not matrix.size:
+        return np.eye(matrix.shape[1])
+    _, values, vt = np.linalg.svd(matrix)
+    return vt[int(np.sum(values > RANK)) :].T
+
+
+def range_space(matrix: Array) -> Array:
+    """Orthonormal basis (m, r) of the range of a matrix (m, n) of entries of order 1."""
+    if not matrix.size:
+        return np.zeros((len(matrix), 0))
+    u, values, _ = np.linalg.svd(matrix, full_matrices=False)
+    return u[:, values > RANK]
+
+
+def rank(matrix: Array) -> int:
+    """Rank of a matrix, relative to its largest singular value."""
+    values = np.linalg.svd(matrix, compute_uv=False)
+    return int(np.sum(values > RANK * max(values[0], 1e-300))) if values.size else 0
+
+
+def blocks(basis: Array, sizes: list[int]) -> list[tuple[list[int], int]]:
+    """Groups of row blocks that the space of ``basis`` (n, k) does not mix, each with its dimension.
+
+    The orthogonal projector on the space is block diagonal exactly where the space is a direct sum.
+    """
+    starts = np.cumsum([0, *sizes])
+    projector = basis @ basis.T
+    touch = np.array(
+        [
+            [
+                np.abs(projector[starts[i] : starts[i + 1], starts[j] : starts[j + 1]]).max(initial=0.0) > ZERO
+                for j in range(len(sizes))
+            ]
+            for i in range(len(sizes))
+        ]
+    ).reshape(len(sizes), len(sizes))
+    out: list[tuple[list[int], int]] = []
+    seen = set[int]()
+    for start in range(len(sizes)):
+        if start in seen or not touch[start, start]:
+            continue
+        group, queue = {start}, [start]
+        while queue:
+            for j in np.flatnonzero(touch[queue.pop()]).tolist():
+                if j not in group:
+                    group.add(j)
+                    queue.append(j)
+        seen |= group
+        trace = sum(float(np.trace(projector[starts[i] : starts[i + 1], starts[i] : starts[i + 1]])) for i in group)
+        out.append((sorted(group), round(trace)))
+    return out
+
+
+def named(basis: Array, bound: str, free: str, length: float) -> list[Direction]:
+    """Directions of a space of screws (6, k): line part first (force, or angular velocity), couple part second.
+
+    First what has no line part (a couple: ``free``), then lines (``bound``) with the least pitch that the couples
+    leave.
+    """
+    couples = basis[3:] @ null_space(basis[:3])
+    out = [Direction(free, axis) for axis in _aligned(couples)]
+    lines = range_space(basis[:3])
+    off = np.eye(3) - range_space(couples) @ range_space(couples).T
+    for axis in _aligned(lines):
+        screw = basis @ np.linalg.lstsq(basis[:3], axis, rcond=None)[0]
+        pitch = float((off @ screw[3:]) @ (off @ axis)) if couples.shape[1] else float(screw[3:] @ axis)
+        if couples.shape[1] and np.linalg.norm(couples.T @ axis) > ZERO:
+            pitch = 0.0  # a couple about its own axis takes the pitch away
+        real = abs(pitch) > 1e-6
+        out.append(Direction("screw" if real else bound, axis, pitch * length if real else 0.0))
+    return out
+
+
+def _aligned(space: Array) -> list[Array]:
+    """Orthonormal basis of a space (3, k), along x, y, z where it can be."""
+    basis = range_space(space)
+    out: list[Array] = []
+    while basis.shape[1]:
+        shares = np.linalg.norm(basis, axis=1)
+        axis = basis @ basis[int(np.flatnonzero(shares > shares.max() - 1e-6)[0])]
+        axis = axis / np.linalg.norm(axis)
+        out.append(axis)
+        basis = range_space(basis - np.outer(axis, axis @ basis))
+    order = sorted(range(len(out)), key=lambda k: int(np.argmax(np.abs(out[k]))))
+    return [out[k] for k in order]
