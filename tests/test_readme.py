@@ -30,7 +30,8 @@ SMALL = {
 """Options added to README's for the Biglide, so that its commands take seconds."""
 ARM = """<robot name="arm">
   <link name="stand"/>
-  <link name="arm"><inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="arm"><inertial>
+    <mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
   <joint name="shoulder" type="revolute"><parent link="stand"/><child link="arm"/><axis xyz="0 0 1"/>
     <limit lower="-1" upper="1" effort="0" velocity="0"/></joint>
 </robot>
