@@ -80,8 +80,9 @@ class Configurations:
         return rotation, np.ascontiguousarray(self.placed.position[link].T)
 
     def frame(self, node: str) -> tuple[Array, Array]:
-        """Rotation (n, 3, 3) and position (n, 3) of a node: of a rigid body its displacement from home, of an elastic
-        body's end the part axes and the end's place.
+        """Rotation (n, 3, 3) and position (n, 3) of a node.
+
+        Of a rigid body its displacement from home, of an elastic body's end the part axes and the end's place.
         """
         link = self.linkage.frame[self.linkage.link_of[node]]
         rotation, position = self.link_frame(link)

@@ -92,8 +92,7 @@ def _tangent(order: Order, where: Places, gravity: Array, *, thorough: bool) -> 
 
 
 def _relaxed(state: Condensed, work: SecondOrder, *, thorough: bool) -> tuple[Array, Array]:
-    """Change (n, 6, 6) of the stiffness by the second-order work, all internal motions in equilibrium with it, and by
-    what share (n,) these have changed.
+    """Change (n, 6, 6) of the stiffness by the second-order work, and the share (n,) by which internal motions change.
 
     With H the Hessian of that work and X the motions for unit twists of the tool, these change by δ where
     ``H₀ δ = -H (X + δ)``; the stiffness, being stationary, by ``Xᵀ H X + δᵀ H X + δᵀ H δ`` for the first such δ, and by
@@ -140,8 +139,10 @@ def bent(where: Places, response: Response) -> Places:
 
 @dataclass(eq=False)
 class Motion:
-    """Six motions of a network: twists (n, 6, 6) of nodes at M in base axes; for elements that move in more than one
-    way their twist, the rotations (n, 3, 6) of their springs, and their rates (n, k, 6), in their own axes.
+    """Six motions of a network.
+
+    Twists (n, 6, 6) of nodes at M in base axes; for elements that move in more than one way their twist, the rotations
+    (n, 3, 6) of their springs, and their rates (n, k, 6), in their own axes.
     """
 
     nodes: dict[str, Array]
