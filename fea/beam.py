@@ -82,7 +82,7 @@ def saint_venant_torsion(width: float, height: float) -> float:
 
 
 def polar(section: Section) -> Section:
-    """Return the section with the torsion constant I_y + I_z, as the published slider was computed, docs/theory.md 7.4."""
+    """Return the section with the torsion constant I_y + I_z, as the published slider was computed (theory, 7.4)."""
     return replace(section, torsion=section.bending_y + section.bending_z)
 
 

@@ -1,4 +1,4 @@
-"""What the published model prints, docs/theory.md 10, recomputed as published and correctly, and against the bounds, entry by entry."""
+"""What the published model prints, as published, correct, and against bounds, entry by entry: docs/theory.md 10."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Finding:
 
 
 def findings_on_paper(robot: RobotFile, solid: np.ndarray | None) -> list[Finding]:
-    """Recompute what the published model prints: a compliance, stiffnesses, a comparison, and the RMS figures of the text.
+    """Recompute what the published model prints: compliance, stiffnesses, a comparison, and RMS figures.
 
     Parameters
     ----------

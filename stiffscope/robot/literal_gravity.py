@@ -1,4 +1,4 @@
-"""Gravity as published for the Biglide, docs/theory.md 5.3: ``K_θ - K_G`` of links and sliders under what they carry."""
+"""Gravity as published for the Biglide, docs/theory.md 5.3: ``K_θ - K_G`` of links and sliders by what they carry."""
 
 from __future__ import annotations
 
