@@ -20,6 +20,8 @@ from stiffscope.vjm.reach import reach
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
+    from numpy.typing import ArrayLike
+
     from stiffscope.robot.description import RobotFile
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.mechanism import Mechanism
@@ -94,15 +96,13 @@ def inspect_robot(robot: RobotFile) -> Inspection:
     residual = _residual(mechanism)
     parts = tuple(_part(robot, name) for name in used_parts(robot))
     masses = {name: _mass(robot, name) for name in robot.bodies}
+    named = _named_poses(robot, mechanism)
     try:
+        configurations = configured_poses(robot, mechanism, list(named.values()))
         ways = reach(mechanism)
-        named = _named_poses(robot, mechanism)
-        configurations = configure(mechanism, list(named.values()))
     except InputError as error:
         remarks = tuple(_of_mobility(found))
-        return Inspection(
-            robot, mechanism, found, residual, parts, masses, (), (), None, None, remarks, f"{robot.path}: {error}"
-        )
+        return Inspection(robot, mechanism, found, residual, parts, masses, (), (), None, None, remarks, str(error))
     poses = tuple(_pose(configurations, k, name, tool) for k, (name, tool) in enumerate(named.items()))
     mapped = None if robot.map is None else _mapped(robot, mechanism)
     remarks = (
@@ -121,6 +121,17 @@ def rigid_mechanism(robot: RobotFile) -> Mechanism:
     """The mechanism of a robot file with rigid parts, for kinematics alone; masses where they are known."""
     none = np.zeros((6, 6))
     return mechanism_of(robot, {name: PartMatrix(none, None, known_mass(robot, name) or 0.0) for name in robot.parts})
+
+
+def configured_poses(robot: RobotFile, mechanism: Mechanism, poses: ArrayLike) -> Configurations:
+    """Configurations at tool poses (n, k). Raises InputError at `[tool] pose` where the mechanism cannot move so."""
+    try:
+        return configure(mechanism, poses)
+    except InputError as error:
+        where, _, message = str(error).partition("tool.pose: ")
+        if where or not message:
+            raise
+        raise robot.refuse(("tool", "pose"), message) from error
 
 
 def _named_poses(robot: RobotFile, mechanism: Mechanism) -> dict[str, tuple[float, ...]]:
