@@ -1,8 +1,8 @@
 """An independent second derivation: the total potential energy of any mechanism at finite motions, and its Hessian.
 
-Every node moves by six coordinates of its own from where the unloaded mechanism has it; elastic bodies store energy by
-their coordinates Tx Ty Tz Rx Ry Rz, drives and the bearings of balls by theirs, joints constrain by Lagrange multipliers. Gradients come from
-complex steps. Of the library only the description of a mechanism is used.
+Every node moves by six coordinates of its own from where the unloaded mechanism has it; elastic bodies store energy
+by their coordinates Tx Ty Tz Rx Ry Rz, drives and the bearings of balls by theirs, joints constrain by Lagrange
+multipliers. Gradients come from complex steps. Of the library only the description of a mechanism is used.
 """
 
 import numpy as np
