@@ -12,7 +12,7 @@ from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import PartMatrix, known_mass, source_of, used_parts
 from stiffscope.robot.part_sections import solid_length
 from stiffscope.robot.sections import ElasticBody
-from stiffscope.vjm.kinematics import configure
+from stiffscope.vjm.kinematics import configure, solver_of
 from stiffscope.vjm.linkage import Linkage
 from stiffscope.vjm.mobility import NEAR, joined, mobility
 from stiffscope.vjm.reach import reach
@@ -107,6 +107,7 @@ def inspect_robot(robot: RobotFile) -> Inspection:
     mapped = None if robot.map is None else _mapped(robot, mechanism)
     remarks = (
         *_of_mobility(found),
+        *_of_choice(found, mechanism),
         *_of_home(found, mechanism),
         *_of_poses(poses),
         *([] if mapped in {None, 1.0} else [f"{100 * (mapped or 0):.0f} % of the map's points are reached"]),
@@ -202,6 +203,17 @@ def _of_mobility(found: Mobility) -> Iterator[str]:
             f"a motion is possible but for {size:.1g} of the mechanism's size: axes nearly parallel or nearly meeting; "
             "are coordinates rounded? Give them as expressions, or to 12 digits"
         )
+
+
+def _of_choice(found: Mobility, mechanism: Mechanism) -> Iterator[str]:
+    """Which drives stay where they are, where a pose can be reached in more than one way."""
+    motions = found.dof - found.idle_count
+    ways = motions - len(mechanism.tool.pose)
+    solver = solver_of(mechanism, "tool")
+    columns = solver.linkage.columns
+    still = [j.name for j in mechanism.drives if set(columns.get(j.name, ())) & set(solver.closure.held)]
+    if ways > 0 and still:
+        yield f"[tool] pose leaves {ways} of {motions} motions open: {joined(still)} stay as at home"
 
 
 def _of_home(found: Mobility, mechanism: Mechanism) -> Iterator[str]:

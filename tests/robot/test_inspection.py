@@ -2,6 +2,7 @@
 
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -124,3 +125,19 @@ def test_rounded_coordinates_are_told(tmp_path):
     found = inspect_robot(changed("biglide", tmp_path, (old, old.replace("[0, 1, 0]", "[1e-6, 1, 0]"))))
     assert any("are coordinates rounded?" in each for each in found.remarks)
     assert not any("are coordinates rounded?" in each for each in inspect_robot(load_robot("biglide")).remarks)
+
+
+def test_drives_that_a_pose_does_not_tell_are_named():
+    """A planar arm of three hinges whose poses are points: it keeps one hinge as it is, and says which."""
+    links = "".join(
+        f'[bodies.l{k}]\n[joints.j{k}]\nbetween = ["{f"l{k - 1}" if k else "ground"}", "l{k}"]\ntype = "revolute"\n'
+        f"at = {at}\naxis = [0, 0, 1]\ndrive = {{ stiffness = 1e4 }}\n"
+        for k, at in enumerate(([0, 0, 0], [0.3, 0.1, 0], [0.5, 0.4, 0]))
+    )
+    text = f'{links}[tool]\nbody = "l2"\nat = [0.7, 0.3, 0]\npose = ["x", "y"]\n[poses]\nhere = [0.65, 0.35]\n'
+    found = inspect_robot(read_robot(Path("arm.toml"), text))
+    told = [each for each in found.remarks if "leaves 1 of 3 motions open" in each]
+    assert len(told) == 1
+    still = [name for name, moved in zip(("j0", "j1", "j2"), found.poses[1].drives, strict=True) if moved == 0.0]
+    assert told[0].endswith(f": {still[0]} stay as at home")
+    assert not any("motions open" in each for each in inspect_robot(load_robot("stewart")).remarks)
