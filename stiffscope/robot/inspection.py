@@ -213,7 +213,7 @@ def _of_choice(found: Mobility, mechanism: Mechanism) -> Iterator[str]:
     columns = solver.linkage.columns
     still = [j.name for j in mechanism.drives if set(columns.get(j.name, ())) & set(solver.closure.held)]
     if ways > 0 and still:
-        yield f"[tool] pose leaves {ways} of {motions} motions open: {joined(still)} stay as at home"
+        yield f"[tool] pose leaves {ways} of {motions} motions open: {joined(still)} stay{'s' * (len(still) == 1)} as at home"
 
 
 def _of_home(found: Mobility, mechanism: Mechanism) -> Iterator[str]:

@@ -139,5 +139,5 @@ def test_drives_that_a_pose_does_not_tell_are_named():
     told = [each for each in found.remarks if "leaves 1 of 3 motions open" in each]
     assert len(told) == 1
     still = [name for name, moved in zip(("j0", "j1", "j2"), found.poses[1].drives, strict=True) if moved == 0.0]
-    assert told[0].endswith(f": {still[0]} stay as at home")
+    assert told[0].endswith(f": {still[0]} stays as at home")
     assert not any("motions open" in each for each in inspect_robot(load_robot("stewart")).remarks)
