@@ -218,7 +218,9 @@ def solver_of(mechanism: Mechanism, given: Given) -> Solver:
         locked = set(range(len(linkage.known))) - set(closure.commanded)
         if locked and given == "tool":
             names = ", ".join(mechanism.tool.pose[k] for k in sorted(locked))
-            raise InputError(f"tool.pose: the mechanism at home cannot move along {names}")
+            raise InputError(
+                f"tool.pose: expected coordinates that the mechanism can move in at home, got {names}, held there"
+            )
         solver = Solver(mechanism, linkage, closure, 0.0)
         if given == "tool":
             placed = linkage.placed(home[:, None])

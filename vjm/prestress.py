@@ -245,15 +245,14 @@ class SecondOrder:
         e = state.element
         parts: list[Array] = []
         axes: list[Array] = []
+        if e.joint is not None and e.joint.kind == "spherical":  # carries no moment, whatever the order
+            return parts, axes
         if e.factor.shape[1]:
             parts += [motion.sprung[e.name] * row[:, None] for row in np.eye(3)]
             axes += list(np.eye(3)[:, None])
-        if e.joint is None or e.joint.kind != "spherical":  # a ball's rotation is one vector
-            free = free_directions(e, state.where)
-            parts += [free[:, 3:, k, None] * motion.rates[e.name][:, None, k] for k in range(free.shape[2])]
-            axes += [free[:, 3:, k] for k in range(free.shape[2])]
-        else:
-            parts.append(motion.rates[e.name])
+        free = free_directions(e, state.where)
+        parts += [free[:, 3:, k, None] * motion.rates[e.name][:, None, k] for k in range(free.shape[2])]
+        axes += [free[:, 3:, k] for k in range(free.shape[2])]
         return parts, axes
 
     def _ordered(self, state: ElementState, motion: Motion) -> Array:

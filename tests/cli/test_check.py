@@ -47,7 +47,7 @@ def test_unusable_robot_is_shown_and_refused(tmp_path, capsys):
     assert run("check", path) == 2
     shown = capsys.readouterr()
     assert "commands z, which the mechanism holds" in " ".join(shown.out.split())
-    assert "cannot move along z" in shown.err
+    assert "can move in at home, got z" in shown.err
 
 
 def test_list_and_copy(tmp_path, capsys):
