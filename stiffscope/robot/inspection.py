@@ -213,7 +213,8 @@ def _of_choice(found: Mobility, mechanism: Mechanism) -> Iterator[str]:
     columns = solver.linkage.columns
     still = [j.name for j in mechanism.drives if set(columns.get(j.name, ())) & set(solver.closure.held)]
     if ways > 0 and still:
-        yield f"[tool] pose leaves {ways} of {motions} motions open: {joined(still)} stay{'s' * (len(still) == 1)} as at home"
+        verb = "stays" if len(still) == 1 else "stay"
+        yield f"[tool] pose leaves {ways} of {motions} motions open: {joined(still)} {verb} as at home"
 
 
 def _of_home(found: Mobility, mechanism: Mechanism) -> Iterator[str]:
