@@ -82,14 +82,14 @@ def saint_venant_torsion(width: float, height: float) -> float:
 
 
 def polar(section: Section) -> Section:
-    """Return the section with the torsion constant I_y + I_z, as the published slider, Eq. (29), was computed."""
+    """Return the section with the torsion constant I_y + I_z, as the published slider was computed (theory, 7.4)."""
     return replace(section, torsion=section.bending_y + section.bending_z)
 
 
 def euler_bernoulli(
     length: float, section: Section, youngs_modulus: float, shear_modulus: float
 ) -> NDArray[np.float64]:
-    """Return the (6, 6) compliance of Eq. (28): bending, stretch and torsion without shear.
+    """Return the (6, 6) compliance of docs/theory.md (7.1): bending, stretch and torsion without shear.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def euler_bernoulli(
 
 
 def timoshenko(length: float, section: Section, youngs_modulus: float, shear_modulus: float) -> NDArray[np.float64]:
-    """Return the (6, 6) compliance of Eq. (28) with the shear deflection L / (κ G A) added to C22 and C33.
+    """Return the (6, 6) compliance of docs/theory.md (7.1) with the shear deflection L / (κ G A) added to C22 and C33.
 
     Raises
     ------

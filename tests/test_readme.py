@@ -27,7 +27,15 @@ SMALL = {
     "map": "--components published --gravity none --points 9",
     "blind": "--campaigns 1",
 }
-"""Options added to README's, so that its commands take seconds."""
+"""Options added to README's for the Biglide, so that its commands take seconds."""
+ARM = """<robot name="arm">
+  <link name="stand"/>
+  <link name="arm"><inertial>
+    <mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="shoulder" type="revolute"><parent link="stand"/><child link="arm"/><axis xyz="0 0 1"/>
+    <limit lower="-1" upper="1" effort="0" velocity="0"/></joint>
+</robot>
+"""
 
 
 def blocks(language: str) -> list[str]:
@@ -60,6 +68,8 @@ def place(tmp_path_factory):
     folder = tmp_path_factory.mktemp("readme")
     write_step(build(robot.dimensions("slider"), robot.material("slider")), folder / "part.step")
     (folder / "data").symlink_to(ROOT / "data")
+    (folder / "mine.toml").write_text((ROOT / "data" / "robots" / "delta.toml").read_text())
+    (folder / "arm.urdf").write_text(ARM)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("STIFFSCOPE_CACHE", str(tmp_path_factory.mktemp("cache")))
         patch.setattr("stiffscope.jobs.workshop.work_together", work_here)
@@ -70,14 +80,18 @@ def place(tmp_path_factory):
 def test_commands(line, place, monkeypatch, capsys):
     monkeypatch.chdir(place)
     _, name, *words = shlex.split(line)
-    assert _guarded([name, *words, *SMALL.get(name, "").split()]) == 0, capsys.readouterr().err
+    small = SMALL.get(name, "").split() if "mine.toml" not in words else []
+    if name == "new":
+        (place / words[-1]).unlink()
+    assert _guarded([name, *words, *small]) == 0, capsys.readouterr().err
     said = capsys.readouterr()
     assert not said.err.startswith("stiffscope: unexpected")
     assert len(said.out) > 10
     for option, file in itertools.pairwise(words):
         if option == "--out":
             assert not (ROOT / file).exists()  # in a clone
-            assert (Path(file) / "manifest.json").stat().st_size > 0
+            kept = Path(file) if Path(file).suffix else Path(file) / "manifest.json"
+            assert kept.stat().st_size > 0
         if option == "--json":
             assert Path(file).stat().st_size > 0
 

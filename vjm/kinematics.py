@@ -80,8 +80,9 @@ class Configurations:
         return rotation, np.ascontiguousarray(self.placed.position[link].T)
 
     def frame(self, node: str) -> tuple[Array, Array]:
-        """Rotation (n, 3, 3) and position (n, 3) of a node: of a rigid body its displacement from home, of an elastic
-        body's end the part axes and the end's place.
+        """Rotation (n, 3, 3) and position (n, 3) of a node.
+
+        Of a rigid body its displacement from home, of an elastic body's end the part axes and the end's place.
         """
         link = self.linkage.frame[self.linkage.link_of[node]]
         rotation, position = self.link_frame(link)
@@ -217,7 +218,9 @@ def solver_of(mechanism: Mechanism, given: Given) -> Solver:
         locked = set(range(len(linkage.known))) - set(closure.commanded)
         if locked and given == "tool":
             names = ", ".join(mechanism.tool.pose[k] for k in sorted(locked))
-            raise InputError(f"tool.pose: the mechanism at home cannot move along {names}")
+            raise InputError(
+                f"tool.pose: expected coordinates that the mechanism can move in at home, got {names}, held there"
+            )
         solver = Solver(mechanism, linkage, closure, 0.0)
         if given == "tool":
             placed = linkage.placed(home[:, None])

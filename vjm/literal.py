@@ -1,6 +1,6 @@
-"""The paper's ``K_θ - K_G`` of Eqs. (1) to (3): an elastic body softened by the loads behind it, each body on its own.
+"""The published ``K_θ - K_G``, docs/theory.md 5.3: elastic bodies softened by the loads behind, each on its own.
 
-It is not what a loaded mechanism does (``stiffscope.vjm.prestress`` is), and stands for the audit of the paper.
+It is not what a loaded mechanism does (``stiffscope.vjm.prestress`` is); it serves the audit of what was published.
 """
 
 from __future__ import annotations

@@ -68,8 +68,10 @@ class Carried:
 
 @dataclass(eq=False)
 class ElementState:
-    """An element under c cases: ``across`` (n, 6, c), twist of its second node against its first, and ``carried``
-    (n, 6, c), wrench on its second node's side, both at M in base axes.
+    """An element under c cases.
+
+    ``across`` (n, 6, c): twist of its second node against its first; ``carried`` (n, 6, c): wrench on its second node's
+    side; both at M in base axes.
     """
 
     element: Element

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from stiffscope.vjm.screws import Array
 
 GROUND = "ground"
-BASE = "base"
-TOOL = "tool"
+BASE = "<base>"
+TOOL = "<tool>"
 COORDINATES = ("x", "y", "z", "rx", "ry", "rz")
 FREE = {
     "fixed": "",
@@ -330,7 +330,7 @@ class Mechanism:
 
     @property
     def elements(self) -> tuple[str, ...]:
-        """Names of all that can yield or be changed: ``base``, joints, elastic bodies, ``tool``."""
+        """Names of all that can yield or be changed: ``BASE``, joints, elastic bodies, ``TOOL``."""
         elastic = (b.name for b in self.bodies if b.elastic is not None)
         return (BASE, *(j.name for j in self.joints), *elastic, TOOL)
 
@@ -352,7 +352,7 @@ class Mechanism:
         base, grip = (
             _added(at, changes[name]) if name in changes else at for name, at in ((BASE, self.base), (TOOL, self.grip))
         )
-        for name, change in ((BASE, base), (TOOL, grip)):
+        for name, change in (("base", base), ("tool", grip)):
             if change.compliance is not None:
                 checked_compliance(change.compliance, name, semidefinite=True)
         return replace(self, bodies=tuple(bodies), joints=tuple(joints), base=base, grip=grip)

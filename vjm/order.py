@@ -46,7 +46,8 @@ class Connection:
     anchor: str
     origin: Array
     constant: Array | None = None
-    formable: bool = False
+    formable: bool | None = None
+    """Whether it can be stiffened; None until that has been tried."""
     still: tuple[Array, ...] = ()
     """Adjoints of the members to the connection's own axes, where no pose changes them."""
 
@@ -160,7 +161,7 @@ class _Planner:
         self.links = link_of(linkage)
         self.home = home(mechanism)
         self.elements = elements_of(mechanism)
-        self.flexible = [self._connection(e.first, e.second, ((e, 1.0),)) for e in self.elements]
+        self.flexible = [_connection(e.first, e.second, ((e, 1.0),)) for e in self.elements]
         self.stiff: set[frozenset[str]] = set()
         self.nodes = [n for n in nodes_of(mechanism) if n not in {GROUND, END}]
         self.steps: list[Step] = []
@@ -168,8 +169,9 @@ class _Planner:
     def order(self) -> Order:
         while True:
             self._merge()
-            for c in [c for c in self.flexible if c.formable]:
-                self.flexible.remove(c)
+            tried = [c if c.formable is not None else self._tried(c) for c in self.flexible]
+            self.flexible = [c for c in tried if not c.formable]
+            for c in (c for c in tried if c.formable):
                 self.steps.append(Stiffen(c))
                 self.stiff.add(frozenset((c.start, c.end)))
             if not self._take_out():
@@ -197,7 +199,7 @@ class _Planner:
             if a.start == b.end:  # side by side
                 continue
             self.flexible = [c for c in self.flexible if c not in here]
-            self.flexible.append(self._connection(a.start, b.end, a.members + b.members))
+            self.flexible.append(_connection(a.start, b.end, a.members + b.members))
             self.nodes.remove(node)
 
     def _take_out(self) -> bool:
@@ -225,18 +227,21 @@ class _Planner:
         self.nodes.remove(node)
         return True
 
-    def _connection(self, start: str, end: str, members: Members) -> Connection:
-        """A connection, its own axes, and whether and how it can be stiffened."""
-        body = next((e for e, _ in members if e.joint is None and e.factor.shape[1]), members[0][0])
-        anchor, origin = body.carrier, body.at
-        made = Connection(start, end, members, anchor, origin)
-        factor, free = made.flexible(self.home)
-        whole = factor.shape[2] + free.shape[2] >= 6
-        k, formable = stiffened(factor, free, self.length) if whole else (np.zeros((1, 6, 6)), False)
-        constant = formable and all(moves_with(e, self.links[anchor], self.links) for e, _ in members)
-        if constant:
-            return replace(made, constant=k, formable=True, still=tuple(made.adjoints(self.home)))
-        return replace(made, formable=formable)
+    def _tried(self, c: Connection) -> Connection:
+        """A connection of which it is known whether and how it can be stiffened."""
+        factor, free = c.flexible(self.home)
+        if factor.shape[2] + free.shape[2] < 6:
+            return replace(c, formable=False)
+        k, formable = stiffened(factor, free, self.length)
+        if formable and all(moves_with(e, self.links[c.anchor], self.links) for e, _ in c.members):
+            return replace(c, constant=k, formable=True, still=tuple(c.adjoints(self.home)))
+        return replace(c, formable=formable)
+
+
+def _connection(start: str, end: str, members: Members) -> Connection:
+    """A connection whose own axes ride on its first elastic body."""
+    body = next((e for e, _ in members if e.joint is None and e.factor.shape[1]), members[0][0])
+    return Connection(start, end, members, body.carrier, body.at)
 
 
 def stacked(blocks: Iterable[Array]) -> Array:

@@ -92,8 +92,7 @@ def _tangent(order: Order, where: Places, gravity: Array, *, thorough: bool) -> 
 
 
 def _relaxed(state: Condensed, work: SecondOrder, *, thorough: bool) -> tuple[Array, Array]:
-    """Change (n, 6, 6) of the stiffness by the second-order work, all internal motions in equilibrium with it, and by
-    what share (n,) these have changed.
+    """Change (n, 6, 6) of the stiffness by the second-order work, and the share (n,) by which internal motions change.
 
     With H the Hessian of that work and X the motions for unit twists of the tool, these change by δ where
     ``H₀ δ = -H (X + δ)``; the stiffness, being stationary, by ``Xᵀ H X + δᵀ H X + δᵀ H δ`` for the first such δ, and by
@@ -140,8 +139,10 @@ def bent(where: Places, response: Response) -> Places:
 
 @dataclass(eq=False)
 class Motion:
-    """Six motions of a network: twists (n, 6, 6) of nodes at M in base axes; for elements that move in more than one
-    way their twist, the rotations (n, 3, 6) of their springs, and their rates (n, k, 6), in their own axes.
+    """Six motions of a network.
+
+    Twists (n, 6, 6) of nodes at M in base axes; for elements that move in more than one way their twist, the rotations
+    (n, 3, 6) of their springs, and their rates (n, k, 6), in their own axes.
     """
 
     nodes: dict[str, Array]
@@ -244,15 +245,14 @@ class SecondOrder:
         e = state.element
         parts: list[Array] = []
         axes: list[Array] = []
+        if e.joint is not None and e.joint.kind == "spherical":  # carries no moment, whatever the order
+            return parts, axes
         if e.factor.shape[1]:
             parts += [motion.sprung[e.name] * row[:, None] for row in np.eye(3)]
             axes += list(np.eye(3)[:, None])
-        if e.joint is None or e.joint.kind != "spherical":  # a ball's rotation is one vector
-            free = free_directions(e, state.where)
-            parts += [free[:, 3:, k, None] * motion.rates[e.name][:, None, k] for k in range(free.shape[2])]
-            axes += [free[:, 3:, k] for k in range(free.shape[2])]
-        else:
-            parts.append(motion.rates[e.name])
+        free = free_directions(e, state.where)
+        parts += [free[:, 3:, k, None] * motion.rates[e.name][:, None, k] for k in range(free.shape[2])]
+        axes += [free[:, 3:, k] for k in range(free.shape[2])]
         return parts, axes
 
     def _ordered(self, state: ElementState, motion: Motion) -> Array:

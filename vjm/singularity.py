@@ -17,8 +17,9 @@ _LENGTHS = 1e-3, 10.0  # m, of a robot's characteristic length; beyond, its rota
 
 
 def principal(matrix: Array) -> tuple[Array, Array]:
-    """Eigenvalues (..., 6), ascending, and directions of stiffnesses (..., 6, 6) scaled to the robot's characteristic
-    length and stiffness, so that no unit decides.
+    """Eigenvalues (..., 6), ascending, and directions of stiffnesses (..., 6, 6).
+
+    They are scaled to the robot's characteristic length and stiffness, so that no unit decides.
     """
     force = np.einsum("...ii->...", matrix[..., :3, :3]) / 3.0
     scale = np.ones(matrix.shape[:-1])

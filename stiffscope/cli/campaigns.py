@@ -1,4 +1,4 @@
-"""The commands on measurements: diagnosis of a campaign, the blind check of the diagnosis, the audit of the paper."""
+"""The commands on measurements: diagnosis of a campaign, its blind check, the audit of the published model."""
 
 from __future__ import annotations
 

@@ -28,8 +28,8 @@ def asked_poses(robot: RobotFile, at: Sequence[str], joints: Sequence[str]) -> A
 
     Needs no matrix of any part. Raises InputError for what is no pose of this robot, and for one out of reach.
     """
-    from stiffscope.robot.inspection import rigid_mechanism
-    from stiffscope.vjm.kinematics import configure, configure_drives
+    from stiffscope.robot.inspection import configured_poses, rigid_mechanism
+    from stiffscope.vjm.kinematics import configure_drives
 
     if at and joints:
         raise InputError("--joints: expected either poses with --at or drives with --joints, got both")
@@ -41,7 +41,7 @@ def asked_poses(robot: RobotFile, at: Sequence[str], joints: Sequence[str]) -> A
     if joints:
         found = configure_drives(mechanism, [_displacements(robot, text) for text in joints])
     else:
-        found = configure(mechanism, [_coordinates(robot, text) for text in names])
+        found = configured_poses(robot, mechanism, [_coordinates(robot, text) for text in names])
     for index, name in enumerate(names):
         if not found.valid[index]:
             raise InputError(f"{name}: {found.reason(index)}")

@@ -121,12 +121,15 @@ def map_(
 ) -> None:
     """Stiffness over what [map] of the robot file sweeps: figures and numbers."""
     from stiffscope.report import maps, tables
+    from stiffscope.robot.inspection import configured_poses, rigid_mechanism
     from stiffscope.robot.reader import load_robot
 
     robot = load_robot(name, overrides)
     if gravity == "literal":
         raise InputError("--gravity literal: expected none or exact for a map, got literal, which is for single poses")
     maps.swept(robot)
+    moving = rigid_mechanism(robot)
+    configured_poses(robot, moving, moving.tool.home)  # before any experiment
     files.check_output(out)
     manifest = manifest_of(robot)
     mechanism = _assembled(robot, components, quiet=quiet).mechanism

@@ -36,7 +36,7 @@ def warn_of(results: Iterable[PartResult]) -> None:
 
 
 def show_compliance(robot: RobotFile, result: PartResult) -> None:
-    """A part's compliance beside beam theory and the paper; a STEP file's solid has nothing beside it."""
+    """A part's compliance beside beam theory and the published one; a STEP file's solid has nothing beside it."""
     if len(result.experiment.reference_points) > 1:
         tables.show_each_interface(result)
     elif result.own_shape:

@@ -14,12 +14,11 @@ from stiffscope.jobs.experiments import solve_parts
 from stiffscope.jobs.orders import order_part
 from stiffscope.jobs.workshop import workshop
 from stiffscope.robot.checks import SAME_LENGTH
-from stiffscope.robot.inspection import rigid_mechanism
+from stiffscope.robot.inspection import configured_poses, rigid_mechanism
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import needed_experiments, part_matrices, part_sources
 from stiffscope.robot.part_sections import StepPart
 from stiffscope.vjm import statics
-from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.semidefinite import inverse
 
 if TYPE_CHECKING:
@@ -109,7 +108,7 @@ def check_reach(robot: RobotFile, poses: Mapping[str, Sequence[float]]) -> None:
     """Raise InputError that names the pose that is out of reach, and why, before any experiment is made."""
     if not poses:
         return
-    found = configure(rigid_mechanism(robot), list(poses.values()))
+    found = configured_poses(robot, rigid_mechanism(robot), list(poses.values()))
     for index, name in enumerate(poses):
         if not found.valid[index]:
             raise InputError(f"{name}: {found.reason(index)}")

@@ -1,4 +1,4 @@
-"""What `stiffscope check` prints: a robot file in plain words, 80 columns wide."""
+"""What `stiffscope check` prints: a robot file in plain words."""
 
 from __future__ import annotations
 
@@ -6,83 +6,51 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.report.terminal import show_line, show_table
 from stiffscope.vjm.mobility import joined
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
-
-    from rich.console import Console
+    from collections.abc import Collection, Iterable, Iterator, Sequence
 
     from stiffscope.robot.inspection import Inspection
     from stiffscope.vjm.mechanism import Joint
     from stiffscope.vjm.mobility import Mobility
 
-WIDTH = 80
 _SHOWN = 8  # lines of a list, beyond which the rest is counted
 
 
 def show_check(found: Inspection) -> None:
     """All tables of an inspection, then its remarks."""
-    out = _console()
-    out.print(f"[bold]{found.robot.name}[/bold]  ({found.robot.path})", soft_wrap=True)
-    _facts(out, "Mobility at home", _mobility(found))
-    _lines(out, "Redundant constraints", map(str, found.mobility.redundancies))
-    _lines(out, "Idle motions (neither tool nor drives move)", map(str, found.mobility.idle))
-    _parts(out, found)
-    _masses(out, found)
-    _drives(out, found)
+    show_line(f"{found.robot.name} ({found.robot.path})", "bold")
+    show_line("\nMobility at home", "bold")
+    for name, value in _mobility(found):
+        show_line(f"  {name:<18}  {value}")
+    show_line("")
+    _lines("Redundant constraints", map(str, found.mobility.redundancies))
+    _lines("Idle motions (neither tool nor drives move)", map(str, found.mobility.idle))
+    _parts(found)
+    _masses(found)
+    _drives(found)
     if not found.error:
-        _reach(out, found)
-        _poses(out, found)
-    _lines(out, "Remarks", found.remarks or ["none"])
-    out.print()
+        _reach(found)
+        _poses(found)
+    _lines("Remarks", found.remarks or ["none"])
 
 
-def _console() -> Console:
-    from rich.console import Console
-
-    return Console(width=WIDTH, highlight=False, soft_wrap=False)
+def _table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], prose: Collection[str] = ()) -> None:
+    show_table(title, [columns[:1], columns[1:]], rows, prose=prose)
 
 
-def _table(out: Console, title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> None:
-    """A table; the first ``left`` columns are words and may fold."""
-    from rich import box
-    from rich.table import Table
-
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, title_style="bold")
-    table.min_width = min(WIDTH, len(title))
-    for k, column in enumerate(columns):
-        table.add_column(column, justify="left" if k < left else "right", overflow="fold", no_wrap=k >= left)
-    for row in rows:
-        table.add_row(*row)
-    out.print()
-    out.print(table)
-
-
-def _facts(out: Console, title: str, facts: Iterable[tuple[str, str]]) -> None:
-    """Names and what they are."""
-    from rich.table import Table
-
-    grid = Table.grid(padding=(0, 2))
-    grid.add_column(no_wrap=True)
-    grid.add_column(overflow="fold")
-    for name, value in facts:
-        grid.add_row(f"  {name}", value)
-    out.print(f"\n[bold italic]{title}[/bold italic]")
-    out.print(grid)
-
-
-def _lines(out: Console, title: str, lines: Iterable[str]) -> None:
+def _lines(title: str, lines: Iterable[str]) -> None:
     listed = list(lines)
     if not listed:
         return
-    _facts(out, title, ())
-    from rich.padding import Padding
-
+    show_line(title, "bold")
     for line in listed[:_SHOWN]:
-        out.print(Padding(f"- {line}", (0, 0, 0, 2), expand=False), markup=False)
+        show_line(f"  - {line}")
     if len(listed) > _SHOWN:
-        out.print(f"  - and {len(listed) - _SHOWN} more: see --json")
+        show_line(f"  - and {len(listed) - _SHOWN} more: see --json")
+    show_line("")
 
 
 def _mobility(found: Inspection) -> Iterator[tuple[str, str]]:
@@ -125,13 +93,13 @@ def _actuation(found: Inspection) -> str:
     return f"{drives}: as many as needed"
 
 
-def _parts(out: Console, found: Inspection) -> None:
+def _parts(found: Inspection) -> None:
     rows = (
         (p.name, _source(p.source), f"{1e3 * (p.length or 0):.4g}", _kg(p.mass), str(len(p.bodies)))
         for p in found.parts
     )
     if found.parts:
-        _table(out, "Parts", ("part", "6×6 from", "length mm", "mass kg", "bodies"), rows, left=2)
+        _table("Parts", ("part", "6×6 from", "length mm", "mass kg", "bodies"), list(rows), prose=("6×6 from",))
 
 
 def _source(source: str) -> str:
@@ -140,6 +108,7 @@ def _source(source: str) -> str:
         "beam": "beam theory (Timoshenko)",
         "published": "the published table",
         "matrix": "the file",
+        "step": "a virtual experiment (FEA) on a STEP file",
     }[source]
 
 
@@ -147,7 +116,7 @@ def _kg(mass: float | None) -> str:
     return "by CAD" if mass is None else f"{mass:.4g}"
 
 
-def _masses(out: Console, found: Inspection) -> None:
+def _masses(found: Inspection) -> None:
     """Bodies of one part or of one mass together."""
     alike: dict[tuple[str, float | None], list[str]] = {}
     for name, mass in found.masses.items():
@@ -159,7 +128,7 @@ def _masses(out: Console, found: Inspection) -> None:
     ]
     least = "" if len(known) == len(found.masses) else "at least "
     rows.append(("total", "", "", f"{least}{sum(known):.4g}"))
-    _table(out, "Masses", ("bodies", "part", "each kg", "kg"), rows, left=2)
+    _table("Masses", ("bodies", "part", "each kg", "kg"), rows, prose=("bodies", "part"))
 
 
 def _some(names: Sequence[str], most: int = 3) -> str:
@@ -168,7 +137,7 @@ def _some(names: Sequence[str], most: int = 3) -> str:
     )
 
 
-def _drives(out: Console, found: Inspection) -> None:
+def _drives(found: Inspection) -> None:
     rows = []
     for joint in found.mechanism.drives:
         if joint.drive is not None:
@@ -176,7 +145,8 @@ def _drives(out: Console, found: Inspection) -> None:
             unit = "N·m/rad" if joint.kind == "revolute" else "N/m"
             rows.append((joint.name, joint.kind, f"{joint.drive.stiffness:.4g} {unit}", low, high))
     if rows:
-        _table(out, "Drives (range from home)", ("drive", "joint", "stiffness", "from", "to"), rows, left=2)
+        columns = ("drive", "joint", "stiffness", "from", "to")
+        _table("Drives (range from home)", columns, rows, prose=("joint",))
 
 
 def _shown(value: float, *, turns: bool) -> str:
@@ -185,7 +155,7 @@ def _shown(value: float, *, turns: bool) -> str:
     return f"{np.degrees(value):.5g} deg" if turns else f"{1e3 * value:.5g} mm"
 
 
-def _reach(out: Console, found: Inspection) -> None:
+def _reach(found: Inspection) -> None:
     rows = []
     for way in found.reach:
         turns = way.coordinate.startswith("r")
@@ -194,12 +164,11 @@ def _reach(out: Console, found: Inspection) -> None:
             (way.coordinate, f"{word} {end}", why or "no limit up to here")
             for word, end, why in zip(("from", "to"), ends, (way.at_low, way.at_high), strict=True)
         ]
-    _table(
-        out, "Reach of the tool along one coordinate, others as at home", ("", "reach", "what ends it"), rows, left=3
-    )
+    title = "Reach of the tool along one coordinate, others as at home"
+    _table(title, ("along", "reach", "what ends it"), rows, prose=("reach", "what ends it"))
 
 
-def _poses(out: Console, found: Inspection) -> None:
+def _poses(found: Inspection) -> None:
     turning = [name.startswith("r") for name in found.mechanism.tool.pose]
     rows = [
         (
@@ -210,5 +179,6 @@ def _poses(out: Console, found: Inspection) -> None:
         )
         for pose in found.poses
     ]
-    columns = ("pose", ", ".join(found.mechanism.tool.pose), "reached", "conditioning")
-    _table(out, "Named poses (conditioning: 1 best, 0 singular)", columns, rows, left=3)
+    coordinates = ", ".join(found.mechanism.tool.pose)
+    columns = ("pose", coordinates, "reached", "conditioning")
+    _table("Named poses (conditioning: 1 best, 0 singular)", columns, rows, prose=(coordinates, "reached"))

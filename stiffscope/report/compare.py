@@ -41,7 +41,7 @@ class Comparison:
 
 
 def compare(robot: RobotFile, name: str, result: PartResult | Experiment) -> Comparison:
-    """Return the compliance of a rod or plate by FEA, beam theories and the paper, entry by entry, with findings."""
+    """Return the compliance of a rod or plate by FEA, beam theories and as published, entry by entry, with findings."""
     from stiffscope.fea.beam import euler_bernoulli
 
     simple = parts_of.beam_compliance(robot, name, euler_bernoulli)

@@ -18,6 +18,7 @@ from stiffscope.report.numbers import (
     coordinates,
     percent,
     point,
+    pose_values,
     resolved,
     with_bound,
 )
@@ -118,7 +119,7 @@ def stiffness_html(state: Stiffness) -> str:
     """Return the diagonals of the stiffness and the sag at the first poses as a table."""
     rows = [
         (
-            ", ".join(f"{c:z.4g}" for c in pose),
+            pose_values(pose),
             *(f"{v:.5g}" for v in np.diagonal(matrix)),
             f"{1e6 * np.linalg.norm(sag[:3]):.3g}",
         )

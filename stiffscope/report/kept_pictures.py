@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 AT_ONCE = 2  # pictures; each is drawn in a process of its own
-MAP_POINTS = 41
+MAP_POINTS = 31
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def plain_robot(robot: RobotFile) -> dict[str, Any]:
     """All that a robot file says, as plain data, SI, copies made: what determines its pictures."""
     from pydantic_core import to_jsonable_python
 
-    left = {"path", "overrides", "copied"}
+    left = {"source", "copied"}
     content = {field.name: getattr(robot, field.name) for field in fields(robot) if field.name not in left}
     plain = {key: dict(value) if isinstance(value, Mapping) else value for key, value in content.items()}
     return to_jsonable_python(plain, by_alias=True, inf_nan_mode="constants")

@@ -210,7 +210,7 @@ def _fill(axes: Axes, found: StiffnessMap, panel: Panel) -> None:
         drawn = axes.contour(x, y, values, levels=6, colors=ink, linewidths=0.6, linestyles="solid", alpha=0.8)
         axes.clabel(drawn, fontsize=7, fmt="%.5g")
     figure: Any = axes.get_figure()
-    figure.colorbar(image, ax=axes, pad=0.01)
+    figure.colorbar(image, cax=axes.inset_axes((1.03, 0.0, 0.045, 1.0)))  # as high as the map, whatever its aspect
     down = ", down" if found.down else ""
     axes.set(xlabel=f"{found.across} ({_unit(found.across)})", ylabel=f"{found.up} ({_unit(found.up)}{down})")
     axes.set_aspect("equal" if _alike(found) else "auto")

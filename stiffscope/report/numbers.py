@@ -53,6 +53,11 @@ def point(position: Any, digits: int = 4) -> str:
     return ", ".join(f"{1e3 * c:z.{digits}g}" for c in position)
 
 
+def pose_values(pose: Any, digits: int = 4) -> str:
+    """Return a pose's values, SI, without rounding errors: "0, 0, 0.3475"."""
+    return ", ".join(f"{round(float(c), 9):z.{digits}g}" for c in pose)
+
+
 def coordinates(pose: Sequence[str]) -> str:
     """Return the heading of a column of tool poses, which are shown in SI: "x, y, z (m)"."""
     turns = sum(name.startswith("r") for name in pose)

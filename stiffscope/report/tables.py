@@ -16,6 +16,7 @@ from stiffscope.report.numbers import (
     coordinates,
     percent,
     point,
+    pose_values,
     ratio,
     relative,
     resolved,
@@ -129,7 +130,7 @@ def show_stiffness(
         bound = np.zeros((6, 6)) if bars is None else np.asarray(bars[i])
         shown = np.where(resolved(matrix, bound), matrix, np.nan) / factor
         sunk = [] if sag is None else [f"{1e6 * np.linalg.norm(sag[i][:3]):.2f}", f"{1e6 * sag[i][2]:z.2f}"]
-        place = ", ".join(f"{c:z.4g}" for c in state.poses[i])
+        place = pose_values(state.poses[i])
         rows.append((name, place, *_cells(_diagonal_and_couplings(shown), ".4f"), *sunk))
         if bars is not None:
             spread = (f"{v:.2g}" for v in _diagonal_and_couplings(bound / factor))

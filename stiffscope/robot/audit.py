@@ -1,4 +1,4 @@
-"""What the paper prints, recomputed as published and correctly, and against the bounds, entry by entry."""
+"""What the published model prints, as published, correct, and against bounds, entry by entry: docs/theory.md 10."""
 
 from __future__ import annotations
 
@@ -22,10 +22,8 @@ if TYPE_CHECKING:
 
 DIAGONAL = ("K_tx", "K_ty", "K_tz", "K_rx", "K_ry", "K_rz")
 _EXPLAINED = 5e-3  # relative; the reading explains K_ty, K_tz and K_rz to 0.3 %
-_LAST_DIGIT = (
-    500.0  # N/m, N·m/rad: half of the last digit that Eq. (30) and Tables 5 and 6 print (K_tz: 1e3 times that)
-)
-_LAST_COMPLIANCE_DIGIT = 5e-13  # and that Eq. (29) prints
+_LAST_DIGIT = 500.0  # N/m, N·m/rad: half of the last digit printed of stiffnesses (K_tz: 1e3 times that)
+_LAST_COMPLIANCE_DIGIT = 5e-13  # and of compliances
 
 
 @dataclass(frozen=True)
@@ -42,7 +40,7 @@ class Finding:
 
 
 def findings_on_paper(robot: RobotFile, solid: np.ndarray | None) -> list[Finding]:
-    """Recompute what the paper prints: Eqs. (29) and (30), Tables 5 and 6, and the RMS figures of the text.
+    """Recompute what the published model prints: compliance, stiffnesses, a comparison, and RMS figures.
 
     Parameters
     ----------
@@ -110,7 +108,7 @@ def principal_findings(model: PublishedModel, source: str, q: float, rows: dict[
 
 
 def matrix_findings(model: PublishedModel, source: str, q: float, published: np.ndarray) -> list[Finding]:
-    """Eq. (30): every entry on and above the diagonal that is not zero both as printed and correctly."""
+    """The printed stiffnesses: every entry on and above the diagonal that is not zero both as printed and correctly."""
     recomputed = model.reading_r1(q)
     correct = stiffness(model.mechanism, model.dimensions.tool_point(q), gravity="exact")[0]
     size = np.sqrt(np.outer(np.diagonal(correct), np.diagonal(correct)))
@@ -128,7 +126,7 @@ def matrix_findings(model: PublishedModel, source: str, q: float, published: np.
 def compliance_findings(
     source: str, published: np.ndarray, beam: np.ndarray, solid: np.ndarray | None
 ) -> list[Finding]:
-    """Eq. (29): each printed entry beside Euler-Bernoulli theory with I_y + I_z for torsion, and a solid's."""
+    """The printed compliance: each entry beside Euler-Bernoulli theory with I_y + I_z for torsion, and a solid's."""
     findings: list[Finding] = []
     for i, j in zip(*np.triu_indices(6), strict=True):
         if not published[i, j]:

@@ -11,7 +11,7 @@ from stiffscope.cad.checks import mm
 from stiffscope.errors import InputError
 from stiffscope.robot import quantities as q
 from stiffscope.robot.copies import tensor
-from stiffscope.robot.description import GROUND, nodes
+from stiffscope.robot.description import ENDS, GROUND, nodes
 from stiffscope.robot.evaluate import FieldError
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import PartMatrix
@@ -38,11 +38,13 @@ def check_robot(robot: RobotFile) -> None:
         raise FieldError(("bodies",), "expected at least one body, got none")
     for name in robot.parts:
         _check_part(robot, name)
+    for name in robot.poses:
+        _check_file_name(("poses", name), name)
     for name, body in robot.bodies.items():
         if isinstance(body, ElasticBody):
             _check_elastic(robot, name, body)
         else:
-            _check_rigid(name, body)
+            _check_rigid(robot, name, body)
     known = nodes(robot.bodies)
     for name, joint in robot.joints.items():
         _check_joint(robot, name, joint, known)
@@ -53,8 +55,7 @@ def check_robot(robot: RobotFile) -> None:
 def _check_part(robot: RobotFile, name: str) -> None:
     part = robot.parts[name]
     key = ("parts", name)
-    if name in {"", ".", ".."} or not _FILE_NAME.fullmatch(name):
-        raise FieldError(key, f"expected a name that a folder of results can have, got {q.shown(name)}")
+    _check_file_name(key, name)
     try:
         robot.material(name)
     except InputError as error:  # "material: expected one of ..."
@@ -65,6 +66,11 @@ def _check_part(robot: RobotFile, name: str) -> None:
         except InputError as error:  # cad names the parameter: "link.bore: expected ..."
             field, _, message = str(error).partition(": ")
             raise FieldError((*key, *field.split(".")[1:]), message) from error
+
+
+def _check_file_name(key: Key, name: str) -> None:
+    if name in {"", ".", ".."} or not _FILE_NAME.fullmatch(name):
+        raise FieldError(key, f"expected a name that a file of results can have, got {q.shown(name)}")
 
 
 def _check_elastic(robot: RobotFile, name: str, body: ElasticBody) -> None:
@@ -93,8 +99,13 @@ def _check_elastic(robot: RobotFile, name: str, body: ElasticBody) -> None:
         )
 
 
-def _check_rigid(name: str, body: RigidBody) -> None:
+def _check_rigid(robot: RobotFile, name: str, body: RigidBody) -> None:
     key = ("bodies", name)
+    owner, _, end = name.rpartition(".")
+    if end in ENDS and isinstance(robot.bodies.get(owner), ElasticBody):
+        raise FieldError(key, f'expected another name, got "{name}", which is an end of the elastic body "{owner}"')
+    if body.mesh is not None and not (robot.path.parent / body.mesh).is_file():
+        raise FieldError((*key, "mesh"), f"expected a file for pictures, got none at {robot.path.parent / body.mesh}")
     if body.mass and body.centre is None:
         raise FieldError((*key, "centre"), f"expected a point where the mass of {body.mass:g} kg acts, got nothing")
     if body.inertia is not None:
@@ -139,7 +150,7 @@ def _check_node(key: Key, name: str, known: Mapping[str, str], robot: RobotFile)
         return
     if isinstance(robot.bodies.get(name), ElasticBody):
         raise FieldError(key, f'expected an end of the elastic body, "{name}.base" or "{name}.tip", got "{name}"')
-    for end in ("base", "tip"):
+    for end in ENDS:
         body = name.removesuffix(f".{end}")
         if body != name and isinstance(robot.bodies.get(body), RigidBody):
             raise FieldError(key, f'expected "{body}", which is rigid and has no ends, got {q.shown(name)}')

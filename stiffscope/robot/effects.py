@@ -39,7 +39,7 @@ _EACH = np.eye(6)
 _JOINT = np.array([RADIAL, ALONG, [0, 0, 0, 0, 1, 1]])  # radial, axial, tilting
 _GUIDE = np.array([[0.0, 1, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 1, 1]])  # lateral, vertical, angular
 _OUTSIDE = {"robot", "instrument"}  # places that are no elements
-_ELEMENTS = {"platform": TOOL}  # places that are elements by another name
+_ELEMENTS = {"base": BASE, "platform": TOOL}  # places that are elements by another name
 _ALL_ENTRIES = tuple((i, j) for i in range(6) for j in range(i, 6))
 _SYMMETRIC_PLATE = ((0, 0), (1, 1), (1, 5), (2, 2), (2, 4), (3, 3), (4, 4), (5, 5))  # a part with two symmetry planes
 _ENTRY_UNITS = ("m/N", "m/(N·m)", "rad/(N·m)")
@@ -84,8 +84,7 @@ class NominalRobot:
 
     def elements(self, place: str) -> tuple[str, ...]:
         """Names of the elements that a place of the vocabulary means; none where the robot has no such place."""
-        name = _ELEMENTS.get(place, place)
-        return (name,) if name in {BASE, TOOL} else self.robot.members(place)
+        return (_ELEMENTS[place],) if place in _ELEMENTS else self.robot.members(place)
 
     def __reduce__(self) -> tuple[Any, ...]:
         plain = {f.name: getattr(self.robot, f.name) for f in fields(self.robot)}  # read-only mappings do not pickle

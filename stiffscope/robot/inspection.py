@@ -12,13 +12,15 @@ from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import PartMatrix, known_mass, source_of, used_parts
 from stiffscope.robot.part_sections import solid_length
 from stiffscope.robot.sections import ElasticBody
-from stiffscope.vjm.kinematics import configure
+from stiffscope.vjm.kinematics import configure, solver_of
 from stiffscope.vjm.linkage import Linkage
 from stiffscope.vjm.mobility import NEAR, joined, mobility
 from stiffscope.vjm.reach import reach
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
+
+    from numpy.typing import ArrayLike
 
     from stiffscope.robot.description import RobotFile
     from stiffscope.vjm.kinematics import Configurations
@@ -94,19 +96,18 @@ def inspect_robot(robot: RobotFile) -> Inspection:
     residual = _residual(mechanism)
     parts = tuple(_part(robot, name) for name in used_parts(robot))
     masses = {name: _mass(robot, name) for name in robot.bodies}
+    named = _named_poses(robot, mechanism)
     try:
+        configurations = configured_poses(robot, mechanism, list(named.values()))
         ways = reach(mechanism)
-        named = _named_poses(robot, mechanism)
-        configurations = configure(mechanism, list(named.values()))
     except InputError as error:
         remarks = tuple(_of_mobility(found))
-        return Inspection(
-            robot, mechanism, found, residual, parts, masses, (), (), None, None, remarks, f"{robot.path}: {error}"
-        )
+        return Inspection(robot, mechanism, found, residual, parts, masses, (), (), None, None, remarks, str(error))
     poses = tuple(_pose(configurations, k, name, tool) for k, (name, tool) in enumerate(named.items()))
     mapped = None if robot.map is None else _mapped(robot, mechanism)
     remarks = (
         *_of_mobility(found),
+        *_of_choice(found, mechanism),
         *_of_home(found, mechanism),
         *_of_poses(poses),
         *([] if mapped in {None, 1.0} else [f"{100 * (mapped or 0):.0f} % of the map's points are reached"]),
@@ -121,6 +122,17 @@ def rigid_mechanism(robot: RobotFile) -> Mechanism:
     """The mechanism of a robot file with rigid parts, for kinematics alone; masses where they are known."""
     none = np.zeros((6, 6))
     return mechanism_of(robot, {name: PartMatrix(none, None, known_mass(robot, name) or 0.0) for name in robot.parts})
+
+
+def configured_poses(robot: RobotFile, mechanism: Mechanism, poses: ArrayLike) -> Configurations:
+    """Configurations at tool poses (n, k). Raises InputError at `[tool] pose` where the mechanism cannot move so."""
+    try:
+        return configure(mechanism, poses)
+    except InputError as error:
+        where, _, message = str(error).partition("tool.pose: ")
+        if where or not message:
+            raise
+        raise robot.refuse(("tool", "pose"), message) from error
 
 
 def _named_poses(robot: RobotFile, mechanism: Mechanism) -> dict[str, tuple[float, ...]]:
@@ -191,6 +203,18 @@ def _of_mobility(found: Mobility) -> Iterator[str]:
             f"a motion is possible but for {size:.1g} of the mechanism's size: axes nearly parallel or nearly meeting; "
             "are coordinates rounded? Give them as expressions, or to 12 digits"
         )
+
+
+def _of_choice(found: Mobility, mechanism: Mechanism) -> Iterator[str]:
+    """Which drives stay where they are, where a pose can be reached in more than one way."""
+    motions = found.dof - found.idle_count
+    ways = motions - len(mechanism.tool.pose)
+    solver = solver_of(mechanism, "tool")
+    columns = solver.linkage.columns
+    still = [j.name for j in mechanism.drives if set(columns.get(j.name, ())) & set(solver.closure.held)]
+    if ways > 0 and still:
+        verb = "stays" if len(still) == 1 else "stay"
+        yield f"[tool] pose leaves {ways} of {motions} motions open: {joined(still)} {verb} as at home"
 
 
 def _of_home(found: Mobility, mechanism: Mechanism) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""Gravity as the Biglide's paper has it, Eqs. (1) to (3): ``K_θ - K_G`` of links and sliders under what they carry."""
+"""Gravity as published for the Biglide, docs/theory.md 5.3: ``K_θ - K_G`` of links and sliders by what they carry."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LIMBS = {f"limb{i}": tuple(f"limb{i}.link{j}" for j in (1, 2, 3)) for i in (1, 2
 
 
 def literal_gravity(mechanism: Mechanism, poses: ArrayLike) -> Array:
-    """Stiffness (n, 6, 6) at M of the Biglide under its own weight as the paper has it.
+    """Stiffness (n, 6, 6) at M of the Biglide under its own weight as published, docs/theory.md 5.3.
 
     Each link carries a sixth of the platform's weight at M; each slider half of it, and its three links' weights at
     their middles. Raises InputError for any other robot, and for a pose out of reach.
@@ -37,7 +37,7 @@ def literal_gravity(mechanism: Mechanism, poses: ArrayLike) -> Array:
 
 
 def require_biglide(mechanism: Mechanism) -> None:
-    """Raise InputError where a mechanism has not the bodies that the paper's equations are about."""
+    """Raise InputError where a mechanism has not the bodies that the published equations are about."""
     elastic = {body.name for body in mechanism.bodies if body.elastic is not None}
     needed = {*(f"{limb}.slider" for limb in LIMBS), *(link for links in LIMBS.values() for link in links)}
     if not needed <= elastic or "platform" not in {body.name for body in mechanism.bodies}:

@@ -227,7 +227,7 @@ def beam_compliance(robot: RobotFile, name: str, theory: Theory = timoshenko) ->
 
 
 def published_compliance(robot: RobotFile, name: str) -> np.ndarray:
-    """(6, 6) as published: Eq. (28) of the Biglide paper with the file's dimensions for a rod, a plate's as printed."""
+    """(6, 6) as published for the Biglide: docs/theory.md (7.1) with a rod's own dimensions, a plate's as printed."""
     part = robot.parts[name]
     if part.shape == "rod":
         return beam_compliance(robot, name, euler_bernoulli)

@@ -73,10 +73,10 @@ class PublishedModel:
         return np.inf if drive is None else drive.stiffness
 
     def reading_r1(self, q: float) -> Array:
-        """Stiffness (6, 6) at M as the paper's equations give it, without gravity, at a link angle ``q`` in rad.
+        """Stiffness (6, 6) at M as the published equations give it, without gravity, at a link angle ``q`` in rad.
 
-        Eqs. (1) to (5) with ``K_C⁰`` in the bracket of Eq. (1), the Jacobians of Eqs. (19) and (20) for both limbs, a
-        pseudo-inverse of the singular K_Pl in Eq. (3), no slider, and Eq. (26) with the right sign.
+        Reading R1 of docs/theory.md 10.3: ``K_C⁰`` in the bracket of the first equation, the printed Jacobians for
+        both limbs, a pseudo-inverse of the singular K_Pl, no slider, and the transfer of a wrench with the right sign.
         """
         parallelogram = self._parallelogram(q)
         values, vectors = np.linalg.eigh(parallelogram)
@@ -93,7 +93,7 @@ class PublishedModel:
         return np.linalg.inv(np.linalg.inv(whole) + np.outer(along_y, along_y) / self.drive)
 
     def _parallelogram(self, q: float) -> Array:
-        """K_Pl (6, 6) of Eqs. (1) and (2) with the Jacobians of Eqs. (19), (20a) and (20b)."""
+        """K_Pl (6, 6) of three links with the printed Jacobians, docs/theory.md 10.3."""
         g = self.dimensions
         spring = np.linalg.inv(self.link)
         total = np.zeros((6, 6))

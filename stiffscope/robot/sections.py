@@ -218,8 +218,8 @@ class ToolSection(Section):
     @field_validator("pose")
     @classmethod
     def _distinct(cls, value: tuple[str, ...]) -> tuple[str, ...]:
-        if len(set(value)) != len(value):
-            raise ValueError(f"expected each of {' '.join(AXES)} at most once, got {' '.join(value)}")
+        if not value or len(set(value)) != len(value):
+            raise ValueError(f"expected each of {' '.join(AXES)} at most once, got {' '.join(value) or 'none'}")
         return value
 
 

@@ -207,7 +207,7 @@ class _Reader:
         for body in range(1, self.model.nbody):
             if self.model.body_weldid[body] == body:
                 name = self._label("body", body)
-                taken[f"{name}_body" if name in {GROUND, "base", "tool"} or name in taken else name] = body
+                taken[f"{name}_body" if name == GROUND or name in taken else name] = body
         return {0: GROUND} | {body: name for name, body in taken.items()}
 
     def _of(self, name: str) -> np.ndarray:
@@ -381,7 +381,7 @@ def _named(joints: Iterable[ModelJoint], taken: set[str]) -> list[ModelJoint]:
     found = []
     for joint in joints:
         name = joint.name
-        while name in taken or name in {GROUND, "base", "tool"}:
+        while name in taken or name == GROUND:
             name += ".joint"
         taken.add(name)
         found.append(replace(joint, name=name))

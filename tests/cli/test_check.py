@@ -2,7 +2,10 @@
 
 import json
 
+import pytest
+
 from stiffscope.cli.main import _guarded
+from tests.jobs.one_part import MATRIX, ROD, STEP, one_part
 
 
 def run(*words):
@@ -44,7 +47,7 @@ def test_unusable_robot_is_shown_and_refused(tmp_path, capsys):
     assert run("check", path) == 2
     shown = capsys.readouterr()
     assert "commands z, which the mechanism holds" in " ".join(shown.out.split())
-    assert "cannot move along z" in shown.err
+    assert "can move in at home, got z" in shown.err
 
 
 def test_list_and_copy(tmp_path, capsys):
@@ -62,3 +65,10 @@ def test_list_and_copy(tmp_path, capsys):
     assert run("check", tmp_path / "mine.toml", "--quiet") == 0
     assert run("new", "delta", tmp_path / "mine.toml") == 2
     assert "not there yet" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("part", "words"), [(STEP, "on a STEP file"), (MATRIX, "the file"), (ROD, "FEA")])
+def test_every_kind_of_part_is_told(tmp_path, capsys, part, words):
+    one_part(tmp_path, part)
+    assert run("check", tmp_path / "robot.toml") == 0
+    assert words in capsys.readouterr().out

@@ -1,6 +1,8 @@
 """What `stiffscope check` finds in shipped robots and in broken ones."""
 
 import json
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -81,7 +83,9 @@ def test_pose_that_the_mechanism_cannot_do(tmp_path):
         ('["60 mm", "= y_M - 0.06"]', '["60 mm", "= y_M - 0.06", 0]'),
     )
     found = inspect_robot(robot)
-    assert "tool.pose: the mechanism at home cannot move along rx" in found.error
+    assert re.search(
+        r":\d+: tool\.pose: expected coordinates that the mechanism can move in at home, got rx", found.error
+    )
     assert any("[tool] pose commands rx, which the mechanism holds" in each for each in found.remarks)
     assert found.configurations is None
     assert inspection_json(found)["usable"] is False
@@ -121,3 +125,19 @@ def test_rounded_coordinates_are_told(tmp_path):
     found = inspect_robot(changed("biglide", tmp_path, (old, old.replace("[0, 1, 0]", "[1e-6, 1, 0]"))))
     assert any("are coordinates rounded?" in each for each in found.remarks)
     assert not any("are coordinates rounded?" in each for each in inspect_robot(load_robot("biglide")).remarks)
+
+
+def test_drives_that_a_pose_does_not_tell_are_named():
+    """A planar arm of three hinges whose poses are points: it keeps one hinge as it is, and says which."""
+    links = "".join(
+        f'[bodies.l{k}]\n[joints.j{k}]\nbetween = ["{f"l{k - 1}" if k else "ground"}", "l{k}"]\ntype = "revolute"\n'
+        f"at = {at}\naxis = [0, 0, 1]\ndrive = {{ stiffness = 1e4 }}\n"
+        for k, at in enumerate(([0, 0, 0], [0.3, 0.1, 0], [0.5, 0.4, 0]))
+    )
+    text = f'{links}[tool]\nbody = "l2"\nat = [0.7, 0.3, 0]\npose = ["x", "y"]\n[poses]\nhere = [0.65, 0.35]\n'
+    found = inspect_robot(read_robot(Path("arm.toml"), text))
+    told = [each for each in found.remarks if "leaves 1 of 3 motions open" in each]
+    assert len(told) == 1
+    still = [name for name, moved in zip(("j0", "j1", "j2"), found.poses[1].drives, strict=True) if moved == 0.0]
+    assert told[0].endswith(f": {still[0]} stays as at home")
+    assert not any("motions open" in each for each in inspect_robot(load_robot("stewart")).remarks)

@@ -125,7 +125,7 @@ def network(bodies):
     def none(c):
         return np.zeros((6, 6)) if c is None else c
 
-    elements.append(("base", "ground", "<base>", np.eye(6), none(m.base.compliance), np.zeros((6, 0)), m.base.offset))
+    elements.append(("<base>", "ground", "<base>", np.eye(6), none(m.base.compliance), np.zeros((6, 0)), m.base.offset))
     for b in m.bodies:
         if b.elastic is not None:
             r, p = bodies.of(b.nodes[0])
@@ -154,7 +154,7 @@ def network(bodies):
         elements.append((j.name, first, second, carry(axes, r2 @ j.at + p2), c, columns, j.offset))
     r, p = bodies.of(m.tool.body)
     at = carry(r, r @ m.tool.at + p)
-    elements.append(("tool", m.tool.body, "<tool>", at, none(m.grip.compliance), np.zeros((6, 0)), m.grip.offset))
+    elements.append(("<tool>", m.tool.body, "<tool>", at, none(m.grip.compliance), np.zeros((6, 0)), m.grip.offset))
     return nodes, elements, r @ m.tool.at + p
 
 

@@ -1,8 +1,8 @@
 """An independent second derivation: the total potential energy of any mechanism at finite motions, and its Hessian.
 
-Every node moves by six coordinates of its own from where the unloaded mechanism has it; elastic bodies store energy by
-their coordinates Tx Ty Tz Rx Ry Rz, drives by theirs, joints constrain by Lagrange multipliers. Gradients come from
-complex steps. Of the library only the description of a mechanism is used.
+Every node moves by six coordinates of its own from where the unloaded mechanism has it; elastic bodies store energy
+by their coordinates Tx Ty Tz Rx Ry Rz, drives and the bearings of balls by theirs, joints constrain by Lagrange
+multipliers. Gradients come from complex steps. Of the library only the description of a mechanism is used.
 """
 
 import numpy as np
@@ -70,6 +70,10 @@ class Potential:
         for j in self.m.joints:
             first, second = axes(j.first, j.axes), axes(j.second, j.axes)
             gap = (_t(first) @ (place(j.second, j.at) - place(j.first, j.at))[..., None])[..., 0]
+            if j.kind == "spherical" and j.compliance is not None:  # its bearing yields in place of what it would hold
+                yielding = np.linalg.inv(j.compliance[:3, :3])
+                energy = energy + 0.5 * np.einsum("...i,ij,...j->...", gap, yielding, gap)
+                continue
             errors += [gap[..., k] for k in HELD.get(j.kind, (0, 1, 2))]
             dots = _t(first) @ second
             if j.kind in ("fixed", "prismatic"):

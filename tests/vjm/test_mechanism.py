@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.mechanism import Body, Change, Drive, Joint, Mechanism, Tool, axes_along, member
+from stiffscope.vjm.mechanism import BASE, TOOL, Body, Change, Drive, Joint, Mechanism, Tool, axes_along, member
+from stiffscope.vjm.statics import stiffness
 from tests.vjm.files import biglide
 
 C = np.diag([1e-9, 1e-8, 1e-8, 1e-7, 1e-7, 1e-7])
@@ -26,7 +27,7 @@ def arm(**changes):
 
 def test_a_mechanism_knows_its_elements():
     m = arm()
-    assert m.elements == ("base", "leg1.motor", "wrist", "leg1.arm", "tool")
+    assert m.elements == (BASE, "leg1.motor", "wrist", "leg1.arm", TOOL)
     assert [j.name for j in m.drives] == ["leg1.motor"]
     assert m.joints[0].axes[:, 0] == pytest.approx([0, 1, 0])
 
@@ -82,17 +83,30 @@ def test_refused(make, message):
         make()
 
 
+def test_bodies_and_joints_may_be_called_base_and_tool():
+    """Each against the same mechanism with other names; compliances of the base and the tool are something else."""
+    m = arm(tool=Tool("hand", [1, 0, 0], ("z",)))
+    named = Mechanism(
+        (replace(m.bodies[0], name="tool"), replace(m.bodies[1], name="base")),
+        (replace(m.joints[0], second="tool.base"), replace(m.joints[1], name="hand", first="tool.tip", second="base")),
+        replace(m.tool, body="base"),
+    )
+    both = {BASE: Change(C), TOOL: Change(2 * C)}
+    assert np.array_equal(stiffness(named, [0.1]), stiffness(m, [0.1]))
+    assert np.array_equal(stiffness(named.changed(both), [0.1]), stiffness(m.changed(both), [0.1]))
+
+
 def test_changes_add_up_and_leave_the_original():
     m = arm()
-    soft = m.changed({"leg1.arm": Change(C), "wrist": Change(offset=np.ones(6)), "base": Change(C), "tool": Change(C)})
+    soft = m.changed({"leg1.arm": Change(C), "wrist": Change(offset=np.ones(6)), BASE: Change(C), TOOL: Change(C)})
     soft = soft.changed({"leg1.arm": Change(C), "wrist": Change(offset=np.ones(6))})
     assert np.allclose(soft.body("leg1.arm").elastic.compliance, 3 * C)
     assert np.allclose(soft.joint("wrist").offset, 2.0)
     assert np.allclose(m.body("leg1.arm").elastic.compliance, C)
-    with pytest.raises(InputError, match="no element 'arm'; it has base, leg1.motor"):  # noqa: RUF043
+    with pytest.raises(InputError, match="no element 'arm'; it has <base>, leg1.motor"):  # noqa: RUF043
         m.changed({"arm": Change(C)})
     with pytest.raises(InputError, match="tool: diagonal entries must not be negative"):
-        m.changed({"tool": Change(-C)})
+        m.changed({TOOL: Change(-C)})
 
 
 def test_axes_follow_the_next_base_axis_by_default():

@@ -10,7 +10,7 @@ from stiffscope.vjm.condensation import condensed
 from stiffscope.vjm.equilibrium import loaded, tool_stiffness
 from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.linkage import Linkage
-from stiffscope.vjm.mechanism import Body, Change, Drive, Joint, Mechanism, Tool, member
+from stiffscope.vjm.mechanism import TOOL, Body, Change, Drive, Joint, Mechanism, Tool, member
 from stiffscope.vjm.order import home, order_of
 from stiffscope.vjm.prestress import internal_loads
 from stiffscope.vjm.singularity import free_twists, mobility
@@ -275,7 +275,7 @@ def test_redundant_constraints_and_idle_motions_are_ordinary():
 
 def test_rigid_loops_are_constraints():
     """Parallelograms of rigid rods: the limit of ever stiffer ones."""
-    m = read("linear-delta").changed({"tool": Change(np.diag([1e-8] * 3 + [1e-7] * 3))})
+    m = read("linear-delta").changed({TOOL: Change(np.diag([1e-8] * 3 + [1e-7] * 3))})
 
     def links(factor):
         bodies = tuple(

@@ -41,6 +41,16 @@ def test_exact_stiffness_is_the_hessian_of_the_potential_energy(robot, pose, wei
     assert left < 1e-3 * change
 
 
+def test_bearings_of_balls_yield_under_load_as_the_potential_energy_says():
+    m = read("stewart")
+    balls = {j.name: Change(np.diag([3e-8, 1e-8, 2e-8, 0, 0, 0])) for j in m.joints if j.kind == "spherical"}
+    m, pose = replace(m.changed(balls), gravity=100.0 * m.gravity), CHECKED["stewart"]["poses"][1]
+    hessian, droop = Potential(oracle.Bodies(m).close(pose, 4)).tangent_stiffness()
+    change, left = compared(m, hessian, droop, pose)
+    assert change > 1e-5
+    assert left < 1e-3 * change
+
+
 def test_lack_of_fit_prestresses_as_the_potential_energy_says():
     """A Delta whose rods are long by 5 µm or short: no weight, only the loops against each other."""
     m = read("linear-delta")

@@ -24,7 +24,7 @@ def _zeros(*shape: int) -> Array:
 
 @dataclass(frozen=True)
 class Dimensions:
-    """Table 1, m, in the names of the paper."""
+    """The published dimensions, m, in the names of docs/theory.md 3.4."""
 
     L: float
     l: float
@@ -112,7 +112,7 @@ class Machine:
 def beam(length: float, section: Array) -> Array:
     """Return the compliance (6, 6) at the free end of a uniform cantilever in link axes.
 
-    section: (6,) per metre, 1/EA, 1/κGA (y), 1/κGA (z), 1/GI_p, 1/EI_y, 1/EI_z; zero shear gives Eq. (28).
+    section: (6,) per metre, 1/EA, 1/κGA (y), 1/κGA (z), 1/GI_p, 1/EI_y, 1/EI_z; zero shear gives docs/theory.md (7.1).
     """
     n, vy, vz, t, by, bz = section * length
     out = np.diag([n, vy + bz * length**2 / 3, vz + by * length**2 / 3, t, by, bz])
