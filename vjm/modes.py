@@ -276,9 +276,7 @@ def _check_empty(pencil: Pencil) -> bool:
     if seen.shape[1]:
         size = {b.name: np.abs(system.twists[b.nodes[-1]].of(vectors @ seen)).max() for b in system.mechanism.bodies}
         moving = [spelled("bodies", name) for name, moved in size.items() if moved > _IDLE * max(size.values())]
-        raise InputError(
-            f"{joined(moving)}: expected a mass and inertia, to move freely, got a motion that has neither"
-        )
+        raise InputError(f"{joined(moving)}: expected a mass and inertia to move freely, got none")
     return True
 
 
@@ -402,10 +400,11 @@ def _part(pencil: Pencil, vectors: Array, scaled: Pencil) -> _Part:
     """Modes of vectors (n, d, c) in the scaled units of a pencil: normalized, frequencies by Rayleigh's quotient."""
     full = pencil.basis @ (scaled.scale[:, None] * vectors)
     system = pencil.system
-    kinetic = sum((np.square(r.of(full)).sum(axis=1) for r in system.inertias), np.zeros(()))
+    nothing = np.zeros((len(full), full.shape[2]))
+    kinetic = sum((np.square(r.of(full)).sum(axis=1) for r in system.inertias), nothing)
     full = full / np.sqrt(kinetic)[:, None]
     rows = (r for rows in system.strains.values() for r in rows)
-    squares = sum((np.square(r.of(full)).sum(axis=1) for r in rows), np.zeros_like(kinetic))
+    squares = sum((np.square(r.of(full)).sum(axis=1) for r in rows), nothing)
     squares = np.where(squares > _FREE * scaled.shift, squares, 0.0)
     order = np.argsort(squares, axis=1, kind="stable")
     squares, full = np.take_along_axis(squares, order, axis=1), np.take_along_axis(full, order[:, None], axis=2)
