@@ -139,7 +139,7 @@ def test_a_beam_has_its_textbook_frequencies(radius):
     else:
         axial = np.sqrt(e / density) / 4
         nearest = found.frequencies[0, np.nanargmin(np.abs(found.frequencies[0] - axial))]
-        assert nearest == pytest.approx(axial, rel=2e-3)
+        assert nearest == pytest.approx(axial, rel=5e-3)  # one axial mode between its ends
 
 
 def test_more_mass_lowers_and_more_stiffness_raises_every_frequency(rng):
