@@ -23,11 +23,11 @@ from stiffscope.vjm.semidefinite import half_inverse
 from stiffscope.vjm.subspaces import RANK
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     from numpy.typing import ArrayLike, NDArray
 
-    from stiffscope.vjm.coordinates import Coordinates
+    from stiffscope.vjm.coordinates import Coordinates, Rows
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.screws import Array
 
@@ -48,7 +48,8 @@ class Modes:
 
     ``frequencies`` (n, c) in Hz, 0 where tool or drives move freely; ``error`` (n, c): 95 % bounds by those of the
     parts' compliances, zeros without any. ``shapes``: twists (n, 6, c) of every node at M in base axes, normalized to a
-    modal mass of 1 kg (the tool is ``tool``). ``energy``: share (n, c) of each element in the strain energy.
+    modal mass of 1 kg (the tool is ``tool``). ``energy``: share (n, c) of each element in the strain energy;
+    ``internal`` (n, c): of all that is in modes of parts between their ends, which no node's twist shows.
     ``remarks`` tell what moves freely and was left out.
     """
 
@@ -57,6 +58,7 @@ class Modes:
     error: Array
     shapes: dict[str, Array]
     energy: dict[str, Array]
+    internal: Array
     remarks: tuple[str, ...]
 
     @property
@@ -135,12 +137,13 @@ def modes(mechanism: Mechanism, poses: ArrayLike | Configurations, count: int = 
     """
     found = poses if isinstance(poses, Configurations) else configure(mechanism, poses)
     n = len(found)
-    out = Modes(found, np.full((n, count), np.nan), np.full((n, count), np.nan), {}, {}, ())
+    out = Modes(found, *(np.full((n, count), np.nan) for _ in range(2)), {}, {}, np.full((n, count), np.nan), ())
     remarks: dict[str, None] = {}
 
     def put(part: _Part, some: NDArray[np.intp]) -> None:
         c = part.squares.shape[1]
         out.frequencies[some, :c], out.error[some, :c] = part.frequencies, part.error
+        out.internal[some, :c] = part.internal
         for into, each in ((out.shapes, part.shapes), (out.energy, part.energy)):
             for name, values in each.items():
                 whole = into.setdefault(name, np.full((n, *values.shape[1:-1], count), np.nan))
@@ -209,11 +212,18 @@ class _Part:
     @cached_property
     def energy(self) -> dict[str, Array]:
         """Share (n, c) of each element in the strain energy; zeros for a free motion."""
+        return {name: self._share(rows) for name, rows in self.pencil.system.strains.items()}
+
+    @cached_property
+    def internal(self) -> Array:
+        """Share (n, c) of the parts' own modes in the strain energy."""
+        bodies = [b.name for b in self.pencil.system.mechanism.bodies if b.elastic is not None]
+        strains = self.pencil.system.strains
+        return sum((self._share(strains[name][1:]) for name in bodies if name in strains), np.zeros(self.squares.shape))
+
+    def _share(self, rows: Iterable[Rows]) -> Array:
         whole = np.where(self.squares > 0.0, self.squares, np.inf)
-        return {
-            name: sum((np.square(r.of(self.vectors)).sum(axis=1) for r in rows), np.zeros(())) / whole
-            for name, rows in self.pencil.system.strains.items()
-        }
+        return sum((np.square(r.of(self.vectors)).sum(axis=1) for r in rows), np.zeros(whole.shape)) / whole
 
     @cached_property
     def error(self) -> Array:

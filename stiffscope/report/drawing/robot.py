@@ -28,6 +28,7 @@ SHARES = "YlOrRd"
 NO_SHARE, BEFORE, EDGES = "#d9dde2", "#9aa4b0", "#20252b"
 TOWARDS = (0.42, -1.0, 0.4)  # the camera, in axes whose z points up
 WIDTH, ABOVE, BELOW = 1200, 42, 34  # pixels: of the picture, of its title, of its key
+MOVING, PERIOD = 720, 1280  # pixels across, and milliseconds of a vibration, of an animation
 LONG = 95  # characters of a title, from which it is smaller
 _NAMED = 5  # parts in the key, at most
 
@@ -81,6 +82,50 @@ def robot(
         figure.savefig(folder / picture["file"], dpi=100)
 
 
+def animation(
+    folder: Path,
+    pictures: list[dict[str, Any]],
+    bodies: list[dict[str, Any]],
+    joints: list[dict[str, Any]],
+    tool: dict[str, Any],
+    up: list[float],
+    shares: dict[str, float] | None = None,
+    scale: str = "share",
+) -> None:
+    """The robot moving, one GIF for each {file, title, frames, order}, seen by a camera that stands still.
+
+    ``frames``: as ``moves`` of `robot`, ``order``: which of them follow one another, in a loop. ``shares``: by
+    picture's file, of all elements; the rest as for `robot`.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+
+    upward, home = np.array(up, float), np.array(tool["at"], float)
+    solids, reach = solids_of(bodies, joints, tool, upward), extent(bodies, joints, tool)
+    for picture in pictures:
+        colours = picture.get("shares", shares)
+        frames = [_moves(each) for each in picture["frames"]]
+        shapes = [_by_colour(solids, moves, colours) for moves in frames]
+        seen = np.vstack([shape.points for each in shapes for shape in each.values()])
+        images = []
+        for moves, each in zip(frames, shapes, strict=True):
+            rotation, position = moves[tool["node"]]
+            image, view = _scene(each, rotation @ home + position, upward, reach, seen)
+            figure = _framed(image, view, picture["title"])
+            if colours is None:
+                _key(figure, part_colours(bodies))
+            else:
+                _share_bar(figure, scale, max(colours.values(), default=1.0))
+            canvas = FigureCanvasAgg(figure)
+            canvas.draw()
+            shot_of = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+            images.append(shot_of.resize((MOVING, round(MOVING * shot_of.height / shot_of.width)), Image.LANCZOS))
+        loop = [images[k].quantize(128, dither=Image.Dither.NONE) for k in picture["order"]]
+        loop[0].save(
+            folder / picture["file"], save_all=True, append_images=loop[1:], duration=PERIOD // len(loop), loop=0
+        )
+
+
 def _moves(given: dict[str, Any]) -> Moves:
     moves = {name: (np.array(r, float), np.array(p, float)) for name, (r, p) in given.items()}
     return {**moves, "ground": (np.eye(3), np.zeros(3))}
@@ -101,8 +146,11 @@ def _joined(shapes: list[pv.PolyData]) -> pv.PolyData:
     return first if len(shapes) == 1 else first.append_polydata(*shapes[1:])
 
 
-def _scene(shapes: dict[str, pv.PolyData], point: Floats, up: Floats, reach: float) -> tuple[Floats, View]:
-    seen = np.vstack([*(shape.points for shape in shapes.values()), np.add([point], 0.12 * reach * np.eye(3))])
+def _scene(
+    shapes: dict[str, pv.PolyData], point: Floats, up: Floats, reach: float, seen: Floats | None = None
+) -> tuple[Floats, View]:
+    if seen is None:
+        seen = np.vstack([*(shape.points for shape in shapes.values()), np.add([point], 0.12 * reach * np.eye(3))])
     view = view_of(seen, towards=tuple(upright(up) @ TOWARDS), width=WIDTH, up=tuple(up))
     plotter = new_plotter(view)
     for colour, shape in shapes.items():
