@@ -32,8 +32,8 @@ def joint_directions(j, r1, r2):
     return free, None if j.drive is None else (free[-1] if j.kind == "cylindrical" else free[0])
 
 
-def frequencies(mechanism, pose, *, drives="held", steps=4):  # noqa: PLR0915
-    """All natural frequencies in Hz, those of free motions as zeros."""
+def matrices(mechanism, pose, *, drives="held", steps=4):
+    """Stiffness and mass of all nodes' twists at the origin, the null space of the constraints, places of the nodes."""
     bodies = Bodies(mechanism).close(pose, steps)
     nodes = [n for b in mechanism.bodies for n in b.nodes]
     place = {n: np.arange(6 * k, 6 * k + 6) for k, n in enumerate(nodes)}
@@ -80,7 +80,25 @@ def frequencies(mechanism, pose, *, drives="held", steps=4):  # noqa: PLR0915
         if driven is not None and drives == "held":
             along = np.linalg.pinv(np.array(free).T)[[np.allclose(f, driven) for f in free].index(True)] @ across
             k += j.drive.stiffness * np.outer(along, along)
-    basis = null_space(np.vstack(rows), rcond=1e-10)
+    return k, m, null_space(np.vstack(rows), rcond=1e-10), place, bodies
+
+
+def receptance(mechanism, pose, source, target, hertz):
+    """Undamped displacement (f,) along one port for a unit force at another: node, point at home, direction (6,)."""
+    k, m, basis, place, bodies = matrices(mechanism, pose)
+    ends = []
+    for node, at, direction in (source, target):
+        r, p = bodies.of(node)
+        row = np.zeros(len(k))
+        row[place[node]] = direction @ at_origin(np.eye(3), r @ at + p)
+        ends.append(basis.T @ row)
+    k, m = basis.T @ k @ basis, basis.T @ m @ basis
+    return np.array([ends[1] @ np.linalg.solve(k - (2 * np.pi * f) ** 2 * m, ends[0]) for f in hertz])
+
+
+def frequencies(mechanism, pose, *, drives="held", steps=4):
+    """All natural frequencies in Hz, those of free motions as zeros."""
+    k, m, basis, _, _ = matrices(mechanism, pose, drives=drives, steps=steps)
     k, m = basis.T @ k @ basis, basis.T @ m @ basis
     unit = 1.0 / np.sqrt(np.diagonal(k) + 1e4 * np.diagonal(m))
     k, m = k * np.outer(unit, unit), m * np.outer(unit, unit)
