@@ -1,0 +1,81 @@
+"""Mode shapes as pictures and animations of the robot, and as what scripts read."""
+
+from __future__ import annotations
+
+import logging
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.jobs.results import EXPERIMENT
+from stiffscope.report.pictures import PictureError, draw
+from stiffscope.report.robot_scene import deformed, exaggeration, moves, picture, scene
+from stiffscope.vjm.network import END, FOOT
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from stiffscope.jobs.assembly import Assembled
+    from stiffscope.vjm.modes import Modes
+
+log = logging.getLogger(__name__)
+
+_STEPS = 16  # of a vibration
+_WITHIN = 0.2  # of a mode's energy between the ends of parts, from which its picture says so
+
+
+def modes_json(found: Modes) -> dict[str, Any]:
+    """What scripts read of modes; twists of all nodes at M in base axes, [pose][mode][component]."""
+    names = {END: "tool", FOOT: "base"}
+    shapes = {names.get(node, node): np.moveaxis(twist, 1, 2) for node, twist in found.shapes.items()}
+    return {
+        "poses": found.configurations.poses,
+        "tool": found.configurations.tool,
+        "frequencies": found.frequencies,
+        "error": found.error,
+        "shapes": shapes,
+        "energy": found.energy,
+        "internal": found.internal,
+        "remarks": list(found.remarks),
+    }
+
+
+def draw_modes(assembled: Assembled, names: Sequence[str], found: Modes, folder: Path) -> None:
+    """Each mode at each pose as a picture, ``mode_POSE_NUMBER.png``, and moving, ``….gif``, coloured by energy.
+
+    Where this machine cannot draw, say so and leave them out.
+    """
+    robot, mechanism, configurations = assembled.robot, assembled.mechanism, found.configurations
+    experiments = {name: result.folder / EXPERIMENT for name, result in assembled.results.items()}
+    arguments = scene(robot, mechanism, experiments)
+    for k, name in enumerate(names):
+        moved, at = moves(mechanism, configurations, k), configurations.tool[k, :3]
+        for i, hertz in enumerate(found.frequencies[k]):
+            if not np.isfinite(hertz):
+                continue
+            twists = {node: shape[k, :, i] for node, shape in found.shapes.items()}
+            factor = exaggeration(mechanism, moved, twists, at)
+            within = float(found.internal[k, i])
+            title = f"{robot.name} at {name}: mode {i + 1}, {hertz:.4g} Hz"
+            if within > _WITHIN:
+                title += f"; {100 * within:.0f} % of the energy is in parts between their ends"
+            energy = {element: float(share[k, i]) for element, share in found.energy.items()}
+            stem = f"mode_{_plain(name, k)}_{i + 1}"
+            sines = np.sin(0.5 * np.pi * np.arange(-_STEPS // 4, _STEPS // 4 + 1) / (_STEPS // 4))
+            frames = [deformed(moved, twists, at, float(sine) * factor) for sine in sines]
+            order = [*range(len(sines)), *range(len(sines) - 2, 0, -1)]
+            still = [picture(f"{stem}.png", title, frames[-1], moved)]
+            moving = [{"file": f"{stem}.gif", "title": title, "frames": frames, "order": order}]
+            coloured = {**arguments, "shares": energy if hertz else None, "scale": "share of the strain energy"}
+            try:
+                draw("robot", folder, pictures=still, **coloured)
+                draw("animation", folder, pictures=moving, **coloured)
+            except PictureError as error:
+                log.warning("%s", error)
+                return
+
+
+def _plain(name: str, number: int) -> str:
+    """A pose's name where a file can have it, else its number."""
+    return name if name.replace("_", "").replace("-", "").isalnum() else str(number + 1)
