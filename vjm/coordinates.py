@@ -122,11 +122,13 @@ class Coordinates:
 
 def _some(rows: Any, index: NDArray[np.intp]) -> Any:
     """Rows of some poses, in whatever holds them."""
-    if isinstance(rows, dict):
-        return {key: _some(each, index) for key, each in rows.items()}
+    if isinstance(rows, Rows):
+        return rows if len(rows.matrix) == 1 else replace(rows, matrix=rows.matrix[index])
     if isinstance(rows, list):
-        return [_some(each, index) for each in rows]
-    return rows if len(rows.matrix) == 1 else replace(rows, matrix=rows.matrix[index])
+        listed: list[Any] = rows
+        return [_some(each, index) for each in listed]
+    named: dict[str, Any] = rows
+    return {key: _some(each, index) for key, each in named.items()}
 
 
 def coordinates(mechanism: Mechanism, where: Places, length: float, drives: Iterable[str] = ()) -> Coordinates:

@@ -108,7 +108,7 @@ def frf(
     robot = load_robot(name, overrides)
     asked = asked_poses(robot, poses, joints)
     mechanism = asked.configurations.mechanism
-    ends = [_port(mechanism, option, text) for option, text in (("--from", source), ("--to", target))]
+    shaken, read = _port(mechanism, "--from", source), _port(mechanism, "--to", target)
     given = _band(band)
     files.check_output(out)
     manifest = manifest_of(robot)
@@ -120,7 +120,7 @@ def frf(
     hertz = np.geomspace(*given, points)
     each = [asked.configurations[np.array([k])] for k in range(len(asked.names))]
     curves = np.array([
-        frequency_response(made.mechanism, one, *ends, hertz, damping=damping, drives=drives) for one in each
+        frequency_response(made.mechanism, one, shaken, read, hertz, damping=damping, drives=drives) for one in each
     ])  # fmt: skip
     response = report.Response(asked.names, hertz, curves, source, target, damping)
     with files.staged_folder(out) as folder:
