@@ -9,7 +9,7 @@ it does not leave free is a spring between two nodes. Elastic bodies with dynami
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -125,10 +125,8 @@ def _some(rows: Any, index: NDArray[np.intp]) -> Any:
     if isinstance(rows, Rows):
         return rows if len(rows.matrix) == 1 else replace(rows, matrix=rows.matrix[index])
     if isinstance(rows, list):
-        listed: list[Any] = rows
-        return [_some(each, index) for each in listed]
-    named: dict[str, Any] = rows
-    return {key: _some(each, index) for key, each in named.items()}
+        return [_some(each, index) for each in cast("list[Any]", rows)]
+    return {key: _some(each, index) for key, each in cast("dict[str, Any]", rows).items()}
 
 
 def coordinates(mechanism: Mechanism, where: Places, length: float, drives: Iterable[str] = ()) -> Coordinates:

@@ -13,7 +13,7 @@ from stiffscope.vjm.network import END
 from stiffscope.vjm.screws import shift
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
     from stiffscope.vjm.coordinates import Coordinates
     from stiffscope.vjm.kinematics import Configurations
@@ -45,7 +45,7 @@ def frequency_response(
     *,
     damping: float = 0.01,
     drives: Drives = "held",
-) -> Array:
+) -> NDArray[np.complex128]:
     """Receptance: complex displacement at one port for a unit force at another, at frequencies (f,) in Hz.
 
     Parameters

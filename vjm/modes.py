@@ -107,8 +107,8 @@ class Pencil:
 
     def all_vectors(self) -> tuple[Array, Array]:
         """Every μ (d,) of the first pose, the largest first, and its vectors (d, d) in scaled units."""
-        lower: Array = np.linalg.cholesky(self.regular()[0])
-        half: Array = np.linalg.inv(lower)
+        lower = np.asarray(np.linalg.cholesky(self.regular()[0]), dtype=float)
+        half = np.linalg.inv(lower)
         values, turned = np.linalg.eigh(half @ (self.mass[0] * np.outer(self.scale, self.scale)) @ np.transpose(half))
         return values[::-1], np.transpose(half) @ turned[:, ::-1]
 
@@ -364,7 +364,7 @@ def _solved(pencil: Pencil, count: int) -> Iterator[tuple[_Part, NDArray[np.intp
         return
     wanted = min(free + count, start.squares.shape[1])
     back = start.pencil.basis[0] * pencil.scale
-    begin: Array = np.linalg.lstsq(back, start.vectors[0, :, : wanted + _GUARDS // 2], rcond=None)[0]
+    begin = np.linalg.pinv(back) @ start.vectors[0, :, : wanted + _GUARDS // 2]
     vectors, good = _iterated(pencil, matrix, begin, wanted)
     if good.any():
         some = everything[good]

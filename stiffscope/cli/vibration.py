@@ -119,7 +119,7 @@ def frf(
         given = (0.2 * float(found.min()), 1.5 * float(np.sort(found)[: 6 * len(asked.names)].max()))
     hertz = np.geomspace(*given, points)
     each = [asked.configurations[np.array([k])] for k in range(len(asked.names))]
-    curves = np.array([
+    curves = np.stack([
         frequency_response(made.mechanism, one, shaken, read, hertz, damping=damping, drives=drives) for one in each
     ])  # fmt: skip
     response = report.Response(asked.names, hertz, curves, source, target, damping)
