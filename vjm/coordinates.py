@@ -9,7 +9,7 @@ it does not leave free is a spring between two nodes. Elastic bodies with dynami
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -122,11 +122,11 @@ class Coordinates:
 
 def _some(rows: Any, index: NDArray[np.intp]) -> Any:
     """Rows of some poses, in whatever holds them."""
-    if isinstance(rows, dict):
-        return {key: _some(each, index) for key, each in rows.items()}
+    if isinstance(rows, Rows):
+        return rows if len(rows.matrix) == 1 else replace(rows, matrix=rows.matrix[index])
     if isinstance(rows, list):
-        return [_some(each, index) for each in rows]
-    return rows if len(rows.matrix) == 1 else replace(rows, matrix=rows.matrix[index])
+        return [_some(each, index) for each in cast("list[Any]", rows)]
+    return {key: _some(each, index) for key, each in cast("dict[str, Any]", rows).items()}
 
 
 def coordinates(mechanism: Mechanism, where: Places, length: float, drives: Iterable[str] = ()) -> Coordinates:

@@ -7,7 +7,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from stiffscope.errors import InputError
 from stiffscope.vjm.screws import shift, skew
@@ -68,7 +67,8 @@ class Dynamics:
 
     def moved(self, base: ArrayLike, tip: ArrayLike) -> Dynamics:
         """The same for ends at other points, ``base`` (3,) and ``tip`` (3,) from the present ones, part axes."""
-        carry = block_diag(*(shift(-np.asarray(r, dtype=float)) for r in (base, tip)), np.eye(self.squares.size))
+        carry = np.eye(12 + self.squares.size)
+        carry[:6, :6], carry[6:12, 6:12] = (shift(-np.asarray(r, dtype=float)) for r in (base, tip))
         return Dynamics(carry.T @ self.mass @ carry, self.squares)
 
     def scaled(self, factor: float) -> Dynamics:

@@ -13,7 +13,7 @@ from stiffscope.vjm.network import END
 from stiffscope.vjm.screws import shift
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
     from stiffscope.vjm.coordinates import Coordinates
     from stiffscope.vjm.kinematics import Configurations
@@ -45,7 +45,7 @@ def frequency_response(
     *,
     damping: float = 0.01,
     drives: Drives = "held",
-) -> Array:
+) -> NDArray[np.complex128]:
     """Receptance: complex displacement at one port for a unit force at another, at frequencies (f,) in Hz.
 
     Parameters
@@ -81,9 +81,7 @@ def frequency_response(
     if not 0.0 <= damping < 1.0:
         raise InputError(f"damping: expected a ratio of at least 0 and below 1, got {damping}")
     ((pencil, _),) = pencils(mechanism, found.required()[:1], drives)
-    half = np.linalg.inv(np.linalg.cholesky(pencil.regular()[0]))
-    scaled = pencil.mass[0] * np.outer(pencil.scale, pencil.scale)
-    vectors = (half.T @ np.linalg.eigh(half @ scaled @ half.T)[1])[None]
+    vectors = pencil.all_vectors()[1][None]
     idle = pencil.empty.shape[1]
     spread = pencil.basis @ (pencil.scale[:, None] * np.concatenate([vectors, pencil.empty[None]], axis=2))
     ends = [_along(pencil.system, port, spread)[0] for port in (source, target)]

@@ -105,6 +105,13 @@ class Pencil:
         """K + s M (n, d, d) in scaled units, with a stiffness put where there is neither stiffness nor inertia."""
         return self.shifted * np.outer(self.scale, self.scale) + self.empty @ self.empty.T
 
+    def all_vectors(self) -> tuple[Array, Array]:
+        """Every μ (d,) of the first pose, the largest first, and its vectors (d, d) in scaled units."""
+        lower = np.asarray(np.linalg.cholesky(self.regular()[0]), dtype=float)
+        half = np.linalg.inv(lower)
+        values, turned = np.linalg.eigh(half @ (self.mass[0] * np.outer(self.scale, self.scale)) @ np.transpose(half))
+        return values[::-1], np.transpose(half) @ turned[:, ::-1]
+
     def some(self, index: NDArray[np.intp]) -> Pencil:
         """Some of the poses, with shift and units of the first of them."""
         basis = self.basis if len(self.basis) == 1 else self.basis[index]
@@ -137,7 +144,8 @@ def modes(mechanism: Mechanism, poses: ArrayLike | Configurations, count: int = 
     """
     found = poses if isinstance(poses, Configurations) else configure(mechanism, poses)
     n = len(found)
-    out = Modes(found, *(np.full((n, count), np.nan) for _ in range(2)), {}, {}, np.full((n, count), np.nan), ())
+    empty: Array = np.full((n, count), np.nan)
+    out = Modes(found, empty, empty.copy(), {}, {}, empty.copy(), ())
     remarks: dict[str, None] = {}
 
     def put(part: _Part, some: NDArray[np.intp]) -> None:
@@ -167,7 +175,9 @@ def frequencies(
     return out
 
 
-def pencils(mechanism: Mechanism, found: Configurations, drives: Drives = "held") -> Iterator[tuple[Pencil, Array]]:
+def pencils(
+    mechanism: Mechanism, found: Configurations, drives: Drives = "held"
+) -> Iterator[tuple[Pencil, NDArray[np.intp]]]:
     """Pencils of configurations that are within reach, and which of these each is of."""
     free = [j.name for j in mechanism.drives] if drives == "free" else []
     shaken = mechanism
@@ -354,7 +364,7 @@ def _solved(pencil: Pencil, count: int) -> Iterator[tuple[_Part, NDArray[np.intp
         return
     wanted = min(free + count, start.squares.shape[1])
     back = start.pencil.basis[0] * pencil.scale
-    begin = np.linalg.lstsq(back, start.vectors[0, :, : wanted + _GUARDS // 2], rcond=None)[0]
+    begin = np.linalg.pinv(back) @ start.vectors[0, :, : wanted + _GUARDS // 2]
     vectors, good = _iterated(pencil, matrix, begin, wanted)
     if good.any():
         some = everything[good]
@@ -370,7 +380,8 @@ def _iterated(pencil: Pencil, matrix: Array, begin: Array, wanted: int) -> tuple
     step = np.linalg.inv(matrix) @ mass
     chance = np.random.default_rng(0).normal(size=(d, wanted + _GUARDS - begin.shape[1]))
     x = np.broadcast_to(np.hstack([begin, chance]), (n, d, wanted + _GUARDS))
-    before, done = np.zeros((n, wanted)), np.zeros(n, dtype=bool)
+    before: Array = np.zeros((n, wanted))
+    done: NDArray[np.bool_] = np.zeros(n, dtype=bool)
     for _ in range(_ROUNDS):
         for _ in range(_POWERS):
             x = step @ x
@@ -379,7 +390,7 @@ def _iterated(pencil: Pencil, matrix: Array, begin: Array, wanted: int) -> tuple
         values, turned = np.linalg.eigh(half @ (np.swapaxes(x, -1, -2) @ mass @ x) @ np.swapaxes(half, -1, -2))
         x = x @ (np.swapaxes(half, -1, -2) @ turned[..., ::-1])
         now = values[:, ::-1][:, :wanted]
-        done = (np.abs(now - before) <= _CONVERGED * now[:, :1]).all(axis=1) & (now > 0.0).all(axis=1)
+        done = np.all((np.abs(now - before) <= _CONVERGED * now[:, :1]) & (now > 0.0), axis=1)
         before = now
         if done.all():
             break
@@ -389,9 +400,10 @@ def _iterated(pencil: Pencil, matrix: Array, begin: Array, wanted: int) -> tuple
 def _firm(matrix: Array) -> NDArray[np.bool_]:
     """Where (n,) positive definite matrices (n, d, d) are so beyond rounding."""
     try:
-        pivots = np.square(np.einsum("nii->ni", np.linalg.cholesky(matrix)))
+        lower: Array = np.linalg.cholesky(matrix)
     except np.linalg.LinAlgError:
         return np.zeros(len(matrix), dtype=bool)
+    pivots = np.square(np.einsum("nii->ni", lower))
     return (pivots > _NOTHING * np.einsum("nii->ni", matrix)).all(axis=1)
 
 
@@ -399,10 +411,8 @@ def _densely(pencil: Pencil, index: NDArray[np.intp]) -> Iterator[tuple[_Part, N
     """All modes with inertia, every pose by itself."""
     for k in range(len(index)):
         one = pencil.some(np.array([k]))
-        half = np.linalg.inv(np.linalg.cholesky(one.regular()[0]))
-        values, turned = np.linalg.eigh(half @ (one.mass[0] * np.outer(one.scale, one.scale)) @ half.T)
-        vectors = half.T @ turned[:, ::-1]
-        inert = values[::-1] > _NOTHING * max(values[-1], 1e-300)
+        values, vectors = one.all_vectors()
+        inert = values > _NOTHING * max(values[0], 1e-300)
         yield _part(one, vectors[None][..., inert], one), index[k : k + 1]
 
 

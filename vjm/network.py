@@ -77,7 +77,7 @@ class Places:
     """Factors (n, 6, 6) of compliances that stand for those of some elements."""
     known: dict[str, Array] = field(default_factory=dict[Any, Any])
 
-    def some(self, mask: NDArray[np.bool_]) -> Places:
+    def some(self, mask: NDArray[np.bool_] | NDArray[np.intp]) -> Places:
         """Places at some of the configurations."""
 
         def pick(a: Array) -> Array:

@@ -108,7 +108,7 @@ def frf(
     robot = load_robot(name, overrides)
     asked = asked_poses(robot, poses, joints)
     mechanism = asked.configurations.mechanism
-    ends = [_port(mechanism, option, text) for option, text in (("--from", source), ("--to", target))]
+    shaken, read = _port(mechanism, "--from", source), _port(mechanism, "--to", target)
     given = _band(band)
     files.check_output(out)
     manifest = manifest_of(robot)
@@ -119,8 +119,8 @@ def frf(
         given = (0.2 * float(found.min()), 1.5 * float(np.sort(found)[: 6 * len(asked.names)].max()))
     hertz = np.geomspace(*given, points)
     each = [asked.configurations[np.array([k])] for k in range(len(asked.names))]
-    curves = np.array([
-        frequency_response(made.mechanism, one, *ends, hertz, damping=damping, drives=drives) for one in each
+    curves = np.stack([
+        frequency_response(made.mechanism, one, shaken, read, hertz, damping=damping, drives=drives) for one in each
     ])  # fmt: skip
     response = report.Response(asked.names, hertz, curves, source, target, damping)
     with files.staged_folder(out) as folder:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     import xarray as xr
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
 COLOURS = ("#3b7dbf", "#d9822b", "#5b9a68", "#8e6bb0", "#b5666a", "#4c9c9c")
 
@@ -24,7 +25,7 @@ class Response:
 
     names: tuple[str, ...]
     hertz: np.ndarray
-    values: np.ndarray
+    values: NDArray[np.complex128]
     source: str
     target: str
     damping: float

@@ -308,9 +308,10 @@ def as_dataset(found: StiffnessMap, title: str = "") -> xr.Dataset:
         for names, values, units, words in kinds
         for k, name in enumerate(names)
     }
-    for k in range(0 if found.frequencies is None else found.frequencies.shape[2]):
+    sounds = np.zeros((0, 0, 0)) if found.frequencies is None else found.frequencies
+    for k in range(sounds.shape[2]):
         about = {"units": "Hz", "long_name": f"natural frequency {k + 1}, drives held"}
-        variables[f"f{k + 1}"] = ((found.up, found.across), found.frequencies[..., k], about)
+        variables[f"f{k + 1}"] = ((found.up, found.across), sounds[..., k], about)
     swept = {found.across: (found.across, found.columns), found.up: (found.up, found.rows)}
     places: dict[str, Any] = {
         name: (*value, {"units": lengths[AXES.index(name)], "long_name": _long_name(name)})

@@ -75,9 +75,17 @@ def five_bar(rng):
     return Mechanism(tuple(bodies), tuple(joints), Tool("left.outer", tool, ("x", "y")))
 
 
+def spinning_legs(rng):
+    """The same on a ball at either end: every leg spins idly, with inertia."""
+    m = rigid_hexapod(rng)
+    balls = [replace(j, kind="spherical", axis=None, axis2=None) if j.kind == "universal" else j for j in m.joints]
+    return replace(m, joints=tuple(balls))
+
+
 HEXAPOD = [0.01, -0.02, 0.01, 0.1, -0.05, 0.2]
 ROBOTS = {
     "hexapod, rigid legs": (rigid_hexapod, lambda m: m.tool.home + HEXAPOD),
+    "hexapod, legs that spin": (spinning_legs, lambda m: m.tool.home),
     "serial arm, frames": (lambda rng: framed(serial_arm(), rng), lambda _: [0.85, 0.1, 1.1, 0.1, 0.05, -0.1]),
     "serial arm, rigid": (lambda rng: framed(serial_arm(elastic=False), rng), lambda m: m.tool.home),
     "biglide, frames": (lambda rng: framed(biglide(), rng), lambda _: pose_at(GEOMETRY, 0.7, 0.05, 0.02)),
