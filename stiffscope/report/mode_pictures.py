@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 _STEPS = 16  # of a vibration
+_TOGETHER = 6  # pictures that one process draws
 _WITHIN = 0.2  # of a mode's energy between the ends of parts, from which its picture says so
 
 
@@ -48,7 +50,9 @@ def draw_modes(assembled: Assembled, names: Sequence[str], found: Modes, folder:
     """
     robot, mechanism, configurations = assembled.robot, assembled.mechanism, found.configurations
     experiments = {name: result.folder / EXPERIMENT for name, result in assembled.results.items()}
-    arguments = scene(robot, mechanism, experiments)
+    arguments = {**scene(robot, mechanism, experiments), "scale": "share of the strain energy"}
+    stills: list[dict[str, Any]] = []
+    moving: list[dict[str, Any]] = []
     for k, name in enumerate(names):
         moved, at = moves(mechanism, configurations, k), configurations.tool[k, :3]
         for i, hertz in enumerate(found.frequencies[k]):
@@ -65,15 +69,19 @@ def draw_modes(assembled: Assembled, names: Sequence[str], found: Modes, folder:
             sines = np.sin(0.5 * np.pi * np.arange(-_STEPS // 4, _STEPS // 4 + 1) / (_STEPS // 4))
             frames = [deformed(moved, twists, at, float(sine) * factor) for sine in sines]
             order = [*range(len(sines)), *range(len(sines) - 2, 0, -1)]
-            still = [picture(f"{stem}.png", title, frames[-1], moved)]
-            moving = [{"file": f"{stem}.gif", "title": title, "frames": frames, "order": order}]
-            coloured = {**arguments, "shares": energy if hertz else None, "scale": "share of the strain energy"}
-            try:
-                draw("robot", folder, pictures=still, **coloured)
-                draw("animation", folder, pictures=moving, **coloured)
-            except PictureError as error:
-                log.warning("%s", error)
-                return
+            coloured = {"shares": energy if hertz else None}
+            stills.append(picture(f"{stem}.png", title, frames[-1], moved) | coloured)
+            moving.append({"file": f"{stem}.gif", "title": title, "frames": frames, "order": order, **coloured})
+    jobs = [(what, shown[k : k + _TOGETHER]) for what, shown in (("animation", moving), ("robot", stills))
+            for k in range(0, len(shown), _TOGETHER)]  # fmt: skip
+    with ThreadPoolExecutor(2) as pool:
+        drawn = [pool.submit(draw, what, folder, pictures=shown, **arguments) for what, shown in jobs]
+    for each in drawn:
+        try:
+            each.result()
+        except PictureError as error:
+            log.warning("%s", error)
+            return
 
 
 def _plain(name: str, number: int) -> str:

@@ -61,7 +61,8 @@ def robot(
     up
         (3,), against gravity.
     shares
-        Colours of elements, by a share between 0 and 1, up to the largest; ``scale`` says of what.
+        Colours of elements, by a share between 0 and 1, up to the largest; ``scale`` says of what. A picture may have
+        ``shares`` of its own.
 
     """
     upward, home = np.array(up, float), np.array(tool["at"], float)
@@ -70,15 +71,13 @@ def robot(
     for picture in pictures:
         moves, before = _moves(picture["moves"]), picture.get("before")
         rotation, position = moves[tool["node"]]
-        shapes = _by_colour(solids, moves, shares)
+        coloured = picture.get("shares", shares)
+        shapes = _by_colour(solids, moves, coloured)
         if before is not None:
             shapes["before"] = _joined([solid.moved(_moves(before)) for solid in solids])
         image, view = _scene(shapes, rotation @ home + position, upward, reach)
         figure = _framed(image, view, picture["title"])
-        if shares is None:
-            _key(figure, part_colours(bodies))
-        else:
-            _share_bar(figure, scale, max(shares.values(), default=1.0))
+        _explain(figure, bodies, coloured, scale)
         figure.savefig(folder / picture["file"], dpi=100)
 
 
@@ -104,17 +103,15 @@ def animation(
     solids, reach = solids_of(bodies, joints, tool, upward), extent(bodies, joints, tool)
     for picture in pictures:
         frames = [_moves(each) for each in picture["frames"]]
-        shapes = [_by_colour(solids, moves, shares) for moves in frames]
+        coloured = picture.get("shares", shares)
+        shapes = [_by_colour(solids, moves, coloured) for moves in frames]
         points = [r @ home + p for r, p in (moves[tool["node"]] for moves in frames)]
         seen = tuple(shape.points for each in shapes for shape in each.values())
         tips = tuple(np.add([point], 0.12 * reach * np.eye(3)) for point in points)
         images: list[Any] = []
         for point, each in zip(points, shapes, strict=True):
             figure = _framed(*_scene(each, point, upward, reach, seen + tips, MOVING), picture["title"])
-            if shares is None:
-                _key(figure, part_colours(bodies))
-            else:
-                _share_bar(figure, scale, max(shares.values(), default=1.0))
+            _explain(figure, bodies, coloured, scale)
             canvas = FigureCanvasAgg(figure)
             canvas.draw()
             images.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
@@ -198,6 +195,14 @@ def _framed(image: Floats, view: View, title: str) -> Figure:
     )
     figure.text(1 - 12 / width, 12 / total, "at M: x red, y green, z blue", fontsize=10, color="#5a6570", ha="right")
     return figure
+
+
+def _explain(figure: Figure, bodies: list[dict[str, Any]], shares: dict[str, float] | None, scale: str) -> None:
+    """What the colours mean."""
+    if shares is None:
+        _key(figure, part_colours(bodies))
+    else:
+        _share_bar(figure, scale, max(shares.values(), default=1.0))
 
 
 def _key(figure: Figure, colours: dict[str, str]) -> None:
