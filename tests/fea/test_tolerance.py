@@ -10,7 +10,7 @@ import stiffscope.fea.adapt
 import stiffscope.fea.solution
 from stiffscope.errors import InputError
 from stiffscope.fea.couplings import rigid_modes
-from stiffscope.fea.cubic import cubic_compliance
+from stiffscope.fea.cubic import solve_cubic
 from stiffscope.fea.elasticity import isotropic
 from stiffscope.fea.experiment import examine, load_experiment
 from stiffscope.fea.export import free_superelement, write_superelement
@@ -90,7 +90,7 @@ def test_a_foundation_too_soft_to_hold_is_refused():
 
 def test_no_bound_without_convergence(monkeypatch):
     rubber = box(0.06, 0.03, 0.02, isotropic(3e6, 3e6 / 2 / (1 + 0.49999)))
-    monkeypatch.setattr(stiffscope.fea.solution, "cubic_compliance", partial(cubic_compliance, limit=60))
+    monkeypatch.setattr(stiffscope.fea.solution, "solve_cubic", partial(solve_cubic, limit=60))
     with pytest.raises(MeshError, match="did not converge in 60 steps"):
         examine(rubber, Settings(size=0.03))
 
