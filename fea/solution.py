@@ -196,18 +196,21 @@ def system_of(
     return System(specimen, mesh, couplings, supports, bare, stiffness, prepared, cubic, weights)
 
 
-def respond(system: System, force: Floats, quadratic: Floats, solved: TwoLevel | None = None) -> TwoLevel:
+def respond(
+    system: System, force: Floats, quadratic: Floats, solved: TwoLevel | None = None, tolerance: float = 1e-2
+) -> TwoLevel:
     """Return the two solutions for loads, after those of loads that are solved already.
 
     Parameters
     ----------
     force, quadratic : (c + 3w, k) generalized forces, and (c, k) the quadratic problem's solution for its own.
+    tolerance : see ``stiffscope.fea.cubic.solve_cubic``.
 
     Raises
     ------
     MeshError : the compliance is not positive definite, or the cubic solution does not converge.
     """
-    motion = solve_cubic(system.cubic, force, quadratic)
+    motion = solve_cubic(system.cubic, force, quadratic, tolerance)
     if solved is not None:
         former = solved.force, solved.motion, solved.quadratic
         new = force, motion, quadratic
@@ -218,7 +221,10 @@ def respond(system: System, force: Floats, quadratic: Floats, solved: TwoLevel |
     nodal = work(lambda x: supports.restrict(system.stiffness @ supports.expand(x)), force[:split], quadratic)
     gain = cubic - nodal
     scale = np.sqrt(np.outer(cubic.diagonal(), cubic.diagonal()))
-    if not (np.linalg.eigvalsh(cubic / scale) > -SOLVER).all() or not (gain.diagonal() > -SOLVER * cubic.diagonal()).all():
+    if (
+        not (np.linalg.eigvalsh(cubic / scale) > -SOLVER).all()
+        or not (gain.diagonal() > -SOLVER * cubic.diagonal()).all()
+    ):
         raise MeshError(f"solve: the compliance of {system.specimen.name} is not positive definite; the mesh is broken")
     gained = motion.copy()
     gained[:split] -= quadratic
