@@ -30,9 +30,8 @@ if TYPE_CHECKING:
 
 FREQUENCIES = 6  # of the clamped part
 GUARD = 6  # vectors of a block beyond the wanted modes: those converge the faster
-MOST_BY_DEFAULT = 30  # fixed-interface modes
-CONDENSED_WITHIN = 4e-3  # relative error of the condensed model's frequencies that the default number of modes allows
-ROUGH, MODE, EXACT = 3e-2, 1e-5, 1e-8  # relative errors of squared frequencies: to count modes, of fixed ones, clamped
+FIXED = 6  # fixed-interface modes by default, which the motions of the clamped modes complete
+MODE, EXACT = 1e-5, 1e-8  # relative errors of the squared frequencies of fixed-interface and of clamped modes
 CUBIC = 3e-2  # relative error of the difference between quadratic and cubic solution
 
 
@@ -109,12 +108,14 @@ def dynamics(levels: TwoLevel, settings: Settings) -> Dynamics:
         mesh, specimen = levels.system.mesh, levels.system.specimen
         mass = assemble_mass(mesh, specimen.density)
         vibration = vibration_of(levels, mass)
-        squares, fixed, clamped = _modes(vibration, settings)
-        weight, weight_error, frequencies, frequency_error = _extrapolated(levels, mass, clamped[:, :FREQUENCIES])
+        squares, fixed, clamped_squares, clamped = _modes(vibration, settings)
+        weight, weight_error, frequencies, frequency_error = _extrapolated(levels, mass, clamped)
+        both = _gain_on_cubics(vibration, np.append(squares, clamped_squares), np.hstack([fixed, clamped]))
+        softer = (clamped_squares / (2 * np.pi * frequencies) ** 2 - 1).mean() / both[len(squares) :].mean()
         return Dynamics(
             rigid=rigid_mass(mesh.points, mass.nodes),
             condensed_mass=_condensed(levels, mass, fixed),
-            mode_squares=squares,
+            mode_squares=squares / (1 + softer * both[: len(squares)]),
             self_weight=weight,
             self_weight_error=weight_error,
             frequencies=frequencies,
@@ -122,26 +123,33 @@ def dynamics(levels: TwoLevel, settings: Settings) -> Dynamics:
         )
 
 
-def _modes(vibration: _Vibration, settings: Settings) -> tuple[Floats, Floats, Floats]:
-    """Return (k,) squares and (c, k) fixed-interface modes, and (c, 6 + g) clamped modes."""
+def _modes(vibration: _Vibration, settings: Settings) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return (k,) squares and (c, k) modes with the interfaces held, (6,) squares and (c, 6) clamped modes.
+
+    By default they are the ``FIXED`` lowest fixed-interface modes, and those combinations of them and of the clamped
+    modes' motions relative to the constraint modes that are orthogonal in mass and stiffness: so the condensed model
+    has the clamped modes themselves.
+    """
     rng = np.random.default_rng(0)
 
     def some(count: int) -> Floats:
         return vibration.held(rng.normal(size=(len(vibration.loads), count)))
 
-    if settings.modes is not None:
-        squares, near = vibration.fixed_modes(some(settings.modes + GUARD), settings.modes, MODE)
-        count = settings.modes
-    elif settings.highest_frequency is not None:
-        squares, near = _up_to(vibration, some, (2 * np.pi * settings.highest_frequency) ** 2)
-        count = int(np.searchsorted(squares, (2 * np.pi * settings.highest_frequency) ** 2))
+    if settings.highest_frequency is not None:
+        highest = (2 * np.pi * settings.highest_frequency) ** 2
+        squares, near = _up_to(vibration, some, highest)
+        count = int(np.searchsorted(squares, highest))
     else:
-        _, near = vibration.fixed_modes(some(MOST_BY_DEFAULT + GUARD), MOST_BY_DEFAULT, ROUGH)
-        clamped_squares, clamped = vibration.clamped_modes(near)
-        count = _needed(vibration, near, clamped_squares[:FREQUENCIES])
-        squares, near = vibration.fixed_modes(near[:, : count + GUARD], count, MODE)
-        return squares[:count], near[:, :count], clamped
-    return squares[:count], near[:, :count], vibration.clamped_modes(near)[1]
+        count = FIXED if settings.modes is None else settings.modes
+        squares, near = vibration.fixed_modes(some(count + GUARD), count, MODE)
+    clamped = tuple(part[..., :FREQUENCIES] for part in vibration.clamped_modes(near))
+    if settings.modes is None and settings.highest_frequency is None:
+        relative = clamped[1] - vibration.constraint @ (vibration.loads.T @ clamped[1])
+        basis = np.hstack([near[:, :count], relative])
+        count = basis.shape[1]
+        squares, turn = ritz(basis.T @ vibration.stiffness(basis), basis.T @ vibration.inertia(basis), count)
+        near = basis @ turn
+    return squares[:count], near[:, :count], *clamped
 
 
 def _up_to(vibration: _Vibration, some: Solve, highest: float) -> tuple[Floats, Floats]:
@@ -161,17 +169,16 @@ def _up_to(vibration: _Vibration, some: Solve, highest: float) -> tuple[Floats, 
         near, count = np.hstack([near, some(min(count, MOST_MODES - count))]), min(2 * count, MOST_MODES)
 
 
-def _needed(vibration: _Vibration, near: Floats, squares: Floats) -> int:
-    """Return how many fixed-interface modes the condensed model needs for these squares (6,) of the clamped part."""
-    basis = np.hstack([vibration.constraint, near])
-    stiffness, mass = (basis.T @ apply(basis) for apply in (vibration.stiffness, vibration.inertia))
-    static = vibration.constraint.shape[1]
-    for count in range(max(0, FREQUENCIES - static), MOST_BY_DEFAULT):
-        kept = slice(0, static + count)
-        condensed, _ = ritz(stiffness[kept, kept], mass[kept, kept], FREQUENCIES)
-        if (condensed <= (1 + CONDENSED_WITHIN) ** 2 * squares).all():
-            return count
-    return MOST_BY_DEFAULT
+def _gain_on_cubics(vibration: _Vibration, squares: Floats, modes: Floats) -> Floats:
+    """Return (k,) estimates of how much cubic functions soften modes (c, k), relative: one step of Jacobi's method."""
+    cubic, mass = vibration.system.cubic, vibration.mass
+    free = vibration.system.cubic_rows
+    force = np.zeros((len(modes) + len(free), modes.shape[1]))
+    start = np.vstack([modes, force[len(modes) :]])
+    force[len(modes) :] = times(mass.cubics, vibration.system.supports.expand(modes))[free] * squares
+    residual = force - cubic.apply(start)
+    residual[: len(modes)] = 0
+    return np.einsum("ij,ij->j", residual, cubic.precondition(residual)) / squares
 
 
 def _condensed(levels: TwoLevel, mass: Mass, fixed: Floats) -> Floats:
@@ -200,7 +207,7 @@ def _extrapolated(levels: TwoLevel, mass: Mass, modes: Floats) -> tuple[Floats, 
     system = levels.system
     nodes, count = system.cubic.space.base, modes.shape[1]
     accelerated = np.hstack([np.tile(np.eye(3), (nodes, 1)), system.supports.expand(modes)])
-    rows = (3 * (system.cubic.free - nodes)[:, None] + np.arange(3)).reshape(-1)
+    rows = system.cubic_rows
     force = np.vstack([
         system.supports.restrict(times(mass.nodes, accelerated)),
         times(mass.cubics, accelerated)[rows],

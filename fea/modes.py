@@ -3,8 +3,8 @@
 References
 ----------
 A. V. Knyazev, Toward the optimal preconditioned eigensolver: locally optimal block preconditioned conjugate gradient
-method, SIAM J. Sci. Comput. 23 (2001) 517. SciPy's ``lobpcg`` stops at an absolute residual of all vectors of its block,
-a norm that adds forces to moments.
+method, SIAM J. Sci. Comput. 23 (2001) 517. SciPy's ``lobpcg`` stops at an absolute residual of all vectors of its
+block, in a norm that adds forces to moments.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def lowest_modes(
     squares, turn = ritz(start.T @ stiffness(start), start.T @ mass(start), start.shape[1])
     modes = start @ turn
     pushed, moved = stiffness(modes), mass(modes)
-    former: tuple[Floats, ...] = ()
+    former: tuple[tuple[Floats, ...], ...] = ()
     for _ in range(limit):
         residual = pushed - moved * squares
         step = precondition(residual)
@@ -56,12 +56,10 @@ def lowest_modes(
             return squares, modes
         step -= modes @ (moved.T @ step)
         new = step, stiffness(step), mass(step)
-        basis = [
-            np.hstack(parts) for parts in zip((modes, pushed, moved), new, *((former,) if former else ()), strict=True)
-        ]
+        basis = [np.hstack(part) for part in zip((modes, pushed, moved), new, *former, strict=True)]
         squares, turn = ritz(basis[0].T @ basis[1], basis[0].T @ basis[2], modes.shape[1])
         old = modes.shape[1]
-        former = tuple(part[:, old:] @ turn[old:] for part in basis)
+        former = (tuple(part[:, old:] @ turn[old:] for part in basis),)
         modes, pushed, moved = (part @ turn for part in basis)
     raise MeshError(f"solve: the natural frequencies did not converge in {limit} steps")
 

@@ -29,8 +29,8 @@ class Settings:
     most_unknowns : degrees of freedom of the cubic solution beyond which refinement stops.
     solver : "direct" (a factorization), "multigrid", or "auto", the faster of the two.
     threads : the mesher's threads; 0 takes all.
-    modes : number of fixed-interface modes of the condensed model; None takes as many as its six lowest frequencies
-        need (``stiffscope.fea.dynamics``), or all below ``highest_frequency``.
+    modes : number of fixed-interface modes of the condensed model; None takes all below ``highest_frequency``, or by
+        default those of ``stiffscope.fea.dynamics``, with which it has the six lowest clamped modes of the part.
     highest_frequency : Hz.
     """
 
@@ -69,6 +69,9 @@ class Settings:
             raise InputError(f"mesh.most_unknowns: expected a positive number, got {self.most_unknowns!r}")
         if not 1 <= self.layers <= MOST_LAYERS:
             raise InputError(f"mesh.layers: expected 1 to {MOST_LAYERS}, got {self.layers!r}")
+        self._check_modes()
+
+    def _check_modes(self) -> None:
         if self.modes is not None and not 0 <= self.modes <= MOST_MODES:
             raise InputError(f"mesh.modes: expected 0 to {MOST_MODES}, got {self.modes!r}")
         if self.highest_frequency is not None:

@@ -9,7 +9,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from stiffscope.errors import InputError
-from stiffscope.fea.couplings import Coupling, imbalance, support, unit_loads
+from stiffscope.fea.couplings import Coupling, dofs_of, imbalance, support, unit_loads
 from stiffscope.fea.cubic import cubic_loads, cubic_problem, element_energies, enrich, solve_cubic, work
 from stiffscope.fea.elasticity import assemble, nodal_stresses, von_mises
 from stiffscope.fea.foundation import on_nodes, springs
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from stiffscope.fea.couplings import Supports
     from stiffscope.fea.cubic import CubicProblem
-    from stiffscope.fea.mesh import Floats, TetMesh
+    from stiffscope.fea.mesh import Floats, Ints, TetMesh
     from stiffscope.fea.solvers import Solver
     from stiffscope.fea.specimen import Specimen
 
@@ -92,6 +92,11 @@ class System:
     solver: Solver
     cubic: CubicProblem
     edge_weights: Floats
+
+    @property
+    def cubic_rows(self) -> Ints:
+        """(3w,) the unconstrained cubics' degrees of freedom among all cubics'."""
+        return dofs_of(self.cubic.free - self.cubic.space.base)
 
 
 @dataclass(frozen=True)
