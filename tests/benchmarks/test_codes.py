@@ -20,8 +20,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stiffscope.fea.multigrid import prepare
 from tests.benchmarks import calculix
-from tests.benchmarks.codes import PARAMETERS, measured, meshed
+from tests.benchmarks.codes import PARAMETERS, Problem, for_calculix, measured, meshed
 
 pytest.importorskip("psutil", reason="psutil is missing (pip install psutil)")
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(1800)]
@@ -65,6 +66,37 @@ def test_same_mesh_same_answer(stored, code, order):
     print("\n| part | dofs | other code | ours | other | largest difference of 36 |\n" + "|---" * 6 + "|")
     print(f"| {name} | {mine['dofs']} | {code} | {cost(mine)} | {cost(theirs)} | {worst:.0e} |", flush=True)
     assert worst < 2e-6  # CalculiX prints seven digits
+
+
+def test_same_mesh_same_frequencies(stored, tmp_path, monkeypatch):
+    """Six natural frequencies, clamped, of the quadratic elements; stiffness and mass by CalculiX's four points."""
+    need("CalculiX")
+    from stiffscope.fea import elasticity, mass
+    from stiffscope.fea.modes import lowest_modes
+
+    name, path = stored
+    for module, order in ((elasticity, "CURVED_ORDER"), (mass, "CURVED_ORDER"), (mass, "STRAIGHT_ORDER")):
+        monkeypatch.setattr(module, order, 2)
+    with np.load(path) as held:
+        problem = Problem(**held)
+    supports, loads = problem.supported()
+    stiffness = elasticity.assemble(problem.mesh, problem.elasticity)
+    weight = mass.assemble_mass(problem.mesh, problem.density).nodes
+    solver = prepare(problem.mesh, stiffness, supports)
+    squares, _ = lowest_modes(
+        lambda x: supports.restrict(stiffness @ supports.expand(x)),
+        lambda x: supports.restrict(mass.times(weight, supports.expand(x))),
+        solver.precondition,
+        solver.precondition(np.random.default_rng(0).normal(size=(len(loads), 12))),
+        6,
+    )
+    ours = np.sqrt(squares[:6]) / (2 * np.pi)
+    theirs = calculix.frequencies(tmp_path, for_calculix(problem))
+    print(f"\n| {name}, Hz | " + " | ".join("123456") + " |\n" + "|---" * 7 + "|")
+    for label, values in (("ours", ours), ("CalculiX", theirs)):
+        print(f"| {label} | " + " | ".join(f"{value:.4f}" for value in values) + " |")
+    print(f"| largest difference | {np.abs(ours / theirs - 1).max():.1e} |", flush=True)
+    assert ours == pytest.approx(theirs, rel=2e-6)  # CalculiX prints seven digits
 
 
 @pytest.mark.parametrize("name", PARAMETERS)
