@@ -126,9 +126,14 @@ class TwoLevel:
         """(3 nodes, k) m, of the cubic solution."""
         return self.system.supports.expand(self.motion[: len(self.quadratic)])
 
-    def extrapolated(self) -> Extrapolated:
-        """Return the compliance with the remaining discretization error extrapolated, and its bounds."""
-        remaining = AT_EDGES * self.at_edges + ELSEWHERE * self.gain
+    def extrapolated(self, elsewhere: float = ELSEWHERE) -> Extrapolated:
+        """Return the compliance with the remaining discretization error extrapolated, and its bounds.
+
+        Parameters
+        ----------
+        elsewhere : error of the cubic solution in parts of the gain, away from singular edges.
+        """
+        remaining = AT_EDGES * self.at_edges + elsewhere * self.gain
         spread = SPREAD_AT_EDGES * np.abs(self.at_edges) + SPREAD_ELSEWHERE * np.abs(self.gain)
         compliance = self.cubic + remaining
         geometry = _geometry_bound(self.system.specimen, self.system.mesh, compliance)
