@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from stiffscope.fea.mesh import Floats, TetMesh
 
 STRAIGHT_ORDER, CURVED_ORDER = 4, 7  # of quadrature: exact for quadratic functions, on curved elements too
+HIGHER = 1  # order more for their products with cubic ones
 _MASS = BilinearForm(lambda u, v, _: u * v)
 
 
@@ -38,10 +39,10 @@ class Mass:
 
 def assemble_mass(mesh: TetMesh, density: float) -> Mass:
     """Return the consistent mass of a mesh with n nodes and w cubic functions; density in kg/m³."""
-    quadratic = cell_bases(mesh, ElementTetP2(), STRAIGHT_ORDER, CURVED_ORDER)
-    cubic = cell_bases(mesh, ElementTetCubic(), STRAIGHT_ORDER, CURVED_ORDER)
-    nodes = sum(_MASS.assemble(basis) for basis in quadratic)
-    cubics = sum(_MASS.assemble(u, v) for u, v in zip(quadratic, cubic, strict=True))
+    orders = STRAIGHT_ORDER + HIGHER, CURVED_ORDER + HIGHER
+    nodes = sum(_MASS.assemble(basis) for basis in cell_bases(mesh, ElementTetP2(), STRAIGHT_ORDER, CURVED_ORDER))
+    pairs = (cell_bases(mesh, element, *orders) for element in (ElementTetP2(), ElementTetCubic()))
+    cubics = sum(_MASS.assemble(u, v) for u, v in zip(*pairs, strict=True))
     return Mass(csr_array(density * nodes), csr_array(density * cubics))
 
 
