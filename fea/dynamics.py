@@ -81,6 +81,13 @@ class _Vibration:
     def fixed_modes(self, start: Floats, count: int, tolerance: float) -> tuple[Floats, Floats]:
         return lowest_modes(self.stiffness, self.inertia, self.held, start, count, tolerance)
 
+    def orthogonal(self, basis: Floats) -> tuple[Floats, Floats]:
+        """Return (k,) squares and (c, k) mass-normalized combinations of (c, k) motions that stiffness decouples."""
+        if not basis.shape[1]:
+            return np.zeros(0), basis
+        squares, turn = ritz(basis.T @ self.stiffness(basis), basis.T @ self.inertia(basis), basis.shape[1])
+        return squares, basis @ turn
+
     def clamped_modes(self, near: Floats) -> tuple[Floats, Floats]:
         """Return (6 + g,) squares and (c, 6 + g) modes from fixed-interface modes near which to start."""
         basis = np.hstack([self.constraint, near])
@@ -146,13 +153,11 @@ def _modes(vibration: _Vibration, settings: Settings) -> tuple[Floats, Floats, F
         count = FIXED if settings.modes is None else settings.modes
         squares, near = vibration.fixed_modes(some(count + GUARD), count, MODE)
     clamped = tuple(part[..., :FREQUENCIES] for part in vibration.clamped_modes(near))
+    basis = near[:, :count]
     if settings.modes is None and settings.highest_frequency is None:
         relative = clamped[1] - vibration.constraint @ (vibration.loads.T @ clamped[1])
-        basis = np.hstack([near[:, :count], relative])
-        count = basis.shape[1]
-        squares, turn = ritz(basis.T @ vibration.stiffness(basis), basis.T @ vibration.inertia(basis), count)
-        near = basis @ turn
-    return squares[:count], near[:, :count], *clamped
+        basis = vibration.orthogonal(np.hstack([basis, relative]))[1]
+    return *vibration.orthogonal(basis), *clamped
 
 
 def _up_to(vibration: _Vibration, some: Solve, highest: float) -> tuple[Floats, Floats]:

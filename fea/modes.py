@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from stiffscope.fea.mesh import Floats
     from stiffscope.fea.solvers import Solve
 
-DEPENDENT = 1e-12  # squared length, relative, below which a direction adds nothing to a basis
+DEPENDENT = 1e-10  # squared length, relative, below which a direction adds nothing to a basis
 
 
 def lowest_modes(
