@@ -166,10 +166,7 @@ def _dynamics(
         return None, None
     if _tested(source):
         experiment = experiments[name].experiment
-        condensed = getattr(experiment, "condensed_mass", None)
-        if condensed is None:
-            return None, None
-        found = Dynamics(condensed, experiment.mode_squares)
+        found = Dynamics(experiment.condensed_mass, experiment.mode_squares)
         clamp = experiment.clamp_point - experiment.reference_point
     elif source == "beam":
         material, segments = robot.material(name), beam_segments(robot, name)
