@@ -4,6 +4,9 @@ The own weight along three axes and the inertia forces of the lowest modes are f
 the entries that they add to its compliance are extrapolated, and bounded, as all others are.
 """
 
+# pyright: reportOptionalSubscript=false
+# (scipy declares its types loosely)
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -22,6 +25,8 @@ from stiffscope.fea.settings import MOST_MODES
 from stiffscope.fea.solution import respond
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from stiffscope.fea.mass import Mass, RigidMass
     from stiffscope.fea.mesh import Floats
     from stiffscope.fea.settings import Settings
@@ -152,15 +157,15 @@ def _modes(vibration: _Vibration, settings: Settings) -> tuple[Floats, Floats, F
     else:
         count = FIXED if settings.modes is None else settings.modes
         squares, near = vibration.fixed_modes(some(count + GUARD), count, MODE)
-    clamped = tuple(part[..., :FREQUENCIES] for part in vibration.clamped_modes(near))
+    clamped_squares, clamped = (part[..., :FREQUENCIES] for part in vibration.clamped_modes(near))
     basis = near[:, :count]
     if settings.modes is None and settings.highest_frequency is None:
-        relative = clamped[1] - vibration.constraint @ (vibration.loads.T @ clamped[1])
+        relative = clamped - vibration.constraint @ (vibration.loads.T @ clamped)
         basis = vibration.orthogonal(np.hstack([basis, relative]))[1]
-    return *vibration.orthogonal(basis), *clamped
+    return *vibration.orthogonal(basis), clamped_squares, clamped
 
 
-def _up_to(vibration: _Vibration, some: Solve, highest: float) -> tuple[Floats, Floats]:
+def _up_to(vibration: _Vibration, some: Callable[[int], Floats], highest: float) -> tuple[Floats, Floats]:
     """Return the squares and fixed-interface modes of a block that goes beyond a square (rad²/s²)."""
     count = 8
     near = some(count + GUARD)

@@ -1,6 +1,6 @@
 """Consistent mass of a mesh: ∫ ρ NᵀN dV, the same in all three directions."""
 
-# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false, reportReturnType=false
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false, reportOptionalSubscript=false, reportReturnType=false
 # (scikit-fem declares its types loosely)
 
 from __future__ import annotations

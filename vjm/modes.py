@@ -364,7 +364,8 @@ def _solved(pencil: Pencil, count: int) -> Iterator[tuple[_Part, NDArray[np.intp
         return
     wanted = min(free + count, start.squares.shape[1])
     back = start.pencil.basis[0] * pencil.scale
-    begin = np.linalg.pinv(back) @ start.vectors[0, :, : wanted + _GUARDS // 2]
+    inverse: Array = np.asarray(np.linalg.pinv(back))
+    begin = inverse @ start.vectors[0, :, : wanted + _GUARDS // 2]
     vectors, good = _iterated(pencil, matrix, begin, wanted)
     if good.any():
         some = everything[good]

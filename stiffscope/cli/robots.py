@@ -273,7 +273,9 @@ def _figures(gravity: str, held: str, *, frequencies: bool) -> list[tuple[str, s
     from stiffscope.report import maps
 
     where = f", {held}" if held else ""
-    plain = [(f"stiffness at M (diagonal of K){where}, without gravity", "stiffness", maps.draw_stiffness)]
+    plain: list[tuple[str, str, Callable[..., None]]] = [
+        (f"stiffness at M (diagonal of K){where}, without gravity", "stiffness", maps.draw_stiffness)
+    ]
     if frequencies:
         plain.append((f"natural frequencies, drives held{where}", "frequencies", maps.draw_frequencies))
     if gravity == "none":

@@ -5,6 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.part_matrices import part_matrices
+from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.dynamics import Dynamics
 from stiffscope.vjm.literal import Behind, literal_stiffness, load_hessian
 from stiffscope.vjm.mechanism import Body, Change, Drive, Joint, Mechanism, Tool, member
@@ -38,6 +41,12 @@ def with_frames(m):
     return replace(m, bodies=tuple(bodies))
 
 
+def shipped_delta():
+    """Rods between balls whose weight acts with moments on both ends."""
+    robot = load_robot("delta")
+    return mechanism_of(robot, part_matrices(robot))
+
+
 @pytest.mark.parametrize(
     ("robot", "pose", "weight"),
     [
@@ -46,8 +55,9 @@ def with_frames(m):
         (serial_arm, [0.85, 0.1, 1.1, 0.1, 0.05, -0.1], 1.0),
         (lambda: read("linear-delta"), CHECKED["linear-delta"]["poses"][1], 1.0),
         (lambda: read("stewart"), CHECKED["stewart"]["poses"][1], 100.0),
+        (shipped_delta, [0.0, 0.0, -0.9], 1.0),
     ],
-    ids=["serial arm of frames", "linear-delta of frames", "serial arm", "linear-delta", "stewart"],
+    ids=["serial arm of frames", "linear-delta of frames", "serial arm", "linear-delta", "stewart", "shipped delta"],
 )
 def test_exact_stiffness_is_the_hessian_of_the_potential_energy(robot, pose, weight):
     m = robot()
