@@ -93,6 +93,13 @@ def rigid_modes(points: Floats, reference: Floats) -> Floats:
     return modes
 
 
+def carried(points: Floats, origin: Floats) -> Floats:
+    """Return (6n, 6) the twists at n points (n, 3) of a rigid body for its unit twists at the origin (3,)."""
+    twists = np.zeros((len(points), 6, 6))
+    twists[:, :3], twists[:, 3:, 3:] = rigid_modes(points, origin), np.eye(3)
+    return twists.reshape(-1, 6)
+
+
 def support(mesh: TetMesh, clamped: Ints, couplings: tuple[Coupling, ...]) -> Supports:
     """Return the constraints of clamped nodes and rigid couplings.
 

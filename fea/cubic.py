@@ -127,49 +127,77 @@ def _curved_rule() -> tuple[Floats, Floats, Floats]:
     return _gradients(at), at, weights
 
 
-def cubic_compliance(
-    mesh: TetMesh,
-    space: Cubic,
-    supports: Supports,
-    couplings: tuple[Coupling, ...],
-    solver: Solver,
-    loads: Floats,
-    start: Floats,
-    tolerance: float = 1e-2,
-    limit: int = 500,
-    springs: csr_array | None = None,
-) -> tuple[Floats, Floats]:
-    """Return (6n, 6n) the compliance of the cubic solution and (c + 3w, 6n) its coordinates.
+@dataclass(frozen=True)
+class CubicProblem:
+    """The cubic problem of a supported mesh.
 
-    The first c are the coordinates of ``supports``, with the exact nodal values: the cubics vanish at all nodes.
+    Attributes
+    ----------
+    free : (w,) cubics without constraints. Coordinates (c + 3w) are those of ``supports``, then theirs.
+    apply, precondition : the product with the stiffness, and an approximation of its inverse.
+    balance : the solver of the quadratic problem's approximation of its own inverse.
+    """
+
+    space: Cubic
+    supports: Supports
+    free: Ints
+    apply: Solve
+    precondition: Solve
+    balance: Solve
+
+
+def cubic_problem(
+    mesh: TetMesh, space: Cubic, supports: Supports, solver: Solver, springs: csr_array | None = None
+) -> CubicProblem:
+    """Return the cubic problem, preconditioned by the solver of the quadratic one.
 
     Parameters
     ----------
-    solver, loads, start : the solver of the quadratic problem, its (c, 6n) unit loads and their solution.
-    tolerance : relative error of the difference between the two compliances at which to stop.
     springs : (count, count) elastic foundation, one direction; see ``stiffscope.fea.foundation``.
     """
     free = free_cubics(mesh, space, supports)
     apply, diagonal = _operator(space, supports, free, springs)
-    extra = _cubic_loads(mesh, space, couplings)[free].reshape(-1, loads.shape[1])
-    force = np.vstack([loads, extra])
-    split = len(loads)
 
     def precondition(residual: Floats) -> Floats:
+        split = len(residual) - diagonal.shape[0]
         return np.vstack([solver.precondition(residual[:split]), diagonal @ residual[split:]])
 
-    motion, converged = conjugate_gradients(
-        apply, precondition, force, np.vstack([start, np.zeros_like(extra)]), tolerance, limit
-    )
+    return CubicProblem(space, supports, free, apply, precondition, solver.precondition)
+
+
+def solve_cubic(
+    problem: CubicProblem, force: Floats, start: Floats, tolerance: float = 1e-2, limit: int = 500
+) -> Floats:
+    """Return (c + 3w, loads) the coordinates of the cubic solution.
+
+    The first c are the coordinates of the supports, with the exact nodal values: the cubics vanish at all nodes.
+
+    Parameters
+    ----------
+    force, start : (c + 3w, loads) generalized forces, and (c, loads) the quadratic problem's solution for its own.
+    tolerance : relative error of the difference between the two compliances at which to stop.
+
+    Raises
+    ------
+    MeshError : no convergence.
+    """
+    split = len(start)
+    whole = np.vstack([start, np.zeros((len(force) - split, force.shape[1]))])
+    motion, converged = conjugate_gradients(problem.apply, problem.precondition, force, whole, tolerance, limit)
     if not converged:
         raise MeshError(
             f"solve: the cubic solution did not converge in {limit} steps: flat elements or a material like rubber"
         )
-    motion[:split] += solver.precondition(
-        (force - apply(motion))[:split]
+    motion[:split] += problem.balance(
+        (force - problem.apply(motion))[:split]
     )  # equilibrium of the nodal forces, whatever the error of the cubics
-    compliance = motion.T @ (2 * force - apply(motion))  # Fᵀu + uᵀF − uᵀAu: second order in the error of u
-    return (compliance + compliance.T) / 2, motion
+    return motion
+
+
+def work(apply: Solve, force: Floats, motion: Floats) -> Floats:
+    """Return (loads, loads) Fᵀu + uᵀF − uᵀAu: the compliance, with an error of second order in that of ``motion``."""
+    found = motion.T @ (2 * force - apply(motion))
+    return (found + found.T) / 2
 
 
 def _operator(space: Cubic, supports: Supports, free: Ints, springs: csr_array | None) -> tuple[Solve, bsr_array]:
@@ -220,9 +248,7 @@ def expand(space: Cubic, supports: Supports, free: Ints, coordinates: Floats) ->
     return motion
 
 
-def element_energies(
-    mesh: TetMesh, space: Cubic, supports: Supports, gained: Floats, weights: Floats
-) -> tuple[Floats, Floats]:
+def element_energies(problem: CubicProblem, gained: Floats, weights: Floats) -> tuple[Floats, Floats]:
     """Return (m, loads) twice the energy of ``gained`` in each element, and (loads, loads) its weighted sum.
 
     Parameters
@@ -231,10 +257,9 @@ def element_energies(
         the sums over all elements (and over the springs of a foundation).
     weights : (m,) of the elements in the weighted sum, whose off-diagonal terms are mutual energies of two loads.
     """
-    free = free_cubics(mesh, space, supports)
-    loads = gained.shape[1]
+    space, loads = problem.space, gained.shape[1]
     energies, weighted = np.empty((len(space.cells), loads)), np.zeros((loads, loads))
-    motion = expand(space, supports, free, gained).reshape(space.count, 3, loads)
+    motion = expand(space, problem.supports, problem.free, gained).reshape(space.count, 3, loads)
     for start in range(0, loads, 6):
         columns = slice(start, start + 6)
         for batch in space.batches():
@@ -277,8 +302,8 @@ def free_cubics(mesh: TetMesh, space: Cubic, supports: Supports) -> Ints:
     return space.base + np.setdiff1d(np.arange(space.dofs.N), held)
 
 
-def _cubic_loads(mesh: TetMesh, space: Cubic, couplings: tuple[Coupling, ...]) -> Floats:
-    """Return (count, 3, 6n) the work of the distributed couplings' unit tractions on all functions."""
+def cubic_loads(mesh: TetMesh, space: Cubic, couplings: tuple[Coupling, ...]) -> Floats:
+    """Return (count, 3, 6n) the work of the distributed couplings' unit tractions on the cubics, 0 on the nodes."""
     loads = np.zeros((space.count, 3, 6 * len(couplings)))
     for k, coupling in enumerate(couplings):
         if coupling.kind == "distributed":

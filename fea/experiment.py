@@ -45,6 +45,13 @@ class Experiment:
     imbalance : residual of the equilibrium between clamp and wrenches, relative.
     volume, cad_volume : of the mesh and of the solid, m³.
     unknowns : degrees of freedom of the cubic solution behind the result.
+    mass, centre, inertia : kg, (3,) m, and (3, 3) kg m² about the centre of mass, of the mesh.
+    condensed_mass : (6(1+n)+k, 6(1+n)+k) mass on the twists of the clamped area as a rigid body at ``clamp_point``, of
+        the n loaded interfaces, and on k mass-normalized fixed-interface modes.
+    mode_squares : (k,) squares of these modes' angular frequencies, rad²/s²: all their stiffness.
+    self_weight, self_weight_error : (3, 6) twist of the first interface for 1 m/s² along x, y, z on the clamped part,
+        and its 95 % bounds.
+    frequencies, frequency_error : (6,) lowest natural frequencies of the clamped part, Hz, and their 95 % bounds.
     seconds : wall time of the stages cad, mesh, solve (refinement is in solve).
     note : one line on why the required tolerance was not met; empty if it was, or if none was required.
     """
@@ -62,6 +69,15 @@ class Experiment:
     volume: float
     cad_volume: float
     unknowns: int
+    mass: float
+    centre: Floats
+    inertia: Floats
+    condensed_mass: Floats
+    mode_squares: Floats
+    self_weight: Floats
+    self_weight_error: Floats
+    frequencies: Floats
+    frequency_error: Floats
     seconds: dict[str, float] = field(default_factory=dict)
     note: str = ""
 
@@ -117,7 +133,7 @@ def load_experiment(path: Path | str) -> Experiment:
             pulled_back=int(data["mesh_pulled_back"]),
         )
         seconds = dict(zip(data["seconds_names"].tolist(), data["seconds_values"].tolist(), strict=True))
-        known = [f.name for f in fields(Experiment) if f.name in data and f.name not in ("mesh", "seconds")]
+        known = [f.name for f in fields(Experiment) if f.name not in ("mesh", "seconds")]
         plain = {name: data[name] for name in known}
         plain = {name: value if value.ndim else value.item() for name, value in plain.items()}
         return Experiment(**plain, mesh=mesh, seconds=seconds)
@@ -176,6 +192,7 @@ def specimen_of(part: Part, settings: Settings) -> Specimen:
         clamped=part.clamped,
         loaded=tuple((face.faces, np.asarray(face.reference_point, dtype=float)) for face in part.loaded),
         volume=float(volume),
+        density=float(part.material.density),
     )
 
 
@@ -184,6 +201,7 @@ def examine(
 ) -> Experiment:
     """Run the experiment on a specimen, without the CAD kernel; see ``run_experiment``."""
     from stiffscope.fea.adapt import solve_within
+    from stiffscope.fea.dynamics import dynamics
     from stiffscope.fea.geometry import centroid, volume
     from stiffscope.fea.specimen import mesh_specimen
 
@@ -201,8 +219,10 @@ def examine(
     meshed = time.perf_counter()
     _report(progress, "solve", 0.5)
     mesh, solution, note = solve_within(
-        specimen, mesh, settings, lambda stage, fraction: _report(progress, stage, 0.5 + 0.5 * fraction)
+        specimen, mesh, settings, lambda stage, fraction: _report(progress, stage, 0.5 + 0.35 * fraction)
     )
+    _report(progress, "modes", 0.85)
+    inert = dynamics(solution.levels, settings)
     experiment = Experiment(
         part=specimen.name,
         interface=settings.interface,
@@ -219,6 +239,15 @@ def examine(
         imbalance=solution.imbalance,
         unknowns=solution.unknowns,
         note=note,
+        mass=inert.rigid.mass,
+        centre=inert.rigid.centre,
+        inertia=inert.rigid.inertia,
+        condensed_mass=inert.condensed_mass,
+        mode_squares=inert.mode_squares,
+        self_weight=inert.self_weight,
+        self_weight_error=inert.self_weight_error,
+        frequencies=inert.frequencies,
+        frequency_error=inert.frequency_error,
     )
     _report(progress, "solve", 1.0)
     return experiment

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,51 +37,83 @@ def write_vtu(experiment: Experiment, path: Path | str) -> Path:
 
 
 SUPERELEMENT_HELP = """\
-Superelement of the part {part} (interfaces {interface}); SI: N/m, N/rad, N m/m, N m/rad.
-Row and column order: for each node below its six degrees of freedom (ux, uy, uz, rx, ry, rz), small rotations,
-in the axes of the part. The matrix is static condensation (Guyan) on the interfaces: K u = f.
-Node 0 is the clamped interface; the matrix is free (six rigid-body motions are its null space), so fix node 0
-by leaving out its six rows and columns. Nodes, x y z in m:
+Superelement of the part {part} (interfaces {interface}); SI: N, m, kg, rad, s.
+Order of rows and columns: for each node below its six degrees of freedom (ux, uy, uz, rx, ry, rz), small rotations,
+in the axes of the part; then {modes} modal coordinates, which vanish in statics. M a + K u = f.
+Node 0 is the clamped interface as a rigid body. The matrices are free (six rigid-body motions are the null space of K):
+fix node 0 by leaving out its six rows and columns. Weight: f = M t g with the translations t of all nodes.
+The stiffness of the modal coordinates is diagonal (squared angular frequencies with all nodes held, rad^2/s^2).
+Nodes, x y z in m:
 {nodes}"""
 
 
-def free_superelement(experiment: Experiment) -> tuple[Floats, Floats]:
-    """Return (6n + 6, 6n + 6) stiffness of the unsupported part, and (n + 1, 3) its nodes: clamp, then interfaces.
+@dataclass(frozen=True)
+class Superelement:
+    """The unsupported part on its interfaces and modes.
 
-    The clamp moves with node 0 as one body and only relative motion strains the part, so this is exact. Node 0 is
-    ``clamp_point``; with an elastic foundation it is the ground under it.
+    Attributes
+    ----------
+    stiffness, mass : (6n + 6 + k, 6n + 6 + k) on the twists of the n + 1 nodes, then on k modal coordinates.
+    nodes : (n + 1, 3) m: the clamp, then the loaded interfaces.
     """
-    from stiffscope.fea.couplings import rigid_modes
 
-    centre = experiment.clamp_point
-    nodes = np.vstack([centre, experiment.reference_points])
-    kinematics = np.zeros((len(experiment.reference_points), 6, 6))
-    kinematics[:, :3] = rigid_modes(experiment.reference_points, centre)
-    kinematics[:, 3:, 3:] = np.eye(3)
-    relative = np.hstack(
-        [-kinematics.reshape(-1, 6), np.eye(6 * len(kinematics))]
-    )  # twists relative to the clamp's body
-    stiffness = relative.T @ experiment.superelement @ relative
-    return (stiffness + stiffness.T) / 2, nodes
+    stiffness: Floats
+    mass: Floats
+    nodes: Floats
 
 
-def write_superelement(experiment: Experiment, path: Path | str) -> tuple[Path, Path]:
-    """Write the free superelement as ``path.npz`` and as Matrix Market ``path.mtx``; return both paths.
+def free_superelement(experiment: Experiment) -> Superelement:
+    """Return the unsupported part.
 
-    The npz holds ``stiffness`` (6n + 6, 6n + 6), ``nodes`` (n + 1, 3) in m and ``help``, a text on the order of
-    rows and the units, which is the Matrix Market file's comment too. Neither needs this package to be read.
+    The clamp moves with node 0 as one body and only relative motion strains the part, so its stiffness is exact. Node 0
+    is ``clamp_point``; with an elastic foundation it is the ground under it.
+    """
+    from stiffscope.fea.couplings import carried
+
+    points, centre = experiment.reference_points, experiment.clamp_point
+    relative = np.hstack([-carried(points, centre), np.eye(6 * len(points))])  # twists relative to the clamp's body
+    stiffness = np.zeros_like(experiment.condensed_mass)
+    count = relative.shape[1]
+    stiffness[:count, :count] = relative.T @ experiment.superelement @ relative
+    stiffness[range(count, len(stiffness)), range(count, len(stiffness))] = experiment.mode_squares
+    return Superelement(
+        (stiffness + stiffness.T) / 2, experiment.condensed_mass, np.vstack([centre, experiment.reference_points])
+    )
+
+
+def write_superelement(experiment: Experiment, path: Path | str) -> list[Path]:
+    """Write the free superelement in the forms that other codes read; return the paths.
+
+    ``path.npz`` holds ``stiffness``, ``mass``, ``nodes`` (see ``Superelement``), ``mode_squares`` and ``help``, a text
+    on the order of rows and the units, which is a comment of the others too: ``path.stiffness.mtx`` and
+    ``path.mass.mtx`` (Matrix Market), ``path.bdf`` (Nastran's DMIG). None needs this package to be read.
     """
     from scipy.io import mmwrite
 
-    stiffness, nodes = free_superelement(experiment)
+    from stiffscope.fea.dmig import dmig_text
+
+    found = free_superelement(experiment)
     lines = "\n".join(
-        f"{k} {'clamped' if not k else 'loaded'} {x:.9g} {y:.9g} {z:.9g}" for k, (x, y, z) in enumerate(nodes)
+        f"{k} {'clamped' if not k else 'loaded'} {x:.9g} {y:.9g} {z:.9g}" for k, (x, y, z) in enumerate(found.nodes)
     )
-    text = SUPERELEMENT_HELP.format(part=experiment.part, interface=experiment.interface, nodes=lines)
+    text = SUPERELEMENT_HELP.format(
+        part=experiment.part, interface=experiment.interface, modes=len(experiment.mode_squares), nodes=lines
+    )
     base = Path(path)
     base = base.with_suffix("") if base.suffix in (".npz", ".mtx") else base
-    archive, matrix = base.with_name(base.name + ".npz"), base.with_name(base.name + ".mtx")
-    np.savez(archive, stiffness=stiffness, nodes=nodes, help=np.array(text))
-    with matrix.open("wb") as file:
-        mmwrite(file, stiffness, comment=text, symmetry="symmetric", precision=15)
-    return archive, matrix
+    archive, bulk = base.with_name(base.name + ".npz"), base.with_name(base.name + ".bdf")
+    np.savez(
+        archive,
+        stiffness=found.stiffness,
+        mass=found.mass,
+        nodes=found.nodes,
+        mode_squares=experiment.mode_squares,
+        help=np.array(text),
+    )
+    bulk.write_text(dmig_text(found.stiffness, found.mass, found.nodes, text), encoding="ascii")
+    written = [archive, bulk]
+    for name, matrix in (("stiffness", found.stiffness), ("mass", found.mass)):
+        written.append(base.with_name(f"{base.name}.{name}.mtx"))
+        with written[-1].open("wb") as file:
+            mmwrite(file, matrix, comment=text, symmetry="symmetric", precision=15)
+    return written

@@ -11,6 +11,7 @@ from stiffscope.errors import InputError
 MOST_LAYERS = 6  # of thin elements at singular edges; the thinnest has a 4000th of the size
 KINDS = ("rigid", "distributed")  # of couplings between a loaded face and its reference point
 SOLVERS = ("auto", "direct", "multigrid")
+MOST_MODES = 150  # of the condensed model
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,9 @@ class Settings:
     most_unknowns : degrees of freedom of the cubic solution beyond which refinement stops.
     solver : "direct" (a factorization), "multigrid", or "auto", the faster of the two.
     threads : the mesher's threads; 0 takes all.
+    modes : number of fixed-interface modes of the condensed model; None takes all below ``highest_frequency``, or by
+        default those of ``stiffscope.fea.dynamics``, with which it has the six lowest clamped modes of the part.
+    highest_frequency : Hz.
     """
 
     size: float | None = None
@@ -40,6 +44,8 @@ class Settings:
     most_unknowns: int = 2_000_000
     solver: str = "auto"
     threads: int = 0
+    modes: int | None = None
+    highest_frequency: float | None = None
 
     def __post_init__(self) -> None:
         """Raise InputError for values out of range."""
@@ -63,3 +69,15 @@ class Settings:
             raise InputError(f"mesh.most_unknowns: expected a positive number, got {self.most_unknowns!r}")
         if not 1 <= self.layers <= MOST_LAYERS:
             raise InputError(f"mesh.layers: expected 1 to {MOST_LAYERS}, got {self.layers!r}")
+        self._check_modes()
+
+    def _check_modes(self) -> None:
+        if self.modes is not None and not 0 <= self.modes <= MOST_MODES:
+            raise InputError(f"mesh.modes: expected 0 to {MOST_MODES}, got {self.modes!r}")
+        if self.highest_frequency is not None:
+            if not (np.isfinite(self.highest_frequency) and self.highest_frequency > 0):
+                raise InputError(
+                    f"mesh.highest_frequency: expected a positive frequency, got {self.highest_frequency!r} Hz"
+                )
+            if self.modes is not None:
+                raise InputError("mesh.highest_frequency: expected this or mesh.modes, got both")

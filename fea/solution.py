@@ -9,8 +9,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from stiffscope.errors import InputError
-from stiffscope.fea.couplings import Coupling, imbalance, support, unit_loads
-from stiffscope.fea.cubic import cubic_compliance, element_energies, enrich
+from stiffscope.fea.couplings import Coupling, dofs_of, imbalance, support, unit_loads
+from stiffscope.fea.cubic import cubic_loads, cubic_problem, element_energies, enrich, solve_cubic, work
 from stiffscope.fea.elasticity import assemble, nodal_stresses, von_mises
 from stiffscope.fea.foundation import on_nodes, springs
 from stiffscope.fea.mesh import MeshError
@@ -19,7 +19,12 @@ from stiffscope.fea.singular import remaining_at_edges
 from stiffscope.fea.specimen import geometric_error, interface_error
 
 if TYPE_CHECKING:
-    from stiffscope.fea.mesh import Floats, TetMesh
+    from scipy.sparse import csr_array
+
+    from stiffscope.fea.couplings import Supports
+    from stiffscope.fea.cubic import CubicProblem
+    from stiffscope.fea.mesh import Floats, Ints, TetMesh
+    from stiffscope.fea.solvers import Solver
     from stiffscope.fea.specimen import Specimen
 
 # Calibrated extrapolation factors and their 95 % spread; tests/benchmarks/fit_error_bounds.py fits and prints them. The
@@ -35,6 +40,15 @@ SOFTEST = 1e-4  # foundation, in parts of the part's modulus over its size
 
 
 @dataclass(frozen=True)
+class Extrapolated:
+    """A compliance with its 95 % bound, of which ``geometry`` is due to the mesh's shape; (k, k) each."""
+
+    compliance: Floats
+    error: Floats
+    geometry: Floats
+
+
+@dataclass(frozen=True)
 class Solution:
     """Extrapolated response of a meshed specimen to unit wrenches.
 
@@ -45,6 +59,7 @@ class Solution:
     imbalance : residual of the equilibrium between clamp and wrenches, relative.
     unknowns : of the cubic solution.
     indicator : (m,) contribution of each element to the bounds of the diagonal entries, relative to them.
+    levels : what it was extrapolated from.
     """
 
     compliance: Floats
@@ -55,30 +70,75 @@ class Solution:
     imbalance: float
     unknowns: int
     indicator: Floats
+    levels: TwoLevel
+
+
+@dataclass(frozen=True)
+class System:
+    """A supported mesh and the solvers of its quadratic and its cubic problem; one factorization serves both.
+
+    Attributes
+    ----------
+    bare, stiffness : (3n, 3n) N/m, without and with the elastic foundation.
+    edge_weights : (m,) factors of the elements' gained energy in ``TwoLevel.at_edges``, 0 away from singular edges.
+    """
+
+    specimen: Specimen
+    mesh: TetMesh
+    couplings: tuple[Coupling, ...]
+    supports: Supports
+    bare: csr_array
+    stiffness: csr_array
+    solver: Solver
+    cubic: CubicProblem
+    edge_weights: Floats
+
+    @property
+    def cubic_rows(self) -> Ints:
+        """(3w,) the unconstrained cubics' degrees of freedom among all cubics'."""
+        return dofs_of(self.cubic.free - self.cubic.space.base)
 
 
 @dataclass(frozen=True)
 class TwoLevel:
-    """The quadratic and the cubic solution on one mesh.
+    """The quadratic and the cubic solution of a system for k loads on the c + 3w coordinates of the cubic problem.
 
     Attributes
     ----------
-    cubic, gain : (6n, 6n) cubic compliance, and its difference to the quadratic one.
-    at_edges : (6n, 6n) error that theory expects in the cubic compliance at singular edges.
-    displacement : (3 nodes, 6n) m, of the cubic solution.
-    energies : (m, 6n) twice the strain energy of the difference of the two solutions in each element.
-    edge_weights : (m,) that energy's factors in ``at_edges``, 0 away from singular edges.
-    imbalance, unknowns : see ``Solution``.
+    force, motion : (c + 3w, k) generalized forces, and the cubic solution.
+    quadratic : (c, k) the quadratic solution.
+    cubic, gain : (k, k) cubic compliance, and its difference to the quadratic one.
+    at_edges : (k, k) error that theory expects in the cubic compliance at singular edges.
+    energies : (m, k) twice the strain energy of the difference of the two solutions in each element.
     """
 
+    system: System
+    force: Floats
+    motion: Floats
+    quadratic: Floats
     cubic: Floats
     gain: Floats
     at_edges: Floats
-    displacement: Floats
     energies: Floats
-    edge_weights: Floats
-    imbalance: float
-    unknowns: int
+
+    @property
+    def displacement(self) -> Floats:
+        """(3 nodes, k) m, of the cubic solution."""
+        return self.system.supports.expand(self.motion[: len(self.quadratic)])
+
+    def extrapolated(self, elsewhere: float = ELSEWHERE) -> Extrapolated:
+        """Return the compliance with the remaining discretization error extrapolated, and its bounds.
+
+        Parameters
+        ----------
+        elsewhere : error of the cubic solution in parts of the gain, away from singular edges.
+        """
+        remaining = AT_EDGES * self.at_edges + elsewhere * self.gain
+        spread = SPREAD_AT_EDGES * np.abs(self.at_edges) + SPREAD_ELSEWHERE * np.abs(self.gain)
+        compliance = self.cubic + remaining
+        geometry = _geometry_bound(self.system.specimen, self.system.mesh, compliance)
+        rounding = SOLVER * np.sqrt(np.outer(self.cubic.diagonal(), self.cubic.diagonal()))
+        return Extrapolated(compliance, spread + _cross_terms(remaining) + rounding + geometry, geometry)
 
 
 def solve_specimen(
@@ -98,35 +158,38 @@ def solve_specimen(
     MeshError : the compliance is not positive definite, or the cubic solution does not converge.
     """
     found = solve_two_levels(specimen, mesh, interface, solver, foundation)
-    cubic, gain, at_edges = found.cubic, found.gain, found.at_edges
-    remaining = AT_EDGES * at_edges + ELSEWHERE * gain
-    spread = SPREAD_AT_EDGES * np.abs(at_edges) + SPREAD_ELSEWHERE * np.abs(gain)
-    compliance = cubic + remaining
-    geometry = _geometry_bound(specimen, mesh, compliance)
-    rounding = SOLVER * np.sqrt(np.outer(cubic.diagonal(), cubic.diagonal()))
-    stresses = nodal_stresses(mesh, found.displacement, specimen.elasticity)
+    system, cubic, extrapolated = found.system, found.cubic, found.extrapolated()
+    displacement, nodal = found.displacement, system.supports.expand(found.quadratic)
+    stresses = nodal_stresses(mesh, displacement, specimen.elasticity)
     return Solution(
-        compliance=compliance,
-        error=spread + _cross_terms(remaining) + rounding + geometry,
-        geometry=geometry,
-        displacement=found.displacement.T.reshape(len(cubic), -1, 3),
+        compliance=extrapolated.compliance,
+        error=extrapolated.error,
+        geometry=extrapolated.geometry,
+        displacement=displacement.T.reshape(len(cubic), -1, 3),
         von_mises=von_mises(stresses).T,
-        imbalance=found.imbalance,
-        unknowns=found.unknowns,
+        imbalance=imbalance(mesh.points, system.bare, nodal, mesh.nodes_of(specimen.clamped), system.couplings),
+        unknowns=3 * system.cubic.space.count,
         indicator=(found.energies / cubic.diagonal()).sum(axis=1)
-        * (SPREAD_AT_EDGES * found.edge_weights + SPREAD_ELSEWHERE),
+        * (SPREAD_AT_EDGES * system.edge_weights + SPREAD_ELSEWHERE),
+        levels=found,
     )
 
 
 def solve_two_levels(
     specimen: Specimen, mesh: TetMesh, interface: str, solver: str, foundation: float | None = None
 ) -> TwoLevel:
-    """Return the quadratic and the cubic solution; one factorization serves both. See ``solve_specimen``."""
+    """Return the quadratic and the cubic solution for the unit wrenches. See ``solve_specimen``."""
     with threadpool_limits(1):  # BLAS's own threads are slower on small matrices; ``on_all_cores`` shares out the work
-        return _solve(specimen, mesh, interface, solver, foundation)
+        system = system_of(specimen, mesh, interface, solver, foundation)
+        loads = unit_loads(mesh, system.supports, system.couplings)
+        tractions = cubic_loads(mesh, system.cubic.space, system.couplings)[system.cubic.free]
+        return respond(system, np.vstack([loads, tractions.reshape(-1, loads.shape[1])]), system.solver.solve(loads))
 
 
-def _solve(specimen: Specimen, mesh: TetMesh, interface: str, solver: str, foundation: float | None) -> TwoLevel:
+def system_of(
+    specimen: Specimen, mesh: TetMesh, interface: str, solver: str, foundation: float | None = None
+) -> System:
+    """Return the supported mesh with its stiffness and solvers. See ``solve_specimen``."""
     couplings = tuple(Coupling(faces, point, interface) for faces, point in specimen.loaded)
     clamped = mesh.nodes_of(specimen.clamped)
     if foundation is not None:
@@ -138,21 +201,45 @@ def _solve(specimen: Specimen, mesh: TetMesh, interface: str, solver: str, found
         bedding = springs(mesh, specimen.clamped, foundation)
         stiffness = bare + on_nodes(bedding, space.base)
     prepared = prepare(mesh, stiffness, supports, solver)
-    loads = unit_loads(mesh, supports, couplings)
-    quadratic = prepared.solve(loads)
-    cubic, motion = cubic_compliance(mesh, space, supports, couplings, prepared, loads, quadratic, springs=bedding)
-    before = supports.expand(quadratic)
-    work = loads.T @ quadratic
-    lower = work + work.T - before.T @ (stiffness @ before)  # second order in the error of the solver
-    gain = cubic - (lower + lower.T) / 2
-    if not (np.linalg.eigvalsh(cubic) > 0).all() or not (gain.diagonal() > -SOLVER * cubic.diagonal()).all():
-        raise MeshError(f"solve: the compliance of {specimen.name} is not positive definite; the mesh is broken")
-    displacement = supports.expand(motion[: len(loads)])
-    motion[: len(loads)] -= quadratic
+    cubic = cubic_problem(mesh, space, supports, prepared, bedding)
     weights = _edge_weights(specimen, mesh, interface, foundation)
-    energies, at_edges = element_energies(mesh, space, supports, motion, weights)
-    residual = imbalance(mesh.points, bare, before, clamped, couplings)
-    return TwoLevel(cubic, gain, at_edges, displacement, energies, weights, residual, 3 * space.count)
+    return System(specimen, mesh, couplings, supports, bare, stiffness, prepared, cubic, weights)
+
+
+def respond(
+    system: System, force: Floats, quadratic: Floats, solved: TwoLevel | None = None, tolerance: float = 1e-2
+) -> TwoLevel:
+    """Return the two solutions for loads, after those of loads that are solved already.
+
+    Parameters
+    ----------
+    force, quadratic : (c + 3w, k) generalized forces, and (c, k) the quadratic problem's solution for its own.
+    tolerance : see ``stiffscope.fea.cubic.solve_cubic``.
+
+    Raises
+    ------
+    MeshError : the compliance is not positive definite, or the cubic solution does not converge.
+    """
+    motion = solve_cubic(system.cubic, force, quadratic, tolerance)
+    if solved is not None:
+        former = solved.force, solved.motion, solved.quadratic
+        new = force, motion, quadratic
+        force, motion, quadratic = (np.hstack(pair) for pair in zip(former, new, strict=True))
+    split = len(quadratic)
+    cubic = work(system.cubic.apply, force, motion)
+    supports = system.supports
+    nodal = work(lambda x: supports.restrict(system.stiffness @ supports.expand(x)), force[:split], quadratic)
+    gain = cubic - nodal
+    scale = np.sqrt(np.outer(cubic.diagonal(), cubic.diagonal()))
+    if (
+        not (np.linalg.eigvalsh(cubic / scale) > -SOLVER).all()
+        or not (gain.diagonal() > -SOLVER * cubic.diagonal()).all()
+    ):
+        raise MeshError(f"solve: the compliance of {system.specimen.name} is not positive definite; the mesh is broken")
+    gained = motion.copy()
+    gained[:split] -= quadratic
+    energies, at_edges = element_energies(system.cubic, gained, system.edge_weights)
+    return TwoLevel(system, force, motion, quadratic, cubic, gain, at_edges, energies)
 
 
 def _check_foundation(specimen: Specimen, foundation: float) -> None:

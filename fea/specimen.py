@@ -38,6 +38,7 @@ class Specimen:
     elasticity : (6, 6) Pa, Voigt order xx, yy, zz, yz, xz, xy.
     clamped : CAD faces that are fixed.
     loaded : (CAD faces, reference point) of each loaded interface.
+    volume, density : m³, kg/m³.
     """
 
     name: str
@@ -47,6 +48,7 @@ class Specimen:
     clamped: frozenset[int]
     loaded: tuple[tuple[frozenset[int], Floats], ...]
     volume: float
+    density: float
 
     @property
     def interfaces(self) -> tuple[frozenset[int], ...]:

@@ -28,6 +28,7 @@ A robot, of a file or made here
     stiffness          6x6 stiffness at tool poses
     sag                twist of the tool under the robot's own weight
     deflection         twist of the tool under a wrench, and each element's share of the strain energy
+    modes              natural frequencies, mode shapes and energy by element at tool poses
     stiffness_map      picture of the stiffness over the workspace
 
 A machine
@@ -70,6 +71,7 @@ if TYPE_CHECKING:
     from stiffscope.vjm.mechanism import Mechanism as Mechanism
     from stiffscope.vjm.mechanism import Tool as Tool
     from stiffscope.vjm.mechanism import member as member
+    from stiffscope.vjm.modes import modes as modes
     from stiffscope.vjm.statics import analyse as analyse
     from stiffscope.vjm.statics import sag as sag
     from stiffscope.vjm.statics import stiffness as stiffness
@@ -93,6 +95,7 @@ _MODULES = {
     "robot.reader": ("load_robot",),
     "vjm.kinematics": ("configure",),
     "vjm.mechanism": ("Body", "Drive", "Joint", "Mechanism", "Tool", "member"),
+    "vjm.modes": ("modes",),
     "vjm.statics": ("analyse", "sag", "stiffness"),
     "vjm.yielding": ("deflection",),
 }

@@ -24,6 +24,8 @@ SMALL = {
     "compliance": "--set slider.mesh.size=60mm --set slider.mesh.most_unknowns=9000"
     " --set slider.rib_count=0 --set slider.fillet=0mm",
     "interfaces": "--set slider.mesh.size=60mm --set slider.width=160mm --set slider.pad_spacing=45mm",
+    "modes": "--components published --count 1",
+    "frf": "--components published",
     "map": "--components published --gravity none --points 9",
     "blind": "--campaigns 1",
 }

@@ -29,11 +29,16 @@ _BALANCED = 1e-6  # of a load, that may be left along a free motion
 
 @dataclass(eq=False)
 class Loads:
-    """``cases`` of wrenches (n or 1, 6, c) on nodes at M in base axes, and of elements' offsets in their own axes."""
+    """``cases`` of wrenches (n or 1, 6, c) on nodes at M in base axes, and of elements' offsets in their own axes.
+
+    ``balanced``: share of a load that may be left along a free motion; where nodes are bent the weight's moments on
+    both ends of a rod between balls differ by its bending, and spin it by that much.
+    """
 
     cases: int
     nodes: dict[str, Array] = field(default_factory=dict[Any, Any])
     offsets: dict[str, Array] = field(default_factory=dict[Any, Any])
+    balanced: float = _BALANCED
 
 
 @dataclass(eq=False)
@@ -208,13 +213,13 @@ def _through_stiff(state: Condensed, gone: Stiff, load: Carried) -> tuple[Chain,
     if along.offset.any():
         preload = preload - gone.stiffness @ along.offset
     if any(w.any() for w in along.carried):
-        preload = preload + np.swapaxes(gone.back, -1, -2) @ _holding(state, gone, along)
+        preload = preload + np.swapaxes(gone.back, -1, -2) @ _holding(state, gone, along, load.loads.balanced)
     load.add(c.end, -preload)
     load.add(c.start, preload + along.total)
     return along, preload
 
 
-def _holding(state: Condensed, gone: Stiff, along: Chain) -> Array:
+def _holding(state: Condensed, gone: Stiff, along: Chain, balanced: float) -> Array:
     """Wrench (n, 6, c) that holds the end of a connection under the loads on its inner nodes, in its own axes.
 
     ``w = w₀ - K (τ + C w₀)`` with Nᵀ w₀ = -ν, what the loads would do along the free directions.
@@ -235,7 +240,7 @@ def _holding(state: Condensed, gone: Stiff, along: Chain) -> Array:
     directions, work = stacked(free), _rows(nu)
     hold = -np.swapaxes(regained(directions, state.order.length), -1, -2) @ work
     left = np.abs(np.swapaxes(directions, -1, -2) @ hold + work)
-    if (left > _BALANCED * np.abs(work).max(axis=(1, 2), keepdims=True)).any():
+    if (left > balanced * np.abs(work).max(axis=(1, 2), keepdims=True)).any():
         _refuse([e.name for e, _ in gone.connection.members])
     for factor, _ in gone.members:
         if factor.shape[2]:
@@ -248,7 +253,7 @@ def _through_eliminated(gone: Eliminated, load: Carried) -> Array | None:
     if force is None:
         return None
     push = gone.half @ force
-    _check_balance((gone.step.node,), gone.half, gone.own, force)
+    _check_balance((gone.step.node,), gone.half, gone.own, force, load.loads.balanced)
     for c, reach in zip(gone.step.neighbours, gone.reach, strict=True):
         load.add(c, np.swapaxes(reach, -1, -2) @ push)
     return push
@@ -262,7 +267,8 @@ def _through_folded(state: Condensed, gone: Folded, load: Carried) -> tuple[Chai
     if any(w.any() for w in along.carried):
         drive = drive + pulled(state, along, gone.columns)
     y = np.swapaxes(gone.half, -1, -2) @ (gone.half @ drive)
-    _check_balance([e.name for e, _ in connection.members], gone.half, gone.core, drive)
+    names = [e.name for e, _ in connection.members]
+    _check_balance(names, gone.half, gone.core, drive, load.loads.balanced)
     moved = along.offset + gone.columns @ y  # twist of the node where all others stand still
     load.add(connection.start, force + along.total)
     for c, stiffness in gone.around.items():
@@ -289,12 +295,12 @@ def _rows(blocks: list[Array]) -> Array:
     return np.concatenate([np.broadcast_to(b, (n, *b.shape[1:])) for b in blocks], axis=1)
 
 
-def _check_balance(names: Sequence[str], half: Array, matrix: Array, load: Array) -> None:
+def _check_balance(names: Sequence[str], half: Array, matrix: Array, load: Array, balanced: float) -> None:
     """Refuse a load along a direction that a generalized inverse has dropped."""
     if not (np.einsum("nii->ni", half) == 0.0).any():
         return
     left = np.abs(load - matrix @ (np.swapaxes(half, -1, -2) @ (half @ load)))
-    if (left > _BALANCED * np.abs(load).max(axis=(1, 2), keepdims=True) + 1e-300).any():
+    if (left > balanced * np.abs(load).max(axis=(1, 2), keepdims=True) + 1e-300).any():
         _refuse(names)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.vjm.checks import checked_compliance
+from stiffscope.vjm.dynamics import root
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
+    from stiffscope.vjm.dynamics import Dynamics
     from stiffscope.vjm.screws import Array
 
 GROUND = "ground"
@@ -56,7 +58,8 @@ class Elastic:
 
     ``compliance`` (6, 6) in part axes at the tip, clamped at the base; ``error`` (6, 6): bounds on its entries;
     ``base`` and ``tip`` (3,) in m; ``axes`` (3, 3): columns are the part's x, y, z in base axes; ``offset`` (6,): twist
-    of the unloaded tip against the base (lack of fit, heat), part axes at the tip.
+    of the unloaded tip against the base (lack of fit, heat), part axes at the tip. ``dynamics``: its inertia; without
+    it, half of the body's mass acts at either end.
     """
 
     compliance: Array
@@ -65,13 +68,14 @@ class Elastic:
     axes: Array
     error: Array | None = None
     offset: Array | None = None
+    dynamics: Dynamics | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
     """A rigid body, or an elastic one between two ends.
 
-    ``mass`` in kg; a rigid body's acts at its ``centre`` (3,), an elastic one's half at either end, as a uniform rod's.
+    ``mass`` in kg; a rigid body's acts at its ``centre`` (3,), an elastic one's as its ``dynamics`` say.
     ``inertia`` (3, 3) about the centre, base axes, kg·m².
     """
 
@@ -92,7 +96,9 @@ class Body:
         elif self.mass > 0.0 and self.elastic is None:
             raise InputError(f"{here}.centre: expected the centre of mass of a body with a mass, got none")
         if self.inertia is not None:
-            _set(self, "inertia", _array(self.inertia, (3, 3), f"{here}.inertia", "an inertia"))
+            inertia = _array(self.inertia, (3, 3), f"{here}.inertia", "an inertia")
+            _ = root(0.5 * (inertia + inertia.T), f"{here}.inertia: expected a positive semidefinite inertia")
+            _set(self, "inertia", inertia)
         if self.elastic is not None:
             _set(self, "elastic", _checked_elastic(self.elastic, here))
 
@@ -111,16 +117,19 @@ def member(
     y: ArrayLike | None = None,
     mass: float = 0.0,
     error: ArrayLike | None = None,
+    dynamics: Dynamics | None = None,
 ) -> Body:
     """An elastic body whose part axes have x from ``base`` to ``tip`` (3,) and y as near to ``y`` (3,) as can be.
 
-    ``compliance`` and ``error`` (6, 6): of its tip, clamped at its base, in part axes at the tip.
+    ``compliance`` and ``error`` (6, 6): of its tip, clamped at its base, in part axes at the tip. ``dynamics``: its
+    inertia between these ends.
     """
     here = spelled("bodies", name)
     start, end = _vector(base, f"{here}.base", "a position in m"), _vector(tip, f"{here}.tip", "a position in m")
     axes = axes_along(end - start, y, here)
     bound = None if error is None else np.asarray(error, dtype=float)
-    return Body(name, mass, elastic=Elastic(np.asarray(compliance, dtype=float), start, end, axes, bound))
+    elastic = Elastic(np.asarray(compliance, dtype=float), start, end, axes, bound, dynamics=dynamics)
+    return Body(name, mass, elastic=elastic)
 
 
 @dataclass(frozen=True, eq=False)
@@ -398,6 +407,7 @@ def _checked_elastic(elastic: Elastic, here: str) -> Elastic:
         axes,
         optional(elastic.error, (6, 6), "error"),
         optional(elastic.offset, (6,), "offset"),
+        elastic.dynamics,
     )
 
 

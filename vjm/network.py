@@ -11,15 +11,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.vjm.dynamics import lever
 from stiffscope.vjm.mechanism import BASE, GROUND, TOOL
 from stiffscope.vjm.screws import Frame, rotation
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
+    from stiffscope.vjm.dynamics import Dynamics
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.linkage import Linkage
-    from stiffscope.vjm.mechanism import Change, Joint, Mechanism
+    from stiffscope.vjm.mechanism import Change, Elastic, Joint, Mechanism
     from stiffscope.vjm.screws import Array
 
 FOOT = "<base>"  # the node that stands on the base
@@ -73,7 +77,7 @@ class Places:
     """Factors (n, 6, 6) of compliances that stand for those of some elements."""
     known: dict[str, Array] = field(default_factory=dict[Any, Any])
 
-    def some(self, mask: NDArray[np.bool_]) -> Places:
+    def some(self, mask: NDArray[np.bool_] | NDArray[np.intp]) -> Places:
         """Places at some of the configurations."""
 
         def pick(a: Array) -> Array:
@@ -245,30 +249,58 @@ def _factor(compliance: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Masses:
-    """Mass in kg at a node, and its first moment Σ m r (n or 1, 3) about M."""
+    """Mass in kg at a node, and its first moment Σ m r (n or 1, 3) about M.
+
+    ``rest`` (n or 1, 6, 3): wrench at M in base axes for unit accelerations, that no mass on the node would give.
+    """
 
     mass: float
     moment: Array
+    rest: Array
 
     def weight(self, gravity: Array) -> Array:
         """Wrench (n or 1, 6, 1) at M in base axes under an acceleration (3,)."""
         force = np.broadcast_to(self.mass * gravity, self.moment.shape)
-        return np.concatenate([force, np.cross(self.moment, gravity)], axis=1)[..., None]
+        return (np.concatenate([force, np.cross(self.moment, gravity)], axis=1) + self.rest @ gravity)[..., None]
+
+    def plus(self, other: Masses) -> Masses:
+        """Both on the same node."""
+        return Masses(self.mass + other.mass, self.moment + other.moment, self.rest + other.rest)
 
 
 def masses(mechanism: Mechanism, where: Places) -> dict[str, Masses]:
-    """Masses of every node that has any; an elastic body's acts half at either end."""
+    """Masses of every node that has any; an elastic body's acts at its ends, as its dynamics say or half at either."""
     out: dict[str, Masses] = {}
     for body in mechanism.bodies:
-        if body.mass == 0.0:
+        if body.elastic is not None and body.elastic.dynamics is not None:
+            found = list(_condensed(body.nodes, body.elastic, body.elastic.dynamics, where))
+        elif body.mass == 0.0:
             continue
-        if body.elastic is not None:
+        elif body.elastic is not None:
             ends = zip(body.nodes, (body.elastic.base, body.elastic.tip), strict=True)
-            points = [(node, at, 0.5 * body.mass) for node, at in ends]
+            found = [(node, _point_mass(0.5 * body.mass, node, at, where)) for node, at in ends]
         else:
-            points = [(body.name, body.centre if body.centre is not None else np.zeros(3), body.mass)]
-        for node, at, mass in points:
-            moment = mass * (where.point(node, at) - where.tool)
-            before = out.get(node, Masses(0.0, np.zeros((1, 3))))
-            out[node] = Masses(before.mass + mass, before.moment + moment)
+            centre = body.centre if body.centre is not None else np.zeros(3)
+            found = [(body.name, _point_mass(body.mass, body.name, centre, where))]
+        for node, each in found:
+            out[node] = out[node].plus(each) if node in out else each
     return out
+
+
+def _point_mass(mass: float, node: str, at: Array, where: Places) -> Masses:
+    return Masses(mass, mass * (where.point(node, at) - where.tool), np.zeros((1, 6, 3)))
+
+
+def _condensed(
+    nodes: tuple[str, ...], elastic: Elastic, dynamics: Dynamics, where: Places
+) -> Iterator[tuple[str, Masses]]:
+    """An elastic body's weight at its ends: at each the mass on a lever that gives it, and the rest."""
+    for node, at, load in zip(nodes, (elastic.base, elastic.tip), np.split(dynamics.load, 2), strict=True):
+        mass = float(np.trace(load[:3])) / 3.0
+        moment, more = lever(load[3:])
+        axes = where.rotation[node] @ elastic.axes
+        away = where.point(node, at) - where.tool
+        frame = Frame(axes, away)
+        left = np.concatenate([load[:3] - mass * np.eye(3), more])
+        rest = np.swapaxes(frame.inverse_adjoint(), -1, -2) @ left @ np.swapaxes(axes, -1, -2)
+        yield node, Masses(mass, mass * away + axes @ moment, rest)

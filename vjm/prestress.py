@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 _SMALL = 1e-4  # rad, or of the mechanism's length: displacements beyond which the linear equilibrium is improved
 _SETTLED = 1e-7
 _STEPS = 12
+_BENT = 1e-2  # of a load, that may be left along a free motion once nodes are bent
 _SLIGHT = 1e-2  # of the motions, that they change by second-order work; one step gives that to 1e-6
 
 
@@ -99,12 +100,13 @@ def _relaxed(state: Condensed, work: SecondOrder, *, thorough: bool) -> tuple[Ar
     ``Xᵀ H (X + δ)`` for the last.
     """
     unit = Motion.of(work.response, slice(1, 7))
-    relaxed = Motion.of(held(state, Loads(6, work.loads(unit))), slice(0, 6))
+    relaxed = Motion.of(held(state, Loads(6, work.loads(unit), balanced=_BENT)), slice(0, 6))
     share = relaxed.size / unit.size
     last = 0.75
     for _ in range(_STEPS if thorough else 0):
         last = -0.25
-        before, relaxed = relaxed, Motion.of(held(state, Loads(6, work.loads(unit.plus(relaxed, 1.0)))), slice(0, 6))
+        loads = Loads(6, work.loads(unit.plus(relaxed, 1.0)), balanced=_BENT)
+        before, relaxed = relaxed, Motion.of(held(state, loads), slice(0, 6))
         if (relaxed.plus(before, -1.0).size < _SETTLED * unit.size).all():
             break
     half = work.half(unit.plus(relaxed, 0.5)) + last * work.half(relaxed)
@@ -112,7 +114,8 @@ def _relaxed(state: Condensed, work: SecondOrder, *, thorough: bool) -> tuple[Ar
 
 
 def _remaining(order: Order, there: Places, rest: Places, gravity: Array) -> Loads:
-    return Loads(1, internal_loads(order, there, gravity).nodes, remaining_offsets(order, there, rest))
+    nodes = internal_loads(order, there, gravity).nodes
+    return Loads(1, nodes, remaining_offsets(order, there, rest), balanced=_BENT)
 
 
 def _size(moved: Response, length: float) -> Array:

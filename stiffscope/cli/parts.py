@@ -26,7 +26,7 @@ log = logging.getLogger(__name__)
 @takes(options.robot, options.required_part, options.tolerance, options.overrides, options.target)
 @options.folder(
     "--superelement",
-    "Folder to write: the stiffness condensed on the part's interfaces (npz, Matrix Market), complete or absent.",
+    "Folder to write: stiffness and mass condensed on the part's interfaces (npz, .mtx, DMIG), complete or absent.",
 )
 @click.option(
     "--step", metavar="FILE", help="Take this solid as the part: clamped at its least x, loaded at its greatest."

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     from stiffscope.jobs.assembly import Assembled
     from stiffscope.jobs.manifest import Manifest
-    from stiffscope.robot.description import RobotFile
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.statics import Stiffness
 
@@ -43,6 +42,7 @@ def stiffness(
     Without --at and --joints, at the poses of the robot file.
     """
     from stiffscope.cli.poses import asked_poses
+    from stiffscope.cli.showing import shown_assembly
     from stiffscope.jobs.assembly import stiffness_bars, stiffness_json
     from stiffscope.report import tables
     from stiffscope.robot.literal_gravity import require_biglide
@@ -53,7 +53,7 @@ def stiffness(
     gravity = gravity or ("exact" if robot.carries("gravity") else "none")
     if gravity == "literal":
         require_biglide(asked.configurations.mechanism)
-    assembled = _assembled(robot, components, quiet=quiet)
+    assembled = shown_assembly(robot, components, quiet=quiet)
     state = _state(assembled, asked.configurations, gravity)
     bars = stiffness_bars(assembled, state.configurations)
     if target:
@@ -79,6 +79,7 @@ def deflection(
     import numpy as np
 
     from stiffscope.cli.poses import asked_poses
+    from stiffscope.cli.showing import shown_assembly
     from stiffscope.jobs.assembly import deflection_bars
     from stiffscope.report import tables
     from stiffscope.robot import quantities as q
@@ -94,7 +95,7 @@ def deflection(
     if out is not None:
         files.check_output(out, target)
     manifest = manifest_of(robot)
-    assembled = _assembled(robot, components, quiet=quiet)
+    assembled = shown_assembly(robot, components, quiet=quiet)
     found = deflected(assembled.mechanism, asked.configurations, load)
     if out is not None:
         from stiffscope.report.kept_pictures import draw_deflection
@@ -116,10 +117,16 @@ def deflection(
 @click.option(
     "--points", default=200, show_default=True, type=click.IntRange(2, 3000), help="Poses along either coordinate."
 )
+@click.option(
+    "--frequencies", "count", default=0, type=click.IntRange(0, 12), metavar="N",
+    help="Also the first N natural frequencies, drives held.",
+)  # fmt: skip
 def map_(
-    name: str, out: Path, *, components: Any, gravity: Any, overrides: tuple[str, ...], points: int, quiet: bool
-) -> None:
+    name: str, out: Path, *, components: Any, gravity: Any, overrides: tuple[str, ...], points: int, count: int,
+    quiet: bool,
+) -> None:  # fmt: skip
     """Stiffness over what [map] of the robot file sweeps: figures and numbers."""
+    from stiffscope.cli.showing import shown_assembly
     from stiffscope.report import maps, tables
     from stiffscope.robot.inspection import configured_poses, rigid_mechanism
     from stiffscope.robot.reader import load_robot
@@ -132,11 +139,11 @@ def map_(
     configured_poses(robot, moving, moving.tool.home)  # before any experiment
     files.check_output(out)
     manifest = manifest_of(robot)
-    mechanism = _assembled(robot, components, quiet=quiet).mechanism
+    mechanism = shown_assembly(robot, components, quiet=quiet).mechanism
     with files.staged_folder(out) as folder:
-        found = maps.robot_map(robot, mechanism, points, gravity)
+        found = maps.robot_map(robot, mechanism, points, gravity, count)
         maps.write_map(found, folder, f"{robot.name}: stiffness over the workspace, gravity {gravity}")
-        for title, stem, draw in _figures(gravity, maps.held_text(found)):
+        for title, stem, draw in _figures(gravity, maps.held_text(found), frequencies=bool(count)):
             draw(found, robot.poses, f"{robot.name}: {title}", folder / f"{stem}.png", folder / f"{stem}.svg")
         manifest.write(folder)
     if not quiet:
@@ -261,12 +268,16 @@ def _made_of(assembled: Assembled) -> str:
     return ", ".join(f"{part} {source}" for part, source in assembled.sources.items()) or "rigid parts"
 
 
-def _figures(gravity: str, held: str) -> list[tuple[str, str, Callable[..., None]]]:
+def _figures(gravity: str, held: str, *, frequencies: bool) -> list[tuple[str, str, Callable[..., None]]]:
     """Title, file and drawing function of each figure of a map."""
     from stiffscope.report import maps
 
     where = f", {held}" if held else ""
-    plain = [(f"stiffness at M (diagonal of K){where}, without gravity", "stiffness", maps.draw_stiffness)]
+    plain: list[tuple[str, str, Callable[..., None]]] = [
+        (f"stiffness at M (diagonal of K){where}, without gravity", "stiffness", maps.draw_stiffness)
+    ]
+    if frequencies:
+        plain.append((f"natural frequencies, drives held{where}", "frequencies", maps.draw_frequencies))
     if gravity == "none":
         return plain
     loaded = functools.partial(maps.draw_stiffness, loaded=True)
@@ -277,14 +288,3 @@ def _figures(gravity: str, held: str) -> list[tuple[str, str, Callable[..., None
         (f"what gravity ({gravity}) changes{where}", "gravity_difference", maps.draw_difference),
         (f"sag under its own weight{where}", "sag", maps.draw_sag),
     ]
-
-
-def _assembled(robot: RobotFile, components: Any, *, quiet: bool) -> Assembled:
-    """The robot with its parts."""
-    from stiffscope.cli.showing import shown_workshop, warn_of
-    from stiffscope.jobs.assembly import assemble_robots
-
-    with shown_workshop(quiet=quiet) as shop:
-        made = assemble_robots({"now": robot}, components, shop)["now"]
-    warn_of(made.results.values())
-    return made

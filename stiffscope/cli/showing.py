@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import logging
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from stiffscope.jobs.assembly import assemble_robots
 from stiffscope.jobs.workshop import workshop
 from stiffscope.report import tables
 from stiffscope.report.compare import compare
@@ -14,6 +15,7 @@ from stiffscope.report.progress import progress
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
+    from stiffscope.jobs.assembly import Assembled
     from stiffscope.jobs.results import PartResult
     from stiffscope.jobs.workshop import Workshop
     from stiffscope.robot.description import RobotFile
@@ -26,6 +28,14 @@ def shown_workshop(*, quiet: bool) -> Iterator[Workshop]:
     """A workshop whose jobs run side by side and whose progress is on standard error."""
     with progress(quiet=quiet) as open_line, workshop(open_line, together=True) as shop:
         yield shop
+
+
+def shown_assembly(robot: RobotFile, components: Any, *, quiet: bool) -> Assembled:
+    """The robot with its parts, assembled in such a workshop."""
+    with shown_workshop(quiet=quiet) as shop:
+        made = assemble_robots({"now": robot}, components, shop)["now"]
+    warn_of(made.results.values())
+    return made
 
 
 def warn_of(results: Iterable[PartResult]) -> None:

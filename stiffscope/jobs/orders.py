@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from stiffscope.robot.description import RobotFile
 
 LIBRARIES = ("build123d", "cadquery-ocp-novtk", "pytetwild", "scikit-fem", "numpy", "scipy")
-FORM = 5  # of the files of an experiment in the cache; other code reads other forms
+FORM = 6  # of the files of an experiment in the cache; other code reads other forms
 
 
 @dataclass(frozen=True)

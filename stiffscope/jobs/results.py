@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from stiffscope.jobs.orders import PartOrder
     from stiffscope.robot.description import RobotFile
 
+DYNAMICS = ("self_weight", "self_weight_error", "frequencies", "frequency_error", "mode_squares", "condensed_mass")
 EXPERIMENT, SOLID, FIELDS = "experiment.npz", "solid.json", "fields.vtu"
 AXES = {
     "rod": "x along the rod from its clamped end; twist (v, omega) and wrench (f, m) at the centre of the loaded end",
@@ -108,6 +109,7 @@ class PartResult:
             "volume": experiment.volume,
             "cad_volume": experiment.cad_volume,
             **{name: self.solid[name] for name in ("mass", "mass_centre", "inertia")},
+            **{name: getattr(experiment, name) for name in DYNAMICS},
             "seconds": experiment.seconds,
         }
 
@@ -119,7 +121,7 @@ def compliance_json(robot: RobotFile, result: PartResult) -> dict[str, Any]:
 
 
 def write_superelement(result: PartResult, out: Path, manifest: Manifest) -> None:
-    """A folder with the part condensed on its interfaces, as npz and as Matrix Market: see `stiffscope.fea.export`."""
+    """A folder with the part condensed on its interfaces and modes: see `stiffscope.fea.export`."""
     from stiffscope.fea.export import write_superelement as write
 
     with files.staged_folder(out) as folder:

@@ -150,7 +150,10 @@ def _robot_orders(assembled: Assembled, target: Path) -> list[Order]:
     """The robot at its poses, and a small map where the file says what to sweep."""
     facts = {
         "robot": plain_robot(assembled.robot),
-        "matrices": {name: [part.compliance.tolist(), part.mass] for name, part in assembled.matrices.items()},
+        "matrices": {
+            name: [part.compliance.tolist(), part.mass, None if part.dynamics is None else part.dynamics.load.tolist()]
+            for name, part in assembled.matrices.items()
+        },
     }
     code = code_version(("stiffscope.vjm", "stiffscope.robot", "stiffscope.report"), ("matplotlib", "numpy"))
     skins = {name: file_digest(result.folder / EXPERIMENT) for name, result in assembled.results.items()}

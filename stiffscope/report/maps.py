@@ -41,6 +41,7 @@ class StiffnessMap:
     ``across`` and ``up`` name the two coordinates swept, ``columns`` (na,) and ``rows`` (nu,) are their values, ``at``
     those of the others, m and rad. ``stiffness`` and ``loaded`` (nu, na, 6): diagonals of the stiffness at M without
     and with the robot's own weight, N/m and N·m/rad; ``sag`` (nu, na, 6) in m, rad. ``down``: rows grow downwards.
+    ``frequencies`` (nu, na, c): the first natural frequencies in Hz, drives held, where they were asked for.
     """
 
     across: str
@@ -52,16 +53,19 @@ class StiffnessMap:
     loaded: np.ndarray
     sag: np.ndarray
     down: bool = False
+    frequencies: np.ndarray | None = None
 
     def holds(self, coordinates: Mapping[str, float]) -> bool:
         """Whether a pose lies in what is swept."""
         return all(abs(coordinates[name] - value) < IN_PLANE for name, value in self.at.items())
 
 
-def robot_map(robot: RobotFile, mechanism: Mechanism, points: int, gravity: Gravity) -> StiffnessMap:
+def robot_map(
+    robot: RobotFile, mechanism: Mechanism, points: int, gravity: Gravity, frequencies: int = 0
+) -> StiffnessMap:
     """Evaluate what `[map]` of a robot file sweeps. Raises InputError where it has none, or nothing is reached."""
     section = swept(robot)
-    return stiffness_map(mechanism, section.ranges(), points, gravity=gravity, at=section.at)
+    return stiffness_map(mechanism, section.ranges(), points, gravity=gravity, at=section.at, frequencies=frequencies)
 
 
 def swept(robot: RobotFile) -> MapSection:
@@ -79,6 +83,7 @@ def stiffness_map(
     *,
     gravity: Gravity = "none",
     at: Sequence[float] | None = None,
+    frequencies: int = 0,
 ) -> StiffnessMap:
     """Evaluate the stiffness over two coordinates of the tool.
 
@@ -94,6 +99,8 @@ def stiffness_map(
         "exact" for the stiffness under the mechanism's own weight and the sag, beside those without.
     at : (k,)
         Pose that gives the other coordinates, by default home.
+    frequencies
+        How many natural frequencies besides, drives held.
 
     Raises
     ------
@@ -102,6 +109,7 @@ def stiffness_map(
 
     """
     from stiffscope.vjm.kinematics import configure
+    from stiffscope.vjm.modes import frequencies as natural
     from stiffscope.vjm.statics import stiffness, under_weight
 
     pose = mechanism.tool.pose
@@ -122,7 +130,8 @@ def stiffness_map(
     values = (value.reshape(points, points, 6) for value in (*diagonals, sag))
     others = {name: float(v) for name, v in zip(pose, fixed, strict=True) if name not in ranges}
     weight = mechanism.gravity[AXES.index(up)] if up in AXES[:3] else 0.0
-    return StiffnessMap(across, up, columns, rows, others, *values, down=bool(weight > 0.0))
+    sounds = natural(mechanism, found, frequencies).reshape(points, points, frequencies) if frequencies else None
+    return StiffnessMap(across, up, columns, rows, others, *values, down=bool(weight > 0.0), frequencies=sounds)
 
 
 def draw_stiffness(found: StiffnessMap, poses: Poses, title: str, *targets: Path, loaded: bool = False) -> None:
@@ -146,6 +155,13 @@ def draw_all(found: StiffnessMap, poses: Poses, title: str, *targets: Path) -> N
     """Draw the diagonal of K without weight, with it, and the change: the whole map on one sheet."""
     panels = [*_stiffness(found.stiffness, " without weight"), *_stiffness(found.loaded, " with weight")]
     _draw(found, [*panels, *_change(found)], 6, poses, title, targets)
+
+
+def draw_frequencies(found: StiffnessMap, poses: Poses, title: str, *targets: Path) -> None:
+    """Draw the first natural frequencies."""
+    values = np.zeros((0, 0, 0)) if found.frequencies is None else found.frequencies
+    panels = [Panel(f"$f_{{{k + 1}}}$ (Hz)", values[..., k]) for k in range(values.shape[2])]
+    _draw(found, [p for p in panels if np.isfinite(p.values).any()], 3, poses, title, targets)
 
 
 class Panel(NamedTuple):
@@ -257,14 +273,16 @@ def write_map(found: StiffnessMap, folder: Path, title: str = "") -> None:
     The netCDF file is the dataset of `as_dataset`.
     """
     at = np.column_stack([np.tile(found.columns, len(found.rows)), np.repeat(found.rows, len(found.columns))])
-    rows = np.column_stack([at, *(values.reshape(-1, 6) for values in (found.stiffness, found.loaded, found.sag))])
+    fields = {"stiffness": found.stiffness, "stiffness_loaded": found.loaded, "sag": found.sag}
+    fields |= {} if found.frequencies is None else {"frequencies": found.frequencies}
+    rows = np.column_stack([at, *(values.reshape(len(at), -1) for values in fields.values())])
     words = [name.lower().replace("_", "") for name in DIAGONAL]
     names = [found.across, found.up, *words, *(f"{word}_loaded" for word in words), *(f"sag_{axis}" for axis in AXES)]
+    names += [] if found.frequencies is None else [f"f{k + 1}" for k in range(found.frequencies.shape[2])]
     reached = np.isfinite(rows[:, 2])
     np.savetxt(folder / "map.csv", rows[reached], delimiter=",", header=",".join(names), comments="", fmt="%.9g")
     arrays = {found.across: found.columns, found.up: found.rows, "direction": np.array(DIAGONAL)}
     arrays |= {name: np.float64(value) for name, value in found.at.items()}
-    fields = {"stiffness": found.stiffness, "stiffness_loaded": found.loaded, "sag": found.sag}
     with (folder / "map.npz").open("wb") as stream:
         np.savez_compressed(stream, **arrays, **fields)  # type: ignore[arg-type]
     as_dataset(found, title).to_netcdf(folder / "map.nc", engine="scipy", format="NETCDF3_64BIT")
@@ -273,7 +291,8 @@ def write_map(found: StiffnessMap, folder: Path, title: str = "") -> None:
 def as_dataset(found: StiffnessMap, title: str = "") -> xr.Dataset:
     """Return a map as a dataset over its two coordinates with names and units, SI; NaN where nothing is reached.
 
-    Variables are `K_tx` to `K_rz`, the same with `_loaded` (under the robot's own weight), and `sag_x` to `sag_rz`.
+    Variables are `K_tx` to `K_rz`, the same with `_loaded` (under the robot's own weight), `sag_x` to `sag_rz`, and
+    `f1` and so on where the map has frequencies.
     """
     import xarray as xr
 
@@ -289,6 +308,10 @@ def as_dataset(found: StiffnessMap, title: str = "") -> xr.Dataset:
         for names, values, units, words in kinds
         for k, name in enumerate(names)
     }
+    sounds = np.zeros((0, 0, 0)) if found.frequencies is None else found.frequencies
+    for k in range(sounds.shape[2]):
+        about = {"units": "Hz", "long_name": f"natural frequency {k + 1}, drives held"}
+        variables[f"f{k + 1}"] = ((found.up, found.across), sounds[..., k], about)
     swept = {found.across: (found.across, found.columns), found.up: (found.up, found.rows)}
     places: dict[str, Any] = {
         name: (*value, {"units": lengths[AXES.index(name)], "long_name": _long_name(name)})

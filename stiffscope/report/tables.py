@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from stiffscope.jobs.results import PartResult
     from stiffscope.report.compare import Comparison
     from stiffscope.robot.audit import Finding
+    from stiffscope.vjm.modes import Modes
     from stiffscope.vjm.statics import Stiffness
 
 SIX = (DIAGONAL[:3], DIAGONAL[3:])
@@ -173,6 +174,22 @@ def show_deflection(names: Sequence[str], twist: Any, shares: Mapping[str, Any],
     order = sorted(shares.items(), key=lambda item: -float(np.max(item[1])))
     parts = [(part, *(f"{100 * v:z.2f}" for v in share)) for part, share in order]
     show_table("Strain energy by component, %", (("component",), *((name,) for name in names)), parts)
+
+
+def show_modes(names: Sequence[str], found: Modes, title: str) -> None:
+    """Natural frequencies at each pose with their bounds, and the elements with most of the strain energy."""
+    rows: list[Sequence[str]] = []
+    for i, name in enumerate(names):
+        for k, (hertz, bound) in enumerate(zip(found.frequencies[i], found.error[i], strict=True)):
+            if not np.isfinite(hertz):
+                continue
+            shares = {element: float(share[i, k]) for element, share in found.energy.items()}
+            most = sorted(shares, key=lambda element: -shares[element])[:3]
+            said = ", ".join(f"{element} {100 * shares[element]:.0f} %" for element in most if shares[element] > 0.005)
+            spread = f"{bound:.2g}" if bound else ""
+            rows.append(("" if k else name, str(k + 1), f"{hertz:.5g}", spread, said or "moves freely"))
+    groups = (("pose",), ("mode", "Hz", "± 95 %"), ("strain energy",))
+    show_table(title, groups, rows, prose=("strain energy",))
 
 
 def show_change(names: Sequence[str], old: Any, new: Any, overrides: Sequence[str]) -> None:

@@ -51,7 +51,14 @@ def gravity_of(robot: RobotFile) -> np.ndarray:
 def _body(name: str, body: BodySection, matrices: Mapping[str, PartMatrix]) -> Body:
     if isinstance(body, ElasticBody):
         made_of = matrices[body.part]
-        return member(name, body.base, body.tip, made_of.compliance, y=body.y, mass=made_of.mass, error=made_of.error)
+        dynamics = made_of.dynamics
+        if dynamics is not None and made_of.clamp is not None:
+            length = float(np.linalg.norm(np.subtract(body.tip, body.base)))
+            dynamics = dynamics.moved(np.array([-length, 0.0, 0.0]) - made_of.clamp, np.zeros(3))
+        return member(
+            name, body.base, body.tip, made_of.compliance, y=body.y, mass=made_of.mass, error=made_of.error,
+            dynamics=dynamics,
+        )  # fmt: skip
     centre = None if body.centre is None else np.array(body.centre)
     return Body(name, body.mass, centre, None if body.inertia is None else tensor(body.inertia))
 

@@ -12,8 +12,10 @@ import numpy as np
 from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
 from stiffscope.fea.beam import circle, euler_bernoulli, rectangle, timoshenko
+from stiffscope.robot.beam_dynamics import beam_dynamics
 from stiffscope.robot.part_sections import MatrixPart, ParametricPart, PartSection, SolidPart, Source, StepPart
 from stiffscope.vjm.checks import checked_compliance
+from stiffscope.vjm.dynamics import Dynamics
 from stiffscope.vjm.screws import shift
 
 if TYPE_CHECKING:
@@ -30,11 +32,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PartMatrix:
-    """Compliance (6, 6) in the part's axes at its tip, bounds (6, 6) on its entries or None, and mass in kg."""
+    """Compliance (6, 6) in the part's axes at its tip, bounds (6, 6) on its entries or None, and mass in kg.
+
+    ``dynamics``: the part's condensed mass, where its source knows it, on the twist of its tip and on that of its base
+    at ``clamp`` (3,), seen from the tip, part axes.
+    """
 
     compliance: np.ndarray
     error: np.ndarray | None = None
     mass: float = 0.0
+    dynamics: Dynamics | None = None
+    clamp: np.ndarray | None = None
 
 
 class Experiment(Protocol):
@@ -53,6 +61,11 @@ class Experiment(Protocol):
     @property
     def mass(self) -> float:
         """Mass of the solid, kg."""
+        ...
+
+    @property
+    def experiment(self) -> Any:
+        """The experiment itself: its condensed mass, and the points that it refers to."""
         ...
 
 
@@ -138,9 +151,32 @@ def part_matrices(
     found = {}
     for name, source in part_sources(robot, components).items():
         mass = known_mass(robot, name)
+        mass = experiments[name].mass if mass is None else mass
         compliance, error = _matrix(robot, name, source, experiments)
-        found[name] = PartMatrix(compliance, error, experiments[name].mass if mass is None else mass)
+        dynamics, clamp = _dynamics(robot, name, source, experiments, mass)
+        found[name] = PartMatrix(compliance, error, mass, dynamics, clamp)
     return found
+
+
+def _dynamics(
+    robot: RobotFile, name: str, source: str | np.ndarray, experiments: Mapping[str, Experiment], mass: float
+) -> tuple[Dynamics | None, np.ndarray | None]:
+    """Condensed mass of a part whose source knows it, of the mass that the part has, and where its base is."""
+    if not isinstance(source, str) or not mass:
+        return None, None
+    if _tested(source):
+        experiment = experiments[name].experiment
+        found = Dynamics(experiment.condensed_mass, experiment.mode_squares)
+        clamp = experiment.clamp_point - experiment.reference_point
+    elif source == "beam":
+        material, segments = robot.material(name), beam_segments(robot, name)
+        if material is None:
+            return None, None
+        found = beam_dynamics(segments, material.youngs_modulus, material.shear_modulus, material.density)
+        clamp = np.array([-sum(length for length, _ in segments), 0.0, 0.0])
+    else:
+        return None, None
+    return found.scaled(mass / found.total), clamp
 
 
 def _matrix(

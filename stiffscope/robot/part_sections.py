@@ -25,6 +25,7 @@ from stiffscope.robot.values import (
     Duration,
     Expansion,
     Foundation,
+    Frequency,
     Layers,
     Length,
     LengthOrAuto,
@@ -46,7 +47,10 @@ MaterialName = Annotated[str, Says('a material such as "steel"')]
 
 
 class Mesh(Section):
-    """How finely a part is meshed; None ("auto" in the file) leaves a length to `fea`, and wants no tolerance."""
+    """How finely a part is meshed; None ("auto" in the file) leaves a length to `fea`, and wants no tolerance.
+
+    `modes`, or all below `highest_frequency`, are the fixed-interface modes of the part's condensed mass.
+    """
 
     size: LengthOrAuto = None
     envelope: LengthOrAuto = None
@@ -55,6 +59,8 @@ class Mesh(Section):
     most_unknowns: Positive = 2_000_000
     time_limit: Duration = 300.0
     solver: Literal["auto", "direct", "multigrid"] = "auto"
+    modes: Count | None = None
+    highest_frequency: Frequency | None = None
 
 
 def _position(value: Any) -> str | tuple[float, ...]:

@@ -34,6 +34,7 @@ MASS = Dimension("a mass", "kg", "1.95 kg")
 STIFFNESS = Dimension("a stiffness", "N/m", "12.7 N/um")
 ACCELERATION = Dimension("an acceleration", "m/s^2", "9.81 m/s^2")
 DURATION = Dimension("a duration", "s", "120 s")
+FREQUENCY = Dimension("a frequency", "Hz", "2 kHz")
 FOUNDATION = Dimension("a stiffness per area", "N/m^3", "5000 N/mm^3")
 FORCE = Dimension("a force", "N", "100 N")
 MOMENT = Dimension("a moment", "N*m", "5 N*m")
@@ -41,7 +42,7 @@ NUMBER = Dimension("a number", "", "0.3")
 SHARE = Dimension("a share", "", "0.1 %")
 
 _NAMED = (
-    *(LENGTH, MODULUS, DENSITY, EXPANSION, MASS, STIFFNESS, ACCELERATION, DURATION, FOUNDATION),
+    *(LENGTH, MODULUS, DENSITY, EXPANSION, MASS, STIFFNESS, ACCELERATION, DURATION, FREQUENCY, FOUNDATION),
     *(Dimension("an angle", "rad"), Dimension("an area", "m^2"), FORCE, Dimension("a volume", "m^3")),
     *(Dimension("a temperature", "K"), MOMENT),
 )

@@ -16,14 +16,16 @@ from pathlib import Path
 
 import numpy as np
 
+ROW = r"\s*\d+\s+[-\d.]+E"
+
 
 def ccx():
     """Path of the solver, or None."""
     return shutil.which("ccx")
 
 
-def deck(points, cells, clamped, loaded, point, youngs_modulus, poisson):
-    """Input file in m and N: the loaded nodes are a rigid body with a reference and a rotation node."""
+def model(points, cells, clamped, loaded, point, youngs_modulus, poisson, density):
+    """Model data in m, N and kg: the loaded nodes are a rigid body with a reference and a rotation node."""
     count = len(points)
     reference, rotation = count + 1, count + 2
     lines = ["*NODE, NSET=ALL"]
@@ -37,7 +39,15 @@ def deck(points, cells, clamped, loaded, point, youngs_modulus, poisson):
         "*BOUNDARY", "CLAMP,1,3",
         f"*RIGID BODY, NSET=FACE, REF NODE={reference}, ROT NODE={rotation}",
         "*MATERIAL, NAME=M", "*ELASTIC", f"{youngs_modulus:.12e},{poisson:.12e}",
-        "*SOLID SECTION, ELSET=SOLID, MATERIAL=M",
+        "*DENSITY", f"{density:.12e}", "*SOLID SECTION, ELSET=SOLID, MATERIAL=M",
+    ]  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+def unit_loads(count):
+    """The step of six unit loads for a model of ``count`` nodes: the displacements of its rigid face."""
+    reference, rotation = count + 1, count + 2
+    lines = [
         f"*NSET, NSET=OUT\n{reference},{rotation}",
         "*STEP", "*GREEN", "*CLOAD",
         *(f"{node},{axis},1." for node in (reference, rotation) for axis in (1, 2, 3)),
@@ -46,18 +56,30 @@ def deck(points, cells, clamped, loaded, point, youngs_modulus, poisson):
     return "\n".join(lines) + "\n"
 
 
-def run(folder, text, environment):
-    """(6, 6) compliance of a deck: motions of the reference and the rotation node that the solver prints."""
+FREQUENCIES = "*STEP\n*FREQUENCY\n6\n*END STEP\n"
+
+
+def run(folder, text, environment=None):
+    """Run a deck and return the numbers (rows, columns) of the tables that the solver prints."""
     folder = Path(folder)
     (folder / "part.inp").write_text(text)
     done = subprocess.run(
         [ccx(), "-i", "part"], cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=1200
     )
-    moved = np.array([
-        [float(value) for value in line.split()]
-        for line in (folder / "part.dat").read_text().splitlines()
-        if re.match(r"\s*\d+\s+[-\d.]+E", line)
-    ])  # fmt: skip
+    rows = [line.split() for line in (folder / "part.dat").read_text().splitlines() if re.match(ROW, line)]
+    if not rows:
+        raise RuntimeError(f"CalculiX printed nothing: {done.stdout[-400:]}")
+    return np.array([[float(value) for value in row] for row in rows if len(row) == len(rows[0])])
+
+
+def compliance(folder, text, environment):
+    """(6, 6) compliance of a model and its unit loads: motions of the reference and the rotation node."""
+    moved = run(folder, text, environment)
     if moved.shape != (12, 4):
-        raise RuntimeError(f"CalculiX printed {moved.shape} rows: {done.stdout[-400:]}")
+        raise RuntimeError(f"CalculiX printed {moved.shape} rows")
     return moved[:, 1:].reshape(6, 6).T
+
+
+def frequencies(folder, text):
+    """(6,) lowest natural frequencies of a model, Hz."""
+    return np.sqrt(run(folder, text + FREQUENCIES)[:6, 1]) / (2 * np.pi)

@@ -33,6 +33,7 @@ class Problem:
     point: np.ndarray
     youngs_modulus: float
     poisson: float
+    density: float
 
     @cached_property
     def mesh(self):
@@ -85,18 +86,23 @@ def meshed(name, factor=1.0, layers=1):
     return Problem(
         mesh.points, mesh.cells, mesh.facets, mesh.facet_face, np.array(sorted(part.clamped)),
         np.array(sorted(face.faces)), np.asarray(face.reference_point), part.material.youngs_modulus,
-        part.material.poisson,
+        part.material.poisson, part.material.density,
+    )  # fmt: skip
+
+
+def for_calculix(problem):
+    """The problem as CalculiX's model data."""
+    return calculix.model(
+        problem.points, problem.cells, problem.nodes(problem.clamped), problem.nodes(problem.loaded), problem.point,
+        problem.youngs_modulus, problem.poisson, problem.density,
     )  # fmt: skip
 
 
 def in_calculix(problem, job):
     """CalculiX with SPOOLES on "threads" threads."""
-    text = calculix.deck(
-        problem.points, problem.cells, problem.nodes(problem.clamped), problem.nodes(problem.loaded), problem.point,
-        problem.youngs_modulus, problem.poisson,
-    )  # fmt: skip
+    text = for_calculix(problem) + calculix.unit_loads(len(problem.points))
     with tempfile.TemporaryDirectory() as folder:
-        return calculix.run(folder, text, os.environ | {"OMP_NUM_THREADS": str(job.get("threads", 1))})
+        return calculix.compliance(folder, text, os.environ | {"OMP_NUM_THREADS": str(job.get("threads", 1))})
 
 
 def in_ours(problem, job):

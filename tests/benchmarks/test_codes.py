@@ -20,14 +20,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stiffscope.fea.multigrid import prepare
 from tests.benchmarks import calculix
-from tests.benchmarks.codes import PARAMETERS, measured, meshed
+from tests.benchmarks.codes import PARAMETERS, Problem, build, for_calculix, measured, meshed
 
 pytest.importorskip("psutil", reason="psutil is missing (pip install psutil)")
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(1800)]
 TARGET = 1e-3
-HINTS = {"CalculiX": "Debian: calculix-ccx", "MFEM": "pip install mfem"}
-PRESENT = {"CalculiX": calculix.ccx(), "MFEM": find_spec("mfem")}
+HINTS = {"CalculiX": "Debian: calculix-ccx", "MFEM": "pip install mfem", "EXUDYN": "pip install exudyn"}
+PRESENT = {"CalculiX": calculix.ccx(), "MFEM": find_spec("mfem"), "EXUDYN": find_spec("exudyn")}
 OURS = ({}, {"tolerance": 3e-3}, {"tolerance": TARGET})
 SWEEP = {  # times the default size, layers at singular edges; what was measured not to suffice is left out but for one
     "link": ((1, 1), (0.7, 2)),
@@ -65,6 +66,82 @@ def test_same_mesh_same_answer(stored, code, order):
     print("\n| part | dofs | other code | ours | other | largest difference of 36 |\n" + "|---" * 6 + "|")
     print(f"| {name} | {mine['dofs']} | {code} | {cost(mine)} | {cost(theirs)} | {worst:.0e} |", flush=True)
     assert worst < 2e-6  # CalculiX prints seven digits
+
+
+def test_same_mesh_same_frequencies(stored, tmp_path, monkeypatch):
+    """Six natural frequencies, clamped, of the quadratic elements; stiffness and mass by CalculiX's four points."""
+    need("CalculiX")
+    from stiffscope.fea import elasticity, mass
+    from stiffscope.fea.modes import lowest_modes
+
+    name, path = stored
+    for module, order in ((elasticity, "CURVED_ORDER"), (mass, "CURVED_ORDER"), (mass, "STRAIGHT_ORDER")):
+        monkeypatch.setattr(module, order, 2)
+    with np.load(path) as held:
+        problem = Problem(**held)
+    supports, loads = problem.supported()
+    stiffness = elasticity.assemble(problem.mesh, problem.elasticity)
+    weight = mass.assemble_mass(problem.mesh, problem.density).nodes
+    solver = prepare(problem.mesh, stiffness, supports)
+    squares, _ = lowest_modes(
+        lambda x: supports.restrict(stiffness @ supports.expand(x)),
+        lambda x: supports.restrict(mass.times(weight, supports.expand(x))),
+        solver.precondition,
+        solver.precondition(np.random.default_rng(0).normal(size=(len(loads), 12))),
+        6,
+    )
+    ours = np.sqrt(squares[:6]) / (2 * np.pi)
+    theirs = calculix.frequencies(tmp_path, for_calculix(problem))
+    print(f"\n| {name}, Hz | " + " | ".join("123456") + " |\n" + "|---" * 7 + "|")
+    for label, values in (("ours", ours), ("CalculiX", theirs)):
+        print(f"| {label} | " + " | ".join(f"{value:.4f}" for value in values) + " |")
+    print(f"| largest difference | {np.abs(ours / theirs - 1).max():.1e} |", flush=True)
+    assert ours == pytest.approx(theirs, rel=2e-6)  # CalculiX prints seven digits
+
+
+@pytest.mark.parametrize("name", PARAMETERS)
+def test_exudyn_takes_the_superelement(name, tmp_path, monkeypatch):
+    """Held at its clamp: natural frequencies and the static deflection under its weight, from the files alone."""
+    need("EXUDYN")
+    import exudyn
+    from exudyn.utilities import NodeGenericODE2, ObjectGenericODE2
+
+    from stiffscope.fea.experiment import run_experiment
+    from stiffscope.fea.export import write_superelement
+
+    experiment = run_experiment(build(name))
+    monkeypatch.chdir(tmp_path)  # EXUDYN writes its solution into the working folder
+    write_superelement(experiment, tmp_path / "part")
+    with np.load(tmp_path / "part.npz") as part:
+        stiffness, mass = part["stiffness"], part["mass"]
+    fall = np.zeros(len(mass))
+    fall[[2, 8]] = -9.81  # z of both nodes
+    count = len(mass) - 6
+    system = exudyn.SystemContainer().AddSystem()
+    zeros = [0.0] * count
+    node = system.AddNode(
+        NodeGenericODE2(
+            referenceCoordinates=zeros, initialCoordinates=zeros, initialCoordinates_t=zeros,
+            numberOfODE2Coordinates=count,
+        )
+    )  # fmt: skip
+    system.AddObject(
+        ObjectGenericODE2(
+            nodeNumbers=[node], massMatrix=mass[6:, 6:], stiffnessMatrix=stiffness[6:, 6:],
+            forceVector=(mass @ fall)[6:],
+        )
+    )  # fmt: skip
+    system.Assemble()
+    values, _ = system.ComputeODE2Eigenvalues()
+    theirs = np.sqrt(np.sort(values)[:6]) / (2 * np.pi)
+    system.SolveStatic(exudyn.SimulationSettings())
+    moved = system.GetNodeOutput(node, exudyn.OutputVariableType.Coordinates)[:6]
+    print(f"\n| {name}, Hz | " + " | ".join("123456") + " |\n" + "|---" * 7 + "|")
+    for label, found in (("ours", experiment.frequencies), ("EXUDYN", theirs)):
+        print(f"| {label} | " + " | ".join(f"{value:.3f}" for value in found) + " |")
+    print(f"sag of the tip: ours {-9.81 * experiment.self_weight[2, 2]:.6e} m, EXUDYN {moved[2]:.6e} m", flush=True)
+    assert theirs == pytest.approx(experiment.frequencies, rel=5e-3)
+    assert moved[2] == pytest.approx(-9.81 * experiment.self_weight[2, 2], rel=1e-3)
 
 
 @pytest.mark.parametrize("name", PARAMETERS)

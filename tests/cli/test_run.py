@@ -87,7 +87,7 @@ def test_beam_theory_is_beside_the_own_shape_alone(tmp_path, capsys, solid):
     empty = np.zeros((0, 3))
     experiment = Experiment(
         "slider", "rigid", beam, 0.01 * abs(beam), np.zeros((1, 3)), np.zeros(3),
-        SimpleNamespace(points=empty, cells=empty), empty, empty, 0.0, 1.0, 1.0, 0,
+        SimpleNamespace(points=empty, cells=empty), empty, empty, 0.0, 1.0, 1.0, 0, 1.0, *[empty] * 8,
     )  # fmt: skip
     facts = {"mass": 1.0, "mass_centre": [0, 0, 0], "inertia": np.eye(3)}
     result = PartResult(order, "", tmp_path, experiment, facts, reused=True, seconds=0.0)

@@ -8,6 +8,7 @@ from stiffscope.fea.elasticity import isotropic
 from stiffscope.fea.specimen import Specimen
 
 STEEL = isotropic(211e9, 81e9)
+DENSITY = 7850.0
 CLAMPED, LOADED = frozenset({0}), frozenset({1})
 
 
@@ -34,7 +35,7 @@ def _specimen(name, vertices, triangles, tags, faces, volume, tip, elasticity):
         vertices=vertices, triangles=np.array(triangles), face_of_triangle=np.array(tags), faces=tuple(faces), seams=()
     )
     loaded = ((LOADED, np.array(tip, float)),)
-    return Specimen(name, surface, projector(surface), elasticity, CLAMPED, loaded, volume)
+    return Specimen(name, surface, projector(surface), elasticity, CLAMPED, loaded, volume, DENSITY)
 
 
 def box(length, width, height, elasticity=STEEL):

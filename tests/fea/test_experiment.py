@@ -106,5 +106,5 @@ def test_settings_refuse_what_cannot_be(wrong):
 def test_progress_names_the_stages():
     seen = []
     examine(LINK, Settings(size=0.02), lambda stage, fraction: seen.append((stage, fraction)))
-    assert [stage for stage, _ in seen] == ["mesh", "solve", "solve"]
+    assert [stage for stage, _ in seen] == ["mesh", "solve", "modes", "solve"]
     assert seen[-1][1] == 1.0

@@ -9,8 +9,8 @@ from scipy.io import mmread
 import stiffscope.fea.adapt
 import stiffscope.fea.solution
 from stiffscope.errors import InputError
-from stiffscope.fea.couplings import rigid_modes
-from stiffscope.fea.cubic import cubic_compliance
+from stiffscope.fea.couplings import carried, rigid_modes
+from stiffscope.fea.cubic import solve_cubic
 from stiffscope.fea.elasticity import isotropic
 from stiffscope.fea.experiment import examine, load_experiment
 from stiffscope.fea.export import free_superelement, write_superelement
@@ -90,22 +90,51 @@ def test_a_foundation_too_soft_to_hold_is_refused():
 
 def test_no_bound_without_convergence(monkeypatch):
     rubber = box(0.06, 0.03, 0.02, isotropic(3e6, 3e6 / 2 / (1 + 0.49999)))
-    monkeypatch.setattr(stiffscope.fea.solution, "cubic_compliance", partial(cubic_compliance, limit=60))
+    monkeypatch.setattr(stiffscope.fea.solution, "solve_cubic", partial(solve_cubic, limit=60))
     with pytest.raises(MeshError, match="did not converge in 60 steps"):
         examine(rubber, Settings(size=0.03))
 
 
-def test_superelement_is_free_and_is_the_part_when_held(plate, tmp_path):
-    stiffness, nodes = free_superelement(plate)
-    modes = np.zeros((2, 6, 6))
-    modes[:, :3], modes[:, 3:, 3:] = rigid_modes(nodes, np.zeros(3)), np.eye(3)
-    assert np.abs(stiffness @ modes.reshape(12, 6)).max() < 1e-8 * np.abs(stiffness).max()
-    assert np.allclose(np.linalg.inv(stiffness[6:, 6:]), plate.compliance, rtol=1e-7, atol=1e-18)
-    archive, matrix = write_superelement(plate, tmp_path / "plate")
+def test_superelement_is_free_and_is_the_part_when_held(plate):
+    found = free_superelement(plate)
+    modes = np.zeros((len(found.stiffness), 6))
+    modes[:12] = carried(found.nodes, np.zeros(3))
+    assert np.abs(found.stiffness @ modes).max() < 1e-8 * np.abs(found.stiffness).max()
+    assert np.allclose(np.linalg.inv(found.stiffness[6:12, 6:12]), plate.compliance, rtol=1e-7, atol=1e-18)
+    assert found.stiffness[12:, 12:] == pytest.approx(np.diag(plate.mode_squares))
+    assert not found.stiffness[:12, 12:].any()
+
+
+def test_superelement_is_read_by_others(plate, tmp_path):
+    archive, bulk, *matrices = write_superelement(plate, tmp_path / "plate")
+    found = free_superelement(plate)
     with np.load(archive, allow_pickle=False) as held:
-        assert np.array_equal(held["stiffness"], stiffness)
+        assert np.array_equal(held["stiffness"], found.stiffness)
+        assert np.array_equal(held["mass"], found.mass)
         assert "ux, uy, uz" in str(held["help"])
-    assert np.allclose(mmread(matrix), stiffness, rtol=1e-12)
+    direct = direct_matrices(bulk.read_text())
+    for name, path, matrix in zip(("KPART", "MPART"), matrices, (found.stiffness, found.mass), strict=True):
+        assert np.allclose(mmread(path), matrix, rtol=1e-12)
+        assert np.allclose(direct[name], matrix, rtol=1e-9, atol=0)
+    assert max(map(len, bulk.read_text().splitlines())) <= 130  # comments; data lines have at most 72 columns
+
+
+def direct_matrices(text):
+    """The DMIG matrices of bulk data in large fields: 8 columns, then four of 16."""
+    points, matrices, column = [], {}, None
+    for line in text.splitlines():
+        fields = [line[:8].strip(), *(line[k : k + 16].strip() for k in range(8, len(line), 16))]
+        if fields[0] == "GRID*":
+            points += [(int(fields[1]), component) for component in range(1, 7)]
+        elif line.startswith("SPOINT"):
+            points.append((int(line[8:16]), 0))
+        elif fields[0] == "DMIG*":
+            name, column = fields[1], points.index((int(fields[2]), int(fields[3])))
+            matrix = matrices.setdefault(name, np.zeros((len(points), len(points))))
+        elif fields[0] == "*" and column is not None:
+            row = points.index((int(fields[1]), int(fields[2])))
+            matrix[row, column] = matrix[column, row] = float(fields[3])
+    return matrices
 
 
 @pytest.mark.parametrize(("name", "value"), [("tolerance", 0), ("tolerance", 2), ("foundation", -1.0)])

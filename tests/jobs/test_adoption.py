@@ -59,6 +59,7 @@ def test_files_that_a_robot_names_are_named_from_the_new_place(tmp_path):
     text = (tmp_path / "robot.toml").read_text() + '\n[bodies.cap]\nmesh = "cap.stl"\n'
     joint = '[joints.bolt]\nbetween = ["arm.tip", "cap"]\ntype = "fixed"\nat = [0, 0, 0]\n'
     (tmp_path / "robot.toml").write_text(text + joint)
+    (tmp_path / "cap.stl").touch()
     robot = load_robot(tmp_path / "robot.toml")
     gravity = Effect("gravity", "robot", 0.9, 0.1)
     adopt(tmp_path / "deep" / "new.toml", robot, None, diagnosis(gravity), campaign="c", components="fea")

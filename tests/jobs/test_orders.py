@@ -82,7 +82,7 @@ def test_parts_that_have_no_experiment_are_refused(tmp_path):
 def test_a_part_names_a_folder_of_results(tmp_path, name):
     text = one_part(tmp_path, ROD).path.read_text().replace('"bar 1"', f'"{name}"')
     (tmp_path / "robot.toml").write_text(text)
-    with pytest.raises(InputError, match=r"robot\.toml:4: parts\..*: expected a name that a folder"):
+    with pytest.raises(InputError, match=r"robot\.toml:4: parts\..*: expected a name that a file"):
         load_robot(tmp_path / "robot.toml")
 
 

@@ -129,7 +129,9 @@ def test_a_notebook_shows_the_tables():
     try:
         register()
         zeros = np.zeros((6, 6))
-        shown = Experiment("plate", "rigid", np.eye(6), zeros, np.zeros((1, 3)), *[None] * 4, 0.0, 1.0, 1.0, 6)
+        shown = Experiment(
+            "plate", "rigid", np.eye(6), zeros, np.zeros((1, 3)), *[None] * 4, 0.0, 1.0, 1.0, 6, *[None] * 9
+        )
         stiff = state(np.zeros((1, 3)), np.eye(6)[None], np.zeros((1, 6)))
         for value, words in ((shown, "plate, rigid"), (stiff, "Stiffness at M (diagonal")):
             formats, _ = shell.display_formatter.format(value)

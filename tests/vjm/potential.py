@@ -55,7 +55,8 @@ class Potential:
             points = [(b.nodes[0], b.centre, b.mass)]
             if b.elastic is not None:
                 e = b.elastic
-                points = [(b.nodes[0], e.base, b.mass / 2), (b.nodes[1], e.tip, b.mass / 2)]
+                inward = np.zeros(3) if e.dynamics is None else (e.tip - e.base) / 6  # of a uniform beam's weight
+                points = [(b.nodes[0], e.base + inward, b.mass / 2), (b.nodes[1], e.tip - inward, b.mass / 2)]
                 first, second = axes(b.nodes[0], e.axes), axes(b.nodes[1], e.axes)
                 gap = place(b.nodes[1], e.tip) - place(b.nodes[0], e.tip)
                 t = _t(first) @ second

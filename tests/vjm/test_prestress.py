@@ -5,12 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.part_matrices import part_matrices
+from stiffscope.robot.reader import load_robot
+from stiffscope.vjm.dynamics import Dynamics
 from stiffscope.vjm.literal import Behind, literal_stiffness, load_hessian
-from stiffscope.vjm.mechanism import Body, Change, Joint, Mechanism, Tool, member
+from stiffscope.vjm.mechanism import Body, Change, Drive, Joint, Mechanism, Tool, member
 from stiffscope.vjm.screws import rotation
 from stiffscope.vjm.statics import analyse, sag, stiffness
 from tests.robots import GEOMETRY, euler_bernoulli, pose_at, published_slider, random_compliance
 from tests.vjm import energy, oracle
+from tests.vjm.dense_modes import frame_mass
 from tests.vjm.files import CHECKED, biglide, read, serial_arm
 from tests.vjm.potential import Potential, by_angular_velocity
 
@@ -23,14 +28,36 @@ def compared(m, hessian, droop, pose):
     return np.abs((exact - plain) / size).max(), np.abs((exact - hessian) / size).max()
 
 
+def with_frames(m):
+    """The mechanism with the consistent mass of a uniform frame element on every elastic body."""
+    bodies = []
+    for b in m.bodies:
+        if b.elastic is not None and b.mass:
+            length = float(np.linalg.norm(b.elastic.tip - b.elastic.base))
+            mass = frame_mass(length, 1e-3, 1e-7, b.mass / (1e-3 * length))
+            bodies.append(replace(b, elastic=replace(b.elastic, dynamics=Dynamics(mass, np.zeros(0)))))
+        else:
+            bodies.append(b)
+    return replace(m, bodies=tuple(bodies))
+
+
+def shipped_delta():
+    """Rods between balls whose weight acts with moments on both ends."""
+    robot = load_robot("delta")
+    return mechanism_of(robot, part_matrices(robot))
+
+
 @pytest.mark.parametrize(
     ("robot", "pose", "weight"),
     [
+        (lambda: with_frames(serial_arm()), [0.85, 0.1, 1.1, 0.1, 0.05, -0.1], 10.0),
+        (lambda: with_frames(read("linear-delta")), CHECKED["linear-delta"]["poses"][1], 3.0),
         (serial_arm, [0.85, 0.1, 1.1, 0.1, 0.05, -0.1], 1.0),
         (lambda: read("linear-delta"), CHECKED["linear-delta"]["poses"][1], 1.0),
         (lambda: read("stewart"), CHECKED["stewart"]["poses"][1], 100.0),
+        (shipped_delta, [0.0, 0.0, -0.9], 1.0),
     ],
-    ids=["serial arm", "linear-delta", "stewart"],
+    ids=["serial arm of frames", "linear-delta of frames", "serial arm", "linear-delta", "stewart", "shipped delta"],
 )
 def test_exact_stiffness_is_the_hessian_of_the_potential_energy(robot, pose, weight):
     m = robot()
@@ -49,6 +76,37 @@ def test_bearings_of_balls_yield_under_load_as_the_potential_energy_says():
     change, left = compared(m, hessian, droop, pose)
     assert change > 1e-5
     assert left < 1e-3 * change
+
+
+def test_weight_acts_as_the_part_condenses_it(rng):
+    """A cantilever's tip sinks by w L⁴ / 8EI and turns by w L³ / 6EI; half at either end it would be w L⁴ / 6EI."""
+    length, mass = 0.8, 3.0
+    c = euler_bernoulli(length, 0.01)
+    dynamics = Dynamics(frame_mass(length, 1e-3, 1e-7, mass / (1e-3 * length)), np.zeros(0))
+    rod = member("rod", [0, 0, 0], [0, length, 0], c, y=[0, 0, 1], mass=mass, dynamics=dynamics)
+    slide = Joint("slide", "ground", "rod.base", "prismatic", [0, 0, 0], [0, 1, 0], drive=Drive(1e12))
+    m = Mechanism((rod,), (slide,), Tool("rod.tip", [0, length, 0], ("y",)), np.array([0, 0, -9.81]))
+    down = mass / length * 9.81 * c[4, 4] / length  # w / EI
+    assert sag(m, [length])[0, [2, 3]] == pytest.approx([-down * length**4 / 8, -down * length**3 / 6], rel=1e-9)
+
+
+def test_moments_that_no_lever_gives_act_in_full(rng):
+    """Any condensed mass: wrenches on both ends are its rows for a common acceleration."""
+    m = serial_arm()
+    pose = [0.85, 0.1, 1.1, 0.1, 0.05, -0.1]
+    factor = rng.normal(size=(12, 12))
+    link = m.body("link3")
+    heavy = replace(link, elastic=replace(link.elastic, dynamics=Dynamics(0.1 * factor @ factor.T, np.zeros(0))))
+    changed = replace(m, bodies=tuple(heavy if b is link else replace(b, mass=0.0) for b in m.bodies))
+    bodies = oracle.Bodies(changed).close(pose, 4)
+    r, p = bodies.of("link3.base")
+    axes, e = r @ link.elastic.axes, link.elastic
+    falling = np.tile(np.concatenate([axes.T @ m.gravity, np.zeros(3)]), 2)
+    wrench, loads = heavy.elastic.dynamics.mass @ falling, {}
+    for node, at, w in zip(link.nodes, (e.base, e.tip), np.split(wrench, 2), strict=True):
+        force, moment = axes @ w[:3], axes @ w[3:]
+        loads[node] = np.concatenate([force, moment + np.cross(r @ at + p, force)])
+    assert sag(changed, pose)[0] == pytest.approx(oracle.solve(bodies, loads)[1], rel=1e-8)
 
 
 def test_lack_of_fit_prestresses_as_the_potential_energy_says():

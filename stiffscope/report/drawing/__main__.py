@@ -6,8 +6,10 @@ import sys
 from pathlib import Path
 
 from stiffscope.report.drawing.part import part_pictures
-from stiffscope.report.drawing.robot import robot
+from stiffscope.report.drawing.robot import animation, robot
 
 order = json.loads(Path(sys.argv[1]).read_text())
-{"part_pictures": part_pictures, "robot": robot}[order["picture"]](Path(order["target"]), **order["arguments"])
+{"part_pictures": part_pictures, "robot": robot, "animation": animation}[order["picture"]](
+    Path(order["target"]), **order["arguments"]
+)
 os._exit(0)  # VTK's own end has been seen to crash after the picture was there

@@ -28,6 +28,7 @@ SHARES = "YlOrRd"
 NO_SHARE, BEFORE, EDGES = "#d9dde2", "#9aa4b0", "#20252b"
 TOWARDS = (0.42, -1.0, 0.4)  # the camera, in axes whose z points up
 WIDTH, ABOVE, BELOW = 1200, 42, 34  # pixels: of the picture, of its title, of its key
+MOVING, PERIOD = 720, 1280  # pixels across, and milliseconds of a vibration, of an animation
 LONG = 95  # characters of a title, from which it is smaller
 _NAMED = 5  # parts in the key, at most
 
@@ -60,7 +61,8 @@ def robot(
     up
         (3,), against gravity.
     shares
-        Colours of elements, by a share between 0 and 1, up to the largest; ``scale`` says of what.
+        Colours of elements, by a share between 0 and 1, up to the largest; ``scale`` says of what. A picture may have
+        ``shares`` of its own.
 
     """
     upward, home = np.array(up, float), np.array(tool["at"], float)
@@ -69,16 +71,54 @@ def robot(
     for picture in pictures:
         moves, before = _moves(picture["moves"]), picture.get("before")
         rotation, position = moves[tool["node"]]
-        shapes = _by_colour(solids, moves, shares)
+        coloured = picture.get("shares", shares)
+        shapes = _by_colour(solids, moves, coloured)
         if before is not None:
             shapes["before"] = _joined([solid.moved(_moves(before)) for solid in solids])
         image, view = _scene(shapes, rotation @ home + position, upward, reach)
         figure = _framed(image, view, picture["title"])
-        if shares is None:
-            _key(figure, part_colours(bodies))
-        else:
-            _share_bar(figure, scale, max(shares.values(), default=1.0))
+        _explain(figure, bodies, coloured, scale)
         figure.savefig(folder / picture["file"], dpi=100)
+
+
+def animation(
+    folder: Path,
+    pictures: list[dict[str, Any]],
+    bodies: list[dict[str, Any]],
+    joints: list[dict[str, Any]],
+    tool: dict[str, Any],
+    up: list[float],
+    shares: dict[str, float] | None = None,
+    scale: str = "share",
+) -> None:
+    """The robot moving, one GIF for each {file, title, frames, order}, seen by a camera that stands still.
+
+    ``frames``: as ``moves`` of `robot`, ``order``: which of them follow one another, in a loop; the
+    rest as for `robot`.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+
+    upward, home = np.array(up, float), np.array(tool["at"], float)
+    solids, reach = solids_of(bodies, joints, tool, upward), extent(bodies, joints, tool)
+    for picture in pictures:
+        frames = [_moves(each) for each in picture["frames"]]
+        coloured = picture.get("shares", shares)
+        shapes = [_by_colour(solids, moves, coloured) for moves in frames]
+        points = [r @ home + p for r, p in (moves[tool["node"]] for moves in frames)]
+        seen = tuple(shape.points for each in shapes for shape in each.values())
+        tips = tuple(np.add([point], 0.12 * reach * np.eye(3)) for point in points)
+        images: list[Any] = []
+        for point, each in zip(points, shapes, strict=True):
+            figure = _framed(*_scene(each, point, upward, reach, seen + tips, MOVING), picture["title"])
+            _explain(figure, bodies, coloured, scale)
+            canvas = FigureCanvasAgg(figure)
+            canvas.draw()
+            images.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
+        loop = [images[k].quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE) for k in picture["order"]]
+        loop[0].save(
+            folder / picture["file"], save_all=True, append_images=loop[1:], duration=PERIOD // len(loop), loop=0
+        )
 
 
 def _moves(given: dict[str, Any]) -> Moves:
@@ -101,9 +141,17 @@ def _joined(shapes: list[pv.PolyData]) -> pv.PolyData:
     return first if len(shapes) == 1 else first.append_polydata(*shapes[1:])
 
 
-def _scene(shapes: dict[str, pv.PolyData], point: Floats, up: Floats, reach: float) -> tuple[Floats, View]:
-    seen = np.vstack([*(shape.points for shape in shapes.values()), np.add([point], 0.12 * reach * np.eye(3))])
-    view = view_of(seen, towards=tuple(upright(up) @ TOWARDS), width=WIDTH, up=tuple(up))
+def _scene(
+    shapes: dict[str, pv.PolyData],
+    point: Floats,
+    up: Floats,
+    reach: float,
+    others: tuple[Floats, ...] = (),
+    width: int = WIDTH,
+) -> tuple[Floats, View]:
+    """The picture, and a camera that sees other points too."""
+    seen = np.vstack([*(shape.points for shape in shapes.values()), np.add([point], 0.12 * reach * np.eye(3)), *others])
+    view = view_of(seen, towards=tuple(upright(up) @ TOWARDS), width=width, up=tuple(up))
     plotter = new_plotter(view)
     for colour, shape in shapes.items():
         if colour == "before":
@@ -141,12 +189,20 @@ def _framed(image: Floats, view: View, title: str) -> Figure:
     axes = figure.add_axes((0, BELOW / total, 1, height / total))
     axes.imshow(image, interpolation="none")
     axes.set_axis_off()
-    size = 15 if len(title) < LONG else 11.5
+    size = (15 if len(title) < LONG else 11.5) * min(1.0, 0.25 + 0.75 * width / WIDTH)
     figure.text(
         12 / width, 1 - 12 / total, title, fontsize=size, va="top", fontweight="bold", parse_math=False, color="#14181c"
     )
     figure.text(1 - 12 / width, 12 / total, "at M: x red, y green, z blue", fontsize=10, color="#5a6570", ha="right")
     return figure
+
+
+def _explain(figure: Figure, bodies: list[dict[str, Any]], shares: dict[str, float] | None, scale: str) -> None:
+    """What the colours mean."""
+    if shares is None:
+        _key(figure, part_colours(bodies))
+    else:
+        _share_bar(figure, scale, max(shares.values(), default=1.0))
 
 
 def _key(figure: Figure, colours: dict[str, str]) -> None:
@@ -169,11 +225,12 @@ def _share_bar(figure: Figure, scale: str, most: float) -> None:
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    pixel = 1 / (100 * figure.get_size_inches()[1])
-    axes = figure.add_axes((0.20, 18 * pixel, 0.30, 9 * pixel))
+    across, pixel = 1 / (100 * figure.get_size_inches()[0]), 1 / (100 * figure.get_size_inches()[1])
+    left = 240 * across
+    axes = figure.add_axes((left, 18 * pixel, min(0.30, 1 - left - 240 * across), 9 * pixel))
     bar = figure.colorbar(ScalarMappable(Normalize(0, 100 * most), SHARES), cax=axes, orientation="horizontal")
     bar.ax.tick_params(labelsize=8, length=2, pad=1)
-    figure.text(0.19, 18 * pixel, f"{scale}, %", fontsize=10, color="#5a6570", ha="right")
+    figure.text(left - 12 * across, 18 * pixel, f"{scale}, %", fontsize=10, color="#5a6570", ha="right")
 
 
 def _share_colour(share: float | None, most: float) -> str:

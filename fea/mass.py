@@ -1,0 +1,81 @@
+"""Consistent mass of a mesh: ∫ ρ NᵀN dV, the same in all three directions."""
+
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false, reportOptionalSubscript=false, reportReturnType=false
+# (scikit-fem declares its types loosely)
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.sparse import csr_array
+from skfem import BilinearForm, ElementTetP2
+
+from stiffscope.fea.couplings import rigid_modes
+from stiffscope.fea.spaces import ElementTetCubic, cell_bases
+
+if TYPE_CHECKING:
+    from stiffscope.fea.mesh import Floats, TetMesh
+
+STRAIGHT_ORDER, CURVED_ORDER = 4, 7  # of quadrature: exact for quadratic functions, on curved elements too
+HIGHER = 1  # order more for their products with cubic ones
+_MASS = BilinearForm(lambda u, v, _: u * v)
+
+
+@dataclass(frozen=True)
+class Mass:
+    """Consistent mass of one direction, kg.
+
+    Attributes
+    ----------
+    nodes : (n, n) of the quadratic functions.
+    cubics : (w, n) of the cubic functions with the quadratic ones.
+    """
+
+    nodes: csr_array
+    cubics: csr_array
+
+
+def assemble_mass(mesh: TetMesh, density: float) -> Mass:
+    """Return the consistent mass of a mesh with n nodes and w cubic functions; density in kg/m³."""
+    orders = STRAIGHT_ORDER + HIGHER, CURVED_ORDER + HIGHER
+    nodes = sum(_MASS.assemble(basis) for basis in cell_bases(mesh, ElementTetP2(), STRAIGHT_ORDER, CURVED_ORDER))
+    pairs = (cell_bases(mesh, element, *orders) for element in (ElementTetP2(), ElementTetCubic()))
+    cubics = sum(_MASS.assemble(u, v) for u, v in zip(*pairs, strict=True))
+    return Mass(csr_array(density * nodes), csr_array(density * cubics))
+
+
+def times(mass: csr_array, motion: Floats) -> Floats:
+    """Return (3m, loads) the product of a mass (m, n) of one direction with (3n, loads) displacements."""
+    loads = motion.shape[1]
+    return (mass @ motion.reshape(mass.shape[1], 3 * loads)).reshape(-1, loads)
+
+
+@dataclass(frozen=True)
+class RigidMass:
+    """Mass (kg), centre of mass (3,) in m, inertia (3, 3) about it in kg m²."""
+
+    mass: float
+    centre: Floats
+    inertia: Floats
+
+
+def rigid_mass(points: Floats, mass: csr_array) -> RigidMass:
+    """Return the mass properties of nodes (n, 3) with a consistent mass (n, n): RᵀMR of the rigid motions R."""
+    middle = points.mean(axis=0)
+    modes = rigid_modes(points, middle).reshape(-1, 6)
+    return rigid_mass_of(modes.T @ times(mass, modes), middle)
+
+
+def rigid_mass_of(matrix: Floats, point: Floats) -> RigidMass:
+    """Return the mass properties that a rigid body's (6, 6) mass matrix at a point (3,) holds.
+
+    The matrix is [[m I, -m S(c)], [m S(c), J]] with the centre of mass c from the point and J the inertia about the
+    point.
+    """
+    total = float(np.trace(matrix[:3, :3])) / 3
+    first = matrix[3:, :3]  # m S(c)
+    lever = np.array([first[2, 1] - first[1, 2], first[0, 2] - first[2, 0], first[1, 0] - first[0, 1]]) / (2 * total)
+    inertia = matrix[3:, 3:] - total * (lever @ lever * np.eye(3) - np.outer(lever, lever))
+    return RigidMass(total, point + lever, (inertia + inertia.T) / 2)

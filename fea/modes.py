@@ -1,0 +1,78 @@
+"""The lowest natural modes of a supported part, by locally optimal block preconditioned conjugate gradients.
+
+References
+----------
+A. V. Knyazev, Toward the optimal preconditioned eigensolver: locally optimal block preconditioned conjugate gradient
+method, SIAM J. Sci. Comput. 23 (2001) 517. SciPy's ``lobpcg`` stops at an absolute residual of all vectors of its
+block, in a norm that adds forces to moments.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.linalg import eigh
+
+from stiffscope.fea.mesh import MeshError
+
+if TYPE_CHECKING:
+    from stiffscope.fea.mesh import Floats
+    from stiffscope.fea.solvers import Solve
+
+DEPENDENT = 1e-10  # squared length, relative, below which a direction adds nothing to a basis
+
+
+def lowest_modes(
+    stiffness: Solve,
+    mass: Solve,
+    precondition: Solve,
+    start: Floats,
+    count: int,
+    tolerance: float = 1e-8,
+    limit: int = 200,
+) -> tuple[Floats, Floats]:
+    """Return (b,) squares of the angular frequencies, rad²/s², and (c, b) mass-normalized modes, lowest first.
+
+    Parameters
+    ----------
+    stiffness, mass : products with the two matrices.
+    precondition : approximation of the stiffness's inverse.
+    start : (c, b) motions to start from, more than ``count``; the result's last ones are less accurate.
+    count : modes whose squares must be accurate to ``tolerance``, relative.
+
+    Raises
+    ------
+    MeshError : no convergence.
+    """
+    squares, turn = ritz(start.T @ stiffness(start), start.T @ mass(start), start.shape[1])
+    modes = start @ turn
+    pushed, moved = stiffness(modes), mass(modes)
+    former: tuple[tuple[Floats, ...], ...] = ()
+    for _ in range(limit):
+        residual = pushed - moved * squares
+        step = precondition(residual)
+        if (np.einsum("ij,ij->j", residual, step)[:count] <= tolerance * squares[:count]).all():
+            return squares, modes
+        step -= modes @ (moved.T @ step)
+        new = step, stiffness(step), mass(step)
+        basis = [np.hstack(part) for part in zip((modes, pushed, moved), new, *former, strict=True)]
+        squares, turn = ritz(basis[0].T @ basis[1], basis[0].T @ basis[2], modes.shape[1])
+        old = modes.shape[1]
+        former = (tuple(part[:, old:] @ turn[old:] for part in basis),)
+        modes, pushed, moved = (part @ turn for part in basis)
+    raise MeshError(f"solve: the natural frequencies did not converge in {limit} steps")
+
+
+def ritz(stiffness: Floats, mass: Floats, count: int) -> tuple[Floats, Floats]:
+    """Return (count,) squares and (k, count) combinations of k vectors with these (k, k) matrices, lowest first.
+
+    Directions in which the vectors are dependent are left out.
+    """
+    scale = 1 / np.sqrt(mass.diagonal())
+    lengths, directions = np.linalg.eigh(mass * np.outer(scale, scale))
+    kept = lengths > DEPENDENT * lengths[-1]
+    basis = scale[:, None] * directions[:, kept] / np.sqrt(lengths[kept])
+    held = basis.T @ stiffness @ basis
+    squares, turn = eigh((held + held.T) / 2, subset_by_index=(0, min(count, kept.sum()) - 1))
+    return squares, basis @ turn

@@ -1,0 +1,178 @@
+"""The commands on a robot that vibrates: natural frequencies with mode shapes, and frequency response."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from stiffscope import files
+from stiffscope.cli import options
+from stiffscope.cli.options import takes
+from stiffscope.errors import InputError
+from stiffscope.jobs.manifest import manifest_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from stiffscope.vjm.frequency_response import Port
+    from stiffscope.vjm.mechanism import Mechanism
+
+drives = click.option(
+    "--drives", type=click.Choice(("held", "free")), default="held", show_default=True,
+    help="Drives as springs at their commands, or moving freely.",
+)  # fmt: skip
+
+
+@click.command()
+@takes(options.robot, options.poses, options.joints, options.components, drives, options.overrides, options.target)
+@click.option(
+    "--count", default=6, show_default=True, type=click.IntRange(1, 200),
+    help="How many modes, free motions of the tool or of drives (0 Hz) among them.",
+)  # fmt: skip
+@options.folder("--out", "Folder to write: pictures and animations of the shapes, complete or absent.")
+def modes(
+    name: str, *, poses: tuple[str, ...], joints: tuple[str, ...], components: Any, drives: Any,
+    overrides: tuple[str, ...], target: str | None, count: int, out: Path | None, quiet: bool,
+) -> None:  # fmt: skip
+    """Natural frequencies of the robot at tool poses, with error bars, shapes and energy by element.
+
+    Without --at and --joints, at the poses of the robot file. Weight is not counted: it changes stiffness by far less.
+    """
+    from stiffscope.cli.poses import asked_poses
+    from stiffscope.cli.showing import shown_assembly
+    from stiffscope.report import tables
+    from stiffscope.report.mode_pictures import draw_modes, modes_json
+    from stiffscope.robot.reader import load_robot
+    from stiffscope.vjm.modes import modes as modes_of
+
+    robot = load_robot(name, overrides)
+    asked = asked_poses(robot, poses, joints)
+    if out is not None:
+        files.check_output(out, target)
+    manifest = manifest_of(robot)
+    made = shown_assembly(robot, components, quiet=quiet)
+    found = modes_of(made.mechanism, asked.configurations, count, drives=drives)
+    if out is not None:
+        with files.staged_folder(out) as folder:
+            draw_modes(made, asked.names, found, folder)
+            files.write_json(folder / "modes.json", modes_json(found))
+            manifest.write(folder)
+    if target:
+        files.write_json(target, modes_json(found))
+    if not quiet and target != "-":
+        tables.show_modes(asked.names, found, f"Natural frequencies, drives {drives}")
+        for remark in found.remarks:
+            tables.show_line(remark)
+        if out is not None:
+            tables.show_line(f"Written to {out}")
+
+
+@click.command()
+@takes(options.robot, options.poses, options.joints, options.components, drives, options.overrides, options.out)
+@click.option(
+    "--from", "source", required=True, metavar="BODY:POINT:DIRECTION",
+    help="Where a harmonic force acts: a body or an end of an elastic one (link.tip), or tool; a point at home (X,Y,Z, "
+    "a joint's name, M, or centre); x y z of a force, rx ry rz of a moment, with - before it for the other way.",
+)  # fmt: skip
+@click.option(
+    "--to", "target", required=True, metavar="BODY:POINT:DIRECTION", help="Where the displacement is read, as --from."
+)
+@click.option(
+    "--band", metavar="LOW,HIGH", help="Frequencies in Hz; by default from a fifth of the first to above the sixth."
+)
+@click.option("--points", default=2000, show_default=True, type=click.IntRange(2, 200_000), help="Frequencies.")
+@click.option(
+    "--damping", default=0.01, show_default=True, type=click.FloatRange(0.0, 1.0, max_open=True),
+    help="Damping ratio of every mode.",
+)  # fmt: skip
+def frf(
+    name: str, *, poses: tuple[str, ...], joints: tuple[str, ...], components: Any, drives: Any,
+    overrides: tuple[str, ...], out: Path, source: str, target: str, band: str | None, points: int, damping: float,
+    quiet: bool,
+) -> None:  # fmt: skip
+    """Frequency response of the robot from a force at one place to the displacement at another, by modes.
+
+    Writes a figure, a table (CSV) and a netCDF file to DIR, a line or variable for each pose.
+    """
+    import numpy as np
+
+    from stiffscope.cli.poses import asked_poses
+    from stiffscope.cli.showing import shown_assembly
+    from stiffscope.report import frequency_response as report
+    from stiffscope.report import tables
+    from stiffscope.robot.reader import load_robot
+    from stiffscope.vjm.frequency_response import frequency_response
+    from stiffscope.vjm.modes import frequencies
+
+    robot = load_robot(name, overrides)
+    asked = asked_poses(robot, poses, joints)
+    mechanism = asked.configurations.mechanism
+    shaken, read = _port(mechanism, "--from", source), _port(mechanism, "--to", target)
+    given = _band(band)
+    files.check_output(out)
+    manifest = manifest_of(robot)
+    made = shown_assembly(robot, components, quiet=quiet)
+    if given is None:
+        found = frequencies(made.mechanism, asked.configurations, 6 + len(mechanism.drives), drives=drives)
+        found = found[found > 0.0]
+        given = (0.2 * float(found.min()), 1.5 * float(np.sort(found)[: 6 * len(asked.names)].max()))
+    hertz = np.geomspace(*given, points)
+    each = [asked.configurations[np.array([k])] for k in range(len(asked.names))]
+    curves = np.stack([
+        frequency_response(made.mechanism, one, shaken, read, hertz, damping=damping, drives=drives) for one in each
+    ])  # fmt: skip
+    response = report.Response(asked.names, hertz, curves, source, target, damping)
+    with files.staged_folder(out) as folder:
+        report.write(response, folder, f"{robot.name}: response at {target} to {source}")
+        manifest.write(folder)
+    if not quiet:
+        tables.show_line(f"Written to {out}")
+
+
+def _band(text: str | None) -> tuple[float, float] | None:
+    if text is None:
+        return None
+    try:
+        low, high = (float(word) for word in text.split(","))
+    except ValueError:
+        low = high = -1.0
+    if not 0.0 < low < high < float("inf"):
+        raise InputError(f"--band {text}: expected LOW,HIGH in Hz, 0 < LOW < HIGH, such as 5,500")
+    return low, high
+
+
+def _port(mechanism: Mechanism, option: str, text: str) -> Port:
+    """A place and direction of ``BODY:POINT:DIRECTION``."""
+    import numpy as np
+
+    from stiffscope.robot import quantities as q
+    from stiffscope.vjm.frequency_response import Port
+    from stiffscope.vjm.mechanism import COORDINATES
+
+    words = [word.strip() for word in text.split(":")]
+    if len(words) != 3:
+        raise InputError(f"{option} {text}: expected BODY:POINT:DIRECTION such as platform:M:z")
+    name, point, way = words
+    nodes = {node: body for body in mechanism.bodies for node in body.nodes}
+    node = mechanism.tool.body if name == "tool" else name
+    if node not in nodes:
+        raise InputError(f"{option} {text}: expected tool or one of {', '.join(nodes)}, got {name!r}")
+    axis = way.lstrip("+-")
+    if axis not in COORDINATES or len(way) - len(axis) > 1:
+        raise InputError(f"{option} {text}: expected a direction among {', '.join(COORDINATES)}, got {way!r}")
+    body, joints = nodes[node], {j.name: j.at for j in mechanism.joints}
+    if point == "M":
+        at = mechanism.tool.at
+    elif point in joints:
+        at = joints[point]
+    elif point == "centre" and body.centre is not None:
+        at = body.centre
+    else:
+        try:
+            at = np.array(q.several(point, *[q.LENGTH] * 3))
+        except ValueError as error:
+            known = "X,Y,Z such as 0,0,350 mm, M, a joint's name" + (", centre" if body.centre is not None else "")
+            raise InputError(f"{option} {text}: expected a point ({known}), got {point!r}") from error
+    direction = np.eye(6)[COORDINATES.index(axis)] * (-1.0 if way.startswith("-") else 1.0)
+    return Port(None if name == "tool" else node, at, direction)

@@ -1,0 +1,107 @@
+"""A frequency response as a figure, a table and a netCDF file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.report.figures import new_figure, save_figures
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import xarray as xr
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+COLOURS = ("#3b7dbf", "#d9822b", "#5b9a68", "#8e6bb0", "#b5666a", "#4c9c9c")
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """Receptance ``values`` (p, f), complex, at ``hertz`` (f,) for the poses that ``names`` (p,) call so."""
+
+    names: tuple[str, ...]
+    hertz: np.ndarray
+    values: NDArray[np.complex128]
+    source: str
+    target: str
+    damping: float
+
+    @property
+    def unit(self) -> str:
+        """Unit of the receptance, CF spelling."""
+        turns, moment = (
+            text.rpartition(":")[2].strip().lstrip("+-").startswith("r") for text in (self.target, self.source)
+        )
+        return f"{'rad' if turns else 'm'} {'N-1 m-1' if moment else 'N-1'}"
+
+    @property
+    def written_unit(self) -> str:
+        """Its unit as figures have it."""
+        above, _, below = self.unit.partition(" ")
+        return f"{above}/{'(N·m)' if 'm-1' in below else 'N'}"
+
+
+def write(response: Response, folder: Path, title: str) -> None:
+    """Write frf.png and frf.svg, frf.csv (a line for each pose and frequency) and frf.nc."""
+    save_figures(folder, {"frf": lambda: figure(response, title)})
+    header = (
+        f"pose,frequency (Hz),real ({response.written_unit}),imaginary ({response.written_unit}),magnitude,phase (deg)"
+    )
+    lines = [header]
+    for name, values in zip(response.names, response.values, strict=True):
+        pose = f'"{name}"' if "," in name else name
+        numbers = zip(response.hertz, values.real, values.imag, np.abs(values), np.angle(values, deg=True), strict=True)
+        lines += [f"{pose}," + ",".join(f"{v:.9g}" for v in row) for row in numbers]
+    (folder / "frf.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    as_dataset(response, title).to_netcdf(folder / "frf.nc", engine="scipy", format="NETCDF3_64BIT")
+
+
+def as_dataset(response: Response, title: str) -> xr.Dataset:
+    """The response as a dataset over pose and frequency with units: real and imaginary part, magnitude and phase."""
+    import xarray as xr
+
+    values = response.values
+    kinds = {
+        "real": (values.real, response.unit, "receptance, real part"),
+        "imaginary": (values.imag, response.unit, "receptance, imaginary part"),
+        "magnitude": (np.abs(values), response.unit, "receptance, magnitude"),
+        "phase": (np.angle(values), "rad", "receptance, phase"),
+    }
+    variables = {
+        name: (("pose", "frequency"), array, {"units": unit, "long_name": words})
+        for name, (array, unit, words) in kinds.items()
+    }
+    places = {
+        "frequency": ("frequency", response.hertz, {"units": "Hz", "long_name": "frequency"}),
+        "pose": ("pose", np.array(response.names, dtype=str), {"long_name": "tool pose"}),
+    }
+    about = {
+        "title": title, "source": "stiffscope", "Conventions": "CF-1.8", "force_at": response.source,
+        "displacement_at": response.target, "modal_damping_ratio": response.damping,
+    }  # fmt: skip
+    return xr.Dataset(variables, places, about)
+
+
+def figure(response: Response, title: str) -> Figure:
+    """Draw magnitude and phase over frequency, a line for each pose."""
+    drawn = new_figure(9.0, 6.0, title)
+    upper, lower = drawn.subplots(2, 1, sharex=True, height_ratios=(2.2, 1.0))
+    for k, (name, values) in enumerate(zip(response.names, response.values, strict=True)):
+        colour = COLOURS[k % len(COLOURS)]
+        upper.loglog(response.hertz, np.abs(values), color=colour, lw=1.4, label=name)
+        lower.semilogx(response.hertz, np.angle(values, deg=True), color=colour, lw=1.2)
+    upper.set_ylabel(f"receptance ({response.written_unit})")
+    lower.set(
+        xlabel=f"frequency (Hz); modal damping {100 * response.damping:g} %", ylabel="phase (deg)", ylim=(-185, 185)
+    )
+    lower.set_yticks([-180, -90, 0, 90, 180])
+    for axes in (upper, lower):
+        axes.grid(which="both", color="#e3e7eb", lw=0.6)
+        axes.spines[["top", "right"]].set_visible(False)
+    for text in upper.legend(frameon=False, loc="lower left").get_texts():
+        text.set_parse_math(False)
+    return drawn

@@ -1,0 +1,89 @@
+"""Mode shapes as pictures and animations of the robot, and as what scripts read."""
+
+from __future__ import annotations
+
+import logging
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.jobs.results import EXPERIMENT
+from stiffscope.report.pictures import PictureError, draw
+from stiffscope.report.robot_scene import deformed, exaggeration, moves, picture, scene
+from stiffscope.vjm.network import END, FOOT
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from stiffscope.jobs.assembly import Assembled
+    from stiffscope.vjm.modes import Modes
+
+log = logging.getLogger(__name__)
+
+_STEPS = 16  # of a vibration
+_TOGETHER = 6  # pictures that one process draws
+_WITHIN = 0.2  # of a mode's energy between the ends of parts, from which its picture says so
+
+
+def modes_json(found: Modes) -> dict[str, Any]:
+    """What scripts read of modes; twists of all nodes at M in base axes, [pose][mode][component]."""
+    names = {END: "tool", FOOT: "base"}
+    shapes = {names.get(node, node): np.moveaxis(twist, 1, 2) for node, twist in found.shapes.items()}
+    return {
+        "poses": found.configurations.poses,
+        "tool": found.configurations.tool,
+        "frequencies": found.frequencies,
+        "error": found.error,
+        "shapes": shapes,
+        "energy": found.energy,
+        "internal": found.internal,
+        "remarks": list(found.remarks),
+    }
+
+
+def draw_modes(assembled: Assembled, names: Sequence[str], found: Modes, folder: Path) -> None:
+    """Each mode at each pose as a picture, ``mode_POSE_NUMBER.png``, and moving, ``….gif``, coloured by energy.
+
+    Where this machine cannot draw, say so and leave them out.
+    """
+    robot, mechanism, configurations = assembled.robot, assembled.mechanism, found.configurations
+    experiments = {name: result.folder / EXPERIMENT for name, result in assembled.results.items()}
+    arguments = {**scene(robot, mechanism, experiments), "scale": "share of the strain energy"}
+    stills: list[dict[str, Any]] = []
+    moving: list[dict[str, Any]] = []
+    for k, name in enumerate(names):
+        moved, at = moves(mechanism, configurations, k), configurations.tool[k, :3]
+        for i, hertz in enumerate(found.frequencies[k]):
+            if not np.isfinite(hertz):
+                continue
+            twists = {node: shape[k, :, i] for node, shape in found.shapes.items()}
+            factor = exaggeration(mechanism, moved, twists, at)
+            within = float(found.internal[k, i])
+            title = f"{robot.name} at {name}: mode {i + 1}, {hertz:.4g} Hz"
+            if within > _WITHIN:
+                title += f"; {100 * within:.0f} % of the energy is in parts between their ends"
+            energy = {element: float(share[k, i]) for element, share in found.energy.items()}
+            stem = f"mode_{_plain(name, k)}_{i + 1}"
+            sines = np.sin(0.5 * np.pi * np.arange(-_STEPS // 4, _STEPS // 4 + 1) / (_STEPS // 4))
+            frames = [deformed(moved, twists, at, float(sine) * factor) for sine in sines]
+            order = [*range(len(sines)), *range(len(sines) - 2, 0, -1)]
+            coloured = {"shares": energy if hertz else None}
+            stills.append(picture(f"{stem}.png", title, frames[-1], moved) | coloured)
+            moving.append({"file": f"{stem}.gif", "title": title, "frames": frames, "order": order, **coloured})
+    jobs = [(what, shown[k : k + _TOGETHER]) for what, shown in (("animation", moving), ("robot", stills))
+            for k in range(0, len(shown), _TOGETHER)]  # fmt: skip
+    with ThreadPoolExecutor(2) as pool:
+        drawn = [pool.submit(draw, what, folder, pictures=shown, **arguments) for what, shown in jobs]
+    for each in drawn:
+        try:
+            each.result()
+        except PictureError as error:
+            log.warning("%s", error)
+            return
+
+
+def _plain(name: str, number: int) -> str:
+    """A pose's name where a file can have it, else its number."""
+    return name if name.replace("_", "").replace("-", "").isalnum() else str(number + 1)

@@ -1,0 +1,99 @@
+"""Inertia of a rod or plate by beam theory: consistent mass of a fine beam, condensed on its ends and lowest modes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.linalg import eigh
+
+from stiffscope.fea.beam import timoshenko
+from stiffscope.vjm.dynamics import Dynamics
+from stiffscope.vjm.screws import shift
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from stiffscope.fea.beam import Section
+
+MODES = 6
+_PIECES = 24  # of the whole beam, about; its sixth clamped frequency is then within 0.05 %
+
+
+def beam_dynamics(
+    segments: Sequence[tuple[float, Section]],
+    youngs_modulus: float,
+    shear_modulus: float,
+    density: float,
+    modes: int = MODES,
+) -> Dynamics:
+    """Condensed mass of a straight beam between its ends, with its lowest modes while both ends are held.
+
+    Parameters
+    ----------
+    segments
+        Lengths (m) and cross-sections along x from the base on.
+    youngs_modulus, shear_modulus, density
+        Pa, Pa, kg/m³.
+    modes
+        Number of fixed-interface modes.
+
+    Returns
+    -------
+    Dynamics
+        Twists of base and tip at these points; x along the beam.
+
+    References
+    ----------
+    J. S. Przemieniecki, Theory of Matrix Structural Analysis, McGraw-Hill 1968, sect. 11.3 (mass with rotary inertia).
+    """
+    total = sum(length for length, _ in segments)
+    pieces = [
+        (length / count, section)
+        for length, section in segments
+        for count in (max(2, round(_PIECES * length / total)),)
+        for _ in range(count)
+    ]
+    size = 6 * (len(pieces) + 1)
+    k, m = np.zeros((size, size)), np.zeros((size, size))
+    for i, (length, section) in enumerate(pieces):
+        at = slice(6 * i, 6 * i + 12)
+        relative = np.hstack([-shift([length, 0.0, 0.0]), np.eye(6)])
+        piece = timoshenko(length, section, youngs_modulus, shear_modulus)
+        k[at, at] += relative.T @ np.linalg.solve(piece, relative)
+        m[at, at] += density * _consistent(length, section)
+    ends = np.r_[0:6, size - 6 : size]
+    inner = np.arange(6, size - 6)
+    follow = np.zeros((size, 12))
+    follow[ends] = np.eye(12)
+    follow[inner] = -np.linalg.solve(k[np.ix_(inner, inner)], k[np.ix_(inner, ends)])
+    squares, shapes = eigh(k[np.ix_(inner, inner)], m[np.ix_(inner, inner)], subset_by_index=[0, modes - 1])
+    modal = np.zeros((size, modes))
+    modal[inner] = shapes
+    basis = np.hstack([follow, modal])
+    return Dynamics(basis.T @ m @ basis, squares)
+
+
+def _consistent(length: float, section: Section) -> np.ndarray:
+    """Consistent mass (12, 12) of a piece of unit density: linear along x, Hermite's cubics across."""
+    out = np.zeros((12, 12))
+    axial = length / 6.0 * np.array([[2.0, 1.0], [1.0, 2.0]])
+    out[np.ix_([0, 6], [0, 6])] = section.area * axial
+    out[np.ix_([3, 9], [3, 9])] = (section.bending_y + section.bending_z) * axial
+    for across, turn, sign, second in ((1, 5, 1.0, section.bending_z), (2, 4, -1.0, section.bending_y)):
+        s = sign * length
+        translation = np.array([
+            [156.0, 22.0 * s, 54.0, -13.0 * s],
+            [22.0 * s, 4.0 * s * s, 13.0 * s, -3.0 * s * s],
+            [54.0, 13.0 * s, 156.0, -22.0 * s],
+            [-13.0 * s, -3.0 * s * s, -22.0 * s, 4.0 * s * s],
+        ])  # fmt: skip
+        rotary = np.array([
+            [36.0, 3.0 * s, -36.0, 3.0 * s],
+            [3.0 * s, 4.0 * s * s, -3.0 * s, -s * s],
+            [-36.0, -3.0 * s, 36.0, -3.0 * s],
+            [3.0 * s, -s * s, -3.0 * s, 4.0 * s * s],
+        ])  # fmt: skip
+        place = np.ix_([across, turn, across + 6, turn + 6], [across, turn, across + 6, turn + 6])
+        out[place] = section.area * length / 420.0 * translation + second / (30.0 * length) * rotary
+    return out

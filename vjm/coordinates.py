@@ -1,0 +1,277 @@
+"""Coordinates in which a mechanism vibrates, and its strain and kinetic energy in them, batched over poses.
+
+Elements that hold some direction rigidly make a forest: their own coordinates (springs of unit stiffness and free
+motions, ``t = F y + N q``) place every node from the root of its tree, which is the ground or has a twist of its own.
+Those that close loops within a tree add their coordinates and six constraints each. What yields in all directions that
+it does not leave free is a spring between two nodes. Elastic bodies with dynamics add the coordinates of their modes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from stiffscope.vjm.dynamics import root
+from stiffscope.vjm.mechanism import GROUND
+from stiffscope.vjm.network import elements_of, free_directions, nodes_of
+from stiffscope.vjm.screws import Frame
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+    from stiffscope.vjm.mechanism import Body, Mechanism
+    from stiffscope.vjm.network import Element, Places
+    from stiffscope.vjm.screws import Array
+
+_SPANNING = 1e9  # condition number, lengths scaled, up to which an element's directions are independent
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Linear functions of some coordinates: ``matrix`` (n or 1, r, c) times those in ``columns`` (c,)."""
+
+    columns: NDArray[np.intp]
+    matrix: Array
+
+    def over(self, columns: NDArray[np.intp]) -> Array:
+        """The matrix (n or 1, r, c) of more columns (c,), which hold its own."""
+        out = np.zeros((*self.matrix.shape[:2], len(columns)))
+        out[..., np.searchsorted(columns, self.columns)] = self.matrix
+        return out
+
+    def plus(self, other: Rows, times: float = 1.0) -> Rows:
+        """The sum with ``times`` others."""
+        columns = np.union1d(self.columns, other.columns)
+        return Rows(columns, self.over(columns) + times * other.over(columns))
+
+    def below(self, other: Rows) -> Rows:
+        """Both, one below the other."""
+        columns = np.union1d(self.columns, other.columns)
+        n = max(len(self.matrix), len(other.matrix))
+        parts = [r.over(columns) for r in (self, other)]
+        return Rows(columns, np.concatenate([np.broadcast_to(p, (n, *p.shape[1:])) for p in parts], axis=1))
+
+    def after(self, matrix: Array) -> Rows:
+        """A matrix (n or 1, k, r) times these."""
+        return Rows(self.columns, matrix @ self.matrix)
+
+    def of(self, vectors: Array) -> Array:
+        """Values (n, r, c) for vectors (n, size, c) of all coordinates."""
+        return self.matrix @ vectors[:, self.columns]
+
+
+@dataclass(eq=False)
+class Coordinates:
+    """``size`` coordinates, and what is linear in them.
+
+    ``twists`` of every node at M in base axes. ``strains`` by element: half of their squares is strain energy in J.
+    ``springs`` by element: how many of its strains are its own springs', and F⁺ᵀ (6, r), which makes its wrench of
+    these. ``inertias``: half of the squares of their rates is kinetic energy. ``rates`` of the driven motions.
+    ``constraints`` (6 rows each) that hold the loops together, lengths over the mechanism's own ``length``.
+    """
+
+    mechanism: Mechanism
+    where: Places
+    length: float
+    size: int = 0
+    twists: dict[str, Rows] = field(default_factory=dict[Any, Any])
+    strains: dict[str, list[Rows]] = field(default_factory=dict[Any, Any])
+    springs: dict[str, Array] = field(default_factory=dict[Any, Any])
+    inertias: list[Rows] = field(default_factory=list[Any])
+    rates: list[Rows] = field(default_factory=list[Any])
+    constraints: list[Rows] = field(default_factory=list[Any])
+
+    def more(self, count: int) -> NDArray[np.intp]:
+        """Columns of as many coordinates more."""
+        self.size += count
+        return np.arange(self.size - count, self.size)
+
+    def gram(self, rows: Iterable[Rows]) -> Array:
+        """Sum of the squares of rows as a matrix (n, size, size)."""
+        out = np.zeros((len(self.where.tool), self.size, self.size))
+        for r in rows:
+            out[:, r.columns[:, None], r.columns] += np.swapaxes(r.matrix, -1, -2) @ r.matrix
+        return out
+
+    @property
+    def stiffness(self) -> Array:
+        """(n, size, size), before the constraints."""
+        return self.gram(r for rows in self.strains.values() for r in rows)
+
+    @property
+    def mass(self) -> Array:
+        """(n, size, size), before the constraints."""
+        return self.gram(self.inertias)
+
+    def some(self, index: NDArray[np.intp]) -> Coordinates:
+        """The same at some of the poses."""
+        keys = ("twists", "strains", "inertias", "rates", "constraints")
+        return replace(self, where=self.where.some(index), **{key: _some(getattr(self, key), index) for key in keys})
+
+    def jacobian(self) -> Array:
+        """All constraints (n, 6 m, size)."""
+        out = np.zeros((len(self.where.tool), 6 * len(self.constraints), self.size))
+        for k, r in enumerate(self.constraints):
+            out[:, 6 * k : 6 * k + 6, r.columns] = r.matrix
+        return out
+
+
+def _some(rows: Any, index: NDArray[np.intp]) -> Any:
+    """Rows of some poses, in whatever holds them."""
+    if isinstance(rows, Rows):
+        return rows if len(rows.matrix) == 1 else replace(rows, matrix=rows.matrix[index])
+    if isinstance(rows, list):
+        return [_some(each, index) for each in cast("list[Any]", rows)]
+    return {key: _some(each, index) for key, each in cast("dict[str, Any]", rows).items()}
+
+
+def coordinates(mechanism: Mechanism, where: Places, length: float, drives: Iterable[str] = ()) -> Coordinates:
+    """Coordinates of a mechanism whose bodies are not bent.
+
+    Parameters
+    ----------
+    mechanism
+        A joint with a drive has its spring; one without moves freely.
+    where
+        Its nodes at n configurations.
+    length
+        Characteristic length in m, by which rotations compare with translations.
+    drives
+        Joints without a drive here whose rates are asked for: drives that are free.
+    """
+    out = Coordinates(mechanism, where, length)
+    unit = np.repeat([1.0 / length, 1.0], 3)
+    elements = elements_of(mechanism)
+    spanning = {e.name: inverse for e in elements if (inverse := _spanning(e, unit)) is not None}
+    tree, chords = _forest([e for e in elements if e.name not in spanning])
+    own: dict[str, Rows] = {}
+    _place(out, tree, own)
+    for e in chords:
+        own[e.name] = _own(out, e)
+        gap = _across(out, e).plus(own[e.name].after(_columns(e, where)), -1.0)
+        out.constraints.append(gap.after(np.diag(unit)))
+    for e in elements:
+        r = e.factor.shape[1]
+        if e.name in spanning:
+            back = spanning[e.name] @ where.frame(e).inverse_adjoint()
+            own[e.name] = _across(out, e).after(back)
+            out.springs[e.name] = spanning[e.name][:r].T
+        elif r:
+            out.springs[e.name] = np.linalg.pinv(e.factor).T
+        if r:
+            strain = own[e.name]
+            if e.name in spanning:
+                out.strains[e.name] = [Rows(strain.columns, strain.matrix[:, :r])]
+            else:
+                out.strains[e.name] = [Rows(strain.columns[:r], np.eye(r)[None])]
+        if e.joint is not None and e.name in drives:
+            k = r + (1 if e.joint.kind == "cylindrical" else 0)  # turns come first
+            out.rates.append(Rows(own[e.name].columns, own[e.name].matrix[:, k : k + 1]))
+    for body in mechanism.bodies:
+        _add_inertia(out, body)
+    return out
+
+
+def _across(out: Coordinates, e: Element) -> Rows:
+    """Twist of an element's second node against its first, at M in base axes."""
+    return out.twists[e.second].plus(out.twists[e.first], -1.0)
+
+
+def _spanning(e: Element, unit: Array) -> Array | None:
+    """Inverse (6, 6) of ``[F N]`` where that is square and regular at every pose, else None."""
+    if (e.joint is not None and e.joint.kind == "universal") or e.factor.shape[1] + e.free.shape[1] != 6:
+        return None
+    both = np.hstack([e.factor, e.free])
+    scaled = both * unit[:, None]
+    scaled = scaled / np.linalg.norm(scaled, axis=0)
+    return np.linalg.inv(both) if np.linalg.cond(scaled) < _SPANNING else None
+
+
+def _forest(elements: list[Element]) -> tuple[list[Element], list[Element]]:
+    """Elements of a spanning forest, those with few coordinates first, and those that close loops within a tree."""
+    parent: dict[str, str] = {}
+
+    def top(node: str) -> str:
+        while (above := parent.get(node, node)) != node:
+            node = above
+        return node
+
+    tree: list[Element] = []
+    chords: list[Element] = []
+    for e in sorted(elements, key=lambda e: e.factor.shape[1] + e.free.shape[1]):
+        a, b = top(e.first), top(e.second)
+        (chords if a == b else tree).append(e)
+        parent[a] = b
+    return tree, chords
+
+
+def _own(out: Coordinates, e: Element) -> Rows:
+    """Coordinates of an element's own: its springs, then its free motions."""
+    count = e.factor.shape[1] + e.free.shape[1]
+    return Rows(out.more(count), np.eye(count)[None])
+
+
+def _columns(e: Element, where: Places) -> Array:
+    """Twists ``[F N]`` (n or 1, 6, c) of an element's own coordinates at M in base axes."""
+    free = free_directions(e, where)
+    factor = np.broadcast_to(e.factor, (len(free), *e.factor.shape))
+    return where.adjoint(e) @ np.concatenate([factor, free], axis=2)
+
+
+def _place(out: Coordinates, tree: list[Element], own: dict[str, Rows]) -> None:
+    """Twists of all nodes, outward from the ground and from roots of their own."""
+    at: dict[str, list[Element]] = {}
+    for e in tree:
+        at.setdefault(e.first, []).append(e)
+        at.setdefault(e.second, []).append(e)
+    for start in nodes_of(out.mechanism):
+        if start in out.twists:
+            continue
+        still = start == GROUND
+        columns = out.more(0 if still else 6)
+        out.twists[start] = Rows(columns, np.eye(6)[None, :, : len(columns)])
+        queue = [start]
+        while queue:
+            here = queue.pop()
+            for e in at.get(here, []):
+                there = e.second if e.first == here else e.first
+                if there in out.twists:
+                    continue
+                own[e.name] = _own(out, e)
+                step = own[e.name].after(_columns(e, out.where))
+                sign = 1.0 if there == e.second else -1.0
+                out.twists[there] = out.twists[here].plus(step, sign)
+                queue.append(there)
+
+
+def _add_inertia(out: Coordinates, body: Body) -> None:
+    where, elastic = out.where, body.elastic
+
+    def seen(node: str, home: Array, axes: Array) -> Rows:
+        """Twist of a node at a point of its own, axes that ride on it."""
+        frame = Frame(where.rotation[node] @ axes, where.point(node, home) - where.tool)
+        return out.twists[node].after(frame.inverse_adjoint())
+
+    if elastic is None:
+        centre = np.zeros(3) if body.centre is None else body.centre
+        whole = np.zeros((6, 6))
+        whole[:3, :3] = body.mass * np.eye(3)
+        if body.inertia is not None:
+            whole[3:, 3:] = 0.5 * (body.inertia + body.inertia.T)
+        if whole.any():
+            out.inertias.append(seen(body.name, centre, np.eye(3)).after(root(whole, body.name)))
+        return
+    ends = [seen(node, at, elastic.axes) for node, at in zip(body.nodes, (elastic.base, elastic.tip), strict=True)]
+    if elastic.dynamics is None:
+        if body.mass:
+            out.inertias += [end.after(np.sqrt(0.5 * body.mass) * np.eye(6)[:3]) for end in ends]
+        return
+    squares = elastic.dynamics.squares
+    modal = Rows(out.more(len(squares)), np.eye(len(squares))[None])
+    out.inertias.append(ends[0].below(ends[1]).below(modal).after(elastic.dynamics.factor))
+    if len(squares):
+        out.strains.setdefault(body.name, []).append(modal.after(np.diag(np.sqrt(squares))))

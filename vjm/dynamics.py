@@ -1,0 +1,98 @@
+"""Mass of an elastic body condensed on its two ends and a few modes between them (Craig and Bampton)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.vjm.screws import shift, skew
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from stiffscope.vjm.screws import Array
+
+_SYMMETRY = 1e-6  # relative
+_INDEFINITE = -1e-6  # relative eigenvalue of a condensed mass that is more than rounding
+
+
+@dataclass(frozen=True, eq=False)
+class Dynamics:
+    """Inertia of an elastic body: ``mass`` (12 + k, 12 + k) and ``squares`` (k,).
+
+    Coordinates are the twist of its base at the base, the twist of its tip at the tip, and k mass-normalized
+    fixed-interface modes, part axes; ``squares`` are those modes' squared angular frequencies in rad²/s². Its
+    stiffness has no coupling between the ends and the modes.
+
+    References
+    ----------
+    R. R. Craig and M. C. C. Bampton, "Coupling of substructures for dynamic analyses", AIAA Journal 6 (1968) 1313.
+    """
+
+    mass: Array
+    squares: Array
+
+    def __post_init__(self) -> None:
+        m, squares = np.asarray(self.mass, dtype=float), np.asarray(self.squares, dtype=float)
+        size = 12 + squares.size
+        if squares.ndim != 1 or m.shape != (size, size) or not (np.isfinite(m).all() and np.isfinite(squares).all()):
+            raise InputError(f"dynamics: expected finite ({size}, {size}) and ({squares.size},), got {m.shape}")
+        if not (squares > 0.0).all():
+            raise InputError(f"dynamics: expected squared frequencies above 0, got {squares.min():.6g}")
+        size_of = np.sqrt(np.outer(np.diagonal(m).clip(min=0.0), np.diagonal(m).clip(min=0.0)))
+        if (np.abs(m - m.T) > _SYMMETRY * size_of + 1e-300).any():
+            raise InputError("dynamics: expected a symmetric condensed mass")
+        object.__setattr__(self, "mass", 0.5 * (m + m.T))
+        object.__setattr__(self, "squares", squares)
+        _ = self.factor
+
+    @cached_property
+    def factor(self) -> Array:
+        """Γ (r, 12 + k) with ``ΓᵀΓ`` the mass; InputError where that is indefinite."""
+        return root(self.mass, "dynamics: expected a positive semidefinite condensed mass")
+
+    @cached_property
+    def load(self) -> Array:
+        """Wrenches (12, 3) at base and tip for unit accelerations along the part's x, y, z, that act on all of it."""
+        return self.mass[:12, :3] + self.mass[:12, 6:9]
+
+    @property
+    def total(self) -> float:
+        """Mass in kg."""
+        return float(np.trace(self.load[:3] + self.load[6:9]) / 3.0)
+
+    def moved(self, base: ArrayLike, tip: ArrayLike) -> Dynamics:
+        """The same for ends at other points, ``base`` (3,) and ``tip`` (3,) from the present ones, part axes."""
+        carry = np.eye(12 + self.squares.size)
+        carry[:6, :6], carry[6:12, 6:12] = (shift(-np.asarray(r, dtype=float)) for r in (base, tip))
+        return Dynamics(carry.T @ self.mass @ carry, self.squares)
+
+    def scaled(self, factor: float) -> Dynamics:
+        """The same of a material ``factor`` times as dense; modes are normalized anew."""
+        unit = np.repeat([np.sqrt(factor), 1.0], [12, self.squares.size])
+        return Dynamics(self.mass * np.outer(unit, unit), self.squares / factor)
+
+
+def root(matrix: Array, message: str) -> Array:
+    """Γ (r, m) with ``ΓᵀΓ`` a positive semidefinite matrix (m, m); InputError with the message where it is not."""
+    diagonal = np.sqrt(np.diagonal(matrix).clip(min=0.0))
+    unit = np.where(diagonal > 0.0, diagonal, 1.0)
+    values, vectors = np.linalg.eigh(matrix / np.outer(unit, unit))
+    if values[0] < _INDEFINITE * max(values[-1], 1e-300):
+        raise InputError(f"{message}, got the relative eigenvalue {values[0] / values[-1]:.3g}")
+    keep = values > 1e-15 * max(values[-1], 1e-300)
+    return (vectors[:, keep] * np.sqrt(values[keep])).T * unit
+
+
+def lever(moments: Array) -> tuple[Array, Array]:
+    """First moment a (3,) of the mass that best gives moments (3, 3) for unit accelerations, and what it leaves.
+
+    ``moments @ g = a × g + rest @ g``.
+    """
+    half = 0.5 * (moments - moments.T)
+    a = np.array([half[2, 1], half[0, 2], half[1, 0]])
+    return a, moments - skew(a)

@@ -1,0 +1,111 @@
+"""Frequency response of a mechanism at a pose: displacement by a harmonic force, by superposition of modes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.vjm.modes import pencils
+from stiffscope.vjm.network import END
+from stiffscope.vjm.screws import shift
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from stiffscope.vjm.coordinates import Coordinates
+    from stiffscope.vjm.kinematics import Configurations
+    from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.modes import Drives
+    from stiffscope.vjm.screws import Array
+
+_FREELY = 1e-6  # of a motion without stiffness and inertia, that a port takes part in
+
+
+@dataclass(frozen=True, eq=False)
+class Port:
+    """Where a force acts or a displacement is read: along ``direction`` (6,) at a node's point ``at`` (3,) at home.
+
+    ``direction``: of a force and a moment, or of a displacement and a rotation, base axes. Without a node, the tool.
+    """
+
+    node: str | None
+    at: Array
+    direction: Array
+
+
+def frequency_response(
+    mechanism: Mechanism,
+    found: Configurations,
+    source: Port,
+    target: Port,
+    frequencies: ArrayLike,
+    *,
+    damping: float = 0.01,
+    drives: Drives = "held",
+) -> NDArray[np.complex128]:
+    """Receptance: complex displacement at one port for a unit force at another, at frequencies (f,) in Hz.
+
+    Parameters
+    ----------
+    mechanism, found
+        The mechanism, at one configuration.
+    source, target
+        Where the force acts, and where the displacement is read.
+    frequencies
+        (f,) in Hz, above 0.
+    damping
+        Modal damping ratio, the same of every mode.
+    drives
+        As for `modes`.
+
+    Returns
+    -------
+    ndarray
+        (f,), in m/N, m/(N·m), rad/N or rad/(N·m). Every mode of the model is there, and what has no inertia statically.
+
+    Raises
+    ------
+    InputError
+        A port on no body, a frequency or damping ratio out of range, or a port that moves freely without inertia.
+
+    References
+    ----------
+    D. J. Ewins, Modal Testing, 2nd ed., Research Studies Press 2000, sect. 2.5.
+    """
+    hertz = np.asarray(frequencies, dtype=float)
+    if hertz.ndim != 1 or not ((hertz > 0.0) & np.isfinite(hertz)).all():
+        raise InputError("frequencies: expected numbers above 0 Hz")
+    if not 0.0 <= damping < 1.0:
+        raise InputError(f"damping: expected a ratio of at least 0 and below 1, got {damping}")
+    ((pencil, _),) = pencils(mechanism, found.required()[:1], drives)
+    vectors = pencil.all_vectors()[1][None]
+    idle = pencil.empty.shape[1]
+    spread = pencil.basis @ (pencil.scale[:, None] * np.concatenate([vectors, pencil.empty[None]], axis=2))
+    ends = [_along(pencil.system, port, spread)[0] for port in (source, target)]
+    for port, end in zip((source, target), ends, strict=True):
+        if idle and np.abs(end[-idle:]).max() > _FREELY * np.abs(end).max():
+            raise InputError(f"{port.node or 'tool'}: moves freely there, without stiffness and inertia")
+    count = vectors.shape[2]
+    full = spread[..., :count]
+    mass = sum((np.square(r.of(full)).sum(axis=1) for r in pencil.system.inertias), np.zeros((1, count)))[0]
+    rows = (r for rows in pencil.system.strains.values() for r in rows)
+    stiffness = sum((np.square(r.of(full)).sum(axis=1) for r in rows), np.zeros((1, count)))[0]
+    inert = (mass > 0.0) | (stiffness > 0.0)
+    part = (ends[0][:count] * ends[1][:count])[inert]
+    mass, stiffness = mass[inert], stiffness[inert]
+    omega = 2.0 * np.pi * hertz[:, None]
+    dynamic = stiffness - omega**2 * mass + 2j * damping * omega * np.sqrt(stiffness * mass)
+    used = part != 0.0
+    return (part[used] / dynamic[:, used]).sum(axis=1)
+
+
+def _along(system: Coordinates, port: Port, vectors: Array) -> Array:
+    """Displacement (n, c) of a port for vectors (n, size, c)."""
+    node = END if port.node is None else port.node
+    if node not in system.twists:
+        raise InputError(f"expected a body or an end of one, {', '.join(system.twists)}, got {node!r}")
+    carry = shift(system.where.point(node, np.asarray(port.at, dtype=float)) - system.where.tool)
+    return np.einsum("i,nij,njc->nc", np.asarray(port.direction, dtype=float), carry, system.twists[node].of(vectors))

@@ -1,0 +1,435 @@
+"""Natural frequencies and mode shapes of any mechanism at many poses: ``K v = ω² M v`` about the unloaded robot.
+
+With a shift s the problem is ``M v = μ (K + s M) v``, ``ω² = 1/μ - s``: directions without inertia have μ = 0 and
+follow statically, free motions have ω = 0, and neither needs a rank of its own. Loops are closed by a basis of the null
+space of their constraints. The lowest modes of many poses are found by subspace iteration from those of the first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.vjm.coordinates import coordinates
+from stiffscope.vjm.kinematics import Configurations, configure
+from stiffscope.vjm.mechanism import GROUND, spelled
+from stiffscope.vjm.mobility import joined, mobility
+from stiffscope.vjm.network import END, places
+from stiffscope.vjm.semidefinite import half_inverse
+from stiffscope.vjm.subspaces import RANK
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from stiffscope.vjm.coordinates import Coordinates, Rows
+    from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.screws import Array
+
+Drives = Literal["held", "free"]
+_CHUNK = 256  # poses
+_FEW = 4  # poses, up to which every one is solved in full
+_FREE = 1e-9  # of the shift: squared angular frequency of a free motion, apart from rounding
+_NOTHING = 1e-12  # of a scaled matrix's diagonal: neither stiffness nor inertia
+_IDLE = 1e-6  # of a free motion's size, that it moves tool and drives where it does not
+_GUARDS = 6  # vectors more than wanted, of the modes and at random
+_ROUNDS, _POWERS = 20, 4
+_CONVERGED = 1e-11  # change of μ, relative to the largest; the frequencies' own error is far less
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """The lowest modes of a mechanism at n poses, lowest first; NaN out of reach, and where there are fewer.
+
+    ``frequencies`` (n, c) in Hz, 0 where tool or drives move freely; ``error`` (n, c): 95 % bounds by those of the
+    parts' compliances, zeros without any. ``shapes``: twists (n, 6, c) of every node at M in base axes, normalized to a
+    modal mass of 1 kg (the tool is ``tool``). ``energy``: share (n, c) of each element in the strain energy;
+    ``internal`` (n, c): of all that is in modes of parts between their ends, which no node's twist shows.
+    ``remarks`` tell what moves freely and was left out.
+    """
+
+    configurations: Configurations
+    frequencies: Array
+    error: Array
+    shapes: dict[str, Array]
+    energy: dict[str, Array]
+    internal: Array
+    remarks: tuple[str, ...]
+
+    @property
+    def tool(self) -> Array:
+        """Twist (n, 6, c) of the tool at M in base axes."""
+        return self.shapes[END]
+
+
+@dataclass(eq=False)
+class Pencil:
+    """``K v = ω² M v`` of n poses in independent coordinates: ``basis`` (n or 1, size, d) gives those of ``system``."""
+
+    system: Coordinates
+    basis: Array
+    stiffness: Array
+    mass: Array
+
+    @cached_property
+    def shift(self) -> float:
+        """A squared angular frequency of the size of the lowest, (rad/s)²."""
+        k, m = (np.einsum("nii->ni", a)[0] for a in (self.stiffness, self.mass))
+        both = (k > 0.0) & (m > 0.0)
+        return float((k[both] / m[both]).min()) if both.any() else 1.0
+
+    @cached_property
+    def scale(self) -> Array:
+        """Units (d,) in which the diagonal of K + s M is one at the first pose."""
+        diagonal = np.einsum("nii->ni", self.shifted)[0]
+        return 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+
+    @property
+    def shifted(self) -> Array:
+        """K + s M (n, d, d)."""
+        return self.stiffness + self.shift * self.mass
+
+    @cached_property
+    def empty(self) -> Array:
+        """Motions (d, k) of the first pose that have neither stiffness nor inertia, scaled units."""
+        matrix = self.shifted[0] * np.outer(self.scale, self.scale)
+        values, vectors = np.linalg.eigh(matrix)
+        return vectors[:, values < _NOTHING]
+
+    def regular(self) -> Array:
+        """K + s M (n, d, d) in scaled units, with a stiffness put where there is neither stiffness nor inertia."""
+        return self.shifted * np.outer(self.scale, self.scale) + self.empty @ self.empty.T
+
+    def all_vectors(self) -> tuple[Array, Array]:
+        """Every μ (d,) of the first pose, the largest first, and its vectors (d, d) in scaled units."""
+        lower = np.asarray(np.linalg.cholesky(self.regular()[0]), dtype=float)
+        half = np.linalg.inv(lower)
+        values, turned = np.linalg.eigh(half @ (self.mass[0] * np.outer(self.scale, self.scale)) @ np.transpose(half))
+        return values[::-1], np.transpose(half) @ turned[:, ::-1]
+
+    def some(self, index: NDArray[np.intp]) -> Pencil:
+        """Some of the poses, with shift and units of the first of them."""
+        basis = self.basis if len(self.basis) == 1 else self.basis[index]
+        return Pencil(self.system.some(index), basis, self.stiffness[index], self.mass[index])
+
+
+def modes(mechanism: Mechanism, poses: ArrayLike | Configurations, count: int = 6, *, drives: Drives = "held") -> Modes:
+    """The lowest modes at tool poses (n, k) or configurations, with error bars, shapes and energy shares.
+
+    Parameters
+    ----------
+    mechanism
+        Its rigid bodies have masses and inertias, its elastic ones a mass or ``dynamics``. What has none follows the
+        rest statically.
+    poses
+        Tool poses (n, k) in m and rad, or configurations.
+    count
+        How many modes, free motions of 0 Hz of tool or drives among them.
+    drives
+        Whether the drives are springs ("held") or move freely.
+
+    Raises
+    ------
+    InputError
+        For poses of another shape, a count below 1, and a body that moves freely without inertia, by its name.
+
+    References
+    ----------
+    K.-J. Bathe, Finite Element Procedures, 2nd ed., 2014, ch. 11 (subspace iteration, shifting).
+    """
+    found = poses if isinstance(poses, Configurations) else configure(mechanism, poses)
+    n = len(found)
+    empty: Array = np.full((n, count), np.nan)
+    out = Modes(found, empty, empty.copy(), {}, {}, empty.copy(), ())
+    remarks: dict[str, None] = {}
+
+    def put(part: _Part, some: NDArray[np.intp]) -> None:
+        c = part.squares.shape[1]
+        out.frequencies[some, :c], out.error[some, :c] = part.frequencies, part.error
+        out.internal[some, :c] = part.internal
+        for into, each in ((out.shapes, part.shapes), (out.energy, part.energy)):
+            for name, values in each.items():
+                whole = into.setdefault(name, np.full((n, *values.shape[1:-1], count), np.nan))
+                whole[some, ..., :c] = values
+
+    _over(mechanism, found, count, drives, put, remarks)
+    return replace(out, remarks=tuple(remarks))
+
+
+def frequencies(
+    mechanism: Mechanism, poses: ArrayLike | Configurations, count: int = 6, *, drives: Drives = "held"
+) -> Array:
+    """Natural frequencies (n, c) in Hz as ``modes`` has them, nothing else: what a forward model or a map takes."""
+    found = poses if isinstance(poses, Configurations) else configure(mechanism, poses)
+    out = np.full((len(found), count), np.nan)
+
+    def put(part: _Part, some: NDArray[np.intp]) -> None:
+        out[some, : part.squares.shape[1]] = part.frequencies
+
+    _over(mechanism, found, count, drives, put, {})
+    return out
+
+
+def pencils(
+    mechanism: Mechanism, found: Configurations, drives: Drives = "held"
+) -> Iterator[tuple[Pencil, NDArray[np.intp]]]:
+    """Pencils of configurations that are within reach, and which of these each is of."""
+    free = [j.name for j in mechanism.drives] if drives == "free" else []
+    shaken = mechanism
+    if free:
+        shaken = replace(mechanism, joints=tuple(replace(j, drive=None) for j in mechanism.joints))
+    system = coordinates(shaken, places(found), found.linkage.length, free)
+    stiffness, mass = system.stiffness, system.mass
+    everything = np.arange(len(found))
+    if not system.constraints:
+        yield Pencil(system, np.eye(system.size)[None], stiffness, mass), everything
+        return
+    jacobian = system.jacobian()
+    size = np.linalg.norm(jacobian[0], axis=0)
+    unit = 1.0 / np.where(size > 0.0, size, 1.0)
+    _, values, rows = np.linalg.svd(jacobian * unit)
+    ranks = (values > RANK * values[:, :1]).sum(axis=1)
+    for rank in np.unique(ranks):
+        some = np.flatnonzero(ranks == rank)
+        basis = unit[:, None] * np.swapaxes(rows[some, rank:], -1, -2)
+        reduced = [np.swapaxes(basis, -1, -2) @ a[some] @ basis for a in (stiffness, mass)]
+        yield Pencil(system.some(some), basis, *reduced), some
+
+
+@dataclass(eq=False)
+class _Part:
+    """Modes of a pencil: squared angular frequencies (n, c), and vectors (n, size, c) of a modal mass of 1 kg."""
+
+    pencil: Pencil
+    squares: Array
+    vectors: Array
+
+    @property
+    def frequencies(self) -> Array:
+        """Hz (n, c)."""
+        return np.sqrt(self.squares) / (2.0 * np.pi)
+
+    @cached_property
+    def shapes(self) -> dict[str, Array]:
+        """Twists (n, 6, c) of the nodes."""
+        return {node: rows.of(self.vectors) for node, rows in self.pencil.system.twists.items() if node != GROUND}
+
+    @cached_property
+    def energy(self) -> dict[str, Array]:
+        """Share (n, c) of each element in the strain energy; zeros for a free motion."""
+        return {name: self._share(rows) for name, rows in self.pencil.system.strains.items()}
+
+    @cached_property
+    def internal(self) -> Array:
+        """Share (n, c) of the parts' own modes in the strain energy."""
+        bodies = [b.name for b in self.pencil.system.mechanism.bodies if b.elastic is not None]
+        strains = self.pencil.system.strains
+        return sum((self._share(strains[name][1:]) for name in bodies if name in strains), np.zeros(self.squares.shape))
+
+    def _share(self, rows: Iterable[Rows]) -> Array:
+        whole = np.where(self.squares > 0.0, self.squares, np.inf)
+        return sum((np.square(r.of(self.vectors)).sum(axis=1) for r in rows), np.zeros(whole.shape)) / whole
+
+    @cached_property
+    def error(self) -> Array:
+        """Bounds (n, c) in Hz by those of the elastic bodies' compliances.
+
+        ``δω² = -wᵀ δC w`` with w the wrench that a body carries. Of modes nearer than their bounds, which mix, the
+        bounds of the mixed terms add.
+        """
+        mixed: Array = np.zeros((*self.squares.shape, self.squares.shape[1]))
+        system = self.pencil.system
+        for body in system.mechanism.bodies:
+            if body.elastic is not None and body.elastic.error is not None and body.name in system.springs:
+                carried = np.abs(system.springs[body.name] @ system.strains[body.name][0].of(self.vectors))
+                mixed = mixed + np.swapaxes(carried, -1, -2) @ body.elastic.error @ carried
+        own = np.einsum("nii->ni", mixed)
+        apart = np.abs(self.squares[:, :, None] - self.squares[:, None])
+        bound = np.where(apart <= own[:, :, None] + own[:, None], mixed, 0.0).sum(axis=2)
+        lower = self.frequencies - np.sqrt(np.maximum(self.squares - bound, 0.0)) / (2.0 * np.pi)  # the larger side
+        return np.where(self.squares > 0.0, lower, 0.0)
+
+
+def _over(
+    mechanism: Mechanism,
+    found: Configurations,
+    count: int,
+    drives: Drives,
+    put: Callable[[_Part, NDArray[np.intp]], None],
+    remarks: dict[str, None],
+) -> None:
+    """Hand the modes of every pose within reach to ``put``, a chunk at a time."""
+    if count < 1:
+        raise InputError(f"count: expected at least 1 mode, got {count}")
+    reached = np.flatnonzero(found.valid)
+    most = 0
+    for start in range(0, len(reached), _CHUNK):
+        chunk = reached[start : start + _CHUNK]
+        for pencil, some in pencils(mechanism, found[chunk], drives):
+            idle = _check_empty(pencil)
+            for solved, which in _solved(pencil, count):
+                part, more = _without_idle(solved, count)
+                idle = idle or more
+                most = max(most, part.squares.shape[1])
+                put(part, chunk[some[which]])
+            if idle and not remarks:
+                remarks[_idle_text(mechanism, found, int(chunk[some[0]]))] = None
+    if reached.size and most < count:
+        _say_few(mechanism, most, count, remarks)
+
+
+def _check_empty(pencil: Pencil) -> bool:
+    """Whether something moves idly without inertia. InputError where tool or drives move so."""
+    empty = pencil.empty
+    if not empty.shape[1]:
+        return False
+    system = pencil.system.some(np.array([0]))
+    vectors = (pencil.basis[0] @ (pencil.scale[:, None] * empty))[None]
+    vectors = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    _, values, turned = np.linalg.svd(_useful(system, vectors)[0])
+    seen = turned[: (values > _IDLE).sum()].T
+    if seen.shape[1]:
+        size = {b.name: np.abs(system.twists[b.nodes[-1]].of(vectors @ seen)).max() for b in system.mechanism.bodies}
+        moving = [spelled("bodies", name) for name, moved in size.items() if moved > _IDLE * max(size.values())]
+        raise InputError(f"{joined(moving)}: expected a mass and inertia to move freely, got none")
+    return True
+
+
+def _useful(system: Coordinates, vectors: Array) -> Array:
+    """Motion (n, 6 + drives, c) of the tool and of free drives, lengths over the mechanism's own."""
+    tool = system.twists[END].of(vectors) / np.repeat([system.length, 1.0], 3)[:, None]
+    return np.concatenate([tool, *(r.of(vectors) for r in system.rates)], axis=1)
+
+
+def _without_idle(part: _Part, count: int) -> tuple[_Part, bool]:
+    """The lowest modes without free motions that move neither tool nor drives, and whether there were any."""
+    free = (part.squares == 0.0).sum(axis=1)
+    if not free.any():
+        return _Part(part.pencil, part.squares[:, :count], part.vectors[..., :count]), False
+    squares, vectors = np.full_like(part.squares, np.nan), np.full_like(part.vectors, np.nan)
+    most, idle = 0, False
+    useful = _useful(part.pencil.system, part.vectors)
+    for k, zeros in enumerate(free):
+        _, values, turned = np.linalg.svd(useful[k, :, :zeros])
+        kept = int((values > _IDLE * np.abs(useful[k]).max()).sum())
+        all_of = [part.vectors[k, :, :zeros] @ turned[:kept].T, part.vectors[k, :, zeros:]]
+        c = kept + part.squares.shape[1] - zeros
+        squares[k, :c] = np.concatenate([np.zeros(kept), part.squares[k, zeros:]])
+        vectors[k, :, :c] = np.hstack(all_of)
+        most, idle = max(most, c), idle or kept < zeros
+    most = min(most, count)
+    return _Part(part.pencil, squares[:, :most], vectors[..., :most]), idle
+
+
+def _idle_text(mechanism: Mechanism, found: Configurations, index: int) -> str:
+    """What moves idly, by name."""
+    known = [str(each) for each in mobility(mechanism, found, index).idle]
+    return (
+        f"left out, as without stiffness: {'; '.join(known)}"
+        if known
+        else "a free motion without stiffness is left out"
+    )
+
+
+def _say_few(mechanism: Mechanism, most: int, count: int, remarks: dict[str, None]) -> None:
+    """Say why there are fewer modes than asked for. InputError where there is none."""
+    plain = [b for b in mechanism.bodies if b.inertia is None and (b.elastic is None or b.elastic.dynamics is None)]
+    bare, points = ([spelled("bodies", b.name) for b in plain if bool(b.mass) is heavy] for heavy in (False, True))
+    if most == 0:
+        raise InputError(f"{joined(bare or ['bodies'])}: expected a mass on a body that can move, got none")
+    why = [f"without mass: {joined(bare)}"] if bare else []
+    why += [f"without inertia: {joined(points)}"] if points else []
+    remarks[f"{most} modes, not {count}: nothing else has inertia" + (f" ({'; '.join(why)})" if why else "")] = None
+
+
+def _solved(pencil: Pencil, count: int) -> Iterator[tuple[_Part, NDArray[np.intp]]]:
+    """Modes of a pencil, at least ``count`` besides free ones, by groups of poses."""
+    n = len(pencil.stiffness)
+    everything = np.arange(n)
+    if n <= _FEW or len(pencil.scale) <= 2 * (count + _GUARDS):
+        yield from _densely(pencil, everything)
+        return
+    first = pencil.some(everything[:1])
+    (start, _), *_ = _densely(first, everything[:1])
+    free = int((start.squares[0] == 0.0).sum())
+    matrix = pencil.regular()
+    if not _firm(matrix).all():
+        for k in everything:
+            yield from _densely(pencil.some(everything[k : k + 1]), everything[k : k + 1])
+        return
+    wanted = min(free + count, start.squares.shape[1])
+    back = start.pencil.basis[0] * pencil.scale
+    inverse: Array = np.asarray(np.linalg.pinv(back))
+    begin = inverse @ start.vectors[0, :, : wanted + _GUARDS // 2]
+    vectors, good = _iterated(pencil, matrix, begin, wanted)
+    if good.any():
+        some = everything[good]
+        yield _part(pencil.some(some) if not good.all() else pencil, vectors[good], pencil), some
+    if not good.all():
+        yield from _densely(pencil.some(everything[~good]), everything[~good])
+
+
+def _iterated(pencil: Pencil, matrix: Array, begin: Array, wanted: int) -> tuple[Array, NDArray[np.bool_]]:
+    """Lowest modes (n, d, wanted), scaled units, by subspace iteration, and where (n,) it has converged."""
+    n, d = len(matrix), matrix.shape[-1]
+    mass = pencil.mass * np.outer(pencil.scale, pencil.scale)
+    step = np.linalg.inv(matrix) @ mass
+    chance = np.random.default_rng(0).normal(size=(d, wanted + _GUARDS - begin.shape[1]))
+    x = np.broadcast_to(np.hstack([begin, chance]), (n, d, wanted + _GUARDS))
+    before: Array = np.zeros((n, wanted))
+    done: NDArray[np.bool_] = np.zeros(n, dtype=bool)
+    for _ in range(_ROUNDS):
+        for _ in range(_POWERS):
+            x = step @ x
+        x = x / np.linalg.norm(x, axis=1, keepdims=True).clip(min=1e-300)
+        half = half_inverse(np.swapaxes(x, -1, -2) @ matrix @ x, 1e-13)
+        values, turned = np.linalg.eigh(half @ (np.swapaxes(x, -1, -2) @ mass @ x) @ np.swapaxes(half, -1, -2))
+        x = x @ (np.swapaxes(half, -1, -2) @ turned[..., ::-1])
+        now = values[:, ::-1][:, :wanted]
+        done = np.all((np.abs(now - before) <= _CONVERGED * now[:, :1]) & (now > 0.0), axis=1)
+        before = now
+        if done.all():
+            break
+    return x[..., :wanted], done
+
+
+def _firm(matrix: Array) -> NDArray[np.bool_]:
+    """Where (n,) positive definite matrices (n, d, d) are so beyond rounding."""
+    try:
+        lower: Array = np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        return np.zeros(len(matrix), dtype=bool)
+    pivots = np.square(np.einsum("nii->ni", lower))
+    return (pivots > _NOTHING * np.einsum("nii->ni", matrix)).all(axis=1)
+
+
+def _densely(pencil: Pencil, index: NDArray[np.intp]) -> Iterator[tuple[_Part, NDArray[np.intp]]]:
+    """All modes with inertia, every pose by itself."""
+    for k in range(len(index)):
+        one = pencil.some(np.array([k]))
+        values, vectors = one.all_vectors()
+        inert = values > _NOTHING * max(values[0], 1e-300)
+        yield _part(one, vectors[None][..., inert], one), index[k : k + 1]
+
+
+def _part(pencil: Pencil, vectors: Array, scaled: Pencil) -> _Part:
+    """Modes of vectors (n, d, c) in the scaled units of a pencil: normalized, frequencies by Rayleigh's quotient."""
+    full = pencil.basis @ (scaled.scale[:, None] * vectors)
+    system = pencil.system
+    nothing = np.zeros((len(full), full.shape[2]))
+    kinetic = sum((np.square(r.of(full)).sum(axis=1) for r in system.inertias), nothing)
+    full = full / np.sqrt(kinetic)[:, None]
+    rows = (r for rows in system.strains.values() for r in rows)
+    squares = sum((np.square(r.of(full)).sum(axis=1) for r in rows), nothing)
+    squares = np.where(squares > _FREE * scaled.shift, squares, 0.0)
+    order = np.argsort(squares, axis=1, kind="stable")
+    squares, full = np.take_along_axis(squares, order, axis=1), np.take_along_axis(full, order[:, None], axis=2)
+    moved = system.twists[END].of(full)
+    size = np.abs(moved) * np.repeat([1.0, system.length], 3)[:, None]
+    largest = np.take_along_axis(moved, size.argmax(axis=1)[:, None], axis=1)
+    return _Part(pencil, squares, full * np.where(largest < 0.0, -1.0, 1.0))
