@@ -364,7 +364,7 @@ def _solved(pencil: Pencil, count: int) -> Iterator[tuple[_Part, NDArray[np.intp
         return
     wanted = min(free + count, start.squares.shape[1])
     back = start.pencil.basis[0] * pencil.scale
-    inverse: Array = np.asarray(np.linalg.pinv(back))
+    inverse: Array = np.asarray(np.linalg.pinv(back))  # pyright: ignore[reportUnknownArgumentType]
     begin = inverse @ start.vectors[0, :, : wanted + _GUARDS // 2]
     vectors, good = _iterated(pencil, matrix, begin, wanted)
     if good.any():
