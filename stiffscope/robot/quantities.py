@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+from stiffscope import data
+
 if TYPE_CHECKING:
     import pint
 
@@ -52,7 +54,7 @@ _NAMED = (
 def _registry() -> pint.UnitRegistry:
     import pint
 
-    return pint.UnitRegistry()
+    return pint.UnitRegistry(str(data.FOLDER / "units.txt"))  # pint's own list takes ten times as long to read
 
 
 def to_si(value: Any, dimension: Dimension, *, sign: str = "positive") -> float:

@@ -1,7 +1,9 @@
 """Numbers with units become SI; what is not one is refused with an example."""
 
+import pint
 import pytest
 
+from stiffscope import data
 from stiffscope.robot import quantities as q
 
 
@@ -43,3 +45,14 @@ def test_several_values_each_have_their_unit():
     for bad, message in (("1 m,0,0,0,0,0", "a force such as .* which is a length"), ("1,2", "expected 6 values")):
         with pytest.raises(ValueError, match=message):
             q.several(bad, *wrench)
+
+
+def test_our_units_are_those_of_pints_own_list():
+    """One of each unit, in SI, read from both lists."""
+    ours, pints = pint.UnitRegistry(str(data.FOLDER / "units.txt")), pint.UnitRegistry()
+    names = [str(name) for name in ours if str(name).isidentifier() and str(name) not in {"pi", "π"}]
+    assert len(names) > 50
+    for name in names:
+        quantities = [registry.Quantity(1.0, name).to_base_units() for registry in (ours, pints)]
+        base = pints.Quantity(1.0, str(quantities[0].units)).to_base_units()
+        assert quantities[0].magnitude * base.magnitude == pytest.approx(quantities[1].magnitude, rel=1e-12), name
