@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from stiffscope.fea.experiment import Experiment
     from stiffscope.fea.mesh import Floats
 
@@ -49,12 +51,12 @@ Nodes, x y z in m:
 
 @dataclass(frozen=True)
 class Superelement:
-    """The unsupported part on its interfaces and modes.
+    """A part or a robot on its nodes and modes.
 
     Attributes
     ----------
-    stiffness, mass : (6n + 6 + k, 6n + 6 + k) on the twists of the n + 1 nodes, then on k modal coordinates.
-    nodes : (n + 1, 3) m: the clamp, then the loaded interfaces.
+    stiffness, mass : (6n + k, 6n + k) on the twists of the nodes, then on k modal coordinates.
+    nodes : (n, 3) m; of a part the clamp, then the loaded interfaces.
     """
 
     stiffness: Floats
@@ -82,37 +84,45 @@ def free_superelement(experiment: Experiment) -> Superelement:
 
 
 def write_superelement(experiment: Experiment, path: Path | str) -> list[Path]:
-    """Write the free superelement in the forms that other codes read; return the paths.
+    """Write the free superelement in the forms of `write_matrices`; return the paths.
 
-    ``path.npz`` holds ``stiffness``, ``mass``, ``nodes`` (see ``Superelement``), ``mode_squares`` and ``help``, a text
-    on the order of rows and the units, which is a comment of the others too: ``path.stiffness.mtx`` and
-    ``path.mass.mtx`` (Matrix Market), ``path.bdf`` (Nastran's DMIG). None needs this package to be read.
+    ``path.npz`` also holds ``mode_squares``. Node 0 is the clamp.
+    """
+    found = free_superelement(experiment)
+    text = SUPERELEMENT_HELP.format(
+        part=experiment.part,
+        interface=experiment.interface,
+        modes=len(experiment.mode_squares),
+        nodes=node_lines(found.nodes, ["clamped", *["loaded"] * (len(found.nodes) - 1)]),
+    )
+    return write_matrices(found, path, text, mode_squares=experiment.mode_squares)
+
+
+def node_lines(nodes: Floats, names: Sequence[str]) -> str:
+    """One line for each node (m, 3): number, name, x y z in m."""
+    rows = enumerate(zip(names, nodes, strict=True))
+    return "\n".join(f"{k} {name} {x:.9g} {y:.9g} {z:.9g}" for k, (name, (x, y, z)) in rows)
+
+
+def write_matrices(found: Superelement, path: Path | str, text: str, **arrays: Floats) -> list[Path]:
+    """Write a superelement in the forms that other codes read; return the paths.
+
+    ``path.npz`` holds ``stiffness``, ``mass``, ``nodes``, the ``arrays`` and ``help``, a text on the order of rows and
+    the units, which is a comment of the others too: ``path.stiffness.mtx`` and ``path.mass.mtx`` (Matrix Market),
+    ``path.bdf`` (Nastran's DMIG). None needs this package to be read.
     """
     from scipy.io import mmwrite
 
     from stiffscope.fea.dmig import dmig_text
 
-    found = free_superelement(experiment)
-    lines = "\n".join(
-        f"{k} {'clamped' if not k else 'loaded'} {x:.9g} {y:.9g} {z:.9g}" for k, (x, y, z) in enumerate(found.nodes)
-    )
-    text = SUPERELEMENT_HELP.format(
-        part=experiment.part, interface=experiment.interface, modes=len(experiment.mode_squares), nodes=lines
-    )
     base = Path(path)
     base = base.with_suffix("") if base.suffix in (".npz", ".mtx") else base
     archive, bulk = base.with_name(base.name + ".npz"), base.with_name(base.name + ".bdf")
-    np.savez(
-        archive,
-        stiffness=found.stiffness,
-        mass=found.mass,
-        nodes=found.nodes,
-        mode_squares=experiment.mode_squares,
-        help=np.array(text),
-    )
-    bulk.write_text(dmig_text(found.stiffness, found.mass, found.nodes, text), encoding="ascii")
+    matrices = {"stiffness": found.stiffness, "mass": found.mass}
+    np.savez(archive, nodes=found.nodes, help=np.array(text), **matrices, **arrays)
+    bulk.write_text(dmig_text(found.stiffness, found.mass, found.nodes, text), encoding="ascii", errors="replace")
     written = [archive, bulk]
-    for name, matrix in (("stiffness", found.stiffness), ("mass", found.mass)):
+    for name, matrix in matrices.items():
         written.append(base.with_name(f"{base.name}.{name}.mtx"))
         with written[-1].open("wb") as file:
             mmwrite(file, matrix, comment=text, symmetry="symmetric", precision=15)

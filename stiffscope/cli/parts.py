@@ -39,7 +39,8 @@ def compliance(
     from stiffscope.cli.showing import show_compliance, shown_workshop, warn_of
     from stiffscope.jobs.experiments import solve_parts
     from stiffscope.jobs.orders import order_part
-    from stiffscope.jobs.results import compliance_json, write_superelement
+    from stiffscope.jobs.results import compliance_json
+    from stiffscope.jobs.superelements import write_part
     from stiffscope.report import tables
     from stiffscope.robot.reader import load_robot
 
@@ -50,7 +51,7 @@ def compliance(
     with shown_workshop(quiet=quiet) as shop:
         (result,) = solve_parts([order_part(robot, part, step)], shop)
     if superelement:
-        write_superelement(result, superelement, manifest)
+        write_part(result, superelement, manifest)
     if target:
         files.write_json(target, compliance_json(robot, result))
     if quiet or target == "-":

@@ -33,9 +33,13 @@ log = logging.getLogger(__name__)
     *(options.robot, options.poses, options.joints, options.components, options.gravity(None)),
     *(options.overrides, options.target),
 )
+@options.folder(
+    "--superelement",
+    "Folder to write: stiffness and mass condensed on the tool at each pose (npz, .mtx, DMIG), complete or absent.",
+)
 def stiffness(
     name: str, *, poses: tuple[str, ...], joints: tuple[str, ...], components: Any, gravity: str | None,
-    overrides: tuple[str, ...], target: str | None, quiet: bool,
+    overrides: tuple[str, ...], target: str | None, superelement: Path | None, quiet: bool,
 ) -> None:  # fmt: skip
     """The robot's 6x6 stiffness at tool poses, and its sag.
 
@@ -44,6 +48,7 @@ def stiffness(
     from stiffscope.cli.poses import asked_poses
     from stiffscope.cli.showing import shown_assembly
     from stiffscope.jobs.assembly import stiffness_bars, stiffness_json
+    from stiffscope.jobs.superelements import write_robot
     from stiffscope.report import tables
     from stiffscope.robot.literal_gravity import require_biglide
     from stiffscope.robot.reader import load_robot
@@ -53,15 +58,22 @@ def stiffness(
     gravity = gravity or ("exact" if robot.carries("gravity") else "none")
     if gravity == "literal":
         require_biglide(asked.configurations.mechanism)
+    if superelement:
+        files.check_output(superelement, target)
+    manifest = manifest_of(robot)
     assembled = shown_assembly(robot, components, quiet=quiet)
     state = _state(assembled, asked.configurations, gravity)
     bars = stiffness_bars(assembled, state.configurations)
+    if superelement:
+        write_robot(assembled, asked.names, asked.configurations, superelement, manifest)
     if target:
         files.write_json(target, stiffness_json(state, bars))
     _warn_of_singular(asked.names, state)
     if not quiet and target != "-":
         title = f"Stiffness at M ({_made_of(assembled)}; gravity {gravity})"
         tables.show_stiffness(asked.names, state, bars, title=title)
+        if superelement:
+            tables.show_line(f"Superelement written to {superelement}")
 
 
 @click.command()

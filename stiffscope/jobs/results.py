@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from stiffscope import files
 from stiffscope.robot.part_matrices import beam_compliance
 
 if TYPE_CHECKING:
@@ -14,7 +13,6 @@ if TYPE_CHECKING:
     import numpy as np
 
     from stiffscope.fea.experiment import Experiment
-    from stiffscope.jobs.manifest import Manifest
     from stiffscope.jobs.orders import PartOrder
     from stiffscope.robot.description import RobotFile
 
@@ -118,13 +116,3 @@ def compliance_json(robot: RobotFile, result: PartResult) -> dict[str, Any]:
     """What scripts read of a part; beam theory knows the own shape alone, not a STEP file's solid."""
     beam = beam_compliance(robot, result.name) if result.own_shape else None
     return {**result.facts, "beam": beam, "cached": result.reused}
-
-
-def write_superelement(result: PartResult, out: Path, manifest: Manifest) -> None:
-    """A folder with the part condensed on its interfaces and modes: see `stiffscope.fea.export`."""
-    from stiffscope.fea.export import write_superelement as write
-
-    with files.staged_folder(out) as folder:
-        write(result.experiment, folder / result.name)
-        manifest.note(result.name, key=result.key, reused=result.reused, seconds=result.seconds)
-        manifest.write(folder)

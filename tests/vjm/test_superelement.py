@@ -1,0 +1,44 @@
+"""A robot condensed on its tool: the stiffness is the robot's, the frequencies of tool free and tool held are its own."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+from stiffscope.errors import InputError
+from stiffscope.vjm.kinematics import configure
+from stiffscope.vjm.mechanism import Body, Drive, Joint, Mechanism, Tool
+from stiffscope.vjm.statics import stiffness
+from stiffscope.vjm.superelement import superelement
+from tests.vjm import dense_modes
+from tests.vjm.test_modes import ROBOTS
+
+
+def hertz(k, m):
+    """Frequencies of K v = ω² M v, Hz."""
+    return np.sqrt(scipy.linalg.eigh(k, m, eigvals_only=True)) / (2 * np.pi)
+
+
+@pytest.mark.parametrize("name", ["hexapod, rigid legs", "serial arm, frames", "biglide, frames with modes"])
+def test_condensed_robot(name, rng):
+    make, pose_of = ROBOTS[name]
+    m = make(rng)
+    pose = pose_of(m)
+    found = configure(m, pose)
+    elastic = dense_modes.frequencies(m, pose)
+    elastic = elastic[elastic > 0.0]
+    with_all, default = superelement(m, found, 1000), superelement(m, found)
+    k = stiffness(m, found)[0]
+    size = np.sqrt(np.diag(k))
+    assert np.abs((with_all.stiffness[:6, :6] - k) / np.outer(size, size)).max() <= 1e-9
+    exact, few = (hertz(each.stiffness, each.mass)[:6] for each in (with_all, default))
+    count = min(6, len(exact), len(elastic))
+    assert exact[:count] == pytest.approx(elastic[:count], rel=1e-6)
+    assert (few[:count] >= elastic[:count] * (1 - 1e-6)).all()  # Rayleigh's principle
+    assert few[:2] == pytest.approx(elastic[:2], rel=0.01)
+
+
+def test_a_tool_that_something_rigid_holds_is_refused():
+    slide = Joint("slide", "ground", "table", "prismatic", [0, 0, 0], [1, 0, 0], drive=Drive(1e6))
+    m = Mechanism((Body("table", 2.0, [0, 0, 0], np.eye(3)),), (slide,), Tool("table", [0, 0, 0.1], ("x",)))
+    with pytest.raises(InputError, match="six directions"):
+        superelement(m, configure(m, [0.0]))

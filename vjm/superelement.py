@@ -1,0 +1,86 @@
+"""A robot at a pose as a superelement: stiffness and mass on the twist of its tool and on modes with the tool held."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.vjm.modes import pencils
+from stiffscope.vjm.network import END
+from stiffscope.vjm.subspaces import RANK
+
+if TYPE_CHECKING:
+    from stiffscope.vjm.kinematics import Configurations
+    from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.modes import Drives
+    from stiffscope.vjm.screws import Array
+
+_NOTHING = 1e-12  # of a scaled matrix's largest eigenvalue: neither stiffness nor inertia
+
+
+@dataclass(frozen=True, eq=False)
+class ToolSuperelement:
+    """A robot that stands on the ground, on its tool's twist at M (base axes) and k modal coordinates, SI.
+
+    ``stiffness``, ``mass``: (6 + k, 6 + k); ``tool``: M (3,) m at the pose.
+    """
+
+    stiffness: Array
+    mass: Array
+    tool: Array
+
+    @property
+    def mode_squares(self) -> Array:
+        """Squared angular frequencies (k,) with the tool held, (rad/s)²."""
+        return np.diagonal(self.stiffness)[6:]
+
+
+def superelement(
+    mechanism: Mechanism, configuration: Configurations, modes: int = 6, *, drives: Drives = "held"
+) -> ToolSuperelement:
+    """Condense a robot at one configuration on its tool and its lowest ``modes`` with the tool held.
+
+    Raises
+    ------
+    InputError
+        For a tool that cannot move in all six directions: nothing can be condensed on it.
+
+    References
+    ----------
+    R. R. Craig, M. C. C. Bampton, Coupling of substructures for dynamic analyses, AIAA Journal 6, 1968; docs/theory.md,
+    section 11.
+    """
+    (pencil, _), *_ = pencils(mechanism, configuration, drives)
+    unit = pencil.scale
+    stiffness, mass = (a[0] * np.outer(unit, unit) for a in (pencil.stiffness, pencil.mass))
+    size = np.repeat([pencil.system.length, 1.0], 3)
+    tool = pencil.system.twists[END].of(pencil.basis)[0] * unit / size[:, None]  # (6, d)
+    left, values, right = np.linalg.svd(tool)
+    if len(values) < 6 or values[5] <= RANK * values[0]:
+        raise InputError("tool: expected one that can move in all six directions, got one that something rigid holds")
+    apart = np.asarray(right[6:].T, dtype=float)
+    follow = right[:6].T / values[:6] @ left.T / size
+    held = apart.T @ stiffness @ apart
+    static = follow - apart @ np.linalg.pinv(held, 1e-13, hermitian=True) @ (apart.T @ stiffness @ follow)
+    basis = np.hstack([static, apart @ _lowest(held, apart.T @ mass @ apart, pencil.shift, modes)])
+    condensed = [basis.T @ a @ basis for a in (stiffness, mass)]
+    condensed = [0.5 * (a + a.T) for a in condensed]
+    count = basis.shape[1] - 6
+    condensed[0][:6, 6:] = condensed[0][6:, :6] = 0.0  # the tool's motion follows without the modes
+    condensed[0][6:, 6:] *= np.eye(count)
+    return ToolSuperelement(condensed[0], condensed[1], configuration.tool[0, :3])
+
+
+def _lowest(stiffness: Array, mass: Array, shift: float, count: int) -> Array:
+    """The lowest modes (d, k) with inertia, of a modal mass of 1 kg; free motions are left out."""
+    values, vectors = np.linalg.eigh(stiffness + shift * mass)
+    stiff = values > _NOTHING * values[-1]
+    half = vectors[:, stiff] / np.sqrt(values[stiff])
+    weights, turned = np.linalg.eigh(half.T @ mass @ half)  # μ = 1 / (ω² + s)
+    inert = weights > _NOTHING * weights[-1]
+    weights, modes = weights[inert][::-1], (half @ turned[:, inert])[:, ::-1] / np.sqrt(weights[inert][::-1])
+    moving = 1.0 / weights - shift > 1e-9 * shift
+    return modes[:, moving][:, :count]
