@@ -1,4 +1,4 @@
-"""A robot at a pose as a superelement: stiffness and mass on the twist of its tool and on modes with the tool held."""
+"""A robot at a pose as a superelement: stiffness and mass on its tool's twist and on modes with the tool held."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from stiffscope.vjm.screws import Array
 
 _NOTHING = 1e-12  # of a scaled matrix's largest eigenvalue: neither stiffness nor inertia
+_FREE = 1e-9  # of the shift: squared angular frequency of a free motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +42,9 @@ class ToolSuperelement:
 def superelement(
     mechanism: Mechanism, configuration: Configurations, modes: int = 6, *, drives: Drives = "held"
 ) -> ToolSuperelement:
-    """Condense a robot at one configuration on its tool and its lowest ``modes`` with the tool held.
+    """Condense a robot at one configuration on its tool, with its lowest ``modes`` of both the tool held and free.
+
+    The lowest ``modes`` frequencies of the robot as it stands are kept as they are.
 
     Raises
     ------
@@ -63,9 +66,13 @@ def superelement(
         raise InputError("tool: expected one that can move in all six directions, got one that something rigid holds")
     apart = np.asarray(right[6:].T, dtype=float)
     follow = right[:6].T / values[:6] @ left.T / size
-    held = apart.T @ stiffness @ apart
+    held, inert = (apart.T @ a @ apart for a in (stiffness, mass))
     static = follow - apart @ np.linalg.pinv(held, 1e-13, hermitian=True) @ (apart.T @ stiffness @ follow)
-    basis = np.hstack([static, apart @ _lowest(held, apart.T @ mass @ apart, pencil.shift, modes)])
+    loose = _lowest(stiffness, mass, pencil.shift, modes)
+    added = apart.T @ (loose - static @ (size[:, None] * (tool @ loose)))  # what these do with the tool held
+    wanted = np.linalg.qr(np.hstack([_lowest(held, inert, pencil.shift, modes), added]))[0]
+    within = _lowest(wanted.T @ held @ wanted, wanted.T @ inert @ wanted, pencil.shift, wanted.shape[1])
+    basis = np.hstack([static, apart @ wanted @ within])
     condensed = [basis.T @ a @ basis for a in (stiffness, mass)]
     condensed = [0.5 * (a + a.T) for a in condensed]
     count = basis.shape[1] - 6
@@ -77,10 +84,8 @@ def superelement(
 def _lowest(stiffness: Array, mass: Array, shift: float, count: int) -> Array:
     """The lowest modes (d, k) with inertia, of a modal mass of 1 kg; free motions are left out."""
     values, vectors = np.linalg.eigh(stiffness + shift * mass)
-    stiff = values > _NOTHING * values[-1]
+    stiff = values > _NOTHING * values.max(initial=0.0)
     half = vectors[:, stiff] / np.sqrt(values[stiff])
     weights, turned = np.linalg.eigh(half.T @ mass @ half)  # μ = 1 / (ω² + s)
-    inert = weights > _NOTHING * weights[-1]
-    weights, modes = weights[inert][::-1], (half @ turned[:, inert])[:, ::-1] / np.sqrt(weights[inert][::-1])
-    moving = 1.0 / weights - shift > 1e-9 * shift
-    return modes[:, moving][:, :count]
+    moving = (weights > _NOTHING * weights.max(initial=0.0)) & (weights < (1.0 - _FREE) / shift)
+    return ((half @ turned[:, moving]) / np.sqrt(weights[moving]))[:, ::-1][:, :count]

@@ -39,7 +39,7 @@ def write_part(result: PartResult, out: Path, manifest: Manifest) -> None:
 def write_robot(
     assembled: Assembled, names: Sequence[str], found: Configurations, out: Path, manifest: Manifest
 ) -> None:
-    """A folder with the robot at each configuration, condensed on its tool and six modes.
+    """A folder with the robot at each configuration, condensed on its tool and its modes.
 
     Files have the names of the robot file's poses; others are ``pose1``, ``pose2``, ...
     """

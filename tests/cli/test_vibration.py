@@ -88,3 +88,17 @@ def test_maps_have_frequencies(tmp_path):
         assert int((second > first).sum()) == int(np.isfinite(file["K_tx"]).sum()) > 0
     assert (out / "frequencies.png").stat().st_size > 10_000
     assert (out / "map.csv").read_text().splitlines()[0].endswith("f1,f2")
+
+
+def test_a_robot_as_superelement(tmp_path):
+    out, target = tmp_path / "out", tmp_path / "k.json"
+    words = ["stiffness", "stewart", "--at", "tilted", "--at", "0,0,0.29,0,0,0", "--quiet", "--json", str(target)]
+    assert _guarded([*words, "--superelement", str(out)]) == 0
+    stiffness = np.array(json.loads(target.read_text())["stiffness"])
+    for k, name in enumerate(("tilted", "pose2")):
+        with np.load(out / f"{name}.npz") as held:
+            assert held["stiffness"][:6, :6] == pytest.approx(stiffness[k], abs=1e-9 * stiffness[k].max())
+            assert (held["stiffness"][6:, :6] == 0.0).all()
+            assert (np.linalg.eigvalsh(held["mass"]) > 0.0).all()
+            assert "standing on the ground" in str(held["help"])
+        assert (out / f"{name}.bdf").exists()
