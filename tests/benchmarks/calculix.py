@@ -25,19 +25,20 @@ def ccx():
 
 
 def model(points, cells, clamped, loaded, point, youngs_modulus, poisson, density):
-    """Model data in m, N and kg: the loaded nodes are a rigid body with a reference and a rotation node."""
+    """Model data in m, N and kg: loaded nodes, if any, are a rigid body with a reference and a rotation node."""
     count = len(points)
     reference, rotation = count + 1, count + 2
     lines = ["*NODE, NSET=ALL"]
     lines += [f"{k + 1},{x:.12e},{y:.12e},{z:.12e}" for k, (x, y, z) in enumerate(points)]
-    lines += [f"{node},{point[0]:.12e},{point[1]:.12e},{point[2]:.12e}" for node in (reference, rotation)]
+    if loaded is not None:
+        lines += [f"{node},{point[0]:.12e},{point[1]:.12e},{point[2]:.12e}" for node in (reference, rotation)]
     lines.append("*ELEMENT, TYPE=C3D10, ELSET=SOLID")  # CalculiX's order of the nodes is VTK's
     lines += [",".join(map(str, [k + 1, *(row + 1)])) for k, row in enumerate(cells)]
-    for name, nodes in (("CLAMP", clamped), ("FACE", loaded)):
-        lines += [f"*NSET, NSET={name}", *(f"{node + 1}," for node in nodes)]
+    for name, nodes in (("CLAMP", clamped), ("FACE", () if loaded is None else loaded)):
+        lines += [f"*NSET, NSET={name}", *(f"{node + 1}," for node in nodes)] if len(nodes) else []
     lines += [
         "*BOUNDARY", "CLAMP,1,3",
-        f"*RIGID BODY, NSET=FACE, REF NODE={reference}, ROT NODE={rotation}",
+        *([] if loaded is None else [f"*RIGID BODY, NSET=FACE, REF NODE={reference}, ROT NODE={rotation}"]),
         "*MATERIAL, NAME=M", "*ELASTIC", f"{youngs_modulus:.12e},{poisson:.12e}",
         "*DENSITY", f"{density:.12e}", "*SOLID SECTION, ELSET=SOLID, MATERIAL=M",
     ]  # fmt: skip

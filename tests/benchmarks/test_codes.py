@@ -12,6 +12,7 @@ edges, in several finenesses, the cheapest that suffices counting. The reference
 STIFFSCOPE_BENCHMARKS, or else in pytest's cache.
 """
 
+import json
 import os
 from dataclasses import asdict
 from importlib.util import find_spec
@@ -20,6 +21,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stiffscope.cli.main import _guarded
 from stiffscope.fea.multigrid import prepare
 from tests.benchmarks import calculix
 from tests.benchmarks.codes import PARAMETERS, Problem, build, for_calculix, measured, meshed
@@ -27,6 +29,7 @@ from tests.benchmarks.codes import PARAMETERS, Problem, build, for_calculix, mea
 pytest.importorskip("psutil", reason="psutil is missing (pip install psutil)")
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(1800)]
 TARGET = 1e-3
+PORTAL = Path(__file__).with_name("portal.toml")
 HINTS = {"CalculiX": "Debian: calculix-ccx", "MFEM": "pip install mfem", "EXUDYN": "pip install exudyn"}
 PRESENT = {"CalculiX": calculix.ccx(), "MFEM": find_spec("mfem"), "EXUDYN": find_spec("exudyn")}
 OURS = ({}, {"tolerance": 3e-3}, {"tolerance": TARGET})
@@ -97,6 +100,40 @@ def test_same_mesh_same_frequencies(stored, tmp_path, monkeypatch):
         print(f"| {label} | " + " | ".join(f"{value:.4f}" for value in values) + " |")
     print(f"| largest difference | {np.abs(ours / theirs - 1).max():.1e} |", flush=True)
     assert ours == pytest.approx(theirs, rel=2e-6)  # CalculiX prints seven digits
+
+
+def test_robot_beside_one_solid(tmp_path):
+    """A portal as a robot of two tested rods and a rigid block, beside all of it as one solid in CalculiX.
+
+    In the solid the block yields around the rods as if these were a third of their radius longer.
+    """
+    need("CalculiX")
+    from build123d import Box, Cylinder, Pos, Rot, export_step
+
+    from stiffscope.cad.materials import STEEL
+    from stiffscope.cad.step import read_step
+    from stiffscope.fea.experiment import specimen_of
+    from stiffscope.fea.settings import Settings
+    from stiffscope.fea.specimen import mesh_specimen
+
+    target = tmp_path / "modes.json"
+    assert _guarded(["modes", str(PORTAL), "--json", str(target), "--quiet"]) == 0
+    found = json.loads(target.read_text())
+    robot, error = np.array(found["frequencies"][0]), np.array(found["error"][0])
+    rods = [Pos(150, y, 0) * Rot(0, 90, 0) * Cylinder(3, 300) for y in (-60, 60)]
+    export_step(rods[0] + rods[1] + Pos(325, 0, 0) * Box(50, 160, 50), str(tmp_path / "portal.step"))
+    part = read_step(tmp_path / "portal.step")
+    mesh = mesh_specimen(specimen_of(part, Settings(size=0.015)), size=0.015, layers=2)
+    clamped = mesh.nodes_of(part.clamped)
+    deck = calculix.model(
+        mesh.points, mesh.cells, clamped, None, None, STEEL.youngs_modulus, STEEL.poisson, STEEL.density
+    )
+    solid = calculix.frequencies(tmp_path, deck)
+    print("\n| portal, Hz | " + " | ".join("123456") + " |\n" + "|---" * 7 + "|")
+    rows = {"as a robot": robot, "its 95 % bound": error, "one solid, CalculiX": solid, "ratio": robot / solid}
+    for label, values in rows.items():
+        print(f"| {label} | " + " | ".join(f"{value:.5g}" for value in values) + " |", flush=True)
+    assert robot == pytest.approx(solid, rel=0.01)
 
 
 @pytest.mark.parametrize("name", PARAMETERS)
