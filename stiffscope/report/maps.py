@@ -32,6 +32,10 @@ SAGS = (*(f"sag along {axis} (µm)" for axis in "xyz"), *(f"sag about {axis} (µ
 MARK = "#14181c"
 CHANGE = "coolwarm"  # colours about zero
 IN_PLANE = 1e-6  # m or rad that a pose may be off the map and is still marked on it
+_FEW, _FAR = (
+    2.0,
+    0.35,
+)  # percent at either end that is left beyond the colours where the rest spans less than this share
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,7 +218,7 @@ def _alike(found: StiffnessMap) -> bool:
 
 def _fill(axes: Axes, found: StiffnessMap, panel: Panel) -> None:
     values, change = panel.values, panel.colours == CHANGE
-    low, high = np.nanmin(values), np.nanmax(values)
+    low, high, clipped = _limits(values)
     if change:
         low, high = -max(abs(low), abs(high)), max(abs(low), abs(high))
     if high - low < 1e-9 * max(abs(low), abs(high)) or high == low:  # constant, apart from rounding
@@ -223,15 +227,27 @@ def _fill(axes: Axes, found: StiffnessMap, panel: Panel) -> None:
     image = axes.pcolormesh(x, y, values, cmap=panel.colours, shading="nearest", vmin=low, vmax=high, rasterized=True)
     if np.nanmax(values) - np.nanmin(values) > 1e-6 * abs(high):
         ink = "#3c4650" if change and np.nanmedian(np.abs(values)) < 0.5 * high else "white"
-        drawn = axes.contour(x, y, values, levels=6, colors=ink, linewidths=0.6, linestyles="solid", alpha=0.8)
+        drawn = axes.contour(
+            x, y, values.clip(low, high), levels=6, colors=ink, linewidths=0.6, linestyles="solid", alpha=0.8
+        )
         axes.clabel(drawn, fontsize=7, fmt="%.5g")
     figure: Any = axes.get_figure()
-    figure.colorbar(image, cax=axes.inset_axes((1.03, 0.0, 0.045, 1.0)))  # as high as the map, whatever its aspect
+    bar = axes.inset_axes((1.03, 0.0, 0.045, 1.0))  # as high as the map, whatever its aspect
+    figure.colorbar(image, cax=bar, extend="both" if clipped else "neither")
     down = ", down" if found.down else ""
     axes.set(xlabel=f"{found.across} ({_unit(found.across)})", ylabel=f"{found.up} ({_unit(found.up)}{down})")
     axes.set_aspect("equal" if _alike(found) else "auto")
     axes.set_title(panel.title, fontsize=12)
     axes.label_outer()
+
+
+def _limits(values: np.ndarray) -> tuple[float, float, bool]:
+    """Lowest and highest value in colours; whether a few far out, near singular poses, are left beyond them."""
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    inner, outer = np.nanpercentile(values, [_FEW, 100.0 - _FEW])
+    if outer - inner < _FAR * (high - low):
+        return float(inner), float(outer), True
+    return low, high, False
 
 
 def _factor(coordinate: str) -> float:

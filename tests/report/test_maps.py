@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from stiffscope.errors import InputError
-from stiffscope.report.maps import as_dataset, held_text, robot_map, stiffness_map, write_map
+from stiffscope.report.maps import _limits, as_dataset, held_text, robot_map, stiffness_map, write_map
 from stiffscope.report.notebook import stiffness_map as picture
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import part_matrices
@@ -67,3 +67,11 @@ def test_an_angle_against_a_length_at_another_pose(stewart, tmp_path):
 def test_what_cannot_be_mapped_is_refused(stewart, ranges, message):
     with pytest.raises(InputError, match=message):
         stiffness_map(stewart[1], ranges, 3)
+
+
+def test_a_few_stiff_poses_do_not_swallow_the_colours():
+    values = np.linspace(1.0, 2.0, 400).reshape(20, 20)
+    assert _limits(values) == (1.0, 2.0, False)
+    values[0, :3] = 50.0
+    low, high, clipped = _limits(values)
+    assert clipped and 1.0 < low < high < 2.0
