@@ -74,4 +74,5 @@ def test_a_few_stiff_poses_do_not_swallow_the_colours():
     assert _limits(values) == (1.0, 2.0, False)
     values[0, :3] = 50.0
     low, high, clipped = _limits(values)
-    assert clipped and 1.0 < low < high < 2.0
+    assert clipped
+    assert 1.0 < low < high < 2.0
