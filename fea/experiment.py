@@ -103,7 +103,7 @@ class Experiment:
 
     @property
     def relative_bound(self) -> float:
-        """Largest relative error bound of the significant entries (|C_ij| > 1 % of sqrt(C_ii C_jj))."""
+        """Largest relative error bound of the significant entries (above 1 % of ``sqrt(C_ii C_jj)``)."""
         return largest_relative_bound(self.flexibility, self.flexibility_error)[0]
 
     def save(self, path: Path | str) -> None:

@@ -1,4 +1,4 @@
-"""What README shows works: its Python runs, and each of its commands."""
+"""What README and the documentation show works: their Python runs, and each of their commands."""
 
 import itertools
 import re
@@ -18,7 +18,8 @@ from stiffscope.report.html import experiment_html, stiffness_html
 from stiffscope.robot.reader import load_robot
 
 ROOT = Path(__file__).parents[1]
-TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+TEXT = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
 SMALL = {
     "run": "--set link.mesh.size=60mm --set slider.mesh.size=60mm",
     "compliance": "--set slider.mesh.size=60mm --set slider.mesh.most_unknowns=9000"
@@ -29,7 +30,7 @@ SMALL = {
     "map": "--components published --gravity none --points 9",
     "blind": "--campaigns 1",
 }
-"""Options added to README's for the Biglide, so that its commands take seconds."""
+"""Options added to those shown for the Biglide, so that its commands take seconds."""
 ARM = """<robot name="arm">
   <link name="stand"/>
   <link name="arm"><inertial>
@@ -41,11 +42,13 @@ ARM = """<robot name="arm">
 
 
 def blocks(language: str) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
+    """Blocks of code in a language, each once."""
+    return list(dict.fromkeys(re.findall(rf"^```{language}\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)))
 
 
 def lines(program: str) -> list[str]:
-    return [line for block in blocks("sh") for line in block.splitlines() if line.startswith(f"{program} ")]
+    found = (line for block in blocks("sh") for line in block.splitlines() if line.startswith(f"{program} "))
+    return list(dict.fromkeys(found))
 
 
 def test_the_first_two_lines_set_up_and_run_everything():

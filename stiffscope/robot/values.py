@@ -96,7 +96,7 @@ def _mass_or_cad(value: Any) -> float | str:
         raise ValueError(f'{error} (or "cad": the volume of the solid times its density)') from error
 
 
-def _or_word(read: Callable[[Any], float], word: str, meaning: str) -> BeforeValidator:
+def _or_word(read: Callable[[Any], float], word: str, meaning: str, said: str) -> Reads:
     """What `read` makes of a value, or None for a word and for nothing."""
 
     def read_or_none(value: Any) -> float | None:
@@ -107,7 +107,7 @@ def _or_word(read: Callable[[Any], float], word: str, meaning: str) -> BeforeVal
         except ValueError as error:
             raise ValueError(f'{error} (or "{word}": {meaning})') from error
 
-    return BeforeValidator(read_or_none)
+    return Reads(read_or_none, says=f'{said}, or "{word}": {meaning}')
 
 
 def _tolerance(value: Any) -> float:
@@ -171,16 +171,16 @@ Lengths = Annotated[tuple[Coordinate, Coordinate], _list_of(2, 'two lengths such
 Angles = Annotated[tuple[Angle, Angle], _list_of(2, 'two angles such as ["-60 deg", "80 deg"]')]
 
 LengthOrAuto = Annotated[
-    float | None, _or_word(lambda value: q.to_si(value, q.LENGTH), "auto", "a size that suits the part")
+    float | None, _or_word(lambda value: q.to_si(value, q.LENGTH), "auto", "a size that suits the part", "a length")
 ]
 Foundation = Annotated[
-    float | None, _or_word(lambda value: q.to_si(value, q.FOUNDATION), "rigid", "a clamp that does not give")
+    float | None, _or_word(lambda value: q.to_si(value, q.FOUNDATION), "rigid", "a clamp that does not give", "N/m³")
 ]
-Tolerance = Annotated[float | None, _or_word(_tolerance, "auto", "whatever one mesh reaches")]
-Count = Annotated[int, BeforeValidator(whole)]
-Layers = Annotated[int, BeforeValidator(_layers)]
-Positive = Annotated[int, BeforeValidator(_positive)]
-MassOrCad = Annotated[float | Literal["cad"], BeforeValidator(_mass_or_cad)]
+Tolerance = Annotated[float | None, _or_word(_tolerance, "auto", "whatever one mesh reaches", "a share")]
+Count = Annotated[int, Reads(whole, "a whole number")]
+Layers = Annotated[int, Reads(_layers, f"1 to {MOST_LAYERS}")]
+Positive = Annotated[int, Reads(_positive, "a whole number above 0")]
+MassOrCad = Annotated[float | Literal["cad"], Reads(_mass_or_cad, 'a mass, or "cad": volume times density')]
 
 
 class Section(BaseModel):

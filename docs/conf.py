@@ -1,0 +1,23 @@
+"""Sphinx's settings: `python -m sphinx -W --keep-going docs build/docs` writes the pages."""
+
+import sys
+from importlib import metadata
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent / "extensions"))
+
+project = "stiffscope"
+release = metadata.version("stiffscope")
+project_copyright = "the authors of stiffscope"
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_click", "file_reference"]
+myst_enable_extensions = ["dollarmath", "amsmath", "deflist"]
+myst_heading_anchors = 3
+myst_links_external_new_tab = False
+autodoc_typehints = "description"
+autodoc_member_order = "bysource"
+napoleon_google_docstring = False
+exclude_patterns = ["extensions"]
+html_theme = "furo"
+html_title = f"stiffscope {release}"
+html_show_sphinx = False
+suppress_warnings = ["myst.header"]
