@@ -177,10 +177,10 @@ Foundation = Annotated[
     float | None, _or_word(lambda value: q.to_si(value, q.FOUNDATION), "rigid", "a clamp that does not give", "N/m³")
 ]
 Tolerance = Annotated[float | None, _or_word(_tolerance, "auto", "whatever one mesh reaches", "a share")]
-Count = Annotated[int, Reads(whole, "a whole number")]
-Layers = Annotated[int, Reads(_layers, f"1 to {MOST_LAYERS}")]
-Positive = Annotated[int, Reads(_positive, "a whole number above 0")]
-MassOrCad = Annotated[float | Literal["cad"], Reads(_mass_or_cad, 'a mass, or "cad": volume times density')]
+Count = Annotated[int, Reads(whole, says="a whole number")]
+Layers = Annotated[int, Reads(_layers, says=f"1 to {MOST_LAYERS}")]
+Positive = Annotated[int, Reads(_positive, says="a whole number above 0")]
+MassOrCad = Annotated[float | Literal["cad"], Reads(_mass_or_cad, says='a mass, or "cad": volume times density')]
 
 
 class Section(BaseModel):
