@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 from typing import TYPE_CHECKING
 
@@ -35,10 +36,10 @@ def write_campaign(campaign: Campaign, folder: Path, *, comment: str = "") -> No
     readings: dict[str, list[str]] = {**keys, "value": _cells(campaign.value), "sigma": _cells(campaign.sigma)}
     if sessions:
         readings["session"] = [campaign.session_names[int(i)] for i in campaign.session.tolist()]
-    write_table(folder / "readings.csv", readings)
+    _write_table(folder / "readings.csv", readings)
     if campaign.predictions:
         models = {name: _cells(values) for name, values in campaign.predictions.items()}
-        write_table(folder / "model.csv", {**keys, **models})
+        _write_table(folder / "model.csv", {**keys, **models})
 
 
 def section_lines(sensors: Iterable[Sensor], loads: Iterable[LoadPoint]) -> Iterator[str]:
@@ -98,10 +99,14 @@ def _key(text: str) -> str:
     return text if bare else json.dumps(text)
 
 
-def write_table(path: Path, columns: Mapping[str, Sequence[str]]) -> None:
-    """Write columns of text, all of one length, as a CSV file."""
-    rows = zip(*columns.values(), strict=True)
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows(rows)
+def table_text(columns: Mapping[str, Sequence[str]]) -> str:
+    """Columns of text, all of one length, as the content of a CSV file."""
+    out = io.StringIO(newline="")
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(zip(*columns.values(), strict=True))
+    return out.getvalue()
+
+
+def _write_table(path: Path, columns: Mapping[str, Sequence[str]]) -> None:
+    path.write_bytes(table_text(columns).encode("utf-8"))

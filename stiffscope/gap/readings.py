@@ -54,7 +54,7 @@ _MEASURED = {  # by kind, of a translation and of a rotation
 _SHOWN_QUANTITIES = (*QUANTITIES[: QUANTITIES.index("f1")], "f1", "...", f"f{MOST_MODES}")
 
 
-def load_campaign(folder: Path, robot: RobotFile | None = None) -> Campaign:
+def load_campaign(folder: Path, robot: RobotFile | None = None, *, planned: bool = False) -> Campaign:
     """Return the campaign in a folder.
 
     Parameters
@@ -64,6 +64,8 @@ def load_campaign(folder: Path, robot: RobotFile | None = None) -> Campaign:
     robot
         The robot that the campaign is of: poses by name are looked up, and poses, sensors and loads are checked
         against it, as `on_robot` does.
+    planned
+        Whether values may be missing, NaN: a plan of readings that are not all taken yet.
 
     Raises
     ------
@@ -73,7 +75,7 @@ def load_campaign(folder: Path, robot: RobotFile | None = None) -> Campaign:
     """
     header = load_header(folder)
     bare = header.predictions is not None
-    parts = [_load_readings(folder / name, header, bare=bare) for name in header.readings]
+    parts = [_load_readings(folder / name, header, bare=bare, planned=planned) for name in header.readings]
     if len({part.coordinates for part in parts}) > 1:
         first, other = (" ".join(p.coordinates) for p in (parts[0], next(_others(parts))))
         raise InputError(
@@ -376,14 +378,14 @@ def _check_units(header: Header, table: Table) -> None:
             raise InputError(f"{table.name}:1: {column}: expected this column, got none")
 
 
-def _load_readings(path: Path, header: Header, *, bare: bool) -> _Rows:
+def _load_readings(path: Path, header: Header, *, bare: bool, planned: bool) -> _Rows:
     check = partial(_check, bare=bare, others=("value", "sigma", "session"))
     table = read_table(path, check, header.ignore)
     _check_units(header, table)
     coordinates = _keys_of(table.columns, bare=bare)
     applied = _applied(table, header)
     quantity, sensor = _measured(table, header, applied)
-    value = numbers(table, "value", expected="a finite reading in SI")
+    value = numbers(table, "value", empty=planned, expected="a finite reading in SI")
     value = value * _value_factors(table, header, "value", quantity, sensor)
     soft = (quantity // 6 >= STIFFNESS) & (value <= 0)
     if soft.any():

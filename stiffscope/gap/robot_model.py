@@ -40,7 +40,8 @@ _ADDED = (0.0, np.inf)  # bounds of an added compliance, a dead zone
 _SOFT = (2e-7, 2e-6)  # m/N, rad/(N·m): of a tool above which added compliances are expected to be larger in proportion
 _SAME = 1e-9  # 1 - |cosine| of signatures below which no reading tells two effects apart
 _ROUNDING = 1e-10  # of the largest reading
-_TRIALS = 81  # poses that are looked at for what to measure next
+_TRIALS = 200  # poses that are looked at for what to measure next
+_MARGIN = 0.15  # of what the campaign and the map sweep, on either side, for such poses
 _OVERTAKES = 0.25  # share of the misfit below which stiffnesses are better taken for pushes, or the other way round
 _EVIDENT = 25.0  # χ² that such a change has to gain
 
@@ -305,10 +306,12 @@ class RobotModel:
             span = getattr(sweep, name, None) if sweep is not None else None
             if span is not None and not isinstance(span, float):
                 low[k], high[k] = min(low[k], *span), max(high[k], *span)
+        margin = _MARGIN * (high - low)
+        low, high = low - margin, high + margin
         free = np.flatnonzero(high > low)
         points = np.repeat(np.median(c.poses, axis=0)[None], _TRIALS, axis=0)
         points[:, free] = low[free] + _halton(_TRIALS, len(free)) * (high - low)[free]
-        points = np.vstack([points, c.poses[: _TRIALS // 4]])
+        points = np.vstack([points, c.poses[: _TRIALS // 8]])
         mechanism = self.nominal.mechanism
         if c.coordinates[0].startswith(JOINT):
             return points[configure_drives(mechanism, points).valid]
