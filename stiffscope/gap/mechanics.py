@@ -26,8 +26,8 @@ from stiffscope.vjm.modes import modes
 from stiffscope.vjm.network import END, FOOT, masses, places
 from stiffscope.vjm.order import order_of
 from stiffscope.vjm.prestress import bent
-from stiffscope.vjm.statics import stiffness
 from stiffscope.vjm.screws import Frame
+from stiffscope.vjm.statics import stiffness
 from stiffscope.vjm.strain import remaining_offsets
 
 if TYPE_CHECKING:
@@ -415,5 +415,3 @@ def _laden(mechanism: Mechanism, payloads: Sequence[Payload]) -> Mechanism:
         heavy = np.linalg.eigvalsh(inertia)[0] > _HELD_MOMENT * np.abs(inertia).max() if inertia.any() else False
         bodies[payload.body] = replace(body, mass=whole, centre=middle, inertia=inertia if heavy else body.inertia)
     return replace(mechanism, bodies=tuple(bodies.values()))
-
-

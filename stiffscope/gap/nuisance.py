@@ -195,5 +195,3 @@ def _friction(prediction: RobotPrediction) -> Array:
         lost = np.clip(force / max(_FULL_FORCE * np.abs(force).max(initial=0.0), 1e-9), -1.0, 1.0)
         columns.append(lost * prediction.by_drive(drive))
     return np.stack(columns, axis=1)
-
-

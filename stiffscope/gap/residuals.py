@@ -50,7 +50,7 @@ def percent_noise(campaign: Campaign, sigma: Array, chosen: Flags | None = None)
 
 
 def by_direction(campaign: Campaign, normalized: Array) -> dict[str, float]:
-    """Return each direction's share of Σ(r/σ)², of sensors the nearest, and of frequencies; normalized residuals (n,)."""
+    """Return each direction's share of Σ(r/σ)², of sensors the nearest, and of frequencies; residuals (n,) in σ."""
     shaken = campaign.kind == FREQUENCY
     names = (*AXES, "f") if shaken.any() else AXES
     return _shares(names, np.where(shaken, len(AXES), campaign.direction), normalized)

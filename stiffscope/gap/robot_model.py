@@ -17,7 +17,7 @@ from stiffscope.gap.nuisance import nuisance_patterns
 from stiffscope.gap.quantities import AXES, DEFLECTION, DEVIATION, PUSH, STIFFNESS
 from stiffscope.gap.readings import JOINT, on_robot
 from stiffscope.gap.robot_prediction import INSTRUMENT, Laden, RobotPrediction
-from stiffscope.robot.effects import factor_of, growth_of, mechanical_effects
+from stiffscope.robot.effects import dimension_effects, factor_of, growth_of, mechanical_effects
 from stiffscope.robot.vocabulary import EFFECTS
 from stiffscope.vjm.kinematics import configure, configure_drives
 
@@ -36,6 +36,9 @@ FORCE, MOMENT = 500.0, 100.0  # N, N·m: the range of loads where the campaign s
 DISPLACEMENT, ROTATION = 1e-6, 5e-6  # m, rad: the instrument where the campaign shows none
 SIGNIFICANT = 3.0  # standard deviations
 _FACTORS = (-0.8, 50.0)  # bounds of what is 1/factor - 1 or factor - 1: nothing becomes infinitely stiff
+_RATIOS = (-1.2, 1.2)  # bounds of the logarithm of a dimension's ratio to the nominal one
+_RIGID_FOUNDATION = 1e20  # N/m³
+_SUSPECT = 0.2  # share of the squared gap that a part explains, from which experiments on it are made
 _ADDED = (0.0, np.inf)  # bounds of an added compliance, a dead zone
 _SOFT = (2e-7, 2e-6)  # m/N, rad/(N·m): of a tool above which added compliances are expected to be larger in proportion
 _SAME = 1e-9  # 1 - |cosine| of signatures below which no reading tells two effects apart
@@ -204,6 +207,17 @@ def _mechanical(effect: MechanicalEffect, nominal: NominalRobot, soft: Array) ->
     )
 
 
+def _of_dimension(effect: MechanicalEffect) -> Candidate:
+    """A part's parameter: a tenth of it is a usual error; a rigid foundation may yield as a bolted contact does."""
+    nominal = float(effect.physical(np.zeros(1))[0])
+    rigid = nominal > _RIGID_FOUNDATION
+    plausible = (1e8, np.inf) if rigid else (0.5 * nominal, 2.0 * nominal)
+    return Candidate(
+        effect.effect, effect.place, effect.names, effect.units, (1.0,) if rigid else (0.1,), (plausible,),
+        _ADDED if rigid else _RATIOS, effect.physical, effect.internal, action=effect,
+    )  # fmt: skip
+
+
 def _component(effect: MechanicalEffect) -> str:
     """The element that an effect on stiffness blames, where it blames a single one, or a place that is none."""
     if effect.effect in {"base-compliance", "platform-compliance"}:
@@ -238,8 +252,34 @@ class RobotModel:
     def _library(self) -> tuple[Candidate, ...]:
         gone = {self.without, "gravity" if self._weighted else ""}
         known = tuple(c for c in robot_candidates(self._at) if c.effect not in gone)
+        if "part-dimension" not in gone:
+            known = (*known, *self._dimensions())
         merged = _merged(known, self.predict())
         return (*merged, *nuisance_patterns(self._at))
+
+    def _dimensions(self) -> Iterator[Candidate]:
+        """Dimensions of parts by beam theory, and of those by virtual experiments that are suspect: these take time."""
+        for part in self.nominal.robot.parts:
+            if part not in self.nominal.tested or self._suspect(part):
+                for effect in dimension_effects(self.nominal, part):
+                    yield _of_dimension(effect)
+
+    def _suspect(self, part: str) -> bool:
+        """Whether the compliance of a part alone, entry by entry, explains a good share of the gap."""
+        prediction = self.predict()
+        entries = [
+            e for e in mechanical_effects(self.nominal)
+            if e.names[0] == "c11" and e.members == self.nominal.robot.bodies_of(part)
+        ]  # fmt: skip
+        if not entries:
+            return False
+        weight = 1.0 / np.where(
+            np.isnan(self.campaign.sigma), np.abs(self.campaign.value) + 1e-300, self.campaign.sigma
+        )
+        columns = prediction.columns(_mechanical(entries[0], self.nominal, np.ones(2))) * weight[:, None]
+        gap = (self.campaign.value - prediction.values) * weight
+        basis = np.linalg.qr(columns / np.linalg.norm(columns, axis=0).clip(min=1e-300))[0]
+        return float(np.sum((basis.T @ gap) ** 2)) > _SUSPECT * float(gap @ gap)
 
     @property
     def _weighted(self) -> bool:
@@ -333,7 +373,9 @@ class RobotModel:
         """Noise of a displacement by each channel, as the campaign's own readings have it."""
         c = self.campaign
         moving = c.kind <= DEVIATION
-        out = np.array([ROTATION if s.rotates else DISPLACEMENT for s in c.sensors] + [DISPLACEMENT] * 3 + [ROTATION] * 3)
+        out = np.array(
+            [ROTATION if s.rotates else DISPLACEMENT for s in c.sensors] + [DISPLACEMENT] * 3 + [ROTATION] * 3
+        )
         for channel in range(len(out)):
             mine = moving & (c.channel == channel)
             if channel >= len(c.sensors):

@@ -1,9 +1,10 @@
 """What a robot with given effects would read, and how every reading changes with every effect's parameters.
 
 Every reading is ``a · D b``: D the generalized compliance between terminals, b what is applied (a wrench, the weight,
-payloads), a what is read. A change δC of an element changes it by ``(W a) · δC (W b)``, W the wrenches that the element
-carries under unit loads at the terminals; an unloaded motion t of the element by ``(W a) · t``. A stiffness K_ii is read
-so with ``a = -K e_i``, ``b = K e_i``; a push 1/C_ii with ``a = -e_i/C_ii``, ``b = e_i/C_ii``.
+payloads), a what is read. A change δC of an element changes it by ``(W a) · δC (W b)``, W the wrenches that the
+element carries under unit loads at the terminals; an unloaded motion t of the element by ``(W a) · t``. A stiffness
+K_ii is read so with ``a = -K e_i``, ``b = K e_i``; a push 1/C_ii with ``a = -e_i/C_ii``, ``b = e_i/C_ii``; a natural
+frequency f with ``W b`` the wrench in its mode of unit modal mass, ``a = -b / (8 π² f)``.
 """
 
 from __future__ import annotations
@@ -339,7 +340,7 @@ class RobotPrediction:
         group = np.full(len(c), -1)
         key = np.stack([c.sensor, c.session], axis=1)[free]
         group[free] = np.unique(key, axis=0, return_inverse=True)[1].ravel()
-        weight = np.where(np.isnan(c.sigma), 1.0, c.sigma ** -2.0)
+        weight = np.where(np.isnan(c.sigma), 1.0, c.sigma**-2.0)
         for k in range(group.max() + 1):  # stated and unknown uncertainties do not mix
             mine = group == k
             if np.isnan(c.sigma[mine]).any():
@@ -501,8 +502,8 @@ class RobotPrediction:
                 if mine.size:
                     gain = float(np.cbrt(np.linalg.det(self.instrument(k)[:3, :3])))
                     out[mine] = gain * np.einsum("ni,ij,nj->n", self.axis[mine], turn, self.twist[mine])
-            back = turn @ np.linalg.inv(self.instrument(-1)) * float(
-                np.cbrt(np.linalg.det(self.instrument(-1)[:3, :3]))
+            back = (
+                turn @ np.linalg.inv(self.instrument(-1)) * float(np.cbrt(np.linalg.det(self.instrument(-1)[:3, :3])))
             )
             stiff = c.kind == STIFFNESS
             if stiff.any() and shown[stiff].any():

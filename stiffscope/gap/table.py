@@ -111,14 +111,14 @@ def _sheet(path: Path) -> tuple[list[list[str]], list[int], bool]:
         book = openpyxl.load_workbook(path, read_only=True, data_only=True)
     except OSError as error:
         raise InputError(f"{path}: expected a readable .xlsx file, got {error.strerror or error}") from None
-    except Exception as error:  # whatever zip and XML parsers raise for a file that is no workbook
+    except Exception as error:  # noqa: BLE001 (whatever zip and XML parsers raise for no workbook)
         raise InputError(f"{path.name}: expected an .xlsx workbook, got {error}") from None
     found = [list(row) for row in book.worksheets[0].iter_rows(values_only=True)]
     book.close()
     whole = [[_cell(value) for value in row] for row in found]
     kept = [k for k, row in enumerate(whole) if any(row)]
     width = max((j + 1 for j, cell in enumerate(whole[kept[0]]) if cell), default=0) if kept else 0
-    rows = [row[: max(width, max(j + 1 for j, cell in enumerate(row) if cell))] for row in (whole[k] for k in kept)]
+    rows = [row[: max(width, *(j + 1 for j, cell in enumerate(row) if cell))] for row in (whole[k] for k in kept)]
     return [row + [""] * (width - len(row)) for row in rows], [k + 1 for k in kept], True
 
 

@@ -92,7 +92,8 @@ def planned_poses(robot: RobotFile) -> Array:
 def _plan(robot: RobotFile, poses: Array, sensors: tuple[Sensor, ...], hook: LoadPoint) -> dict[str, list[str]]:
     """Columns of text: every gauge under a load along each axis, then everything unloaded, at every pose."""
     out: dict[str, list[str]] = {
-        name: [] for name in (*robot.tool.pose, "load", *WRENCH[:3], "sensor", "kind", "value", "sigma", "session", "remark")
+        name: []
+        for name in (*robot.tool.pose, "load", *WRENCH[:3], "sensor", "kind", "value", "sigma", "session", "remark")
     }
     for pose in poses:
         for load in (*np.eye(3), np.zeros(3)):
@@ -115,11 +116,11 @@ def _plan(robot: RobotFile, poses: Array, sensors: tuple[Sensor, ...], hook: Loa
 def _header(robot: RobotFile, name: str) -> list[str]:
     bodies = ", ".join(robot.bodies)
     return [
-        f"# A campaign on {robot.name}. Fill in the column value of readings.csv, a reading a row; delete rows that you do",
-        "# not take; then: stiffscope campaign check FOLDER, and stiffscope diagnose FOLDER --out OUT.",
-        "# Instead of a sensor a row may have a quantity at M in a column quantity: dx dy dz drx dry drz, deflections by the",
-        "# wrench; ex ey ez erx ery erz, deviations of the unloaded tool; kx..., px..., stiffness with all other motions held",
-        "# or free; f1 f2 ..., natural frequencies in Hz.",
+        f"# A campaign on {robot.name}. Fill in the column value of readings.csv, a reading a row; delete rows",
+        "# that you do not take; then: stiffscope campaign check FOLDER, and stiffscope diagnose FOLDER --out OUT.",
+        "# Instead of a sensor a row may have a quantity at M in a column quantity: dx dy dz drx dry drz, deflections",
+        "# by the wrench; ex ey ez erx ery erz, deviations of the unloaded tool; kx..., px..., stiffness with other",
+        "# motions held or free; f1 f2 ..., natural frequencies in Hz.",
         f"robot      = {json.dumps(name)}",
         'modelled   = ["gravity"]  # what the nominal model already carries' if robot.gravity else "modelled   = []",
         'components = "fea"        # the parts\' matrices: "fea", "beam" or "published"',
@@ -128,7 +129,7 @@ def _header(robot: RobotFile, name: str) -> list[str]:
         '# units    = { value = "um", sigma = "um" }  # by column; SI without it',
         "",
         f"# Bodies: {bodies}; an elastic one has two ends, NAME.base and NAME.tip. Positions at home, base axes.",
-        "# zero = \"session\": the sensor's zero is one unknown constant a session; a deviation says little without one.",
+        '# zero = "session": the sensor\'s zero is one unknown constant a session.',
     ]
 
 

@@ -62,12 +62,13 @@ def diagnose(campaign: str | Path) -> Diagnosis:
 def diagnose_case(case: Case, shop: Workshop) -> tuple[Diagnosis, Assembled | None]:
     """The diagnosis of a campaign, and the nominal robot that it starts from, where there is one."""
     from stiffscope.gap.diagnose import diagnose
+    from stiffscope.jobs.part_dimensions import tested_dimensions
     from stiffscope.robot.effects import NominalRobot
 
     if case.robot is None:
         return diagnose(case.campaign), None
     nominal = assemble_robots({"nominal": case.robot}, case.campaign.components, shop)["nominal"]
-    carrying = NominalRobot(nominal.mechanism, nominal.robot)
+    carrying = NominalRobot(nominal.mechanism, nominal.robot, tested_dimensions(nominal, shop))
     return diagnose(case.campaign, carrying, shop.open_line("diagnosis")), nominal
 
 
@@ -94,8 +95,8 @@ def reached(case: Case) -> Configurations | None:
     if case.robot is None:
         return None
     from stiffscope.gap.mechanics import RobotAtPoses
-    from stiffscope.robot.inspection import rigid_mechanism
     from stiffscope.robot.effects import NominalRobot
+    from stiffscope.robot.inspection import rigid_mechanism
 
     return RobotAtPoses(NominalRobot(rigid_mechanism(case.robot), case.robot), case.campaign).configurations
 

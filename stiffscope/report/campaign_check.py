@@ -1,4 +1,4 @@
-"""What `stiffscope campaign check` says of a campaign: counts, units, poses, sensors and loads, and a picture of them."""
+"""What `stiffscope campaign check` says of a campaign: counts, units, poses, sensors, loads, and a picture."""
 
 from __future__ import annotations
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.robot.description import RobotFile
+from stiffscope.robot.part_dimensions import beam_dimensions, is_beam
 from stiffscope.robot.sections import ElasticBody
 from stiffscope.robot.vocabulary import EFFECTS
 from stiffscope.vjm.linkage import HELD
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from stiffscope.robot.part_dimensions import PartDimension
     from stiffscope.vjm.mechanism import Elastic, Joint
 
     Array = NDArray[np.floating[Any]]
@@ -47,11 +49,18 @@ _ELEMENTS = {"base": (BASE,), "tool": (TOOL,)}  # places that are elements by an
 _ALL_ENTRIES = tuple((i, j) for i in range(6) for j in range(i, 6))
 _SYMMETRIC_PLATE = ((0, 0), (1, 1), (1, 5), (2, 2), (2, 4), (3, 3), (4, 4), (5, 5))  # a part with two symmetry planes
 _ENTRY_UNITS = ("m/N", "m/(N·m)", "rad/(N·m)")
+_FOUNDATION_UNIT = 1e-11  # m³/N: internal unit of what a foundation yields, of the size of a bolted contact's
+_RIGID = 1e-30  # m³/N: a foundation that does not yield
 _UNIFORM = 0.02  # relative, to which a uniform beam's entries agree
 _FIRST_FORMAT = {  # words of the first campaign format: effect and place as now, where the robot has such a place
     ("slider-compliance", "sliders"): ("part-compliance", "sliders"),
     ("platform-compliance", "platform"): ("platform-compliance", "tool"),
 }
+
+
+def _no_experiments() -> dict[str, Callable[[], tuple[PartDimension, ...]]]:
+    return {}
+
 
 Changes = dict[str, Change]
 """Changes by the element's name, in its own axes."""
@@ -72,6 +81,16 @@ class NominalRobot:
 
     mechanism: Mechanism
     robot: RobotFile
+    tested: Mapping[str, Callable[[], tuple[PartDimension, ...]]] = field(default_factory=_no_experiments)
+    """By part, what gives its parameters by virtual experiments: made where they are asked for."""
+
+    @cached_property
+    def beams(self) -> tuple[str, ...]:
+        """Parts whose matrix is that of beam theory."""
+        found = {part: self.robot.bodies_of(part) for part in self.robot.parts}
+        return tuple(
+            p for p, bodies in found.items() if bodies and is_beam(self.robot, p, self.elastic[bodies[0]].compliance)
+        )
 
     @property
     def acceleration(self) -> float:
@@ -120,9 +139,8 @@ class NominalRobot:
             members = self.robot.members(name)
             if members and all(each in able for each in members):
                 named.append((name, members))
-        for name in ("drives", "joints"):
-            if name not in self.robot.groups:
-                named.append((name, tuple(each for each in self.robot.members(name) if each in able)))
+        rest = [name for name in ("drives", "joints") if name not in self.robot.groups]
+        named += [(name, tuple(each for each in self.robot.members(name) if each in able)) for name in rest]
         named += [(name, (name,)) for name in able]
         by_members: dict[frozenset[str], list[tuple[str, tuple[str, ...]]]] = {}
         for name, members in named:
@@ -136,7 +154,7 @@ class NominalRobot:
     def __reduce__(self) -> tuple[Any, ...]:
         plain = {f.name: getattr(self.robot, f.name) for f in fields(self.robot)}  # read-only mappings do not pickle
         plain = {name: dict(value) if isinstance(value, Mapping) else value for name, value in plain.items()}
-        return _restored, (self.mechanism, plain)
+        return _restored, (self.mechanism, plain)  # without experiments, which belong to this process
 
 
 def _restored(mechanism: Mechanism, robot: dict[str, Any]) -> NominalRobot:
@@ -322,8 +340,7 @@ def _is_uniform(c: Array, length: float) -> bool:
     """Whether a compliance (6, 6) is that of a uniform beam of this length, clamped at its base."""
     bent = (c[5, 5] * length / 2.0, -c[4, 4] * length / 2.0)
     near = all(
-        abs(c[i, j] - b) <= _UNIFORM * abs(b) and abs(b) > 0.0
-        for (i, j), b in zip(((1, 5), (2, 4)), bent, strict=True)
+        abs(c[i, j] - b) <= _UNIFORM * abs(b) and abs(b) > 0.0 for (i, j), b in zip(((1, 5), (2, 4)), bent, strict=True)
     )
     sheared = (c[1, 1] - c[5, 5] * length**2 / 3.0, c[2, 2] - c[4, 4] * length**2 / 3.0)
     return near and min(sheared) >= -_UNIFORM * min(c[1, 1], c[2, 2])
@@ -380,6 +397,36 @@ def _entries(nominal: NominalRobot, place: Place, pairs: Sequence[tuple[int, int
     )
 
 
+def dimension_effects(nominal: NominalRobot, part: str) -> tuple[MechanicalEffect, ...]:
+    """Effects of a part's dimensions, material and foundation, where its matrix is that of beam theory or tested."""
+    if part in nominal.tested:
+        return tuple(_dimension(nominal, each) for each in nominal.tested[part]())
+    if part in nominal.beams:
+        return tuple(_dimension(nominal, each) for each in beam_dimensions(nominal.robot, part))
+    return ()
+
+
+def _dimension(nominal: NominalRobot, of: PartDimension) -> MechanicalEffect:
+    """A parameter by the logarithm of its ratio to the nominal one; of a rigid foundation what it yields."""
+    members = nominal.robot.bodies_of(of.part)
+    here = nominal.compliances[members[0]]
+    rigid = not np.isfinite(of.nominal)
+
+    def physical(values: Array) -> Array:
+        if not rigid:
+            return of.nominal * np.exp(values)
+        yields = values * _FOUNDATION_UNIT
+        return 1.0 / np.where(np.abs(yields) > _RIGID, yields, _RIGID)
+
+    def internal(values: Array) -> Array:
+        return 1.0 / (values * _FOUNDATION_UNIT) if rigid else np.log(values / of.nominal)
+
+    def changes(values: Array) -> Changes:
+        return dict.fromkeys(members, Change(of.compliance(float(physical(values)[0])) - here))
+
+    return MechanicalEffect("part-dimension", of.place, ("value",), (of.unit,), changes, physical, internal, members)
+
+
 def changed(mechanism: Mechanism, changes: Changes) -> Mechanism:
     """The mechanism with elements changed. Raises InputError for an unknown element, or one that ends up indefinite.
 
@@ -429,6 +476,8 @@ def adopted(robot: NominalRobot, effect: str, place: str, parameters: Mapping[st
         return robot
     if effect == "payload":
         raise InputError(f"payload: add its mass to bodies.{place}.mass of the robot file")
+    if effect == "part-dimension" and place.partition(".")[0] not in robot.beams:
+        raise InputError(f"part-dimension: set {place} in [parts] of the robot file, in its units")
     known = _named(robot, effect, place, parameters)
     if not parameters:
         raise InputError(f"{effect} @ {place}: expected parameters {', '.join(known.names)}, got none")
@@ -446,6 +495,8 @@ def _named(robot: NominalRobot, effect: str, place: str, parameters: Mapping[str
         raise InputError(f"effect: expected one of {', '.join(EFFECTS)}, got {effect!r}")
     word = f"{effect} @ {place}"
     known = mechanical_effects(robot)
+    if effect == "part-dimension":
+        known = tuple(e for part in robot.robot.parts for e in dimension_effects(robot, part))
     placed = [e for e in known if word in (f"{e.effect} @ {e.place}", *e.others)]
     if not placed:
         places = dict.fromkeys(e.place for e in known if e.effect == effect)

@@ -1,8 +1,8 @@
 """Vocabulary of effects that robot files, campaigns, the virtual lab and diagnoses share.
 
 Where an effect can act is said by the robot's own file: its elements, groups and parts (`stiffscope.robot.effects`).
-`VOCABULARY` are the words of the first campaign format, with the places that the Biglide's file has as groups; `EFFECTS`
-are all words with their parameters.
+`VOCABULARY` are the words of the first campaign format, with the places that the Biglide's file has as groups;
+`EFFECTS` are all words with their parameters.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from stiffscope.gap.lab.machine import biglide
 from stiffscope.gap.lab.measuring import Noise, default_plan, measure
 from stiffscope.gap.mechanics import RobotAtPoses
 from stiffscope.gap.robot_model import RobotModel, robot_candidates
-from stiffscope.robot.effects import NominalRobot, adopted, carried
+from stiffscope.robot.effects import adopted, carried
 from stiffscope.robot.sections import Effect
 from stiffscope.robot.vocabulary import VOCABULARY
 from stiffscope.vjm.mechanism import TOOL
@@ -34,7 +34,6 @@ SIZES = {
     "backlash": {"half_width": 2e-5},
     "encoder-offset": {"offset": 2e-4},
     "link-length": {"error": 2e-5},  # a single link of a limb turns the platform, which the lab takes to first order
-
     "thermal": {"temperature": 12.0},
     "instrument-misalignment": {"rx": 0.02, "ry": -0.03, "rz": 0.025},
 }

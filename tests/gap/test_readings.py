@@ -302,10 +302,14 @@ def test_poses_by_name_or_by_joints_are_those_of_the_robot(tmp_path):
     delta = load_robot("delta")
     toml = 'robot = "delta"\nreadings = "readings.csv"\nunits = { "q:leg2.motor" = "deg" }'
     rows = "pose,quantity,value,sigma\nhome,ez,1e-5,\nside,ez,1e-5,\n"
-    c = load_campaign(folder(tmp_path / "a", rows, toml=toml.split("\nunits")[0]), delta)
+    c = load_campaign(folder(tmp_path / "a", rows, toml=toml.split("\nunits", maxsplit=1)[0]), delta)
     assert c.poses[1] == pytest.approx(delta.poses["side"])
-    with pytest.raises(InputError, match=r"readings.csv:3: pose: expected one of delta's \[poses\] home, side, got 'no"):
-        load_campaign(folder(tmp_path / "b", rows.replace("side", "nowhere"), toml=toml.split("\nunits")[0]), delta)
+    with pytest.raises(
+        InputError, match=r"readings.csv:3: pose: expected one of delta's \[poses\] home, side, got 'no"
+    ):
+        load_campaign(
+            folder(tmp_path / "b", rows.replace("side", "nowhere"), toml=toml.split("\nunits", maxsplit=1)[0]), delta
+        )
     joints = "q:leg1.motor,q:leg2.motor,q:leg3.motor,quantity,value,sigma\n0.1,10,0,ez,1e-5,\n"
     c = load_campaign(folder(tmp_path / "c", joints, toml=toml), delta)
     assert c.poses[0] == pytest.approx([0.1, np.radians(10.0), 0.0])

@@ -18,7 +18,7 @@ from stiffscope.vjm.kinematics import configure, configure_drives
 from stiffscope.vjm.mechanism import Change
 from stiffscope.vjm.modes import frequencies
 from stiffscope.vjm.network import places
-from stiffscope.vjm.statics import Load, respond, sag, stiffness
+from stiffscope.vjm.statics import Load, respond, stiffness
 
 ROBOTS = ("delta", "stewart", "serial-arm", "five-bar")
 SENSED = {  # a body that moves, a body that carries it, a point on it
@@ -37,7 +37,11 @@ def sensed(robot):
     if robot.robot.name in SENSED:
         return SENSED[robot.robot.name]
     bodies = [body for body in robot.mechanism.bodies if body.elastic is not None]
-    return robot.mechanism.tool.body, f"{bodies[0].name}.tip", tuple(robot.mechanism.tool.at + [0.02, 0.01, 0.03])
+    return (
+        robot.mechanism.tool.body,
+        f"{bodies[0].name}.tip",
+        tuple(robot.mechanism.tool.at + np.array([0.02, 0.01, 0.03])),
+    )
 
 
 def readings(robot, quantities=("dx", "drz", "ex", "ery", "kz", "krx", "px", "prz"), poses=None):
@@ -47,7 +51,7 @@ def readings(robot, quantities=("dx", "drz", "ex", "ery", "kz", "krx", "px", "pr
         Sensor("gauge", body, (0.0, 0.6, 0.8), point, against=foot),
         Sensor("level", body, (0.6, 0.0, 0.8), measures="rotation"),
     )
-    loads = (LoadPoint("hook", body, tuple(np.array(point) + [0.0, 0.03, -0.02])),)
+    loads = (LoadPoint("hook", body, tuple(np.array(point) + np.array([0.0, 0.03, -0.02]))),)
     p = np.array(list(robot.robot.poses.values()) if poses is None else poses)
     rows = []
     for pose in range(len(p)):
@@ -218,7 +222,9 @@ def test_stiffnesses_taken_for_pushes_are_told():
     model = RobotModel(c, robot)
     pushes = model.predict_as(2, 3)
     stiff = c.kind == 2
-    taken = replace(c, value=np.where(stiff, pushes, model.predict().plain), sigma=np.where(stiff, 0.01 * pushes, c.sigma))
+    taken = replace(
+        c, value=np.where(stiff, pushes, model.predict().plain), sigma=np.where(stiff, 0.01 * pushes, c.sigma)
+    )
     remarks = RobotModel(taken, robot).remarks(_noise(taken), np.zeros(len(taken)))
     assert any("k.. fit far better as p.." in text for text in remarks)
     right = replace(c, value=model.predict().plain, sigma=np.where(stiff, 0.01 * model.predict().plain, c.sigma))

@@ -220,7 +220,11 @@ def _framed(image: Floats, view: View, title: str) -> Figure:
 
 
 def _explain(
-    figure: Figure, bodies: list[dict[str, Any]], shares: dict[str, float] | None, scale: str, marks: list[str] | None = None
+    figure: Figure,
+    bodies: list[dict[str, Any]],
+    shares: dict[str, float] | None,
+    scale: str,
+    marks: list[str] | None = None,
 ) -> None:
     """What the colours mean."""
     if shares is None:
