@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.gap.quantities import DEVIATION, FIRST_FREQUENCY, FREQUENCY
+from stiffscope.gap.quantities import DEVIATION, FIRST_FREQUENCY, FREQUENCY, JOINT
 from stiffscope.robot.effects import changed, without_ranges
 from stiffscope.vjm.equilibrium import loaded
 from stiffscope.vjm.kinematics import configure, configure_drives
@@ -84,12 +84,7 @@ class RobotAtPoses:
     def configurations(self) -> Configurations:
         """The robot at its poses. Raises InputError for one that it cannot reach."""
         c = self.campaign
-        if c.coordinates == tuple(self.mechanism.tool.pose):
-            found = configure(self.mechanism, c.poses)
-        else:
-            names = [name.removeprefix("q:") for name in c.coordinates]
-            order = [names.index(joint.name) for joint in self.mechanism.drives]
-            found = configure_drives(self.mechanism, c.poses[:, order])
+        found = configured(self.mechanism, c.coordinates, c.poses)
         bad = np.flatnonzero(~found.valid)
         if bad.size:
             k = int(bad[0])
@@ -179,6 +174,14 @@ class RobotAtPoses:
         """Poses at which natural frequencies were read."""
         c = self.campaign
         return np.unique(c.pose[c.kind == FREQUENCY])
+
+
+def configured(mechanism: Mechanism, coordinates: Sequence[str], poses: Array) -> Configurations:
+    """Configurations at poses (p, k) by tool coordinates, or by displacements of driven joints, `q:JOINT`."""
+    if tuple(coordinates) == tuple(mechanism.tool.pose):
+        return configure(mechanism, poses)
+    order = [list(coordinates).index(f"{JOINT}{joint.name}") for joint in mechanism.drives]
+    return configure_drives(mechanism, poses[:, order])
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from stiffscope.gap.quantities import (
     DEFLECTION,
     DEVIATION,
     FREQUENCY,
+    JOINT,
     KINDS,
     MOST_MODES,
     PUSH,
@@ -41,8 +42,6 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-JOINT = "q:"
-"""What a column of a driven joint's displacement begins with."""
 _LENGTH, _ANGLE = Dimension("a displacement", "m", "um"), Dimension("a rotation", "rad", "urad")
 _MEASURED = {  # by kind, of a translation and of a rotation
     DEFLECTION: (_LENGTH, _ANGLE),

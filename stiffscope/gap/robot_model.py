@@ -11,15 +11,14 @@ import numpy as np
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign import AT_TOOL
 from stiffscope.gap.forward_model import Candidate, Trial
-from stiffscope.gap.mechanics import RobotAtPoses
+from stiffscope.gap.mechanics import RobotAtPoses, configured
 from stiffscope.gap.noise import noise_of
 from stiffscope.gap.nuisance import nuisance_patterns
 from stiffscope.gap.quantities import AXES, DEFLECTION, DEVIATION, PUSH, STIFFNESS
-from stiffscope.gap.readings import JOINT, on_robot
+from stiffscope.gap.readings import on_robot
 from stiffscope.gap.robot_prediction import INSTRUMENT, Laden, RobotPrediction
 from stiffscope.robot.effects import dimension_effects, factor_of, growth_of, mechanical_effects
 from stiffscope.robot.vocabulary import EFFECTS
-from stiffscope.vjm.kinematics import configure, configure_drives
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -352,10 +351,7 @@ class RobotModel:
         points = np.repeat(np.median(c.poses, axis=0)[None], _TRIALS, axis=0)
         points[:, free] = low[free] + _halton(_TRIALS, len(free)) * (high - low)[free]
         points = np.vstack([points, c.poses[: _TRIALS // 8]])
-        mechanism = self.nominal.mechanism
-        if c.coordinates[0].startswith(JOINT):
-            return points[configure_drives(mechanism, points).valid]
-        return points[configure(mechanism, points).valid]
+        return points[configured(self.nominal.mechanism, c.coordinates, points).valid]
 
     def _trial_loads(self) -> list[tuple[int, Array]]:
         """Loads and their wrenches (6,): none, and every axis that the campaign loads at its largest."""

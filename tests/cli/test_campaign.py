@@ -1,4 +1,4 @@
-"""`stiffscope campaign new` and `campaign check`: a template that is understood, what is said of it, what is refused."""
+"""`stiffscope campaign new` and `campaign check`: a template that is understood, what is said, what is refused."""
 
 import json
 
