@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import logging
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from stiffscope.gap.diagnosis import Diagnosis
     from stiffscope.jobs.assembly import Assembled
     from stiffscope.jobs.campaigns import Case
+
+log = logging.getLogger(__name__)
 
 GROUPS = {
     "Eq. (29)": "Eq. (29): compliance of the slidable platform",
@@ -79,6 +82,7 @@ def _slider(nominal: Assembled | None) -> np.ndarray | None:
 
 def _write_page(case: Case, nominal: Assembled | None, diagnosis: Diagnosis, folder: Path) -> None:
     """The HTML page with its figures."""
+    from stiffscope.jobs.campaigns import reached
     from stiffscope.report.gap_figures import draw_figures
     from stiffscope.report.html import write_page
     from stiffscope.report.kept_pictures import draw_shares
@@ -91,7 +95,9 @@ def _write_page(case: Case, nominal: Assembled | None, diagnosis: Diagnosis, fol
         made_of = ", ".join(f"{part} {source}" for part, source in nominal.sources.items())
         modelled = ", ".join(case.campaign.modelled) or "no effect"
         facts.append(f"nominal robot {nominal.robot.name} ({made_of}; modelled: {modelled})")
-        draw_shares(nominal, diagnosis, case.campaign.poses, folder)
+        found = reached(case)
+        if found is not None:
+            draw_shares(nominal, diagnosis, found.tool[:, nominal.mechanism.tool.commanded], folder)
     write_page(
         folder / "report.html", diagnosis, title=f"Where is the gap? {case.name}", facts=facts, folder=folder,
         figures=figures, slider=_slider(nominal),
@@ -109,6 +115,60 @@ def _adopt(target: Path, nominal: Assembled, diagnosis: Diagnosis, case: Case, *
         for reason in left:
             tables.show_line(f"Not adopted: {reason}")
         tables.show_line(f"Adopted in {target}, with the parts' matrices of the diagnosis ({components})")
+
+
+@click.group()
+def campaign() -> None:
+    """A campaign of measurements: a template folder to fill in, and what was understood of one."""
+
+
+@campaign.command("new")
+@takes(options.robot, options.out)
+def new_campaign(name: str, out: Path, *, quiet: bool) -> None:
+    """Write a campaign folder for a robot, to fill in: sensors and loads as examples, a plan of readings."""
+    from stiffscope.jobs.campaign_template import write_template
+    from stiffscope.report import tables
+    from stiffscope.robot.library import robot_names
+    from stiffscope.robot.reader import load_robot
+
+    robot = load_robot(name)
+    named = name if name in robot_names() else Path(os.path.relpath(robot.path, out)).as_posix()
+    poses, readings = write_template(robot, named, out)
+    if not quiet:
+        tables.show_line(f"Written: {out}, {readings} readings at {poses} poses to fill in.")
+        tables.show_line(f"Next: stiffscope campaign check {out}")
+
+
+@campaign.command("check")
+@takes(
+    click.argument("name", metavar="CAMPAIGN"),
+    options.folder("--out", "Folder to write: pictures of the sensors on the robot, and check.json."),
+    options.target,
+)
+def check_campaign(name: str, out: Path | None, *, target: str | None, quiet: bool) -> None:
+    """What was understood of a campaign: counts, units, poses, sensors and loads; no experiment is made."""
+    from stiffscope.jobs.campaigns import open_case, reached
+    from stiffscope.report.campaign_check import campaign_json, draw_sensors, show_campaign
+    from stiffscope.report.pictures import PictureError
+
+    if out is not None:
+        files.check_output(out, target)
+    case = open_case(name, planned=True)
+    found = reached(case)
+    if not quiet and target != "-":
+        show_campaign(case.campaign, case.name)
+    if out is not None:
+        manifest = manifest_of(case.robot, *(case.folder / file for file in ("campaign.toml", *case.campaign.files)))
+        with files.staged_folder(out) as folder:
+            files.write_json(folder / "check.json", campaign_json(case.campaign))
+            if case.robot is not None and found is not None:
+                try:
+                    draw_sensors(case.robot, found.mechanism, found, case.campaign, folder)
+                except PictureError as error:
+                    log.warning("%s", error)
+            manifest.write(folder)
+    if target is not None:
+        files.write_json(target, campaign_json(case.campaign))
 
 
 @click.command()

@@ -33,7 +33,7 @@ for command in (
     *(robots.run, robots.stiffness, robots.deflection, robots.map_, vibration.modes, vibration.frf),
     *(parts.compliance, parts.compare, parts.interfaces, parts.faces),
     *(check.check, library.robots, library.new, library.import_),
-    *(campaigns.diagnose, campaigns.blind, campaigns.audit),
+    *(campaigns.diagnose, campaigns.campaign, campaigns.blind, campaigns.audit),
 ):
     cli.add_command(command)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.gap.forward_model import Candidate, Noise, Trial
-from stiffscope.gap.quantities import AXES, STIFFNESS
+from stiffscope.gap.quantities import AXES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -121,9 +121,9 @@ class ColumnModel:
         """Stated noise as it is; the unknown one is a common factor times the reading, or the rms of its like."""
         c = self.campaign
         unknown: Flags = np.isnan(c.sigma)
-        like = c.kind * 2 + c.direction // 3
+        like = c.like
         mean = np.sqrt(np.bincount(like, c.value**2) / np.maximum(np.bincount(like), 1))
-        own = np.where(c.kind == STIFFNESS, np.abs(c.value), mean[like])
+        own = np.where(c.relative, np.abs(c.value), mean[like])
         own = np.where(own > 0, own, max(float(np.abs(c.value).max()), 1e-300))
         sigma = np.where(unknown, own, c.sigma)
         outlier = self._outliers(sigma, unknown)

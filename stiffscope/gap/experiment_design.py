@@ -54,8 +54,8 @@ def next_measurement(
     pose, code = int(c.pose[row]), int(c.quantity[row])
     if np.isnan(c.poses).any():
         return NextMeasurement(separates, float(gain[best]), pose=c.pose_names[pose], quantity=QUANTITIES[code])
-    x, y, z = (float(v) for v in c.poses[pose])
+    at = tuple(float(v) for v in c.poses[pose])
     kind = "deviation" if code // 6 == DEVIATION else "deflection"
     wrench = None if np.isnan(c.wrench[row]).any() else tuple(float(w) for w in c.wrench[row])
     quantity = kind if len(rows) > 1 else QUANTITIES[code]
-    return NextMeasurement(separates, float(gain[best]), (x, y, z), wrench, None, quantity)
+    return NextMeasurement(separates, float(gain[best]), at, wrench, None, quantity)

@@ -1,87 +1,187 @@
-"""Mechanics of the nominal robot as a diagnosis needs it: the only module of this room that uses `stiffscope.vjm`.
+"""Mechanics of the nominal robot as a diagnosis needs it: response of what is read to what is applied, at every pose.
 
-Everything here is of the Biglide: names of drives, closed-form rigid kinematics, bounds of its stiffness.
+What is read and what is applied are columns of one table of terminals: six unit wrenches at M, six at the point of
+every load, one unit load at every sensor (opposite on the body that it stands on), the robot's own weight, payloads.
+One equilibrium under all of them gives the generalized compliance between any two, and the wrenches by which every
+element answers to each: the adjoint of whatever happens to that element.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.robot.effects import changed
-from stiffscope.robot.published_model import published_model
-from stiffscope.vjm.kinematics import configure
-from stiffscope.vjm.mechanism import TOOL
-from stiffscope.vjm.statics import respond, stiffness
+from stiffscope.gap.quantities import DEVIATION, FIRST_FREQUENCY, FREQUENCY, JOINT
+from stiffscope.robot.effects import changed, without_ranges
+from stiffscope.vjm.equilibrium import loaded
+from stiffscope.vjm.kinematics import configure, configure_drives
+from stiffscope.vjm.linkage import rotation_vector
+from stiffscope.vjm.loading import Loads
+from stiffscope.vjm.mechanism import GROUND
+from stiffscope.vjm.modes import modes
+from stiffscope.vjm.network import END, FOOT, masses, places
+from stiffscope.vjm.order import order_of
+from stiffscope.vjm.prestress import bent
+from stiffscope.vjm.screws import Frame
+from stiffscope.vjm.statics import stiffness
+from stiffscope.vjm.strain import remaining_offsets
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
+    from stiffscope.gap.campaign import Campaign, Sensor
     from stiffscope.robot.effects import Changes, NominalRobot
-    from stiffscope.robot.published_model import Dimensions, PublishedModel
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.loading import Response
+    from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.modes import Modes
+    from stiffscope.vjm.network import Places
+    from stiffscope.vjm.screws import Array as Matrix
 
     Array = NDArray[np.floating[Any]]
+    Flags = NDArray[np.bool_]
 
-DRIVES = {"stage": "stage.actuator", "limb1": "limb1.actuator", "limb2": "limb2.actuator"}
-"""Element of each drive; it moves along the x of its own axes."""
-_WEIGHT, _PAYLOAD = 6, 7  # load cases behind the six unit wrenches
-_GRID = 9  # tool points along each side of the workspace
-_SMALL = 1e-3  # share of a geometric error at which it acts linearly
+_TOOL = slice(0, 6)
+_NEWTON_STEPS = 12
+_CLOSED = 1e-9  # rad, or of the mechanism's length: a Newton step that ends the loop closure
+_OPEN = 1e-6  # a Newton step that has not closed it
+_HELD_MOMENT = 1e-9  # relative: what rounding leaves of a moment
+
+
+@dataclass(frozen=True)
+class Payload:
+    """A mass that a body carries: kg, and its first moments (3,) in kg·m about ``at`` (3,), both at home."""
+
+    body: str
+    at: Array
+    mass: float
+    moments: Array
 
 
 @dataclass(frozen=True)
 class RobotAtPoses:
-    """The nominal robot at tool points (p, 3) in m."""
+    """The nominal robot at a campaign's poses (p, k), with its sensors and loads."""
 
     robot: NominalRobot
-    poses: Array
+    campaign: Campaign
 
-    def state(self, changes: Sequence[Changes], payload: Array) -> ElasticState:
-        """The robot with changed elements and a payload's wrench (6,) at M. Raises InputError if it cannot close."""
-        return ElasticState(self, tuple(changes), payload)
+    def state(self, changes: Sequence[Changes] = (), payloads: Sequence[Payload] = ()) -> ElasticState:
+        """The robot with changed elements and payloads. Raises InputError if it cannot close."""
+        return ElasticState(self, tuple(changes), tuple(payloads))
 
     @cached_property
-    def model(self) -> PublishedModel:
+    def mechanism(self) -> Mechanism:
         """The robot wherever its drives stand: errors may lead out of their ranges."""
-        return published_model(self.robot.mechanism, self.robot.robot.parameters)
+        return without_ranges(self.robot.mechanism)
 
     @cached_property
     def configurations(self) -> Configurations:
-        """The robot at its tool points. Raises InputError for one that it cannot reach."""
-        return configure(self.model.mechanism, self.poses).required()
+        """The robot at its poses. Raises InputError for one that it cannot reach."""
+        c = self.campaign
+        found = configured(self.mechanism, c.coordinates, c.poses)
+        bad = np.flatnonzero(~found.valid)
+        if bad.size:
+            k = int(bad[0])
+            row = int(np.argmax(c.pose == k))
+            raise InputError(f"{c.where(row)}: pose {c.pose_names[k]}: {found.reason(k)}")
+        return found
 
-    def drive_centre(self) -> float:
-        """Middle of the range of the two sliding drives, m."""
-        dimensions = self.model.dimensions
-        return 0.5 * (dimensions.a_min + dimensions.a_max)
+    @cached_property
+    def cases(self) -> int:
+        """Number of terminals: M, loads, sensors, weight, payloads."""
+        return 6 + 6 * len(self.campaign.loads) + len(self.campaign.sensors) + 2
+
+    def load_cases(self, load: int) -> slice:
+        """Columns of a load's six wrench components."""
+        return slice(6 + 6 * load, 12 + 6 * load)
+
+    def sensor_case(self, sensor: int) -> int:
+        """Column of a sensor."""
+        return 6 + 6 * len(self.campaign.loads) + sensor
+
+    @property
+    def weight_case(self) -> int:
+        """Column of one m/s² of gravity on the robot's weight; that of the payloads follows."""
+        return self.cases - 2
+
+    @cached_property
+    def used(self) -> Flags:
+        """Which unit loads (cases,) act: those of M that hold the tool, of loads what some reading applies."""
+        c = self.campaign
+        out = np.ones(self.cases, dtype=np.bool_)
+        for k in range(len(c.loads)):
+            out[self.load_cases(k)] = (np.nan_to_num(c.wrench[c.load == k]) != 0.0).any(axis=0)
+        if not self._firm:
+            read = np.unique(c.direction[(c.sensor < 0) & (c.kind <= DEVIATION)])
+            applied = (np.nan_to_num(c.wrench[c.load < 0]) != 0.0).any(axis=0)
+            out[_TOOL] = np.isin(np.arange(6) // 3, read // 3) | applied
+        return out
+
+    @cached_property
+    def _firm(self) -> bool:
+        """Whether the tool holds every wrench at M."""
+        found = self.configurations[:1]
+        try:
+            loaded(order_of(self.mechanism, found.linkage), places(found), Loads(6, {END: np.eye(6)[None]}))
+        except InputError:
+            return False
+        return True
+
+    def unit_loads(self, where: Places, mechanism: Mechanism, payloads: Sequence[Payload]) -> Loads:
+        """All terminals as loads (n or 1, 6, cases) on nodes at M in base axes."""
+        c = self.campaign
+        nodes: dict[str, Array] = {}
+
+        def add(node: str, wrench: Array, case: int | slice) -> None:
+            node = FOOT if node == GROUND else node
+            if node not in nodes or len(nodes[node]) < len(wrench):
+                known = nodes.get(node, np.zeros((1, 6, self.cases)))
+                nodes[node] = np.array(np.broadcast_to(known, (len(wrench), 6, self.cases)))
+            nodes[node][..., case] += wrench
+
+        add(END, np.eye(6)[None], _TOOL)
+        for k, load in enumerate(c.loads):
+            add(load.body, _at(where, load.body, load.at), self.load_cases(k))
+        for k, sensor in enumerate(c.sensors):
+            unit = _unit(sensor)
+            push = _at(where, sensor.body, sensor.at) @ unit
+            add(sensor.body, push, self.sensor_case(k))
+            if sensor.against != GROUND:
+                add(sensor.against, -push, self.sensor_case(k))
+        per_unit = mechanism.gravity / (self.robot.acceleration or np.inf)
+        for node, mass in masses(mechanism, where).items() if per_unit.any() else ():
+            add(node, mass.weight(per_unit)[..., 0], self.weight_case)
+        for payload in payloads:
+            add(payload.body, _weight_of(payload, where, mechanism.gravity), self.weight_case + 1)
+        for wrench in nodes.values():
+            wrench[..., ~self.used] = 0.0
+        return Loads(self.cases, nodes)
 
     @cached_property
     def weight_stiffness(self) -> Array:
-        """Change (p, 6, 6) of the stiffness when the robot's own weight acts."""
-        mechanism, found = self.model.mechanism, self.configurations
-        return stiffness(mechanism, found, gravity="exact") - stiffness(mechanism, found)
+        """Change (p, 6, 6) of the stiffness at M when the robot's own weight acts."""
+        found = self.configurations
+        return stiffness(self.mechanism, found, gravity="exact") - stiffness(self.mechanism, found)
 
-    def stiffness_bounds(self) -> Array:
-        """Diagonals (p, 6) of the stiffness that no machine of these parts can exceed."""
-        return self.model.bounds(self.model.dimensions.link_angle(self.poses))
+    @cached_property
+    def shaken(self) -> NDArray[np.intp]:
+        """Poses at which natural frequencies were read."""
+        c = self.campaign
+        return np.unique(c.pose[c.kind == FREQUENCY])
 
-    def workspace(self, y: float) -> Array:
-        """Tool points (k, 3) on a grid all over the workspace, at one y."""
-        d = self.model.dimensions
-        reach = np.arccos((np.clip([d.a_max, d.a_min], d.l, d.l + d.L) - d.l) / d.L)
-        half = 0.5 * (d.a_max - d.a_min)
-        low, high = (float(z) for z in d.tool_point(reach)[:, 2])
-        points = np.array(list(product(np.linspace(-half, half, _GRID), [y], np.linspace(low, high, _GRID))))
-        return points[configure(self.robot.mechanism, points).valid]
+
+def configured(mechanism: Mechanism, coordinates: Sequence[str], poses: Array) -> Configurations:
+    """Configurations at poses (p, k) by tool coordinates, or by displacements of driven joints, `q:JOINT`."""
+    if tuple(coordinates) == tuple(mechanism.tool.pose):
+        return configure(mechanism, poses)
+    order = [list(coordinates).index(f"{JOINT}{joint.name}") for joint in mechanism.drives]
+    return configure_drives(mechanism, poses[:, order])
 
 
 @dataclass(frozen=True)
@@ -90,108 +190,231 @@ class ElasticState:
 
     at: RobotAtPoses
     changes: tuple[Changes, ...]
-    payload: Array
-    """(6,) at M, N and N·m."""
+    payloads: tuple[Payload, ...]
+    _known: dict[str, Array] = field(default_factory=dict[str, Any], compare=False)
 
     @cached_property
-    def _errors(self) -> Array:
-        """Errors (5,) of the rigid mechanism in m: limb 1, limb 2, stage outward, mean links of limb 1, limb 2."""
-
-        def along(name: str) -> float:
-            offsets = [c[name].offset for c in self.changes if name in c]
-            return float(sum(o[0] for o in offsets if o is not None))
-
-        links = [np.mean([along(f"limb{i}.link{j}") for j in (1, 2, 3)]) for i in (1, 2)]
-        return np.array([*(along(DRIVES[drive]) for drive in ("limb1", "limb2", "stage")), *links])
+    def mechanism(self) -> Mechanism:
+        """The robot with its changes. Raises InputError for an element that ends up indefinite."""
+        mechanism = self.at.mechanism
+        for change in self.changes:
+            mechanism = changed(mechanism, change)
+        return mechanism
 
     @cached_property
-    def displacement(self) -> Array:
-        """Translation (p, 3) of the tool by errors of the rigid mechanism, exactly."""
-        if not self._errors.any():
-            return np.zeros((len(self.at.poses), 3))
-        return _displaced(self.at.model.dimensions, self.at.poses, self._errors)
+    def _rest(self) -> Places:
+        return places(self.at.configurations)
+
+    @cached_property
+    def places(self) -> Places:
+        """Nodes where errors of the geometry have moved them to: loops closed by Newton steps of the elastic network.
+
+        Raises InputError where they do not close.
+        """
+        rest, mechanism = self._rest, self.mechanism
+        order = order_of(mechanism, self.at.configurations.linkage)
+        offsets = {e.name: e.offset[None, :, None] for e in order.elements if e.offset is not None}
+        if not offsets:
+            return rest
+        response = loaded(order, rest, Loads(1, {}, offsets))
+        there, size = bent(rest, response), _size(response, order.length)
+        for _ in range(_NEWTON_STEPS):
+            if size < _CLOSED:
+                return there
+            response = loaded(order, there, Loads(1, {}, remaining_offsets(order, there, rest), balanced=1.0))
+            there, size = bent(there, response), _size(response, order.length)
+        if not size < _OPEN:
+            raise InputError("loop closure: no solution for these geometric errors")
+        return there
 
     @cached_property
     def _response(self) -> Response:
-        """Six unit wrenches at M, one m/s² of gravity on the robot's weight, the payload."""
-        nominal, found = self.at.model.mechanism, self.at.configurations
-        if self._errors.any():
-            found = configure(nominal, self.at.poses + self.displacement).required()
-        mechanism = nominal
-        for change in self.changes:
-            mechanism = changed(mechanism, change)
-        loads = np.column_stack([np.eye(6), np.zeros(6), self.payload])
-        per_unit = 1.0 / (self.at.robot.acceleration or np.inf)
-        return respond(mechanism, found, loads, gravity=per_unit * np.eye(8)[_WEIGHT])
+        where = self.places
+        order = order_of(self.mechanism, self.at.configurations.linkage)
+        return loaded(order, where, self.at.unit_loads(where, self.mechanism, self.payloads))
+
+    def _at_every_pose(self, value: Matrix) -> Array:
+        return np.broadcast_to(value, (len(self.at.campaign.poses), *value.shape[1:]))
 
     @cached_property
+    def tool(self) -> Array:
+        """Twist (p, 6, cases) of the tool at M."""
+        return self._at_every_pose(self._response.twist)
+
+    @property
     def compliance(self) -> Array:
         """Compliance (p, 6, 6) at M."""
-        return self._response.twist[..., :6]
+        return self.tool[..., _TOOL]
 
-    @cached_property
-    def weight_twist(self) -> Array:
-        """Twist (p, 6) of the tool under the robot's own weight, per m/s² of gravity."""
-        return self._response.twist[..., _WEIGHT]
+    def sensed(self, sensor: Sensor) -> Array:
+        """Motion (p, 6, cases) of a sensor's point, and rotation, against the body that it stands on; base axes."""
+        nodes, where = self._response.nodes, self.places
 
-    @cached_property
-    def payload_twist(self) -> Array:
-        """Twist (p, 6) of the platform under the payload."""
-        return self._response.twist[..., _PAYLOAD] - self.tool_compliance @ self.payload
+        def motion(node: str) -> Array:
+            back = np.swapaxes(_at(where, sensor.body, sensor.at), -1, -2)
+            return back @ nodes[FOOT if node == GROUND else node]
 
-    @cached_property
-    def tool_compliance(self) -> Array:
-        """Compliance (6, 6) between platform and tool: it yields to the applied wrench alone."""
-        added = [c[TOOL].compliance for c in self.changes if TOOL in c]
-        return sum((c for c in added if c is not None), self.at.robot.compliances[TOOL])
-
-    def _wrench(self, name: str) -> Array:
-        return np.broadcast_to(self._response.elements[name].wrench, (len(self.at.poses), 6, 8))
+        across = motion(sensor.body)
+        if sensor.against != GROUND:
+            across = across - motion(sensor.against)
+        return self._at_every_pose(across)
 
     def transmitted(self, name: str) -> Array:
-        """Wrench (p, 6, 6) on an element for unit wrenches at M, in its own axes."""
-        return self._wrench(name)[..., :6]
+        """Wrench (p, 6, cases) on an element for every terminal's unit load, in its own axes."""
+        if name not in self._known:
+            self._known[name] = self._at_every_pose(self._response.elements[name].wrench)
+        return self._known[name]
 
-    def dead_wrench(self, name: str, gravity: float) -> Array:
-        """Wrench (p, 6) on an element under the robot's weight and its payload, which the tool's does not cross."""
-        wrench = self._wrench(name)
-        if name == TOOL:
-            return np.zeros_like(wrench[..., _WEIGHT])
-        return gravity * wrench[..., _WEIGHT] + wrench[..., _PAYLOAD]
+    def displaced(self, sensor: Sensor | None) -> Array:
+        """Displacement (p, 6) by errors of the geometry, exactly: translation and rotation vector of M or a sensor."""
+        if self.places is self._rest:
+            return np.zeros((len(self.at.campaign.poses), 6))
+        if sensor is None:
+            tool = self.at.mechanism.tool
+            return self._at_every_pose(self._gone(END, tool.at))
+        across = self._gone(sensor.body, np.array(sensor.at))
+        if sensor.against == GROUND:
+            return self._at_every_pose(across)
+        rest, there = self._rest, self.places  # the point as it would move with the body that the sensor stands on
+        point = rest.point(sensor.body, np.array(sensor.at))
+        r0, r1 = rest.rotation[sensor.against], there.rotation[sensor.against]
+        home = (np.swapaxes(r0, -1, -2) @ (point - rest.position[sensor.against])[..., None])[..., 0]
+        carried = (r1 @ home[..., None])[..., 0] + there.position[sensor.against] - point
+        turned = rotation_vector(r1 @ np.swapaxes(r0, -1, -2))
+        return self._at_every_pose(across - np.concatenate(np.broadcast_arrays(carried, turned), axis=-1))
 
-    def drive_force(self, drive: str) -> Array:
-        """Force (p, 6) of a drive for unit wrenches at M; just as well the tool's twist for a shift of the drive."""
-        return self.transmitted(DRIVES[drive])[:, 0]
-
-    def dead_drive_force(self, drive: str, gravity: float) -> Array:
-        """Force (p,) of a drive under the robot's weight and its payload."""
-        return self.dead_wrench(DRIVES[drive], gravity)[:, 0]
+    def _gone(self, node: str, home: Array) -> Array:
+        """Translation of a point of a node's body and its rotation vector (n, 6), since the nominal pose."""
+        rest, there = self._rest, self.places
+        away = there.point(node, home) - rest.point(node, home)
+        turned = rotation_vector(there.rotation[node] @ np.swapaxes(rest.rotation[node], -1, -2))
+        n = max(len(away), len(turned))
+        return np.concatenate([np.broadcast_to(away, (n, 3)), np.broadcast_to(turned, (n, 3))], axis=1)
 
     @cached_property
-    def offset_twist(self) -> Array:
-        """Twist (p, 6) of the unloaded tool by offsets of elements, with its rigid part exact."""
-        out = np.zeros((len(self.at.poses), 6))
-        if self._errors.any():
-            dimensions, there = self.at.model.dimensions, self.at.poses + self.displacement
-            ahead, behind = (_displaced(dimensions, there, sign * _SMALL * self._errors) for sign in (1.0, -1.0))
-            out[:, :3] = self.displacement - (ahead - behind) / (2.0 * _SMALL)
-        for changes in self.changes:
-            for name, change in changes.items():
-                if change.offset is not None:
-                    out = out + np.swapaxes(self.transmitted(name), -1, -2) @ change.offset
-        return out
+    def _modes(self) -> Modes:
+        """Lowest modes at the poses where natural frequencies were read, drives held."""
+        at, c = self.at, self.at.campaign
+        count = int((c.quantity[c.kind == FREQUENCY] - FIRST_FREQUENCY).max()) + 1
+        found = modes(self._laden, at.configurations[at.shaken], count)
+        if found.frequencies.shape[1] < count or np.isnan(found.frequencies).any():
+            row = int(np.argmax(c.kind == FREQUENCY))
+            raise InputError(f"{c.where(row)}: quantity: expected one of the modes that the robot has, got f{count}")
+        return found
+
+    @cached_property
+    def _laden(self) -> Mechanism:
+        return _laden(self.mechanism, self.payloads)
+
+    @property
+    def frequencies(self) -> Array:
+        """Natural frequencies (s, c) in Hz at the poses where some were read; drives held."""
+        return self._modes.frequencies
+
+    @cached_property
+    def _swinging(self) -> Response:
+        """Equilibrium under the inertial loads ``ω² M v`` of each mode v: what its elements carry at their largest."""
+        found, where = self._modes.configurations, places(self._modes.configurations)
+        squares = np.square(2.0 * np.pi * self.frequencies)[:, None]
+        forces = inertial_forces(self._laden, where, self._modes.shapes)
+        loads = Loads(squares.shape[2], {node: force * squares for node, force in forces.items()}, balanced=1.0)
+        return loaded(order_of(self.mechanism, found.linkage), where, loads)
+
+    def swung(self, name: str) -> Array:
+        """Wrench (s, 6, c) on an element in each mode of a modal mass of 1 kg, in its own axes."""
+        wrench = self._swinging.elements[name].wrench
+        return np.broadcast_to(wrench, (len(self.at.shaken), *wrench.shape[1:]))
+
+    def swing(self, node: str, home: Array) -> Array:
+        """Twist (s, 6, c) of a point of a body in each mode of a modal mass of 1 kg, base axes."""
+        where = places(self._modes.configurations)
+        return np.swapaxes(_at(where, node, home), -1, -2) @ self._modes.shapes[node]
 
 
-def _displaced(geometry: Dimensions, poses: Array, errors: Array) -> Array:
-    """Translation (p, 3) of M by errors (5,) of drives and of each limb's mean link, by the circles it runs on."""
-    sine = (poses[:, 2] - geometry.l1 - geometry.l2) / geometry.L
-    reach = geometry.L * np.sqrt(1.0 - sine**2) + geometry.l
-    first, second = reach - poses[:, 0] + errors[0], reach + poses[:, 0] + errors[1]
-    links = geometry.L + errors[3:]
-    between = first + second - 2.0 * geometry.l
-    along = (between**2 + links[0] ** 2 - links[1] ** 2) / (2.0 * between)
-    if not (np.abs(along) < links[0]).all():
-        raise InputError("loop closure: no solution for these geometric errors")
-    x = geometry.l - first + along
-    z = geometry.l1 + geometry.l2 + np.sqrt(links[0] ** 2 - along**2)
-    return np.column_stack([x - poses[:, 0], np.full(len(poses), errors[2]), z - poses[:, 2]])
+def _size(response: Response, length: float) -> float:
+    """Largest rotation, or translation over a length, of any node."""
+    unit = np.repeat([1.0 / length, 1.0], 3)
+    return max(float(np.abs(twist[..., 0] * unit).max()) for twist in response.nodes.values())
+
+
+def _unit(sensor: Sensor) -> Array:
+    """Unit wrench (6,) that a sensor's reading is the work of."""
+    direction = np.array(sensor.direction)
+    return np.concatenate([np.zeros(3), direction] if sensor.rotates else [direction, np.zeros(3)])
+
+
+def _at(where: Places, node: str, home: Sequence[float] | Array) -> Array:
+    """Wrench (n or 1, 6, 6) at M for unit wrenches at a point of a body, base axes: ``[[I, 0], [S(r), I]]``."""
+    node = FOOT if node == GROUND else node
+    lever = where.point(node, np.array(home)) - where.tool
+    out = np.zeros((len(lever), 6, 6))
+    out[:] = np.eye(6)
+    out[:, 3, 1], out[:, 3, 2] = -lever[:, 2], lever[:, 1]
+    out[:, 4, 0], out[:, 4, 2] = lever[:, 2], -lever[:, 0]
+    out[:, 5, 0], out[:, 5, 1] = -lever[:, 1], lever[:, 0]
+    return out
+
+
+def inertial_forces(mechanism: Mechanism, where: Places, shapes: Mapping[str, Array]) -> dict[str, Array]:
+    """Wrenches ``M v`` (n, 6, c) on nodes at M in base axes for twists v (n, 6, c) of the nodes.
+
+    Of elastic bodies the condensed mass, without that of their own modes.
+    """
+    out: dict[str, Array] = {}
+
+    def add(node: str, wrench: Array) -> None:
+        out[node] = out[node] + wrench if node in out else wrench
+
+    def moved(node: str, at: Array, axes: Array) -> tuple[Array, Array]:
+        """Adjoint (n, 6, 6) of a node's own axes at a point, and its twist there (n, 6, c)."""
+        frame = Frame(where.rotation[node] @ axes, where.point(node, at) - where.tool)
+        back = frame.inverse_adjoint()
+        return back, back @ shapes[node]
+
+    for body in mechanism.bodies:
+        if body.elastic is None:
+            whole = np.kron(np.diag([1.0, 0.0]), body.mass * np.eye(3))
+            whole[3:, 3:] = 0.0 if body.inertia is None else 0.5 * (body.inertia + body.inertia.T)
+            if whole.any():
+                centre = np.zeros(3) if body.centre is None else body.centre
+                back, twist = moved(body.name, centre, np.eye(3))
+                add(body.name, np.swapaxes(back, -1, -2) @ (whole @ twist))
+            continue
+        elastic = body.elastic
+        ends = [moved(n, at, elastic.axes) for n, at in zip(body.nodes, (elastic.base, elastic.tip), strict=True)]
+        if elastic.dynamics is None:
+            mass = np.kron(np.eye(2), np.kron(np.diag([0.5 * body.mass, 0.0]), np.eye(3)))
+        else:
+            factor = elastic.dynamics.factor[:, :12]
+            mass = factor.T @ factor
+        forces = mass @ np.concatenate(np.broadcast_arrays(*(twist for _, twist in ends)), axis=1)
+        for node, (back, _), force in zip(body.nodes, ends, np.split(forces, 2, axis=1), strict=True):
+            add(node, np.swapaxes(back, -1, -2) @ force)
+    return out
+
+
+def _weight_of(payload: Payload, where: Places, gravity: Array) -> Array:
+    """Wrench (n, 6) of a payload's weight at M in base axes."""
+    arm = where.rotation[payload.body] @ payload.moments
+    push = np.concatenate([np.broadcast_to(payload.mass * gravity, arm.shape), np.cross(arm, gravity)], axis=1)
+    return (_at(where, payload.body, payload.at) @ push[..., None])[..., 0]
+
+
+def _laden(mechanism: Mechanism, payloads: Sequence[Payload]) -> Mechanism:
+    """The mechanism whose bodies have the payloads' masses too, each at a point."""
+    bodies = {body.name: body for body in mechanism.bodies}
+    for payload in payloads:
+        body = bodies[payload.body]
+        centre = np.zeros(3) if body.centre is None else body.centre
+        whole = body.mass + payload.mass
+        if not whole > 0.0:
+            raise InputError(f"{payload.body}: expected a mass above 0 kg, got {whole:g}")
+        offset = payload.moments / payload.mass if payload.mass else np.zeros(3)
+        away = payload.at + offset - centre
+        middle = centre + away * (payload.mass / whole)
+        own = np.zeros((3, 3)) if body.inertia is None else body.inertia
+        reduced = body.mass * payload.mass / whole
+        inertia = own + reduced * (away @ away * np.eye(3) - np.outer(away, away))
+        heavy = np.linalg.eigvalsh(inertia)[0] > _HELD_MOMENT * np.abs(inertia).max() if inertia.any() else False
+        bodies[payload.body] = replace(body, mass=whole, centre=middle, inertia=inertia if heavy else body.inertia)
+    return replace(mechanism, bodies=tuple(bodies.values()))

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from stiffscope.gap.forward_model import Noise
-from stiffscope.gap.quantities import STIFFNESS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -59,11 +58,11 @@ def noise_of(model: ForwardModel) -> Noise:
 
 def _first_guess(c: Campaign, gap: Array, x: Array) -> Array:
     """Unknown sigmas (n,) as one share of the gap of their kind: the likeliest with all effects free."""
-    like = c.kind * 2 + c.direction // 3
-    size = np.where(c.kind == STIFFNESS, np.abs(c.value), 1.0)
+    like = c.like
+    size = np.where(c.relative, np.abs(c.value), 1.0)
     mean = np.sqrt(np.bincount(like, (gap / size) ** 2) / np.maximum(np.bincount(like), 1))
     least = 1e-12 * float(np.abs(c.value).max())
-    unit = np.maximum(size * mean[like], np.where(c.kind == STIFFNESS, 1e-6 * size, max(least, 1e-300)))
+    unit = np.maximum(size * mean[like], np.where(c.relative, 1e-6 * size, max(least, 1e-300)))
     some = np.unique(np.linspace(0, len(gap) - 1, min(len(gap), LARGEST)).astype(np.int64))
     a, y = x[some] / unit[some, None], gap[some] / unit[some]
     values, vectors = np.linalg.eigh(a @ a.T)
@@ -88,7 +87,7 @@ def _joint_fit(a: Array, y: Array, used: Flags, before: _Fit) -> _Fit:
 def _judged(c: Campaign, noise: Noise, fit: _Fit) -> tuple[Noise, _Fit]:
     """Unknown noise by the robust scatter of its kind; outliers by the same measure."""
     unknown = np.isnan(c.sigma)
-    like = c.kind * 2 + c.direction // 3
+    like = c.like
     scatter = np.ones(len(c))
     for group in np.unique(like):
         mine = (like == group) & noise.used

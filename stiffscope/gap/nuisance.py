@@ -11,72 +11,95 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.gap.forward_model import UNNAMED, Candidate
-from stiffscope.gap.quantities import AXES, STIFFNESS
+from stiffscope.gap.quantities import AXES, DEFLECTION, DEVIATION
 from stiffscope.gap.robot_prediction import Pattern
-from stiffscope.robot.effects import RADIAL, Change, MechanicalEffect, added_diagonal, softer
-from stiffscope.robot.vocabulary import LINKS
+from stiffscope.robot.effects import Change, MechanicalEffect, added_diagonal
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Mapping
 
     from numpy.typing import NDArray
 
+    from stiffscope.gap.campaign import Campaign
+    from stiffscope.gap.mechanics import RobotAtPoses
     from stiffscope.gap.robot_prediction import RobotPrediction
-    from stiffscope.robot.effects import Changes, NominalRobot
+    from stiffscope.robot.effects import Changes
 
     Array = NDArray[np.floating[Any]]
 
 _FULL_FORCE = 0.2  # share of the largest force in a drive from which its friction is overcome
 _SPRING = 1e6  # N/m: a spring towards the frame, times the parameter
+_MOST_SESSIONS = 6
 
 
-def nuisance_patterns(nominal: NominalRobot) -> tuple[Candidate, ...]:
-    """Unnamed faults of single parts, of the surroundings, and of the instrument in time."""
-    return (
-        *_parts(nominal),
-        *(_unnamed(p, (scale,) * count, Pattern(read)) for p, (count, scale, read) in _PATTERNS.items()),
-    )
+def nuisance_patterns(at: RobotAtPoses) -> tuple[Candidate, ...]:
+    """Unnamed faults of parts, of the surroundings, and of the instruments in time."""
+    return tuple(_patterns(at))
 
 
-def _parts(nominal: NominalRobot) -> Iterator[Candidate]:
-    eye = np.eye(6)
-    for limb in ("limb1", "limb2"):
-        slider, (carriage,) = f"{limb}.slider", nominal.elements(limb)
-        yield _part(f"one slider alone, {limb}", (0.5,), partial(softer, nominal, [slider]), component=slider)
-        yield _part(f"one carriage alone, {limb}", (5e-9, 5e-9, 1e-7, 1e-7, 1e-7),
-                    partial(added_diagonal, [carriage], eye[1:]))  # fmt: skip
-    for link in LINKS:
-        for joint in (f"{link}.joint_a", f"{link}.joint_b"):
-            yield _part(f"one bearing alone, {joint}", (5e-9,), partial(added_diagonal, [joint], RADIAL[None]))
-        yield _part(f"a bowed link, {link}", (1e-4,), partial(_bowed, nominal.link_length, [link]))
-    yield _part("bowed links", (1e-4,), partial(_bowed, nominal.link_length, LINKS))
-    stage = nominal.elements("stage")
-    yield _part("the guide of the stage", (1e-8,) * 3 + (1e-7,) * 3, partial(added_diagonal, stage, eye))
+def _patterns(at: RobotAtPoses) -> Iterator[Candidate]:
+    c, nominal = at.campaign, at.robot
+    guides = [j.name for j in at.mechanism.joints if j.kind == "prismatic" and j.drive is not None]
+    for name in guides:
+        yield _part(f"the whole guide of {name}", (1e-8,) * 3 + (1e-7,) * 3,
+                    partial(added_diagonal, {name: np.eye(6)}))  # fmt: skip
+    rods = {part: nominal.robot.bodies_of(part) for part in nominal.robot.parts}
+    for part, bodies in rods.items():
+        for names in ([*bodies], *([name] for name in bodies if len(bodies) > 1)):
+            if names and all(nominal.compliances[name].any() for name in names):
+                lengths = {name: nominal.length(name) for name in names}
+                place = f"bowed bodies, {part}" if len(names) > 1 else f"a bowed body, {names[0]}"
+                yield _part(place, (1e-4,), partial(_bowed, lengths))
+    drives = list(nominal.driven)
+    channels, sessions = len(_channels(c)), len(c.session_names)
+    at_tool = (c.sensor < 0) & (c.kind <= DEVIATION)
+    yield _unnamed("a drift of the gain in time", (0.05,), Pattern(_gain_drift))
+    if not channels:
+        return
+    yield _unnamed("a drift of the readings in time", (5e-6,) * channels, Pattern(_drift))
+    yield _unnamed("a gain of its own in every direction", (0.05,) * channels, Pattern(_gains))
+    if sessions > 1 and sessions <= _MOST_SESSIONS:
+        yield _unnamed("a gain of its own in a session", (0.05,), Pattern(_session_gains))
+        yield _unnamed("hysteresis between sessions of loading and unloading", (0.05,) * sessions, Pattern(_hysteresis))
+    if at_tool.any():
+        yield _unnamed("cross-talk between directions", (0.05,) * 30, Pattern(_crosstalk))
+    yield _unnamed("a wrench that acts beside its point", (0.01,) * 3, Pattern(_off_centre))
+    if drives:
+        places = at.configurations.drives
+        yield _unnamed("errors that grow along the rail", (1e-3,) * len(drives), Pattern(partial(_pitch, places)))
+        yield _unnamed("less motion at small loads", (1e-5,) * len(drives), Pattern(_friction))
+    if at.used[:6].all():
+        yield _unnamed("a stiffness towards the frame, growing with the distance", (0.01,) * 6, Pattern(_tether))
+    yield _unnamed("a zero of its own in every direction", (1e-5,) * channels, Pattern(_zero))
 
 
-def _part(
-    place: str, scale: tuple[float, ...], changes: Callable[[Array], Changes], *, component: str = ""
-) -> Candidate:
-    action = MechanicalEffect(UNNAMED, place, (), (), changes)
-    return _unnamed(place, scale, action, component)
+def _part(place: str, scale: tuple[float, ...], changes: Callable[[Array], Changes]) -> Candidate:
+    return _unnamed(place, scale, MechanicalEffect(UNNAMED, place, (), (), changes))
 
 
-def _unnamed(place: str, scale: tuple[float, ...], action: object, component: str = "") -> Candidate:
+def _unnamed(place: str, scale: tuple[float, ...], action: object) -> Candidate:
     names, units = tuple(f"p{k + 1}" for k in range(len(scale))), ("",) * len(scale)
     free = ((-np.inf, np.inf),) * len(scale)
-    return Candidate(UNNAMED, place, names, units, scale, free, component=component, action=action)
+    return Candidate(UNNAMED, place, names, units, scale, free, action=action)
 
 
-def _bowed(length: float, names: Sequence[str], values: Array) -> Changes:
-    """Links of a uniform curvature: the free end rises by ``κ L²/2`` and turns by ``κ L``."""
-    end = values[0] * np.array([0.0, 0.0, length**2 / 2.0, 0.0, -length, 0.0])
-    return {name: Change(offset=end) for name in names}
+def _bowed(lengths: Mapping[str, float], values: Array) -> Changes:
+    """Bodies of a uniform curvature: the free end rises by ``κ L²/2`` and turns by ``κ L``."""
+    return {
+        name: Change(offset=values[0] * np.array([0.0, 0.0, length**2 / 2.0, 0.0, -length, 0.0]))
+        for name, length in lengths.items()
+    }
 
 
-def _by_direction(prediction: RobotPrediction, size: Array) -> Array:
-    """Columns (n, 6): ``size`` (n,) in the direction read."""
+def _by_channel(prediction: RobotPrediction, size: Array) -> Array:
+    """Columns (n, channels): ``size`` (n,) in the instrument and direction read."""
     c = prediction.campaign
-    return np.where(c.kind != STIFFNESS, size, 0.0)[:, None] * np.eye(6)[c.direction]
+    return np.where(c.kind <= DEVIATION, size, 0.0)[:, None] * (c.channel[:, None] == _channels(c))
+
+
+def _channels(c: Campaign) -> Array:
+    """Instruments that deflections and deviations were read with."""
+    return np.unique(c.channel[c.kind <= DEVIATION])
 
 
 def _time(prediction: RobotPrediction) -> Array:
@@ -89,11 +112,11 @@ def _time(prediction: RobotPrediction) -> Array:
 
 
 def _drift(prediction: RobotPrediction) -> Array:
-    return _by_direction(prediction, _time(prediction))
+    return _by_channel(prediction, _time(prediction))
 
 
 def _zero(prediction: RobotPrediction) -> Array:
-    return _by_direction(prediction, np.ones(len(prediction.campaign)))
+    return _by_channel(prediction, np.ones(len(prediction.campaign)))
 
 
 def _gain_drift(prediction: RobotPrediction) -> Array:
@@ -101,7 +124,7 @@ def _gain_drift(prediction: RobotPrediction) -> Array:
 
 
 def _gains(prediction: RobotPrediction) -> Array:
-    return _by_direction(prediction, prediction.plain)
+    return _by_channel(prediction, prediction.plain)
 
 
 def _session_gains(prediction: RobotPrediction) -> Array:
@@ -109,10 +132,23 @@ def _session_gains(prediction: RobotPrediction) -> Array:
     return ((session == session.max()) * prediction.plain)[:, None]
 
 
+def _hysteresis(prediction: RobotPrediction) -> Array:
+    """Rayleigh's loop: ``(a² - x²)/a`` towards the load, a the largest reading of its like at the pose, by session."""
+    c, x = prediction.campaign, prediction.plain
+    loaded = c.kind == DEFLECTION
+    key = np.stack([c.pose, c.channel, c.load], axis=1)
+    group = np.unique(key, axis=0, return_inverse=True)[1].ravel()
+    largest = np.zeros(group.max() + 1)
+    np.maximum.at(largest, group[loaded], np.abs(x[loaded]))
+    a = np.where(largest[group] > 0.0, largest[group], 1.0)
+    loop = np.where(loaded, np.sign(x) * np.maximum(a**2 - x**2, 0.0) / a, 0.0)
+    return loop[:, None] * np.eye(len(c.session_names))[c.session]
+
+
 def _crosstalk(prediction: RobotPrediction) -> Array:
     c = prediction.campaign
     pairs = [(sink, source) for sink in range(len(AXES)) for source in range(len(AXES)) if source != sink]
-    shown = [(c.direction == sink) & (c.kind != STIFFNESS) for sink, _ in pairs]
+    shown = [(c.direction == sink) & (c.kind <= DEVIATION) & (c.sensor < 0) for sink, _ in pairs]
     return np.stack(
         [np.where(here, prediction.twist[:, source], 0.0) for here, (_, source) in zip(shown, pairs, strict=True)],
         axis=1,
@@ -120,57 +156,42 @@ def _crosstalk(prediction: RobotPrediction) -> Array:
 
 
 def _off_centre(prediction: RobotPrediction) -> Array:
-    """The wrench acts beside M: its force has moments about it."""
+    """The wrench acts beside its point: its force has moments about it."""
+    force = np.nan_to_num(prediction.campaign.wrench[:, :3])
+    return np.stack([prediction.applied_motion(np.cross(axis, force)) for axis in np.eye(3)], axis=1)
+
+
+def _pitch(places: Array, prediction: RobotPrediction) -> Array:
+    """Pitch errors of the drives, (p, d) displaced from home: each grows from where its readings have their middle."""
     c = prediction.campaign
-    force = np.nan_to_num(c.wrench[:, :3])
-    moments = [np.concatenate([np.zeros((len(c), 3)), np.cross(axis, force)], axis=1) for axis in np.eye(3)]
-    return np.stack([prediction.applied_twist(wrench) for wrench in moments], axis=1)
-
-
-def _pitch(prediction: RobotPrediction) -> Array:
-    """Lead-screw pitch error of the two sliding drives, and a platform wider than its drawing."""
-    x, centre = prediction.campaign.poses[:, 0], prediction.at.drive_centre()
-    first, second = (prediction.by_drive(drive) for drive in ("limb1", "limb2"))
-    pitch = (centre - x)[:, None] * first + (centre + x)[:, None] * second
-    return np.stack([prediction.change(dead=pitch), prediction.change(dead=first + second)], axis=1)
+    still = c.still
+    columns: list[Array] = []
+    for k, drive in enumerate(prediction.at.robot.driven):
+        away = places[:, k] - places[:, k].mean()
+        columns.append(np.where(still, away[c.pose] * prediction.by_drive(drive), 0.0))
+    return np.stack(columns, axis=1)
 
 
 def _tether(prediction: RobotPrediction) -> Array:
-    """Springs from the frame to the platform, slack in the middle: they stiffen, and pull back, along x, y, z."""
-    c, compliance = prediction.campaign, prediction.compliance
+    """Springs from the frame to the tool, slack in the middle: they stiffen, and pull back, along x, y, z."""
+    c = prediction.campaign
     columns: list[Array] = []
-    middle = c.poses.mean(axis=0)
+    read, applied = prediction.at_terminals
+    places = prediction.at.configurations.tool[:, :3]
+    middle = places.mean(axis=0)
     for k in range(3):
-        pull = np.zeros((len(c.poses), 6))
-        pull[:, k] = -_SPRING * (c.poses[:, k] - middle[k])
-        stiffer = -_SPRING * compliance[:, :, k, None] * compliance[:, None, k, :]
-        twist = np.einsum("nij,nj->ni", stiffer[c.pose], np.nan_to_num(c.wrench))
-        columns.append(prediction.change(twist, None, stiffer))
-        columns.append(prediction.change(dead=np.einsum("pij,pj->pi", compliance, pull)))
+        columns.append(-_SPRING * read[:, k] * np.where(c.still, 0.0, applied[:, k]))
+        pull = -_SPRING * (places[:, k] - middle[k])
+        columns.append(np.where(c.still, read[:, k] * pull[c.pose], 0.0))
     return np.stack(columns, axis=1)
 
 
 def _friction(prediction: RobotPrediction) -> Array:
     """Drives that lose a fixed force to their guides: less motion, by a fixed amount towards the force."""
+    deflected = prediction.campaign.kind == DEFLECTION
     columns: list[Array] = []
-    for drive in ("limb1", "limb2", "stage"):
-        applied, _ = prediction.drive_forces(drive)
-        size = np.abs(applied).max(initial=0.0)
-        lost = np.clip(applied / max(_FULL_FORCE * size, 1e-9), -1.0, 1.0)
-        columns.append(prediction.change(lost[:, None] * prediction.by_drive(drive)[prediction.campaign.pose]))
+    for drive in prediction.at.robot.driven:
+        force = np.where(deflected, prediction.drive_force(drive), 0.0)
+        lost = np.clip(force / max(_FULL_FORCE * np.abs(force).max(initial=0.0), 1e-9), -1.0, 1.0)
+        columns.append(lost * prediction.by_drive(drive))
     return np.stack(columns, axis=1)
-
-
-_PATTERNS: dict[str, tuple[int, float, Callable[[RobotPrediction], Array]]] = {
-    "a drift of the readings in time": (6, 5e-6, _drift),
-    "a drift of the gain in time": (1, 0.05, _gain_drift),
-    "a gain of its own in every direction": (6, 0.05, _gains),
-    "a gain of its own in a session": (1, 0.05, _session_gains),
-    "cross-talk between directions": (30, 0.05, _crosstalk),
-    "a wrench that acts beside M": (3, 0.01, _off_centre),
-    "errors that grow along the rail": (2, 1e-3, _pitch),
-    "a stiffness towards the frame, growing with the distance": (6, 0.01, _tether),
-    "a zero of its own in every direction": (6, 1e-5, _zero),
-    "less motion at small loads": (3, 1e-5, _friction),
-}
-"""Place, number of parameters, prior size, derivatives of the readings."""

@@ -3,17 +3,30 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.gap.campaign import Campaign
+from stiffscope.gap.campaign import AT_TOOL, Campaign
 from stiffscope.gap.campaign_header import load_header
-from stiffscope.gap.quantities import DEFLECTION, DEVIATION, QUANTITIES, STIFFNESS, WRENCH
+from stiffscope.gap.quantities import (
+    AXES,
+    DEFLECTION,
+    DEVIATION,
+    FREQUENCY,
+    JOINT,
+    KINDS,
+    MOST_MODES,
+    PUSH,
+    QUANTITIES,
+    STIFFNESS,
+    WRENCH,
+)
 from stiffscope.gap.table import Table, check_columns, numbers, read_table
+from stiffscope.robot.quantities import NUMBER, Dimension, to_si
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -21,31 +34,59 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from stiffscope.gap.campaign_header import Header
+    from stiffscope.robot.description import RobotFile
+
     Array = NDArray[np.float64]
     Codes = NDArray[np.int64]
 
 log = logging.getLogger(__name__)
 
-POSITION = ("x", "y", "z")
+_LENGTH, _ANGLE = Dimension("a displacement", "m", "um"), Dimension("a rotation", "rad", "urad")
+_MEASURED = {  # by kind, of a translation and of a rotation
+    DEFLECTION: (_LENGTH, _ANGLE),
+    DEVIATION: (_LENGTH, _ANGLE),
+    STIFFNESS: (Dimension("a stiffness", "N/m", "N/um"), Dimension("a rotational stiffness", "N*m/rad", "N*m/mrad")),
+    PUSH: (Dimension("a stiffness", "N/m", "N/um"), Dimension("a rotational stiffness", "N*m/rad", "N*m/mrad")),
+    FREQUENCY: (Dimension("a frequency", "Hz", "Hz"), Dimension("a frequency", "Hz", "Hz")),
+}
+_SHOWN_QUANTITIES = (*QUANTITIES[: QUANTITIES.index("f1")], "f1", "...", f"f{MOST_MODES}")
 
 
-def load_campaign(folder: Path) -> Campaign:
+def load_campaign(folder: Path, robot: RobotFile | None = None, *, planned: bool = False) -> Campaign:
     """Return the campaign in a folder.
 
-    Raises InputError that names the file, the line, the column and what was expected.
+    Parameters
+    ----------
+    folder
+        A folder with a campaign.toml and its tables.
+    robot
+        The robot that the campaign is of: poses by name are looked up, and poses, sensors and loads are checked
+        against it, as `on_robot` does.
+    planned
+        Whether values may be missing, NaN: a plan of readings that are not all taken yet.
+
+    Raises
+    ------
+    InputError
+        Names the file, the line, the column and what was expected.
+
     """
     header = load_header(folder)
     bare = header.predictions is not None
-    parts = [_load_readings(folder / name, bare=bare) for name in header.readings]
-    if len({part.labelled for part in parts}) > 1:
-        raise InputError("campaign.toml: readings: expected all files with x y z, or all with pose")
+    parts = [_load_readings(folder / name, header, bare=bare, planned=planned) for name in header.readings]
+    if len({part.coordinates for part in parts}) > 1:
+        first, other = (" ".join(p.coordinates) for p in (parts[0], next(_others(parts))))
+        raise InputError(
+            f"campaign.toml: readings: expected all files with the same columns of the pose, got {first} and {other}"
+        )
     names, pose, poses = _number_poses(parts)
     labels = [label for part in parts for label in part.sessions]
     sessions = {label: i for i, label in enumerate(dict.fromkeys(labels))}
     predictions: dict[str, Array] = {}
     if header.predictions is not None:
-        predictions = _load_predictions(folder / header.predictions, parts)
-    return Campaign(
+        predictions = _load_predictions(folder / header.predictions, header, parts)
+    campaign = Campaign(
         robot=header.robot,
         modelled=header.modelled,
         components=header.components,
@@ -62,7 +103,79 @@ def load_campaign(folder: Path) -> Campaign:
         file=np.repeat(np.arange(len(parts)), [len(part.value) for part in parts]),
         line=np.array([line for part in parts for line in part.table.lines]),
         predictions=predictions,
+        coordinates=AXES[:3] if parts[0].labelled else parts[0].coordinates,
+        sensors=header.sensors,
+        sensor=np.concatenate([part.sensor for part in parts]),
+        loads=header.loads,
+        load=np.concatenate([part.load for part in parts]),
     )
+    return campaign if robot is None else on_robot(campaign, robot)
+
+
+def _others(parts: list[_Rows]) -> Any:
+    return (part for part in parts if part.coordinates != parts[0].coordinates)
+
+
+def on_robot(campaign: Campaign, robot: RobotFile) -> Campaign:
+    """The campaign with poses by name looked up in the robot's file, all of it checked against the robot.
+
+    Raises
+    ------
+    InputError
+        Poses that are none of the robot's, columns that are not its coordinates, sensors and loads on no body of it.
+
+    """
+    _check_bodies(campaign, robot)
+    wanted = robot.tool.pose
+    if not np.isnan(campaign.poses).any():
+        joints = tuple(f"{JOINT}{name}" for name in robot.drives())
+        if set(campaign.coordinates) == set(wanted):
+            return _reordered(campaign, wanted)
+        if joints and set(campaign.coordinates) == set(joints):
+            return _reordered(campaign, joints)
+        strange = [name for name in campaign.coordinates if name not in {*wanted, *joints}]
+        lacking = joints if campaign.coordinates[0].startswith(JOINT) else wanted
+        lacking = [*strange, *(name for name in lacking if name not in campaign.coordinates)]
+        valid = f"{' '.join(wanted)}, or {' '.join(joints)}"
+        raise InputError(
+            f"{campaign.files[0]}:1: {lacking[0]}: expected the coordinates that command {robot.name}: {valid}, "
+            f"got {' '.join(campaign.coordinates)}"
+        )
+    unknown = [k for k, name in enumerate(campaign.pose_names) if name not in robot.poses]
+    if unknown:
+        row = int(np.flatnonzero(campaign.pose == unknown[0])[0])
+        known = ", ".join(robot.poses) or "(none)"
+        name = campaign.pose_names[unknown[0]]
+        raise InputError(f"{campaign.where(row)}: pose: expected one of {robot.name}'s [poses] {known}, got {name!r}")
+    poses = np.array([robot.poses[name] for name in campaign.pose_names])
+    return replace(campaign, poses=poses, coordinates=tuple(wanted))
+
+
+def _reordered(campaign: Campaign, wanted: tuple[str, ...]) -> Campaign:
+    if campaign.coordinates == tuple(wanted):
+        return campaign
+    order = [campaign.coordinates.index(name) for name in wanted]
+    return replace(campaign, poses=campaign.poses[:, order], coordinates=tuple(wanted))
+
+
+def _check_bodies(campaign: Campaign, robot: RobotFile) -> None:
+    from stiffscope.robot.description import GROUND, nodes
+
+    known = nodes(robot.bodies)
+
+    def check(name: str, here: str, *, moves: bool) -> None:
+        if name not in known or (moves and name == GROUND):
+            valid = ", ".join(node for node in known if not (moves and node == GROUND))
+            raise InputError(f"campaign.toml: {here}: expected a body or an end of one ({valid}), got {name!r}")
+
+    for sensor in campaign.sensors:
+        check(sensor.body, f"sensors.{sensor.name}.body", moves=False)
+        check(sensor.against, f"sensors.{sensor.name}.against", moves=False)
+        if known[sensor.body] == known[sensor.against] and sensor.body == sensor.against:
+            here = f"campaign.toml: sensors.{sensor.name}.against"
+            raise InputError(f"{here}: expected another body than {sensor.body}, got the same")
+    for load in campaign.loads:
+        check(load.body, f"loads.{load.name}.body", moves=True)
 
 
 @dataclass(frozen=True)
@@ -70,92 +183,230 @@ class _Rows:
     """The key columns and values of one file."""
 
     table: Table
-    labelled: bool
+    coordinates: tuple[str, ...]
+    """Columns of the pose: "pose" where it is a label."""
     place: tuple[tuple[Any, ...], ...]
     wrench: Array
     quantity: Codes
+    sensor: Codes
+    load: Codes
     sessions: tuple[str, ...]
     value: Array
     sigma: Array
+
+    @property
+    def labelled(self) -> bool:
+        return self.coordinates == ("pose",)
 
 
 _CODE = {name: code for code, name in enumerate(QUANTITIES)}
 
 
-def _quantity(table: Table) -> Codes:
-    cells = table.columns["quantity"]
+def _column(table: Table, name: str) -> tuple[str, ...]:
+    return table.columns.get(name) or ("",) * len(table.lines)
+
+
+def _codes(cells: tuple[str, ...], known: dict[str, int], table: Table, column: str, expected: str) -> Codes:
+    """Codes (n,) of names; `AT_TOOL` for empty cells. Raises InputError for a name that is not known."""
+    known = {"": AT_TOOL, **known}
     try:
-        return np.array([_CODE[cell] for cell in cells], dtype=np.int64)
+        return np.array([known[cell] for cell in cells], dtype=np.int64)
     except KeyError:
-        row = next(i for i, cell in enumerate(cells) if cell not in _CODE)
-        raise table.fail(row, "quantity", f"one of {' '.join(QUANTITIES)}") from None
+        row = next(i for i, cell in enumerate(cells) if cell not in known)
+        raise table.fail(row, column, expected) from None
 
 
-def _place(table: Table, *, labelled: bool) -> tuple[tuple[Any, ...], ...]:
-    if labelled:
+def _measured(table: Table, header: Header, applied: Array) -> tuple[Codes, Codes]:
+    """Quantity and sensor (n,) of every row; ``applied`` (n, 6): its wrench, NaN in empty cells."""
+    names = [sensor.name for sensor in header.sensors]
+    shown = f"one of {' '.join(_SHOWN_QUANTITIES)}"
+    quantity = _codes(_column(table, "quantity"), _CODE, table, "quantity", shown)
+    listed = f"one of campaign.toml's [sensors] {' '.join(names) or '(none)'}"
+    sensor = _codes(_column(table, "sensor"), {n: k for k, n in enumerate(names)}, table, "sensor", listed)
+    both = (quantity >= 0) & (sensor >= 0)
+    if both.any():
+        raise table.fail(int(np.argmax(both)), "sensor", "an empty cell beside a quantity: one of the two a row")
+    none = (quantity < 0) & (sensor < 0)
+    if none.any():
+        row = int(np.argmax(none))
+        raise table.fail(row, "quantity" if "quantity" in table.columns else "sensor", shown if not names else listed)
+    kinds = {name: k for k, name in enumerate(KINDS[:2])}
+    kind = _codes(_column(table, "kind"), kinds, table, "kind", "deflection or deviation")
+    wrong = (kind >= 0) & (quantity >= 0) & (kind != quantity // 6)
+    if wrong.any():
+        raise table.fail(int(np.argmax(wrong)), "kind", "an empty cell beside a quantity, which says its kind")
+    loaded = (np.nan_to_num(applied) != 0.0).any(axis=1)
+    kind = np.where(kind >= 0, kind, np.where(loaded, DEFLECTION, DEVIATION))
+    axis = np.array([s.axis for s in header.sensors] or [0])[np.maximum(sensor, 0)]
+    return np.where(sensor >= 0, 6 * kind + axis, quantity), sensor
+
+
+def _place(table: Table, coordinates: tuple[str, ...], header: Header) -> tuple[tuple[Any, ...], ...]:
+    if coordinates == ("pose",):
         cells = table.columns["pose"]
         if "" in cells:
             raise table.fail(cells.index(""), "pose", "the label of a pose")
         return tuple((cell,) for cell in cells)
-    columns = [np.round(numbers(table, name, expected="a finite number of metres"), 12) for name in POSITION]
-    return tuple(zip(*(column.tolist() for column in columns), strict=True))
+    columns: list[list[float]] = []
+    for name in coordinates:
+        unit = "metres" if name in AXES[:3] else "radians" if name in AXES else "metres or radians"
+        values = numbers(table, name, expected=f"a finite number of {unit}")
+        columns.append(np.round(values * _factor(header, name, _of_pose(name)), 12).tolist())
+    return tuple(zip(*columns, strict=True))
 
 
-def _wrench(table: Table, quantity: Codes) -> Array:
-    """Return the wrenches (n, 6): given for deflections, empty for stiffness, zero or empty for deviations."""
-    kind = quantity // 6
-    out = np.full((len(quantity), 6), np.nan)
-    if not any(name in table.columns for name in WRENCH):
-        if (kind == DEFLECTION).any():
-            row = int(np.argmax(kind == DEFLECTION))
-            raise table.fail(row, "fx", "a wrench for a deflection (columns fx fy fz mx my mz)")
-    else:
-        for k, name in enumerate(WRENCH):
-            column = numbers(table, name, empty=True, expected="a finite number or, for stiffness, an empty cell")
-            given = ~np.isnan(column)
-            wrong = (kind == DEFLECTION) & ~given
-            if wrong.any():
-                raise table.fail(int(np.argmax(wrong)), name, "a finite number: a deflection needs its wrench")
-            wrong = (kind == STIFFNESS) & given
-            if wrong.any():
-                raise table.fail(int(np.argmax(wrong)), name, "an empty cell: a stiffness reading has no wrench")
-            wrong = (kind == DEVIATION) & given & (column != 0)
-            if wrong.any():
-                raise table.fail(int(np.argmax(wrong)), name, "0: a deviation is read on the unloaded platform")
-            out[:, k] = column
-    out[kind == DEVIATION] = 0.0
+def _of_pose(name: str) -> tuple[Dimension, ...]:
+    return (_LENGTH,) if name in AXES[:3] else (_ANGLE,) if name in AXES else (_LENGTH, _ANGLE)
+
+
+def _factor(header: Header, column: str, dimensions: tuple[Dimension, ...]) -> float:
+    """What one of a column's unit is in SI. Raises InputError for a unit that measures none of ``dimensions``."""
+    unit = header.units.get(column)
+    if unit is None:
+        return 1.0
+    for dimension in dimensions:
+        try:
+            return to_si(f"1 {unit}", dimension)
+        except ValueError:
+            continue
+    expected = " or ".join(f'{d.noun} such as "{d.example}"' for d in dimensions)
+    raise InputError(f"campaign.toml: units.{column}: expected a unit of {expected}, got {unit!r}")
+
+
+def _applied(table: Table, header: Header) -> Array:
+    """Wrenches (n, 6) as the cells have them; NaN in empty cells, zero in columns that are not there."""
+    out = np.zeros((len(table.lines), 6))
+    given = [name in table.columns for name in WRENCH]
+    for k, name in enumerate(WRENCH):
+        if given[k]:
+            column = numbers(table, name, empty=True, expected="a finite number or an empty cell")
+            force = Dimension("a force", "N", "N"), Dimension("a moment", "N*m", "N*mm")
+            out[:, k] = column * _factor(header, name, force[k // 3 : k // 3 + 1])
+    empty = np.isnan(out[:, given]).all(axis=1) if any(given) else np.ones(len(out), dtype=np.bool_)
+    out[empty] = np.nan
+    return out
+
+
+def _wrench(table: Table, applied: Array, quantity: Codes, sensor: Codes, load: Codes) -> Array:
+    """Return the wrenches (n, 6): given for deflections, NaN for stiffness and frequency, zero for deviations."""
+    kind = np.minimum(quantity // 6, FREQUENCY)
+    nothing = (np.nan_to_num(applied) == 0.0).all(axis=1)
+    if not any(name in table.columns for name in WRENCH) and ((kind == DEFLECTION) & (sensor < 0)).any():
+        row = int(np.argmax((kind == DEFLECTION) & (sensor < 0)))
+        raise table.fail(row, "fx", "a wrench for a deflection (columns fx fy fz mx my mz)")
+    lacking = (kind == DEFLECTION) & (sensor < 0) & nothing
+    for k, name in enumerate(WRENCH):
+        wrong = lacking & np.isnan(applied[:, k])
+        if wrong.any() and name in table.columns:
+            raise table.fail(int(np.argmax(wrong)), name, "a finite number: a deflection needs its wrench")
+        given = ~np.isnan(applied[:, k]) & (name in table.columns)
+        wrong = (kind >= STIFFNESS) & given
+        if wrong.any():
+            which = KINDS[kind[int(np.argmax(wrong))]].replace("push", "stiffness")
+            raise table.fail(int(np.argmax(wrong)), name, f"an empty cell: a {which} reading has no wrench")
+        wrong = (kind == DEVIATION) & given & (applied[:, k] != 0)
+        if wrong.any():
+            raise table.fail(int(np.argmax(wrong)), name, "0: a deviation is read on the unloaded platform")
+    wrong = (load >= 0) & (kind != DEFLECTION) & ~((kind == DEVIATION) & nothing)
+    if wrong.any():
+        raise table.fail(int(np.argmax(wrong)), "load", "an empty cell: only a deflection has a load")
+    out = np.nan_to_num(applied)
+    out[kind >= STIFFNESS] = np.nan
     return out
 
 
 def _keys_of(header: Collection[str], *, bare: bool) -> tuple[str, ...]:
-    """Return the key columns: x y z or, with predictions, the label that stands for them, wrench and quantity."""
-    place = ("pose",) if bare and "pose" in header else POSITION
-    return (*place, *WRENCH, "quantity")
+    """Return the columns of the pose that a header has, or those of a position where it has none."""
+    places = [name for name in header if name in AXES or name.startswith(JOINT)]
+    if "pose" in header and (bare or not places):
+        return ("pose",)
+    return tuple(sorted(places, key=lambda n: AXES.index(n) if n in AXES else len(AXES))) or AXES[:3]
+
+
+_OPTIONAL = ("session", "sensor", "quantity", "load", "kind")
 
 
 def _check(name: str, header: list[str], *, bare: bool, others: Collection[str]) -> None:
-    keys = _keys_of(header, bare=bare)
-    loaded = any(column in header for column in WRENCH)
-    required = [key for key in keys if loaded or key not in WRENCH]
-    valid = [*keys, *others] if "sigma" in others else header
-    check_columns(name, header, [*required, *(c for c in others if c != "session")], [*valid, "session"])
+    place = _keys_of(header, bare=bare)
+    measured = () if "sensor" in header else ("quantity",)
+    required = [*place, *measured, *(c for c in others if c not in _OPTIONAL)]
+    valid = [*place, *WRENCH, *_OPTIONAL, *others] if "sigma" in others else header
+    check_columns(name, header, required, dict.fromkeys(valid))
 
 
-def _load_readings(path: Path, *, bare: bool) -> _Rows:
-    table = read_table(path, partial(_check, bare=bare, others=("value", "sigma", "session")))
-    labelled = "pose" in table.columns
-    quantity = _quantity(table)
-    value = numbers(table, "value", expected="a finite reading in SI")
-    soft = (quantity // 6 == STIFFNESS) & (value <= 0)
+def _value_factors(table: Table, header: Header, column: str, quantity: Codes, sensor: Codes) -> Array:
+    """What one of the unit of values is in SI, (n,). Raises InputError for a row that measures something else."""
+    unit = header.units.get(column)
+    out = np.ones(len(quantity))
+    if unit is None:
+        return out
+    kind = np.minimum(quantity // 6, FREQUENCY)
+    turns = quantity % 6 // 3
+    for key in {(int(k), int(t)) for k, t in zip(kind, turns, strict=True)}:
+        mine = (kind == key[0]) & (turns == key[1])
+        dimension = _MEASURED[key[0]][key[1]]
+        try:
+            out[mine] = to_si(f"1 {unit}", dimension)
+        except ValueError:
+            _check_unit(unit, column)
+            row = int(np.argmax(mine))
+            named = "sensor" if sensor[row] >= 0 else "quantity"
+            message = f"a reading that is measured in {unit}, as campaign.toml says of {column}, not {dimension.noun}"
+            raise table.fail(row, named, message) from None
+    return out
+
+
+def _check_unit(unit: str, column: str) -> None:
+    known = [d for pair in _MEASURED.values() for d in pair]
+    for dimension in (*known, NUMBER):
+        try:
+            to_si(f"1 {unit}", dimension)
+        except ValueError:
+            continue
+        return
+    raise InputError(f'campaign.toml: units.{column}: expected a unit such as "um", "urad" or "N/um", got {unit!r}')
+
+
+def _check_units(header: Header, table: Table) -> None:
+    known = {*AXES, *WRENCH, "value", "sigma"}
+    for column in header.units:
+        if column not in known and not column.startswith(JOINT):
+            valid = ", ".join((*AXES, *WRENCH, "value", "sigma", "q:JOINT"))
+            raise InputError(f"campaign.toml: units.{column}: expected a column among {valid}")
+        if column not in table.columns and column in {"value", "sigma"}:
+            raise InputError(f"{table.name}:1: {column}: expected this column, got none")
+
+
+def _load_readings(path: Path, header: Header, *, bare: bool, planned: bool) -> _Rows:
+    check = partial(_check, bare=bare, others=("value", "sigma", "session"))
+    table = read_table(path, check, header.ignore)
+    _check_units(header, table)
+    coordinates = _keys_of(table.columns, bare=bare)
+    applied = _applied(table, header)
+    quantity, sensor = _measured(table, header, applied)
+    value = numbers(table, "value", empty=planned, expected="a finite reading in SI")
+    value = value * _value_factors(table, header, "value", quantity, sensor)
+    soft = (quantity // 6 >= STIFFNESS) & (value <= 0)
     if soft.any():
-        raise table.fail(int(np.argmax(soft)), "value", "a positive stiffness")
+        row = int(np.argmax(soft))
+        what = "frequency" if quantity[row] // 6 >= FREQUENCY else "stiffness"
+        raise table.fail(row, "value", f"a positive {what}")
     sigma = numbers(table, "sigma", empty=True, expected="a positive number, or an empty cell if unknown")
+    sigma = sigma * _value_factors(table, header, "sigma", quantity, sensor)
     wrong = sigma <= 0
     if wrong.any():
         raise table.fail(int(np.argmax(wrong)), "sigma", "a positive number, or an empty cell if unknown")
     sessions = table.columns.get("session", ("",) * len(value))
-    place, wrench = _place(table, labelled=labelled), _wrench(table, quantity)
-    return _Rows(table, labelled, place, wrench, quantity, sessions, value, sigma)
+    load = _load(table, header)
+    wrench = _wrench(table, applied, quantity, sensor, load)
+    place = _place(table, coordinates, header)
+    return _Rows(table, coordinates, place, wrench, quantity, sensor, load, sessions, value, sigma)
+
+
+def _load(table: Table, header: Header) -> Codes:
+    names = [load.name for load in header.loads]
+    listed = f"one of campaign.toml's [loads] {' '.join(names) or '(none)'}, or an empty cell for M"
+    return _codes(_column(table, "load"), {n: k for k, n in enumerate(names)}, table, "load", listed)
 
 
 def _number_poses(parts: list[_Rows]) -> tuple[tuple[str, ...], list[int], list[list[float]]]:
@@ -164,32 +415,34 @@ def _number_poses(parts: list[_Rows]) -> tuple[tuple[str, ...], list[int], list[
     pose = [index[place] for place in places]
     if parts[0].labelled:
         return tuple(str(place[0]) for place in index), pose, [[np.nan] * 3 for _ in index]
-    names = tuple(f"({x:g}, {y:g}, {z:g})" for x, y, z in index)
+    names = tuple(f"({', '.join(f'{value:g}' for value in place)})" for place in index)
     return names, pose, [list(place) for place in index]
 
 
 def _keys(rows: _Rows, *, sessions: bool) -> list[tuple[Any, ...]]:
     wrench = [tuple(w) for w in np.nan_to_num(np.round(rows.wrench, 9)).tolist()]
     labels = rows.sessions if sessions else ("",) * len(wrench)
-    return list(zip(rows.place, wrench, rows.quantity.tolist(), labels, strict=True))
+    codes = (rows.quantity.tolist(), rows.sensor.tolist(), rows.load.tolist())
+    return list(zip(rows.place, wrench, *codes, labels, strict=True))
 
 
-def _load_predictions(path: Path, parts: list[_Rows]) -> dict[str, Array]:
-    table = read_table(path, partial(_check, bare=True, others=("value",)))
-    labelled = "pose" in table.columns
-    if labelled != parts[0].labelled:
-        wanted = "pose" if parts[0].labelled else "x y z"
-        raise InputError(f"{table.name}:1: expected the readings' own key columns ({wanted})")
+def _load_predictions(path: Path, header: Header, parts: list[_Rows]) -> dict[str, Array]:
+    table = read_table(path, partial(_check, bare=True, others=("value",)), header.ignore)
+    coordinates = _keys_of(table.columns, bare=True)
+    if coordinates != parts[0].coordinates:
+        raise InputError(f"{table.name}:1: expected the readings' own key columns ({' '.join(parts[0].coordinates)})")
     if "sigma" in table.columns:
         raise InputError(f"{table.name}:1: sigma: expected predictions, which have no sigma")
-    keys = _keys_of(table.columns, bare=True)
-    models = [name for name in table.columns if name not in {*keys, "session", *POSITION}]
-    quantity = _quantity(table)
+    models = [name for name in table.columns if name not in {*coordinates, *WRENCH, *_OPTIONAL, *AXES}]
+    applied = _applied(table, header)
+    quantity, sensor = _measured(table, header, applied)
     values = {name: numbers(table, name, expected="a finite predicted value in SI") for name in models}
-    stacked = np.stack([values[name] for name in models], axis=1)
+    factor = _value_factors(table, header, "value", quantity, sensor)
+    stacked = np.stack([values[name] * factor for name in models], axis=1)
     sessions = table.columns.get("session", ("",) * len(quantity))
-    place, wrench = _place(table, labelled=labelled), _wrench(table, quantity)
-    rows = _Rows(table, labelled, place, wrench, quantity, sessions, stacked, stacked[:, 0])
+    load = _load(table, header)
+    place, wrench = _place(table, coordinates, header), _wrench(table, applied, quantity, sensor, load)
+    rows = _Rows(table, coordinates, place, wrench, quantity, sensor, load, sessions, stacked, stacked[:, 0])
     by_session = "session" in table.columns
     found: dict[tuple[Any, ...], int] = {}
     for row, key in enumerate(_keys(rows, sessions=by_session)):
@@ -201,7 +454,7 @@ def _load_predictions(path: Path, parts: list[_Rows]) -> dict[str, Array]:
         for row, key in enumerate(_keys(part, sessions=by_session)):
             if key not in found:
                 message = f"a reading that {table.name} predicts"
-                raise part.table.fail(row, "pose" if labelled else "x", message)
+                raise part.table.fail(row, part.coordinates[0], message)
             picked.append(found[key])
     idle = len(found) - len(set(picked))
     if idle:

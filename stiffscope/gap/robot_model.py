@@ -1,4 +1,4 @@
-"""Forward model of a nominal robot: the vocabulary's effects with their priors, nuisance patterns, readings to come."""
+"""Forward model of a nominal robot: every effect at every place with its prior, nuisance patterns, readings to come."""
 
 from __future__ import annotations
 
@@ -8,23 +8,26 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.errors import InputError
+from stiffscope.gap.campaign import AT_TOOL
 from stiffscope.gap.forward_model import Candidate, Trial
-from stiffscope.gap.mechanics import RobotAtPoses
+from stiffscope.gap.mechanics import RobotAtPoses, configured
 from stiffscope.gap.noise import noise_of
 from stiffscope.gap.nuisance import nuisance_patterns
-from stiffscope.gap.quantities import AXES, DEFLECTION, DEVIATION, STIFFNESS
-from stiffscope.gap.robot_prediction import RobotPrediction
-from stiffscope.robot.effects import factor_of, growth_of, mechanical_effects
-from stiffscope.robot.vocabulary import VOCABULARY
+from stiffscope.gap.quantities import AXES, DEFLECTION, DEVIATION, PUSH, STIFFNESS
+from stiffscope.gap.readings import on_robot
+from stiffscope.gap.robot_prediction import INSTRUMENT, Laden, RobotPrediction
+from stiffscope.robot.effects import dimension_effects, factor_of, growth_of, mechanical_effects
+from stiffscope.robot.vocabulary import EFFECTS
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
     from stiffscope.gap.campaign import Campaign
     from stiffscope.gap.forward_model import Noise, Parameters
-    from stiffscope.robot.effects import MechanicalEffect, NominalRobot
+    from stiffscope.robot.effects import MechanicalEffect, NominalRobot, Place
 
     Array = NDArray[np.floating[Any]]
 
@@ -32,7 +35,17 @@ FORCE, MOMENT = 500.0, 100.0  # N, N·m: the range of loads where the campaign s
 DISPLACEMENT, ROTATION = 1e-6, 5e-6  # m, rad: the instrument where the campaign shows none
 SIGNIFICANT = 3.0  # standard deviations
 _FACTORS = (-0.8, 50.0)  # bounds of what is 1/factor - 1 or factor - 1: nothing becomes infinitely stiff
+_RATIOS = (-1.2, 1.2)  # bounds of the logarithm of a dimension's ratio to the nominal one
+_RIGID_FOUNDATION = 1e20  # N/m³
+_SUSPECT = 0.2  # share of the squared gap that a part explains, from which experiments on it are made
 _ADDED = (0.0, np.inf)  # bounds of an added compliance, a dead zone
+_SOFT = (2e-7, 2e-6)  # m/N, rad/(N·m): of a tool above which added compliances are expected to be larger in proportion
+_SAME = 1e-9  # 1 - |cosine| of signatures below which no reading tells two effects apart
+_ROUNDING = 1e-10  # of the largest reading
+_TRIALS = 200  # poses that are looked at for what to measure next
+_MARGIN = 0.15  # of what the campaign and the map sweep, on either side, for such poses
+_OVERTAKES = 0.25  # share of the misfit below which stiffnesses are better taken for pushes, or the other way round
+_EVIDENT = 25.0  # χ² that such a change has to gain
 
 
 @dataclass(frozen=True)
@@ -50,7 +63,7 @@ PRIORS = {
     "joint-compliance": Prior((2e-9, 2e-9, 1e-6), (0.0,) * 3, (1e-6, 1e-6, 1e-3), _ADDED),
     "link-stiffness": Prior((0.2,), (0.2,), (2.0,), _FACTORS),
     "rigid-ends": Prior((0.02,), (0.0,), (0.15,), _ADDED),
-    "slider-compliance": Prior((0.5,), (0.2,), (20.0,), _FACTORS),
+    "part-compliance": Prior((0.5,), (0.2,), (20.0,), _FACTORS),
     "guide-compliance": Prior((5e-9, 5e-9, 1e-7), (0.0,) * 3, (1e-6, 1e-6, 1e-4), _ADDED),
     "base-compliance": Prior((1e-8,) * 3 + (1e-7,) * 3, (0.0,) * 6, (1e-6,) * 3 + (1e-5,) * 3, _ADDED),
     "platform-compliance": Prior((1e-8,) * 3 + (1e-7,) * 3, (0.0,) * 6, (1e-6,) * 3 + (1e-5,) * 3, _ADDED),
@@ -62,72 +75,155 @@ PRIORS = {
     "displacement-scale": Prior((0.05,), (0.7,), (1.4,), _FACTORS),
     "force-scale": Prior((0.05,), (0.7,), (1.4,), _FACTORS),
 }
+PRIORS["slider-compliance"] = PRIORS["part-compliance"]
+_OF_DRIVES = {"backlash", "encoder-offset"}
 
 
-def robot_candidates(nominal: NominalRobot) -> tuple[Candidate, ...]:
-    """Every effect of the vocabulary at every place of a robot."""
-    mass, first_moments = (0.0, 50.0), ((-0.5, 0.5),) * 3
-    names, units = zip(*VOCABULARY["payload"].parameters, strict=True)
-    payload = Candidate("payload", "platform", names, units, (3.0, 0.3, 0.3), (mass, *first_moments))
-    instrument = [_by_name(effect, "instrument") for effect in ("instrument-misalignment", "displacement-scale")]
+def robot_candidates(at: RobotAtPoses) -> tuple[Candidate, ...]:
+    """Every effect at every place of a robot, with priors of its size, and of the campaign's instruments."""
+    nominal = at.robot
+    soft = _softness(at)
     return (
         Candidate("gravity", "robot"),
-        replace(payload, physical=_centre_of_mass, internal=_first_moments),
-        Candidate("payload", "platform", names[:1], units[:1], (3.0,), (mass,)),
-        *(_mechanical(effect) for effect in mechanical_effects(nominal)),
-        *(_by_name("backlash", place) for place in VOCABULARY["backlash"].places),
-        *(replace(candidate, component="instrument") for candidate in instrument),
-        _by_name("force-scale", "instrument"),
+        *_payloads(at),
+        *(_mechanical(effect, nominal, soft) for effect in mechanical_effects(nominal)),
+        *(_backlash(place, nominal) for place in nominal.places(nominal.driven) if len(place.members) == 1),
+        *_instruments(at.campaign),
     )
+
+
+def _softness(at: RobotAtPoses) -> Array:
+    """How many times softer than a machine tool's the robot is, in translation and rotation; at least 1, (2,)."""
+    diagonal = np.einsum("pii->pi", at.state().compliance)
+    found = np.array([np.median(diagonal[:, :3]), np.median(diagonal[:, 3:])])
+    return np.maximum(1.0, np.nan_to_num(found) / np.array(_SOFT))
+
+
+def _payloads(at: RobotAtPoses) -> Iterator[Candidate]:
+    """A mass on each rigid body: with its first moments, and at a point alone."""
+    names, units = zip(*EFFECTS["payload"], strict=True)
+    gravity = at.mechanism.gravity
+    if not gravity.any():
+        return
+    for body in at.mechanism.bodies:
+        if body.elastic is not None:
+            continue
+        tool = at.mechanism.tool.body == body.name
+        joints = [j.at for j in at.mechanism.joints if body.name in (j.first, j.second)]
+        middle = np.mean(joints, axis=0) if joints else np.zeros(3)
+        point = at.mechanism.tool.at if tool else middle if body.centre is None else body.centre
+        rotation = at.configurations.frame(body.name)[0]
+        level = np.sort(np.argsort(np.abs(gravity), kind="stable")[:2])
+        turns = np.abs(rotation @ gravity - gravity).max() > 1e-9 * np.abs(gravity).max()
+        axes = np.arange(3) if turns else level
+        action = Laden(body.name, point, np.eye(3)[axes])
+        mass, moments = (0.0, 50.0), ((-0.5, 0.5),) * 3
+        sizes = (3.0, *(0.3,) * len(axes))
+        centred = _Centred(tuple(int(a) for a in axes))
+        yield Candidate("payload", body.name, names, units, sizes, (mass, *moments), physical=centred.physical,
+                        internal=centred.internal, action=action)  # fmt: skip
+        yield Candidate("payload", body.name, names[:1], units[:1], (3.0,), (mass,), action=action)
+
+
+@dataclass(frozen=True)
+class _Centred:
+    """Mass and centre of mass of a payload; along other axes than these its centre is not in the readings."""
+
+    axes: tuple[int, ...]
+
+    def physical(self, values: Array) -> Array:
+        """Mass and centre of mass (4,) of internal parameters."""
+        mass = values[0] if abs(values[0]) > 1e-9 else 1e-9
+        out = np.zeros(4)
+        out[0] = values[0]
+        out[[1 + a for a in self.axes]] = values[1:] / mass
+        return out
+
+    def internal(self, values: Array) -> Array:
+        """Mass and first moments of physical parameters (4,)."""
+        return np.array([values[0], *(values[0] * values[1 + a] for a in self.axes)])
+
+
+def _backlash(place: Place, nominal: NominalRobot) -> Candidate:
+    candidate = _by_name("backlash", place.name)
+    (drive,) = place.members
+    unit = "rad" if nominal.driven[drive].kind == "revolute" else "m"
+    twins = tuple(f"backlash @ {name}" for name in place.others)
+    return replace(candidate, units=(unit,), twins=twins, action=drive, component=drive)
+
+
+def _instruments(campaign: Campaign) -> Iterator[Candidate]:
+    """Scales and misalignments of the instrument at M and of each sensor, scale of the applied force."""
+    moving = campaign.kind <= DEVIATION
+    at_tool = (campaign.sensor < 0) & (campaign.kind <= PUSH)
+    several = len(campaign.sensors) > 1
+    if at_tool.any() or several:
+        for effect in ("instrument-misalignment", "displacement-scale"):
+            yield replace(_by_name(effect, INSTRUMENT), component=INSTRUMENT)
+    for k, sensor in enumerate(campaign.sensors):
+        if (moving & (campaign.sensor == k)).any():
+            for effect in ("instrument-misalignment", "displacement-scale"):
+                yield replace(_by_name(effect, sensor.name), component=sensor.name)
+    yield _by_name("force-scale", INSTRUMENT)
 
 
 def _by_name(effect: str, place: str) -> Candidate:
     """A candidate that `RobotPrediction` knows by its name."""
-    names, units = zip(*VOCABULARY[effect].parameters, strict=True)
+    names, units = zip(*EFFECTS[effect], strict=True)
     prior = PRIORS[effect]
     plausible = tuple(zip(prior.low, prior.high, strict=True))
     candidate = Candidate(effect, place, names, units, prior.scale, plausible, prior.bounds)
     return replace(candidate, physical=factor_of, internal=growth_of) if names == ("factor",) else candidate
 
 
-def _mechanical(effect: MechanicalEffect) -> Candidate:
-    entries = effect.names[0] == "c11"
+def _mechanical(effect: MechanicalEffect, nominal: NominalRobot, soft: Array) -> Candidate:
     count = len(effect.names)
+    entries = effect.names[0] == "c11"
     prior = Prior((1.0,) * count, (-1e-3,) * count, (1e-3,) * count) if entries else PRIORS[effect.effect]
+    scale, high = np.array(prior.scale), np.array(prior.high)
+    units = effect.units
+    known = [name for name, _ in EFFECTS[effect.effect]]
+    if prior.bounds == _ADDED and len(prior.scale) > 1:
+        pick = [known.index(name) for name in effect.names]
+        times = np.array([soft[int(unit.startswith("rad"))] for unit in units])
+        scale, high = scale[pick] * times, high[pick] * times
+    if effect.effect in _OF_DRIVES and all(nominal.driven[name].kind == "revolute" for name in effect.members):
+        units = ("rad",)
     return Candidate(
         effect.effect,
         effect.place,
         effect.names,
-        effect.units,
-        prior.scale,
-        tuple(zip(prior.low, prior.high, strict=True)),
+        units,
+        tuple(scale.tolist()),
+        tuple(zip(prior.low[:count], high.tolist(), strict=True)),
         prior.bounds,
         effect.physical,
         effect.internal,
         component=_component(effect),
+        twins=effect.others,
         flexible=entries,
         action=effect,
     )
 
 
+def _of_dimension(effect: MechanicalEffect) -> Candidate:
+    """A part's parameter: a tenth of it is a usual error; a rigid foundation may yield as a bolted contact does."""
+    nominal = float(effect.physical(np.zeros(1))[0])
+    rigid = nominal > _RIGID_FOUNDATION
+    plausible = (1e8, np.inf) if rigid else (0.5 * nominal, 2.0 * nominal)
+    return Candidate(
+        effect.effect, effect.place, effect.names, effect.units, (1.0,) if rigid else (0.1,), (plausible,),
+        _ADDED if rigid else _RATIOS, effect.physical, effect.internal, action=effect,
+    )  # fmt: skip
+
+
 def _component(effect: MechanicalEffect) -> str:
-    """The part that an effect blames, where it blames a single one or a group that stands for itself."""
-    if effect.effect == "actuator-stiffness" and effect.place != "limbs":
-        return f"{effect.place}.actuator"
-    single_link = effect.effect == "link-stiffness" and effect.place != "links"
-    added = effect.effect in {"joint-compliance", "guide-compliance", "base-compliance", "platform-compliance"}
-    return effect.place if single_link or added else ""
-
-
-def _centre_of_mass(values: Array) -> Array:
-    """Mass and centre of mass of a payload; its height is not in the readings."""
-    mass = values[0] if abs(values[0]) > 1e-9 else 1e-9
-    return np.array([values[0], values[1] / mass, values[2] / mass, 0.0])
-
-
-def _first_moments(values: Array) -> Array:
-    """Mass and first moments of a payload."""
-    return np.array([values[0], values[0] * values[1], values[0] * values[2]])
+    """The element that an effect on stiffness blames, where it blames a single one, or a place that is none."""
+    if effect.effect in {"base-compliance", "platform-compliance"}:
+        return effect.place
+    by_stiffness = not effect.names[0].startswith("c") and effect.effect not in {"encoder-offset", "link-length"}
+    single = len(effect.members) == 1 and by_stiffness and effect.effect not in {"thermal", "rigid-ends"}
+    return effect.members[0] if single else ""
 
 
 @dataclass(frozen=True)
@@ -142,16 +238,47 @@ class RobotModel:
     tried: tuple[tuple[Candidate, ...], ...] = ()
     prior_sizes: Array = field(default_factory=lambda: np.geomspace(0.03, 10.0, 6))
 
+    def __post_init__(self) -> None:
+        """Look up poses by name, and check poses, sensors and loads against the robot. Raises InputError."""
+        object.__setattr__(self, "campaign", on_robot(self.campaign, self.nominal.robot))
+
     @property
     def library(self) -> tuple[Candidate, ...]:
-        """The vocabulary's effects, without those that the nominal model carries, and nuisance patterns."""
+        """Effects, without those that the nominal model carries, and nuisance patterns; twins are merged."""
         return self._library
 
     @cached_property
     def _library(self) -> tuple[Candidate, ...]:
         gone = {self.without, "gravity" if self._weighted else ""}
-        known = (c for c in robot_candidates(self.nominal) if c.effect not in gone)
-        return (*known, *nuisance_patterns(self.nominal))
+        known = tuple(c for c in robot_candidates(self._at) if c.effect not in gone)
+        if "part-dimension" not in gone:
+            known = (*known, *self._dimensions())
+        merged = _merged(known, self.predict())
+        return (*merged, *nuisance_patterns(self._at))
+
+    def _dimensions(self) -> Iterator[Candidate]:
+        """Dimensions of parts by beam theory, and of those by virtual experiments that are suspect: these take time."""
+        for part in self.nominal.robot.parts:
+            if part not in self.nominal.tested or self._suspect(part):
+                for effect in dimension_effects(self.nominal, part):
+                    yield _of_dimension(effect)
+
+    def _suspect(self, part: str) -> bool:
+        """Whether the compliance of a part alone, entry by entry, explains a good share of the gap."""
+        prediction = self.predict()
+        entries = [
+            e for e in mechanical_effects(self.nominal)
+            if e.names[0] == "c11" and e.members == self.nominal.robot.bodies_of(part)
+        ]  # fmt: skip
+        if not entries:
+            return False
+        weight = 1.0 / np.where(
+            np.isnan(self.campaign.sigma), np.abs(self.campaign.value) + 1e-300, self.campaign.sigma
+        )
+        columns = prediction.columns(_mechanical(entries[0], self.nominal, np.ones(2))) * weight[:, None]
+        gap = (self.campaign.value - prediction.values) * weight
+        basis = np.linalg.qr(columns / np.linalg.norm(columns, axis=0).clip(min=1e-300))[0]
+        return float(np.sum((basis.T @ gap) ** 2)) > _SUSPECT * float(gap @ gap)
 
     @property
     def _weighted(self) -> bool:
@@ -159,7 +286,7 @@ class RobotModel:
 
     @cached_property
     def _at(self) -> RobotAtPoses:
-        return RobotAtPoses(self.nominal, self.campaign.poses)
+        return RobotAtPoses(self.nominal, self.campaign)
 
     def admits(self, candidates: Sequence[Candidate]) -> bool:
         """One of each name: some effects come with fewer or more parameters."""
@@ -174,22 +301,27 @@ class RobotModel:
         return noise_of(self)
 
     def trial(self, sigma: Array) -> Trial:
-        """Every wrench along an axis at its largest, and none, at tool points all over the workspace."""
+        """Every load and axis at its largest, and none, read by what the lab has, at poses all over the workspace."""
         c = self.campaign
-        poses = self._at.workspace(float(np.median(c.poses[:, 1])))
-        loads = np.nan_to_num(c.wrench[c.kind == DEFLECTION])
-        seen = np.abs(loads).max(axis=0) if len(loads) else np.zeros(6)
-        size = seen if seen.any() else np.array([FORCE] * 3 + [MOMENT] * 3)
-        wrenches = np.vstack([np.zeros(6), np.diag(size)])
-        n = len(poses) * len(wrenches) * 6
-        wrench = np.tile(np.repeat(wrenches, 6, axis=0), (len(poses), 1))
-        direction = np.tile(np.arange(6), n // 6)
+        poses = self._trial_poses()
+        cases = self._trial_loads()
+        channels = np.unique(c.channel[c.kind <= DEVIATION])
+        at_tool = channels >= len(c.sensors)
+        if at_tool.any() or not len(channels):
+            channels = np.concatenate([channels[~at_tool], len(c.sensors) + np.arange(6)])
+        sensor = np.where(channels < len(c.sensors), channels, AT_TOOL)
+        axes = np.array([s.axis for s in c.sensors] + list(range(6)))
+        per, rows = len(channels), len(cases) * len(channels)
+        n = len(poses) * rows
+        load = np.tile(np.repeat([k for k, _ in cases], per), len(poses))
+        wrench = np.tile(np.repeat([w for _, w in cases], per, axis=0), (len(poses), 1))
         still = ~wrench.any(axis=1)
+        direction = np.tile(axes[channels], n // per)
         trial = replace(
             c,
-            pose_names=tuple(str(k) for k in range(len(poses))),
+            pose_names=tuple(f"({', '.join(f'{v:g}' for v in pose)})" for pose in poses),
             poses=poses,
-            pose=np.repeat(np.arange(len(poses)), n // len(poses)),
+            pose=np.repeat(np.arange(len(poses)), rows),
             wrench=wrench,
             quantity=6 * np.where(still, DEVIATION, DEFLECTION) + direction,
             value=np.zeros(n),
@@ -197,36 +329,101 @@ class RobotModel:
             session=np.zeros(n),
             file=np.zeros(n),
             line=np.arange(n),
+            sensors=tuple(replace(s, zero="none") for s in c.sensors),
+            sensor=np.tile(sensor, n // per),
+            load=load,
         )
-        return Trial(replace(self, campaign=trial), self._displacement_noise(sigma)[direction], np.arange(n) // 6)
+        noise = self._displacement_noise(sigma)[np.tile(channels, n // per)]
+        return Trial(replace(self, campaign=trial), noise, np.arange(n) // per)
+
+    def _trial_poses(self) -> Array:
+        """Poses (k, d) within reach, evenly over the campaign's own and what the robot's map sweeps."""
+        c = self.campaign
+        low, high = c.poses.min(axis=0), c.poses.max(axis=0)
+        sweep = self.nominal.robot.map
+        for k, name in enumerate(c.coordinates):
+            span = getattr(sweep, name, None) if sweep is not None else None
+            if span is not None and not isinstance(span, float):
+                low[k], high[k] = min(low[k], *span), max(high[k], *span)
+        margin = _MARGIN * (high - low)
+        low, high = low - margin, high + margin
+        free = np.flatnonzero(high > low)
+        points = np.repeat(np.median(c.poses, axis=0)[None], _TRIALS, axis=0)
+        points[:, free] = low[free] + _halton(_TRIALS, len(free)) * (high - low)[free]
+        points = np.vstack([points, c.poses[: _TRIALS // 8]])
+        return points[configured(self.nominal.mechanism, c.coordinates, points).valid]
+
+    def _trial_loads(self) -> list[tuple[int, Array]]:
+        """Loads and their wrenches (6,): none, and every axis that the campaign loads at its largest."""
+        c = self.campaign
+        out: list[tuple[int, Array]] = [(AT_TOOL, np.zeros(6))]
+        for load in range(AT_TOOL, len(c.loads)):
+            wrench = np.nan_to_num(c.wrench[(c.kind == DEFLECTION) & (c.load == load)])
+            largest = np.abs(wrench).max(axis=0) if len(wrench) else np.zeros(6)
+            out += [(load, row) for row in np.diag(largest) if row.any()]
+        if len(out) == 1:
+            out += [(AT_TOOL, row) for row in np.diag([FORCE] * 3 + [MOMENT] * 3)]
+        return out
 
     def _displacement_noise(self, sigma: Array) -> Array:
-        """Noise of a displacement in each direction (6,), as the campaign's own readings have it."""
+        """Noise of a displacement by each channel, as the campaign's own readings have it."""
         c = self.campaign
-        out = np.array([DISPLACEMENT] * 3 + [ROTATION] * 3)
-        for group, half in ((slice(0, 3), c.direction < 3), (slice(3, 6), c.direction >= 3)):
-            mine = half & (c.kind <= DEVIATION)
+        moving = c.kind <= DEVIATION
+        out = np.array(
+            [ROTATION if s.rotates else DISPLACEMENT for s in c.sensors] + [DISPLACEMENT] * 3 + [ROTATION] * 3
+        )
+        for channel in range(len(out)):
+            mine = moving & (c.channel == channel)
+            if channel >= len(c.sensors):
+                mine = moving & (c.sensor < 0) & (c.direction // 3 == (channel - len(c.sensors)) // 3)
             if mine.any():
-                out[group] = np.median(sigma[mine])
+                out[channel] = np.median(sigma[mine])
         return out
 
     def remarks(self, noise: Noise, unexplained: Array) -> tuple[str, ...]:
-        """Readings of stiffness above what any such machine can have, and gravity where it cannot be the cause."""
-        return (*self._beyond_bounds(noise), *self._too_weak(noise, unexplained))
+        """Stiffness above the model's, taken for another kind; gravity where it cannot be the cause."""
+        return (*self._beyond_bounds(noise), *self._mistaken(noise), *self._too_weak(noise, unexplained))
 
     def _beyond_bounds(self, noise: Noise) -> list[str]:
+        """Readings of stiffness above the model's own, which more compliance only lowers."""
         c = self.campaign
         stiff = np.flatnonzero((c.kind == STIFFNESS) & noise.used)
         if not len(stiff):
             return []
-        limit = self._at.stiffness_bounds()[c.pose[stiff], c.direction[stiff]]
-        over = (c.value[stiff] - limit) / noise.sigma[stiff] > SIGNIFICANT
+        limit = self.predict().plain[stiff]
+        over = (c.value[stiff] - limit) / noise.sigma[stiff] > SIGNIFICANT + np.sqrt(2.0 * np.log(len(stiff)))
         if not over.any():
             return []
         axes = ", ".join(sorted({f"k{AXES[d]}" for d in c.direction[stiff[over]]}))
         worst = float((c.value[stiff] / limit)[over].max())
-        excess = f"{axes} exceed what the machine can have, up to {worst:.3g} times"
-        return [f"{excess}: no added compliance or weight cures that"]
+        return [f"{axes} exceed what the model has, up to {worst:.3g} times: no added compliance cures that"]
+
+    def _mistaken(self, noise: Noise) -> list[str]:
+        """A word where stiffnesses with other motions held fit far better as pushes, or the other way round."""
+        c = self.campaign
+        out: list[str] = []
+        for kind, other, told in ((STIFFNESS, PUSH, "k"), (PUSH, STIFFNESS, "p")):
+            mine = np.flatnonzero((c.kind == kind) & noise.used)
+            if not mine.size:
+                continue
+            swapped = self.predict_as(kind, other)
+            now, then = (
+                float(np.sum(((c.value - values)[mine] / noise.sigma[mine]) ** 2))
+                for values in (self.predict().plain, swapped)
+            )
+            if then < _OVERTAKES * now and now - then > _EVIDENT:
+                meant, held = ("p", "free") if told == "k" else ("k", "held")
+                out.append(
+                    f"the stiffnesses {told}.. fit far better as {meant}.., with all other motions {held}: "
+                    f"χ² {then:.3g} instead of {now:.3g}"
+                )
+        return out
+
+    def predict_as(self, kind: int, other: int) -> Array:
+        """What the readings (n,) would be if those of one kind were of another."""
+        c = self.campaign
+        quantity = np.where(c.kind == kind, 6 * other + c.direction, c.quantity)
+        return replace(self, campaign=replace(c, quantity=quantity)).predict().plain
 
     def _too_weak(self, noise: Noise, unexplained: Array) -> list[str]:
         """Gravity of known size that would have to be many times stronger than it is."""
@@ -243,3 +440,46 @@ class RobotModel:
         return [
             f"gravity would have to be {strength:.3g} times what it is to explain the gap best, so it is not the cause"
         ]
+
+
+def _halton(count: int, dimensions: int) -> Array:
+    """Evenly spread points (count, d) in the unit cube."""
+    from scipy.stats import qmc  # pyright: ignore[reportMissingTypeStubs]
+
+    return np.asarray(qmc.Halton(max(dimensions, 1), scramble=False).random(count + 1)[1:, :dimensions])
+
+
+def _shows(columns: Array, candidate: Candidate, prediction: RobotPrediction) -> bool:
+    """Whether any reading would change with parameters of their prior size, beyond rounding."""
+    largest = float(np.abs(prediction.plain).max(initial=0.0))
+    return bool((np.abs(columns) * np.array(candidate.scale) > _ROUNDING * largest).any())
+
+
+def _merged(candidates: Sequence[Candidate], prediction: RobotPrediction) -> tuple[Candidate, ...]:
+    """Candidates of one parameter with the very same signature in the readings as twins of the first of them.
+
+    What no reading shows is left out.
+    """
+    candidates = [c for c in candidates if not c.scale or _shows(prediction.columns(c), c, prediction)]
+    singles = [k for k, c in enumerate(candidates) if len(c.scale) == 1 and c.effect != "backlash"]
+    columns = np.stack([prediction.columns(candidates[k])[:, 0] for k in singles], axis=1) if singles else None
+    if columns is None:
+        return tuple(candidates)
+    if not np.isfinite(columns).all():
+        raise InputError("the readings: expected finite derivatives by all effects at the nominal robot")
+    weight = 1.0 / np.where(np.isnan(prediction.campaign.sigma), 1.0, prediction.campaign.sigma)
+    columns = columns * weight[:, None]
+    size = np.linalg.norm(columns, axis=0)
+    unit = columns / np.where(size > 0.0, size, 1.0)
+    cosine = unit.T @ unit
+    out: dict[int, Candidate] = dict(enumerate(candidates))
+    for i, k in enumerate(singles):
+        if k not in out:
+            continue
+        for j in range(i + 1, len(singles)):
+            other = candidates[singles[j]]
+            same = cosine[i, j] if candidates[k].positive or other.positive else abs(cosine[i, j])
+            if singles[j] in out and same > 1.0 - _SAME and candidates[k].positive == other.positive:
+                out[k] = replace(out[k], twins=(*out[k].twins, other.name, *other.twins))
+                del out[singles[j]]
+    return tuple(out.values())

@@ -1,4 +1,11 @@
-"""What a robot with given effects would read, and how every reading changes with every effect's parameters."""
+"""What a robot with given effects would read, and how every reading changes with every effect's parameters.
+
+Every reading is ``a · D b``: D the generalized compliance between terminals, b what is applied (a wrench, the weight,
+payloads), a what is read. A change δC of an element changes it by ``(W a) · δC (W b)``, W the wrenches that the
+element carries under unit loads at the terminals; an unloaded motion t of the element by ``(W a) · t``. A stiffness
+K_ii is read so with ``a = -K e_i``, ``b = K e_i``; a push 1/C_ii with ``a = -e_i/C_ii``, ``b = e_i/C_ii``; a natural
+frequency f with ``W b`` the wrench in its mode of unit modal mass, ``a = -b / (8 π² f)``.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +15,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.gap.mechanics import DRIVES
-from stiffscope.gap.quantities import DEFLECTION, DEVIATION, STIFFNESS
-from stiffscope.robot.effects import Change, MechanicalEffect
+from stiffscope.gap.mechanics import Payload
+from stiffscope.gap.quantities import DEFLECTION, DEVIATION, FIRST_FREQUENCY, FREQUENCY, PUSH, STIFFNESS
+from stiffscope.robot.effects import Change, MechanicalEffect, along_drive
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
@@ -23,10 +30,12 @@ if TYPE_CHECKING:
     from stiffscope.robot.effects import Changes
 
     Array = NDArray[np.floating[Any]]
+    Codes = NDArray[np.int64]
+    Flags = NDArray[np.bool_]
 
 _STEP = 1e-4  # of a parameter's prior size, for derivatives of what an effect does to an element
 _ZERO_FORCE = 1e-6  # of the largest force: what rounding leaves in a drive that carries none
-_PAYLOAD = np.array([[0.0, 0, 1, 0, 0, 0], [0, 0, 0, 0, -1, 0], [0, 0, 0, 1, 0, 0]])  # wrench per kg, kg·m x, kg·m y
+INSTRUMENT = "instrument"
 
 
 @dataclass(frozen=True)
@@ -34,6 +43,27 @@ class Pattern:
     """A nuisance pattern that is known by its derivatives (n, k) of the readings alone."""
 
     columns: Callable[[RobotPrediction], Array]
+
+
+@dataclass(frozen=True)
+class Step:
+    """An effect without parameters that is known by its change (n,) of the readings alone."""
+
+    change: Callable[[RobotPrediction], Array]
+
+
+@dataclass(frozen=True)
+class Laden:
+    """A payload: the body, a point (3,) of it, and the directions (k, 3) at home of its first moments."""
+
+    body: str
+    at: Array
+    directions: Array
+
+    def payload(self, values: Sequence[float]) -> Payload:
+        """The payload of internal parameters (1 + k,): mass and first moments."""
+        moments = np.array(values[1:]) @ self.directions if len(values) > 1 else np.zeros(3)
+        return Payload(self.body, self.at, float(values[0]), moments)
 
 
 @dataclass(frozen=True)
@@ -61,119 +91,276 @@ class RobotPrediction:
 
     @cached_property
     def elastic(self) -> ElasticState:
-        """The robot with the mechanical effects and the payload."""
-        mechanical = [(c.action, v) for c, v in self.parameters if isinstance(c.action, MechanicalEffect)]
-        payload = self._internal.get("payload @ platform", np.zeros(0))
-        wrench = self.at.robot.acceleration * (payload @ _PAYLOAD[: len(payload)])
-        return self.at.state([action.changes(np.array(values)) for action, values in mechanical], wrench)
+        """The robot with the mechanical effects and the payloads."""
+        found = [(candidate.action, values) for candidate, values in self.parameters]
+        changes = [a.changes(np.array(v)) for a, v in found if isinstance(a, MechanicalEffect)]
+        return self.at.state(changes, [a.payload(v) for a, v in found if isinstance(a, Laden)])
+
+    @cached_property
+    def _moving(self) -> Flags:
+        """(n,) whether a reading is a deflection or a deviation."""
+        return self.campaign.kind <= DEVIATION
 
     @cached_property
     def compliance(self) -> Array:
         """True compliance (p, 6, 6) at M."""
         return self.elastic.compliance
 
-    @cached_property
-    def dead(self) -> Array:
-        """True deviation (p, 6) of the unloaded tool."""
-        elastic = self.elastic
-        lost = sum((self._lost_motion(drive)[1] for drive in DRIVES), np.zeros_like(elastic.weight_twist))
-        return self.gravity * elastic.weight_twist + elastic.payload_twist + elastic.offset_twist + lost
-
-    def drive_forces(self, drive: str) -> tuple[Array, Array]:
-        """Force of a drive under every reading's applied wrench (n,), and under the dead loads at every pose (p,)."""
-        c = self.campaign
-        per_wrench = self.elastic.drive_force(drive)[c.pose]
-        applied = np.einsum("nj,nj->n", per_wrench, np.nan_to_num(c.wrench)) * self.force_scale
-        return applied, self.elastic.dead_drive_force(drive, self.gravity)
-
-    def by_drive(self, drive: str) -> Array:
-        """Twist (p, 6) of the tool for a shift of one metre in a drive, along its axis."""
-        return self.elastic.drive_force(drive)
-
-    def _dead_zone(self, drive: str) -> tuple[Array, Array]:
-        """Twist of the tool per metre of backlash: at every reading (n, 6), and unloaded at every pose (p, 6)."""
-        slide = self.by_drive(drive)
-        applied, dead = (_sign(force)[:, None] for force in self.drive_forces(drive))
-        return applied * slide[self.campaign.pose], dead * slide
-
-    def _lost_motion(self, drive: str) -> tuple[Array, Array]:
-        """Twist of the tool by backlash, as `_dead_zone`."""
-        half_width = self._first(f"backlash @ {drive}")
-        if half_width == 0.0:
-            return np.zeros((len(self.campaign), 6)), np.zeros((len(self.campaign.poses), 6))
-        applied, dead = self._dead_zone(drive)
-        return half_width * applied, half_width * dead
-
-    @cached_property
-    def instrument(self) -> Array:
-        """Matrix (6, 6) from a true twist to what the instrument shows."""
-        x, y, z = self._internal.get("instrument-misalignment @ instrument", np.zeros(3))
-        turn = np.eye(3) + np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        return (1.0 + self._first("displacement-scale @ instrument")) * np.kron(np.eye(2), turn)
-
     @property
     def force_scale(self) -> float:
         """True wrench over stated wrench."""
-        return 1.0 + self._first("force-scale @ instrument")
+        return 1.0 + self._first(f"force-scale @ {INSTRUMENT}")
+
+    @cached_property
+    def applied(self) -> Array:
+        """What acts (n, cases) behind every deflection and deviation, on the terminals; zero for other readings."""
+        c, at = self.campaign, self.at
+        out = np.zeros((len(c), at.cases))
+        wrench = self.force_scale * np.nan_to_num(c.wrench)
+        for load in range(-1, len(c.loads)):
+            mine = (c.kind == DEFLECTION) & (c.load == load)
+            out[mine, at.load_cases(load) if load >= 0 else slice(0, 6)] = wrench[mine]
+        still = c.kind == DEVIATION
+        out[still, at.weight_case] = self.gravity
+        out[still, at.weight_case + 1] = 1.0
+        return out
+
+    def instrument(self, sensor: int) -> Array:
+        """Matrix (6, 6) from a true motion to what an instrument shows: a sensor, or (-1) that at M."""
+        place = self.place_of(sensor)
+        x, y, z = self._internal.get(f"instrument-misalignment @ {place}", np.zeros(3))
+        if sensor >= 0 and place != INSTRUMENT:
+            own = self._internal.get(f"instrument-misalignment @ {INSTRUMENT}", np.zeros(3))
+            x, y, z = np.array([x, y, z]) + (own if not self.at_tool.any() else 0.0)
+        scale = 1.0 + self._first(f"displacement-scale @ {place}")
+        if sensor >= 0 and not self.at_tool.any():
+            scale *= 1.0 + self._first(f"displacement-scale @ {INSTRUMENT}")
+        turn = np.eye(3) + np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        return scale * np.kron(np.eye(2), turn)
+
+    def place_of(self, sensor: int) -> str:
+        """Name of an instrument as effects have it."""
+        return INSTRUMENT if sensor < 0 else self.campaign.sensors[sensor].name
+
+    @cached_property
+    def at_tool(self) -> Flags:
+        """(n,) whether a reading is that of the instrument at M, stiffnesses included, frequencies not."""
+        c = self.campaign
+        return (c.sensor < 0) & (c.kind < FREQUENCY)
+
+    @cached_property
+    def axis(self) -> Array:
+        """(n, 6) direction of motion that a reading looks in: translation and rotation."""
+        c = self.campaign
+        out = np.eye(6)[c.direction]
+        for k, sensor in enumerate(c.sensors):
+            half = slice(3, 6) if sensor.rotates else slice(0, 3)
+            row = np.zeros(6)
+            row[half] = sensor.direction
+            out[c.sensor == k] = row
+        return out
 
     @cached_property
     def twist(self) -> Array:
-        """True twist (n, 6) behind every deflection and deviation."""
+        """True motion (n, 6) of what every deflection and deviation looks at: M, or a sensor's point."""
         c = self.campaign
-        out = self.force_scale * np.einsum("nij,nj->ni", self.compliance[c.pose], np.nan_to_num(c.wrench))
-        for drive in DRIVES:
-            out = out + self._lost_motion(drive)[0]
-        return np.where((c.kind == DEVIATION)[:, None], self.dead[c.pose], out)
+        out = np.zeros((len(c), 6))
+        for k in range(-1, len(c.sensors)):
+            mine = np.flatnonzero(self._moving & (c.sensor == k))
+            if not mine.size:
+                continue
+            sensor = c.sensors[k] if k >= 0 else None
+            motion = self.elastic.tool if sensor is None else self.elastic.sensed(sensor)
+            out[mine] = np.einsum("nij,nj->ni", motion[c.pose[mine]], self.applied[mine])
+            still = mine[c.kind[mine] == DEVIATION]
+            if still.size:
+                out[still] += self.elastic.displaced(sensor)[c.pose[still]]
+        return out
 
     @cached_property
     def _shown_stiffness(self) -> Array:
         """Stiffness (p, 6, 6) as stated wrench over what the instrument shows."""
-        return np.linalg.inv(self.instrument @ self.compliance) / self.force_scale
+        return np.linalg.inv(self._shown_compliance)
 
     @cached_property
-    def plain(self) -> Array:
-        """What every reading (n,) would be by the robot, its loads and its instrument."""
-        c = self.campaign
-        return np.where(c.kind == STIFFNESS, self._entries(self._shown_stiffness), self._read(self.twist))
-
-    @property
-    def values(self) -> Array:
-        """What every reading (n,) would be, with nuisance patterns and the weight's share of the stiffness."""
-        return self._values
+    def _shown_compliance(self) -> Array:
+        return self.instrument(-1) @ self.compliance * self.force_scale
 
     @cached_property
-    def _values(self) -> Array:
-        out = self.plain
-        if "gravity @ robot" in self._internal:
-            out = out + np.where(self.campaign.kind == STIFFNESS, self._weight(), 0.0)
-        for candidate, values in self.parameters:
-            if isinstance(candidate.action, Pattern):
-                out = out + candidate.action.columns(self) @ np.array(values)
+    def sense(self) -> Array:
+        """What is read (n, cases), on the terminals, signs as in ``a · D b``."""
+        c, at = self.campaign, self.at
+        out = np.zeros((len(c), at.cases))
+        for k in range(-1, len(c.sensors)):
+            mine = np.flatnonzero(self._moving & (c.sensor == k))
+            if k < 0:
+                out[mine, :6] = self.axis[mine] @ self.instrument(k)
+            elif mine.size:
+                gain = float(np.cbrt(np.linalg.det(self.instrument(k)[:3, :3])))
+                out[mine, at.sensor_case(k)] = gain
+        stiff = np.flatnonzero(c.kind == STIFFNESS)
+        if stiff.size:
+            rows = self._shown_stiffness[c.pose[stiff], c.direction[stiff]]
+            out[stiff, :6] = -rows @ self.instrument(-1)
+        push = np.flatnonzero(c.kind == PUSH)
+        if push.size:
+            out[push, :6] = -self.axis[push] @ self.instrument(-1) * self._entries(self._pushes)[push, None]
         return out
 
-    def _read(self, twist: Array, through: Array | None = None) -> Array:
-        """What the instrument shows (n,) of twists (n, 6), each in its reading's direction."""
-        shown = twist @ (self.instrument if through is None else through).T
-        return np.take_along_axis(shown, self.campaign.direction[:, None], axis=1)[:, 0]
+    @cached_property
+    def drive(self) -> Array:
+        """What is applied (n, cases), on the terminals, as in ``a · D b``: for stiffnesses what makes the motion."""
+        c = self.campaign
+        out = self.applied.copy()
+        stiff = np.flatnonzero(c.kind == STIFFNESS)
+        if stiff.size:
+            out[stiff, :6] = self._shown_stiffness[c.pose[stiff], :, c.direction[stiff]] * self.force_scale
+        push = np.flatnonzero(c.kind == PUSH)
+        if push.size:
+            out[push, :6] = self.axis[push] * self._entries(self._pushes)[push, None] * self.force_scale
+        return out
+
+    @cached_property
+    def _pushes(self) -> Array:
+        """Diagonal matrices (p, 6, 6) of 1/C_ii as the instrument shows it."""
+        diagonal = np.einsum("pii->pi", self._shown_compliance)
+        return np.eye(6) / np.where(diagonal == 0.0, np.inf, diagonal)[:, None, :]
+
+    @cached_property
+    def _distinct(self) -> tuple[tuple[Array, Array], ...]:
+        """Readings (m,) that stand for all with the same sense, and the same drive, at the same pose; (n,) which."""
+        c = self.campaign
+        large = np.where(self._moving, 0, 1 + c.quantity)
+        senses = np.stack([c.pose, c.channel, np.where(self._moving, c.direction, 0), large], axis=1)
+        wrench = np.unique(np.nan_to_num(c.wrench), axis=0, return_inverse=True)[1].ravel()
+        drives = np.stack([c.pose, c.kind, c.load, wrench, large], axis=1)
+        out: list[tuple[Array, Array]] = []
+        for key in (senses, drives):
+            _, first, which = np.unique(key, axis=0, return_index=True, return_inverse=True)
+            out.append((first, which.ravel()))
+        return tuple(out)
+
+    def felt(self, name: str) -> tuple[Array, Array]:
+        """Wrenches (n, 6) on an element, own axes, by what is read and by what is applied: ``W a`` and ``W b``."""
+        known = self._felt.get(name)
+        if known is None:
+            at = self.elastic.transmitted(name)
+            pose = self.campaign.pose
+            pair: list[Array] = []
+            for (first, which), each in zip(self._distinct, (self.sense, self.drive), strict=True):
+                pair.append((at[pose[first]] @ each[first][..., None])[which, :, 0])
+            if self._mode[0].size:  # δf = -w · δC w / (8 π² f)
+                which, shaken, mode = self._mode
+                pair[0][which] = pair[1][which] = wrench = self.elastic.swung(name)[shaken, :, mode]
+                pair[0][which] = -wrench / (8.0 * np.pi**2 * self.elastic.frequencies[shaken, mode])[:, None]
+            known = self._felt[name] = (pair[0], pair[1])
+        return known
+
+    @cached_property
+    def at_terminals(self) -> tuple[Array, Array]:
+        """Twists (n, 6) of the tool by what is read and by what is applied: what a spring at M feels of either."""
+        tool, pose = self.elastic.tool, self.campaign.pose
+        pair = [np.einsum("nij,nj->ni", tool[pose], each) for each in (self.sense, self.drive)]
+        return pair[0], pair[1]
+
+    @cached_property
+    def _felt(self) -> dict[str, tuple[Array, Array]]:
+        return {}
 
     def _entries(self, matrices: Array) -> Array:
         """Diagonal entry (n,) of matrices (p, 6, 6) that each reading looks at."""
         c = self.campaign
         return matrices[c.pose, c.direction, c.direction]
 
-    def change(self, twist: Array | None = None, dead: Array | None = None, compliance: Array | None = None) -> Array:
-        """Change (n,) of readings by small changes of true twists (n, 6), of dead ones (p, 6), of C (p, 6, 6)."""
+    @cached_property
+    def robot_reads(self) -> Array:
+        """What every reading (n,) would be by the robot, its loads and its instruments, but for lost motion."""
         c = self.campaign
-        twist = np.zeros((len(c), 6)) if twist is None else twist
-        still = np.zeros((len(c.poses), 6)) if dead is None else dead
-        out = self._read(np.where((c.kind == DEVIATION)[:, None], still[c.pose], twist))
-        if not (c.kind == STIFFNESS).any():
-            return out
-        stiff = np.zeros(len(c))
-        if compliance is not None:
-            shown = self._shown_stiffness
-            stiff = self._entries(-shown @ (self.instrument @ compliance * self.force_scale) @ shown)
-        return np.where(c.kind == STIFFNESS, stiff, out)
+        out = np.zeros(len(c))
+        for k in range(-1, len(c.sensors)):
+            mine = self._moving & (c.sensor == k)
+            if mine.any():
+                out[mine] = np.einsum("ni,ij,nj->n", self.axis[mine], self.instrument(k), self.twist[mine])
+        if (c.kind == STIFFNESS).any():
+            out = np.where(c.kind == STIFFNESS, self._entries(self._shown_stiffness), out)
+        if (c.kind == PUSH).any():
+            out = np.where(c.kind == PUSH, self._entries(self._pushes), out)
+        return out + self._at_modes(self.elastic.frequencies) if (c.kind == FREQUENCY).any() else out
+
+    @cached_property
+    def plain(self) -> Array:
+        """What every reading (n,) would be by the robot, its loads and its instruments."""
+        out = self.robot_reads
+        for candidate, values in self.parameters:
+            if candidate.effect == "backlash" and values[0] != 0.0:
+                out = out + values[0] * self.dead_zone(str(candidate.action))
+        return out
+
+    def drive_force(self, drive: str) -> Array:
+        """Force or moment (n,) that a drive carries under what is applied; zero for other readings."""
+        axis = along_drive(self.at.robot.driven[drive])
+        return np.where(self._moving, self.felt(drive)[1] @ axis, 0.0)
+
+    def by_drive(self, drive: str) -> Array:
+        """Change (n,) of every reading for a shift of one metre (or a turn of one radian) in a drive."""
+        axis = along_drive(self.at.robot.driven[drive])
+        return np.where(self._moving, self.felt(drive)[0] @ axis, 0.0)
+
+    def dead_zone(self, drive: str) -> Array:
+        """Change (n,) of every reading per metre of backlash: towards the force that the drive carries."""
+        force = self.drive_force(drive)
+        still = self.campaign.still
+        sign = np.where(still, _sign(np.where(still, force, 0.0)), _sign(np.where(still, 0.0, force)))
+        return sign * self.by_drive(drive)
+
+    @property
+    def values(self) -> Array:
+        """What every reading (n,) would be, with nuisance patterns, the weight's share of stiffness, and zeros."""
+        return self._values
+
+    @cached_property
+    def _values(self) -> Array:
+        out = self.plain
+        if "gravity @ robot" in self._internal:
+            out = out + np.where(self._moving, 0.0, self._weight())
+        for candidate, values in self.parameters:
+            if isinstance(candidate.action, Pattern):
+                out = out + candidate.action.columns(self) @ np.array(values)
+            elif isinstance(candidate.action, Step):
+                out = out + candidate.action.change(self)
+        return out + self._zero_of(self.campaign.value - out)
+
+    @cached_property
+    def _zeros(self) -> tuple[Array, Array] | None:
+        """Group (n,) of readings that share an unknown zero, -1 for none, and weights (n,); None without any."""
+        c = self.campaign
+        free = np.array([s.zero == "session" for s in c.sensors] + [False])[c.sensor] & self._moving
+        if not free.any():
+            return None
+        group = np.full(len(c), -1)
+        key = np.stack([c.sensor, c.session], axis=1)[free]
+        group[free] = np.unique(key, axis=0, return_inverse=True)[1].ravel()
+        weight = np.where(np.isnan(c.sigma), 1.0, c.sigma**-2.0)
+        for k in range(group.max() + 1):  # stated and unknown uncertainties do not mix
+            mine = group == k
+            if np.isnan(c.sigma[mine]).any():
+                weight[mine] = 1.0
+        return group, weight
+
+    def _zero_of(self, change: Array) -> Array:
+        """The best zeros' share (n,) in a change (n,) of readings: the weighted mean over those that share a zero."""
+        if self._zeros is None:
+            return np.zeros(len(change))
+        group, weight = self._zeros
+        mine = group >= 0
+        total = np.bincount(group[mine], weight[mine] * change[mine])
+        return np.where(mine, (total / np.bincount(group[mine], weight[mine]))[group], 0.0)
+
+    def _without_zeros(self, columns: Array) -> Array:
+        """Columns (n, k) with the unknown zeros projected out."""
+        if self._zeros is None:
+            return columns
+        return columns - np.stack([self._zero_of(column) for column in columns.T], axis=1).reshape(columns.shape)
 
     def columns(self, candidate: Candidate) -> Array:
         """Derivatives (n, k) of every reading by a candidate's internal parameters."""
@@ -181,77 +368,166 @@ class RobotPrediction:
             case MechanicalEffect() as action:
                 here = self._internal.get(candidate.name, np.zeros(len(candidate.scale)))
                 steps = _STEP * np.diag(candidate.scale)
-                return np.stack([self._mechanical(action, here, step) for step in steps], axis=1)
+                out = np.stack([self._mechanical(action, here, step) for step in steps], axis=1)
+            case Laden() as action:
+                out = self._laden(action)
+                if (self.campaign.kind == FREQUENCY).any():
+                    out = out + self._swing_of_payload(action)
+                out = out[:, : len(candidate.scale)]
             case Pattern() as pattern:
-                return pattern.columns(self)
+                out = pattern.columns(self)
             case _:
-                return self._columns_by_name(candidate)
+                out = self._columns_by_name(candidate)
+        return self._without_zeros(out)
 
     def _columns_by_name(self, candidate: Candidate) -> Array:
-        """Derivatives of loads, of backlash, and of the instrument."""
+        """Derivatives of backlash and of the instruments."""
         match candidate.effect:
-            case "payload":
-                return self._payload()[:, : len(candidate.scale)]
             case "backlash":
-                return self.change(*self._dead_zone(candidate.place))[:, None]
+                return self.dead_zone(str(candidate.action))[:, None]
             case "displacement-scale":
-                return self._scaled([1.0, 1.0, -1.0]) / self.instrument[0, 0]
+                signs = np.array([1.0, 1.0, -1.0, -1.0, 0.0])[self.campaign.kind]
+                gain = 1.0 + self._first(candidate.name)
+                return (signs * self.plain * self._shown_by(candidate.place) / gain)[:, None]
             case "force-scale":
-                return self._scaled([1.0, 0.0, -1.0]) / self.force_scale
+                return (np.array([1.0, 0.0, -1.0, -1.0, 0.0])[self.campaign.kind] * self.plain)[:, None] / (
+                    self.force_scale
+                )
             case "instrument-misalignment":
-                return self._misalignment()
+                return self._misalignment(self._shown_by(candidate.place))
             case _:
                 return np.zeros((len(self.campaign), 0))
 
+    def _shown_by(self, place: str) -> Flags:
+        """Which readings (n,) an instrument shows; that at M stands for all where there are only sensors."""
+        c = self.campaign
+        if place == INSTRUMENT:
+            return self.at_tool if self.at_tool.any() else (c.sensor >= 0)
+        names = [sensor.name for sensor in c.sensors]
+        return c.sensor == (names.index(place) if place in names else len(names))
+
     def step(self, candidate: Candidate) -> Array:
-        """Change (n,) of the readings when the robot's own weight acts: the one effect without parameters."""
-        if candidate.effect != "gravity":
+        """Change (n,) of the readings by an effect without parameters: the robot's own weight, or a pattern."""
+        if isinstance(candidate.action, Step):
+            change = candidate.action.change(self)
+        elif candidate.effect == "gravity":
+            change = self._weight()
+        else:
             return np.zeros(len(self.campaign))
-        return self._weight()
+        return change - self._zero_of(change)
 
     def _weight(self) -> Array:
-        out = self.change(dead=self.at.robot.acceleration * self.elastic.weight_twist)
-        stiff = self.campaign.kind == STIFFNESS
-        return np.where(stiff, self._entries(self.at.weight_stiffness), out) if stiff.any() else out
+        """Change (n,) of the readings when the robot's own weight acts."""
+        c = self.campaign
+        out = np.zeros(len(c))
+        still = np.flatnonzero(c.kind == DEVIATION)
+        for k in range(-1, len(c.sensors)):
+            mine = still[c.sensor[still] == k]
+            if not mine.size:
+                continue
+            motion = self.elastic.tool if k < 0 else self.elastic.sensed(c.sensors[k])
+            twist = self.at.robot.acceleration * motion[c.pose[mine], :, self.at.weight_case]
+            out[mine] = np.einsum("ni,ij,nj->n", self.axis[mine], self.instrument(k), twist)
+        if (c.kind == STIFFNESS).any():
+            out = np.where(c.kind == STIFFNESS, self._entries(self.at.weight_stiffness), out)
+        if (c.kind == PUSH).any():
+            with_weight = np.linalg.inv(np.linalg.inv(self._shown_compliance) + self.at.weight_stiffness)
+            diagonal = np.einsum("pii->pi", with_weight)[c.pose, c.direction]
+            out = np.where(c.kind == PUSH, 1.0 / diagonal - self._entries(self._pushes), out)
+        return out
 
     def _mechanical(self, effect: MechanicalEffect, here: Array, step: Array) -> Array:
         """Derivative (n,) along a step of internal parameters, by the wrenches that the changed elements carry."""
-        c, elastic = self.campaign, self.elastic
-        dead, compliance = np.zeros((len(c.poses), 6)), np.zeros((len(c.poses), 6, 6))
+        out = np.zeros(len(self.campaign))
         for name, slope in _slopes(effect.changes(here + step), effect.changes(here - step), 2.0 * step.sum()).items():
-            at = elastic.transmitted(name)
+            read, applied = self.felt(name)
             if slope.compliance is not None:
-                carried = np.swapaxes(at, -1, -2) @ slope.compliance
-                compliance += carried @ at
-                dead += np.einsum("pij,pj->pi", carried, elastic.dead_wrench(name, self.gravity))
+                out += np.einsum("ni,ni->n", read @ slope.compliance, applied)
             if slope.offset is not None:
-                dead += np.einsum("pji,j->pi", at, slope.offset)
-        wrench = np.nan_to_num(c.wrench) * self.force_scale
-        return self.change(np.einsum("nij,nj->ni", compliance[c.pose], wrench), dead, compliance)
+                out += np.where(self.campaign.still, read @ slope.offset, 0.0)
+        return out
 
-    def _payload(self) -> Array:
-        yields = self.compliance - self.elastic.tool_compliance
-        wrenches = self.at.robot.acceleration * _PAYLOAD
-        return np.stack([self.change(dead=yields @ wrench) for wrench in wrenches], axis=1)
-
-    def _scaled(self, signs: list[float]) -> Array:
-        """Readings (n, 1) times a sign for deflection, deviation, stiffness."""
-        return (np.array(signs)[self.campaign.kind] * self.plain)[:, None]
-
-    def _misalignment(self) -> Array:
-        scale = float(np.cbrt(np.linalg.det(self.instrument[:3, :3])))
+    def _laden(self, action: Laden) -> Array:
+        """Derivatives (n, 1 + k) of readings by a payload's mass and first moments."""
+        unit = np.eye(1 + len(action.directions))
         columns: list[Array] = []
-        for axis in np.eye(3):
-            turn = scale * np.kron(np.eye(2), np.cross(axis, np.eye(3)).T)
-            stiff = self._entries(-self._shown_stiffness @ turn @ np.linalg.inv(self.instrument))
-            columns.append(np.where(self.campaign.kind == STIFFNESS, stiff, self._read(self.twist, turn)))
+        for values in unit:
+            state = self.at.state(self.elastic.changes, (action.payload(tuple(values)),))
+            columns.append(self._payload_reads(state))
         return np.stack(columns, axis=1)
 
-    def applied_twist(self, wrenches: Array) -> Array:
-        """Deflection (n,) in each reading's direction under wrenches (n, 6) at M; zero for other kinds of reading."""
+    def _payload_reads(self, state: ElasticState) -> Array:
+        """Deviation (n,) that a state's payloads alone make."""
         c = self.campaign
-        twist = np.einsum("nij,nj->ni", self.compliance[c.pose], wrenches)
-        return np.where(c.kind == DEFLECTION, twist[np.arange(len(c)), c.direction], 0.0)
+        out = np.zeros(len(c))
+        for k in range(-1, len(c.sensors)):
+            mine = np.flatnonzero(c.still & (c.sensor == k))
+            if mine.size:
+                motion = state.tool if k < 0 else state.sensed(c.sensors[k])
+                twist = motion[c.pose[mine], :, self.at.weight_case + 1]
+                out[mine] = np.einsum("ni,ij,nj->n", self.axis[mine], self.instrument(k), twist)
+        return out
+
+    def _swing_of_payload(self, action: Laden) -> Array:
+        """Derivatives (n, 1 + k) of natural frequencies by a payload's mass and first moments."""
+        v, w = np.split(self.elastic.swing(action.body, action.at), 2, axis=1)
+        rotation = self.at.configurations.frame(action.body)[0][self.at.shaken]
+        turned = [np.cross(w, (rotation @ axis)[..., None], axis=1) for axis in action.directions]
+        rates = [np.square(v).sum(axis=1), *(2.0 * (v * each).sum(axis=1) for each in turned)]
+        f = self.elastic.frequencies
+        return np.stack([self._at_modes(-0.5 * f * rate) for rate in rates], axis=1)
+
+    def _at_modes(self, values: Array) -> Array:
+        """Values (s, c) by pose and mode as the readings of frequencies (n,) have them; zero for others."""
+        out = np.zeros(len(self.campaign))
+        which, pose, mode = self._mode
+        out[which] = values[pose, mode]
+        return out
+
+    @cached_property
+    def _mode(self) -> tuple[Codes, Codes, Codes]:
+        """Readings of natural frequencies, each one's place among the poses with such, and its mode from 0."""
+        c = self.campaign
+        which = np.flatnonzero(c.kind == FREQUENCY)
+        return which, np.searchsorted(self.at.shaken, c.pose[which]), c.quantity[which] - FIRST_FREQUENCY
+
+    def _misalignment(self, shown: Flags) -> Array:
+        c = self.campaign
+        columns: list[Array] = []
+        for axis in np.eye(3):
+            turn = np.kron(np.eye(2), np.cross(axis, np.eye(3)).T)
+            out = np.zeros(len(c))
+            for k in range(-1, len(c.sensors)):
+                mine = np.flatnonzero(shown & self._moving & (c.sensor == k))
+                if mine.size:
+                    gain = float(np.cbrt(np.linalg.det(self.instrument(k)[:3, :3])))
+                    out[mine] = gain * np.einsum("ni,ij,nj->n", self.axis[mine], turn, self.twist[mine])
+            back = (
+                turn @ np.linalg.inv(self.instrument(-1)) * float(np.cbrt(np.linalg.det(self.instrument(-1)[:3, :3])))
+            )
+            stiff = c.kind == STIFFNESS
+            if stiff.any() and shown[stiff].any():
+                out = np.where(stiff, self._entries(-self._shown_stiffness @ back), out)
+            push = c.kind == PUSH
+            if push.any() and shown[push].any():
+                change = np.einsum("pii->pi", back @ self._shown_compliance)[c.pose, c.direction]
+                out = np.where(push, -(self._entries(self._pushes) ** 2) * change, out)
+            columns.append(out)
+        return np.stack(columns, axis=1)
+
+    def applied_motion(self, moments: Array) -> Array:
+        """Deflection (n,) by further moments (n, 3) where the wrench of each acts; zero for other kinds of reading."""
+        c = self.campaign
+        out = np.zeros(len(c))
+        for load in range(-1, len(c.loads)):
+            cases = self.at.load_cases(load) if load >= 0 else slice(0, 6)
+            for k in range(-1, len(c.sensors)):
+                mine = np.flatnonzero((c.kind == DEFLECTION) & (c.load == load) & (c.sensor == k))
+                if mine.size:
+                    motion = self.elastic.tool if k < 0 else self.elastic.sensed(c.sensors[k])
+                    twist = np.einsum("nij,nj->ni", motion[c.pose[mine], :, cases][..., 3:], moments[mine])
+                    out[mine] = np.einsum("ni,ni->n", self.axis[mine], twist)
+        return out
 
 
 def _sign(force: Array) -> Array:

@@ -1,10 +1,11 @@
-"""One CSV file as columns of text and of numbers; whatever is wrong is named by file, line and column."""
+"""One table (.csv, .tsv, .xlsx) as columns of text and of numbers; what is wrong is named by file, line, column."""
 
 from __future__ import annotations
 
 import csv
 import io
 import math
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -37,15 +38,51 @@ class Table:
         return InputError(f"{self.name}:{self.lines[row]}: {column}: expected {expected}, got {shown}")
 
 
-def read_table(path: Path, check: Callable[[str, list[str]], None]) -> Table:
-    """Return a CSV file's columns, with surrounding blanks removed; blank lines are passed over.
+def read_table(path: Path, check: Callable[[str, list[str]], None], ignore: Collection[str] = ()) -> Table:
+    """Return a table's columns, with surrounding blanks removed; blank lines are passed over.
 
-    check: called with the file's name and its header before any row is looked at.
+    Columns of text are separated by commas, semicolons or tabs, as the header has them; with the latter two a number
+    may have a decimal comma. Of an .xlsx file the first sheet counts.
 
-    Raises InputError for a file that cannot be read, is not UTF-8, has no or a doubtful header, or a row whose
-    number of cells is not the header's.
+    Parameters
+    ----------
+    path
+        A .csv, .tsv or .xlsx file.
+    check
+        Called with the file's name and its header, without columns to ignore, before any row is looked at.
+    ignore
+        Columns that are not read.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, is not UTF-8, has no or a doubtful header, or a row whose number of cells is not
+        the header's.
+
     """
-    reader = csv.reader(io.StringIO(_text(path), newline=""), strict=True, skipinitialspace=True)
+    rows, lines, decimal_comma = _sheet(path) if path.suffix.lower() == ".xlsx" else _lines(path)
+    if not rows:
+        raise InputError(f"{path.name}: expected a header line with the column names, got an empty file")
+    header = _header(path.name, rows[0], lines[0])
+    check(path.name, [name for name in header if name not in ignore])
+    _check_lengths(path.name, header, rows, lines)
+    if len(rows) == 1:
+        raise InputError(f"{path.name}:{lines[0] + 1}: expected at least one row under the header")
+    cells = zip(*rows[1:], strict=True)
+    columns = {
+        name: tuple(map(str.strip, column)) for name, column in zip(header, cells, strict=True) if name not in ignore
+    }
+    if decimal_comma:
+        columns = {name: tuple(_with_point(cell) for cell in column) for name, column in columns.items()}
+    return Table(path.name, columns, tuple(lines[1:]))
+
+
+def _lines(path: Path) -> tuple[list[list[str]], list[int], bool]:
+    """Rows of a text file with their lines, and whether its numbers may have a decimal comma."""
+    text = _text(path)
+    first = next((line for line in text.splitlines() if line.strip()), "")
+    mark = "\t" if "\t" in first else ";" if ";" in first else ","
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=mark, strict=True, skipinitialspace=mark != "\t")
     rows: list[list[str]] = []
     lines: list[int] = []
     before = 0
@@ -57,16 +94,44 @@ def read_table(path: Path, check: Callable[[str, list[str]], None]) -> Table:
             before = reader.line_num
     except csv.Error as error:
         raise InputError(f"{path.name}:{reader.line_num}: expected a CSV row, got {error}") from None
-    if not rows:
-        raise InputError(f"{path.name}: expected a header line with the column names, got an empty file")
-    header = _header(path.name, rows[0], lines[0])
-    check(path.name, header)
-    _check_lengths(path.name, header, rows, lines)
-    if len(rows) == 1:
-        raise InputError(f"{path.name}:{lines[0] + 1}: expected at least one row under the header")
-    cells = zip(*rows[1:], strict=True)
-    columns = {name: tuple(map(str.strip, column)) for name, column in zip(header, cells, strict=True)}
-    return Table(path.name, columns, tuple(lines[1:]))
+    if mark != ",":  # spreadsheets write rows of separators alone
+        kept = [k for k, row in enumerate(rows) if any(cell.strip() for cell in row)]
+        rows, lines = [rows[k] for k in kept], [lines[k] for k in kept]
+    return rows, lines, mark != ","
+
+
+def _sheet(path: Path) -> tuple[list[list[str]], list[int], bool]:
+    """Rows of the first sheet of an .xlsx file with their numbers."""
+    try:
+        import openpyxl
+    except ImportError:
+        message = 'expected openpyxl for .xlsx files (pip install "stiffscope[xlsx]"), or the table as .csv'
+        raise InputError(f"{path.name}: {message}") from None
+    try:
+        book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+    except OSError as error:
+        raise InputError(f"{path}: expected a readable .xlsx file, got {error.strerror or error}") from None
+    except Exception as error:  # noqa: BLE001 (whatever zip and XML parsers raise for no workbook)
+        raise InputError(f"{path.name}: expected an .xlsx workbook, got {error}") from None
+    found = [list(row) for row in book.worksheets[0].iter_rows(values_only=True)]
+    book.close()
+    whole = [[_cell(value) for value in row] for row in found]
+    kept = [k for k, row in enumerate(whole) if any(row)]
+    width = max((j + 1 for j, cell in enumerate(whole[kept[0]]) if cell), default=0) if kept else 0
+    rows = [row[: max(width, *(j + 1 for j, cell in enumerate(row) if cell))] for row in (whole[k] for k in kept)]
+    return [row + [""] * (width - len(row)) for row in rows], [k + 1 for k in kept], True
+
+
+def _cell(value: object) -> str:
+    """A workbook's cell as text."""
+    return "" if value is None else repr(value) if isinstance(value, float) else str(value).strip()
+
+
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+
+
+def _with_point(cell: str) -> str:
+    return cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell
 
 
 def _text(path: Path) -> str:
@@ -87,8 +152,6 @@ def _text(path: Path) -> str:
 
 def _header(name: str, row: list[str], line: int) -> list[str]:
     header = [cell.strip() for cell in row]
-    if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
-        raise InputError(f"{name}:{line}: expected columns separated by commas, got {header[0][:40]!r}")
     for position, cell in enumerate(header):
         if not cell:
             raise InputError(f"{name}:{line}: column {position + 1}: expected a name in the header")

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from stiffscope.jobs.assembly import Assembled
     from stiffscope.jobs.workshop import Workshop
     from stiffscope.robot.description import RobotFile
+    from stiffscope.vjm.kinematics import Configurations
 
 SHELVES = ("campaigns", "withheld")
 
@@ -61,27 +62,43 @@ def diagnose(campaign: str | Path) -> Diagnosis:
 def diagnose_case(case: Case, shop: Workshop) -> tuple[Diagnosis, Assembled | None]:
     """The diagnosis of a campaign, and the nominal robot that it starts from, where there is one."""
     from stiffscope.gap.diagnose import diagnose
+    from stiffscope.jobs.part_dimensions import tested_dimensions
     from stiffscope.robot.effects import NominalRobot
 
     if case.robot is None:
         return diagnose(case.campaign), None
     nominal = assemble_robots({"nominal": case.robot}, case.campaign.components, shop)["nominal"]
-    carrying = NominalRobot(nominal.mechanism, nominal.robot)
+    carrying = NominalRobot(nominal.mechanism, nominal.robot, tested_dimensions(nominal, shop))
     return diagnose(case.campaign, carrying, shop.open_line("diagnosis")), nominal
 
 
-def open_case(name: str | Path) -> Case:
-    """The campaign in a folder, or by its name in `data/`, with the robot that it names."""
-    from stiffscope.gap.readings import load_campaign
+def open_case(name: str | Path, *, planned: bool = False) -> Case:
+    """The campaign in a folder, or by its name in `data/`, with the robot that it names.
+
+    ``planned``: values may be missing. Raises InputError for poses, sensors and loads that are none of the robot's.
+    """
+    from stiffscope.gap.readings import load_campaign, on_robot
 
     folder = find_campaign(name)
-    campaign = load_campaign(folder)
+    campaign = load_campaign(folder, planned=planned)
     if campaign.robot is None:
         return Case(folder.resolve().name, folder, campaign, None)
     robot = load_robot(_robot_of(folder, campaign.robot))
+    campaign = on_robot(campaign, robot)
     if robot.carries("gravity") and "gravity" not in campaign.modelled:
         campaign = dataclasses.replace(campaign, modelled=(*campaign.modelled, "gravity"))
     return Case(folder.resolve().name, folder, campaign, robot)
+
+
+def reached(case: Case) -> Configurations | None:
+    """The robot, its parts rigid, at the campaign's poses; None without a robot. Raises InputError out of reach."""
+    if case.robot is None:
+        return None
+    from stiffscope.gap.mechanics import RobotAtPoses
+    from stiffscope.robot.effects import NominalRobot
+    from stiffscope.robot.inspection import rigid_mechanism
+
+    return RobotAtPoses(NominalRobot(rigid_mechanism(case.robot), case.robot), case.campaign).configurations
 
 
 def find_campaign(name: str | Path) -> Path:

@@ -5,13 +5,14 @@ All here is of the one robot file `data/robots/biglide.toml`, by the names of it
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.robot.effects import without_ranges
 from stiffscope.vjm.mechanism import Change
 from stiffscope.vjm.screws import Frame, rotation, shift
 from stiffscope.vjm.statics import stiffness
@@ -153,14 +154,6 @@ def published_model(mechanism: Mechanism, parameters: Mapping[str, float]) -> Pu
     length = float(np.linalg.norm(link.tip - link.base))
     dimensions = Dimensions(L=length, **{name: parameters[name] for name in _LENGTHS})
     return PublishedModel(without_ranges(mechanism), dimensions)
-
-
-def without_ranges(mechanism: Mechanism) -> Mechanism:
-    """The mechanism with drives that never come to an end."""
-    joints = (
-        j if j.drive is None else replace(j, drive=replace(j.drive, low=-np.inf, high=np.inf)) for j in mechanism.joints
-    )
-    return replace(mechanism, joints=tuple(joints))
 
 
 def _elastic(mechanism: Mechanism, name: str) -> Array:

@@ -1,4 +1,9 @@
-"""Vocabulary of effects that robot files, campaigns, the virtual lab and diagnoses share: places and parameters."""
+"""Vocabulary of effects that robot files, campaigns, the virtual lab and diagnoses share.
+
+Where an effect can act is said by the robot's own file: its elements, groups and parts (`stiffscope.robot.effects`).
+`VOCABULARY` are the words of the first campaign format, with the places that the Biglide's file has as groups;
+`EFFECTS` are all words with their parameters.
+"""
 
 from __future__ import annotations
 
@@ -45,3 +50,10 @@ VOCABULARY: dict[str, Term] = {
     "displacement-scale": Term(("instrument",), _FACTOR),
     "force-scale": Term(("instrument",), _FACTOR),
 }
+
+EFFECTS: dict[str, tuple[tuple[str, str], ...]] = {
+    **{name: term.parameters for name, term in VOCABULARY.items()},
+    "part-compliance": (*_FACTOR, *_same(COMPLIANCE_ENTRIES, "SI")),
+    "part-dimension": (("value", "SI"),),
+}
+"""Parameters of every effect as pairs (name, SI unit)."""

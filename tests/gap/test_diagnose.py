@@ -12,12 +12,11 @@ from stiffscope.gap.diagnosis import to_json
 from stiffscope.gap.lab.faults import inject
 from stiffscope.gap.lab.machine import biglide
 from stiffscope.gap.lab.measuring import Noise, default_plan, measure
+from stiffscope.gap.mechanics import RobotAtPoses
 from stiffscope.gap.robot_model import RobotModel, robot_candidates
-from stiffscope.robot.effects import NominalRobot, adopted, carried
-from stiffscope.robot.mechanism_of import mechanism_of
-from stiffscope.robot.part_matrices import part_matrices
-from stiffscope.robot.reader import load_robot
+from stiffscope.robot.effects import adopted, carried
 from stiffscope.robot.sections import Effect
+from stiffscope.robot.vocabulary import VOCABULARY
 from stiffscope.vjm.mechanism import TOOL
 from stiffscope.vjm.statics import stiffness
 from tests.robots import nominal_robot
@@ -34,7 +33,7 @@ SIZES = {
     "platform-compliance": {"x": 1e-8, "y": 5e-9, "z": 1e-8, "rx": 1e-7, "ry": 5e-8, "rz": 1e-7},
     "backlash": {"half_width": 2e-5},
     "encoder-offset": {"offset": 2e-4},
-    "link-length": {"error": 1e-4},
+    "link-length": {"error": 2e-5},  # a single link of a limb turns the platform, which the lab takes to first order
     "thermal": {"temperature": 12.0},
     "instrument-misalignment": {"rx": 0.02, "ry": -0.03, "rz": 0.025},
 }
@@ -53,7 +52,9 @@ def campaign(*effects, seed=5, modelled=("gravity",), stiff=False, machine=None,
 def predicted(readings, robot, effect, place, parameters):
     """What the forward model says that these readings are, with one effect."""
     model = RobotModel(readings, robot)
-    fitting = (c for c in model.library if c.name == f"{effect} @ {place}" and set(parameters) <= set(c.names))
+    word = f"{effect} @ {place}"
+    known = robot_candidates(RobotAtPoses(robot, model.campaign))
+    fitting = (c for c in known if word in (c.name, *c.twins) and set(parameters) <= set(c.names))
     candidate = min(fitting, key=lambda c: len(c.names))
     given = np.array([parameters.get(name, 0.0) for name in candidate.names])
     return model.predict(((candidate, tuple(candidate.internal(given))),)).values
@@ -63,7 +64,7 @@ def named(diagnosis):
     return {f"{e.effect} @ {e.place}" for e in diagnosis.effects}
 
 
-PLACES = [(e.effect, e.place) for e in robot_candidates(ROBOT) if e.effect != "gravity" and len(e.names) < 7]
+PLACES = [(name, place) for name, term in VOCABULARY.items() if name != "gravity" for place in term.places]
 
 
 @pytest.mark.parametrize(("effect", "place"), sorted(set(PLACES)))
@@ -90,14 +91,16 @@ def test_gravity_and_expansion_are_those_of_the_robot(effect, place):
     assert np.abs((wrong - quiet.value) / sigma).max() > 3.0
 
 
-def test_a_pitch_error_grows_from_the_middle_of_the_robots_own_drives():
-    """At x = 0 both carriages are half the range out, so a pitch error is a width error times that."""
-    model = RobotModel(campaign(), nominal_robot("parameters.a_min=300 mm", "parameters.a_max=560 mm"))
-    centred = replace(model.campaign, poses=model.campaign.poses * [0.0, 1.0, 1.0])
+def test_a_pitch_error_grows_with_the_way_of_its_own_drive():
+    """By the tool's motion: at a stage moved by y, a relative error of its screw moves the tool by that share of y."""
+    model = RobotModel(campaign(), ROBOT)
     pattern = next(c for c in model.library if "rail" in c.place)
-    pitch, width = RobotModel(centred, model.nominal).predict().columns(pattern).T
-    assert np.abs(width).max() > 0.0
-    assert pitch == pytest.approx(0.43 * width)
+    c = model.campaign
+    stage = model.predict().columns(pattern)[:, 0]
+    unloaded = (c.kind == 1) & (c.direction == 1)
+    y = c.poses[c.pose[unloaded], 1]
+    assert stage[unloaded] == pytest.approx(y - c.poses[:, 1].mean(), abs=1e-9)
+    assert not stage[c.kind == 0].any()
 
 
 @pytest.mark.parametrize("effect", ["actuator-stiffness", "joint-compliance", "backlash", "encoder-offset", "thermal"])
@@ -143,7 +146,7 @@ def test_no_gap_and_missing_gravity():
 @pytest.mark.parametrize(
     ("fault", "place", "parameters"),
     [
-        ("one-soft-slider", "limb1", {"factor": 3.0}),
+        ("cable-chain", "platform", {"x": 3e4, "y": 3e4, "z": 3e4}),
         ("drifting-sensor", "instrument", {"x": 5e-6, "z": 5e-6}),
         ("drive-friction", "limbs", {"force": 60.0}),
     ],
@@ -153,6 +156,14 @@ def test_a_fault_without_a_word_is_not_named(fault, place, parameters):
     assert diagnosis.verdict != "identified"
     assert diagnosis.remarks
     assert sum(diagnosis.where.direction.values()) == pytest.approx(1.0)
+
+
+def test_a_single_part_has_a_name_of_its_own():
+    diagnosis = diagnose(campaign(("one-soft-slider", "limb1", {"factor": 3.0})), ROBOT)
+    found = diagnosis.effects[0]
+    assert diagnosis.verdict == "identified"
+    assert "part-compliance @ limb1.slider" in {f"{found.effect} @ {found.place}", *found.confused_with}
+    assert 1.0 / found.parameters["factor"].value == pytest.approx(3.0, rel=0.02)
 
 
 def test_fea_against_beam_is_found_as_the_slider_entry_by_entry():
@@ -202,14 +213,6 @@ def test_the_nominal_robot_crosses_to_a_worker():
     there = pickle.loads(pickle.dumps(ROBOT))  # noqa: S301
     assert dict(there.robot.parameters) == dict(ROBOT.robot.parameters)
     assert np.array_equal(stiffness(there.mechanism, [0, 0, 0.35]), stiffness(ROBOT.mechanism, [0, 0, 0.35]))
-
-
-def test_a_robot_without_the_places_of_the_vocabulary_is_refused():
-    robot = load_robot("delta")
-    delta = NominalRobot(mechanism_of(robot, part_matrices(robot)), robot)
-    assert carried(delta.mechanism, robot) is delta.mechanism
-    with pytest.raises(InputError, match=r"delta\.toml:\d+: groups: expected .*, a place of the effect"):
-        diagnose(campaign(), delta)
 
 
 def test_competing_explanations_come_with_a_measurement_that_separates_them():

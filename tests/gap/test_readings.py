@@ -10,6 +10,7 @@ import pytest
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign_io import write_campaign
 from stiffscope.gap.readings import load_campaign
+from stiffscope.robot.reader import load_robot
 
 DATA = Path(__file__).parents[2] / "data" / "campaigns"
 HEADER = "x,y,z,fx,fy,fz,mx,my,mz,quantity,value,sigma,session\n"
@@ -66,7 +67,7 @@ def test_harmless_spellings_read_alike(tmp_path, text):
         (1, 3, "5", "3: fx: .*a stiffness reading has no wrench"),
         (1, 10, "-2e7", "3: value: expected a positive stiffness"),
         (2, 5, "9", "4: fz: .*unloaded platform"),
-        (2, 9, "dq", "4: quantity: expected one of dx dy .* krz, got 'dq'"),
+        (2, 9, "dq", "4: quantity: expected one of dx dy .* krz px .* f30, got 'dq'"),
         (2, 10, "nan", "4: value: expected a finite reading"),
         (2, 10, "", "4: value: .*got an empty cell"),
         (3, 10, "1e999", "5: value: expected a finite"),
@@ -90,11 +91,11 @@ def test_names_the_malformed_cell(tmp_path, row, column, cell, expected):
         (HEADER, "2: expected at least one row"),
         (HEADER + "\n".join(GOOD)[:-20], "5: .*: expected 13 cells, got 3: the row ends early"),
         (HEADER.replace(",sigma", "") + GOOD[0], "1: sigma: expected this column, got none"),
-        (HEADER.replace("fz,", "") + GOOD[0], "1: fz: expected this column, got none"),
+        (HEADER.replace("fz,", "") + GOOD[0], "2: column 13: expected 12 cells, got 13"),
         (HEADER.replace("session", "Session") + GOOD[0], "1: Session: expected one of x, y, z"),
         (HEADER.replace("session", "pose") + GOOD[0], "1: pose: expected one of x, y, z"),
         (HEADER.replace("session", "x") + GOOD[0], "1: x: expected each name once"),
-        (HEADER.replace(",", ";") + GOOD[0], "1: expected columns separated by commas"),
+        (HEADER.replace(",", ";") + GOOD[0], "2: y: expected 13 cells, got 1: the row ends early"),
         (HEADER + GOOD[0] + "\n\0", "3: expected text, got a NUL byte"),
         (HEADER + GOOD[0] + '\n"0,0', "3: expected a CSV row"),
     ],
@@ -190,3 +191,127 @@ def test_eight_thousand_rows_read_fast_and_come_back_unchanged(tmp_path):
     assert back.pose_names == published.pose_names
     assert np.array_equal(back.predictions["with_gravity"], published.predictions["with_gravity"])
     assert replace(back, robot=None).modelled == ()
+
+
+SENSORS = """
+[sensors.gauge]
+measures = "displacement"
+body = "platform"
+at = ["75 mm", 0, 0.33]
+direction = [0, 0, 2]
+
+[sensors.level]
+measures = "rotation"
+body = "platform"
+direction = [0, 1, 0]
+zero = "session"
+
+[loads.hook]
+body = "platform"
+at = [0, "-30 mm", 0.36]
+"""
+BIGLIDE = 'robot = "biglide"\nreadings = "readings.csv"\n'
+GAUGED = """x;y;z;load;fz;sensor;kind;value;sigma;note
+0;0;0,35;hook;-100;gauge;;-4,2;1;by hand
+0;0;0,35;;;level;;11;2;
+0;0;0,35;;-100;gauge;deflection;-4,1;;
+;;;;;;;;;
+"""
+UNITS = 'ignore = ["note"]\nunits = { value = "um", sigma = "um" }\n'
+
+
+def test_reads_sensors_loads_units_and_decimal_commas(tmp_path):
+    text = GAUGED.replace("level;;11;2", "gauge;deviation;11;2")
+    c = load_campaign(folder(tmp_path, text, toml=BIGLIDE + UNITS + SENSORS))
+    assert c.value == pytest.approx([-4.2e-6, 1.1e-5, -4.1e-6])
+    assert c.sigma[:2] == pytest.approx([1e-6, 2e-6])
+    assert c.poses.tolist() == [[0.0, 0.0, 0.35]]
+    assert c.kind.tolist() == [0, 1, 0]
+    assert c.load.tolist() == [0, -1, -1]
+    assert c.wrench[:, 2].tolist() == [-100.0, 0.0, -100.0]
+    assert c.sensors[0].direction == (0.0, 0.0, 1.0)
+    assert c.sensors[0].at == pytest.approx((0.075, 0.0, 0.33))
+    assert c.sensors[1].zero == "session"
+    write_campaign(c, tmp_path / "again")
+    again = load_campaign(tmp_path / "again")
+    for name in ("poses", "wrench", "quantity", "value", "sigma", "sensor", "load"):
+        assert np.array_equal(getattr(c, name), getattr(again, name), equal_nan=True), name
+    assert (again.sensors, again.loads) == (c.sensors, c.loads)
+
+
+@pytest.mark.parametrize("suffix", [".tsv", ".xlsx"])
+def test_reads_other_tables(tmp_path, suffix):
+    openpyxl = pytest.importorskip("openpyxl")
+    folder(tmp_path, toml=BIGLIDE.replace(".csv", suffix))
+    rows = [HEADER.strip().split(","), *(line.split(",") for line in GOOD)]
+    if suffix == ".tsv":
+        text = "\n".join("\t".join(row) for row in rows).replace("0.35", "0,35")
+        (tmp_path / "readings.tsv").write_text(text)
+    else:
+        book = openpyxl.Workbook()
+        for row in rows:
+            book.active.append([float(cell) if cell[:1].isdigit() else cell or None for cell in row])
+        book.save(tmp_path / "readings.xlsx")
+    other, plain = load_campaign(tmp_path), load_campaign(folder(tmp_path / "csv"))
+    for name in ("poses", "wrench", "quantity", "value", "sigma"):
+        assert np.array_equal(getattr(other, name), getattr(plain, name), equal_nan=True), name
+    assert other.where(3) == f"readings{suffix}:5"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("level;;11", "levels;;11", r"readings.csv:3: sensor: expected one of campaign.toml's \[sensors\] gauge level"),
+        ("level;;11", "level;both;11", "readings.csv:3: kind: expected deflection or deviation, got 'both'"),
+        ("hook;-100", "rope;-100", r"readings.csv:2: load: expected one of campaign.toml's \[loads\] hook"),
+        ("level;;11", ";;11", "readings.csv:3: sensor: expected one of"),
+        ("level;;11", "gauge;deflection;1,1,1", "readings.csv:3: value: expected a finite reading"),
+        ("0;0;0,35;;-100;gauge;deflection", "0;0;0,35;;-100;gauge;deviation", "4: fz: expected 0: a deviation is read"),
+        ("x;y;z", "x;y;zz", "readings.csv:1: zz: expected one of x, y, fx"),
+        ("", "", "readings.csv:3: sensor: expected a reading that is measured in um.* not a rotation, got 'level'"),
+    ],
+)
+def test_names_what_is_wrong_with_sensors(tmp_path, old, new, expected):
+    text = GAUGED.replace(old, new)
+    if old and "level;;11" in text:
+        text = text.replace("level;;11", "gauge;;11")
+    with pytest.raises(InputError, match=expected):
+        load_campaign(folder(tmp_path, text, toml=BIGLIDE + UNITS + SENSORS))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ('"displacement"', '"force"', 'sensors.gauge.measures: expected one of displacement, rotation, got "force"'),
+        ("direction = [0, 0, 2]", "direction = [0, 0, 0]", "sensors.gauge.direction: expected a direction"),
+        ('at = ["75 mm", 0, 0.33]', 'at = ["75 N", 0, 0]', "sensors.gauge.at: expected a displacement|a length"),
+        ("zero =", "nought =", "sensors.level.nought: expected one of measures"),
+        ('zero = "session"', 'zero = "daily"', "sensors.level.zero: expected one of none, session"),
+        ('value = "um"', 'value = "furl"', "units.value: expected a unit such as"),
+        ('value = "um"', 'fz = "mm"', "units.fz: expected a unit of a force"),
+        ('value = "um"', 'weight = "kg"', "units.weight: expected a column among"),
+    ],
+)
+def test_names_what_is_wrong_with_the_header(tmp_path, old, new, expected):
+    toml = (BIGLIDE + UNITS + SENSORS).replace(old, new)
+    with pytest.raises(InputError, match=f"^campaign.toml: .*({expected})"):
+        load_campaign(folder(tmp_path, GAUGED.replace("level;;11;2", "gauge;;11;2"), toml=toml))
+
+
+def test_poses_by_name_or_by_joints_are_those_of_the_robot(tmp_path):
+    delta = load_robot("delta")
+    toml = 'robot = "delta"\nreadings = "readings.csv"\nunits = { "q:leg2.motor" = "deg" }'
+    rows = "pose,quantity,value,sigma\nhome,ez,1e-5,\nside,ez,1e-5,\n"
+    c = load_campaign(folder(tmp_path / "a", rows, toml=toml.split("\nunits", maxsplit=1)[0]), delta)
+    assert c.poses[1] == pytest.approx(delta.poses["side"])
+    with pytest.raises(
+        InputError, match=r"readings.csv:3: pose: expected one of delta's \[poses\] home, side, got 'no"
+    ):
+        load_campaign(
+            folder(tmp_path / "b", rows.replace("side", "nowhere"), toml=toml.split("\nunits", maxsplit=1)[0]), delta
+        )
+    joints = "q:leg1.motor,q:leg2.motor,q:leg3.motor,quantity,value,sigma\n0.1,10,0,ez,1e-5,\n"
+    c = load_campaign(folder(tmp_path / "c", joints, toml=toml), delta)
+    assert c.poses[0] == pytest.approx([0.1, np.radians(10.0), 0.0])
+    with pytest.raises(InputError, match=r"readings.csv:1: q:leg3.motor: expected the coordinates that command delta"):
+        load_campaign(folder(tmp_path / "d", joints.replace(",q:leg3.motor", "").replace(",0,", ","), toml=toml), delta)

@@ -30,6 +30,7 @@ TOWARDS = (0.42, -1.0, 0.4)  # the camera, in axes whose z points up
 WIDTH, ABOVE, BELOW = 1200, 42, 34  # pixels: of the picture, of its title, of its key
 MOVING, PERIOD = 720, 1280  # pixels across, and milliseconds of a vibration, of an animation
 LONG = 95  # characters of a title, from which it is smaller
+MARKS = {"sensor": "#8e24aa", "load": "#ef6c00"}
 _NAMED = 5  # parts in the key, at most
 
 
@@ -42,6 +43,7 @@ def robot(
     up: list[float],
     shares: dict[str, float] | None = None,
     scale: str = "share",
+    marks: list[dict[str, Any]] | None = None,
 ) -> None:
     """The robot, one picture for each {file, title, moves, before}; `stiffscope.report.robot_scene` makes all of it.
 
@@ -63,6 +65,9 @@ def robot(
     shares
         Colours of elements, by a share between 0 and 1, up to the largest; ``scale`` says of what. A picture may have
         ``shares`` of its own.
+    marks
+        {kind, node, at, direction}: arrows at points (3,) of nodes at home, along directions (3,) in base axes, of the
+        kinds "sensor" and "load".
 
     """
     upward, home = np.array(up, float), np.array(tool["at"], float)
@@ -75,9 +80,10 @@ def robot(
         shapes = _by_colour(solids, moves, coloured)
         if before is not None:
             shapes["before"] = _joined([solid.moved(_moves(before)) for solid in solids])
+        shapes |= _arrows(marks or [], moves, reach)
         image, view = _scene(shapes, rotation @ home + position, upward, reach)
         figure = _framed(image, view, picture["title"])
-        _explain(figure, bodies, coloured, scale)
+        _explain(figure, bodies, coloured, scale, [kind for kind in MARKS if MARKS[kind] in shapes])
         figure.savefig(folder / picture["file"], dpi=100)
 
 
@@ -134,6 +140,22 @@ def _by_colour(solids: list[Solid], moves: Moves, shares: dict[str, float] | Non
         colour = solid.colour if shares is None else _share_colour(shares.get(solid.element), most)
         groups.setdefault(colour, []).append(solid.moved(moves))
     return {colour: _joined(shapes) for colour, shapes in groups.items()}
+
+
+def _arrows(marks: list[dict[str, Any]], moves: Moves, reach: float) -> dict[str, pv.PolyData]:
+    """Arrows of each kind that end where sensors touch, or start where loads act."""
+    import pyvista as pv
+
+    out: dict[str, list[pv.PolyData]] = {}
+    size = 0.14 * reach
+    for mark in marks:
+        rotation, position = moves[mark["node"]]
+        direction = np.array(mark["direction"], float)
+        start = rotation @ np.array(mark["at"], float) + position
+        start = start - size * direction if mark["kind"] == "sensor" else start
+        arrow: Any = pv.Arrow(start=start, direction=direction, scale=size, shaft_radius=0.04, tip_radius=0.1)
+        out.setdefault(MARKS[mark["kind"]], []).append(arrow)
+    return {colour: _joined(shapes) for colour, shapes in out.items()}
 
 
 def _joined(shapes: list[pv.PolyData]) -> pv.PolyData:
@@ -197,21 +219,27 @@ def _framed(image: Floats, view: View, title: str) -> Figure:
     return figure
 
 
-def _explain(figure: Figure, bodies: list[dict[str, Any]], shares: dict[str, float] | None, scale: str) -> None:
+def _explain(
+    figure: Figure,
+    bodies: list[dict[str, Any]],
+    shares: dict[str, float] | None,
+    scale: str,
+    marks: list[str] | None = None,
+) -> None:
     """What the colours mean."""
     if shares is None:
-        _key(figure, part_colours(bodies))
+        _key(figure, part_colours(bodies), {kind: MARKS[kind] for kind in marks or []})
     else:
         _share_bar(figure, scale, max(shares.values(), default=1.0))
 
 
-def _key(figure: Figure, colours: dict[str, str]) -> None:
+def _key(figure: Figure, colours: dict[str, str], marks: dict[str, str]) -> None:
     from matplotlib.patches import Patch
 
     named = dict(list(colours.items())[:_NAMED])
     if len(colours) > _NAMED:
         named[f"{list(colours)[_NAMED]}, …"] = list(colours.values())[_NAMED]
-    entries = {**named, "rigid": RIGID, "joint": PASSIVE, "drive": DRIVEN}
+    entries = {**named, "rigid": RIGID, "joint": PASSIVE, "drive": DRIVEN, **marks}
     handles = [Patch(facecolor=colour, label=name) for name, colour in entries.items()]
     key = figure.legend(
         handles=handles, loc="lower left", ncols=len(handles), frameon=False, fontsize=10, handlelength=1.0,

@@ -1,0 +1,159 @@
+"""What `stiffscope campaign check` says of a campaign: counts, units, poses, sensors, loads, and a picture."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.gap.quantities import DEFLECTION, DEVIATION, FREQUENCY, KINDS, WRENCH
+from stiffscope.report.robot_scene import moves, picture, pose_text, scene
+from stiffscope.report.terminal import show_line, show_table
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from stiffscope.gap.campaign import Campaign
+    from stiffscope.robot.description import RobotFile
+    from stiffscope.vjm.kinematics import Configurations
+    from stiffscope.vjm.mechanism import Mechanism
+
+_SHOWN = 24  # rows of a table, beyond which the rest is counted
+
+
+def campaign_json(campaign: Campaign) -> dict[str, Any]:
+    """What was understood, as plain data, SI."""
+    c = campaign
+    return {
+        "robot": c.robot,
+        "readings": len(c),
+        "empty": int(np.isnan(c.value).sum()),
+        "kinds": {name: int((c.kind == k).sum()) for k, name in enumerate(KINDS) if (c.kind == k).any()},
+        "coordinates": list(c.coordinates),
+        "poses": {name: pose.tolist() for name, pose in zip(c.pose_names, c.poses, strict=True)},
+        "sessions": {name: int((c.session == k).sum()) for k, name in enumerate(c.session_names)},
+        "without_sigma": int(np.isnan(c.sigma).sum()),
+        "channels": _channels(c),
+        "sensors": {s.name: _sensor(c, k) for k, s in enumerate(c.sensors)},
+        "loads": {
+            load.name: {"body": load.body, "at": list(load.at), "readings": int((c.load == k).sum())}
+            for k, load in enumerate(c.loads)
+        },
+        "largest_wrench": dict(zip(WRENCH, _largest(c).tolist(), strict=True)),
+    }
+
+
+def _largest(c: Campaign) -> np.ndarray:
+    return np.abs(np.nan_to_num(c.wrench)).max(axis=0, initial=0.0)
+
+
+def _sensor(c: Campaign, k: int) -> dict[str, Any]:
+    s = c.sensors[k]
+    at = {} if s.rotates else {"at": list(s.at)}
+    rest = {"measures": s.measures, "body": s.body, "direction": list(s.direction), "against": s.against}
+    return {**rest, **at, "zero": s.zero, "readings": int((c.sensor == k).sum())}
+
+
+def _channels(c: Campaign) -> list[dict[str, Any]]:
+    """Readings of a kind by an instrument: how many, their range and their median uncertainty."""
+    out: list[dict[str, Any]] = []
+    for key in dict.fromkeys((c.what(i), int(c.kind[i])) for i in range(len(c))):
+        mine = np.array([(c.what(i), int(c.kind[i])) == key for i in range(len(c))])
+        value, sigma = c.value[mine & ~np.isnan(c.value)], c.sigma[mine & ~np.isnan(c.sigma)]
+        out.append({
+            "reads": key[0], "kind": KINDS[key[1]], "count": int(mine.sum()), "unit": _unit(c, int(np.argmax(mine))),
+            "low": float(value.min()) if len(value) else None, "high": float(value.max()) if len(value) else None,
+            "sigma": float(np.median(sigma)) if len(sigma) else None,
+        })  # fmt: skip
+    return out
+
+
+def _unit(c: Campaign, reading: int) -> str:
+    kind, turns = c.kind[reading], c.direction[reading] >= 3
+    if kind == FREQUENCY:
+        return "Hz"
+    if kind in (DEFLECTION, DEVIATION):
+        return "rad" if turns else "m"
+    return "N·m/rad" if turns else "N/m"
+
+
+def show_campaign(campaign: Campaign, name: str) -> None:
+    """Print what was understood."""
+    facts = campaign_json(campaign)
+    kinds = ", ".join(f"{count} {kind}s" for kind, count in facts["kinds"].items()).replace("frequencys", "frequencies")
+    show_line(f"{name}: {facts['readings']} readings ({kinds}) at {len(facts['poses'])} poses", "bold")
+    if facts["empty"]:
+        show_line(f"  {facts['empty']} of them have no value yet")
+    if facts["without_sigma"]:
+        show_line(f"  {facts['without_sigma']} state no uncertainty: it will be estimated")
+    sessions = ", ".join(f"{label or '(no name)'} {count}" for label, count in facts["sessions"].items())
+    show_line(f"  sessions: {sessions}\n")
+    rows = [
+        [row["reads"], row["kind"], str(row["count"]), row["unit"], _number(row["low"]), _number(row["high"]),
+         _number(row["sigma"])]
+        for row in facts["channels"]
+    ]  # fmt: skip
+    show_table("Readings, SI", [["reads"], ["kind", "count", "unit", "least", "greatest", "sigma"]], rows)
+    if facts["sensors"]:
+        rows = [
+            [key, s["measures"], s["body"], _three(s.get("at")), _three(s["direction"]), s["against"], s["zero"]]
+            for key, s in facts["sensors"].items()
+        ]
+        columns = ["measures", "body", "at, m", "direction", "against", "zero"]
+        show_table("Sensors", [["sensor"], columns], rows)
+    if facts["loads"]:
+        rows = [[key, s["body"], _three(s["at"]), str(s["readings"])] for key, s in facts["loads"].items()]
+        show_table("Loads", [["load"], ["body", "at, m", "readings"]], rows)
+    largest = ", ".join(f"{key} {value:g}" for key, value in facts["largest_wrench"].items() if value)
+    show_line(f"Largest wrench: {largest or 'none'} (N, N·m)")
+    poses = [[key, *(f"{v:.6g}" for v in pose)] for key, pose in facts["poses"].items()]
+    show_table("Poses, m and rad", [["pose"], list(facts["coordinates"])], poses[:_SHOWN])
+    if len(poses) > _SHOWN:
+        show_line(f"and {len(poses) - _SHOWN} more: see --json")
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.4g}"
+
+
+def _three(values: list[float] | None) -> str:
+    return "" if values is None else ", ".join(f"{v:.4g}" for v in values)
+
+
+def draw_sensors(
+    robot: RobotFile, mechanism: Mechanism, found: Configurations, campaign: Campaign, folder: Path
+) -> None:
+    """The robot at the first and the last of its poses, with sensors and loads as arrows. Raises PictureError."""
+    from stiffscope.report.pictures import draw
+
+    shown = []
+    for number, k in enumerate(dict.fromkeys((0, len(found) - 1))):
+        title = f"{robot.name}, sensors and loads at {pose_text(mechanism, found.tool[k, mechanism.tool.commanded])}"
+        shown.append(picture(f"sensors_{number + 1}.png", title, moves(mechanism, found, k)))
+    draw("robot", folder, pictures=shown, marks=marks(campaign, mechanism), **scene(robot, mechanism))
+
+
+def marks(campaign: Campaign, mechanism: Mechanism) -> list[dict[str, Any]]:
+    """Arrows of `drawing.robot`: along every sensor's direction, and along the largest wrench of every load."""
+    out: list[dict[str, Any]] = []
+    for sensor in campaign.sensors:
+        at = _place(mechanism, sensor.body) if sensor.rotates else np.array(sensor.at)
+        out.append({"kind": "sensor", "node": sensor.body, "at": at, "direction": np.array(sensor.direction)})
+    places = [(mechanism.tool.body, mechanism.tool.at), *((load.body, np.array(load.at)) for load in campaign.loads)]
+    for k, (node, at) in enumerate(places):
+        forces = np.nan_to_num(campaign.wrench[campaign.load == k - 1, :3])
+        size = np.linalg.norm(forces, axis=1)
+        if size.any():
+            best = int(np.argmax(size))
+            out.append({"kind": "load", "node": node, "at": at, "direction": forces[best] / size[best]})
+    return out
+
+
+def _place(mechanism: Mechanism, node: str) -> np.ndarray:
+    """A point of a node's body at home, for what belongs to all of it."""
+    body = next((b for b in mechanism.bodies if node in b.nodes), None)
+    if body is not None and body.elastic is not None:
+        return body.elastic.base if node == body.nodes[0] else body.elastic.tip
+    if mechanism.tool.body == node or body is None or body.centre is None:
+        return mechanism.tool.at
+    return body.centre

@@ -1,0 +1,250 @@
+"""Readings of any robot and their derivatives, against equilibria of the robot re-assembled with the change."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stiffscope.errors import InputError
+from stiffscope.gap.campaign import Campaign, LoadPoint, Sensor
+from stiffscope.gap.mechanics import RobotAtPoses
+from stiffscope.gap.quantities import QUANTITIES
+from stiffscope.gap.robot_model import RobotModel, robot_candidates
+from stiffscope.robot.effects import MechanicalEffect, NominalRobot, changed
+from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.part_matrices import part_matrices
+from stiffscope.robot.reader import load_robot
+from stiffscope.vjm.kinematics import configure, configure_drives
+from stiffscope.vjm.mechanism import Change
+from stiffscope.vjm.modes import frequencies
+from stiffscope.vjm.network import places
+from stiffscope.vjm.statics import Load, respond, stiffness
+
+ROBOTS = ("delta", "stewart", "serial-arm", "five-bar")
+SENSED = {  # a body that moves, a body that carries it, a point on it
+    "delta": ("platform", "leg1.arm.tip", (0.03, 0.04, -1.0)),
+    "stewart": ("platform", "strut1.upper.tip", (0.05, 0.02, 0.3)),
+    "five-bar": ("left.outer.tip", "right.inner.tip", (0.02, 0.4, 0.01)),
+}
+
+
+def nominal(name, *overrides):
+    robot = load_robot(name, overrides)
+    return NominalRobot(mechanism_of(robot, part_matrices(robot, "beam")), robot)
+
+
+def sensed(robot):
+    if robot.robot.name in SENSED:
+        return SENSED[robot.robot.name]
+    bodies = [body for body in robot.mechanism.bodies if body.elastic is not None]
+    return (
+        robot.mechanism.tool.body,
+        f"{bodies[0].name}.tip",
+        tuple(robot.mechanism.tool.at + np.array([0.02, 0.01, 0.03])),
+    )
+
+
+def readings(robot, quantities=("dx", "drz", "ex", "ery", "kz", "krx", "px", "prz"), poses=None):
+    """Quantities at M under a mixed wrench, a gauge against a moving body, an inclinometer, a hook."""
+    body, foot, point = sensed(robot)
+    sensors = (
+        Sensor("gauge", body, (0.0, 0.6, 0.8), point, against=foot),
+        Sensor("level", body, (0.6, 0.0, 0.8), measures="rotation"),
+    )
+    loads = (LoadPoint("hook", body, tuple(np.array(point) + np.array([0.0, 0.03, -0.02]))),)
+    p = np.array(list(robot.robot.poses.values()) if poses is None else poses)
+    rows = []
+    for pose in range(len(p)):
+        for name in quantities:
+            load = {"d": [20.0, -30.0, 50.0, 1.0, 2.0, -1.5], "e": [0.0] * 6}.get(name[0], [np.nan] * 6)
+            rows.append((pose, QUANTITIES.index(name), -1, -1, load))
+        for sensor, axis in ((0, 2), (1, 5)):
+            for hung, load in ((-1, [10.0, 0.0, -40.0, 0.0, 1.0, 0.0]), (0, [0.0, 15.0, -25.0, 0.0, 0.0, 0.0])):
+                rows.append((pose, axis, sensor, hung, load))
+            rows.append((pose, 6 + axis, sensor, -1, [0.0] * 6))
+    pose, quantity, sensor, load, wrench = (np.array(column) for column in zip(*rows, strict=True))
+    n = len(rows)
+    return Campaign(
+        robot.robot.name, ("gravity",), "beam", tuple(str(k) for k in range(len(p))), p, pose, wrench, quantity,
+        np.zeros(n), np.full(n, 1e-6), ("",), np.zeros(n), ("readings.csv",), np.zeros(n), np.arange(2, n + 2),
+        coordinates=robot.mechanism.tool.pose, sensors=sensors, sensor=sensor, loads=loads, load=load,
+    )  # fmt: skip
+
+
+def motion(response, where, node, home, pose):
+    """Displacement and rotation (6,) of a point of a body, from the twists at M of a response."""
+    twist = response.nodes[node]
+    twist = twist[min(pose, len(twist) - 1), :, 0]
+    point = where.point(node, np.array(home))
+    lever = (point - where.tool)[min(pose, len(point) - 1)]
+    return np.concatenate([twist[:3] + np.cross(twist[3:], lever), twist[3:]])
+
+
+def read(robot, mechanism, c):
+    """Every reading (n,) by an equilibrium of its own."""
+    found = configure(robot.mechanism, c.poses)
+    where = places(found)
+    matrix = stiffness(mechanism, found)
+    out = np.zeros(len(c))
+    for i in range(len(c)):
+        pose, kind, axis = c.pose[i], c.kind[i], c.direction[i]
+        if kind == 2:
+            out[i] = matrix[pose, axis, axis]
+            continue
+        if kind == 3:
+            out[i] = 1.0 / np.linalg.inv(matrix[pose])[axis, axis]
+            continue
+        loads = []
+        wrench = c.wrench[i]
+        if c.load[i] >= 0:
+            load = c.loads[c.load[i]]
+            loads = [Load(load.body, wrench, np.array(load.at))]
+            wrench = np.zeros(6)
+        dead = 1.0 if kind == 1 else 0.0
+        response = respond(mechanism, found, wrench, loads=loads, gravity=dead, misfit=dead)
+        if c.sensor[i] < 0:
+            out[i] = response.twist[pose, axis, 0]
+            continue
+        sensor = c.sensors[c.sensor[i]]
+        across = motion(response, where, sensor.body, sensor.at, pose)
+        if sensor.against != "ground":
+            point = where.point(sensor.body, np.array(sensor.at))[pose]
+            foot = response.nodes[sensor.against]
+            foot = foot[min(pose, len(foot) - 1), :, 0]
+            across -= np.concatenate([foot[:3] + np.cross(foot[3:], point - where.tool[pose]), foot[3:]])
+        half = across[3:] if sensor.rotates else across[:3]
+        out[i] = half @ np.array(sensor.direction)
+    return out
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_readings_are_those_of_separate_equilibria(name):
+    robot = nominal(name)
+    c = readings(robot)
+    values = RobotModel(c, robot).predict().values
+    assert values == pytest.approx(read(robot, robot.mechanism, c), rel=1e-8, abs=1e-15)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_derivatives_are_those_of_full_reassembly(name):
+    """A dozen mechanical effects, stiffness and geometry, at sets and single elements, one parameter of each."""
+    robot = nominal(name)
+    pose = next(iter(reversed(robot.robot.poses.values())))
+    c = readings(robot, ("dx", "ey", "kz", "prx"), [pose])
+    prediction = RobotModel(c, robot).predict()
+    known = robot_candidates(RobotAtPoses(robot, c))
+    candidates = [k for k in known if isinstance(k.action, MechanicalEffect)]
+    seen = 0
+    for candidate in candidates[:: max(1, len(candidates) // 12)]:
+        column = prediction.columns(candidate)
+        k = len(candidate.scale) // 2
+        step = np.zeros(len(candidate.scale))
+        step[k] = 1e-2 * candidate.scale[k]
+        ahead = read(robot, changed(robot.mechanism, candidate.action.changes(step)), c)
+        start = np.zeros(len(step)) if candidate.positive else -step
+        behind = read(robot, changed(robot.mechanism, candidate.action.changes(start)), c)
+        change = ahead - behind
+        rounding = 1e-8 * np.abs(ahead) + 1e-15
+        error = np.abs(column[:, k] * (step[k] - start[k]) - change)
+        assert (error <= 2e-2 * np.abs(change) + rounding).all(), candidate.name
+        seen += (np.abs(change) > 10.0 * rounding).any()
+    assert seen > 6
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_errors_of_the_drives_move_the_tool_as_kinematics_says(name):
+    """Deviations by large encoder offsets are those of the robot at other drives, without any weight."""
+    robot = nominal(name)
+    c = replace(readings(robot, ("ex", "ey", "ez", "erx", "ery", "erz")), modelled=())
+    drive = robot.mechanism.drives[0]
+    candidate = next(
+        k for k in RobotModel(c, robot).library
+        if any(w.startswith("encoder-offset") and (k.action.members == (drive.name,)) for w in (k.name, *k.twins))
+    )  # fmt: skip
+    values = RobotModel(c, robot).predict(((candidate, (2e-3,)),)).values
+    found = configure(robot.mechanism, c.poses)
+    moved = found.drives.copy()
+    moved[:, 0] += 2e-3 if candidate.effect == "encoder-offset" else np.nan
+    there = configure_drives(robot.mechanism, moved)
+    away = there.tool - found.tool
+    at_tool = np.flatnonzero(c.sensor < 0)
+    direction = c.direction[at_tool]
+    exact = away[c.pose[at_tool], direction]
+    translations = direction < 3
+    assert values[at_tool][translations] == pytest.approx(exact[translations], abs=2e-9)
+
+
+def test_natural_frequencies_are_those_of_the_modes():
+    robot = nominal("stewart")
+    c = readings(robot, ("f1", "f3"))
+    model = RobotModel(c, robot)
+    expected = frequencies(robot.mechanism, configure(robot.mechanism, c.poses), 3)
+    shaken = c.kind == 4
+    assert model.predict().values[shaken] == pytest.approx(expected[:, [0, 2]].ravel(), rel=1e-12)
+    soft = next(k for k in model.library if k.name == "actuator-stiffness @ drives")
+    column = model.predict().columns(soft)[shaken, 0]
+    changes = {j.name: Change(np.diag([1e-4 / j.drive.stiffness, 0, 0, 0, 0, 0])) for j in robot.mechanism.drives}
+    softer = frequencies(robot.mechanism.changed(changes), configure(robot.mechanism, c.poses), 3)
+    assert column == pytest.approx(((softer - expected) / 1e-4)[:, [0, 2]].ravel(), rel=5e-3)
+
+
+def test_a_zero_of_each_session_is_no_information():
+    """Readings of a sensor with unknown zero may be shifted by a constant in every session."""
+    robot = nominal("delta")
+    c = readings(robot, ("dx",))
+    level = replace(c.sensors[1], zero="session")
+    c = replace(c, sensors=(c.sensors[0], level))
+    rng = np.random.default_rng(0)
+    c = replace(c, value=RobotModel(c, robot).predict().plain + 1e-6 * rng.standard_normal(len(c)))
+    moved = replace(c, value=c.value + 1e-3 * (c.sensor == 1))
+    one, other = (RobotModel(each, robot) for each in (c, moved))
+    assert c.value - one.predict().values == pytest.approx(moved.value - other.predict().values, abs=1e-15)
+    assert np.mean((c.value - one.predict().values)[c.sensor == 1]) == pytest.approx(0.0, abs=1e-12)
+    soft = next(k for k in one.library if k.effect == "actuator-stiffness")
+    assert one.predict().columns(soft)[c.sensor == 1].sum() == pytest.approx(0.0, abs=1e-12)
+
+
+def test_poses_may_be_given_by_joints():
+    robot = nominal("stewart")
+    c = readings(robot)
+    found = configure(robot.mechanism, c.poses)
+    by_joints = replace(
+        c, poses=found.drives[:, ::-1], coordinates=tuple(f"q:{j.name}" for j in robot.mechanism.drives[::-1])
+    )
+    plain, same = (RobotModel(each, robot).predict().values for each in (c, by_joints))
+    assert same == pytest.approx(plain, rel=1e-7, abs=1e-13)
+
+
+def test_stiffnesses_taken_for_pushes_are_told():
+    """A serial arm's K_ii are far above its 1/C_ii."""
+    robot = nominal("serial-arm")
+    c = readings(robot, tuple(f"k{a}" for a in ("x", "y", "z", "rx", "ry", "rz")))
+    model = RobotModel(c, robot)
+    pushes = model.predict_as(2, 3)
+    stiff = c.kind == 2
+    taken = replace(
+        c, value=np.where(stiff, pushes, model.predict().plain), sigma=np.where(stiff, 0.01 * pushes, c.sigma)
+    )
+    remarks = RobotModel(taken, robot).remarks(_noise(taken), np.zeros(len(taken)))
+    assert any("k.. fit far better as p.." in text for text in remarks)
+    right = replace(c, value=model.predict().plain, sigma=np.where(stiff, 0.01 * model.predict().plain, c.sigma))
+    assert not RobotModel(right, robot).remarks(_noise(right), np.zeros(len(right)))
+
+
+def _noise(c):
+    from stiffscope.gap.forward_model import Noise
+
+    return Noise(c.sigma, np.ones(len(c), dtype=bool), np.zeros(len(c), dtype=bool), np.ones(1))
+
+
+def test_what_is_on_no_body_or_at_no_pose_is_refused():
+    robot = nominal("delta")
+    c = readings(robot)
+    with pytest.raises(InputError, match=r"sensors.gauge.body: expected a body or an end of one .*got 'plate'"):
+        RobotModel(replace(c, sensors=(replace(c.sensors[0], body="plate"), c.sensors[1])), robot)
+    with pytest.raises(InputError, match=r"readings.csv:1: rz: expected the coordinates that command delta: x y z"):
+        RobotModel(replace(c, poses=c.poses[:, :1], coordinates=("rz",)), robot)
+    far = c.poses.copy()
+    far[1] = [3.0, 0.0, 0.0]
+    with pytest.raises(InputError, match=r"readings.csv:\d+: pose 1: "):
+        RobotModel(replace(c, poses=far), robot).predict().values  # noqa: B018 (evaluated where asked for)

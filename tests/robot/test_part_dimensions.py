@@ -1,0 +1,67 @@
+"""Parameters of parts: what their matrices become with them, by theory and through experiments."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stiffscope.errors import InputError
+from stiffscope.robot.effects import NominalRobot, adopted, dimension_effects
+from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.part_dimensions import PartDimension, beam_dimensions, between, part_parameters, with_parameter
+from stiffscope.robot.part_matrices import beam_compliance, part_matrices
+from stiffscope.robot.reader import load_robot
+from stiffscope.vjm.statics import stiffness
+
+
+def test_parameters_are_those_that_the_part_has():
+    robot = load_robot("biglide")
+    assert set(part_parameters(robot, "link")) == {"radius", "youngs_modulus", "shear_modulus"}
+    plate = set(part_parameters(robot, "slider"))
+    assert plate == {"width", "thickness", "youngs_modulus", "shear_modulus"}
+    ribbed = load_robot("biglide", ["slider.rib_count=4"])
+    assert {"rib_thickness", "rib_height", "rib_length"} <= set(part_parameters(ribbed, "slider"))
+    assert part_parameters(load_robot("biglide", ["link.bore=10mm"]), "link")["bore"] == (0.01, "m")
+
+
+@pytest.mark.parametrize(("parameter", "entry", "power"), [("radius", (1, 1), -4), ("youngs_modulus", (0, 0), -1)])
+def test_a_matrix_by_theory_changes_with_the_power_of_the_textbook(parameter, entry, power):
+    robot = load_robot("biglide")
+    (dimension,) = (d for d in beam_dimensions(robot, "link") if d.parameter == parameter)
+    ratio = dimension.compliance(1.1 * dimension.nominal)[entry] / beam_compliance(robot, "link")[entry]
+    assert np.log(ratio) / np.log(1.1) == pytest.approx(power, abs=0.02)  # shear yields a little
+
+
+def test_three_experiments_give_any_value_near_them():
+    """Powers and their sums, against the function itself; a foundation by its reciprocal, exactly linear."""
+    robot = load_robot("biglide")
+    values = (0.02, 0.0188, 0.0212)
+    made = [beam_compliance(with_parameter(robot, "slider", "thickness", v), "slider") for v in values]
+    found = between(values, made)(0.018)
+    exact = beam_compliance(with_parameter(robot, "slider", "thickness", 0.018), "slider")
+    assert found == pytest.approx(exact, rel=1e-4)
+    soft = np.diag([1.0, 2, 3, 4, 5, 6]) * 1e-9
+    at = (np.inf, 2e11, 4e10)
+    found = between(at, [exact + soft * (1e10 / v) for v in at])(1e11)
+    assert np.diagonal(found) == pytest.approx(np.diagonal(exact + soft * 0.1), rel=1e-9)
+
+
+def test_a_thinner_part_is_carried_by_the_robot():
+    """As the robot file with that dimension would be, for a part by theory and for one by experiments."""
+    robot = load_robot("biglide")
+    bare = NominalRobot(mechanism_of(robot, part_matrices(robot, "beam")), robot)
+    thinner = with_parameter(robot, "slider", "thickness", 0.018)
+    expected = stiffness(mechanism_of(thinner, part_matrices(thinner, "beam")), [0, 0, 0.35])
+    found = adopted(bare, "part-dimension", "slider.thickness", {"value": 0.018})
+    assert stiffness(found.mechanism, [0, 0, 0.35]) == pytest.approx(expected, rel=1e-9, abs=1e-3)
+    with pytest.raises(InputError, match=r"part-dimension, place: expected one of link\.radius"):
+        adopted(bare, "part-dimension", "slider.height", {"value": 0.018})
+    rigid = beam_compliance(robot, "slider")
+    soft = np.diag([1e-9] * 6)
+    foundation = PartDimension("slider", "foundation", np.inf, "N/m^3", lambda k: rigid + soft * (1e10 / k))
+    tested = replace(bare, tested={"slider": lambda: (foundation,)})
+    (effect,) = dimension_effects(tested, "slider")
+    assert effect.physical(effect.internal(np.array([5e10])))[0] == pytest.approx(5e10)
+    change = effect.changes(effect.internal(np.array([5e10])))["limb1.slider"].compliance
+    assert change == pytest.approx(0.2 * soft, abs=1e-18)
+    assert effect.changes(np.zeros(1))["limb1.slider"].compliance == pytest.approx(0.0 * soft, abs=1e-20)
