@@ -135,6 +135,7 @@ def _child(end: Any, function: Callable[..., Any], arguments: tuple[Any, ...]) -
     root = logging.getLogger()
     root.addHandler(_Forward(end))
     root.setLevel(logging.WARNING)
+    logging.captureWarnings(capture=True)
     try:
         answer = function(*arguments, lambda stage, fraction: end.send(("progress", (stage, fraction))))
         end.send(("answer", answer))
