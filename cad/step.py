@@ -5,8 +5,6 @@ A file is read and checked in a subprocess with a time limit, because the kernel
 
 import signal
 import subprocess
-import sys
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,7 +12,10 @@ from typing import TYPE_CHECKING
 from stiffscope.cad.materials import STEEL, AnyMaterial
 from stiffscope.cad.part import Part
 from stiffscope.cad.solid import GREATEST_X, LEAST_X, Placement, Selectors, Vector, part_from_valid
+from stiffscope.children import run_module
 from stiffscope.errors import InputError
+from stiffscope.files import scratch_folder
+from stiffscope.reading import open_file, shown, why
 
 if TYPE_CHECKING:
     from stiffscope.cad.kernel import Solid
@@ -68,8 +69,8 @@ def read_step(
 def read_solid(path: str | Path, time_limit: float = 60.0) -> "Solid":
     """Return the single valid solid of a STEP file, in mm and the file's coordinates. Raises InputError."""
     _check_file(Path(path))
-    with tempfile.TemporaryDirectory(prefix="stiffscope-") as folder:
-        brep = Path(folder, "solid.brep")
+    with scratch_folder() as folder:
+        brep = folder / "solid.brep"
         _convert_in_subprocess(Path(path), brep, time_limit)
         from stiffscope.cad import kernel_files
 
@@ -78,12 +79,12 @@ def read_solid(path: str | Path, time_limit: float = 60.0) -> "Solid":
 
 def _check_file(path: Path) -> None:
     try:
-        with path.open("rb") as file:
+        with open_file(path, "a STEP file") as file:
             head = file.read(4096)
             file.seek(max(0, path.stat().st_size - 4096))
             tail = file.read()
     except OSError as error:
-        raise InputError(f"{path}: expected a STEP file, got {error.strerror or error}") from error
+        raise InputError(f"{shown(path)}: expected a STEP file, got {why(error, path)}") from error
     if not head.strip():
         raise InputError(f"{path}: expected a STEP file, found an empty one")
     if START not in head:
@@ -93,15 +94,9 @@ def _check_file(path: Path) -> None:
 
 
 def _convert_in_subprocess(path: Path, brep: Path, time_limit: float) -> None:
-    command = [sys.executable, "-P", "-m", "stiffscope.cad.step_reader", str(path.absolute()), str(path), str(brep)]
+    words = str(path.absolute()), str(path), str(brep)
     try:
-        done = subprocess.run(
-            command,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            timeout=time_limit,
-            check=False,
-        )
+        done = run_module("stiffscope.cad.step_reader", *words, time_limit=time_limit, folder=str(brep.parent))
     except subprocess.TimeoutExpired as error:
         raise InputError(
             f"{path}: expected a solid that is read and checked within {time_limit:g} s, got none; "

@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 
 from stiffscope.cad.step import REFUSED
+from stiffscope.children import end_with_parent
 from stiffscope.errors import InputError
 
 
@@ -21,4 +22,5 @@ def main(file: str, shown: str, brep: str) -> int:
 
 
 if __name__ == "__main__":
+    end_with_parent()
     sys.exit(main(*sys.argv[1:]))

@@ -6,19 +6,20 @@
 from __future__ import annotations
 
 import subprocess
-import sys
-import tempfile
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.children import run_module
 from stiffscope.errors import InputError
+from stiffscope.files import scratch_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from pathlib import Path
 
     from numpy.typing import NDArray
     from skfem import MeshTet2
@@ -167,8 +168,8 @@ def tetrahedralize(
     check_surface(surface, size, envelope)
     vertices, triangles = _with_fins(surface, min(max(FIN * size, 3 * envelope), 0.3 * thickness(surface)))
     scale = float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
-    with tempfile.TemporaryDirectory(prefix="stiffscope-mesh-") as folder:
-        source, target = Path(folder, "surface.npz"), Path(folder, "tets.npz")
+    with scratch_folder() as folder:
+        source, target = folder / "surface.npz", folder / "tets.npz"
         np.savez(
             source,
             vertices=vertices * 1e3,  # fTetWild's tolerances suit millimetres
@@ -228,17 +229,15 @@ def _with_fins(surface: Surface, depth: float) -> tuple[Floats, Ints]:
 
 
 def _run_worker(source: Path, target: Path, time_limit: float) -> None:
-    command = [sys.executable, "-P", "-m", "stiffscope.fea.worker", str(source), str(target)]
-    try:
-        done = subprocess.run(  # a crash or an endless loop stays in the child
-            command, cwd=source.parent, timeout=time_limit, capture_output=True, text=True, check=False
-        )
+    words = str(source), str(target)
+    try:  # a crash or an endless loop stays in the child
+        done = run_module("stiffscope.fea.worker", *words, time_limit=time_limit, folder=str(source.parent))
     except subprocess.TimeoutExpired:
         raise MeshError(
             f"mesh: not finished within {time_limit:g} s; choose a larger size or envelope, or a longer limit"
         ) from None
     if done.returncode or not target.exists():
-        last = (done.stderr.strip().splitlines() or ["no message"])[-1]
+        last = (done.stderr.decode(errors="replace").strip().splitlines() or ["no message"])[-1]
         raise MeshError(f"mesh: the mesher failed (exit {done.returncode}): {last}")
 
 

@@ -22,7 +22,9 @@ ROUNDS = 60
 FLATTEST = 0.003  # least Jacobian of a curved element over its mean, below which it is removed or moved back
 
 
-def snap(points: Floats, cells: Ints, surface: Surface, project: Project, size: float) -> TetMesh:
+def snap(
+    points: Floats, cells: Ints, surface: Surface, project: Project, size: float, tags: Ints | None = None
+) -> TetMesh:
     """Return the quadratic mesh whose boundary corners and mids lie on the CAD faces.
 
     Parameters
@@ -32,9 +34,12 @@ def snap(points: Floats, cells: Ints, surface: Surface, project: Project, size: 
     project : ``project(face, points)`` gives the closest points on the face's underlying surface, and with the
         numbers after the last face's those on the surface's seams.
     size : target edge length (m); nodes farther than that from a face are left in place.
+    tags : (k,) CAD face of each of ``boundary_facets`` where they are known; by default the nearest.
     """
     facets, owner, local = boundary_facets(cells)
-    skin = _Skin(cells, facets, owner, local, smooth_tags(facets, tag_facets(surface, points[facets], size / 2)))
+    if tags is None:
+        tags = smooth_tags(facets, tag_facets(surface, points[facets], size / 2))
+    skin = _Skin(cells, facets, owner, local, tags)
     target = _Target(project, size, len(surface.faces), surface.seams)
     nodes, full, full_facets, edges = _curved(points, skin, target)
     for _ in range(3):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.fea.extrusion import flat_mesh
 from stiffscope.fea.geometry import area_elements, centroid, jacobian_range, volume
 from stiffscope.fea.mesh import MeshError, default_envelope, default_size, tetrahedralize
 from stiffscope.fea.refine import grade
@@ -79,9 +80,14 @@ def mesh_specimen(
     ------
     MeshError : time limit exceeded, inverted elements, an interface without triangles, or a wrong volume.
     """
-    size = size or default_size(specimen.volume, sum(face.area for face in specimen.surface.faces))
-    envelope = envelope or default_envelope(specimen.surface, size)
-    mesh = _best_mesh(specimen, size, envelope, time_limit, threads, patience)
+    flat = None if envelope else flat_mesh(specimen.surface, frozenset[int]().union(*specimen.interfaces), size)
+    if flat is not None:
+        mesh = snap(flat.points, flat.cells, specimen.surface, specimen.project, flat.size, flat.tags)
+        _check(specimen, mesh)
+    else:
+        size = size or default_size(specimen.volume, sum(face.area for face in specimen.surface.faces))
+        envelope = envelope or default_envelope(specimen.surface, size)
+        mesh = _best_mesh(specimen, size, envelope, time_limit, threads, patience)
     edges, _ = singular_edges(mesh, specimen.fixed(rigid=rigid))
     graded = grade(mesh, edges, layers, GRADING_RATIO)
     logger.info("%s: %d nodes, %d tetrahedra", specimen.name, len(graded.points), len(graded.cells))

@@ -8,6 +8,8 @@ import sys
 
 import numpy as np
 
+from stiffscope.children import end_with_parent
+
 
 def main(source: str, target: str) -> None:
     """Mesh the surface in ``source`` (keys: vertices, triangles, size, envelope, threads) into ``target``."""
@@ -26,4 +28,5 @@ def main(source: str, target: str) -> None:
 
 
 if __name__ == "__main__":
+    end_with_parent()
     main(sys.argv[1], sys.argv[2])

@@ -1,12 +1,15 @@
 """An output folder is complete or absent, and only ours is replaced."""
 
+import hashlib
 import json
 import os
+import subprocess
+from pathlib import Path
 
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.files import check_output, staged_folder, to_json, write_json
+from stiffscope.files import check_output, scratch_folder, staged_folder, to_json, write_json
 
 
 def fill(target, **contents) -> None:
@@ -110,3 +113,94 @@ def test_a_link_is_followed_and_a_pipe_is_written_to(tmp_path):
     ours, theirs = os.pipe()
     write_json(f"/dev/fd/{theirs}", {"a": 2})
     assert json.loads(os.read(ours, 100)) == {"a": 2}
+
+
+@pytest.mark.parametrize("change", ["saved", "edited", "folder", "link", "forged"])
+def test_what_the_user_does_while_we_work_is_kept(tmp_path, change):
+    out = tmp_path / "out"
+    fill(out, page="1", other="1")
+    with pytest.raises(InputError, match=r"out: .*; it stays as it is, and the new results are in .*out\.new"):
+        with staged_folder(out) as folder:
+            (folder / "page").write_text("2")
+            if change == "saved":
+                (out / "notes.txt").write_text("mine")
+            elif change == "edited":
+                (out / "page").write_text("1 and mine")
+            elif change == "folder":
+                (out / "empty").mkdir()
+            elif change == "link":
+                (out / "page").rename(tmp_path / "page")
+                (out / "page").symlink_to(tmp_path / "page")
+            else:
+                manifest = json.loads((out / "manifest.json").read_text())
+                (out / "notes.txt").write_text("mine")
+                manifest["files"].append("notes.txt")
+                manifest["sha256"]["notes.txt"] = hashlib.sha256(b"mine").hexdigest()
+                (out / "manifest.json").write_text(json.dumps(manifest))
+    assert (out / "other").read_text() == "1"
+    kept = {"saved": "notes.txt", "edited": "page", "folder": "empty", "link": "page", "forged": "notes.txt"}[change]
+    assert os.path.lexists(out / kept)
+    assert change != "edited" or (out / "page").read_text() == "1 and mine"
+    assert (tmp_path / "out.new" / "page").read_text() == "2"
+    fill(tmp_path / "out.new", page="3")  # it is a whole output itself
+    assert not [name for name in os.listdir(tmp_path) if name.startswith(".")]
+
+
+def test_a_file_saved_between_the_looks_brings_the_old_folder_back(tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    fill(out, page="1")
+    rename = Path.rename
+
+    def late(self, goal):
+        if self == out:
+            (self / "late.txt").write_text("mine")
+        return rename(self, goal)
+
+    monkeypatch.setattr(Path, "rename", late)
+    with pytest.raises(InputError, match=r'holds "late\.txt"'):
+        fill(out, page="2")
+    monkeypatch.undo()
+    assert (out / "late.txt").read_text() == "mine"
+    assert (out / "page").read_text() == "1"
+    assert (tmp_path / "out.new" / "page").read_text() == "2"
+    assert sorted(os.listdir(tmp_path)) == ["out", "out.new"]
+
+
+def test_what_a_run_killed_in_the_exchange_left_is_put_right(tmp_path):
+    out, left = tmp_path / "out", tmp_path / ".out.replaced-999999999-abc"
+    fill(out, page="1")
+    out.rename(left)
+    fill(out, page="2")
+    assert sorted(os.listdir(tmp_path)) == ["out"]
+    out.rename(left)
+    (left / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match=r'holds "notes\.txt"'):
+        fill(out, page="3")  # brought back first: then it holds what is not ours
+    assert (out / "notes.txt").read_text() == "mine"
+
+
+def test_scratch_folders_of_dead_processes_are_removed_and_no_others(tmp_path):
+    dead, ours = tmp_path / ".stiffscope-scratch-999999999-0a", tmp_path / f".stiffscope-scratch-{os.getpid()}-0a"
+    other = tmp_path / ".stiffscope-scratch-mine"
+    for folder in (dead, ours, other):
+        folder.mkdir()
+    with scratch_folder(tmp_path) as folder:
+        assert folder.is_dir()
+    assert {each.name for each in tmp_path.iterdir()} == {ours.name, other.name}
+
+
+@pytest.mark.skipif(os.name == "nt" or getattr(os, "geteuid", lambda: 1)() != 0, reason="needs to mount a small disk")
+def test_a_full_disk_is_one_line_and_nothing_is_left(tmp_path):
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", disk], check=False).returncode:
+        pytest.skip("no small disk can be mounted")
+    try:
+        with pytest.raises(InputError, match=r"cannot be written \(No space left on device\); make room on its disk"):
+            with staged_folder(disk / "out") as folder:
+                (folder / "large").write_bytes(bytes(1 << 20))
+        with pytest.raises(InputError, match="No space left on device"):
+            write_json(disk / "a.json", list(range(100_000)))
+        assert os.listdir(disk) == []
+    finally:
+        subprocess.run(["umount", disk], check=True)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import logging
 import os
 import signal
 import sys
+from pathlib import Path
 from typing import Any, NoReturn
 
 import click
@@ -14,6 +16,9 @@ from click.exceptions import NoArgsIsHelpError
 
 from stiffscope.cli import campaigns, check, library, parts, robots, vibration
 from stiffscope.errors import InputError
+from stiffscope.reading import shown, why
+
+MOST_CHARACTERS = 100_000  # of a word of the command line
 
 
 class Stopped(BaseException):
@@ -58,6 +63,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
 def _guarded(arguments: list[str]) -> int:
     _listen()
     try:
+        _check_surroundings(arguments)
         cli.main(arguments, prog_name="stiffscope", standalone_mode=False)
         sys.stdout.flush()
     except InputError as error:
@@ -70,14 +76,45 @@ def _guarded(arguments: list[str]) -> int:
         _say("stopped; nothing half-written is left")
         return 1
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # whoever read the output has gone
+        _drop_output()  # whoever read it has gone
         return 1
+    except OSError as error:
+        if "--debug" in arguments:
+            raise
+        _drop_output()
+        named = shown(error.filename) if isinstance(error.filename, str | os.PathLike) else "standard output or a disk"
+        _say(f"{named}: cannot be used ({why(error, error.filename or '-')})")
+        return 2
+    except UnicodeEncodeError as error:
+        _say(f"{shown(str(error.object)[:60])}: expected text in UTF-8, got bytes that are none")
+        return 2
     except Exception as error:
         if "--debug" in arguments:
             raise
         _say(f"unexpected {type(error).__name__}: {error} (use --debug for the traceback)")
         return 1
     return 0
+
+
+def _check_surroundings(arguments: list[str]) -> None:
+    """Refuse what no command can work with: no output, no working folder, words that are no text."""
+    if sys.stdout is None:
+        raise InputError("standard output: expected a file, a pipe or a terminal, got a closed one")
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")
+    try:
+        Path.cwd()
+    except OSError as error:
+        raise InputError("the working folder is no longer there; change to another one") from error
+    for word in arguments:
+        if "\0" in word or len(word) > MOST_CHARACTERS:
+            raise InputError(f"{shown(word)}: expected a word of the command line, got one that is too long or has a NUL")
+
+
+def _drop_output() -> None:
+    """Leave nothing for Python to write at its end."""
+    with contextlib.suppress(OSError, AttributeError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _show_usage(error: click.UsageError) -> None:
@@ -97,7 +134,7 @@ def _listen() -> None:
     handler.setFormatter(logging.Formatter("stiffscope: %(message)s"))
     handler.addFilter(_Once())
     logging.basicConfig(level=logging.WARNING, handlers=[handler])
-    logging.captureWarnings(capture=False)
+    logging.captureWarnings(capture=True)  # those of Python are for developers: --debug shows them
 
 
 class _Once(logging.Filter):
@@ -107,6 +144,8 @@ class _Once(logging.Filter):
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Let a message through the first time."""
+        if record.name == "py.warnings" and logging.getLogger().level > logging.DEBUG:
+            return False
         message = record.getMessage()
         new = message not in self.seen
         self.seen.add(message)
@@ -114,8 +153,13 @@ class _Once(logging.Filter):
 
 
 def _stop(_signal: int, _frame: Any) -> NoReturn:
+    for name in ("SIGTERM", "SIGHUP"):  # once is enough: what is begun is being put away
+        with contextlib.suppress(AttributeError):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
     raise Stopped
 
 
 def _say(text: str) -> None:
-    click.echo(f"stiffscope: {' '.join(text.split())}", err=True)
+    plain = "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in " ".join(text.split()))
+    with contextlib.suppress(OSError):
+        click.echo(f"stiffscope: {plain}", err=True)

@@ -15,13 +15,14 @@ import os
 import shutil
 import sys
 import tempfile
-import time
-import uuid
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module, metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from stiffscope.files import file_digest, scratch_folder
+from stiffscope.reading import read_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -30,7 +31,6 @@ log = logging.getLogger(__name__)
 
 FORMAT = 1
 _INDEX = "entry.json"
-_STALE = 24 * 3600.0
 
 
 @dataclass(frozen=True)
@@ -82,47 +82,38 @@ class Cache:
     def _stored(self, made: Path, kind: str, key: str) -> Path | None:
         """Copy a result aside, list its checksums and move it into place; None where the cache cannot be written."""
         folder = self.root / kind / key
-        aside = self.root / "aside" / uuid.uuid4().hex
         try:
-            aside.parent.mkdir(parents=True, exist_ok=True)
-            self._sweep()
-            shutil.copytree(made, aside)
-            files = {name: file_digest(aside / name) for name in sorted(kept_files(aside))}
-            (aside / _INDEX).write_text(json.dumps({"format": FORMAT, "kind": kind, "key": key, "files": files}))
-            folder.parent.mkdir(parents=True, exist_ok=True)
-            for _ in range(3):
-                try:
-                    aside.rename(folder)
-                    return folder
-                except OSError:
-                    if self.get(kind, key) is not None:
+            (self.root / "aside").mkdir(parents=True, exist_ok=True)
+            with scratch_folder(self.root / "aside") as scratch:
+                aside = scratch / key
+                shutil.copytree(made, aside)
+                files = {name: file_digest(aside / name) for name in sorted(kept_files(aside))}
+                (aside / _INDEX).write_text(json.dumps({"format": FORMAT, "kind": kind, "key": key, "files": files}))
+                folder.parent.mkdir(parents=True, exist_ok=True)
+                for _ in range(3):
+                    try:
+                        aside.rename(folder)
                         return folder
-        except OSError as error:
-            log.warning("results are not kept: the cache %s cannot be written (%s)", self.root, error.strerror)
-        finally:
-            shutil.rmtree(aside, ignore_errors=True)
+                    except OSError:
+                        if self.get(kind, key) is not None:
+                            return folder
+        except (OSError, shutil.Error) as error:
+            log.warning("results are not kept: the cache %s cannot be written (%s)", self.root, _reason(error))
         return None
 
     def _discard(self, folder: Path) -> None:
         """Move a bad entry away first, so that nobody meets it half deleted."""
-        away = self.root / "aside" / uuid.uuid4().hex
-        try:
-            away.parent.mkdir(parents=True, exist_ok=True)
-            folder.rename(away)
-        except OSError:
-            return
-        if away.is_dir() and not away.is_symlink():
-            shutil.rmtree(away, ignore_errors=True)
-        else:
-            with contextlib.suppress(OSError):
-                away.unlink()
+        with contextlib.suppress(OSError):
+            (self.root / "aside").mkdir(parents=True, exist_ok=True)
+            with scratch_folder(self.root / "aside") as scratch:
+                folder.rename(scratch / folder.name)
 
-    def _sweep(self) -> None:
-        """Remove what killed processes left aside a day ago."""
-        for left in (self.root / "aside").iterdir():
-            with contextlib.suppress(OSError):
-                if time.time() - left.stat().st_mtime > _STALE:
-                    shutil.rmtree(left, ignore_errors=True)
+
+def _reason(error: OSError) -> str:
+    """Why something cannot be written; of several files, why the first of them."""
+    if isinstance(error, shutil.Error) and error.args and error.args[0]:
+        return str(error.args[0][0][2])
+    return error.strerror or str(error)
 
 
 def cache_folder() -> Path:
@@ -139,12 +130,6 @@ def digest(determined_by: Mapping[str, Any]) -> str:
     """Key of a result: SHA-256 over everything that determines it (numbers by their exact value)."""
     canonical = json.dumps(determined_by, sort_keys=True, separators=(",", ":"), allow_nan=False, default=_plain)
     return hashlib.sha256(canonical.encode()).hexdigest()
-
-
-def file_digest(path: Path) -> str:
-    """SHA-256 of a file's bytes."""
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 @cache
@@ -182,14 +167,14 @@ def _plain(value: Any) -> Any:
 def _flaw(folder: Path, kind: str, key: str) -> str | None:
     """Why an entry is not to be trusted, or None."""
     try:
-        index = json.loads((folder / _INDEX).read_bytes())
+        index = json.loads(read_bytes(folder / _INDEX))
         if (index["format"], index["kind"], index["key"]) != (FORMAT, kind, key):
             return "it is of another format or another key"
         listed = index["files"]
         if sorted(listed) != sorted(kept_files(folder)):
             return "its files are not those that were written"
         torn = [name for name, checksum in listed.items() if file_digest(folder / name) != checksum]
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         return f"it cannot be read ({type(error).__name__})"
     return f"{torn[0]} is damaged" if torn else None
 

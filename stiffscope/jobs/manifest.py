@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from stiffscope import files
-from stiffscope.jobs.cache import file_digest, library_version
+from stiffscope.jobs.cache import library_version
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -61,7 +61,7 @@ def manifest_of(robot: RobotFile | None, *inputs: Path) -> Manifest:
     sources: dict[str, Any] = {}
     if robot is not None:
         changed = list(robot.source.overrides)
-        sources["robot"] = {"file": str(robot.path), "sha256": file_digest(robot.path), "set": changed}
+        sources["robot"] = {"file": str(robot.path), "sha256": files.file_digest(robot.path), "set": changed}
     if inputs:
-        sources["inputs"] = {path.name: file_digest(path) for path in inputs}
+        sources["inputs"] = {path.name: files.file_digest(path) for path in inputs}
     return Manifest(sources)

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 
 from stiffscope.cad.solid import GREATEST_X, LEAST_X
 from stiffscope.errors import InputError
-from stiffscope.jobs.cache import code_version, digest, file_digest
+from stiffscope.files import file_digest
+from stiffscope.jobs.cache import code_version, digest
+from stiffscope.reading import MOST_BYTES
 from stiffscope.robot.part_sections import ParametricPart, SolidPart, StepPart
 
 if TYPE_CHECKING:
@@ -157,15 +159,16 @@ def _step_order(robot: RobotFile, name: str, given: str | Path | None) -> StepOr
     section = part if isinstance(part, StepPart) else None
     if given is None and section is None:
         return None
-    shown = Path(given or section.file)  # type: ignore[union-attr]
-    path = shown if given or shown.is_absolute() else robot.path.parent / shown
+    if given is not None and not str(given):
+        raise InputError("--step: expected a STEP file, got no name")
+    path = Path(given) if given is not None else robot.path.parent / section.file  # type: ignore[union-attr]
     try:
-        content = file_digest(path)
-    except OSError as error:
-        message = f"expected a STEP file, got {error.strerror} ({path})"
-        if given:
-            raise InputError(f"{shown}: {message}") from error
-        raise robot.refuse(("parts", name, "file"), message) from error
+        content = file_digest(path, "a STEP file", MOST_BYTES)
+    except InputError as error:
+        if given is not None:
+            raise
+        message = str(error).removeprefix(f"{path}: ")
+        raise robot.refuse(("parts", name, "file"), f"{message} ({path})") from error
     if section is None:
         return StepOrder(path.absolute(), content)
     tagged = ("clamped", section.clamped), ("loaded", section.loaded)

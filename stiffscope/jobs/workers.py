@@ -16,6 +16,7 @@ import traceback
 from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING, Any
 
+from stiffscope.children import end_with_parent
 from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
@@ -134,6 +135,7 @@ def _child(end: Any, function: Callable[..., Any], arguments: tuple[Any, ...]) -
     root = logging.getLogger()
     root.addHandler(_Forward(end))
     root.setLevel(logging.WARNING)
+    logging.captureWarnings(capture=True)
     try:
         answer = function(*arguments, lambda stage, fraction: end.send(("progress", (stage, fraction))))
         end.send(("answer", answer))
@@ -156,12 +158,8 @@ class _Forward(logging.handlers.QueueHandler):
 
 
 def _obey_parent() -> None:
-    """End cleanly on SIGTERM, leave Ctrl-C to the parent, and on Linux end when the parent is gone."""
+    """End cleanly on SIGTERM, leave Ctrl-C to the parent, and end when the parent is gone."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if sys.platform == "linux":
-        import ctypes
-
-        ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG
-        if os.getppid() == 1:
-            sys.exit(1)
+    parent = multiprocessing.parent_process()
+    end_with_parent(parent.pid if parent else None)

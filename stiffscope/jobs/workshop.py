@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import tempfile
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from stiffscope.files import scratch_folder
 from stiffscope.jobs.cache import Cache, cache_folder
 from stiffscope.jobs.workers import work_here, work_together
 
@@ -47,8 +46,8 @@ def workshop(open_line: Callable[[str], Report] | None = None, *, together: bool
         anew, so that a notebook or a script without `if __name__ == "__main__"` had better not.
 
     """
-    with tempfile.TemporaryDirectory(prefix="stiffscope-") as spare:
-        cache = Cache(cache_folder(), Path(spare))
+    with scratch_folder() as spare:
+        cache = Cache(cache_folder(), spare)
         yield Workshop(cache, work_together if together else work_here, open_line or (lambda _name: _silent))
 
 

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.jobs.cache import code_version, digest, file_digest, kept_files
+from stiffscope.files import file_digest
+from stiffscope.jobs.cache import code_version, digest, kept_files
 from stiffscope.jobs.results import EXPERIMENT
 from stiffscope.report import maps
 from stiffscope.report.pictures import PictureError, draw

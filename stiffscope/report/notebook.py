@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-import tempfile
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stiffscope import files
+from stiffscope.files import scratch_folder
 from stiffscope.report.pictures import draw
 
 if TYPE_CHECKING:
@@ -68,12 +67,12 @@ def deformed(experiment: Experiment) -> Picture:
         This machine cannot draw; the message names what is missing.
 
     """
-    with tempfile.TemporaryDirectory(prefix="stiffscope-") as folder:
-        held = Path(folder) / "experiment.npz"
+    with scratch_folder() as folder:
+        held = folder / "experiment.npz"
         experiment.save(held)
         title, sheet = experiment.part, "loads.png"
-        draw("part_pictures", Path(folder), experiment=held, title=title, clamped=[], loaded=[], sheet=sheet)
-        return Picture((Path(folder) / sheet).read_bytes())
+        draw("part_pictures", folder, experiment=held, title=title, clamped=[], loaded=[], sheet=sheet)
+        return Picture((folder / sheet).read_bytes())
 
 
 def stiffness_map(
@@ -105,8 +104,8 @@ def stiffness_map(
     from stiffscope.report import maps
 
     found = maps.stiffness_map(mechanism, ranges, points, at=at)
-    with tempfile.TemporaryDirectory(prefix="stiffscope-") as folder:
-        target = Path(folder) / "map.png"
+    with scratch_folder() as folder:
+        target = folder / "map.png"
         held = maps.held_text(found)
         maps.draw_stiffness(found, {}, "stiffness at M (diagonal of K)" + (held and f", {held}"), target)
         return Picture(target.read_bytes())

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import logging
 import subprocess
-import sys
-import tempfile
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from stiffscope.children import run_module
 from stiffscope.errors import StiffscopeError
+from stiffscope.files import scratch_folder
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 log = logging.getLogger(__name__)
 
@@ -39,18 +41,18 @@ def draw(picture: str, target: Path, **arguments: Any) -> None:
         No picture; the message is one line that names the cause and the cure.
 
     """
-    with tempfile.TemporaryDirectory(prefix="stiffscope-") as folder:
-        order = Path(folder) / "order.json"
+    with scratch_folder() as folder:
+        order = folder / "order.json"
         asked = {"picture": picture, "target": target, "arguments": arguments}
         order.write_text(json.dumps(asked, default=_plain))
-        command = [sys.executable, "-P", "-m", "stiffscope.report.drawing", str(order)]
         try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=TIME_LIMIT, check=False, cwd=folder)
+            done = run_module("stiffscope.report.drawing", str(order), time_limit=TIME_LIMIT, folder=str(folder))
         except subprocess.TimeoutExpired as error:
             raise PictureError(f"no pictures: drawing took more than {TIME_LIMIT:.0f} s") from error
     if done.returncode != 0:
-        log.debug("drawing %s failed:\n%s", picture, done.stderr)
-        raise PictureError(_cause(done.returncode, done.stderr))
+        errors = done.stderr.decode(errors="replace")
+        log.debug("drawing %s failed:\n%s", picture, errors)
+        raise PictureError(_cause(done.returncode, errors))
 
 
 def _cause(code: int, errors: str) -> str:

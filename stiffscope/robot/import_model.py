@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.files import write_bytes
+from stiffscope.files import check_new, write_bytes
 from stiffscope.robot import quantities as q
 from stiffscope.robot.reader import read_robot
 from stiffscope.robot.simulator_model import read_model
@@ -65,8 +65,7 @@ def import_model(
         The file is no model, or an option names nothing of it.
 
     """
-    if Path(out).exists():
-        raise InputError(f"{out}: expected a file that is not there yet, got one that is")
+    check_new(out)
     model = read_model(path, tool, dict(_position(text) for text in home))
     text = robot_text(model, Path(path).name, driven(model, drives))
     read_robot(Path(out), text)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import difflib
+import os
 from pathlib import Path
 
+from stiffscope import reading
 from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
-from stiffscope.files import write_bytes
+from stiffscope.files import check_new, write_bytes
 
 ROBOTS = FOLDER / "robots"
 
@@ -24,16 +26,16 @@ def _first_line(path: Path) -> str:
 
 def find_robot(name_or_path: str | Path) -> Path:
     """Path of a robot file given as a path or as the name of a robot in `data/robots`."""
-    path = Path(name_or_path)
-    if path.is_file():
-        return path
-    if path.name == str(name_or_path) and (ROBOTS / f"{name_or_path}.toml").is_file():
+    path, names = Path(name_or_path), list(robot_names())
+    if str(name_or_path) in names and not os.path.isfile(path):  # noqa: PTH113 (Path.is_file raises on some names)
         return ROBOTS / f"{name_or_path}.toml"
-    names = list(robot_names())
-    close = difflib.get_close_matches(str(name_or_path), names, n=1, cutoff=0.6)
+    close = difflib.get_close_matches(str(name_or_path)[:100], names, n=1, cutoff=0.6)
     guess = f'; did you mean "{close[0]}"?' if close else ""
-    what = "a folder" if path.is_dir() else "no file"
-    raise InputError(f"{path}: expected a robot file or one of {', '.join(names)}, got {what}{guess}")
+    try:
+        reading.open_file(name_or_path, f"a robot file or one of {', '.join(names)}").close()
+    except InputError as error:
+        raise InputError(f"{error}{guess}") from error
+    return path
 
 
 def copy_robot(name: str, target: str | Path) -> Path:
@@ -41,8 +43,7 @@ def copy_robot(name: str, target: str | Path) -> Path:
     source, goal = find_robot(name), Path(target)
     if goal.is_dir():
         goal = goal / f"{source.stem}.toml"
-    if goal.exists():
-        raise InputError(f"{goal}: expected a file that is not there yet, got one that is")
+    check_new(goal)
     text = source.read_text(encoding="utf-8")
     write_bytes(goal, text.encode())
     return goal

@@ -35,7 +35,7 @@ def split(text: str) -> tuple[str, Any]:
         raise InputError(f'--set {text}: expected NAME.KEY=VALUE such as {_EXAMPLE}, got "{text}"')
     try:
         return name, tomllib.loads(f"value = {value.strip()}")["value"]
-    except (tomllib.TOMLDecodeError, KeyError):
+    except (KeyError, ValueError, RecursionError):  # a text without quotes, most often
         return name, value.strip()
 
 

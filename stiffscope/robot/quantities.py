@@ -17,29 +17,45 @@ if TYPE_CHECKING:
     import pint
 
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+(?:_\d+)*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*$", re.DOTALL)
+_MOST_CHARACTERS = 200
+_POWER = re.compile(r"(?<=[\w°])\s*(?:\*\*|\^)\s*(?:[+-]?[1-9]|\([+-]?[1-9]\))(?!\s*(?:\*\*|\^|[\d.]))")
+_PRODUCT = re.compile(r"(?:[\s*/·()%°⁻]|(?<!\w)1(?!\w)|(?<!\w)[^\W\d]\w*+)*+")
 
 
 @dataclass(frozen=True)
 class Dimension:
-    """What a quantity measures: a noun for messages, its SI unit, and an example to show."""
+    """What a quantity measures: a noun for messages, its SI unit, an example to show, and its physical limits.
+
+    The limits, in SI, are far beyond any machine's: what exceeds them is a slip of the pen or of the unit, and would
+    only overflow. `most` bounds the magnitude; `least` bounds that of what is not zero, where nothing rounds to zero.
+    """
 
     noun: str
     unit: str
     example: str = ""
+    least: float = 0.0
+    most: float = 1e30
+
+    def refusal(self, value: float) -> str:
+        """Why a value, SI, is beyond the limits; empty where it is not."""
+        unit = f" {self.unit}" if self.unit else ""
+        if not abs(value) <= self.most:
+            return f"beyond {self.most:g}{unit}"
+        return f"below {self.least:g}{unit}" if 0.0 < abs(value) < self.least else ""
 
 
-LENGTH = Dimension("a length", "m", "20 mm")
-MODULUS = Dimension("an elastic modulus", "Pa", "211 GPa")
-DENSITY = Dimension("a density", "kg/m^3", "7850 kg/m^3")
-EXPANSION = Dimension("a thermal expansion", "1/K", "11.7e-6 1/K")
-MASS = Dimension("a mass", "kg", "1.95 kg")
-STIFFNESS = Dimension("a stiffness", "N/m", "12.7 N/um")
-ACCELERATION = Dimension("an acceleration", "m/s^2", "9.81 m/s^2")
-DURATION = Dimension("a duration", "s", "120 s")
-FREQUENCY = Dimension("a frequency", "Hz", "2 kHz")
-FOUNDATION = Dimension("a stiffness per area", "N/m^3", "5000 N/mm^3")
-FORCE = Dimension("a force", "N", "100 N")
-MOMENT = Dimension("a moment", "N*m", "5 N*m")
+LENGTH = Dimension("a length", "m", "20 mm", most=1e4)
+MODULUS = Dimension("an elastic modulus", "Pa", "211 GPa", 1e2, 1e14)
+DENSITY = Dimension("a density", "kg/m^3", "7850 kg/m^3", 1e-3, 1e6)
+EXPANSION = Dimension("a thermal expansion", "1/K", "11.7e-6 1/K", most=1.0)
+MASS = Dimension("a mass", "kg", "1.95 kg", 1e-12, 1e9)
+STIFFNESS = Dimension("a stiffness", "N/m", "12.7 N/um", 1e-6, 1e18)
+ACCELERATION = Dimension("an acceleration", "m/s^2", "9.81 m/s^2", most=1e6)
+DURATION = Dimension("a duration", "s", "120 s", 1e-3, 1e7)
+FREQUENCY = Dimension("a frequency", "Hz", "2 kHz", 1e-6, 1e12)
+FOUNDATION = Dimension("a stiffness per area", "N/m^3", "5000 N/mm^3", 1e-3, 1e24)
+FORCE = Dimension("a force", "N", "100 N", most=1e12)
+MOMENT = Dimension("a moment", "N*m", "5 N*m", most=1e12)
 NUMBER = Dimension("a number", "", "0.3")
 SHARE = Dimension("a share", "", "0.1 %")
 
@@ -84,6 +100,8 @@ def to_si(value: Any, dimension: Dimension, *, sign: str = "positive") -> float:
         si = math.inf
     if not math.isfinite(si):
         raise ValueError(f"{expected}, which is not a finite number")
+    if beyond := dimension.refusal(si):
+        raise ValueError(f"{expected}, which is {beyond}")
     if si < 0 and sign != "any":
         raise ValueError(f"{expected}: it must {'be greater than zero' if sign == 'positive' else 'not be negative'}")
     if si == 0 and sign == "positive":
@@ -109,7 +127,7 @@ def several(text: str, *dimensions: Dimension) -> tuple[float, ...]:
 
 
 def _parsed(text: str, dimension: Dimension, expected: str) -> float:
-    match = _NUMBER.match(text)
+    match = _NUMBER.match(text) if len(text) <= _MOST_CHARACTERS else None
     if match is None:
         raise ValueError(f"{expected}, which does not begin with a number")
     number, unit = float(match[1]), match[2]
@@ -125,16 +143,25 @@ def _parsed(text: str, dimension: Dimension, expected: str) -> float:
 @cache
 def _factor(unit: str, si: str) -> float:
     """What one of a unit is in SI. Raises whatever pint does for what is no such unit."""
+    _check_unit(unit)
     one = _registry().Quantity(1.0, _registry().parse_units(unit.removeprefix("*").strip()))
     if dict(one.unit_items()).get("percent", 1) != 1:
         raise ValueError(f"{unit} is not a unit")
     return float(one.to(si or "dimensionless").magnitude)
 
 
+def _check_unit(text: str) -> None:
+    """Raise ValueError for what is no product of names with powers up to 9: pint would evaluate any arithmetic."""
+    product = _POWER.sub("", text)
+    if "**" in product or not _PRODUCT.fullmatch(product):
+        raise ValueError(f"{text} is not a unit")
+
+
 def _why(unit: str) -> str:
     """Say what the unit measures instead, if it can be named."""
     nothing = f', and "{unit}" is not a unit'
     try:
+        _check_unit(unit)
         found = _registry().parse_units(unit)
     except Exception:  # noqa: BLE001 (pint raises a dozen kinds, from its tokenizer's to ZeroDivisionError)
         return nothing

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.reading import open_file, read_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -92,6 +93,7 @@ def read_model(path: str | Path, tool: str | None = None, home: Mapping[str, flo
         raise InputError(
             'import: expected the package mujoco, which reads URDF and MJCF, got none; install "stiffscope[import]"'
         ) from error
+    open_file(path, "a model in URDF or MJCF").close()
     return _Reader(mujoco, Path(path), home or {}).read(tool)
 
 
@@ -119,7 +121,7 @@ class _Reader:
         body, at, where = self._tool(tool)
         model = SimulatorModel(self.model_name(), bodies, joints, self._root(body), at, self._pose(body, at))
         model.gravity = np.array(self.model.opt.gravity)
-        if "<mimic" in self.path.read_text(encoding="utf-8", errors="replace"):
+        if "<mimic" in read_bytes(self.path).decode(errors="replace"):
             self.notes.append("mimic joints of the source are not coupled here")
         self.notes.append(f"tool: {where}; check body and point")
         model.notes = self.notes

@@ -8,12 +8,14 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from stiffscope import reading
 from stiffscope.errors import InputError
 from stiffscope.robot.positions import Key, line_of, positions
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+MOST_VALUES, MOST_LEVELS = 50_000, 30  # of a file written by hand
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
@@ -30,31 +32,65 @@ def field_name(key: Key) -> str:
 
 def read_text(path: Path) -> str:
     """Text of a robot file. Raises InputError for what is none."""
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: expected a robot file in TOML, got no text in UTF-8 (byte {error.start})") from error
-    except OSError as error:
-        raise InputError(f"{path}: expected a robot file, got {error.strerror}") from error
+    return reading.read_text(path, "a robot file in TOML")
 
 
-def parse_text(path: Path, text: str) -> dict[str, Any]:
-    """Content of a TOML text. Raises InputError with line and column."""
+def parse_text(path: Path, text: str, what: str = "a robot file") -> dict[str, Any]:
+    """Content of a TOML text of bounded size and depth. Raises InputError with line and column, or line and field."""
     try:
-        return tomllib.loads(text)
+        data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         place = re.search(r"\(at line (\d+), column (\d+)\)", str(error))
         reason = str(error).split(" (at ")[0]
         if place is None:
             line, where = text.count("\n") + 1, "the end of the file"
         else:
-            lines = text.splitlines()
+            lines = text.split("\n")
             line = min(int(place[1]), len(lines))
             where = f'"{lines[line - 1].strip()[:60]}" (column {place[2]})'
         reason = reason[:1].lower() + reason[1:]
         raise InputError(f"{path}:{line}: expected valid TOML, got {where}: {reason}") from error
     except RecursionError as error:
-        raise InputError(f"{path}: expected a robot file, got tables or lists nested too deeply") from error
+        line = _first(text, rf"[\[{{](?:\s*[\[{{]){{{MOST_LEVELS}}}")
+        raise InputError(f"{path}:{line}: expected {what}, got tables or lists nested too deeply") from error
+    except ValueError as error:  # Python's limit of digits
+        line = _first(text, r"[0-9_]{4300}")
+        raise InputError(f"{path}:{line}: expected numbers of at most 19 digits, got a longer one") from error
+    refusal = _beyond(data)
+    if refusal is not None:
+        key, message = refusal
+        raise InputError(f"{path}:{line_of(positions(text), key)}: {_cut(field_name(key))}: {message}")
+    return data
+
+
+def _first(text: str, pattern: str) -> int:
+    """Line of what a pattern finds first."""
+    found = re.search(pattern, text)
+    return text.count("\n", 0, found.start()) + 1 if found else 1
+
+
+def _beyond(data: dict[str, Any]) -> tuple[Key, str] | None:
+    """Key of what is too deep, too much or too long to be looked at further, and why; None where nothing is."""
+    left: list[tuple[Key, Any]] = [((), data)]
+    count = 0
+    while left:
+        key, value = left.pop()
+        count += 1
+        if count > MOST_VALUES:
+            return key[:1], f"expected at most {MOST_VALUES} values in a file, got more"
+        if len(key) > MOST_LEVELS:
+            return key, f"expected at most {MOST_LEVELS} levels of tables and lists, got more"
+        if isinstance(value, int) and not -(2**63) <= value < 2**63:
+            return key, "expected a number of at most 19 digits, got a longer one"
+        if isinstance(value, dict):
+            left += [((*key, name), each) for name, each in value.items()]
+        elif isinstance(value, list):
+            left += [((*key, number), each) for number, each in enumerate(value)]
+    return None
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= 120 else f"{text[:117]}..."
 
 
 @dataclass

@@ -16,11 +16,11 @@ from stiffscope.robot import quantities as q
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-ANGLE = q.Dimension("an angle", "rad", "25 deg")
-TORSION = q.Dimension("a torsional stiffness", "N*m/rad", "24 kN*m/rad")
-INERTIA = q.Dimension("a moment of inertia", "kg*m^2", "0.012 kg*m^2")
-COMPLIANCE = q.Dimension("a compliance", "m/N", "0.01 um/N")
-TILTING = q.Dimension("a rotational compliance", "rad/(N*m)", "2e-6 rad/(N*m)")
+ANGLE = q.Dimension("an angle", "rad", "25 deg", most=1e4)
+TORSION = q.Dimension("a torsional stiffness", "N*m/rad", "24 kN*m/rad", 1e-9, 1e18)
+INERTIA = q.Dimension("a moment of inertia", "kg*m^2", "0.012 kg*m^2", most=1e12)
+COMPLIANCE = q.Dimension("a compliance", "m/N", "0.01 um/N", 1e-24, 1e6)
+TILTING = q.Dimension("a rotational compliance", "rad/(N*m)", "2e-6 rad/(N*m)", 1e-24, 1e9)
 _OTHERS = (
     q.Dimension("a force", "N", "10 N"),
     q.Dimension("a moment", "N*m", "10 N*m"),

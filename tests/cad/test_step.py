@@ -173,7 +173,7 @@ def test_rubbish_is_refused(step: Path, tmp_path: Path) -> None:
         assert str(path) in str(refused.value)
         assert found in str(refused.value)
         assert "\n" not in str(refused.value)
-    with pytest.raises(InputError, match="No such file"):
+    with pytest.raises(InputError, match="got no file"):
         read_solid(tmp_path / "missing.step")
     with pytest.raises(InputError, match=r"within 0.01 s"):
         read_solid(step, time_limit=0.01)

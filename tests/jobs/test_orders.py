@@ -54,7 +54,7 @@ def test_a_step_file_is_known_by_its_content_faces_and_axes(tmp_path):
         ]
     }
     assert len(keys) == 5
-    with pytest.raises(InputError, match=r'robot\.toml:6: parts\."bar 1"\.file: expected a STEP file, got No such'):
+    with pytest.raises(InputError, match=r'robot\.toml:6: parts\."bar 1"\.file: expected a STEP file, got no file'):
         order_part(one_part(tmp_path, STEP.replace("bar.step", "none.step")), NAME)
 
 

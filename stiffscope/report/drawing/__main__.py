@@ -5,8 +5,11 @@ import os
 import sys
 from pathlib import Path
 
-from stiffscope.report.drawing.part import part_pictures
-from stiffscope.report.drawing.robot import animation, robot
+from stiffscope.children import end_with_parent
+
+end_with_parent()  # before what takes seconds to import
+from stiffscope.report.drawing.part import part_pictures  # noqa: E402
+from stiffscope.report.drawing.robot import animation, robot  # noqa: E402
 
 order = json.loads(Path(sys.argv[1]).read_text())
 {"part_pictures": part_pictures, "robot": robot, "animation": animation}[order["picture"]](

@@ -1,0 +1,65 @@
+"""Processes of our own: each ends with its parent, whatever ends that, and starts without the user's modules."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+_PARENT = "STIFFSCOPE_PARENT"
+_SECONDS = 0.5  # between two looks at the parent, where the system does not tell of its end
+
+
+def run_module(module: str, *arguments: str, time_limit: float, folder: str) -> subprocess.CompletedProcess[bytes]:
+    """Run a module of this package in a process of its own, which calls `end_with_parent` before anything else.
+
+    Parameters
+    ----------
+    module
+        Such as "stiffscope.cad.step_reader".
+    arguments
+        Words for it; paths must be absolute.
+    time_limit
+        Seconds; the process is killed afterwards.
+    folder
+        Where it runs: a folder of ours, since a random.py in the user's may be found before Python's own.
+
+    Raises
+    ------
+    subprocess.TimeoutExpired
+        It took longer.
+
+    """
+    return subprocess.run(
+        [sys.executable, "-P", "-m", module, *arguments], cwd=folder, stdin=subprocess.DEVNULL, capture_output=True,
+        timeout=time_limit, check=False, env={**os.environ, _PARENT: str(os.getpid())},
+    )  # fmt: skip
+
+
+def end_with_parent(parent: int | None = None) -> None:
+    """Let this process end, at once and whatever it is doing, when its parent does.
+
+    Parameters
+    ----------
+    parent
+        Process id; by default the one that `run_module` has left, else the present parent's.
+
+    """
+    parent = parent or int(os.environ.get(_PARENT, 0)) or os.getppid()
+    if sys.platform == "linux":
+        import ctypes
+
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG; Python's handlers wait for C code to end
+    else:
+        threading.Thread(target=_watch, args=(parent,), daemon=True).start()
+    if os.getppid() != parent:  # it has ended before
+        os._exit(1)
+
+
+def _watch(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(_SECONDS)
+    os._exit(1)

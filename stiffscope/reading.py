@@ -1,0 +1,110 @@
+"""Reading: every file of the user is opened here. Regular files only, of bounded size, and text that is text."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stiffscope.errors import InputError
+
+if TYPE_CHECKING:
+    from typing import BinaryIO
+
+MOST_TEXT = 1 << 20  # bytes of a file written by hand: a thousand bodies take a quarter of it
+MOST_BYTES = 1 << 28  # bytes of any other file, such as a STEP file or a table of readings
+_KINDS = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
+
+
+def open_file(path: str | Path, what: str = "a file", most: int = MOST_BYTES) -> BinaryIO:
+    """Open a regular file for reading, without waiting for anybody to write it.
+
+    Parameters
+    ----------
+    path
+        The file; links are followed.
+    what
+        What it should be, for the message: "a STEP file".
+    most
+        Bytes that it may have.
+
+    Raises
+    ------
+    InputError
+        It is not there, cannot be read, is no regular file, or is too large.
+
+    """
+    try:
+        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{shown(path)}: expected {what}, got {why(error, path)}") from error
+    stream = os.fdopen(handle, "rb") if stat.S_ISREG(os.fstat(handle).st_mode) else None
+    if stream is None:
+        kind = _KINDS.get(stat.S_IFMT(os.fstat(handle).st_mode), "no regular file")
+        os.close(handle)
+        raise InputError(f"{shown(path)}: expected {what}, got {kind}")
+    size = os.fstat(handle).st_size
+    if size > most:
+        stream.close()
+        raise InputError(f"{shown(path)}: expected {what} of at most {_size(most)}, got {_size(size)}")
+    return stream
+
+
+def read_bytes(path: str | Path, what: str = "a file", most: int = MOST_BYTES) -> bytes:
+    """Bytes of a file; see `open_file`."""
+    try:
+        with open_file(path, what, most) as stream:
+            content = stream.read(most + 1)
+    except OSError as error:
+        raise InputError(f"{shown(path)}: expected {what}, got {why(error, path)}") from error
+    if len(content) > most:
+        raise InputError(f"{shown(path)}: expected {what} of at most {_size(most)}, got a larger one")
+    return content
+
+
+def read_text(path: str | Path, what: str = "a text file", most: int = MOST_TEXT) -> str:
+    """Text of a file in UTF-8, without its byte order mark. Raises InputError, with the line of what is no text."""
+    content = read_bytes(path, what, most)
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        raise InputError(
+            f"{path}:{line}: expected {what} in UTF-8, got byte {content[error.start]:#04x} (byte {error.start})"
+        ) from error
+    if "\0" in text:
+        line = text[: text.index("\0")].count("\n") + 1
+        raise InputError(f"{path}:{line}: expected {what}, got a NUL byte")
+    return text
+
+
+def why(error: Exception, path: str | Path = "") -> str:
+    """What an error of the system says of a path, in a few words."""
+    if isinstance(error, ValueError):  # "embedded null byte"
+        return "a name that no file can have"
+    number = getattr(error, "errno", None)
+    if number == errno.ENAMETOOLONG:
+        return f"a name of {len(str(path))} characters, longer than names of files are"
+    if number == errno.ENOENT:
+        return "no file" if str(path) else "no name of a file"
+    return {errno.ELOOP: "a link that leads back to itself", errno.ENXIO: "a socket"}.get(
+        number or 0, getattr(error, "strerror", None) or str(error)
+    )
+
+
+def shown(path: str | Path) -> str:
+    """A path as a message shows it: on one line, cut where it is long."""
+    text = "".join(each if each.isprintable() else repr(each)[1:-1] for each in str(path)) or '""'
+    return text if len(text) <= 300 else f"{text[:140]}…{text[-140:]}"
+
+
+def _size(count: int) -> str:
+    return f"{count / 2**20:.3g} MiB" if count >= 2**20 else f"{count} bytes"
