@@ -9,27 +9,35 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.gap.evidence import constrained_minimum, posterior
+from stiffscope.gap.evidence import constrained_minima, errors_of, log_evidences, posterior
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from numpy.typing import NDArray
 
-    from stiffscope.gap.evidence import Posterior
-    from stiffscope.gap.forward_model import Candidate, ForwardModel, Noise, Parameters
+    from stiffscope.gap.evidence import Errors, Posterior, Projection
+    from stiffscope.gap.forward_model import Candidate, ForwardModel, Noise, Parameters, Prediction
 
     Array = NDArray[np.floating[Any]]
+    Codes = NDArray[np.int64]
     Flags = NDArray[np.bool_]
     Progress = Callable[[str, float], None]
+    Start = tuple[tuple[Candidate, ...], Array]
 
 PRIOR_ODDS = 0.5  # of one effect more, shared by all candidates
 UNNAMED_PENALTY = 3.0  # ln-odds by which a nuisance pattern is less likely than a word of the vocabulary
 BEAM_WIDTH = 6  # hypotheses of each size that are extended
-FITTED = 10  # nonlinear fits for each size; twice as many of single effects
+FITTED = 10  # nonlinear fits for each size at most; twice as many of single effects
+LEAST_FITTED = 4  # however far behind to first order
+MARGIN = 30.0  # ln-odds behind the best to first order up to which a set is fitted,
+DOUBT = 0.2  # or this share of the best one's gain, since first order errs by a share of it
 SWAPPED = 4  # others that are fitted in the place of each effect of the best set
+ROUNDS = 3  # of growing and exchanging
 GAIN = 1.0  # ln-odds that one effect more must gain for the search to go on
+CURVED = 0.1  # error of the linear prediction, over the change predicted, from which derivatives are taken anew
 _STEPS = 12  # of Gauss-Newton
+_CONVERGED = 1e-3  # of the cost, χ² with the weak prior
 _DAMPING = (1.0, 0.5, 0.25, 0.1, 0.02)
 
 
@@ -44,9 +52,7 @@ class Hypothesis:
     """(n, k) derivatives of the prediction in the same units."""
     evidence: float
     """ln of evidence times prior odds."""
-    covariance: Array
-    """(k, k) of the internal parameters."""
-    noise_factor: float
+    known: Posterior
 
     @cached_property
     def names(self) -> frozenset[str]:
@@ -59,9 +65,43 @@ class Hypothesis:
         return tuple(candidate for candidate, _ in self.parameters)
 
     @property
+    def words(self) -> tuple[Candidate, ...]:
+        """Effects in it that the vocabulary has a word for."""
+        return tuple(c for c in self.candidates if not c.unnamed)
+
+    @property
     def values(self) -> Array:
         """All internal parameters (k,)."""
         return _joined(values for _, values in self.parameters)
+
+    @property
+    def covariance(self) -> Array:
+        """(k, k) of the internal parameters."""
+        return self.known.covariance
+
+    @property
+    def noise_factor(self) -> float:
+        """The common unknown factor on the noise."""
+        return self.known.noise_factor
+
+    @cached_property
+    def linear(self) -> Array:
+        """Readings (n,) minus the prediction extrapolated to internal parameters of zero."""
+        return self.residual + self.slopes @ self.values
+
+
+@dataclass(frozen=True)
+class Library:
+    """Derivatives of all effects about one prediction, with the inner products that scoring a further effect needs."""
+
+    candidates: tuple[Candidate, ...]
+    columns: tuple[slice, ...]
+    """Where each candidate's stand; of one without parameters, its step."""
+    values: Array
+    """(n, c) in units of sigma."""
+    projection: Projection
+    blocks: tuple[Array, ...]
+    """Inner products (q, k, k) of each candidate's columns."""
 
 
 @dataclass(frozen=True)
@@ -70,62 +110,84 @@ class Problem:
 
     model: ForwardModel
     noise: Noise
+    odds: float = PRIOR_ODDS
+    widening: float = 1.0
+    """Factor on all prior sizes."""
 
     @cached_property
     def _share(self) -> float:
-        return float(np.log(PRIOR_ODDS / max(len({c.name for c in self.model.library}), 1)))
+        return float(np.log(self.odds / max(len({c.name for c in self.model.library}), 1)))
+
+    @cached_property
+    def errors(self) -> Errors:
+        """Distribution of the readings about a hypothesis; a discrepancy is as likely as a nuisance pattern."""
+        return errors_of(self.model.campaign, self.noise, self._share - UNNAMED_PENALTY)
+
+    @cached_property
+    def sizes(self) -> Array:
+        """Multiples (s,) of the candidates' prior sizes."""
+        return self.widening * self.model.prior_sizes
 
     def log_prior(self, candidates: Sequence[Candidate]) -> float:
         """Ln prior odds of a set of effects against none."""
         return sum(self._share - UNNAMED_PENALTY * c.unnamed for c in candidates)
 
     def posterior(self, candidates: Sequence[Candidate], y: Array, x: Array) -> Posterior:
-        """Posterior of the parameters of ``y = X u + noise``, without the prior odds of the set."""
-        return posterior(y, x, _scale(candidates), _positive(candidates), self.noise, self.model.prior_sizes)
+        """Posterior of the parameters of ``y = X u + errors``, without the prior odds of the set."""
+        scale, owner = _scale(candidates), _owner(candidates)
+        return posterior(self.errors, y, x, scale, owner, _positive(candidates), self.sizes)
+
+    def reweighted(self, hypothesis: Hypothesis) -> float:
+        """Ln of evidence times prior odds of a hypothesis that was fitted under another prior."""
+        known = self.posterior(hypothesis.candidates, hypothesis.linear, hypothesis.slopes)
+        return known.log_evidence + self.log_prior(hypothesis.candidates)
 
     def weak_precision(self, candidates: Sequence[Candidate]) -> Array:
         """Precision (k,) of the widest prior of effects' internal parameters."""
-        return (self.model.prior_sizes[-1] * _scale(candidates)) ** -2.0
+        return (self.sizes[-1] * _scale(candidates)) ** -2.0
 
     def fit(self, candidates: Sequence[Candidate], start: Array) -> Hypothesis:
         """Fit a set of effects from internal parameters (k,) on, by damped Gauss-Newton with a weak prior."""
         u, (residual, slopes) = self._start(candidates, start)
         known = self.posterior(candidates, residual + slopes @ u, slopes)
         if len(u):
-            weights = self.noise.whitening(known.noise_factor) * self.noise.used
-            u, residual, slopes = self._descend(candidates, u, residual, slopes, weights)
+            u, residual, slopes = self._descend(candidates, u, residual, slopes, known.setting)
             known = self.posterior(candidates, residual + slopes @ u, slopes)
         log = known.log_evidence + self.log_prior(candidates)
-        return Hypothesis(_split(candidates, u), residual, slopes, log, known.covariance, known.noise_factor)
+        return Hypothesis(_split(candidates, u), residual, slopes, log, known)
 
     def _descend(
-        self, candidates: Sequence[Candidate], u: Array, residual: Array, slopes: Array, weights: Array
+        self, candidates: Sequence[Candidate], u: Array, residual: Array, slopes: Array, setting: int
     ) -> tuple[Array, Array, Array]:
-        """Gauss-Newton steps, damped where the cost would grow."""
-        weak = self.weak_precision(candidates)
-        positive = _positive(candidates)
+        """Gauss-Newton steps in one setting of the errors, damped where the cost would grow."""
+        weak, positive, k = self.weak_precision(candidates), _positive(candidates), len(u)
 
-        def cost_of(residual: Array, u: Array) -> float:
-            return float(np.sum((weights * residual) ** 2)) + float(u**2 @ weak)
+        def inner_of(residual: Array, slopes: Array) -> Array:
+            return self.errors.inner_at(setting, np.column_stack([slopes, residual]))
 
-        cost = cost_of(residual, u)
+        inner = inner_of(residual, slopes)
+        cost = float(inner[k, k] + u**2 @ weak)
         for _ in range(_STEPS):
-            x, y = slopes * weights[:, None], residual * weights
-            step = constrained_minimum(x.T @ x + np.diag(weak), x.T @ (y + x @ u), positive)[0] - u
+            gram = inner[:k, :k]
+            precision = gram + np.diag(weak)
+            step = constrained_minima(precision, inner[:k, k] + gram @ u, positive)[0] - u
+            if step @ precision @ step < _CONVERGED:
+                break
             for damping in _DAMPING:
                 trial = _bounded(candidates, u + damping * step)
                 try:
                     moved = self._linearized(candidates, trial)
                 except (InputError, np.linalg.LinAlgError):
                     continue
-                lower = cost_of(moved[0], trial)
+                after = inner_of(*moved)
+                lower = float(after[k, k] + trial**2 @ weak)
                 if lower < cost or np.isclose(lower, cost, rtol=1e-9):
                     break
             else:
                 break
             gained = cost - lower
-            u, cost, (residual, slopes) = trial, lower, moved
-            if gained < 1e-3:
+            u, cost, inner, (residual, slopes) = trial, lower, after, moved
+            if gained < _CONVERGED:
                 break
         return u, residual, slopes
 
@@ -147,65 +209,157 @@ class Problem:
             raise InputError("a parameter is outside the assemblable range")
         return residual, slopes
 
+    @cached_property
+    def nominal(self) -> Library:
+        """Derivatives of all effects about the model as it is."""
+        return self._library(self.model.predict())
+
+    def _library(self, prediction: Prediction) -> Library:
+        candidates = tuple(self.model.library)
+        parts = [prediction.columns(c) if c.scale else prediction.step(c)[:, None] for c in candidates]
+        ends = np.cumsum([0, *(part.shape[1] for part in parts)])
+        where = tuple(slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
+        values = np.hstack([np.zeros((len(self.noise.sigma), 0)), *parts]) / self.noise.sigma[:, None]
+        values = np.where(np.isfinite(values), values, 0.0)
+        projection = self.errors.project(values)
+        parts = (_cut(projection, here) for here in where)
+        return Library(candidates, where, values, projection, tuple(self.errors.inner(p, p) for p in parts))
+
+    def _library_at(self, hypothesis: Hypothesis) -> Library:
+        """Derivatives about a hypothesis: the nominal ones where its prediction is nearly linear in its parameters."""
+        known = {id(c): here for c, here in zip(self.nominal.candidates, self.nominal.columns, strict=True)}
+        moved = self._nominal_residual - hypothesis.residual
+        linear = np.zeros(len(moved))
+        for candidate, values in hypothesis.parameters:
+            columns = self.nominal.values[:, known[id(candidate)]]
+            linear = linear + columns @ (np.array(values) if values else np.ones(1))
+        used = self.noise.used
+        if np.linalg.norm((moved - linear)[used]) <= CURVED * np.linalg.norm(moved[used]):
+            return self.nominal
+        return self._library(self.model.predict(hypothesis.parameters))
+
+    @cached_property
+    def _nominal_residual(self) -> Array:
+        return (self.model.campaign.value - self.model.predict().values) / self.noise.sigma
+
     def search(self, progress: Progress | None = None) -> list[Hypothesis]:
         """Fitted hypotheses, the best first: none, single effects, and larger sets as long as they gain."""
-        found = [self.fit((), np.zeros(0))]
-        frontier = found[:1]
-        found += [self.fit(c, np.zeros(len(_scale(c)))) for c in self.model.tried]
-        before = frontier[0].evidence
-        for level in range(self.model.most_effects + 1):
-            starts = self._extensions(frontier, self.model.library)
-            fits: list[Hypothesis] = []
-            for k, start in enumerate(starts):
-                if progress:
-                    progress(f"effects, {level + 1} at once", k / len(starts))
-                fits.append(self.fit(*start))
-            found += fits
-            frontier = sorted(fits, key=lambda h: -h.evidence)[:BEAM_WIDTH]
-            if not frontier or frontier[0].evidence < before + GAIN:
-                break
-            before = max(before, frontier[0].evidence)
-        found += self._exchanged(max(found, key=lambda h: h.evidence))
-        return sorted(found, key=lambda h: -h.evidence)
+        none = self.fit((), np.zeros(0))
+        found: dict[tuple[str, ...], Hypothesis] = {(): none}
 
-    def _exchanged(self, best: Hypothesis) -> list[Hypothesis]:
+        def fit(starts: Iterable[Start], stage: str) -> list[Hypothesis]:
+            todo, fits = list(starts), list[Hypothesis]()
+            for k, (candidates, start) in enumerate(todo):
+                if progress:
+                    progress(stage, k / len(todo))
+                key = tuple(sorted(f"{c.name} {len(c.scale)}" for c in candidates))
+                if key not in found:
+                    found[key] = self.fit(candidates, start)
+                fits.append(found[key])
+            return fits
+
+        fit(((c, np.zeros(len(_scale(c)))) for c in self.model.tried), "effects")
+        frontier = [none]
+        for _ in range(ROUNDS):
+            before = frontier[0].evidence
+            while len(frontier[0].candidates) < self.model.most_effects:
+                stage = f"effects, {len(frontier[0].candidates) + 1} at once"
+                fits = fit(self._extensions(frontier, self.model.library), stage)
+                frontier = sorted(fits, key=lambda h: -h.evidence)[:BEAM_WIDTH]
+                if not frontier or frontier[0].evidence < before + GAIN:
+                    break
+                before = max(before, frontier[0].evidence)
+            best = max(found.values(), key=lambda h: h.evidence)
+            exchanged = fit(self._exchanges(best), "effects exchanged")
+            better = max(exchanged, key=lambda h: h.evidence, default=best)
+            if better.evidence < best.evidence + GAIN:
+                break
+            frontier = [better]
+        return sorted(found.values(), key=lambda h: -h.evidence)
+
+    def _exchanges(self, best: Hypothesis) -> list[Start]:
         """The best set with each of its effects in turn given up for others: what else could stand in its place."""
         words = [c for c in self.model.library if not c.unnamed]
-        starts: list[tuple[tuple[Candidate, ...], Array]] = []
+        starts: list[Start] = []
         for gone in best.candidates:
             rest = [(c, values) for c, values in best.parameters if c.name != gone.name]
             kept = self.fit([c for c, _ in rest], _joined(values for _, values in rest))
-            starts += self._extensions([kept], words)[:SWAPPED]
-        return [self.fit(*start) for start in starts if frozenset(c.name for c in start[0]) != best.names]
+            starts.append((kept.candidates, kept.values))
+            starts += [s for s in self._extensions([kept], words) if gone not in s[0]][:SWAPPED]
+        return starts
 
-    def _extensions(
-        self, frontier: Sequence[Hypothesis], library: Sequence[Candidate]
-    ) -> list[tuple[tuple[Candidate, ...], Array]]:
+    def _extensions(self, frontier: Sequence[Hypothesis], library: Sequence[Candidate]) -> list[Start]:
         """The most promising sets of one effect more, by their evidence to first order, each with a start."""
-        ranked: dict[frozenset[str], tuple[float, tuple[Candidate, ...], Array]] = {}
-        sigma = self.noise.sigma
+        wanted = {id(c) for c in library}
+        ranked: dict[tuple[str, ...], tuple[float, tuple[Candidate, ...], Array]] = {}
+        derivatives = self._library_at(frontier[0])
         for hypothesis in frontier:
-            prediction = self.model.predict(hypothesis.parameters)
-            y = hypothesis.residual + hypothesis.slopes @ hypothesis.values
-            for candidate in library:
+            for candidate, log, start in self._scored(hypothesis, derivatives, wanted):
                 candidates = (*hypothesis.candidates, candidate)
-                if not self.model.admits(candidates):
-                    continue
-                x = np.hstack([hypothesis.slopes, prediction.columns(candidate) / sigma[:, None]])
-                step = 0.0 if candidate.scale else prediction.step(candidate) / sigma
-                known = self.posterior(candidates, y - step, x)
-                log = known.log_evidence + self.log_prior(candidates)
-                key = frozenset([*(c.name for c in candidates), str(len(known.mean))])
+                key = tuple(sorted(f"{c.name} {len(c.scale)}" for c in candidates))
                 if key not in ranked or log > ranked[key][0]:
-                    ranked[key] = (log, candidates, known.mean)
-        best = sorted(ranked.values(), key=lambda item: -item[0])
-        count = FITTED if len(frontier) > 1 else 2 * FITTED
-        return [(candidates, _bounded(candidates, start)) for _, candidates, start in best[:count]]
+                    ranked[key] = (log, candidates, start)
+        best = sorted(ranked.values(), key=lambda item: -item[0])[: FITTED if len(frontier) > 1 else 2 * FITTED]
+        if not best:
+            return []
+        top = best[0][0]
+        behind = max(MARGIN, DOUBT * (top - frontier[0].evidence))
+        kept = [item for k, item in enumerate(best) if k < LEAST_FITTED or item[0] > top - behind]
+        return [(candidates, _bounded(candidates, start)) for _, candidates, start in kept]
+
+    def _scored(
+        self, hypothesis: Hypothesis, library: Library, wanted: set[int]
+    ) -> Iterable[tuple[Candidate, float, Array]]:
+        """Every admitted effect beside a hypothesis: ln of evidence times prior, and the parameters, to first order."""
+        k = len(hypothesis.values)
+        own = self.errors.project(np.column_stack([hypothesis.slopes, hypothesis.linear]))
+        inner = self.errors.inner(own, own)  # (q, k+1, k+1)
+        across = self.errors.inner(library.projection, own)  # (q, c, k+1)
+        alike: dict[tuple[int, bool], list[int]] = {}
+        for number, candidate in enumerate(library.candidates):
+            if id(candidate) in wanted and self.model.admits((*hypothesis.candidates, candidate)):
+                alike.setdefault((len(candidate.scale), candidate.positive), []).append(number)
+        base = hypothesis.known.sizes * _scale(hypothesis.candidates)
+        prior = hypothesis.known.averaging + self.log_prior(hypothesis.candidates)
+        for (m, bounded), numbers in alike.items():
+            shape = (len(numbers), len(self.errors.sizes))
+            grams, pulls = np.empty((*shape, k + m, k + m)), np.empty((*shape, k + m))
+            grams[..., :k, :k], pulls[..., :k] = inner[:, :k, :k], inner[:, :k, k]
+            totals = np.tile(inner[:, k, k], (len(numbers), 1))
+            for at, number in enumerate(numbers):
+                mixed, block = across[:, library.columns[number]], library.blocks[number]
+                if m:
+                    grams[at, :, k:, :k], grams[at, :, :k, k:] = mixed[..., :k], np.swapaxes(mixed[..., :k], 1, 2)
+                    grams[at, :, k:, k:], pulls[at, :, k:] = block, mixed[..., k]
+                else:
+                    pulls[at] -= mixed[:, 0, :k]
+                    totals[at] += block[:, 0, 0] - 2.0 * mixed[:, 0, k]
+            scales = np.empty((len(numbers), len(self.sizes) if m else 1, k + m))
+            scales[..., :k] = base
+            for at, number in enumerate(numbers):
+                scales[at, :, k:] = self.sizes[: scales.shape[1], None] * np.array(library.candidates[number].scale)
+            positive = np.concatenate([_positive(hypothesis.candidates), np.full(m, bounded)])
+            logs, means, _ = log_evidences(grams, pulls, totals, self.errors.log_weight, scales, positive)
+            for number, log, mean in zip(numbers, logs, means, strict=True):
+                candidate = library.candidates[number]
+                total = float(np.logaddexp.reduce(log.ravel())) - float(np.log(log.shape[1]))
+                best = np.unravel_index(np.argmax(log), log.shape)
+                yield candidate, total + prior + self.log_prior([candidate]), mean[best]
+
+
+def _cut(projection: Projection, columns: slice) -> Projection:
+    return type(projection)(*(part[:, columns] for part in (projection.stated, projection.scaled, projection.features)))
 
 
 def _scale(candidates: Sequence[Candidate]) -> Array:
     """Prior sizes (k,) of the internal parameters of effects."""
     return _joined(c.scale for c in candidates)
+
+
+def _owner(candidates: Sequence[Candidate]) -> Codes:
+    """Number (k,) of the effect that each internal parameter belongs to, counting those that have any."""
+    counts = [len(c.scale) for c in candidates if c.scale]
+    return np.repeat(np.arange(len(counts)), counts).astype(np.int64)
 
 
 def _joined(values: Any) -> Array:

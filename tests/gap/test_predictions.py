@@ -11,7 +11,7 @@ from stiffscope.gap.campaign import Campaign
 from stiffscope.gap.column_model import ColumnModel
 from stiffscope.gap.diagnose import diagnose
 from stiffscope.gap.diagnosis import to_json
-from stiffscope.gap.evidence import posterior
+from stiffscope.gap.evidence import Errors, posterior
 from stiffscope.gap.experiment_design import next_measurement
 from stiffscope.gap.findings import find
 from stiffscope.gap.forward_model import Noise
@@ -168,9 +168,16 @@ def test_evidence_is_that_of_the_joint_gaussian():
     exact += 0.5 * 9 * np.log(2 * np.pi)  # which is the same for all hypotheses and left out
     for scaled in (none, all_of_it):
         noise = Noise(np.ones(9), all_of_it, scaled, np.ones(3))
-        found = posterior(y, X, prior, np.zeros(2, dtype=bool), noise, np.ones(1))
+        found = posterior(plain(noise), y, X, prior, np.arange(2), np.zeros(2, dtype=bool), np.ones(1))
         assert found.log_evidence == pytest.approx(exact)
         assert found.covariance == pytest.approx(np.linalg.inv(np.diag(prior**-2) + X.T @ X))
+
+
+def plain(noise):
+    """Errors of a noise without any discrepancy."""
+    n, q = len(noise.sigma), len(noise.factors)
+    weight = -(noise.scaled & noise.used).sum() * np.log(noise.factors) - np.log(q)
+    return Errors(noise, np.zeros(n, int), np.zeros((n, 2)), np.zeros(0), noise.factors, np.zeros(q), weight)
 
 
 def test_an_unknown_noise_factor_is_integrated_out():
@@ -185,7 +192,7 @@ def test_an_unknown_noise_factor_is_integrated_out():
         densities.append(np.exp(-0.5 * (np.linalg.slogdet(covariance)[1] + y @ np.linalg.solve(covariance, y))))
         means.append(float(0.25 * X[:, 0] @ np.linalg.solve(covariance, y)))
     noise = Noise(np.ones(8), np.ones(8, dtype=bool), scaled, factors)
-    found = posterior(y, X, np.array([0.5]), np.zeros(1, dtype=bool), noise, np.ones(1))
+    found = posterior(plain(noise), y, X, np.array([0.5]), np.zeros(1, dtype=int), np.zeros(1, dtype=bool), np.ones(1))
     assert found.log_evidence == pytest.approx(np.log(np.mean(densities)))
     assert found.mean[0] == pytest.approx(np.average(means, weights=densities))
     assert np.log(found.noise_factor) == pytest.approx(np.average(np.log(factors), weights=densities))
