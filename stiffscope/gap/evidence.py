@@ -1,4 +1,4 @@
-"""Evidence and posterior of linearized hypotheses: Gaussian noise, a discrepancy of unknown size, prior sizes on a grid.
+"""Evidence and posterior of linearized hypotheses under Gaussian noise and a discrepancy of unknown size.
 
 Everything follows from inner products of whitened columns (Gram matrices), which are formed once and cut into
 hypotheses; the discrepancy enters them by Woodbury's identity.
@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from scipy.special import logsumexp  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -148,8 +147,8 @@ class Posterior:
     """(k,) likeliest multiples of the prior sizes."""
     averaging: float
     """What averaging over prior sizes adds to ``log_evidence``."""
-    setting: int
-    """Of the errors, the likeliest."""
+    settings: Array
+    """(q,) probabilities of the errors' settings."""
     noise_factor: float = 1.0
     """Geometric mean of the common unknown factor on the noise."""
     discrepancy: float = 0.0
@@ -219,7 +218,7 @@ def posterior(
         covariance,
         chosen,
         averaging,
-        int(np.argmax(share)),
+        share,
         float(np.exp(share @ np.log(errors.factors))),
         float(np.sqrt(share @ errors.sizes**2)),
     )
@@ -282,4 +281,5 @@ def constrained_minima(matrices: Array, pulls: Array, positive: Flags) -> tuple[
 
 
 def _sum(logs: Array, axis: int | None = None) -> Any:
-    return logsumexp(logs, axis=axis)
+    """Ln of the sum of what these are logarithms of."""
+    return np.logaddexp.reduce(logs.ravel() if axis is None else logs, axis=axis or 0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -151,7 +152,7 @@ class Problem:
         u, (residual, slopes) = self._start(candidates, start)
         known = self.posterior(candidates, residual + slopes @ u, slopes)
         if len(u):
-            u, residual, slopes = self._descend(candidates, u, residual, slopes, known.setting)
+            u, residual, slopes = self._descend(candidates, u, residual, slopes, int(np.argmax(known.settings)))
             known = self.posterior(candidates, residual + slopes @ u, slopes)
         log = known.log_evidence + self.log_prior(candidates)
         return Hypothesis(_split(candidates, u), residual, slopes, log, known)
@@ -218,7 +219,7 @@ class Problem:
         candidates = tuple(self.model.library)
         parts = [prediction.columns(c) if c.scale else prediction.step(c)[:, None] for c in candidates]
         ends = np.cumsum([0, *(part.shape[1] for part in parts)])
-        where = tuple(slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
+        where = tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
         values = np.hstack([np.zeros((len(self.noise.sigma), 0)), *parts]) / self.noise.sigma[:, None]
         values = np.where(np.isfinite(values), values, 0.0)
         projection = self.errors.project(values)
