@@ -114,7 +114,7 @@ class Findings:
         """The hypothesis of some effects of the best one, fitted."""
         chosen = {c.name for c in candidates}
         known = next((h for h in self.hypotheses if h.names == chosen), None)
-        if known:
+        if known and known.converged:
             return known
         kept = [(c, values) for c, values in self.best.parameters if c.name in chosen]
         return self.problem.fit([c for c, _ in kept], np.array([v for _, values in kept for v in values]))
@@ -122,7 +122,8 @@ class Findings:
     def alone(self, candidate: Candidate) -> Hypothesis:
         """The hypothesis of one effect alone."""
         known = next((h for h in self.hypotheses if h.names == frozenset([candidate.name])), None)
-        return known or self.problem.fit([candidate], np.zeros(len(candidate.scale)))
+        start = known.values if known else np.zeros(len(candidate.scale))
+        return known if known and known.converged else self.problem.fit([candidate], start)
 
     def predicted(self, hypothesis: Hypothesis) -> Array:
         """What a hypothesis says the readings (n,) are."""

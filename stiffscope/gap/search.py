@@ -54,6 +54,8 @@ class Hypothesis:
     evidence: float
     """ln of evidence times prior odds."""
     known: Posterior
+    converged: bool = True
+    """False where the fit was given up, far behind a better one."""
 
     @cached_property
     def names(self) -> frozenset[str]:
@@ -147,15 +149,24 @@ class Problem:
         """Precision (k,) of the widest prior of effects' internal parameters."""
         return (self.sizes[-1] * _scale(candidates)) ** -2.0
 
-    def fit(self, candidates: Sequence[Candidate], start: Array) -> Hypothesis:
-        """Fit a set of effects from internal parameters (k,) on, by damped Gauss-Newton with a weak prior."""
+    def fit(self, candidates: Sequence[Candidate], start: Array, target: float = -np.inf) -> Hypothesis:
+        """Fit a set of effects from internal parameters (k,) on, by damped Gauss-Newton with a weak prior.
+
+        Given up where the evidence about the start is far below a target.
+        """
         u, (residual, slopes) = self._start(candidates, start)
         known = self.posterior(candidates, residual + slopes @ u, slopes)
-        if len(u):
+        log = known.log_evidence + self.log_prior(candidates)
+        converged = not len(u) or log > target - MARGIN - DOUBT * abs(log - self._nominal_evidence)
+        if len(u) and converged:
             u, residual, slopes = self._descend(candidates, u, residual, slopes, int(np.argmax(known.settings)))
             known = self.posterior(candidates, residual + slopes @ u, slopes)
-        log = known.log_evidence + self.log_prior(candidates)
-        return Hypothesis(_split(candidates, u), residual, slopes, log, known)
+            log = known.log_evidence + self.log_prior(candidates)
+        return Hypothesis(_split(candidates, u), residual, slopes, log, known, converged)
+
+    @cached_property
+    def _nominal_evidence(self) -> float:
+        return self.posterior((), self._nominal_residual, np.zeros((len(self.noise.sigma), 0))).log_evidence
 
     def _descend(
         self, candidates: Sequence[Candidate], u: Array, residual: Array, slopes: Array, setting: int
@@ -249,15 +260,16 @@ class Problem:
         found: dict[tuple[str, ...], Hypothesis] = {(): none}
 
         def fit(starts: Iterable[Start], stage: str) -> list[Hypothesis]:
-            todo, fits = list(starts), list[Hypothesis]()
+            todo = list(starts)
+            fits: list[Hypothesis] = []
             for k, (candidates, start) in enumerate(todo):
                 if progress:
                     progress(stage, k / len(todo))
-                key = tuple(sorted(f"{c.name} {len(c.scale)}" for c in candidates))
-                if key not in found:
-                    found[key] = self.fit(candidates, start)
+                key = _key(candidates)
+                if key not in found or not found[key].converged:
+                    found[key] = self.fit(candidates, start, max((h.evidence for h in fits), default=-np.inf))
                 fits.append(found[key])
-            return fits
+            return sorted(fits, key=lambda h: -h.evidence)
 
         fit(((c, np.zeros(len(_scale(c)))) for c in self.model.tried), "effects")
         frontier = [none]
@@ -265,39 +277,57 @@ class Problem:
             before = frontier[0].evidence
             while len(frontier[0].candidates) < self.model.most_effects:
                 stage = f"effects, {len(frontier[0].candidates) + 1} at once"
-                fits = fit(self._extensions(frontier, self.model.library), stage)
-                frontier = sorted(fits, key=lambda h: -h.evidence)[:BEAM_WIDTH]
+                frontier = fit(self._extensions(frontier), stage)[:BEAM_WIDTH]
                 if not frontier or frontier[0].evidence < before + GAIN:
                     break
                 before = max(before, frontier[0].evidence)
             best = max(found.values(), key=lambda h: h.evidence)
             exchanged = fit(self._exchanges(best), "effects exchanged")
-            better = max(exchanged, key=lambda h: h.evidence, default=best)
-            if better.evidence < best.evidence + GAIN:
+            if not exchanged or exchanged[0].evidence < best.evidence + GAIN:
                 break
-            frontier = [better]
+            frontier = exchanged[:1]
         return sorted(found.values(), key=lambda h: -h.evidence)
 
     def _exchanges(self, best: Hypothesis) -> list[Start]:
-        """The best set with each of its effects in turn given up for others: what else could stand in its place."""
-        words = [c for c in self.model.library if not c.unnamed]
+        """The best set without each of its effects, and with another in its place, where that may compete."""
+        library = self._library_at(best)
         starts: list[Start] = []
         for gone in best.candidates:
-            rest = [(c, values) for c, values in best.parameters if c.name != gone.name]
-            kept = self.fit([c for c, _ in rest], _joined(values for _, values in rest))
-            starts.append((kept.candidates, kept.values))
-            starts += [s for s in self._extensions([kept], words) if gone not in s[0]][:SWAPPED]
+            rest = self._without(best, gone)
+            limit = best.evidence - MARGIN - DOUBT * (best.evidence - rest.evidence)
+            scored = [
+                (log, (*rest.candidates, candidate), start)
+                for candidate, log, start in self._scored(rest, library)
+                if not candidate.unnamed and candidate.name != gone.name and log > limit
+            ]
+            swapped = sorted(scored, key=lambda item: -item[0])[:SWAPPED]
+            starts += [(candidates, _bounded(candidates, start)) for _, candidates, start in swapped]
+            if rest.evidence > best.evidence - MARGIN:
+                starts.append((rest.candidates, _bounded(rest.candidates, rest.known.mean)))
         return starts
 
-    def _extensions(self, frontier: Sequence[Hypothesis], library: Sequence[Candidate]) -> list[Start]:
+    def _without(self, hypothesis: Hypothesis, gone: Candidate) -> Hypothesis:
+        """A hypothesis without one of its effects, to first order about it."""
+        keep = np.repeat([c is not gone for c in hypothesis.candidates], [len(v) for _, v in hypothesis.parameters])
+        slopes, y = hypothesis.slopes[:, keep.astype(np.bool_)], hypothesis.linear
+        candidates = tuple(c for c in hypothesis.candidates if c is not gone)
+        if not gone.scale:
+            others = tuple((c, v) for c, v in hypothesis.parameters if c is not gone)
+            before = (self.model.campaign.value - self.model.predict(others).values) / self.noise.sigma
+            y = y + before - hypothesis.residual
+        known = self.posterior(candidates, y, slopes)
+        log = known.log_evidence + self.log_prior(candidates)
+        parameters = _split(candidates, known.mean)
+        return Hypothesis(parameters, y - slopes @ known.mean, slopes, log, known, converged=False)
+
+    def _extensions(self, frontier: Sequence[Hypothesis]) -> list[Start]:
         """The most promising sets of one effect more, by their evidence to first order, each with a start."""
-        wanted = {id(c) for c in library}
         ranked: dict[tuple[str, ...], tuple[float, tuple[Candidate, ...], Array]] = {}
         derivatives = self._library_at(frontier[0])
         for hypothesis in frontier:
-            for candidate, log, start in self._scored(hypothesis, derivatives, wanted):
+            for candidate, log, start in self._scored(hypothesis, derivatives):
                 candidates = (*hypothesis.candidates, candidate)
-                key = tuple(sorted(f"{c.name} {len(c.scale)}" for c in candidates))
+                key = _key(candidates)
                 if key not in ranked or log > ranked[key][0]:
                     ranked[key] = (log, candidates, start)
         best = sorted(ranked.values(), key=lambda item: -item[0])[: FITTED if len(frontier) > 1 else 2 * FITTED]
@@ -308,9 +338,7 @@ class Problem:
         kept = [item for k, item in enumerate(best) if k < LEAST_FITTED or item[0] > top - behind]
         return [(candidates, _bounded(candidates, start)) for _, candidates, start in kept]
 
-    def _scored(
-        self, hypothesis: Hypothesis, library: Library, wanted: set[int]
-    ) -> Iterable[tuple[Candidate, float, Array]]:
+    def _scored(self, hypothesis: Hypothesis, library: Library) -> Iterable[tuple[Candidate, float, Array]]:
         """Every admitted effect beside a hypothesis: ln of evidence times prior, and the parameters, to first order."""
         k = len(hypothesis.values)
         own = self.errors.project(np.column_stack([hypothesis.slopes, hypothesis.linear]))
@@ -318,7 +346,7 @@ class Problem:
         across = self.errors.inner(library.projection, own)  # (q, c, k+1)
         alike: dict[tuple[int, bool], list[int]] = {}
         for number, candidate in enumerate(library.candidates):
-            if id(candidate) in wanted and self.model.admits((*hypothesis.candidates, candidate)):
+            if self.model.admits((*hypothesis.candidates, candidate)):
                 alike.setdefault((len(candidate.scale), candidate.positive), []).append(number)
         base = hypothesis.known.sizes * _scale(hypothesis.candidates)
         prior = hypothesis.known.averaging + self.log_prior(hypothesis.candidates)
@@ -346,6 +374,11 @@ class Problem:
                 total = float(np.logaddexp.reduce(log.ravel())) - float(np.log(log.shape[1]))
                 best = np.unravel_index(np.argmax(log), log.shape)
                 yield candidate, total + prior + self.log_prior([candidate]), mean[best]
+
+
+def _key(candidates: Sequence[Candidate]) -> tuple[str, ...]:
+    """What tells sets of effects apart: some effects come with fewer or more parameters."""
+    return tuple(sorted(f"{c.name} {len(c.scale)}" for c in candidates))
 
 
 def _cut(projection: Projection, columns: slice) -> Projection:
