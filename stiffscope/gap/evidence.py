@@ -149,6 +149,8 @@ class Posterior:
     """What averaging over prior sizes adds to ``log_evidence``."""
     settings: Array
     """(q,) probabilities of the errors' settings."""
+    plain: float
+    """ln p(y) without a discrepancy."""
     noise_factor: float = 1.0
     """Geometric mean of the common unknown factor on the noise."""
     discrepancy: float = 0.0
@@ -219,6 +221,7 @@ def posterior(
         chosen,
         averaging,
         share,
+        float(_sum(log[errors.sizes == 0.0, 0])) + averaging,
         float(np.exp(share @ np.log(errors.factors))),
         float(np.sqrt(share @ errors.sizes**2)),
     )

@@ -24,12 +24,13 @@ if TYPE_CHECKING:
     Codes = NDArray[np.int64]
     Flags = NDArray[np.bool_]
     Progress = Callable[[str, float], None]
-    Start = tuple[tuple[Candidate, ...], Array]
 
 PRIOR_ODDS = 0.5  # of one effect more, shared by all candidates
 UNNAMED_PENALTY = 3.0  # ln-odds by which a nuisance pattern is less likely than a word of the vocabulary
-BEAM_WIDTH = 6  # hypotheses of each size that are extended
-FITTED = 10  # nonlinear fits for each size at most; twice as many of single effects
+BEAM_WIDTH = 10  # hypotheses of each size that are extended, the best,
+BEAM_PLAIN = 4  # and the best without a discrepancy, which takes up what several effects leave only together
+FITTED = 20  # sets of each size at most that are considered for a nonlinear fit; twice as many of single effects,
+FITTED_PLAIN = 10  # and the best without a discrepancy
 LEAST_FITTED = 4  # however far behind to first order
 MARGIN = 30.0  # ln-odds behind the best to first order up to which a set is fitted,
 DOUBT = 0.2  # or this share of the best one's gain, since first order errs by a share of it
@@ -42,7 +43,7 @@ _CONVERGED = 1e-3  # of the cost, χ² with the weak prior
 _DAMPING = (1.0, 0.5, 0.25, 0.1, 0.02)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Hypothesis:
     """A set of effects, fitted."""
 
@@ -56,6 +57,11 @@ class Hypothesis:
     known: Posterior
     converged: bool = True
     """False where the fit was given up, far behind a better one."""
+
+    @property
+    def plain(self) -> float:
+        """Ln of evidence times prior odds without a discrepancy."""
+        return self.evidence - self.known.log_evidence + self.known.plain
 
     @cached_property
     def names(self) -> frozenset[str]:
@@ -91,6 +97,17 @@ class Hypothesis:
     def linear(self) -> Array:
         """Readings (n,) minus the prediction extrapolated to internal parameters of zero."""
         return self.residual + self.slopes @ self.values
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """A set of effects that is worth fitting, with what it promises to first order."""
+
+    candidates: tuple[Candidate, ...]
+    values: Array
+    """(k,) internal parameters."""
+    heights: tuple[float, float] = (np.inf, np.inf)
+    """Ln of evidence times prior odds, and the same without a discrepancy."""
 
 
 @dataclass(frozen=True)
@@ -159,9 +176,9 @@ class Problem:
         log = known.log_evidence + self.log_prior(candidates)
         converged = not len(u) or log > target - MARGIN - DOUBT * abs(log - self._nominal_evidence)
         if len(u) and converged:
-            u, residual, slopes = self._descend(candidates, u, residual, slopes, int(np.argmax(known.settings)))
+            u, residual, slopes, short = self._descend(candidates, u, residual, slopes, int(np.argmax(known.settings)))
             known = self.posterior(candidates, residual + slopes @ u, slopes)
-            log = known.log_evidence + self.log_prior(candidates)
+            log = known.log_evidence + self.log_prior(candidates) - 0.5 * short
         return Hypothesis(_split(candidates, u), residual, slopes, log, known, converged)
 
     @cached_property
@@ -170,20 +187,25 @@ class Problem:
 
     def _descend(
         self, candidates: Sequence[Candidate], u: Array, residual: Array, slopes: Array, setting: int
-    ) -> tuple[Array, Array, Array]:
-        """Gauss-Newton steps in one setting of the errors, damped where the cost would grow."""
+    ) -> tuple[Array, Array, Array, float]:
+        """Gauss-Newton steps in one setting of the errors, damped where the cost would grow.
+
+        The last number is by how much the cost stays above what the last derivatives promise: where a fit comes to
+        the end of what can be assembled, its evidence must not count what lies beyond.
+        """
         weak, positive, k = self.weak_precision(candidates), _positive(candidates), len(u)
 
         def inner_of(residual: Array, slopes: Array) -> Array:
             return self.errors.inner_at(setting, np.column_stack([slopes, residual]))
 
         inner = inner_of(residual, slopes)
-        cost = float(inner[k, k] + u**2 @ weak)
+        cost, short = float(inner[k, k] + u**2 @ weak), 0.0
         for _ in range(_STEPS):
             gram = inner[:k, :k]
             precision = gram + np.diag(weak)
             step = constrained_minima(precision, inner[:k, k] + gram @ u, positive)[0] - u
-            if step @ precision @ step < _CONVERGED:
+            short = float(step @ precision @ step)
+            if short < _CONVERGED:
                 break
             for damping in _DAMPING:
                 trial = _bounded(candidates, u + damping * step)
@@ -199,9 +221,10 @@ class Problem:
                 break
             gained = cost - lower
             u, cost, inner, (residual, slopes) = trial, lower, after, moved
-            if gained < _CONVERGED:
+            if gained < _CONVERGED and damping == _DAMPING[0]:
+                short = 0.0
                 break
-        return u, residual, slopes
+        return u, residual, slopes, short
 
     def _start(self, candidates: Sequence[Candidate], u: Array) -> tuple[Array, tuple[Array, Array]]:
         """The first of u, u/4, u/16 at which the model can be assembled, else nothing."""
@@ -259,30 +282,36 @@ class Problem:
         none = self.fit((), np.zeros(0))
         found: dict[tuple[str, ...], Hypothesis] = {(): none}
 
-        def fit(starts: Iterable[Start], stage: str) -> list[Hypothesis]:
-            todo = list(starts)
+        def fit(starts: Sequence[Start], base: tuple[float, float], stage: str) -> list[Hypothesis]:
+            """Fit what promises to compete with the best that was fitted, in the order of promise."""
             fits: list[Hypothesis] = []
-            for k, (candidates, start) in enumerate(todo):
+            for k, start in enumerate(starts):
                 if progress:
-                    progress(stage, k / len(todo))
-                key = _key(candidates)
+                    progress(stage, k / len(starts))
+                if k >= LEAST_FITTED and all(map(_hopeless, start.heights, _heights(fits), base)):
+                    continue
+                key = _key(start.candidates)
                 if key not in found or not found[key].converged:
-                    found[key] = self.fit(candidates, start, max((h.evidence for h in fits), default=-np.inf))
+                    target = max((h.plain for h in fits), default=-np.inf)
+                    found[key] = self.fit(start.candidates, start.values, target)
                 fits.append(found[key])
             return sorted(fits, key=lambda h: -h.evidence)
 
-        fit(((c, np.zeros(len(_scale(c)))) for c in self.model.tried), "effects")
+        tried = [Start(c, np.zeros(len(_scale(c)))) for c in self.model.tried]
+        fit(tried, _heights([none]), "effects")
         frontier = [none]
         for _ in range(ROUNDS):
-            before = frontier[0].evidence
+            before = _heights(frontier)
             while len(frontier[0].candidates) < self.model.most_effects:
                 stage = f"effects, {len(frontier[0].candidates) + 1} at once"
-                frontier = fit(self._extensions(frontier), stage)[:BEAM_WIDTH]
-                if not frontier or frontier[0].evidence < before + GAIN:
+                fits = fit(self._extensions(frontier), _heights(frontier), stage)
+                if not fits or all(now < then + GAIN for now, then in zip(_heights(fits), before, strict=True)):
                     break
-                before = max(before, frontier[0].evidence)
+                before = tuple(max(pair) for pair in zip(_heights(fits), before, strict=True))
+                plain = sorted(fits, key=lambda h: -h.plain)[:BEAM_PLAIN]
+                frontier = [*fits[:BEAM_WIDTH], *(h for h in plain if h not in fits[:BEAM_WIDTH])]
             best = max(found.values(), key=lambda h: h.evidence)
-            exchanged = fit(self._exchanges(best), "effects exchanged")
+            exchanged = fit(self._exchanges(best), _heights([best]), "effects exchanged")
             if not exchanged or exchanged[0].evidence < best.evidence + GAIN:
                 break
             frontier = exchanged[:1]
@@ -296,14 +325,15 @@ class Problem:
             rest = self._without(best, gone)
             limit = best.evidence - MARGIN - DOUBT * (best.evidence - rest.evidence)
             scored = [
-                (log, (*rest.candidates, candidate), start)
-                for candidate, log, start in self._scored(rest, library)
-                if not candidate.unnamed and candidate.name != gone.name and log > limit
+                start
+                for start in self._scored(rest, library)
+                if not start.candidates[-1].unnamed
+                and start.candidates[-1].name != gone.name
+                and start.heights[0] > limit
             ]
-            swapped = sorted(scored, key=lambda item: -item[0])[:SWAPPED]
-            starts += [(candidates, _bounded(candidates, start)) for _, candidates, start in swapped]
+            starts += sorted(scored, key=lambda start: -start.heights[0])[:SWAPPED]
             if rest.evidence > best.evidence - MARGIN:
-                starts.append((rest.candidates, _bounded(rest.candidates, rest.known.mean)))
+                starts.append(Start(rest.candidates, _bounded(rest.candidates, rest.known.mean)))
         return starts
 
     def _without(self, hypothesis: Hypothesis, gone: Candidate) -> Hypothesis:
@@ -322,28 +352,25 @@ class Problem:
 
     def _extensions(self, frontier: Sequence[Hypothesis]) -> list[Start]:
         """The most promising sets of one effect more, by their evidence to first order, each with a start."""
-        ranked: dict[tuple[str, ...], tuple[float, tuple[Candidate, ...], Array]] = {}
+        ranked: dict[tuple[str, ...], Start] = {}
         derivatives = self._library_at(frontier[0])
         for hypothesis in frontier:
-            for candidate, log, start in self._scored(hypothesis, derivatives):
-                candidates = (*hypothesis.candidates, candidate)
-                key = _key(candidates)
-                if key not in ranked or log > ranked[key][0]:
-                    ranked[key] = (log, candidates, start)
-        best = sorted(ranked.values(), key=lambda item: -item[0])[: FITTED if len(frontier) > 1 else 2 * FITTED]
-        if not best:
-            return []
-        top = best[0][0]
-        behind = max(MARGIN, DOUBT * (top - frontier[0].evidence))
-        kept = [item for k, item in enumerate(best) if k < LEAST_FITTED or item[0] > top - behind]
-        return [(candidates, _bounded(candidates, start)) for _, candidates, start in kept]
+            for start in self._scored(hypothesis, derivatives):
+                key = _key(start.candidates)
+                if key not in ranked or start.heights[1] > ranked[key].heights[1]:
+                    ranked[key] = start
+        most = FITTED if frontier[0].names else 2 * FITTED
+        order = sorted(ranked.values(), key=lambda start: -start.heights[0])[:most]
+        plain = sorted(ranked.values(), key=lambda start: -start.heights[1])[:FITTED_PLAIN]
+        return [*order, *(start for start in plain if start not in order)]
 
-    def _scored(self, hypothesis: Hypothesis, library: Library) -> Iterable[tuple[Candidate, float, Array]]:
-        """Every admitted effect beside a hypothesis: ln of evidence times prior, and the parameters, to first order."""
+    def _scored(self, hypothesis: Hypothesis, library: Library) -> Iterable[Start]:
+        """A hypothesis with every admitted effect more, to first order."""
         k = len(hypothesis.values)
         own = self.errors.project(np.column_stack([hypothesis.slopes, hypothesis.linear]))
         inner = self.errors.inner(own, own)  # (q, k+1, k+1)
         across = self.errors.inner(library.projection, own)  # (q, c, k+1)
+        without = self.errors.sizes == 0.0
         alike: dict[tuple[int, bool], list[int]] = {}
         for number, candidate in enumerate(library.candidates):
             if self.model.admits((*hypothesis.candidates, candidate)):
@@ -371,9 +398,21 @@ class Problem:
             logs, means, _ = log_evidences(grams, pulls, totals, self.errors.log_weight, scales, positive)
             for number, log, mean in zip(numbers, logs, means, strict=True):
                 candidate = library.candidates[number]
-                total = float(np.logaddexp.reduce(log.ravel())) - float(np.log(log.shape[1]))
                 best = np.unravel_index(np.argmax(log), log.shape)
-                yield candidate, total + prior + self.log_prior([candidate]), mean[best]
+                odds = prior + self.log_prior([candidate]) - float(np.log(log.shape[1]))
+                total, plain = (float(np.logaddexp.reduce(part.ravel())) for part in (log, log[without]))
+                candidates = (*hypothesis.candidates, candidate)
+                yield Start(candidates, _bounded(candidates, mean[best]), (total + odds, plain + odds))
+
+
+def _heights(fits: Sequence[Hypothesis]) -> tuple[float, float]:
+    """The best evidence, and the best without a discrepancy."""
+    return max(h.evidence for h in fits), max(h.plain for h in fits)
+
+
+def _hopeless(promised: float, best: float, base: float) -> bool:
+    """Whether a set is too far behind the best that was fitted, of which first order may miss a share of the gain."""
+    return promised < best - max(MARGIN, DOUBT * (best - base))
 
 
 def _key(candidates: Sequence[Candidate]) -> tuple[str, ...]:

@@ -136,17 +136,23 @@ def test_rivals_exclude_each_other():
     assert not any({"rival @ softer", "rival @ other"} <= names for names in sets)
 
 
-@pytest.mark.parametrize(("odds", "worthwhile"), [(0.15, False), (1.05, False), (1.2, True), (24.0, True)])
+@pytest.mark.parametrize(("odds", "worthwhile"), [(0.15, False), (0.9, False), (1.2, True), (24.0, True)])
 def test_a_measurement_is_suggested_only_where_it_helps(odds, worthwhile):
-    """Ln-odds of at least ln 3 = 1.0986 are expected of it: half the squared distance in standard deviations."""
+    """Ln-odds of at least 1 are expected of it: the mean of ln p1/p2 over readings drawn from the first explanation."""
     problem = Problem(ColumnModel(campaign(factors=(1.1,) * 6)), ColumnModel(campaign(factors=(1.1,) * 6)).noise())
     scale = next(c for c in problem.model.library if c.name == "scale @ all")
-    none, all_scaled = problem.fit((), np.zeros(0)), problem.fit([scale], np.array([0.1]))
+    none, scaled = problem.fit((), np.zeros(0)), problem.fit([scale], np.array([0.1]))
     values = problem.model.campaign.predictions["value"]
-    largest = np.abs(all_scaled.values[0]) * values
-    step = next_measurement(problem.model, largest / np.sqrt(2.0 * odds) * np.linspace(1.0, 2.0, 36), none, all_scaled)
+    sigma = np.abs(scaled.values[0]) * values / np.sqrt(2.0 * odds) * np.linspace(1.0, 2.0, 36)
+    spread = np.hypot(sigma[0], values[0] * np.sqrt(scaled.covariance[0, 0]))  # of the second's prediction
+    step = next_measurement(problem.model, sigma, none, scaled)
     if worthwhile:
-        assert step.expected_gain == pytest.approx(odds)
+        y = values[0] + sigma[0] * np.sqrt(2.0) * np.polynomial.hermite.hermgauss(20)[0]
+        weight = np.polynomial.hermite.hermgauss(20)[1] / np.sqrt(np.pi)
+        first = -0.5 * ((y - values[0]) / sigma[0]) ** 2 - np.log(sigma[0])
+        second = -0.5 * ((y - values[0] * (1.0 + scaled.values[0])) / spread) ** 2 - np.log(spread)
+        assert step.expected_gain == pytest.approx(weight @ (first - second))
+        assert step.expected_gain == pytest.approx(odds, rel=0.05)
         assert (step.pose, step.quantity) == ("P0", "kx")
     else:
         assert step is None
