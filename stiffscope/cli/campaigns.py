@@ -49,6 +49,7 @@ def diagnose(name: str, out: Path, *, target: str | None, adopt: Path | None, qu
     """
     from stiffscope.cli.showing import shown_workshop
     from stiffscope.gap.diagnosis import to_json
+    from stiffscope.gap.posterior_samples import write_posterior
     from stiffscope.jobs.adoption import check_target
     from stiffscope.jobs.campaigns import diagnose_case, open_case
     from stiffscope.report import gap_tables, tables
@@ -62,6 +63,8 @@ def diagnose(name: str, out: Path, *, target: str | None, adopt: Path | None, qu
         diagnosis, nominal = diagnose_case(case, shop)
         with files.staged_folder(out) as folder:
             files.write_json(folder / "diagnosis.json", to_json(diagnosis))
+            if diagnosis.samples is not None:
+                write_posterior(folder / "posterior.nc", diagnosis.samples)
             _write_page(case, nominal, diagnosis, folder)
             manifest.write(folder)
     if target:

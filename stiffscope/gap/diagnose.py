@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.stats import norm, truncnorm  # pyright: ignore[reportMissingTypeStubs]
 
 from stiffscope.errors import InputError
 from stiffscope.gap.column_model import ColumnModel
-from stiffscope.gap.diagnosis import Alternative, Diagnosis, Effect, Gap, Parameter
+from stiffscope.gap.diagnosis import Alternative, Diagnosis, Effect, Gap, HeldOut, Parameter, Possible, Sensitivity
 from stiffscope.gap.experiment_design import next_measurement
-from stiffscope.gap.findings import find
-from stiffscope.gap.forward_model import UNNAMED
-from stiffscope.gap.lack_of_fit import lack_of_fit
+from stiffscope.gap.findings import COMPETING, find
+from stiffscope.gap.lack_of_fit import correlation
 from stiffscope.gap.location import located, signature_correlation
+from stiffscope.gap.posterior_samples import drawn
 from stiffscope.gap.residuals import percent_noise
 from stiffscope.gap.robot_model import RobotModel
+from stiffscope.gap.verdict import doubtful, implausible, judged, own_part, physical_sigma, plausible, shares
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,20 +30,18 @@ if TYPE_CHECKING:
     from stiffscope.gap.findings import Findings
     from stiffscope.gap.forward_model import Candidate, ForwardModel
     from stiffscope.gap.search import Hypothesis
+    from stiffscope.gap.verdict import Judgement
     from stiffscope.robot.effects import NominalRobot
 
     Array = NDArray[np.floating[Any]]
     Progress = Callable[[str, float], None]
 
-CONFIDENT = 0.9  # probability from which effects are identified
-MAJORITY = 0.5  # probability from which there is no gap
-COMPETING = 0.02  # probability, over that of the best, from which a hypothesis still competes with it
-CONFUSED = 2  # other effects at most that one is said to be confused with
-FEW = 3  # readings a parameter below which nothing is identified
-SIGNIFICANT = 3.0  # standard deviations by which a parameter must leave its plausible range to count
 COMPARED = 50.0  # ln-odds up to which an alternative's parameters are looked at
-_LISTED = 12  # alternatives
-_NEAR = 8  # hypotheses, of which the first that is no extension of the best is to be separated from it
+POSSIBLE = 0.02  # probability from which an effect is worth naming as possible
+FACTOR = 10.0  # on the prior, either way, for the sensitivity of the verdict
+TAILS = (0.025, 0.975)
+_LISTED = 12  # alternatives, possible effects
+_RIVALS = 4  # hypotheses that a further reading is to separate from the best
 
 
 def diagnose(campaign: Campaign, robot: NominalRobot | None = None, progress: Progress | None = None) -> Diagnosis:
@@ -76,111 +77,124 @@ def forward_model(campaign: Campaign, robot: NominalRobot | None) -> ForwardMode
 
 def conclude(found: Findings) -> Diagnosis:
     """The verdict on a search, with every number that goes with it."""
-    best = found.best
-    objections = _objections(found)
-    remarks = [
+    judgement = judged(found)
+    reported = judgement.hypothesis
+    joint = found.best if reported.names <= found.best.names else reported
+    effects = _effects(found, judgement, joint)
+    residual = found.held_out_residual(reported)
+    check, held_out = _held_out_check(found, reported, residual)
+    gap = _gap(found, reported, residual)
+    beyond = judgement.verdict in {"partly", "unexplained"}
+    together = correlation(found, reported)
+    remarks = (
         *found.problem.noise.remarks,
         *found.model.remarks(found.problem.noise, found.residual(found.none)),
-        *objections,
-    ]
-    verdict, doubt = _verdict(found, objections)
-    effects = tuple(_effects(found, best)) if verdict in {"identified", "ambiguous"} else ()
-    gap = _gap(found)
+        *judgement.remarks,
+        *([] if beyond or not together else [f"{together}: intervals are widened by a discrepancy"]),
+        *_counts(found, reported),
+    )
     return Diagnosis(
-        verdict,
+        judgement.verdict,
         gap,
         effects,
-        _alternatives(found, best if effects else None),
-        located(found),
+        _alternatives(found, reported if effects else None),
+        located(found, reported, beyond=beyond),
         _next(found),
-        (*remarks, *doubt, *_counts(found)),
+        remarks,
         _steps(gap, effects),
         signature_correlation(found),
+        _possible(found, judgement),
+        _sensitivity(found, judgement),
+        check,
+        drawn(found, joint if effects else reported, judgement.effects, held_out),
     )
 
 
-def _verdict(found: Findings, objections: list[str]) -> tuple[str, list[str]]:
-    """The verdict, and what keeps it from being a better one."""
-    best = found.best
-    if objections:
-        return "unexplained", []
-    if not best.names:
-        return ("no-gap" if found.probability[0] > MAJORITY else "ambiguous"), []
-    count, parameters = int(found.used.sum()), len(best.values)
-    if count < FEW * (parameters + 1):
-        return "ambiguous", [f"{count} readings are too few to identify {parameters} parameters"]
-    return ("identified" if found.probability_of(best.names) >= CONFIDENT else "ambiguous"), []
-
-
-def _objections(found: Findings) -> list[str]:
-    """Why the best hypothesis explains nothing."""
-    best = found.best
-    unnamed = sorted(n.removeprefix(f"{UNNAMED} @ ") for n in best.names if n.startswith(UNNAMED))
-    out = [f"the readings follow {', '.join(unnamed)}, for which the vocabulary has no word"] if unnamed else []
-    out += [text for effect in _effects(found, best) for text in _implausible(effect)]
-    lacking = lack_of_fit(found, best)
-    out += [lacking] if lacking else []
-    if sum(bool(c.scale) for c in best.candidates) > found.model.most_effects and not unnamed:
-        out.append(f"the readings need {' and '.join(sorted(best.names))} jointly; no smaller set fits")
-    return out
-
-
-def _implausible(effect: Effect) -> list[str]:
-    return [
-        f"{effect.effect} @ {effect.place}: {name} of {p.value:.3g} {p.unit} is not plausible"
-        for name, p in effect.parameters.items()
-        if not p.plausible
-    ]
-
-
-def _effects(found: Findings, hypothesis: Hypothesis) -> list[Effect]:
+def _effects(found: Findings, judgement: Judgement, joint: Hypothesis) -> tuple[Effect, ...]:
+    """The named effects, the one with the greatest share first; parameters as fitted beside all that is likely."""
+    share = shares(found, judgement.hypothesis)
     out: list[Effect] = []
-    at = 0
-    for candidate, values in hypothesis.parameters:
-        own = slice(at, at + len(values))
-        at += len(values)
-        out.append(
-            Effect(
-                candidate.effect,
-                candidate.place,
-                found.probability_of(frozenset([candidate.name])),
-                found.percent_rms(found.alone(candidate)),
-                _parameters(candidate, np.array(values), hypothesis.covariance[own, own]),
-                (*candidate.twins, *_confused(found, hypothesis, candidate.name)),
-            )
+    for candidate in sorted(judgement.effects, key=lambda c: -share[c.name]):
+        group = found.group(candidate.name)
+        effect = Effect(
+            candidate.effect,
+            candidate.place,
+            found.probability_of([candidate.name]),
+            found.percent_rms(found.alone(candidate)),
+            _parameters(candidate, *own_part(joint, candidate.name)),
+            (*candidate.twins, *group.others),
+            share[candidate.name],
+            group.probability,
         )
-    return out
+        out.append(effect)
+    return tuple(out)
 
 
 def _parameters(candidate: Candidate, internal: Array, covariance: Array) -> dict[str, Parameter]:
-    """Physical parameters with their standard uncertainties, by the derivatives of the conversion."""
+    """Physical parameters with their standard uncertainties and intervals."""
     if not candidate.scale:
         return {}
-    steps = 1e-6 * np.array(candidate.scale)
-    slopes = [
-        (candidate.physical(internal + d) - candidate.physical(internal - d)) / (2.0 * step)
-        for d, step in zip(np.diag(steps), steps, strict=True)
-    ]
-    jacobian = np.stack(slopes, axis=1)
-    sigma = np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian).clip(min=0.0))
-    rows = zip(candidate.names, candidate.units, candidate.physical(internal), sigma, candidate.plausible, strict=True)
+    values, sigma = candidate.physical(internal), physical_sigma(candidate, internal, covariance)
+    intervals = _intervals(candidate, internal, covariance, values, sigma)
+    fine = plausible(candidate, values, sigma)
     return {
-        name: Parameter(float(v), float(s), unit, bool(low - SIGNIFICANT * s <= v <= high + SIGNIFICANT * s))
-        for name, unit, v, s, (low, high) in rows
+        name: Parameter(float(values[k]), float(sigma[k]), candidate.units[k], fine[k], intervals[k])
+        for k, name in enumerate(candidate.names)
     }
 
 
-def _confused(found: Findings, hypothesis: Hypothesis, name: str) -> list[str]:
-    """The most probable effects that could stand in this one's place, where that is worth naming."""
-    rest = hypothesis.names - {name}
-    own = found.probability[found.hypotheses.index(hypothesis)]
-    others: dict[str, float] = {}
-    for other, p in zip(found.hypotheses, found.probability, strict=True):
-        swapped = other.names - rest
-        if rest <= other.names and len(swapped) == 1 and name not in swapped and p > COMPETING * own:
-            others[next(iter(swapped))] = p
-    ranked = sorted((n for n in others if not n.startswith(UNNAMED)), key=lambda n: -others[n])
-    return ranked[:CONFUSED]
+def _intervals(
+    candidate: Candidate, internal: Array, covariance: Array, values: Array, sigma: Array
+) -> list[tuple[float, float]]:
+    """Intervals of 95 %: of one parameter by its quantiles, of several by their standard uncertainties."""
+    deviation = np.sqrt(np.diagonal(covariance).clip(min=1e-300))
+    if candidate.positive:
+        ends = [truncnorm.ppf(TAILS, -m / s, np.inf, loc=m, scale=s) for m, s in zip(internal, deviation, strict=True)]
+    else:
+        ends = [m + s * norm.ppf(TAILS) for m, s in zip(internal, deviation, strict=True)]
+    if len(values) == 1:
+        low, high = sorted(float(candidate.physical(np.array([end]))[0]) for end in ends[0])
+        return [(low, high)]
+    if candidate.positive:
+        sides = [candidate.physical(np.array([end[side] for end in ends])) for side in (0, 1)]
+        return [(float(min(a, b)), float(max(a, b))) for a, b in zip(*sides, strict=True)]
+    return [
+        (float(v + t * norm.ppf(TAILS[0])), float(v + t * norm.ppf(TAILS[1])))
+        for v, t in zip(values, sigma, strict=True)
+    ]
+
+
+def _possible(found: Findings, judgement: Judgement) -> tuple[Possible, ...]:
+    rows = doubtful(found, judgement.effects)[:_LISTED]
+    return tuple(Possible(*name.split(" @ ", 1), p) for name, p in rows if p >= POSSIBLE)  # type: ignore[arg-type]
+
+
+def _sensitivity(found: Findings, judgement: Judgement) -> tuple[Sensitivity, ...]:
+    """The verdict where the prior odds of an effect, or its prior sizes, are ten times as large or as small."""
+    problem = found.problem
+    others = {
+        "odds of an effect × 10": replace(problem, odds=problem.odds * FACTOR),
+        "odds of an effect / 10": replace(problem, odds=problem.odds / FACTOR),
+        "prior sizes × 10": replace(problem, widening=FACTOR),
+        "prior sizes / 10": replace(problem, widening=1.0 / FACTOR),
+    }
+    out: list[Sensitivity] = []
+    for prior, other in others.items():
+        under = found.under(other)
+        named = {c.name: under.probability_of([c.name]) for c in judgement.effects}
+        out.append(Sensitivity(prior, judged(under).verdict, named))
+    return tuple(out)
+
+
+def _held_out_check(found: Findings, hypothesis: Hypothesis, residual: Array) -> tuple[HeldOut | None, Array]:
+    """Readings at poses held out against their predictive distribution; and the standardized residuals (n,)."""
+    x = found.slopes(hypothesis)
+    z = residual / np.sqrt(1.0 + np.einsum("ni,ij,nj->n", x, hypothesis.covariance, x).clip(min=0.0))
+    seen = z[found.used]
+    if not len(seen):
+        return None, z
+    inside = float(np.mean(np.abs(seen) <= norm.ppf(TAILS[1])))
+    return HeldOut(inside, float(np.mean(seen**2))), np.where(found.used, z, np.nan)
 
 
 def _alternatives(found: Findings, best: Hypothesis | None) -> tuple[Alternative, ...]:
@@ -195,21 +209,24 @@ def _alternatives(found: Findings, best: Hypothesis | None) -> tuple[Alternative
         behind = found.best.evidence - hypothesis.evidence
         chi2 = found.chi2(hypothesis) / max(int(found.used.sum()), 1)
         why = f"ln-odds {behind:.1f} behind, χ² per reading {chi2:.3g}" if behind > 0.05 else "as good"
-        wrong = [t for e in _effects(found, hypothesis) for t in _implausible(e)] if behind < COMPARED else []
+        wrong = [t for c in candidates for t in implausible(c, hypothesis)] if behind < COMPARED else []
         effect, place = (" + ".join(words) for words in zip(*((c.effect, c.place) for c in candidates), strict=True))
         out.append(Alternative(effect, place, p, found.percent_rms(hypothesis), "; ".join([why, *wrong])))
     return tuple(out[:_LISTED])
 
 
-def _gap(found: Findings) -> Gap:
-    best, none = found.best, found.none
+def _gap(found: Findings, reported: Hypothesis, held_out: Array) -> Gap:
+    none = found.none
     count = max(int(found.used.sum()), 1)
+    explained, noise = found.percent_rms(reported), percent_noise(found.campaign, found.sigma, found.used)
     return Gap(
         found.percent_rms(none),
-        found.percent_rms(best),
-        found.held_out_percent_rms(best),
-        percent_noise(found.campaign, found.sigma, found.used),
-        (found.chi2(none) / count, found.chi2(best) / count),
+        explained,
+        found.percent_rms_by_pose(held_out),
+        noise,
+        (found.chi2(none) / count, found.chi2(reported) / count),
+        float(np.sqrt(max(explained**2 - noise**2, 0.0))),
+        100.0 * reported.known.discrepancy,
     )
 
 
@@ -221,15 +238,17 @@ def _steps(gap: Gap, effects: tuple[Effect, ...]) -> tuple[tuple[str, float], ..
 
 
 def _next(found: Findings) -> NextMeasurement | None:
-    """What separates the best hypothesis from the next one that is no extension of it."""
-    best = found.best
-    near = [h for h in found.hypotheses[1:_NEAR] if h.names and not best.names <= h.names]
-    return next_measurement(found.model, found.sigma, best, near[0]) if near and best.names else None
+    """What separates the best hypothesis from one that competes with it: the most probable that readings can."""
+    best, limit = found.best, COMPETING * found.probability[0]
+    rivals = [h for h, p in zip(found.hypotheses, found.probability, strict=True) if h is not best and p >= limit]
+    ranked = sorted(rivals[:_RIVALS], key=lambda h: best.names <= h.names)  # an extension of the best comes last
+    steps = (next_measurement(found.model, found.sigma, best, rival) for rival in ranked)
+    return next((step for step in steps if step), None)
 
 
-def _counts(found: Findings) -> list[str]:
+def _counts(found: Findings, reported: Hypothesis) -> list[str]:
     """Readings, parameters and evidence in figures."""
-    count, parameters = int(found.used.sum()), len(found.best.values)
+    count, parameters = int(found.used.sum()), len(reported.values)
     factor = found.best.noise_factor
     scaled = bool(found.problem.noise.scaled.any())
     gain = found.best.evidence - found.none.evidence

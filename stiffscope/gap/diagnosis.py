@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field
-from typing import Any, cast
+from dataclasses import asdict, dataclass, field, replace
+from typing import TYPE_CHECKING, Any, cast
+
+if TYPE_CHECKING:
+    from stiffscope.gap.posterior_samples import Samples
 
 
 def _empty_places() -> dict[str, float]:
@@ -23,6 +26,8 @@ class Parameter:
     sigma: float
     unit: str
     plausible: bool = True
+    interval: tuple[float, float] = (math.nan, math.nan)
+    """Holds the true value with a probability of 95 %."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +42,19 @@ class Effect:
     parameters: dict[str, Parameter] = field(default_factory=_empty_parameters)
     confused_with: tuple[str, ...] = ()
     """Effects, as `effect @ place`, that these readings cannot distinguish from it."""
+    share: float = math.nan
+    """Part of the explained misfit that is its own, by Shapley's value; the shares of all effects add up to 1."""
+    group_probability: float = math.nan
+    """Probability that it or one of what it is confused with is at work."""
+
+
+@dataclass(frozen=True)
+class Possible:
+    """An effect that may be at work, with nothing certain about it."""
+
+    effect: str
+    place: str
+    probability: float
 
 
 @dataclass(frozen=True)
@@ -59,6 +77,10 @@ class Gap:
     held_out: float
     noise: float
     chi2_per_reading: tuple[float, float]
+    left: float = math.nan
+    """What is left beyond the noise, % rms: sqrt(explained² - noise²)."""
+    discrepancy: float = math.nan
+    """Size of an unknown cause beside the effects as inferred, % of the readings; 0 where nothing speaks for one."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +94,8 @@ class Where:
     """Rms of the residuals in standard deviations, pose by direction (x y z rx ry rz); NaN where nothing was read."""
     unexplained: tuple[tuple[float, ...], ...] = ()
     """The same with the diagnosed effects."""
+    left: dict[str, float] = field(default_factory=_empty_places)
+    """By direction, of what the diagnosed effects leave; empty where they bring the gap to the noise."""
 
 
 @dataclass(frozen=True)
@@ -88,11 +112,32 @@ class NextMeasurement:
 
 
 @dataclass(frozen=True)
+class Sensitivity:
+    """The verdict under another prior."""
+
+    prior: str
+    """What is ten times as large or as small."""
+    verdict: str
+    probability: dict[str, float] = field(default_factory=_empty_places)
+    """Of every effect named, as `effect @ place`."""
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Readings predicted by the effects as fitted without their pose."""
+
+    inside_95: float
+    """Share of them within their 95 % predictive interval."""
+    chi2_per_reading: float
+    """By the predictive standard deviation."""
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """Verdict, gap, effects and alternatives, location, next measurement."""
 
     verdict: str
-    """identified, ambiguous, unexplained or no-gap."""
+    """identified, partly, ambiguous, unexplained or no-gap."""
     gap: Gap
     effects: tuple[Effect, ...]
     alternatives: tuple[Alternative, ...]
@@ -103,12 +148,18 @@ class Diagnosis:
     """The gap in % rms before, after each effect alone, together, held out, and by the noise alone."""
     signature_correlation: tuple[tuple[str, ...], tuple[tuple[float, ...], ...]] = ((), ())
     """Effects and |cosine| between their signatures; 1: indistinguishable from these readings."""
+    possible: tuple[Possible, ...] = ()
+    """Effects that are merely possible beside the named ones."""
+    sensitivity: tuple[Sensitivity, ...] = ()
+    held_out_check: HeldOut | None = None
+    samples: Samples | None = field(default=None, repr=False, compare=False)
+    """Draws from the posterior, for `posterior.nc` and the figures."""
 
 
 def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
     """The diagnosis as the plain data of `diagnosis.json`; a number that does not exist is null."""
-    data = asdict(diagnosis)
-    del data["steps"], data["signature_correlation"]
+    data = asdict(replace(diagnosis, samples=None))
+    del data["steps"], data["signature_correlation"], data["samples"]
     data["gap"]["unit"] = "% rms"
     data["where"]["poses"] = data["where"].pop("pose_names")
     step = data["next_measurement"]

@@ -12,20 +12,18 @@ from stiffscope.gap.quantities import DEVIATION, QUANTITIES
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from stiffscope.gap.forward_model import ForwardModel
+    from stiffscope.gap.forward_model import ForwardModel, Trial
     from stiffscope.gap.search import Hypothesis
 
     Array = NDArray[np.floating[Any]]
 
-WORTHWHILE = float(np.log(3.0))  # expected ln-odds from which a reading is worth taking
+WORTHWHILE = 1.0  # expected ln-odds from which a reading is worth taking
 
 
 def next_measurement(
     model: ForwardModel, sigma: Array, first: Hypothesis, second: Hypothesis
 ) -> NextMeasurement | None:
     """Return the measurement with the greatest expected ln-odds between two explanations.
-
-    The expected ln-odds are half the squared distance of their predictions in standard deviations.
 
     Parameters
     ----------
@@ -34,7 +32,7 @@ def next_measurement(
     sigma
         (n,) noise of the campaign's readings.
     first, second
-        The explanations.
+        The explanations; the first is taken to be true.
 
     Returns
     -------
@@ -42,8 +40,7 @@ def next_measurement(
 
     """
     trial = model.trial(sigma)
-    first_values, second_values = (trial.model.predict(h.parameters).values for h in (first, second))
-    gain = 0.5 * np.bincount(trial.group, ((first_values - second_values) / trial.sigma) ** 2)
+    gain = expected_log_odds(trial, first, second)
     best = int(np.argmax(gain))
     if not gain[best] >= WORTHWHILE:
         return None
@@ -59,3 +56,38 @@ def next_measurement(
     wrench = None if np.isnan(c.wrench[row]).any() else tuple(float(w) for w in c.wrench[row])
     quantity = kind if len(rows) > 1 else QUANTITIES[code]
     return NextMeasurement(separates, float(gain[best]), at, wrench, None, quantity)
+
+
+def expected_log_odds(trial: Trial, first: Hypothesis, second: Hypothesis) -> Array:
+    """Expected ln-odds (g,) of each measurement between two explanations, if the first is true.
+
+    The relative entropy of their predictive distributions: Gaussians with the noise and with what is unknown of their
+    parameters. A difference that the second's parameters can take up thus counts for nothing.
+
+    References
+    ----------
+    MacKay, Information-based objective functions for active data selection, Neural Computation 4 (1992), 590-604.
+
+    """
+    (m1, x1), (m2, x2) = (_predicted(trial, h) for h in (first, second))
+    gain = np.zeros(int(trial.group.max()) + 1)
+    order = np.argsort(trial.group, kind="stable")
+    groups, starts, counts = np.unique(trial.group[order], return_index=True, return_counts=True)
+    for count in np.unique(counts):
+        rows = order[starts[counts == count][:, None] + np.arange(count)]  # (m, count)
+        difference = (m2 - m1)[rows]
+        s1, s2 = (
+            np.eye(count) + x[rows] @ h.covariance @ np.swapaxes(x[rows], 1, 2) for x, h in ((x1, first), (x2, second))
+        )
+        volume = np.linalg.slogdet(s2)[1] - np.linalg.slogdet(s1)[1]
+        trace = np.trace(np.linalg.solve(s2, s1), axis1=1, axis2=2)
+        distance = np.einsum("mi,mi->m", difference, np.linalg.solve(s2, difference[..., None])[..., 0])
+        gain[groups[counts == count]] = 0.5 * (distance + trace - count + volume)
+    return gain
+
+
+def _predicted(trial: Trial, hypothesis: Hypothesis) -> tuple[Array, Array]:
+    """Readings (n,) and their derivatives (n, k) in standard deviations."""
+    prediction = trial.model.predict(hypothesis.parameters)
+    columns = [np.zeros((len(trial.sigma), 0)), *(prediction.columns(c) for c in hypothesis.candidates)]
+    return prediction.values / trial.sigma, np.hstack(columns) / trial.sigma[:, None]

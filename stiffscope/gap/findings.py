@@ -12,14 +12,30 @@ from stiffscope.gap.residuals import percent_rms
 from stiffscope.gap.search import Problem
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from numpy.typing import NDArray
 
     from stiffscope.gap.campaign import Campaign
-    from stiffscope.gap.forward_model import Candidate, ForwardModel
+    from stiffscope.gap.forward_model import Candidate, ForwardModel, Noise
     from stiffscope.gap.search import Hypothesis, Progress
 
     Array = NDArray[np.floating[Any]]
     Flags = NDArray[np.bool_]
+
+CONFUSED = 2  # other effects at most that one is said to be confused with
+COMPETING = 0.02  # probability, over that of the best, from which a hypothesis still competes with it
+NEAR = 40.0  # ln-odds up to which another prior may change the order
+COPIES = 0.9  # share of the repeated readings that repeat the value as well, from which they are copies
+
+
+@dataclass(frozen=True)
+class Group:
+    """An effect with what these readings cannot tell from it."""
+
+    others: tuple[str, ...]
+    probability: float
+    """That the effect or one of the others is at work."""
 
 
 @dataclass(frozen=True)
@@ -64,14 +80,50 @@ class Findings:
         """Standard deviations (n,) of the readings, an unknown factor as the best hypothesis leaves it."""
         return self.problem.noise.sigma / self._whitening
 
-    def probability_of(self, names: frozenset[str]) -> float:
-        """Probability that all these effects are at work."""
-        return float(sum(p for h, p in zip(self.hypotheses, self.probability, strict=True) if names <= h.names))
+    def under(self, problem: Problem) -> Findings:
+        """The same hypotheses under another prior."""
+        near = [h for h in self.hypotheses if not h.names or h.evidence > self.best.evidence - NEAR]
+        return _ranked(problem, [(h, problem.reweighted(h)) for h in near])
+
+    def probability_of(self, names: Iterable[str]) -> float:
+        """Probability that at least one of these effects is at work."""
+        wanted = frozenset(names)
+        return float(sum(p for h, p in zip(self.hypotheses, self.probability, strict=True) if wanted & h.names))
+
+    def group(self, name: str) -> Group:
+        """An effect of the best hypothesis with the most probable ones that stand in its place in others."""
+        others: list[str] = []
+        rest = self.best.names - {name}
+        while len(others) < CONFUSED:
+            known = {name, *others}
+            gains: dict[str, float] = {}
+            for hypothesis, p in zip(self.hypotheses, self.probability, strict=True):
+                if known & hypothesis.names:
+                    continue
+                for other in hypothesis.words:
+                    if other.name not in self.best.names:
+                        alone = rest <= hypothesis.names and len(hypothesis.names - rest) == 1
+                        gains[other.name] = gains.get(other.name, 0.0) + p * (1.0 if alone else 0.5)
+            best = max(gains, key=lambda n: gains[n], default="")
+            if not best or gains[best] <= COMPETING * self.probability[0]:
+                break
+            others.append(best)
+        return Group(tuple(others), self.probability_of([name, *others]))
+
+    def of(self, candidates: Iterable[Candidate]) -> Hypothesis:
+        """The hypothesis of some effects of the best one, fitted."""
+        chosen = {c.name for c in candidates}
+        known = next((h for h in self.hypotheses if h.names == chosen), None)
+        if known and known.converged:
+            return known
+        kept = [(c, values) for c, values in self.best.parameters if c.name in chosen]
+        return self.problem.fit([c for c, _ in kept], np.array([v for _, values in kept for v in values]))
 
     def alone(self, candidate: Candidate) -> Hypothesis:
         """The hypothesis of one effect alone."""
         known = next((h for h in self.hypotheses if h.names == frozenset([candidate.name])), None)
-        return known or self.problem.fit([candidate], np.zeros(len(candidate.scale)))
+        start = known.values if known else np.zeros(len(candidate.scale))
+        return known if known and known.converged else self.problem.fit([candidate], start)
 
     def predicted(self, hypothesis: Hypothesis) -> Array:
         """What a hypothesis says the readings (n,) are."""
@@ -93,14 +145,24 @@ class Findings:
         """The gap that a hypothesis leaves, % rms."""
         return percent_rms(self.campaign, self.predicted(hypothesis), self.sigma, self.used)
 
-    def held_out_percent_rms(self, hypothesis: Hypothesis) -> float:
-        """% rms at each pose by the effects fitted without it, mean over poses; one linear step from the full fit."""
-        scores: list[float] = []
+    def held_out_residual(self, hypothesis: Hypothesis) -> Array:
+        """Residuals (n,) in standard deviations by the effects fitted without each pose, one linear step away."""
+        out = self.residual(hypothesis).copy()
         for pose in range(len(self.campaign.pose_names)):
             here = self.used & (self.campaign.pose == pose)
             if here.any():
-                moved = hypothesis.slopes @ self._change_without(hypothesis, here) * self.problem.noise.sigma
-                scores.append(percent_rms(self.campaign, self.predicted(hypothesis) + moved, self.sigma, here))
+                change = self._change_without(hypothesis, here)
+                out[here] -= self.slopes(hypothesis)[here] @ change
+        return out
+
+    def percent_rms_by_pose(self, residual: Array) -> float:
+        """% rms of residuals (n,) in standard deviations, mean over poses."""
+        model = self.campaign.value - residual * self.sigma
+        scores = [
+            percent_rms(self.campaign, model, self.sigma, here)
+            for pose in range(len(self.campaign.pose_names))
+            if (here := self.used & (self.campaign.pose == pose)).any()
+        ]
         return float(np.mean(scores)) if scores else float("nan")
 
     def _change_without(self, hypothesis: Hypothesis, here: Flags) -> Array:
@@ -110,7 +172,7 @@ class Findings:
             return np.zeros(0)
         if noise.scaled.any():  # a noise of unknown size is estimated anew
             rest = Problem(self.model, replace(noise, used=noise.used & ~here))
-            return rest.posterior(hypothesis.candidates, r + x @ hypothesis.values, x).mean - hypothesis.values
+            return rest.posterior(hypothesis.candidates, hypothesis.linear, x).mean - hypothesis.values
         left = x[self.used & ~here]
         weak = np.diag(self.problem.weak_precision(hypothesis.candidates))
         return -np.linalg.pinv(left.T @ left + weak, rcond=1e-12) @ (x[here].T @ r[here])
@@ -118,11 +180,31 @@ class Findings:
 
 def find(model: ForwardModel, progress: Progress | None = None) -> Findings:
     """Search a model's effects and nuisance patterns for those that explain its campaign."""
-    problem = Problem(model, model.noise())
+    problem = Problem(model, _without_copies(model.campaign, model.noise()))
     distinct: dict[frozenset[str], Hypothesis] = {}
     for hypothesis in problem.search(progress):  # the best fit of every set of effects
         distinct.setdefault(hypothesis.names, hypothesis)
-    hypotheses = tuple(distinct.values())
-    log = np.array([h.evidence for h in hypotheses])
+    return _ranked(problem, [(h, h.evidence) for h in distinct.values()])
+
+
+def _ranked(problem: Problem, scored: list[tuple[Hypothesis, float]]) -> Findings:
+    """Hypotheses with their share of all evidence, the best first."""
+    order = sorted(scored, key=lambda item: -item[1])
+    log = np.array([evidence for _, evidence in order])
     weight = np.exp(log - log.max())
-    return Findings(problem, hypotheses, tuple((weight / weight.sum()).tolist()))
+    return Findings(problem, tuple(h for h, _ in order), tuple((weight / weight.sum()).tolist()))
+
+
+def _without_copies(c: Campaign, noise: Noise) -> Noise:
+    """The noise with readings left out that are copies of others: a table twice says no more than once."""
+    cell = np.column_stack([c.pose, c.quantity, c.session, np.nan_to_num(c.wrench), np.nan_to_num(c.sigma)])
+    whole = np.column_stack([cell, c.value])
+    repeated = len(c) - len(np.unique(cell, axis=0))
+    first = np.unique(whole, axis=0, return_index=True)[1]
+    copies = len(c) - len(first)
+    if not copies or copies < COPIES * repeated:
+        return noise
+    once = np.zeros(len(c), dtype=np.bool_)
+    once[first] = True
+    remark = f"{copies} readings repeat others to the last digit and were counted once"
+    return replace(noise, used=noise.used & once, remarks=(*noise.remarks, remark))

@@ -16,24 +16,35 @@ if TYPE_CHECKING:
     Array = NDArray[np.floating[Any]]
 
 SIGNIFICANCE = 1e-3  # of the χ² tests
+CORROBORATED = 0.05  # significance of χ² in all that suffices where residuals are correlated within groups
 NEGLIGIBLE = 1.03  # χ² per degree of freedom below which lack of fit is ignored
-MODEL_ERROR = 0.002  # share of the explained χ² that the forward model's own small errors may leave
+MODEL_ERROR = 0.002  # share of the explained χ² that the forward model's own small errors may leave,
+MODEL_NOISE = 1.2  # as long as that is at most so many times the noise
 ENOUGH = 60  # readings from which group means are tested
 _OBSERVABLE = 0.05  # share of a group mean that the fit has left to be seen
 
 
 def lack_of_fit(found: Findings, hypothesis: Hypothesis) -> str:
-    """What the residuals of a hypothesis show beyond the noise; empty if nothing.
+    """What the residuals of a hypothesis show beyond the noise; empty if they are as large as the noise.
 
     A lack of fit that is negligible beside the gap that the hypothesis closes is left to the model's own small errors.
+    Correlated residuals alone are none: the gap is then at the noise, and the discrepancy widens the intervals.
     """
+    dof, total = _degrees(found, hypothesis), found.chi2(hypothesis)
+    p = _tail(total, dof)
+    if total - dof <= max((NEGLIGIBLE - 1.0) * dof, _ignored(found, dof)) or p >= CORROBORATED:
+        return ""
+    together = correlation(found, hypothesis)
+    if p >= SIGNIFICANCE and not together:
+        return ""
+    left = f"the residuals are {np.sqrt(total / dof):.3g} times the noise"
+    return f"{left}; {together}" if together else left
+
+
+def correlation(found: Findings, hypothesis: Hypothesis) -> str:
+    """How the residuals of a hypothesis are correlated, which noise is not; empty if they are not."""
     c, used = found.campaign, found.used
     r = found.residual(hypothesis)[used]
-    dof = max(len(r) - len(hypothesis.values), 1)
-    total = found.chi2(hypothesis)
-    ignored = MODEL_ERROR * max(found.chi2(found.none) - dof, 0.0)
-    if total - dof > max((NEGLIGIBLE - 1.0) * dof, ignored) and _tail(total, dof) < SIGNIFICANCE:
-        return f"the residuals are {np.sqrt(total / dof):.2g} times the noise"
     if len(r) < ENOUGH or np.isnan(c.sigma).any():
         return ""
     loads = np.unique(np.nan_to_num(c.wrench[used]), axis=0, return_inverse=True)[1].ravel()
@@ -45,12 +56,22 @@ def lack_of_fit(found: Findings, hypothesis: Hypothesis) -> str:
         "session and direction": c.session[used] * 6 + axis,
     }
     x = found.slopes(hypothesis)[used]
+    ignored = _ignored(found, _degrees(found, hypothesis))
     for name, group in groups.items():
         total, dof = _of_group_means(r, group, x)
         p = _tail(total, dof)
         if p * len(groups) < SIGNIFICANCE and total - dof > ignored:
             return f"the residuals are correlated within each {name} (p = {p:.1g})"
     return ""
+
+
+def _degrees(found: Findings, hypothesis: Hypothesis) -> int:
+    return max(int(found.used.sum()) - len(hypothesis.values), 1)
+
+
+def _ignored(found: Findings, dof: int) -> float:
+    """Excess of χ² that is left to the forward model's own errors."""
+    return float(np.clip(MODEL_ERROR * (found.chi2(found.none) - dof), 0.0, (MODEL_NOISE**2 - 1.0) * dof))
 
 
 def _tail(total: float, dof: int) -> float:

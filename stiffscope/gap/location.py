@@ -11,21 +11,31 @@ from stiffscope.gap.diagnosis import Where
 from stiffscope.gap.residuals import by_direction, by_pose
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
     from stiffscope.gap.findings import Findings
     from stiffscope.gap.forward_model import Candidate
+    from stiffscope.gap.search import Hypothesis
 
     Array = NDArray[np.floating[Any]]
 
 _SHOWN = 1e-3  # least share of a component
 
 
-def located(found: Findings) -> Where:
-    """Where the nominal model's residuals lie, and where the best hypothesis leaves them."""
+def located(found: Findings, reported: Hypothesis, *, beyond: bool) -> Where:
+    """Where the nominal model's residuals lie, and where a hypothesis leaves them; ``beyond`` the noise or not."""
     c = found.campaign
-    before, after = (np.where(found.used, found.residual(h), 0.0) for h in (found.none, found.best))
-    return Where(by_direction(c, before), component_shares(found), c.pose_names, by_pose(c, before), by_pose(c, after))
+    before, after = (np.where(found.used, found.residual(h), 0.0) for h in (found.none, reported))
+    return Where(
+        by_direction(c, before),
+        component_shares(found),
+        c.pose_names,
+        by_pose(c, before),
+        by_pose(c, after),
+        by_direction(c, after) if beyond else {},
+    )
 
 
 def component_shares(found: Findings) -> dict[str, float]:
@@ -33,13 +43,12 @@ def component_shares(found: Findings) -> dict[str, float]:
 
     The residuals are approximated by the non-negative combination of what each component alone would explain of them.
     """
-    prediction = found.model.predict()
     r = found.residual(found.none)[found.used]
     parts: dict[str, Array] = {}
-    for candidate in found.model.library:
+    for candidate, columns in _nominal_columns(found):
         if not candidate.component:
             continue
-        x = (prediction.columns(candidate) / found.sigma[:, None])[found.used] * np.array(candidate.scale)
+        x = columns[found.used] * np.array(candidate.scale)
         gram = x.T @ x
         ridge = np.eye(len(gram)) * (1e-9 * float(np.trace(gram)) + 1e-12)
         part = x @ np.linalg.solve(gram + ridge, x.T @ r)
@@ -56,11 +65,19 @@ def component_shares(found: Findings) -> dict[str, float]:
 
 def signature_correlation(found: Findings) -> tuple[tuple[str, ...], tuple[tuple[float, ...], ...]]:
     """|cosine| between the signatures of single-parameter effects in these readings; 1: indistinguishable."""
-    singles: list[Candidate] = [c for c in found.model.library if len(c.scale) == 1 and not c.unnamed]
+    singles = [(c, x) for c, x in _nominal_columns(found) if len(c.scale) == 1 and not c.unnamed]
     if not singles:
         return (), ()
-    prediction = found.model.predict()
-    x = np.hstack([prediction.columns(c) for c in singles]) / found.sigma[:, None]
+    x = np.hstack([columns for _, columns in singles])
     size = np.linalg.norm(x, axis=0)
     x = x / np.where(size > 0.0, size, 1.0)
-    return tuple(c.name for c in singles), tuple(tuple(row) for row in np.abs(x.T @ x).tolist())
+    return tuple(c.name for c, _ in singles), tuple(tuple(row) for row in np.abs(x.T @ x).tolist())
+
+
+def _nominal_columns(found: Findings) -> Iterator[tuple[Candidate, Array]]:
+    """Every effect that has parameters with its derivatives (n, k) of the nominal model, in standard deviations."""
+    library = found.problem.nominal
+    whitening = (found.problem.noise.sigma / found.sigma)[:, None]
+    for candidate, here in zip(library.candidates, library.columns, strict=True):
+        if candidate.scale:
+            yield candidate, library.values[:, here] * whitening

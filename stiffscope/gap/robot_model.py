@@ -234,7 +234,7 @@ class RobotModel:
     nominal: NominalRobot
     without: str = ""
     """An effect that is left out of the library."""
-    most_effects: int = 2
+    most_effects: int = 5
     tried: tuple[tuple[Candidate, ...], ...] = ()
     prior_sizes: Array = field(default_factory=lambda: np.geomspace(0.03, 10.0, 6))
 

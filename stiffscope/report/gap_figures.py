@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: waterfall of the gap, residuals by pose and direction, correlation of signatures."""
+"""Figures of a diagnosis: waterfall, posterior, residuals, predictive check, signatures, reliability."""
 
 from __future__ import annotations
 
@@ -20,12 +20,16 @@ from stiffscope.report.figures import (
 from stiffscope.report.text import DIRECTIONS, label, steps
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from stiffscope.gap.calibration import ReliabilityRow
     from stiffscope.gap.diagnosis import Diagnosis
 
+CORNERS = 10  # parameters at most in a corner plot
 NAMED = 40  # poses that a map has room to name
 STEPS = {
     "nominal": ("the model as it is", BEFORE),
@@ -37,7 +41,13 @@ STEPS = {
 
 def draw_figures(diagnosis: Diagnosis, folder: Path) -> list[str]:
     """Write what there is to show of a diagnosis as SVG and PNG; returns the figures' names."""
-    figures = {"waterfall": waterfall, "residuals": residual_map, "signatures": signature_correlation}
+    figures = {
+        "waterfall": waterfall,
+        "corner": corner,
+        "residuals": residual_map,
+        "predictive": predictive_check,
+        "signatures": signature_correlation,
+    }
     return save_figures(folder, {stem: lambda draw=draw: draw(diagnosis) for stem, draw in figures.items()})
 
 
@@ -124,3 +134,84 @@ def _clustered(correlation: np.ndarray) -> list[int]:
     np.fill_diagonal(distance, 0.0)
     condensed = squareform(distance, checks=False)
     return [int(k) for k in leaves_list(optimal_leaf_ordering(linkage(condensed, "average"), condensed))]
+
+
+def corner(diagnosis: Diagnosis) -> Figure | None:
+    """Draw the joint posterior of the named effects' parameters; None without any, or with too many to see."""
+    if diagnosis.samples is None:
+        return None
+    units = diagnosis.samples.units
+    draws = {name: v.ravel() for name, v in diagnosis.samples.parameters.items() if " @ " in name and np.ptp(v) > 0.0}
+    if not 0 < len(draws) <= CORNERS:
+        return None
+    n = len(draws)
+    figure = new_figure(2.2 * n + 1.2, 2.0 * n + 0.9, "Posterior of the parameters")
+    panels = np.atleast_2d(figure.subplots(n, n))
+    names = list(draws)
+    for i, row in enumerate(names):
+        for j, column in enumerate(names):
+            axes = panels[i, j]
+            axes.tick_params(labelsize=7)
+            axes.ticklabel_format(style="sci", scilimits=(-2, 3), useMathText=False)
+            if j > i:
+                axes.set_visible(False)
+            elif i == j:
+                axes.hist(draws[row], bins=40, color=EFFECT)
+                axes.set_yticks([])
+            else:
+                _contours(axes, draws[column], draws[row])
+            if i == n - 1:
+                axes.set_xlabel(_axis_label(column, units[column]), fontsize=7, parse_math=False)
+            if j == 0 and i:
+                axes.set_ylabel(_axis_label(row, units[row]), fontsize=7, parse_math=False)
+    return figure
+
+
+def _axis_label(name: str, unit: str) -> str:
+    key, parameter = name.rsplit(": ", 1)
+    return f"{label(key)}\n{parameter}" + (f", {unit}" if unit != "1" else "")
+
+
+def _contours(axes: Axes, x: np.ndarray, y: np.ndarray) -> None:
+    """Draw the regions that hold 50 % and 95 % of the draws."""
+    counts, x_edges, y_edges = np.histogram2d(x, y, bins=24)
+    order = np.sort(counts.ravel())[::-1]
+    held = np.cumsum(order) / order.sum()
+    levels = sorted({float(order[np.searchsorted(held, part)]) for part in (0.95, 0.5)} - {0.0})
+    axes.plot(x[::4], y[::4], ",", color=NOISE)
+    if levels:
+        middle_x, middle_y = (0.5 * (edges[1:] + edges[:-1]) for edges in (x_edges, y_edges))
+        axes.contour(middle_x, middle_y, counts.T, levels=levels, colors=AFTER, linewidths=1.0)
+
+
+def predictive_check(diagnosis: Diagnosis) -> Figure | None:
+    """Draw the residuals at poses held out, in predictive standard deviations, beside the normal distribution."""
+    samples = diagnosis.samples
+    if samples is None or not np.isfinite(samples.held_out).any():
+        return None
+    z = samples.held_out[np.isfinite(samples.held_out)]
+    figure = new_figure(6.4, 3.0, "Readings at poses held out against their prediction")
+    axes = figure.subplots()
+    edges = np.linspace(-5.0, 5.0, 51)
+    axes.hist(z.clip(-5.0, 5.0), bins=edges.tolist(), density=True, color=NOISE, label="readings")
+    axes.plot(edges, np.exp(-0.5 * edges**2) / np.sqrt(2.0 * np.pi), color=AFTER, label="predicted")
+    axes.set_xlabel("residual / predictive standard deviation")
+    axes.set_yticks([])
+    axes.legend(frameon=False, fontsize=8)
+    axes.spines[["top", "right", "left"]].set_visible(False)
+    return figure
+
+
+def reliability_diagram(table: Sequence[ReliabilityRow]) -> Figure:
+    """Draw the share of effects that were there against the probability that was stated for them."""
+    figure = new_figure(4.6, 4.6, "Reliability of the stated probabilities")
+    axes = figure.subplots()
+    stated, there, error = ([getattr(row, key) for row in table] for key in ("stated", "there", "error"))
+    axes.plot([0, 1], [0, 1], color=NOISE, lw=1.0)
+    axes.errorbar(stated, there, yerr=error, fmt="o", color=AFTER, ms=5, lw=1.0)
+    for row in table:
+        axes.annotate(str(row.count), (row.stated, row.there), (4, -10), textcoords="offset points", fontsize=7)
+    axes.set_xlabel("stated probability")
+    axes.set_ylabel("share that was there")
+    axes.set(xlim=(0, 1), ylim=(0, 1), aspect="equal")
+    return figure

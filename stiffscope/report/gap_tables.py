@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from stiffscope.report import text
@@ -24,9 +25,11 @@ def show_diagnosis(diagnosis: Diagnosis, slider: np.ndarray | None) -> None:
     _show_gap(diagnosis)
     if diagnosis.alternatives:
         _show_alternatives(diagnosis)
+    _show_list("Possible", text.possible(diagnosis))
     _show_list("Where", text.located(diagnosis.where))
     if diagnosis.next_measurement:
         _show_list("Next", [text.what_next(diagnosis.next_measurement)])
+    _show_list("Checks", text.checks(diagnosis))
     _show_list("Remarks", diagnosis.remarks)
     show_line("")
 
@@ -39,16 +42,17 @@ def _show_list(title: str, lines: Sequence[str]) -> None:
 
 
 def _show_effects(diagnosis: Diagnosis, slider: np.ndarray | None) -> None:
-    groups = (("effect @ place",), ("probability", "gap alone"), ("parameter", "value ± 1 σ", "model"))
+    groups = (("effect @ place",), ("probability", "share", "gap alone"), ("parameter", "value ± 1 σ", "model"))
     rows: list[Sequence[str]] = []
     for effect in diagnosis.effects:
-        first = (f"{effect.effect} @ {effect.place}", f"{effect.probability:.4f}", percent(effect.gap_after))
+        share = f"{100 * effect.share:.3g} %" if math.isfinite(effect.share) else ""
+        first = (f"{effect.effect} @ {effect.place}", f"{effect.probability:.4f}", share, percent(effect.gap_after))
         parameters = [
             (p.name, p.value + ("" if p.plausible else " (not plausible)"), p.nominal)
             for p in text.parameters(effect, slider)
         ]
         for k, parameter in enumerate(parameters or [("none", "", "")]):
-            rows.append((*(("", "", "") if k else first), *parameter))
+            rows.append((*(("",) * 4 if k else first), *parameter))
     show_table("Effects", groups, rows, prose=("effect @ place",))
 
 

@@ -45,7 +45,16 @@ def _templates() -> Environment:
     found = Environment(
         loader=PackageLoader("stiffscope.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
-    functions = (percent, text.sentence, text.label, text.located, text.probability, text.what_next)
+    functions = (
+        percent,
+        text.sentence,
+        text.label,
+        text.located,
+        text.probability,
+        text.what_next,
+        text.possible,
+        text.checks,
+    )
     found.filters |= {function.__name__: function for function in functions}
     return found
 

@@ -33,12 +33,16 @@ def sentence(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "unexplained":
         return (
             f"Unexplained: no known effect accounts for the gap of {percent(gap.nominal)} rms "
-            f"(noise {percent(gap.noise)}); it lies mostly in {_largest_directions(diagnosis.where)}."
+            f"(noise {percent(gap.noise)}); it lies mostly in {_largest(diagnosis.where.direction)}."
         )
     named = " and ".join(_with_size(effect) for effect in diagnosis.effects) or "no effect"
     if diagnosis.verdict == "ambiguous":
         rivals = _rivals(diagnosis)
         return f"Ambiguous: {named} fits, but these readings cannot distinguish it from {rivals}; with it {shrinks}."
+    if diagnosis.verdict == "partly":
+        rest = _largest(diagnosis.where.left or diagnosis.where.direction)
+        left = f"{percent(gap.left)} rms beyond the noise is left, mostly in {rest}, that nothing known explains"
+        return f"Partly: {named}; {shrinks}; {left}."
     return f"Identified: {named}; {shrinks}."
 
 
@@ -70,9 +74,9 @@ def _rivals(diagnosis: Diagnosis) -> str:
     return ", ".join(map(label, others[:4])) + (" and others" if len(others) > 4 else "") or "no effect at all"
 
 
-def _largest_directions(where: Where) -> str:
-    largest = sorted(where.direction, key=lambda axis: -where.direction[axis])[:2]
-    return " and ".join(f"{axis} ({100 * where.direction[axis]:.0f} %)" for axis in largest) or "no single direction"
+def _largest(share: dict[str, float]) -> str:
+    largest = sorted(share, key=lambda axis: -share[axis])[:2]
+    return " and ".join(f"{axis} ({100 * share[axis]:.0f} %)" for axis in largest) or "no single direction"
 
 
 @dataclass(frozen=True)
@@ -84,6 +88,8 @@ class FittedParameter:
     nominal: str
     ratio: str
     """Of the fitted to the model's value."""
+    interval: str
+    """Of 95 %; empty where there is none."""
     deviation: str
     """From the model's value (0 without one), in standard uncertainties."""
     notable: bool
@@ -104,12 +110,18 @@ def parameters(effect: Effect, slider: np.ndarray | None) -> list[FittedParamete
                 value=quantity(p),
                 nominal="" if nominal is None else f"{nominal / factor:.4g}{unit}",
                 ratio=f"{p.value / nominal:.4g}" if nominal else "",
+                interval=_interval(p, factor, unit),
                 deviation=f"{deviation:+.1f}" if math.isfinite(deviation) else "",
                 notable=nominal is not None and abs(deviation) > NOTABLE,
                 plausible=p.plausible,
             )
         )
     return out
+
+
+def _interval(parameter: Parameter, factor: float, unit: str) -> str:
+    low, high = (end / factor for end in parameter.interval)
+    return f"{low:.4g} to {high:.4g}{unit}" if math.isfinite(low) and math.isfinite(high) else ""
 
 
 def _nominal(effect: str, parameter: str, slider: np.ndarray | None) -> float | None:
@@ -148,6 +160,31 @@ def probability(value: float) -> str:
     return f"{value:.2g}" if value >= 1e-6 else "< 1e-6"
 
 
+def possible(diagnosis: Diagnosis) -> list[str]:
+    """Return what is merely possible, with its probability."""
+    return [f"{name(p.effect, p.place)}: {probability(p.probability)}" for p in diagnosis.possible]
+
+
+def checks(diagnosis: Diagnosis) -> list[str]:
+    """Return how the answer depends on the prior, and how it predicts poses that took no part."""
+    lines = [
+        f"{s.prior}: {s.verdict}"
+        + "".join(f", {label(effect)} {probability(p)}" for effect, p in s.probability.items())
+        for s in diagnosis.sensitivity
+    ]
+    held = diagnosis.held_out_check
+    if held is not None:
+        lines.append(
+            f"poses held out: {100 * held.inside_95:.1f} % of the readings within their 95 % predictive interval, "
+            f"χ² per reading {held.chi2_per_reading:.3g}"
+        )
+    if diagnosis.gap.discrepancy > 0.01:
+        lines.append(
+            f"an unknown cause beside the effects, as inferred: {percent(diagnosis.gap.discrepancy)} of the readings"
+        )
+    return lines
+
+
 def steps(diagnosis: Diagnosis) -> Sequence[tuple[str, float]]:
     """Return the waterfall: label and gap in % rms, from the model as it is down to the noise."""
     if diagnosis.steps:
@@ -180,6 +217,8 @@ def located(where: Where) -> list[str]:
         lines.append("by component: " + ", ".join(f"{part} {100 * s:.0f} %" for part, s in shares[:6] if s > 5e-3))
     sizes = [math.sqrt(sum(v * v for v in row if math.isfinite(v))) for row in where.pose]
     worst = sorted(range(len(sizes)), key=lambda k: -sizes[k])[:3]
+    if where.left:
+        lines.append("left: " + ", ".join(f"{axis} {100 * s:.0f} %" for axis, s in where.left.items() if s > 5e-3))
     if len(sizes) > 1:
         lines.append("worst poses: " + ", ".join(where.pose_names[k] for k in worst))
     return lines

@@ -215,9 +215,13 @@ def test_the_nominal_robot_crosses_to_a_worker():
     assert np.array_equal(stiffness(there.mechanism, [0, 0, 0.35]), stiffness(ROBOT.mechanism, [0, 0, 0.35]))
 
 
-def test_competing_explanations_come_with_a_measurement_that_separates_them():
-    diagnosis = diagnose(campaign(("displacement-scale", "instrument", {"factor": 1.03})), ROBOT)
-    data = to_json(diagnosis)
-    assert data["verdict"] == "ambiguous"
-    assert data["next_measurement"]["expected_gain"] > 0
-    assert set(data["effects"][0]["confused_with"]) & {"displacement-scale @ instrument", "force-scale @ instrument"}
+def test_a_group_that_is_certain_is_identified_with_a_measurement_that_separates_it():
+    data = to_json(diagnose(campaign(("displacement-scale", "instrument", {"factor": 1.03})), ROBOT))
+    (effect,) = data["effects"]
+    assert data["verdict"] == "identified"
+    assert effect["probability"] < 0.9 < effect["group_probability"]
+    assert {f"{effect['effect']} @ {effect['place']}", *effect["confused_with"]} >= {
+        "displacement-scale @ instrument",
+        "force-scale @ instrument",
+    }
+    assert data["next_measurement"]["expected_gain"] > 1.0

@@ -1,0 +1,184 @@
+"""The verdict on a search: which effects are certain, whether they bring the gap to the noise, what is left."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise, permutations
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.gap.evidence import constrained_minima
+from stiffscope.gap.forward_model import UNNAMED
+from stiffscope.gap.lack_of_fit import lack_of_fit
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from stiffscope.gap.findings import Findings, Group
+    from stiffscope.gap.forward_model import Candidate
+    from stiffscope.gap.search import Hypothesis
+
+    Array = NDArray[np.floating[Any]]
+
+CONFIDENT = 0.9  # probability from which an effect, or its group, is certain
+MAJORITY = 0.5  # probability from which there is no gap
+FEW = 3  # readings a parameter below which nothing is identified
+SIGNIFICANT = 3.0  # standard deviations by which a parameter must leave its plausible range to count
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A verdict, the effects that it names, and the hypothesis whose gap is reported."""
+
+    verdict: str
+    """identified, partly, ambiguous, unexplained or no-gap."""
+    effects: tuple[Candidate, ...]
+    hypothesis: Hypothesis
+    """These effects and no others."""
+    remarks: tuple[str, ...]
+
+
+def judged(found: Findings) -> Judgement:
+    """The verdict.
+
+    An effect is certain when it, or the group of what cannot be told from it, has a probability of `CONFIDENT` and
+    plausible parameters. With certain effects the verdict is "identified" where they bring the gap to the noise and
+    "partly" where they do not. Without, it is "no-gap" or "unexplained", as the gap is within the noise or beyond,
+    and "ambiguous" where known effects bring it to the noise but are not settled.
+    """
+    best, none = found.best, found.none
+    wrong = {c.name: implausible(c, found.best) for c in best.words}
+    strange = [text for texts in wrong.values() for text in texts]
+    unnamed = sorted(c.place for c in best.candidates if c.unnamed)
+    if unnamed:
+        strange.append(f"the readings follow {', '.join(unnamed)}, for which the vocabulary has no word")
+    certain = [c for c in best.words if not wrong[c.name] and found.group(c.name).probability >= CONFIDENT]
+    kept = found.of(certain)
+    count, parameters = int(found.used.sum()), len(kept.values)
+    few = (
+        [f"{count} readings are too few to identify {parameters} parameters"] if count < FEW * (parameters + 1) else []
+    )
+    if certain and not few:
+        rest = lack_of_fit(found, kept)
+        return Judgement("partly" if rest else "identified", kept.words, kept, (*strange, *_told(rest)))
+    gap = lack_of_fit(found, none)
+    if gap:
+        known = found.of(best.words)
+        rest = lack_of_fit(found, known)
+        if not best.words or strange or rest:
+            return Judgement("unexplained", (), none, (*strange, *_told(rest if best.words else gap)))
+        return Judgement("ambiguous", known.words, known, tuple(few))
+    alone = sum(p for h, p in zip(found.hypotheses, found.probability, strict=True) if not h.words)
+    if alone > MAJORITY or not best.words or strange:
+        return Judgement("no-gap", (), none, tuple(strange))
+    known = found.of(best.words)
+    return Judgement("ambiguous", known.words, known, tuple(few))
+
+
+def _told(text: str) -> tuple[str, ...]:
+    return (text,) if text else ()
+
+
+def physical_sigma(candidate: Candidate, internal: Array, covariance: Array) -> Array:
+    """Standard uncertainties (k,) of an effect's physical parameters, by the derivatives of the conversion."""
+    steps = 1e-6 * np.array(candidate.scale)
+    slopes = [
+        (candidate.physical(internal + d) - candidate.physical(internal - d)) / (2.0 * step)
+        for d, step in zip(np.diag(steps), steps, strict=True)
+    ]
+    jacobian = np.stack(slopes, axis=1)
+    return np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian).clip(min=0.0))
+
+
+def own_part(hypothesis: Hypothesis, name: str) -> tuple[Array, Array]:
+    """Internal parameters (k,) of one effect of a hypothesis, and their covariance (k, k)."""
+    ends = np.cumsum([0, *(len(values) for _, values in hypothesis.parameters)])
+    for (candidate, values), (start, end) in zip(hypothesis.parameters, pairwise(ends), strict=True):
+        if candidate.name == name:
+            return np.array(values), hypothesis.covariance[start:end, start:end]
+    raise KeyError(name)
+
+
+def plausible(candidate: Candidate, values: Array, sigma: Array) -> list[bool]:
+    """Whether each physical parameter is within its plausible range or insignificantly beyond."""
+    return [
+        bool(low - SIGNIFICANT * s <= v <= high + SIGNIFICANT * s)
+        for v, s, (low, high) in zip(values, sigma, candidate.plausible, strict=True)
+    ]
+
+
+def implausible(candidate: Candidate, hypothesis: Hypothesis) -> list[str]:
+    """What is wrong with the parameters of an effect."""
+    if not candidate.scale:
+        return []
+    internal, covariance = own_part(hypothesis, candidate.name)
+    values, sigma = candidate.physical(internal), physical_sigma(candidate, internal, covariance)
+    rows = zip(candidate.names, candidate.units, values, plausible(candidate, values, sigma), strict=True)
+    return [f"{candidate.name}: {name} of {v:.3g} {unit} is not plausible" for name, unit, v, fine in rows if not fine]
+
+
+def shares(found: Findings, hypothesis: Hypothesis) -> dict[str, float]:
+    """Share of every effect in the explained χ², by Shapley's value: its gain, averaged over all orders of adding.
+
+    χ² of a subset is that of the linearized fit of its effects alone. The shares add up to 1.
+
+    References
+    ----------
+    Shapley, A value for n-person games (1953); Lipovetsky and Conklin, Appl. Stoch. Models Bus. Ind. 17 (2001) 319.
+
+    """
+    names = [c.name for c in hypothesis.candidates]
+    if not names:
+        return {}
+    gains = _explained(found, hypothesis)
+    value = dict.fromkeys(names, 0.0)
+    for order in permutations(range(len(names))):
+        for k, effect in enumerate(order):
+            before, after = frozenset(order[:k]), frozenset(order[: k + 1])
+            value[names[effect]] += gains[after] - gains[before]
+    positive = {name: max(v, 0.0) for name, v in value.items()}
+    total = sum(positive.values())
+    return {name: v / total if total > 0.0 else 1.0 / len(names) for name, v in positive.items()}
+
+
+def _explained(found: Findings, hypothesis: Hypothesis) -> dict[frozenset[int], float]:
+    """χ² explained by every subset of a hypothesis's effects, to first order about it."""
+    columns: list[Array] = []
+    fixed: list[bool] = []
+    at = 0
+    slopes, used = found.slopes(hypothesis), found.used
+    for candidate, values in hypothesis.parameters:
+        own = slopes[:, at : at + len(values)]
+        columns.append(own if values else _step(found, hypothesis, candidate)[:, None])
+        fixed.append(not values)
+        at += len(values)
+    y = found.residual(hypothesis) + slopes @ hypothesis.values
+    y = y + sum((c[:, 0] for c, still in zip(columns, fixed, strict=True) if still), np.zeros(len(y)))
+    out: dict[frozenset[int], float] = {}
+    for code in range(2 ** len(columns)):
+        chosen = [k for k in range(len(columns)) if code >> k & 1]
+        left = (y - sum((columns[k][:, 0] for k in chosen if fixed[k]), np.zeros(len(y))))[used]
+        free = [k for k in chosen if not fixed[k]]
+        if free:
+            x = np.hstack([columns[k] for k in free])[used]
+            fitted = [hypothesis.candidates[k] for k in free]
+            positive = np.repeat([c.positive for c in fitted], [len(c.scale) for c in fitted]).astype(np.bool_)
+            weak = np.diag(found.problem.weak_precision(fitted))
+            left = left - x @ constrained_minima(x.T @ x + weak, x.T @ left, positive)[0]
+        out[frozenset(chosen)] = float(y[used] @ y[used] - left @ left)
+    return out
+
+
+def _step(found: Findings, hypothesis: Hypothesis, candidate: Candidate) -> Array:
+    """Change (n,) of the readings, in standard deviations, by an effect without parameters beside the others."""
+    without = tuple((c, v) for c, v in hypothesis.parameters if c.name != candidate.name)
+    return (found.predicted(hypothesis) - found.model.predict(without).values) / found.sigma
+
+
+def doubtful(found: Findings, named: tuple[Candidate, ...]) -> list[tuple[str, float]]:
+    """Effects, `effect @ place`, that may be at work beside the named ones and their groups, with probability."""
+    groups: list[Group] = [found.group(c.name) for c in named]
+    known = {c.name for c in named} | {other for group in groups for other in group.others}
+    names = {n for h in found.hypotheses for n in h.names if not n.startswith(UNNAMED)}
+    return sorted(((n, found.probability_of([n])) for n in names - known), key=lambda item: (-item[1], item[0]))
