@@ -56,7 +56,10 @@ def test_version():
         (["compliance", "delta", "--part", "link"], "part: expected one of arm, rod, got 'link'"),
         (["new", "dleta", "mine.toml"], 'did you mean "delta"?'),
         (["import", "nosuch.urdf", "--out", "mine.toml"], "nosuch.urdf"),
-        (["deflection", "biglide", "--components", "beam", "--wrench", "1e200,0,0,0,0,0"], "got 1e+200, which is beyond 1e+12 N"),
+        (
+            ["deflection", "biglide", "--components", "beam", "--wrench", "1e200,0,0,0,0,0"],
+            "got 1e+200, which is beyond 1e+12 N",
+        ),
         (["deflection", "biglide", "--wrench", "1 N,0,0,0,0"], "--wrench 1 N,0,0,0,0: expected 6 values"),
         (
             ["deflection", "biglide", "--wrench", "1 m,0,0,0,0,0"],
