@@ -3,6 +3,7 @@
 A file is read and checked in a subprocess with a time limit, because the kernel may crash or hang on a malformed file.
 """
 
+import re
 import signal
 import subprocess
 from collections.abc import Mapping
@@ -15,12 +16,14 @@ from stiffscope.cad.solid import GREATEST_X, LEAST_X, Placement, Selectors, Vect
 from stiffscope.children import run_module
 from stiffscope.errors import InputError
 from stiffscope.files import scratch_folder
-from stiffscope.reading import open_file, shown, why
+from stiffscope.reading import read_bytes
 
 if TYPE_CHECKING:
     from stiffscope.cad.kernel import Solid
 
 START, END = b"ISO-10303-21", b"END-ISO-10303-21"
+_UNIT, _NAME = re.compile(rb"\bLENGTH_UNIT\b"), re.compile(rb"(#\d+)\s*=")
+_CONTEXT = re.compile(rb"\bGLOBAL_UNIT_ASSIGNED_CONTEXT\s*\(\s*\(([^()]*)\)")
 REFUSED = 2  # exit code of the subprocess for invalid input; the reason is the last line of its standard error
 
 
@@ -68,29 +71,37 @@ def read_step(
 
 def read_solid(path: str | Path, time_limit: float = 60.0) -> "Solid":
     """Return the single valid solid of a STEP file, in mm and the file's coordinates. Raises InputError."""
-    _check_file(Path(path))
+    content = _check_file(Path(path))
     with scratch_folder() as folder:
         brep = folder / "solid.brep"
         _convert_in_subprocess(Path(path), brep, time_limit)
+        _check_unit(Path(path), content)
         from stiffscope.cad import kernel_files
 
         return kernel_files.read_binary(brep)
 
 
-def _check_file(path: Path) -> None:
-    try:
-        with open_file(path, "a STEP file") as file:
-            head = file.read(4096)
-            file.seek(max(0, path.stat().st_size - 4096))
-            tail = file.read()
-    except OSError as error:
-        raise InputError(f"{shown(path)}: expected a STEP file, got {why(error, path)}") from error
+def _check_file(path: Path) -> bytes:
+    """Content of what begins and ends as a STEP file does."""
+    content = read_bytes(path, "a STEP file")
+    head, tail = content[:4096], content[-4096:]
     if not head.strip():
         raise InputError(f"{path}: expected a STEP file, found an empty one")
     if START not in head:
         raise InputError(f"{path}: expected a STEP file, which begins with {START.decode()}; found another format")
     if END not in tail:
         raise InputError(f"{path}: expected a whole STEP file, found a truncated one (no {END.decode()} at its end)")
+    return content
+
+
+def _check_unit(path: Path, content: bytes) -> None:
+    """Refuse a file whose geometry has no unit of length: the kernel would take it for millimetres in silence."""
+    entities = (content[content.rfind(b";", 0, match.start()) + 1 : match.start()] for match in _UNIT.finditer(content))
+    lengths = {name[1] for name in map(_NAME.search, entities) if name}
+    used = {name for match in _CONTEXT.finditer(content) for name in re.findall(rb"#\d+", match[1])}
+    if not lengths & used:
+        missing = "LENGTH_UNIT" if not lengths else "GLOBAL_UNIT_ASSIGNED_CONTEXT with it"
+        raise InputError(f"{path}: expected a STEP file with a unit of length, found no {missing}; export it again")
 
 
 def _convert_in_subprocess(path: Path, brep: Path, time_limit: float) -> None:

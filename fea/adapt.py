@@ -80,7 +80,8 @@ def solve_within(
 
 
 def _solve(specimen: Specimen, mesh: TetMesh, settings: Settings) -> Solution:
-    return solve_specimen(specimen, mesh, settings.interface, settings.solver, settings.foundation)
+    solver = "direct" if settings.solver == "auto" and specimen.slender else settings.solver  # its elements are flat
+    return solve_specimen(specimen, mesh, settings.interface, solver, settings.foundation)
 
 
 def _edge_length(mesh: TetMesh) -> float:

@@ -354,9 +354,7 @@ def _prisms(triangles: Ints, base: int, count: int) -> Ints:
     ])  # fmt: skip
 
 
-def _tags(
-    surface: Surface, found: Extrusion, cells: Ints, section: tuple[Floats, Ints, Ints, int]
-) -> Ints:
+def _tags(surface: Surface, found: Extrusion, cells: Ints, section: tuple[Floats, Ints, Ints, int]) -> Ints:
     """CAD face (k,) of each boundary triangle, in the order of `boundary_facets`."""
     corners, borders, walls, layers = section
     count = len(corners)
@@ -391,6 +389,6 @@ def _cap_faces(surface: Surface, found: Extrusion, at: Floats, cap: int) -> Ints
     for (a, b, c), face in zip(corners, surface.face_of_triangle[on], strict=True):
         sides = [(q - p)[0] * (at - p)[:, 1] - (q - p)[1] * (at - p)[:, 0] for p, q in ((a, b), (b, c), (c, a))]
         least, most = np.min(sides, axis=0), np.max(sides, axis=0)
-        tolerance = 1e-9 * float(np.ptp(corners))**2
+        tolerance = 1e-9 * float(np.ptp(corners)) ** 2
         out[(least >= -tolerance) | (most <= tolerance)] = face
     return out

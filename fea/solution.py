@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 AT_EDGES, SPREAD_AT_EDGES = 1.6, 0.5
 ELSEWHERE, SPREAD_ELSEWHERE = 0.1, 0.1
 CROSS_TERMS = 0.12
-SOLVER = 1e-8
+SOLVER, ROUNDING = 1e-8, 5e-14
 SOFTEST = 1e-4  # foundation, in parts of the part's modulus over its size
 
 
@@ -137,7 +137,7 @@ class TwoLevel:
         spread = SPREAD_AT_EDGES * np.abs(self.at_edges) + SPREAD_ELSEWHERE * np.abs(self.gain)
         compliance = self.cubic + remaining
         geometry = _geometry_bound(self.system.specimen, self.system.mesh, compliance)
-        rounding = SOLVER * np.sqrt(np.outer(self.cubic.diagonal(), self.cubic.diagonal()))
+        rounding = rounding_of(self.system.specimen) * np.sqrt(np.outer(self.cubic.diagonal(), self.cubic.diagonal()))
         return Extrapolated(compliance, spread + _cross_terms(remaining) + rounding + geometry, geometry)
 
 
@@ -231,15 +231,21 @@ def respond(
     nodal = work(lambda x: supports.restrict(system.stiffness @ supports.expand(x)), force[:split], quadratic)
     gain = cubic - nodal
     scale = np.sqrt(np.outer(cubic.diagonal(), cubic.diagonal()))
-    broken = not (gain.diagonal() > -SOLVER * cubic.diagonal()).all()
+    rounding = rounding_of(system.specimen)
+    broken = not (gain.diagonal() > -rounding * cubic.diagonal()).all()
     if solved is None:  # what is added later may all but depend on it, up to the tolerance
-        broken = broken or not (np.linalg.eigvalsh(cubic / scale) > -SOLVER).all()
+        broken = broken or not (np.linalg.eigvalsh(cubic / scale) > -rounding).all()
     if broken:
         raise MeshError(f"solve: the compliance of {system.specimen.name} is not positive definite; the mesh is broken")
     gained = motion.copy()
     gained[:split] -= quadratic
     energies, at_edges = element_energies(system.cubic, gained, system.edge_weights)
     return TwoLevel(system, force, motion, quadratic, cubic, gain, at_edges, energies)
+
+
+def rounding_of(specimen: Specimen) -> float:
+    """Relative error of a compliance by rounding, which in a sheet or needle grows with the cube of its slenderness."""
+    return max(SOLVER, ROUNDING * specimen.slenderness**3) if specimen.slender else SOLVER
 
 
 def _check_foundation(specimen: Specimen, foundation: float) -> None:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import logging
 import time
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.fea.extrusion import flat_mesh
+from stiffscope.fea.extrusion import flat_mesh, slender_extrusion
 from stiffscope.fea.geometry import area_elements, centroid, jacobian_range, volume
 from stiffscope.fea.mesh import MeshError, default_envelope, default_size, tetrahedralize
 from stiffscope.fea.refine import grade
@@ -50,6 +51,17 @@ class Specimen:
     loaded: tuple[tuple[frozenset[int], Floats], ...]
     volume: float
     density: float
+
+    @cached_property
+    def slender(self) -> bool:
+        """Whether it is a sheet or a needle, whose elements are flat or long; see ``stiffscope.fea.extrusion``."""
+        return slender_extrusion(self.surface, frozenset[int]().union(*self.interfaces)) is not None
+
+    @property
+    def slenderness(self) -> float:
+        """Diagonal of the bounding box over twice the volume per area (the thickness of a plate)."""
+        diagonal = float(np.linalg.norm(np.ptp(self.surface.vertices, axis=0)))
+        return diagonal * sum(face.area for face in self.surface.faces) / (2 * self.volume)
 
     @property
     def interfaces(self) -> tuple[frozenset[int], ...]:

@@ -108,7 +108,9 @@ def _check_surroundings(arguments: list[str]) -> None:
         raise InputError("the working folder is no longer there; change to another one") from error
     for word in arguments:
         if "\0" in word or len(word) > MOST_CHARACTERS:
-            raise InputError(f"{shown(word)}: expected a word of the command line, got one that is too long or has a NUL")
+            raise InputError(
+                f"{shown(word)}: expected a word of the command line, got one that is too long or has a NUL"
+            )
 
 
 def _drop_output() -> None:

@@ -208,3 +208,13 @@ def test_digest_and_silence_hold_in_another_process(holed: Part) -> None:
     )
     printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert printed.strip() == geometry_digest(holed)
+
+
+@pytest.mark.parametrize("gone", ["LENGTH_UNIT", "GLOBAL_UNIT_ASSIGNED_CONTEXT"])
+def test_a_file_without_a_unit_of_length_is_refused(tmp_path, gone):
+    path = tmp_path / "box.step"
+    write_step(part_of(Box(20, 10, 5), name="box"), path)
+    text = path.read_text()
+    path.write_text(text.replace(gone, "X" * len(gone)))
+    with pytest.raises(InputError, match=r"box\.step: expected a STEP file with a unit of length, found no"):
+        read_solid(path)

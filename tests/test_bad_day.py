@@ -1,0 +1,210 @@
+"""What a bad day brings: mutated files, killed commands, full disks. One law for all of them."""
+
+from __future__ import annotations
+
+import math
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from stiffscope.cad.step import write_step
+from stiffscope.data import FOLDER
+from stiffscope.errors import InputError
+from stiffscope.robot.reader import read_robot
+
+ROBOTS = {path.name: path.read_text(encoding="utf-8") for path in sorted((FOLDER / "robots").glob("*.toml"))}
+HOSTILE = (
+    "1e308", "-1e308", "1e-308", "nan", "inf", "-0.0", "0", "[]", "{}", '""', '"= a"', '"= 9**9**9**9"', '"1 kg*9**9**9"',
+    '"1 m^9^9"', "true", "9" * 5000, "[" * 200 + "]" * 200, '"\\u0000"', '"' + "x" * 3000 + '"', '"1e999 mm"', "'\x7f'",
+    "2000-01-01", '"../../etc/passwd"', '"= sqrt(-1)"', '"= 1/0"',
+)  # fmt: skip
+LAW = settings(deadline=None, suppress_health_check=list(HealthCheck), database=None)
+
+
+@st.composite
+def mutants(draw: st.DrawFn) -> str:
+    """A robot file with a few lines gone, doubled, swapped, with hostile values or letters."""
+    lines = draw(st.sampled_from(list(ROBOTS.values()))).split("\n")
+    for _ in range(draw(st.integers(1, 3))):
+        at, other = draw(st.integers(0, len(lines) - 1)), draw(st.integers(0, len(lines) - 1))
+        kind = draw(st.sampled_from(("value", "value", "gone", "double", "swap", "letter", "number")))
+        if kind == "value" and "=" in lines[at]:
+            lines[at] = f"{lines[at].partition('=')[0]}= {draw(st.sampled_from(HOSTILE))}"
+        elif kind == "gone":
+            lines[at] = ""
+        elif kind == "double":
+            lines.insert(at, lines[at])
+        elif kind == "swap":
+            lines[at], lines[other] = lines[other], lines[at]
+        elif kind == "letter" and lines[at]:
+            place = draw(st.integers(0, len(lines[at]) - 1))
+            lines[at] = lines[at][:place] + draw(st.characters(codec="utf-8")) + lines[at][place + 1 :]
+        elif kind == "number":
+            digits = [k for k, letter in enumerate(lines[at]) if letter.isdecimal()]
+            if digits:
+                place = draw(st.sampled_from(digits))
+                lines[at] = (
+                    lines[at][:place] + draw(st.sampled_from(("1e300", "1e-300", "-7", "0"))) + lines[at][place + 1 :]
+                )
+    return "\n".join(lines)
+
+
+def obeys(text: str) -> None:
+    """A robot of finite numbers, or one line that names the file; soon, and without a warning."""
+    begun = time.perf_counter()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            robot = read_robot(Path("mutant.toml"), text)
+        except InputError as refused:
+            assert str(refused).startswith("mutant.toml"), refused
+            assert "\n" not in str(refused), refused
+        else:
+            poses = np.array([value for pose in robot.poses.values() for value in pose], dtype=float)
+            assert np.isfinite(poses).all()
+    assert time.perf_counter() - begun < 20
+
+
+@settings(LAW, max_examples=25)
+@given(mutants())
+def test_a_mutated_robot_file_is_read_or_refused_in_one_line(text):
+    obeys(text)
+
+
+@pytest.mark.slow
+@settings(LAW, max_examples=2000)
+@given(mutants())
+def test_thousands_of_mutated_robot_files(text):
+    obeys(text)
+
+
+def stiffscope(*words: str, folder: Path, **more) -> subprocess.Popen:
+    environment = {**os.environ, "STIFFSCOPE_CACHE": str(folder / "cache"), "TMPDIR": str(folder / "tmp")}
+    (folder / "tmp").mkdir(exist_ok=True)
+    command = [sys.executable, "-m", "stiffscope", *words]
+    return subprocess.Popen(
+        command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True, **more
+    )  # fmt: skip
+
+
+def in_session(leader: int) -> list[str]:
+    """Command lines of the living processes of a session."""
+    found = []
+    for place in Path("/proc").glob("[0-9]*"):
+        try:
+            state, _, _, session = (place / "stat").read_text().rpartition(")")[2].split()[:4]
+            if int(session) == leader and state != "Z":
+                found.append((place / "cmdline").read_text().replace("\0", " "))
+        except OSError:
+            continue
+    return found
+
+
+def killed_at_random(folder: Path, words: tuple[str, ...], latest: float, chance: random.Random) -> None:
+    """Kill a command at a random moment: nothing of it lives two seconds later, and the user's file is there."""
+    process = stiffscope(*words, folder=folder)
+    try:
+        process.wait(chance.uniform(0.2, latest))
+    except subprocess.TimeoutExpired:
+        process.send_signal(chance.choice((signal.SIGKILL, signal.SIGTERM)))
+    process.communicate(timeout=60)
+    ends = time.monotonic() + 2
+    while (left := in_session(process.pid)) and time.monotonic() < ends:
+        time.sleep(0.1)
+    assert not left
+
+
+COMMANDS = (
+    ("run", "biglide", "--components", "published", "--out", "out", "--quiet"),
+    ("check", "delta", "--out", "out", "--quiet"),
+    ("map", "biglide", "--components", "published", "--points", "5", "--out", "out", "--quiet"),
+    ("compliance", "biglide", "--part", "link", "--superelement", "out", "--json", "a.json", "--quiet"),
+)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+@pytest.mark.slow
+@pytest.mark.parametrize("words", COMMANDS)
+def test_kills_at_random_moments_lose_and_leave_nothing(tmp_path, words, kills=25):
+    chance = random.Random(7)  # noqa: S311
+    (tmp_path / "notes.txt").write_text("mine")
+    for _ in range(kills):
+        killed_at_random(tmp_path, words, 15.0, chance)
+    done = stiffscope(*words, folder=tmp_path)
+    _, errors = done.communicate(timeout=300)
+    assert done.returncode == 0, errors
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+    assert {each.name for each in tmp_path.iterdir()} <= {"notes.txt", "out", "cache", "tmp", "a.json"}
+    assert not [each for each in (tmp_path / "tmp").iterdir() if "stiffscope" in each.name]
+    assert (tmp_path / "out" / "manifest.json").exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_a_killed_command_leaves_no_child(tmp_path):
+    process = stiffscope("compliance", "biglide", "--part", "link", "--json", "-", folder=tmp_path)
+    ends = time.monotonic() + 60
+    while len(in_session(process.pid)) < 3 and time.monotonic() < ends:  # itself, the tracker of resources, a worker
+        time.sleep(0.1)
+    process.kill()
+    process.communicate(timeout=10)
+    ends = time.monotonic() + 2
+    while (left := in_session(process.pid)) and time.monotonic() < ends:
+        time.sleep(0.05)
+    assert not left
+
+
+@pytest.fixture(scope="module")
+def box(tmp_path_factory) -> bytes:
+    from build123d import Box
+
+    from stiffscope.cad.solid import part_of
+
+    path = tmp_path_factory.mktemp("box") / "box.step"
+    write_step(part_of(Box(20, 10, 5), name="box"), path)
+    return path.read_bytes()
+
+
+def step_obeys(path: Path, content: bytes, chance: random.Random) -> None:
+    """A mutated STEP file is a finite solid, or refused in one line with its name."""
+    from stiffscope.cad.part import mass_properties
+    from stiffscope.cad.step import read_step
+
+    for _ in range(chance.randint(1, 3)):
+        at = chance.randrange(200, len(content) - 40)
+        kind = chance.choice(("byte", "gone", "number"))
+        if kind == "byte":
+            content = content[:at] + bytes([chance.randrange(256)]) + content[at + 1 :]
+        elif kind == "gone":
+            content = content[:at] + content[at + chance.randint(1, 80) :]
+        else:
+            content = content[:at] + chance.choice((b"1.E+300", b"-1.", b"#9999", b"$")) + content[at:]
+    path.write_bytes(content)
+    try:
+        part = read_step(path, time_limit=30.0)
+    except InputError as refused:
+        assert "\n" not in str(refused)
+        assert path.stem in str(refused)
+    else:
+        assert math.isfinite(mass_properties(part).mass)
+
+
+def test_a_mutated_step_file_is_read_or_refused_in_one_line(tmp_path, box):
+    for number in range(3):
+        step_obeys(tmp_path / "mutant.step", box, random.Random(number))  # noqa: S311
+
+
+@pytest.mark.slow
+def test_thousands_of_mutated_step_files(tmp_path, box):
+    for number in range(2000):
+        step_obeys(tmp_path / "mutant.step", box, random.Random(number))  # noqa: S311
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["mutant.step"]
