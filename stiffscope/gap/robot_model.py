@@ -42,7 +42,8 @@ _ADDED = (0.0, np.inf)  # bounds of an added compliance, a dead zone
 _SOFT = (2e-7, 2e-6)  # m/N, rad/(N·m): of a tool above which added compliances are expected to be larger in proportion
 _SAME = 1e-9  # 1 - |cosine| of signatures below which no reading tells two effects apart
 _ROUNDING = 1e-10  # of the largest reading
-_TRIALS = 200  # poses that are looked at for what to measure next
+_TRIALS = 128  # poses that are looked at for what to measure next
+_HALVINGS = 6  # between two such poses to the rim of what is within reach
 _MARGIN = 0.15  # of what the campaign and the map sweep, on either side, for such poses
 _OVERTAKES = 0.25  # share of the misfit below which stiffnesses are better taken for pushes, or the other way round
 _EVIDENT = 25.0  # χ² that such a change has to gain
@@ -350,8 +351,23 @@ class RobotModel:
         free = np.flatnonzero(high > low)
         points = np.repeat(np.median(c.poses, axis=0)[None], _TRIALS, axis=0)
         points[:, free] = low[free] + _halton(_TRIALS, len(free)) * (high - low)[free]
-        points = np.vstack([points, c.poses[: _TRIALS // 8]])
-        return points[configured(self.nominal.mechanism, c.coordinates, points).valid]
+        middle = np.median(c.poses, axis=0)
+        home = self.nominal.mechanism.tool.home if c.coordinates == self.nominal.mechanism.tool.pose else 0.0 * middle
+        lines = [_along(start, k, low[k], high[k]) for start in (home, middle) for k in free]
+        reached = np.vstack([*lines, points, c.poses[: _TRIALS // 8]])
+        valid = self._reaches(reached)
+        pairs = [(i, i + 1) for k in range(len(lines)) for i in range(k * len(lines[0]), (k + 1) * len(lines[0]) - 1)]
+        ends = [(i, j) if valid[i] else (j, i) for i, j in pairs if valid[i] != valid[j]]
+        inside, outside = (reached[[end[side] for end in ends]] for side in (0, 1))
+        for _ in range(_HALVINGS if ends else 0):
+            half = 0.5 * (inside + outside)
+            good = self._reaches(half)[:, None]
+            inside, outside = np.where(good, half, inside), np.where(good, outside, half)
+        return np.vstack([inside, reached[valid]])
+
+    def _reaches(self, poses: Array) -> NDArray[np.bool_]:
+        """Which poses (k, d) are within reach, (k,)."""
+        return configured(self.nominal.mechanism, self.campaign.coordinates, poses).valid
 
     def _trial_loads(self) -> list[tuple[int, Array]]:
         """Loads and their wrenches (6,): none, and every axis that the campaign loads at its largest."""
@@ -440,6 +456,13 @@ class RobotModel:
         return [
             f"gravity would have to be {strength:.3g} times what it is to explain the gap best, so it is not the cause"
         ]
+
+
+def _along(start: Array, axis: int, low: float, high: float) -> Array:
+    """Poses (k, d) from a start along one coordinate, from end to end of its range."""
+    out = np.repeat(start[None], _TRIALS // 4, axis=0)
+    out[:, axis] = np.linspace(low, high, len(out))
+    return out
 
 
 def _halton(count: int, dimensions: int) -> Array:

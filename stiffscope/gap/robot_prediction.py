@@ -46,13 +46,6 @@ class Pattern:
 
 
 @dataclass(frozen=True)
-class Step:
-    """An effect without parameters that is known by its change (n,) of the readings alone."""
-
-    change: Callable[[RobotPrediction], Array]
-
-
-@dataclass(frozen=True)
 class Laden:
     """A payload: the body, a point (3,) of it, and the directions (k, 3) at home of its first moments."""
 
@@ -227,14 +220,14 @@ class RobotPrediction:
         return np.eye(6) / np.where(diagonal == 0.0, np.inf, diagonal)[:, None, :]
 
     @cached_property
-    def _distinct(self) -> tuple[tuple[Array, Array], ...]:
+    def _distinct(self) -> tuple[tuple[Codes, Codes], ...]:
         """Readings (m,) that stand for all with the same sense, and the same drive, at the same pose; (n,) which."""
         c = self.campaign
         large = np.where(self._moving, 0, 1 + c.quantity)
         senses = np.stack([c.pose, c.channel, np.where(self._moving, c.direction, 0), large], axis=1)
         wrench = np.unique(np.nan_to_num(c.wrench), axis=0, return_inverse=True)[1].ravel()
         drives = np.stack([c.pose, c.kind, c.load, wrench, large], axis=1)
-        out: list[tuple[Array, Array]] = []
+        out: list[tuple[Codes, Codes]] = []
         for key in (senses, drives):
             _, first, which = np.unique(key, axis=0, return_index=True, return_inverse=True)
             out.append((first, which.ravel()))
@@ -326,8 +319,6 @@ class RobotPrediction:
         for candidate, values in self.parameters:
             if isinstance(candidate.action, Pattern):
                 out = out + candidate.action.columns(self) @ np.array(values)
-            elif isinstance(candidate.action, Step):
-                out = out + candidate.action.change(self)
         return out + self._zero_of(self.campaign.value - out)
 
     @cached_property
@@ -358,7 +349,7 @@ class RobotPrediction:
 
     def _without_zeros(self, columns: Array) -> Array:
         """Columns (n, k) with the unknown zeros projected out."""
-        if self._zeros is None:
+        if self._zeros is None or not columns.shape[1]:
             return columns
         return columns - np.stack([self._zero_of(column) for column in columns.T], axis=1).reshape(columns.shape)
 
@@ -407,13 +398,10 @@ class RobotPrediction:
         return c.sensor == (names.index(place) if place in names else len(names))
 
     def step(self, candidate: Candidate) -> Array:
-        """Change (n,) of the readings by an effect without parameters: the robot's own weight, or a pattern."""
-        if isinstance(candidate.action, Step):
-            change = candidate.action.change(self)
-        elif candidate.effect == "gravity":
-            change = self._weight()
-        else:
+        """Change (n,) of the readings when the robot's own weight acts: the one effect without parameters."""
+        if candidate.effect != "gravity":
             return np.zeros(len(self.campaign))
+        change = self._weight()
         return change - self._zero_of(change)
 
     def _weight(self) -> Array:

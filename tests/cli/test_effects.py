@@ -46,7 +46,7 @@ def test_adopted_effects_change_the_robot_in_their_order(assembled):
         (
             '"limb1"',
             '"limb3"',
-            "effects[0]: actuator-stiffness, place: expected one of stage, limb1, limb2, limbs, got 'limb3'",
+            "effects[0]: actuator-stiffness, place: expected one of stage, limb1, limb2, limbs, drives, got 'limb3'",
         ),
         ("factor", "faktor", "effects[0]: actuator-stiffness: expected parameters factor, got faktor"),
         ("0.8", '"0.8 m"', "effects[0].parameters.factor: expected a number"),

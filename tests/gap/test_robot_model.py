@@ -204,6 +204,23 @@ def test_a_zero_of_each_session_is_no_information():
     assert one.predict().columns(soft)[c.sensor == 1].sum() == pytest.approx(0.0, abs=1e-12)
 
 
+def test_hysteresis_between_sessions_has_a_name():
+    """Unloading readings that stay behind by Rayleigh's loop: none at no load and at the largest, most between."""
+    robot = nominal("delta")
+    one = replace(readings(robot, ("dz",)), sensors=(), loads=())
+    one = replace(one, **{k: getattr(one, k)[:1] for k in ("pose", "quantity", "sigma", "value", "file")},
+                  session=[0], line=[2], wrench=[[0, 0, -100.0, 0, 0, 0]])  # fmt: skip
+    share = np.tile([0.25, 0.5, 1.0], 2)
+    rows = {k: np.repeat(getattr(one, k), 6, axis=0) for k in ("pose", "quantity", "sigma", "value", "file")}
+    c = replace(one, **rows, wrench=share[:, None] * one.wrench, session=[0, 0, 0, 1, 1, 1], line=np.arange(6),
+                session_names=("loading", "unloading"))  # fmt: skip
+    model = RobotModel(c, robot)
+    pattern = next(k for k in model.library if "hysteresis" in k.place)
+    largest = model.predict().plain[2]
+    loops = model.predict().columns(pattern)
+    assert loops[:, 1] == pytest.approx(largest * (1 - share**2) * (c.session == 1))
+
+
 def test_poses_may_be_given_by_joints():
     robot = nominal("stewart")
     c = readings(robot)
