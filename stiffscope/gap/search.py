@@ -106,6 +106,8 @@ class Start:
     candidates: tuple[Candidate, ...]
     values: Array
     """(k,) internal parameters."""
+    origin: Array
+    """(k,) internal parameters that are known to be possible: those of the set without its last effect."""
     heights: tuple[float, float] = (np.inf, np.inf)
     """Ln of evidence times prior odds, and the same without a discrepancy."""
 
@@ -166,20 +168,40 @@ class Problem:
         """Precision (k,) of the widest prior of effects' internal parameters."""
         return (self.sizes[-1] * _scale(candidates)) ** -2.0
 
-    def fit(self, candidates: Sequence[Candidate], start: Array, target: float = -np.inf) -> Hypothesis:
-        """Fit a set of effects from internal parameters (k,) on, by damped Gauss-Newton with a weak prior.
+    def fit(
+        self, candidates: Sequence[Candidate], start: Array, target: float = -np.inf, origin: Array | None = None
+    ) -> Hypothesis:
+        """Fit a set of effects by damped Gauss-Newton with a weak prior.
 
-        Given up where the evidence about the start is far below a target.
+        Parameters
+        ----------
+        candidates
+            The effects.
+        start, origin
+            (k,) internal parameters from which the fit starts, and those from which it starts where that leads nowhere;
+            none by default.
+        target
+            Ln of evidence times prior; the fit is given up where the evidence about its start is far below.
+
         """
-        u, (residual, slopes) = self._start(candidates, start)
+        safe = np.zeros(len(start)) if origin is None else origin
+        u, (residual, slopes) = self._start(candidates, start, safe)
         known = self.posterior(candidates, residual + slopes @ u, slopes)
         log = known.log_evidence + self.log_prior(candidates)
-        converged = not len(u) or log > target - MARGIN - DOUBT * abs(log - self._nominal_evidence)
-        if len(u) and converged:
-            u, residual, slopes, short = self._descend(candidates, u, residual, slopes, int(np.argmax(known.settings)))
-            known = self.posterior(candidates, residual + slopes @ u, slopes)
-            log = known.log_evidence + self.log_prior(candidates) - 0.5 * short
-        return Hypothesis(_split(candidates, u), residual, slopes, log, known, converged)
+        if not len(u):
+            return Hypothesis((*((c, ()) for c in candidates),), residual, slopes, log, known)
+        if log < target - MARGIN - DOUBT * abs(log - self._nominal_evidence):
+            return Hypothesis(_split(candidates, u), residual, slopes, log, known, converged=False)
+        setting = int(np.argmax(known.settings))
+        u, residual, slopes, short = self._descend(candidates, u, residual, slopes, setting)
+        if short > MARGIN:
+            u_safe, there = self._start(candidates, safe, safe)
+            again = self._descend(candidates, u_safe, *there, setting)
+            if again[3] < short:
+                u, residual, slopes, short = again
+        known = self.posterior(candidates, residual + slopes @ u, slopes)
+        log = known.log_evidence + self.log_prior(candidates) - 0.5 * short
+        return Hypothesis(_split(candidates, u), residual, slopes, log, known)
 
     @cached_property
     def _nominal_evidence(self) -> float:
@@ -226,11 +248,11 @@ class Problem:
                 break
         return u, residual, slopes, short
 
-    def _start(self, candidates: Sequence[Candidate], u: Array) -> tuple[Array, tuple[Array, Array]]:
-        """The first of u, u/4, u/16 at which the model can be assembled, else nothing."""
-        for share in (1.0, 0.25, 0.0625):
+    def _start(self, candidates: Sequence[Candidate], u: Array, safe: Array) -> tuple[Array, tuple[Array, Array]]:
+        """Internal parameters as near to a start as the model can be assembled, from a safe point on."""
+        for tried in (*(safe + share * (u - safe) for share in (1.0, 0.25, 0.0625)), safe):
             try:
-                return share * u, self._linearized(candidates, share * u)
+                return tried, self._linearized(candidates, tried)
             except (InputError, np.linalg.LinAlgError):
                 continue
         return 0.0 * u, self._linearized(candidates, 0.0 * u)
@@ -293,11 +315,11 @@ class Problem:
                 key = _key(start.candidates)
                 if key not in found or not found[key].converged:
                     target = max((h.plain for h in fits), default=-np.inf)
-                    found[key] = self.fit(start.candidates, start.values, target)
+                    found[key] = self.fit(start.candidates, start.values, target, start.origin)
                 fits.append(found[key])
             return sorted(fits, key=lambda h: -h.evidence)
 
-        tried = [Start(c, np.zeros(len(_scale(c)))) for c in self.model.tried]
+        tried = [Start(c, np.zeros(len(_scale(c))), np.zeros(len(_scale(c)))) for c in self.model.tried]
         fit(tried, _heights([none]), "effects")
         frontier = [none]
         for _ in range(ROUNDS):
@@ -333,7 +355,8 @@ class Problem:
             ]
             starts += sorted(scored, key=lambda start: -start.heights[0])[:SWAPPED]
             if rest.evidence > best.evidence - MARGIN:
-                starts.append(Start(rest.candidates, _bounded(rest.candidates, rest.known.mean)))
+                origin = _joined(v for c, v in best.parameters if c is not gone)
+                starts.append(Start(rest.candidates, _bounded(rest.candidates, rest.known.mean), origin))
         return starts
 
     def _without(self, hypothesis: Hypothesis, gone: Candidate) -> Hypothesis:
@@ -366,7 +389,7 @@ class Problem:
 
     def _scored(self, hypothesis: Hypothesis, library: Library) -> Iterable[Start]:
         """A hypothesis with every admitted effect more, to first order."""
-        k = len(hypothesis.values)
+        k, known_good = len(hypothesis.values), _bounded(hypothesis.candidates, hypothesis.values)
         own = self.errors.project(np.column_stack([hypothesis.slopes, hypothesis.linear]))
         inner = self.errors.inner(own, own)  # (q, k+1, k+1)
         across = self.errors.inner(library.projection, own)  # (q, c, k+1)
@@ -402,7 +425,8 @@ class Problem:
                 odds = prior + self.log_prior([candidate]) - float(np.log(log.shape[1]))
                 total, plain = (float(np.logaddexp.reduce(part.ravel())) for part in (log, log[without]))
                 candidates = (*hypothesis.candidates, candidate)
-                yield Start(candidates, _bounded(candidates, mean[best]), (total + odds, plain + odds))
+                heights = (total + odds, plain + odds)
+                yield Start(candidates, _bounded(candidates, mean[best]), np.append(known_good, np.zeros(m)), heights)
 
 
 def _heights(fits: Sequence[Hypothesis]) -> tuple[float, float]:
