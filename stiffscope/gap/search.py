@@ -29,12 +29,13 @@ PRIOR_ODDS = 0.5  # of one effect more, shared by all candidates
 UNNAMED_PENALTY = 3.0  # ln-odds by which a nuisance pattern is less likely than a word of the vocabulary
 BEAM_WIDTH = 10  # hypotheses of each size that are extended, the best,
 BEAM_PLAIN = 4  # and the best without a discrepancy, which takes up what several effects leave only together
-FITTED = 20  # sets of each size at most that are considered for a nonlinear fit; twice as many of single effects,
-FITTED_PLAIN = 10  # and the best without a discrepancy
+FITTED = 10  # nonlinear fits for each size at most; twice as many of single effects,
+FITTED_PLAIN = 6  # and the best without a discrepancy
 LEAST_FITTED = 4  # however far behind to first order
 MARGIN = 30.0  # ln-odds behind the best to first order up to which a set is fitted,
 DOUBT = 0.2  # or this share of the best one's gain, since first order errs by a share of it
 SWAPPED = 4  # others that are fitted in the place of each effect of the best set
+STRIKES = 2  # fits of a size that a flexible effect may leave at what cannot be assembled
 ROUNDS = 3  # of growing and exchanging
 GAIN = 1.0  # ln-odds that one effect more must gain for the search to go on
 CURVED = 0.1  # error of the linear prediction, over the change predicted, from which derivatives are taken anew
@@ -57,6 +58,8 @@ class Hypothesis:
     known: Posterior
     converged: bool = True
     """False where the fit was given up, far behind a better one."""
+    stuck: bool = False
+    """Whether first order promises what cannot be assembled."""
 
     @property
     def plain(self) -> float:
@@ -201,7 +204,7 @@ class Problem:
                 u, residual, slopes, short = again
         known = self.posterior(candidates, residual + slopes @ u, slopes)
         log = known.log_evidence + self.log_prior(candidates) - 0.5 * short
-        return Hypothesis(_split(candidates, u), residual, slopes, log, known)
+        return Hypothesis(_split(candidates, u), residual, slopes, log, known, stuck=short > MARGIN)
 
     @cached_property
     def _nominal_evidence(self) -> float:
@@ -304,36 +307,48 @@ class Problem:
         none = self.fit((), np.zeros(0))
         found: dict[tuple[str, ...], Hypothesis] = {(): none}
 
-        def fit(starts: Sequence[Start], base: tuple[float, float], stage: str) -> list[Hypothesis]:
+        def fit(starts: Sequence[Start], base: tuple[float, float], stage: str, most: int) -> list[Hypothesis]:
             """Fit what promises to compete with the best that was fitted, in the order of promise."""
             fits: list[Hypothesis] = []
-            for k, start in enumerate(starts):
-                if progress:
-                    progress(stage, k / len(starts))
-                if k >= LEAST_FITTED and all(map(_hopeless, start.heights, _heights(fits), base)):
+            strikes: dict[int, int] = {}
+            for start in starts:
+                if len(fits) >= most:
+                    break
+                if len(fits) >= LEAST_FITTED and all(map(_hopeless, start.heights, _heights(fits), base)):
                     continue
+                if any(strikes.get(id(c), 0) >= STRIKES for c in start.candidates):
+                    continue
+                if progress:
+                    progress(stage, len(fits) / most)
                 key = _key(start.candidates)
                 if key not in found or not found[key].converged:
                     target = max((h.plain for h in fits), default=-np.inf)
                     found[key] = self.fit(start.candidates, start.values, target, start.origin)
+                if found[key].stuck:
+                    strikes.update({id(c): strikes.get(id(c), 0) + 1 for c in start.candidates if c.flexible})
                 fits.append(found[key])
             return sorted(fits, key=lambda h: -h.evidence)
 
         tried = [Start(c, np.zeros(len(_scale(c))), np.zeros(len(_scale(c)))) for c in self.model.tried]
-        fit(tried, _heights([none]), "effects")
+        fit(tried, _heights([none]), "effects", len(tried))
         frontier = [none]
         for _ in range(ROUNDS):
             before = _heights(frontier)
             while len(frontier[0].candidates) < self.model.most_effects:
                 stage = f"effects, {len(frontier[0].candidates) + 1} at once"
-                fits = fit(self._extensions(frontier), _heights(frontier), stage)
+                base, starts = _heights(frontier), self._extensions(frontier)
+                most = FITTED if frontier[0].names else 2 * FITTED
+                fits = fit(starts, base, stage, most)
+                fits += fit(sorted(starts, key=lambda s: -s.heights[1]), base, stage, FITTED_PLAIN)
+                fits = sorted({id(h): h for h in fits}.values(), key=lambda h: -h.evidence)
                 if not fits or all(now < then + GAIN for now, then in zip(_heights(fits), before, strict=True)):
                     break
                 before = tuple(max(pair) for pair in zip(_heights(fits), before, strict=True))
                 plain = sorted(fits, key=lambda h: -h.plain)[:BEAM_PLAIN]
                 frontier = [*fits[:BEAM_WIDTH], *(h for h in plain if h not in fits[:BEAM_WIDTH])]
             best = max(found.values(), key=lambda h: h.evidence)
-            exchanged = fit(self._exchanges(best), _heights([best]), "effects exchanged")
+            starts = self._exchanges(best)
+            exchanged = fit(starts, _heights([best]), "effects exchanged", len(starts))
             if not exchanged or exchanged[0].evidence < best.evidence + GAIN:
                 break
             frontier = exchanged[:1]
@@ -382,10 +397,7 @@ class Problem:
                 key = _key(start.candidates)
                 if key not in ranked or start.heights[1] > ranked[key].heights[1]:
                     ranked[key] = start
-        most = FITTED if frontier[0].names else 2 * FITTED
-        order = sorted(ranked.values(), key=lambda start: -start.heights[0])[:most]
-        plain = sorted(ranked.values(), key=lambda start: -start.heights[1])[:FITTED_PLAIN]
-        return [*order, *(start for start in plain if start not in order)]
+        return sorted(ranked.values(), key=lambda start: -start.heights[0])
 
     def _scored(self, hypothesis: Hypothesis, library: Library) -> Iterable[Start]:
         """A hypothesis with every admitted effect more, to first order."""

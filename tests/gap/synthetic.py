@@ -16,7 +16,7 @@ class LinearPrediction:
     def columns(self, candidate):
         return self.signatures[candidate.name]
 
-    def step(self, candidate):
+    def step(self, _):
         return np.zeros(len(self.values))
 
 
@@ -45,7 +45,7 @@ class LinearModel:
     def trial(self, sigma):
         return Trial(self, sigma, np.arange(len(self.campaign)))
 
-    def remarks(self, noise, unexplained):
+    def remarks(self, *_):
         return ()
 
 
