@@ -305,30 +305,8 @@ class Problem:
     def search(self, progress: Progress | None = None) -> list[Hypothesis]:
         """Fitted hypotheses, the best first: none, single effects, and larger sets as long as they gain."""
         none = self.fit((), np.zeros(0))
-        found: dict[tuple[str, ...], Hypothesis] = {(): none}
-
-        def fit(starts: Sequence[Start], base: tuple[float, float], stage: str, most: int) -> list[Hypothesis]:
-            """Fit what promises to compete with the best that was fitted, in the order of promise."""
-            fits: list[Hypothesis] = []
-            strikes: dict[int, int] = {}
-            for start in starts:
-                if len(fits) >= most:
-                    break
-                if len(fits) >= LEAST_FITTED and all(map(_hopeless, start.heights, _heights(fits), base)):
-                    continue
-                if any(strikes.get(id(c), 0) >= STRIKES for c in start.candidates):
-                    continue
-                if progress:
-                    progress(stage, len(fits) / most)
-                key = _key(start.candidates)
-                if key not in found or not found[key].converged:
-                    target = max((h.plain for h in fits), default=-np.inf)
-                    found[key] = self.fit(start.candidates, start.values, target, start.origin)
-                if found[key].stuck:
-                    strikes.update({id(c): strikes.get(id(c), 0) + 1 for c in start.candidates if c.flexible})
-                fits.append(found[key])
-            return sorted(fits, key=lambda h: -h.evidence)
-
+        fitted = _Fitted(self, {(): none}, progress)
+        fit, found = fitted.fit, fitted.found
         tried = [Start(c, np.zeros(len(_scale(c))), np.zeros(len(_scale(c)))) for c in self.model.tried]
         fit(tried, _heights([none]), "effects", len(tried))
         frontier = [none]
@@ -364,9 +342,7 @@ class Problem:
             scored = [
                 start
                 for start in self._scored(rest, library)
-                if not start.candidates[-1].unnamed
-                and start.candidates[-1].name != gone.name
-                and start.heights[0] > limit
+                if not start.candidates[-1].unnamed and start.candidates[-1] is not gone and start.heights[0] > limit
             ]
             starts += sorted(scored, key=lambda start: -start.heights[0])[:SWAPPED]
             if rest.evidence > best.evidence - MARGIN:
@@ -439,6 +415,37 @@ class Problem:
                 candidates = (*hypothesis.candidates, candidate)
                 heights = (total + odds, plain + odds)
                 yield Start(candidates, _bounded(candidates, mean[best]), np.append(known_good, np.zeros(m)), heights)
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """Hypotheses that a search has fitted so far."""
+
+    problem: Problem
+    found: dict[tuple[str, ...], Hypothesis]
+    progress: Progress | None
+
+    def fit(self, starts: Sequence[Start], base: tuple[float, float], stage: str, most: int) -> list[Hypothesis]:
+        """Fit what promises to compete with the best that was fitted, in the order of promise."""
+        fits: list[Hypothesis] = []
+        strikes: dict[int, int] = {}
+        for start in starts:
+            if len(fits) >= most:
+                break
+            if len(fits) >= LEAST_FITTED and all(map(_hopeless, start.heights, _heights(fits), base)):
+                continue
+            if any(strikes.get(id(c), 0) >= STRIKES for c in start.candidates):
+                continue
+            if self.progress:
+                self.progress(stage, len(fits) / most)
+            key = _key(start.candidates)
+            if key not in self.found or not self.found[key].converged:
+                target = max((h.plain for h in fits), default=-np.inf)
+                self.found[key] = self.problem.fit(start.candidates, start.values, target, start.origin)
+            if self.found[key].stuck:
+                strikes.update({id(c): strikes.get(id(c), 0) + 1 for c in start.candidates if c.flexible})
+            fits.append(self.found[key])
+        return sorted(fits, key=lambda h: -h.evidence)
 
 
 def _heights(fits: Sequence[Hypothesis]) -> tuple[float, float]:
