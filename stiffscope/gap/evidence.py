@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     Flags = NDArray[np.bool_]
     Codes = NDArray[np.int64]
 
-DISCREPANCIES = np.geomspace(1e-3, 1.0, 6)  # sizes relative to the readings
+DISCREPANCIES = np.geomspace(1e-3, 0.1, 5)  # sizes relative to the readings
 _SWEEPS = 2  # over the effects, for their prior sizes
 
 

@@ -29,12 +29,13 @@ PRIOR_ODDS = 0.5  # of one effect more, shared by all candidates
 UNNAMED_PENALTY = 3.0  # ln-odds by which a nuisance pattern is less likely than a word of the vocabulary
 BEAM_WIDTH = 10  # hypotheses of each size that are extended, the best,
 BEAM_PLAIN = 4  # and the best without a discrepancy, which takes up what several effects leave only together
-FITTED = 20  # sets of each size at most that are considered for a nonlinear fit; twice as many of single effects,
-FITTED_PLAIN = 10  # and the best without a discrepancy
+FITTED = 10  # nonlinear fits for each size at most; twice as many of single effects,
+FITTED_PLAIN = 6  # and the best without a discrepancy
 LEAST_FITTED = 4  # however far behind to first order
 MARGIN = 30.0  # ln-odds behind the best to first order up to which a set is fitted,
 DOUBT = 0.2  # or this share of the best one's gain, since first order errs by a share of it
 SWAPPED = 4  # others that are fitted in the place of each effect of the best set
+STRIKES = 2  # fits of a size that a flexible effect may leave at what cannot be assembled
 ROUNDS = 3  # of growing and exchanging
 GAIN = 1.0  # ln-odds that one effect more must gain for the search to go on
 CURVED = 0.1  # error of the linear prediction, over the change predicted, from which derivatives are taken anew
@@ -57,6 +58,8 @@ class Hypothesis:
     known: Posterior
     converged: bool = True
     """False where the fit was given up, far behind a better one."""
+    stuck: bool = False
+    """Whether first order promises what cannot be assembled."""
 
     @property
     def plain(self) -> float:
@@ -106,6 +109,8 @@ class Start:
     candidates: tuple[Candidate, ...]
     values: Array
     """(k,) internal parameters."""
+    origin: Array
+    """(k,) internal parameters that are known to be possible: those of the set without its last effect."""
     heights: tuple[float, float] = (np.inf, np.inf)
     """Ln of evidence times prior odds, and the same without a discrepancy."""
 
@@ -166,20 +171,40 @@ class Problem:
         """Precision (k,) of the widest prior of effects' internal parameters."""
         return (self.sizes[-1] * _scale(candidates)) ** -2.0
 
-    def fit(self, candidates: Sequence[Candidate], start: Array, target: float = -np.inf) -> Hypothesis:
-        """Fit a set of effects from internal parameters (k,) on, by damped Gauss-Newton with a weak prior.
+    def fit(
+        self, candidates: Sequence[Candidate], start: Array, target: float = -np.inf, origin: Array | None = None
+    ) -> Hypothesis:
+        """Fit a set of effects by damped Gauss-Newton with a weak prior.
 
-        Given up where the evidence about the start is far below a target.
+        Parameters
+        ----------
+        candidates
+            The effects.
+        start, origin
+            (k,) internal parameters from which the fit starts, and those from which it starts where that leads nowhere;
+            none by default.
+        target
+            Ln of evidence times prior; the fit is given up where the evidence about its start is far below.
+
         """
-        u, (residual, slopes) = self._start(candidates, start)
+        safe = np.zeros(len(start)) if origin is None else origin
+        u, (residual, slopes) = self._start(candidates, start, safe)
         known = self.posterior(candidates, residual + slopes @ u, slopes)
         log = known.log_evidence + self.log_prior(candidates)
-        converged = not len(u) or log > target - MARGIN - DOUBT * abs(log - self._nominal_evidence)
-        if len(u) and converged:
-            u, residual, slopes, short = self._descend(candidates, u, residual, slopes, int(np.argmax(known.settings)))
-            known = self.posterior(candidates, residual + slopes @ u, slopes)
-            log = known.log_evidence + self.log_prior(candidates) - 0.5 * short
-        return Hypothesis(_split(candidates, u), residual, slopes, log, known, converged)
+        if not len(u):
+            return Hypothesis((*((c, ()) for c in candidates),), residual, slopes, log, known)
+        if log < target - MARGIN - DOUBT * abs(log - self._nominal_evidence):
+            return Hypothesis(_split(candidates, u), residual, slopes, log, known, converged=False)
+        setting = int(np.argmax(known.settings))
+        u, residual, slopes, short = self._descend(candidates, u, residual, slopes, setting)
+        if short > MARGIN:
+            u_safe, there = self._start(candidates, safe, safe)
+            again = self._descend(candidates, u_safe, *there, setting)
+            if again[3] < short:
+                u, residual, slopes, short = again
+        known = self.posterior(candidates, residual + slopes @ u, slopes)
+        log = known.log_evidence + self.log_prior(candidates) - 0.5 * short
+        return Hypothesis(_split(candidates, u), residual, slopes, log, known, stuck=short > MARGIN)
 
     @cached_property
     def _nominal_evidence(self) -> float:
@@ -226,11 +251,11 @@ class Problem:
                 break
         return u, residual, slopes, short
 
-    def _start(self, candidates: Sequence[Candidate], u: Array) -> tuple[Array, tuple[Array, Array]]:
-        """The first of u, u/4, u/16 at which the model can be assembled, else nothing."""
-        for share in (1.0, 0.25, 0.0625):
+    def _start(self, candidates: Sequence[Candidate], u: Array, safe: Array) -> tuple[Array, tuple[Array, Array]]:
+        """Internal parameters as near to a start as the model can be assembled, from a safe point on."""
+        for tried in (*(safe + share * (u - safe) for share in (1.0, 0.25, 0.0625)), safe):
             try:
-                return share * u, self._linearized(candidates, share * u)
+                return tried, self._linearized(candidates, tried)
             except (InputError, np.linalg.LinAlgError):
                 continue
         return 0.0 * u, self._linearized(candidates, 0.0 * u)
@@ -280,38 +305,28 @@ class Problem:
     def search(self, progress: Progress | None = None) -> list[Hypothesis]:
         """Fitted hypotheses, the best first: none, single effects, and larger sets as long as they gain."""
         none = self.fit((), np.zeros(0))
-        found: dict[tuple[str, ...], Hypothesis] = {(): none}
-
-        def fit(starts: Sequence[Start], base: tuple[float, float], stage: str) -> list[Hypothesis]:
-            """Fit what promises to compete with the best that was fitted, in the order of promise."""
-            fits: list[Hypothesis] = []
-            for k, start in enumerate(starts):
-                if progress:
-                    progress(stage, k / len(starts))
-                if k >= LEAST_FITTED and all(map(_hopeless, start.heights, _heights(fits), base)):
-                    continue
-                key = _key(start.candidates)
-                if key not in found or not found[key].converged:
-                    target = max((h.plain for h in fits), default=-np.inf)
-                    found[key] = self.fit(start.candidates, start.values, target)
-                fits.append(found[key])
-            return sorted(fits, key=lambda h: -h.evidence)
-
-        tried = [Start(c, np.zeros(len(_scale(c)))) for c in self.model.tried]
-        fit(tried, _heights([none]), "effects")
+        fitted = _Fitted(self, {(): none}, progress)
+        fit, found = fitted.fit, fitted.found
+        tried = [Start(c, np.zeros(len(_scale(c))), np.zeros(len(_scale(c)))) for c in self.model.tried]
+        fit(tried, _heights([none]), "effects", len(tried))
         frontier = [none]
         for _ in range(ROUNDS):
             before = _heights(frontier)
             while len(frontier[0].candidates) < self.model.most_effects:
                 stage = f"effects, {len(frontier[0].candidates) + 1} at once"
-                fits = fit(self._extensions(frontier), _heights(frontier), stage)
+                base, starts = _heights(frontier), self._extensions(frontier)
+                most = FITTED if frontier[0].names else 2 * FITTED
+                fits = fit(starts, base, stage, most)
+                fits += fit(sorted(starts, key=lambda s: -s.heights[1]), base, stage, FITTED_PLAIN)
+                fits = sorted({id(h): h for h in fits}.values(), key=lambda h: -h.evidence)
                 if not fits or all(now < then + GAIN for now, then in zip(_heights(fits), before, strict=True)):
                     break
                 before = tuple(max(pair) for pair in zip(_heights(fits), before, strict=True))
                 plain = sorted(fits, key=lambda h: -h.plain)[:BEAM_PLAIN]
                 frontier = [*fits[:BEAM_WIDTH], *(h for h in plain if h not in fits[:BEAM_WIDTH])]
             best = max(found.values(), key=lambda h: h.evidence)
-            exchanged = fit(self._exchanges(best), _heights([best]), "effects exchanged")
+            starts = self._exchanges(best)
+            exchanged = fit(starts, _heights([best]), "effects exchanged", len(starts))
             if not exchanged or exchanged[0].evidence < best.evidence + GAIN:
                 break
             frontier = exchanged[:1]
@@ -327,13 +342,12 @@ class Problem:
             scored = [
                 start
                 for start in self._scored(rest, library)
-                if not start.candidates[-1].unnamed
-                and start.candidates[-1].name != gone.name
-                and start.heights[0] > limit
+                if not start.candidates[-1].unnamed and start.candidates[-1] is not gone and start.heights[0] > limit
             ]
             starts += sorted(scored, key=lambda start: -start.heights[0])[:SWAPPED]
             if rest.evidence > best.evidence - MARGIN:
-                starts.append(Start(rest.candidates, _bounded(rest.candidates, rest.known.mean)))
+                origin = _joined(v for c, v in best.parameters if c is not gone)
+                starts.append(Start(rest.candidates, _bounded(rest.candidates, rest.known.mean), origin))
         return starts
 
     def _without(self, hypothesis: Hypothesis, gone: Candidate) -> Hypothesis:
@@ -359,14 +373,11 @@ class Problem:
                 key = _key(start.candidates)
                 if key not in ranked or start.heights[1] > ranked[key].heights[1]:
                     ranked[key] = start
-        most = FITTED if frontier[0].names else 2 * FITTED
-        order = sorted(ranked.values(), key=lambda start: -start.heights[0])[:most]
-        plain = sorted(ranked.values(), key=lambda start: -start.heights[1])[:FITTED_PLAIN]
-        return [*order, *(start for start in plain if start not in order)]
+        return sorted(ranked.values(), key=lambda start: -start.heights[0])
 
     def _scored(self, hypothesis: Hypothesis, library: Library) -> Iterable[Start]:
         """A hypothesis with every admitted effect more, to first order."""
-        k = len(hypothesis.values)
+        k, known_good = len(hypothesis.values), _bounded(hypothesis.candidates, hypothesis.values)
         own = self.errors.project(np.column_stack([hypothesis.slopes, hypothesis.linear]))
         inner = self.errors.inner(own, own)  # (q, k+1, k+1)
         across = self.errors.inner(library.projection, own)  # (q, c, k+1)
@@ -402,7 +413,39 @@ class Problem:
                 odds = prior + self.log_prior([candidate]) - float(np.log(log.shape[1]))
                 total, plain = (float(np.logaddexp.reduce(part.ravel())) for part in (log, log[without]))
                 candidates = (*hypothesis.candidates, candidate)
-                yield Start(candidates, _bounded(candidates, mean[best]), (total + odds, plain + odds))
+                heights = (total + odds, plain + odds)
+                yield Start(candidates, _bounded(candidates, mean[best]), np.append(known_good, np.zeros(m)), heights)
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """Hypotheses that a search has fitted so far."""
+
+    problem: Problem
+    found: dict[tuple[str, ...], Hypothesis]
+    progress: Progress | None
+
+    def fit(self, starts: Sequence[Start], base: tuple[float, float], stage: str, most: int) -> list[Hypothesis]:
+        """Fit what promises to compete with the best that was fitted, in the order of promise."""
+        fits: list[Hypothesis] = []
+        strikes: dict[int, int] = {}
+        for start in starts:
+            if len(fits) >= most:
+                break
+            if len(fits) >= LEAST_FITTED and all(map(_hopeless, start.heights, _heights(fits), base)):
+                continue
+            if any(strikes.get(id(c), 0) >= STRIKES for c in start.candidates):
+                continue
+            if self.progress:
+                self.progress(stage, len(fits) / most)
+            key = _key(start.candidates)
+            if key not in self.found or not self.found[key].converged:
+                target = max((h.plain for h in fits), default=-np.inf)
+                self.found[key] = self.problem.fit(start.candidates, start.values, target, start.origin)
+            if self.found[key].stuck:
+                strikes.update({id(c): strikes.get(id(c), 0) + 1 for c in start.candidates if c.flexible})
+            fits.append(self.found[key])
+        return sorted(fits, key=lambda h: -h.evidence)
 
 
 def _heights(fits: Sequence[Hypothesis]) -> tuple[float, float]:

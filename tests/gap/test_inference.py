@@ -1,0 +1,330 @@
+"""Inference on linear models, where everything can be had a second way."""
+
+from dataclasses import replace
+from itertools import permutations
+
+import numpy as np
+import pytest
+
+from stiffscope.gap.calibration import reliability, statements
+from stiffscope.gap.diagnose import conclude
+from stiffscope.gap.diagnosis import to_json
+from stiffscope.gap.evidence import constrained_minima, errors_of, posterior
+from stiffscope.gap.findings import find
+from stiffscope.gap.posterior_samples import write_posterior
+from stiffscope.gap.search import Problem
+from stiffscope.gap.verdict import shares
+from tests.gap.synthetic import linear_model
+
+
+def planted(model, **sizes):
+    """The model with readings that carry effects, `e3=(0.2,)`, in internal parameters."""
+    value = np.array(model.campaign.value)
+    for key, u in sizes.items():
+        value = value + model.signatures[f"effect-{key[1:]} @ place"] @ np.array(u)
+    return replace(model, campaign=replace(model.campaign, value=value))
+
+
+def covariance_of(model, noise, size):
+    """Of the readings in sigmas, written out: within each pose and direction a common part and one with the value."""
+    c = model.campaign
+    together = (c.pose[:, None] == c.pose) & (c.quantity[:, None] == c.quantity)
+    mean = np.sqrt([np.mean(c.value[c.quantity == q] ** 2) for q in c.quantity])
+    common = np.outer(mean, mean) + np.outer(c.value, c.value)
+    return np.eye(len(c)) + size**2 * np.where(together, common, 0.0) / np.outer(noise.sigma, noise.sigma)
+
+
+def test_evidence_with_a_discrepancy_is_that_of_the_joint_gaussian():
+    rng = np.random.default_rng(1)
+    model = linear_model(rng, poses=3, loads=2, effects=2, parameters=(2,))
+    noise = model.noise()
+    errors = errors_of(model.campaign, noise, -4.0)
+    x = np.hstack([model.signatures[c.name] for c in model.library]) / noise.sigma[:, None]
+    y = (model.campaign.value - model.nominal) / noise.sigma + x @ [0.5, -0.2, 0.3, 0.1]
+    scale = np.array([1.0, 2.0, 0.5, 1.0])
+    logs, means = [], []
+    for size, prior in zip(errors.sizes, [0.0, *[-4.0 - np.log(5)] * 5], strict=True):
+        v = covariance_of(model, noise, size)
+        whole = v + x @ np.diag(scale**2) @ x.T
+        logs.append(prior - 0.5 * (np.linalg.slogdet(whole)[1] + y @ np.linalg.solve(whole, y)))
+        means.append(np.diag(scale**2) @ x.T @ np.linalg.solve(whole, y))
+    found = posterior(errors, y, x, scale, np.repeat([0, 1], 2), np.zeros(4, bool), np.ones(1))
+    assert found.log_evidence == pytest.approx(np.logaddexp.reduce(logs))
+    assert found.plain == pytest.approx(logs[0])
+    assert found.mean == pytest.approx(np.exp(logs - np.logaddexp.reduce(logs)) @ np.array(means))
+
+
+def test_prior_sizes_are_averaged_effect_by_effect():
+    """Against the sum over all pairs of sizes."""
+    model = linear_model(np.random.default_rng(2), poses=4, loads=3, effects=2, parameters=(1, 2))
+    noise = model.noise()
+    x = np.hstack([model.signatures[c.name] for c in model.library]) / noise.sigma[:, None]
+    y = (model.campaign.value - model.nominal) / noise.sigma + x @ [0.05, 1.0, 2.0]
+    sizes, owner = np.geomspace(0.03, 10.0, 6), np.array([0, 1, 1])
+    errors = errors_of(model.campaign, noise, -4.0)
+    logs = [
+        posterior(errors, y, x, np.array([a, b, b]), owner, np.zeros(3, bool), np.ones(1)).log_evidence
+        for a in sizes
+        for b in sizes
+    ]
+    exact = np.logaddexp.reduce(logs) - 2 * np.log(6)
+    assert posterior(errors, y, x, np.ones(3), owner, np.zeros(3, bool), sizes).log_evidence == pytest.approx(
+        exact, abs=0.05
+    )
+
+
+def test_scores_to_first_order_are_those_of_the_fit_where_the_model_is_linear():
+    model = planted(linear_model(np.random.default_rng(3)), e2=(0.2, 0.1, -0.1), e4=(0.3, 0.2))
+    problem = Problem(model, model.noise())
+    first = problem.fit([model.library[2]], np.zeros(3))
+    for start in list(problem._scored(first, problem.nominal))[::4]:
+        assert problem.fit(start.candidates, start.values).evidence == pytest.approx(start.heights[0], abs=0.7)
+
+
+def test_minima_are_those_of_all_combinations_of_bounds():
+    rng = np.random.default_rng(4)
+    root = rng.standard_normal((40, 5, 3))
+    a, b = np.swapaxes(root, 1, 2) @ root, rng.standard_normal((40, 3))
+    positive = np.array([True, False, True])
+    u, _ = constrained_minima(a, b, positive)
+    for matrix, pull, found in zip(a, b, u, strict=True):
+        best = np.inf
+        for held in ([], [0], [2], [0, 2]):
+            free = [k for k in range(3) if k not in held]
+            v = np.zeros(3)
+            v[free] = np.linalg.solve(matrix[np.ix_(free, free)], pull[free])
+            if (v[positive] >= 0).all():
+                best = min(best, 0.5 * v @ matrix @ v - pull @ v)
+        assert (found[positive] >= 0).all()
+        assert 0.5 * found @ matrix @ found - pull @ found == pytest.approx(best, rel=0.05, abs=1e-9)
+
+
+def test_four_effects_are_found_with_shares_that_add_up():
+    model = planted(linear_model(np.random.default_rng(5)), e0=(0.4,), e5=(0.2, 0.1, -0.2), e9=(-0.3,), e13=(0.2, 0.2))
+    found = find(model)
+    diagnosis = conclude(found)
+    assert diagnosis.verdict == "identified"
+    assert {e.effect for e in diagnosis.effects} == {"effect-0", "effect-5", "effect-9", "effect-13"}
+    assert sum(e.share for e in diagnosis.effects) == pytest.approx(1.0)
+    assert [e.share for e in diagnosis.effects] == sorted((e.share for e in diagnosis.effects), reverse=True)
+    names = [c.name for c in found.best.candidates]
+    x = {n: model.signatures[n] / 1e-6 for n in names}
+    y = (model.campaign.value - model.nominal) / 1e-6
+
+    def explained(chosen):
+        columns = np.hstack([np.zeros((len(y), 1)), *(x[n] for n in chosen)])
+        left = y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
+        return y @ y - left @ left
+
+    gains = dict.fromkeys(names, 0.0)
+    for order in permutations(names):
+        for k, n in enumerate(order):
+            gains[n] += explained(order[: k + 1]) - explained(order[:k])
+    total = sum(gains.values())
+    assert shares(found, found.best) == pytest.approx({n: g / total for n, g in gains.items()}, rel=1e-3, abs=1e-6)
+
+
+def test_a_certain_effect_is_not_hidden_by_a_doubtful_one():
+    """The second is worth about its prior odds: whatever becomes of it, the first is identified."""
+    model = linear_model(np.random.default_rng(6))
+    for size in (0.004, 0.006, 0.008, 0.01):
+        diagnosis = conclude(find(planted(model, e0=(0.5,), e3=(size,))))
+        assert diagnosis.verdict == "identified"
+        assert diagnosis.effects[0].effect == "effect-0"
+        named = {e.effect for e in diagnosis.effects} | {p.effect for p in diagnosis.possible}
+        assert named <= {"effect-0", "effect-3"} or max(p.probability for p in diagnosis.possible) < 0.5
+
+
+def test_one_known_and_one_unknown_cause_are_partly_explained():
+    """The unknown one changes z alone, from pose to pose; the known one's interval holds what was planted."""
+    inside = []
+    for seed in range(8):
+        rng = np.random.default_rng([7, seed])
+        model = planted(linear_model(rng), e0=(0.3,), e5=(0.2, 0.1, -0.2))
+        c = model.campaign
+        unknown = 0.1 * rng.standard_normal(10)[c.pose] * np.where(c.quantity == 2, c.value, 0.0)
+        diagnosis = conclude(find(replace(model, campaign=replace(c, value=c.value + unknown))))
+        assert diagnosis.verdict == "partly"
+        assert {e.effect for e in diagnosis.effects} >= {"effect-0", "effect-5"}
+        assert max(diagnosis.where.left, key=diagnosis.where.left.get) == "z"
+        assert diagnosis.gap.left > 0.0
+        interval = next(e for e in diagnosis.effects if e.effect == "effect-0").parameters["p0"].interval
+        inside.append(interval[0] <= 0.3 <= interval[1])
+    assert sum(inside) >= 6
+
+
+def lawful(diagnosis):
+    """A verdict never contradicts its own numbers."""
+    data = to_json(diagnosis)
+    gap, verdict, effects = data["gap"], data["verdict"], data["effects"]
+    certain = [e for e in effects if e["group_probability"] >= 0.9]
+    n = len(diagnosis.samples.used)
+    few = any("too few" in r for r in diagnosis.remarks)
+    at_noise = gap["explained"] <= 1.2 * gap["noise"] * (1.0 + 3.0 / np.sqrt(2.0 * n))
+    beyond = gap["explained"] > gap["noise"]
+    assert gap["left"] == pytest.approx(np.sqrt(max(gap["explained"] ** 2 - gap["noise"] ** 2, 0.0)))
+    assert not effects or sum(e["share"] for e in effects) == pytest.approx(1.0)
+    assert all(len(e["confused_with"]) <= 2 for e in effects)
+    assert all(e["probability"] <= e["group_probability"] + 1e-9 <= 1.0 + 2e-9 for e in effects)
+    assert not {(p["effect"], p["place"]) for p in data["possible"]} & {(e["effect"], e["place"]) for e in effects}
+    for p in (p for e in effects for p in e["parameters"].values()):
+        assert p["interval"][0] <= p["value"] <= p["interval"][1]
+    match verdict:
+        case "identified":
+            assert effects
+            assert certain == effects
+            assert at_noise
+        case "partly":
+            assert effects
+            assert certain == effects
+            assert beyond
+            assert sum(data["where"]["left"].values()) == pytest.approx(1.0)
+        case "ambiguous":
+            assert few or not certain
+            assert at_noise or few
+        case "unexplained":
+            assert not effects
+            assert beyond
+            assert gap["explained"] == gap["nominal"]
+        case "no-gap":
+            assert not effects
+            assert at_noise
+        case _:
+            pytest.fail(verdict)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_verdicts_agree_with_their_numbers_and_copies_change_nothing(seed):
+    """Random campaigns, from none to four effects of any size, with an unknown cause or without, and twice over."""
+    rng = np.random.default_rng([8, seed])
+    model = linear_model(rng, poses=int(rng.integers(1, 9)), loads=int(rng.integers(2, 7)), effects=12)
+    chosen = rng.permutation(12)[: seed % 5]
+    sizes = {f"e{k}": 10.0 ** rng.uniform(-2.5, 0.0) * rng.standard_normal((1, 2, 3)[k % 3]) for k in chosen}
+    model = planted(model, **sizes)
+    c = model.campaign
+    if seed % 3 == 2:
+        unknown = 10.0 ** rng.uniform(-2.0, -0.5) * rng.standard_normal((9, 6))[c.pose, c.quantity] * c.value
+        model = replace(model, campaign=replace(c, value=c.value + unknown))
+    once = conclude(find(model))
+    lawful(once)
+    rows = np.tile(np.arange(len(c)), 2)
+    doubled = {k: getattr(model.campaign, k)[rows] for k in
+               ("pose", "wrench", "quantity", "value", "sigma", "session", "file", "line")}  # fmt: skip
+    copies = replace(
+        model,
+        campaign=replace(model.campaign, **doubled),
+        nominal=model.nominal[rows],
+        signatures={name: x[rows] for name, x in model.signatures.items()},
+    )
+    twice = conclude(find(copies))
+    lawful(twice)
+    assert twice.verdict == once.verdict
+    assert [e.effect for e in twice.effects] == [e.effect for e in once.effects]
+    assert [e.probability for e in twice.effects] == pytest.approx([e.probability for e in once.effects], abs=1e-6)
+
+
+def test_readings_twice_with_rounding_are_no_lack_of_fit():
+    """Sixty rows twice, not to the last digit: correlated residuals, but no more of them than noise."""
+    for seed in range(6):
+        rng = np.random.default_rng([9, seed])
+        model = planted(linear_model(rng, poses=2, loads=5, effects=8), e0=(0.5,))
+        rows = np.tile(np.arange(60), 2)
+        c = model.campaign
+        doubled = {k: getattr(c, k)[rows] for k in
+                   ("pose", "wrench", "quantity", "value", "sigma", "session", "file", "line")}  # fmt: skip
+        doubled["value"] = doubled["value"] * (1.0 + 1e-9 * rng.standard_normal(120))
+        again = replace(
+            model,
+            campaign=replace(c, **doubled),
+            nominal=model.nominal[rows],
+            signatures={name: x[rows] for name, x in model.signatures.items()},
+        )
+        diagnosis = conclude(find(again))
+        lawful(diagnosis)
+        if diagnosis.gap.explained <= 1.05 * diagnosis.gap.noise:
+            assert diagnosis.verdict == "identified"
+
+
+def test_the_prior_matters_where_the_readings_say_little():
+    model = linear_model(np.random.default_rng(10))
+    strong = conclude(find(planted(model, e0=(0.5,))))
+    assert [s.verdict for s in strong.sensitivity] == ["identified"] * 4
+    found = find(planted(model, e0=(0.02,)))
+    p = found.probability_of(["effect-0 @ place"])
+    more, less = (found.under(replace(found.problem, odds=f * found.problem.odds)) for f in (10.0, 0.1))
+    assert more.probability_of(["effect-0 @ place"]) > p > less.probability_of(["effect-0 @ place"])
+
+
+def test_the_posterior_opens_in_arviz(tmp_path):
+    diagnosis = conclude(find(planted(linear_model(np.random.default_rng(11)), e0=(0.4,), e4=(0.2, 0.1))))
+    path = tmp_path / "posterior.nc"
+    write_posterior(path, diagnosis.samples)
+    try:
+        import arviz
+
+        data = arviz.from_netcdf(path)
+        groups = {name: data[name] for name in ("posterior", "posterior_predictive", "observed_data")}
+        assert set(data.groups()) == set(groups)
+    except ModuleNotFoundError:
+        import xarray
+
+        groups = {
+            name: xarray.open_dataset(path, group=name, engine="h5netcdf")
+            for name in ("posterior", "posterior_predictive", "observed_data")
+        }
+    for effect in diagnosis.effects:
+        for name, p in effect.parameters.items():
+            draws = groups["posterior"][f"{effect.effect} @ {effect.place}: {name}"]
+            assert draws.dims == ("chain", "draw")
+            assert float(draws.mean()) == pytest.approx(p.value, abs=0.1 * p.sigma)
+            assert float(draws.std()) == pytest.approx(p.sigma, rel=0.1)
+            assert np.quantile(draws, [0.025, 0.975]) == pytest.approx(p.interval, abs=0.2 * p.sigma)
+    observed, predicted = groups["observed_data"]["value"], groups["posterior_predictive"]["value"]
+    low, high = np.quantile(predicted, [0.025, 0.975], axis=(0, 1))
+    assert np.mean((low <= observed.values) & (observed.values <= high)) == pytest.approx(0.95, abs=0.04)
+    assert diagnosis.held_out_check.inside_95 == pytest.approx(0.95, abs=0.04)
+
+
+def test_reliability_counts_what_was_stated():
+    rng = np.random.default_rng(12)
+    p = rng.random(20000)
+    rows = reliability(zip(p, rng.random(20000) < p, strict=True))
+    assert sum(row.count for row in rows) == 20000
+    assert all(row.off < 5.0 and row.low <= row.stated <= row.high for row in rows)
+    boast = reliability([(0.95, k % 2 == 0) for k in range(100)])
+    assert boast[0].off == pytest.approx(45.0)
+    answer = {
+        "effects": [{"effect": "a", "place": "x", "probability": 0.5, "group_probability": 0.97,
+                     "confused_with": ["b @ y"]}],
+        "possible": [{"effect": "c", "place": "z", "probability": 0.2}],
+    }  # fmt: skip
+    assert statements(answer, ["b @ y"]) == [(0.97, True), (0.2, False)]
+
+
+@pytest.mark.slow
+def test_evidence_agrees_with_nested_sampling():
+    """Of one effect of two parameters and of none, with a prior of one size: their ln-odds by dynesty."""
+    dynesty = pytest.importorskip("dynesty")
+    from scipy.stats import norm
+
+    model = planted(
+        linear_model(np.random.default_rng(13), poses=4, loads=3, effects=2, parameters=(2,)), e0=(0.05, 0.0)
+    )
+    model = replace(model, prior_sizes=np.ones(1))
+    noise = model.noise()
+    problem = Problem(model, noise)
+    errors = problem.errors
+    x = model.signatures["effect-0 @ place"] / noise.sigma[:, None]
+    y = (model.campaign.value - model.nominal) / noise.sigma
+    inverses = [np.linalg.inv(covariance_of(model, noise, size)) for size in errors.sizes]
+
+    def log_likelihood(u):
+        r = y - x @ u
+        return np.logaddexp.reduce([w - 0.5 * r @ v @ r for w, v in zip(errors.log_weight, inverses, strict=True)])
+
+    sampler = dynesty.NestedSampler(log_likelihood, norm.ppf, 2, nlive=600, rstate=np.random.default_rng(1))
+    sampler.run_nested(print_progress=False, dlogz=0.01)
+    nested = sampler.results.logz[-1] - log_likelihood(np.zeros(2))
+    one = problem.fit([model.library[0]], np.zeros(2)).known.log_evidence
+    none = problem.fit((), np.zeros(0)).known.log_evidence
+    assert one - none == pytest.approx(nested, abs=4.0 * sampler.results.logzerr[-1] + 0.05)
