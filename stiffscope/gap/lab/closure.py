@@ -129,7 +129,7 @@ class Located:
 
 
 def locate(machine: Machine, poses: Array) -> Located:
-    """Return where the bodies of the rigid machine stand when M is at poses (n, k), reached straight from home."""
+    """Return where the bodies stand as drawn and rigid when M is at poses (n, k), reached straight from home."""
     n = len(poses)
     home = np.concatenate([machine.at, np.zeros(3)])[[COORDINATES.index(name) for name in machine.pose]]
     frames = at_home(tuple(machine.bodies), n)
@@ -147,7 +147,7 @@ def locate(machine: Machine, poses: Array) -> Located:
     for name, joint in machine.joints.items():
         if joint.drive is not None:
             ends = machine.carrier(joint.first), machine.carrier(joint.second)
-            drives[name] = joint_state(joint, frames, *ends).displacement
+            drives[name] = joint_state(joint.drawn, frames, *ends).displacement
             closed &= (drives[name] >= joint.drive.low) & (drives[name] <= joint.drive.high)
     return Located(frames, drives, closed)
 
@@ -160,7 +160,7 @@ def _equations(machine: Machine, frames: Frames, target: Array) -> tuple[Array, 
     errors: list[Array] = []
     for joint in machine.joints.values():
         first, second = machine.carrier(joint.first), machine.carrier(joint.second)
-        state = joint_state(joint, frames, first, second)
+        state = joint_state(joint.drawn, frames, first, second)
         driven = joint.drive is not None
         keep = [i for i in range(state.held.shape[1]) if not (driven and state.held[0, i, DRIVEN[joint.kind]])]
         held = state.held[:, keep]

@@ -81,15 +81,22 @@ class Joint:
     first: str
     second: str
     kind: str
+    at: Array
+    """Its point as drawn, home coordinates."""
     at_first: Array
     at_second: Array
-    """Home coordinates of its point on either node: the same unless a body is not as drawn."""
+    """Its point on either node: as drawn unless a body is not."""
     axes: Array
     axis2: Array
     """Second axis of a universal joint at home, rides on the second node."""
     bearing: Array
     """(6, 6) compliance in the joint's axes along and about what it holds, without the drive."""
     drive: Drive | None = None
+
+    @property
+    def drawn(self) -> Joint:
+        """The joint with its point where it is drawn."""
+        return replace(self, at_first=self.at, at_second=self.at)
 
     @property
     def held(self) -> tuple[int, ...]:
@@ -306,7 +313,7 @@ def _joint(robot: RobotFile, name: str, section: JointSection) -> Joint:
         rotation = np.asarray(robot.copied[name].rotation)
         relative = np.kron(np.eye(2), axes.T @ rotation @ _axes(axis, axis2, rotation.T))
         bearing = relative @ bearing @ relative.T
-    return Joint(name, *section.between, section.type, at, at, axes, second, bearing, spring)
+    return Joint(name, *section.between, section.type, at, at, at, axes, second, bearing, spring)
 
 
 def _axes(axis: Array | None, axis2: Array | None, rotation: Array) -> Array:
