@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from stiffscope.gap.lab import measuring
+from stiffscope.gap.lab.closure import locate
 from stiffscope.gap.lab.machine import machine_of
 from stiffscope.gap.lab.plans import draw_plan, workspace
 from stiffscope.gap.lab.writing import write_readings
@@ -49,9 +50,20 @@ def default_plan(machine, rng, **options):
     return draw_plan(_workspace(machine.robot.name), rng, **options)[0]
 
 
+_known = {}
+
+
+def located(machine, plan):
+    """Where the robot of a machine stands at the poses of a plan, found once."""
+    key = machine.robot.name, plan.poses.tobytes()
+    if key not in _known:
+        _known[key] = locate(machine, plan.poses)
+    return _known[key]
+
+
 def measure(machine, plan, noise, rng, **header):
     """The campaign of a machine, as its files have it."""
-    readings = measuring.measure(machine, plan, noise, rng)
+    readings = measuring.measure(machine, plan, noise, rng, located(machine, plan))
     with tempfile.TemporaryDirectory() as folder:
         write_readings(readings, Path(folder), robot=machine.robot.name, pose=machine.pose, **header)
         return load_campaign(Path(folder))

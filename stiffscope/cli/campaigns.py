@@ -113,11 +113,16 @@ def _adopt(target: Path, nominal: Assembled, diagnosis: Diagnosis, case: Case, *
 
 @click.command()
 @takes(
-    click.argument("names", metavar="ROBOT...", nargs=-1, required=True), options.out, options.target, options.components
+    click.argument("names", metavar="ROBOT...", nargs=-1, required=True),
+    options.out,
+    options.target,
+    options.components,
 )
 @click.option("--campaigns", default=100, show_default=True, type=click.IntRange(1, 100000), help="How many a robot.")
 @click.option("--seed", default=1, show_default=True, type=click.IntRange(0), help="What decides which are drawn.")
-@click.option("--scheduler", metavar="ADDRESS", help="A Dask scheduler, such as tcp://host:8786; default: this machine.")
+@click.option(
+    "--scheduler", metavar="ADDRESS", help="A Dask scheduler, such as tcp://host:8786; default: this machine."
+)
 def blind(
     names: tuple[str, ...], out: Path, *, target: str | None, components: str | None, campaigns: int, seed: int,
     scheduler: str | None, quiet: bool,

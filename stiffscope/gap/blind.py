@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stiffscope.errors import InputError
-from stiffscope.gap.blind_cases import BlindCase, Lab, draw, seal, unseal, write_case
+from stiffscope.gap.blind_cases import Lab, draw, seal, unseal, write_case
 from stiffscope.gap.blind_scores import Outcome, outcome_of, score
 from stiffscope.gap.cluster import cluster
 from stiffscope.gap.diagnose import conclude
@@ -104,7 +104,9 @@ def _open(folder: Path, robots: Sequence[BlindRobot], seed: int) -> None:
     file = folder / _RUN
     if file.is_file():
         if json.loads(file.read_text(encoding="utf-8")) != check:
-            raise InputError(f"{folder}: expected the cases of this check, got those of another; delete them to start anew")
+            raise InputError(
+                f"{folder}: expected the cases of this check, got those of another; delete them to start anew"
+            )
         return
     folder.mkdir(parents=True, exist_ok=True)
     file.write_text(json.dumps(check, indent=1), encoding="utf-8")

@@ -16,7 +16,6 @@ from stiffscope.gap.lab.machine import machine_of
 from stiffscope.gap.lab.measuring import Noise, measure
 from stiffscope.gap.lab.plans import Workspace, draw_plan, workspace
 from stiffscope.gap.lab.writing import write_readings
-from stiffscope.robot.effects import NominalRobot
 from stiffscope.robot.library import robot_names
 from stiffscope.robot.part_matrices import part_matrices, part_sources
 from stiffscope.robot.reader import load_robot
@@ -29,6 +28,7 @@ if TYPE_CHECKING:
     from stiffscope.gap.lab.machine import Machine
     from stiffscope.gap.lab.measuring import Plan
     from stiffscope.gap.lab.plans import Style
+    from stiffscope.robot.effects import NominalRobot
     from stiffscope.robot.part_matrices import PartMatrix
 
 KINDS = ("single", "single", "single", "pair", "pair", "triple", "triple", "none", "outside", "outside")
@@ -151,9 +151,7 @@ class Lab:
         if effect in {"joint-compliance", "joint-play", "stiffening-joint", "loose-bolt"}:
             places = tuple(p for p in places if not any(machine.joints[n].drive for n in machine.members(p)))
         if effect == "thermal":
-            places = tuple(
-                p for p in places if all(machine.bodies[n].expansion > _EXPANDS for n in machine.members(p))
-            )
+            places = tuple(p for p in places if all(machine.bodies[n].expansion > _EXPANDS for n in machine.members(p)))
         return places
 
     def _dimensions(self) -> tuple[str, ...]:
@@ -234,7 +232,7 @@ def _known(effect: str, rng: np.random.Generator, lab: Lab) -> Fault:
     if effect == "part-compliance":
         return Fault(effect, place, _another_matrix(lab, members[0], size, rng))
     if effect == "part-dimension":
-        return Fault(effect, place, {"value": _dimension(lab, place) * (1 + sign * 0.04 * min(size, 2.0))})
+        return Fault(effect, place, {"value": _other_dimension(lab, place, sign * min(size, 2.0))})
     if effect == "payload":
         offset = {k: float(rng.uniform(-0.1, 0.1)) for k in ("x", "y", "z")}
         return Fault(effect, place, {"mass": 3.0 * size / max(1.0, soft), **offset})
@@ -243,7 +241,8 @@ def _known(effect: str, rng: np.random.Generator, lab: Lab) -> Fault:
     scale = {
         "joint-compliance": {"radial": 3e-9 * soft, "axial": 3e-9 * soft, "tilting": 1e-6 * bend},
         "guide-compliance": {"lateral": 4e-9 * soft, "vertical": 4e-9 * soft, "angular": 8e-8 * bend},
-        "base-compliance": _diagonal(8e-9 * soft, 8e-8 * bend), "platform-compliance": _diagonal(8e-9 * soft, 8e-8 * bend),
+        "base-compliance": _diagonal(8e-9 * soft, 8e-8 * bend),
+        "platform-compliance": _diagonal(8e-9 * soft, 8e-8 * bend),
         "rigid-ends": {"length": 0.04 * length}, "backlash": {"half_width": 8e-6 / lever},
         "encoder-offset": {"offset": sign * 5e-5 / lever}, "link-length": {"error": sign * 3e-5},
         "thermal": {"temperature": sign * 4.0}, "instrument-misalignment": dict.fromkeys(("rx", "ry", "rz"), 0.015),
@@ -266,9 +265,12 @@ def _another_matrix(lab: Lab, body: str, size: float, rng: np.random.Generator) 
     return {name: float(compliance[int(name[1]) - 1, int(name[2]) - 1]) for name in ENTRIES}
 
 
-def _dimension(lab: Lab, place: str) -> float:
+def _other_dimension(lab: Lab, place: str, size: float) -> float:
+    """Another value of a dimension: of a tube's radius, one that makes its wall thinner or thicker."""
     part, key = place.rsplit(".", 1)
-    return float(getattr(lab.robot.nominal.robot.parts[part], key))
+    lengths = lab.robot.nominal.robot.parts[part].lengths()
+    inner = lengths["bore"] / 2 if key == "radius" else 0.0
+    return round(inner + (lengths[key] - inner) * (1 + (0.12 if inner else 0.04) * size), 7)
 
 
 def _outside_places(lab: Lab, effect: str, channels: Sequence[str]) -> tuple[str, ...]:
@@ -293,7 +295,9 @@ def _outside(effect: str, rng: np.random.Generator, lab: Lab, style: Style) -> F
     soft = _scale(lab)[0] / _LIKE[0]
     scale = lab.workspace.scale
     members = lab.sound.members(place)
-    stiffest = max((d.stiffness for n in members if n in lab.sound.joints and (d := lab.sound.joints[n].drive)), default=1.0)
+    stiffest = max(
+        (d.stiffness for n in members if n in lab.sound.joints and (d := lab.sound.joints[n].drive)), default=1.0
+    )
     lever = max((lab.size(name) for name in members if name in lab.sound.joints), default=1.0)
     bearing = 1e-8 * soft
     one = {
@@ -303,7 +307,8 @@ def _outside(effect: str, rng: np.random.Generator, lab: Lab, style: Style) -> F
         "stiffening-joint": {"radial": bearing * size, "knee": 0.2 * bearing * size * scale.force},
         "joint-play": {"radial": 4e-6 * size}, "loose-bolt": {"opening": bearing * size},
         "screw-pitch": {"relative": 1e-4 * size}, "larger-body": {"relative": 1e-3 * size},
-        "gain-drift": {"relative": 0.05 * size}, "cross-talk": {"share": 0.03 * size}, "bad-session": {"relative": 0.03 * size},
+        "gain-drift": {"relative": 0.05 * size}, "cross-talk": {"share": 0.03 * size},
+        "bad-session": {"relative": 0.03 * size},
         "drifting-sensor": {"displacement": 4e-6 * size, "rotation": 1.5e-5 * size},
         "coarse-converter": {"displacement": 4e-6 * size, "rotation": 1.5e-5 * size},
     }  # fmt: skip

@@ -96,7 +96,10 @@ def outcome_of(
     """
     named = tuple(same(f"{e['effect']} @ {e['place']}") for e in found["effects"])
     groups = tuple(tuple(same(name) for name in e["confused_with"]) for e in found["effects"])
-    gap = [float("nan") if found["gap"][k] is None else found["gap"][k] for k in ("nominal", "explained", "held_out", "noise")]
+    gap = [
+        float("nan") if found["gap"][k] is None else found["gap"][k]
+        for k in ("nominal", "explained", "held_out", "noise")
+    ]
     truth = tuple(same(fault.name) for fault in case.faults)
     return Outcome(
         number,
@@ -135,7 +138,10 @@ def _covered(case: BlindCase, found: dict[str, Any], same: Same) -> tuple[bool, 
             continue
         for name, fit in effect["parameters"].items():
             if fit["sigma"] and name in planted and not (effect["effect"] == "payload" and name == "z"):
-                low, high = fit.get("interval") or (fit["value"] - 1.96 * fit["sigma"], fit["value"] + 1.96 * fit["sigma"])
+                low, high = fit.get("interval") or (
+                    fit["value"] - 1.96 * fit["sigma"],
+                    fit["value"] + 1.96 * fit["sigma"],
+                )
                 out.append(low <= planted[name] <= high)
     return tuple(out)
 

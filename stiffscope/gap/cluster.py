@@ -40,7 +40,9 @@ def cluster(scheduler: str | None = None, workers: int = 2) -> Iterator[Any]:
         try:
             client = Client(scheduler, timeout=_CONNECT)
         except (OSError, ValueError) as error:
-            raise InputError(f"--scheduler: expected the address of a Dask scheduler that answers, got {scheduler}") from error
+            raise InputError(
+                f"--scheduler: expected the address of a Dask scheduler that answers, got {scheduler}"
+            ) from error
         with client:
             yield client
         return

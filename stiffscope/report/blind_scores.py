@@ -57,9 +57,7 @@ def scores_json(scores: Scores, campaigns: int, seed: int, seconds: float) -> di
         **{key: getattr(scores, key) for key, *_ in MEASURES},
         "held_out_over_noise": scores.held_out,
         "calibration": [dict(zip(("stated", "true", "count"), row, strict=True)) for row in scores.calibration()],
-        "robots": {
-            name: {key: getattr(own, key) for key, *_ in MEASURES} for name, own in scores.by_robot().items()
-        },
+        "robots": {name: {key: getattr(own, key) for key, *_ in MEASURES} for name, own in scores.by_robot().items()},
         "confusion": {"planted": planted, "answered": answered, "counts": counts},
         "outcomes": outcomes,
     }
@@ -143,7 +141,14 @@ def _show_wrong(scores: Scores) -> None:
 
 def draw_scores(scores: Scores, folder: Path) -> None:
     """Write the figures "confusion", "gaps" and "calibration" as SVG and PNG."""
-    save_figures(folder, {"confusion": lambda: confusion(scores), "gaps": lambda: gaps(scores), "calibration": lambda: calibration(scores)})
+    save_figures(
+        folder,
+        {
+            "confusion": lambda: confusion(scores),
+            "gaps": lambda: gaps(scores),
+            "calibration": lambda: calibration(scores),
+        },
+    )
 
 
 def confusion(scores: Scores) -> Figure:

@@ -1,4 +1,4 @@
-"""The virtual lab: its mechanics against verified numbers and the mechanism engine, its faults against their meaning."""
+"""The virtual lab: its mechanics against verified numbers and the engine, its faults against their meaning."""
 
 import subprocess
 import sys
@@ -20,7 +20,7 @@ from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
 from stiffscope.robot.vocabulary import LINKS, VOCABULARY
 from stiffscope.vjm import statics
-from tests.labs import FEA_SLIDER, biglide, default_plan, machine, measure, with_slider
+from tests.labs import FEA_SLIDER, biglide, default_plan, located, machine, measure, with_slider
 
 ROBOTS = ("biglide", "delta", "five-bar", "orthoglide", "serial-arm", "stewart")
 SOUND = biglide()
@@ -41,8 +41,15 @@ EXAMPLES = {
     ("rigid-ends", "links"): {"length": 0.03},
     ("slider-compliance", "sliders"): {"factor": 2.0},
     ("part-compliance", "limb2.slider"): {"factor": 4.0},
-    ("part-dimension", "slider.thickness"): {"c33": 6e-9, "c35": -1e-7, "c55": 2.5e-6, "c11": 7e-11, "c22": 2e-11,
-                                             "c44": 3e-8, "c66": 8e-9},
+    ("part-dimension", "slider.thickness"): {
+        "c33": 6e-9,
+        "c35": -1e-7,
+        "c55": 2.5e-6,
+        "c11": 7e-11,
+        "c22": 2e-11,
+        "c44": 3e-8,
+        "c66": 8e-9,
+    },
     ("guide-compliance", "carriages"): {"lateral": 5e-9, "vertical": 5e-9, "angular": 1e-6},
     ("base-compliance", "base"): DIAGONAL,
     ("platform-compliance", "tool"): {"x": 1e-8, "z": 1e-8, "ry": 1e-6},
@@ -176,7 +183,7 @@ def test_every_word_and_every_fault_can_be_planted_and_seen():
     assert {effect for effect, _ in EXAMPLES} == {*KNOWN, *OUTSIDE} >= {*VOCABULARY}
     plan = default_plan(SOUND, np.random.default_rng(3), poses=4, stiffness="k", sessions=2)
     start = without_weight(SOUND)
-    reference = {base.weighted: true_readings(base, plan).value for base in (SOUND, start)}
+    reference = {base.weighted: true_readings(base, plan, located(base, plan)).value for base in (SOUND, start)}
     for (effect, place), parameters in EXAMPLES.items():
         base = SOUND if effect in {"backlash", "joint-play"} else start
         faulty = inject(base, effect, place, parameters)
@@ -247,7 +254,7 @@ def test_a_turned_drive_may_go_round_more_than_once():
     """A drive's displacement counts from home along the way there."""
     arm = machine("serial-arm")
     home = np.array(load_robot("serial-arm").poses["home"])
-    turned = home + [0, 0, 0, 0, 0, 2.5]
+    turned = home + np.array([0, 0, 0, 0, 0, 2.5])
     drives = locate(arm, turned[None]).drives
     assert drives["J6"][0] == pytest.approx(-2.5, abs=1e-10)
     assert all(abs(drives[name][0]) < 1e-10 for name in ("J1", "J2", "J3", "J4", "J5"))
@@ -319,7 +326,7 @@ def test_gauges_see_the_motion_of_their_points():
         for k, p in enumerate([[arm, 0, 0], [0, arm, 0], [-arm, 0, 0], [0, -arm, 0]])
     )
     spin = Sensor("level", "rotation", "platform", at, np.array([0, 0, 1.0]))
-    hook = {"hook": Spot("platform", at + [0.05, 0, 0])}
+    hook = {"hook": Spot("platform", at + np.array([0.05, 0, 0]))}
     plan = Plan(np.array([home]), (("hook", np.array([0, 0, 400.0, 0, 0, 0])),), hook, (*gauges, spin))
     shown = true_readings(sound, plan)
     pose = turn(np.array(home[3:]))
@@ -334,11 +341,9 @@ def test_gauges_see_the_motion_of_their_points():
 
 
 def test_a_gauge_on_a_moving_body_reads_the_difference():
-    plan = Plan(
-        HOME, (("", np.array([300.0, 0, 0, 0, 0, 0])),), {},
-        (Sensor("slide", "displacement", "limb1.slider.base", np.array([-0.56, 0, 0.04]), np.array([1.0, 0, 0]), "rail"),),
-        deviations=False,
-    )  # fmt: skip
+    at, along = np.array([-0.56, 0, 0.04]), np.array([1.0, 0, 0])
+    gauge = Sensor("slide", "displacement", "limb1.slider.base", at, along, "rail")
+    plan = replace(loaded(HOME, [300.0, 0, 0, 0, 0, 0], deviations=False), sensors=(gauge,))
     probed = inject(SOUND, "drive-friction", "limb1", {"force": 1e-9})
     force = respond(probed, HOME, [tool_spot(probed)]).force[0, 0, 0] * 300.0
     assert true_readings(SOUND, plan).value[0] == pytest.approx(-force / DRIVE, rel=1e-6)  # its axis points to -x
@@ -379,7 +384,7 @@ def test_readings_are_as_noisy_as_they_say():
     ("effect", "place", "parameters", "expected"),
     [
         ("rust", "base", {}, "effect: expected one of gravity, payload"),
-        ("backlash", "links", {"half_width": 1e-6}, "backlash, place: expected what it can act on in biglide, got 'links'"),
+        ("backlash", "links", {"half_width": 1e-6}, "backlash, place: expected what it can act on in biglide"),
         ("backlash", "stage", {"width": 1e-6}, "backlash, width: expected one of half_width"),
         ("actuator-stiffness", "stage", {"factor": -1.0}, "factor: expected a finite number"),
         ("rigid-ends", "links", {"length": 0.3}, "rigid-ends, length: expected 0 to 0.25 m"),
@@ -406,7 +411,8 @@ def test_lab_imports_no_mechanics_of_the_diagnosis():
     code = (
         "import sys, stiffscope.gap.lab.plans, stiffscope.gap.lab.faults, stiffscope.gap.lab.writing;"
         "rooms = [m.split('.')[1:] for m in sys.modules if m.startswith('stiffscope.')];"
-        "known = {'robot': {'sections', 'quantities', 'values', 'expressions'}, 'gap': {'lab'}, 'fea': {'settings'}, 'errors': set()};"
+        "known = {'robot': {'sections', 'quantities', 'values', 'expressions'}, 'gap': {'lab'}, 'fea': {'settings'}};"
+        "known |= {'errors': set()};"
         "bad = [m for m in rooms if m[0] not in known or {*m[1:2]} - known[m[0]]];"
         "sys.exit(' '.join(map(str, bad)) or 0)"
     )

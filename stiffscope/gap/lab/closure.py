@@ -153,7 +153,7 @@ def locate(machine: Machine, poses: Array) -> Located:
 
 
 def _equations(machine: Machine, frames: Frames, target: Array) -> tuple[Array, Array]:
-    """Return the derivatives (n, r, 6 bodies) of all constraints by twists about the origin, and their errors (n, r)."""
+    """Return derivatives (n, r, 6 bodies) of all constraints by twists about the origin, and their errors (n, r)."""
     index = {name: 6 * k for k, name in enumerate(machine.bodies)}
     n, columns = len(target), 6 * len(index)
     rows: list[Array] = []
@@ -192,4 +192,3 @@ def _step(machine: Machine, rows: Array, errors: Array) -> dict[str, Array]:
     back = -np.linalg.solve(square, right)[..., 0]
     back *= np.minimum(1.0, 0.5 / np.maximum(np.abs(back).max(axis=1), 1e-300))[:, None]  # half a radian at most
     return {name: back[:, 6 * k : 6 * k + 6] for k, name in enumerate(machine.bodies)}
-

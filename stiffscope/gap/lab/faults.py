@@ -288,6 +288,10 @@ def acts_on(machine: Machine, effect: str, place: str) -> bool:
     """Whether an effect has anything to act on at a place; sensors and channels are taken as they are."""
     if effect in _ELSEWHERE:
         return place in _ELSEWHERE[effect]
+    return _acts_on_elements(machine, effect, place)
+
+
+def _acts_on_elements(machine: Machine, effect: str, place: str) -> bool:
     if effect in _ON_DRIVES:
         return bool(_drives(machine, place))
     if effect == "guide-compliance":
@@ -297,7 +301,10 @@ def acts_on(machine: Machine, effect: str, place: str) -> bool:
     if effect in _ON_BODIES:
         return bool(_elastic(machine, place.rsplit(".", 1)[0] if effect == "part-dimension" else place))
     if effect in {"payload", "larger-body"}:
-        return (place in machine.bodies and len(machine.bodies[place].nodes) == 1) or (effect, place) == ("payload", "tool")
+        return (place in machine.bodies and len(machine.bodies[place].nodes) == 1) or (effect, place) == (
+            "payload",
+            "tool",
+        )
     return True
 
 

@@ -21,8 +21,8 @@ GROUND = "ground"
 BASE, TOOL = "<base>", "<tool>"
 """The nodes that stand on the base's compliance, and at M behind the tool's; also the names of these two elements."""
 FREE = {
-    "fixed": (), "revolute": (3,), "prismatic": (0,), "cylindrical": (0, 3), "universal": (3, 4), "spherical": (3, 4, 5),
-    "planar": (1, 2, 3),
+    "fixed": (), "revolute": (3,), "prismatic": (0,), "cylindrical": (0, 3), "universal": (3, 4),
+    "spherical": (3, 4, 5), "planar": (1, 2, 3),
 }  # fmt: skip
 """Directions of a joint's axes (x along `axis`) that it leaves free; a universal joint's second is its `axis2`."""
 DRIVEN = {"revolute": 3, "prismatic": 0, "cylindrical": 0}

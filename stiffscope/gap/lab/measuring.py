@@ -138,8 +138,10 @@ def true_readings(machine: Machine, plan: Plan, located: Located | None = None) 
     if plan.deviations:
         block(1, every, np.full(p, -1), _deviations(machine, response, channels, seen))
     if plan.stiffness:
-        block(2, every, np.full(p, -1), _stiffnesses(machine, plan, response, seen))
-    pose, load, _, channel, value = (np.concatenate(parts) for parts in zip(*((b[0], b[1], b[0], b[3], b[4]) for b in blocks), strict=True))
+        block(2, every, np.full(p, -1), _stiffnesses(machine, plan, seen))
+    pose, load, _, channel, value = (
+        np.concatenate(parts) for parts in zip(*((b[0], b[1], b[0], b[3], b[4]) for b in blocks), strict=True)
+    )
     kind = np.concatenate([np.full(len(b[0]), b[2]) for b in blocks])
     order = np.tile(np.argsort(pose, kind="stable"), plan.repeats)
     n = len(order)
@@ -221,7 +223,7 @@ def _deviations(machine: Machine, response: Response, channels: tuple[Sensor, ..
     return shift + np.einsum("nkc,nc->nk", seen, cases)
 
 
-def _stiffnesses(machine: Machine, plan: Plan, response: Response, seen: Array) -> Array:
+def _stiffnesses(machine: Machine, plan: Plan, seen: Array) -> Array:
     """Return diagonals (p, 6) of stiffness, or pushes, as stated wrench over read displacement."""
     shown = seen[:, :, :6] @ _true_wrench(machine.instrument, np.eye(6)).T
     if plan.stiffness == "p":
@@ -263,7 +265,9 @@ def with_noise(rows: Readings, instrument: Instrument, noise: Noise, rng: np.ran
     kept = np.flatnonzero(rng.random(n) >= noise.missing)
     if noise.shuffle:
         kept = rng.permutation(kept)
-    noisy = Readings(rows.plan, rows.channels, rows.pose, rows.load, rows.kind, rows.channel, value, stated, rows.session)
+    noisy = Readings(
+        rows.plan, rows.channels, rows.pose, rows.load, rows.kind, rows.channel, value, stated, rows.session
+    )
     return noisy.some(kept)
 
 

@@ -114,7 +114,9 @@ def workspace(machine: Machine, count: int, rng: np.random.Generator) -> Workspa
             found = np.concatenate([found, trial[located.closed][~soft]])[:count]
         if len(found) == count:
             return Workspace(machine, scale_of(machine), found, locate(machine, found))
-    raise InputError(f"{machine.robot.name}: expected a [map] within reach, got poses of which hardly any can be reached")
+    raise InputError(
+        f"{machine.robot.name}: expected a [map] within reach, got poses of which hardly any can be reached"
+    )
 
 
 def draw_plan(
@@ -142,7 +144,9 @@ def draw_plan(
         mixed = rng.uniform(-1, 1, (max(wrenches - 6, 0), 6)) * size
         loads = np.round(np.vstack([np.diag(size), mixed])[:wrenches], 3)
         return Plan(places, tuple(("", w) for w in loads), stiffness=stiffness, sessions=sessions), located
-    reach = float(np.clip(np.sqrt(scale.linear / scale.angular), 0.03, 0.15))  # m: forces there turn as much as they push
+    reach = float(
+        np.clip(np.sqrt(scale.linear / scale.angular), 0.03, 0.15)
+    )  # m: forces there turn as much as they push
     hook = Spot(machine.tool, np.round(machine.at + rng.uniform(-1, 1, 3) * reach, 4))
     pulls = np.vstack([np.eye(3), -np.eye(3)[2:], rng.uniform(-1, 1, (max(wrenches - 4, 0), 3))])[:wrenches]
     loads = [("hook", np.round(np.concatenate([scale.force * pull, np.zeros(3)]), 3)) for pull in pulls]

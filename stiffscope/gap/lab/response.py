@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from stiffscope.gap.lab.rotations import Array
 
 CABLE = "<cable>"
-_SETTLED = 1e-13  # m and rad
+_SETTLED = 1e-13  # m
 _ITERATIONS = 30
 
 
@@ -117,20 +117,22 @@ def _frames_of_nodes(machine: Machine, bodies: Frames) -> Frames:
     )
 
 
-def _settled(
-    machine: Machine, located: Located, nominal: Frames, index: dict[str, int]
-) -> tuple[Frames, Structure]:
+def _settled(machine: Machine, located: Located, nominal: Frames, index: dict[str, int]) -> tuple[Frames, Structure]:
     """Return where the nodes stand with all errors of geometry in equilibrium, and the structure there."""
     frames = nominal
     structure = Structure(len(index) - 1, _elements(machine, located, frames, index))
     if not _distorted(machine):
         return frames, structure
+    points = {TOOL: machine.at}  # a rod may spin between two balls: its ends stand still
+    for body in machine.bodies.values():
+        points |= dict(zip(body.nodes, (body.base, body.tip) if len(body.nodes) > 1 else (body.centre,), strict=True))
     for _ in range(_ITERATIONS):
         solution = structure.solve(structure.misfits()[..., None])
         steps = {name: structure.twist(solution, k)[..., 0] for name, k in index.items() if k >= 0}
+        moved = [np.abs(lever(frames.point(name, at)) @ steps[name][..., None])[:, :3] for name, at in points.items()]
         frames = frames.moved(steps)
         structure = Structure(len(index) - 1, _elements(machine, located, frames, index))
-        if max(float(np.abs(step).max()) for step in steps.values()) < _SETTLED:
+        if max(float(step.max()) for step in moved) < _SETTLED:
             return frames, structure
     raise InputError("pose: expected errors of the geometry with which the loops still close")
 
