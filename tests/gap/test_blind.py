@@ -173,7 +173,9 @@ def found(*effects, verdict="identified", possible=()):
         effect, place = name.split(" @ ")
         return {
             "effect": effect, "place": place, "probability": probability, "confused_with": list(group),
-            "parameters": {k: dict(zip(("value", "sigma", "interval"), v, strict=False)) for k, v in parameters.items()},
+            "parameters": {
+                key: dict(zip(("value", "sigma", "interval"), fit, strict=False)) for key, fit in parameters.items()
+            },
         }  # fmt: skip
 
     listed = [one(*args, **kwargs) for args, kwargs in effects]
