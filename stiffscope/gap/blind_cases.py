@@ -13,8 +13,9 @@ import numpy as np
 from stiffscope.errors import InputError
 from stiffscope.gap.lab.faults import ENTRIES, KNOWN, OUTSIDE, acts_on, inject
 from stiffscope.gap.lab.machine import machine_of
-from stiffscope.gap.lab.measuring import Noise, measure
+from stiffscope.gap.lab.measuring import Noise, measure, true_readings
 from stiffscope.gap.lab.plans import Workspace, draw_plan, workspace
+from stiffscope.gap.lab.signatures import Signatures, unexplained
 from stiffscope.gap.lab.writing import write_readings
 from stiffscope.robot.library import robot_names
 from stiffscope.robot.part_matrices import part_matrices, part_sources
@@ -26,8 +27,9 @@ if TYPE_CHECKING:
 
     from stiffscope.gap.lab.closure import Located
     from stiffscope.gap.lab.machine import Machine
-    from stiffscope.gap.lab.measuring import Plan
+    from stiffscope.gap.lab.measuring import Plan, Readings
     from stiffscope.gap.lab.plans import Style
+    from stiffscope.gap.lab.rotations import Array
     from stiffscope.robot.effects import NominalRobot
     from stiffscope.robot.part_matrices import PartMatrix
 
@@ -38,6 +40,10 @@ STYLES: tuple[Style, ...] = ("tool", "gauges", "tool", "gauges", "tool", "sag")
 SEAL = "seal.txt"
 
 _LIKE = (8.075e-8, 1.346e-6)  # m/N, rad/(N·m): the scale of the robot at which the sizes of faults below hold
+_ATTEMPTS = 12
+_VISIBLE = 8.0  # standard deviations, of all readings together, by which a fault must stand out
+_ALIKE = 4.0  # standard deviations, of all readings together, that nobody tells apart
+_TWINS = 2  # other effects that the named group of a true one has room for
 _POOL = 72  # poses of a robot from which a campaign takes its own
 _SEED = 20  # of that pool
 _EXPANDS = 1e-6  # 1/K: less is no thermal growth to speak of
@@ -107,6 +113,8 @@ class Lab:
         for effect in file.effects:  # which the model carries, and so does the machine
             machine = inject(machine, effect.effect, effect.place, effect.parameters)
         self.sound = machine
+        self._steps: dict[str, dict[str, Array]] = {}
+        self._words: dict[str, tuple[str, str]] = {}
         self.workspace: Workspace = workspace(machine, poses, np.random.default_rng(_SEED))
 
     def with_faults(self, faults: Sequence[Fault]) -> Machine:
@@ -172,6 +180,33 @@ class Lab:
             foreign.add("payload")
         return tuple(effect for effect in KNOWN if effect not in foreign and self.places(effect))
 
+    def everywhere(self) -> dict[str, tuple[str, str]]:
+        """All effects of the vocabulary at all their places, by their canonical names."""
+        if not self._words:
+            listed = [(effect, place) for effect in self.words() for place in self.places(effect)]
+            self._words = {self.canonical(f"{effect} @ {place}"): (effect, place) for effect, place in listed}
+        return self._words
+
+    def softer(self, effect: str, place: str) -> dict[str, Array]:
+        """Compliance that a small step of an effect's parameter adds to each body at a place."""
+        if effect not in {"part-dimension", "link-stiffness", "rigid-ends"}:
+            return {}
+        name = f"{effect} @ {place}"
+        if name not in self._steps:
+            members = self.sound.members(place.rsplit(".", 1)[0] if effect == "part-dimension" else place)
+            step = {
+                "part-dimension": lambda: {"value": _other_dimension(self, place, 0.1)},
+                "link-stiffness": lambda: {"factor": 0.99},
+                "rigid-ends": lambda: {"length": 0.01 * self._shortest(members)},
+            }[effect]()
+            changed = self.with_faults([Fault(effect, place, step)]).bodies
+            sound = self.sound.bodies
+            self._steps[name] = {n: changed[n].compliance - sound[n].compliance for n in members}
+        return self._steps[name]
+
+    def _shortest(self, members: Sequence[str]) -> float:
+        return min(self.sound.bodies[name].length for name in members)
+
     def canonical(self, name: str) -> str:
         """One name for all names of an effect at a place: groups, parts and elements may mean the same set."""
         effect, _, place = name.partition(" @ ")
@@ -191,7 +226,11 @@ class Lab:
 
 
 def draw(number: int, seed: int, lab: Lab) -> BlindCase:
-    """The case of this number in a series: its kind in turn, its effects and their sizes by chance."""
+    """The case of this number in a series: its kind in turn, its effects and their sizes by chance.
+
+    What is drawn can be answered: readings show every effect beside the others, and no more than two words of the
+    vocabulary with as few parameters do the same to them. Where chance does not find such a fault, the last one stays.
+    """
     rng = np.random.default_rng([seed, number])
     kind = KINDS[number % len(KINDS)]
     style = STYLES[number // len(KINDS) % len(STYLES)]
@@ -201,12 +240,61 @@ def draw(number: int, seed: int, lab: Lab) -> BlindCase:
         names = [name for name in OUTSIDE if lab_has_outside(lab, name)]
         return BlindCase(kind, seed, (_outside(names[int(rng.integers(len(names)))], rng, lab, style),), style)
     words = lab.words()
-    count = ("single", "pair", "triple").index(kind) + 1
-    if kind == "single":
-        chosen = [words[(number // len(KINDS) * 3 + number % len(KINDS)) % len(words)]]
-    else:
-        chosen = [words[int(k)] for k in rng.permutation(len(words))[:count]]
-    return BlindCase(kind, seed, tuple(_known(word, rng, lab) for word in chosen), style)
+    faults: tuple[Fault, ...] = ()
+    judge = _Judge(BlindCase(kind, seed, (), style), number, lab)
+    for _ in range(("single", "pair", "triple").index(kind) + 1):
+        left = [word for word in words if word not in {fault.effect for fault in faults}]
+        start = number // len(KINDS) * 3 + number % len(KINDS)  # singles take one word after the other
+        fault = None
+        for attempt in range(_ATTEMPTS):
+            word = left[(start + attempt // 3) % len(left)] if kind == "single" else _some(rng, left)
+            fault = _known(word, rng, lab)
+            if judge.decidable((*faults, fault)):
+                break
+        faults = (*faults, fault) if fault else faults
+    return BlindCase(kind, seed, faults, style)
+
+
+class _Judge:
+    """Whether readings without noise tell the faults of a case from all else that could be named."""
+
+    def __init__(self, case: BlindCase, number: int, lab: Lab) -> None:
+        self._lab = lab
+        _, self._plan, self._located, _ = prepared(case, number, lab)
+        self._sound = self._shown(())
+        self._known = Signatures(lab.sound, self._plan, self._located, self._sound, Noise())
+
+    def _shown(self, faults: Sequence[Fault]) -> Readings:
+        return true_readings(self._lab.with_faults(faults), self._plan, self._located)
+
+    def decidable(self, faults: Sequence[Fault]) -> bool:
+        """Whether every one of the faults shows beside the others, and has few others like it; see `draw`."""
+        rows = self._shown(faults)
+        own = [
+            (
+                rows.value
+                - (self._shown([f for f in faults if f is not fault]) if len(faults) > 1 else self._sound).value
+            )
+            / self._known.sigma
+            for fault in faults
+        ]
+        for fault, signature in zip(faults, own, strict=True):
+            others = [s for s in own if s is not signature]
+            beside = np.stack(others, axis=1) if others else np.zeros((len(signature), 0))
+            if unexplained(signature, beside) < _VISIBLE or len(self._alike(fault, signature, beside)) > _TWINS:
+                return False
+        return True
+
+    def _alike(self, fault: Fault, signature: Array, beside: Array) -> set[str]:
+        """Other effects that do the same to readings as a fault, beside the other faults (r, k) of its campaign."""
+        found: set[str] = set()
+        for name, (effect, place) in self._lab.everywhere().items():
+            columns = self._known.of(effect, place, self._lab.softer(effect, place))
+            if columns is None or columns.shape[1] > len(fault.parameters) or name in found:
+                continue
+            if unexplained(signature, np.hstack([columns, beside])) < _ALIKE:
+                found.add(name)
+        return found - {self._lab.canonical(fault.name)}
 
 
 def _between(rng: np.random.Generator, low: float, high: float) -> float:

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 Style = Literal["tool", "gauges", "sag"]
 """Readings of the tool's pose under loads and without; five gauges and a hook; the unloaded tool alone."""
 
-FORCE, MOMENT = 500.0, 100.0  # N, N·m: the most that the loading device can apply
+FORCE, MOMENT = 500.0, 100.0  # N, N·m: what a loading device applies, more on robots that are stiffer than
+_STIFF = (8e-8, 1.3e-6)  # m/N, rad/(N·m)
 _DEFLECTION = (4e-4, 8e-4)  # m, rad: what loads should bring about at home
 _INSIDE = 0.85  # share of the range of a coordinate
 _TILT = 0.12  # rad, where the file says nothing of a rotation's range
@@ -40,12 +41,12 @@ class Scale:
     @property
     def force(self) -> float:
         """Force that a lab applies, N."""
-        return min(FORCE, _rounded(_DEFLECTION[0] / self.linear))
+        return min(FORCE * max(1.0, _rounded(_STIFF[0] / self.linear)), _rounded(_DEFLECTION[0] / self.linear))
 
     @property
     def moment(self) -> float:
         """Moment that a lab applies, N·m."""
-        return min(MOMENT, _rounded(_DEFLECTION[1] / self.angular))
+        return min(MOMENT * max(1.0, _rounded(_STIFF[1] / self.angular)), _rounded(_DEFLECTION[1] / self.angular))
 
 
 def _rounded(value: float) -> float:

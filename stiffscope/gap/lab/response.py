@@ -48,12 +48,18 @@ class Response:
     twists: dict[str, Array]
     """(n, 6, cases) of every node."""
     force: Array
-    """(n, slots, cases) force that every slot carries, its own lost motion undone."""
+    """(n, slots, cases) force that every slot carries."""
+    structure: Structure
+    solution: Array
 
     @property
     def dead(self) -> int:
         """Number of the case of what always acts."""
         return 6 * len(self.spots)
+
+    def wrench(self, name: str) -> Array:
+        """Wrench (n, 6, cases) that an element carries, in its own axes."""
+        return self.structure.wrench(self.solution, name)
 
     def at(self, spot: Spot) -> Array:
         """Twists (n, 6, cases) of a spot."""
@@ -105,7 +111,8 @@ def respond(machine: Machine, poses: Array | Located, spots: Sequence[Spot]) -> 
     slots = [structure.wrench(solution, slot.element)[:, slot.direction] for slot in machine.slots]
     empty = np.zeros((len(located.closed), 0, solution.shape[2]))
     twists = {name: structure.twist(solution, k) for name, k in index.items()}
-    return Response(nominal, true, tuple(spots), twists, np.stack(slots, axis=1) if slots else empty)
+    force = np.stack(slots, axis=1) if slots else empty
+    return Response(nominal, true, tuple(spots), twists, force, structure, solution)
 
 
 def _frames_of_nodes(machine: Machine, bodies: Frames) -> Frames:
