@@ -34,7 +34,7 @@ SIZES = {
     "platform-compliance": {"x": 1e-8, "y": 5e-9, "z": 1e-8, "rx": 1e-7, "ry": 5e-8, "rz": 1e-7},
     "backlash": {"half_width": 2e-5},
     "encoder-offset": {"offset": 2e-4},
-    "link-length": {"error": 5e-5},
+    "link-length": {"error": 3e-5},
     "thermal": {"temperature": 12.0},
     "instrument-misalignment": {"rx": 0.02, "ry": -0.03, "rz": 0.025},
 }
