@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -109,8 +109,10 @@ class Readings:
 
     def some(self, rows: Codes) -> Readings:
         """Some of the readings, in another order."""
-        columns = (self.pose, self.load, self.kind, self.channel, self.value, self.sigma, self.session)
-        return Readings(self.plan, self.channels, *(column[rows] for column in columns))
+        return replace(
+            self, pose=self.pose[rows], load=self.load[rows], kind=self.kind[rows], channel=self.channel[rows],
+            value=self.value[rows], sigma=self.sigma[rows], session=self.session[rows],
+        )  # fmt: skip
 
 
 def true_readings(machine: Machine, plan: Plan, located: Located | None = None) -> Readings:

@@ -13,10 +13,13 @@ is solved with a small shift of its diagonal, and refined until the system itsel
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.linalg import lu_factor, lu_solve
+from scipy.linalg import (  # pyright: ignore[reportMissingTypeStubs]
+    lu_factor,  # pyright: ignore[reportUnknownVariableType]
+    lu_solve,  # pyright: ignore[reportUnknownVariableType]
+)
 
 from stiffscope.errors import InputError
 from stiffscope.gap.lab.rotations import lever
@@ -75,7 +78,7 @@ class Structure:
         self._scale = self._scales(elements, size)
         shift = _SHIFT * np.where(np.arange(size) < self._dofs, 1.0, -1.0)
         scaled = self._matrix * self._scale[:, None] * self._scale
-        self._factors = [lu_factor(one + np.diag(shift)) for one in scaled]
+        self._factors: list[Any] = [lu_factor(one + np.diag(shift)) for one in scaled]
         self._scaled = scaled
 
     def _scales(self, elements: Sequence[Element], size: int) -> Array:
@@ -128,7 +131,8 @@ class Structure:
         size = np.maximum(np.abs(scaled).max(axis=1, keepdims=True), 1e-300)
         left = scaled
         for _ in range(_REFINED):
-            out = out + np.stack([lu_solve(f, b) for f, b in zip(self._factors, left, strict=True)])
+            parts: list[Array] = [lu_solve(f, b) for f, b in zip(self._factors, left, strict=True)]
+            out = out + np.stack(parts)
             left = scaled - self._scaled @ out
             if (np.abs(left) < _MET * size).all():
                 break
