@@ -175,40 +175,56 @@ def check_campaign(name: str, out: Path | None, *, target: str | None, quiet: bo
 
 
 @click.command()
-@takes(options.out, options.target)
-@click.option("--campaigns", default=100, show_default=True, type=click.IntRange(1, 100000), help="How many to draw.")
+@takes(
+    click.argument("names", metavar="ROBOT...", nargs=-1, required=True),
+    options.out,
+    options.target,
+    options.components,
+)
+@click.option("--campaigns", default=100, show_default=True, type=click.IntRange(1, 100000), help="How many a robot.")
 @click.option("--seed", default=1, show_default=True, type=click.IntRange(0), help="What decides which are drawn.")
-def blind(out: Path, *, target: str | None, campaigns: int, seed: int, quiet: bool) -> None:
+@click.option(
+    "--scheduler", metavar="ADDRESS", help="A Dask scheduler, such as tcp://host:8786; default: this machine."
+)
+def blind(
+    names: tuple[str, ...], out: Path, *, target: str | None, components: str | None, campaigns: int, seed: int,
+    scheduler: str | None, quiet: bool,
+) -> None:  # fmt: skip
     """The check of the diagnosis on campaigns whose effects are withheld.
 
-    Draws campaigns, seals what is in them, diagnoses them, and scores the answers.
+    Draws campaigns of each ROBOT, seals what is in them, diagnoses them, and scores the answers. Finished cases are
+    kept in DIR.cases until all are: the same command goes on where it was interrupted.
     """
+    import shutil
+
     from stiffscope.cli.showing import shown_workshop
     from stiffscope.gap.blind import run_blind
-    from stiffscope.jobs.assembly import assemble_robots
+    from stiffscope.jobs.blind import blind_robots
     from stiffscope.report import tables
     from stiffscope.report.blind_scores import draw_scores, scores_json, show_scores
-    from stiffscope.robot.effects import NominalRobot
     from stiffscope.robot.reader import load_robot
 
     files.check_output(out, target)
-    robot = load_robot("biglide")
-    manifest = manifest_of(robot)
-    with shown_workshop(quiet=quiet) as shop, files.staged_folder(out) as folder:
-        made = assemble_robots({"now": robot}, "published", shop)["now"]
+    robots = [load_robot(name) for name in names]
+    manifest = manifest_of(robots[0], *(robot.path for robot in robots[1:]))
+    cases = out.with_name(f"{out.name}.cases")
+    with shown_workshop(quiet=quiet) as shop:
+        drawn = blind_robots(robots, components, shop)
         report = shop.open_line("blind")
-        nominal = NominalRobot(made.mechanism, robot)
-        scores = run_blind(folder, nominal, campaigns, seed, report, os.cpu_count() or 1)
+        scores = run_blind(cases, drawn, campaigns, seed, report, workers=os.cpu_count() or 1, scheduler=scheduler)
         report("figures", 1.0)
         found = scores_json(scores, campaigns, seed, manifest.elapsed())
-        files.write_json(folder / "scores.json", found)
-        draw_scores(scores, folder)
-        manifest.write(folder)
+        with files.staged_folder(out) as folder:
+            shutil.copytree(cases, folder, dirs_exist_ok=True)
+            files.write_json(folder / "scores.json", found)
+            draw_scores(scores, folder)
+            manifest.write(folder)
+    shutil.rmtree(cases)
     if target:
         files.write_json(target, found)
     if not quiet and target != "-":
         show_scores(scores)
-        tables.show_line(f"{campaigns} campaigns in {manifest.elapsed():.0f} s; written to {out}")
+        tables.show_line(f"{campaigns} campaigns a robot in {manifest.elapsed():.0f} s; written to {out}")
 
 
 @click.command()

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
-import os
-import signal
-import threading
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+import shutil
+import tempfile
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from stiffscope.gap.blind_cases import BlindCase, draw, seal, unseal, write_case
+from stiffscope.errors import InputError
+from stiffscope.gap.blind_cases import Lab, draw, seal, unseal, write_case
+from stiffscope.gap.blind_scores import Outcome, outcome_of, score
+from stiffscope.gap.cluster import cluster
 from stiffscope.gap.diagnose import conclude
 from stiffscope.gap.diagnosis import to_json
 from stiffscope.gap.findings import find
@@ -22,249 +21,168 @@ from stiffscope.gap.robot_model import RobotModel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from pathlib import Path
 
-    from stiffscope.robot.effects import NominalRobot
+    from stiffscope.gap.blind_cases import BlindRobot
+    from stiffscope.gap.blind_scores import Scores
 
     Progress = Callable[[str, float], None]
+    Files = dict[str, str]
 
-GROUP = 3  # a diagnosis may name the truth in a group of at most so many
-EVIDENT = 10.0  # ln-odds against no effect from which a single effect must be found
-HONEST = 1.2  # times the noise floor, held out
-MANY = 6  # parameters of an effect beyond which its intervals are not scored: the entries of a matrix
+OUTCOME = "outcome.json"
+_RUN = "run.json"
+_labs: dict[str, Lab] = {}
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """One campaign: what was withheld, what was diagnosed, and whether that is right."""
+class Task:
+    """A case to be drawn, measured, diagnosed and scored."""
 
+    robot: str
     number: int
-    kind: str
-    truth: tuple[str, ...]
-    verdict: str
-    named: tuple[str, ...]
-    """Diagnosed effects, `effect @ place`."""
-    groups: tuple[tuple[str, ...], ...]
-    """What these readings cannot distinguish from each of them."""
-    evidence: float
-    """Ln-odds of the best hypothesis against no effect."""
-    gap: tuple[float, float, float, float]
-    """% rms before, after, held out, noise."""
-    covered: tuple[bool, ...]
-    """Whether each 95 % interval of a rightly named effect holds the true parameter."""
-    left_out: str = ""
-    """The effect that was taken out of the library, in a leave-one-effect-out check."""
+    seed: int
 
     @property
-    def right(self) -> bool:
-        """Whether the diagnosis is the truth, each effect itself or in its group of at most three."""
-        if self.kind == "none":
-            return self.verdict == "no-gap"
-        if self.kind == "outside":
-            return not self.confident
-        if self.left_out:  # an honest neighbour leaves nothing to be explained
-            return not self.confident or self.gap[2] <= HONEST * self.gap[3]
-        return len(self.named) == len(self.truth) and _matched(
-            set(self.truth), list(zip(self.named, self.groups, strict=True))
-        )
-
-    @property
-    def confident(self) -> bool:
-        """Whether an effect was named with confidence."""
-        return self.verdict == "identified"
-
-
-@dataclass(frozen=True)
-class Scores:
-    """The score of a blind check; shares are None where nothing of the kind was drawn."""
-
-    outcomes: tuple[Outcome, ...]
-    singles: float | None
-    """Share of right diagnoses among single effects with evidence beyond `EVIDENT`."""
-    pairs: float | None
-    false_alarms: float | None
-    """Share of no-effect campaigns in which an effect was named."""
-    abstentions: float | None
-    """Share of outside effects that were not named with confidence."""
-    left_out: float | None
-    """Share of campaigns, their effect out of the library, without a confident name that leaves something over."""
-    coverage: float | None
-    """Share of 95 % intervals that hold the true parameter."""
-    held_out: float | None
-    """Largest held-out gap over the noise floor where an effect was identified rightly."""
-
-    def confusion(self) -> tuple[tuple[str, ...], tuple[str, ...], tuple[tuple[int, ...], ...]]:
-        """What was injected alone against what was diagnosed: rows, columns, counts."""
-        alone = [o for o in self.outcomes if len(o.truth) <= 1 and not o.left_out]
-        rows = sorted({_word(o.truth) for o in alone})
-        columns = sorted({_answered(o) for o in alone})
-        table = tuple(
-            tuple(sum(_word(o.truth) == row and _answered(o) == column for o in alone) for column in columns)
-            for row in rows
-        )
-        return tuple(rows), tuple(columns), table
-
-
-def _word(truth: Sequence[str]) -> str:
-    return truth[0].split(" @ ")[0] if truth else "none"
-
-
-def _answered(outcome: Outcome) -> str:
-    if outcome.verdict in {"no-gap", "unexplained"}:
-        return outcome.verdict
-    return " + ".join(sorted({n.split(" @ ")[0] for n in outcome.named}))
-
-
-def _matched(truth: set[str], named: list[tuple[str, tuple[str, ...]]]) -> bool:
-    """Whether every true effect has a diagnosed effect of its own that names it, or a small group that does."""
-    if not named:
-        return not truth
-    name, group = named[0]
-    fits = {name, *(group if len(group) < GROUP else ())} & truth
-    return any(_matched(truth - {effect}, named[1:]) for effect in fits)
+    def folder(self) -> str:
+        """Its folder in that of the check."""
+        return f"{self.robot}/campaign-{self.number:03d}"
 
 
 def run_blind(
-    folder: Path, robot: NominalRobot, campaigns: int, seed: int, progress: Progress | None = None, workers: int = 2
+    folder: Path,
+    robots: Sequence[BlindRobot],
+    campaigns: int,
+    seed: int,
+    progress: Progress | None = None,
+    *,
+    workers: int = 2,
+    scheduler: str | None = None,
 ) -> Scores:
     """Draw, seal, diagnose in parallel, open the seal, score.
+
+    Every case is stored as soon as it is finished; called again with the same folder, the check goes on where it was.
 
     Parameters
     ----------
     folder
-        Campaigns and diagnoses are left here.
-    robot
-        The nominal robot of all campaigns.
+        Campaigns, diagnoses and outcomes are left here, a folder each.
+    robots
+        Whose campaigns are drawn.
     campaigns, seed
-        How many are drawn, and the seed that they repeat with.
+        How many of each robot, and the seed that they repeat with.
     progress
         Called with a stage's name and its fraction done.
     workers
-        Processes.
+        Processes on this machine.
+    scheduler
+        Address of a Dask scheduler whose workers run the cases instead.
+
+    Raises
+    ------
+    InputError
+        The folder holds another check, or no scheduler answers.
 
     """
-    drawn = [draw(k, seed) for k in range(campaigns)]
-    for k, case in enumerate(drawn):
-        if progress:
-            progress("measuring", k / campaigns)
-        write_case(_place(folder, k), k, case)
-    seal(folder, drawn)
-    everything = [(_place(folder, k), "") for k in range(campaigns)]
-    answers = _diagnosed(everything, robot, progress, workers, "diagnosing")
-    cases = unseal(folder)
-    outcomes = [_outcome(k, cases[k], found) for k, found in enumerate(answers)]
-    single = [(k, case.faults[0].effect) for k, case in enumerate(cases) if case.kind == "single"]
-    jobs = [(_place(folder, k), effect) for k, effect in single]
-    answers = _diagnosed(jobs, robot, progress, workers, "leaving one effect out")
-    outcomes += [_outcome(k, cases[k], found, effect) for (k, effect), found in zip(single, answers, strict=True)]
-    return score(outcomes)
+    _open(folder, robots, seed)
+    tasks = [Task(robot.name, number, seed) for robot in robots for number in range(campaigns)]
+    left = [task for task in tasks if not (folder / task.folder / OUTCOME).is_file()]
+    if left:
+        _work(folder, robots, left, progress, workers, scheduler)
+    for robot in robots:
+        at = folder / robot.name
+        seal(at, [unseal(folder / task.folder)[0] for task in tasks if task.robot == robot.name])
+    return score([outcome for task in tasks for outcome in _stored(folder / task.folder)])
 
 
-def _place(folder: Path, number: int) -> Path:
-    return folder / f"campaign-{number:03d}"
+def _open(folder: Path, robots: Sequence[BlindRobot], seed: int) -> None:
+    """Note which check this folder holds. Raises InputError where it is another one."""
+    texts = {robot.name: robot.nominal.robot.source for robot in robots}
+    check = {
+        "seed": seed,
+        "robots": {name: [source.text, *source.overrides] for name, source in texts.items()},
+        "components": {robot.name: robot.components for robot in robots},
+    }
+    file = folder / _RUN
+    if file.is_file():
+        if json.loads(file.read_text(encoding="utf-8")) != check:
+            raise InputError(
+                f"{folder}: expected the cases of this check, got those of another; delete them to start anew"
+            )
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    file.write_text(json.dumps(check, indent=1), encoding="utf-8")
 
 
-def _diagnosed(
-    jobs: list[tuple[Path, str]], robot: NominalRobot, progress: Progress | None, workers: int, stage: str
-) -> list[dict[str, Any]]:
-    """Diagnose campaigns side by side, each without the effect that its job leaves out of the library."""
-    out: list[dict[str, Any]] = [{} for _ in jobs]
-    others = multiprocessing.active_children()
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker) as pool:
+def _work(
+    folder: Path, robots: Sequence[BlindRobot], tasks: list[Task], progress: Progress | None, workers: int,
+    scheduler: str | None,
+) -> None:  # fmt: skip
+    from distributed import as_completed
+
+    with cluster(scheduler, min(workers, len(tasks))) as client:
+        known = {robot.name: client.scatter(robot, broadcast=True, hash=False) for robot in robots}
+        running = {client.submit(solve, known[task.robot], task, pure=False, retries=1): task for task in tasks}
         try:
-            running = {pool.submit(_diagnose, robot, *job): k for k, job in enumerate(jobs)}
-            for done, future in enumerate(as_completed(running)):
-                out[running[future]] = future.result()
+            for done, future in enumerate(as_completed(running), 1):
+                _store(folder, running.pop(future), future.result())
                 if progress:
-                    progress(stage, (done + 1) / len(jobs))
-        except BaseException:  # Ctrl-C too: the pool would otherwise finish what is queued
-            pool.shutdown(wait=False, cancel_futures=True)
-            for worker in set(multiprocessing.active_children()) - set(others):
-                worker.terminate()
+                    progress(f"cases, {done} of {len(tasks)}", done / len(tasks))
+        except BaseException:  # Ctrl-C too: what is queued is not to run on a cluster that stays
+            client.cancel(list(running))
             raise
-    return out
 
 
-def _start_worker() -> None:
-    """Keep to one core, leave Ctrl-C to the parent, and end when the parent is gone, which a pool does not do."""
-    from threadpoolctl import threadpool_limits  # pyright: ignore[reportMissingTypeStubs]
-
-    threadpool_limits(1)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
+def _store(folder: Path, task: Task, files: Files) -> None:
+    """Write a finished case in one step."""
+    goal = folder / task.folder
+    goal.parent.mkdir(parents=True, exist_ok=True)
+    if goal.exists():
+        shutil.rmtree(goal)
+    aside = Path(tempfile.mkdtemp(prefix=".case-", dir=folder))
+    for name, text in files.items():
+        (aside / name).write_text(text, encoding="utf-8", newline="")
+    aside.chmod(0o755)
+    aside.rename(goal)
 
 
-def _diagnose(robot: NominalRobot, folder: Path, left_out: str) -> dict[str, Any]:
-    """Diagnose one campaign; plain data, since it crosses a process."""
-    found = find(RobotModel(load_campaign(folder), robot, without=left_out))
-    data = to_json(conclude(found)) | {"evidence": found.best.evidence - found.none.evidence}
-    name = "diagnosis.json" if not left_out else "diagnosis-without.json"
-    (folder / name).write_text(json.dumps(data, indent=1), encoding="utf-8")
-    return data
+def _stored(folder: Path) -> list[Outcome]:
+    """Outcomes of a finished case, as they were stored."""
+    listed: list[dict[str, Any]] = json.loads((folder / OUTCOME).read_text(encoding="utf-8"))
+    return [
+        Outcome(**o | {
+            "truth": tuple(o["truth"]), "named": tuple(o["named"]), "groups": tuple(tuple(g) for g in o["groups"]),
+            "gap": tuple(o["gap"]), "covered": tuple(o["covered"]), "stated": tuple((p, t) for p, t in o["stated"]),
+        })
+        for o in listed
+    ]  # fmt: skip
 
 
-def _outcome(number: int, case: BlindCase, found: dict[str, Any], left_out: str = "") -> Outcome:
-    named = tuple(f"{e['effect']} @ {e['place']}" for e in found["effects"])
-    groups = tuple(tuple(e["confused_with"]) for e in found["effects"])
-    gap = found["gap"]
-    numbers = tuple(float("nan") if gap[k] is None else gap[k] for k in ("nominal", "explained", "held_out", "noise"))
-    return Outcome(
-        number,
-        case.kind,
-        tuple(p.name for p in case.faults),
-        found["verdict"],
-        named,
-        groups,
-        float(found["evidence"]),
-        (numbers[0], numbers[1], numbers[2], numbers[3]),
-        () if left_out else _covered(case, found),
-        left_out,
-    )
+def solve(robot: BlindRobot, task: Task) -> Files:
+    """Draw a case, diagnose it with its whole library and, a single effect, without that effect; files by name."""
+    lab = _labs.get(robot.name)
+    if lab is None or lab.robot is not robot:
+        lab = _labs[robot.name] = Lab(robot)
+    case = draw(task.number, task.seed, lab)
+    with tempfile.TemporaryDirectory(prefix="stiffscope-case-") as scratch:
+        folder = Path(scratch)
+        write_case(folder, task.number, case, lab)
+        found = {"": _diagnose(robot, folder, "")}
+        if case.kind == "single":
+            effect = case.faults[0].effect
+            found[effect] = _diagnose(robot, folder, effect)
+        same = lab.canonical
+        outcomes = [
+            outcome_of(task.number, case, data, same, left_out=effect, robot=robot.name)
+            for effect, data in found.items()
+        ]
+        seal(folder, [case])
+        files = {file.name: file.read_text(encoding="utf-8") for file in sorted(folder.iterdir())}
+    for effect, data in found.items():
+        files["diagnosis-without.json" if effect else "diagnosis.json"] = json.dumps(data, indent=1)
+    files[OUTCOME] = json.dumps([asdict(outcome) for outcome in outcomes], indent=1)
+    return files
 
 
-def _covered(case: BlindCase, found: dict[str, Any]) -> tuple[bool, ...]:
-    """For every parameter of a rightly named effect, whether value ± 1.96 σ holds the truth."""
-    if found["verdict"] == "unexplained" or len(found["effects"]) != len(case.faults):
-        return ()
-    truth = {p.name: p.parameters for p in case.faults}
-    out: list[bool] = []
-    for effect in found["effects"]:
-        planted = truth.get(f"{effect['effect']} @ {effect['place']}")
-        if planted is None:
-            return ()
-        if len(effect["parameters"]) > MANY:
-            continue
-        for name, fit in effect["parameters"].items():
-            if fit["sigma"] and not (effect["effect"] == "payload" and name == "z"):
-                out.append(abs(fit["value"] - planted.get(name, 0.0)) <= 1.96 * fit["sigma"])
-    return tuple(out)
-
-
-def score(outcomes: Sequence[Outcome]) -> Scores:
-    """Shares of right diagnoses by kind."""
-    first = [o for o in outcomes if not o.left_out]
-    evident = [o for o in first if o.kind == "single" and o.evidence > EVIDENT]
-    held = [o.gap[2] / o.gap[3] for o in first if o.right and o.confident and o.kind in {"single", "pair"}]
-    intervals = [c for o in first for c in o.covered]
-    return Scores(
-        tuple(outcomes),
-        _share([o.right for o in evident]),
-        _share([o.right for o in first if o.kind == "pair"]),
-        _share([bool(o.named) for o in first if o.kind == "none"]),
-        _share([not o.confident for o in first if o.kind == "outside"]),
-        _share([o.right for o in outcomes if o.left_out]),
-        _share(intervals),
-        max(held) if held else None,
-    )
-
-
-def _share(flags: Sequence[bool]) -> float | None:
-    return float(np.mean(flags)) if flags else None
+def _diagnose(robot: BlindRobot, folder: Path, left_out: str) -> dict[str, Any]:
+    """Diagnose one campaign without an effect of the library, as plain data."""
+    found = find(RobotModel(load_campaign(folder), robot.nominal, without=left_out))
+    return to_json(conclude(found)) | {"evidence": found.best.evidence - found.none.evidence}

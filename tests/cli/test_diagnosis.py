@@ -2,25 +2,30 @@
 
 import json
 import tomllib
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from stiffscope.cli.main import _guarded
-from stiffscope.gap.blind_cases import BlindCase, Fault, write_case
-from stiffscope.gap.campaign_io import write_campaign
+from stiffscope.gap.lab import measuring
 from stiffscope.gap.lab.faults import inject
-from stiffscope.gap.lab.machine import biglide
-from stiffscope.gap.lab.measuring import Noise, default_plan, measure
+from stiffscope.gap.lab.measuring import Noise
+from stiffscope.gap.lab.writing import write_readings
 from stiffscope.robot.library import find_robot
 from stiffscope.robot.reader import load_robot
+from tests.labs import biglide, default_plan
+
+
+def measured(machine, folder, seed, robot="biglide"):
+    rng = np.random.default_rng(seed)
+    readings = measuring.measure(machine, default_plan(machine, rng), Noise(), rng)
+    write_readings(readings, folder, robot=robot, pose=machine.pose)
 
 
 @pytest.fixture(scope="module")
 def soft_drive(tmp_path_factory):
     folder = tmp_path_factory.mktemp("lab") / "soft-drive"
-    write_case(folder, 0, BlindCase("single", 5, (Fault("actuator-stiffness", "limb1", {"factor": 0.8}),)))
+    measured(inject(biglide(), "actuator-stiffness", "limb1", {"factor": 0.8}), folder, 5)
     return folder
 
 
@@ -61,10 +66,9 @@ def test_an_adopted_effect_closes_the_gap(soft_drive, tmp_path, capsys):
 
 
 def test_gravity_and_expansion_come_from_the_robot_file(tmp_path):
-    rng = np.random.default_rng(3)
-    machine = inject(replace(biglide(), acceleration=3.71, expansion=23.6e-6), "thermal", "links", {"temperature": 9.0})
+    machine = biglide("gravity.acceleration=3.71 m/s^2", "materials.steel.expansion=23.6e-6 1/K")
     folder = tmp_path / "mars"
-    write_campaign(replace(measure(machine, default_plan(machine, rng), Noise(), rng), robot="mars.toml"), folder)
+    measured(inject(machine, "thermal", "links", {"temperature": 9.0}), folder, 3, "mars.toml")
     text = find_robot("biglide").read_text(encoding="utf-8")
     for old, new in (("9.81 m/s^2", "3.71 m/s^2"), ("11.7e-6 1/K", "23.6e-6 1/K")):
         assert old in text

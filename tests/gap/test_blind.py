@@ -1,22 +1,56 @@
-"""The withheld campaigns that come along, opened and scored."""
+"""The blind check: the withheld campaigns that come along, cases of every robot, the cluster, the scores."""
 
+import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
+from distributed import LocalCluster
 
+from stiffscope.errors import InputError
+from stiffscope.gap import blind
 from stiffscope.gap.blind import run_blind
-from stiffscope.gap.blind_cases import draw, unseal
+from stiffscope.gap.blind_cases import BlindCase, BlindRobot, Fault, Lab, draw, unseal, write_case
+from stiffscope.gap.blind_scores import Outcome, outcome_of, score
 from stiffscope.gap.diagnose import diagnose
 from stiffscope.gap.readings import load_campaign
+from stiffscope.robot.effects import NominalRobot
+from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.part_matrices import part_matrices
+from stiffscope.robot.reader import load_robot
 from tests.robots import nominal_robot
 
 ROBOT = nominal_robot()
 WITHHELD = Path(__file__).parents[2] / "data" / "withheld"
+NOTHING = {
+    "verdict": "no-gap", "effects": [], "evidence": 0.0,
+    "gap": {"nominal": 1.0, "explained": 1.0, "held_out": 1.0, "noise": 1.0},
+}  # fmt: skip
+
+
+def blind_robot(name, components="beam"):
+    robot = load_robot(name)
+    parts = part_matrices(robot, components)
+    return BlindRobot(NominalRobot(mechanism_of(robot, parts), robot), parts, components)
+
+
+@pytest.fixture(scope="module")
+def labs():
+    found = {}
+
+    def lab(name):
+        if name not in found:
+            found[name] = Lab(blind_robot(name), 12)
+        return found[name]
+
+    return lab
 
 
 def test_the_withheld_campaigns_get_right_answers():
@@ -36,39 +70,179 @@ def test_the_withheld_campaigns_get_right_answers():
     assert right >= 7
 
 
+@pytest.mark.parametrize("name", ["biglide", "delta", "five-bar", "orthoglide", "serial-arm", "stewart"])
+def test_cases_of_any_robot_are_written_and_named(name, labs, tmp_path):
+    """One of each kind and way of measuring: its columns, its sensors, places of the robot's own, finite readings."""
+    lab = labs(name)
+    robot = lab.robot.nominal.robot
+    for number, style in ((3, "tool"), (15, "gauges"), (58, "sag"), (9, "tool")):
+        case = draw(number, 4, lab)
+        assert case.style == style
+        assert case == draw(number, 4, lab) != draw(number, 5, lab)
+        for fault in case.faults:
+            assert (
+                robot.members(fault.place)
+                or fault.place.split(".")[0] in {*robot.parts, "base", "tool", "instrument"}
+                or "->" in fault.place
+            )
+        folder = tmp_path / str(number)
+        write_case(folder, number, case, lab)
+        header = tomllib.loads((folder / "campaign.toml").read_text())
+        assert header["robot"] == name
+        rows = [line.split(",") for line in (folder / "readings.csv").read_text().splitlines()]
+        assert tuple(rows[0][: len(robot.tool.pose)]) == tuple(robot.tool.pose)
+        assert set(header.get("sensors", {})) == ({f"gauge{k}" for k in range(1, 6)} if style == "gauges" else set())
+        values = np.array([float(row[rows[0].index("value")]) for row in rows[1:]])
+        assert np.isfinite(values).all()
+        assert len({len(row) for row in rows}) == 1
+
+
+def test_a_dimension_is_planted_as_the_part_of_that_dimension(labs):
+    lab = labs("delta")
+    thinner = lab.with_faults([Fault("part-dimension", "rod.radius", {"value": 0.0075})])
+    area = np.pi * np.array([0.008**2 - 0.0065**2, 0.0075**2 - 0.0065**2])
+    c = [m.bodies["leg3.rod2"].compliance[0, 0] for m in (lab.sound, thinner)]
+    assert c[1] / c[0] == pytest.approx(area[0] / area[1])
+    assert np.array_equal(thinner.bodies["leg1.arm"].compliance, lab.sound.bodies["leg1.arm"].compliance)
+
+
+def test_effects_that_the_file_carries_are_in_its_machine():
+    robot = blind_robot("five-bar")
+    from dataclasses import replace
+
+    from stiffscope.robot.sections import Effect
+
+    soft = Effect(effect="actuator-stiffness", place="left.motor", parameters={"factor": 0.5})
+    file = replace(robot.nominal.robot, effects=(soft,))
+    lab = Lab(BlindRobot(NominalRobot(robot.nominal.mechanism, file), robot.parts, "beam"), 4)
+    assert lab.sound.joints["left.motor"].drive.stiffness == pytest.approx(2500)
+
+
+@pytest.fixture
+def scheduler():
+    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as local:
+        yield local.scheduler_address
+
+
+def test_an_interrupted_check_goes_on_and_ends_the_same(scheduler, tmp_path, monkeypatch):
+    solved = []
+
+    def answer(robot, folder, left_out):
+        solved.append((folder / "campaign.toml").is_file() and not (folder / "seal.txt").exists())
+        return NOTHING
+
+    monkeypatch.setattr(blind, "_diagnose", answer)
+    robots = [blind_robot("five-bar"), blind_robot("serial-arm")]
+    whole = run_blind(tmp_path / "a", robots, 8, 3, scheduler=scheduler)
+    assert len(whole.outcomes) == 2 * (8 + 3)  # three singles each, once more without their effect
+    assert all(solved)
+    assert whole.false_alarms == 0.0
+    assert set(whole.by_robot()) == {"five-bar", "serial-arm"}
+    files = {p.name for p in (tmp_path / "a" / "five-bar" / "campaign-000").iterdir()}
+    assert files == {
+        "campaign.toml", "readings.csv", "seal.txt", "diagnosis.json", "diagnosis-without.json", "outcome.json",
+    }  # fmt: skip
+    run_blind(tmp_path / "b", robots, 4, 3, scheduler=scheduler)
+    shutil.rmtree(tmp_path / "b" / "five-bar" / "campaign-002")
+    solved.clear()
+    again = run_blind(tmp_path / "b", robots, 8, 3, scheduler=scheduler)
+    assert len(solved) == 2 * 4 + 2  # the other four of each, and the one that was lost, with and without
+    assert again == whole
+    kinds = [case.kind for case in unseal(tmp_path / "b" / "serial-arm")]
+    assert kinds == [o.kind for o in whole.outcomes[:11] if not o.left_out]
+    with pytest.raises(InputError, match="expected the cases of this check"):
+        run_blind(tmp_path / "b", robots, 8, 4, scheduler=scheduler)
+
+
+@pytest.mark.slow
 def test_a_short_blind_check_scores_itself(tmp_path):
-    scores = run_blind(tmp_path, ROBOT, 2, seed=3, workers=1)
-    assert [o.kind for o in scores.outcomes if not o.left_out] == ["single", "single"]
-    assert (tmp_path / "campaign-001" / "diagnosis.json").is_file()
+    scores = run_blind(tmp_path, [blind_robot("biglide", "published")], 3, 3, workers=1)
+    first = [o for o in scores.outcomes if not o.left_out]
+    assert [o.kind for o in first] == ["single"] * 3
+    assert (
+        json.loads((tmp_path / "biglide" / "campaign-001" / "diagnosis.json").read_text())["verdict"]
+        == first[1].verdict
+    )
     rows, columns, table = scores.confusion()
-    assert sum(map(sum, table)) == 2
-    assert len(rows) == len(table)
-    assert len(columns) == len(table[0])
+    assert sum(map(sum, table)) == 3
+    assert (len(table), len(table[0])) == (len(rows), len(columns))
 
 
-def test_cases_repeat_with_their_seed():
-    assert draw(3, 9) == draw(3, 9)
-    assert draw(3, 9) != draw(3, 10)
+def found(*effects, verdict="identified", possible=()):
+    def one(name, probability=0.99, group=(), **parameters):
+        effect, place = name.split(" @ ")
+        return {
+            "effect": effect, "place": place, "probability": probability, "confused_with": list(group),
+            "parameters": {
+                key: dict(zip(("value", "sigma", "interval"), fit, strict=False)) for key, fit in parameters.items()
+            },
+        }  # fmt: skip
+
+    listed = [one(*args, **kwargs) for args, kwargs in effects]
+    return NOTHING | {"verdict": verdict, "effects": listed, "possible": [one(*a, **k) for a, k in possible]}
+
+
+def case_of(*faults, kind="pair"):
+    return BlindCase(kind, 1, tuple(Fault(*name.split(" @ "), parameters) for name, parameters in faults))
+
+
+def test_an_answer_is_right_where_each_true_effect_is_in_a_group_of_its_own():
+    same = {"e @ all": "e @ a, b", "e @ both": "e @ a, b"}
+    case = case_of(("e @ all", {"factor": 0.8}), ("f @ c", {"size": 2.0}))
+
+    def outcome(*effects, **more):
+        return outcome_of(1, case, found(*effects, **more), lambda name: same.get(name, name))
+
+    itself = (("e @ both",), {"factor": (0.81, 0.002, [0.79, 0.83])})
+    other = (("f @ c",), {"size": (2.2, 0.2)})
+    assert outcome(itself, other).right
+    assert outcome(itself, other).covered == (True, True)  # the stated interval counts, else 1.96 sigma
+    assert outcome(itself, other, verdict="partly").right
+    assert outcome(itself, (("g @ d", 0.6, ["f @ c", "h @ d"]), {})).right
+    assert not outcome(itself, (("g @ d", 0.6, ["f @ c", "h @ d", "i @ d"]), {})).right  # four in the group
+    assert not outcome(itself).right
+    assert not outcome(itself, other, (("g @ d",), {})).right
+    assert not outcome((("e @ both", 0.9, ["f @ c"]), {}), (("e @ a",), {})).right  # one name for both, the other wrong
+    stated = outcome(itself, verdict="partly", possible=[(("f @ c", 0.4), {}), (("g @ d", 0.2), {})]).stated
+    assert stated == ((0.99, True), (0.4, True), (0.2, False))
+
+
+def test_scores_by_kind_and_calibration():
+    def one(kind, verdict, truth=(), named=(), evidence=50.0, stated=(), robot="r", left_out=""):
+        return Outcome(0, kind, truth, verdict, named, ((),) * len(named), evidence, (9, 1, 1, 1), (), left_out, robot,
+                       "tool", stated)  # fmt: skip
+
+    scores = score([
+        one("single", "identified", ("a @ b",), ("a @ b",), stated=((0.97, True),)),
+        one("single", "no-gap", ("a @ b",), evidence=3.0),  # too small to be found
+        one("triple", "partly", ("a @ b", "c @ d", "e @ f"), ("a @ b",), stated=((0.93, True), (0.25, False))),
+        one("none", "identified", (), ("a @ b",), robot="s"),
+        one("outside", "identified", ("x @ y",), ("a @ b",)),
+        one("outside", "partly", ("x @ y",), ("a @ b",)),
+        one("single", "identified", ("a @ b",), ("c @ d",), left_out="a"),
+    ])  # fmt: skip
+    assert (scores.singles, scores.pairs, scores.triples) == (1.0, None, 0.0)
+    assert (scores.false_alarms, scores.outside, scores.left_out) == (1.0, 0.5, 1.0)
+    assert scores.calibration() == ((0.25, 0.0, 1), (pytest.approx(0.95), 1.0, 2))
+    assert scores.by_robot()["s"].singles is None
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_no_worker_outlives_a_killed_parent(tmp_path):
     script = tmp_path / "parent.py"
     script.write_text(
-        "import multiprocessing, os, time\n"
-        "from concurrent.futures import ProcessPoolExecutor\n"
-        "from stiffscope.gap.blind import _start_worker\n"
+        "import os, time\n"
+        "from stiffscope.gap.cluster import cluster\n"
         "if __name__ == '__main__':\n"
-        "    context = multiprocessing.get_context('spawn')\n"
-        "    pool = ProcessPoolExecutor(1, mp_context=context, initializer=_start_worker)\n"
-        "    print(pool.submit(os.getpid).result(), flush=True)\n"
-        "    pool.submit(time.sleep, 600)\n"
-        "    time.sleep(600)\n"
+        "    with cluster(workers=1) as client:\n"
+        "        print(client.submit(os.getpid).result(), flush=True)\n"
+        "        future = client.submit(time.sleep, 600)\n"
+        "        time.sleep(600)\n"
     )
-    with subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True) as parent:
+    with subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True, cwd=tmp_path) as parent:
         worker = int(parent.stdout.readline())
         parent.send_signal(signal.SIGKILL)
-    for _ in range(100):
+    for _ in range(150):
         try:
             os.kill(worker, 0)
         except ProcessLookupError:
@@ -78,3 +252,9 @@ def test_no_worker_outlives_a_killed_parent(tmp_path):
         time.sleep(0.1)
     os.kill(worker, signal.SIGKILL)
     pytest.fail("the worker outlived its parent")
+
+
+def test_a_scheduler_that_does_not_answer_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr("stiffscope.gap.cluster._CONNECT", "1s")
+    with pytest.raises(InputError, match="--scheduler: expected the address of a Dask scheduler that answers"):
+        run_blind(tmp_path, [blind_robot("five-bar")], 1, 1, scheduler="tcp://127.0.0.1:9")

@@ -10,8 +10,7 @@ from stiffscope.errors import InputError
 from stiffscope.gap.diagnose import diagnose
 from stiffscope.gap.diagnosis import to_json
 from stiffscope.gap.lab.faults import inject
-from stiffscope.gap.lab.machine import biglide
-from stiffscope.gap.lab.measuring import Noise, default_plan, measure
+from stiffscope.gap.lab.measuring import Noise
 from stiffscope.gap.mechanics import RobotAtPoses
 from stiffscope.gap.robot_model import RobotModel, robot_candidates
 from stiffscope.robot.effects import adopted, carried
@@ -19,6 +18,7 @@ from stiffscope.robot.sections import Effect
 from stiffscope.robot.vocabulary import VOCABULARY
 from stiffscope.vjm.mechanism import TOOL
 from stiffscope.vjm.statics import stiffness
+from tests.labs import FEA_SLIDER, biglide, default_plan, measure, with_slider
 from tests.robots import nominal_robot
 
 ROBOT = nominal_robot()
@@ -45,7 +45,7 @@ def campaign(*effects, seed=5, modelled=("gravity",), stiff=False, machine=None,
     machine = machine or biglide()
     for effect in effects:
         machine = inject(machine, *effect)
-    plan = default_plan(machine, rng, stiffness=stiff)
+    plan = default_plan(machine, rng, stiffness="k" if stiff else "")
     return measure(machine, plan, Noise(**noise), rng, modelled=modelled)
 
 
@@ -81,10 +81,11 @@ def test_the_forward_model_agrees_with_the_lab_for_every_effect(effect, place):
 @pytest.mark.parametrize(("effect", "place"), [("payload", "platform"), ("thermal", "links"), ("backlash", "limb1")])
 def test_gravity_and_expansion_are_those_of_the_robot(effect, place):
     """Aluminium links on Mars: weights, payload and heat as the lab has them, not as steel has them on Earth."""
-    there = replace(biglide(), acceleration=3.71, expansion=23.6e-6)
+    on_mars = ("gravity.acceleration=3.71 m/s^2", "materials.steel.expansion=23.6e-6 1/K")
+    there = biglide(*on_mars)
     quiet = campaign((effect, place, SIZES[effect]), machine=there, displacement=1e-12, rotation=1e-12)
     sigma = np.where(quiet.direction < 3, 1e-6, 5e-6)
-    mars = nominal_robot("gravity.acceleration=3.71 m/s^2", "materials.steel.expansion=23.6e-6 1/K")
+    mars = nominal_robot(*on_mars)
     right = predicted(quiet, mars, effect, place, SIZES[effect])
     wrong = predicted(quiet, ROBOT, effect, place, SIZES[effect])
     assert np.abs((right - quiet.value) / sigma).max() < 0.5
@@ -146,8 +147,8 @@ def test_no_gap_and_missing_gravity():
 @pytest.mark.parametrize(
     ("fault", "place", "parameters"),
     [
-        ("cable-chain", "platform", {"x": 3e4, "y": 3e4, "z": 3e4}),
-        ("drifting-sensor", "instrument", {"x": 5e-6, "z": 5e-6}),
+        ("cable-chain", "tool", {"x": 3e4, "y": 3e4, "z": 2e4}),
+        ("drifting-sensor", "instrument", {"displacement": 5e-6}),
         ("drive-friction", "limbs", {"force": 60.0}),
     ],
 )
@@ -167,8 +168,8 @@ def test_a_single_part_has_a_name_of_its_own():
 
 
 def test_fea_against_beam_is_found_as_the_slider_entry_by_entry():
-    solid = biglide("fea").sliders[0]
-    machine = biglide("published", slider=solid)
+    solid = FEA_SLIDER
+    machine = with_slider(biglide(), solid)
     rng = np.random.default_rng(3)
     diagnosis = diagnose(measure(machine, default_plan(machine, rng), Noise(), rng), ROBOT)
     assert named(diagnosis) == {"slider-compliance @ sliders"}

@@ -9,7 +9,7 @@ from types import SimpleNamespace as Stub
 import numpy as np
 import pytest
 
-from stiffscope.gap.blind import Outcome, Scores
+from stiffscope.gap.blind_scores import Outcome, Scores
 from stiffscope.gap.diagnosis import Alternative, Diagnosis, Effect, Gap, NextMeasurement, Parameter, Where
 from stiffscope.report import tables
 from stiffscope.report.blind_scores import show_scores
@@ -104,7 +104,7 @@ def diagnosis():
 def blind():
     wrong = Outcome(7, "pair", ("actuator-stiffness @ limb1", "slider-compliance @ sliders"), "identified",
                     ("backlash @ limb2",), ((),), 1030.9, (3.93, 1.68, 1.7, 1.73), (True,) * 60)  # fmt: skip
-    show_scores(Scores((wrong,), None, 0.958, None, 1.0, 1.0, 0.908, 1.07))
+    show_scores(Scores((wrong,), None, 0.958, 0.861, None, 0.03, 1.0, 0.908, 1.07))
 
 
 SHOWN = [parts, comparison, interfaces, stiffness, matrices, deflection, faces, diagnosis, blind]

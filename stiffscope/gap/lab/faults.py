@@ -9,68 +9,32 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.gap.lab.machine import MIRROR, beam, section_of
-from stiffscope.gap.lab.structure import lever
-from stiffscope.gap.quantities import AXES
-from stiffscope.robot.vocabulary import LINKS, VOCABULARY
+from stiffscope.gap.lab.closure import COORDINATES
+from stiffscope.gap.lab.machine import DRIVEN, FREE, Payload, Slot
+from stiffscope.gap.lab.rotations import lever
 
 if TYPE_CHECKING:
-    from stiffscope.gap.lab.machine import Machine
-    from stiffscope.gap.lab.structure import Array
+    from stiffscope.gap.lab.machine import Body, Joint, Machine
+    from stiffscope.gap.lab.rotations import Array
 
 Parameters = Mapping[str, float]
 Injector = Callable[["Machine", str, Parameters], "Machine"]
 
-_DRIVE = {"limb1": (0,), "limb2": (1,), "stage": (2,), "limbs": (0, 1)}
+ENTRIES = tuple(f"c{i}{j}" for i in range(1, 7) for j in range(i, 7))
+_ROTATIONS = ("rx", "ry", "rz")
 
 
-def _drives(machine: Machine, place: str, change: Callable[[Any], Any]) -> Machine:
-    first, second, stage = machine.drives
-    changed = [change(d) if k in _DRIVE[place] else d for k, d in enumerate((first, second, stage))]
-    return replace(machine, drives=(changed[0], changed[1], changed[2]))
+def _drives(machine: Machine, place: str) -> dict[str, Joint]:
+    return {n: machine.joints[n] for n in machine.members(place) if n in machine.joints and machine.joints[n].drive}
 
 
-def _which_links(place: str) -> Array:
-    """Return weights (2, 3): one for each link that a place means."""
-    chosen = [place in {"links", name} for name in LINKS]
-    return np.array(chosen, dtype=np.float64).reshape(2, 3)
+def _joints(machine: Machine, place: str) -> dict[str, Joint]:
+    return {n: machine.joints[n] for n in machine.members(place) if n in machine.joints}
 
 
-def _axes(parameters: Parameters) -> Array:
-    return _named(parameters, *AXES)
-
-
-def _links(machine: Machine, place: str, changed: Callable[[Array], Array]) -> Machine:
-    links = np.where(_which_links(place)[:, :, None, None] > 0, changed(machine.links), machine.links)
-    return replace(machine, links=links)
-
-
-def _rigid_ends(machine: Machine, _place: str, parameters: Parameters) -> Machine:
-    """Replace each link by its own section over the length that bends, seen from B_ij behind the clamped end."""
-    clamped, length = parameters["length"], machine.dimensions.L
-    if not 0 <= clamped < length / 2:
-        raise InputError(f"rigid-ends, length: expected 0 to {length / 2:g} m, got {clamped:g}")
-    links = np.empty_like(machine.links)
-    carry = lever(np.array([[clamped, 0, 0]]))[0]
-    for place in np.ndindex(2, 3):
-        section = section_of(machine.links[place], length)
-        rest = machine.links[place] - beam(length, section)
-        links[place] = carry @ beam(length - 2 * clamped, section) @ carry.T + rest
-    return replace(machine, links=links)
-
-
-def _sliders(machine: Machine, _place: str, parameters: Parameters) -> Machine:
-    if "factor" in parameters:
-        return replace(machine, sliders=machine.sliders * parameters["factor"])
-    full = np.zeros((6, 6))
-    for name, value in parameters.items():
-        i, j = int(name[1]) - 1, int(name[2]) - 1
-        full[i, j] = full[j, i] = value
-    return replace(machine, sliders=np.stack([full, MIRROR @ full @ MIRROR]))
-
-
-def _longer(machine: Machine, place: str, error: float) -> Machine:
-    return replace(machine, length_error=machine.length_error + error * _which_links(place))
+def _elastic(machine: Machine, place: str) -> dict[str, Body]:
+    bodies = machine.bodies
+    return {n: bodies[n] for n in machine.members(place) if n in bodies and len(bodies[n].nodes) > 1}
 
 
 def _named(parameters: Parameters, *names: str) -> Array:
@@ -78,99 +42,270 @@ def _named(parameters: Parameters, *names: str) -> Array:
     return np.array([parameters.get(name, 0.0) for name in names])
 
 
+def _driven(change: Callable[[Any, float], Any], parameter: str) -> Injector:
+    """An injector that changes every drive of a place."""
+
+    def injector(machine: Machine, place: str, parameters: Parameters) -> Machine:
+        value = parameters[parameter]
+        found = _drives(machine, place)
+        return machine.with_joints({n: replace(j, drive=change(j.drive, value)) for n, j in found.items()})
+
+    return injector
+
+
+def _bearing(machine: Machine, place: str, diagonal: Array) -> Machine:
+    """Compliance added to bearings, along and about what they hold."""
+    changed: dict[str, Joint] = {}
+    for name, joint in _joints(machine, place).items():
+        held = np.array([i not in FREE[joint.kind] for i in range(6)])
+        if joint.kind == "universal":  # it holds the direction across both axes, and that is not quite z
+            held[3:] = True
+        changed[name] = replace(joint, bearing=joint.bearing + np.diag(np.where(held, diagonal, 0.0)))
+    return machine.with_joints(changed)
+
+
+def _joint_compliance(machine: Machine, place: str, parameters: Parameters) -> Machine:
+    radial, axial, tilting = _named(parameters, "radial", "axial", "tilting")
+    for name, joint in _joints(machine, place).items():
+        along = radial if joint.kind == "fixed" else axial
+        machine = _bearing(machine, name, np.array([along, radial, radial, tilting, tilting, tilting]))
+    return machine
+
+
+def _guide_compliance(machine: Machine, place: str, parameters: Parameters) -> Machine:
+    diagonal = _named(parameters, "", "lateral", "vertical", "angular", "angular", "angular")
+    for name, joint in _joints(machine, place).items():
+        if joint.kind == "prismatic":
+            machine = _bearing(machine, name, diagonal)
+    return machine
+
+
+def _bodies(change: Callable[[Body, Parameters], Body]) -> Injector:
+    """An injector that changes every elastic body of a place."""
+    return lambda machine, place, parameters: machine.with_bodies(
+        {name: change(body, parameters) for name, body in _elastic(machine, place).items()}
+    )
+
+
+def beam(length: float, section: Array) -> Array:
+    """Return the compliance (6, 6) at the free end of a uniform cantilever along x.
+
+    section: (6,) per metre, 1/EA, 1/κGA (y), 1/κGA (z), 1/GI_p, 1/EI_y, 1/EI_z; zero shear gives docs/theory.md (7.1).
+    """
+    n, vy, vz, t, by, bz = section * length
+    out = np.diag([n, vy + bz * length**2 / 3, vz + by * length**2 / 3, t, by, bz])
+    out[1, 5] = out[5, 1] = bz * length / 2
+    out[2, 4] = out[4, 2] = -by * length / 2
+    return out
+
+
+def section_of(compliance: Array, length: float) -> Array:
+    """Return the uniform section whose cantilever comes nearest to a compliance (6, 6); see `beam`."""
+    n, y, z, t, by, bz = np.diag(compliance) / length
+    return np.array([n, y - bz * length**2 / 3, z - by * length**2 / 3, t, by, bz])
+
+
+def _rigid_ends(body: Body, parameters: Parameters) -> Body:
+    """A body by its own section over the length that bends, seen from its tip behind the clamped end."""
+    clamped, length = parameters["length"], body.length
+    if not 0 <= clamped < length / 2:
+        raise InputError(f"rigid-ends, length: expected 0 to {length / 2:g} m, got {clamped:g}")
+    section = section_of(body.compliance, length)
+    carry = lever(np.array([clamped, 0.0, 0.0]))
+    short = carry @ beam(length - 2 * clamped, section) @ carry.T
+    return replace(body, compliance=body.compliance + short - beam(length, section))
+
+
+def _part_compliance(body: Body, parameters: Parameters) -> Body:
+    if "factor" in parameters:
+        return replace(body, compliance=body.compliance * parameters["factor"])
+    full = np.zeros((6, 6))
+    for name, value in parameters.items():
+        i, j = int(name[1]) - 1, int(name[2]) - 1
+        full[i, j] = full[j, i] = value
+    return replace(body, compliance=full)
+
+
+def _longer(body: Body, error: float) -> Body:
+    return replace(body, offset=body.offset + error * np.eye(6)[0])
+
+
+def _payload(machine: Machine, place: str, parameters: Parameters) -> Machine:
+    """A mass on a rigid body: its centre from M on the tool's body, elsewhere from the body's centre."""
+    node = machine.tool if place == "tool" else place
+    origin = machine.at if node == machine.tool else machine.bodies[node].centre
+    load = Payload(node, parameters["mass"], origin + _named(parameters, "x", "y", "z"))
+    return replace(machine, payloads=(*machine.payloads, load))
+
+
+def _slots(law: str, parameter: str) -> Injector:
+    """A law on the force of every drive of a place."""
+
+    def injector(machine: Machine, place: str, parameters: Parameters) -> Machine:
+        more = tuple(
+            Slot(name, DRIVEN[joint.kind], law, parameters[parameter], joint.drive.stiffness)
+            for name, joint in _drives(machine, place).items()
+            if joint.drive is not None
+        )
+        return replace(machine, slots=(*machine.slots, *more))
+
+    return injector
+
+
+def _held_across(joint: Joint) -> tuple[int, ...]:
+    """Translations that a joint holds across its axis."""
+    return tuple(i for i in (1, 2) if i in joint.held)
+
+
+def _play(machine: Machine, place: str, parameters: Parameters) -> Machine:
+    more = tuple(
+        Slot(name, i, "play", parameters["radial"])
+        for name, joint in _joints(machine, place).items()
+        for i in _held_across(joint)
+    )
+    return replace(machine, slots=(*machine.slots, *more))
+
+
+def _stiffening(machine: Machine, place: str, parameters: Parameters) -> Machine:
+    more = tuple(
+        Slot(name, i, "stiffening", parameters["radial"], knee=parameters["knee"])
+        for name, joint in _joints(machine, place).items()
+        for i in _held_across(joint)
+    )
+    return replace(machine, slots=(*machine.slots, *more))
+
+
+def _loose_bolt(machine: Machine, place: str, parameters: Parameters) -> Machine:
+    """A joint that opens where it is pulled along an axis that it holds, and is closed where it is pressed."""
+    more = tuple(
+        Slot(name, joint.held[0], "one-sided", parameters["opening"])
+        for name, joint in _joints(machine, place).items()
+        if joint.held[0] < 3
+    )
+    return replace(machine, slots=(*machine.slots, *more))
+
+
+def _bowed(body: Body, parameters: Parameters) -> Body:
+    """A uniform curvature 1/m: its tip rises by κL²/2 and turns by κL."""
+    kappa, length = parameters["curvature"], body.length
+    return replace(body, offset=body.offset + kappa * np.array([0, 0, length**2 / 2, 0, -length, 0]))
+
+
+def _larger_body(machine: Machine, place: str, parameters: Parameters) -> Machine:
+    """A rigid body made larger than drawn: the points of its joints stand further from its centre."""
+    body = machine.bodies[place]
+    grown = {}
+    for name, joint in machine.joints.items():
+        first, second = (
+            at + parameters["relative"] * (at - body.centre) if node == place else at
+            for node, at in ((joint.first, joint.at_first), (joint.second, joint.at_second))
+        )
+        grown[name] = replace(joint, at_first=first, at_second=second)
+    return machine.with_joints(grown)
+
+
 def _instrument(machine: Machine, **changes: Any) -> Machine:
     return replace(machine, instrument=replace(machine.instrument, **changes))
 
 
-_KNOWN: dict[str, Injector] = {
-    "gravity": lambda m, _, _v: replace(m, gravity=True),
-    "payload": lambda m, _, v: replace(m, payload_mass=m.payload_mass + v["mass"], payload_centre=_axes(v)[:3]),
-    "actuator-stiffness": lambda m, place, v: _drives(
-        m, place, lambda d: replace(d, stiffness=d.stiffness * v["factor"])
-    ),
-    "joint-compliance": lambda m, _, v: replace(
-        m, bearings=m.bearings + _named(v, "radial", "axial", "radial", "tilting", "", "tilting")
-    ),
-    "link-stiffness": lambda m, place, v: _links(m, place, lambda links: links / v["factor"]),
-    "rigid-ends": _rigid_ends,
-    "slider-compliance": _sliders,
-    "guide-compliance": lambda m, _, v: replace(
-        m, guides=m.guides + _named(v, "", "lateral", "vertical", "angular", "angular", "angular")
-    ),
-    "base-compliance": lambda m, _, v: replace(m, base=m.base + _axes(v)),
-    "platform-compliance": lambda m, _, v: replace(m, platform=m.platform + _axes(v)),
-    "backlash": lambda m, place, v: _drives(m, place, lambda d: replace(d, backlash=d.backlash + v["half_width"])),
-    "encoder-offset": lambda m, place, v: _drives(m, place, lambda d: replace(d, offset=d.offset + v["offset"])),
-    "link-length": lambda m, place, v: _longer(m, place, v["error"]),
-    "thermal": lambda m, place, v: _longer(m, place, m.expansion * v["temperature"] * m.dimensions.L),
-    "instrument-misalignment": lambda m, _, v: _instrument(m, rotation=m.instrument.rotation + _axes(v)[3:]),
-    "displacement-scale": lambda m, _, v: _instrument(m, scale=m.instrument.scale * v["factor"]),
-    "force-scale": lambda m, _, v: _instrument(m, force=m.instrument.force * v["factor"]),
-}
+def _scaled(machine: Machine, place: str, parameters: Parameters) -> Machine:
+    if place == "instrument":
+        return _instrument(machine, scale=machine.instrument.scale * parameters["factor"])
+    return _instrument(machine, scales={**machine.instrument.scales, place: parameters["factor"]})
 
 
-def _soft_slider(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    sliders = machine.sliders.copy()
-    sliders[_DRIVE[place][0]] *= parameters["factor"]
-    return replace(machine, sliders=sliders)
-
-
-def _loose_bearing(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    link, end = place.rsplit(".", 1)
-    at = (*divmod(LINKS.index(link), 3), ("joint_a", "joint_b").index(end))
-    bearings = machine.bearings.copy()
-    bearings[at] += [parameters["radial"], 0, parameters["radial"], 0, 0, 0]
-    return replace(machine, bearings=bearings)
-
-
-def _soft_guide(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    guides = machine.guides.copy()
-    guides[_DRIVE[place][0], 3:] += parameters["angular"]
-    return replace(machine, guides=guides)
+def _turned(machine: Machine, place: str, parameters: Parameters) -> Machine:
+    rotation = _named(parameters, *_ROTATIONS)
+    if place == "instrument":
+        return _instrument(machine, rotation=machine.instrument.rotation + rotation)
+    return _instrument(machine, rotations={**machine.instrument.rotations, place: rotation})
 
 
 def _crosstalk(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    matrix = machine.instrument.crosstalk.copy()
     source, sink = place.split("->")
-    matrix[AXES.index(sink), AXES.index(source)] += parameters["share"]
-    return _instrument(machine, crosstalk=matrix)
+    return _instrument(machine, crosstalk=(*machine.instrument.crosstalk, (source, sink, parameters["share"])))
 
 
-_EACH_DRIVE = ("limb1", "limb2", "limbs", "stage")
-_BEARINGS = tuple(f"{link}.{end}" for link in LINKS for end in ("joint_a", "joint_b"))
-_CROSSINGS = tuple(f"{a}->{b}" for a in AXES for b in AXES if a != b)
+def _both(parameters: Parameters) -> tuple[float, float]:
+    return parameters.get("displacement", 0.0), parameters.get("rotation", 0.0)
 
-OUTSIDE: dict[str, tuple[tuple[str, ...], tuple[str, ...], Injector]] = {
-    "one-soft-slider": (("limb1", "limb2"), ("factor",), _soft_slider),
-    "one-loose-bearing": (_BEARINGS, ("radial",), _loose_bearing),
-    "one-soft-guide": (("limb1", "limb2"), ("angular",), _soft_guide),
-    "stage-guide": (("stage",), AXES, lambda m, _, v: replace(m, stage_guide=m.stage_guide + _axes(v))),
-    "cable-chain": (("platform",), AXES[:3], lambda m, _, v: replace(m, cable=m.cable + _axes(v))),
-    "hardening-drive": (
-        _EACH_DRIVE,
-        ("cubic",),
-        lambda m, place, v: _drives(m, place, lambda d: replace(d, hardening=v["cubic"])),
-    ),
-    "drive-friction": (
-        _EACH_DRIVE,
-        ("force",),
-        lambda m, place, v: _drives(m, place, lambda d: replace(d, friction=v["force"])),
-    ),
-    "bowed-link": (
-        ("links", *LINKS),
-        ("curvature",),
-        lambda m, place, v: replace(m, bow=m.bow + v["curvature"] * _which_links(place)),
-    ),
-    "screw-pitch": (("limbs",), ("relative",), lambda m, _, v: replace(m, rail_pitch=m.rail_pitch + v["relative"])),
-    "platform-width": (("platform",), ("error",), lambda m, _, v: replace(m, width_error=m.width_error + v["error"])),
-    "drifting-sensor": (("instrument",), AXES, lambda m, _, v: _instrument(m, drift=m.instrument.drift + _axes(v))),
-    "gain-drift": (("instrument",), ("relative",), lambda m, _, v: _instrument(m, gain_drift=v["relative"])),
-    "cross-talk": (_CROSSINGS, ("share",), _crosstalk),
-    "coarse-converter": (("instrument",), AXES, lambda m, _, v: _instrument(m, quantum=_axes(v))),
-    "wrench-off-centre": (("instrument",), AXES[:3], lambda m, _, v: _instrument(m, application=_axes(v)[:3])),
-    "bad-session": (("instrument",), ("relative",), lambda m, _, v: _instrument(m, bad_session=v["relative"])),
+
+KNOWN: dict[str, tuple[tuple[str, ...], Injector]] = {
+    "gravity": ((), lambda m, _, _v: replace(m, weighted=True)),
+    "payload": (("mass", "x", "y", "z"), _payload),
+    "actuator-stiffness": (("factor",), _driven(lambda d, v: replace(d, stiffness=d.stiffness * v), "factor")),
+    "backlash": (("half_width",), _slots("play", "half_width")),
+    "encoder-offset": (("offset",), _driven(lambda d, v: replace(d, offset=d.offset + v), "offset")),
+    "joint-compliance": (("radial", "axial", "tilting"), _joint_compliance),
+    "guide-compliance": (("lateral", "vertical", "angular"), _guide_compliance),
+    "link-stiffness": (("factor",), _bodies(lambda b, v: replace(b, compliance=b.compliance / v["factor"]))),
+    "part-compliance": (("factor", *ENTRIES), _bodies(_part_compliance)),
+    "slider-compliance": (("factor", *ENTRIES), _bodies(_part_compliance)),
+    "part-dimension": (ENTRIES, _bodies(_part_compliance)),
+    "rigid-ends": (("length",), _bodies(_rigid_ends)),
+    "link-length": (("error",), _bodies(lambda b, v: _longer(b, v["error"]))),
+    "thermal": (("temperature",), _bodies(lambda b, v: _longer(b, b.expansion * v["temperature"] * b.length))),
+    "base-compliance": (COORDINATES, lambda m, _, v: replace(m, base=m.base + _named(v, *COORDINATES))),
+    "platform-compliance": (COORDINATES, lambda m, _, v: replace(m, platform=m.platform + _named(v, *COORDINATES))),
+    "instrument-misalignment": (_ROTATIONS, _turned),
+    "displacement-scale": (("factor",), _scaled),
+    "force-scale": (("factor",), lambda m, _, v: _instrument(m, force=m.instrument.force * v["factor"])),
 }
-"""Faults that the vocabulary has no word for: places, parameters, and how each is injected."""
+"""Parameters and injector of every word of the vocabulary; a part's dimension comes as the entries of its new 6x6."""
+
+OUTSIDE: dict[str, tuple[tuple[str, ...], Injector]] = {
+    "hardening-drive": (("cubic",), _slots("hardening", "cubic")),
+    "drive-friction": (("force",), _slots("friction", "force")),
+    "stiffening-joint": (("radial", "knee"), _stiffening),
+    "joint-play": (("radial",), _play),
+    "loose-bolt": (("opening",), _loose_bolt),
+    "cable-chain": (("x", "y", "z"), lambda m, _, v: replace(m, cable=m.cable + _named(v, "x", "y", "z"))),
+    "screw-pitch": (("relative",), _driven(lambda d, v: replace(d, pitch=d.pitch + v), "relative")),
+    "larger-body": (("relative",), _larger_body),
+    "bowed-link": (("curvature",), _bodies(_bowed)),
+    "drifting-sensor": (("displacement", "rotation"), lambda m, _, v: _instrument(m, drift=_both(v))),
+    "gain-drift": (("relative",), lambda m, _, v: _instrument(m, gain_drift=v["relative"])),
+    "cross-talk": (("share",), _crosstalk),
+    "coarse-converter": (("displacement", "rotation"), lambda m, _, v: _instrument(m, quantum=_both(v))),
+    "wrench-off-centre": (("x", "y", "z"), lambda m, _, v: _instrument(m, application=_named(v, "x", "y", "z"))),
+    "bad-session": (("relative",), lambda m, _, v: _instrument(m, bad_session=v["relative"])),
+}
+"""Faults that the vocabulary has no word for: parameters, and how each is injected."""
+
+_ON_DRIVES = {"actuator-stiffness", "backlash", "encoder-offset", "hardening-drive", "drive-friction", "screw-pitch"}
+_ON_JOINTS = {"joint-compliance", "joint-play", "stiffening-joint", "loose-bolt"}
+_ON_BODIES = {
+    "link-stiffness", "part-compliance", "slider-compliance", "part-dimension", "rigid-ends", "link-length", "thermal",
+    "bowed-link",
+}  # fmt: skip
+_ELSEWHERE = {
+    "gravity": ("robot",), "base-compliance": ("base",), "platform-compliance": ("tool", "platform"),
+    "force-scale": ("instrument",), "cable-chain": ("tool",),
+}  # fmt: skip
+
+
+def acts_on(machine: Machine, effect: str, place: str) -> bool:
+    """Whether an effect has anything to act on at a place; sensors and channels are taken as they are."""
+    if effect in _ELSEWHERE:
+        return place in _ELSEWHERE[effect]
+    return _acts_on_elements(machine, effect, place)
+
+
+def _acts_on_elements(machine: Machine, effect: str, place: str) -> bool:
+    if effect in _ON_DRIVES:
+        return bool(_drives(machine, place))
+    if effect == "guide-compliance":
+        return any(joint.kind == "prismatic" for joint in _joints(machine, place).values())
+    if effect in _ON_JOINTS:
+        return bool(_joints(machine, place))
+    if effect in _ON_BODIES:
+        return bool(_elastic(machine, place.rsplit(".", 1)[0] if effect == "part-dimension" else place))
+    if effect in {"payload", "larger-body"}:
+        return (place in machine.bodies and len(machine.bodies[place].nodes) == 1) or (effect, place) == (
+            "payload",
+            "tool",
+        )
+    return True
 
 
 def inject(machine: Machine, effect: str, place: str, parameters: Parameters) -> Machine:
@@ -178,16 +313,12 @@ def inject(machine: Machine, effect: str, place: str, parameters: Parameters) ->
 
     Raises InputError for a name that neither the vocabulary nor `OUTSIDE` has, listing what would be valid.
     """
-    if effect in VOCABULARY:
-        places, names = VOCABULARY[effect].places, tuple(n for n, _ in VOCABULARY[effect].parameters)
-        injector = _KNOWN[effect]
-    elif effect in OUTSIDE:
-        places, names, injector = OUTSIDE[effect]
-    else:
-        valid = ", ".join([*VOCABULARY, *OUTSIDE])
-        raise InputError(f"effect: expected one of {valid}, got {effect!r}")
-    if place not in places:
-        raise InputError(f"{effect}, place: expected one of {', '.join(places)}, got {place!r}")
+    words = {**KNOWN, **OUTSIDE}
+    if effect not in words:
+        raise InputError(f"effect: expected one of {', '.join(words)}, got {effect!r}")
+    names, injector = words[effect]
+    if not acts_on(machine, effect, place):
+        raise InputError(f"{effect}, place: expected what it can act on in {machine.robot.name}, got {place!r}")
     strange = [name for name in parameters if name not in names]
     if strange:
         raise InputError(f"{effect}, {strange[0]}: expected one of {', '.join(names) or 'no parameters'}")
@@ -196,4 +327,4 @@ def inject(machine: Machine, effect: str, place: str, parameters: Parameters) ->
     bad = [name for name, value in parameters.items() if not np.isfinite(value)]
     if bad or any(parameters.get(name, 1.0) <= 0 for name in ("factor",)):
         raise InputError(f"{effect}, {(bad or ['factor'])[0]}: expected a finite number, a factor above 0")
-    return injector(machine, place, parameters)
+    return injector(machine, place.rsplit(".", 1)[0] if effect == "part-dimension" else place, parameters)

@@ -1,21 +1,32 @@
-"""The true machine of the virtual lab: a Biglide, and whatever is wrong with it."""
+"""The true machine of the virtual lab: the robot of a robot file, and whatever is wrong with it."""
 
 from __future__ import annotations
 
-import tomllib
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.gap.lab.rotations import axes_along, skew
+from stiffscope.robot.sections import ElasticBody
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from collections.abc import Mapping
 
-    from stiffscope.gap.lab.structure import Array
+    from stiffscope.gap.lab.rotations import Array
+    from stiffscope.robot.description import RobotFile
+    from stiffscope.robot.sections import JointSection, RigidBody
 
-MIRROR = np.diag([-1.0, -1.0, 1.0, -1.0, -1.0, 1.0])  # slider of limb 2 from that of limb 1
+GROUND = "ground"
+BASE, TOOL = "<base>", "<tool>"
+"""The nodes that stand on the base's compliance, and at M behind the tool's; also the names of these two elements."""
+FREE = {
+    "fixed": (), "revolute": (3,), "prismatic": (0,), "cylindrical": (0, 3), "universal": (3, 4),
+    "spherical": (3, 4, 5), "planar": (1, 2, 3),
+}  # fmt: skip
+"""Directions of a joint's axes (x along `axis`) that it leaves free; a universal joint's second is its `axis2`."""
+DRIVEN = {"revolute": 3, "prismatic": 0, "cylindrical": 0}
+"""Direction along which a drive acts."""
 
 
 def _zeros(*shape: int) -> Array:
@@ -23,31 +34,109 @@ def _zeros(*shape: int) -> Array:
 
 
 @dataclass(frozen=True)
-class Dimensions:
-    """The published dimensions, m, in the names of docs/theory.md 3.4."""
+class Body:
+    """A body; elastic where it has two nodes, its base and its tip."""
 
-    L: float
-    l: float
-    l1: float
-    l2: float
-    h: float
-    d: float
+    name: str
+    nodes: tuple[str, ...]
+    mass: float = 0.0
+    centre: Array = field(default_factory=lambda: _zeros(3))
+    """Of mass of a rigid one, home coordinates."""
+    base: Array = field(default_factory=lambda: _zeros(3))
+    tip: Array = field(default_factory=lambda: _zeros(3))
+    axes: Array = field(default_factory=lambda: np.eye(3))
+    """Part axes at home as columns."""
+    compliance: Array = field(default_factory=lambda: _zeros(6, 6))
+    """Of the tip against the base, part axes, at the tip."""
+    ends: Array = field(default_factory=lambda: _zeros(2, 6, 3))
+    """Wrench at base and tip for unit accelerations of its mass, part axes."""
+    expansion: float = 0.0
+    part: str = ""
+    offset: Array = field(default_factory=lambda: _zeros(6))
+    """Twist of its unloaded tip away from where the drawing has it, part axes."""
+
+    @property
+    def length(self) -> float:
+        """From base to tip, m."""
+        return float(np.linalg.norm(self.tip - self.base))
 
 
 @dataclass(frozen=True)
 class Drive:
-    """A lead-screw drive; the last three are what an ideal one lacks."""
+    """The spring of a drive, N/m or N·m/rad, its range of displacement from home, and the error of its zero."""
 
     stiffness: float
-    """N/m."""
+    low: float = -np.inf
+    high: float = np.inf
     offset: float = 0.0
-    """Zero of the encoder, m, positive outward (stage: along y)."""
-    backlash: float = 0.0
-    """Half-width of the dead zone, m."""
-    hardening: float = 0.0
-    """Cubic stiffness, N/m³: F = k e + k₃ e³."""
-    friction: float = 0.0
-    """Force that the guide's friction keeps from the screw, N."""
+    pitch: float = 0.0
+    """Relative error of its displacement."""
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint from node `first` to node `second`; its axes ride on the first."""
+
+    name: str
+    first: str
+    second: str
+    kind: str
+    at: Array
+    """Its point as drawn, home coordinates."""
+    at_first: Array
+    at_second: Array
+    """Its point on either node: as drawn unless a body is not."""
+    axes: Array
+    axis2: Array
+    """Second axis of a universal joint at home, rides on the second node."""
+    bearing: Array
+    """(6, 6) compliance in the joint's axes along and about what it holds, without the drive."""
+    drive: Drive | None = None
+
+    @property
+    def drawn(self) -> Joint:
+        """The joint with its point where it is drawn."""
+        return replace(self, at_first=self.at, at_second=self.at)
+
+    @property
+    def held(self) -> tuple[int, ...]:
+        """Directions of its axes that it holds, the driven one too."""
+        free = set(FREE[self.kind]) - ({DRIVEN[self.kind]} if self.drive else set())
+        return tuple(i for i in range(6) if i not in free)
+
+    @property
+    def compliance(self) -> Array:
+        """(6, 6) in its axes, with the drive."""
+        out = self.bearing.copy()
+        if self.drive is not None:
+            out[DRIVEN[self.kind], DRIVEN[self.kind]] += 1.0 / self.drive.stiffness
+        return out
+
+
+@dataclass(frozen=True)
+class Slot:
+    """A nonlinear fault: motion lost along one direction of an element, by a law of the force that it carries.
+
+    Laws, with f the force and k the linear stiffness there (infinite where it is rigid): "play" shifts by `size`
+    towards f; "hardening" makes f = k e + size e³; "friction" keeps up to `size` of f; "one-sided" yields size f where
+    f pulls; "stiffening" yields e with f = e / size[compliance] (1 + (e / knee)²).
+    """
+
+    element: str
+    direction: int
+    law: str
+    size: float
+    stiffness: float = np.inf
+    knee: float = np.inf
+
+
+@dataclass(frozen=True)
+class Payload:
+    """A mass in kg on a node, its centre in home coordinates."""
+
+    node: str
+    mass: float
+    centre: Array
 
 
 @dataclass(frozen=True)
@@ -58,115 +147,176 @@ class Instrument:
     scale: float = 1.0
     force: float = 1.0
     """True wrench / stated wrench."""
-    crosstalk: Array = field(default_factory=lambda: _zeros(6, 6))
-    """Share of the column's axis that leaks into the row's reading."""
+    crosstalk: tuple[tuple[str, str, float], ...] = ()
+    """Channel, the channel that its signal leaks into, share."""
     application: Array = field(default_factory=lambda: _zeros(3))
-    """Where the wrench acts relative to M, m."""
-    drift: Array = field(default_factory=lambda: _zeros(6))
-    """What the sensor has wandered by the end of the campaign, m and rad."""
+    """Where the wrench acts relative to where it is said to, m."""
+    drift: tuple[float, float] = (0.0, 0.0)
+    """What every channel has wandered by the end of the campaign, m and rad."""
     gain_drift: float = 0.0
     """Relative change of its gain from the beginning to the end."""
-    quantum: Array = field(default_factory=lambda: _zeros(6))
+    quantum: tuple[float, float] = (0.0, 0.0)
     """Least step of the converter, m and rad."""
     bad_session: float = 0.0
     """Relative gain error of the last session."""
+    rotations: Mapping[str, Array] = field(default_factory=dict[str, "Array"])
+    scales: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Of single sensors."""
 
 
 @dataclass(frozen=True)
 class Machine:
-    """A Biglide as it really is, SI, axes of {O}. Limb and link are the leading axes of its arrays."""
+    """A robot as it really is, SI, base axes {O}, home coordinates."""
 
-    dimensions: Dimensions
-    drives: tuple[Drive, Drive, Drive]
-    """limb1, limb2, stage."""
-    links: Array
-    """(2, 3, 6, 6) compliance at B_ij, link axes."""
-    sliders: Array
-    """(2, 6, 6) compliance at A_i, axes {O}."""
-    link_mass: float
-    platform_mass: float
-    expansion: float
-    acceleration: float
-    gravity: bool = True
-    bearings: Array = field(default_factory=lambda: _zeros(2, 3, 2, 6))
-    """Diagonal compliances at A_ij, B_ij in link axes; the fifth is the revolute itself."""
-    guides: Array = field(default_factory=lambda: _zeros(2, 6))
+    robot: RobotFile
+    bodies: Mapping[str, Body]
+    joints: Mapping[str, Joint]
+    tool: str
+    """Node that carries M."""
+    at: Array
+    """M at home."""
+    pose: tuple[str, ...]
+    gravity: Array
+    """Acceleration of free fall (3,)."""
+    weighted: bool = True
+    """Whether its own weight acts."""
     base: Array = field(default_factory=lambda: _zeros(6))
-    stage_guide: Array = field(default_factory=lambda: _zeros(6))
-    """Diagonal compliance of the stage's own guide, at the stage, not at {O}."""
     platform: Array = field(default_factory=lambda: _zeros(6))
-    payload_mass: float = 0.0
-    payload_centre: Array = field(default_factory=lambda: _zeros(3))
-    length_error: Array = field(default_factory=lambda: _zeros(2, 3))
-    bow: Array = field(default_factory=lambda: _zeros(2, 3))
-    """Thermal curvature of a link, 1/m: its free end rises by κL²/2 and turns by κL."""
-    cable: Array = field(default_factory=lambda: _zeros(6))
-    """Diagonal stiffness of a cable chain between frame and platform, slack at the middle pose."""
-    rail_pitch: float = 0.0
-    """Relative pitch error of the x screws."""
-    width_error: float = 0.0
-    """Error of l, m."""
+    """Diagonal compliances at {O} and at M, base axes at home."""
+    cable: Array = field(default_factory=lambda: _zeros(3))
+    """Stiffness along x, y, z of a cable chain between frame and tool, slack at home, N/m."""
+    payloads: tuple[Payload, ...] = ()
+    slots: tuple[Slot, ...] = ()
     instrument: Instrument = field(default_factory=Instrument)
 
+    def members(self, place: str) -> tuple[str, ...]:
+        """Bodies and joints that a place means."""
+        if place == "robot":
+            return tuple(name for name, body in self.bodies.items() if len(body.nodes) > 1)
+        return self.robot.members(place)
 
-def beam(length: float, section: Array) -> Array:
-    """Return the compliance (6, 6) at the free end of a uniform cantilever in link axes.
+    def carrier(self, node: str) -> str:
+        """Name of the body that a node belongs to; the ground's is its own."""
+        return node if node in self.bodies or node == GROUND else node.rsplit(".", 1)[0]
 
-    section: (6,) per metre, 1/EA, 1/κGA (y), 1/κGA (z), 1/GI_p, 1/EI_y, 1/EI_z; zero shear gives docs/theory.md (7.1).
+    def with_bodies(self, changed: Mapping[str, Body]) -> Machine:
+        """The machine with some bodies replaced."""
+        return replace(self, bodies={**self.bodies, **changed})
+
+    def with_joints(self, changed: Mapping[str, Joint]) -> Machine:
+        """The machine with some joints replaced."""
+        return replace(self, joints={**self.joints, **changed})
+
+
+class PartData(Protocol):
+    """What is known of a part: compliance (6, 6) in its own axes, mass, and its condensed mass where there is one."""
+
+    @property
+    def compliance(self) -> Array:
+        """(6, 6)."""
+        ...
+
+    @property
+    def mass(self) -> float:
+        """In kg."""
+        ...
+
+    @property
+    def dynamics(self) -> CondensedMass | None:
+        """Condensed on base and tip."""
+        ...
+
+    @property
+    def clamp(self) -> Array | None:
+        """Where the base's coordinates are taken, from the tip."""
+        ...
+
+
+class CondensedMass(Protocol):
+    """Mass of a part on the twists of its base and tip."""
+
+    @property
+    def mass(self) -> Array:
+        """(12 + k, 12 + k)."""
+        ...
+
+
+def machine_of(robot: RobotFile, parts: Mapping[str, PartData]) -> Machine:
+    """Return the sound machine that a robot file describes.
+
+    Parameters
+    ----------
+    robot
+        The robot file; effects that it has adopted are not in it.
+    parts
+        Compliance and mass of every part that is used, by name.
+
     """
-    n, vy, vz, t, by, bz = section * length
-    out = np.diag([n, vy + bz * length**2 / 3, vz + by * length**2 / 3, t, by, bz])
-    out[1, 5] = out[5, 1] = bz * length / 2
-    out[2, 4] = out[4, 2] = -by * length / 2
-    return out
+    bodies: dict[str, Body] = {}
+    for name, section in robot.bodies.items():
+        if isinstance(section, ElasticBody):
+            bodies[name] = _elastic(robot, name, section, parts[section.part])
+        else:
+            bodies[name] = _rigid(name, section)
+    joints = {name: _joint(robot, name, section) for name, section in robot.joints.items()}
+    gravity = np.zeros(3)
+    if robot.gravity is not None:
+        direction = np.array(robot.gravity.direction)
+        gravity = robot.gravity.acceleration * direction / np.linalg.norm(direction)
+    return Machine(robot, bodies, joints, robot.tool.body, np.array(robot.tool.at), tuple(robot.tool.pose), gravity)
 
 
-def section_of(compliance: Array, length: float) -> Array:
-    """Return the uniform section whose cantilever comes nearest to a compliance (6, 6); see `beam`."""
-    n, y, z, t, by, bz = np.diag(compliance) / length
-    return np.array([n, y - bz * length**2 / 3, z - by * length**2 / 3, t, by, bz])
+def _rigid(name: str, section: RigidBody) -> Body:
+    return Body(name, (name,), section.mass, np.array(section.centre or (0.0, 0.0, 0.0)))
 
 
-def _symmetric(entries: list[list[float]]) -> Array:
-    out = np.zeros((6, 6))
-    for i, j, value in entries:
-        out[int(i) - 1, int(j) - 1] = out[int(j) - 1, int(i) - 1] = value
-    return out
-
-
-def default_file() -> Path:
-    """Return the file of the machine's numbers."""
-    from stiffscope.data import FOLDER
-
-    return FOLDER / "campaigns" / "lab" / "machine.toml"
-
-
-def biglide(components: str = "published", *, link: Array | None = None, slider: Array | None = None) -> Machine:
-    """Return the sound machine.
-
-    components: "published" (Eqs. 28 and 29) or "fea"; link and slider (6, 6) replace what it names.
-    """
-    if components not in {"published", "fea"}:
-        raise InputError(f"components: expected published or fea, got {components!r}")
-    data: dict[str, Any] = tomllib.loads(default_file().read_text(encoding="utf-8"))
-    dimensions = Dimensions(**data["geometry"])
-    bar, matrices = data["link"], data["compliance"]
-    if link is None:
-        e, g, r = bar["youngs_modulus"], bar["shear_modulus"], bar["radius"]
-        area, inertia = np.pi * r**2, np.pi * r**4 / 4
-        rates = [1 / (e * area), 0, 0, 1 / (2 * g * inertia), 1 / (e * inertia), 1 / (e * inertia)]
-        euler = beam(dimensions.L, np.array(rates))
-        link = euler if components == "published" else _symmetric(matrices["link_fea"])
-    if slider is None:
-        slider = _symmetric(matrices[f"slider_{components}"])
-    drive = Drive(stiffness=data["drives"]["stiffness"])
-    return Machine(
-        dimensions=dimensions,
-        drives=(drive, drive, drive),
-        links=np.broadcast_to(link, (2, 3, 6, 6)).copy(),
-        sliders=np.stack([slider, MIRROR @ slider @ MIRROR]),
-        link_mass=data["masses"]["link"],
-        platform_mass=data["masses"]["platform"],
-        expansion=bar["expansion"],
-        acceleration=data["gravity"]["acceleration"],
+def _elastic(robot: RobotFile, name: str, section: ElasticBody, part: PartData) -> Body:
+    base, tip = np.array(section.base), np.array(section.tip)
+    y = None if section.y is None else np.array(section.y)
+    material = robot.material(section.part)
+    return Body(
+        name,
+        (f"{name}.base", f"{name}.tip"),
+        part.mass,
+        base=base,
+        tip=tip,
+        axes=axes_along(tip - base, y),
+        compliance=np.array(part.compliance),
+        ends=_ends(part, float(np.linalg.norm(tip - base))),
+        expansion=0.0 if material is None else material.expansion,
+        part=section.part,
     )
+
+
+def _ends(part: PartData, length: float) -> Array:
+    """Wrenches (2, 6, 3) at base and tip for unit accelerations: half its mass at either, or as its mass is spread."""
+    out = np.zeros((2, 6, 3))
+    if part.dynamics is None or part.clamp is None:
+        out[:, :3] = 0.5 * part.mass * np.eye(3)
+        return out
+    mass = part.dynamics.mass
+    out[:] = (mass[:12, :3] + mass[:12, 6:9]).reshape(2, 6, 3)
+    away = np.asarray(part.clamp) - [-length, 0.0, 0.0]  # from the body's base to where the force acts
+    out[0, 3:] += skew(away) @ out[0, :3]
+    return out
+
+
+def _joint(robot: RobotFile, name: str, section: JointSection) -> Joint:
+    axis, axis2 = (None if a is None else np.array(a) for a in (getattr(section, k, None) for k in ("axis", "axis2")))
+    at = np.array(section.at)
+    drive = getattr(section, "drive", None)
+    spring = None if drive is None else Drive(drive.stiffness, *(drive.range or (-np.inf, np.inf)))
+    axes = _axes(axis, axis2, np.eye(3))
+    second = np.zeros(3) if axis2 is None else axis2 / np.linalg.norm(axis2)
+    bearing = np.diag(section.bearing())
+    if name in robot.copied:  # the diagonal is that of the original and turns with it
+        rotation = np.asarray(robot.copied[name].rotation)
+        relative = np.kron(np.eye(2), axes.T @ rotation @ _axes(axis, axis2, rotation.T))
+        bearing = relative @ bearing @ relative.T
+    return Joint(name, *section.between, section.type, at, at, at, axes, second, bearing, spring)
+
+
+def _axes(axis: Array | None, axis2: Array | None, rotation: Array) -> Array:
+    if axis is None:
+        return np.eye(3)
+    return axes_along(rotation @ axis, None if axis2 is None else rotation @ axis2)

@@ -1,46 +1,72 @@
-"""A campaign measured on the virtual machine: plan, nonlinear response, instrument, noise."""
+"""Readings taken on the virtual machine: plan, nonlinear response, instrument, noise."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from stiffscope.gap.campaign import Campaign
-from stiffscope.gap.lab.assembly import A_RANGE, carry, command, respond
-from stiffscope.gap.quantities import DEFLECTION, DEVIATION, STIFFNESS
+from stiffscope.gap.lab.closure import COORDINATES
+from stiffscope.gap.lab.machine import GROUND, TOOL
+from stiffscope.gap.lab.nonlinear import settle
+from stiffscope.gap.lab.response import Response, Spot, respond, tool_spot
+from stiffscope.gap.lab.rotations import lever, skew
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
-    from stiffscope.gap.lab.assembly import Response
-    from stiffscope.gap.lab.machine import Dimensions, Drive, Machine
-    from stiffscope.gap.lab.structure import Array
+    from stiffscope.gap.lab.closure import Located
+    from stiffscope.gap.lab.machine import Instrument, Machine
+    from stiffscope.gap.lab.rotations import Array
 
     Codes = NDArray[np.int64]
+    Kind = Literal["deflection", "deviation", "stiffness"]
 
-FORCE, MOMENT = 500.0, 100.0  # N, N·m: what the loading device of the plan can apply
+KINDS: tuple[Kind, ...] = ("deflection", "deviation", "stiffness")
 
-_NO_FORCE = 1e-6  # of the greatest force: what rounding leaves in a drive that carries nothing
-_TIED = 10.0  # N/m: a drive whose lost motion meets less resistance than this moves freely
+
+@dataclass(frozen=True)
+class Sensor:
+    """An instrument that touches a node at a point (3,), home coordinates, and looks along a direction, base axes."""
+
+    name: str
+    measures: Literal["displacement", "rotation"]
+    node: str
+    at: Array
+    direction: Array
+    against: str = GROUND
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What is read, in this order: all wrenches at a pose, its deviation, its stiffness; then the next pose."""
+    """What is read, in this order: all loads at a pose, its deviation, its stiffness; then the next pose."""
 
     poses: Array
-    """(p, 3) m."""
-    wrenches: Array
-    """(m, 6) N, N·m, at M."""
+    """(p, k) commanded, m and rad."""
+    loads: tuple[tuple[str, Array], ...]
+    """Where a wrench (6,) N, N·m acts, a name of `hooks` or "" for M, and the wrench."""
+    hooks: Mapping[str, Spot] = field(default_factory=dict[str, Spot])
+    sensors: tuple[Sensor, ...] = ()
+    """None: the tool's pose at M is read."""
     deviations: bool = True
-    stiffness: bool = False
+    stiffness: Literal["", "k", "p"] = ""
+    """Diagonals of the stiffness matrix at M, or pushes."""
     directions: tuple[int, ...] = (0, 1, 2, 3, 4, 5)
+    """Of the tool's pose."""
     sessions: int = 1
     repeats: int = 1
+
+    def channels(self, machine: Machine) -> tuple[Sensor, ...]:
+        """The sensors, or those that stand for the tool's pose."""
+        if self.sensors:
+            return self.sensors
+        return tuple(
+            Sensor(name, "displacement" if i < 3 else "rotation", TOOL, machine.at, np.eye(3)[i % 3])
+            for i, name in enumerate(COORDINATES)
+        )
 
 
 @dataclass(frozen=True)
@@ -64,225 +90,194 @@ class Noise:
     shuffle: bool = False
 
 
-def workspace(dimensions: Dimensions, count: int, rng: np.random.Generator) -> Array:
-    """Return poses (count, 3) spread over the reachable workspace, away from its rim."""
-    trial = np.round(rng.uniform([-0.15, -0.25, 0.20], [0.15, 0.25, 0.52], (40 * count + 400, 3)), 4)
-    a = command(dimensions, trial)[:, :2]
-    inside = (a.min(axis=1) >= A_RANGE[0] + 0.01) & (a.max(axis=1) <= A_RANGE[1] - 0.01)
-    return trial[inside][:count]
+@dataclass(frozen=True)
+class Readings:
+    """Readings (n,) of a plan, as they are written."""
+
+    plan: Plan
+    channels: tuple[Sensor, ...]
+    pose: Codes
+    load: Codes
+    """Position in the plan's loads; -1: none."""
+    kind: Codes
+    """Position in `KINDS`."""
+    channel: Codes
+    value: Array
+    sigma: Array
+    """As stated; NaN: not stated."""
+    session: Codes
+
+    def some(self, rows: Codes) -> Readings:
+        """Some of the readings, in another order."""
+        return replace(
+            self, pose=self.pose[rows], load=self.load[rows], kind=self.kind[rows], channel=self.channel[rows],
+            value=self.value[rows], sigma=self.sigma[rows], session=self.session[rows],
+        )  # fmt: skip
 
 
-def default_plan(
-    machine: Machine,
-    rng: np.random.Generator,
-    poses: int = 12,
-    wrenches: int = 10,
-    *,
-    deviations: bool = True,
-    stiffness: bool = False,
-    sessions: int = 1,
-) -> Plan:
-    """Return a plan with poses all over the workspace and wrenches along each axis, then in random directions."""
-    size = np.array([FORCE] * 3 + [MOMENT] * 3)
-    single = np.diag(size)
-    mixed = rng.uniform(-1, 1, (max(wrenches - 6, 0), 6)) * size
-    loads = np.round(np.vstack([single, mixed])[:wrenches], 3)
-    return Plan(workspace(machine.dimensions, poses, rng), loads, deviations, stiffness, sessions=sessions)
+def true_readings(machine: Machine, plan: Plan, located: Located | None = None) -> Readings:
+    """Return what an instrument without noise would show of a machine; `located` saves to find the poses anew.
+
+    Raises InputError for poses that the machine cannot reach.
+    """
+    tool, channels = tool_spot(machine), plan.channels(machine)
+    spots = [tool, *plan.hooks.values()]
+    response = respond(machine, plan.poses if located is None else located, spots)
+    seen = _gains(machine, response, channels)
+    p, m, c = len(plan.poses), len(plan.loads), len(channels)
+    blocks: list[tuple[Codes, Codes, int, Codes, Array]] = []
+    every = np.arange(p)
+    read = np.arange(c) if plan.sensors else np.array(plan.directions, dtype=np.int64)
+
+    def block(kind: int, pose: Codes, load: Codes, shown: Array) -> None:
+        count = len(read)
+        values = shown[:, read].ravel()
+        blocks.append((np.repeat(pose, count), np.repeat(load, count), kind, np.tile(read, len(pose)), values))
+
+    if m:
+        moved = _deflections(machine, plan, response, seen).reshape(p * m, c)
+        block(0, np.repeat(every, m), np.tile(np.arange(m), p), moved)
+    if plan.deviations:
+        block(1, every, np.full(p, -1), _deviations(machine, response, channels, seen))
+    if plan.stiffness:
+        block(2, every, np.full(p, -1), _stiffnesses(machine, plan, seen))
+    pose, load, _, channel, value = (
+        np.concatenate(parts) for parts in zip(*((b[0], b[1], b[0], b[3], b[4]) for b in blocks), strict=True)
+    )
+    kind = np.concatenate([np.full(len(b[0]), b[2]) for b in blocks])
+    order = np.tile(np.argsort(pose, kind="stable"), plan.repeats)
+    n = len(order)
+    session = (np.arange(n) * plan.sessions) // n
+    rows = Readings(plan, channels, pose, load, kind, channel, value, np.full(len(value), np.nan), np.zeros_like(pose))
+    rows = rows.some(order)
+    shown = _through_time(machine.instrument, rows, session)
+    return Readings(plan, channels, rows.pose, rows.load, rows.kind, rows.channel, shown, rows.sigma, session)
 
 
-def _lost_motion(drive: Drive, force: Array) -> Array:
-    """Return what a drive yields beyond its linear stiffness, without backlash, at a force (n,)."""
-    linear = force / drive.stiffness
-    out = np.zeros_like(force)
-    if drive.hardening:
-        e = linear.copy()
-        for _ in range(50):
-            e -= (drive.stiffness * e + drive.hardening * e**3 - force) / (drive.stiffness + 3 * drive.hardening * e**2)
-        out += e - linear
-    if drive.friction:
-        out -= np.clip(force, -drive.friction, drive.friction) / drive.stiffness
+def _gains(machine: Machine, response: Response, channels: tuple[Sensor, ...]) -> Array:
+    """Return what every channel shows (n, c, cases) of the response's cases."""
+    rows: list[Array] = []
+    for sensor in channels:
+        there = lever(response.true.point(sensor.node, sensor.at))
+        relative = there @ (response.twists[sensor.node] - response.twists[sensor.against])
+        rows.append(_looking(machine.instrument, sensor, relative))
+    return _crossed(machine.instrument, channels) @ np.stack(rows, axis=1)
+
+
+def _looking(instrument: Instrument, sensor: Sensor, twist: Array) -> Array:
+    """Return what a sensor shows (n, …) of twists (n, 6, …) at its point."""
+    rotation = instrument.rotation + instrument.rotations.get(sensor.name, np.zeros(3))
+    scale = instrument.scale * instrument.scales.get(sensor.name, 1.0)
+    part = twist[:, :3] if sensor.measures == "displacement" else twist[:, 3:]
+    along = sensor.direction @ (np.eye(3) + skew(rotation))
+    return scale * np.einsum("i,ni...->n...", along, part)
+
+
+def _crossed(instrument: Instrument, channels: tuple[Sensor, ...]) -> Array:
+    """Return what mixes the channels' signals (c, c)."""
+    names = [sensor.name for sensor in channels]
+    out = np.eye(len(names))
+    for source, sink, share in instrument.crosstalk:
+        if source in names and sink in names:
+            out[names.index(sink), names.index(source)] += share
     return out
 
 
-def _settle(machine: Machine, pose: Codes, response: Response, force: Array, *, gaps: bool) -> Array:
-    """Return the lost motion (n, 3) of the drives under forces (n, 3), in equilibrium with its own effect.
-
-    With `gaps`, a drive with backlash stands at the end of its dead zone towards its force; where that would turn
-    the force round, it hangs free inside the zone at the point of no force.
-    """
-    width = np.array([d.backlash for d in machine.drives]) if gaps else np.zeros(3)
-    coupling = response.force_by_drive[pose]
-    own = np.minimum(np.einsum("nkk->nk", coupling), 0.0)
-    scale = max(1.0, float(np.abs(force).max())) if force.size else 1.0
-    s = np.zeros_like(force)
-    for _ in range(100):
-        carried = force + np.einsum("nkl,nl->nk", coupling, s)
-        carried[np.abs(carried) < _NO_FORCE * scale] = 0.0
-        smooth = np.stack([_lost_motion(d, carried[:, k]) for k, d in enumerate(machine.drives)], axis=1)
-        endless = np.where(carried == 0.0, 0.0, np.copysign(np.inf, carried))
-        free = np.divide(carried, -own, out=endless, where=own < -_TIED)
-        step = np.clip(s - smooth + free, -width, width)
-        following = smooth + np.where(width > 0, step, 0.0)
-        if np.allclose(following, s, rtol=0, atol=1e-15):
-            break
-        s = following
-    return s
+def _true_wrench(instrument: Instrument, stated: Array) -> Array:
+    """Return the wrench (…, 6) that acts at the stated point where a wrench is stated."""
+    out = instrument.force * stated
+    moment = np.cross(instrument.application, out[..., :3])
+    return np.concatenate([out[..., :3], out[..., 3:] + moment], axis=-1)
 
 
-def _deflections(machine: Machine, response: Response, pose: Codes, stated: Array) -> Array:
-    """Return true deflections (n, 6) under stated wrenches (n, 6): loaded minus unloaded."""
-    tool = machine.instrument
-    true = carry(tool.application, tool.force * stated)
-    move = np.einsum("nij,nj->ni", response.compliance[pose], true)
-    force = np.einsum("nkj,nj->nk", response.force[pose], true)
-    if not any(d.backlash or d.hardening or d.friction for d in machine.drives):
-        return move
-    dead = response.dead_force[pose]
-    loaded = _settle(machine, pose, response, force + dead, gaps=False)
-    unloaded = _settle(machine, pose, response, dead, gaps=False)
-    gap = _settle(machine, pose, response, force, gaps=True) - _settle(machine, pose, response, force, gaps=False)
-    lost = loaded - unloaded + gap
-    return move + np.einsum("nij,nj->ni", response.by_drive[pose], lost)
+def _deflections(machine: Machine, plan: Plan, response: Response, seen: Array) -> Array:
+    """Return deflections (p, m, c): loaded minus unloaded."""
+    first = {name: 6 * (k + 1) for k, name in enumerate(plan.hooks)} | {"": 0}
+    p, m = len(plan.poses), len(plan.loads)
+    cases = np.zeros((p, m, seen.shape[2]))
+    for k, (name, wrench) in enumerate(plan.loads):
+        cases[:, k, first[name] : first[name] + 6] = _true_wrench(machine.instrument, wrench)
+    if machine.slots:
+        lost = response.dead + 1
+        force = np.einsum("nsc,nmc->nms", response.force, cases)
+        dead = np.broadcast_to(response.force[:, None, :, response.dead], force.shape)
+        coupling = np.broadcast_to(response.force[:, None, :, lost:], (*force.shape, force.shape[2]))
+        flat = (p * m, force.shape[2])
+        force, dead, coupling = force.reshape(flat), dead.reshape(flat), coupling.reshape(*flat, flat[1])
+        slots = machine.slots
+        moved = settle(slots, coupling, force + dead, gaps=False) - settle(slots, coupling, dead, gaps=False)
+        gap = settle(slots, coupling, force, gaps=True) - settle(slots, coupling, force, gaps=False)
+        cases[:, :, lost:] = (moved + gap).reshape(p, m, -1)
+    return np.einsum("nkc,nmc->nmk", seen, cases)
 
 
-def _deviations(machine: Machine, response: Response) -> Array:
-    """Return true deviations (p, 6) of the unloaded machine from its commands."""
-    pose = np.arange(len(response.dead))
-    lost = _settle(machine, pose, response, response.dead_force, gaps=True)
-    return response.shift + response.dead + np.einsum("nij,nj->ni", response.by_drive, lost)
+def _deviations(machine: Machine, response: Response, channels: tuple[Sensor, ...], seen: Array) -> Array:
+    """Return deviations (p, c) of the unloaded machine from its commands."""
+    cases = np.zeros((len(seen), seen.shape[2]))
+    cases[:, response.dead] = 1.0
+    coupling = response.force[:, :, response.dead + 1 :]
+    cases[:, response.dead + 1 :] = settle(machine.slots, coupling, response.force[:, :, response.dead], gaps=True)
+    rigid = [
+        _looking(machine.instrument, s, response.shift(Spot(s.node, s.at)) - response.shift(Spot(s.against, s.at)))
+        for s in channels
+    ]
+    shift = np.stack(rigid, axis=1) @ _crossed(machine.instrument, channels).T
+    return shift + np.einsum("nkc,nc->nk", seen, cases)
 
 
-def _seen(machine: Machine) -> Array:
-    """Return the matrix (6, 6) from a true displacement to what the instrument shows."""
-    tool = machine.instrument
-    x, y, z = tool.rotation
-    turn = np.eye(3) + np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    both = np.zeros((6, 6))
-    both[:3, :3] = both[3:, 3:] = turn
-    return tool.scale * (np.eye(6) + tool.crosstalk) @ both
-
-
-def _stiffnesses(machine: Machine, response: Response) -> Array:
-    """Return the diagonals (p, 6) of stiffness as stated wrench over read displacement."""
-    tool = machine.instrument
-    at_m = tool.force * carry(tool.application, np.eye(6)).T
-    shown = _seen(machine) @ response.compliance @ at_m
+def _stiffnesses(machine: Machine, plan: Plan, seen: Array) -> Array:
+    """Return diagonals (p, 6) of stiffness, or pushes, as stated wrench over read displacement."""
+    shown = seen[:, :, :6] @ _true_wrench(machine.instrument, np.eye(6)).T
+    if plan.stiffness == "p":
+        return 1.0 / np.einsum("nii->ni", shown)
     return np.einsum("nii->ni", np.linalg.inv(shown))
 
 
-@dataclass(frozen=True)
-class _Rows:
-    """Readings before noise, in the order in which they are taken."""
-
-    pose: Codes
-    wrench: Array
-    quantity: Codes
-    value: Array
+def _turns(readings: Readings) -> NDArray[np.bool_]:
+    """Return which readings are of rotations."""
+    return np.array([sensor.measures == "rotation" for sensor in readings.channels])[readings.channel]
 
 
-def _take(machine: Machine, plan: Plan) -> _Rows:
-    response = respond(machine, plan.poses)
-    p, m = len(plan.poses), len(plan.wrenches)
-    axes = np.array(plan.directions, dtype=np.int64)
-    blocks: list[tuple[Codes, Array, Codes, Array]] = []
-
-    def block(kind: int, pose: Codes, wrench: Array, shown: Array) -> None:
-        count = len(axes)
-        codes = np.tile(6 * kind + axes, len(pose))
-        values = shown[:, axes].ravel()
-        blocks.append((np.repeat(pose, count), np.repeat(wrench, count, axis=0), codes, values))
-
-    if m:
-        pose = np.repeat(np.arange(p), m)
-        stated = np.tile(plan.wrenches, (p, 1))
-        block(DEFLECTION, pose, stated, _deflections(machine, response, pose, stated) @ _seen(machine).T)
-    if plan.deviations:
-        shown = _deviations(machine, response) @ _seen(machine).T
-        block(DEVIATION, np.arange(p), np.zeros((p, 6)), shown)
-    if plan.stiffness:
-        block(STIFFNESS, np.arange(p), np.full((p, 6), np.nan), _stiffnesses(machine, response))
-    pose, wrench, codes, value = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
-    order = np.tile(np.argsort(pose, kind="stable"), plan.repeats)
-    return _Rows(pose[order], wrench[order], codes[order], value[order])
-
-
-def _through_time(machine: Machine, rows: _Rows, session: Codes) -> Array:
+def _through_time(instrument: Instrument, rows: Readings, session: Codes) -> Array:
     """Return the values as an instrument shows them that changes while the campaign goes on."""
-    tool = machine.instrument
-    axis = rows.quantity % 6
     time = np.linspace(0.0, 1.0, len(rows.value))
-    moving = rows.quantity // 6 != STIFFNESS
-    gain = 1 + tool.gain_drift * time
-    gain *= np.where(session == session.max(), 1 + tool.bad_session, 1.0)
-    return np.where(moving, rows.value * gain + tool.drift[axis] * time, rows.value / gain)
+    gain = (1 + instrument.gain_drift * time) * np.where(session == session.max(), 1 + instrument.bad_session, 1.0)
+    drift = np.array(instrument.drift)[_turns(rows).astype(int)]
+    return np.where(rows.kind == 2, rows.value / gain, rows.value * gain + drift * time)
 
 
-def _sigma(rows: _Rows, noise: Noise, rng: np.random.Generator) -> Array:
-    axis, kind = rows.quantity % 6, rows.quantity // 6
-    sigma = np.where(axis < 3, noise.displacement, noise.rotation)
-    sigma = np.where(kind == STIFFNESS, noise.stiffness * np.abs(rows.value), sigma)
-    return sigma * np.exp(noise.spread * rng.standard_normal(len(sigma)))
+def sigma_of(rows: Readings, noise: Noise) -> Array:
+    """Return the standard deviation (n,) of every reading."""
+    sigma = np.where(_turns(rows), noise.rotation, noise.displacement)
+    return np.where(rows.kind == 2, noise.stiffness * np.abs(rows.value), sigma)
 
 
-def measure(
-    machine: Machine,
-    plan: Plan,
-    noise: Noise,
-    rng: np.random.Generator,
-    *,
-    modelled: Sequence[str] = ("gravity",),
-    components: str = "published",
-) -> Campaign:
-    """Return the campaign that a lab would hand over for this machine.
-
-    modelled and components go into its header: what the nominal model is said to carry.
-    Raises InputError for poses that the machine cannot reach.
-    """
-    rows = _take(machine, plan)
+def with_noise(rows: Readings, instrument: Instrument, noise: Noise, rng: np.random.Generator) -> Readings:
+    """Return the readings that a lab would hand over."""
     n = len(rows.value)
-    session = (np.arange(n) * plan.sessions) // n
-    sigma = _sigma(rows, noise, rng)
-    value = _through_time(machine, rows, session) + sigma * rng.standard_normal(n)
-    step = machine.instrument.quantum[rows.quantity % 6]
-    coarse = (step > 0) & (rows.quantity // 6 != STIFFNESS)
+    sigma = sigma_of(rows, noise) * np.exp(noise.spread * rng.standard_normal(n))
+    value = rows.value + sigma * rng.standard_normal(n)
+    step = np.array(instrument.quantum)[_turns(rows).astype(int)]
+    coarse = (step > 0) & (rows.kind != 2)
     value = np.where(coarse, np.round(value / np.where(coarse, step, 1.0)) * step, value)
     wild = rng.random(n) < noise.outliers
     value = value + np.where(wild, sigma * rng.uniform(20, 100, n) * rng.choice([-1, 1], n), 0.0)
-    stiff = rows.quantity // 6 == STIFFNESS
-    value = np.where(stiff, np.maximum(np.abs(value), 1.0), value)
+    value = np.where(rows.kind == 2, np.maximum(np.abs(value), 1.0), value)
+    stated = np.full(n, np.nan) if noise.stated is None else noise.stated * sigma
     kept = np.flatnonzero(rng.random(n) >= noise.missing)
     if noise.shuffle:
         kept = rng.permutation(kept)
-    return _campaign(plan, rows, value, noise, sigma, session, kept, (tuple(modelled), components))
-
-
-def _campaign(
-    plan: Plan,
-    rows: _Rows,
-    value: Array,
-    noise: Noise,
-    sigma: Array,
-    session: Codes,
-    kept: Codes,
-    header: tuple[tuple[str, ...], str],
-) -> Campaign:
-    stated = np.full(len(sigma), np.nan) if noise.stated is None else noise.stated * sigma
-    names = tuple(f"({x:g}, {y:g}, {z:g})" for x, y, z in plan.poses)
-    labels = tuple(f"day {k + 1}" for k in range(plan.sessions)) if plan.sessions > 1 else ("",)
-    return Campaign(
-        robot="biglide",
-        modelled=header[0],
-        components=header[1],
-        pose_names=names,
-        poses=plan.poses,
-        pose=rows.pose[kept],
-        wrench=rows.wrench[kept],
-        quantity=rows.quantity[kept],
-        value=value[kept],
-        sigma=stated[kept],
-        session_names=labels,
-        session=session[kept],
-        files=("readings.csv",),
-        file=np.zeros(len(kept), dtype=np.int64),
-        line=np.arange(2, len(kept) + 2),
+    noisy = Readings(
+        rows.plan, rows.channels, rows.pose, rows.load, rows.kind, rows.channel, value, stated, rows.session
     )
+    return noisy.some(kept)
+
+
+def measure(
+    machine: Machine, plan: Plan, noise: Noise, rng: np.random.Generator, located: Located | None = None
+) -> Readings:
+    """Return the readings that a lab would hand over of this machine.
+
+    Raises InputError for poses that the machine cannot reach.
+    """
+    return with_noise(true_readings(machine, plan, located), machine.instrument, noise, rng)

@@ -1,159 +1,151 @@
-"""A direct-stiffness frame of rigid bodies: global assembly, explicit freedoms, multipliers.
+"""Direct stiffness of the machine: every node six dofs, every held direction of an element a multiplier.
 
-Every body has six dofs, its twist (v, ω) about the origin of the world axes. A connection joins two bodies
-at a point in its own axes; each of its six directions is free, rigid or elastic. All is one system
+A node's dofs are its twist about the origin of the base axes. An element joins two nodes at a point in its own axes; in
+the directions H that it holds, the second node's motion against the first is t₀ + C λ under the wrench λ. All is one
+system for a stack of poses (leading axis n)
 
-    [[K, Gᵀ], [G, 0]] (u, λ) = (f, g)
+    [[0, Bᵀ], [B, -C]] (u, λ) = (f, t₀),  B = H J,
 
-solved for a stack of geometries at once (leading axis n). Nothing is taken from the virtual-joint model.
+with J from dofs to the element's own motion. Idle motions and redundant constraints make it singular but consistent: it
+is solved with a small shift of its diagonal, and refined until the system itself is met.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.linalg import (  # pyright: ignore[reportMissingTypeStubs]
+    lu_factor,  # pyright: ignore[reportUnknownVariableType]
+    lu_solve,  # pyright: ignore[reportUnknownVariableType]
+)
 
 from stiffscope.errors import InputError
+from stiffscope.gap.lab.rotations import lever
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
-    Flags = NDArray[np.bool_]
+    from stiffscope.gap.lab.rotations import Array
 
 GROUND = -1
-_ROW_SCALE = 1e8  # N/m: brings the multipliers' rows to the size of the stiffness rows
-
-
-def lever(points: Array) -> Array:
-    """Return the matrices that carry a twist about the origin to points (n, 3): v + ω × r; (n, 6, 6)."""
-    out = np.broadcast_to(np.eye(6), (len(points), 6, 6)).copy()
-    x, y, z = points.T
-    out[:, 0, 4], out[:, 0, 5] = z, -y
-    out[:, 1, 3], out[:, 1, 5] = -z, x
-    out[:, 2, 3], out[:, 2, 4] = y, -x
-    return out
+_SHIFT = 1e-9  # of the scaled diagonal
+_REFINED = 12  # steps of refinement at most
+_MET = 1e-12  # relative residual of the system
+_LOOSE = 1e-6  # relative residual from which there is no equilibrium
 
 
 @dataclass(frozen=True)
-class Connection:
-    """What joins body `first` to body `second` at `points` (n, 3) in `axes` (n, 3, 3, columns).
-
-    compliance: (6, 6) or (n, 6, 6); a zero row and column is a rigid direction, the rest is positive.
-    free: (6,) directions that transmit nothing.
-    """
+class Element:
+    """What joins node `first` to node `second`."""
 
     name: str
     first: int
     second: int
-    points: Array
-    axes: Array
+    carry: Array
+    """(n, 6, 6) from a twist about the origin to its own point and axes."""
+    held: Array
+    """(n, r, 6)."""
     compliance: Array
-    free: Flags
-
-
-def _stiffness(compliance: Array, free: Flags, name: str) -> tuple[Flags, Array]:
-    """Return the elastic directions and the stiffness (n, k, k) of their block.
-
-    Raises InputError where that block is not positive definite.
-    """
-    stack = compliance if compliance.ndim == 3 else compliance[None]
-    elastic: Flags = ~free & np.any(stack != 0.0, axis=(0, 2))
-    block = stack[:, elastic][:, :, elastic]
-    try:
-        np.linalg.cholesky(block)
-    except np.linalg.LinAlgError:
-        message = f"{name}: expected a symmetric compliance that is positive in each direction that yields"
-        raise InputError(message) from None
-    return elastic, np.asarray(np.linalg.inv(block), dtype=np.float64)
-
-
-def _relative(connection: Connection) -> Array:
-    """Return what maps a body's twist about the origin to the connection's point and axes; (n, 6, 6)."""
-    turn = np.zeros((len(connection.points), 6, 6))
-    back = np.swapaxes(connection.axes, 1, 2)
-    turn[:, :3, :3] = back
-    turn[:, 3:, 3:] = back
-    return turn @ lever(connection.points)
+    """(6, 6) in its axes."""
+    misfit: Array
+    """(n, 6) of its second node against the first, away from where it rests unloaded."""
 
 
 class Structure:
-    """An assembled frame, ready to be loaded. Built once from its connections and read-only after that."""
+    """An assembled frame, ready to be loaded: built once from its elements and read-only after that."""
 
-    def __init__(self, bodies: int, connections: Sequence[Connection]) -> None:
-        self.connections = tuple(connections)
-        self._by_name = {c.name: c for c in self.connections}
-        self._maps = {c.name: _relative(c) for c in self.connections}
-        self._elastic = {c.name: _stiffness(c.compliance, c.free, c.name) for c in self.connections}
-        n = max(len(c.points) for c in self.connections)
-        self._dofs = 6 * bodies
-        rows: dict[str, slice] = {}
+    def __init__(self, nodes: int, elements: Sequence[Element]) -> None:
+        self._elements = {e.name: e for e in elements}
+        self._dofs = 6 * nodes
+        self._rows: dict[str, slice] = {}
         size = self._dofs
-        for c in self.connections:
-            count = int(np.count_nonzero(self._rigid(c)))
-            rows[c.name] = slice(size, size + count)
-            size += count
-        self._rows = rows
-        self.matrix = np.zeros((n, size, size))
-        for c in self.connections:
-            self._add(c)
+        for e in elements:
+            self._rows[e.name] = slice(size, size + e.held.shape[1])
+            size += e.held.shape[1]
+        n = len(elements[0].carry)
+        self._matrix = np.zeros((n, size, size))
+        for e in elements:
+            row = self._rows[e.name]
+            block = e.held @ e.carry
+            self._matrix[:, row, row] = -e.held @ e.compliance @ np.swapaxes(e.held, 1, 2)
+            for sign, node in ((1.0, e.second), (-1.0, e.first)):
+                if node != GROUND:
+                    at = slice(6 * node, 6 * node + 6)
+                    self._matrix[:, row, at] += sign * block
+                    self._matrix[:, at, row] += sign * np.swapaxes(block, 1, 2)
+        self._scale = self._scales(elements, size)
+        shift = _SHIFT * np.where(np.arange(size) < self._dofs, 1.0, -1.0)
+        scaled = self._matrix * self._scale[:, None] * self._scale
+        self._factors: list[Any] = [lu_factor(one + np.diag(shift)) for one in scaled]
+        self._scaled = scaled
 
-    def _rigid(self, c: Connection) -> Flags:
-        return ~c.free & ~self._elastic[c.name][0]
-
-    def _sides(self, c: Connection) -> list[tuple[float, slice]]:
-        pairs = ((-1.0, c.first), (1.0, c.second))
-        return [(sign, slice(6 * body, 6 * body + 6)) for sign, body in pairs if body != GROUND]
-
-    def _add(self, c: Connection) -> None:
-        elastic, stiffness = self._elastic[c.name]
-        soft = self._maps[c.name][:, elastic]
-        hard = _ROW_SCALE * self._maps[c.name][:, self._rigid(c)]
-        row = self._rows[c.name]
-        block = np.swapaxes(soft, 1, 2) @ stiffness @ soft
-        for sign, at in self._sides(c):
-            self.matrix[:, row, at] += sign * hard
-            self.matrix[:, at, row] += sign * np.swapaxes(hard, 1, 2)
-            for other, where in self._sides(c):
-                self.matrix[:, at, where] += sign * other * block
-
-    def load(self, body: int, points: Array, wrench: Array) -> Array:
-        """Return the right-hand side (n, size) of a wrench (6,) or (n, 6) on a body at points (n, 3)."""
-        out = np.zeros(self.matrix.shape[:2])
-        at_origin = np.swapaxes(lever(points), 1, 2) @ np.broadcast_to(wrench, (len(points), 6))[..., None]
-        out[:, 6 * body : 6 * body + 6] = at_origin[..., 0]
+    def _scales(self, elements: Sequence[Element], size: int) -> Array:
+        """Scales (size,) that bring twists, wrenches and compliances to one."""
+        soft = [e.compliance for e in elements]
+        forces = np.concatenate([np.diag(c)[:3] for c in soft])
+        moments = np.concatenate([np.diag(c)[3:] for c in soft])
+        linear = float(np.median(forces[forces > 0.0])) if (forces > 0.0).any() else 1e-8
+        angular = float(np.median(moments[moments > 0.0])) if (moments > 0.0).any() else 10.0 * linear
+        out = np.ones(size)
+        one = np.concatenate([np.full(3, np.sqrt(linear)), np.full(3, np.sqrt(angular))])
+        out[: self._dofs] = np.tile(one, self._dofs // 6)
+        for e in elements:
+            out[self._rows[e.name]] = 1.0 / (np.abs(e.held[0]) @ one)
         return out
 
-    def offset_load(self, name: str, rest: Array) -> Array:
-        """Return the right-hand side (n, size) of a connection that rests at a twist (6,) or (n, 6)."""
-        c = self._by_name[name]
-        out = np.zeros(self.matrix.shape[:2])
-        full = np.broadcast_to(rest, (len(out), 6))
-        elastic, stiffness = self._elastic[name]
-        out[:, self._rows[name]] = _ROW_SCALE * full[:, self._rigid(c)]
-        push = np.swapaxes(self._maps[name][:, elastic], 1, 2) @ stiffness @ full[:, elastic, None]
-        for sign, at in self._sides(c):
-            out[:, at] += sign * push[..., 0]
+    @property
+    def size(self) -> tuple[int, int]:
+        """Poses and unknowns."""
+        return self._matrix.shape[0], self._matrix.shape[1]
+
+    def load(self, node: int, points: Array, wrench: Array) -> Array:
+        """Right-hand side (n, size) of a wrench (6,) or (n, 6) on a node at points (n, 3)."""
+        out = np.zeros(self.size)
+        there = np.broadcast_to(wrench, (len(points), 6))[..., None]
+        out[:, 6 * node : 6 * node + 6] = (np.swapaxes(lever(points), 1, 2) @ there)[..., 0]
+        return out
+
+    def rest(self, name: str, twist: Array) -> Array:
+        """Right-hand side (n, size) of an element that rests at a twist (6,) or (n, 6) in its own axes."""
+        e = self._elements[name]
+        out = np.zeros(self.size)
+        out[:, self._rows[name]] = (e.held @ np.broadcast_to(twist, (len(out), 6))[..., None])[..., 0]
+        return out
+
+    def misfits(self) -> Array:
+        """Right-hand side (n, size) of what every element stands off from where it rests."""
+        out = np.zeros(self.size)
+        for name, e in self._elements.items():
+            out += self.rest(name, -e.misfit)
         return out
 
     def solve(self, right: Array) -> Array:
-        """Return the bodies' twists and multipliers (n, size, k) for right-hand sides (n, size, k)."""
-        return np.asarray(np.linalg.solve(self.matrix, right), dtype=np.float64)
+        """Twists about the origin and multipliers (n, size, k) for right-hand sides (n, size, k).
 
-    def twist(self, solution: Array, body: int, points: Array) -> Array:
-        """Return twists (n, 6, k) of a body at points (n, 3)."""
-        return lever(points) @ solution[:, 6 * body : 6 * body + 6]
+        Raises InputError where something moves freely under its load.
+        """
+        scaled = self._scale[:, None] * right
+        out = np.zeros_like(scaled)
+        size = np.maximum(np.abs(scaled).max(axis=1, keepdims=True), 1e-300)
+        left = scaled
+        for _ in range(_REFINED):
+            parts: list[Array] = [lu_solve(f, b) for f, b in zip(self._factors, left, strict=True)]
+            out = out + np.stack(parts)
+            left = scaled - self._scaled @ out
+            if (np.abs(left) < _MET * size).all():
+                break
+        if not (np.abs(left) < _LOOSE * size).all():
+            raise InputError("pose: expected a machine that holds its tool there, got one that moves freely")
+        return self._scale[:, None] * out
 
-    def relative(self, solution: Array, name: str) -> Array:
-        """Return twists (n, 6, k) of a connection's second body relative to its first, in its axes."""
-        c = self._by_name[name]
-        moved = sum(sign * solution[:, at] for sign, at in self._sides(c))
-        return self._maps[name] @ moved
+    def twist(self, solution: Array, node: int) -> Array:
+        """Twists (n, 6, k) about the origin of a node."""
+        if node == GROUND:
+            return np.zeros((len(solution), 6, solution.shape[2]))
+        return solution[:, 6 * node : 6 * node + 6]
 
-    def stiffness(self, name: str) -> tuple[Flags, Array]:
-        """Return which directions of a connection are elastic (6,), and their stiffness (n or 1, k, k)."""
-        return self._elastic[name]
+    def wrench(self, solution: Array, name: str) -> Array:
+        """Wrench (n, 6, k) that an element carries, in its own axes."""
+        return np.swapaxes(self._elements[name].held, 1, 2) @ solution[:, self._rows[name]]

@@ -1,0 +1,59 @@
+"""Workers on which blind cases run: a Dask cluster, by default one on this machine that ends with this process."""
+
+from __future__ import annotations
+
+import logging
+import tempfile
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from stiffscope.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+_CONNECT = "20s"
+
+
+@contextmanager
+def cluster(scheduler: str | None = None, workers: int = 2) -> Iterator[Any]:
+    """Give a client of Dask; a local cluster's worker processes have one thread each.
+
+    Parameters
+    ----------
+    scheduler
+        Address of a running scheduler, such as "tcp://10.0.0.5:8786"; None: a cluster on this machine.
+    workers
+        Processes of the local cluster.
+
+    Raises
+    ------
+    InputError
+        Dask is not installed, or no scheduler answers.
+
+    """
+    try:
+        from distributed import Client, LocalCluster
+    except ImportError:
+        raise InputError("blind: expected Dask, which `pip install 'stiffscope[blind]'` installs") from None
+    if scheduler is not None:
+        try:
+            client = Client(scheduler, timeout=_CONNECT)
+        except (OSError, ValueError) as error:
+            raise InputError(
+                f"--scheduler: expected the address of a Dask scheduler that answers, got {scheduler}"
+            ) from error
+        with client:
+            yield client
+        return
+    quiet = logging.ERROR
+    logging.getLogger("distributed").setLevel(quiet)  # a worker that is slow to end is no news
+    with (
+        tempfile.TemporaryDirectory(prefix="stiffscope-dask-") as scratch,
+        LocalCluster(
+            n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=quiet,
+            local_directory=scratch, memory_limit=0,
+        ) as local,
+        Client(local) as client,
+    ):  # fmt: skip
+        yield client

@@ -1,0 +1,89 @@
+"""Motion lost in play, friction, hardening and loose bolts: the equilibrium of forces and laws."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from stiffscope.gap.lab.machine import Slot
+    from stiffscope.gap.lab.rotations import Array
+
+_NO_FORCE = 1e-6  # of the greatest force: what rounding leaves in a slot that carries nothing
+_TIED = 1e-6  # of a drive's stiffness, or N/m: what meets less resistance than this moves freely
+_ITERATIONS = 300
+_HALVED = 60  # iterations after which steps are halved
+
+
+def settle(slots: Sequence[Slot], coupling: Array, force: Array, *, gaps: bool) -> Array:
+    """Return the lost motion (n, s) of slots under forces (n, s), in equilibrium with its own effect.
+
+    A slot with play stands at the end of its gap towards its force; where that would turn the force round, it hangs
+    inside the gap at the point of no force.
+
+    Parameters
+    ----------
+    slots
+        s of them.
+    coupling
+        (n, s, s) force of every slot for a unit of lost motion in each.
+    force
+        (n, s) without lost motion.
+    gaps
+        Whether play counts; without it only the smooth laws do.
+
+    """
+    out = np.zeros_like(force)
+    if not slots:
+        return out
+    own = np.minimum(np.einsum("nkk->nk", coupling), 0.0)
+    none = _NO_FORCE * max(1.0, float(np.abs(force).max(initial=0.0)))
+    for iteration in range(_ITERATIONS):
+        carried = force + np.einsum("nkl,nl->nk", coupling, out)
+        carried[np.abs(carried) < none] = 0.0
+        following = np.zeros_like(out)
+        for k, slot in enumerate(slots):
+            if slot.law == "play":
+                if gaps:
+                    following[:, k] = _in_gap(slot, out[:, k], carried[:, k], own[:, k])
+            else:
+                value, slope = lost(slot, carried[:, k])
+                following[:, k] = out[:, k] + (value - out[:, k]) / (1.0 - slope * own[:, k])
+        step = following - out
+        if float(np.abs(step).max()) < 1e-15:
+            break
+        out = out + (step if iteration < _HALVED else 0.5 * step)
+    return out
+
+
+def _in_gap(slot: Slot, shift: Array, force: Array, own: Array) -> Array:
+    tied = own < -_TIED * (slot.stiffness if np.isfinite(slot.stiffness) else 1e7)
+    endless = np.where(force == 0.0, 0.0, np.copysign(np.inf, force))
+    free = np.divide(force, -own, out=endless, where=tied)
+    return np.clip(shift + free, -slot.size, slot.size)
+
+
+def lost(slot: Slot, force: Array) -> tuple[Array, Array]:
+    """Return what a slot's law yields beyond its linear stiffness at a force (n,), and the derivative by the force."""
+    k = slot.stiffness
+    match slot.law:
+        case "hardening":
+            e = force / k
+            for _ in range(60):
+                e = e - (k * e + slot.size * e**3 - force) / (k + 3 * slot.size * e**2)
+            return e - force / k, 1.0 / (k + 3 * slot.size * e**2) - 1.0 / k
+        case "friction":
+            sticks = np.abs(force) < slot.size
+            return -np.clip(force, -slot.size, slot.size) / k, np.where(sticks, -1.0 / k, 0.0)
+        case "one-sided":
+            return slot.size * np.maximum(force, 0.0), np.where(force > 0.0, slot.size, 0.0)
+        case "stiffening":
+            e = np.cbrt(slot.size * force * slot.knee**2)
+            for _ in range(60):
+                e = e - (e * (1 + (e / slot.knee) ** 2) - slot.size * force) / (1 + 3 * (e / slot.knee) ** 2)
+            return e, slot.size / (1 + 3 * (e / slot.knee) ** 2)
+        case _:
+            return np.zeros_like(force), np.zeros_like(force)

@@ -1,0 +1,244 @@
+"""The machine with its faults at commanded poses: where it stands unloaded, and its linear response there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.gap.lab.closure import Frames, joint_state, locate
+from stiffscope.gap.lab.machine import BASE, GROUND, TOOL
+from stiffscope.gap.lab.rotations import lever, turn, vector_of
+from stiffscope.gap.lab.structure import Element, Structure
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from stiffscope.gap.lab.closure import Located
+    from stiffscope.gap.lab.machine import Machine
+    from stiffscope.gap.lab.rotations import Array
+
+CABLE = "<cable>"
+_SETTLED = 1e-13  # m
+_ITERATIONS = 30
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A point (3,) of a node, home coordinates; it moves with the node."""
+
+    node: str
+    at: Array
+
+
+@dataclass(frozen=True)
+class Response:
+    """Linear response at n poses. Twists are about the origin: `at` carries them to a point.
+
+    Cases: six unit wrenches at every spot in turn, all that always acts, a unit of lost motion in every slot.
+    """
+
+    nominal: Frames
+    """Where its controller believes the nodes to be."""
+    true: Frames
+    """Where they are without weights."""
+    spots: tuple[Spot, ...]
+    twists: dict[str, Array]
+    """(n, 6, cases) of every node."""
+    force: Array
+    """(n, slots, cases) force that every slot carries."""
+    structure: Structure
+    solution: Array
+
+    @property
+    def dead(self) -> int:
+        """Number of the case of what always acts."""
+        return 6 * len(self.spots)
+
+    def wrench(self, name: str) -> Array:
+        """Wrench (n, 6, cases) that an element carries, in its own axes."""
+        return self.structure.wrench(self.solution, name)
+
+    def at(self, spot: Spot) -> Array:
+        """Twists (n, 6, cases) of a spot."""
+        return lever(self.true.point(spot.node, spot.at)) @ self.twists[spot.node]
+
+    def shift(self, spot: Spot) -> Array:
+        """Twist (n, 6) from where the controller believes a spot to be to where it is without weights."""
+        moved = self.true.point(spot.node, spot.at) - self.nominal.point(spot.node, spot.at)
+        turned = self.true.rotation[spot.node] @ np.swapaxes(self.nominal.rotation[spot.node], -1, -2)
+        return np.concatenate([moved, vector_of(turned)], axis=1)
+
+
+def tool_spot(machine: Machine) -> Spot:
+    """M."""
+    return Spot(TOOL, machine.at)
+
+
+def respond(machine: Machine, poses: Array | Located, spots: Sequence[Spot]) -> Response:
+    """Return the linear response of the machine to wrenches at spots, in its true configuration.
+
+    Parameters
+    ----------
+    machine
+        With its faults.
+    poses
+        (n, k) commanded, m and rad; or where the sound machine stands there.
+    spots
+        Where wrenches act, and what they act on.
+
+    Raises
+    ------
+    InputError
+        For a pose that it cannot reach, and where it moves freely.
+
+    """
+    located = locate(machine, poses) if isinstance(poses, np.ndarray) else poses
+    if not located.closed.all():
+        raise InputError("pose: expected poses that the machine reaches with its drives within their ranges")
+    nodes = [BASE, *(node for body in machine.bodies.values() for node in body.nodes), TOOL]
+    index = {name: k for k, name in enumerate(nodes)} | {GROUND: -1}
+    nominal = _frames_of_nodes(machine, located.frames)
+    true, structure = _settled(machine, located, nominal, index)
+    right = [
+        structure.load(index[spot.node], true.point(spot.node, spot.at), unit) for spot in spots for unit in np.eye(6)
+    ]
+    right.append(_always(machine, structure, true, index))
+    right += [structure.rest(slot.element, np.eye(6)[slot.direction]) for slot in machine.slots]
+    solution = structure.solve(np.stack(right, axis=2))
+    slots = [structure.wrench(solution, slot.element)[:, slot.direction] for slot in machine.slots]
+    empty = np.zeros((len(located.closed), 0, solution.shape[2]))
+    twists = {name: structure.twist(solution, k) for name, k in index.items()}
+    force = np.stack(slots, axis=1) if slots else empty
+    return Response(nominal, true, tuple(spots), twists, force, structure, solution)
+
+
+def _frames_of_nodes(machine: Machine, bodies: Frames) -> Frames:
+    carriers = {node: body.name for body in machine.bodies.values() for node in body.nodes}
+    carriers |= {BASE: GROUND, GROUND: GROUND, TOOL: carriers[machine.tool]}
+    return Frames(
+        {node: bodies.rotation[body] for node, body in carriers.items()},
+        {node: bodies.position[body] for node, body in carriers.items()},
+    )
+
+
+def _settled(machine: Machine, located: Located, nominal: Frames, index: dict[str, int]) -> tuple[Frames, Structure]:
+    """Return where the nodes stand with all errors of geometry in equilibrium, and the structure there."""
+    frames = nominal
+    structure = Structure(len(index) - 1, _elements(machine, located, frames, index))
+    if not _distorted(machine):
+        return frames, structure
+    points = {TOOL: machine.at}  # a rod may spin between two balls: its ends stand still
+    for body in machine.bodies.values():
+        points |= dict(zip(body.nodes, (body.base, body.tip) if len(body.nodes) > 1 else (body.centre,), strict=True))
+    for _ in range(_ITERATIONS):
+        solution = structure.solve(structure.misfits()[..., None])
+        steps = {name: structure.twist(solution, k)[..., 0] for name, k in index.items() if k >= 0}
+        moved = [np.abs(lever(frames.point(name, at)) @ steps[name][..., None])[:, :3] for name, at in points.items()]
+        frames = frames.moved(steps)
+        structure = Structure(len(index) - 1, _elements(machine, located, frames, index))
+        if max(float(step.max()) for step in moved) < _SETTLED:
+            return frames, structure
+    raise InputError("pose: expected errors of the geometry with which the loops still close")
+
+
+def _distorted(machine: Machine) -> bool:
+    """Whether anything of its geometry is not as drawn."""
+    return (
+        any(body.offset.any() for body in machine.bodies.values())
+        or any((joint.at_first != joint.at_second).any() for joint in machine.joints.values())
+        or any(joint.drive and (joint.drive.offset or joint.drive.pitch) for joint in machine.joints.values())
+        or bool(machine.cable.any())
+    )
+
+
+def _elements(machine: Machine, located: Located, frames: Frames, index: dict[str, int]) -> list[Element]:
+    n = len(located.closed)
+    everything = np.broadcast_to(np.eye(6), (n, 6, 6))
+    world, origin = np.eye(3), np.zeros(3)
+    misfit = _apart(frames, GROUND, BASE, origin, world)
+    out = [Element(BASE, -1, index[BASE], everything, everything, np.diag(machine.base), misfit)]
+    for joint in machine.joints.values():
+        first, second = (BASE if node == GROUND else node for node in (joint.first, joint.second))
+        commanded: Array | float = 0.0
+        if joint.drive is not None:
+            commanded = located.drives[joint.name] * (1.0 + joint.drive.pitch) + joint.drive.offset
+        state = joint_state(joint, frames, first, second, commanded)
+        out.append(
+            Element(joint.name, index[first], index[second], state.carry, state.held, joint.compliance, state.misfit)
+        )
+    for body in machine.bodies.values():
+        if len(body.nodes) == 1:
+            continue
+        base, tip = body.nodes
+        axes = frames.rotation[base] @ body.axes
+        point = frames.point(tip, body.tip)
+        misfit = _apart(frames, base, tip, body.tip, body.axes)
+        misfit[:, :3] -= body.offset[:3]
+        misfit[:, 3:] = vector_of(turn(-body.offset[3:]) @ turn(misfit[:, 3:]))
+        carry = _carry(axes, point)
+        out.append(Element(body.name, index[base], index[tip], carry, everything, body.compliance, misfit))
+    node, end = machine.tool, frames.point(TOOL, machine.at)
+    axes = frames.rotation[node]
+    carry, misfit = _carry(axes, end), _apart(frames, node, TOOL, machine.at, world)
+    out.append(Element(TOOL, index[node], index[TOOL], carry, everything, np.diag(machine.platform), misfit))
+    if machine.cable.any():
+        held = np.flatnonzero(machine.cable)
+        yields = np.zeros(6)
+        yields[held] = 1.0 / machine.cable[held]
+        misfit = np.zeros((n, 6))
+        misfit[:, :3] = end - machine.at
+        carry = _carry(np.broadcast_to(np.eye(3), (n, 3, 3)), end)
+        rows = np.broadcast_to(np.eye(6)[held], (n, len(held), 6))
+        out.append(Element(CABLE, -1, index[node], carry, rows, np.diag(yields), misfit))
+    return out
+
+
+def _apart(frames: Frames, first: str, second: str, at: Array, axes: Array) -> Array:
+    """Return how far (n, 6) a point (3,) of one node stands off another node, in axes (3, 3) that ride on that."""
+    back = np.swapaxes(frames.rotation[first] @ axes, -1, -2)
+    moved = frames.point(second, at) - frames.point(first, at)
+    return np.concatenate([(back @ moved[..., None])[..., 0], vector_of(back @ frames.rotation[second] @ axes)], axis=1)
+
+
+def _carry(axes: Array, points: Array) -> Array:
+    turned = np.zeros((len(points), 6, 6))
+    turned[:, :3, :3] = turned[:, 3:, 3:] = np.swapaxes(axes, -1, -2)
+    return turned @ lever(points)
+
+
+def _always(machine: Machine, structure: Structure, true: Frames, index: dict[str, int]) -> Array:
+    """Return the right-hand side (n, size) of weights: of a body with two nodes, that of its mass at either end."""
+    out = np.zeros(structure.size)
+    for body in machine.bodies.values() if machine.weighted else ():
+        if len(body.nodes) == 1:
+            out += _hung(structure, true, index, body.name, body.centre, body.mass * machine.gravity)
+            continue
+        for node, at, end in zip(body.nodes, (body.base, body.tip), body.ends, strict=True):
+            axes = true.rotation[node] @ body.axes
+            both = np.zeros((len(axes), 6, 6))
+            both[:, :3, :3] = both[:, 3:, 3:] = axes
+            wrench = both @ end @ np.swapaxes(axes, -1, -2) @ machine.gravity
+            out += structure.load(index[node], true.point(node, at), wrench)
+    for payload in machine.payloads:
+        out += _hung(structure, true, index, payload.node, payload.centre, payload.mass * machine.gravity)
+    return out
+
+
+def _hung(structure: Structure, true: Frames, index: dict[str, int], node: str, at: Array, force: Array) -> Array:
+    return structure.load(index[node], true.point(node, at), np.concatenate([force, np.zeros(3)]))
+
+
+def stiffness(machine: Machine, poses: Array) -> Array:
+    """Return the Cartesian stiffness (n, 6, 6) at M, base axes, without loads or instrument."""
+    tool = tool_spot(machine)
+    return np.asarray(np.linalg.inv(respond(machine, poses, [tool]).at(tool)[:, :, :6]), dtype=np.float64)
+
+
+def sag(machine: Machine, poses: Array) -> Array:
+    """Return the twist (n, 6) of M under the weights."""
+    tool = tool_spot(machine)
+    response = respond(machine, poses, [tool])
+    return response.at(tool)[:, :, response.dead]

@@ -1,0 +1,116 @@
+"""What small faults do to readings, by the wrenches that elements carry: which faults no reader can tell apart."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.gap.lab.machine import BASE, DRIVEN, FREE, TOOL
+from stiffscope.gap.lab.measuring import sigma_of
+from stiffscope.gap.lab.response import Spot, respond, tool_spot
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from stiffscope.gap.lab.closure import Located
+    from stiffscope.gap.lab.machine import Machine
+    from stiffscope.gap.lab.measuring import Noise, Plan, Readings
+    from stiffscope.gap.lab.rotations import Array
+
+_JOINT = ([0.0, 1, 1, 0, 0, 0], [1.0, 0, 0, 0, 0, 0], [0.0, 0, 0, 1, 1, 1])  # radial, axial, tilting
+_GUIDE = ([0.0, 1, 0, 0, 0, 0], [0.0, 0, 1, 0, 0, 0], [0.0, 0, 0, 1, 1, 1])
+_ALONG = np.eye(6)[0]
+
+
+class Signatures:
+    """Derivatives of a plan's readings by the parameters of faults, over the readings' noise."""
+
+    def __init__(self, machine: Machine, plan: Plan, located: Located, rows: Readings, noise: Noise) -> None:
+        self._machine, self._plan, self._rows = machine, plan, rows
+        self._found: dict[tuple[str, str], Array | None] = {}
+        self.sigma = sigma_of(rows, noise)
+        channels = plan.channels(machine)
+        spots = [tool_spot(machine), *plan.hooks.values(), *(Spot(s.node, s.at) for s in channels)]
+        self._response = respond(machine, located, spots)
+        first = 6 * (1 + len(plan.hooks))
+        cases = self._response.dead + 1
+        self._looks = np.zeros((len(channels), cases))  # unit loads along what every channel looks at
+        for k, sensor in enumerate(channels):
+            at = first + 6 * k + (0 if sensor.measures == "displacement" else 3)
+            self._looks[k, at : at + 3] = sensor.direction
+        where = {name: 6 * (k + 1) for k, name in enumerate(plan.hooks)} | {"": 0}
+        self._pulls = np.zeros((len(plan.loads) + 1, cases))  # the last: what always acts
+        self._pulls[-1, -1] = 1.0
+        for k, (name, wrench) in enumerate(plan.loads):
+            self._pulls[k, where[name] : where[name] + 6] = wrench
+
+    def of(self, effect: str, place: str, softer: Mapping[str, Array]) -> Array | None:
+        """Columns of an effect as `_columns` gives them, found once."""
+        if (effect, place) not in self._found:
+            self._found[effect, place] = self._columns(effect, place, softer)
+        return self._found[effect, place]
+
+    def _columns(self, effect: str, place: str, softer: Mapping[str, Array]) -> Array | None:
+        """Columns (r, k) of an effect at a place; None for one that is not of elements.
+
+        softer: (6, 6) compliance that a step of the parameter adds to each body, for effects that change parts.
+        """
+        members = self._machine.members(place)
+        joints, bodies = self._machine.joints, self._machine.bodies
+        shapes = {"joint-compliance": _JOINT, "guide-compliance": _GUIDE}
+        added = {"base-compliance": BASE, "platform-compliance": TOOL}
+        if effect in {"actuator-stiffness", "encoder-offset"}:
+            along = {name: np.eye(6)[DRIVEN[joints[name].kind]] for name in members}
+            return self._moved(along) if effect == "encoder-offset" else self._added({n: [d] for n, d in along.items()})
+        if effect in shapes:
+            return self._added({n: [self._held(n, np.array(shape)) for shape in shapes[effect]] for n in members})
+        if effect in added:
+            return self._added({added[effect]: list(np.eye(6))})
+        if effect in {"link-length", "thermal"}:
+            grown = {n: bodies[n].expansion * bodies[n].length if effect == "thermal" else 1.0 for n in members}
+            return self._moved({name: size * _ALONG for name, size in grown.items()})
+        if effect in {"displacement-scale", "force-scale"} and place == "instrument":
+            scaled = (self._rows.kind == 0) | (effect == "displacement-scale")
+            return np.where(scaled, self._rows.value / self.sigma, 0.0)[:, None]
+        return self._spread(softer) if softer else None
+
+    def _held(self, name: str, diagonal: Array) -> Array:
+        joint = self._machine.joints[name]
+        free = () if joint.kind == "universal" else FREE[joint.kind]
+        return np.array([0.0 if i in free else value for i, value in enumerate(diagonal)])
+
+    def _added(self, diagonals: Mapping[str, list[Array]]) -> Array:
+        """Columns of compliances (6,) on the diagonal, a column for each in the list."""
+        count = len(next(iter(diagonals.values())))
+        return np.hstack([self._spread({n: np.diag(d[k]) for n, d in diagonals.items()}) for k in range(count)])
+
+    def _spread(self, compliances: Mapping[str, Array]) -> Array:
+        out = np.zeros((len(self._plan.poses), len(self._looks), len(self._pulls)))
+        for name, compliance in compliances.items():
+            carried = self._response.wrench(name)[:, :, : self._looks.shape[1]]
+            pulls = carried @ self._pulls.T
+            if name == TOOL:
+                pulls[:, :, -1] = 0.0  # it does not carry the machine's own weight
+            out += np.swapaxes(carried @ self._looks.T, 1, 2) @ compliance @ pulls
+        return self._column(out)
+
+    def _moved(self, offsets: Mapping[str, Array]) -> Array:
+        out = np.zeros((len(self._plan.poses), len(self._looks), len(self._pulls)))
+        for name, twist in offsets.items():
+            carried = self._response.wrench(name)[:, :, : self._looks.shape[1]]
+            out[:, :, -1] += np.einsum("nic,kc,i->nk", carried, self._looks, twist)
+        return self._column(out)
+
+    def _column(self, shown: Array) -> Array:
+        """Readings (r, 1) over their noise of what channels show (n, c, loads) at every pose."""
+        rows = self._rows
+        return (shown[rows.pose, rows.channel, rows.load] / self.sigma)[:, None]  # load -1: the last
+
+
+def unexplained(signature: Array, columns: Array) -> float:
+    """Norm of what is left of a signature (r,) when columns (r, k) are fitted to it."""
+    size = np.linalg.norm(columns, axis=0)
+    basis, values, _ = np.linalg.svd(columns[:, size > 0] / size[size > 0], full_matrices=False)
+    basis = basis[:, values > 1e-9 * values.max(initial=0.0)]
+    return float(np.linalg.norm(signature - basis @ (basis.T @ signature)))

@@ -1,0 +1,69 @@
+"""The virtual lab as tests use it: sound machines by name, and campaigns that come back through their files."""
+
+import tempfile
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from stiffscope.gap.lab import measuring
+from stiffscope.gap.lab.closure import locate
+from stiffscope.gap.lab.machine import machine_of
+from stiffscope.gap.lab.plans import draw_plan, workspace
+from stiffscope.gap.lab.writing import write_readings
+from stiffscope.gap.readings import load_campaign
+from stiffscope.robot.part_matrices import part_matrices
+from stiffscope.robot.reader import load_robot
+
+FEA_SLIDER = np.diag([5.7974e-11, 1.92533e-10, 4.33624e-9, 1.29600e-7, 1.72818e-6, 6.99798e-9])
+"""Plate 85 x 320 x 20 mm, rigid end face: structured quadratic mesh, 457k dofs."""
+FEA_SLIDER[1, 5] = FEA_SLIDER[5, 1] = 2.97414e-10
+FEA_SLIDER[2, 4] = FEA_SLIDER[4, 2] = -7.34478e-8
+
+
+def machine(name="biglide", *overrides, components=None):
+    """The sound machine of a robot that comes along; the Biglide has its published matrices."""
+    robot = load_robot(name, overrides)
+    return machine_of(robot, part_matrices(robot, components or ("published" if name == "biglide" else "beam")))
+
+
+def biglide(*overrides):
+    """The paper's machine."""
+    return machine("biglide", *overrides)
+
+
+def with_slider(machine, compliance):
+    """The Biglide with another matrix of its sliders."""
+    return machine.with_bodies(
+        {n: replace(machine.bodies[n], compliance=compliance) for n in ("limb1.slider", "limb2.slider")}
+    )
+
+
+@cache
+def _workspace(name):
+    return workspace(machine(name), 36, np.random.default_rng(2))
+
+
+def default_plan(machine, rng, **options):
+    """A plan of the machine's robot."""
+    return draw_plan(_workspace(machine.robot.name), rng, **options)[0]
+
+
+_known = {}
+
+
+def located(machine, plan):
+    """Where the robot of a machine stands at the poses of a plan, found once."""
+    key = machine.robot.name, plan.poses.tobytes()
+    if key not in _known:
+        _known[key] = locate(machine, plan.poses)
+    return _known[key]
+
+
+def measure(machine, plan, noise, rng, **header):
+    """The campaign of a machine, as its files have it."""
+    readings = measuring.measure(machine, plan, noise, rng, located(machine, plan))
+    with tempfile.TemporaryDirectory() as folder:
+        write_readings(readings, Path(folder), robot=machine.robot.name, pose=machine.pose, **header)
+        return load_campaign(Path(folder))
