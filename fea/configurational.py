@@ -1,7 +1,7 @@
 """Integrals of a solved part's fields from which its derivatives follow, for any number of parameters.
 
-The strain energy of two fields changes with the places of the nodes, coefficients held, by their configurational
-forces: ∫ Σ_cb ∂_b V_c with Eshelby's energy-momentum tensor Σ_cb = (σ_i : ∇u_j) δ_cb − σ_i,ab ∂_c u_j,a − σ_j,ab ∂_c u_i,a.
+The strain energy of two fields, their coefficients held, changes with a velocity V of the mesh by ∫ Σ_cb ∂_b V_c, where
+Σ_cb = (σ_i : ∇u_j) δ_cb − σ_i,ab ∂_c u_j,a − σ_j,ab ∂_c u_i,a is Eshelby's energy-momentum tensor.
 
 References
 ----------
@@ -35,15 +35,15 @@ CHUNK = 256  # elements at once
 
 @dataclass(frozen=True)
 class Integrals:
-    """Integrals of k displacement fields over a mesh of n nodes.
+    """Integrals of k displacement fields over a mesh of n nodes that moves with p design velocities.
 
     Attributes
     ----------
     motion : (count, 3, k) coefficients of all functions, m.
-    energy : (n, 3, k, k) derivative of ∫ σ_i : ∇u_j dV by the nodes' places.
+    energy : (p, k, k) derivatives of ∫ σ_i : ∇u_j dV, the coefficients held.
     gradients : (9, k, 9, k) ∫ ∇u_i ⊗ ∇u_j dV; the nine are ∂_b u_a at 3b + a.
     forces : (n, 3, k) nodal forces of the stresses.
-    displacement : (n, 3, 3, k) derivative of ∫ u dV, component [2], by the nodes' places [0, 1].
+    displacement : (p, 3, k) derivatives of ∫ u dV, the coefficients held.
     """
 
     motion: Floats
@@ -55,7 +55,7 @@ class Integrals:
 
 @dataclass(frozen=True)
 class _Chunk:
-    """Functions of c elements at q points: values (q, 20), slopes (c, q, 3, 20), weights (c, q) m³; nodes (c, 10)."""
+    """Functions of c elements at q points: values (q, 20), slopes (c, q, 3, 20), weights (c, q) in m³."""
 
     elements: Ints
     nodes: Ints
@@ -69,12 +69,12 @@ class _Chunk:
         spread = csr_array((np.ones(len(cells)), (cells, np.arange(len(cells)))), shape=(count, len(cells)))
         return (spread @ local.reshape(len(cells), -1)).reshape(count, *local.shape[2:])
 
-    def by_places(self, density: Floats) -> Floats:
-        """(c, 10, 3, m) derivative of the integrals of (c, q, m), held at their points, by the nodes' places."""
-        stretch = self.slopes[..., :10] * self.weights[:, :, None, None]
+    def moved(self, velocity: Floats, density: Floats) -> Floats:
+        """(p, m) change of the integrals of densities (c, q, m) with velocities (n, 3, p) of the nodes: ∫ s div V."""
         c, q = self.weights.shape
-        found = stretch.transpose(0, 3, 2, 1).reshape(c, 30, q) @ density
-        return found.reshape(c, 10, 3, -1)
+        flat = velocity[self.nodes].reshape(c, 10, 3, -1).transpose(0, 2, 1, 3).reshape(c, 30, -1)
+        divergence = (self.slopes[..., :10] * self.weights[:, :, None, None]).reshape(c, q, 30) @ flat  # (c, q, p)
+        return divergence.reshape(c * q, -1).T @ density.reshape(c * q, -1)
 
 
 def _chunks(mesh: TetMesh, space: Cubic) -> Iterator[_Chunk]:
@@ -93,41 +93,46 @@ def _chunks(mesh: TetMesh, space: Cubic) -> Iterator[_Chunk]:
             yield _Chunk(some, space.cells[some, :10], values, slopes, volumes)
 
 
-def integrals(mesh: TetMesh, space: Cubic, elasticity: Floats, motion: Floats) -> Integrals:
-    """Integrate fields with coefficients (count, 3, k) in a space over a mesh; elasticity (6, 6) in Pa."""
-    n, k = len(mesh.points), motion.shape[2]
+def integrals(mesh: TetMesh, space: Cubic, elasticity: Floats, motion: Floats, velocity: Floats) -> Integrals:
+    """Integrate fields over a mesh.
+
+    Parameters
+    ----------
+    elasticity : (6, 6) Pa.
+    motion : (count, 3, k) coefficients of the functions of ``space``.
+    velocity : (n, 3, p) design velocities.
+    """
+    n, k, p = len(mesh.points), motion.shape[2], velocity.shape[2]
     law = tensor(elasticity).transpose(1, 0, 3, 2).reshape(9, 9)
-    energy, forces, displacement = np.zeros((n, 3, k, k)), np.zeros((n, 3, k)), np.zeros((n, 3, 3, k))
+    energy, forces, displacement = np.zeros((p, k, k)), np.zeros((n, 3, k)), np.zeros((p, 3 * k))
     gradients = np.zeros((9 * k, 9 * k))
     for chunk in _chunks(mesh, space):
         c, q = chunk.weights.shape
         local = motion[space.cells[chunk.elements]] * space.signs[chunk.elements][:, :, None, None]  # (c, 20, 3, k)
         flat = local.reshape(c, 20, 3 * k)
         slope = (chunk.slopes.reshape(c, 3 * q, 20) @ flat).reshape(c, q, 9, k)  # ∂_b u_a at 3b + a
-        stress = (law @ slope) * chunk.weights[:, :, None, None]
+        stress = law @ slope
+        weighted = stress * chunk.weights[:, :, None, None]
         gradients += (slope * chunk.weights[:, :, None, None]).reshape(c * q, -1).T @ slope.reshape(c * q, -1)
         # work of the stresses on each node's function, point by point
-        pulls = np.einsum("cqbn,cqbai->cqani", chunk.slopes[..., :10], stress.reshape(c, q, 3, 3, k), optimize=True)
+        pulls = np.einsum("cqbn,cqbai->cqani", chunk.slopes[..., :10], weighted.reshape(c, q, 3, 3, k), optimize=True)
         forces += chunk.scatter(pulls.sum(axis=1).transpose(0, 2, 1, 3), n)
-        turned = slope.reshape(c, q, 3, 3, k).transpose(0, 2, 4, 1, 3).reshape(c, 3 * k, 3 * q)
-        tilt = turned @ pulls.reshape(c, 3 * q, 10 * k)
-        tilt = tilt.reshape(c, 3, k, 10, k).transpose(0, 3, 1, 2, 4)  # (c, 10, 3, j, i)
-        stretch = chunk.by_places(
-            (np.swapaxes(stress, 2, 3) @ slope).reshape(c, q, -1) / chunk.weights[:, :, None]
-        ).reshape(c, 10, 3, k, k)
-        energy += chunk.scatter(stretch - tilt - np.swapaxes(tilt, 3, 4), n)
-        values = (chunk.values @ flat).reshape(c, q, 3 * k)
-        displacement += chunk.scatter(chunk.by_places(values), n).reshape(n, 3, 3, k)
-    return Integrals(motion, energy, gradients.reshape(9, k, 9, k), forces, displacement)
+        if p:
+            turned = slope.reshape(c, q, 3, 3, k).transpose(0, 2, 4, 1, 3).reshape(c, 3 * k, 3 * q)
+            tilt = (turned @ pulls.reshape(c, 3 * q, 10 * k)).reshape(c, 3, k, 10, k)  # (c, 3, j, 10, i)
+            tilt = np.einsum("cxjni,cnxp->pij", tilt, velocity[chunk.nodes], optimize=True)
+            energy -= tilt + np.swapaxes(tilt, 1, 2)
+            energy += chunk.moved(velocity, np.swapaxes(stress, 2, 3) @ slope).reshape(p, k, k)
+            displacement += chunk.moved(velocity, (chunk.values @ flat).reshape(c, q, 3 * k))
+    return Integrals(motion, energy, gradients.reshape(9, k, 9, k), forces, displacement.reshape(p, 3, k))
 
 
-def products(mesh: TetMesh, space: Cubic, fields: Floats) -> Floats:
-    """Return (n, 3, b, b) the derivative of ∫ u_i · u_j dV of nodal fields (n, 3, b) by the nodes' places."""
-    n, b = len(mesh.points), fields.shape[2]
-    out = np.zeros((n, 3, b, b))
+def products(mesh: TetMesh, space: Cubic, fields: Floats, velocity: Floats) -> Floats:
+    """Return (p, b, b) the derivatives of ∫ u_i · u_j dV of nodal fields (n, 3, b) with velocities (n, 3, p)."""
+    b, p = fields.shape[2], velocity.shape[2]
+    out = np.zeros((p, b, b))
     for chunk in _chunks(mesh, space):
         c, q = chunk.weights.shape
         values = (chunk.values[:, :10] @ fields[chunk.nodes].reshape(c, 10, 3 * b)).reshape(c, q, 3, b)
-        density = (np.swapaxes(values, 2, 3) @ values).reshape(c, q, b * b)
-        out += chunk.scatter(chunk.by_places(density), n).reshape(n, 3, b, b)
+        out += chunk.moved(velocity, np.swapaxes(values, 2, 3) @ values).reshape(p, b, b)
     return out

@@ -2,8 +2,7 @@
 
 With the solutions x held in the unconstrained coordinates the compliance C = Fᵀ A⁻¹ F has the derivative
 dC_ij = dF_iᵀ x_j + x_iᵀ dF_j − x_iᵀ dA x_j: no equation is solved for a parameter. For a dimension, dA is that of the
-mesh moved with the design velocity, by the configurational forces on its nodes, which are integrated once for all
-parameters. The derivatives are those of the discrete compliance, exactly; both levels of the solution
+mesh moved with the design velocity (``stiffscope.fea.configurational``), integrated once for all parameters. The derivatives are those of the discrete compliance, exactly; both levels of the solution
 (``stiffscope.fea.solution``) are differentiated, and extrapolated as the compliance itself is.
 
 References
@@ -43,7 +42,7 @@ if TYPE_CHECKING:
     from stiffscope.fea.configurational import Integrals
     from stiffscope.fea.experiment import Experiment
     from stiffscope.fea.mass import Mass
-    from stiffscope.fea.mesh import Floats
+    from stiffscope.fea.mesh import Floats, TetMesh
     from stiffscope.fea.settings import Settings
     from stiffscope.fea.solution import TwoLevel
 
@@ -73,8 +72,7 @@ class Derivative:
         reference point, which moves with the part; and its 95 % bounds.
     self_weight, self_weight_error : (3, 6) of the twist of the first interface for 1 m/s² along x, y, z; its bounds.
     mass, centre : kg; (3,) of the centre of mass, m.
-    condensed_mass : (6(1+n), 6(1+n)) of the mass on the twists of clamp and interfaces with their static fields held:
-        what Rayleigh's quotient takes, not the derivative of ``Experiment.condensed_mass``.
+    condensed_mass : (6(1+n), 6(1+n)) of the mass on the twists of clamp and interfaces.
     reference_points, clamp_point : (n, 3) and (3,) of these points, m.
     """
 
@@ -127,22 +125,16 @@ def part_sensitivity(
     """
     began = time.perf_counter()
     with threadpool_limits(1):
-        forms = _Forms(_solved(experiment, part, settings), experiment, settings)
+        levels = _solved(experiment, part, settings)
         solved = time.perf_counter()
-        found, notes = {}, {}
-        velocities = DesignVelocity(experiment.mesh, part) if dimensions else None
-        for name, (value, build) in dimensions.items():
-            try:
-                changed, step = _changed(build, value)
-                velocity = velocities.of(changed, step)
-            except InputError as error:
-                notes[name] = str(error)
-            else:
-                found[name] = forms.of_dimension(value, velocity, _points(part, changed, step))
+        moves, notes = _moves(experiment.mesh, part, dimensions)
+        moved = time.perf_counter()
+        forms = _Forms(levels, experiment, settings, tuple(moves.values()))
+        found = {name: forms.of_dimension(number, dimensions[name][0]) for number, name in enumerate(moves)}
         found |= _of_material(forms, part.material)
         if settings.foundation is not None:
             found["foundation"] = forms.of_foundation()
-    seconds = {"solve": solved - began, "derivatives": time.perf_counter() - solved}
+    seconds = {"solve": solved - began, "velocities": moved - solved, "derivatives": time.perf_counter() - moved}
     return PartSensitivity(part.name, found, notes, seconds)
 
 
@@ -158,6 +150,30 @@ def _solved(experiment: Experiment, part: Part, settings: Settings) -> TwoLevel:
     ])  # fmt: skip
     quadratic = system.solver.solve(force[: len(levels.quadratic)])
     return respond(system, force, quadratic, levels, tolerance=CUBIC)
+
+
+@dataclass(frozen=True, eq=False)
+class _Move:
+    """How a part moves with a dimension: velocities of nodes (n, 3), reference points (m, 3) and clamp point (3,)."""
+
+    nodes: Floats
+    reference_points: Floats
+    clamp_point: Floats
+
+
+def _moves(
+    mesh: TetMesh, part: Part, dimensions: Mapping[str, tuple[float, Build]]
+) -> tuple[dict[str, _Move], dict[str, str]]:
+    """Return how the part moves with each dimension, and why it does not with the others."""
+    moves, notes = {}, {}
+    velocities = DesignVelocity(mesh, part) if dimensions else None
+    for name, (value, build) in dimensions.items():
+        try:
+            changed, step = _changed(build, value)
+            moves[name] = _Move(velocities.of(changed, step), *_points(part, changed, step))
+        except InputError as error:
+            notes[name] = str(error)
+    return moves, notes
 
 
 def _changed(build: Build, value: float) -> tuple[Part, float]:
@@ -202,6 +218,13 @@ class _Forms:
     levels: TwoLevel
     experiment: Experiment
     settings: Settings
+    moves: tuple[_Move, ...]
+
+    @cached_property
+    def velocity(self) -> Floats:
+        """(n, 3, p) the design velocities."""
+        nodes = len(self.levels.system.mesh.points)
+        return np.array([move.nodes for move in self.moves]).reshape(-1, nodes, 3).transpose(1, 2, 0)
 
     @property
     def wrenches(self) -> int:
@@ -224,8 +247,11 @@ class _Forms:
         cubic = expand(space, system.supports, system.cubic.free, self.levels.motion)
         quadratic = np.zeros_like(cubic)
         quadratic[: 3 * space.base] = system.supports.expand(self.levels.quadratic)
-        law = system.specimen.elasticity
-        return tuple(integrals(system.mesh, space, law, each.reshape(-1, 3, k)) for each in (cubic, quadratic))
+        return self._integrals(cubic.reshape(-1, 3, k)), self._integrals(quadratic.reshape(-1, 3, k))
+
+    def _integrals(self, motion: Floats) -> Integrals:
+        system = self.levels.system
+        return integrals(system.mesh, system.cubic.space, system.specimen.elasticity, motion, self.velocity)
 
     @cached_property
     def ratio(self) -> Floats:
@@ -236,30 +262,31 @@ class _Forms:
         return np.sqrt(np.outer(parts, parts))
 
     @cached_property
-    def shapes(self) -> tuple[Floats, Floats, Floats]:
-        """Static fields (n, 3, 6 + w) of unit twists of clamp and interfaces, those of the interfaces' in coordinates.
-
-        With (w, 6) the interfaces' twists when the whole part moves as a rigid body with the clamp.
-        """
-        w, mesh = self.wrenches, self.levels.system.mesh
-        unit = np.linalg.inv(self.levels.cubic[:w, :w])
-        loaded = self.levels.displacement[:, :w] @ unit
-        moved = carried(self.experiment.reference_points, self.experiment.clamp_point)
-        whole = rigid_modes(mesh.points, self.experiment.clamp_point).reshape(-1, 6)
-        fields = np.hstack([whole - loaded @ moved, loaded]).reshape(-1, 3, 6 + w)
-        return fields, self.levels.motion[:, :w] @ unit, moved
-
-    @cached_property
-    def kinetic(self) -> Floats:
-        """(n, 3, 6 + w, 6 + w) derivative of the condensed mass by the nodes' places, the shapes held."""
-        system = self.levels.system
-        return system.specimen.density * products(system.mesh, system.cubic.space, self.shapes[0])
+    def shapes(self) -> _Shapes:
+        """The static fields of unit twists of clamp and interfaces, in the quadratic solution."""
+        w, system, experiment = self.wrenches, self.levels.system, self.experiment
+        space, supports = system.cubic.space, system.supports
+        loads, unit = self.levels.force[: len(self.levels.quadratic), :w], self.levels.quadratic[:, :w]
+        coordinates = unit @ np.linalg.inv(loads.T @ unit)
+        loaded = supports.expand(coordinates)
+        moved = carried(experiment.reference_points, experiment.clamp_point)
+        whole = rigid_modes(system.mesh.points, experiment.clamp_point).reshape(-1, 6)
+        fields = np.hstack([whole - loaded @ moved, loaded])
+        inertia = supports.restrict(times(self.mass.nodes, fields))
+        quasistatic = system.solver.solve(inertia)
+        quasistatic -= coordinates @ (loads.T @ quasistatic)
+        both = np.zeros((3 * space.count, 6 + 2 * w))
+        both[: 3 * space.base] = np.hstack([loaded, supports.expand(quasistatic)])
+        kinetic = system.specimen.density * products(system.mesh, space, fields.reshape(-1, 3, 6 + w), self.velocity)
+        return _Shapes(fields, coordinates, moved, self._integrals(both.reshape(-1, 3, 6 + 2 * w)), kinetic)
 
     def of_elasticity(self, change: Floats, value: float, unit: str) -> Derivative:
         """Derivative by a material constant that changes the elasticity matrix by (6, 6) per unit."""
         law = tensor(change).transpose(1, 0, 3, 2).reshape(9, 9)
         cubic, quadratic = (-np.einsum("ab,aibj->ij", law, level.gradients) for level in self.fields)
-        return self._derivative(value, unit, cubic, quadratic)
+        energy = np.einsum("ab,aibj->ij", law, self.shapes.integrals.gradients)
+        made = self._derivative(value, unit, cubic, quadratic)
+        return dataclasses.replace(made, condensed_mass=self.shapes.followed(energy))
 
     def of_foundation(self) -> Derivative:
         """Derivative by the stiffness per area of the foundation under the clamp."""
@@ -278,25 +305,26 @@ class _Forms:
         made = self._derivative(density, "kg/m^3", cubic, quadratic)
         return dataclasses.replace(made, mass=self.experiment.mass / density, condensed_mass=condensed)
 
-    def of_dimension(self, value: float, velocity: Floats, points: tuple[Floats, Floats]) -> Derivative:
-        """Derivative by a dimension with a design velocity (n, 3) and the velocities of reference and clamp points."""
-        slide = self._slide(velocity, points[0])
+    def of_dimension(self, number: int, value: float) -> Derivative:
+        """Derivative by the dimension of a move."""
+        move = self.moves[number]
+        slide = self._slide(move)
         motions = self.levels.motion, self.levels.quadratic
         found = [
-            self._compliance(level, velocity, self._turned(slide, motion))
+            self._compliance(level, number, self._turned(slide, motion))
             for level, motion in zip(self.fields, motions, strict=True)
         ]
-        for level, on_faces in enumerate(self._on_faces(velocity, points[0])):
+        for level, on_faces in enumerate(self._on_faces(move)):
             found[level] = found[level] + on_faces
         made = self._derivative(value, "m", found[0], found[1])
-        rate, moment = self._mass_rates(velocity)
+        rate, moment = self.mass_rates[number, 0], self.mass_rates[number, 1:] + self.lumped @ move.nodes
         return dataclasses.replace(
             made,
-            mass=rate,
+            mass=float(rate),
             centre=(moment - rate * self.experiment.centre) / self.experiment.mass,
-            condensed_mass=self._condensed_mass(velocity, points, slide),
-            reference_points=points[0],
-            clamp_point=points[1],
+            condensed_mass=self._condensed_mass(number, slide),
+            reference_points=move.reference_points,
+            clamp_point=move.clamp_point,
         )
 
     def _derivative(self, value: float, unit: str, cubic: Floats, quadratic: Floats) -> Derivative:
@@ -320,7 +348,7 @@ class _Forms:
             clamp_point=np.zeros(3),
         )
 
-    def _compliance(self, level: Integrals, velocity: Floats, turned: Floats) -> Floats:
+    def _compliance(self, level: Integrals, number: int, turned: Floats) -> Floats:
         """Return (k, k) the derivative of one level's compliance, less what integrals over faces add.
 
         Parameters
@@ -329,21 +357,21 @@ class _Forms:
         """
         tied, w = self.levels.system.supports.tied, self.wrenches
         at_ties = np.einsum("nai,naj->ij", level.forces[tied], turned)
-        out = -np.einsum("nc,ncij->ij", velocity, level.energy) - at_ties - at_ties.T
-        weight = self.levels.system.specimen.density * np.einsum("nc,ncyi->iy", velocity, level.displacement)
+        out = -level.energy[number] - at_ties - at_ties.T
+        weight = self.levels.system.specimen.density * level.displacement[number].T
         weight += np.einsum("n,nyi->iy", self.lumped[tied], turned)
         out[:, w:] += weight
         out[w:, :] += weight.T
         return out
 
-    def _slide(self, velocity: Floats, reference: Floats) -> Floats:
+    def _slide(self, move: _Move) -> Floats:
         """Return (3t, 6r) the derivative of the tie: its nodes' velocity relative to their reference points."""
         system = self.levels.system
-        supports, out = system.supports, np.zeros((len(velocity), 3, system.supports.tie.shape[1]))
-        rigid = [each for each in zip(system.couplings, reference, strict=True) if each[0].kind == "rigid"]
-        for slot, (coupling, at) in enumerate(rigid):
+        supports, out = system.supports, np.zeros((len(move.nodes), 3, system.supports.tie.shape[1]))
+        couplings = zip(system.couplings, move.reference_points, strict=True)
+        for slot, (coupling, at) in enumerate(each for each in couplings if each[0].kind == "rigid"):
             nodes = system.mesh.nodes_of(coupling.faces)
-            out[nodes, :, 6 * slot + 3 : 6 * slot + 6] = rigid_modes(velocity[nodes], at)[:, :, 3:]
+            out[nodes, :, 6 * slot + 3 : 6 * slot + 6] = rigid_modes(move.nodes[nodes], at)[:, :, 3:]
         return out[supports.tied].reshape(-1, out.shape[2])
 
     def _turned(self, slide: Floats, motion: Floats) -> Floats:
@@ -351,13 +379,14 @@ class _Forms:
         split = 3 * len(self.levels.system.supports.free)
         return (slide @ motion[split : split + slide.shape[1]]).reshape(-1, 3, motion.shape[1])
 
-    def _on_faces(self, velocity: Floats, reference: Floats) -> Iterator[Floats]:
+    def _on_faces(self, move: _Move) -> Iterator[Floats]:
         """Yield (k, k) for either level what foundation and distributed couplings add, where their faces deform.
 
         By central differences of the integrals over the faces, displacements held.
         """
         system, specimen = self.levels.system, self.levels.system.specimen
         mesh, modulus = system.mesh, self.settings.foundation
+        velocity, reference = move.nodes, move.reference_points
         loaded = [
             np.abs(velocity[mesh.nodes_of(coupling.faces)] - at).max()
             for coupling, at in zip(system.couplings, reference, strict=True)
@@ -373,8 +402,8 @@ class _Forms:
             moved = dataclasses.replace(mesh, points=mesh.points + sign * velocity)
             if bedded:
                 bedding = springs(moved, specimen.clamped, modulus)
-                for each, level in zip(found, self.fields, strict=True):
-                    each -= _squared(level.motion, bedding) / (2 * sign)
+                for number, level in enumerate(self.fields):
+                    found[number] -= _squared(level.motion, bedding) / (2 * sign)
             if loaded:
                 couplings = tuple(
                     dataclasses.replace(coupling, reference_point=coupling.reference_point + sign * at)
@@ -388,34 +417,65 @@ class _Forms:
                     each[:, : self.wrenches] += work.T / (2 * sign)
         yield from found
 
-    def _mass_rates(self, velocity: Floats) -> tuple[float, Floats]:
-        """Return the derivatives of the mass (kg) and of its first moment (3,) (kg m)."""
-        rates = np.einsum("nc,ncyi->yi", velocity, self.places)
-        return float(rates[0, 1]), rates[:, 0] + self.lumped @ velocity
-
     @cached_property
-    def places(self) -> Floats:
-        """(n, 3, 3, 2) derivative by the nodes' places of ∫ ρ x dV, x held, and in component 0 of ∫ ρ dV."""
-        system = self.levels.system
-        space = system.cubic.space
-        fields = np.zeros((space.count, 3, 2))
-        fields[: space.base, :, 0], fields[: space.base, 0, 1] = system.mesh.points, 1.0
-        found = integrals(system.mesh, space, np.zeros((6, 6)), fields)
-        return system.specimen.density * found.displacement
+    def mass_rates(self) -> Floats:
+        """(p, 4) derivatives of the mass, and of ∫ ρ x dV with x held."""
+        system, velocity = self.levels.system, self.velocity
+        unit = np.zeros((len(velocity), 3, 4))
+        unit[:, 0, 0], unit[:, range(3), range(1, 4)] = 1.0, 1.0
+        position = np.zeros_like(unit)
+        position[:, 0, 0], position[:, range(3), range(1, 4)] = 1.0, system.mesh.points
+        both = np.concatenate([unit, position], axis=2)
+        found = system.specimen.density * products(system.mesh, system.cubic.space, both, velocity)
+        return np.einsum("pii->pi", found[:, :4, 4:])
 
-    def _condensed_mass(self, velocity: Floats, points: tuple[Floats, Floats], slide: Floats) -> Floats:
-        """Return (6 + w, 6 + w) the derivative of the condensed mass with the coordinates of its shapes held."""
-        fields, coordinates, moved = self.shapes
-        turned = np.zeros((len(velocity), 3, self.wrenches))
-        turned[self.levels.system.supports.tied] = self._turned(slide, coordinates)
-        turned = turned.reshape(-1, self.wrenches)
-        whole, farther = rigid_modes(velocity, points[1]), carried(points[0], points[1]).reshape(-1, 6, 6)
+    def _condensed_mass(self, number: int, slide: Floats) -> Floats:
+        """Return (6 + w, 6 + w) the derivative of the condensed mass."""
+        move, shapes, w = self.moves[number], self.shapes, self.wrenches
+        tied = self.levels.system.supports.tied
+        turned = np.zeros((len(move.nodes), 3, w))
+        turned[tied] = self._turned(slide, shapes.coordinates)
+        energy = shapes.integrals.energy[number].copy()
+        energy[:w, w:] += np.einsum("nai,naj->ij", turned[tied], shapes.integrals.forces[tied][..., w:])
+        turned = turned.reshape(-1, w)
+        whole = rigid_modes(move.nodes, move.clamp_point)
+        farther = carried(move.reference_points, move.clamp_point).reshape(-1, 6, 6)
         whole[:, :, :3] = 0.0
         farther[:, :, :3], farther[:, 3:, 3:] = 0.0, 0.0
-        loaded = fields[:, :, 6:].reshape(-1, self.wrenches)
-        rates = np.hstack([whole.reshape(-1, 6) - loaded @ farther.reshape(-1, 6) - turned @ moved, turned])
-        cross = rates.T @ times(self.mass.nodes, fields.reshape(rates.shape))
-        return np.einsum("nc,ncij->ij", velocity, self.kinetic) + cross + cross.T
+        back = shapes.fields[:, 6:] @ farther.reshape(-1, 6) + turned @ shapes.moved
+        rates = np.hstack([whole.reshape(-1, 6) - back, turned])
+        cross = rates.T @ times(self.mass.nodes, shapes.fields)
+        return shapes.kinetic[number] + cross + cross.T + shapes.followed(energy)
+
+
+@dataclass(frozen=True, eq=False)
+class _Shapes:
+    """Static fields of unit twists of clamp (6) and interfaces (w), and what their change does to the condensed mass.
+
+    Attributes
+    ----------
+    fields : (3n, 6 + w).
+    coordinates : (c, w) of those of the interfaces.
+    moved : (w, 6) twists of the interfaces when the part moves with the clamp as a rigid body.
+    integrals : of the fields of the interfaces, then of the (6 + w) that the inertia forces of all fields cause with
+        the interfaces held.
+    kinetic : (p, 6 + w, 6 + w) derivatives of the condensed mass, the nodes' displacements held.
+    """
+
+    fields: Floats
+    coordinates: Floats
+    moved: Floats
+    integrals: Integrals
+    kinetic: Floats
+
+    def followed(self, energy: Floats) -> Floats:
+        """(6 + w, 6 + w) change of the condensed mass as the fields follow a change of energy (6 + 2w, 6 + 2w).
+
+        The fields of the interfaces change by −A⁻¹ dA, the interfaces held; those of the clamp by −``moved`` of that.
+        """
+        w = len(self.moved)
+        change = np.hstack([-self.moved, np.eye(w)]).T @ -energy[:w, w:]
+        return change + change.T
 
 
 def _squared(motion: Floats, matrix: csr_array) -> Floats:
