@@ -2,8 +2,9 @@
 
 With the solutions x held in the unconstrained coordinates the compliance C = Fᵀ A⁻¹ F has the derivative
 dC_ij = dF_iᵀ x_j + x_iᵀ dF_j − x_iᵀ dA x_j: no equation is solved for a parameter. For a dimension, dA is that of the
-mesh moved with the design velocity (``stiffscope.fea.configurational``), integrated once for all parameters. The derivatives are those of the discrete compliance, exactly; both levels of the solution
-(``stiffscope.fea.solution``) are differentiated, and extrapolated as the compliance itself is.
+mesh moved with the design velocity (``stiffscope.fea.configurational``), integrated once for all parameters. The
+derivatives are those of the discrete compliance, exactly; both levels of the solution (``stiffscope.fea.solution``) are
+differentiated, and extrapolated as the compliance itself is.
 
 References
 ----------

@@ -54,6 +54,17 @@ def any_quantity(value: Any) -> float:
         raise ValueError(f'expected a quantity such as "220 mm" or "25 deg", or an expression, got {why}') from error
 
 
+def unit_of(value: Any) -> str:
+    """SI unit of what a text with a unit measures, "1" for a number."""
+    for dimension in ANY if isinstance(value, str) else ():
+        try:
+            q.to_si(value.partition("±")[0].strip(), dimension, sign="any")
+        except ValueError:
+            continue
+        return dimension.unit or "1"
+    return "1"
+
+
 @dataclass(frozen=True)
 class Reads(BeforeValidator):
     """How a value is read, and what it should have been where it is missing."""
