@@ -10,8 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.jobs.assembly import check_one_interface
 from stiffscope.jobs.experiments import solve_parts
+from stiffscope.jobs.orders import order_part
 from stiffscope.jobs.results import EXPERIMENT
+from stiffscope.jobs.workshop import workshop
+from stiffscope.robot.part_matrices import needed_experiments
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -22,6 +26,9 @@ if TYPE_CHECKING:
     from stiffscope.jobs.cache import Cache
     from stiffscope.jobs.orders import PartOrder
     from stiffscope.jobs.workshop import Workshop
+    from stiffscope.robot.description import RobotFile
+    from stiffscope.robot.part_matrices import Components
+    from stiffscope.robot.sensitivity import Sensitivity
 
     Report = Callable[[str, float], None]
 
@@ -99,3 +106,57 @@ def read_sensitivity(folder: Path) -> PartSensitivity:
         for name, fields in held["derivatives"].items()
     }
     return PartSensitivity(held["part"], derivatives, held["notes"], held["seconds"])
+
+
+def sensitivity(
+    robot: RobotFile,
+    part: str | None = None,
+    *,
+    poses: Sequence[Sequence[float]] | None = None,
+    components: Components = None,
+) -> PartSensitivity | Sensitivity:
+    """Derivatives of a part, or of the robot, by everything that can be changed; from the cache where it has them.
+
+    Parameters
+    ----------
+    robot
+        As `load_robot` gives it.
+    part
+        A part of it that is a solid; by default the robot as a whole.
+    poses
+        Tool poses, m and rad; by default those of the robot file.
+    components
+        As `assemble` takes them.
+
+    Returns
+    -------
+    PartSensitivity or Sensitivity
+        ``derivatives[NAME].compliance`` (6, 6) of a part, with ``error``, ``mass``, …; ``rows`` of a robot with
+        ``by.stiffness`` (n, 6, 6), ``by.sag``, ``by.frequency``; SI, per SI unit of the parameter.
+
+    Raises
+    ------
+    InputError
+        There is no such part, it is no solid, or a pose is out of reach.
+
+    """
+    from stiffscope.robot.sensitivity import poses_of
+
+    with workshop() as shop:
+        if part is not None:
+            return part_sensitivities([order_part(robot, part)], shop)[0]
+        return robot_sensitivities(robot, poses_of(robot, poses), components, shop)
+
+
+def robot_sensitivities(robot: RobotFile, poses: np.ndarray, components: Components, shop: Workshop) -> Sensitivity:
+    """Derivatives of a robot at commanded poses (n, k); those of its parts as jobs. See `sensitivity`."""
+    from stiffscope.robot.sensitivity import robot_sensitivity
+
+    names = needed_experiments(robot, components)
+    for name in names:
+        check_one_interface(robot, name)
+    orders = [order_part(robot, name) for name in names]
+    experiments = dict(zip(names, solve_parts(orders, shop), strict=True))
+    found = dict(zip(names, part_sensitivities(orders, shop), strict=True))
+    derivatives = {name: each.derivatives for name, each in found.items()}
+    return robot_sensitivity(robot, poses, components, experiments, derivatives)

@@ -22,7 +22,7 @@ from stiffscope.robot.part_sections import ParametricPart
 from stiffscope.robot.sections import RigidBody
 from stiffscope.vjm import statics
 from stiffscope.vjm.kinematics import configure
-from stiffscope.vjm.modes import modes
+from stiffscope.vjm.modes import frequencies, modes
 from stiffscope.vjm.semidefinite import inverse
 from stiffscope.vjm.singularity import mobility
 
@@ -44,17 +44,34 @@ class Derivative(Protocol):
     """What is known of a part by one of its parameters; see ``stiffscope.fea.sensitivity.Derivative``."""
 
     @property
-    def compliance(self) -> np.ndarray: ...
+    def compliance(self) -> np.ndarray:
+        """(6, 6) of the compliance."""
+        ...
+
     @property
-    def error(self) -> np.ndarray: ...
+    def error(self) -> np.ndarray:
+        """(6, 6) 95 % bounds of it."""
+        ...
+
     @property
-    def mass(self) -> float: ...
+    def mass(self) -> float:
+        """Of the mass, kg."""
+        ...
+
     @property
-    def condensed_mass(self) -> np.ndarray: ...
+    def condensed_mass(self) -> np.ndarray:
+        """(12, 12) of the mass on the twists of clamp and interface."""
+        ...
+
     @property
-    def reference_points(self) -> np.ndarray: ...
+    def reference_points(self) -> np.ndarray:
+        """(1, 3) of the reference point, m."""
+        ...
+
     @property
-    def clamp_point(self) -> np.ndarray: ...
+    def clamp_point(self) -> np.ndarray:
+        """(3,) of the clamp point, m."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +193,7 @@ class _Model:
         firm = mobility(stiffness)[0] == 0
         if firm.any():
             sag[firm] = statics.sag(mechanism, found[firm])
-        frequency = _first(modes(mechanism, found, MOST_MODES).frequencies)
+        frequency = _first(frequencies(mechanism, found, MOST_MODES))
         return Responses(stiffness, sag, frequency, self._mass(robot))
 
     def _assembled(self, robot: RobotFile, varied: Mapping[str, Any]) -> tuple[Mechanism, Configurations]:

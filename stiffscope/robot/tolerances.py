@@ -52,10 +52,8 @@ def _split(text: str, key: Key) -> tuple[str, float]:
     for dimension in ANY:
         try:
             nominal = q.to_si(value.strip(), dimension, sign="any")
-            if width.endswith("%"):
-                tolerance = abs(nominal) * q.to_si(width, q.SHARE)
-            else:
-                tolerance = q.to_si(width, dimension)
+            share = width.endswith("%")
+            tolerance = abs(nominal) * q.to_si(width, q.SHARE) if share else q.to_si(width, dimension)
         except ValueError:
             continue
         return value.strip(), tolerance

@@ -6,6 +6,7 @@ Importing this module imports pydantic; the reader does so when a file is read.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict
@@ -42,6 +43,15 @@ class Says(str):
 
 def any_quantity(value: Any) -> float:
     """A number, or a text with a unit of any of the dimensions above, in SI. Raises ValueError."""
+    return _any_text(value) if isinstance(value, str) else _any(value)
+
+
+@cache
+def _any_text(text: str) -> float:
+    return _any(text)
+
+
+def _any(value: Any) -> float:
     for dimension in ANY:
         try:
             return q.to_si(value, dimension, sign="any")
