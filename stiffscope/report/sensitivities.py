@@ -43,7 +43,7 @@ def part_json(found: PartSensitivity, result: PartResult) -> dict[str, Any]:
 
 
 def robot_json(found: Sensitivity) -> dict[str, Any]:
-    """What scripts read of a robot, SI, at n poses: derivatives per unit of each parameter, and scatter by tolerances."""
+    """What scripts read of a robot, SI, at n poses: derivatives by each parameter, and scatter by tolerances."""
     scatter = found.scatter()
     tolerances = None if scatter is None else _responses(scatter)
     return {

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from stiffscope.robot.description import RobotFile
     from stiffscope.robot.part_matrices import Components
     from stiffscope.robot.positions import Key
+    from stiffscope.robot.sections import JointSection
 
 CONSTANTS = {
     "youngs_modulus": "Pa", "shear_modulus": "Pa", "axial_modulus": "Pa", "transverse_modulus": "Pa",
@@ -71,40 +72,42 @@ def parameters(robot: RobotFile, components: Components = None) -> tuple[Paramet
 def _candidates(robot: RobotFile, written: dict[str, Any], components: Components) -> Iterator[tuple[Any, ...]]:
     for name, value in written.get("parameters", {}).items():
         yield ("parameters", name), robot.parameters[normal(name)], unit_of(value)
-    sources = part_sources(robot, components)
-    plain = {name for name, source in sources.items() if isinstance(source, str) and source != "matrix"}
-    for name in sources:
-        part = robot.parts[name]
-        if not isinstance(part.mass, str):
-            yield ("parts", name, "mass"), part.mass, "kg"
-        if name not in plain or (sources[name] == "published" and part.shape != "rod"):
-            continue
-        if isinstance(part, ParametricPart):
-            yield from ((("parts", name, key), value, "m") for key, value in robot.dimensions(name).lengths().items())
-        if isinstance(part, SolidPart) and part.foundation is not None and sources[name] in {"fea", "step"}:
-            yield ("parts", name, "foundation"), part.foundation, "N/m^3"
-    used = {material.name: material for name in plain if (material := robot.material(name)) is not None}
-    for material in used.values():
-        yield from _constants(robot, material)
+    yield from _of_parts(robot, components)
     for name, joint in robot.joints.items():
-        drive = getattr(joint, "drive", None)
-        if name in robot.copied:
-            continue
-        if drive is not None:
-            yield ("joints", name, "drive", "stiffness"), drive.stiffness, unit_of_drive(joint.type)
-        bearing = joint.compliance
-        entries = enumerate(bearing) if isinstance(bearing, tuple) else () if bearing is None else bearing
-        for key, value in entries:
-            turning = key == "tilting" or (isinstance(key, int) and key > 2)
-            yield ("joints", name, "compliance", key), value, "rad/(N*m)" if turning else "m/N"
+        if name not in robot.copied:
+            yield from _of_joint(name, joint)
     for name, body in robot.bodies.items():
         if isinstance(body, RigidBody) and name not in robot.copied:
             yield ("bodies", name, "mass"), body.mass, "kg"
 
 
-def unit_of_drive(kind: str) -> str:
-    """Unit of the stiffness of a drive in a joint of some type."""
-    return "N*m/rad" if kind == "revolute" else "N/m"
+def _of_parts(robot: RobotFile, components: Components) -> Iterator[tuple[Any, ...]]:
+    sources = part_sources(robot, components)
+    materials: dict[str, AnyMaterial] = {}
+    for name, source in sources.items():
+        part, material = robot.parts[name], robot.material(name)
+        if not isinstance(part.mass, str):
+            yield ("parts", name, "mass"), part.mass, "kg"
+        computed = source in {"fea", "step", "beam"} if isinstance(source, str) else False
+        if not computed and not (part.shape == "rod" and isinstance(source, str)):
+            continue
+        if isinstance(part, ParametricPart):
+            yield from ((("parts", name, key), value, "m") for key, value in robot.dimensions(name).lengths().items())
+        if isinstance(part, SolidPart) and part.foundation is not None and source in {"fea", "step"}:
+            yield ("parts", name, "foundation"), part.foundation, "N/m^3"
+        if material is not None:
+            materials[material.name] = material
+    for material in materials.values():
+        yield from _constants(robot, material)
+
+
+def _of_joint(name: str, joint: JointSection) -> Iterator[tuple[Any, ...]]:
+    drive, bearing = getattr(joint, "drive", None), joint.compliance
+    if drive is not None:
+        yield ("joints", name, "drive", "stiffness"), drive.stiffness, "N*m/rad" if joint.type == "revolute" else "N/m"
+    for key, value in enumerate(bearing) if isinstance(bearing, tuple) else bearing or ():
+        turning = key == "tilting" or (isinstance(key, int) and key > 2)
+        yield ("joints", name, "compliance", key), value, "rad/(N*m)" if turning else "m/N"
 
 
 def _constants(robot: RobotFile, material: AnyMaterial) -> Iterator[tuple[Any, ...]]:

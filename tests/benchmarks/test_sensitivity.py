@@ -3,7 +3,6 @@
 import dataclasses
 import time
 
-import numpy as np
 import pytest
 
 from stiffscope.cad import link, slider
@@ -50,7 +49,9 @@ def table(name, only=(), settings=None):
     lengths = parameters.lengths()
     begun = time.perf_counter()
     found = part_sensitivity(experiment, part, settings, {k: (v, variant(k)) for k, v in lengths.items()})
-    print(f"\n{name}: {len(experiment.mesh.points)} nodes, experiment {experiment.seconds}, derivatives {found.seconds}")
+    print(
+        f"\n{name}: {len(experiment.mesh.points)} nodes, experiment {experiment.seconds}, derivatives {found.seconds}"
+    )
     print(f"{name}: all in {time.perf_counter() - begun:.1f} s; notes {found.notes}")
     rows = []
     for key, derivative in found.derivatives.items():
@@ -69,7 +70,10 @@ def table(name, only=(), settings=None):
         for i in range(6):
             one, bound, two = (m[i, i] * size[i] for m in (derivative.compliance, derivative.error, difference[:6, :6]))
             rows.append((key, f"C{i + 1}{i + 1}", one, bound, two))
-            print(f"{key:14} C{i + 1}{i + 1} {one:9.4f} ± {bound:.4f}  differences {two:9.4f}  {one - two:+.4f}", flush=True)
+            print(
+                f"{key:14} C{i + 1}{i + 1} {one:9.4f} ± {bound:.4f}  differences {two:9.4f}  {one - two:+.4f}",
+                flush=True,
+            )
     return rows
 
 
