@@ -27,7 +27,7 @@ from stiffscope.vjm.semidefinite import inverse
 from stiffscope.vjm.singularity import mobility
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Collection, Mapping, Sequence
 
     from stiffscope.robot.description import RobotFile
     from stiffscope.robot.parameters import Parameter
@@ -37,6 +37,9 @@ if TYPE_CHECKING:
 
 STEP = 1e-4  # of a number: central difference of the robot
 MOST_MODES = 12  # among which the first that is no free motion is sought
+OWN_MODES = (
+    0.01  # of a frequency's derivative: 95 % bound of what the parts' modes between their ends, held, change of it
+)
 FREE = 1e-3  # Hz: below, a mode is a free motion
 
 
@@ -137,6 +140,7 @@ def robot_sensitivity(
     components: Components = None,
     experiments: Mapping[str, Experiment] | None = None,
     derivatives: Mapping[str, Mapping[str, Derivative]] | None = None,
+    names: Collection[str] | None = None,
 ) -> Sensitivity:
     """Return the derivatives of a robot by every number of its file.
 
@@ -152,6 +156,8 @@ def robot_sensitivity(
         Those of the parts that `needed_experiments` names.
     derivatives
         Of these parts, by part and parameter.
+    names
+        Of the parameters wanted; by default all.
 
     Raises
     ------
@@ -162,7 +168,8 @@ def robot_sensitivity(
     model = _Model(robot, np.asarray(poses, dtype=float), components, experiments or {}, derivatives or {})
     middle = model.responses(robot)
     rows, notes = [], {}
-    for parameter in parameters(robot, components):
+    wanted = [each for each in parameters(robot, components) if names is None or each.name in names]
+    for parameter in wanted:
         try:
             rows.append(model.row(parameter, middle))
         except InputError as error:
@@ -184,7 +191,7 @@ class _Model:
         above, below = (self.responses(each) for each in changed)
         names = [f.name for f in fields(Responses)]
         by = Responses(*((getattr(above, name) - getattr(below, name)) / (2 * step) for name in names))
-        return Row(parameter, by, self._errors(changed[0], abs(step), middle))
+        return Row(parameter, by, self._errors(changed[0], abs(step), middle, by))
 
     def responses(self, robot: RobotFile) -> Responses:
         mechanism, found = self._assembled(robot, self._varied(robot))
@@ -200,7 +207,7 @@ class _Model:
         mechanism = mechanism_of(robot, part_matrices(robot, self.components, varied))
         return mechanism, configure(mechanism, self.poses).required()
 
-    def _errors(self, robot: RobotFile, step: float, middle: Responses) -> Responses:
+    def _errors(self, robot: RobotFile, step: float, middle: Responses, by: Responses) -> Responses:
         """Bounds of the differences by those of the parts' derivatives; zeros where no part's experiment changes."""
         varied = self._varied(robot)
         if not any(each.error.any() for each in varied.values()):
@@ -209,7 +216,8 @@ class _Model:
         bars = statics.stiffness_error(mechanism, found) / step
         sag = (np.abs(inverse(middle.stiffness)) @ bars @ np.abs(middle.sag)[..., None])[..., 0]
         shaken = modes(mechanism, found, MOST_MODES)
-        return Responses(bars, sag, _first(shaken.frequencies, shaken.error) / step, 0.0)
+        frequency = _first(shaken.frequencies, shaken.error) / step + OWN_MODES * np.abs(by.frequency)
+        return Responses(bars, sag, frequency, 0.0)
 
     def _varied(self, robot: RobotFile) -> dict[str, Any]:
         """The experiments as they would be for this robot, with bounds of the difference only."""
