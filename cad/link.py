@@ -3,7 +3,7 @@
 Axes: x along the link, from the clamped end at x = 0 to the loaded end, whose centre is the reference point.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -77,6 +77,11 @@ class LinkParameters:
     def present(self) -> "LinkParameters":
         """Return the same link with the unused parameters of absent fittings at their defaults."""
         return self if self.has_fittings else replace(self, fitting_radius=0.0, fitting_length=0.0)
+
+    def lengths(self) -> dict[str, float]:
+        """Return the lengths (m) that shape the link, by name; not those at 0, which leave a feature out."""
+        present = self.present()
+        return {f.name: value for f in fields(present) if (value := getattr(present, f.name))}
 
 
 def build(parameters: LinkParameters, material: AnyMaterial = STEEL, name: str = "link") -> Part:

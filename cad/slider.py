@@ -98,8 +98,9 @@ class SliderParameters:
         _check_holes(self)
         _check_pads(self)
 
-    def present(self) -> "SliderParameters":
-        """Return the same slider with the unused parameters of absent features at their defaults."""
+    @property
+    def _absent(self) -> tuple[str, ...]:
+        """Beginnings of the names of parameters that are not used."""
         features = {
             "rib_": self.rib_count,
             "rib_pitch": self.rib_count > 1,
@@ -107,8 +108,16 @@ class SliderParameters:
             "hole_pitch": self.hole_count > 1,
             "pad_": self.pad_height,
         }
-        absent = tuple(name for name, there in features.items() if not there)
-        return replace(self, **{f.name: f.default for f in fields(self) if f.name.startswith(absent)})
+        return tuple(name for name, there in features.items() if not there)
+
+    def present(self) -> "SliderParameters":
+        """Return the same slider with the unused parameters of absent features at their defaults."""
+        return replace(self, **{f.name: f.default for f in fields(self) if f.name.startswith(self._absent)})
+
+    def lengths(self) -> dict[str, float]:
+        """Return the lengths (m) that shape the slider, by name; not those at 0, which leave a feature out."""
+        used = (f.name for f in fields(self) if f.type is float and not f.name.startswith(self._absent))
+        return {name: getattr(self, name) for name in used if getattr(self, name)}
 
     @property
     def rib_positions(self) -> tuple[float, ...]:

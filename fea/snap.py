@@ -40,7 +40,7 @@ def snap(
     if tags is None:
         tags = smooth_tags(facets, tag_facets(surface, points[facets], size / 2))
     skin = _Skin(cells, facets, owner, local, tags)
-    target = _Target(project, size, len(surface.faces), surface.seams)
+    target = Target(project, size, len(surface.faces), surface.seams)
     nodes, full, full_facets, edges = _curved(points, skin, target)
     for _ in range(3):
         inverted = jacobian_range(nodes[full]) < FLATTEST
@@ -54,7 +54,7 @@ def snap(
 
 
 @dataclass(frozen=True)
-class _Target:
+class Target:
     """Projection on faces and seams, element size (m), number of faces."""
 
     project: Project
@@ -74,7 +74,7 @@ class _Skin:
     tags: Ints
 
 
-def _curved(points: Floats, skin: _Skin, target: _Target) -> tuple[Floats, Ints, Ints, Ints]:
+def _curved(points: Floats, skin: _Skin, target: Target) -> tuple[Floats, Ints, Ints, Ints]:
     """Return nodes, (m, 10) cells and (k, 6) boundary triangles on the CAD faces, and (e, 2) the edges."""
     corners = _on_faces(points, skin.facets, skin.tags, target)
     edges, edge_of = unique_edges(skin.cells)
@@ -109,17 +109,17 @@ def _without(skin: _Skin, slivers: Ints) -> _Skin:
     return _Skin(cells, facets, owner, local, tags)
 
 
-def _on_faces(points: Floats, nodes: Ints, tags: Ints, target: _Target) -> Floats:
+def _on_faces(points: Floats, nodes: Ints, tags: Ints, target: Target) -> Floats:
     """Return points with ``nodes`` (k, 3) of each boundary triangle moved on all CAD faces (and seams) they touch.
 
     By alternating projections; a node whose faces do not meet nearby (a wrong tag) stays in place.
     """
-    node, place = _places(nodes, tags, target)
+    node, place = places_of(nodes, tags, target)
     moved = points.copy()
     places = np.bincount(node, minlength=len(points))
     for sharing in range(1, int(places.max()) + 1):
         mine = places[node] == sharing
-        _alternate(moved, node[mine], place[mine], target, 1 if sharing == 1 else ROUNDS)
+        alternate(moved, node[mine], place[mine], target, 1 if sharing == 1 else ROUNDS)
     far = np.linalg.norm(moved - points, axis=1) > target.size
     if far.any():
         logger.warning("%d boundary nodes have faces that do not meet near them; left in place", far.sum())
@@ -127,10 +127,10 @@ def _on_faces(points: Floats, nodes: Ints, tags: Ints, target: _Target) -> Float
     return moved
 
 
-def _places(nodes: Ints, tags: Ints, target: _Target) -> tuple[Ints, Ints]:
-    """Return the unique pairs of node and place; the seam replaces both its faces for a node on them."""
+def places_of(nodes: Ints, tags: Ints, target: Target) -> tuple[Ints, Ints]:
+    """Return the unique pairs of node and place of facets (k, j); a seam replaces both its faces for a node on them."""
     count = target.faces + len(target.seams)
-    pairs = np.unique(nodes.reshape(-1) * count + np.repeat(tags, 3))
+    pairs = np.unique(nodes.reshape(-1) * count + np.repeat(tags, nodes.shape[1]))
     node, place = pairs // count, pairs % count
     gone, seamed = np.zeros(len(pairs), dtype=bool), [pairs]
     for k, seam in enumerate(target.seams):
@@ -142,7 +142,7 @@ def _places(nodes: Ints, tags: Ints, target: _Target) -> tuple[Ints, Ints]:
     return pairs // count, pairs % count
 
 
-def _balance(nodes: Floats, facets: Ints, tags: Ints, target: _Target) -> Floats:
+def _balance(nodes: Floats, facets: Ints, tags: Ints, target: Target) -> Floats:
     """Return nodes with the mids of curved sides moved so that the mean gap to the CAD vanishes.
 
     A parabola through three points of an arc of angle θ lies inside it: the area is θ⁴/480 too small.
@@ -165,7 +165,7 @@ def _balance(nodes: Floats, facets: Ints, tags: Ints, target: _Target) -> Floats
     return nodes + np.where(one_face, shift / np.maximum(np.bincount(mids, minlength=len(nodes)), 1)[:, None], 0)
 
 
-def _balance_sides(nodes: Floats, facets: Ints, tags: Ints, target: _Target) -> Floats:
+def _balance_sides(nodes: Floats, facets: Ints, tags: Ints, target: Target) -> Floats:
     ends = facets[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     mids = facets[:, 3:]
     node, first = np.unique(mids, return_index=True)
@@ -180,7 +180,8 @@ def _balance_sides(nodes: Floats, facets: Ints, tags: Ints, target: _Target) -> 
     return balanced
 
 
-def _alternate(points: Floats, node: Ints, place: Ints, target: _Target, rounds: int) -> None:
+def alternate(points: Floats, node: Ints, place: Ints, target: Target, rounds: int) -> None:
+    """Project points in place on each of the places that a node is on, in turn, until none moves."""
     for _ in range(rounds):
         largest = 0.0
         for each in np.unique(place):

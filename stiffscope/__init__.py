@@ -30,6 +30,7 @@ A robot, of a file or made here
     deflection         twist of the tool under a wrench, and each element's share of the strain energy
     modes              natural frequencies, mode shapes and energy by element at tool poses
     stiffness_map      picture of the stiffness over the workspace
+    sensitivity        what a part's compliance, or the robot's stiffness, gains by each dimension, material and drive
 
 A machine
     diagnose           which effects explain the gap between a model and the readings of a campaign folder
@@ -59,6 +60,7 @@ if TYPE_CHECKING:
     from stiffscope.jobs.assembly import assemble as assemble
     from stiffscope.jobs.campaigns import diagnose as diagnose
     from stiffscope.jobs.orders import build_part as build_part
+    from stiffscope.jobs.sensitivities import sensitivity as sensitivity
     from stiffscope.report.compare import compare as compare
     from stiffscope.report.notebook import deformed as deformed
     from stiffscope.report.notebook import stiffness_map as stiffness_map
@@ -89,6 +91,7 @@ _MODULES = {
     "jobs.assembly": ("assemble",),
     "jobs.campaigns": ("diagnose",),
     "jobs.orders": ("build_part",),
+    "jobs.sensitivities": ("sensitivity",),
     "report.compare": ("compare",),
     "report.notebook": ("deformed", "stiffness_map"),
     "robot.part_matrices": ("beam_compliance",),

@@ -43,7 +43,10 @@ class Turned:
 
 @dataclass(frozen=True)
 class RobotFile:
-    """A robot file's content. Names are unique among bodies and joints; `copied` holds those of `[[copies]]`."""
+    """A robot file's content. Names are unique among bodies and joints; `copied` holds those of `[[copies]]`.
+
+    `tolerances`, SI, by key: of the values that are written with one ("20 mm ± 0.1 mm").
+    """
 
     name: str
     parts: Mapping[str, PartSection]
@@ -58,6 +61,7 @@ class RobotFile:
     materials: Mapping[str, AnyMaterial] = field(default_factory=dict)
     effects: tuple[Effect, ...] = ()
     copied: Mapping[str, Turned] = field(default_factory=dict)
+    tolerances: Mapping[Key, float] = field(default_factory=dict)
     source: Source = field(default_factory=lambda: Source(Path(), ""), compare=False)
 
     @property

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from stiffscope.robot.positions import Key
 
-_TEXTS = {"name", "source", "file"}  # free text, whatever it begins with
+TEXTS = {"name", "source", "file"}  # free text, whatever it begins with
 
 
 class FieldError(ValueError):
@@ -124,4 +124,4 @@ def with_values(data: Any, values: Mapping[str, float], key: Key = ()) -> Any:
 
 
 def _free(name: str, value: Any) -> bool:
-    return (name in _TEXTS and isinstance(value, str)) or name == "provenance"
+    return (name in TEXTS and isinstance(value, str)) or name == "provenance"

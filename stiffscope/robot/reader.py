@@ -28,6 +28,7 @@ from stiffscope.robot.sections import (
     ToolSection,
 )
 from stiffscope.robot.source import Source, parse_text, read_text
+from stiffscope.robot.tolerances import without_tolerances
 from stiffscope.robot.validate import keys_of, one_of, section, unknown_key
 from stiffscope.robot.values import ANGLE
 
@@ -94,6 +95,7 @@ def _read(data: dict[str, Any], source: Source, overrides: Sequence[str], tolera
     for key in TOP:
         _of_kind(data, key)
     later = _overridden(data, source, overrides, tolerance)
+    data, tolerances = without_tolerances(data)
     values = parameter_values(data)
     data = with_values({key: value for key, value in data.items() if key != "parameters"}, values)
 
@@ -127,6 +129,7 @@ def _read(data: dict[str, Any], source: Source, overrides: Sequence[str], tolera
         materials=MappingProxyType({name: _material(name, each) for name, each in data.get("materials", {}).items()}),
         effects=tuple(section(Effect, each, ("effects", i)) for i, each in enumerate(data.get("effects", []))),
         copied=MappingProxyType(written.copied),
+        tolerances=MappingProxyType(tolerances),
         source=source,
     )
     check_robot(robot)

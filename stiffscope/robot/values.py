@@ -6,6 +6,7 @@ Importing this module imports pydantic; the reader does so when a file is read.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict
@@ -42,6 +43,15 @@ class Says(str):
 
 def any_quantity(value: Any) -> float:
     """A number, or a text with a unit of any of the dimensions above, in SI. Raises ValueError."""
+    return _any_text(value) if isinstance(value, str) else _any(value)
+
+
+@cache
+def _any_text(text: str) -> float:
+    return _any(text)
+
+
+def _any(value: Any) -> float:
     for dimension in ANY:
         try:
             return q.to_si(value, dimension, sign="any")
@@ -52,6 +62,17 @@ def any_quantity(value: Any) -> float:
     except ValueError as error:
         why = str(error).partition(", got ")[2]
         raise ValueError(f'expected a quantity such as "220 mm" or "25 deg", or an expression, got {why}') from error
+
+
+def unit_of(value: Any) -> str:
+    """SI unit of what a text with a unit measures, "1" for a number."""
+    for dimension in ANY if isinstance(value, str) else ():
+        try:
+            q.to_si(value.partition("±")[0].strip(), dimension, sign="any")
+        except ValueError:
+            continue
+        return dimension.unit or "1"
+    return "1"
 
 
 @dataclass(frozen=True)

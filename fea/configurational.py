@@ -1,0 +1,138 @@
+"""Integrals of a solved part's fields from which its derivatives follow, for any number of parameters.
+
+The strain energy of two fields, their coefficients held, changes with a velocity V of the mesh by ∫ Σ_cb ∂_b V_c, where
+Σ_cb = (σ_i : ∇u_j) δ_cb − σ_i,ab ∂_c u_j,a − σ_j,ab ∂_c u_i,a is Eshelby's energy-momentum tensor.
+
+References
+----------
+J. D. Eshelby, The elastic energy-momentum tensor, J. Elasticity 5 (1975) 321.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.sparse import csr_array
+from skfem import ElementTetP2
+from skfem.mapping import MappingAffine
+from skfem.quadrature import get_quadrature
+from skfem.refdom import RefTet
+
+from stiffscope.fea.elasticity import tensor
+from stiffscope.fea.spaces import ElementTetCubic
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from stiffscope.fea.cubic import Cubic
+    from stiffscope.fea.mesh import Floats, Ints, TetMesh
+
+STRAIGHT_ORDER, CURVED_ORDER = 4, 6  # of quadrature: exact for the energy of cubics where sides are straight
+CHUNK = 256  # elements at once
+
+
+@dataclass(frozen=True)
+class Integrals:
+    """Integrals of k displacement fields over a mesh of n nodes that moves with p design velocities.
+
+    Attributes
+    ----------
+    motion : (count, 3, k) coefficients of all functions, m.
+    energy : (p, k, k) derivatives of ∫ σ_i : ∇u_j dV, the coefficients held.
+    gradients : (9, k, 9, k) ∫ ∇u_i ⊗ ∇u_j dV; the nine are ∂_b u_a at 3b + a.
+    forces : (n, 3, k) nodal forces of the stresses.
+    displacement : (p, 3, k) derivatives of ∫ u dV, the coefficients held.
+    """
+
+    motion: Floats
+    energy: Floats
+    gradients: Floats
+    forces: Floats
+    displacement: Floats
+
+
+@dataclass(frozen=True)
+class _Chunk:
+    """Functions of c elements at q points: values (q, 20), slopes (c, q, 3, 20), weights (c, q) in m³."""
+
+    elements: Ints
+    nodes: Ints
+    values: Floats
+    slopes: Floats
+    weights: Floats
+
+    def scatter(self, local: Floats, count: int) -> Floats:
+        """Sum (c, 10, ...) of the elements' nodes to (count, ...)."""
+        cells = self.nodes.reshape(-1)
+        spread = csr_array((np.ones(len(cells)), (cells, np.arange(len(cells)))), shape=(count, len(cells)))
+        return (spread @ local.reshape(len(cells), -1)).reshape(count, *local.shape[2:])
+
+    def moved(self, velocity: Floats, density: Floats) -> Floats:
+        """(p, m) change of the integrals of densities (c, q, m) with velocities (n, 3, p) of the nodes: ∫ s div V."""
+        c, q = self.weights.shape
+        flat = velocity[self.nodes].reshape(c, 10, 3, -1).transpose(0, 2, 1, 3).reshape(c, 30, -1)
+        divergence = (self.slopes[..., :10] * self.weights[:, :, None, None]).reshape(c, q, 30) @ flat  # (c, q, p)
+        return divergence.reshape(c * q, -1).T @ density.reshape(c * q, -1)
+
+
+def _chunks(mesh: TetMesh, space: Cubic) -> Iterator[_Chunk]:
+    grid = mesh.grid
+    groups = (~mesh.curved, MappingAffine(grid), STRAIGHT_ORDER), (mesh.curved, grid.mapping(), CURVED_ORDER)
+    for mask, mapping, order in groups:
+        chosen = np.flatnonzero(mask)
+        at, weights = get_quadrature(RefTet, order)
+        pairs = [element.lbasis(at, i) for element in (ElementTetP2(), ElementTetCubic()) for i in range(10)]
+        values, table = np.stack([value for value, _ in pairs], axis=1), np.stack([slope for _, slope in pairs], axis=2)
+        for start in range(0, len(chosen), CHUNK):
+            some = chosen[start : start + CHUNK]
+            inverse = mapping.invDF(at, tind=some)  # ∂ξ_r/∂x_k
+            slopes = np.einsum("rkcq,rqa->cqka", inverse, table, optimize=True)
+            volumes = np.abs(mapping.detDF(at, tind=some)) * weights
+            yield _Chunk(some, space.cells[some, :10], values, slopes, volumes)
+
+
+def integrals(mesh: TetMesh, space: Cubic, elasticity: Floats, motion: Floats, velocity: Floats) -> Integrals:
+    """Integrate fields over a mesh.
+
+    Parameters
+    ----------
+    elasticity : (6, 6) Pa.
+    motion : (count, 3, k) coefficients of the functions of ``space``.
+    velocity : (n, 3, p) design velocities.
+    """
+    n, k, p = len(mesh.points), motion.shape[2], velocity.shape[2]
+    law = tensor(elasticity).transpose(1, 0, 3, 2).reshape(9, 9)
+    energy, forces, displacement = np.zeros((p, k, k)), np.zeros((n, 3, k)), np.zeros((p, 3 * k))
+    gradients = np.zeros((9 * k, 9 * k))
+    for chunk in _chunks(mesh, space):
+        c, q = chunk.weights.shape
+        local = motion[space.cells[chunk.elements]] * space.signs[chunk.elements][:, :, None, None]  # (c, 20, 3, k)
+        flat = local.reshape(c, 20, 3 * k)
+        slope = (chunk.slopes.reshape(c, 3 * q, 20) @ flat).reshape(c, q, 9, k)  # ∂_b u_a at 3b + a
+        stress = law @ slope
+        weighted = stress * chunk.weights[:, :, None, None]
+        gradients += (slope * chunk.weights[:, :, None, None]).reshape(c * q, -1).T @ slope.reshape(c * q, -1)
+        # work of the stresses on each node's function, point by point
+        pulls = np.einsum("cqbn,cqbai->cqani", chunk.slopes[..., :10], weighted.reshape(c, q, 3, 3, k), optimize=True)
+        forces += chunk.scatter(pulls.sum(axis=1).transpose(0, 2, 1, 3), n)
+        if p:
+            turned = slope.reshape(c, q, 3, 3, k).transpose(0, 2, 4, 1, 3).reshape(c, 3 * k, 3 * q)
+            tilt = (turned @ pulls.reshape(c, 3 * q, 10 * k)).reshape(c, 3, k, 10, k)  # (c, 3, j, 10, i)
+            tilt = np.einsum("cxjni,cnxp->pij", tilt, velocity[chunk.nodes], optimize=True)
+            energy -= tilt + np.swapaxes(tilt, 1, 2)
+            energy += chunk.moved(velocity, np.swapaxes(stress, 2, 3) @ slope).reshape(p, k, k)
+            displacement += chunk.moved(velocity, (chunk.values @ flat).reshape(c, q, 3 * k))
+    return Integrals(motion, energy, gradients.reshape(9, k, 9, k), forces, displacement.reshape(p, 3, k))
+
+
+def products(mesh: TetMesh, space: Cubic, fields: Floats, velocity: Floats) -> Floats:
+    """Return (p, b, b) the derivatives of ∫ u_i · u_j dV of nodal fields (n, 3, b) with velocities (n, 3, p)."""
+    b, p = fields.shape[2], velocity.shape[2]
+    out = np.zeros((p, b, b))
+    for chunk in _chunks(mesh, space):
+        c, q = chunk.weights.shape
+        values = (chunk.values[:, :10] @ fields[chunk.nodes].reshape(c, 10, 3 * b)).reshape(c, q, 3, b)
+        out += chunk.moved(velocity, np.swapaxes(values, 2, 3) @ values).reshape(p, b, b)
+    return out

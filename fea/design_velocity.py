@@ -1,0 +1,159 @@
+"""Design velocity: how the nodes of a mesh follow its CAD surface when a parameter of the part changes.
+
+Vertices of the solid go first, then the nodes on its edges, on its faces, and inside: each level is extended
+harmonically from the one before, then put on the features of the changed solid. The order of the solid's faces tells
+which features correspond.
+
+References
+----------
+K. K. Choi and N. H. Kim, Structural Sensitivity Analysis and Optimization 1: Linear Systems, Springer, 2005, chapter 6.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import factorial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array, eye_array
+
+from stiffscope.cad.part import project
+from stiffscope.errors import InputError
+from stiffscope.fea.mesh import EDGES, sides_between
+from stiffscope.fea.snap import ROUNDS, Target, alternate, places_of
+from stiffscope.fea.solvers import factorized
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from stiffscope.cad.part import Part
+    from stiffscope.fea.mesh import Floats, Ints, TetMesh
+
+FARTHEST = 100.0  # steps that the centroid of a face may move: else it is another face
+UNBOUNDED = 1e-12  # of the Laplacian's mean diagonal, added to it: what touches no given value stays in place
+
+
+@dataclass(frozen=True)
+class _Level:
+    """Nodes (n,) that a level places, and the extension to them from the values of all levels before."""
+
+    nodes: np.ndarray
+    extend: Callable[[Floats], Floats]
+
+
+class DesignVelocity:
+    """The design velocities of one mesh; Laplacians are factorized once, whatever the number of parameters.
+
+    Parameters
+    ----------
+    mesh : of the part.
+    part : the part, as it was meshed.
+    """
+
+    def __init__(self, mesh: TetMesh, part: Part) -> None:
+        self.mesh, self.part = mesh, part
+        points, corners = mesh.points, mesh.facets[:, :3]
+        count, vertices = len(points), np.unique(mesh.cells[:, :4])
+        faces = np.zeros(count, dtype=int)
+        pairs = np.unique(corners.reshape(-1) * len(part.faces) + np.repeat(mesh.facet_face, 3))
+        np.add.at(faces, pairs // len(part.faces), 1)
+        ends, left, right = sides_between(corners)
+        creases = ends[mesh.facet_face[left] != mesh.facet_face[right]]
+        inner = np.zeros(count, dtype=bool)
+        inner[vertices] = True
+        inner &= faces == 0
+        self._levels = (
+            _Level(np.flatnonzero(faces > 2), lambda given: given),
+            _Level(np.flatnonzero(faces == 2), _extension(points, creases, faces == 2)),
+            _Level(np.flatnonzero(faces == 1), _extension(points, corners, faces == 1)),
+        )
+        self._inside = _extension(points, mesh.cells[:, :4], inner)
+        ends_of_mids = np.zeros((count, 2), dtype=int)
+        ends_of_mids[mesh.cells[:, 4:]] = mesh.cells[:, :4][:, EDGES]
+        self._mids = np.unique(mesh.cells[:, 4:])
+        self._ends = ends_of_mids[self._mids]
+        self._size = float(np.linalg.norm(np.ptp(points, axis=0)))
+        round_faces = np.array([face.kind != "plane" for face in part.faces])[mesh.facet_face]
+        self._round = np.unique(mesh.facets[round_faces, 3:])
+        self._base = self._on(part, points, np.unique(mesh.facets))
+
+    def of(self, changed: Part, step: float) -> Floats:
+        """Return (n, 3) the nodes' velocity with a parameter, from the part with that parameter ``step`` larger.
+
+        Raises
+        ------
+        InputError : the changed part has other faces.
+        """
+        _check_same(self.part, changed, step)
+        velocity = np.zeros_like(self._base)
+        for level in self._levels:
+            guess = level.extend(velocity)
+            moved = self._on(changed, self._base + step * guess, level.nodes)
+            velocity[level.nodes] = (moved - self._base)[level.nodes] / step
+        velocity = self._inside(velocity)
+        velocity[self._mids] = velocity[self._ends].mean(axis=1)
+        moved = self._on(changed, self._base + step * velocity, self._round)
+        velocity[self._round] = (moved - self._base)[self._round] / step
+        return velocity
+
+    def _on(self, part: Part, points: Floats, nodes: Ints) -> Floats:
+        """Return the points with some of them moved on all faces of a part that they belong to."""
+        target = Target(lambda place, at: project(part, place, at), self._size, len(part.faces), tuple(part.seams))
+        node, place = places_of(self.mesh.facets, self.mesh.facet_face, target)
+        mine = np.isin(node, nodes)
+        moved = points.copy()
+        alternate(moved, node[mine], place[mine], target, ROUNDS)
+        return moved
+
+
+def _check_same(part: Part, changed: Part, step: float) -> None:
+    """Raise InputError unless the faces, seams and interfaces of two parts correspond in order."""
+    same = (
+        [face.kind for face in part.faces] == [face.kind for face in changed.faces]
+        and list(part.seams) == list(changed.seams)
+        and part.clamped == changed.clamped
+        and [one.faces for one in part.loaded] == [one.faces for one in changed.loaded]
+    )
+    if same:
+        shifts = [a.centroid - b.centroid for a, b in zip(part.faces, changed.faces, strict=True)]
+        same = float(np.linalg.norm(shifts, axis=1).max()) < FARTHEST * abs(step)
+    if not same:
+        raise InputError(f"{part.name}: its faces change with a step of {step * 1e3:g} mm: no derivative")
+
+
+def _extension(points: Floats, simplices: Ints, wanted: np.ndarray) -> Callable[[Floats], Floats]:
+    """Return the function that fills values (n, 3) at the wanted nodes (n,) harmonically from those of all others.
+
+    Parameters
+    ----------
+    simplices : (m, d + 1) segments, triangles or tetrahedra with straight sides.
+    """
+    laplacian = _laplacian(points, simplices)
+    inner = np.flatnonzero(wanted)
+    if not len(inner):
+        return lambda given: given
+    rows = laplacian[inner]
+    matrix = rows[:, inner]
+    solve = factorized(csr_array(matrix + UNBOUNDED * matrix.diagonal().mean() * eye_array(len(inner))))
+
+    def filled(given: Floats) -> Floats:
+        values = given.copy()
+        values[inner] = 0.0
+        values[inner] = solve(-(rows @ values))
+        return values
+
+    return filled
+
+
+def _laplacian(points: Floats, simplices: Ints) -> csr_array:
+    """Return (n, n) the stiffness of linear functions on simplices (m, d + 1) of dimension d in space."""
+    count, corners = len(points), simplices.shape[1]
+    sides = points[simplices[:, 1:]] - points[simplices[:, :1]]  # (m, d, 3)
+    gram = sides @ np.swapaxes(sides, 1, 2)
+    size = np.sqrt(np.maximum(np.linalg.det(gram), 0)) / factorial(corners - 1)
+    reference = np.vstack([-np.ones(corners - 1), np.eye(corners - 1)])
+    local = size[:, None, None] * (reference @ np.linalg.inv(gram) @ reference.T)
+    rows = np.repeat(simplices, corners, axis=1).reshape(-1)
+    columns = np.tile(simplices, corners).reshape(-1)
+    return csr_array(coo_array((local.reshape(-1), (rows, columns)), shape=(count, count)))

@@ -1,0 +1,251 @@
+"""Sensitivities of a part and of a robot as tables, a bar chart, and what scripts read of them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.report.figures import new_figure, save_figures
+from stiffscope.report.numbers import DIAGONAL
+from stiffscope.report.terminal import show_line, show_table
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from pathlib import Path
+
+    from matplotlib.figure import Figure
+
+    from stiffscope.fea.sensitivity import Derivative, PartSensitivity
+    from stiffscope.jobs.results import PartResult
+    from stiffscope.robot.sensitivity import Row, Sensitivity
+
+COMPLIANCES = ("C11", "C22", "C33", "C44", "C55", "C66")
+BAR, BOUND, LOSS = "#3b7dbf", "#20252b", "#d9822b"
+LEAST = 5e-7  # share of an effect that a table still shows: differences of a robot leave some 1e-9
+MOST_BARS = 15
+
+
+def part_json(found: PartSensitivity, result: PartResult) -> dict[str, Any]:
+    """What scripts read of a part, SI: derivatives per unit of each parameter."""
+    several = len(result.experiment.reference_points) > 1
+    together = ("flexibility", "flexibility_error") if several else ()
+    keys = ("value", "unit", "compliance", "error", "self_weight", "self_weight_error", "mass", "centre", *together)
+    return {
+        "part": found.part,
+        "parameters": {
+            name: {key: getattr(each, key) for key in keys} | {"condensed_mass": each.condensed_mass}
+            for name, each in found.derivatives.items()
+        },
+        "notes": found.notes,
+        "seconds": found.seconds,
+    }
+
+
+def robot_json(found: Sensitivity) -> dict[str, Any]:
+    """What scripts read of a robot, SI, at n poses: derivatives by each parameter, and scatter by tolerances."""
+    scatter = found.scatter()
+    tolerances = None if scatter is None else _responses(scatter)
+    return {
+        "poses": found.poses,
+        **_responses(found.at),
+        "parameters": {
+            row.parameter.name: {
+                "value": row.parameter.value,
+                "unit": row.parameter.unit,
+                "tolerance": row.parameter.tolerance,
+                **_responses(row.by),
+                "stiffness_error": row.error.stiffness,
+                "sag_error": row.error.sag,
+                "frequency_error": row.error.frequency,
+                "stiffness_per_kilogram": row.per_kilogram,
+            }
+            for row in found.rows
+        },
+        "scatter": tolerances,
+        "notes": found.notes,
+    }
+
+
+def _responses(given: Any) -> dict[str, Any]:
+    return {name: getattr(given, name) for name in ("stiffness", "sag", "frequency", "mass")}
+
+
+def show_part_sensitivity(found: PartSensitivity, result: PartResult) -> None:
+    """% of each diagonal entry of the compliance, of weight's sag and of the mass per % of each parameter."""
+    compliance = result.compliance.diagonal()
+    weight = np.abs(result.experiment.self_weight).max(axis=1)
+    at = np.abs(result.experiment.self_weight).argmax(axis=1)
+    rows = []
+    for name, each in sorted(found.derivatives.items(), key=lambda item: -_largest(item[1], compliance)):
+        shares = each.value * each.compliance.diagonal() / compliance
+        bounds = each.value * each.error.diagonal() / compliance
+        sags = each.value * each.self_weight[range(3), at] / weight
+        sags *= np.sign(result.experiment.self_weight[range(3), at])
+        rows.append(
+            (
+                name,
+                quantity(each.value, each.unit),
+                *(_share(*pair) for pair in zip(shares, bounds, strict=True)),
+                *(_share(value) for value in sags),
+                _share(each.value * each.mass / result.experiment.mass),
+                *_per_kilogram(each, compliance),
+            )
+        )
+    groups = [("parameter", "value"), COMPLIANCES, ("sag x", "sag y", "sag z", "mass"), ("best entry per kg",)]
+    show_table(f"Sensitivity of the {found.part}: % per % of each parameter", groups, rows)
+    show_line("  sag: at the loaded face, by own weight along x, y, z; ± 95 % where it is more than a digit.")
+    show_line("  per kg: the entry of 1/C_ii that gains most, for a kilogram added by this parameter alone.")
+    _show_notes(found.notes)
+
+
+def _largest(each: Derivative, compliance: np.ndarray) -> float:
+    return float(np.abs(each.value * each.compliance.diagonal() / compliance).max())
+
+
+def _per_kilogram(each: Derivative, compliance: np.ndarray) -> tuple[str]:
+    if abs(each.mass * each.value) < 1e-9:
+        return ("",)
+    gains = -each.compliance.diagonal() / compliance / each.mass
+    best = int(gains.argmax())
+    return (f"{COMPLIANCES[best]} {100 * gains[best]:+.3g} %",)
+
+
+def show_sensitivity(found: Sensitivity, names: Sequence[str]) -> None:
+    """% of each diagonal entry of K, of sag and first frequency per % of each parameter, the largest first, by pose."""
+    for index, pose in enumerate(names):
+        stiffness = np.diagonal(found.at.stiffness[index])
+        sag = np.linalg.norm(found.at.sag[index, :3])
+        rows = []
+        for row in ranked(found, index):
+            shares, bounds = (_diagonal(each.stiffness[index], row, stiffness) for each in (row.by, row.error))
+            value = row.parameter.value
+            along = found.at.sag[index, :3] @ row.by.sag[index, :3] * value / sag**2 if sag > 0 else np.nan
+            frequency = value / found.at.frequency[index]
+            rows.append(
+                (
+                    row.parameter.name,
+                    quantity(value, row.parameter.unit),
+                    *(_share(*pair) for pair in zip(shares, bounds, strict=True)),
+                    _share(along),
+                    _share(frequency * row.by.frequency[index], frequency * row.error.frequency[index]),
+                    *_kilogram_cells(row, index, stiffness),
+                )
+            )
+        groups = [("parameter", "value"), DIAGONAL, ("|sag|", "f1"), ("K_tx per kg", "K_ty per kg", "K_tz per kg")]
+        show_table(f"Sensitivity at {pose}: % of K per % of each parameter", groups, rows)
+        _show_scatter(found, index)
+    show_line("  per kg: % of K for a kilogram that this parameter alone adds; ± 95 % where it is more than a digit.")
+    _show_notes(found.notes)
+
+
+def ranked(found: Sensitivity, index: int) -> list[Row]:
+    """Rows by the largest effect on a diagonal entry of K at a pose, less those without any effect."""
+    stiffness = np.diagonal(found.at.stiffness[index])
+
+    def effect(row: Row) -> float:
+        on_frequency = row.parameter.value * row.by.frequency[index] / found.at.frequency[index]
+        return float(np.nanmax(np.abs([*_diagonal(row.by.stiffness[index], row, stiffness), 1e-6 * on_frequency])))
+
+    return sorted((row for row in found.rows if effect(row) > LEAST * 1e-6), key=effect, reverse=True)
+
+
+def _diagonal(matrix: np.ndarray, row: Row, stiffness: np.ndarray) -> np.ndarray:
+    return np.diagonal(matrix) * row.parameter.value / stiffness
+
+
+def _kilogram_cells(row: Row, index: int, stiffness: np.ndarray) -> list[str]:
+    gained = row.per_kilogram
+    if gained is None:
+        return ["", "", ""]
+    return [f"{100 * value:+.3g} %" for value in np.diagonal(gained[index])[:3] / stiffness[:3]]
+
+
+def _show_scatter(found: Sensitivity, index: int) -> None:
+    scatter = found.scatter()
+    if scatter is None:
+        return
+    shares = np.diagonal(scatter.stiffness[index]) / np.diagonal(found.at.stiffness[index])
+    words = ", ".join(f"{name} ± {100 * share:.2g} %" for name, share in zip(DIAGONAL, shares, strict=True))
+    more = f", f1 ± {100 * scatter.frequency[index] / found.at.frequency[index]:.2g} %"
+    sag = np.linalg.norm(found.at.sag[index, :3])
+    if sag > 0:
+        more += f", |sag| ± {100 * np.linalg.norm(scatter.sag[index, :3]) / sag:.2g} %"
+    show_line(f"  Tolerances, each taken as 95 % bounds, root sum of squares: {words}{more}")
+
+
+def _show_notes(notes: dict[str, str]) -> None:
+    for name, why in notes.items():
+        show_line(f"  {name}: no derivative; {why}")
+    show_line("")
+
+
+def quantity(value: float, unit: str) -> str:
+    """A value as tables show it: lengths in mm, moduli in GPa."""
+    factor, shown = {"m": (1e3, "mm"), "Pa": (1e-9, "GPa"), "1": (1.0, "")}.get(unit, (1.0, unit))
+    return f"{value * factor:.6g} {shown}".strip()
+
+
+def _share(value: float, bound: float = 0.0) -> str:
+    """A derivative of logarithms, with its bound where that is more than half of its last digit."""
+    if not np.isfinite(value):
+        return "-"
+    text = "·" if abs(value) < LEAST else f"{value:+.3f}"
+    return f"{text} ± {bound:.3f}" if bound > 5e-4 else text
+
+
+def write_chart(found: Sensitivity, names: Sequence[str], folder: Path) -> list[str]:
+    """Write sensitivity.png and .svg: bars of K_tx at the first pose, relative and per kilogram."""
+    return save_figures(folder, {"sensitivity": lambda: _robot_chart(found, names[0])})
+
+
+def write_part_chart(found: PartSensitivity, result: PartResult, folder: Path) -> list[str]:
+    """Write sensitivity.png and .svg: bars of every diagonal entry of the part's compliance."""
+    return save_figures(folder, {"sensitivity": lambda: _part_chart(found, result)})
+
+
+def _robot_chart(found: Sensitivity, pose: str) -> Figure:
+    stiffness = np.diagonal(found.at.stiffness[0])
+    rows = [row for row in ranked(found, 0) if abs(_diagonal(row.by.stiffness[0], row, stiffness)[0]) > LEAST]
+    rows.sort(key=lambda row: -abs(_diagonal(row.by.stiffness[0], row, stiffness)[0]))
+    massive = [row for row in rows if row.per_kilogram is not None]
+    drawn = new_figure(11.0, 1.6 + 0.32 * min(len(rows), MOST_BARS), f"{found.robot.name}: what changes K_tx at {pose}")
+    left, right = drawn.subplots(1, 2)
+    shares = [(row.parameter.name, *(_diagonal(each.stiffness[0], row, stiffness)[0] for each in (row.by, row.error)))
+              for row in rows]  # fmt: skip
+    _bars(left, shares, "% of K_tx per % of the parameter")
+    kilograms = []
+    for row in massive:
+        gained = 100 * np.diagonal(row.per_kilogram[0])[0] / stiffness[0]
+        bound = 100 * row.error.stiffness[0, 0, 0] / abs(row.by.mass) / stiffness[0]
+        kilograms.append((row.parameter.name, gained, bound))
+    _bars(right, sorted(kilograms, key=lambda bar: -abs(bar[1])), "% of K_tx per kilogram added")
+    return drawn
+
+
+def _part_chart(found: PartSensitivity, result: PartResult) -> Figure:
+    compliance = result.compliance.diagonal()
+    order = sorted(found.derivatives.items(), key=lambda item: -_largest(item[1], compliance))
+    drawn = new_figure(13.0, 2.4 + 0.5 * min(len(order), MOST_BARS), f"{found.part}: what changes its compliance")
+    for i, axes in enumerate(drawn.subplots(2, 3, sharey=True).ravel()):
+        bars = [
+            (name, each.value * each.compliance[i, i] / compliance[i], each.value * each.error[i, i] / compliance[i])
+            for name, each in order
+        ]
+        _bars(axes, bars, f"% of {COMPLIANCES[i]} per %")
+    return drawn
+
+
+def _bars(axes: Any, bars: Iterable[tuple[str, float, float]], label: str) -> None:
+    """Draw horizontal bars (name, value, 95 % bound), the first on top."""
+    some = list(bars)[:MOST_BARS]
+    values, bounds = (np.array([bar[k] for bar in some], dtype=float) for k in (1, 2))
+    axes.barh(range(len(some)), values, color=np.where(values >= 0, BAR, LOSS), xerr=bounds, ecolor=BOUND, capsize=2)
+    axes.set_yticks(range(len(some)), [bar[0] for bar in some], fontsize=8, parse_math=False)
+    if not axes.yaxis_inverted():
+        axes.invert_yaxis()
+    axes.axvline(0.0, color="#4b5560", lw=0.8)
+    axes.set_xlabel(label)
+    axes.grid(axis="x", color="#e3e7eb", lw=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right", "left"]].set_visible(False)

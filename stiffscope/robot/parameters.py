@@ -1,0 +1,131 @@
+"""The numbers of a robot file that can be changed one by one: what a sensitivity or a study may vary."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from stiffscope.robot.expressions import is_expression, normal
+from stiffscope.robot.overrides import split
+from stiffscope.robot.part_matrices import part_sources
+from stiffscope.robot.part_sections import ParametricPart, SolidPart
+from stiffscope.robot.reader import read_robot
+from stiffscope.robot.sections import RigidBody
+from stiffscope.robot.source import parse_text
+from stiffscope.robot.values import unit_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from stiffscope.cad.materials import AnyMaterial
+    from stiffscope.robot.description import RobotFile
+    from stiffscope.robot.part_matrices import Components
+    from stiffscope.robot.positions import Key
+    from stiffscope.robot.sections import JointSection
+
+CONSTANTS = {
+    "youngs_modulus": "Pa", "shear_modulus": "Pa", "axial_modulus": "Pa", "transverse_modulus": "Pa",
+    "axial_shear_modulus": "Pa", "axial_poisson": "1", "transverse_poisson": "1", "density": "kg/m^3",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number of a robot file, not an expression: its key, value and unit, SI; its tolerance where it has one.
+
+    ``also``: overrides without which its own would have no meaning (the other constants of a built-in material).
+    """
+
+    key: Key
+    value: float
+    unit: str
+    tolerance: float | None = None
+    also: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """As `--set` takes it."""
+        return ".".join(map(str, self.key)).removeprefix("parts.").removeprefix("joints.").removeprefix("bodies.")
+
+    def set_to(self, robot: RobotFile, value: float) -> RobotFile:
+        """The robot with another value of it. Raises InputError where that makes no robot."""
+        override = f"{'.'.join(map(str, self.key))}={value!r}"
+        source = robot.source
+        return read_robot(source.path, source.text, [*source.overrides, *self.also, override])
+
+
+def parameters(robot: RobotFile, components: Components = None) -> tuple[Parameter, ...]:
+    """What of a robot can be varied: numbers of `[parameters]`, parts, materials, drives, bearings and masses.
+
+    What an expression gives follows the numbers in it; copies follow what they are copies of. Zeros are left out.
+    """
+    written = parse_text(robot.path, robot.source.text)
+    found = []
+    for key, value, unit, *also in _candidates(robot, written, components):
+        given = _given(robot, written, key)
+        if value and not is_expression(given):
+            found.append(Parameter(key, float(value), unit, robot.tolerances.get(key), tuple(also)))
+    return tuple(found)
+
+
+def _candidates(robot: RobotFile, written: dict[str, Any], components: Components) -> Iterator[tuple[Any, ...]]:
+    for name, value in written.get("parameters", {}).items():
+        yield ("parameters", name), robot.parameters[normal(name)], unit_of(value)
+    yield from _of_parts(robot, components)
+    for name, joint in robot.joints.items():
+        if name not in robot.copied:
+            yield from _of_joint(name, joint)
+    for name, body in robot.bodies.items():
+        if isinstance(body, RigidBody) and name not in robot.copied:
+            yield ("bodies", name, "mass"), body.mass, "kg"
+
+
+def _of_parts(robot: RobotFile, components: Components) -> Iterator[tuple[Any, ...]]:
+    sources = part_sources(robot, components)
+    materials: dict[str, AnyMaterial] = {}
+    for name, source in sources.items():
+        part, material = robot.parts[name], robot.material(name)
+        if not isinstance(part.mass, str):
+            yield ("parts", name, "mass"), part.mass, "kg"
+        computed = source in {"fea", "step", "beam"} if isinstance(source, str) else False
+        if not computed and not (part.shape == "rod" and isinstance(source, str)):
+            continue
+        if isinstance(part, ParametricPart):
+            yield from ((("parts", name, key), value, "m") for key, value in robot.dimensions(name).lengths().items())
+        if isinstance(part, SolidPart) and part.foundation is not None and source in {"fea", "step"}:
+            yield ("parts", name, "foundation"), part.foundation, "N/m^3"
+        if material is not None:
+            materials[material.name] = material
+    for material in materials.values():
+        yield from _constants(robot, material)
+
+
+def _of_joint(name: str, joint: JointSection) -> Iterator[tuple[Any, ...]]:
+    drive, bearing = getattr(joint, "drive", None), joint.compliance
+    if drive is not None:
+        yield ("joints", name, "drive", "stiffness"), drive.stiffness, "N*m/rad" if joint.type == "revolute" else "N/m"
+    for key, value in enumerate(bearing) if isinstance(bearing, tuple) else bearing or ():
+        turning = key == "tilting" or (isinstance(key, int) and key > 2)
+        yield ("joints", name, "compliance", key), value, "rad/(N*m)" if turning else "m/N"
+
+
+def _constants(robot: RobotFile, material: AnyMaterial) -> Iterator[tuple[Any, ...]]:
+    """Constants of a material; a built-in one must be written whole."""
+    own = material.name in robot.materials
+    names = [each.name for each in dataclasses.fields(material) if each.name in CONSTANTS]
+    also = () if own else tuple(f"materials.{material.name}.{name}={getattr(material, name)!r}" for name in names)
+    for name in names:
+        yield ("materials", material.name, name), getattr(material, name), CONSTANTS[name], *also
+
+
+def _given(robot: RobotFile, written: Any, key: Key) -> Any:
+    """What stands at a key: in the file, or as `--set` brought it."""
+    if key in robot.source.changed:
+        return split(robot.source.changed[key].removeprefix("--set "))[1]
+    for part in key:
+        try:
+            written = written[part]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return written

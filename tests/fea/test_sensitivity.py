@@ -1,0 +1,113 @@
+"""Derivatives of parts: closed forms, laws of scale, differences on moved meshes."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from stiffscope.cad import link, slider
+from stiffscope.cad.materials import CFRP_TUBE, STEEL
+from stiffscope.errors import InputError
+from stiffscope.fea.design_velocity import DesignVelocity
+from stiffscope.fea.experiment import examine, specimen_of
+from stiffscope.fea.sensitivity import part_sensitivity
+from stiffscope.fea.settings import Settings
+from stiffscope.fea.solution import solve_specimen
+
+LENGTH, RADIUS = 0.2, 0.01
+ORDER = np.array([[1] * 3 + [2] * 3] * 3 + [[2] * 3 + [3] * 3] * 3)  # of a compliance in an inverse length
+
+
+def sensitivity(module, parameters, settings, material=STEEL):
+    part = module.build(parameters, material)
+    experiment = examine(specimen_of(part, settings), settings)
+
+    def variant(name):
+        return lambda value: module.build(dataclasses.replace(parameters, **{name: value}), material)
+
+    dimensions = {name: (value, variant(name)) for name, value in parameters.lengths().items()}
+    return part, experiment, part_sensitivity(experiment, part, settings, dimensions)
+
+
+@pytest.fixture(scope="module")
+def rod():
+    return sensitivity(link, link.LinkParameters(LENGTH, RADIUS), Settings(layers=1, size=0.012))
+
+
+def test_rod_in_tension_torsion_and_bending_has_the_derivatives_of_the_closed_form(rod):
+    _, experiment, found = rod
+    e, g, area, second = 211e9, 81e9, np.pi * RADIUS**2, np.pi * RADIUS**4 / 4
+    by_length = found.derivatives["length"].compliance
+    assert by_length[0, 0] == pytest.approx(1 / (e * area), rel=1e-3)
+    assert by_length[3, 3] == pytest.approx(1 / (2 * g * second), rel=1e-3)
+    assert by_length[5, 5] == pytest.approx(1 / (e * second), rel=1e-3)
+    assert by_length[1, 5] == pytest.approx(LENGTH / (e * second), rel=5e-3)
+    by_radius = RADIUS * found.derivatives["radius"].compliance
+    c = experiment.compliance
+    assert by_radius[0, 0] / c[0, 0] == pytest.approx(-2, abs=0.01)
+    assert by_radius[3, 3] / c[3, 3] == pytest.approx(-4, abs=0.01)
+    assert by_radius[5, 5] / c[5, 5] == pytest.approx(-4, abs=0.02)
+    assert found.derivatives["radius"].mass == pytest.approx(7850 * 2 * np.pi * RADIUS * LENGTH, rel=3e-4)
+    assert found.derivatives["length"].centre == pytest.approx([0.5, 0, 0], abs=1e-6)
+
+
+def test_laws_of_scale(rod):
+    """C ~ 1/E at a fixed E/G; with all lengths 1/s, 1/s², 1/s³; weight's sag as s² and s, masses as s³ and s⁵."""
+    _, experiment, found = rod
+    by = found.derivatives
+    c = experiment.compliance
+    size = np.sqrt(np.outer(c.diagonal(), c.diagonal()))
+    moduli = sum(by[name].value * by[name].compliance for name in ("youngs_modulus", "shear_modulus"))
+    np.testing.assert_allclose(moduli / size, -c / size, atol=1e-5)
+    lengths = [by["length"], by["radius"]]
+    np.testing.assert_allclose(sum(d.value * d.compliance for d in lengths) / size, -ORDER * c / size, atol=5e-4)
+    sag, weight = sum(d.value * d.self_weight for d in lengths), experiment.self_weight
+    assert sag[1, 1] == pytest.approx(2 * weight[1, 1], rel=2e-3)
+    assert sag[1, 5] == pytest.approx(weight[1, 5], rel=2e-3)
+    assert by["density"].self_weight[1, 1] * 7850 == pytest.approx(weight[1, 1], rel=2e-3)
+    mass = sum(d.value * d.condensed_mass for d in lengths).diagonal() / experiment.condensed_mass.diagonal()[:12]
+    np.testing.assert_allclose(mass, [3, 3, 3, 5, 5, 5] * 2, rtol=0.02)
+
+
+@pytest.mark.parametrize("settings", [Settings(), Settings(interface="distributed", foundation=5e12)])
+def test_every_derivative_is_the_difference_on_the_mesh_moved_along(settings):
+    settings = dataclasses.replace(settings, size=0.012, layers=1)
+    parameters = link.LinkParameters(0.04, 0.012, bore=0.012)
+    part, experiment, found = sensitivity(link, parameters, settings, CFRP_TUBE)
+    specimen, size, h = specimen_of(part, settings), experiment.compliance.diagonal(), 2e-3
+    velocities = DesignVelocity(experiment.mesh, part)
+
+    def compliance(change, mesh, material=CFRP_TUBE, foundation=settings.foundation):
+        one = dataclasses.replace(specimen, elasticity=material.elasticity(), **change)
+        return solve_specimen(one, mesh, settings.interface, "direct", foundation).compliance
+
+    def differences(name, value):
+        for sign in (1, -1):
+            if name in parameters.lengths():
+                moved = link.build(dataclasses.replace(parameters, **{name: value * 1.001}), CFRP_TUBE)
+                velocity = velocities.of(moved, value * 1e-3)
+                mesh = dataclasses.replace(experiment.mesh, points=experiment.mesh.points + sign * h * value * velocity)
+                tip = np.array([parameters.length + (name == "length") * sign * h * value, 0, 0])
+                yield compliance({"loaded": ((specimen.loaded[0][0], tip),)}, mesh)
+            elif name == "foundation":
+                yield compliance({}, experiment.mesh, foundation=value * (1 + sign * h))
+            else:
+                material = dataclasses.replace(CFRP_TUBE, **{name: value * (1 + sign * h)})
+                yield compliance({}, experiment.mesh, material)
+
+    assert len(found.derivatives) == 9 + (settings.foundation is not None)
+    assert not found.notes
+    for name, derivative in found.derivatives.items():
+        if name == "density":
+            continue
+        up, down = differences(name, derivative.value)
+        expected = (up - down).diagonal() / (2 * h) / size
+        got, bound = (m.diagonal() * derivative.value / size for m in (derivative.compliance, derivative.error))
+        assert (np.abs(got - expected) < bound + 2e-3 * np.abs(expected) + 2e-5).all(), (name, got, expected, bound)
+
+
+def test_features_that_meet_or_vanish_have_no_derivative(rod):
+    part, experiment, _ = rod
+    other = slider.build(slider.SliderParameters())
+    with pytest.raises(InputError, match="faces change"):
+        DesignVelocity(experiment.mesh, part).of(other, 1e-4)
