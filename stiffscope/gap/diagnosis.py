@@ -105,10 +105,15 @@ class NextMeasurement:
     separates: tuple[str, ...]
     expected_gain: float
     """Expected ln-odds between them."""
-    position: tuple[float, float, float] | None = None
+    position: dict[str, float] | None = None
+    """Commanded coordinates by name, m and rad; None where poses are labels."""
     wrench: tuple[float, ...] | None = None
     pose: str | None = None
     quantity: str | None = None
+    sensors: tuple[str, ...] | None = None
+    """The campaign's sensors to read, where it is not a quantity at M."""
+    load: str | None = None
+    """The campaign's point to load, where it is not M."""
 
 
 @dataclass(frozen=True)
@@ -164,7 +169,7 @@ def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
     data["where"]["poses"] = data["where"].pop("pose_names")
     step = data["next_measurement"]
     if step is not None:
-        position = dict(zip("xyz", step.pop("position") or (), strict=False))
+        position = step.pop("position") or {}
         data["next_measurement"] = position | {key: value for key, value in step.items() if value is not None}
     return _plain(data)
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.gap.campaign import AT_TOOL
 from stiffscope.gap.diagnosis import NextMeasurement
 from stiffscope.gap.quantities import DEVIATION, QUANTITIES
 
@@ -51,11 +52,18 @@ def next_measurement(
     pose, code = int(c.pose[row]), int(c.quantity[row])
     if np.isnan(c.poses).any():
         return NextMeasurement(separates, float(gain[best]), pose=c.pose_names[pose], quantity=QUANTITIES[code])
-    at = tuple(float(v) for v in c.poses[pose])
+    read = np.unique(c.sensor[rows])
     kind = "deviation" if code // 6 == DEVIATION else "deflection"
-    wrench = None if np.isnan(c.wrench[row]).any() else tuple(float(w) for w in c.wrench[row])
-    quantity = kind if len(rows) > 1 else QUANTITIES[code]
-    return NextMeasurement(separates, float(gain[best]), at, wrench, None, quantity)
+    return NextMeasurement(
+        separates,
+        float(gain[best]),
+        dict(zip(c.coordinates, (float(v) for v in c.poses[pose]), strict=True)),
+        None if np.isnan(c.wrench[row]).any() else tuple(float(w) for w in c.wrench[row]),
+        None,
+        kind if len(rows) > 1 else QUANTITIES[code],
+        tuple(c.sensors[k].name for k in read if k != AT_TOOL) or None,
+        None if c.load[row] == AT_TOOL or not c.wrench[row].any() else c.loads[c.load[row]].name,
+    )
 
 
 def expected_log_odds(trial: Trial, first: Hypothesis, second: Hypothesis) -> Array:

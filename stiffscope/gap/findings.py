@@ -197,7 +197,8 @@ def _ranked(problem: Problem, scored: list[tuple[Hypothesis, float]]) -> Finding
 
 def _without_copies(c: Campaign, noise: Noise) -> Noise:
     """The noise with readings left out that are copies of others: a table twice says no more than once."""
-    cell = np.column_stack([c.pose, c.quantity, c.session, np.nan_to_num(c.wrench), np.nan_to_num(c.sigma)])
+    words = [c.pose, c.quantity, c.sensor, c.load, c.session]
+    cell = np.column_stack([*words, np.nan_to_num(c.wrench), np.nan_to_num(c.sigma)])
     whole = np.column_stack([cell, c.value])
     repeated = len(c) - len(np.unique(cell, axis=0))
     first = np.unique(whole, axis=0, return_index=True)[1]

@@ -47,7 +47,8 @@ def correlation(found: Findings, hypothesis: Hypothesis) -> str:
     r = found.residual(hypothesis)[used]
     if len(r) < ENOUGH or np.isnan(c.sigma).any():
         return ""
-    loads = np.unique(np.nan_to_num(c.wrench[used]), axis=0, return_inverse=True)[1].ravel()
+    applied = np.column_stack([c.load, np.nan_to_num(c.wrench)])[used]
+    loads = np.unique(applied, axis=0, return_inverse=True)[1].ravel()
     axis, kind = c.direction[used], c.kind[used]
     groups = {
         "direction": kind * 6 + axis,

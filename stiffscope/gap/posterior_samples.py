@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.gap.quantities import QUANTITIES
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -84,7 +83,7 @@ def drawn(found: Findings, joint: Hypothesis, named: tuple[Candidate, ...], held
         found.sigma,
         found.used,
         tuple(c.pose_names[k] for k in c.pose),
-        tuple(QUANTITIES[k] for k in c.quantity),
+        tuple(c.what(k) for k in range(len(c))),
         held_out,
     )
 

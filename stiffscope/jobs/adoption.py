@@ -61,10 +61,10 @@ def adopt(
     Raises
     ------
     InputError
-        The verdict is not "identified", or none of the effects can be carried.
+        The verdict is neither "identified" nor "partly", or none of the effects can be carried.
 
     """
-    if diagnosis.verdict != "identified":
+    if diagnosis.verdict not in {"identified", "partly"}:  # the effects of these are certain
         raise InputError(
             f"--adopt: nothing is adopted, the verdict is {diagnosis.verdict}, not identified; no file is written"
         )

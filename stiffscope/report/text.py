@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from stiffscope.report.numbers import WRENCH, percent, point
+from stiffscope.report.numbers import WRENCH, coordinates, percent, pose_values
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -199,11 +199,14 @@ def what_next(step: NextMeasurement) -> str:
     """Return the next measurement as an instruction."""
     place = f"at pose {step.pose}" if step.pose else ""
     if step.position is not None:
-        place = f"at M = ({point(step.position)}) mm"
+        place = f"at {coordinates(tuple(step.position))} = {pose_values(step.position.values())}"
     action = f"read {step.quantity} {place}" if step.quantity else f"measure {place}"
+    if step.sensors:
+        action = f"read {', '.join(step.sensors)} ({step.quantity}) {place}"
     if step.wrench is not None and any(step.wrench):
         components = zip(WRENCH, step.wrench, ("N",) * 3 + ("N·m",) * 3, strict=True)
         action += " under " + ", ".join(f"{axis} = {value:.4g} {unit}" for axis, value, unit in components if value)
+        action += f" at {step.load}" if step.load else ""
     elif step.wrench is not None:
         action += " without load, against the commanded pose"
     return f"{action}: distinguishes {' from '.join(step.separates)} (expected ln-odds {step.expected_gain:.3g})"
