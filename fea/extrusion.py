@@ -83,7 +83,7 @@ def flat_mesh(surface: Surface, interfaces: frozenset[int], size: float | None =
         return None
     low, high = found.height
     height = high - low
-    area = float(abs(_signed_area(found)))
+    area = _area(found)
     width = float(np.sqrt(area))
     sheet = height < width
     coarse = size or (max(width / np.sqrt(CELLS), height) if sheet else 0.6 * width)
@@ -114,7 +114,7 @@ def slender_extrusion(surface: Surface, interfaces: frozenset[int]) -> Extrusion
             continue
         if height <= SHEET * diagonal:
             return found
-        section = abs(_signed_area(found))
+        section = _area(found)
         if _loops(found) == 1 and np.sqrt(section) < 2 * NEEDLE * diagonal:
             return found
     return None
@@ -169,11 +169,10 @@ def _extrusion(surface: Surface, normal: Floats, interfaces: frozenset[int]) -> 
     return Extrusion(axes, (low, high), place, pieces, walls, holds)
 
 
-def _signed_area(found: Extrusion) -> float:
-    """Area of the section, by its winding from loop to loop: outer borders less inner ones."""
-    return sum(sorted((abs(_loop_area(found, loop)) for loop in _chains(found)), reverse=True)[:1]) - sum(
-        sorted((abs(_loop_area(found, loop)) for loop in _chains(found)), reverse=True)[1:]
-    )
+def _area(found: Extrusion) -> float:
+    """Area of the section: that of its outer border, the largest, less those of its holes."""
+    areas = [abs(_loop_area(found, loop)) for loop in _chains(found)]
+    return 2 * max(areas) - sum(areas)
 
 
 def _chains(found: Extrusion) -> list[list[int]]:
@@ -217,7 +216,7 @@ def _section(found: Extrusion, coarse: float, finest: float) -> tuple[Floats, In
         missing = ~np.isin(np.sort(borders, axis=1) @ [count, 1], sides @ [count, 1])
         if not missing.any():
             area = _areas(np.vstack([points, inner]), triangles).sum()
-            if abs(area / _signed_area(found) - 1) < 1e-6:
+            if abs(area / _area(found) - 1) < 1e-6:
                 return np.vstack([points, inner]), borders, walls, triangles
             break
         middle = points[borders[missing]].mean(axis=1)
@@ -242,14 +241,14 @@ def _cut_borders(found: Extrusion, coarse: float, finest: float) -> tuple[Floats
     for (a, b), wall in zip(found.borders.tolist(), found.walls.tolist(), strict=True):
         left = [(a, b)]
         while left:
-            a, b = left.pop()
-            middle = (points[a] + points[b]) / 2
+            first, last = left.pop()
+            middle = (points[first] + points[last]) / 2
             size = min(coarse, float(_sizes(middle[None], *seeds)[0]))
-            if np.linalg.norm(points[b] - points[a]) > 1.01 * size:
+            if np.linalg.norm(points[last] - points[first]) > 1.01 * size:
                 points.append(middle)
-                left += [(a, len(points) - 1), (len(points) - 1, b)]
+                left += [(first, len(points) - 1), (len(points) - 1, last)]
             else:
-                borders.append((a, b))
+                borders.append((first, last))
                 walls.append(wall)
     return np.array(points), np.array(borders), np.array(walls)
 
@@ -350,7 +349,8 @@ def _prisms(triangles: Ints, base: int, count: int) -> Ints:
     a, b, c = (np.sort(triangles, axis=1) + base).T
     top_a, top_b, top_c = a + count, b + count, c + count
     return np.vstack([
-        np.column_stack([a, b, c, top_c]), np.column_stack([a, b, top_b, top_c]), np.column_stack([a, top_a, top_b, top_c])
+        np.column_stack([a, b, c, top_c]), np.column_stack([a, b, top_b, top_c]),
+        np.column_stack([a, top_a, top_b, top_c]),
     ])  # fmt: skip
 
 

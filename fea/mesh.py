@@ -18,7 +18,6 @@ from stiffscope.files import scratch_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
     from pathlib import Path
 
     from numpy.typing import NDArray

@@ -48,7 +48,7 @@ def end_with_parent(parent: int | None = None) -> None:
         Process id; by default the one that `run_module` has left, else the present parent's.
 
     """
-    parent = parent or int(os.environ.get(_PARENT, 0)) or os.getppid()
+    parent = parent or int(os.environ.get(_PARENT, "0")) or os.getppid()
     if sys.platform == "linux":
         import ctypes
 

@@ -1,4 +1,4 @@
-"""Writing: a file appears whole or not at all, an output folder is complete or absent, nothing of the user's is lost."""
+"""Writing: a file appears whole or not at all, an output folder is complete or absent; the user's files stay."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ def staged_folder(target: str | Path) -> Iterator[Path]:
     """Give a folder to fill; when the block ends well it becomes `target` in one step.
 
     A former output of ours is replaced as a whole. When the block fails, `target` stays as it was. Where the former
-    folder holds anything that is not, byte for byte, what its manifest says that we wrote, both it and the new one stay.
+    folder holds anything but what its manifest says that we wrote, byte for byte, both it and the new one stay.
 
     Raises
     ------
@@ -275,7 +275,7 @@ def _seal(folder: Path) -> None:
     path = folder / MANIFEST
     manifest = json.loads(path.read_bytes()) if path.exists() else {}
     for place, _, _ in os.walk(folder, topdown=False):
-        if Path(place) != folder and not os.listdir(place):
+        if Path(place) != folder and not any(Path(place).iterdir()):
             Path(place).rmdir()
     names = sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file() and p != path)
     sums = {name: file_digest(folder / name) for name in names}
@@ -332,7 +332,7 @@ def _remove(folder: Path) -> None:
             with contextlib.suppress(OSError):
                 (folder / name).unlink()
     for place, _, _ in os.walk(folder, topdown=False):
-        if Path(place) == folder and sorted(os.listdir(folder)) == [MANIFEST] and ours:
+        if Path(place) == folder and [each.name for each in folder.iterdir()] == [MANIFEST] and ours:
             (folder / MANIFEST).unlink()
         with contextlib.suppress(OSError):
             Path(place).rmdir()

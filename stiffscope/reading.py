@@ -5,12 +5,12 @@ from __future__ import annotations
 import errno
 import os
 import stat
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
+    from pathlib import Path
     from typing import BinaryIO
 
 MOST_TEXT = 1 << 20  # bytes of a file written by hand: a thousand bodies take a quarter of it

@@ -24,8 +24,8 @@ from stiffscope.robot.reader import read_robot
 
 ROBOTS = {path.name: path.read_text(encoding="utf-8") for path in sorted((FOLDER / "robots").glob("*.toml"))}
 HOSTILE = (
-    "1e308", "-1e308", "1e-308", "nan", "inf", "-0.0", "0", "[]", "{}", '""', '"= a"', '"= 9**9**9**9"', '"1 kg*9**9**9"',
-    '"1 m^9^9"', "true", "9" * 5000, "[" * 200 + "]" * 200, '"\\u0000"', '"' + "x" * 3000 + '"', '"1e999 mm"', "'\x7f'",
+    "1e308", "-1e308", "1e-308", "nan", "inf", "-0.0", "0", "[]", "{}", '""', '"= a"', '"= 9**9**9**9"',
+    '"1 kg*9**9**9"', '"1 m^9^9"', "true", "9" * 5000, "[" * 200 + "]" * 200, '"\\u0000"', '"' + "x" * 3000 + '"', '"1e999 mm"', "'\x7f'",
     "2000-01-01", '"../../etc/passwd"', '"= sqrt(-1)"', '"= 1/0"',
 )  # fmt: skip
 LAW = settings(deadline=None, suppress_health_check=list(HealthCheck), database=None)
@@ -93,7 +93,8 @@ def stiffscope(*words: str, folder: Path, **more) -> subprocess.Popen:
     (folder / "tmp").mkdir(exist_ok=True)
     command = [sys.executable, "-m", "stiffscope", *words]
     return subprocess.Popen(
-        command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True, **more
+        command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        start_new_session=True, **more,
     )  # fmt: skip
 
 
@@ -135,10 +136,10 @@ COMMANDS = (
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 @pytest.mark.slow
 @pytest.mark.parametrize("words", COMMANDS)
-def test_kills_at_random_moments_lose_and_leave_nothing(tmp_path, words, kills=25):
+def test_kills_at_random_moments_lose_and_leave_nothing(tmp_path, words):
     chance = random.Random(7)  # noqa: S311
     (tmp_path / "notes.txt").write_text("mine")
-    for _ in range(kills):
+    for _ in range(25):
         killed_at_random(tmp_path, words, 15.0, chance)
     done = stiffscope(*words, folder=tmp_path)
     _, errors = done.communicate(timeout=300)

@@ -60,7 +60,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     sys.exit(_guarded(sys.argv[1:] if arguments is None else arguments))
 
 
-def _guarded(arguments: list[str]) -> int:
+def _guarded(arguments: list[str]) -> int:  # noqa: PLR0911 (one for each way to end)
     _listen()
     try:
         _check_surroundings(arguments)

@@ -122,7 +122,8 @@ def _work(
         known = {robot.name: client.scatter(robot, broadcast=True, hash=False) for robot in robots}
         running = {client.submit(solve, known[task.robot], task, pure=False, retries=1): task for task in tasks}
         try:
-            for done, future in enumerate(as_completed(running), 1):
+            finished: Any = as_completed(running)
+            for done, future in enumerate(finished, 1):
                 _store(folder, running.pop(future), future.result())
                 if progress:
                     progress(f"cases, {done} of {len(tasks)}", done / len(tasks))
@@ -147,13 +148,14 @@ def _store(folder: Path, task: Task, files: Files) -> None:
 def _stored(folder: Path) -> list[Outcome]:
     """Outcomes of a finished case, as they were stored."""
     listed: list[dict[str, Any]] = json.loads((folder / OUTCOME).read_text(encoding="utf-8"))
-    return [
-        Outcome(**o | {
-            "truth": tuple(o["truth"]), "named": tuple(o["named"]), "groups": tuple(tuple(g) for g in o["groups"]),
-            "gap": tuple(o["gap"]), "covered": tuple(o["covered"]), "stated": tuple((p, t) for p, t in o["stated"]),
-        })
-        for o in listed
-    ]  # fmt: skip
+    out: list[Outcome] = []
+    for o in listed:
+        groups = tuple(tuple(group) for group in o["groups"])
+        stated = tuple((p, true) for p, true in o["stated"])
+        lists = {name: tuple(o[name]) for name in ("truth", "named", "gap", "covered")}
+        fields: dict[str, Any] = {**o, **lists, "groups": groups, "stated": stated}
+        out.append(Outcome(**fields))
+    return out
 
 
 def solve(robot: BlindRobot, task: Task) -> Files:

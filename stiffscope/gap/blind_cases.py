@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from stiffscope.gap.lab.plans import Style
     from stiffscope.gap.lab.rotations import Array
     from stiffscope.robot.effects import NominalRobot
-    from stiffscope.robot.part_matrices import PartMatrix
 
 KINDS = ("single", "single", "single", "pair", "pair", "triple", "triple", "none", "outside", "outside")
 """What is drawn in turn, so that a share of each is in every ten."""
@@ -83,12 +82,12 @@ class BlindRobot:
     Attributes
     ----------
     nominal : the model that is diagnosed with, and its file.
-    parts : matrix and mass of every part that is used.
+    parts : matrix and mass of every part that is used, as `PartMatrix`.
     components : source of these matrices, as a campaign's header names it.
     """
 
     nominal: NominalRobot
-    parts: Mapping[str, PartMatrix]
+    parts: Mapping[str, Any]
     components: str
 
     @property
@@ -343,7 +342,7 @@ def _scale(lab: Lab) -> tuple[float, float]:
 
 
 def _diagonal(linear: float, angular: float) -> dict[str, float]:
-    return dict.fromkeys(("x", "y", "z"), linear) | dict.fromkeys(("rx", "ry", "rz"), angular)
+    return {**dict.fromkeys(("x", "y", "z"), linear), **dict.fromkeys(("rx", "ry", "rz"), angular)}
 
 
 def _another_matrix(lab: Lab, body: str, size: float, rng: np.random.Generator) -> dict[str, float]:
@@ -356,7 +355,8 @@ def _another_matrix(lab: Lab, body: str, size: float, rng: np.random.Generator) 
 def _other_dimension(lab: Lab, place: str, size: float) -> float:
     """Another value of a dimension: of a tube's radius, one that makes its wall thinner or thicker."""
     part, key = place.rsplit(".", 1)
-    lengths = lab.robot.nominal.robot.parts[part].lengths()
+    section: Any = lab.robot.nominal.robot.parts[part]
+    lengths: dict[str, float] = section.lengths()
     inner = lengths["bore"] / 2 if key == "radius" else 0.0
     return round(inner + (lengths[key] - inner) * (1 + (0.12 if inner else 0.04) * size), 7)
 

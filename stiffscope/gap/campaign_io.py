@@ -49,14 +49,14 @@ def section_lines(sensors: Iterable[Sensor], loads: Iterable[LoadPoint]) -> Iter
         yield f"measures = {_quoted(sensor.measures)}"
         yield f"body = {_quoted(sensor.body)}"
         if not sensor.rotates:
-            yield f"at = {list(sensor.at)}"
-        yield f"direction = {list(sensor.direction)}"
+            yield f"at = {[float(v) for v in sensor.at]}"
+        yield f"direction = {[float(v) for v in sensor.direction]}"
         yield f"against = {_quoted(sensor.against)}"
         yield f"zero = {_quoted(sensor.zero)}"
     for load in loads:
         yield f"\n[loads.{_key(load.name)}]"
         yield f"body = {_quoted(load.body)}"
-        yield f"at = {list(load.at)}"
+        yield f"at = {[float(v) for v in load.at]}"
 
 
 def _key_cells(campaign: Campaign) -> dict[str, list[str]]:

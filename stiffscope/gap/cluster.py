@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Generator
 
 _CONNECT = "20s"
 
 
 @contextmanager
-def cluster(scheduler: str | None = None, workers: int = 2) -> Iterator[Any]:
+def cluster(scheduler: str | None = None, workers: int = 2) -> Generator[Any]:
     """Give a client of Dask; a local cluster's worker processes have one thread each.
 
     Parameters
@@ -46,13 +46,13 @@ def cluster(scheduler: str | None = None, workers: int = 2) -> Iterator[Any]:
         with client:
             yield client
         return
-    quiet = logging.ERROR
+    quiet, no_page = logging.ERROR, {"dashboard_address": None}
     logging.getLogger("distributed").setLevel(quiet)  # a worker that is slow to end is no news
     with (
         tempfile.TemporaryDirectory(prefix="stiffscope-dask-") as scratch,
         LocalCluster(
-            n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=quiet,
-            local_directory=scratch, memory_limit=0,
+            n_workers=workers, threads_per_worker=1, processes=True, silence_logs=quiet,
+            local_directory=scratch, memory_limit=0, **no_page,
         ) as local,
         Client(local) as client,
     ):  # fmt: skip

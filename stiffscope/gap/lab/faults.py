@@ -194,7 +194,7 @@ def _bowed(body: Body, parameters: Parameters) -> Body:
 def _larger_body(machine: Machine, place: str, parameters: Parameters) -> Machine:
     """A rigid body made larger than drawn: the points of its joints stand further from its centre."""
     body = machine.bodies[place]
-    grown = {}
+    grown: dict[str, Joint] = {}
     for name, joint in machine.joints.items():
         first, second = (
             at + parameters["relative"] * (at - body.centre) if node == place else at
