@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 SHEET, NEEDLE = 0.01, 0.002  # height of a sheet, and radius of inertia of a needle's section, over the diagonal
 PARALLEL = 1e-5  # sine
 GROWTH = 0.5  # of the size with the distance from a held or loaded edge
-CELLS = 300  # of the coarsest size that fill a section
-ALONG_EDGE = 40  # points along the longest side of a section at most, where it is held or loaded
+CELLS = 150  # of the coarsest size that fill a section
+ALONG_EDGE = 25  # points along the longest side of a section at most, where it is held or loaded
 STRETCH = 6.0  # length of a needle's elements over the width of its section
 ROUNDS = 12
 

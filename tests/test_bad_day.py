@@ -25,7 +25,8 @@ from stiffscope.robot.reader import read_robot
 ROBOTS = {path.name: path.read_text(encoding="utf-8") for path in sorted((FOLDER / "robots").glob("*.toml"))}
 HOSTILE = (
     "1e308", "-1e308", "1e-308", "nan", "inf", "-0.0", "0", "[]", "{}", '""', '"= a"', '"= 9**9**9**9"',
-    '"1 kg*9**9**9"', '"1 m^9^9"', "true", "9" * 5000, "[" * 200 + "]" * 200, '"\\u0000"', '"' + "x" * 3000 + '"', '"1e999 mm"', "'\x7f'",
+    '"1 kg*9**9**9"',
+    '"1 m^9^9"', "true", "9" * 5000, "[" * 200 + "]" * 200, '"\\u0000"', '"' + "x" * 3000 + '"', '"1e999 mm"', "'\x7f'",
     "2000-01-01", '"../../etc/passwd"', '"= sqrt(-1)"', '"= 1/0"',
 )  # fmt: skip
 LAW = settings(deadline=None, suppress_health_check=list(HealthCheck), database=None)

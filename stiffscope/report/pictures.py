@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import logging
+import os
 import subprocess
 from typing import TYPE_CHECKING, Any
 
@@ -39,6 +41,8 @@ def draw(picture: str, target: Path, **arguments: Any) -> None:
     ------
     PictureError
         No picture; the message is one line that names the cause and the cure.
+    OSError
+        The disk is full.
 
     """
     with scratch_folder() as folder:
@@ -52,6 +56,9 @@ def draw(picture: str, target: Path, **arguments: Any) -> None:
     if done.returncode != 0:
         errors = done.stderr.decode(errors="replace")
         log.debug("drawing %s failed:\n%s", picture, errors)
+        full = os.strerror(errno.ENOSPC)
+        if full in errors:
+            raise OSError(errno.ENOSPC, full, str(target))
         raise PictureError(_cause(done.returncode, errors))
 
 
