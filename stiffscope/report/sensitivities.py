@@ -158,7 +158,8 @@ def _kilogram_cells(row: Row, index: int, stiffness: np.ndarray) -> list[str]:
     gained = row.per_kilogram
     if gained is None:
         return ["", "", ""]
-    return [f"{100 * value:+.3g} %" for value in np.diagonal(gained[index])[:3] / stiffness[:3]]
+    shares = np.diagonal(gained[index])[:3] / stiffness[:3]
+    return [f"{100 * value:+.3g} %" if abs(value) > LEAST else "·" for value in shares]
 
 
 def _show_scatter(found: Sensitivity, index: int) -> None:
@@ -208,7 +209,7 @@ def _robot_chart(found: Sensitivity, pose: str) -> Figure:
     stiffness = np.diagonal(found.at.stiffness[0])
     rows = [row for row in ranked(found, 0) if abs(_diagonal(row.by.stiffness[0], row, stiffness)[0]) > LEAST]
     rows.sort(key=lambda row: -abs(_diagonal(row.by.stiffness[0], row, stiffness)[0]))
-    massive = [row for row in rows if row.per_kilogram is not None]
+    massive = [row for row in rows if row.per_kilogram is not None]  # what adds mass and changes K_tx
     drawn = new_figure(11.0, 1.6 + 0.32 * min(len(rows), MOST_BARS), f"{found.robot.name}: what changes K_tx at {pose}")
     left, right = drawn.subplots(1, 2)
     shares = [(row.parameter.name, *(_diagonal(each.stiffness[0], row, stiffness)[0] for each in (row.by, row.error)))

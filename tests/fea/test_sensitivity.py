@@ -58,7 +58,7 @@ def test_laws_of_scale(rod):
     c = experiment.compliance
     size = np.sqrt(np.outer(c.diagonal(), c.diagonal()))
     moduli = sum(by[name].value * by[name].compliance for name in ("youngs_modulus", "shear_modulus"))
-    np.testing.assert_allclose(moduli / size, -c / size, atol=1e-5)
+    np.testing.assert_allclose(moduli / size, -c / size, atol=1e-4)
     lengths = [by["length"], by["radius"]]
     np.testing.assert_allclose(sum(d.value * d.compliance for d in lengths) / size, -ORDER * c / size, atol=5e-4)
     sag, weight = sum(d.value * d.self_weight for d in lengths), experiment.self_weight
