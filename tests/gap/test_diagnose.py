@@ -160,7 +160,7 @@ def test_a_fault_without_a_word_is_not_named(fault, place, parameters):
 
 
 def test_a_single_part_has_a_name_of_its_own():
-    diagnosis = diagnose(campaign(("one-soft-slider", "limb1", {"factor": 3.0})), ROBOT)
+    diagnosis = diagnose(campaign(("part-compliance", "limb1.slider", {"factor": 3.0})), ROBOT)
     found = diagnosis.effects[0]
     assert diagnosis.verdict == "identified"
     assert "part-compliance @ limb1.slider" in {f"{found.effect} @ {found.place}", *found.confused_with}
