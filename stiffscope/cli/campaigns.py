@@ -176,7 +176,7 @@ def check_campaign(name: str, out: Path | None, *, target: str | None, quiet: bo
 
 @click.command()
 @takes(
-    click.argument("names", metavar="ROBOT...", nargs=-1, required=True),
+    click.argument("names", metavar="[ROBOT]...", nargs=-1),
     options.out,
     options.target,
     options.components,
@@ -192,7 +192,7 @@ def blind(
 ) -> None:  # fmt: skip
     """The check of the diagnosis on campaigns whose effects are withheld.
 
-    Draws campaigns of each ROBOT, seals what is in them, diagnoses them, and scores the answers. Finished cases are
+    Draws campaigns of each ROBOT (by default biglide), seals what is in them, diagnoses them, and scores the answers. Finished cases are
     kept in DIR.cases until all are: the same command goes on where it was interrupted.
     """
     import shutil
@@ -205,7 +205,7 @@ def blind(
     from stiffscope.robot.reader import load_robot
 
     files.check_output(out, target)
-    robots = [load_robot(name) for name in names]
+    robots = [load_robot(name) for name in names or ("biglide",)]
     manifest = manifest_of(robots[0], *(robot.path for robot in robots[1:]))
     cases = out.with_name(f"{out.name}.cases")
     with shown_workshop(quiet=quiet) as shop:

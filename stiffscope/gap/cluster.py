@@ -29,13 +29,11 @@ def cluster(scheduler: str | None = None, workers: int = 2) -> Generator[Any]:
     Raises
     ------
     InputError
-        Dask is not installed, or no scheduler answers.
+        No scheduler answers.
 
     """
-    try:
-        from distributed import Client, LocalCluster
-    except ImportError:
-        raise InputError("blind: expected Dask, which `pip install 'stiffscope[blind]'` installs") from None
+    from distributed import Client, LocalCluster
+
     if scheduler is not None:
         try:
             client = Client(scheduler, timeout=_CONNECT)

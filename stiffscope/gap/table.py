@@ -102,11 +102,8 @@ def _lines(path: Path) -> tuple[list[list[str]], list[int], bool]:
 
 def _sheet(path: Path) -> tuple[list[list[str]], list[int], bool]:
     """Rows of the first sheet of an .xlsx file with their numbers."""
-    try:
-        import openpyxl
-    except ImportError:
-        message = 'expected openpyxl for .xlsx files (pip install "stiffscope[xlsx]"), or the table as .csv'
-        raise InputError(f"{path.name}: {message}") from None
+    import openpyxl
+
     try:
         book = openpyxl.load_workbook(path, read_only=True, data_only=True)
     except OSError as error:
