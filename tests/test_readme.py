@@ -29,6 +29,8 @@ SMALL = {
     "frf": "--components published",
     "map": "--components published --gravity none --points 9",
     "blind": "--campaigns 1",
+    "sensitivity": "--components beam",
+    "sensitivity --part": "--set slider.mesh.size=60mm",
 }
 """Options added to those shown for the Biglide, so that its commands take seconds."""
 ARM = """<robot name="arm">
@@ -85,7 +87,8 @@ def place(tmp_path_factory):
 def test_commands(line, place, monkeypatch, capsys):
     monkeypatch.chdir(place)
     _, name, *words = shlex.split(line)
-    small = SMALL.get(name, "").split() if "mine.toml" not in words else []
+    of_part = f"{name} --part" if "--part" in words else name
+    small = SMALL.get(of_part, SMALL.get(name, "")).split() if "mine.toml" not in words else []
     if name == "new":
         (place / words[-1]).unlink()
     assert _guarded([name, *words, *small]) == 0, capsys.readouterr().err

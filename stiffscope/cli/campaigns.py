@@ -192,8 +192,8 @@ def blind(
 ) -> None:  # fmt: skip
     """The check of the diagnosis on campaigns whose effects are withheld.
 
-    Draws campaigns of each ROBOT (by default biglide), seals what is in them, diagnoses them, and scores the answers. Finished cases are
-    kept in DIR.cases until all are: the same command goes on where it was interrupted.
+    Draws campaigns of each ROBOT (by default biglide), seals what is in them, diagnoses them, and scores the answers.
+    Finished cases are kept in DIR.cases until all are: the same command goes on where it was interrupted.
     """
     import shutil
 

@@ -152,7 +152,7 @@ class Diagnosis:
     steps: tuple[tuple[str, float], ...] = ()
     """The gap in % rms before, after each effect alone, together, held out, and by the noise alone."""
     signature_correlation: tuple[tuple[str, ...], tuple[tuple[float, ...], ...]] = ((), ())
-    """Effects and |cosine| between their signatures; 1: indistinguishable from these readings."""
+    """Effects and the cosine's size between their signatures; 1: indistinguishable from these readings."""
     possible: tuple[Possible, ...] = ()
     """Effects that are merely possible beside the named ones."""
     sensitivity: tuple[Sensitivity, ...] = ()
