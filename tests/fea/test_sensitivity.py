@@ -69,9 +69,9 @@ def test_laws_of_scale(rod):
     np.testing.assert_allclose(mass, [3, 3, 3, 5, 5, 5] * 2, rtol=0.02)
 
 
-@pytest.mark.parametrize("settings", [Settings(), Settings(interface="distributed", foundation=5e12)])
+@pytest.mark.parametrize("settings", [Settings(interface="distributed", foundation=5e12), Settings()])
 def test_every_derivative_is_the_difference_on_the_mesh_moved_along(settings):
-    settings = dataclasses.replace(settings, size=0.012, layers=1)
+    settings = dataclasses.replace(settings, size=0.02, layers=1)
     parameters = link.LinkParameters(0.04, 0.012, bore=0.012)
     part, experiment, found = sensitivity(link, parameters, settings, CFRP_TUBE)
     specimen, size, h = specimen_of(part, settings), experiment.compliance.diagonal(), 2e-3
