@@ -373,12 +373,12 @@ class _Forms:
         for slot, (coupling, at) in enumerate(each for each in couplings if each[0].kind == "rigid"):
             nodes = system.mesh.nodes_of(coupling.faces)
             out[nodes, :, 6 * slot + 3 : 6 * slot + 6] = rigid_modes(move.nodes[nodes], at)[:, :, 3:]
-        return out[supports.tied].reshape(-1, out.shape[2])
+        return out[supports.tied].reshape(3 * len(supports.tied), out.shape[2])
 
     def _turned(self, slide: Floats, motion: Floats) -> Floats:
         """Return (t, 3, k) change of the tied nodes' displacements for coordinates of k loads."""
         split = 3 * len(self.levels.system.supports.free)
-        return (slide @ motion[split : split + slide.shape[1]]).reshape(-1, 3, motion.shape[1])
+        return (slide @ motion[split : split + slide.shape[1]]).reshape(len(slide) // 3, 3, motion.shape[1])
 
     def _on_faces(self, move: _Move) -> Iterator[Floats]:
         """Yield (k, k) for either level what foundation and distributed couplings add, where their faces deform.

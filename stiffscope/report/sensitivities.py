@@ -108,6 +108,8 @@ def _per_kilogram(each: Derivative, compliance: np.ndarray) -> tuple[str]:
         return ("",)
     gains = -each.compliance.diagonal() / compliance / each.mass
     best = int(gains.argmax())
+    if gains[best] < LEAST:
+        return ("",)
     return (f"{COMPLIANCES[best]} {100 * gains[best]:+.3g} %",)
 
 
