@@ -119,7 +119,8 @@ def write_matrices(found: Superelement, path: Path | str, text: str, **arrays: F
     base = base.with_suffix("") if base.suffix in (".npz", ".mtx") else base
     archive, bulk = base.with_name(base.name + ".npz"), base.with_name(base.name + ".bdf")
     matrices = {"stiffness": found.stiffness, "mass": found.mass}
-    np.savez(archive, nodes=found.nodes, help=np.array(text), **matrices, **arrays)
+    content: dict[str, Any] = {"nodes": found.nodes, "help": np.array(text), **matrices, **arrays}
+    np.savez(archive, **content)
     bulk.write_text(dmig_text(found.stiffness, found.mass, found.nodes, text), encoding="ascii", errors="replace")
     written = [archive, bulk]
     for name, matrix in matrices.items():

@@ -166,7 +166,7 @@ def _extrusion(surface: Surface, normal: Floats, interfaces: frozenset[int]) -> 
     np.logical_or.at(holds, where, held)
     if not (np.bincount(where[wall >= 0], minlength=len(pieces))[walls >= 0] == 2).all():
         return None  # the borders of the two caps differ
-    return Extrusion(axes, (low, high), place, pieces, walls, holds)
+    return Extrusion(np.asarray(axes, dtype=float), (low, high), place, pieces, walls, holds)
 
 
 def _area(found: Extrusion) -> float:

@@ -167,7 +167,9 @@ def _moves(
 ) -> tuple[dict[str, _Move], dict[str, str]]:
     """Return how the part moves with each dimension, and why it does not with the others."""
     moves, notes = {}, {}
-    velocities = DesignVelocity(mesh, part) if dimensions else None
+    if not dimensions:
+        return moves, notes
+    velocities = DesignVelocity(mesh, part)
     for name, (value, build) in dimensions.items():
         try:
             changed, step = _changed(build, value)
@@ -401,7 +403,7 @@ class _Forms:
         step = SURFACE_STEP * specimen.volume ** (1 / 3)
         for sign in (step, -step):
             moved = dataclasses.replace(mesh, points=mesh.points + sign * velocity)
-            if bedded:
+            if bedded and modulus is not None:
                 bedding = springs(moved, specimen.clamped, modulus)
                 for number, level in enumerate(self.fields):
                     found[number] -= _squared(level.motion, bedding) / (2 * sign)

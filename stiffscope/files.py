@@ -263,7 +263,7 @@ def _is(path: Path, checksum: str) -> bool:
 def file_digest(path: Path, what: str = "a file", most: int = 1 << 40) -> str:
     """SHA-256 of a file's bytes. Raises InputError for what is no file, as `stiffscope.reading.open_file` does."""
     with open_file(path, what, most) as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+        return hashlib.file_digest(stream, "sha256").hexdigest()  # pyright: ignore[reportArgumentType]
 
 
 def _seal_of(manifest: Mapping[str, Any]) -> str:

@@ -67,7 +67,8 @@ def superelement(
     apart = np.asarray(right[6:].T, dtype=float)
     follow = right[:6].T / values[:6] @ left.T / size
     held, inert = (apart.T @ a @ apart for a in (stiffness, mass))
-    static = follow - apart @ np.linalg.pinv(held, 1e-13, hermitian=True) @ (apart.T @ stiffness @ follow)
+    inverse: Array = np.asarray(np.linalg.pinv(held, 1e-13, hermitian=True))  # pyright: ignore[reportUnknownArgumentType]
+    static = follow - apart @ inverse @ (apart.T @ stiffness @ follow)
     loose = _lowest(stiffness, mass, pencil.shift, modes)
     added = apart.T @ (loose - static @ (size[:, None] * (tool @ loose)))  # what these do with the tool held
     wanted = np.linalg.qr(np.hstack([_lowest(held, inert, pencil.shift, modes), added]))[0]

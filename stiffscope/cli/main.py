@@ -82,8 +82,8 @@ def _guarded(arguments: list[str]) -> int:  # noqa: PLR0911 (one for each way to
         if "--debug" in arguments:
             raise
         _drop_output()
-        named = shown(error.filename) if isinstance(error.filename, str | os.PathLike) else "standard output or a disk"
-        _say(f"{named}: cannot be used ({why(error, error.filename or '-')})")
+        file = str(error.filename) if isinstance(error.filename, str | os.PathLike) else ""
+        _say(f"{shown(file) if file else 'standard output or a disk'}: cannot be used ({why(error, file or '-')})")
         return 2
     except UnicodeEncodeError as error:
         _say(f"{shown(str(error.object)[:60])}: expected text in UTF-8, got bytes that are none")

@@ -20,6 +20,14 @@ AT_TOOL = -1
 """Code of no sensor, a quantity at M; and of no load point, a wrench at M."""
 
 
+def _no_sensors() -> tuple[Sensor, ...]:
+    return ()
+
+
+def _no_loads() -> tuple[LoadPoint, ...]:
+    return ()
+
+
 def _read_only(array: Any) -> Any:
     array.setflags(write=False)
     return array
@@ -100,10 +108,10 @@ class Campaign:
     """Predicted values (n,): the model under test under `value`, its rivals under their columns' names."""
     coordinates: tuple[str, ...] = POSITION
     """Names of the k commanded coordinates: those of the tool pose, or `q:JOINT`."""
-    sensors: tuple[Sensor, ...] = ()
+    sensors: tuple[Sensor, ...] = field(default_factory=_no_sensors)
     sensor: Codes = field(default_factory=_no_codes)
     """(n,) position in `sensors`; `AT_TOOL` for quantities at M."""
-    loads: tuple[LoadPoint, ...] = ()
+    loads: tuple[LoadPoint, ...] = field(default_factory=_no_loads)
     load: Codes = field(default_factory=_no_codes)
     """(n,) position in `loads`; `AT_TOOL` for a wrench at M."""
 

@@ -37,7 +37,7 @@ class Header:
     components: str
     readings: tuple[str, ...]
     predictions: str | None
-    units: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict[str, str])
     """Unit of each column that is not SI."""
     ignore: tuple[str, ...] = ()
     sensors: tuple[Sensor, ...] = ()

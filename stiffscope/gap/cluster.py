@@ -44,7 +44,8 @@ def cluster(scheduler: str | None = None, workers: int = 2) -> Generator[Any]:
         with client:
             yield client
         return
-    quiet, no_page = logging.ERROR, {"dashboard_address": None}
+    quiet = logging.ERROR
+    no_page: dict[str, Any] = {"dashboard_address": None}
     logging.getLogger("distributed").setLevel(quiet)  # a worker that is slow to end is no news
     with (
         tempfile.TemporaryDirectory(prefix="stiffscope-dask-") as scratch,

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.stats import norm, truncnorm  # pyright: ignore[reportMissingTypeStubs]
+from scipy.stats import truncnorm  # pyright: ignore[reportMissingTypeStubs]
 
 from stiffscope.errors import InputError
 from stiffscope.gap.column_model import ColumnModel
@@ -148,20 +148,22 @@ def _intervals(
 ) -> list[tuple[float, float]]:
     """Intervals of 95 %: of one parameter by its quantiles, of several by their standard uncertainties."""
     deviation = np.sqrt(np.diagonal(covariance).clip(min=1e-300))
-    if candidate.positive:
-        ends = [truncnorm.ppf(TAILS, -m / s, np.inf, loc=m, scale=s) for m, s in zip(internal, deviation, strict=True)]
-    else:
-        ends = [m + s * norm.ppf(TAILS) for m, s in zip(internal, deviation, strict=True)]
+    lowest = 0.0 if candidate.positive else -np.inf
+    ends = [_quantiles(m, s, lowest) for m, s in zip(internal, deviation, strict=True)]
     if len(values) == 1:
         low, high = sorted(float(candidate.physical(np.array([end]))[0]) for end in ends[0])
         return [(low, high)]
     if candidate.positive:
         sides = [candidate.physical(np.array([end[side] for end in ends])) for side in (0, 1)]
         return [(float(min(a, b)), float(max(a, b))) for a, b in zip(*sides, strict=True)]
-    return [
-        (float(v + t * norm.ppf(TAILS[0])), float(v + t * norm.ppf(TAILS[1])))
-        for v, t in zip(values, sigma, strict=True)
-    ]
+    below, above = _quantiles(0.0, 1.0)
+    return [(float(v + t * below), float(v + t * above)) for v, t in zip(values, sigma, strict=True)]
+
+
+def _quantiles(mean: float, deviation: float, lowest: float = -np.inf) -> Array:
+    """Ends (2,) of the 95 % interval of a normal distribution, cut off below ``lowest``."""
+    ends: Any = truncnorm.ppf(TAILS, (lowest - mean) / deviation, np.inf, loc=mean, scale=deviation)  # pyright: ignore[reportUnknownMemberType]
+    return np.asarray(ends, dtype=float)
 
 
 def _possible(found: Findings, judgement: Judgement) -> tuple[Possible, ...]:
@@ -193,7 +195,7 @@ def _held_out_check(found: Findings, hypothesis: Hypothesis, residual: Array) ->
     seen = z[found.used]
     if not len(seen):
         return None, z
-    inside = float(np.mean(np.abs(seen) <= norm.ppf(TAILS[1])))
+    inside = float(np.mean(np.abs(seen) <= _quantiles(0.0, 1.0)[1]))
     return HeldOut(inside, float(np.mean(seen**2))), np.where(found.used, z, np.nan)
 
 

@@ -169,7 +169,7 @@ def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
     data["where"]["poses"] = data["where"].pop("pose_names")
     step = data["next_measurement"]
     if step is not None:
-        position = step.pop("position") or {}
+        position: dict[str, Any] = step.pop("position") or {}
         data["next_measurement"] = position | {key: value for key, value in step.items() if value is not None}
     return _plain(data)
 

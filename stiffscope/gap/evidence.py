@@ -210,7 +210,7 @@ def posterior(
     log, means, cores = log_evidences(grams, pulls, totals, errors.log_weight, chosen[None] * scale, positive)
     share = np.exp(log[:, 0] - _sum(log[:, 0]))
     spread = chosen * scale
-    covariances = spread[:, None] * cast("Array", np.linalg.inv(cores[:, 0])) * spread
+    covariances = spread[:, None] * np.linalg.inv(cores[:, 0]) * spread
     mean = share @ means[:, 0]
     covariance = np.einsum("q,qij->ij", share, covariances)
     covariance += np.einsum("q,qi,qj->ij", share, means[:, 0] - mean, means[:, 0] - mean)

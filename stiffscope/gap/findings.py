@@ -112,7 +112,7 @@ class Findings:
 
     def of(self, candidates: Iterable[Candidate]) -> Hypothesis:
         """The hypothesis of some effects of the best one, fitted."""
-        chosen = {c.name for c in candidates}
+        chosen = frozenset(c.name for c in candidates)
         known = next((h for h in self.hypotheses if h.names == chosen), None)
         if known and known.converged:
             return known

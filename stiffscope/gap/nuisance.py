@@ -97,7 +97,7 @@ def _by_channel(prediction: RobotPrediction, size: Array) -> Array:
     return np.where(c.kind <= DEVIATION, size, 0.0)[:, None] * (c.channel[:, None] == _channels(c))
 
 
-def _channels(c: Campaign) -> Array:
+def _channels(c: Campaign) -> NDArray[np.int64]:
     """Instruments that deflections and deviations were read with."""
     return np.unique(c.channel[c.kind <= DEVIATION])
 

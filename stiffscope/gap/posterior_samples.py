@@ -131,7 +131,7 @@ def write_posterior(path: Path, samples: Samples) -> None:
         "quantity": ("reading", list(samples.quantity)),
     }
     draws = {"draw": np.arange(DRAWS)}
-    fewer = {"draw": np.arange(samples.predicted.shape[1])}
+    fewer: dict[str, Any] = {"draw": np.arange(samples.predicted.shape[1])}
     posterior = xr.Dataset(
         {name: (("chain", "draw"), v, {"units": samples.units[name]}) for name, v in samples.parameters.items()},
         chains | draws,
@@ -142,4 +142,4 @@ def write_posterior(path: Path, samples: Samples) -> None:
     for number, (group, data) in enumerate(groups.items()):
         mode = "a" if number else "w"
         squeezed = {name: {"zlib": True} for name in data.data_vars}
-        data.to_netcdf(path, mode=mode, group=group, engine="h5netcdf", encoding=squeezed)
+        data.to_netcdf(path, mode=mode, group=group, engine="h5netcdf", encoding=squeezed)  # pyright: ignore[reportUnknownMemberType]

@@ -302,7 +302,7 @@ def _wrench(table: Table, applied: Array, quantity: Codes, sensor: Codes, load: 
         given = ~np.isnan(applied[:, k]) & (name in table.columns)
         wrong = (kind >= STIFFNESS) & given
         if wrong.any():
-            which = KINDS[kind[int(np.argmax(wrong))]].replace("push", "stiffness")
+            which = str(KINDS[int(kind[int(np.argmax(wrong))])]).replace("push", "stiffness")
             raise table.fail(int(np.argmax(wrong)), name, f"an empty cell: a {which} reading has no wrench")
         wrong = (kind == DEVIATION) & given & (applied[:, k] != 0)
         if wrong.any():

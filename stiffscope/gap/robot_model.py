@@ -353,7 +353,7 @@ class RobotModel:
         points[:, free] = low[free] + _halton(_TRIALS, len(free)) * (high - low)[free]
         middle = np.median(c.poses, axis=0)
         home = self.nominal.mechanism.tool.home if c.coordinates == self.nominal.mechanism.tool.pose else 0.0 * middle
-        lines = [_along(start, k, low[k], high[k]) for start in (home, middle) for k in free]
+        lines = [_along(start, int(k), low[k], high[k]) for start in (home, middle) for k in free]
         reached = np.vstack([*lines, points, c.poses[: _TRIALS // 8]])
         valid = self._reaches(reached)
         pairs = [(i, i + 1) for k in range(len(lines)) for i in range(k * len(lines[0]), (k + 1) * len(lines[0]) - 1)]

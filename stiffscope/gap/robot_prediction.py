@@ -322,7 +322,7 @@ class RobotPrediction:
         return out + self._zero_of(self.campaign.value - out)
 
     @cached_property
-    def _zeros(self) -> tuple[Array, Array] | None:
+    def _zeros(self) -> tuple[NDArray[np.int64], Array] | None:
         """Group (n,) of readings that share an unknown zero, -1 for none, and weights (n,); None without any."""
         c = self.campaign
         free = np.array([s.zero == "session" for s in c.sensors] + [False])[c.sensor] & self._moving
@@ -460,8 +460,8 @@ class RobotPrediction:
         """Derivatives (n, 1 + k) of natural frequencies by a payload's mass and first moments."""
         v, w = np.split(self.elastic.swing(action.body, action.at), 2, axis=1)
         rotation = self.at.configurations.frame(action.body)[0][self.at.shaken]
-        turned = [np.cross(w, (rotation @ axis)[..., None], axis=1) for axis in action.directions]
-        rates = [np.square(v).sum(axis=1), *(2.0 * (v * each).sum(axis=1) for each in turned)]
+        turned: list[Array] = [np.cross(w, (rotation @ axis)[..., None], axis=1) for axis in action.directions]
+        rates: list[Array] = [np.square(v).sum(axis=1), *(2.0 * (v * each).sum(axis=1) for each in turned)]
         f = self.elastic.frequencies
         return np.stack([self._at_modes(-0.5 * f * rate) for rate in rates], axis=1)
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.errors import StiffscopeError
 from stiffscope.jobs.assembly import check_one_interface
 from stiffscope.jobs.experiments import solve_parts
 from stiffscope.jobs.orders import order_part
@@ -52,13 +53,20 @@ def part_sensitivities(orders: Sequence[PartOrder], shop: Workshop) -> list[Part
 
     """
     missing = [order for order in dict.fromkeys(orders) if shop.cache.get(KIND, order.key()) is None]
-    folders = {}
+    folders: dict[PartOrder, Any] = {}
     if missing:
         solved = {result.order: result.folder for result in solve_parts(missing, shop)}
         jobs = {order.label: (order, solved[order], shop.cache) for order in missing}
         made = shop.work(make_sensitivity, jobs, {label: shop.open_line(label) for label in jobs})
         folders = {order: made[order.label] for order in missing}
-    return [read_sensitivity(folders.get(order) or shop.cache.get(KIND, order.key())) for order in orders]
+    return [read_sensitivity(folders.get(order) or _held(shop, order)) for order in orders]
+
+
+def _held(shop: Workshop, order: PartOrder) -> Path:
+    held = shop.cache.get(KIND, order.key())
+    if held is None:
+        raise StiffscopeError(f"{order.label}: its derivatives are no longer in the cache")
+    return held
 
 
 def make_sensitivity(order: PartOrder, experiment: Path, cache: Cache, report: Report) -> Path:
@@ -69,7 +77,7 @@ def make_sensitivity(order: PartOrder, experiment: Path, cache: Cache, report: R
     begun = time.perf_counter()
     report("cad", 0.05)
     part = order.build()
-    lengths = {} if order.step else order.solid.lengths()
+    lengths: dict[str, float] = {} if order.step else order.solid.lengths()  # pyright: ignore[reportAttributeAccessIssue]
     dimensions = {name: (value, partial(_built, order, name)) for name, value in lengths.items()}
     built = time.perf_counter() - begun
     report("derivatives", 0.2)
@@ -96,15 +104,16 @@ def _to_json(found: PartSensitivity) -> str:
     return json.dumps({"part": found.part, "derivatives": fields, "notes": found.notes, "seconds": found.seconds})
 
 
+def _arrays(fields: dict[str, Any]) -> dict[str, Any]:
+    return {key: np.array(value) if isinstance(value, list) else value for key, value in fields.items()}
+
+
 def read_sensitivity(folder: Path) -> PartSensitivity:
     """The derivatives that a folder of the cache holds."""
     from stiffscope.fea.sensitivity import Derivative, PartSensitivity
 
     held = json.loads((folder / FILE).read_text())
-    derivatives = {
-        name: Derivative(**{key: np.array(v) if isinstance(v, list) else v for key, v in fields.items()})
-        for name, fields in held["derivatives"].items()
-    }
+    derivatives = {name: Derivative(**_arrays(fields)) for name, fields in held["derivatives"].items()}
     return PartSensitivity(held["part"], derivatives, held["notes"], held["seconds"])
 
 

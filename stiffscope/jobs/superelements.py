@@ -50,7 +50,8 @@ def write_robot(
     with files.staged_folder(out) as folder:
         for k, name in enumerate(names):
             held = superelement(mechanism, found[np.array([k])])
-            nodes, squares = held.tool[None], held.mode_squares
+            nodes, stiffness, mass = (np.asarray(a, dtype=float) for a in (held.tool[None], held.stiffness, held.mass))
+            squares = np.asarray(held.mode_squares, dtype=float)
             text = ROBOT_HELP.format(
                 robot=assembled.robot.name,
                 pose=", ".join(f"{c} {v:.9g}" for c, v in zip(mechanism.tool.pose, found.poses[k], strict=True)),
@@ -58,5 +59,5 @@ def write_robot(
                 nodes=node_lines(nodes, ["tool"]),
             )
             path = folder / (name if name in assembled.robot.poses else f"pose{k + 1}")
-            write_matrices(Superelement(held.stiffness, held.mass, nodes), path, text, mode_squares=squares)
+            write_matrices(Superelement(stiffness, mass, nodes), path, text, mode_squares=squares)
         manifest.write(folder)

@@ -128,7 +128,8 @@ def draw_sensors(
 
     shown = []
     for number, k in enumerate(dict.fromkeys((0, len(found) - 1))):
-        title = f"{robot.name}, sensors and loads at {pose_text(mechanism, found.tool[k, mechanism.tool.commanded])}"
+        place = pose_text(mechanism, found.tool[k, mechanism.tool.commanded].tolist())
+        title = f"{robot.name}, sensors and loads at {place}"
         shown.append(picture(f"sensors_{number + 1}.png", title, moves(mechanism, found, k)))
     draw("robot", folder, pictures=shown, marks=marks(campaign, mechanism), **scene(robot, mechanism))
 

@@ -129,7 +129,7 @@ def show_sensitivity(found: Sensitivity, names: Sequence[str]) -> None:
                     row.parameter.name,
                     quantity(value, row.parameter.unit),
                     *(_share(*pair) for pair in zip(shares, bounds, strict=True)),
-                    _share(along),
+                    _share(float(along)),
                     _share(frequency * row.by.frequency[index], frequency * row.error.frequency[index]),
                     *_kilogram_cells(row, index, stiffness),
                 )
@@ -219,7 +219,7 @@ def _robot_chart(found: Sensitivity, pose: str) -> Figure:
     _bars(left, shares, "% of K_tx per % of the parameter")
     kilograms = []
     for row in massive:
-        gained = 100 * np.diagonal(row.per_kilogram[0])[0] / stiffness[0]
+        gained = 100 * np.diagonal(np.asarray(row.per_kilogram)[0])[0] / stiffness[0]
         bound = 100 * row.error.stiffness[0, 0, 0] / abs(row.by.mass) / stiffness[0]
         kilograms.append((row.parameter.name, gained, bound))
     _bars(right, sorted(kilograms, key=lambda bar: -abs(bar[1])), "% of K_tx per kilogram added")

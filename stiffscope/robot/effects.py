@@ -280,10 +280,10 @@ def _effects(nominal: NominalRobot) -> Iterator[MechanicalEffect]:
     tool = replace(Place("tool", (TOOL,)), others=("platform",) if nominal.mechanism.tool.body == "platform" else ())
     yield effect("platform-compliance", tool, partial(added_diagonal, {TOOL: _EACH}))
     for place in nominal.places(drives):
-        directions = {name: along_drive(nominal.driven[name]) for name in place.members}
+        directions: dict[str, Array] = {name: along_drive(nominal.driven[name]) for name in place.members}
         yield effect("encoder-offset", place, partial(moved, directions))
     for place in nominal.places(bodies):
-        yield effect("link-length", place, partial(moved, dict.fromkeys(place.members, ALONG)))
+        yield effect("link-length", place, partial(moved, dict.fromkeys(place.members, np.array(ALONG))))
     growth = {name: (nominal.expansion(name) or 0.0) * nominal.length(name) for name in bodies}
     warm = [name for name in bodies if growth[name]]
     places = nominal.places(warm)
@@ -291,7 +291,8 @@ def _effects(nominal: NominalRobot) -> Iterator[MechanicalEffect]:
         places = (Place("robot", tuple(warm)), *places)
     for place in places:
         named = place if set(place.members) != set(warm) else replace(place, others=_with_robot(place))
-        yield effect("thermal", named, partial(moved, {name: growth[name] * ALONG for name in place.members}))
+        grown: dict[str, Array] = {name: growth[name] * ALONG for name in place.members}
+        yield effect("thermal", named, partial(moved, grown))
 
 
 def _with_robot(place: Place) -> tuple[str, ...]:

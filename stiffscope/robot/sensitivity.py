@@ -211,7 +211,8 @@ class _Model:
         """Bounds of the differences by those of the parts' derivatives; zeros where no part's experiment changes."""
         varied = self._varied(robot)
         if not any(each.error.any() for each in varied.values()):
-            return Responses(*(np.zeros_like(each) for each in (middle.stiffness, middle.sag, middle.frequency)), 0.0)
+            none = [np.zeros_like(each) for each in (middle.stiffness, middle.sag, middle.frequency)]
+            return Responses(none[0], none[1], none[2], 0.0)
         mechanism, found = self._assembled(robot, varied)
         bars = statics.stiffness_error(mechanism, found) / step
         sag = (np.abs(inverse(middle.stiffness)) @ bars @ np.abs(middle.sag)[..., None])[..., 0]
@@ -236,7 +237,8 @@ class _Model:
         bounds = sum(abs(change) * known[key].error for key, change in changes.items())
         one = held.experiment
         condensed, squares = np.array(one.condensed_mass), np.array(one.mode_squares)
-        denser = 1.0 if "density" not in changes else robot.material(name).density / self.robot.material(name).density
+        now, before = robot.material(name), self.robot.material(name)
+        denser = now.density / before.density if "density" in changes and now and before else 1.0
         condensed[12:, :12] *= np.sqrt(denser)
         condensed[:12, 12:] *= np.sqrt(denser)
         condensed[:12, :12] += sums["condensed_mass"]

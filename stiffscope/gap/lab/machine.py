@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 GROUND = "ground"
 BASE, TOOL = "<base>", "<tool>"
 """The nodes that stand on the base's compliance, and at M behind the tool's; also the names of these two elements."""
-FREE = {
+FREE: dict[str, tuple[int, ...]] = {
     "fixed": (), "revolute": (3,), "prismatic": (0,), "cylindrical": (0, 3), "universal": (3, 4),
     "spherical": (3, 4, 5), "planar": (1, 2, 3),
 }  # fmt: skip
