@@ -1,7 +1,7 @@
 """A report as one HTML file: contents, tables as the terminal shows them, captioned figures, a robot that turns.
 
-Nothing is requested when it is opened: pictures, style and viewer are inside. The viewer, ``templates/view.js``, is plain
-WebGL of a few hundred lines; a picture stands in its place without it.
+Nothing is requested when it is opened: pictures, style and viewer are inside. The viewer, ``templates/view.js``, is
+plain WebGL of a few hundred lines; a picture stands in its place without it.
 """
 
 from __future__ import annotations

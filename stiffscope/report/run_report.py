@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from stiffscope import files
 from stiffscope.report import page
 from stiffscope.report.page import RobotView, Section
@@ -163,6 +161,6 @@ def _origin(folder: Path) -> Section:
 def _write(folder: Path, assembled: Assembled, what: str, sections: list[Section]) -> None:
     robot = assembled.robot
     sources = ", ".join(f"{part}: {source}" for part, source in assembled.sources.items()) or "rigid parts"
-    place = np.array2string(np.array(assembled.mechanism.gravity), precision=4, separator=", ")
-    facts = [f"parts: {sources}", "SI units at the tool point M in base axes {O}", f"gravity {place} m/s²"]
+    weight = ", ".join(f"{g:z.4g}" for g in assembled.mechanism.gravity)
+    facts = [f"parts: {sources}", "SI units at the tool point M in base axes {O}", f"gravity ({weight}) m/s²"]
     page.write_page(folder / REPORT, f"{robot.name}: {what}", facts, sections)

@@ -85,7 +85,7 @@
     const first = [0];
     data.poses.forEach((pose) => first.push(first[first.length - 1] + pose.cases.length));
 
-    const now = { pose: 0, chosen: 0, turn: TURN, tilt: TILT, zoom: 1, time: 0, centre: [0, 0, 0], radius: 1 };
+    const now = { pose: 0, chosen: 0, turn: TURN, tilt: TILT, zoom: 1, time: 0, centre: [0, 0, 0], radius: 1, fit: 1 };
     const home = (node, pose) => {
       if (!number.has(node)) return GROUND;
       const start = 12 * (pose * nodes + number.get(node));
@@ -114,6 +114,18 @@
       }
       now.centre = low.map((c, i) => (c + high[i]) / 2);
       now.radius = Math.max(...corners.map((x) => Math.hypot(...x.map((c, i) => c - now.centre[i]))));
+      const { turn, tilt, zoom } = now;
+      Object.assign(now, { turn: TURN, tilt: TILT, zoom: 1, fit: 1 });
+      const { camera, scale } = projection();
+      const seen = corners.flatMap((x) => { const y = times(camera, x.map((c, i) => c - now.centre[i])); return [Math.abs(y[0]) * scale[0], Math.abs(y[1]) * scale[1]]; });
+      Object.assign(now, { turn, tilt, zoom, fit: Math.max(1, 0.88 / Math.max(...seen)) });
+    }
+    function projection() {
+      const wide = canvas.clientWidth, high = canvas.clientHeight, size = now.zoom * now.fit / now.radius;
+      const [ca, sa, cp, sp] = [Math.cos(now.turn), Math.sin(now.turn), Math.cos(now.tilt), Math.sin(now.tilt)];
+      const away = [cp * sa, -cp * ca, sp], right = [ca, sa, 0], up = cross(away, right);
+      return { camera: [right, up, away].flatMap((axis) => times(data.upright, axis)),
+        scale: [size * Math.min(1, high / wide), size * Math.min(1, wide / high), 0.2 / now.radius] };
     }
     const current = () => data.poses[now.pose].cases[now.chosen];
     const slider = one("slider"), move = one("move"), colour = one("colour"), before = one("before");
@@ -141,10 +153,7 @@
       if (canvas.width !== wide || canvas.height !== high) { canvas.width = wide; canvas.height = high; }
       gl.viewport(0, 0, wide, high); gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
       const factor = amount() * (move.checked ? Math.sin(now.time) : 1);
-      const [ca, sa, cp, sp] = [Math.cos(now.turn), Math.sin(now.turn), Math.cos(now.tilt), Math.sin(now.tilt)];
-      const away = [cp * sa, -cp * ca, sp], right = [ca, sa, 0], up = cross(away, right);
-      const camera = [right, up, away].flatMap((axis) => times(data.upright, axis));
-      const size = now.zoom / now.radius, scale = [size * Math.min(1, high / wide), size * Math.min(1, wide / high), 0.2 / now.radius];
+      const { camera, scale } = projection();
       gl.uniformMatrix3fv(uniform.camera, true, camera);
       gl.uniform3fv(uniform.centre, now.centre); gl.uniform3fv(uniform.scale, scale);
       gl.vertexAttrib3f(1, 0, 0, 1);
