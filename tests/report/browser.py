@@ -6,6 +6,7 @@ import io
 import itertools
 import json
 import os
+import select
 import shutil
 import subprocess
 import tempfile
@@ -19,7 +20,7 @@ FLAGS = (
     *("--headless", "--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader", "--hide-scrollbars"),
     *("--no-first-run", "--disable-extensions", "--disable-background-networking", "--remote-debugging-pipe"),
 )
-TIME_LIMIT = 60.0
+TIME_LIMIT = 20.0
 
 
 class Tab:
@@ -49,6 +50,8 @@ class Tab:
 
     def _next(self):
         while b"\0" not in self._left:
+            ready, _, _ = select.select([self._replies], [], [], TIME_LIMIT)
+            assert ready, "the browser does not answer"
             piece = os.read(self._replies, 1 << 20)
             assert piece, "the browser has ended"
             self._left += piece
