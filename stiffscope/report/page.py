@@ -26,6 +26,10 @@ BUTTONS = (
     ("left", "◀", "Turn left"), ("right", "▶", "Turn right"), ("up", "▲", "Tilt up"), ("down", "▼", "Tilt down"),
     ("nearer", "+", "Zoom in"), ("farther", "−", "Zoom out"), ("reset", "↺", "Initial view"),
 )  # fmt: skip
+HOW = (
+    "Drag to turn, or use the arrow keys; + and − to zoom. Displacements are multiplied by the factor at the slider, "
+    "and interpolated between the ends of elastic bodies as a beam bends."
+)
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,7 @@ class RobotView:
     """Deformation at first, in percent of what is well seen."""
 
     buttons = BUTTONS
+    how = HOW
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.report.drawing.geometry import base64_of
+from stiffscope.report.numbers import NEGLIGIBLE
 from stiffscope.report.robot_scene import exaggeration, moves, pose_text
 from stiffscope.vjm.statics import respond
 
@@ -110,7 +111,9 @@ def _solved(mechanism: Mechanism, one: Configurations, chosen: Sequence[int]) ->
             name: float(e.energy[0, column]) for name, e in done.elements.items() if e.element.factor.shape[1]
         }  # elements that yield
         total = sum(energy.values())
-        note = f"tool moves {1e6 * np.linalg.norm(tool[:3]):.4g} µm, turns {1e6 * np.linalg.norm(tool[3:]):.4g} µrad"
+        sizes = np.array([np.linalg.norm(tool[:3]), np.linalg.norm(tool[3:])])
+        sizes[sizes < NEGLIGIBLE * sizes.max()] = 0.0  # rounding
+        note = f"tool moves {1e6 * sizes[0]:.4g} µm, turns {1e6 * sizes[1]:.4g} µrad"
         twists = {node: twist[0, :, column] for node, twist in done.nodes.items()}
         cases.append(Case(LOADS[k], note, twists, {n: e / total for n, e in energy.items()} if total > 0.0 else {}))
     return cases

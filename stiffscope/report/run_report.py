@@ -26,10 +26,6 @@ if TYPE_CHECKING:
 REPORT, GEOMETRY = "report.html", "geometry.json"
 ENERGY = "share of the strain energy"
 STILLS = 6  # pictures of modes inside the page; the viewer has all of them
-HOW = (
-    "Drag to turn, or use the arrow keys; + and − to zoom. Displacements are multiplied by the factor at the slider, "
-    "and interpolated between the ends of elastic bodies as a beam bends."
-)
 
 
 def write_run_report(folder: Path, assembled: Assembled, parts: Sequence[Shown], robot: Sequence[Shown]) -> None:
@@ -99,7 +95,7 @@ def _view(
         f"the robot in three dimensions: turn it with the arrow keys; pose, {choice} and deformation are chosen below"
     )
     shown = "under unit wrenches at M" if choice == "load" else "in its mode shapes"
-    caption = f"The robot {shown}, components coloured by their {ENERGY}. {HOW}"
+    caption = f"The robot {shown}, components coloured by their {ENERGY}."
     return RobotView(data, caption, words, still)
 
 

@@ -29,7 +29,11 @@
       float light = 0.45 + 0.40 * max(dot(n, vec3(-0.30, 0.45, 0.84)), 0.0) + 0.22 * n.z;
       shown = vec4(colour.rgb * mix(1.0, light, lit) * colour.a, colour.a);
     }`;
-  const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
+  const bytes = (text) => {
+    const plain = atob(text), out = new Uint8Array(plain.length);
+    for (let k = 0; k < out.length; k++) out[k] = plain.charCodeAt(k);
+    return out.buffer;
+  };
   const floats = (text) => new Float32Array(bytes(text));
   const rgb = (hex) => [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16) / 255);
   const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
@@ -69,7 +73,7 @@
     const meshes = data.meshes.map((mesh) => {
       const points = floats(mesh.points), faces = new Uint32Array(bytes(mesh.faces)), edges = floats(mesh.edges);
       const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
-      points.forEach((x, k) => { low[k % 3] = Math.min(low[k % 3], x); high[k % 3] = Math.max(high[k % 3], x); });
+      for (let k = 0; k < points.length; k++) { const i = k % 3, x = points[k]; if (x < low[i]) low[i] = x; if (x > high[i]) high[i] = x; }
       return { solid: array(points, new Int8Array(bytes(mesh.normals)), faces), count: faces.length,
         lines: array(edges), ends: edges.length / 3, low, high };
     });
@@ -118,7 +122,7 @@
       Object.assign(now, { turn: TURN, tilt: TILT, zoom: 1, fit: 1 });
       const { camera, scale } = projection();
       const seen = corners.flatMap((x) => { const y = times(camera, x.map((c, i) => c - now.centre[i])); return [Math.abs(y[0]) * scale[0], Math.abs(y[1]) * scale[1]]; });
-      Object.assign(now, { turn, tilt, zoom, fit: Math.max(1, 0.88 / Math.max(...seen)) });
+      Object.assign(now, { turn, tilt, zoom, fit: Math.min(1.4, Math.max(1, 0.88 / Math.max(...seen))) });
     }
     function projection() {
       const wide = canvas.clientWidth, high = canvas.clientHeight, size = now.zoom * now.fit / now.radius;
