@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import logging
 import shutil
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -154,13 +155,14 @@ def map_(
     files.check_output(out)
     manifest = manifest_of(robot)
     made = shown_assembly(robot, components, quiet=quiet)
-    with files.staged_folder(out) as folder:
+    with files.staged_folder(out) as folder, ThreadPoolExecutor(1) as pool:
+        drawn = pool.submit(draw_named_poses, made, folder)  # in a process of its own
         found = maps.robot_map(robot, made.mechanism, points, gravity, count)
         maps.write_map(found, folder, f"{robot.name}: stiffness over the workspace, gravity {gravity}")
         figures = _figures(gravity, maps.held_text(found), frequencies=bool(count))
         for title, stem, draw in figures:
             draw(found, robot.poses, f"{robot.name}: {title}", folder / f"{stem}.png", folder / f"{stem}.svg")
-        draw_named_poses(made, folder)
+        drawn.result()
         manifest.write(folder)
         write_map_report(folder, made, {stem: title for title, stem, _ in figures})
     if not quiet:
