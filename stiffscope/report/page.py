@@ -78,7 +78,7 @@ def figure(image: Path, caption: str, words: str) -> Figure:
 
     out = io.BytesIO()
     with Image.open(image) as picture:
-        picture.convert("RGB").save(out, "WEBP", quality=QUALITY, method=2)
+        picture.convert("RGB").save(out, "WEBP", quality=QUALITY, method=0)
         size = picture.size
     return Figure(f"data:image/webp;base64,{base64.b64encode(out.getvalue()).decode()}", size, caption, words)
 
