@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import logging
 import shutil
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -137,9 +138,11 @@ def map_(
     name: str, out: Path, *, components: Any, gravity: Any, overrides: tuple[str, ...], points: int, count: int,
     quiet: bool,
 ) -> None:  # fmt: skip
-    """Stiffness over what [map] of the robot file sweeps: figures and numbers."""
+    """Stiffness over what [map] of the robot file sweeps: figures, numbers, a report."""
     from stiffscope.cli.showing import shown_assembly
     from stiffscope.report import maps, tables
+    from stiffscope.report.kept_pictures import draw_named_poses
+    from stiffscope.report.run_report import write_map_report
     from stiffscope.robot.inspection import configured_poses, rigid_mechanism
     from stiffscope.robot.reader import load_robot
 
@@ -151,13 +154,17 @@ def map_(
     configured_poses(robot, moving, moving.tool.home)  # before any experiment
     files.check_output(out)
     manifest = manifest_of(robot)
-    mechanism = shown_assembly(robot, components, quiet=quiet).mechanism
-    with files.staged_folder(out) as folder:
-        found = maps.robot_map(robot, mechanism, points, gravity, count)
+    made = shown_assembly(robot, components, quiet=quiet)
+    with files.staged_folder(out) as folder, ThreadPoolExecutor(1) as pool:
+        drawn = pool.submit(draw_named_poses, made, folder)  # in a process of its own
+        found = maps.robot_map(robot, made.mechanism, points, gravity, count)
         maps.write_map(found, folder, f"{robot.name}: stiffness over the workspace, gravity {gravity}")
-        for title, stem, draw in _figures(gravity, maps.held_text(found), frequencies=bool(count)):
+        figures = _figures(gravity, maps.held_text(found), frequencies=bool(count))
+        for title, stem, draw in figures:
             draw(found, robot.poses, f"{robot.name}: {title}", folder / f"{stem}.png", folder / f"{stem}.svg")
+        drawn.result()
         manifest.write(folder)
+        write_map_report(folder, made, {stem: title for title, stem, _ in figures})
     if not quiet:
         tables.show_line(f"Written to {out}")
 
@@ -170,12 +177,14 @@ def run(
     """The whole chain: parts, robot, tables, pictures.
 
     Builds the parts in CAD, meshes them, runs their virtual experiments, assembles the robot, and writes
-    pictures, fields, matrices and a manifest to DIR. What was computed before is reused.
+    report.html, pictures, fields, matrices and a manifest to DIR. What was computed before is reused.
     """
     from stiffscope.cli.showing import shown_workshop, warn_of
     from stiffscope.jobs.assembly import assemble_robots, at_named_poses, check_reach
     from stiffscope.report import tables
     from stiffscope.report.kept_pictures import write_run_pictures
+    from stiffscope.report.run_report import write_run_report
+    from stiffscope.report.terminal import recorded
     from stiffscope.robot.reader import load_robot
 
     robot = load_robot(name, overrides, tolerance)
@@ -199,11 +208,18 @@ def run(
         write_run_pictures(now, folder, shop.cache, manifest)
         manifest.seconds["robot"] = manifest.elapsed() - manifest.seconds["parts"]
         manifest.write(folder)
+        report("report", 0.9)
+        with recorded() as parts:
+            _show_parts(now)
+        with recorded() as shown:
+            _show_robot(now, states)
+        write_run_report(folder, now, parts, shown)
         report("done", 1.0)
     if quiet:
         warn_of(now.results.values())
     else:
-        _show_run(now, states)
+        _show_parts(now)
+        _show_robot(now, states)
         tables.show_line(f"Written to {out} in {manifest.elapsed():.1f} s")
 
 
@@ -238,8 +254,8 @@ def _write_robot(assembled: Assembled, state: Stiffness, folder: Path) -> None:
     files.write_json(folder / "robot.json", plain_robot(robot))
 
 
-def _show_run(now: Assembled, states: Mapping[str, Stiffness]) -> None:
-    """The tables at the end of a run."""
+def _show_parts(now: Assembled) -> None:
+    """The tables of the parts at the end of a run."""
     from stiffscope.cli.showing import show_compliance
     from stiffscope.report import tables
 
@@ -248,6 +264,12 @@ def _show_run(now: Assembled, states: Mapping[str, Stiffness]) -> None:
     for name, result in now.results.items():
         if now.sources[name] == "fea":
             show_compliance(now.robot, result)
+
+
+def _show_robot(now: Assembled, states: Mapping[str, Stiffness]) -> None:
+    """The tables of the robot at the end of a run."""
+    from stiffscope.report import tables
+
     names, state = list(now.robot.poses), states["now"]
     tables.show_stiffness(names, state, title=f"Stiffness at M ({_made_of(now)})")
     if "before" in states:

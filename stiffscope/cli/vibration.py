@@ -13,10 +13,12 @@ from stiffscope.errors import InputError
 from stiffscope.jobs.manifest import manifest_of
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from stiffscope.vjm.frequency_response import Port
     from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.modes import Modes
 
 drives = click.option(
     "--drives", type=click.Choice(("held", "free")), default="held", show_default=True,
@@ -30,7 +32,7 @@ drives = click.option(
     "--count", default=6, show_default=True, type=click.IntRange(1, 200),
     help="How many modes, free motions of the tool or of drives (0 Hz) among them.",
 )  # fmt: skip
-@options.folder("--out", "Folder to write: pictures and animations of the shapes, complete or absent.")
+@options.folder("--out", "Folder to write: report, pictures and animations of the shapes, complete or absent.")
 def modes(
     name: str, *, poses: tuple[str, ...], joints: tuple[str, ...], components: Any, drives: Any,
     overrides: tuple[str, ...], target: str | None, count: int, out: Path | None, quiet: bool,
@@ -43,6 +45,8 @@ def modes(
     from stiffscope.cli.showing import shown_assembly
     from stiffscope.report import tables
     from stiffscope.report.mode_pictures import draw_modes, modes_json
+    from stiffscope.report.run_report import write_modes_report
+    from stiffscope.report.terminal import recorded
     from stiffscope.robot.reader import load_robot
     from stiffscope.vjm.modes import modes as modes_of
 
@@ -58,12 +62,13 @@ def modes(
             draw_modes(made, asked.names, found, folder)
             files.write_json(folder / "modes.json", modes_json(found))
             manifest.write(folder)
+            with recorded() as shown:
+                _show_modes(asked.names, found, drives)
+            write_modes_report(folder, made, asked.names, found, shown)
     if target:
         files.write_json(target, modes_json(found))
     if not quiet and target != "-":
-        tables.show_modes(asked.names, found, f"Natural frequencies, drives {drives}")
-        for remark in found.remarks:
-            tables.show_line(remark)
+        _show_modes(asked.names, found, drives)
         if out is not None:
             tables.show_line(f"Written to {out}")
 
@@ -128,6 +133,14 @@ def frf(
         manifest.write(folder)
     if not quiet:
         tables.show_line(f"Written to {out}")
+
+
+def _show_modes(names: Sequence[str], found: Modes, drives: str) -> None:
+    from stiffscope.report import tables
+
+    tables.show_modes(names, found, f"Natural frequencies, drives {drives}")
+    for remark in found.remarks:
+        tables.show_line(remark)
 
 
 def _band(text: str | None) -> tuple[float, float] | None:

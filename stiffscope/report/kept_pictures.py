@@ -18,6 +18,7 @@ from stiffscope.jobs.results import EXPERIMENT
 from stiffscope.report import maps
 from stiffscope.report.pictures import PictureError, draw
 from stiffscope.report.robot_scene import deformed, exaggeration, moves, picture, pose_text, scene
+from stiffscope.report.run_report import GEOMETRY
 from stiffscope.vjm.kinematics import configure
 
 if TYPE_CHECKING:
@@ -61,6 +62,14 @@ def write_run_pictures(assembled: Assembled, folder: Path, cache: Cache, manifes
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
+
+
+def draw_named_poses(assembled: Assembled, folder: Path) -> None:
+    """The robot at its poses, else at home; where this machine cannot draw, say so and leave it out."""
+    try:
+        _draw_poses(assembled, folder)
+    except PictureError as error:
+        log.warning("%s", error)
 
 
 def draw_shares(assembled: Assembled, diagnosis: Diagnosis, poses: np.ndarray, folder: Path) -> None:
@@ -180,14 +189,15 @@ def _draw_map(assembled: Assembled, folder: Path) -> None:
 
 def _draw_poses(assembled: Assembled, folder: Path) -> None:
     robot, mechanism = assembled.robot, assembled.mechanism
-    found = configure(mechanism, list(robot.poses.values()))
+    poses = robot.poses or {"home": mechanism.tool.home}
+    found = configure(mechanism, list(poses.values()))
     shown = [
         picture(
             f"robot_{name}.png", f"{robot.name} at {name}: {pose_text(mechanism, pose)}", moves(mechanism, found, k)
         )
-        for k, (name, pose) in enumerate(robot.poses.items())
+        for k, (name, pose) in enumerate(poses.items())
     ]
-    draw("robot", folder, pictures=shown, **scene(robot, mechanism, _experiments(assembled)))
+    draw("robot", folder, pictures=shown, geometry=GEOMETRY, **scene(robot, mechanism, _experiments(assembled)))
 
 
 def _draw_robot(

@@ -11,6 +11,7 @@ import numpy as np
 from stiffscope.jobs.results import EXPERIMENT
 from stiffscope.report.pictures import PictureError, draw
 from stiffscope.report.robot_scene import deformed, exaggeration, moves, picture, scene
+from stiffscope.report.run_report import GEOMETRY
 from stiffscope.vjm.network import END, FOOT
 
 if TYPE_CHECKING:
@@ -74,8 +75,14 @@ def draw_modes(assembled: Assembled, names: Sequence[str], found: Modes, folder:
             moving.append({"file": f"{stem}.gif", "title": title, "frames": frames, "order": order, **coloured})
     jobs = [(what, shown[k : k + _TOGETHER]) for what, shown in (("animation", moving), ("robot", stills))
             for k in range(0, len(shown), _TOGETHER)]  # fmt: skip
+    first = next((k for k, (what, _) in enumerate(jobs) if what == "robot"), -1)
     with ThreadPoolExecutor(2) as pool:
-        drawn = [pool.submit(draw, what, folder, pictures=shown, **arguments) for what, shown in jobs]
+        drawn = [
+            pool.submit(
+                draw, what, folder, pictures=shown, **arguments, **({"geometry": GEOMETRY} if k == first else {})
+            )
+            for k, (what, shown) in enumerate(jobs)
+        ]
     for each in drawn:
         try:
             each.result()

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
 from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
+    from collections.abc import Collection, Iterator, Sequence
 
     from rich.console import Console
     from rich.table import Table
@@ -22,8 +25,36 @@ ASCII = str.maketrans(
 )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class Shown:
+    """A table as it was shown, or a line of prose: its title without columns."""
+
+    title: str
+    columns: tuple[str, ...] = ()
+    rows: tuple[tuple[str, ...], ...] = ()
+    prose: frozenset[str] = frozenset()
+
+
+_recorder: ContextVar[list[Shown] | None] = ContextVar("recorder", default=None)
+
+
+@contextmanager
+def recorded() -> Iterator[list[Shown]]:
+    """Gather what is shown meanwhile instead of printing it: a page shows the same tables as the terminal."""
+    shown: list[Shown] = []
+    token = _recorder.set(shown)
+    try:
+        yield shown
+    finally:
+        _recorder.reset(token)
+
+
 def show_line(text: str, style: str | None = None) -> None:
     """Print a line of prose: wrapped on a terminal, whole in a file."""
+    recorder = _recorder.get()
+    if recorder is not None:
+        recorder.append(Shown(text.strip()))
+        return
     out = _console()
     out.print(in_encoding(text, out.encoding), style=style, soft_wrap=not out.is_terminal)
 
@@ -45,6 +76,11 @@ def show_table(
         Columns of words: left-aligned, and folded instead of widening the table.
 
     """
+    recorder = _recorder.get()
+    if recorder is not None:
+        columns = tuple(name for group in groups for name in group)
+        recorder.append(Shown(title, columns, tuple(tuple(row) for row in rows), frozenset(prose)))
+        return
     out = _console()
     names = [in_encoding(name, out.encoding) for group in groups for name in group]
     cells = [[in_encoding(cell, out.encoding) for cell in row] for row in rows]

@@ -5,11 +5,13 @@ Everything is given at home in base axes; a picture says how each node has moved
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stiffscope.report.drawing.camera import new_plotter, shot, view_of
+from stiffscope.report.drawing.geometry import packed
 from stiffscope.report.drawing.solids import DRIVEN, PASSIVE, RIGID, extent, part_colours, solids_of, upright
 
 if TYPE_CHECKING:
@@ -31,6 +33,7 @@ WIDTH, ABOVE, BELOW = 1200, 42, 34  # pixels: of the picture, of its title, of i
 MOVING, PERIOD = 720, 1280  # pixels across, and milliseconds of a vibration, of an animation
 LONG = 95  # characters of a title, from which it is smaller
 MARKS = {"sensor": "#8e24aa", "load": "#ef6c00"}
+SHADES = 9  # of a scale, for a page's viewer
 _NAMED = 5  # parts in the key, at most
 
 
@@ -44,6 +47,7 @@ def robot(
     shares: dict[str, float] | None = None,
     scale: str = "share",
     marks: list[dict[str, Any]] | None = None,
+    geometry: str | None = None,
 ) -> None:
     """The robot, one picture for each {file, title, moves, before}; `stiffscope.report.robot_scene` makes all of it.
 
@@ -68,11 +72,17 @@ def robot(
     marks
         {kind, node, at, direction}: arrows at points (3,) of nodes at home, along directions (3,) in base axes, of the
         kinds "sensor" and "load".
+    geometry
+        JSON file to write the solids to, for a page's viewer.
 
     """
     upward, home = np.array(up, float), np.array(tool["at"], float)
     solids = solids_of(bodies, joints, tool, upward)
     reach = extent(bodies, joints, tool)
+    if geometry is not None:
+        shades = [share_colour(k / (SHADES - 1), 1.0) for k in range(SHADES)]
+        colours = {"shades": shades, "no_share": NO_SHARE, "key": _meanings(bodies), "tool": tool}
+        (folder / geometry).write_text(json.dumps({**packed(solids, upward, reach), **colours}))
     for picture in pictures:
         moves, before = _moves(picture["moves"]), picture.get("before")
         rotation, position = moves[tool["node"]]
@@ -137,7 +147,7 @@ def _by_colour(solids: list[Solid], moves: Moves, shares: dict[str, float] | Non
     groups: dict[str, list[pv.PolyData]] = {}
     most = max((shares or {}).values(), default=1.0)
     for solid in solids:
-        colour = solid.colour if shares is None else _share_colour(shares.get(solid.element), most)
+        colour = solid.colour if shares is None else share_colour(shares.get(solid.element), most)
         groups.setdefault(colour, []).append(solid.moved(moves))
     return {colour: _joined(shapes) for colour, shapes in groups.items()}
 
@@ -228,18 +238,23 @@ def _explain(
 ) -> None:
     """What the colours mean."""
     if shares is None:
-        _key(figure, part_colours(bodies), {kind: MARKS[kind] for kind in marks or []})
+        _key(figure, {**_meanings(bodies), **{kind: MARKS[kind] for kind in marks or []}})
     else:
         _share_bar(figure, scale, max(shares.values(), default=1.0))
 
 
-def _key(figure: Figure, colours: dict[str, str], marks: dict[str, str]) -> None:
-    from matplotlib.patches import Patch
-
+def _meanings(bodies: list[dict[str, Any]]) -> dict[str, str]:
+    """Colours by what they mean."""
+    colours = part_colours(bodies)
     named = dict(list(colours.items())[:_NAMED])
     if len(colours) > _NAMED:
         named[f"{list(colours)[_NAMED]}, …"] = list(colours.values())[_NAMED]
-    entries = {**named, "rigid": RIGID, "joint": PASSIVE, "drive": DRIVEN, **marks}
+    return {**named, "rigid": RIGID, "joint": PASSIVE, "drive": DRIVEN}
+
+
+def _key(figure: Figure, entries: dict[str, str]) -> None:
+    from matplotlib.patches import Patch
+
     handles = [Patch(facecolor=colour, label=name) for name, colour in entries.items()]
     key = figure.legend(
         handles=handles, loc="lower left", ncols=len(handles), frameon=False, fontsize=10, handlelength=1.0,
@@ -261,7 +276,8 @@ def _share_bar(figure: Figure, scale: str, most: float) -> None:
     figure.text(left - 12 * across, 18 * pixel, f"{scale}, %", fontsize=10, color="#5a6570", ha="right")
 
 
-def _share_colour(share: float | None, most: float) -> str:
+def share_colour(share: float | None, most: float) -> str:
+    """Colour of a share on a scale that ends at the largest; grey without one."""
     from matplotlib import colormaps
     from matplotlib.colors import to_hex
 

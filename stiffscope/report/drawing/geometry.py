@@ -1,0 +1,87 @@
+"""The solids of a robot as plain numbers for the viewer of a page: meshes once each, and the bodies that show them."""
+
+from __future__ import annotations
+
+import base64
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.report.drawing.solids import upright
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import pyvista as pv
+    from numpy.typing import NDArray
+
+    from stiffscope.report.drawing.solids import Solid
+
+    Floats = NDArray[np.float64]
+
+TRIANGLES, ALL_TRIANGLES, FEWEST = 24_000, 120_000, 400  # of a mesh, of all together, below which none is thinned
+SHARP = 35.0  # degrees, from which an edge is one
+
+
+def packed(solids: Sequence[Solid], up: Floats, reach: float) -> dict[str, Any]:
+    """Return what a page's viewer shows, at home: `meshes`, `solids`, size and vertical.
+
+    A mesh has points (float32), faces (uint32), normals (int8, of 127) and pairs of points of its sharp edges
+    (float32), base64 each, m; a solid shows it at ``axes x + base`` and moves with its one or two ``nodes``.
+    """
+    shapes: list[pv.PolyData] = []
+    placed: list[dict[str, Any]] = []
+    for solid in solids:
+        axes, base, shape = _own_axes(solid)
+        same = (k for k, other in enumerate(shapes) if _alike(shape, other))
+        k = next(same, len(shapes))
+        if k == len(shapes):
+            shapes.append(shape)
+        placed.append({
+            "mesh": k, "element": solid.element, "colour": solid.colour, "nodes": list(solid.nodes),
+            "axes": axes.ravel().tolist(), "base": base.tolist(), "length": solid.length,
+        })  # fmt: skip
+    limit = max(FEWEST, min(TRIANGLES, ALL_TRIANGLES // max(len(shapes), 1)))
+    return {
+        "meshes": [_mesh(_thinned(shape, limit)) for shape in shapes],
+        "solids": placed,
+        "upright": upright(up).ravel().tolist(),
+        "reach": reach,
+    }
+
+
+def base64_of(values: Any, kind: str = "<f4") -> str:
+    """Return an array's numbers in base64, by default as float32."""
+    return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode()
+
+
+def _own_axes(solid: Solid) -> tuple[Floats, Floats, pv.PolyData]:
+    """A solid in axes in which its like, elsewhere on the robot, has the same points."""
+    points = np.asarray(solid.surface.points, float)
+    axes = np.eye(3) if solid.axes is None else np.asarray(solid.axes, float)
+    base = points.mean(axis=0) if solid.base is None else np.asarray(solid.base, float)
+    shape = solid.surface.copy()
+    shape.points = (points - base) @ axes
+    return axes, base, shape
+
+
+def _alike(one: pv.PolyData, other: pv.PolyData) -> bool:
+    return one.n_points == other.n_points and np.allclose(one.points, other.points, rtol=0.0, atol=1e-6)
+
+
+def _thinned(shape: pv.PolyData, limit: int) -> pv.PolyData:
+    """A surface of at most about so many triangles."""
+    return shape if shape.n_cells <= limit else shape.decimate(1.0 - limit / shape.n_cells)
+
+
+def _mesh(shape: pv.PolyData) -> dict[str, str]:
+    """A surface with normals that jump at sharp edges."""
+    lines = shape.extract_feature_edges(SHARP, boundary_edges=False, manifold_edges=False, non_manifold_edges=False)
+    pairs = np.asarray(lines.lines).reshape(-1, 3)[:, 1:]
+    smooth: Any = shape.compute_normals(cell_normals=False, split_vertices=True, feature_angle=SHARP)
+    return {
+        "points": base64_of(smooth.points),
+        "normals": base64_of(np.round(127.0 * np.asarray(smooth["Normals"])), "i1"),
+        "faces": base64_of(smooth.regular_faces, "<u4"),
+        "edges": base64_of(np.asarray(lines.points)[pairs]),
+    }

@@ -1,0 +1,99 @@
+"""A report as one HTML file: contents, tables as the terminal shows them, captioned figures, a robot that turns.
+
+Nothing is requested when it is opened: pictures, style and viewer are inside. The viewer, ``templates/view.js``, is
+plain WebGL of a few hundred lines; a picture stands in its place without it.
+"""
+
+from __future__ import annotations
+
+import base64
+import functools
+import io
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from jinja2 import Environment
+
+    from stiffscope.report.terminal import Shown
+
+QUALITY = 86  # of pictures inside a page, WebP
+WIDE = 1000  # pixels, from which a picture scrolls on a phone
+BUTTONS = (
+    ("left", "◀", "Turn left"), ("right", "▶", "Turn right"), ("up", "▲", "Tilt up"), ("down", "▼", "Tilt down"),
+    ("nearer", "+", "Zoom in"), ("farther", "−", "Zoom out"), ("reset", "↺", "Initial view"),
+)  # fmt: skip
+HOW = (
+    "Drag to turn, or use the arrow keys; + and − to zoom. Displacements are multiplied by the factor at the slider, "
+    "and interpolated between the ends of elastic bodies as a beam bends."
+)
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A picture inside the page: its data address, size in pixels, caption, and what to say where it is not seen."""
+
+    source: str
+    size: tuple[int, int]
+    caption: str
+    words: str
+
+    @property
+    def wide(self) -> bool:
+        """Whether it scrolls on a phone."""
+        return self.size[0] >= WIDE
+
+
+@dataclass(frozen=True)
+class RobotView:
+    """The robot that turns: data of `stiffscope.report.robot_view.robot_view`, and the picture in its place."""
+
+    data: Mapping[str, Any]
+    caption: str
+    words: str
+    still: Figure | None = None
+    start: int = 100
+    """Deformation at first, in percent of what is well seen."""
+
+    buttons = BUTTONS
+    how = HOW
+
+
+@dataclass(frozen=True)
+class Section:
+    """What stands under one heading, in this order."""
+
+    heading: str
+    tables: Sequence[Shown] = ()
+    figures: Sequence[Figure] = ()
+    view: RobotView | None = field(default=None, kw_only=True)
+
+
+def figure(image: Path, caption: str, words: str) -> Figure:
+    """Take a picture file, such as a PNG, into a page; ``words`` is its text alternative."""
+    from PIL import Image
+
+    out = io.BytesIO()
+    with Image.open(image) as picture:
+        picture.convert("RGB").save(out, "WEBP", quality=QUALITY, method=0)
+        size = picture.size
+    return Figure(f"data:image/webp;base64,{base64.b64encode(out.getvalue()).decode()}", size, caption, words)
+
+
+def write_page(target: Path, title: str, facts: Sequence[str], sections: Sequence[Section]) -> None:
+    """Write a page of sections to a file; facts stand in a line below the title."""
+    page = templates().get_template("report.html")
+    target.write_text(page.render(title=title, facts=facts, sections=sections).lstrip(), encoding="utf-8")
+
+
+@functools.cache
+def templates() -> Environment:
+    """Return the templates beside this file, which escape all text."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    return Environment(
+        loader=PackageLoader("stiffscope.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )

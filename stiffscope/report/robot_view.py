@@ -1,0 +1,134 @@
+"""What a page's viewer needs besides the solids: where nodes are at each pose, and how loads or modes move them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.report.drawing.geometry import base64_of
+from stiffscope.report.numbers import NEGLIGIBLE
+from stiffscope.report.robot_scene import exaggeration, moves, pose_text
+from stiffscope.vjm.statics import respond
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from stiffscope.vjm.kinematics import Configurations
+    from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.modes import Modes
+
+LOADS = ("fx = 1 N", "fy = 1 N", "fz = 1 N", "mx = 1 N·m", "my = 1 N·m", "mz = 1 N·m")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A load or mode at a pose: twists (6,) of nodes at M in base axes, and shares of elements, none for no colours."""
+
+    label: str
+    note: str
+    twists: Mapping[str, np.ndarray]
+    shares: Mapping[str, float]
+
+
+def robot_view(
+    geometry: Mapping[str, Any],
+    found: Configurations,
+    names: Sequence[str],
+    cases: Sequence[Sequence[Case]],
+    *,
+    choice: str,
+    quantity: str = "share of the strain energy",
+    moving: bool = False,
+) -> dict[str, Any]:
+    """Return the data of a page's viewer, as JSON knows it.
+
+    Parameters
+    ----------
+    geometry
+        The solids, as `stiffscope.report.drawing.geometry.packed` gives them.
+    found, names
+        The robot at n poses, and their names.
+    cases
+        What there is to choose at each pose.
+    choice, quantity
+        What is chosen ("load", "mode"), and of what the shares are.
+    moving
+        Whether the viewer begins with a vibration.
+
+    """
+    mechanism = found.mechanism
+    nodes = [node for body in mechanism.bodies for node in body.nodes]
+    flat = [case for each in cases for case in each]
+    elements = sorted({element for case in flat for element in case.shares})
+    poses: list[dict[str, Any]] = []
+    placed = np.zeros((len(names), len(nodes), 12))
+    for k, (name, each) in enumerate(zip(names, cases, strict=True)):
+        moved, at = moves(mechanism, found, k), found.tool[k, :3]
+        placed[k] = [np.append(rotation, position) for rotation, position in (moved[node] for node in nodes)]
+        listed = [
+            {"label": c.label, "note": c.note, "factor": exaggeration(mechanism, moved, c.twists, at),
+             "coloured": bool(c.shares)}
+            for c in each
+        ]  # fmt: skip
+        place = pose_text(mechanism, found.poses[k])
+        poses.append({"name": name, "place": place, "at": np.round(at, 7).tolist(), "cases": listed})
+    twists = [[case.twists.get(node, np.zeros(6)) for node in nodes] for case in flat]
+    shares = [[case.shares.get(element, 0.0) for element in elements] for case in flat]
+    return {
+        **geometry, "nodes": nodes, "elements": elements, "poses": poses, "choice": choice, "quantity": quantity,
+        "moving": moving, "moves": base64_of(placed), "twists": base64_of(twists), "shares": base64_of(shares),
+    }  # fmt: skip
+
+
+def unit_wrenches(mechanism: Mechanism, found: Configurations) -> list[list[Case]]:
+    """The six unit wrenches at M at each pose; those under which the tool moves freely are left out."""
+    return [_wrenches(mechanism, found[np.array([k])]) for k in range(len(found))]
+
+
+def _wrenches(mechanism: Mechanism, one: Configurations) -> list[Case]:
+    try:
+        return _solved(mechanism, one, range(6))
+    except InputError:
+        pass
+    cases: list[Case] = []
+    for k in range(6):
+        try:
+            cases += _solved(mechanism, one, [k])
+        except InputError:
+            continue
+    return cases
+
+
+def _solved(mechanism: Mechanism, one: Configurations, chosen: Sequence[int]) -> list[Case]:
+    done = respond(mechanism, one, np.eye(6)[:, list(chosen)])
+    cases = []
+    for column, k in enumerate(chosen):
+        tool = done.twist[0, :, column]
+        energy = {
+            name: float(e.energy[0, column]) for name, e in done.elements.items() if e.element.factor.shape[1]
+        }  # elements that yield
+        total = sum(energy.values())
+        sizes = np.array([np.linalg.norm(tool[:3]), np.linalg.norm(tool[3:])])
+        sizes[sizes < NEGLIGIBLE * sizes.max()] = 0.0  # rounding
+        note = f"tool moves {1e6 * sizes[0]:.4g} µm, turns {1e6 * sizes[1]:.4g} µrad"
+        twists = {node: twist[0, :, column] for node, twist in done.nodes.items()}
+        cases.append(Case(LOADS[k], note, twists, {n: e / total for n, e in energy.items()} if total > 0.0 else {}))
+    return cases
+
+
+def mode_cases(found: Modes) -> list[list[Case]]:
+    """The modes at each pose."""
+    cases: list[list[Case]] = []
+    for k in range(len(found.configurations)):
+        cases.append([])
+        for i, hertz in enumerate(found.frequencies[k]):
+            if np.isfinite(hertz):
+                bound = f" ± {found.error[k, i]:.2g}" if found.error[k, i] else ""
+                note = f"{hertz:.5g}{bound} Hz" if hertz else "moves freely"
+                twists = {node: shape[k, :, i] for node, shape in found.shapes.items()}
+                shares = {name: float(share[k, i]) for name, share in found.energy.items()} if hertz else {}
+                cases[-1].append(Case(f"{i + 1}: {hertz:.4g} Hz", note, twists, shares))
+    return cases

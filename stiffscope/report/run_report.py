@@ -1,0 +1,162 @@
+"""The reports of `run`, `modes` and `map`: what stands in ``report.html`` of their output folders."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+from stiffscope import files
+from stiffscope.report import page
+from stiffscope.report.page import RobotView, Section
+from stiffscope.report.robot_scene import pose_text
+from stiffscope.report.robot_view import mode_cases, robot_view, unit_wrenches
+from stiffscope.report.terminal import Shown
+from stiffscope.vjm.kinematics import configure
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from stiffscope.jobs.assembly import Assembled
+    from stiffscope.report.page import Figure
+    from stiffscope.report.robot_view import Case
+    from stiffscope.vjm.kinematics import Configurations
+    from stiffscope.vjm.modes import Modes
+
+REPORT, GEOMETRY = "report.html", "geometry.json"
+ENERGY = "share of the strain energy"
+STILLS = 6  # pictures of modes inside the page; the viewer has all of them
+
+
+def write_run_report(folder: Path, assembled: Assembled, parts: Sequence[Shown], robot: Sequence[Shown]) -> None:
+    """Write the report of a run: tables as shown of the parts and of the robot, the pictures in the folder."""
+    poses = assembled.robot.poses
+    found = configure(assembled.mechanism, list(poses.values()))
+    view = _wrench_view(folder, assembled, found, list(poses))
+    sections = [
+        *([Section("The robot under load", view=view)] if view else []),
+        Section("Stiffness", robot, list(_robot_figures(folder, assembled))),
+        *([Section("Parts", parts, list(_part_figures(folder, assembled)))] if parts else []),
+        _origin(folder),
+    ]
+    _write(folder, assembled, "stiffness", sections)
+
+
+def write_modes_report(
+    folder: Path, assembled: Assembled, names: Sequence[str], found: Modes, tables: Sequence[Shown]
+) -> None:
+    """Write the report of natural frequencies: table as shown, shapes that move."""
+    stills = [_mode_figure(file) for file in sorted(folder.glob("mode_*.png"))[:STILLS]]
+    view = _view(folder, found.configurations, names, mode_cases(found), "mode", stills[0] if stills else None)
+    sections = [
+        *([Section("Mode shapes", view=view)] if view else []),
+        Section("Natural frequencies", tables, stills),
+        _origin(folder),
+    ]
+    _write(folder, assembled, "natural frequencies", sections)
+
+
+def write_map_report(folder: Path, assembled: Assembled, titles: Mapping[str, str]) -> None:
+    """Write the report of a map: its figures by the names of their files, and the robot at its poses."""
+    robot, mechanism = assembled.robot, assembled.mechanism
+    poses = robot.poses or {"home": mechanism.tool.home}
+    view = _wrench_view(folder, assembled, configure(mechanism, list(poses.values())), list(poses))
+    figures = [page.figure(folder / f"{stem}.png", title, f"map: {title}") for stem, title in titles.items()]
+    sections = [
+        Section("Maps", (), figures),
+        *([Section("The robot under load", view=view)] if view else []),
+        _origin(folder),
+    ]
+    _write(folder, assembled, "stiffness over the workspace", sections)
+
+
+def _wrench_view(folder: Path, assembled: Assembled, found: Configurations, names: Sequence[str]) -> RobotView | None:
+    still = next((file for file in (folder / f"robot_{name}.png" for name in names) if file.exists()), None)
+    picture = page.figure(still, "", f"the robot at {names[0]}") if still else None
+    return _view(folder, found, names, unit_wrenches(assembled.mechanism, found), "load", picture)
+
+
+def _view(
+    folder: Path,
+    found: Configurations,
+    names: Sequence[str],
+    cases: list[list[Case]],
+    choice: str,
+    still: Figure | None,
+) -> RobotView | None:
+    """The robot that turns, of the solids that the drawing process left in the folder; None where it drew nothing."""
+    source = folder / GEOMETRY
+    if not source.exists():
+        return None
+    geometry = json.loads(source.read_text())
+    source.unlink()
+    data = robot_view(geometry, found, names, cases, choice=choice, quantity=ENERGY, moving=choice == "mode")
+    words = (
+        f"the robot in three dimensions: turn it with the arrow keys; pose, {choice} and deformation are chosen below"
+    )
+    shown = "under unit wrenches at M" if choice == "load" else "in its mode shapes"
+    caption = f"The robot {shown}, components coloured by their {ENERGY}."
+    return RobotView(data, caption, words, still)
+
+
+def _mode_figure(file: Path) -> Figure:
+    pose, number = file.stem.removeprefix("mode_").rsplit("_", 1)
+    words = f"the robot deformed in mode {number} at {pose}, coloured by the {ENERGY}"
+    return page.figure(file, f"Mode {number} at {pose}", words)
+
+
+def _robot_figures(folder: Path, assembled: Assembled) -> Iterator[Figure]:
+    mechanism = assembled.mechanism
+    for name, pose in assembled.robot.poses.items():
+        file = folder / f"robot_{name}.png"
+        if file.exists():
+            place = f"The robot at {name}: {pose_text(mechanism, pose)}"
+            yield page.figure(file, place, f"the robot at {name}, its parts in colours, joints dark, drives red")
+    if (folder / "map.png").exists():
+        caption = "Stiffness at M (diagonal of K) over the workspace, without gravity"
+        yield page.figure(folder / "map.png", caption, "six maps of the translational and rotational stiffness")
+
+
+def _part_figures(folder: Path, assembled: Assembled) -> Iterator[Figure]:
+    for name in assembled.results:
+        loads, mesh = folder / name / "loads.png", folder / name / "mesh.png"
+        if loads.exists():
+            caption = f"The {name} under each unit wrench: displacement and von Mises stress"
+            yield page.figure(loads, caption, f"twelve pictures of the {name} deformed, coloured by size of either")
+        if mesh.exists():
+            caption = f"Mesh of the {name}, its clamped and loaded faces in colour"
+            yield page.figure(mesh, caption, f"the {name} in tetrahedra, from both ends")
+
+
+def _origin(folder: Path) -> Section:
+    """The manifest as tables: command, robot file, keys and times of results, versions."""
+    held = json.loads((folder / files.MANIFEST).read_text(encoding="utf-8"))
+    robot: dict[str, Any] = held.get("robot", {})
+    facts = {
+        "command": "stiffscope " + " ".join(held["command"]),
+        "started": held["started"],
+        "seconds": ", ".join(f"{name} {value:g}" for name, value in held["seconds"].items()),
+        "robot file": robot.get("file", ""),
+        "SHA-256": robot.get("sha256", ""),
+        "changed by --set": ", ".join(robot.get("set", [])),
+        "machine": " ".join(held["machine"].values()),
+    }
+    results = [
+        (name, "reused" if each["reused"] else "computed", f"{each['seconds']:.1f}", each["key"])
+        for name, each in held["results"].items()
+    ]
+    versions = {held["made_by"]: held["version"], **held["versions"]}
+    tables = [Shown("Run", ("", "value"), tuple((k, v) for k, v in facts.items() if v), frozenset({"value"}))]
+    if results:
+        columns = ("result", "", "seconds", "key")
+        tables.append(Shown("Results", columns, tuple(results), frozenset({"key"})))
+    rows = tuple((name, str(version)) for name, version in versions.items())
+    return Section("How this was made", [*tables, Shown("Versions", ("program or library", "version"), rows)])
+
+
+def _write(folder: Path, assembled: Assembled, what: str, sections: list[Section]) -> None:
+    robot = assembled.robot
+    sources = ", ".join(f"{part}: {source}" for part, source in assembled.sources.items()) or "rigid parts"
+    weight = ", ".join(f"{g:z.4g}" for g in assembled.mechanism.gravity)
+    facts = [f"parts: {sources}", "SI units at the tool point M in base axes {O}", f"gravity ({weight}) m/s²"]
+    page.write_page(folder / REPORT, f"{robot.name}: {what}", facts, sections)

@@ -1,0 +1,267 @@
+// The robot that turns: plain WebGL 2. A picture stays in its place where that is missing.
+// Nodes move as x' = R x + p; a twist (v, w) at the point M adds f (v + w × (x - M)). Elastic bodies bend between their ends.
+"use strict";
+(() => {
+  const VERTEX = `#version 300 es
+    in vec3 point, normal;
+    uniform mat3 axes, r0, r1, camera; uniform vec3 base, p0, p1, centre, scale; uniform float reach, lift;
+    out vec3 facing;
+    void main() {
+      vec3 x = axes * point + base, a = r0 * x + p0;
+      mat3 r = r0;
+      if (reach > 0.0) {
+        vec3 b = r1 * x + p1, along = r0 * axes[0];
+        float s = clamp(point.x / reach, 0.0, 1.0), h = s * s * (3.0 - 2.0 * s);
+        float stretch = dot(b - a, along);
+        a = mix(a, b, h) + (s - h) * stretch * along;
+        r = r0 * (1.0 - h) + r1 * h;
+      }
+      facing = camera * (r * (axes * normal));
+      vec3 seen = camera * (a - centre) * scale;
+      gl_Position = vec4(seen.xy, -seen.z - lift, 1.0);
+    }`;
+  const FRAGMENT = `#version 300 es
+    precision highp float;
+    in vec3 facing; uniform vec4 colour; uniform float lit; out vec4 shown;
+    void main() {
+      vec3 n = normalize(facing + vec3(0.0, 0.0, 1e-6));
+      if (n.z < 0.0) n = -n;
+      float light = 0.45 + 0.40 * max(dot(n, vec3(-0.30, 0.45, 0.84)), 0.0) + 0.22 * n.z;
+      shown = vec4(colour.rgb * mix(1.0, light, lit) * colour.a, colour.a);
+    }`;
+  const bytes = (text) => {
+    const plain = atob(text), out = new Uint8Array(plain.length);
+    for (let k = 0; k < out.length; k++) out[k] = plain.charCodeAt(k);
+    return out.buffer;
+  };
+  const floats = (text) => new Float32Array(bytes(text));
+  const rgb = (hex) => [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16) / 255);
+  const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+  const times = (m, x) => [0, 1, 2].map((i) => m[3 * i] * x[0] + m[3 * i + 1] * x[1] + m[3 * i + 2] * x[2]);
+  const GROUND = { r: [1, 0, 0, 0, 1, 0, 0, 0, 1], p: [0, 0, 0] };
+  const TURN = Math.atan2(0.42, 1.0), TILT = Math.atan2(0.4, Math.hypot(0.42, 1.0));
+
+  function view(root) {
+    const data = JSON.parse(root.querySelector("script").textContent);
+    const canvas = root.querySelector("canvas"), one = (name) => root.querySelector(`[data-is=${name}]`);
+    const gl = canvas.getContext("webgl2", { alpha: true, antialias: true });
+    if (!gl) return;
+    const program = gl.createProgram();
+    for (const [kind, source] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
+      const shader = gl.createShader(kind);
+      gl.shaderSource(shader, source); gl.compileShader(shader); gl.attachShader(program, shader);
+    }
+    gl.bindAttribLocation(program, 0, "point"); gl.bindAttribLocation(program, 1, "normal");
+    gl.linkProgram(program);
+    if (!gl.getProgramParameter(program, gl.LINK_STATUS)) return;
+    gl.useProgram(program); gl.enable(gl.DEPTH_TEST); gl.clearColor(0, 0, 0, 0);
+    gl.enable(gl.BLEND); gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    const uniform = {};
+    for (const name of ["axes", "r0", "r1", "camera", "base", "p0", "p1", "centre", "scale", "reach", "lift", "colour", "lit"])
+      uniform[name] = gl.getUniformLocation(program, name);
+
+    const buffer = (target, values) => { gl.bindBuffer(target, gl.createBuffer()); gl.bufferData(target, values, gl.STATIC_DRAW); };
+    function array(points, normals, faces) {
+      const made = gl.createVertexArray();
+      gl.bindVertexArray(made);
+      buffer(gl.ARRAY_BUFFER, points); gl.enableVertexAttribArray(0); gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
+      if (normals) { buffer(gl.ARRAY_BUFFER, normals); gl.enableVertexAttribArray(1); gl.vertexAttribPointer(1, 3, gl.BYTE, true, 0, 0); }
+      if (faces) buffer(gl.ELEMENT_ARRAY_BUFFER, faces);
+      gl.bindVertexArray(null);
+      return made;
+    }
+    const meshes = data.meshes.map((mesh) => {
+      const points = floats(mesh.points), faces = new Uint32Array(bytes(mesh.faces)), edges = floats(mesh.edges);
+      const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
+      for (let k = 0; k < points.length; k++) { const i = k % 3, x = points[k]; if (x < low[i]) low[i] = x; if (x > high[i]) high[i] = x; }
+      return { solid: array(points, new Int8Array(bytes(mesh.normals)), faces), count: faces.length,
+        lines: array(edges), ends: edges.length / 3, low, high };
+    });
+    const arrow = [], profile = [[0, 0.02], [0.76, 0.02], [0.76, 0.065], [1, 0]];  // turned about x
+    for (let k = 0; k < 12; k++) for (let m = 0; m < 3; m++) {
+      const [[x, q], [y, s]] = [profile[m], profile[m + 1]], [[c, d], [e, f]] = [k, k + 1].map((n) => [Math.cos(n * Math.PI / 6), Math.sin(n * Math.PI / 6)]);
+      arrow.push(x, q * c, q * d, y, s * c, s * d, y, s * e, s * f, x, q * c, q * d, y, s * e, s * f, x, q * e, q * f);
+    }
+    const arrows = array(new Float32Array(arrow));
+    const moves = floats(data.moves), twists = floats(data.twists), shares = floats(data.shares);
+    const nodes = data.nodes.length, elements = data.elements.length, number = new Map(data.nodes.map((name, k) => [name, k]));
+    const member = new Map(data.elements.map((name, k) => [name, k]));
+    const first = [0];
+    data.poses.forEach((pose) => first.push(first[first.length - 1] + pose.cases.length));
+
+    const now = { pose: 0, chosen: 0, turn: TURN, tilt: TILT, zoom: 1, time: 0, centre: [0, 0, 0], radius: 1, fit: 1 };
+    const home = (node, pose) => {
+      if (!number.has(node)) return GROUND;
+      const start = 12 * (pose * nodes + number.get(node));
+      return { r: Array.from(moves.subarray(start, start + 9)), p: Array.from(moves.subarray(start + 9, start + 12)) };
+    };
+    function moved(node, factor) {
+      const at = data.poses[now.pose].at, still = home(node, now.pose);
+      if (!number.has(node) || !factor || !data.poses[now.pose].cases.length) return still;
+      const start = 6 * ((first[now.pose] + now.chosen) * nodes + number.get(node));
+      const v = Array.from(twists.subarray(start, start + 3), (c) => c * factor);
+      const w = Array.from(twists.subarray(start + 3, start + 6), (c) => c * factor);
+      const arm = cross(w, still.p.map((c, k) => c - at[k]));
+      const columns = [0, 1, 2].map((j) => [0, 1, 2].map((i) => still.r[3 * i + j])).map((c) => cross(w, c).map((d, i) => c[i] + d));
+      return { r: [0, 1, 2].flatMap((i) => columns.map((c) => c[i])), p: still.p.map((c, k) => c + v[k] + arm[k]) };
+    }
+    function frame() {  // a sphere about the robot as it stands, so that it keeps its size while it turns
+      const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity], corners = [];
+      for (const solid of data.solids) {
+        const { r, p } = home(solid.nodes[0], now.pose), mesh = meshes[solid.mesh];
+        for (let k = 0; k < 8; k++) {
+          const x = [0, 1, 2].map((i) => (k >> i & 1 ? mesh.high : mesh.low)[i]);
+          const seen = times(r, times(solid.axes, x).map((c, i) => c + solid.base[i])).map((c, i) => c + p[i]);
+          corners.push(seen);
+          seen.forEach((c, i) => { low[i] = Math.min(low[i], c); high[i] = Math.max(high[i], c); });
+        }
+      }
+      now.centre = low.map((c, i) => (c + high[i]) / 2);
+      now.radius = Math.max(...corners.map((x) => Math.hypot(...x.map((c, i) => c - now.centre[i]))));
+      const { turn, tilt, zoom } = now;
+      Object.assign(now, { turn: TURN, tilt: TILT, zoom: 1, fit: 1 });
+      const { camera, scale } = projection();
+      const seen = corners.flatMap((x) => { const y = times(camera, x.map((c, i) => c - now.centre[i])); return [Math.abs(y[0]) * scale[0], Math.abs(y[1]) * scale[1]]; });
+      Object.assign(now, { turn, tilt, zoom, fit: Math.min(1.4, Math.max(1, 0.88 / Math.max(...seen))) });
+    }
+    function projection() {
+      const wide = canvas.clientWidth, high = canvas.clientHeight, size = now.zoom * now.fit / now.radius;
+      const [ca, sa, cp, sp] = [Math.cos(now.turn), Math.sin(now.turn), Math.cos(now.tilt), Math.sin(now.tilt)];
+      const away = [cp * sa, -cp * ca, sp], right = [ca, sa, 0], up = cross(away, right);
+      return { camera: [right, up, away].flatMap((axis) => times(data.upright, axis)),
+        scale: [size * Math.min(1, high / wide), size * Math.min(1, wide / high), 0.2 / now.radius] };
+    }
+    const current = () => data.poses[now.pose].cases[now.chosen];
+    const slider = one("slider"), move = one("move"), colour = one("colour"), before = one("before");
+    const amount = () => (current() ? slider.value / 100 * current().factor : 0);
+    const share = (name) => shares[(first[now.pose] + now.chosen) * elements + member.get(name)];
+    const most = () => Math.max(...data.elements.map(share), 0);
+    const shades = data.shades.map(rgb);
+    const coloured = () => colour.checked && current() && current().coloured;
+    function paint(solid, top) {
+      if (!coloured()) return rgb(solid.colour);
+      if (!member.has(solid.element)) return rgb(data.no_share);
+      const place = (top > 0 ? Math.max(share(solid.element), 0) / top : 0) * (shades.length - 1), k = Math.min(Math.floor(place), shades.length - 2);
+      return shades[k].map((c, i) => c + (place - k) * (shades[k + 1][i] - c));
+    }
+    function put(solid, where) {
+      gl.uniformMatrix3fv(uniform.axes, true, solid.axes); gl.uniform3fv(uniform.base, solid.base);
+      gl.uniform1f(uniform.reach, solid.nodes.length > 1 ? solid.length : 0);
+      [where(solid.nodes[0]), where(solid.nodes[solid.nodes.length - 1])].forEach(({ r, p }, k) => {
+        gl.uniformMatrix3fv(uniform["r" + k], true, r); gl.uniform3fv(uniform["p" + k], p);
+      });
+    }
+    function draw() {
+      const ratio = Math.min(window.devicePixelRatio || 1, 2), wide = Math.round(canvas.clientWidth * ratio), high = Math.round(canvas.clientHeight * ratio);
+      if (!wide || !high) return;
+      if (canvas.width !== wide || canvas.height !== high) { canvas.width = wide; canvas.height = high; }
+      gl.viewport(0, 0, wide, high); gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+      const factor = amount() * (move.checked ? Math.sin(now.time) : 1);
+      const { camera, scale } = projection();
+      gl.uniformMatrix3fv(uniform.camera, true, camera);
+      gl.uniform3fv(uniform.centre, now.centre); gl.uniform3fv(uniform.scale, scale);
+      gl.vertexAttrib3f(1, 0, 0, 1);
+      const kept = new Map(), where = (node) => { if (!kept.has(node)) kept.set(node, moved(node, factor)); return kept.get(node); };
+      const top = coloured() ? most() : 0;
+      for (const solid of data.solids) {
+        const mesh = meshes[solid.mesh];
+        put(solid, where);
+        gl.uniform1f(uniform.lit, 1); gl.uniform1f(uniform.lift, 0); gl.uniform4f(uniform.colour, ...paint(solid, top), 1);
+        gl.bindVertexArray(mesh.solid); gl.drawElements(gl.TRIANGLES, mesh.count, gl.UNSIGNED_INT, 0);
+        gl.uniform1f(uniform.lit, 0); gl.uniform1f(uniform.lift, 0.0008); gl.uniform4f(uniform.colour, 0.12, 0.14, 0.17, 1);
+        gl.bindVertexArray(mesh.lines); gl.drawArrays(gl.LINES, 0, mesh.ends);
+      }
+      if (before.checked && factor) for (const solid of data.solids) {
+        put(solid, (node) => home(node, now.pose));
+        gl.uniform4f(uniform.colour, 0.45, 0.5, 0.56, 0.55);
+        gl.bindVertexArray(meshes[solid.mesh].lines); gl.drawArrays(gl.LINES, 0, meshes[solid.mesh].ends);
+      }
+      const at = data.poses[now.pose].at, length = 0.14 * data.reach;
+      const tip = data.solids.length ? toolAt(where) : at;
+      ["#d62728", "#2ca02c", "#1f4fd6"].forEach((ink, k) => {
+        const axis = [0, 1, 2].map((i) => [0, 1, 2].map((j) => (i === (k + j) % 3 ? length : 0)));  // x of the arrow is axis k
+        put({ axes: axis.flat(), base: tip, nodes: ["ground"] }, () => GROUND);
+        gl.uniform1f(uniform.lit, 0); gl.uniform1f(uniform.lift, 0.35); gl.uniform4f(uniform.colour, ...rgb(ink), 1);
+        gl.bindVertexArray(arrows); gl.drawArrays(gl.TRIANGLES, 0, arrow.length / 3);
+        const end = tip.map((c, i) => c + (i === k ? 1.2 * length : 0) - now.centre[i]), seen = times(camera, end), label = one("xyz"[k]);
+        label.style.left = `${50 * (1 + seen[0] * scale[0])}%`; label.style.top = `${50 * (1 - seen[1] * scale[1])}%`;
+      });
+      gl.bindVertexArray(null);
+    }
+    function toolAt(where) {
+      const { r, p } = where(data.tool.node), x = times(r, data.tool.at);
+      return x.map((c, i) => c + p[i]);
+    }
+    let asked = false, last = 0;
+    function ask() { if (!asked) { asked = true; requestAnimationFrame(step); } }
+    function step(time) {
+      asked = false;
+      if (move.checked && document.visibilityState === "visible") {
+        if (time - last < 30) return ask();
+        now.time += Math.min(time - last, 100) * 2 * Math.PI / 1600;
+        ask();
+      }
+      last = time;
+      draw();
+      root.dataset.drawn = "yes";
+    }
+    function options(select, labels, chosen) {
+      select.replaceChildren(...labels.map((label, k) => new Option(label, k, false, k === chosen)));
+    }
+    function say() {
+      const pose = data.poses[now.pose], shown = current();
+      one("amount").textContent = shown ? `× ${+(amount()).toPrecision(3)}` : "none";
+      slider.setAttribute("aria-valuetext", one("amount").textContent);
+      const parts = shown && shown.coloured ? data.elements.map((name) => [name, share(name)]).sort((a, b) => b[1] - a[1]).slice(0, 5).filter((s) => s[1] > 0.005) : [];
+      const energy = parts.map(([name, s]) => `${name} ${(100 * s).toFixed(0)} %`).join(", ");
+      one("note").textContent = [pose.place, shown && shown.note, energy && `${data.quantity}: ${energy}`].filter(Boolean).join("; ");
+      const key = one("key"), scale = coloured();
+      key.replaceChildren();
+      const box = (style, text) => {
+        const item = document.createElement("span"), mark = document.createElement("i");
+        mark.style.background = style; mark.className = scale ? "scale" : "";
+        item.append(mark, text); key.append(item);
+      };
+      if (scale) box(`linear-gradient(90deg, ${data.shades.join(",")})`, `${data.quantity}, 0 to ${(100 * most()).toPrecision(3)} %`);
+      else Object.entries(data.key).forEach(([name, ink]) => box(ink, name));
+      ask();
+    }
+    function pose() {
+      now.pose = +one("pose").value;
+      const cases = data.poses[now.pose].cases;
+      now.chosen = Math.min(now.chosen, Math.max(cases.length - 1, 0));
+      options(one("case"), cases.map((c) => c.label), now.chosen);
+      for (const control of [one("case"), slider, move, colour, before]) control.disabled = !cases.length;
+      frame(); say();
+    }
+    const turn = (a, b) => { now.turn += a; now.tilt = Math.max(-1.57, Math.min(1.57, now.tilt + b)); ask(); };
+    const zoom = (factor) => { now.zoom = Math.max(0.3, Math.min(12, now.zoom * factor)); ask(); };
+    const commands = {
+      left: () => turn(-0.2, 0), right: () => turn(0.2, 0), up: () => turn(0, 0.2), down: () => turn(0, -0.2),
+      nearer: () => zoom(1.25), farther: () => zoom(0.8), reset: () => { Object.assign(now, { turn: TURN, tilt: TILT, zoom: 1 }); ask(); },
+    };
+    for (const [name, act] of Object.entries(commands)) one(name).addEventListener("click", act);
+    const keys = { ArrowLeft: "left", ArrowRight: "right", ArrowUp: "up", ArrowDown: "down", "+": "nearer", "-": "farther", 0: "reset" };
+    canvas.addEventListener("keydown", (event) => {
+      if (!(event.key in keys)) return;
+      commands[keys[event.key]](); event.preventDefault();
+    });
+    canvas.addEventListener("pointerdown", (event) => canvas.setPointerCapture(event.pointerId));
+    canvas.addEventListener("pointermove", (event) => { if (event.buttons & 1) turn(-event.movementX / 150, event.movementY / 150); });
+    canvas.addEventListener("wheel", (event) => {  // a page that is scrolled past the robot keeps scrolling
+      if (document.activeElement !== canvas) return;
+      event.preventDefault(); zoom(Math.exp(-event.deltaY / 500));
+    }, { passive: false });
+    canvas.addEventListener("webglcontextlost", () => root.classList.remove("live"));
+    options(one("pose"), data.poses.map((each) => each.name), 0);
+    one("pose").addEventListener("change", pose);
+    one("case").addEventListener("change", (event) => { now.chosen = +event.target.value; say(); });
+    for (const control of [slider, colour, before]) control.addEventListener("input", say);
+    move.addEventListener("change", () => { now.time = Math.PI / 2; ask(); });
+    move.checked = data.moving && !matchMedia("(prefers-reduced-motion: reduce)").matches;
+    root.classList.add("live");
+    new ResizeObserver(ask).observe(canvas);
+    pose();
+  }
+  document.querySelectorAll(".robot-view").forEach(view);
+})();

@@ -1,0 +1,211 @@
+"""Reports in a browser: the robot turns and bends, nothing is asked of the network, none is kept out."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import pyvista as pv
+
+from stiffscope.cli.main import _guarded
+from stiffscope.jobs.assembly import assemble
+from stiffscope.report import page
+from stiffscope.report.drawing.geometry import packed
+from stiffscope.report.drawing.solids import Solid, solids_of
+from stiffscope.report.page import RobotView, Section
+from stiffscope.report.robot_scene import deformed, moves, scene
+from stiffscope.report.robot_view import Case, robot_view, unit_wrenches
+from stiffscope.report.terminal import Shown, recorded, show_line, show_table
+from stiffscope.robot.inspection import rigid_mechanism
+from stiffscope.robot.reader import load_robot
+from stiffscope.vjm.kinematics import configure
+from stiffscope.vjm.yielding import deflection
+from tests.report.browser import CHROMIUM, browser
+
+AXE = Path(__file__).parent / "axe" / "node_modules" / "axe-core" / "axe.min.js"
+DRAWN = "document.querySelector('.robot-view').dataset.drawn === 'yes'"
+SET = """(name, value, event) => {
+    const control = document.querySelector(`[data-is=${name}]`);
+    if (control.type === 'checkbox') control.checked = value; else control.value = value;
+    control.dispatchEvent(new Event(event, { bubbles: true }));
+}"""
+
+needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is missing: apt-get install chromium")
+
+
+@pytest.fixture(scope="module")
+def tab():
+    with browser() as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    """The report of a run on published matrices, in a cache of its own."""
+    folder = tmp_path_factory.mktemp("report")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("STIFFSCOPE_CACHE", str(folder / "cache"))
+        assert _guarded(["run", "biglide", "--components", "published", "--out", str(folder / "out"), "--quiet"]) == 0
+    return folder / "out" / "report.html"
+
+
+def opened(tab, report, **more):
+    tab.events.clear()
+    tab.open(report, **more)
+    tab.wait(DRAWN)
+    tab.settled()
+
+
+def put(tab, name, value, event="input"):
+    tab.run(f"({SET})({name!r}, {value!r}, {event!r})".replace("True", "true").replace("False", "false"))
+    tab.settled()
+
+
+def changed(one, other):
+    return float(np.mean(np.abs(one.astype(int) - other).max(axis=2) > 24))
+
+
+@needs_chromium
+def test_the_robot_turns_bends_and_is_coloured(tab, report):
+    opened(tab, report)
+    first = tab.shot("canvas")
+    assert len(np.unique(first.reshape(-1, 3), axis=0)) > 500
+    assert changed(first, tab.shot("canvas")) == 0.0
+    tab.run("document.querySelector('[data-is=right]').click()")
+    tab.settled()
+    assert changed(first, tab.shot("canvas")) > 0.02
+    tab.run("document.querySelector('[data-is=reset]').click()")
+    tab.settled()
+    assert changed(first, tab.shot("canvas")) == 0.0
+    put(tab, "before", False)
+    bent = tab.shot("canvas")
+    put(tab, "slider", 0)
+    assert changed(bent, tab.shot("canvas")) > 0.01
+    assert tab.run("document.querySelector('[data-is=amount]').textContent") == "× 0"
+    put(tab, "colour", False)
+    plain = tab.shot("canvas")
+    red = (plain[..., 0] > 130) & (plain[..., 1] < 80) & (plain[..., 2] < 70)
+    assert red.mean() > 0.002  # drives
+    put(tab, "pose", "1", "change")
+    assert changed(plain, tab.shot("canvas")) > 0.02
+    assert "505.54 mm" in tab.run("document.querySelector('[data-is=note]').textContent")
+    assert [e for e in tab.complaints() if e["params"].get("entry", {}).get("source") != "rendering"] == []
+    assert tab.requests() == [report.absolute().as_uri()]
+
+
+@needs_chromium
+def test_drag_keys_and_choice_of_a_load(tab, report):
+    opened(tab, report)
+    first = tab.shot("canvas")
+    x, y = tab.run("(b => [b.x + b.width / 2, b.y + 40])(document.querySelector('canvas').getBoundingClientRect())")
+    mouse = {"button": "left", "buttons": 1, "clickCount": 1}
+    tab.call("Input.dispatchMouseEvent", type="mousePressed", x=x, y=y, **mouse)
+    for k in range(1, 5):
+        tab.call("Input.dispatchMouseEvent", type="mouseMoved", x=x + 25 * k, y=y, **mouse)
+    tab.call("Input.dispatchMouseEvent", type="mouseReleased", x=x + 100, y=y, **mouse)
+    tab.settled()
+    dragged = tab.shot("canvas")
+    assert changed(first, dragged) > 0.02
+    tab.run("document.querySelector('canvas').focus()")
+    tab.call("Input.dispatchKeyEvent", type="keyDown", key="ArrowUp")
+    tab.settled()
+    assert changed(dragged, tab.shot("canvas")) > 0.02
+    put(tab, "case", "2", "change")
+    words = tab.run("document.querySelector('[data-is=note]').textContent")
+    assert "tool moves 0.08066 µm" in words  # 1 N over 12.4 N/µm along z at Q1
+
+
+@needs_chromium
+@pytest.mark.parametrize("width", [390, 1200])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_fits_its_width_and_axe_finds_nothing(tab, report, width, scheme):
+    opened(tab, report, width=width, prefers_color_scheme=scheme)
+    assert tab.run("document.documentElement.scrollWidth") <= width
+    if not AXE.exists():
+        pytest.skip("axe-core is missing: npm ci --prefix tests/report/axe")
+    tab.run(AXE.read_text() + ";0")
+    found = tab.run("axe.run().then(r => r.violations.map(v => [v.id, v.nodes.map(n => n.html.slice(0, 120))]))")
+    assert found == []
+
+
+@needs_chromium
+def test_without_webgl_a_picture_stands_in_its_place(report):
+    with browser("--disable-webgl", "--disable-3d-apis") as tab:
+        tab.open(report)
+        shown = "e => e.offsetParent !== null"
+        assert tab.run(f"({shown})(document.querySelector('.robot-view .still img'))")
+        assert not tab.run(f"({shown})(document.querySelector('canvas'))")
+        tab.call("Emulation.setScriptExecutionDisabled", value=True)
+        tab.open(report)
+        whole = tab.shot(whole=True)
+        assert changed(whole, np.full_like(whole, 255)) > 0.05
+
+
+@needs_chromium
+def test_the_viewer_bends_bodies_as_the_pictures_do(tab, tmp_path):
+    """Outlines: bent by the viewer from two twists a body, and of surfaces that Python's drawing has bent."""
+    robot = load_robot("biglide")
+    mechanism = rigid_mechanism(robot)
+    found = configure(mechanism, [robot.poses["Q1"]])
+    moved, at = moves(mechanism, found), found.tool[0, :3]
+    spread = np.random.default_rng(3)
+    twists = {node: spread.normal(scale=[0.02] * 3 + [0.15] * 3) for node in moved}
+    bent = {"ground": (np.eye(3), np.zeros(3)), **deformed(moved, twists, at, 1.0)}
+    plain = scene(robot, mechanism)
+    solids = solids_of(plain["bodies"], plain["joints"], plain["tool"], plain["up"])
+    far = pv.PolyData.from_regular_faces(np.array([[-1, -1, -1], [-1, -1, -1], [1, 1, 1]], float), [[0, 1, 2]])
+    frame = Solid("frame", far, "#ffffff", ("ground",))  # no area: it fixes what the camera sees
+    given = [Solid(solid.element, solid.moved(bent), solid.colour, ("ground",)) for solid in solids]
+    tool, (turn, shift) = plain["tool"], bent[plain["tool"]["node"]]
+    seen = {}
+    for name, shapes, point, case in (
+        ("bent", solids, tool, [Case("c", "", twists, {})]),
+        ("given", given, {"node": "ground", "at": (turn @ tool["at"] + shift).tolist()}, []),
+    ):
+        geometry = packed([*shapes, frame], plain["up"], 0.5)
+        at_tool = {**point, "at": np.asarray(point["at"]).tolist()}
+        colours = {"shades": ["#ffffff"] * 2, "no_share": "#ffffff", "key": {}, "tool": at_tool}
+        data = robot_view({**geometry, **colours}, found, ["Q1"], [case], choice="load")
+        for each in data["poses"][0]["cases"]:
+            each["factor"] = 1.0
+        page.write_page(tmp_path / f"{name}.html", name, [], [Section("V", view=RobotView(data, "c", "w"))])
+        opened(tab, tmp_path / f"{name}.html")
+        put(tab, "before", False)
+        seen[name] = tab.shot("canvas").min(axis=2) < 225
+        if case:
+            put(tab, "slider", 0)
+            seen["straight"] = tab.shot("canvas").min(axis=2) < 225
+    size = seen["given"].sum()
+    assert size > 5_000
+    assert (seen["bent"] ^ seen["given"]).sum() < 0.02 * size
+    assert (seen["straight"] ^ seen["given"]).sum() > 0.3 * size
+
+
+def test_unit_wrenches_yield_what_the_deflection_says():
+    """Shares of energy and tool displacement beside those of the deflection under each wrench."""
+    robot = load_robot("biglide")
+    mechanism = assemble(robot, "published")
+    found = configure(mechanism, list(robot.poses.values()))
+    for k, cases in enumerate(unit_wrenches(mechanism, found)):
+        assert len(cases) == 6
+        for i, case in enumerate(cases):
+            wanted = deflection(mechanism, found, np.eye(6)[i])
+            assert case.twists[mechanism.tool.body] == pytest.approx(wanted.twist[k], rel=1e-9)
+            assert case.shares == pytest.approx({name: share[k] for name, share in wanted.shares.items()}, abs=1e-12)
+
+
+def test_a_page_shows_what_the_terminal_shows(tmp_path, capsys):
+    with recorded() as shown:
+        show_table("T <b>", (("pose", ""), ("K", "why")), [("Q<1>", "", "1.5", "words")], prose=("why",))
+        show_line("  a note")
+    assert capsys.readouterr().out == ""
+    assert shown == [
+        Shown("T <b>", ("pose", "", "K", "why"), (("Q<1>", "", "1.5", "words"),), frozenset({"why"})),
+        Shown("a note"),
+    ]
+    page.write_page(tmp_path / "page.html", "a <script>", ["f & g"], [Section("H", shown)])
+    text = (tmp_path / "page.html").read_text()
+    assert "<script>" not in text
+    for words in ("a &lt;script&gt;", "Q&lt;1&gt;", "T &lt;b&gt;", "f &amp; g", "a note"):
+        assert words in text
+    show_line("again on the terminal")
+    assert capsys.readouterr().out
