@@ -200,6 +200,7 @@ def step_obeys(path: Path, content: bytes, chance: random.Random) -> None:
         assert math.isfinite(mass_properties(part).mass)
 
 
+@pytest.mark.slow
 def test_a_mutated_step_file_is_read_or_refused_in_one_line(tmp_path, box):
     for number in range(3):
         step_obeys(tmp_path / "mutant.step", box, random.Random(number))  # noqa: S311
