@@ -161,8 +161,8 @@ class Campaign:
     def what(self, reading: int) -> str:
         """Return what a reading measures, in the file's words."""
         if self.sensor[reading] >= 0:
-            return self.sensors[self.sensor[reading]].name
-        return QUANTITIES[self.quantity[reading]]
+            return self.sensors[int(self.sensor[reading])].name
+        return QUANTITIES[int(self.quantity[reading])]
 
     def where(self, reading: int) -> str:
         """Return the file and line of one reading."""

@@ -52,7 +52,7 @@ def cluster(scheduler: str | None = None, workers: int = 2) -> Generator[Any]:
         LocalCluster(
             n_workers=workers, threads_per_worker=1, processes=True, silence_logs=quiet,
             local_directory=scratch, memory_limit=0, **no_page,
-        ) as local,
+        ) as local,  # pyright: ignore[reportUnknownVariableType]
         Client(local) as client,
     ):  # fmt: skip
         yield client

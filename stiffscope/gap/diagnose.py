@@ -191,12 +191,13 @@ def _sensitivity(found: Findings, judgement: Judgement) -> tuple[Sensitivity, ..
 def _held_out_check(found: Findings, hypothesis: Hypothesis, residual: Array) -> tuple[HeldOut | None, Array]:
     """Readings at poses held out against their predictive distribution; and the standardized residuals (n,)."""
     x = found.slopes(hypothesis)
-    z = residual / np.sqrt(1.0 + np.einsum("ni,ij,nj->n", x, hypothesis.covariance, x).clip(min=0.0))
+    z: Array = residual / np.sqrt(1.0 + np.einsum("ni,ij,nj->n", x, hypothesis.covariance, x).clip(min=0.0))
     seen = z[found.used]
     if not len(seen):
         return None, z
-    inside = float(np.mean(np.abs(seen) <= _quantiles(0.0, 1.0)[1]))
-    return HeldOut(inside, float(np.mean(seen**2))), np.where(found.used, z, np.nan)
+    widest = float(_quantiles(0.0, 1.0)[1])
+    inside = float(np.mean(np.abs(seen) <= widest))
+    return HeldOut(inside, float(np.mean(np.square(seen)))), np.where(found.used, z, np.nan)
 
 
 def _alternatives(found: Findings, best: Hypothesis | None) -> tuple[Alternative, ...]:

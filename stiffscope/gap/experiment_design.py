@@ -61,8 +61,8 @@ def next_measurement(
         None if np.isnan(c.wrench[row]).any() else tuple(float(w) for w in c.wrench[row]),
         None,
         kind if len(rows) > 1 else QUANTITIES[code],
-        tuple(c.sensors[k].name for k in read if k != AT_TOOL) or None,
-        None if c.load[row] == AT_TOOL or not c.wrench[row].any() else c.loads[c.load[row]].name,
+        tuple(c.sensors[int(k)].name for k in read if k != AT_TOOL) or None,
+        None if c.load[row] == AT_TOOL or not c.wrench[row].any() else c.loads[int(c.load[row])].name,
     )
 
 

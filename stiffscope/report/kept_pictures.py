@@ -189,7 +189,7 @@ def _draw_map(assembled: Assembled, folder: Path) -> None:
 
 def _draw_poses(assembled: Assembled, folder: Path) -> None:
     robot, mechanism = assembled.robot, assembled.mechanism
-    poses = robot.poses or {"home": mechanism.tool.home}
+    poses: dict[str, Any] = dict(robot.poses) or {"home": mechanism.tool.home}
     found = configure(mechanism, list(poses.values()))
     shown = [
         picture(

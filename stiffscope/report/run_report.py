@@ -59,7 +59,7 @@ def write_modes_report(
 def write_map_report(folder: Path, assembled: Assembled, titles: Mapping[str, str]) -> None:
     """Write the report of a map: its figures by the names of their files, and the robot at its poses."""
     robot, mechanism = assembled.robot, assembled.mechanism
-    poses = robot.poses or {"home": mechanism.tool.home}
+    poses: dict[str, Any] = dict(robot.poses) or {"home": mechanism.tool.home}
     view = _wrench_view(folder, assembled, configure(mechanism, list(poses.values())), list(poses))
     figures = [page.figure(folder / f"{stem}.png", title, f"map: {title}") for stem, title in titles.items()]
     sections = [

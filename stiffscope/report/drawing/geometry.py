@@ -71,7 +71,8 @@ def _alike(one: pv.PolyData, other: pv.PolyData) -> bool:
 
 def _thinned(shape: pv.PolyData, limit: int) -> pv.PolyData:
     """A surface of at most about so many triangles."""
-    return shape if shape.n_cells <= limit else shape.decimate(1.0 - limit / shape.n_cells)
+    thinned: Any = shape if shape.n_cells <= limit else shape.decimate(1.0 - limit / shape.n_cells)
+    return thinned
 
 
 def _mesh(shape: pv.PolyData) -> dict[str, str]:
