@@ -81,7 +81,7 @@ def drawn(found: Findings, joint: Hypothesis, named: tuple[Candidate, ...], held
         np.array(c.value),
         found.sigma,
         found.used,
-        tuple(c.pose_names[k] for k in c.pose),
+        tuple(c.pose_names[int(k)] for k in c.pose),
         tuple(c.what(k) for k in range(len(c))),
         held_out,
     )

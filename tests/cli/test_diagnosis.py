@@ -36,7 +36,7 @@ def test_the_published_experiment(tmp_path, capsys):
     assert found == json.loads((out / "diagnosis.json").read_text())
     assert found["verdict"] == "identified"
     page = (out / "report.html").read_text()
-    assert page.count('<img alt="') == page.count('src="data:image/') == page.count("src=") == 3
+    assert page.count('<img alt="') == page.count('src="data:image/') == page.count("src=") == 5
     assert "scale (all)" in page
     listed = json.loads((out / "manifest.json").read_text())
     assert sorted([*listed["files"], "manifest.json"]) == sorted(p.name for p in out.iterdir())
@@ -62,9 +62,10 @@ def test_an_adopted_effect_closes_the_gap(soft_drive, tmp_path, capsys):
     assert _guarded(["diagnose", str(again), "--out", str(tmp_path / "closed"), "--quiet"]) == 0
     assert json.loads((tmp_path / "closed" / "diagnosis.json").read_text())["verdict"] == "no-gap"
     page = (found / "report.html").read_text()
-    assert page.count("data:image/svg+xml") == 3
+    assert page.count("data:image/svg+xml") == 5
 
 
+@pytest.mark.slow
 def test_gravity_and_expansion_come_from_the_robot_file(tmp_path):
     machine = biglide("gravity.acceleration=3.71 m/s^2", "materials.steel.expansion=23.6e-6 1/K")
     folder = tmp_path / "mars"

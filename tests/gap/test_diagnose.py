@@ -147,9 +147,9 @@ def test_no_gap_and_missing_gravity():
 @pytest.mark.parametrize(
     ("fault", "place", "parameters"),
     [
-        ("cable-chain", "tool", {"x": 3e4, "y": 3e4, "z": 2e4}),
+        pytest.param("cable-chain", "tool", {"x": 3e4, "y": 3e4, "z": 2e4}, marks=pytest.mark.slow),
         ("drifting-sensor", "instrument", {"displacement": 5e-6}),
-        ("drive-friction", "limbs", {"force": 60.0}),
+        pytest.param("drive-friction", "limbs", {"force": 60.0}, marks=pytest.mark.slow),
     ],
 )
 def test_a_fault_without_a_word_is_not_named(fault, place, parameters):
