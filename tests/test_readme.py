@@ -98,7 +98,8 @@ def test_commands(line, place, monkeypatch, capsys):
     for option, file in itertools.pairwise(words):
         if option == "--out":
             assert not (ROOT / file).exists()  # in a clone
-            kept = Path(file) if Path(file).suffix else Path(file) / "manifest.json"
+            written = "readings.csv" if name == "campaign" and words[0] == "new" else "manifest.json"
+            kept = Path(file) if Path(file).suffix else Path(file) / written
             assert kept.stat().st_size > 0
         if option == "--json":
             assert Path(file).stat().st_size > 0
