@@ -67,3 +67,27 @@ def measure(machine, plan, noise, rng, **header):
     with tempfile.TemporaryDirectory() as folder:
         write_readings(readings, Path(folder), robot=machine.robot.name, pose=machine.pose, **header)
         return load_campaign(Path(folder))
+
+
+LINKS = tuple(f"limb{i}.link{j}" for i in (1, 2) for j in (1, 2, 3))
+_DRIVES = ("stage", "limb1", "limb2")
+PLACES = {
+    "gravity": ("robot",),
+    "payload": ("platform",),
+    "actuator-stiffness": (*_DRIVES, "limbs"),
+    "joint-compliance": ("joints",),
+    "link-stiffness": ("links", *LINKS),
+    "rigid-ends": ("links",),
+    "slider-compliance": ("sliders",),
+    "guide-compliance": ("carriages",),
+    "base-compliance": ("base",),
+    "platform-compliance": ("platform",),
+    "backlash": _DRIVES,
+    "encoder-offset": ("limb1", "limb2", "stage"),
+    "link-length": ("links", *LINKS),
+    "thermal": ("links",),
+    "instrument-misalignment": ("instrument",),
+    "displacement-scale": ("instrument",),
+    "force-scale": ("instrument",),
+}
+"""Words of the first campaign format, with the places that the Biglide's file has as groups."""

@@ -15,10 +15,10 @@ from stiffscope.gap.mechanics import RobotAtPoses
 from stiffscope.gap.robot_model import RobotModel, robot_candidates
 from stiffscope.robot.effects import adopted, carried
 from stiffscope.robot.sections import Effect
-from stiffscope.robot.vocabulary import VOCABULARY
 from stiffscope.vjm.mechanism import TOOL
 from stiffscope.vjm.statics import stiffness
 from tests.labs import FEA_SLIDER, biglide, default_plan, measure, with_slider
+from tests.labs import PLACES as FORMER_PLACES
 from tests.robots import nominal_robot
 
 ROBOT = nominal_robot()
@@ -64,7 +64,7 @@ def named(diagnosis):
     return {f"{e.effect} @ {e.place}" for e in diagnosis.effects}
 
 
-PLACES = [(name, place) for name, term in VOCABULARY.items() if name != "gravity" for place in term.places]
+PLACES = [(name, place) for name, places in FORMER_PLACES.items() if name != "gravity" for place in places]
 
 
 @pytest.mark.parametrize(("effect", "place"), sorted(set(PLACES)))

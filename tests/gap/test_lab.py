@@ -18,9 +18,8 @@ from stiffscope.gap.lab.rotations import rates_of_vector, turn, vector_of
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
-from stiffscope.robot.vocabulary import LINKS, VOCABULARY
 from stiffscope.vjm import statics
-from tests.labs import FEA_SLIDER, biglide, default_plan, located, machine, measure, with_slider
+from tests.labs import FEA_SLIDER, LINKS, PLACES, biglide, default_plan, located, machine, measure, with_slider
 
 ROBOTS = ("biglide", "delta", "five-bar", "orthoglide", "serial-arm", "stewart")
 SOUND = biglide()
@@ -180,7 +179,7 @@ def test_more_compliance_only_softens(effect):
 
 
 def test_every_word_and_every_fault_can_be_planted_and_seen():
-    assert {effect for effect, _ in EXAMPLES} == {*KNOWN, *OUTSIDE} >= {*VOCABULARY}
+    assert {effect for effect, _ in EXAMPLES} == {*KNOWN, *OUTSIDE} >= {*PLACES}
     plan = default_plan(SOUND, np.random.default_rng(3), poses=4, stiffness="k", sessions=2)
     start = without_weight(SOUND)
     reference = {base.weighted: true_readings(base, plan, located(base, plan)).value for base in (SOUND, start)}
