@@ -22,17 +22,22 @@ if TYPE_CHECKING:
     Codes = NDArray[np.int64]
 
 DISCREPANCIES = np.geomspace(1e-3, 0.1, 5)  # sizes relative to the readings
+_PARALLEL = 1e-12  # of the larger squared length, below which two features of a group are one
 _SWEEPS = 2  # over the effects, for their prior sizes
 
 
 @dataclass(frozen=True)
 class Projection:
-    """Columns (n, c) as inner products need them: readings of stated and of scaled noise, products with features."""
+    """Columns (n, c) as inner products need them: what features leave of them, by stated and scaled noise, and the rest.
+
+    Together squares of these make the column's, so that an inner product is a sum of products with positive weights: a
+    difference would be rounding where a few readings are far more certain than others.
+    """
 
     stated: Array
     scaled: Array
     features: Array
-    """(f, c)."""
+    """(f, c) components along the features, of unit length."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +71,12 @@ class Errors:
         group, shape = self.group[used], self.shape[used]
         order = np.argsort(group, kind="stable")
         starts = np.searchsorted(group[order], np.arange(len(self.norms) // 2))
-        parts = [np.add.reduceat(shape[order, j, None] * here[order], starts, axis=0) for j in (0, 1)]
+        length = np.sqrt(self.norms).reshape(2, -1)
+        parts: list[Array] = []
+        for j in (0, 1):
+            unit = np.divide(shape[:, j], length[j, group], out=np.zeros(len(group)), where=length[j, group] > 0.0)
+            parts.append(np.add.reduceat(unit[order, None] * here[order], starts, axis=0))
+            here = here - unit[:, None] * parts[j][group]
         return Projection(here, here[:0], np.concatenate(parts))
 
     def inner(self, left: Projection, right: Projection) -> Array:
@@ -74,9 +84,7 @@ class Errors:
         weights = self.factors**-2.0
         out = (left.stated.T @ right.stated)[None] + weights[:, None, None] * (left.scaled.T @ right.scaled)
         for k, size in enumerate(self.sizes):
-            if size > 0.0:
-                damped = (size**2 / (1.0 + size**2 * self.norms))[:, None] * right.features
-                out[k] -= left.features.T @ damped
+            out[k] += left.features.T @ (right.features / (1.0 + size**2 * self.norms)[:, None])
         return out
 
     def inner_at(self, setting: int, columns: Array) -> Array:
@@ -130,7 +138,8 @@ def _features(c: Campaign, noise: Noise) -> tuple[Codes, Array, Array]:
         [np.bincount(safe, raw[:, i] * raw[:, j], minlength=count) for i in (0, 1) for j in (0, 1)], axis=1
     ).reshape(-1, 2, 2)
     norms, turn = np.linalg.eigh(gram)
-    return safe, np.einsum("ni,nij->nj", raw, turn[safe]), norms.T.ravel().clip(min=0.0)
+    norms = np.where(norms > _PARALLEL * norms[:, 1:], norms, 0.0)
+    return safe, np.einsum("ni,nij->nj", raw, turn[safe]), norms.T.ravel()
 
 
 @dataclass(frozen=True)

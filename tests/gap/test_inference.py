@@ -54,6 +54,23 @@ def test_evidence_with_a_discrepancy_is_that_of_the_joint_gaussian():
     assert found.mean == pytest.approx(np.exp(logs - np.logaddexp.reduce(logs)) @ np.array(means))
 
 
+def test_readings_far_more_certain_than_others_leave_inner_products_definite():
+    """What the discrepancy takes away is nearly all of a reading's weight there: a difference would be rounding."""
+    model = linear_model(np.random.default_rng(3), poses=4, loads=2, effects=4)
+    sigma = np.where(model.campaign.quantity == 4, 1e-16, 1e-6)
+    noise = replace(model.noise(), sigma=sigma)
+    errors = errors_of(model.campaign, noise, -4.0)
+    x = np.hstack([model.signatures[c.name] for c in model.library]) / sigma[:, None]
+    x = np.column_stack([x, x @ np.linspace(1.0, 2.0, x.shape[1])])
+    made = errors.project(x)
+    for gram in errors.inner(made, made):
+        values = np.linalg.eigvalsh(gram)
+        assert values[0] > -1e-13 * values[-1]
+    scale = np.ones(x.shape[1])
+    found = posterior(errors, x[:, 0], x, scale, np.arange(len(scale)), np.zeros(len(scale), bool), model.prior_sizes)
+    assert np.linalg.eigvalsh(found.covariance)[0] > 0.0
+
+
 def test_prior_sizes_are_averaged_effect_by_effect():
     """Against the sum over all pairs of sizes."""
     model = linear_model(np.random.default_rng(2), poses=4, loads=3, effects=2, parameters=(1, 2))
