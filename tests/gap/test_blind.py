@@ -54,6 +54,7 @@ def labs():
     return lab
 
 
+@pytest.mark.slow
 def test_the_withheld_campaigns_get_right_answers():
     cases = unseal(WITHHELD)
     right = 0
