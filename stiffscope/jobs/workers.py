@@ -161,5 +161,4 @@ def _obey_parent() -> None:
     """End cleanly on SIGTERM, leave Ctrl-C to the parent, and end when the parent is gone."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    end_with_parent(parent.pid if parent else None)
+    end_with_parent()
