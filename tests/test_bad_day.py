@@ -89,6 +89,17 @@ def test_thousands_of_mutated_robot_files(text):
     obeys(text)
 
 
+@pytest.mark.parametrize(
+    "text",
+    [".".join(["a"] * 300_000) + " = 1", f"[{'.'.join(['a'] * 300_000)}]", '"a".' * 100_000 + "a = 1", "a" * 1_000_000],
+)
+def test_a_file_is_read_in_time_that_grows_with_its_size(text):
+    begun = time.perf_counter()
+    with pytest.raises(InputError, match=r"^r\.toml:2: expected (keys of at most 30 names|valid TOML)"):
+        read_robot(Path("r.toml"), f"# first\n{text}\n")
+    assert time.perf_counter() - begun < 3
+
+
 def stiffscope(*words: str, folder: Path, **more) -> subprocess.Popen:
     environment = {**os.environ, "STIFFSCOPE_CACHE": str(folder / "cache"), "TMPDIR": str(folder / "tmp")}
     (folder / "tmp").mkdir(exist_ok=True)

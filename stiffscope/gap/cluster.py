@@ -33,6 +33,7 @@ def cluster(scheduler: str | None = None, workers: int = 2) -> Generator[Any]:
         No scheduler answers.
 
     """
+    import dask
     from distributed import Client, LocalCluster
 
     if scheduler is not None:
@@ -50,6 +51,7 @@ def cluster(scheduler: str | None = None, workers: int = 2) -> Generator[Any]:
     logging.getLogger("distributed").setLevel(quiet)  # a worker that is slow to end is no news
     with (
         scratch_folder() as scratch,
+        dask.config.set({"temporary-directory": str(scratch)}),
         LocalCluster(
             n_workers=workers, threads_per_worker=1, processes=True, silence_logs=quiet,
             local_directory=str(scratch), memory_limit=0, preload=[children.__name__], **no_page,
