@@ -63,11 +63,31 @@ def check_file(path: Path) -> None:
         raise _unwritable_file(path, error) from error
 
 
+def write_new(path: Path, content: bytes) -> None:
+    """Write a file that must not be there yet: neither before the work nor after it."""
+    check_new(path)
+    write_bytes(path, content)
+
+
 def check_new(path: str | Path) -> None:
     """Refuse a file that is there already, whatever it is, and one that cannot be written."""
+    if not str(path):
+        raise InputError('"": expected a file to write, got no name')
     if os.path.lexists(path):
         raise InputError(f"{shown(path)}: expected a file that is not there yet, got one that is")
     check_file(Path(path))
+
+
+def check_json(path: Path) -> None:
+    """Refuse a file that is there and holds anything but JSON: a robot file or readings, by a slip of the hand."""
+    if os.path.isfile(path) and os.path.getsize(path):  # noqa: PTH113, PTH202 (those of pathlib raise on some names)
+        try:
+            json.loads(read_bytes(path))
+        except (ValueError, RecursionError) as error:
+            raise InputError(
+                f"{shown(path)}: expected a new file or one with JSON to replace, got one with something else"
+            ) from error
+    check_file(path)
 
 
 def _is_stream(path: Path) -> bool:

@@ -9,7 +9,16 @@ from pathlib import Path
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.files import check_output, copy_files, remove_copied, scratch_folder, staged_folder, to_json, write_json
+from stiffscope.files import (
+    check_json,
+    check_output,
+    copy_files,
+    remove_copied,
+    scratch_folder,
+    staged_folder,
+    to_json,
+    write_json,
+)
 
 
 def fill(target, **contents) -> None:
@@ -220,3 +229,15 @@ def test_what_is_no_copy_stays(tmp_path):
         (cases / name).unlink()
     assert remove_copied(cases, out)
     assert not cases.exists()
+
+
+def test_only_json_is_replaced_by_json(tmp_path):
+    for name, text in {"readings.csv": "x,y\n1,2\n", "robot.toml": "[tool]\npose = []\n", "part.step": "ISO"}.items():
+        (tmp_path / name).write_text(text)
+        with pytest.raises(InputError, match=rf"{name}: expected a new file or one with JSON to replace"):
+            check_json(tmp_path / name)
+        assert (tmp_path / name).read_text() == text
+    for text in ("", '{"a": 1}'):
+        (tmp_path / "a.json").write_text(text)
+        check_json(tmp_path / "a.json")
+    check_json(tmp_path / "b.json")

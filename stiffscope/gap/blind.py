@@ -84,37 +84,37 @@ def run_blind(
         The folder holds another check, or no scheduler answers.
 
     """
-    _open(folder, robots, seed)
+    check = _check(robots, seed)
+    _open(folder, check)
     tasks = [Task(robot.name, number, seed) for robot in robots for number in range(campaigns)]
     left = [task for task in tasks if not os.path.lexists(folder / task.folder)]
     for task in set(tasks).difference(left):  # before any work is spent
         _stored(folder / task.folder)
     if left:
-        _work(folder, robots, left, progress, workers, scheduler)
+        _work(folder, robots, left, check, progress, workers, scheduler)
     for robot in robots:
         at = folder / robot.name
         seal(at, [unseal(folder / task.folder)[0] for task in tasks if task.robot == robot.name])
     return score([outcome for task in tasks for outcome in _stored(folder / task.folder)])
 
 
-def _open(folder: Path, robots: Sequence[BlindRobot], seed: int) -> None:
-    """Note which check this folder holds. Raises InputError where it is another one."""
+def _check(robots: Sequence[BlindRobot], seed: int) -> str:
+    """What distinguishes a check from another, as text."""
     texts = {robot.name: robot.nominal.robot.source for robot in robots}
     check = {
         "seed": seed,
         "robots": {name: [source.text, *source.overrides] for name, source in texts.items()},
         "components": {robot.name: robot.components for robot in robots},
     }
-    file = folder / _RUN
+    return _text(check)
+
+
+def _open(folder: Path, check: str) -> None:
+    """Refuse a folder that holds another check, or anything else. Raises InputError."""
     check_cases(folder)
-    if os.path.lexists(file):
-        if read_text(file, "a list of the cases of a check") != _text(check):
-            raise InputError(
-                f"{folder}: expected the cases of this check, got those of another; delete them to start anew"
-            )
-        return
-    folder.mkdir(parents=True, exist_ok=True)
-    write_bytes(file, _text(check).encode())
+    file = folder / _RUN
+    if os.path.lexists(file) and read_text(file, "a list of the cases of a check") != check:
+        raise InputError(f"{folder}: expected the cases of this check, got those of another; delete them to start anew")
 
 
 def _text(content: Any) -> str:
@@ -139,12 +139,14 @@ def case_files(folder: Path, robots: Sequence[BlindRobot], campaigns: int, seed:
 
 
 def _work(
-    folder: Path, robots: Sequence[BlindRobot], tasks: list[Task], progress: Progress | None, workers: int,
-    scheduler: str | None,
+    folder: Path, robots: Sequence[BlindRobot], tasks: list[Task], check: str, progress: Progress | None,
+    workers: int, scheduler: str | None,
 ) -> None:  # fmt: skip
     from distributed import as_completed
 
     with cluster(scheduler, min(workers, len(tasks))) as client:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_bytes(folder / _RUN, check.encode())
         known = {robot.name: client.scatter(robot, broadcast=True, hash=False) for robot in robots}
         running = {client.submit(solve, known[task.robot], task, pure=False, retries=1): task for task in tasks}
         try:
