@@ -115,7 +115,15 @@ def load_campaign(folder: Path, robot: RobotFile | None = None, *, planned: bool
         load=np.concatenate([part.load for part in parts]),
         source=header.source,
     )
+    _check_some(campaign)
     return campaign if robot is None else on_robot(campaign, robot)
+
+
+def _check_some(c: Campaign) -> None:
+    """Refuse readings that are all zero: a gap in percent of them is none."""
+    none = (np.abs(c.value) < _LENGTH.least) & ~c.relative
+    if len(c) and none.all():
+        raise InputError(f"{c.where(0)}: value: expected readings other than zero, got none in {len(c):,} rows")
 
 
 def _others(parts: list[_Rows]) -> Any:

@@ -101,7 +101,7 @@ def test_gravity_and_expansion_come_from_the_robot_file(tmp_path):
         (["SOFT", "--adopt", "nosuch/robot.toml"], "--adopt nosuch/robot.toml: cannot be written"),
         (
             ["NOROBOT"],
-            "campaign.toml: robot: expected a robot file, seen from its folder, or one of biglide, delta, ",
+            "campaign.toml:1: robot: expected a robot file, seen from its folder, or one of biglide, delta, ",
         ),
         (["BADCELL"], "readings.csv:2"),
     ],

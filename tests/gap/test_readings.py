@@ -350,6 +350,13 @@ def test_refuses_what_no_lab_has(tmp_path, old, new, expected):
         load_campaign(folder(tmp_path, HEADER + GOOD[0].replace(old, new, 1)))
 
 
+def test_refuses_nothing_but_zeros(tmp_path):
+    zeros = [GOOD[0].replace("4.2e-6", "0"), GOOD[2].replace("1.1e-5", "1e-300")]
+    with pytest.raises(InputError, match=r"readings.csv:2: value: expected readings other than zero, got none in 2"):
+        load_campaign(folder(tmp_path, zeros))
+    assert len(load_campaign(folder(tmp_path, [*zeros, GOOD[1]]))) == 3
+
+
 @pytest.mark.parametrize("name", ["readings.csv", "campaign.toml"])
 def test_pipes_devices_and_loops_are_no_files(tmp_path, name):
     file = folder(tmp_path) / name
