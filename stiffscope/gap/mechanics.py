@@ -96,14 +96,18 @@ class RobotAtPoses:
         where = c.where(int(np.argmax(c.pose == pose)))
         points = np.array([joint.at for joint in self.mechanism.joints])
         size = float(np.ptp(points, axis=0).max() + np.abs(points).max())
+        beyond: dict[str, tuple[float, float, str, str]] = {}
         for name, value in zip(c.coordinates, c.poses[pose].tolist(), strict=True):
             turns = name in AXES[3:] or (
                 name.startswith(JOINT) and self.mechanism.joint(name.removeprefix(JOINT)).kind == "revolute"
             )
-            unit, limit = ("deg", 2.0 * np.pi) if turns else ("mm", 5.0 * size)
-            if abs(value) > limit:
-                meant = f'in {unit}, as `units = {{ "{name}" = "{unit}" }}` of campaign.toml would say?'
-                return InputError(f"{where}: {name}: expected {'rad' if turns else 'm'}, got {value:g}: {meant}")
+            limit, units = (2.0 * np.pi, ("rad", "deg")) if turns else (5.0 * size, ("m", "mm"))
+            beyond[name] = abs(value) / limit, value, *units
+        name = max(beyond, key=lambda each: beyond[each][0])
+        times, value, unit, other = beyond[name]
+        if times > 1.0:
+            meant = f'in {other}, as `units = {{ "{name}" = "{other}" }}` of campaign.toml would say?'
+            return InputError(f"{where}: {name}: expected {unit}, got {value:g}: {meant}")
         field = ", ".join(c.coordinates) if c.pose_names[pose].startswith("(") else "pose"
         message = f"expected a pose that the robot reaches, got {c.pose_names[pose]}: {found.reason(pose)}"
         return InputError(f"{where}: {field}: {message}")
