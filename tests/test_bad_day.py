@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from hypothesis import strategies as st
 from stiffscope.cad.step import write_step
 from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
+from stiffscope.jobs.campaigns import open_case, reached
 from stiffscope.robot.reader import read_robot
 
 ROBOTS = {path.name: path.read_text(encoding="utf-8") for path in sorted((FOLDER / "robots").glob("*.toml"))}
@@ -87,6 +89,107 @@ def test_a_mutated_robot_file_is_read_or_refused_in_one_line(text):
 @given(mutants())
 def test_thousands_of_mutated_robot_files(text):
     obeys(text)
+
+
+HEADER = """\
+robot = "biglide"
+modelled = ["gravity"]
+components = "published"
+readings = "readings.csv"
+ignore = ["note"]
+units = { value = "um", z = "mm" }
+
+[sensors.gauge]
+measures = "displacement"
+body = "platform"
+at = ["75 mm", 0, 0.33]
+direction = [0, 0, 1]
+against = "ground"
+zero = "session"
+
+[loads.hook]
+body = "platform"
+at = [0, 0, 0.35]
+"""
+READINGS = """\
+x,y,z,load,fx,fz,sensor,quantity,value,sigma,session,note
+0,0,350,,100,0,,dx,4.2,1,a,first
+0,0,350,hook,0,-100,gauge,,-3.5,1,a,
+0.01,0,400,,0,0,,ez,11,,b,
+0.01,0,400,,,,gauge,,0.5,2,b,last
+"""
+CELLS = (
+    "", " ", "nan", "inf", "-1e308", "1e308", "1e-308", "9" * 5000, "0x10", "1_0", "1,5", '"', "hook", "gauge", "dx",
+    "\0", "\u202e", "x" * 3000, "=1+1", "350 mm", "-0", "\t", ";", "\ud800",
+)  # fmt: skip
+
+
+@st.composite
+def mutated_campaigns(draw: st.DrawFn) -> tuple[str, str]:
+    """A campaign.toml and its readings with a few lines, cells or letters changed."""
+    header, rows = HEADER.split("\n"), READINGS.split("\n")
+    for _ in range(draw(st.integers(1, 3))):
+        lines = draw(st.sampled_from((header, rows, rows)))
+        at = draw(st.integers(0, len(lines) - 1))
+        kind = draw(st.sampled_from(("value", "value", "value", "gone", "double", "letter")))
+        if kind == "value" and lines is header:
+            lines[at] = f"{lines[at].partition('=')[0]}= {draw(st.sampled_from(HOSTILE))}"
+        elif kind == "value":
+            cells = lines[at].split(",")
+            cells[draw(st.integers(0, len(cells) - 1))] = draw(st.sampled_from(CELLS))
+            lines[at] = ",".join(cells)
+        elif kind == "gone":
+            del lines[at]
+        elif kind == "double":
+            lines.insert(at, lines[at])
+        elif lines[at]:
+            place = draw(st.integers(0, len(lines[at]) - 1))
+            lines[at] = lines[at][:place] + draw(st.characters(codec="utf-8")) + lines[at][place + 1 :]
+        if not lines:
+            lines.append("")
+    return "\n".join(header), "\n".join(rows)
+
+
+def campaign_obeys(folder: Path, header: str, rows: str) -> None:
+    """A campaign of finite numbers on the robot that it names, or one line that names its file and line."""
+    begun = time.perf_counter()
+    for name, text in (("campaign.toml", header), ("readings.csv", rows)):
+        (folder / name).write_bytes(text.encode("utf-8", "surrogatepass"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            case = open_case(folder)
+            reached(case)
+        except InputError as refused:
+            assert re.search(
+                r"^(\S*/)?(campaign\.toml|readings\.csv)(:\d+)?: |/\S*: expected a table in CSV, got", str(refused)
+            )
+            assert "\n" not in str(refused)
+        else:
+            c = case.campaign
+            assert len(c) > 0
+            for values in (c.value, c.poses, c.wrench[c.kind == 0], c.sigma[~np.isnan(c.sigma)]):
+                assert np.isfinite(values).all()
+    assert sorted(each.name for each in folder.iterdir()) == ["campaign.toml", "readings.csv"]
+    assert time.perf_counter() - begun < 20
+
+
+def test_the_campaign_that_is_mutated_is_valid(tmp_path):
+    campaign_obeys(tmp_path, HEADER, READINGS)
+    assert len(open_case(tmp_path).campaign) == 4
+
+
+@settings(LAW, max_examples=30)
+@given(mutated_campaigns())
+def test_a_mutated_campaign_is_read_or_refused_in_one_line(tmp_path_factory, texts):
+    campaign_obeys(tmp_path_factory.mktemp("mutant"), *texts)
+
+
+@pytest.mark.slow
+@settings(LAW, max_examples=2000)
+@given(mutated_campaigns())
+def test_thousands_of_mutated_campaigns(tmp_path_factory, texts):
+    campaign_obeys(tmp_path_factory.mktemp("mutant"), *texts)
 
 
 @pytest.mark.parametrize(
