@@ -240,29 +240,56 @@ def killed_at_random(folder: Path, words: tuple[str, ...], latest: float, chance
     assert not left
 
 
+_POSE = ("--at", "0,0,350 mm", "--components", "published", "--out", "out", "--quiet")
 COMMANDS = (
     ("run", "biglide", "--components", "published", "--out", "out", "--quiet"),
     ("check", "delta", "--out", "out", "--quiet"),
     ("map", "biglide", "--components", "published", "--points", "5", "--out", "out", "--quiet"),
     ("compliance", "biglide", "--part", "link", "--superelement", "out", "--json", "a.json", "--quiet"),
+    ("modes", "biglide", *_POSE),
+    ("frf", "biglide", "--from", "platform:0,0,0:z", "--to", "platform:0,0,0:z", *_POSE),
+    ("sensitivity", "biglide", *_POSE),
+    ("campaign", "check", "c", "--out", "out", "--quiet"),
+    ("diagnose", "c", "--out", "out", "--quiet"),
+    ("blind", "five-bar", "--components", "beam", "--campaigns", "2", "--out", "out", "--quiet"),
 )
+
+
+def results_in(folder: Path) -> dict[str, str]:
+    """Every file of an output folder, and the numbers of those that say no times."""
+    texts: dict[str, str] = {}
+    for path in sorted(folder.rglob("*")):
+        if path.is_file():
+            plain = path.suffix in {".csv", ".json"} and path.name not in {"manifest.json", "scores.json"}
+            texts[path.relative_to(folder).as_posix()] = path.read_text(encoding="utf-8") if plain else ""
+    return texts
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 @pytest.mark.slow
-@pytest.mark.parametrize("words", COMMANDS)
+@pytest.mark.parametrize("words", COMMANDS, ids=lambda words: words[0])
 def test_kills_at_random_moments_lose_and_leave_nothing(tmp_path, words):
     chance = random.Random(7)  # noqa: S311
-    (tmp_path / "notes.txt").write_text("mine")
-    for _ in range(25):
-        killed_at_random(tmp_path, words, 15.0, chance)
-    done = stiffscope(*words, folder=tmp_path)
-    _, errors = done.communicate(timeout=300)
+    clean, spoilt = tmp_path / "clean", tmp_path / "spoilt"
+    for folder in (clean, spoilt):
+        (folder / "c").mkdir(parents=True)
+        (folder / "c" / "campaign.toml").write_text(HEADER)
+        (folder / "c" / "readings.csv").write_text(READINGS)
+        (folder / "notes.txt").write_text("mine")
+    begun = time.monotonic()
+    first = stiffscope(*words, folder=clean)
+    _, errors = first.communicate(timeout=900)
+    assert first.returncode == 0, errors
+    latest = time.monotonic() - begun
+    for _ in range(10):
+        killed_at_random(spoilt, words, latest, chance)
+    done = stiffscope(*words, folder=spoilt)
+    _, errors = done.communicate(timeout=900)
     assert done.returncode == 0, errors
-    assert (tmp_path / "notes.txt").read_text() == "mine"
-    assert {each.name for each in tmp_path.iterdir()} <= {"notes.txt", "out", "cache", "tmp", "a.json"}
-    assert not [each for each in (tmp_path / "tmp").iterdir() if "stiffscope" in each.name]
-    assert (tmp_path / "out" / "manifest.json").exists()
+    assert (spoilt / "notes.txt").read_text() == "mine"
+    assert {each.name for each in spoilt.iterdir()} == {each.name for each in clean.iterdir()}
+    assert not [each.name for each in (spoilt / "tmp").iterdir()]
+    assert results_in(spoilt / "out") == results_in(clean / "out")
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
