@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
 import subprocess
 import sys
 import threading
 import time
+from typing import Any
 
 _PARENT = "STIFFSCOPE_PARENT"
 _SECONDS = 0.5  # between two looks at the parent, where the system does not tell of its end
@@ -45,10 +47,11 @@ def end_with_parent(parent: int | None = None) -> None:
     Parameters
     ----------
     parent
-        Process id; by default the one that `run_module` has left, else the present parent's.
+        Process id; by default the one that `run_module` has left, or that of `multiprocessing`.
 
     """
-    parent = parent or int(os.environ.get(_PARENT, "0")) or os.getppid()
+    above = multiprocessing.parent_process()
+    parent = parent or (above and above.pid) or int(os.environ.get(_PARENT, "0")) or os.getppid()
     if sys.platform == "linux":
         import ctypes
 
@@ -57,6 +60,11 @@ def end_with_parent(parent: int | None = None) -> None:
         threading.Thread(target=_watch, args=(parent,), daemon=True).start()
     if os.getppid() != parent:  # it has ended before
         os._exit(1)
+
+
+def dask_setup(_worker: Any) -> None:
+    """Let a worker of Dask that loads this module end with the process that has started it."""
+    end_with_parent()
 
 
 def _watch(parent: int) -> None:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stiffscope.errors import InputError
-from stiffscope.reading import open_file, shown, why
+from stiffscope.reading import open_file, read_bytes, shown, why
 
 try:
     import fcntl
@@ -27,7 +27,7 @@ except ImportError:  # not on Windows
     fcntl = None
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
 MANIFEST = "manifest.json"
 MAKER = "stiffscope"
@@ -63,11 +63,31 @@ def check_file(path: Path) -> None:
         raise _unwritable_file(path, error) from error
 
 
+def write_new(path: Path, content: bytes) -> None:
+    """Write a file that must not be there yet: neither before the work nor after it."""
+    check_new(path)
+    write_bytes(path, content)
+
+
 def check_new(path: str | Path) -> None:
     """Refuse a file that is there already, whatever it is, and one that cannot be written."""
+    if not str(path):
+        raise InputError('"": expected a file to write, got no name')
     if os.path.lexists(path):
         raise InputError(f"{shown(path)}: expected a file that is not there yet, got one that is")
     check_file(Path(path))
+
+
+def check_json(path: Path) -> None:
+    """Refuse a file that is there and holds anything but JSON: a robot file or readings, by a slip of the hand."""
+    if os.path.isfile(path) and os.path.getsize(path):  # noqa: PTH113, PTH202 (those of pathlib raise on some names)
+        try:
+            json.loads(read_bytes(path))
+        except (ValueError, RecursionError) as error:
+            raise InputError(
+                f"{shown(path)}: expected a new file or one with JSON to replace, got one with something else"
+            ) from error
+    check_file(path)
 
 
 def _is_stream(path: Path) -> bool:
@@ -322,20 +342,37 @@ def _visible(aside: Path, goal: Path) -> Path:
     return aside
 
 
-def _remove(folder: Path) -> None:
-    """Remove a former output: each file that is still as its manifest says, and the folders that are empty then."""
-    if not folder.is_dir() or folder.is_symlink():
-        return
-    ours = _written(folder)
+def copy_files(source: Path, target: Path, names: Iterable[str]) -> None:
+    """Copy files of a folder, by their names relative to it, into another."""
+    for name in names:
+        (target / name).parent.mkdir(parents=True, exist_ok=True)
+        (target / name).write_bytes(read_bytes(source / name))
+
+
+def remove_copied(folder: Path, output: Path) -> bool:
+    """Remove every file of a folder that an output of ours has byte for byte; returns whether nothing is left."""
+    _remove_all(folder, _written(output))
+    return not folder.exists()
+
+
+def _remove_all(folder: Path, ours: Mapping[str, str]) -> None:
+    """Remove files that have these SHA-256, by name, and the folders that are empty then."""
     for name, checksum in ours.items():
         if name != MANIFEST and _is(folder / name, checksum):
             with contextlib.suppress(OSError):
                 (folder / name).unlink()
     for place, _, _ in os.walk(folder, topdown=False):
-        if Path(place) == folder and [each.name for each in folder.iterdir()] == [MANIFEST] and ours:
-            (folder / MANIFEST).unlink()
         with contextlib.suppress(OSError):
+            if Path(place) == folder and [each.name for each in folder.iterdir()] == [MANIFEST] and ours:
+                (folder / MANIFEST).unlink()
             Path(place).rmdir()
+
+
+def _remove(folder: Path) -> None:
+    """Remove a former output: each file that is still as its manifest says, and the folders that are empty then."""
+    if not folder.is_dir() or folder.is_symlink():
+        return
+    _remove_all(folder, _written(folder))
     if folder.exists():
         with contextlib.suppress(OSError):
             _visible(folder, folder.with_name(folder.name.lstrip(".") + ".kept"))

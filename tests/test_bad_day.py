@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from hypothesis import strategies as st
 from stiffscope.cad.step import write_step
 from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
+from stiffscope.jobs.campaigns import open_case, reached
 from stiffscope.robot.reader import read_robot
 
 ROBOTS = {path.name: path.read_text(encoding="utf-8") for path in sorted((FOLDER / "robots").glob("*.toml"))}
@@ -89,6 +91,118 @@ def test_thousands_of_mutated_robot_files(text):
     obeys(text)
 
 
+HEADER = """\
+robot = "biglide"
+modelled = ["gravity"]
+components = "published"
+readings = "readings.csv"
+ignore = ["note"]
+units = { value = "um", z = "mm" }
+
+[sensors.gauge]
+measures = "displacement"
+body = "platform"
+at = ["75 mm", 0, 0.33]
+direction = [0, 0, 1]
+against = "ground"
+zero = "session"
+
+[loads.hook]
+body = "platform"
+at = [0, 0, 0.35]
+"""
+READINGS = """\
+x,y,z,load,fx,fz,sensor,quantity,value,sigma,session,note
+0,0,350,,100,0,,dx,4.2,1,a,first
+0,0,350,hook,0,-100,gauge,,-3.5,1,a,
+0.01,0,400,,0,0,,ez,11,,b,
+0.01,0,400,,,,gauge,,0.5,2,b,last
+"""
+CELLS = (
+    "", " ", "nan", "inf", "-1e308", "1e308", "1e-308", "9" * 5000, "0x10", "1_0", "1,5", '"', "hook", "gauge", "dx",
+    "\0", "\u202e", "x" * 3000, "=1+1", "350 mm", "-0", "\t", ";", "\ud800",
+)  # fmt: skip
+
+
+@st.composite
+def mutated_campaigns(draw: st.DrawFn) -> tuple[str, str]:
+    """A campaign.toml and its readings with a few lines, cells or letters changed."""
+    header, rows = HEADER.split("\n"), READINGS.split("\n")
+    for _ in range(draw(st.integers(1, 3))):
+        lines = draw(st.sampled_from((header, rows, rows)))
+        at = draw(st.integers(0, len(lines) - 1))
+        kind = draw(st.sampled_from(("value", "value", "value", "gone", "double", "letter")))
+        if kind == "value" and lines is header:
+            lines[at] = f"{lines[at].partition('=')[0]}= {draw(st.sampled_from(HOSTILE))}"
+        elif kind == "value":
+            cells = lines[at].split(",")
+            cells[draw(st.integers(0, len(cells) - 1))] = draw(st.sampled_from(CELLS))
+            lines[at] = ",".join(cells)
+        elif kind == "gone":
+            del lines[at]
+        elif kind == "double":
+            lines.insert(at, lines[at])
+        elif lines[at]:
+            place = draw(st.integers(0, len(lines[at]) - 1))
+            lines[at] = lines[at][:place] + draw(st.characters(codec="utf-8")) + lines[at][place + 1 :]
+        if not lines:
+            lines.append("")
+    return "\n".join(header), "\n".join(rows)
+
+
+def campaign_obeys(folder: Path, header: str, rows: str) -> None:
+    """A campaign of finite numbers on the robot that it names, or one line that names its file and line."""
+    begun = time.perf_counter()
+    for name, text in (("campaign.toml", header), ("readings.csv", rows)):
+        (folder / name).write_bytes(text.encode("utf-8", "surrogatepass"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            case = open_case(folder)
+            reached(case)
+        except InputError as refused:
+            assert re.search(
+                r"^(\S*/)?(campaign\.toml|readings\.csv)(:\d+)?: |/\S*: expected a table in CSV, got", str(refused)
+            )
+            assert "\n" not in str(refused)
+        else:
+            c = case.campaign
+            assert len(c) > 0
+            for values in (c.value, c.poses, c.wrench[c.kind == 0], c.sigma[~np.isnan(c.sigma)]):
+                assert np.isfinite(values).all()
+    assert sorted(each.name for each in folder.iterdir()) == ["campaign.toml", "readings.csv"]
+    assert time.perf_counter() - begun < 20
+
+
+def test_the_campaign_that_is_mutated_is_valid(tmp_path):
+    campaign_obeys(tmp_path, HEADER, READINGS)
+    assert len(open_case(tmp_path).campaign) == 4
+
+
+@settings(LAW, max_examples=30)
+@given(mutated_campaigns())
+def test_a_mutated_campaign_is_read_or_refused_in_one_line(tmp_path_factory, texts):
+    campaign_obeys(tmp_path_factory.mktemp("mutant"), *texts)
+
+
+@pytest.mark.slow
+@settings(LAW, max_examples=2000)
+@given(mutated_campaigns())
+def test_thousands_of_mutated_campaigns(tmp_path_factory, texts):
+    campaign_obeys(tmp_path_factory.mktemp("mutant"), *texts)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [".".join(["a"] * 300_000) + " = 1", f"[{'.'.join(['a'] * 300_000)}]", '"a".' * 100_000 + "a = 1", "a" * 1_000_000],
+)
+def test_a_file_is_read_in_time_that_grows_with_its_size(text):
+    begun = time.perf_counter()
+    with pytest.raises(InputError, match=r"^r\.toml:2: expected (keys of at most 30 names|valid TOML)"):
+        read_robot(Path("r.toml"), f"# first\n{text}\n")
+    assert time.perf_counter() - begun < 3
+
+
 def stiffscope(*words: str, folder: Path, **more) -> subprocess.Popen:
     environment = {**os.environ, "STIFFSCOPE_CACHE": str(folder / "cache"), "TMPDIR": str(folder / "tmp")}
     (folder / "tmp").mkdir(exist_ok=True)
@@ -126,29 +240,56 @@ def killed_at_random(folder: Path, words: tuple[str, ...], latest: float, chance
     assert not left
 
 
+_POSE = ("--at", "0,0,350 mm", "--components", "published", "--out", "out", "--quiet")
 COMMANDS = (
     ("run", "biglide", "--components", "published", "--out", "out", "--quiet"),
     ("check", "delta", "--out", "out", "--quiet"),
     ("map", "biglide", "--components", "published", "--points", "5", "--out", "out", "--quiet"),
     ("compliance", "biglide", "--part", "link", "--superelement", "out", "--json", "a.json", "--quiet"),
+    ("modes", "biglide", *_POSE),
+    ("frf", "biglide", "--from", "platform:0,0,0:z", "--to", "platform:0,0,0:z", *_POSE),
+    ("sensitivity", "biglide", *_POSE),
+    ("campaign", "check", "c", "--out", "out", "--quiet"),
+    ("diagnose", "c", "--out", "out", "--quiet"),
+    ("blind", "five-bar", "--components", "beam", "--campaigns", "2", "--out", "out", "--quiet"),
 )
+
+
+def results_in(folder: Path) -> dict[str, str]:
+    """Every file of an output folder, and the numbers of those that say no times."""
+    texts: dict[str, str] = {}
+    for path in sorted(folder.rglob("*")):
+        if path.is_file():
+            plain = path.suffix in {".csv", ".json"} and path.name not in {"manifest.json", "scores.json"}
+            texts[path.relative_to(folder).as_posix()] = path.read_text(encoding="utf-8") if plain else ""
+    return texts
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 @pytest.mark.slow
-@pytest.mark.parametrize("words", COMMANDS)
+@pytest.mark.parametrize("words", COMMANDS, ids=lambda words: words[0])
 def test_kills_at_random_moments_lose_and_leave_nothing(tmp_path, words):
     chance = random.Random(7)  # noqa: S311
-    (tmp_path / "notes.txt").write_text("mine")
-    for _ in range(25):
-        killed_at_random(tmp_path, words, 15.0, chance)
-    done = stiffscope(*words, folder=tmp_path)
-    _, errors = done.communicate(timeout=300)
+    clean, spoilt = tmp_path / "clean", tmp_path / "spoilt"
+    for folder in (clean, spoilt):
+        (folder / "c").mkdir(parents=True)
+        (folder / "c" / "campaign.toml").write_text(HEADER)
+        (folder / "c" / "readings.csv").write_text(READINGS)
+        (folder / "notes.txt").write_text("mine")
+    begun = time.monotonic()
+    first = stiffscope(*words, folder=clean)
+    _, errors = first.communicate(timeout=900)
+    assert first.returncode == 0, errors
+    latest = time.monotonic() - begun
+    for _ in range(10):
+        killed_at_random(spoilt, words, latest, chance)
+    done = stiffscope(*words, folder=spoilt)
+    _, errors = done.communicate(timeout=900)
     assert done.returncode == 0, errors
-    assert (tmp_path / "notes.txt").read_text() == "mine"
-    assert {each.name for each in tmp_path.iterdir()} <= {"notes.txt", "out", "cache", "tmp", "a.json"}
-    assert not [each for each in (tmp_path / "tmp").iterdir() if "stiffscope" in each.name]
-    assert (tmp_path / "out" / "manifest.json").exists()
+    assert (spoilt / "notes.txt").read_text() == "mine"
+    assert {each.name for each in spoilt.iterdir()} == {each.name for each in clean.iterdir()}
+    assert not [each.name for each in (spoilt / "tmp").iterdir()]
+    assert results_in(spoilt / "out") == results_in(clean / "out")
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")

@@ -9,7 +9,16 @@ from pathlib import Path
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.files import check_output, scratch_folder, staged_folder, to_json, write_json
+from stiffscope.files import (
+    check_json,
+    check_output,
+    copy_files,
+    remove_copied,
+    scratch_folder,
+    staged_folder,
+    to_json,
+    write_json,
+)
 
 
 def fill(target, **contents) -> None:
@@ -204,3 +213,31 @@ def test_a_full_disk_is_one_line_and_nothing_is_left(tmp_path):
         assert os.listdir(disk) == []
     finally:
         subprocess.run(["umount", disk], check=True)
+
+
+def test_what_is_no_copy_stays(tmp_path):
+    cases, out = tmp_path / "out.cases", tmp_path / "out"
+    for name, text in {"a/case": "1", "a/edited": "1", "notes.txt": "mine", "b/case": "1"}.items():
+        (cases / name).parent.mkdir(parents=True, exist_ok=True)
+        (cases / name).write_text(text)
+    with staged_folder(out) as folder:
+        copy_files(cases, folder, ["a/case", "a/edited", "b/case"])
+    (cases / "a" / "edited").write_text("1 and mine")
+    assert not remove_copied(cases, out)
+    assert {p.relative_to(cases).as_posix() for p in cases.rglob("*")} == {"a", "a/edited", "notes.txt"}
+    for name in ("a/edited", "notes.txt"):
+        (cases / name).unlink()
+    assert remove_copied(cases, out)
+    assert not cases.exists()
+
+
+def test_only_json_is_replaced_by_json(tmp_path):
+    for name, text in {"readings.csv": "x,y\n1,2\n", "robot.toml": "[tool]\npose = []\n", "part.step": "ISO"}.items():
+        (tmp_path / name).write_text(text)
+        with pytest.raises(InputError, match=rf"{name}: expected a new file or one with JSON to replace"):
+            check_json(tmp_path / name)
+        assert (tmp_path / name).read_text() == text
+    for text in ("", '{"a": 1}'):
+        (tmp_path / "a.json").write_text(text)
+        check_json(tmp_path / "a.json")
+    check_json(tmp_path / "b.json")

@@ -195,19 +195,18 @@ def blind(
     Draws campaigns of each ROBOT (by default biglide), seals what is in them, diagnoses them, and scores the answers.
     Finished cases are kept in DIR.cases until all are: the same command goes on where it was interrupted.
     """
-    import shutil
-
     from stiffscope.cli.showing import shown_workshop
-    from stiffscope.gap.blind import run_blind
+    from stiffscope.gap.blind import case_files, check_cases, run_blind
     from stiffscope.jobs.blind import blind_robots
     from stiffscope.report import tables
     from stiffscope.report.blind_scores import draw_scores, scores_json, show_scores
     from stiffscope.robot.reader import load_robot
 
     files.check_output(out, target)
+    cases = out.with_name(f"{out.name}.cases")
+    check_cases(cases)
     robots = [load_robot(name) for name in names or ("biglide",)]
     manifest = manifest_of(robots[0], *(robot.path for robot in robots[1:]))
-    cases = out.with_name(f"{out.name}.cases")
     with shown_workshop(quiet=quiet) as shop:
         drawn = blind_robots(robots, components, shop)
         report = shop.open_line("blind")
@@ -215,11 +214,12 @@ def blind(
         report("figures", 1.0)
         found = scores_json(scores, campaigns, seed, manifest.elapsed())
         with files.staged_folder(out) as folder:
-            shutil.copytree(cases, folder, dirs_exist_ok=True)
+            files.copy_files(cases, folder, case_files(cases, drawn, campaigns, seed))
             files.write_json(folder / "scores.json", found)
             draw_scores(scores, folder)
             manifest.write(folder)
-    shutil.rmtree(cases)
+    if not files.remove_copied(cases, out):
+        log.warning("%s: holds files that are no cases of this check; they stay there", cases)
     if target:
         files.write_json(target, found)
     if not quiet and target != "-":

@@ -28,10 +28,8 @@ def robots(*, target: str | None, quiet: bool) -> None:
 
 
 @click.command()
-@takes(
-    click.argument("name", metavar="NAME"), click.argument("target", metavar="FILE", type=click.Path(path_type=Path))
-)
-def new(name: str, target: Path, *, quiet: bool) -> None:
+@takes(click.argument("name", metavar="NAME"), click.argument("target", metavar="FILE"))
+def new(name: str, target: str, *, quiet: bool) -> None:
     """Copy a robot that comes along, to start from: stiffscope new delta mine.toml."""
     from stiffscope.report import tables
     from stiffscope.robot.library import copy_robot

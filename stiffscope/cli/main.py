@@ -162,6 +162,6 @@ def _stop(_signal: int, _frame: Any) -> NoReturn:
 
 
 def _say(text: str) -> None:
-    plain = "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in " ".join(text.split()))
+    plain = " ".join(shown(word) for word in text.split())
     with contextlib.suppress(OSError):
         click.echo(f"stiffscope: {plain}", err=True)

@@ -34,10 +34,10 @@ def _note_debug(_context: click.Context, _option: click.Parameter, wanted: bool)
 
 
 def _check_file(_context: click.Context, _option: click.Parameter, target: str | None) -> str | None:
-    from stiffscope.files import check_file
+    from stiffscope.files import check_json
 
     if target not in (None, "-"):
-        check_file(Path(target))
+        check_json(Path(target))
     return target
 
 

@@ -144,13 +144,15 @@ def _show_modes(names: Sequence[str], found: Modes, drives: str) -> None:
 
 
 def _band(text: str | None) -> tuple[float, float] | None:
+    from stiffscope.robot.quantities import FREQUENCY
+
     if text is None:
         return None
     try:
         low, high = (float(word) for word in text.split(","))
     except ValueError:
         low = high = -1.0
-    if not 0.0 < low < high < float("inf"):
+    if not 0.0 < low < high or FREQUENCY.refusal(low) or FREQUENCY.refusal(high):
         raise InputError(f"--band {text}: expected LOW,HIGH in Hz, 0 < LOW < HIGH, such as 5,500")
     return low, high
 

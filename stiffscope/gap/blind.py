@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import shutil
-import tempfile
+import os
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stiffscope.errors import InputError
-from stiffscope.gap.blind_cases import Lab, draw, seal, unseal, write_case
+from stiffscope.files import scratch_folder, write_bytes
+from stiffscope.gap.blind_cases import SEAL, Lab, draw, seal, unseal, write_case
 from stiffscope.gap.blind_scores import Outcome, outcome_of, score
 from stiffscope.gap.cluster import cluster
 from stiffscope.gap.diagnose import conclude
@@ -18,9 +17,11 @@ from stiffscope.gap.diagnosis import to_json
 from stiffscope.gap.findings import find
 from stiffscope.gap.readings import load_campaign
 from stiffscope.gap.robot_model import RobotModel
+from stiffscope.reading import read_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+    from pathlib import Path
 
     from stiffscope.gap.blind_cases import BlindRobot
     from stiffscope.gap.blind_scores import Scores
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     Files = dict[str, str]
 
 OUTCOME = "outcome.json"
+DIAGNOSES = ("diagnosis.json", "diagnosis-without.json")
 _RUN = "run.json"
 _labs: dict[str, Lab] = {}
 
@@ -82,43 +84,69 @@ def run_blind(
         The folder holds another check, or no scheduler answers.
 
     """
-    _open(folder, robots, seed)
+    check = _check(robots, seed)
+    _open(folder, check)
     tasks = [Task(robot.name, number, seed) for robot in robots for number in range(campaigns)]
-    left = [task for task in tasks if not (folder / task.folder / OUTCOME).is_file()]
+    left = [task for task in tasks if not os.path.lexists(folder / task.folder)]
+    for task in set(tasks).difference(left):  # before any work is spent
+        _stored(folder / task.folder)
     if left:
-        _work(folder, robots, left, progress, workers, scheduler)
+        _work(folder, robots, left, check, progress, workers, scheduler)
     for robot in robots:
         at = folder / robot.name
         seal(at, [unseal(folder / task.folder)[0] for task in tasks if task.robot == robot.name])
     return score([outcome for task in tasks for outcome in _stored(folder / task.folder)])
 
 
-def _open(folder: Path, robots: Sequence[BlindRobot], seed: int) -> None:
-    """Note which check this folder holds. Raises InputError where it is another one."""
+def _check(robots: Sequence[BlindRobot], seed: int) -> str:
+    """What distinguishes a check from another, as text."""
     texts = {robot.name: robot.nominal.robot.source for robot in robots}
     check = {
         "seed": seed,
         "robots": {name: [source.text, *source.overrides] for name, source in texts.items()},
         "components": {robot.name: robot.components for robot in robots},
     }
+    return _text(check)
+
+
+def _open(folder: Path, check: str) -> None:
+    """Refuse a folder that holds another check, or anything else. Raises InputError."""
+    check_cases(folder)
     file = folder / _RUN
-    if file.is_file():
-        if json.loads(file.read_text(encoding="utf-8")) != check:
-            raise InputError(
-                f"{folder}: expected the cases of this check, got those of another; delete them to start anew"
-            )
-        return
-    folder.mkdir(parents=True, exist_ok=True)
-    file.write_text(json.dumps(check, indent=1), encoding="utf-8")
+    if os.path.lexists(file) and read_text(file, "a list of the cases of a check") != check:
+        raise InputError(f"{folder}: expected the cases of this check, got those of another; delete them to start anew")
+
+
+def _text(content: Any) -> str:
+    return json.dumps(content, indent=1)
+
+
+def check_cases(folder: Path) -> None:
+    """Refuse a folder for the cases of a check that holds something else. Raises InputError."""
+    if os.path.lexists(folder) and not folder.is_dir():
+        raise InputError(f"{folder}: expected a folder for finished cases, got a file; move it away")
+    if folder.is_dir() and not (folder / _RUN).is_file() and any(folder.iterdir()):
+        raise InputError(f"{folder}: expected a folder for finished cases, got one with other files; move it away")
+
+
+def case_files(folder: Path, robots: Sequence[BlindRobot], campaigns: int, seed: int) -> list[str]:
+    """Names of the files of a finished check, relative to its folder: these and no others are its own."""
+    tasks = [Task(robot.name, number, seed) for robot in robots for number in range(campaigns)]
+    written = ("campaign.toml", "readings.csv", SEAL, *DIAGNOSES, OUTCOME)
+    names = [_RUN, *(f"{robot.name}/{SEAL}" for robot in robots)]
+    names += [f"{task.folder}/{name}" for task in tasks for name in written]
+    return [name for name in names if (folder / name).is_file()]
 
 
 def _work(
-    folder: Path, robots: Sequence[BlindRobot], tasks: list[Task], progress: Progress | None, workers: int,
-    scheduler: str | None,
+    folder: Path, robots: Sequence[BlindRobot], tasks: list[Task], check: str, progress: Progress | None,
+    workers: int, scheduler: str | None,
 ) -> None:  # fmt: skip
     from distributed import as_completed
 
     with cluster(scheduler, min(workers, len(tasks))) as client:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_bytes(folder / _RUN, check.encode())
         known = {robot.name: client.scatter(robot, broadcast=True, hash=False) for robot in robots}
         running = {client.submit(solve, known[task.robot], task, pure=False, retries=1): task for task in tasks}
         try:
@@ -136,25 +164,31 @@ def _store(folder: Path, task: Task, files: Files) -> None:
     """Write a finished case in one step."""
     goal = folder / task.folder
     goal.parent.mkdir(parents=True, exist_ok=True)
-    if goal.exists():
-        shutil.rmtree(goal)
-    aside = Path(tempfile.mkdtemp(prefix=".case-", dir=folder))
-    for name, text in files.items():
-        (aside / name).write_text(text, encoding="utf-8", newline="")
-    aside.chmod(0o755)
-    aside.rename(goal)
+    with scratch_folder(folder) as scratch:
+        aside = scratch / goal.name
+        aside.mkdir()
+        for name, text in files.items():
+            (aside / name).write_text(text, encoding="utf-8", newline="")
+        aside.rename(goal)
 
 
 def _stored(folder: Path) -> list[Outcome]:
-    """Outcomes of a finished case, as they were stored."""
-    listed: list[dict[str, Any]] = json.loads((folder / OUTCOME).read_text(encoding="utf-8"))
+    """Outcomes of a finished case, as they were stored. Raises InputError where they are not."""
+    file = folder / OUTCOME
     out: list[Outcome] = []
-    for o in listed:
-        groups = tuple(tuple(group) for group in o["groups"])
-        stated = tuple((p, true) for p, true in o["stated"])
-        lists = {name: tuple(o[name]) for name in ("truth", "named", "gap", "covered")}
-        fields: dict[str, Any] = {**o, **lists, "groups": groups, "stated": stated}
-        out.append(Outcome(**fields))
+    try:
+        listed: list[dict[str, Any]] = json.loads(read_text(file, "the outcome of a case"))
+        for o in listed:
+            groups = tuple(tuple(group) for group in o["groups"])
+            stated = tuple((p, true) for p, true in o["stated"])
+            lists = {name: tuple(o[name]) for name in ("truth", "named", "gap", "covered")}
+            fields: dict[str, Any] = {**o, **lists, "groups": groups, "stated": stated}
+            out.append(Outcome(**fields))
+    except InputError:
+        raise
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        message = "expected the outcome of a case, got something else; delete its folder to work it out anew"
+        raise InputError(f"{file}: {message}") from error
     return out
 
 
@@ -164,8 +198,7 @@ def solve(robot: BlindRobot, task: Task) -> Files:
     if lab is None or lab.robot is not robot:
         lab = _labs[robot.name] = Lab(robot)
     case = draw(task.number, task.seed, lab)
-    with tempfile.TemporaryDirectory(prefix="stiffscope-case-") as scratch:
-        folder = Path(scratch)
+    with scratch_folder() as folder:
         write_case(folder, task.number, case, lab)
         found = {"": _diagnose(robot, folder, "")}
         if case.kind == "single":
@@ -179,8 +212,8 @@ def solve(robot: BlindRobot, task: Task) -> Files:
         seal(folder, [case])
         files = {file.name: file.read_text(encoding="utf-8") for file in sorted(folder.iterdir())}
     for effect, data in found.items():
-        files["diagnosis-without.json" if effect else "diagnosis.json"] = json.dumps(data, indent=1)
-    files[OUTCOME] = json.dumps([asdict(outcome) for outcome in outcomes], indent=1)
+        files[DIAGNOSES[bool(effect)]] = _text(data)
+    files[OUTCOME] = _text([asdict(outcome) for outcome in outcomes])
     return files
 
 

@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.errors import InputError
 from stiffscope.gap.quantities import AXES, DEVIATION, FREQUENCY, QUANTITIES, STIFFNESS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from stiffscope.robot.source import Source
 
     Array = NDArray[np.float64]
     Codes = NDArray[np.int64]
@@ -114,6 +117,8 @@ class Campaign:
     loads: tuple[LoadPoint, ...] = field(default_factory=_no_loads)
     load: Codes = field(default_factory=_no_codes)
     """(n,) position in `loads`; `AT_TOOL` for a wrench at M."""
+    source: Source | None = None
+    """Text of the campaign.toml, by which refusals name the line of a key; None where nothing was read."""
 
     def __post_init__(self) -> None:
         """Replace every array by a read-only copy."""
@@ -163,6 +168,12 @@ class Campaign:
         if self.sensor[reading] >= 0:
             return self.sensors[int(self.sensor[reading])].name
         return QUANTITIES[int(self.quantity[reading])]
+
+    def refuse(self, key: tuple[str, ...], message: str) -> InputError:
+        """Error for a key of the campaign.toml."""
+        if self.source is None:
+            return InputError(f"campaign: {'.'.join(key)}: {message}")
+        return self.source.refuse(key, message)
 
     def where(self, reading: int) -> str:
         """Return the file and line of one reading."""

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign import LoadPoint, Sensor
+from stiffscope.reading import read_text
 from stiffscope.robot.quantities import LENGTH, shown, to_si
+from stiffscope.robot.source import Source, parse_text
 from stiffscope.robot.vocabulary import EFFECTS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
 
+    from stiffscope.robot.positions import Key
+
+NAME = "campaign.toml"
 COMPONENTS = ("fea", "beam", "published")
 MEASURES = ("displacement", "rotation")
 ZEROS = ("none", "session")
@@ -37,6 +41,8 @@ class Header:
     components: str
     readings: tuple[str, ...]
     predictions: str | None
+    source: Source
+    """Its text, by which refusals name the line of a key."""
     units: Mapping[str, str] = field(default_factory=dict[str, str])
     """Unit of each column that is not SI."""
     ignore: tuple[str, ...] = ()
@@ -45,119 +51,119 @@ class Header:
 
 
 def load_header(folder: Path) -> Header:
-    """Return what a campaign folder's campaign.toml says. Raises InputError that names the key."""
-    path = folder / "campaign.toml"
+    """Return what a campaign folder's campaign.toml says. Raises InputError that names line and key."""
     if not folder.is_dir():
         raise InputError(f"{folder}: expected a campaign folder with a campaign.toml")
-    try:
-        data = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    except OSError:
-        raise InputError(f"{folder}: expected a campaign.toml in this folder") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"campaign.toml: expected TOML, got {error}") from None
-    _known(data, _KEYS, "")
-    robot, predictions = _text(data, "robot"), _text(data, "predictions")
+    text = read_text(folder / NAME, "a campaign.toml")
+    source = Source(Path(NAME), text)
+    top = _Table(source, (), parse_text(source.path, text, "a campaign.toml"))
+    top.check_keys(_KEYS)
+    robot, predictions = top.text("robot"), top.text("predictions")
     if (robot is None) == (predictions is None):
-        raise InputError("campaign.toml: expected either robot or predictions, one of the two")
-    components = _text(data, "components") or "fea"
-    if components not in COMPONENTS:
-        raise InputError(f"campaign.toml: components: expected one of {', '.join(COMPONENTS)}, got {components!r}")
-    modelled = _texts(data.get("modelled", []), "modelled")
+        raise top.refuse("predictions" if robot else "robot", "expected either robot or predictions, one of the two")
+    components = top.choice("components", COMPONENTS, "fea")
+    modelled = top.texts("modelled", ())
     strange = [name for name in modelled if name not in EFFECTS]
     if strange:
-        valid = ", ".join(EFFECTS)
-        raise InputError(f"campaign.toml: modelled: expected effects among {valid}, got {strange[0]!r}")
-    listed = data.get("readings")
-    readings = _texts([listed] if isinstance(listed, str) else listed, "readings")
+        raise top.refuse("modelled", f"expected effects among {', '.join(EFFECTS)}, got {shown(strange[0])}")
+    readings = top.texts("readings")
     if not readings or len(set(readings)) < len(readings):
-        raise InputError("campaign.toml: readings: expected one file name or a list of different ones")
-    units = {key: _text(_table(data, "units"), key, "units.") or "" for key in _table(data, "units")}
-    sensors = tuple(_sensor(name, section) for name, section in _sections(data, "sensors"))
-    loads = tuple(_load(name, section) for name, section in _sections(data, "loads"))
-    ignore = _texts(data.get("ignore", []), "ignore")
-    return Header(robot, modelled, components, readings, predictions, units, ignore, sensors, loads)
+        raise top.refuse("readings", "expected one file name or a list of different ones")
+    units = {column: unit for column in top.table("units").data if (unit := top.table("units").text(column))}
+    sensors = tuple(_sensor(name, section) for name, section in top.sections("sensors"))
+    loads = tuple(_load(name, section) for name, section in top.sections("loads"))
+    return Header(
+        robot, modelled, components, readings, predictions, source, units, top.texts("ignore", ()), sensors, loads
+    )
 
 
-def _sensor(name: str, section: dict[str, Any]) -> Sensor:
-    here = f"sensors.{name}."
-    _known(section, _SENSOR, here)
-    measures = _choice(section, "measures", MEASURES, here)
-    body = _needed(section, "body", here)
-    direction = np.array(_three(section, "direction", here, lengths=False))
+def _sensor(name: str, section: _Table) -> Sensor:
+    section.check_keys(_SENSOR)
+    measures = section.choice("measures", MEASURES)
+    body = section.body()
+    direction = np.array(section.three("direction", lengths=False))
     size = float(np.linalg.norm(direction))
     if not size > 0.0:
-        raise InputError(f"campaign.toml: {here}direction: expected a direction, got {shown(section['direction'])}")
+        raise section.refuse("direction", f"expected a direction, got {shown(section.data['direction'])}")
     unit = tuple(float(v) for v in direction / size)
-    if measures == "rotation" and "at" in section:
-        raise InputError(f"campaign.toml: {here}at: expected no point for a rotation, which is the whole body's")
-    at = (0.0, 0.0, 0.0) if measures == "rotation" else _three(section, "at", here)
-    against = _text(section, "against", here) or "ground"
-    zero = _choice(section, "zero", ZEROS, here) if "zero" in section else "none"
+    if measures == "rotation" and "at" in section.data:
+        raise section.refuse("at", "expected no point for a rotation, which is the whole body's")
+    at = (0.0, 0.0, 0.0) if measures == "rotation" else section.three("at")
+    against = section.text("against") or "ground"
+    zero = section.choice("zero", ZEROS, "none")
     return Sensor(name, body, (unit[0], unit[1], unit[2]), at, measures, against, zero)
 
 
-def _load(name: str, section: dict[str, Any]) -> LoadPoint:
-    here = f"loads.{name}."
-    _known(section, _LOAD, here)
-    return LoadPoint(name, _needed(section, "body", here), _three(section, "at", here))
+def _load(name: str, section: _Table) -> LoadPoint:
+    section.check_keys(_LOAD)
+    return LoadPoint(name, section.body(), section.three("at"))
 
 
-def _three(section: dict[str, Any], key: str, here: str, *, lengths: bool = True) -> tuple[float, float, float]:
-    value = section.get(key)
-    what = 'three lengths such as ["75 mm", 0, "-15 mm"]' if lengths else "three numbers such as [0, 0, 1]"
-    if not isinstance(value, list) or len(cast("list[Any]", value)) != 3:
-        raise InputError(f"campaign.toml: {here}{key}: expected {what}, got {shown(value)}")
-    out: list[float] = []
-    for each in cast("list[Any]", value):
-        if not lengths and not isinstance(each, int | float):
-            raise InputError(f"campaign.toml: {here}{key}: expected {what}, got {shown(value)}")
-        try:
-            out.append(to_si(each, LENGTH, sign="any"))
-        except ValueError as error:
-            raise InputError(f"campaign.toml: {here}{key}: {error}") from None
-    return out[0], out[1], out[2]
+@dataclass(frozen=True)
+class _Table:
+    """A table of the file, whose refusals name line and key."""
 
+    source: Source
+    here: Key
+    data: dict[str, Any]
 
-def _sections(data: dict[str, Any], key: str) -> list[tuple[str, dict[str, Any]]]:
-    found = _table(data, key)
-    return [(name, _table(found, name, f"{key}.")) for name in found]
+    def refuse(self, key: str, message: str) -> InputError:
+        return self.source.refuse((*self.here, key), message)
 
+    def check_keys(self, keys: tuple[str, ...]) -> None:
+        unknown = [key for key in self.data if key not in keys]
+        if unknown:
+            raise self.refuse(unknown[0], f"expected one of {', '.join(keys)}")
 
-def _table(data: dict[str, Any], key: str, here: str = "") -> dict[str, Any]:
-    value = data.get(key, {})
-    if not isinstance(value, dict):
-        raise InputError(f"campaign.toml: {here}{key}: expected a table, got {shown(value)}")
-    return cast("dict[str, Any]", value)
+    def text(self, key: str) -> str | None:
+        value = self.data.get(key)
+        if key in self.data and (not isinstance(value, str) or not value.strip()):
+            raise self.refuse(key, f"expected a text, got {shown(value)}")
+        return value
 
+    def texts(self, key: str, default: tuple[str, ...] | None = None) -> tuple[str, ...]:
+        """A list of texts, or a single one."""
+        value = self.data.get(key, default)
+        listed = cast("list[Any]", [value] if isinstance(value, str) else value)
+        if default is not None and key not in self.data:
+            return default
+        if not isinstance(listed, list) or not all(isinstance(v, str) and v for v in listed):
+            raise self.refuse(key, f"expected a list of texts, got {shown(value)}")
+        return tuple(listed)
 
-def _known(data: dict[str, Any], keys: tuple[str, ...], here: str) -> None:
-    unknown = [key for key in data if key not in keys]
-    if unknown:
-        raise InputError(f"campaign.toml: {here}{unknown[0]}: expected one of {', '.join(keys)}")
+    def choice(self, key: str, choices: tuple[str, ...], default: str | None = None) -> str:
+        value = self.text(key) if key in self.data or default is None else default
+        if value not in choices:
+            raise self.refuse(key, f"expected one of {', '.join(choices)}, got {shown(value)}")
+        return value
 
+    def body(self) -> str:
+        value = self.text("body")
+        if value is None:
+            raise self.refuse("body", "expected the name of a body, got nothing")
+        return value
 
-def _choice(data: dict[str, Any], key: str, choices: tuple[str, ...], here: str) -> str:
-    value = _text(data, key, here)
-    if value not in choices:
-        raise InputError(f"campaign.toml: {here}{key}: expected one of {', '.join(choices)}, got {shown(value)}")
-    return value
+    def three(self, key: str, *, lengths: bool = True) -> tuple[float, float, float]:
+        value: Any = self.data.get(key)
+        what = 'three lengths such as ["75 mm", 0, "-15 mm"]' if lengths else "three numbers such as [0, 0, 1]"
+        if not isinstance(value, list) or len(cast("list[Any]", value)) != 3:
+            raise self.refuse(key, f"expected {what}, got {shown(value)}")
+        out: list[float] = []
+        for each in cast("list[Any]", value):
+            if not lengths and not isinstance(each, int | float):
+                raise self.refuse(key, f"expected {what}, got {shown(value)}")
+            try:
+                out.append(to_si(each, LENGTH, sign="any"))
+            except ValueError as error:
+                raise self.refuse(key, str(error)) from None
+        return out[0], out[1], out[2]
 
+    def table(self, key: str) -> _Table:
+        value = self.data.get(key, {})
+        if not isinstance(value, dict):
+            raise self.refuse(key, f"expected a table, got {shown(value)}")
+        return _Table(self.source, (*self.here, key), cast("dict[str, Any]", value))
 
-def _needed(data: dict[str, Any], key: str, here: str) -> str:
-    value = _text(data, key, here)
-    if value is None:
-        raise InputError(f"campaign.toml: {here}{key}: expected the name of a body, got nothing")
-    return value
-
-
-def _text(data: dict[str, Any], key: str, here: str = "") -> str | None:
-    value = data.get(key)
-    if key in data and (not isinstance(value, str) or not value.strip()):
-        raise InputError(f"campaign.toml: {here}{key}: expected a text, got {value!r}")
-    return value
-
-
-def _texts(value: Any, key: str) -> tuple[str, ...]:
-    if not isinstance(value, list) or not all(isinstance(v, str) and v for v in cast("list[Any]", value)):
-        raise InputError(f"campaign.toml: {key}: expected a list of texts, got {value!r}")
-    return tuple(cast("list[str]", value))
+    def sections(self, key: str) -> list[tuple[str, _Table]]:
+        found = self.table(key)
+        return [(name, found.table(name)) for name in found.data]

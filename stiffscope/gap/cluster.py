@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import logging
-import tempfile
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from stiffscope import children
 from stiffscope.errors import InputError
+from stiffscope.files import scratch_folder
 
 if TYPE_CHECKING:
     from collections.abc import Generator
@@ -32,6 +33,7 @@ def cluster(scheduler: str | None = None, workers: int = 2) -> Generator[Any]:
         No scheduler answers.
 
     """
+    import dask
     from distributed import Client, LocalCluster
 
     if scheduler is not None:
@@ -48,10 +50,11 @@ def cluster(scheduler: str | None = None, workers: int = 2) -> Generator[Any]:
     no_page: dict[str, Any] = {"dashboard_address": None}
     logging.getLogger("distributed").setLevel(quiet)  # a worker that is slow to end is no news
     with (
-        tempfile.TemporaryDirectory(prefix="stiffscope-dask-") as scratch,
+        scratch_folder() as scratch,
+        dask.config.set({"temporary-directory": str(scratch)}),
         LocalCluster(
             n_workers=workers, threads_per_worker=1, processes=True, silence_logs=quiet,
-            local_directory=scratch, memory_limit=0, **no_page,
+            local_directory=str(scratch), memory_limit=0, preload=[children.__name__], **no_page,
         ) as local,  # pyright: ignore[reportUnknownVariableType]
         Client(local) as client,
     ):  # fmt: skip

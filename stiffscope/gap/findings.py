@@ -156,12 +156,13 @@ class Findings:
         return out
 
     def percent_rms_by_pose(self, residual: Array) -> float:
-        """% rms of residuals (n,) in standard deviations, mean over poses."""
+        """% rms of residuals (n,) in standard deviations, mean over poses with readings other than zero."""
         model = self.campaign.value - residual * self.sigma
+        told = self.used & (self.campaign.value != 0.0)
         scores = [
-            percent_rms(self.campaign, model, self.sigma, here)
+            percent_rms(self.campaign, model, self.sigma, self.used & here)
             for pose in range(len(self.campaign.pose_names))
-            if (here := self.used & (self.campaign.pose == pose)).any()
+            if (told & (here := self.campaign.pose == pose)).any()
         ]
         return float(np.mean(scores)) if scores else float("nan")
 
@@ -207,5 +208,9 @@ def _without_copies(c: Campaign, noise: Noise) -> Noise:
         return noise
     once = np.zeros(len(c), dtype=np.bool_)
     once[first] = True
-    remark = f"{copies} readings repeat others to the last digit and were counted once"
+    k = int(np.flatnonzero(~once)[0])
+    same = first[int(np.flatnonzero((whole[first] == whole[k]).all(axis=1))[0])]
+    remark = (
+        f"{copies} readings repeat others to the last digit and were counted once: {c.where(k)} is {c.where(int(same))}"
+    )
     return replace(noise, used=noise.used & once, remarks=(*noise.remarks, remark))

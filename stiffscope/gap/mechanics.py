@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.gap.quantities import DEVIATION, FIRST_FREQUENCY, FREQUENCY, JOINT
+from stiffscope.gap.quantities import AXES, DEVIATION, FIRST_FREQUENCY, FREQUENCY, JOINT
 from stiffscope.robot.effects import changed, without_ranges
 from stiffscope.vjm.equilibrium import loaded
 from stiffscope.vjm.kinematics import configure, configure_drives
@@ -87,10 +87,30 @@ class RobotAtPoses:
         found = configured(self.mechanism, c.coordinates, c.poses)
         bad = np.flatnonzero(~found.valid)
         if bad.size:
-            k = int(bad[0])
-            row = int(np.argmax(c.pose == k))
-            raise InputError(f"{c.where(row)}: pose {c.pose_names[k]}: {found.reason(k)}")
+            raise self._out_of_reach(int(bad[0]), found)
         return found
+
+    def _out_of_reach(self, pose: int, found: Configurations) -> InputError:
+        """Error that names line and column of a pose, and a unit that was probably meant."""
+        c = self.campaign
+        where = c.where(int(np.argmax(c.pose == pose)))
+        points = np.array([joint.at for joint in self.mechanism.joints])
+        size = float(np.ptp(points, axis=0).max() + np.abs(points).max())
+        beyond: dict[str, tuple[float, float, str, str]] = {}
+        for name, value in zip(c.coordinates, c.poses[pose].tolist(), strict=True):
+            turns = name in AXES[3:] or (
+                name.startswith(JOINT) and self.mechanism.joint(name.removeprefix(JOINT)).kind == "revolute"
+            )
+            limit, units = (2.0 * np.pi, ("rad", "deg")) if turns else (5.0 * size, ("m", "mm"))
+            beyond[name] = abs(value) / limit, value, *units
+        name = max(beyond, key=lambda each: beyond[each][0])
+        times, value, unit, other = beyond[name]
+        if times > 1.0:
+            meant = f'in {other}, as `units = {{ "{name}" = "{other}" }}` of campaign.toml would say?'
+            return InputError(f"{where}: {name}: expected {unit}, got {value:g}: {meant}")
+        field = ", ".join(c.coordinates) if c.pose_names[pose].startswith("(") else "pose"
+        message = f"expected a pose that the robot reaches, got {c.pose_names[pose]}: {found.reason(pose)}"
+        return InputError(f"{where}: {field}: {message}")
 
     @cached_property
     def cases(self) -> int:

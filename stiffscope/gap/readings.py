@@ -26,7 +26,7 @@ from stiffscope.gap.quantities import (
     WRENCH,
 )
 from stiffscope.gap.table import Table, check_columns, numbers, read_table
-from stiffscope.robot.quantities import NUMBER, Dimension, to_si
+from stiffscope.robot.quantities import FORCE, LENGTH, MOMENT, NUMBER, Dimension, shown, to_si
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -42,14 +42,20 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-_LENGTH, _ANGLE = Dimension("a displacement", "m", "um"), Dimension("a rotation", "rad", "urad")
+# Limits of what robots show; `least` is that of a standard uncertainty: no instrument is finer.
+_LENGTH, _ANGLE = Dimension("a displacement", "m", "um", 1e-14, 10.0), Dimension("a rotation", "rad", "urad", 1e-14, 10)
+_STIFF = Dimension("a stiffness", "N/m", "N/um", 1e-6, 1e18)
+_TURNED = Dimension("a rotational stiffness", "N*m/rad", "N*m/mrad", 1e-6, 1e18)
+_OFTEN = Dimension("a frequency", "Hz", "Hz", 1e-9, 1e12)
 _MEASURED = {  # by kind, of a translation and of a rotation
     DEFLECTION: (_LENGTH, _ANGLE),
     DEVIATION: (_LENGTH, _ANGLE),
-    STIFFNESS: (Dimension("a stiffness", "N/m", "N/um"), Dimension("a rotational stiffness", "N*m/rad", "N*m/mrad")),
-    PUSH: (Dimension("a stiffness", "N/m", "N/um"), Dimension("a rotational stiffness", "N*m/rad", "N*m/mrad")),
-    FREQUENCY: (Dimension("a frequency", "Hz", "Hz"), Dimension("a frequency", "Hz", "Hz")),
+    STIFFNESS: (_STIFF, _TURNED),
+    PUSH: (_STIFF, _TURNED),
+    FREQUENCY: (_OFTEN, _OFTEN),
 }
+_PLACE, _TURN = Dimension("a length", "m", "mm", most=LENGTH.most), Dimension("an angle", "rad", "deg", most=1e4)
+_WRENCH = Dimension("a force", "N", "N", most=FORCE.most), Dimension("a moment", "N*m", "N*mm", most=MOMENT.most)
 _SHOWN_QUANTITIES = (*QUANTITIES[: QUANTITIES.index("f1")], "f1", "...", f"f{MOST_MODES}")
 
 
@@ -77,9 +83,8 @@ def load_campaign(folder: Path, robot: RobotFile | None = None, *, planned: bool
     parts = [_load_readings(folder / name, header, bare=bare, planned=planned) for name in header.readings]
     if len({part.coordinates for part in parts}) > 1:
         first, other = (" ".join(p.coordinates) for p in (parts[0], next(_others(parts))))
-        raise InputError(
-            f"campaign.toml: readings: expected all files with the same columns of the pose, got {first} and {other}"
-        )
+        message = f"expected all files with the same columns of the pose, got {first} and {other}"
+        raise header.source.refuse(("readings",), message)
     names, pose, poses = _number_poses(parts)
     labels = [label for part in parts for label in part.sessions]
     sessions = {label: i for i, label in enumerate(dict.fromkeys(labels))}
@@ -108,8 +113,17 @@ def load_campaign(folder: Path, robot: RobotFile | None = None, *, planned: bool
         sensor=np.concatenate([part.sensor for part in parts]),
         loads=header.loads,
         load=np.concatenate([part.load for part in parts]),
+        source=header.source,
     )
+    _check_some(campaign)
     return campaign if robot is None else on_robot(campaign, robot)
+
+
+def _check_some(c: Campaign) -> None:
+    """Refuse readings that are all zero: a gap in percent of them is none."""
+    none = (np.abs(c.value) < _LENGTH.least) & ~c.relative
+    if len(c) and none.all():
+        raise InputError(f"{c.where(0)}: value: expected readings other than zero, got none in {len(c):,} rows")
 
 
 def _others(parts: list[_Rows]) -> Any:
@@ -163,19 +177,19 @@ def _check_bodies(campaign: Campaign, robot: RobotFile) -> None:
 
     known = nodes(robot.bodies)
 
-    def check(name: str, here: str, *, moves: bool) -> None:
+    def check(name: str, *key: str, moves: bool) -> None:
         if name not in known or (moves and name == GROUND):
             valid = ", ".join(node for node in known if not (moves and node == GROUND))
-            raise InputError(f"campaign.toml: {here}: expected a body or an end of one ({valid}), got {name!r}")
+            raise campaign.refuse(key, f"expected a body or an end of one ({valid}), got {shown(name)}")
 
     for sensor in campaign.sensors:
-        check(sensor.body, f"sensors.{sensor.name}.body", moves=False)
-        check(sensor.against, f"sensors.{sensor.name}.against", moves=False)
+        check(sensor.body, "sensors", sensor.name, "body", moves=False)
+        check(sensor.against, "sensors", sensor.name, "against", moves=False)
         if known[sensor.body] == known[sensor.against] and sensor.body == sensor.against:
-            here = f"campaign.toml: sensors.{sensor.name}.against"
-            raise InputError(f"{here}: expected another body than {sensor.body}, got the same")
+            key = "sensors", sensor.name, "against"
+            raise campaign.refuse(key, f"expected another body than {sensor.body}, got the same")
     for load in campaign.loads:
-        check(load.body, f"loads.{load.name}.body", moves=True)
+        check(load.body, "loads", load.name, "body", moves=True)
 
 
 @dataclass(frozen=True)
@@ -251,12 +265,14 @@ def _place(table: Table, coordinates: tuple[str, ...], header: Header) -> tuple[
     for name in coordinates:
         unit = "metres" if name in AXES[:3] else "radians" if name in AXES else "metres or radians"
         values = numbers(table, name, expected=f"a finite number of {unit}")
-        columns.append(np.round(values * _factor(header, name, _of_pose(name)), 12).tolist())
+        values = values * _factor(header, name, _of_pose(name))
+        _check_most(table, name, values, _of_pose(name)[0])
+        columns.append(np.round(values, 12).tolist())
     return tuple(zip(*columns, strict=True))
 
 
 def _of_pose(name: str) -> tuple[Dimension, ...]:
-    return (_LENGTH,) if name in AXES[:3] else (_ANGLE,) if name in AXES else (_LENGTH, _ANGLE)
+    return (_PLACE,) if name in AXES[:3] else (_TURN,) if name in AXES else (_PLACE, _TURN)
 
 
 def _factor(header: Header, column: str, dimensions: tuple[Dimension, ...]) -> float:
@@ -270,7 +286,7 @@ def _factor(header: Header, column: str, dimensions: tuple[Dimension, ...]) -> f
         except ValueError:
             continue
     expected = " or ".join(f'{d.noun} such as "{d.example}"' for d in dimensions)
-    raise InputError(f"campaign.toml: units.{column}: expected a unit of {expected}, got {unit!r}")
+    raise header.source.refuse(("units", column), f"expected a unit of {expected}, got {shown(unit)}")
 
 
 def _applied(table: Table, header: Header) -> Array:
@@ -280,8 +296,8 @@ def _applied(table: Table, header: Header) -> Array:
     for k, name in enumerate(WRENCH):
         if given[k]:
             column = numbers(table, name, empty=True, expected="a finite number or an empty cell")
-            force = Dimension("a force", "N", "N"), Dimension("a moment", "N*m", "N*mm")
-            out[:, k] = column * _factor(header, name, force[k // 3 : k // 3 + 1])
+            out[:, k] = column * _factor(header, name, _WRENCH[k // 3 : k // 3 + 1])
+            _check_most(table, name, out[:, k], _WRENCH[k // 3])
     empty = np.isnan(out[:, given]).all(axis=1) if any(given) else np.ones(len(out), dtype=np.bool_)
     out[empty] = np.nan
     return out
@@ -334,29 +350,49 @@ def _check(name: str, header: list[str], *, bare: bool, others: Collection[str])
     check_columns(name, header, required, dict.fromkeys(valid))
 
 
-def _value_factors(table: Table, header: Header, column: str, quantity: Codes, sensor: Codes) -> Array:
-    """What one of the unit of values is in SI, (n,). Raises InputError for a row that measures something else."""
-    unit = header.units.get(column)
-    out = np.ones(len(quantity))
-    if unit is None:
-        return out
+def _in_si(
+    table: Table, header: Header, column: str, values: Array, quantity: Codes, sensor: Codes, *, named: str = ""
+) -> Array:
+    """Values (n,) of a column in SI; NaN stays. `named`: whose unit they have, if not the column's own.
+
+    Raises InputError for a row that measures something else, or more or finer than anything can.
+    """
+    named = named or column
+    unit = header.units.get(named)
+    out = np.array(values)
     kind = np.minimum(quantity // 6, FREQUENCY)
     turns = quantity % 6 // 3
     for key in {(int(k), int(t)) for k, t in zip(kind, turns, strict=True)}:
         mine = (kind == key[0]) & (turns == key[1])
         dimension = _MEASURED[key[0]][key[1]]
         try:
-            out[mine] = to_si(f"1 {unit}", dimension)
+            with np.errstate(over="ignore"):  # what overflows is refused below
+                out[mine] *= to_si(f"1 {unit}", dimension) if unit else 1.0
         except ValueError:
-            _check_unit(unit, column)
+            _check_unit(header, str(unit), named)
             row = int(np.argmax(mine))
-            named = "sensor" if sensor[row] >= 0 else "quantity"
-            message = f"a reading that is measured in {unit}, as campaign.toml says of {column}, not {dimension.noun}"
-            raise table.fail(row, named, message) from None
+            measured = "sensor" if sensor[row] >= 0 else "quantity"
+            message = f"a reading that is measured in {unit}, as campaign.toml says of {named}, not {dimension.noun}"
+            raise table.fail(row, measured, message) from None
+        _check_most(table, column, np.where(mine, out, 0.0), dimension)
+        fine = mine & (out < dimension.least) & (out > 0.0)
+        if column == "sigma" and fine.any():
+            raise table.fail(
+                int(np.argmax(fine)), column, f"an uncertainty of at least {dimension.least:g} {dimension.unit}"
+            )
     return out
 
 
-def _check_unit(unit: str, column: str) -> None:
+def _check_most(table: Table, column: str, values: Array, dimension: Dimension) -> None:
+    """Refuse values (n,), SI, that no robot has."""
+    beyond = np.abs(values) > dimension.most
+    if beyond.any():
+        limit = f"{dimension.noun} of at most {dimension.most:g} {dimension.unit}"
+        unit = f' (another unit than SI is named in campaign.toml: units = {{ {column} = "{dimension.example}" }})'
+        raise table.fail(int(np.argmax(beyond)), column, limit + unit)
+
+
+def _check_unit(header: Header, unit: str, column: str) -> None:
     known = [d for pair in _MEASURED.values() for d in pair]
     for dimension in (*known, NUMBER):
         try:
@@ -364,7 +400,7 @@ def _check_unit(unit: str, column: str) -> None:
         except ValueError:
             continue
         return
-    raise InputError(f'campaign.toml: units.{column}: expected a unit such as "um", "urad" or "N/um", got {unit!r}')
+    raise header.source.refuse(("units", column), f'expected a unit such as "um", "urad" or "N/um", got {shown(unit)}')
 
 
 def _check_units(header: Header, table: Table) -> None:
@@ -372,7 +408,7 @@ def _check_units(header: Header, table: Table) -> None:
     for column in header.units:
         if column not in known and not column.startswith(JOINT):
             valid = ", ".join((*AXES, *WRENCH, "value", "sigma", "q:JOINT"))
-            raise InputError(f"campaign.toml: units.{column}: expected a column among {valid}")
+            raise header.source.refuse(("units", column), f"expected a column among {valid}")
         if column not in table.columns and column in {"value", "sigma"}:
             raise InputError(f"{table.name}:1: {column}: expected this column, got none")
 
@@ -385,17 +421,17 @@ def _load_readings(path: Path, header: Header, *, bare: bool, planned: bool) -> 
     applied = _applied(table, header)
     quantity, sensor = _measured(table, header, applied)
     value = numbers(table, "value", empty=planned, expected="a finite reading in SI")
-    value = value * _value_factors(table, header, "value", quantity, sensor)
+    value = _in_si(table, header, "value", value, quantity, sensor)
     soft = (quantity // 6 >= STIFFNESS) & (value <= 0)
     if soft.any():
         row = int(np.argmax(soft))
         what = "frequency" if quantity[row] // 6 >= FREQUENCY else "stiffness"
         raise table.fail(row, "value", f"a positive {what}")
     sigma = numbers(table, "sigma", empty=True, expected="a positive number, or an empty cell if unknown")
-    sigma = sigma * _value_factors(table, header, "sigma", quantity, sensor)
     wrong = sigma <= 0
     if wrong.any():
         raise table.fail(int(np.argmax(wrong)), "sigma", "a positive number, or an empty cell if unknown")
+    sigma = _in_si(table, header, "sigma", sigma, quantity, sensor)
     sessions = table.columns.get("session", ("",) * len(value))
     load = _load(table, header)
     wrench = _wrench(table, applied, quantity, sensor, load)
@@ -436,27 +472,27 @@ def _load_predictions(path: Path, header: Header, parts: list[_Rows]) -> dict[st
     models = [name for name in table.columns if name not in {*coordinates, *WRENCH, *_OPTIONAL, *AXES}]
     applied = _applied(table, header)
     quantity, sensor = _measured(table, header, applied)
-    values = {name: numbers(table, name, expected="a finite predicted value in SI") for name in models}
-    factor = _value_factors(table, header, "value", quantity, sensor)
-    stacked = np.stack([values[name] * factor for name in models], axis=1)
+    found = {name: numbers(table, name, expected="a finite predicted value in SI") for name in models}
+    values = [_in_si(table, header, name, v, quantity, sensor, named="value") for name, v in found.items()]
+    stacked = np.stack(values, axis=1)
     sessions = table.columns.get("session", ("",) * len(quantity))
     load = _load(table, header)
     place, wrench = _place(table, coordinates, header), _wrench(table, applied, quantity, sensor, load)
     rows = _Rows(table, coordinates, place, wrench, quantity, sensor, load, sessions, stacked, stacked[:, 0])
     by_session = "session" in table.columns
-    found: dict[tuple[Any, ...], int] = {}
+    row_of: dict[tuple[Any, ...], int] = {}
     for row, key in enumerate(_keys(rows, sessions=by_session)):
-        first = found.setdefault(key, row)
+        first = row_of.setdefault(key, row)
         if np.any(stacked[first] != stacked[row]):
             raise table.fail(row, "value", f"the prediction already given on line {table.lines[first]}")
     picked: list[int] = []
     for part in parts:
         for row, key in enumerate(_keys(part, sessions=by_session)):
-            if key not in found:
+            if key not in row_of:
                 message = f"a reading that {table.name} predicts"
                 raise part.table.fail(row, part.coordinates[0], message)
-            picked.append(found[key])
-    idle = len(found) - len(set(picked))
+            picked.append(row_of[key])
+    idle = len(row_of) - len(set(picked))
     if idle:
         log.warning("%s: %d predictions have no reading", table.name, idle)
     return {name: stacked[picked, k] for k, name in enumerate(models)}

@@ -6,20 +6,27 @@ import csv
 import io
 import math
 import re
+import zipfile
 from dataclasses import dataclass
+from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.reading import MOST_BYTES, open_file, read_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
     from pathlib import Path
+    from typing import BinaryIO
 
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
+
+
+MOST_ROWS = 200_000  # of one table
 
 
 @dataclass(frozen=True)
@@ -65,6 +72,11 @@ def read_table(path: Path, check: Callable[[str, list[str]], None], ignore: Coll
         raise InputError(f"{path.name}: expected a header line with the column names, got an empty file")
     header = _header(path.name, rows[0], lines[0])
     check(path.name, [name for name in header if name not in ignore])
+    if len(rows) > MOST_ROWS + 1:
+        line = lines[MOST_ROWS + 1]
+        raise InputError(
+            f"{path.name}:{line}: expected at most {MOST_ROWS:,} rows, got more; average repeated readings"
+        )
     _check_lengths(path.name, header, rows, lines)
     if len(rows) == 1:
         raise InputError(f"{path.name}:{lines[0] + 1}: expected at least one row under the header")
@@ -79,7 +91,7 @@ def read_table(path: Path, check: Callable[[str, list[str]], None], ignore: Coll
 
 def _lines(path: Path) -> tuple[list[list[str]], list[int], bool]:
     """Rows of a text file with their lines, and whether its numbers may have a decimal comma."""
-    text = _text(path)
+    text = read_text(path, "a table in CSV", MOST_BYTES)
     first = next((line for line in text.splitlines() if line.strip()), "")
     mark = "\t" if "\t" in first else ";" if ";" in first else ","
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=mark, strict=True, skipinitialspace=mark != "\t")
@@ -91,6 +103,8 @@ def _lines(path: Path) -> tuple[list[list[str]], list[int], bool]:
             if row and not (len(row) == 1 and not row[0].strip()):
                 rows.append(row)
                 lines.append(before + 1)
+                if len(rows) > MOST_ROWS + 1:
+                    break
             before = reader.line_num
     except csv.Error as error:
         raise InputError(f"{path.name}:{reader.line_num}: expected a CSV row, got {error}") from None
@@ -105,18 +119,30 @@ def _sheet(path: Path) -> tuple[list[list[str]], list[int], bool]:
     import openpyxl
 
     try:
-        book = openpyxl.load_workbook(path, read_only=True, data_only=True)
-    except OSError as error:
-        raise InputError(f"{path}: expected a readable .xlsx file, got {error.strerror or error}") from None
+        with open_file(path, "an .xlsx workbook") as stream:
+            _check_unpacked(path, stream)
+            book = openpyxl.load_workbook(stream, read_only=True, data_only=True)
+            found = [list(row) for row in islice(book.worksheets[0].iter_rows(values_only=True), MOST_ROWS + 2)]
+    except InputError:
+        raise
     except Exception as error:  # noqa: BLE001 (whatever zip and XML parsers raise for no workbook)
-        raise InputError(f"{path.name}: expected an .xlsx workbook, got {error}") from None
-    found = [list(row) for row in book.worksheets[0].iter_rows(values_only=True)]
-    book.close()
+        raise InputError(f"{path}: expected an .xlsx workbook, got {' '.join(str(error).split())}") from None
     whole = [[_cell(value) for value in row] for row in found]
     kept = [k for k, row in enumerate(whole) if any(row)]
     width = max((j + 1 for j, cell in enumerate(whole[kept[0]]) if cell), default=0) if kept else 0
     rows = [row[: max(width, *(j + 1 for j, cell in enumerate(row) if cell))] for row in (whole[k] for k in kept)]
     return [row + [""] * (width - len(row)) for row in rows], [k + 1 for k in kept], True
+
+
+def _check_unpacked(path: Path, stream: BinaryIO) -> None:
+    """Refuse a workbook that is small only because it is packed."""
+    with zipfile.ZipFile(stream) as book:
+        size = sum(each.file_size for each in book.infolist())
+    if size > MOST_BYTES:
+        raise InputError(
+            f"{path}: expected an .xlsx workbook of at most {MOST_BYTES >> 20} MiB unpacked, got {size >> 20}"
+        )
+    stream.seek(0)
 
 
 def _cell(value: object) -> str:
@@ -129,22 +155,6 @@ _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 
 def _with_point(cell: str) -> str:
     return cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell
-
-
-def _text(path: Path) -> str:
-    try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: expected a readable CSV file, got {error.strerror}") from None
-    try:
-        text = raw.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = raw[: error.start].count(b"\n") + 1
-        raise InputError(f"{path.name}:{line}: expected UTF-8 text, got byte {raw[error.start]:#04x}") from None
-    if "\0" in text:
-        line = text[: text.index("\0")].count("\n") + 1
-        raise InputError(f"{path.name}:{line}: expected text, got a NUL byte")
-    return text
 
 
 def _header(name: str, row: list[str], line: int) -> list[str]:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 from stiffscope import files
 from stiffscope.errors import InputError
 from stiffscope.robot.part_sections import ParametricPart, StepPart
-from stiffscope.robot.reader import load_robot
 
 if TYPE_CHECKING:
     from stiffscope.gap.diagnosis import Diagnosis, Effect
@@ -21,18 +20,10 @@ def check_target(target: Path, robot: RobotFile | None) -> None:
     """Refuse a file that must not be overwritten, before work is spent. Raises InputError."""
     if robot is None:
         raise InputError("--adopt: this campaign has predictions instead of a robot; only a robot can carry an effect")
-    if target.is_dir():
-        raise InputError(f"{target}: is a folder; give a robot file to write with --adopt")
-    if not target.parent.is_dir():
-        raise InputError(f"{target}: there is no folder {target.parent}; give a robot file to write with --adopt")
-    if not target.exists():
-        return
-    if target.samefile(robot.path):
-        raise InputError(f"{target}: is the robot file that the diagnosis starts from; give a new one with --adopt")
     try:
-        load_robot(target)
+        files.check_new(target)
     except InputError as error:
-        raise InputError(f"{target}: is there and is no robot file; give a new file with --adopt") from error
+        raise InputError(f"--adopt {error}") from error
 
 
 def adopt(
@@ -71,7 +62,7 @@ def adopt(
     carried, left = _carried(bare, diagnosis)
     if not carried:
         raise InputError(f"--adopt: nothing is adopted: {'; '.join(left)}")
-    files.write_bytes(target, _text(target, robot, carried, diagnosis, campaign, components).encode())
+    files.write_new(target, _text(target, robot, carried, diagnosis, campaign, components).encode())
     return left
 
 
@@ -94,7 +85,7 @@ def _text(
 ) -> str:
     import tomlkit
 
-    document: Any = tomlkit.parse(robot.path.read_text(encoding="utf-8-sig"))
+    document: Any = tomlkit.parse(robot.source.text)
     for name, part in robot.parts.items():
         if isinstance(part, ParametricPart) and part.compliance != components:
             document["parts"][name]["compliance"] = components

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +12,7 @@ from stiffscope.errors import InputError
 from stiffscope.jobs.assembly import assemble_robots
 from stiffscope.jobs.workshop import workshop
 from stiffscope.robot.library import find_robot, robot_names
+from stiffscope.robot.quantities import shown
 from stiffscope.robot.reader import load_robot
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def open_case(name: str | Path, *, planned: bool = False) -> Case:
     campaign = load_campaign(folder, planned=planned)
     if campaign.robot is None:
         return Case(folder.resolve().name, folder, campaign, None)
-    robot = load_robot(_robot_of(folder, campaign.robot))
+    robot = load_robot(_robot_of(folder, campaign, campaign.robot))
     campaign = on_robot(campaign, robot)
     if robot.carries("gravity") and "gravity" not in campaign.modelled:
         campaign = dataclasses.replace(campaign, modelled=(*campaign.modelled, "gravity"))
@@ -121,11 +121,11 @@ def campaign_names() -> list[str]:
     return sorted(p.parent.name for shelf in SHELVES for p in (FOLDER / shelf).glob("*/campaign.toml"))
 
 
-def _robot_of(folder: Path, robot: str) -> Path:
+def _robot_of(folder: Path, campaign: Campaign, robot: str) -> Path:
     """The campaign's robot file: beside the campaign, or by its name in `data/robots`."""
     if (folder / robot).is_file():
         return folder / robot
     if robot in robot_names():
         return find_robot(robot)
     expected = f"a robot file, seen from its folder, or one of {', '.join(robot_names())}"
-    raise InputError(f"{folder / 'campaign.toml'}: robot: expected {expected}, got {json.dumps(robot)}")
+    raise campaign.refuse(("robot",), f"expected {expected}, got {shown(robot)}")

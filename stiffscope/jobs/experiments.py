@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.errors import InputError
 from stiffscope.jobs.results import EXPERIMENT, FIELDS, SOLID, PartResult
+from stiffscope.jobs.workers import LateError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -48,9 +50,23 @@ def solve_parts(orders: Sequence[PartOrder], shop: Workshop) -> list[PartResult]
     missing = [order for order in dict.fromkeys(orders) if order not in found]
     if missing:
         jobs = {order.label: (order, shop.cache) for order in missing}
-        made = shop.work(make_part, jobs, {label: shop.open_line(label) for label in jobs})
+        lines, limits = (
+            {label: shop.open_line(label) for label in jobs},
+            {each.label: _limits(each) for each in missing},
+        )
+        try:
+            made = shop.work(make_part, jobs, lines, limits)
+        except LateError as late:
+            cure = "choose a larger mesh.size, or a longer mesh.time_limit"
+            raise InputError(f"{late.job}.mesh.time_limit: {str(late).partition(': ')[2]}; {cure}") from late
         found |= {order: _result(order, *made[order.label], reused=False) for order in missing}
     return [found[order] for order in orders]
+
+
+def _limits(order: PartOrder) -> dict[str, float]:
+    """Seconds for the stages that nothing else bounds; refinement checks its own time and keeps its last mesh."""
+    limit = order.settings.time_limit
+    return {"solve": limit, "refine": 2.0 * limit, "modes": limit}
 
 
 def make_part(order: PartOrder, cache: Cache, report: Report) -> tuple[Path, float]:

@@ -12,12 +12,13 @@ import multiprocessing
 import os
 import signal
 import sys
+import time
 import traceback
 from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING, Any
 
 from stiffscope.children import end_with_parent
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, StiffscopeError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -30,8 +31,19 @@ class WorkerError(RuntimeError):
     """A job ended without an answer, or with an error that is not the user's."""
 
 
+class LateError(StiffscopeError):
+    """A job was ended because a stage of it took longer than it may: `job`, `stage`, `seconds`."""
+
+    def __init__(self, job: Any, stage: str, seconds: float) -> None:
+        super().__init__(f"{job}: expected its stage {stage} within {seconds:g} s, got no end")
+        self.job, self.stage, self.seconds = job, stage, seconds
+
+
 def work_together(
-    function: Callable[..., Any], jobs: Mapping[Any, tuple[Any, ...]], reports: Mapping[Any, Any]
+    function: Callable[..., Any],
+    jobs: Mapping[Any, tuple[Any, ...]],
+    reports: Mapping[Any, Any],
+    limits: Mapping[Any, Mapping[str, float]] | None = None,
 ) -> dict[Any, Any]:
     """Call `function(*arguments, report)` once for each job, all at the same time.
 
@@ -43,6 +55,8 @@ def work_together(
         Name of each job and its arguments.
     reports
         Where a job's progress goes, by name.
+    limits
+        By job and stage, seconds that may pass from one report of the stage to the next report of any.
 
     Raises
     ------
@@ -50,6 +64,8 @@ def work_together(
         What a job refused. The other jobs are ended.
     WorkerError
         A job crashed.
+    LateError
+        A stage took longer than it may.
 
     """
     context = multiprocessing.get_context("spawn")
@@ -62,47 +78,68 @@ def work_together(
                 process.start()
             there.close()
             running[here] = (name, process)
-        return _gather(running, reports)
+        return _gather(running, reports, limits or {})
     finally:
         for _, process in running.values():
             _end(process)
 
 
 def work_here(
-    function: Callable[..., Any], jobs: Mapping[Any, tuple[Any, ...]], reports: Mapping[Any, Any]
+    function: Callable[..., Any],
+    jobs: Mapping[Any, tuple[Any, ...]],
+    reports: Mapping[Any, Any],
+    _limits: Mapping[Any, Mapping[str, float]] | None = None,
 ) -> dict[Any, Any]:
-    """Call the function once for each job like `work_together`, but one after another in this process."""
+    """Call the function once for each job like `work_together`, one after another in this process: no limit ends it."""
     return {name: function(*arguments, reports[name]) for name, arguments in jobs.items()}
 
 
-def _gather(running: dict[Connection, tuple[Any, BaseProcess]], reports: Mapping[Any, Any]) -> dict[Any, Any]:
+def _gather(
+    running: dict[Connection, tuple[Any, BaseProcess]],
+    reports: Mapping[Any, Any],
+    limits: Mapping[Any, Mapping[str, float]],
+) -> dict[Any, Any]:
     answers: dict[Any, Any] = {}
     open_ends = dict(running)
+    stages: dict[Any, tuple[float, str, float]] = {}  # of each job: when its present stage must end, name, limit
     while open_ends:
-        for end in wait(list(open_ends)):
+        first = min((when for when, _, _ in stages.values()), default=None)
+        for end in wait(list(open_ends), None if first is None else max(first - time.monotonic(), 0.0)):
             if not isinstance(end, Connection):
                 continue
             name, process = open_ends[end]
-            try:
-                kind, content = end.recv()
-            except EOFError:
-                process.join(5)
-                raise WorkerError(
-                    f"{name}: its process ended without an answer (exit code {process.exitcode})"
-                ) from None
+            kind, content = _received(end, name, process)
             if kind == "progress":
                 reports[name](*content)
-            elif kind == "log":
-                logging.getLogger(content.name).handle(content)
+                stages.pop(name, None)
+                seconds = limits.get(name, {}).get(content[0])
+                if seconds is not None:
+                    stages[name] = time.monotonic() + seconds, content[0], seconds
             elif kind == "answer":
                 answers[name] = content
+                stages.pop(name, None)
                 del open_ends[end]
-            elif kind == "refused":
-                raise InputError(content)
-            elif kind == "failed":
-                log.debug("%s", content)
-                raise WorkerError(f"{name}: {content.strip().splitlines()[-1]}")
+        for name, (when, stage, seconds) in stages.items():
+            if time.monotonic() > when:
+                raise LateError(name, stage, seconds)
     return answers
+
+
+def _received(end: Connection, name: Any, process: BaseProcess) -> tuple[str, Any]:
+    """What a job sends: progress, its answer, or a record for the log. Raises what it refused, or that it crashed."""
+    try:
+        kind, content = end.recv()
+    except EOFError:
+        process.join(5)
+        raise WorkerError(f"{name}: its process ended without an answer (exit code {process.exitcode})") from None
+    if kind == "refused":
+        raise InputError(content)
+    if kind == "failed":
+        log.debug("%s", content)
+        raise WorkerError(f"{name}: {content.strip().splitlines()[-1]}")
+    if kind == "log":
+        logging.getLogger(content.name).handle(content)
+    return kind, content
 
 
 @contextlib.contextmanager
@@ -161,5 +198,4 @@ def _obey_parent() -> None:
     """End cleanly on SIGTERM, leave Ctrl-C to the parent, and end when the parent is gone."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    end_with_parent(parent.pid if parent else None)
+    end_with_parent()

@@ -11,10 +11,10 @@ from stiffscope.jobs.cache import Cache, cache_folder
 from stiffscope.jobs.workers import work_here, work_together
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator
 
     Report = Callable[[str, float], None]
-    Work = Callable[[Callable[..., Any], Mapping[Any, tuple[Any, ...]], Mapping[Any, Report]], dict[Any, Any]]
+    Work = Callable[..., dict[Any, Any]]
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.files import check_new, write_bytes
+from stiffscope.files import check_new, write_new
 from stiffscope.robot import quantities as q
 from stiffscope.robot.reader import read_robot
 from stiffscope.robot.simulator_model import read_model
@@ -69,7 +69,7 @@ def import_model(
     model = read_model(path, tool, dict(_position(text) for text in home))
     text = robot_text(model, Path(path).name, driven(model, drives))
     read_robot(Path(out), text)
-    write_bytes(Path(out), text.encode())
+    write_new(Path(out), text.encode())
     return model
 
 

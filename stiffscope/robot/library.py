@@ -9,7 +9,7 @@ from pathlib import Path
 from stiffscope import reading
 from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
-from stiffscope.files import check_new, write_bytes
+from stiffscope.files import write_new
 
 ROBOTS = FOLDER / "robots"
 
@@ -41,9 +41,7 @@ def find_robot(name_or_path: str | Path) -> Path:
 def copy_robot(name: str, target: str | Path) -> Path:
     """Copy a robot of `data/robots` to a file of one's own. Raises InputError for one that is there."""
     source, goal = find_robot(name), Path(target)
-    if goal.is_dir():
+    if str(target) and goal.is_dir():
         goal = goal / f"{source.stem}.toml"
-    check_new(goal)
-    text = source.read_text(encoding="utf-8")
-    write_bytes(goal, text.encode())
+    write_new(goal, reading.read_bytes(source))
     return goal

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 NAMED = ("parts", "joints", "bodies")  # sections whose names may be given alone
 TABLES = (*NAMED, "parameters", "tool", "gravity", "poses", "map", "materials", "groups")
 _NESTED = (*NAMED, "materials", "poses", "groups", "parameters")  # sections that hold names
+MOST_CHARACTERS = 5_000  # a matrix takes a thousand
 _EXAMPLE = "slider.thickness=25mm"
 
 
@@ -29,6 +30,8 @@ class Override:
 
 def split(text: str) -> tuple[str, Any]:
     """Split "slider.thickness=25mm"; the value is TOML where it reads as such, else a string. Raises InputError."""
+    if len(text) > MOST_CHARACTERS:
+        raise InputError(f"--set {text[:60]}…: expected at most {MOST_CHARACTERS:,} characters, got {len(text):,}")
     name, equals, value = text.partition("=")
     name = name.strip().replace('"', "")
     if not equals or not value.strip() or not all(name.split(".")) or "." not in name:

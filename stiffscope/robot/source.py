@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 MOST_VALUES, MOST_LEVELS = 50_000, 30  # of a file written by hand
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
+_WORD = r"(?:(?<![\w-])[\w-]++|\"[^\"\n]*+\"|'[^'\n]*+')"
+_DOTTED = re.compile(rf"(?:{_WORD}[ \t]*+\.[ \t]*+){{300}}")  # the parser's time grows with the square of the depth
 
 
 def field_name(key: Key) -> str:
@@ -37,6 +39,10 @@ def read_text(path: Path) -> str:
 
 def parse_text(path: Path, text: str, what: str = "a robot file") -> dict[str, Any]:
     """Content of a TOML text of bounded size and depth. Raises InputError with line and column, or line and field."""
+    deep = _DOTTED.search(text)
+    if deep:
+        line = text.count("\n", 0, deep.start()) + 1
+        raise InputError(f"{path}:{line}: expected keys of at most {MOST_LEVELS} names with dots, got a longer one")
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

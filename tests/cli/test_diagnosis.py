@@ -94,11 +94,14 @@ def test_gravity_and_expansion_come_from_the_robot_file(tmp_path):
     [
         (["nosuch"], "no such campaign; give a folder with a campaign.toml or one of the names"),
         (["published", "--adopt", "robot.toml"], "predictions instead of a robot"),
-        (["SOFT", "--adopt", "notes.toml"], "notes.toml: is there and is no robot file"),
-        (["SOFT", "--adopt", "nosuch/robot.toml"], "there is no folder nosuch"),
+        (
+            ["SOFT", "--adopt", "notes.toml"],
+            "--adopt notes.toml: expected a file that is not there yet, got one that is",
+        ),
+        (["SOFT", "--adopt", "nosuch/robot.toml"], "--adopt nosuch/robot.toml: cannot be written"),
         (
             ["NOROBOT"],
-            "campaign.toml: robot: expected a robot file, seen from its folder, or one of biglide, delta, ",
+            "campaign.toml:1: robot: expected a robot file, seen from its folder, or one of biglide, delta, ",
         ),
         (["BADCELL"], "readings.csv:2"),
     ],

@@ -156,6 +156,21 @@ def test_an_interrupted_check_goes_on_and_ends_the_same(scheduler, tmp_path, mon
     assert kinds == [o.kind for o in whole.outcomes[:11] if not o.left_out]
     with pytest.raises(InputError, match="expected the cases of this check"):
         run_blind(tmp_path / "b", robots, 8, 4, scheduler=scheduler)
+    names = blind.case_files(tmp_path / "b", robots, 8, 3)
+    assert {tmp_path / "b" / name for name in names} == {p for p in (tmp_path / "b").rglob("*") if p.is_file()}
+    mine = tmp_path / "b" / "five-bar" / "campaign-001" / "outcome.json"
+    mine.write_text("mine")
+    with pytest.raises(InputError, match=r"campaign-001/outcome\.json: expected the outcome of a case"):
+        run_blind(tmp_path / "b", robots, 8, 3, scheduler=scheduler)
+    assert mine.read_text() == "mine"
+
+
+def test_a_folder_for_cases_with_other_files_is_refused(tmp_path):
+    (tmp_path / "o.cases").mkdir()
+    (tmp_path / "o.cases" / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match=r"o\.cases: expected a folder for finished cases, got one with other files"):
+        run_blind(tmp_path / "o.cases", [blind_robot("five-bar")], 1, 1)
+    assert (tmp_path / "o.cases" / "notes.txt").read_text() == "mine"
 
 
 @pytest.mark.slow
@@ -246,7 +261,7 @@ def test_no_worker_outlives_a_killed_parent(tmp_path):
     with subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True, cwd=tmp_path) as parent:
         worker = int(parent.stdout.readline())
         parent.send_signal(signal.SIGKILL)
-    for _ in range(150):
+    for _ in range(20):  # two seconds
         try:
             os.kill(worker, 0)
         except ProcessLookupError:

@@ -1,6 +1,8 @@
 """Campaign files: what is read, and that each wrong cell is named."""
 
+import os
 import time
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -96,24 +98,24 @@ def test_names_the_malformed_cell(tmp_path, row, column, cell, expected):
         (HEADER.replace("session", "pose") + GOOD[0], "1: pose: expected one of x, y, z"),
         (HEADER.replace("session", "x") + GOOD[0], "1: x: expected each name once"),
         (HEADER.replace(",", ";") + GOOD[0], "2: y: expected 13 cells, got 1: the row ends early"),
-        (HEADER + GOOD[0] + "\n\0", "3: expected text, got a NUL byte"),
+        (HEADER + GOOD[0] + "\n\0", "3: expected a table in CSV, got a NUL byte"),
         (HEADER + GOOD[0] + '\n"0,0', "3: expected a CSV row"),
     ],
 )
 def test_names_the_malformed_file(tmp_path, text, expected):
-    with pytest.raises(InputError, match=f"^readings.csv.*{expected}"):
+    with pytest.raises(InputError, match=f"(^|/)readings.csv.*{expected}"):
         load_campaign(folder(tmp_path, text))
 
 
 def test_refuses_other_encodings(tmp_path):
-    with pytest.raises(InputError, match=r"readings.csv:2: expected UTF-8 text, got byte 0xb5"):
+    with pytest.raises(InputError, match=r"readings.csv:2: expected a table in CSV in UTF-8, got byte 0xb5"):
         load_campaign(folder(tmp_path, [GOOD[0] + "µ"], encoding="latin-1"))
 
 
 @pytest.mark.parametrize(
     ("toml", "expected"),
     [
-        ("robot = biglide", "expected TOML"),
+        ("robot = biglide", r"expected valid TOML, got \"robot = biglide"),
         ('robot = "biglide"', "readings: expected a list of texts"),
         ('readings = "readings.csv"', "either robot or predictions"),
         ('robot = "biglide"\nreadings = "r.csv"\nrobbot = 1', "robbot: expected one of robot, modelled"),
@@ -124,14 +126,14 @@ def test_refuses_other_encodings(tmp_path):
     ],
 )
 def test_names_the_wrong_key(tmp_path, toml, expected):
-    with pytest.raises(InputError, match=f"^campaign.toml.*{expected}"):
+    with pytest.raises(InputError, match=rf"^campaign.toml:\d+: .*{expected}"):
         load_campaign(folder(tmp_path, toml=toml))
 
 
 def test_names_absent_files(tmp_path):
     with pytest.raises(InputError, match="expected a campaign folder"):
         load_campaign(tmp_path / "none")
-    with pytest.raises(InputError, match=r"r\.csv: expected a readable CSV file"):
+    with pytest.raises(InputError, match=r"r\.csv: expected a table in CSV, got no file"):
         load_campaign(folder(tmp_path, toml='robot = "biglide"\nreadings = ["r.csv"]'))
 
 
@@ -294,7 +296,7 @@ def test_names_what_is_wrong_with_sensors(tmp_path, old, new, expected):
 )
 def test_names_what_is_wrong_with_the_header(tmp_path, old, new, expected):
     toml = (BIGLIDE + UNITS + SENSORS).replace(old, new)
-    with pytest.raises(InputError, match=f"^campaign.toml: .*({expected})"):
+    with pytest.raises(InputError, match=rf"^campaign.toml:\d+: .*({expected})"):
         load_campaign(folder(tmp_path, GAUGED.replace("level;;11;2", "gauge;;11;2"), toml=toml))
 
 
@@ -315,3 +317,72 @@ def test_poses_by_name_or_by_joints_are_those_of_the_robot(tmp_path):
     assert c.poses[0] == pytest.approx([0.1, np.radians(10.0), 0.0])
     with pytest.raises(InputError, match=r"readings.csv:1: q:leg3.motor: expected the coordinates that command delta"):
         load_campaign(folder(tmp_path / "d", joints.replace(",q:leg3.motor", "").replace(",0,", ","), toml=toml), delta)
+
+
+@pytest.mark.parametrize(
+    ("cell", "expected"),
+    [
+        ("4.2e-6", None),
+        ("1e300", "value: expected a displacement of at most 10 m .* units = { value"),
+        ("11.2e3", "value: expected a displacement of at most 10 m"),
+    ],
+)
+def test_refuses_what_no_robot_shows(tmp_path, cell, expected):
+    text = HEADER + GOOD[0].replace("4.2e-6", cell)
+    if expected is None:
+        assert load_campaign(folder(tmp_path, text)).value[0] == 4.2e-6
+    else:
+        with pytest.raises(InputError, match=f"readings.csv:2: {expected}"):
+            load_campaign(folder(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        (",1e-6,a", ",1e-300,a", "2: sigma: expected an uncertainty of at least 1e-14 m, got '1e-300'"),
+        (",1e-6,a", ",1e300,a", "2: sigma: expected a displacement of at most 10 m"),
+        ("0,0,0.35,100", "0,0,1e9,100", "2: z: expected a length of at most 10000 m"),
+        ("0.35,100", "0.35,1e300", "2: fx: expected a force of at most 1e\\+12 N"),
+    ],
+)
+def test_refuses_what_no_lab_has(tmp_path, old, new, expected):
+    with pytest.raises(InputError, match=f"readings.csv:{expected}"):
+        load_campaign(folder(tmp_path, HEADER + GOOD[0].replace(old, new, 1)))
+
+
+def test_refuses_nothing_but_zeros(tmp_path):
+    zeros = [GOOD[0].replace("4.2e-6", "0"), GOOD[2].replace("1.1e-5", "1e-300")]
+    with pytest.raises(InputError, match=r"readings.csv:2: value: expected readings other than zero, got none in 2"):
+        load_campaign(folder(tmp_path, zeros))
+    assert len(load_campaign(folder(tmp_path, [*zeros, GOOD[1]]))) == 3
+
+
+@pytest.mark.parametrize("name", ["readings.csv", "campaign.toml"])
+def test_pipes_devices_and_loops_are_no_files(tmp_path, name):
+    file = folder(tmp_path) / name
+    for make, kind in (
+        (os.mkfifo, "a pipe"),
+        (lambda f: f.symlink_to("/dev/zero"), "a device"),
+        (Path.mkdir, "a folder"),
+    ):
+        file.unlink()
+        make(file)
+        with pytest.raises(InputError, match=rf"{name}: expected a .*, got {kind}"):
+            load_campaign(tmp_path)
+        file.rmdir() if kind == "a folder" else None
+        file.write_text("") if kind == "a folder" else None
+
+
+def test_a_packed_workbook_is_bounded(tmp_path, monkeypatch):
+    folder(tmp_path, toml='robot = "biglide"\nreadings = "r.xlsx"')
+    with zipfile.ZipFile(tmp_path / "r.xlsx", "w", zipfile.ZIP_DEFLATED) as book:
+        book.writestr("xl/worksheets/sheet1.xml", bytes(5 << 20))
+    monkeypatch.setattr("stiffscope.gap.table.MOST_BYTES", 4 << 20)
+    with pytest.raises(InputError, match=r"r\.xlsx: expected an \.xlsx workbook of at most 4 MiB unpacked, got 5"):
+        load_campaign(tmp_path)
+
+
+def test_a_table_is_bounded_in_rows(tmp_path, monkeypatch):
+    monkeypatch.setattr("stiffscope.gap.table.MOST_ROWS", 3)
+    with pytest.raises(InputError, match=r"readings.csv:5: expected at most 3 rows, got more; average repeated"):
+        load_campaign(folder(tmp_path))

@@ -81,10 +81,10 @@ def test_nothing_is_adopted_without_an_identified_mechanical_effect(tmp_path, ro
 def test_what_must_not_be_overwritten(tmp_path, robot):
     (tmp_path / "text.toml").write_text("nothing")
     for target, message in (
-        (tmp_path, "folder"),
-        (tmp_path / "no" / "a.toml", "there is no folder"),
-        (Path(robot.path), "is the robot file that the diagnosis starts from"),
-        (tmp_path / "text.toml", "is there and is no robot file"),
+        (tmp_path, "--adopt .*: expected a file that is not there yet, got one that is"),
+        (tmp_path / "no" / "a.toml", "--adopt .*no/a.toml: cannot be written"),
+        (Path(robot.path), "expected a file that is not there yet"),
+        (tmp_path / "text.toml", "expected a file that is not there yet"),
     ):
         with pytest.raises(InputError, match=message):
             check_target(target, robot)

@@ -3,7 +3,7 @@
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.jobs.campaigns import open_case
+from stiffscope.jobs.campaigns import open_case, reached
 from stiffscope.robot.library import find_robot
 
 READINGS = "x,y,z,fx,fy,fz,mx,my,mz,quantity,value,sigma\n0,0,0.4,100,0,0,0,0,0,dx,1e-5,1e-7\n"
@@ -22,5 +22,26 @@ def test_a_robot_by_name_or_beside_the_campaign(tmp_path):
     case = campaign(tmp_path, "mine.toml")
     assert case.robot.path == tmp_path / "mine.toml"
     assert case.campaign.modelled == ("gravity",)
-    with pytest.raises(InputError, match=r"campaign\.toml: robot: expected a robot file, .* biglide, delta, "):
+    with pytest.raises(InputError, match=r"campaign\.toml:1: robot: expected a robot file, .* biglide, delta, "):
         campaign(tmp_path, "nosuch")
+
+
+@pytest.mark.parametrize(
+    ("robot", "columns", "row", "expected"),
+    [
+        ("biglide", "x,y,z", "9.7,-131,345.6", "z: expected m, got 345.6: in mm, as `units = .*mm"),
+        ("delta", "x,y,z", "0,0,-450", "z: expected m, got -450: in mm"),
+        ("delta", "q:leg1.motor,q:leg2.motor,q:leg3.motor", "40,0,0", "q:leg1.motor: expected rad, got 40: in deg"),
+        (
+            "biglide",
+            "x,y,z",
+            "0,0,2",
+            r"x, y, z: expected a pose that the robot reaches, got \(0, 0, 2\): out of reach",
+        ),
+    ],
+)
+def test_a_pose_out_of_reach_is_named_by_line_and_column(tmp_path, robot, columns, row, expected):
+    (tmp_path / "campaign.toml").write_text(f'robot = "{robot}"\nreadings = "r.csv"\n')
+    (tmp_path / "r.csv").write_text(f"{columns},quantity,value,sigma\n{row},ez,1e-5,\n")
+    with pytest.raises(InputError, match=f"r.csv:2: {expected}"):
+        reached(open_case(tmp_path))

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.jobs.workers import WorkerError, work_here, work_together
+from stiffscope.jobs.workers import LateError, WorkerError, work_here, work_together
 
 
 def job(kind, report):
@@ -52,6 +52,23 @@ def test_answers_progress_and_warnings_come_back(work, caplog):
 def test_what_goes_wrong_is_told_in_a_line(kind, error, message):
     with pytest.raises(error, match=message):
         work_together(job, {"one": (kind,)}, {"one": lambda *_: None})
+
+
+def stages(report):
+    for stage in ("mesh", "solve", "solve", "modes"):
+        report(stage, 0.5)
+        time.sleep(0.4 if stage != "modes" else 60)
+
+
+def test_a_stage_that_takes_too_long_is_ended():
+    told = []
+    begun = time.monotonic()
+    with pytest.raises(LateError, match=r"^one: expected its stage modes within 0\.9 s, got no end$"):
+        work_together(
+            stages, {"one": ()}, {"one": lambda stage, _: told.append(stage)}, {"one": {"solve": 3.0, "modes": 0.9}}
+        )
+    assert told == ["mesh", "solve", "solve", "modes"]
+    assert time.monotonic() - begun < 30
 
 
 def test_a_killed_parent_takes_its_children_along(tmp_path):
