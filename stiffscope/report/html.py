@@ -59,51 +59,6 @@ def _templates() -> Environment:
     return found
 
 
-def write_page(
-    target: Path,
-    diagnosis: Diagnosis,
-    *,
-    title: str,
-    facts: Sequence[str],
-    folder: Path,
-    figures: Sequence[str],
-    slider: np.ndarray | None = None,
-) -> None:
-    """Write the page of a diagnosis: one file, its figures inside.
-
-    Parameters
-    ----------
-    target
-        HTML file to write.
-    diagnosis
-        What the page shows.
-    title, facts
-        Heading, and what to know of campaign and model.
-    folder
-        Where the figures are: SVG files, and "robot.png" where there is one.
-    figures
-        Names of the SVG files without their ending.
-    slider : (6, 6)
-        Compliance of the slider in the model, m/N, m/(N·m), rad/(N·m); None without a robot.
-
-    """
-    files = [folder / f"{stem}.svg" for stem in figures] + [folder / "robot.png"]
-    page = _templates().get_template("diagnosis.html")
-    content = page.render(
-        title=title,
-        facts=facts,
-        diagnosis=diagnosis,
-        figures={file.stem: _embedded(file) for file in files if file.exists()},
-        name=text.name,
-        parameters=lambda effect: text.parameters(effect, slider),
-    )
-    target.write_text(content, encoding="utf-8")
-
-
-def _embedded(image: Path) -> str:
-    return f"data:{KINDS[image.suffix]};base64,{base64.b64encode(image.read_bytes()).decode()}"
-
-
 def experiment_html(experiment: Experiment) -> str:
     """Return the compliance (6, 6) at the first interface's reference point, with bounds and units, as a table."""
     matrix, error = experiment.compliance, experiment.error
