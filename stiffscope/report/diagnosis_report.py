@@ -108,7 +108,7 @@ def share_view(folder: Path, assembled: Assembled, diagnosis: Diagnosis, poses: 
     ]
     names = [where.pose_names[k] for k in chosen]
     words = "the robot, its components coloured by their share of the gap"
-    caption = "The robot at the campaign's poses, largest residual first; components coloured by their share of the gap."
+    caption = "The robot at the campaign's poses, largest residual first, coloured by share of the gap."
     return turning(
         folder, found, names, cases, choice="load", quantity=SHARE, caption=caption,
         still=page.figure(still, "", words), start=0,

@@ -72,7 +72,6 @@ class Section:
     figures: Sequence[Figure] = ()
     view: RobotView | None = field(default=None, kw_only=True)
 
-
     def __bool__(self) -> bool:
         """Whether anything stands below the heading."""
         return bool(self.tables or self.figures or self.view)
