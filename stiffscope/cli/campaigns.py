@@ -131,8 +131,8 @@ def campaign() -> None:
 
 
 @campaign.command("new")
-@takes(options.robot, options.out)
-def new_campaign(name: str, out: Path, *, quiet: bool) -> None:
+@takes(options.robot, options.out, options.target)
+def new_campaign(name: str, out: Path, *, target: str | None, quiet: bool) -> None:
     """Write a campaign folder for a robot, to fill in: sensors and loads as examples, a plan of readings."""
     from stiffscope.jobs.campaign_template import write_template
     from stiffscope.report import tables
@@ -142,7 +142,9 @@ def new_campaign(name: str, out: Path, *, quiet: bool) -> None:
     robot = load_robot(name)
     named = name if name in robot_names() else Path(os.path.relpath(robot.path, out)).as_posix()
     poses, readings = write_template(robot, named, out)
-    if not quiet:
+    if target:
+        files.write_json(target, {"folder": str(out), "readings": readings, "poses": poses})
+    if not quiet and target != "-":
         tables.show_line(f"Written: {out}, {readings} readings at {poses} poses to fill in.")
         tables.show_line(f"Next: stiffscope campaign check {out}")
 

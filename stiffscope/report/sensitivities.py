@@ -9,6 +9,7 @@ import numpy as np
 from stiffscope.report.figures import new_figure, save_figures
 from stiffscope.report.numbers import DIAGONAL
 from stiffscope.report.terminal import show_line, show_table
+from stiffscope.vjm.screws import CONVENTION
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -64,6 +65,7 @@ def robot_json(found: Sensitivity) -> dict[str, Any]:
         },
         "scatter": tolerances,
         "notes": found.notes,
+        "convention": CONVENTION,
     }
 
 
