@@ -20,13 +20,13 @@ def show_totals(root: Path, totals: Mapping[str, tuple[int, int]]) -> None:
     rows = [(kind, f"{count:,}", megabytes(size)) for kind, (count, size) in totals.items()]
     count, size = (sum(column) for column in zip((0, 0), *totals.values(), strict=True))
     rows.append(("all", f"{count:,}", megabytes(size)))
-    show_table("Kept results", (("kind", "results", "size"),), rows)
+    show_table("Kept results", (("kind",), ("results", "size")), rows)
 
 
 def show_entries(entries: Sequence[Entry]) -> None:
     """Show each entry: kind, the beginning of its key, size, when it was made."""
     rows = [(entry.kind, entry.key[:12], megabytes(entry.bytes), _date(entry.made)) for entry in entries]
-    show_table("Kept results", (("kind", "key", "size", "made (UTC)"),), rows)
+    show_table("Kept results", (("kind",), ("key", "size", "made (UTC)")), rows)
 
 
 def megabytes(size: float) -> str:

@@ -73,17 +73,17 @@ def commands(group=cli, words=()):
             yield (*words, name), command
 
 
-@pytest.mark.parametrize(
-    ("words", "command"), commands(), ids=lambda each: " ".join(each) if isinstance(each, tuple) else ""
-)
-def test_every_command_has_json(words, command):
-    assert any("--json" in parameter.opts for parameter in command.params)
+def test_every_command_has_json():
+    listed = list(commands())
+    assert len(listed) > 20
+    without = [words for words, command in listed if not any("--json" in each.opts for each in command.params)]
+    assert without == []
 
 
 @pytest.mark.parametrize(
     ("words", "keys"),
     [
-        (["run", "biglide", "--components", "published", "--out", "OUT"], {"parts", "stiffness", "names", "convention"}),
+        (["run", "biglide", "--components", "published", "--out", "OUT"], {"parts", "stiffness", "convention"}),
         (["map", "biglide", "--components", "published", "--points", "5", "--out", "OUT"], {"coords", "data_vars"}),
         (["frf", "biglide", "--components", "published", "--at", "Q1", "--from", "tool:M:z", "--to", "tool:M:z",
           "--points", "9", "--out", "OUT"], {"coords", "data_vars"}),
@@ -117,7 +117,7 @@ def test_eighty_columns_of_ascii(words, tmp_path):
     surroundings = {**os.environ, "COLUMNS": "80", "PYTHONIOENCODING": "ascii", "NO_COLOR": "1", "LC_ALL": "C"}
     surroundings["STIFFSCOPE_CACHE"] = str(tmp_path)
     done = subprocess.run(
-        [sys.executable, "-m", "stiffscope", *words], capture_output=True, env=surroundings, check=True, cwd=os.getcwd()
+        [sys.executable, "-m", "stiffscope", *words], capture_output=True, env=surroundings, check=True
     )
     said = done.stdout.decode("ascii")
     assert "?" not in said
