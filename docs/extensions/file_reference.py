@@ -168,24 +168,26 @@ class Answers(Directive):
 
 
 class Gallery(Directive):
-    """Each script of examples/: what it says of itself, its code, what it prints, and its robot, which turns."""
+    """Each script of examples/: what it says of itself, what it prints, its robot, which turns, and its code."""
 
     def run(self) -> list[nodes.Node]:
         """Run the scripts and return a section for each."""
         folder = Path(__file__).parents[2] / "examples"
-        found: list[nodes.Node] = []
-        for file in sorted(folder.glob("*.py")):
-            said = io.StringIO()
-            with contextlib.redirect_stdout(said):
-                names = runpy.run_path(str(file), run_name="__main__")
-            title, _, words = names["__doc__"].partition("\n\n")
-            lines = [f"## {title.rstrip('.')}", "", inspect.cleandoc(words), ""]
-            lines += ["```text", said.getvalue().rstrip(), "```", ""]
-            found += _parsed(self, lines)
-            found.append(nodes.raw("", stiffscope.view(names["robot"])._repr_html_(), format="html"))
-            found += _parsed(self, [f"`python -m examples.{file.stem}`:", ""])
-            found.append(nodes.literal_block("", file.read_text(encoding="utf-8"), language="python"))
-        return found
+        return [self._shown(file) for file in sorted(folder.glob("*.py"))]
+
+    def _shown(self, file: Path) -> nodes.Node:
+        said = io.StringIO()
+        with contextlib.redirect_stdout(said):
+            names = runpy.run_path(str(file), run_name="__main__")
+        head, _, words = inspect.cleandoc(names["__doc__"]).partition("\n\n")
+        title = head.rstrip(".").partition(": ")[2]
+        section = nodes.section(ids=[nodes.make_id(file.stem)])
+        section += nodes.title("", title[0].upper() + title[1:])
+        section += _parsed(self, [*words.splitlines(), "", f"`python -m examples.{file.stem}` prints", ""])
+        section += nodes.literal_block("", said.getvalue().rstrip(), language="text")
+        section += nodes.raw("", stiffscope.view(names["robot"])._repr_html_(), format="html")
+        section += nodes.literal_block("", file.read_text(encoding="utf-8"), language="python")
+        return section
 
 
 class Facade(Directive):

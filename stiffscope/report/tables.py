@@ -171,7 +171,8 @@ def show_deflection(
     """Deflection (n, 6) of the tool in m and rad with its bounds, and each component's share (n,) of the energy."""
     groups = (("pose",), ("x µm", "y µm", "z µm"), ("rx µrad", "ry µrad", "rz µrad"))
     halves = np.abs(twist).reshape(-1, 2, 3)
-    rounding = NEGLIGIBLE * np.broadcast_to(halves.max(axis=2, keepdims=True), halves.shape).reshape(-1, 6)
+    greatest = np.maximum(halves.max(axis=2, keepdims=True), 1e-3 * halves.max(axis=(1, 2), keepdims=True))
+    rounding = NEGLIGIBLE * np.broadcast_to(greatest, halves.shape).reshape(-1, 6)
     shown = np.where(np.abs(twist) > np.maximum(rounding, error), twist, 0.0)
     rows = [(name, *(f"{1e6 * v:.4g}" for v in row)) for name, row in zip(names, shown, strict=True)]
     show_table("Deflection at M" + (wrench and f" under {wrench} N, N·m"), groups, rows)

@@ -124,3 +124,10 @@ def test_eighty_columns_of_ascii(words, tmp_path):
     assert "\033" not in said
     rules = [line for line in said.splitlines() if line and set(line) <= {"-", " "}]
     assert max(map(len, rules), default=0) <= 80
+
+
+def test_words_are_completed():
+    surroundings = {**os.environ, "_STIFFSCOPE_COMPLETE": "bash_complete", "COMP_WORDS": "stiffscope ca"}
+    command = [sys.executable, "-c", "from stiffscope.cli.main import main; main()"]
+    done = subprocess.run(command, capture_output=True, text=True, env={**surroundings, "COMP_CWORD": "1"}, check=True)
+    assert done.stdout.split() == ["plain,cache", "plain,campaign"]
