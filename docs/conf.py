@@ -9,7 +9,7 @@ sys.path.insert(0, str(Path(__file__).parent / "extensions"))
 project = "stiffscope"
 release = metadata.version("stiffscope")
 project_copyright = "the authors of stiffscope"
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_click", "file_reference"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_click", "file_reference", "known_answers"]
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist"]
 myst_heading_anchors = 3
 myst_links_external_new_tab = False
@@ -21,3 +21,7 @@ html_theme = "furo"
 html_title = f"stiffscope {release}"
 html_show_sphinx = False
 suppress_warnings = ["myst.header"]
+nb_execution_mode = "force"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 300
+nb_merge_streams = True

@@ -13,6 +13,7 @@ from stiffscope.errors import InputError
 from stiffscope.fea.mesh import TetMesh, check_lengths, default_size
 from stiffscope.fea.settings import Settings
 from stiffscope.fea.significance import largest_relative_bound
+from stiffscope.listening import LISTENERS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -164,6 +165,7 @@ def run_experiment(part: Part, settings: Settings | None = None, progress: Progr
     MeshError : the part cannot be meshed or solved.
     """
     started = time.perf_counter()
+    progress = progress or LISTENERS.open_line(part.name)
     _report(progress, "cad", 0.0)
     settings = settings or Settings()
     specimen = specimen_of(part, settings)

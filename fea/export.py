@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from xml.sax.saxutils import escape
 
 import numpy as np
 
@@ -17,10 +18,16 @@ if TYPE_CHECKING:
 WRENCHES = ("fx", "fy", "fz", "mx", "my", "mz")
 
 
+VTU_HELP = """\
+Part {part}, clamped; points in m, in the axes of the part. displacement_*: m, von_mises_*: Pa,
+for a unit of fx fy fz (N), mx my mz (N m) at each of the reference_points, with _1, _2 where there are several."""
+
+
 def write_vtu(experiment: Experiment, path: Path | str) -> Path:
     """Write the quadratic mesh with displacement (m) and von Mises stress (Pa) for each unit wrench; return the path.
 
     The boundary triangles are a second block of cells; the cell field ``face`` is their CAD face, -1 for tetrahedra.
+    The field data ``reference_points`` are where the wrenches act; a comment tells units, axes and loads.
     """
     import meshio
 
@@ -35,7 +42,20 @@ def write_vtu(experiment: Experiment, path: Path | str) -> Path:
     cells: list[Any] = [("tetra10", mesh.cells), ("triangle6", mesh.facets)]
     faces = [np.full(len(mesh.cells), -1, dtype=np.int64), mesh.facet_face.astype(np.int64)]
     meshio.Mesh(mesh.points, cells, point_data=fields, cell_data={"face": faces}).write(path, file_format="vtu")
+    _add_field_data(path, experiment)
     return path
+
+
+def _add_field_data(path: Path, experiment: Experiment) -> None:
+    """Put what meshio does not write at the head of the grid; the text as a comment, for meshio reads no texts."""
+    points = " ".join(f"{x:.17g}" for x in experiment.reference_points.ravel())
+    head = (
+        f"<!--{VTU_HELP.format(part=escape(experiment.part).replace('--', '- -'))}-->\n<FieldData>"
+        f'<DataArray type="Float64" Name="reference_points" NumberOfComponents="3" '
+        f'NumberOfTuples="{len(experiment.reference_points)}" format="ascii">{points}</DataArray></FieldData>\n'
+    )
+    before, grid, after = path.read_bytes().partition(b"<UnstructuredGrid>\n")
+    path.write_bytes(before + grid + head.encode() + after)
 
 
 SUPERELEMENT_HELP = """\

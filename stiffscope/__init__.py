@@ -9,7 +9,7 @@ A part
     material           a material by its name
     run_experiment     virtual experiment: the part's 6x6 compliance with error bounds, by finite elements
     Settings           how an experiment meshes, holds, loads and solves, and the tolerance wanted
-    Experiment         what an experiment gives: `compliance`, `error`, fields; a table in a notebook
+    Experiment         what an experiment gives: `compliance`, `error`, fields; notebooks show every object as a table
     load_experiment    an experiment from the file that `Experiment.save` or `stiffscope run` wrote
     beam_compliance    the same 6x6 by beam theory
     compare            finite elements beside beam theory beside the published matrix, entry by entry
@@ -30,6 +30,7 @@ A robot, of a file or made here
     deflection         twist of the tool under a wrench, and each element's share of the strain energy
     modes              natural frequencies, mode shapes and energy by element at tool poses
     stiffness_map      picture of the stiffness over the workspace
+    view               the robot that turns, bends and vibrates, inline in a notebook or as a page
     sensitivity        what a part's compliance, or the robot's stiffness, gains by each dimension, material and drive
 
 A machine
@@ -64,6 +65,7 @@ if TYPE_CHECKING:
     from stiffscope.report.compare import compare as compare
     from stiffscope.report.notebook import deformed as deformed
     from stiffscope.report.notebook import stiffness_map as stiffness_map
+    from stiffscope.report.notebook import view as view
     from stiffscope.robot.part_matrices import beam_compliance as beam_compliance
     from stiffscope.robot.reader import load_robot as load_robot
     from stiffscope.vjm.kinematics import configure as configure
@@ -93,7 +95,7 @@ _MODULES = {
     "jobs.orders": ("build_part",),
     "jobs.sensitivities": ("sensitivity",),
     "report.compare": ("compare",),
-    "report.notebook": ("deformed", "stiffness_map"),
+    "report.notebook": ("deformed", "stiffness_map", "view"),
     "robot.part_matrices": ("beam_compliance",),
     "robot.reader": ("load_robot",),
     "vjm.kinematics": ("configure",),
@@ -121,7 +123,7 @@ def __dir__() -> list[str]:
     return sorted([*__all__, "__version__"])
 
 
-if "IPython" in sys.modules:  # a notebook shows experiments and stiffnesses as tables
+if "IPython" in sys.modules:  # a notebook shows every object above as a table, and progress as bars
     from stiffscope.report.notebook import register
 
     register()

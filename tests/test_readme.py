@@ -14,7 +14,7 @@ from stiffscope.cad.slider import build
 from stiffscope.cad.step import write_step
 from stiffscope.cli.main import _guarded
 from stiffscope.jobs.workers import work_here
-from stiffscope.report.html import experiment_html, stiffness_html
+from stiffscope.report.notebook import as_html
 from stiffscope.robot.reader import load_robot
 
 ROOT = Path(__file__).parents[1]
@@ -124,7 +124,7 @@ def test_the_python_way(place, monkeypatch, tmp_path):
     )
     swept = names["robot"].map.ranges()
     assert names["ss"].stiffness_map(names["machine"], swept, 9).png.startswith(b"\x89PNG")
-    assert "<table" in experiment_html(names["test"])
-    assert "<table" in stiffness_html(names["state"])
+    assert "<table" in as_html(names["test"])
+    assert "<table" in as_html(names["state"])
     assert names["found"].verdict == "identified"
     assert names["found"].gap.nominal == pytest.approx(9.19, abs=0.01)

@@ -14,6 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 
 Array: TypeAlias = NDArray[np.floating[Any]]
 
+CONVENTION = {
+    "order": "x y z rx ry rz: twist (v, omega) in m, rad; wrench (f, m) in N, N m",
+    "point": "tool point M",
+    "axes": "base axes {O}",
+    "units": "SI",
+}
+"""The same for who reads a file of ours."""
+
 HALF_TURN = np.diag([-1.0, -1.0, 1.0, -1.0, -1.0, 1.0])
 """Half a turn about z; the opposite part's compliance is ``HALF_TURN @ C @ HALF_TURN``."""
 

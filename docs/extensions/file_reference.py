@@ -1,9 +1,12 @@
-"""Pages made from the code: every key of a robot file, every field of a JSON answer, every Python name."""
+"""Pages made from the code: keys of robot files and campaigns, fields of JSON answers, Python names, the gallery."""
 
 from __future__ import annotations
 
+import contextlib
 import inspect
+import io
 import json
+import runpy
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
@@ -15,8 +18,11 @@ from pydantic_core import PydanticUndefined
 
 import stiffscope
 from stiffscope.cli.main import _guarded
+from stiffscope.gap.campaign_header import _KEYS, _LOAD, _SENSOR
+from stiffscope.gap.quantities import DEFLECTIONS, DEVIATIONS, FREQUENCIES, PUSHES, STIFFNESSES
 from stiffscope.robot import part_sections, sections
 from stiffscope.robot.values import Reads, Says
+from stiffscope.robot.vocabulary import EFFECTS
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
@@ -42,10 +48,58 @@ TABLES = (
     ("[map]", sections.MapSection),
     ("[[effects]]", sections.Effect),
 )
+PUBLISHED = ["biglide", "--components", "published"]
+COARSE = ["biglide", "--part", "link", "--set", "link.mesh.size=60mm"]
+FORCE = ["--from", "tool:M:z", "--to", "tool:M:z", "--points", "9"]
 ANSWERS = {
-    "stiffness": ["stiffness", "biglide", "--components", "published"],
-    "modes": ["modes", "biglide", "--components", "published", "--at", "Q1"],
+    "run": ["run", *PUBLISHED, "--out", "OUT"],
+    "stiffness": ["stiffness", *PUBLISHED],
+    "deflection": ["deflection", *PUBLISHED, "--wrench", "100,0,0,0,0,0"],
+    "map": ["map", *PUBLISHED, "--points", "5", "--out", "OUT"],
+    "modes": ["modes", *PUBLISHED, "--at", "Q1"],
+    "frf": ["frf", *PUBLISHED, "--at", "Q1", *FORCE, "--out", "OUT"],
+    "sensitivity": ["sensitivity", *PUBLISHED],
+    "sensitivity-part": ["sensitivity", *COARSE],
+    "compliance": ["compliance", *COARSE],
+    "compare": ["compare", *COARSE],
+    "interfaces": ["interfaces", *COARSE, "--out", "OUT"],
     "check": ["check", "biglide"],
+    "robots": ["robots"],
+    "new": ["new", "delta", "OUT"],
+    "campaign-new": ["campaign", "new", "biglide", "--out", "OUT"],
+    "campaign-check": ["campaign", "check", "published"],
+    "diagnose": ["diagnose", "published", "--out", "OUT"],
+    "cache": ["cache"],
+    "cache-list": ["cache", "list"],
+}
+GROUPS = ("campaign", "cache")
+CAMPAIGN = {
+    "robot": "the name of a robot that comes along, or the path of a robot file, seen from this folder",
+    "predictions": "instead of `robot`: a table with the columns of the readings and `value`, the model under test; "
+    "further columns are rival models",
+    "modelled": 'effects that the model already carries, such as `["gravity"]`',
+    "components": "source of the parts' matrices: `fea` (default), `beam` or `published`",
+    "readings": "a file of readings or a list of such: .csv (comma or semicolon, decimal comma too), .tsv, .xlsx",
+    "units": 'units by column, such as `{ value = "um", fx = "N" }`; SI without it',
+    "ignore": "columns that are not read",
+    "sensors": "instruments by name, see below",
+    "loads": "points where loads act, by name, see below",
+}
+SENSOR = {
+    "measures": "`displacement` (m) or `rotation` (rad)",
+    "body": "a body, or an end of an elastic one (`leg1.arm.tip`)",
+    "at": 'where it touches, at home, base axes, such as `["75 mm", 0, "-15 mm"]`; not for a rotation',
+    "direction": "sensitive direction, or axis of rotation, base axes",
+    "against": "the body that its foot stands on; `ground` by default",
+    "zero": "`none` (default), or `session`: its zero is unknown, one constant for each session",
+}
+LOAD = {"body": "a body, or an end of an elastic one", "at": "where the load acts, at home, base axes"}
+QUANTITIES_READ = {
+    "dx … drz": ("deflection of the tool at M by the wrench applied (loaded minus unloaded)", "m, rad"),
+    "ex … erz": ("deviation of the unloaded tool from the commanded rigid pose", "m, rad"),
+    "kx … krz": ("diagonal K_ii of the stiffness at M: all other motions held", "N/m, N·m/rad"),
+    "px … prz": ("force over deflection of a push along that axis, all other motions free: 1/C_ii", "N/m, N·m/rad"),
+    "f1 …": ("natural frequencies at the pose, drives held, from below", "Hz"),
 }
 
 
@@ -65,23 +119,75 @@ class RobotFileKeys(Directive):
         return _parsed(self, lines)
 
 
-class AnswerFields(Directive):
-    """A table of the fields of a command's JSON answer, as the command writes them now."""
-
-    required_arguments = 1
+class CampaignKeys(Directive):
+    """Tables of every key of campaign.toml, of the quantities, and of the effects with their parameters."""
 
     def run(self) -> list[nodes.Node]:
-        """Run the command and return the table."""
-        words = ANSWERS[self.arguments[0]]
+        """Return the tables; what is described here and what the code reads must be the same."""
+        described = [tuple(CAMPAIGN), tuple(SENSOR), tuple(LOAD), tuple(k.split()[0] for k in QUANTITIES_READ)]
+        firsts = tuple(kind[0] for kind in (DEFLECTIONS, DEVIATIONS, STIFFNESSES, PUSHES, FREQUENCIES))
+        if [set(each) for each in described] != [set(_KEYS), set(_SENSOR), set(_LOAD), set(firsts)]:
+            raise self.error("campaign.toml has other keys than are described")
+        lines: list[str] = []
+        for title, keys in (("campaign.toml", CAMPAIGN), ("[sensors.NAME]", SENSOR), ("[loads.NAME]", LOAD)):
+            lines += [f"### {title}", "", "| key | takes |", "|---|---|"]
+            lines += [f"| `{key}` | {takes} |" for key, takes in keys.items()] + [""]
+        lines += ["### Quantities at M", "", "| quantity | is | unit |", "|---|---|---|"]
+        lines += [f"| `{name}` | {words} | {unit} |" for name, (words, unit) in QUANTITIES_READ.items()]
+        lines += ["", "### Effects", "", "| effect | parameters |", "|---|---|"]
+        for effect, parameters in EFFECTS.items():
+            listed = ", ".join(f"`{name}` ({unit})" for name, unit in parameters[:7])
+            lines.append(f"| `{effect}` | {listed + (' …' if len(parameters) > 7 else '') or 'none'} |")
+        return _parsed(self, lines)
+
+
+class Answers(Directive):
+    """For each command, a table of the fields of its JSON answer, as the command writes them now."""
+
+    def run(self) -> list[nodes.Node]:
+        """Run the commands and return the tables."""
+        lines: list[str] = []
+        for words in ANSWERS.values():
+            answer = self._answer(words)
+            shown = " ".join(word if " " not in word else f'"{word}"' for word in words)
+            lines += [f"## {' '.join(words[:2]) if words[0] in GROUPS else words[0]}", ""]
+            lines += [f"`stiffscope {shown.replace('OUT', 'DIR')} --json FILE`:", "", "| field | holds |", "|---|---|"]
+            if isinstance(answer, list):
+                lines.append(f"| | {_shape(answer)} |")
+                answer = answer[0] if answer and isinstance(answer[0], dict) else {}
+            lines += [f"| `{name}` | {_shape(value)} |" for name, value in answer.items()] + [""]
+        return _parsed(self, lines)
+
+    def _answer(self, words: list[str]) -> Any:
         with tempfile.TemporaryDirectory() as folder:
             target = Path(folder) / "answer.json"
-            if _guarded([*words, "--quiet", "--json", str(target)]) != 0:
+            filled = [str(Path(folder) / "out") if word == "OUT" else word for word in words]
+            if _guarded([*filled, "--quiet", "--json", str(target)]) != 0:
                 raise self.error(f"{' '.join(words)} failed")
-            answer = json.loads(target.read_text(encoding="utf-8"))
-        rows = [f"| `{name}` | {_shape(value)} |" for name, value in answer.items()]
-        return _parsed(
-            self, [f"`stiffscope {' '.join(words)} --json FILE`:", "", "| field | holds |", "|---|---|", *rows]
-        )
+            return json.loads(target.read_text(encoding="utf-8"))
+
+
+class Gallery(Directive):
+    """Each script of examples/: what it says of itself, what it prints, its robot, which turns, and its code."""
+
+    def run(self) -> list[nodes.Node]:
+        """Run the scripts and return a section for each."""
+        folder = Path(__file__).parents[2] / "examples"
+        return [self._shown(file) for file in sorted(folder.glob("*.py"))]
+
+    def _shown(self, file: Path) -> nodes.Node:
+        said = io.StringIO()
+        with contextlib.redirect_stdout(said):
+            names = runpy.run_path(str(file), run_name="__main__")
+        head, _, words = inspect.cleandoc(names["__doc__"]).partition("\n\n")
+        title = head.rstrip(".").partition(": ")[2]
+        section = nodes.section(ids=[nodes.make_id(file.stem)])
+        section += nodes.title("", title[0].upper() + title[1:])
+        section += _parsed(self, [*words.splitlines(), "", f"`python -m examples.{file.stem}` prints", ""])
+        section += nodes.literal_block("", said.getvalue().rstrip(), language="text")
+        section += nodes.raw("", stiffscope.view(names["robot"])._repr_html_(), format="html")
+        section += nodes.literal_block("", file.read_text(encoding="utf-8"), language="python")
+        return section
 
 
 class Facade(Directive):
@@ -145,6 +251,8 @@ def _word(value: Any) -> str:
 def setup(app: Sphinx) -> dict[str, Any]:
     """Add the directives."""
     app.add_directive("robot-file-keys", RobotFileKeys)
-    app.add_directive("answer-fields", AnswerFields)
+    app.add_directive("campaign-keys", CampaignKeys)
+    app.add_directive("answers", Answers)
+    app.add_directive("gallery", Gallery)
     app.add_directive("facade", Facade)
     return {"parallel_read_safe": True}

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from stiffscope.gap.diagnosis import Diagnosis
     from stiffscope.jobs.assembly import Assembled
     from stiffscope.jobs.campaigns import Case
+    from stiffscope.jobs.manifest import Manifest
 
 log = logging.getLogger(__name__)
 
@@ -65,14 +66,13 @@ def diagnose(name: str, out: Path, *, target: str | None, adopt: Path | None, qu
             files.write_json(folder / "diagnosis.json", to_json(diagnosis))
             if diagnosis.samples is not None:
                 write_posterior(folder / "posterior.nc", diagnosis.samples)
-            _write_page(case, nominal, diagnosis, folder)
-            manifest.write(folder)
+            _write_report(case, nominal, diagnosis, folder, manifest)
     if target:
         files.write_json(target, to_json(diagnosis))
     loud = not quiet and target != "-"
     if loud:
         gap_tables.show_diagnosis(diagnosis, _slider(nominal))
-        tables.show_line(f"Written to {out}; the page is {out / 'report.html'}")
+        tables.show_line(f"Written to {out}; the report is {out / 'report.html'}")
     if adopt is not None and nominal is not None:
         _adopt(adopt, nominal, diagnosis, case, loud=loud)
 
@@ -83,14 +83,17 @@ def _slider(nominal: Assembled | None) -> np.ndarray | None:
     return None if part is None else part.compliance
 
 
-def _write_page(case: Case, nominal: Assembled | None, diagnosis: Diagnosis, folder: Path) -> None:
-    """The HTML page with its figures."""
+def _write_report(
+    case: Case, nominal: Assembled | None, diagnosis: Diagnosis, folder: Path, manifest: Manifest
+) -> None:
+    """Figures, manifest, and the report that shows them."""
     from stiffscope.jobs.campaigns import reached
+    from stiffscope.report.diagnosis_report import share_view, write_diagnosis_report
     from stiffscope.report.gap_figures import draw_figures
-    from stiffscope.report.html import write_page
     from stiffscope.report.kept_pictures import draw_shares
 
-    figures = draw_figures(diagnosis, folder)
+    draw_figures(diagnosis, folder)
+    view = None
     facts = [f"{len(case.campaign):,} readings at {len(case.campaign.pose_names)} poses"]
     if nominal is None:
         facts.append("the model under test is the campaign's own predictions")
@@ -100,11 +103,13 @@ def _write_page(case: Case, nominal: Assembled | None, diagnosis: Diagnosis, fol
         facts.append(f"nominal robot {nominal.robot.name} ({made_of}; modelled: {modelled})")
         found = reached(case)
         if found is not None:
-            draw_shares(nominal, diagnosis, found.tool[:, nominal.mechanism.tool.commanded], folder)
-    write_page(
-        folder / "report.html", diagnosis, title=f"Where is the gap? {case.name}", facts=facts, folder=folder,
-        figures=figures, slider=_slider(nominal),
-    )  # fmt: skip
+            poses = found.tool[:, nominal.mechanism.tool.commanded]
+            draw_shares(nominal, diagnosis, poses, folder)
+            view = share_view(folder, nominal, diagnosis, poses)
+    manifest.write(folder)
+    write_diagnosis_report(
+        folder, diagnosis, title=f"Where is the gap? {case.name}", facts=facts, slider=_slider(nominal), view=view
+    )
 
 
 def _adopt(target: Path, nominal: Assembled, diagnosis: Diagnosis, case: Case, *, loud: bool) -> None:
@@ -126,8 +131,8 @@ def campaign() -> None:
 
 
 @campaign.command("new")
-@takes(options.robot, options.out)
-def new_campaign(name: str, out: Path, *, quiet: bool) -> None:
+@takes(options.robot, options.out, options.target)
+def new_campaign(name: str, out: Path, *, target: str | None, quiet: bool) -> None:
     """Write a campaign folder for a robot, to fill in: sensors and loads as examples, a plan of readings."""
     from stiffscope.jobs.campaign_template import write_template
     from stiffscope.report import tables
@@ -137,7 +142,9 @@ def new_campaign(name: str, out: Path, *, quiet: bool) -> None:
     robot = load_robot(name)
     named = name if name in robot_names() else Path(os.path.relpath(robot.path, out)).as_posix()
     poses, readings = write_template(robot, named, out)
-    if not quiet:
+    if target:
+        files.write_json(target, {"folder": str(out), "readings": readings, "poses": poses})
+    if not quiet and target != "-":
         tables.show_line(f"Written: {out}, {readings} readings at {poses} poses to fill in.")
         tables.show_line(f"Next: stiffscope campaign check {out}")
 
@@ -199,7 +206,7 @@ def blind(
     from stiffscope.gap.blind import case_files, check_cases, run_blind
     from stiffscope.jobs.blind import blind_robots
     from stiffscope.report import tables
-    from stiffscope.report.blind_scores import draw_scores, scores_json, show_scores
+    from stiffscope.report.blind_scores import draw_scores, scores_json, show_scores, write_blind_report
     from stiffscope.robot.reader import load_robot
 
     files.check_output(out, target)
@@ -218,6 +225,7 @@ def blind(
             files.write_json(folder / "scores.json", found)
             draw_scores(scores, folder)
             manifest.write(folder)
+            write_blind_report(scores, folder, f"Blind check of the diagnosis, {campaigns} campaigns a robot")
     if not files.remove_copied(cases, out):
         log.warning("%s: holds files that are no cases of this check; they stay there", cases)
     if target:

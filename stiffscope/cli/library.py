@@ -28,14 +28,16 @@ def robots(*, target: str | None, quiet: bool) -> None:
 
 
 @click.command()
-@takes(click.argument("name", metavar="NAME"), click.argument("target", metavar="FILE"))
-def new(name: str, target: str, *, quiet: bool) -> None:
+@takes(click.argument("name", metavar="NAME"), click.argument("goal", metavar="FILE"), options.target)
+def new(name: str, goal: str, *, target: str | None, quiet: bool) -> None:
     """Copy a robot that comes along, to start from: stiffscope new delta mine.toml."""
     from stiffscope.report import tables
     from stiffscope.robot.library import copy_robot
 
-    goal = copy_robot(name, target)
-    if not quiet:
+    goal = copy_robot(name, goal)
+    if target:
+        files.write_json(target, {"file": str(goal)})
+    if not quiet and target != "-":
         tables.show_line(f"Written: {goal}. Next: stiffscope check {goal}")
 
 
@@ -54,10 +56,12 @@ def new(name: str, target: str, *, quiet: bool) -> None:
         "--home", multiple=True, metavar="JOINT=POSITION",
         help='Another home than the model\'s: "elbow=90 deg". May be repeated.',
     ),
+    options.target,
 )  # fmt: skip
 def import_(
-    model: Path, out: Path, *, drives: tuple[str, ...], tool: str | None, home: tuple[str, ...], quiet: bool
-) -> None:
+    model: Path, out: Path, *, drives: tuple[str, ...], tool: str | None, home: tuple[str, ...], target: str | None,
+    quiet: bool,
+) -> None:  # fmt: skip
     """A robot file from a simulator's model, URDF or MJCF: bodies, masses, joints, ranges.
 
     What such a model does not say (stiffness of drives, elastic parts) is left to fill in; the file says where.
@@ -66,7 +70,10 @@ def import_(
     from stiffscope.robot.import_model import import_model
 
     read = import_model(model, out, drives, tool, home)
-    if quiet:
+    if target:
+        counted = {"bodies": len(read.bodies), "joints": len(read.joints), "notes": list(read.notes)}
+        files.write_json(target, {"file": str(out), **counted})
+    if quiet or target == "-":
         return
     for note in read.notes:
         tables.show_line(f"Note: {note}.")

@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 import click
 from click.exceptions import NoArgsIsHelpError
 
-from stiffscope.cli import campaigns, check, design, library, parts, robots, vibration
+from stiffscope.cli import campaigns, check, design, library, parts, robots, store, vibration
 from stiffscope.errors import InputError
 from stiffscope.reading import shown, why
 
@@ -38,7 +38,7 @@ for command in (
     *(robots.run, robots.stiffness, robots.deflection, robots.map_, vibration.modes, vibration.frf),
     *(parts.compliance, parts.compare, parts.interfaces, parts.faces),
     *(design.sensitivity, check.check, library.robots, library.new, library.import_),
-    *(campaigns.diagnose, campaigns.campaign, campaigns.blind, campaigns.audit),
+    *(campaigns.diagnose, campaigns.campaign, campaigns.blind, campaigns.audit, store.cache),
 ):
     cli.add_command(command)
 

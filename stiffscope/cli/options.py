@@ -33,7 +33,8 @@ def _note_debug(_context: click.Context, _option: click.Parameter, wanted: bool)
             logging.getLogger(chatty).setLevel(logging.WARNING)
 
 
-def _check_file(_context: click.Context, _option: click.Parameter, target: str | None) -> str | None:
+def check_file(_context: click.Context, _option: click.Parameter, target: str | None) -> str | None:
+    """Refuse a file that cannot be written before anything is computed."""
     from stiffscope.files import check_json
 
     if target not in (None, "-"):
@@ -76,10 +77,8 @@ debug = click.option(
     "--debug", is_flag=True, expose_value=False, callback=_note_debug, help="Show where an unexpected error came from."
 )
 out = folder("--out", "Folder to write: complete or absent.", required=True)
-target = click.option(
-    "--json", "target", metavar="FILE", callback=_check_file,
-    help='Write JSON ("-": standard output, nothing else there).',
-)  # fmt: skip
+JSON_HELP = 'Write JSON ("-": standard output, nothing else there).'
+target = click.option("--json", "target", metavar="FILE", callback=check_file, help=JSON_HELP)
 poses = click.option(
     "--at", "poses", multiple=True, metavar="X,Y,Z",
     help='Tool pose: as many numbers as [tool] pose of the file names, SI or with units ("0,0,350 mm"), or a pose by '

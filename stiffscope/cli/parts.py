@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import logging
 import time
 from typing import TYPE_CHECKING
@@ -64,13 +65,14 @@ def compliance(
 
 
 @click.command()
-@takes(options.robot, options.part, options.overrides)
-def compare(name: str, part: str | None, *, overrides: tuple[str, ...], quiet: bool) -> None:
+@takes(options.robot, options.part, options.overrides, options.target)
+def compare(name: str, part: str | None, *, overrides: tuple[str, ...], target: str | None, quiet: bool) -> None:
     """FEA beside beam theory beside published, entry by entry."""
     from stiffscope.cli.showing import show_compliance, shown_workshop, warn_of
     from stiffscope.jobs.assembly import check_one_interface
     from stiffscope.jobs.experiments import solve_parts
     from stiffscope.jobs.orders import order_part
+    from stiffscope.report.compare import compare as compared
     from stiffscope.robot.reader import load_robot
 
     robot = load_robot(name, overrides)
@@ -80,15 +82,20 @@ def compare(name: str, part: str | None, *, overrides: tuple[str, ...], quiet: b
     with shown_workshop(quiet=quiet) as shop:
         results = solve_parts(orders, shop)
     warn_of(results)
-    for result in results:
-        show_compliance(robot, result)
+    if target:
+        own = {result.name: compared(robot, result.name, result) for result in results if result.own_shape}
+        files.write_json(target, {part: dataclasses.asdict(each) for part, each in own.items()})
+    if not quiet and target != "-":
+        for result in results:
+            show_compliance(robot, result)
 
 
 @click.command()
-@takes(options.robot, options.out, options.part, options.tolerance, options.overrides)
+@takes(options.robot, options.out, options.part, options.tolerance, options.overrides, options.target)
 def interfaces(
-    name: str, out: Path, *, tolerance: str | None, overrides: tuple[str, ...], part: str | None, quiet: bool
-) -> None:
+    name: str, out: Path, *, tolerance: str | None, overrides: tuple[str, ...], part: str | None, target: str | None,
+    quiet: bool,
+) -> None:  # fmt: skip
     """How much a part's compliance depends on how it is held and loaded.
 
     Tests the part (without --part: the robot's first plate, else its first solid) loaded as a rigid face and by an even
@@ -106,7 +113,7 @@ def interfaces(
     robot = load_robot(name, overrides, tolerance)
     part = part or min(_solids(robot), key=lambda each: robot.part(each).shape != "plate")
     order_part(robot, part)  # refuses what is no solid before a folder is begun
-    files.check_output(out)
+    files.check_output(out, target)
     manifest = manifest_of(robot)
     with shown_workshop(quiet=quiet) as shop, files.staged_folder(out) as folder:
         compared = compare_interfaces(robot, part, shop)
@@ -119,7 +126,9 @@ def interfaces(
             if result.note:
                 log.warning("%s, %s: %s", part, tested.choice.name, result.note)
         manifest.write(folder)
-    if not quiet:
+    if target:
+        files.write_json(target, interfaces_json(compared))
+    if not quiet and target != "-":
         tables.show_interfaces(compared)
         tables.show_line(f"Written to {out} in {time.perf_counter() - begun:.1f} s")
 

@@ -97,6 +97,7 @@ def deflection(
     from stiffscope.report import tables
     from stiffscope.robot import quantities as q
     from stiffscope.robot.reader import load_robot
+    from stiffscope.vjm.screws import CONVENTION
     from stiffscope.vjm.yielding import deflection as deflected
 
     robot = load_robot(name, overrides)
@@ -119,14 +120,14 @@ def deflection(
     if target:
         at = {"poses": asked.configurations.poses, "tool": asked.configurations.tool}
         shares = {"energy": found.energy, "shares": found.shares}
-        files.write_json(target, {**at, "wrench": load, "twist": found.twist, **shares})
+        files.write_json(target, {**at, "wrench": load, "twist": found.twist, **shares, "convention": CONVENTION})
     if not quiet and target != "-":
         error = deflection_bars(assembled, asked.configurations, found.twist)
         tables.show_deflection(asked.names, found.twist, found.shares, ",".join(f"{v:g}" for v in load), error)
 
 
 @click.command("map")
-@takes(options.robot, options.out, options.components, options.gravity("exact"), options.overrides)
+@takes(options.robot, options.out, options.components, options.gravity("exact"), options.overrides, options.target)
 @click.option(
     "--points", default=200, show_default=True, type=click.IntRange(2, 3000), help="Poses along either coordinate."
 )
@@ -135,8 +136,8 @@ def deflection(
     help="Also the first N natural frequencies, drives held.",
 )  # fmt: skip
 def map_(
-    name: str, out: Path, *, components: Any, gravity: Any, overrides: tuple[str, ...], points: int, count: int,
-    quiet: bool,
+    name: str, out: Path, *, components: Any, gravity: Any, overrides: tuple[str, ...], target: str | None,
+    points: int, count: int, quiet: bool,
 ) -> None:  # fmt: skip
     """Stiffness over what [map] of the robot file sweeps: figures, numbers, a report."""
     from stiffscope.cli.showing import shown_assembly
@@ -152,7 +153,7 @@ def map_(
     maps.swept(robot)
     moving = rigid_mechanism(robot)
     configured_poses(robot, moving, moving.tool.home)  # before any experiment
-    files.check_output(out)
+    files.check_output(out, target)
     manifest = manifest_of(robot)
     made = shown_assembly(robot, components, quiet=quiet)
     with files.staged_folder(out) as folder, ThreadPoolExecutor(1) as pool:
@@ -165,15 +166,18 @@ def map_(
         drawn.result()
         manifest.write(folder)
         write_map_report(folder, made, {stem: title for title, stem, _ in figures})
-    if not quiet:
+    if target:
+        files.write_json(target, maps.as_dataset(found).to_dict())
+    if not quiet and target != "-":
         tables.show_line(f"Written to {out}")
 
 
 @click.command()
-@takes(options.robot, options.out, options.components, options.tolerance, options.overrides)
+@takes(options.robot, options.out, options.components, options.tolerance, options.overrides, options.target)
 def run(
-    name: str, out: Path, *, components: Any, tolerance: str | None, overrides: tuple[str, ...], quiet: bool
-) -> None:
+    name: str, out: Path, *, components: Any, tolerance: str | None, overrides: tuple[str, ...], target: str | None,
+    quiet: bool,
+) -> None:  # fmt: skip
     """The whole chain: parts, robot, tables, pictures.
 
     Builds the parts in CAD, meshes them, runs their virtual experiments, assembles the robot, and writes
@@ -181,6 +185,7 @@ def run(
     """
     from stiffscope.cli.showing import shown_workshop, warn_of
     from stiffscope.jobs.assembly import assemble_robots, at_named_poses, check_reach
+    from stiffscope.jobs.results import compliance_json
     from stiffscope.report import tables
     from stiffscope.report.kept_pictures import write_run_pictures
     from stiffscope.report.run_report import write_run_report
@@ -192,7 +197,7 @@ def run(
         pose = ", ".join("0" if name.startswith("r") else '"0 mm"' for name in robot.tool.pose)
         raise InputError(f"{robot.path}: has no poses; give one in [poses], such as Q1 = [{pose}]")
     check_reach(robot, robot.poses)
-    files.check_output(out)
+    files.check_output(out, target)
     robots = {"now": robot} | ({"before": load_robot(name, (), tolerance)} if overrides else {})
     manifest = manifest_of(robot)
     with shown_workshop(quiet=quiet) as shop, files.staged_folder(out) as folder:
@@ -215,7 +220,10 @@ def run(
             _show_robot(now, states)
         write_run_report(folder, now, parts, shown)
         report("done", 1.0)
-    if quiet:
+    if target:
+        parts = {part: compliance_json(robot, result) for part, result in now.results.items()}
+        files.write_json(target, {"parts": parts, **_stiffness(now, states["now"])})
+    if quiet or target == "-":
         warn_of(now.results.values())
     else:
         _show_parts(now)
@@ -241,17 +249,21 @@ def _write_robot(assembled: Assembled, state: Stiffness, folder: Path) -> None:
     """Matrices as JSON and npz, and the robot file as it was used."""
     import numpy as np
 
-    from stiffscope.jobs.assembly import stiffness_bars, stiffness_json
     from stiffscope.report.kept_pictures import plain_robot
 
-    robot = assembled.robot
-    names = {"names": list(robot.poses), "components": assembled.sources}
-    bars = stiffness_bars(assembled, state.configurations)
-    files.write_json(folder / "stiffness.json", {**stiffness_json(state, bars), **names})
+    files.write_json(folder / "stiffness.json", _stiffness(assembled, state))
     matrices: dict[str, Any] = {f"{name}_compliance": part.compliance for name, part in assembled.matrices.items()}
     matrices |= {"poses": state.poses, "tool": state.tool, "stiffness": state.matrix, "sag": state.sag}
     np.savez_compressed(folder / "matrices.npz", **matrices)
-    files.write_json(folder / "robot.json", plain_robot(robot))
+    files.write_json(folder / "robot.json", plain_robot(assembled.robot))
+
+
+def _stiffness(assembled: Assembled, state: Stiffness) -> dict[str, Any]:
+    """The robot at its named poses as scripts read it."""
+    from stiffscope.jobs.assembly import stiffness_bars, stiffness_json
+
+    names = {"names": list(assembled.robot.poses), "components": assembled.sources}
+    return {**stiffness_json(state, stiffness_bars(assembled, state.configurations)), **names}
 
 
 def _show_parts(now: Assembled) -> None:

@@ -74,7 +74,10 @@ def modes(
 
 
 @click.command()
-@takes(options.robot, options.poses, options.joints, options.components, drives, options.overrides, options.out)
+@takes(
+    *(options.robot, options.poses, options.joints, options.components, drives, options.overrides, options.out),
+    click.option("--json", "json_target", metavar="FILE", callback=options.check_file, help=options.JSON_HELP),
+)
 @click.option(
     "--from", "source", required=True, metavar="BODY:POINT:DIRECTION",
     help="Where a harmonic force acts: a body or an end of an elastic one (link.tip), or tool; a point at home (X,Y,Z, "
@@ -93,8 +96,8 @@ def modes(
 )  # fmt: skip
 def frf(
     name: str, *, poses: tuple[str, ...], joints: tuple[str, ...], components: Any, drives: Any,
-    overrides: tuple[str, ...], out: Path, source: str, target: str, band: str | None, points: int, damping: float,
-    quiet: bool,
+    overrides: tuple[str, ...], out: Path, json_target: str | None, source: str, target: str, band: str | None,
+    points: int, damping: float, quiet: bool,
 ) -> None:  # fmt: skip
     """Frequency response of the robot from a force at one place to the displacement at another, by modes.
 
@@ -115,7 +118,7 @@ def frf(
     mechanism = asked.configurations.mechanism
     shaken, read = _port(mechanism, "--from", source), _port(mechanism, "--to", target)
     given = _band(band)
-    files.check_output(out)
+    files.check_output(out, json_target)
     manifest = manifest_of(robot)
     made = shown_assembly(robot, components, quiet=quiet)
     if given is None:
@@ -131,7 +134,9 @@ def frf(
     with files.staged_folder(out) as folder:
         report.write(response, folder, f"{robot.name}: response at {target} to {source}")
         manifest.write(folder)
-    if not quiet:
+    if json_target:
+        files.write_json(json_target, report.as_dataset(response, f"{robot.name}: frequency response").to_dict())
+    if not quiet and json_target != "-":
         tables.show_line(f"Written to {out}")
 
 

@@ -19,6 +19,7 @@ from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import needed_experiments, part_matrices, part_sources
 from stiffscope.robot.part_sections import StepPart
 from stiffscope.vjm import statics
+from stiffscope.vjm.screws import CONVENTION
 from stiffscope.vjm.semidefinite import inverse
 
 if TYPE_CHECKING:
@@ -178,5 +179,5 @@ def stiffness_json(state: Stiffness, error: np.ndarray | None = None) -> dict[st
     bars = {} if error is None else {"error": error}
     return {
         "poses": state.poses, "tool": state.tool, "stiffness": state.matrix, "sag": state.sag,
-        "mobility": state.mobility, **bars,
+        "mobility": state.mobility, **bars, "convention": CONVENTION,
     }  # fmt: skip

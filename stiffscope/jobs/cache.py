@@ -21,16 +21,27 @@ from importlib import import_module, metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from stiffscope.errors import InputError
 from stiffscope.files import file_digest, scratch_folder
 from stiffscope.reading import read_bytes
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Collection, Iterable, Mapping
 
 log = logging.getLogger(__name__)
 
 FORMAT = 1
 _INDEX = "entry.json"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A result that is kept: its kind, key, size in bytes, and when it was made, in seconds since 1970."""
+
+    kind: str
+    key: str
+    bytes: int
+    made: float
 
 
 @dataclass(frozen=True)
@@ -78,6 +89,19 @@ class Cache:
             return made
         shutil.rmtree(made, ignore_errors=True)
         return held
+
+    def entries(self, kinds: Collection[str] = ()) -> list[Entry]:
+        """What we keep there, of the kinds asked for, by default of all; whether it is intact is not looked at."""
+        folders = sorted(self.root.glob(f"*/*/{_INDEX}")) if self.root.is_dir() else []
+        found = (_entry(index.parent) for index in folders)
+        return [entry for entry in found if entry is not None and (not kinds or entry.kind in kinds)]
+
+    def clear(self, kinds: Collection[str] = ()) -> list[Entry]:
+        """Remove our entries, of the kinds asked for, and return them; nothing else in the folder is touched."""
+        gone = self.entries(kinds)
+        for entry in gone:
+            self._discard(self.root / entry.kind / entry.key)
+        return [entry for entry in gone if not os.path.lexists(self.root / entry.kind / entry.key)]
 
     def _stored(self, made: Path, kind: str, key: str) -> Path | None:
         """Copy a result aside, list its checksums and move it into place; None where the cache cannot be written."""
@@ -162,6 +186,28 @@ def _plain(value: Any) -> Any:
     if hasattr(value, "tolist"):
         return value.tolist()
     raise TypeError(f"{type(value).__name__} cannot be part of a cache key")
+
+
+def totals(entries: Iterable[Entry]) -> dict[str, tuple[int, int]]:
+    """Number and size in bytes of entries by kind."""
+    found: dict[str, tuple[int, int]] = {}
+    for entry in entries:
+        count, size = found.get(entry.kind, (0, 0))
+        found[entry.kind] = count + 1, size + entry.bytes
+    return found
+
+
+def _entry(folder: Path) -> Entry | None:
+    """An entry as its index names it; None for a folder that is none of ours."""
+    kind, key = folder.parent.name, folder.name
+    try:
+        index = json.loads(read_bytes(folder / _INDEX))
+        if (index["kind"], index["key"]) != (kind, key) or folder.is_symlink() or folder.parent.is_symlink():
+            return None
+        size = sum(path.lstat().st_size for path in folder.rglob("*") if path.is_file())
+        return Entry(kind, key, size, (folder / _INDEX).stat().st_mtime)
+    except (InputError, OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
 
 
 def _flaw(folder: Path, kind: str, key: str) -> str | None:

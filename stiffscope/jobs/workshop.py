@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Any
 from stiffscope.files import scratch_folder
 from stiffscope.jobs.cache import Cache, cache_folder
 from stiffscope.jobs.workers import work_here, work_together
+from stiffscope.listening import LISTENERS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    Report = Callable[[str, float], None]
+    from stiffscope.listening import Report
+
     Work = Callable[..., dict[Any, Any]]
 
 
@@ -40,7 +42,7 @@ def workshop(open_line: Callable[[str], Report] | None = None, *, together: bool
     Parameters
     ----------
     open_line
-        Where progress goes; by default nowhere.
+        Where progress goes; by default nowhere, in a notebook to bars.
     together
         Whether several jobs run at once, in processes of their own. These import the main module of the program
         anew, so that a notebook or a script without `if __name__ == "__main__"` had better not.
@@ -48,8 +50,4 @@ def workshop(open_line: Callable[[str], Report] | None = None, *, together: bool
     """
     with scratch_folder() as spare:
         cache = Cache(cache_folder(), spare)
-        yield Workshop(cache, work_together if together else work_here, open_line or (lambda _name: _silent))
-
-
-def _silent(_stage: str, _fraction: float) -> None:
-    return
+        yield Workshop(cache, work_together if together else work_here, open_line or LISTENERS.open_line)

@@ -6,8 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.report import page
 from stiffscope.report.figures import AFTER, BEFORE, EFFECT, name_columns, name_rows, new_figure, save_figures
-from stiffscope.report.terminal import show_table
+from stiffscope.report.page import Section
+from stiffscope.report.run_report import REPORT, origin
+from stiffscope.report.terminal import recorded, show_table
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -25,6 +28,11 @@ MEASURES = (
     ("left_out", "effect removed from the library: no confident wrong name", "", 0.0, 1.0),
     ("coverage", "95 % intervals that contain the true value", "92 to 98 %", 0.92, 0.98),
 )
+FIGURES = {
+    "confusion": ("Planted against answered", "matrix of the effects planted, rows, and answered, columns"),
+    "gaps": ("Gap over noise of each campaign: before, after, held out", "points of the gap over noise, by campaign"),
+    "calibration": ("How often a stated probability is true", "stated probabilities against how often they are true"),
+}
 HELD_OUT = 1.2
 ENOUGH = 50  # intervals below which their share is not judged
 
@@ -149,6 +157,16 @@ def draw_scores(scores: Scores, folder: Path) -> None:
             "calibration": lambda: calibration(scores),
         },
     )
+
+
+def write_blind_report(scores: Scores, folder: Path, title: str) -> None:
+    """Write ``report.html`` of a blind check to its output folder: tables as shown, the figures there, the manifest."""
+    with recorded() as shown:
+        show_scores(scores)
+    figures = [page.figure(folder / f"{stem}.svg", *words) for stem, words in FIGURES.items()]
+    facts = [f"robots: {', '.join(scores.by_robot()) or 'none'}", f"{len(scores.outcomes)} campaigns"]
+    sections = [Section("Scores", shown), Section("Figures", (), figures), origin(folder)]
+    page.write_page(folder / REPORT, title, facts, sections)
 
 
 def confusion(scores: Scores) -> Figure:

@@ -21,10 +21,9 @@ def show_diagnosis(diagnosis: Diagnosis, slider: np.ndarray | None) -> None:
     """Show the whole diagnosis; `slider` (6, 6) is the compliance in the model, None without a robot."""
     show_line(f"\n{text.sentence(diagnosis)}\n", "bold")
     if diagnosis.effects:
-        _show_effects(diagnosis, slider)
-    _show_gap(diagnosis)
-    if diagnosis.alternatives:
-        _show_alternatives(diagnosis)
+        show_effects(diagnosis, slider)
+    show_gap(diagnosis)
+    show_alternatives(diagnosis)
     _show_list("Possible", text.possible(diagnosis))
     _show_list("Where", text.located(diagnosis.where))
     if diagnosis.next_measurement:
@@ -41,29 +40,36 @@ def _show_list(title: str, lines: Sequence[str]) -> None:
         show_line(f"  {line}")
 
 
-def _show_effects(diagnosis: Diagnosis, slider: np.ndarray | None) -> None:
-    groups = (("effect @ place",), ("probability", "share", "gap alone"), ("parameter", "value ± 1 σ", "model"))
+def show_effects(diagnosis: Diagnosis, slider: np.ndarray | None, *, details: bool = False) -> None:
+    """Show the effects with their parameters; with their intervals and ratios to the model's values as details."""
+    more = ("95 % interval", "ratio", "deviation / σ", "remark") if details else ()
+    groups = (("effect @ place",), ("probability", "share", "gap alone"), ("parameter", "value ± 1 σ", "model"), more)
     rows: list[Sequence[str]] = []
     for effect in diagnosis.effects:
         share = f"{100 * effect.share:.3g} %" if math.isfinite(effect.share) else ""
         first = (f"{effect.effect} @ {effect.place}", f"{effect.probability:.4f}", share, percent(effect.gap_after))
         parameters = [
             (p.name, p.value + ("" if p.plausible else " (not plausible)"), p.nominal)
+            + ((p.interval, p.ratio, p.deviation, "differs from the model" if p.notable else "") if details else ())
             for p in text.parameters(effect, slider)
         ]
-        for k, parameter in enumerate(parameters or [("none", "", "")]):
+        for k, parameter in enumerate(parameters or [("none", "", "", *[""] * len(more))]):
             rows.append((*(("",) * 4 if k else first), *parameter))
     show_table("Effects", groups, rows, prose=("effect @ place",))
 
 
-def _show_gap(diagnosis: Diagnosis) -> None:
+def show_gap(diagnosis: Diagnosis) -> None:
+    """Show the gap before and after, at poses held out, and the noise."""
     gap = diagnosis.gap
     groups = (("",), ("before", "after", "held out", "noise"), ("χ² per reading before", "after"))
     percents = (percent(v) for v in (gap.nominal, gap.explained, gap.held_out, gap.noise))
     show_table("Gap", groups, [("rms", *percents, *(f"{v:.4g}" for v in gap.chi2_per_reading))])
 
 
-def _show_alternatives(diagnosis: Diagnosis) -> None:
+def show_alternatives(diagnosis: Diagnosis) -> None:
+    """Show what was considered and is not in the diagnosis, if anything was."""
+    if not diagnosis.alternatives:
+        return
     groups = (("effect @ place",), ("probability", "gap after", "why not"))
     rows = [
         (

@@ -19,6 +19,7 @@ from stiffscope.report import maps
 from stiffscope.report.pictures import PictureError, draw
 from stiffscope.report.robot_scene import deformed, exaggeration, moves, picture, pose_text, scene
 from stiffscope.report.run_report import GEOMETRY
+from stiffscope.report.text import shares
 from stiffscope.vjm.kinematics import configure
 
 if TYPE_CHECKING:
@@ -73,7 +74,7 @@ def draw_named_poses(assembled: Assembled, folder: Path) -> None:
 
 
 def draw_shares(assembled: Assembled, diagnosis: Diagnosis, poses: np.ndarray, folder: Path) -> None:
-    """The robot at the pose of the largest residual, its elements coloured by their share of the gap."""
+    """The robot at the pose of the largest residual, its elements coloured by their share of the gap; its solids."""
     where = diagnosis.where
     if not where.component:
         return
@@ -82,16 +83,7 @@ def draw_shares(assembled: Assembled, diagnosis: Diagnosis, poses: np.ndarray, f
     place = pose_text(assembled.mechanism, found.poses[0])
     title = f"Share of the gap by component, at the pose of the largest residual, {place}"
     shown = [picture("robot.png", title, moves(assembled.mechanism, found))]
-    _draw_robot(assembled, folder, shown, shares(assembled.robot, diagnosis), "share of the gap")
-
-
-def shares(robot: RobotFile, diagnosis: Diagnosis) -> dict[str, float]:
-    """Share of the gap by element: that of a place which means several is shown on each of them."""
-    out: dict[str, float] = {}
-    for component, share in diagnosis.where.component.items():
-        for element in robot.members(component) or (component,):
-            out[element] = out.get(element, 0.0) + share
-    return out
+    _draw_robot(assembled, folder, shown, shares(assembled.robot, diagnosis), "share of the gap", GEOMETRY)
 
 
 def draw_deflection(
@@ -201,12 +193,13 @@ def _draw_poses(assembled: Assembled, folder: Path) -> None:
 
 
 def _draw_robot(
-    assembled: Assembled, folder: Path, shown: Sequence[dict[str, Any]], part: Mapping[str, float], scale: str
-) -> None:
+    assembled: Assembled, folder: Path, shown: Sequence[dict[str, Any]], part: Mapping[str, float], scale: str,
+    geometry: str | None = None,
+) -> None:  # fmt: skip
     """Pictures coloured by shares of elements; where this machine cannot draw, say so and leave them out."""
     arguments = scene(assembled.robot, assembled.mechanism, _experiments(assembled), part)
     try:
-        draw("robot", folder, pictures=list(shown), scale=scale, **arguments)
+        draw("robot", folder, pictures=list(shown), scale=scale, geometry=geometry, **arguments)
     except PictureError as error:
         log.warning("%s", error)
 

@@ -13,6 +13,7 @@ from stiffscope.report.pictures import PictureError, draw
 from stiffscope.report.robot_scene import deformed, exaggeration, moves, picture, scene
 from stiffscope.report.run_report import GEOMETRY
 from stiffscope.vjm.network import END, FOOT
+from stiffscope.vjm.screws import CONVENTION
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -41,6 +42,7 @@ def modes_json(found: Modes) -> dict[str, Any]:
         "energy": found.energy,
         "internal": found.internal,
         "remarks": list(found.remarks),
+        "convention": CONVENTION,
     }
 
 

@@ -1,23 +1,50 @@
-"""For a notebook: pictures that show themselves in a cell, and how it displays the objects of other rooms."""
+"""For a notebook: how it shows the objects of other rooms, the robot that turns, pictures, progress.
+
+An object shows the tables of the commands, drawn by the same functions; what no command shows is listed field by field.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import html
 import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from stiffscope import files
 from stiffscope.files import scratch_folder
+from stiffscope.listening import LISTENERS
+from stiffscope.report import page, tables
+from stiffscope.report.numbers import coordinates, point, pose_values
 from stiffscope.report.pictures import draw
+from stiffscope.report.run_report import ENERGY, GEOMETRY, turning
+from stiffscope.report.terminal import recorded, show_line, show_table
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
+    from stiffscope.cad.part import Part
     from stiffscope.fea.experiment import Experiment
+    from stiffscope.fea.sensitivity import PartSensitivity
+    from stiffscope.gap.diagnosis import Diagnosis
+    from stiffscope.listening import Report
+    from stiffscope.report.page import Figure
+    from stiffscope.robot.description import RobotFile
+    from stiffscope.robot.sensitivity import Sensitivity
+    from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.modes import Modes
     from stiffscope.vjm.statics import Stiffness
+    from stiffscope.vjm.yielding import Deflection
+
+MOST = 20  # poses shown of a stack
+SMALL = 36  # numbers of an array that are listed
+HEIGHT = 720  # of the robot that turns, pixels
+PACE = 0.2  # seconds between two updates of a bar
 
 
 @dataclass(frozen=True)
@@ -34,29 +61,68 @@ class Picture:
         files.write_bytes(Path(path), self.png)
 
 
+@dataclass(frozen=True)
+class View:
+    """The robot that turns, as a page that a notebook shows inline; `save` writes it to an HTML file."""
+
+    html: str = dataclasses.field(repr=False)
+
+    def _repr_html_(self) -> str:
+        return (
+            f'<iframe srcdoc="{html.escape(self.html)}" title="the robot in three dimensions" loading="lazy" '
+            f'style="width:100%;height:{HEIGHT}px;border:0"></iframe>'
+        )
+
+    def save(self, path: str | Path) -> None:
+        """Write the page to a file, which needs nothing else."""
+        files.write_bytes(Path(path), self.html.encode())
+
+
 def register() -> None:
-    """Make a running IPython show experiments and stiffnesses as tables; without one, do nothing.
+    """Make a running IPython show the objects of the façade as tables, and jobs as bars; without one, do nothing.
 
     The objects know nothing of HTML: their classes are found by name when the first of them is shown.
     """
     shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
     if shell is None:
         return
-    html = shell.display_formatter.formatters["text/html"]
-    html.for_type_by_name("stiffscope.fea.experiment", "Experiment", _experiment)
-    html.for_type_by_name("stiffscope.vjm.statics", "Stiffness", _stiffness)
+    formatter = shell.display_formatter.formatters["text/html"]
+    for name, show in SHOWN.items():
+        module, _, kind = name.rpartition(".")
+        formatter.for_type_by_name(f"stiffscope.{module}", kind, lambda shown, show=show: as_html(shown, show))
+    if hasattr(shell, "kernel"):  # not where IPython runs in a terminal
+        LISTENERS.open_line = open_bar
 
 
-def _experiment(experiment: Experiment) -> str:
-    from stiffscope.report.html import experiment_html
+def as_html(shown: Any, show: Callable[[Any], Sequence[Figure] | None] | None = None) -> str:
+    """Return what a notebook shows of an object: its tables, and figures where it has some."""
+    show = show or SHOWN[f"{type(shown).__module__.removeprefix('stiffscope.')}.{type(shown).__name__}"]
+    with recorded() as lines:
+        figures = show(shown) or ()
+    return page.templates().get_template("notebook.html").render(lines=lines, figures=figures)
 
-    return experiment_html(experiment)
 
+def open_bar(name: str) -> Report:
+    """Open a bar in the output of a cell; it goes when its job is done."""
+    from IPython.display import HTML, display  # pyright: ignore[reportMissingImports, reportMissingModuleSource]
 
-def _stiffness(state: Stiffness) -> str:
-    from stiffscope.report.html import stiffness_html
+    bar: Any = None
+    last = 0.0
 
-    return stiffness_html(state)
+    def report(stage: str, fraction: float) -> None:
+        nonlocal bar, last
+        now, done = time.monotonic(), fraction >= 1.0
+        if (bar is None and done) or (not done and now - last < PACE):
+            return
+        last = now
+        words = f'<label>{html.escape(name)} <progress value="{fraction:.3f}"></progress> {html.escape(stage)}</label>'
+        shown = HTML("" if done else words)
+        if bar is None:
+            bar = display(shown, display_id=True)
+        else:
+            bar.update(shown)
+
+    return report
 
 
 def deformed(experiment: Experiment) -> Picture:
@@ -110,3 +176,200 @@ def stiffness_map(
         held = maps.held_text(found)
         maps.draw_stiffness(found, {}, "stiffness at M (diagonal of K)" + (held and f", {held}"), target)
         return Picture(target.read_bytes())
+
+
+def view(shown: Mechanism | Configurations | Stiffness | Modes, robot: RobotFile | None = None) -> View:
+    """Show a robot that turns, under unit wrenches at M or in its modes, coloured by share of the strain energy.
+
+    Parameters
+    ----------
+    shown
+        A mechanism (at home, or at the poses of its robot file), or what was found of one at its poses.
+    robot
+        The robot file that it was assembled from, which tells the parts' shapes; without it, they are drawn as rods.
+
+    Raises
+    ------
+    InputError
+        The robot cannot reach one of the poses.
+
+    """
+    from stiffscope.report.robot_scene import scene
+    from stiffscope.report.robot_view import mode_cases, unit_wrenches
+    from stiffscope.vjm.kinematics import configure
+    from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.modes import Modes
+
+    names: list[str] = []
+    if isinstance(shown, Mechanism):
+        poses: Any = dict(robot.poses) if robot and robot.poses else {"home": shown.tool.home}
+        names, found = list(poses), configure(shown, list(poses.values())).required()
+    else:
+        found: Configurations = getattr(shown, "configurations", shown)
+    mechanism = found.mechanism
+    names = names or _names(found)
+    moving = isinstance(shown, Modes)
+    with scratch_folder() as folder:
+        draw("robot", folder, pictures=[], geometry=GEOMETRY, **scene(robot, mechanism))
+        turned = turning(
+            folder, found, names, mode_cases(shown) if isinstance(shown, Modes) else unit_wrenches(mechanism, found),
+            choice="mode" if moving else "load", quantity=ENERGY,
+            caption=f"Components coloured by their {ENERGY}.", still=None,
+        )  # fmt: skip
+    return View(page.templates().get_template("inline.html").render(view=turned, title="The robot").lstrip())
+
+
+def _names(found: Configurations) -> list[str]:
+    return [pose_values(pose) for pose in found.poses]
+
+
+def _part(shown: Part) -> None:
+    from stiffscope.cad.part import mass_properties
+
+    properties = mass_properties(shown)
+    loaded = [
+        (f"loaded: {each.name}", f"{_numbers(each.faces)}; reference point ({point(each.reference_point)}) mm")
+        for each in shown.loaded
+    ]
+    rows = [
+        ("material", shown.material.name),
+        ("faces", str(len(shown.faces))),
+        ("clamped", _numbers(shown.clamped)),
+        *loaded,
+        ("volume", f"{1e6 * properties.volume:.5g} cm³"),
+        ("mass", f"{properties.mass:.5g} kg"),
+        ("centre of mass", f"({point(properties.centre)}) mm"),
+    ]
+    show_table(f"Part {shown.name}", (("", "value"),), rows, prose=("value",))
+
+
+def _numbers(faces: Iterable[int]) -> str:
+    return f"faces {', '.join(map(str, sorted(faces)))}"
+
+
+def _robot(shown: RobotFile) -> None:
+    from stiffscope.report.check_tables import show_check
+    from stiffscope.robot.inspection import inspect_robot
+
+    show_check(inspect_robot(shown))
+
+
+def _mechanism(shown: Mechanism) -> None:
+    bodies = [
+        (b.name, "elastic" if b.elastic else "rigid", f"{b.mass:.4g}", "" if b.centre is None else point(b.centre))
+        for b in shown.bodies
+    ]
+    show_table("Bodies", (("body", "", "mass kg", "centre at home mm"),), bodies)
+    joints = [
+        (j.name, j.kind, j.first, j.second, point(j.at), f"{j.drive.stiffness:.4g}" if j.drive else "")
+        for j in shown.joints
+    ]
+    columns = ("joint", "kind", "between", "and", "at home mm", "drive N/m or N·m/rad")
+    show_table("Joints", (columns,), joints)
+    place = f"tool: {shown.tool.body}, M at ({point(shown.tool.at)}) mm, commanded: {', '.join(shown.tool.pose)}"
+    show_line(f"{place}; gravity ({pose_values(shown.gravity)}) m/s²")
+
+
+def _configurations(shown: Configurations) -> None:
+    place = coordinates(shown.mechanism.tool.pose)
+    rows = [
+        (pose_values(pose), "yes" if ok else "no", shown.reason(k))
+        for k, (pose, ok) in enumerate(zip(shown.poses[:MOST], shown.valid[:MOST], strict=True))
+    ]
+    show_table("Configurations", ((place, "reached", "why not"),), rows, prose=("why not",))
+    _omitted(len(shown.poses))
+
+
+def _stiffness(shown: Stiffness) -> None:
+    first = dataclasses.replace(
+        shown, configurations=shown.configurations[:MOST], matrix=shown.matrix[:MOST], sag=shown.sag[:MOST],
+        mobility=shown.mobility[:MOST], inverse_condition=shown.inverse_condition[:MOST],
+    )  # fmt: skip
+    tables.show_stiffness([str(k + 1) for k in range(len(first.matrix))], first)
+    _omitted(len(shown.matrix))
+
+
+def _deflection(shown: Deflection) -> None:
+    names = [f"pose {k + 1}" for k in range(min(len(shown.twist), MOST))]
+    part = {element: share[:MOST] for element, share in shown.shares.items()}
+    tables.show_deflection(names, shown.twist[:MOST], part)
+    _omitted(len(shown.twist))
+
+
+def _modes(shown: Modes) -> None:
+    tables.show_modes(_names(shown.configurations), shown, "Natural frequencies")
+    for remark in shown.remarks:
+        show_line(remark)
+
+
+def _sensitivity(shown: Sensitivity) -> None:
+    from stiffscope.report.sensitivities import show_sensitivity
+
+    show_sensitivity(shown, [pose_values(pose) for pose in shown.poses])
+
+
+def _part_sensitivity(shown: PartSensitivity) -> None:
+    entries = tuple(f"C{k}{k}" for k in range(1, 7))
+    rows = [
+        (name, f"{each.value:.5g}", each.unit, *(f"{c:.4g}" for c in each.compliance.diagonal()), f"{each.mass:.4g}")
+        for name, each in shown.derivatives.items()
+    ]
+    columns = ("parameter", "value", "unit", *entries, "mass")
+    show_table(f"Derivatives of the {shown.part} by each parameter, SI", (columns,), rows)
+
+
+def _diagnosis(shown: Diagnosis) -> list[Figure]:
+    from stiffscope.report import gap_figures, gap_tables
+    from stiffscope.report.diagnosis_report import FIGURES
+    from stiffscope.report.figures import save_figures
+
+    gap_tables.show_diagnosis(shown, None)
+    with scratch_folder() as folder:
+        save_figures(folder, {"waterfall": lambda: gap_figures.waterfall(shown)})
+        return [page.figure(folder / "waterfall.svg", *FIGURES["waterfall"])]
+
+
+def _fields(shown: Any) -> None:
+    """Every field of a small dataclass, SI."""
+    rows = [(each.name, _text(getattr(shown, each.name))) for each in dataclasses.fields(shown)]
+    title = " ".join([type(shown).__name__, *([shown.name] if hasattr(shown, "name") else [])])
+    show_table(f"{title}, SI", (("", "value"),), rows, prose=("value",))
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, np.ndarray):
+        listed = value.ndim == 1 and value.size <= SMALL
+        return f"({pose_values(value, 6)})" if listed else f"{' × '.join(map(str, value.shape))} numbers"
+    if dataclasses.is_dataclass(value):
+        return ", ".join(f"{each.name} {_text(getattr(value, each.name))}" for each in dataclasses.fields(value))
+    if isinstance(value, tuple):
+        return ", ".join(map(str, value))
+    return f"{value:g}" if isinstance(value, float) else str(value) if value not in {None, ""} else "–"
+
+
+def _omitted(count: int) -> None:
+    if count > MOST:
+        show_line(f"and {count - MOST} more poses")
+
+
+SHOWN: dict[str, Callable[[Any], Sequence[Figure] | None]] = {
+    "cad.materials.Material": _fields,
+    "cad.materials.TransverselyIsotropic": _fields,
+    "cad.part.Part": _part,
+    "fea.experiment.Experiment": tables.show_experiment,
+    "fea.sensitivity.PartSensitivity": _part_sensitivity,
+    "fea.settings.Settings": _fields,
+    "gap.diagnosis.Diagnosis": _diagnosis,
+    "report.compare.Comparison": tables.show_comparison,
+    "robot.description.RobotFile": _robot,
+    "robot.sensitivity.Sensitivity": _sensitivity,
+    "vjm.kinematics.Configurations": _configurations,
+    "vjm.mechanism.Body": _fields,
+    "vjm.mechanism.Drive": _fields,
+    "vjm.mechanism.Joint": _fields,
+    "vjm.mechanism.Mechanism": _mechanism,
+    "vjm.mechanism.Tool": _fields,
+    "vjm.modes.Modes": _modes,
+    "vjm.statics.Stiffness": _stiffness,
+    "vjm.yielding.Deflection": _deflection,
+}

@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import functools
 import io
+import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -71,10 +72,25 @@ class Section:
     figures: Sequence[Figure] = ()
     view: RobotView | None = field(default=None, kw_only=True)
 
+    def __bool__(self) -> bool:
+        """Whether anything stands below the heading."""
+        return bool(self.tables or self.figures or self.view)
+
+
+@dataclass(frozen=True)
+class Lead:
+    """What a page says first, with what it is: a verdict of a diagnosis, which has a colour."""
+
+    words: str
+    kind: str = ""
+
 
 def figure(image: Path, caption: str, words: str) -> Figure:
-    """Take a picture file, such as a PNG, into a page; ``words`` is its text alternative."""
+    """Take a picture file, PNG or SVG, into a page; ``words`` is its text alternative."""
     from PIL import Image
+
+    if image.suffix == ".svg":
+        return _drawing(image.read_bytes(), caption, words)
 
     out = io.BytesIO()
     with Image.open(image) as picture:
@@ -83,10 +99,19 @@ def figure(image: Path, caption: str, words: str) -> Figure:
     return Figure(f"data:image/webp;base64,{base64.b64encode(out.getvalue()).decode()}", size, caption, words)
 
 
-def write_page(target: Path, title: str, facts: Sequence[str], sections: Sequence[Section]) -> None:
-    """Write a page of sections to a file; facts stand in a line below the title."""
+def _drawing(svg: bytes, caption: str, words: str) -> Figure:
+    """A drawing of matplotlib's: its size stands at its head, in points."""
+    found = re.search(rb'viewBox="0 0 ([\d.]+) ([\d.]+)"', svg)
+    wide, high = (round(float(size) * 4 / 3) for size in (found.groups() if found else (b"640", b"480")))
+    return Figure(f"data:image/svg+xml;base64,{base64.b64encode(svg).decode()}", (wide, high), caption, words)
+
+
+def write_page(
+    target: Path, title: str, facts: Sequence[str], sections: Sequence[Section], lead: Lead | None = None
+) -> None:
+    """Write a page of sections to a file; facts stand in a line below the title, then what it says first."""
     page = templates().get_template("report.html")
-    target.write_text(page.render(title=title, facts=facts, sections=sections).lstrip(), encoding="utf-8")
+    target.write_text(page.render(title=title, facts=facts, sections=sections, lead=lead).lstrip(), encoding="utf-8")
 
 
 @functools.cache

@@ -25,7 +25,7 @@ DEFORMATION = 0.06  # greatest displacement shown, in the robot's size
 
 
 def scene(
-    robot: RobotFile,
+    robot: RobotFile | None,
     mechanism: Mechanism,
     experiments: Mapping[str, Path] | None = None,
     shares: Mapping[str, float] | None = None,
@@ -35,7 +35,7 @@ def scene(
     Parameters
     ----------
     robot, mechanism
-        The robot file and its mechanism, of which the pictures are.
+        The robot file and its mechanism, of which the pictures are; without a file, parts are drawn as rods.
     experiments
         File of the virtual experiment of each part that was tested: such parts are drawn as their own solids.
     shares
@@ -104,17 +104,17 @@ def pose_text(mechanism: Mechanism, pose: Sequence[float]) -> str:
     return ", ".join(said)
 
 
-def _body(robot: RobotFile, body: Body, experiments: Mapping[str, Path]) -> dict[str, Any]:
-    section = robot.bodies[body.name]
+def _body(robot: RobotFile | None, body: Body, experiments: Mapping[str, Path]) -> dict[str, Any]:
+    section = robot.bodies[body.name] if robot else None
     out: dict[str, Any] = {"name": body.name, "nodes": body.nodes, "centre": body.centre}
     if body.elastic is None:
         mesh = getattr(section, "mesh", None)
-        return out if mesh is None else out | {"mesh": robot.path.parent / mesh}
-    e, name = body.elastic, section.part  # type: ignore[union-attr]
+        return out if mesh is None or robot is None else out | {"mesh": robot.path.parent / mesh}
+    e, name = body.elastic, getattr(section, "part", body.name)
     return out | {
         "part": name,
         "experiment": experiments.get(name),
-        "shape": _shape(robot, name),
+        "shape": _shape(robot, name) if robot else {},
         "axes": e.axes,
         "base": e.base,
         "length": float(np.linalg.norm(e.tip - e.base)),

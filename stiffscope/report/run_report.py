@@ -37,7 +37,7 @@ def write_run_report(folder: Path, assembled: Assembled, parts: Sequence[Shown],
         *([Section("The robot under load", view=view)] if view else []),
         Section("Stiffness", robot, list(_robot_figures(folder, assembled))),
         *([Section("Parts", parts, list(_part_figures(folder, assembled)))] if parts else []),
-        _origin(folder),
+        origin(folder),
     ]
     _write(folder, assembled, "stiffness", sections)
 
@@ -47,11 +47,15 @@ def write_modes_report(
 ) -> None:
     """Write the report of natural frequencies: table as shown, shapes that move."""
     stills = [_mode_figure(file) for file in sorted(folder.glob("mode_*.png"))[:STILLS]]
-    view = _view(folder, found.configurations, names, mode_cases(found), "mode", stills[0] if stills else None)
+    view = turning(
+        folder, found.configurations, names, mode_cases(found), choice="mode", quantity=ENERGY,
+        caption=f"The robot in its mode shapes, components coloured by their {ENERGY}.",
+        still=stills[0] if stills else None,
+    )  # fmt: skip
     sections = [
         *([Section("Mode shapes", view=view)] if view else []),
         Section("Natural frequencies", tables, stills),
-        _origin(folder),
+        origin(folder),
     ]
     _write(folder, assembled, "natural frequencies", sections)
 
@@ -65,38 +69,48 @@ def write_map_report(folder: Path, assembled: Assembled, titles: Mapping[str, st
     sections = [
         Section("Maps", (), figures),
         *([Section("The robot under load", view=view)] if view else []),
-        _origin(folder),
+        origin(folder),
     ]
     _write(folder, assembled, "stiffness over the workspace", sections)
 
 
 def _wrench_view(folder: Path, assembled: Assembled, found: Configurations, names: Sequence[str]) -> RobotView | None:
     still = next((file for file in (folder / f"robot_{name}.png" for name in names) if file.exists()), None)
-    picture = page.figure(still, "", f"the robot at {names[0]}") if still else None
-    return _view(folder, found, names, unit_wrenches(assembled.mechanism, found), "load", picture)
+    return turning(
+        folder, found, names, unit_wrenches(assembled.mechanism, found), choice="load", quantity=ENERGY,
+        caption=f"The robot under unit wrenches at M, components coloured by their {ENERGY}.",
+        still=page.figure(still, "", f"the robot at {names[0]}") if still else None,
+    )  # fmt: skip
 
 
-def _view(
-    folder: Path,
-    found: Configurations,
-    names: Sequence[str],
-    cases: list[list[Case]],
-    choice: str,
-    still: Figure | None,
-) -> RobotView | None:
-    """The robot that turns, of the solids that the drawing process left in the folder; None where it drew nothing."""
+def turning(
+    folder: Path, found: Configurations, names: Sequence[str], cases: list[list[Case]], *, choice: str, quantity: str,
+    caption: str, still: Figure | None, start: int = 100,
+) -> RobotView | None:  # fmt: skip
+    """The robot that turns, of the solids that the drawing process left in the folder; None where it drew nothing.
+
+    Parameters
+    ----------
+    folder
+        Where ``geometry.json`` is; it is taken away.
+    found, names, cases, choice, quantity
+        As for `stiffscope.report.robot_view.robot_view`; modes move.
+    caption, still
+        What stands below it, and the picture in its place.
+    start
+        Deformation at first, in percent of what is well seen.
+
+    """
     source = folder / GEOMETRY
     if not source.exists():
         return None
     geometry = json.loads(source.read_text())
     source.unlink()
-    data = robot_view(geometry, found, names, cases, choice=choice, quantity=ENERGY, moving=choice == "mode")
+    data = robot_view(geometry, found, names, cases, choice=choice, quantity=quantity, moving=choice == "mode")
     words = (
         f"the robot in three dimensions: turn it with the arrow keys; pose, {choice} and deformation are chosen below"
     )
-    shown = "under unit wrenches at M" if choice == "load" else "in its mode shapes"
-    caption = f"The robot {shown}, components coloured by their {ENERGY}."
-    return RobotView(data, caption, words, still)
+    return RobotView(data, caption, words, still, start)
 
 
 def _mode_figure(file: Path) -> Figure:
@@ -128,8 +142,8 @@ def _part_figures(folder: Path, assembled: Assembled) -> Iterator[Figure]:
             yield page.figure(mesh, caption, f"the {name} in tetrahedra, from both ends")
 
 
-def _origin(folder: Path) -> Section:
-    """The manifest as tables: command, robot file, keys and times of results, versions."""
+def origin(folder: Path) -> Section:
+    """The manifest in a folder as tables: command, robot file, keys and times of results, versions."""
     held = json.loads((folder / files.MANIFEST).read_text(encoding="utf-8"))
     robot: dict[str, Any] = held.get("robot", {})
     facts = {

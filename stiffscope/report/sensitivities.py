@@ -9,6 +9,7 @@ import numpy as np
 from stiffscope.report.figures import new_figure, save_figures
 from stiffscope.report.numbers import DIAGONAL
 from stiffscope.report.terminal import show_line, show_table
+from stiffscope.vjm.screws import CONVENTION
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -64,6 +65,7 @@ def robot_json(found: Sensitivity) -> dict[str, Any]:
         },
         "scatter": tolerances,
         "notes": found.notes,
+        "convention": CONVENTION,
     }
 
 
@@ -92,7 +94,13 @@ def show_part_sensitivity(found: PartSensitivity, result: PartResult) -> None:
                 *_per_kilogram(each, compliance),
             )
         )
-    groups = [("parameter", "value"), COMPLIANCES, ("sag x", "sag y", "sag z", "mass"), ("best entry per kg",)]
+    groups = [
+        ("parameter", "value"),
+        COMPLIANCES[:3],
+        COMPLIANCES[3:],
+        ("sag x", "sag y", "sag z", "mass"),
+        ("best entry per kg",),
+    ]
     show_table(f"Sensitivity of the {found.part}: % per % of each parameter", groups, rows)
     show_line("  sag: at the loaded face, by own weight along x, y, z; ± 95 % where it is more than a digit.")
     show_line("  per kg: the entry of 1/C_ii that gains most, for a kilogram added by this parameter alone.")
@@ -134,7 +142,8 @@ def show_sensitivity(found: Sensitivity, names: Sequence[str]) -> None:
                     *_kilogram_cells(row, index, stiffness),
                 )
             )
-        groups = [("parameter", "value"), DIAGONAL, ("|sag|", "f1"), ("K_tx per kg", "K_ty per kg", "K_tz per kg")]
+        each = (DIAGONAL[:3], DIAGONAL[3:], ("|sag|", "f1"), ("K_tx per kg", "K_ty per kg", "K_tz per kg"))
+        groups = [("parameter", "value"), *each]
         show_table(f"Sensitivity at {pose}: % of K per % of each parameter", groups, rows)
         _show_scatter(found, index)
     show_line("  per kg: % of K for a kilogram that this parameter alone adds; ± 95 % where it is more than a digit.")

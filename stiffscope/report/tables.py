@@ -20,12 +20,14 @@ from stiffscope.report.numbers import (
     ratio,
     relative,
     resolved,
+    with_bound,
 )
 from stiffscope.report.terminal import show_line, show_table
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
+    from stiffscope.fea.experiment import Experiment
     from stiffscope.jobs.interfaces import Comparison as Interfaces
     from stiffscope.jobs.results import PartResult
     from stiffscope.report.compare import Comparison
@@ -163,14 +165,17 @@ def _explain_zeros(rows: Iterable[Sequence[str]]) -> None:
         show_line(f"  {ZERO_NOTE}\n")
 
 
-def show_deflection(names: Sequence[str], twist: Any, shares: Mapping[str, Any], wrench: str, error: Any = 0.0) -> None:
+def show_deflection(
+    names: Sequence[str], twist: Any, shares: Mapping[str, Any], wrench: str = "", error: Any = 0.0
+) -> None:
     """Deflection (n, 6) of the tool in m and rad with its bounds, and each component's share (n,) of the energy."""
     groups = (("pose",), ("x µm", "y µm", "z µm"), ("rx µrad", "ry µrad", "rz µrad"))
     halves = np.abs(twist).reshape(-1, 2, 3)
-    rounding = NEGLIGIBLE * np.broadcast_to(halves.max(axis=2, keepdims=True), halves.shape).reshape(-1, 6)
+    greatest = np.maximum(halves.max(axis=2, keepdims=True), 1e-3 * halves.max(axis=(1, 2), keepdims=True))
+    rounding = NEGLIGIBLE * np.broadcast_to(greatest, halves.shape).reshape(-1, 6)
     shown = np.where(np.abs(twist) > np.maximum(rounding, error), twist, 0.0)
     rows = [(name, *(f"{1e6 * v:.4g}" for v in row)) for name, row in zip(names, shown, strict=True)]
-    show_table(f"Deflection at M under {wrench} N, N·m", groups, rows)
+    show_table("Deflection at M" + (wrench and f" under {wrench} N, N·m"), groups, rows)
     order = sorted(shares.items(), key=lambda item: -float(np.max(item[1])))
     parts = [(part, *(f"{100 * v:z.2f}" for v in share)) for part, share in order]
     show_table("Strain energy by component, %", (("component",), *((name,) for name in names)), parts)
@@ -214,6 +219,25 @@ def _show_matrix(title: str, matrix: Any, error: Any) -> list[Sequence[str]]:
     rows: list[Sequence[str]] = [(name, *_cells(row, ".5g")) for name, row in zip(TWIST, shown, strict=True)]
     show_table(title, (("",), WRENCH[:3], WRENCH[3:]), rows)
     return rows
+
+
+def show_experiment(experiment: Experiment) -> None:
+    """Show the compliance (6, 6) at the first interface's reference point, each entry with its bound, SI."""
+    matrix, error = experiment.compliance, experiment.error
+    clear = resolved(matrix, error)
+    rows = [
+        (name, *(with_bound(matrix[i, j], error[i, j]) if clear[i, j] else ZERO for j in range(6)))
+        for i, name in enumerate(TWIST)
+    ]
+    title = (
+        f"{experiment.part}, {experiment.interface}: twist per unit wrench at "
+        f"({point(experiment.reference_point)}) mm; m/N, m/(N·m), rad/N, rad/(N·m)"
+    )
+    show_table(title, (("",), WRENCH[:3], WRENCH[3:]), rows)
+    _explain_zeros(rows)
+    show_line(f"Largest relative bound {experiment.relative_bound:.2%}, mass {experiment.mass:.4g} kg")
+    if experiment.note:
+        show_line(experiment.note)
 
 
 def show_each_interface(result: PartResult) -> None:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from stiffscope.gap.diagnosis import Diagnosis, Effect, NextMeasurement, Parameter, Where
+    from stiffscope.robot.description import RobotFile
 
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
 NOTABLE = 3.0  # σ by which a parameter must differ from the model's to be marked
@@ -210,6 +211,15 @@ def what_next(step: NextMeasurement) -> str:
     elif step.wrench is not None:
         action += " without load, against the commanded pose"
     return f"{action}: distinguishes {' from '.join(step.separates)} (expected ln-odds {step.expected_gain:.3g})"
+
+
+def shares(robot: RobotFile, diagnosis: Diagnosis) -> dict[str, float]:
+    """Return the share of the gap by element: that of a place which means several counts on each of them."""
+    out: dict[str, float] = {}
+    for component, share in diagnosis.where.component.items():
+        for element in robot.members(component) or (component,):
+            out[element] = out.get(element, 0.0) + share
+    return out
 
 
 def located(where: Where) -> list[str]:

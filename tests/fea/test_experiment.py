@@ -92,6 +92,8 @@ def test_vtu_holds_mesh_and_fields(plate, tmp_path):
     assert np.allclose(read.point_data["displacement_fz"], plate.displacement[2])
     assert read.cells_dict["tetra10"].shape == plate.mesh.cells.shape
     assert set(read.cell_data_dict["face"]["triangle6"]) == set(range(6))
+    assert np.array_equal(read.field_data["reference_points"].reshape(-1, 3), plate.reference_points)
+    assert b"displacement_*: m, von_mises_*: Pa" in (tmp_path / "plate.vtu").read_bytes()
 
 
 @pytest.mark.parametrize(

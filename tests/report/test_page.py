@@ -1,5 +1,6 @@
 """Reports in a browser: the robot turns and bends, nothing is asked of the network, none is kept out."""
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -90,6 +91,37 @@ def test_the_robot_turns_bends_and_is_coloured(tab, report):
     assert "505.54 mm" in tab.run("document.querySelector('[data-is=note]').textContent")
     assert [e for e in tab.complaints() if e["params"].get("entry", {}).get("source") != "rendering"] == []
     assert tab.requests() == [report.absolute().as_uri()]
+
+
+def test_sixty_poses_cost_little(report, tmp_path):
+    """One geometry for all of them: a pose adds numbers alone. How long it takes to open is printed (-s)."""
+    robot = load_robot("biglide")
+    mechanism = assemble(robot, "published")
+    heights = np.linspace(0.33, 0.5, 60)
+    found = configure(mechanism, [(0.0, 0.0, z) for z in heights]).required()
+    plain = scene(robot, mechanism)
+    solids = solids_of(plain["bodies"], plain["joints"], plain["tool"], plain["up"])
+    at_tool = {"node": plain["tool"]["node"], "at": np.asarray(plain["tool"]["at"]).tolist()}
+    colours = {"shades": ["#ffffff", "#000000"], "no_share": "#ffffff", "key": {}, "tool": at_tool}
+    geometry = {**packed(solids, plain["up"], 0.5), **colours}
+    sizes = {}
+    for count in (1, 60):
+        some = found[np.arange(count)]
+        names = [f"z = {z:.4f}" for z in heights[:count]]
+        data = robot_view(geometry, some, names, unit_wrenches(mechanism, some), choice="load")
+        page.write_page(tmp_path / f"{count}.html", "T", [], [Section("V", view=RobotView(data, "c", "w"))])
+        sizes[count] = (tmp_path / f"{count}.html").stat().st_size
+    assert sizes[60] - sizes[1] < 59 * 12_000
+    if CHROMIUM is None:
+        return
+    for file in (report, tmp_path / "1.html", tmp_path / "60.html"):
+        with browser() as cold:
+            begun = time.perf_counter()
+            cold.open(file)
+            loaded = time.perf_counter() - begun
+            cold.wait(DRAWN)
+            drawn = time.perf_counter() - begun
+        print(f"{file.name}: {file.stat().st_size / 1e6:.2f} MB, {loaded:.2f} s to load, {drawn:.2f} s until drawn")  # noqa: T201
 
 
 @needs_chromium

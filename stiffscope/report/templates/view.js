@@ -263,5 +263,12 @@
     new ResizeObserver(ask).observe(canvas);
     pose();
   }
-  document.querySelectorAll(".robot-view").forEach(view);
+  // Graphics take a second to begin where no card helps: the page stands first, and a robot waits until it is near.
+  const near = new IntersectionObserver((met) => {
+    for (const { target } of met.filter((each) => each.isIntersecting)) {
+      near.unobserve(target);
+      requestAnimationFrame(() => setTimeout(() => view(target)));
+    }
+  }, { rootMargin: "60% 0px" });
+  document.querySelectorAll(".robot-view").forEach((root) => near.observe(root));
 })();

@@ -1,0 +1,142 @@
+"""The report of `diagnose`: verdict, robot coloured by share of the gap, effects, gap, alternatives, checks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.report import gap_tables, page, text
+from stiffscope.report.page import Lead, Section
+from stiffscope.report.robot_view import unit_wrenches
+from stiffscope.report.run_report import REPORT, origin, turning
+from stiffscope.report.terminal import Shown, recorded
+from stiffscope.vjm.kinematics import configure
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from stiffscope.gap.diagnosis import Diagnosis
+    from stiffscope.jobs.assembly import Assembled
+    from stiffscope.report.page import Figure, RobotView
+
+SHARE = "share of the gap"
+MOST_POSES = 60  # in the view, those of the largest residuals
+FIGURES = {
+    "waterfall": (
+        "The gap: the model as it is, with each effect, at poses held out, noise",
+        "bars of the gap in % rms: the model as it is, with each effect, at poses held out, noise",
+    ),
+    "corner": (
+        "Posterior of the parameters: histograms, and contours of 50 % and 95 %",
+        "joint posterior of the parameters: a histogram of each, contours of each pair",
+    ),
+    "residuals": (
+        "Residuals over noise by pose and direction, before and with the effects",
+        "two maps of residuals over noise, poses by directions: the model as it is, with the effects",
+    ),
+    "predictive": (
+        "Residuals at poses held out, over their predictive standard deviation",
+        "histogram of residuals at poses held out beside the normal distribution that is predicted",
+    ),
+    "signatures": (
+        "Correlation between the signatures of the effects; 1: indistinguishable from these readings",
+        "matrix of the correlations between the signatures of the effects",
+    ),
+}
+
+
+def write_diagnosis_report(
+    folder: Path,
+    diagnosis: Diagnosis,
+    *,
+    title: str,
+    facts: Sequence[str],
+    slider: np.ndarray | None = None,
+    view: RobotView | None = None,
+) -> None:
+    """Write the report of a diagnosis to its output folder, with the figures (SVG) that are there.
+
+    Parameters
+    ----------
+    folder
+        Output folder.
+    diagnosis
+        What the report shows.
+    title, facts
+        Heading, and what to know of campaign and model.
+    slider : (6, 6)
+        Compliance of the slider in the model, m/N, m/(N·m), rad/(N·m); None without a robot.
+    view
+        The robot that turns, of `share_view`.
+
+    """
+    drawn = {stem: _figure(folder, stem) for stem in FIGURES if (folder / f"{stem}.svg").exists()}
+
+    def figures(stem: str) -> list[Figure]:
+        return [drawn[stem]] if stem in drawn else []
+
+    following = diagnosis.next_measurement
+    sections = [
+        Section("Where the gap lies", _lines(text.located(diagnosis.where)), figures("residuals"), view=view),
+        Section("Effects", _effects(diagnosis, slider), figures("corner")),
+        Section("Gap", _shown(lambda: gap_tables.show_gap(diagnosis)), figures("waterfall")),
+        Section("Alternatives", _shown(lambda: gap_tables.show_alternatives(diagnosis)), figures("signatures")),
+        Section("What to measure next", _lines([text.what_next(following)] if following else [])),
+        Section("Checks", _lines([*text.checks(diagnosis), *diagnosis.remarks]), figures("predictive")),
+        origin(folder),
+    ]
+    lead = Lead(text.sentence(diagnosis), diagnosis.verdict)
+    page.write_page(folder / REPORT, title, facts, [each for each in sections if each], lead)
+
+
+def share_view(folder: Path, assembled: Assembled, diagnosis: Diagnosis, poses: np.ndarray) -> RobotView | None:
+    """The robot at the campaign's poses (n, k), worst first, in the colours of `kept_pictures.draw_shares`."""
+    still = folder / "robot.png"
+    if not still.exists():
+        return None
+    where, mechanism = diagnosis.where, assembled.mechanism
+    sizes = np.sqrt(np.nanmean(np.square(np.array(where.pose, dtype=float)), axis=1))
+    chosen = np.argsort(-np.nan_to_num(sizes))[:MOST_POSES]
+    found = configure(mechanism, poses[chosen])
+    part = text.shares(assembled.robot, diagnosis)
+    cases = [
+        [replace(c, note=f"residuals {sizes[k]:.3g} σ rms; {c.note}", shares=part) for c in each]
+        for k, each in zip(chosen, unit_wrenches(mechanism, found), strict=True)
+    ]
+    names = [where.pose_names[k] for k in chosen]
+    words = "the robot, its components coloured by their share of the gap"
+    caption = "The robot at the campaign's poses, largest residual first, coloured by share of the gap."
+    return turning(
+        folder, found, names, cases, choice="load", quantity=SHARE, caption=caption,
+        still=page.figure(still, "", words), start=0,
+    )  # fmt: skip
+
+
+def _effects(diagnosis: Diagnosis, slider: np.ndarray | None) -> list[Shown]:
+    tables = _shown(lambda: gap_tables.show_effects(diagnosis, slider, details=True)) if diagnosis.effects else []
+    confused = [
+        f"These readings cannot distinguish {text.name(e.effect, e.place)} from "
+        f"{', '.join(map(text.label, e.confused_with))}"
+        + (f"; one of them is at work with probability {e.group_probability:.4f}." if e.group_probability > 0 else ".")
+        for e in diagnosis.effects
+        if e.confused_with
+    ]
+    merely = [f"Merely possible: {'; '.join(text.possible(diagnosis))}"] if diagnosis.possible else []
+    return [*tables, *_lines([*confused, *merely])]
+
+
+def _shown(show: Callable[[], None]) -> list[Shown]:
+    with recorded() as shown:
+        show()
+    return shown
+
+
+def _lines(lines: Sequence[str]) -> list[Shown]:
+    return [Shown(line[:1].upper() + line[1:]) for line in lines]
+
+
+def _figure(folder: Path, stem: str) -> Figure:
+    return page.figure(folder / f"{stem}.svg", *FIGURES[stem])
