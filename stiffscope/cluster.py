@@ -1,4 +1,4 @@
-"""Workers on which blind cases run: a Dask cluster, by default one on this machine that ends with this process."""
+"""Workers on which blind cases and designs run: a Dask cluster, by default one on this machine that ends with us."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ from typing import TYPE_CHECKING, Any
 from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Generator
+    from collections.abc import Generator, Iterator, Mapping
+    from typing import TypeVar
+
+    Task = TypeVar("Task")
 
 _CONNECT = "20s"
 
@@ -56,3 +59,19 @@ def cluster(scheduler: str | None = None, workers: int = 2) -> Generator[Any]:
         Client(local) as client,
     ):  # fmt: skip
         yield client
+
+
+def finished(client: Any, running: Mapping[Any, Task]) -> Iterator[tuple[Task, Any]]:
+    """Tasks by their futures, each with its future as soon as that has an answer or an error.
+
+    Where the caller ends early, by Ctrl-C too, what is queued is cancelled: it is not to run on a cluster that stays.
+    """
+    from distributed import as_completed
+
+    left = dict(running)
+    try:
+        for future in as_completed(list(running)):
+            yield left.pop(future), future
+    finally:
+        if left:
+            client.cancel(list(left))
