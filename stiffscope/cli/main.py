@@ -37,7 +37,7 @@ def cli() -> None:
 for command in (
     *(robots.run, robots.stiffness, robots.deflection, robots.map_, vibration.modes, vibration.frf),
     *(parts.compliance, parts.compare, parts.interfaces, parts.faces),
-    *(design.sensitivity, check.check, library.robots, library.new, library.import_),
+    *(design.sensitivity, design.study, check.check, library.robots, library.new, library.import_),
     *(campaigns.diagnose, campaigns.campaign, campaigns.blind, campaigns.audit),
 ):
     cli.add_command(command)

@@ -80,6 +80,9 @@ target = click.option(
     "--json", "target", metavar="FILE", callback=_check_file,
     help='Write JSON ("-": standard output, nothing else there).',
 )  # fmt: skip
+scheduler = click.option(
+    "--scheduler", metavar="ADDRESS", help="A Dask scheduler, such as tcp://host:8786; default: this machine."
+)
 poses = click.option(
     "--at", "poses", multiple=True, metavar="X,Y,Z",
     help='Tool pose: as many numbers as [tool] pose of the file names, SI or with units ("0,0,350 mm"), or a pose by '

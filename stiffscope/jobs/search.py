@@ -182,7 +182,9 @@ def _pareto(study: StudyFile, evaluate: Evaluate) -> None:
         else optuna.distributions.IntDistribution(0, len(v.levels) - 1)
         for v in study.variables
     }
-    crossover = optuna.samplers.nsgaii.SBXCrossover()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)  # since 2022
+        crossover = optuna.samplers.nsgaii.SBXCrossover()
     sampler = optuna.samplers.NSGAIISampler(population_size=size, crossover=crossover, seed=study.seed)
     asked = optuna.create_study(directions=["minimize"] * len(study.goals), sampler=sampler)
     for point in _sobol_points(study, size):

@@ -37,7 +37,7 @@ def write_run_report(folder: Path, assembled: Assembled, parts: Sequence[Shown],
         *([Section("The robot under load", view=view)] if view else []),
         Section("Stiffness", robot, list(_robot_figures(folder, assembled))),
         *([Section("Parts", parts, list(_part_figures(folder, assembled)))] if parts else []),
-        _origin(folder),
+        origin(folder),
     ]
     _write(folder, assembled, "stiffness", sections)
 
@@ -51,7 +51,7 @@ def write_modes_report(
     sections = [
         *([Section("Mode shapes", view=view)] if view else []),
         Section("Natural frequencies", tables, stills),
-        _origin(folder),
+        origin(folder),
     ]
     _write(folder, assembled, "natural frequencies", sections)
 
@@ -65,7 +65,7 @@ def write_map_report(folder: Path, assembled: Assembled, titles: Mapping[str, st
     sections = [
         Section("Maps", (), figures),
         *([Section("The robot under load", view=view)] if view else []),
-        _origin(folder),
+        origin(folder),
     ]
     _write(folder, assembled, "stiffness over the workspace", sections)
 
@@ -128,7 +128,7 @@ def _part_figures(folder: Path, assembled: Assembled) -> Iterator[Figure]:
             yield page.figure(mesh, caption, f"the {name} in tetrahedra, from both ends")
 
 
-def _origin(folder: Path) -> Section:
+def origin(folder: Path) -> Section:
     """The manifest as tables: command, robot file, keys and times of results, versions."""
     held = json.loads((folder / files.MANIFEST).read_text(encoding="utf-8"))
     robot: dict[str, Any] = held.get("robot", {})
