@@ -170,9 +170,11 @@ def _parallel(study: Study) -> Figure | None:
     units = [v.unit for v in study.file.variables] + [r.unit for r in study.file.responses]
     for place, ((_, values), unit) in enumerate(zip(columns, units, strict=True)):
         axes.axvline(place, color=BEFORE, lw=0.8)
-        ends = (values[0], values[0]) if isinstance(values[0], str) else (min(values), max(values))
-        for height, value in zip((-0.06, 1.03), ends, strict=True):
-            text = "" if isinstance(value, str) else quantity(value, unit)
+        marked = [(-0.06, min(values)), (1.03, max(values))]
+        if isinstance(values[0], str):
+            marked = [(height + 0.02, value) for height, value in set(zip(heights[place], values, strict=True))]
+        for height, value in marked:
+            text = value if isinstance(value, str) else quantity(float(f"{value:.4g}"), unit)
             axes.text(place, height, text, ha="center", fontsize=7, parse_math=False)
     axes.set_xticks(range(len(columns)), [name for name, _ in columns], fontsize=8, rotation=20, parse_math=False)
     axes.set_yticks([])
