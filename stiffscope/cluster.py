@@ -37,6 +37,10 @@ def cluster(scheduler: str | None = None, workers: int = 2) -> Generator[Any]:
     """
     from distributed import Client, LocalCluster
 
+    quiet = logging.CRITICAL
+    logging.getLogger("distributed").setLevel(
+        quiet
+    )  # a worker that is slow to end is no news; a lost scheduler is told
     if scheduler is not None:
         try:
             client = Client(scheduler, timeout=_CONNECT)
@@ -47,9 +51,7 @@ def cluster(scheduler: str | None = None, workers: int = 2) -> Generator[Any]:
         with client:
             yield client
         return
-    quiet = logging.ERROR
     no_page: dict[str, Any] = {"dashboard_address": None}
-    logging.getLogger("distributed").setLevel(quiet)  # a worker that is slow to end is no news
     with (
         tempfile.TemporaryDirectory(prefix="stiffscope-dask-") as scratch,
         LocalCluster(

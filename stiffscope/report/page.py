@@ -83,10 +83,19 @@ def figure(image: Path, caption: str, words: str) -> Figure:
     return Figure(f"data:image/webp;base64,{base64.b64encode(out.getvalue()).decode()}", size, caption, words)
 
 
-def write_page(target: Path, title: str, facts: Sequence[str], sections: Sequence[Section]) -> None:
-    """Write a page of sections to a file; facts stand in a line below the title."""
-    page = templates().get_template("report.html")
-    target.write_text(page.render(title=title, facts=facts, sections=sections).lstrip(), encoding="utf-8")
+def write_page(
+    target: Path, title: str, facts: Sequence[str], sections: Sequence[Section], *, watched: str = ""
+) -> None:
+    """Write a page of sections to a file; facts stand in a line below the title.
+
+    With ``watched``, a name of this state, the page loads itself anew as soon as a page of another name takes its
+    place: it asks the file ``state.html`` beside it, once a second.
+    """
+    given = {"title": title, "facts": facts, "sections": sections, "watched": watched}
+    target.write_text(templates().get_template("report.html").render(given).lstrip(), encoding="utf-8")
+    if watched:
+        state = templates().get_template("state.html").render(watched=watched)
+        target.with_name("state.html").write_text(state, encoding="utf-8")
 
 
 @functools.cache
