@@ -38,9 +38,7 @@ def cluster(scheduler: str | None = None, workers: int = 2) -> Generator[Any]:
     from distributed import Client, LocalCluster
 
     quiet = logging.CRITICAL
-    logging.getLogger("distributed").setLevel(
-        quiet
-    )  # a worker that is slow to end is no news; a lost scheduler is told
+    logging.getLogger("distributed").setLevel(quiet)  # slow workers are no news, a lost scheduler is told
     if scheduler is not None:
         try:
             client = Client(scheduler, timeout=_CONNECT)

@@ -42,7 +42,7 @@ def changes(files: Sequence[Path]) -> Iterator[None]:
     first = True
     while True:
         changed = first
-        while any([_changed(path, held) for path in files]):  # until it is written whole
+        while [path for path in files if _changed(path, held)]:  # until it is written whole
             changed = True
             time.sleep(PERIOD)
         if changed:
