@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+import types
 
 _PARENT = "STIFFSCOPE_PARENT"
 _SECONDS = 0.5  # between two looks at the parent, where the system does not tell of its end
@@ -57,6 +58,22 @@ def end_with_parent(parent: int | None = None) -> None:
         threading.Thread(target=_watch, args=(parent,), daemon=True).start()
     if os.getppid() != parent:  # it has ended before
         os._exit(1)
+
+
+def leave_out(*modules: str) -> None:
+    """Let modules be empty in this process, which is one of ours: a library imports them for what we never call.
+
+    What is asked of them is a class of that name that does nothing.
+    """
+    for name in modules:
+        sys.modules.setdefault(name, _Empty(name))
+
+
+class _Empty(types.ModuleType):
+    def __getattr__(self, name: str) -> type:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return type(name, (), {})
 
 
 def _watch(parent: int) -> None:
