@@ -8,11 +8,12 @@ import sys
 
 import numpy as np
 
-from stiffscope.children import end_with_parent
+from stiffscope.children import end_with_parent, leave_out
 
 
 def main(source: str, target: str) -> None:
     """Mesh the surface in ``source`` (keys: vertices, triangles, size, envelope, threads) into ``target``."""
+    leave_out("pytetwild._accessor")  # brings all of PyVista, twice the time of a small mesh
     from pytetwild.pytetwild import tetrahedralize
 
     with np.load(source, allow_pickle=False) as given:

@@ -31,6 +31,8 @@ A robot, of a file or made here
     modes              natural frequencies, mode shapes and energy by element at tool poses
     stiffness_map      picture of the stiffness over the workspace
     view               the robot that turns, bends and vibrates, inline in a notebook or as a page
+    study              the designs that a study's file asks for, made
+    Study              what `study` gives: table, best designs, their robots
     sensitivity        what a part's compliance, or the robot's stiffness, gains by each dimension, material and drive
 
 A machine
@@ -62,6 +64,8 @@ if TYPE_CHECKING:
     from stiffscope.jobs.campaigns import diagnose as diagnose
     from stiffscope.jobs.orders import build_part as build_part
     from stiffscope.jobs.sensitivities import sensitivity as sensitivity
+    from stiffscope.jobs.studies import Study as Study
+    from stiffscope.jobs.studies import study as study
     from stiffscope.report.compare import compare as compare
     from stiffscope.report.notebook import deformed as deformed
     from stiffscope.report.notebook import stiffness_map as stiffness_map
@@ -94,6 +98,7 @@ _MODULES = {
     "jobs.campaigns": ("diagnose",),
     "jobs.orders": ("build_part",),
     "jobs.sensitivities": ("sensitivity",),
+    "jobs.studies": ("Study", "study"),
     "report.compare": ("compare",),
     "report.notebook": ("deformed", "stiffness_map", "view"),
     "robot.part_matrices": ("beam_compliance",),

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+import types
 from typing import Any
 
 _PARENT = "STIFFSCOPE_PARENT"
@@ -65,6 +66,22 @@ def end_with_parent(parent: int | None = None) -> None:
 def dask_setup(_worker: Any) -> None:
     """Let a worker of Dask that loads this module end with the process that has started it."""
     end_with_parent()
+
+
+def leave_out(*modules: str) -> None:
+    """Let modules be empty in this process, which is one of ours: a library imports them for what we never call.
+
+    What is asked of them is a class of that name that does nothing.
+    """
+    for name in modules:
+        sys.modules.setdefault(name, _Empty(name))
+
+
+class _Empty(types.ModuleType):
+    def __getattr__(self, name: str) -> type:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return type(name, (), {})
 
 
 def _watch(parent: int) -> None:

@@ -190,9 +190,7 @@ def check_campaign(name: str, out: Path | None, *, target: str | None, quiet: bo
 )
 @click.option("--campaigns", default=100, show_default=True, type=click.IntRange(1, 100000), help="How many a robot.")
 @click.option("--seed", default=1, show_default=True, type=click.IntRange(0), help="What decides which are drawn.")
-@click.option(
-    "--scheduler", metavar="ADDRESS", help="A Dask scheduler, such as tcp://host:8786; default: this machine."
-)
+@options.scheduler
 def blind(
     names: tuple[str, ...], out: Path, *, target: str | None, components: str | None, campaigns: int, seed: int,
     scheduler: str | None, quiet: bool,

@@ -1,7 +1,10 @@
-"""The designer's command: what a part and a robot gain by each of their parameters."""
+"""The designer's commands: what a robot gains by each of its parameters, and studies of many designs."""
 
 from __future__ import annotations
 
+import os
+import shutil
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -13,9 +16,8 @@ from stiffscope.errors import InputError
 from stiffscope.jobs.manifest import manifest_of
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from stiffscope.jobs.manifest import Manifest
+    from stiffscope.jobs.studies import Study
     from stiffscope.robot.description import RobotFile
 
 
@@ -96,3 +98,61 @@ def _of_robot(
         files.write_json(target, report.robot_json(found))
     if shown:
         report.show_sensitivity(found, asked.names)
+
+
+MOST_FILES = 10  # robot files of the best designs
+DESIGNS = "designs"
+
+
+@click.command()
+@takes(click.argument("name", metavar="STUDY", type=click.Path(path_type=Path)), options.out, options.target)
+@options.scheduler
+def study(name: Path, out: Path, *, target: str | None, scheduler: str | None, quiet: bool) -> None:
+    """Many designs of a robot: a sweep, an optimum under constraints, or a Pareto front.
+
+    STUDY is a TOML file: robot, ranges of parameters, responses, constraints, objectives. Every finished design is
+    stored in DIR.designs until all are: the same command goes on where it was interrupted, and takes up those of DIR.
+    """
+    from stiffscope.jobs.studies import run_study
+    from stiffscope.report import studies as report
+    from stiffscope.report import tables
+    from stiffscope.report.progress import progress
+    from stiffscope.robot.study_file import load_study
+
+    files.check_output(out, target)
+    file = load_study(name)
+    manifest = manifest_of(file.robot, file.path)
+    store = out.with_name(f"{out.name}.{DESIGNS}")
+    if (out / DESIGNS).is_dir() and not store.exists():
+        shutil.copytree(out / DESIGNS, store)
+    with progress(quiet=quiet) as open_line:
+        made = run_study(file, store, open_line("study"), workers=os.cpu_count() or 1, scheduler=scheduler)
+    with files.staged_folder(out) as folder:
+        if store.is_dir():
+            shutil.copytree(store, folder / DESIGNS)
+        report.write_study(made, folder)
+        _write_robots(made, folder, out)
+        manifest.write(folder)
+        report.write_study_page(made, folder)
+    shutil.rmtree(store, ignore_errors=True)
+    if target:
+        files.write_json(target, report.study_json(made))
+    if not quiet and target != "-":
+        report.show_study(made)
+        tables.show_line(f"Written to {out} in {manifest.elapsed():.0f} s")
+
+
+def _write_robots(made: Study, folder: Path, out: Path) -> None:
+    """Robot files of the best designs, best-1.toml and on; of a long front some along it."""
+    import numpy as np
+    import tomlkit
+
+    from stiffscope.jobs.robot_files import robot_document
+
+    if not made.file.goals:
+        return
+    chosen = np.unique(np.linspace(0, len(made.best) - 1, min(MOST_FILES, len(made.best))).round().astype(int))
+    for number, index in enumerate((made.best[k] for k in chosen), 1):
+        file = f"best-{number}.toml"
+        text = tomlkit.dumps(robot_document(made.robot(index), out / file, made.file.components))
+        (folder / file).write_text(f"# Design {index + 1} of {made.file.path.name}\n{text}", encoding="utf-8")

@@ -34,11 +34,11 @@ def new(name: str, goal: str, *, target: str | None, quiet: bool) -> None:
     from stiffscope.report import tables
     from stiffscope.robot.library import copy_robot
 
-    goal = copy_robot(name, goal)
+    written = copy_robot(name, goal)
     if target:
-        files.write_json(target, {"file": str(goal)})
+        files.write_json(target, {"file": str(written)})
     if not quiet and target != "-":
-        tables.show_line(f"Written: {goal}. Next: stiffscope check {goal}")
+        tables.show_line(f"Written: {written}. Next: stiffscope check {written}")
 
 
 @click.command("import")

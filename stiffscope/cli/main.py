@@ -14,8 +14,8 @@ from typing import Any, NoReturn
 import click
 from click.exceptions import NoArgsIsHelpError
 
-from stiffscope.cli import campaigns, check, design, library, parts, robots, store, vibration
-from stiffscope.errors import InputError
+from stiffscope.cli import campaigns, check, design, library, parts, robots, running, store, vibration
+from stiffscope.errors import InputError, StiffscopeError
 from stiffscope.reading import shown, why
 
 MOST_CHARACTERS = 100_000  # of a word of the command line
@@ -35,9 +35,9 @@ def cli() -> None:
 
 
 for command in (
-    *(robots.run, robots.stiffness, robots.deflection, robots.map_, vibration.modes, vibration.frf),
+    *(running.run, robots.stiffness, robots.deflection, robots.map_, vibration.modes, vibration.frf),
     *(parts.compliance, parts.compare, parts.interfaces, parts.faces),
-    *(design.sensitivity, check.check, library.robots, library.new, library.import_),
+    *(design.sensitivity, design.study, check.check, library.robots, library.new, library.import_),
     *(campaigns.diagnose, campaigns.campaign, campaigns.blind, campaigns.audit, store.cache),
 ):
     cli.add_command(command)
@@ -91,7 +91,8 @@ def _guarded(arguments: list[str]) -> int:  # noqa: PLR0911 (one for each way to
     except Exception as error:
         if "--debug" in arguments:
             raise
-        _say(f"unexpected {type(error).__name__}: {error} (use --debug for the traceback)")
+        known = isinstance(error, StiffscopeError)
+        _say(str(error) if known else f"unexpected {type(error).__name__}: {error} (use --debug for the traceback)")
         return 1
     return 0
 

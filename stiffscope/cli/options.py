@@ -79,6 +79,9 @@ debug = click.option(
 out = folder("--out", "Folder to write: complete or absent.", required=True)
 JSON_HELP = 'Write JSON ("-": standard output, nothing else there).'
 target = click.option("--json", "target", metavar="FILE", callback=check_file, help=JSON_HELP)
+scheduler = click.option(
+    "--scheduler", metavar="ADDRESS", help="A Dask scheduler, such as tcp://host:8786; default: this machine."
+)
 poses = click.option(
     "--at", "poses", multiple=True, metavar="X,Y,Z",
     help='Tool pose: as many numbers as [tool] pose of the file names, SI or with units ("0,0,350 mm"), or a pose by '

@@ -1,11 +1,10 @@
-"""The commands on a whole robot: stiffness, deflection, map, and the full run from CAD to pictures."""
+"""The commands on a whole robot at some poses or over its workspace: stiffness, deflection, map."""
 
 from __future__ import annotations
 
 import dataclasses
 import functools
 import logging
-import shutil
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
@@ -18,11 +17,10 @@ from stiffscope.errors import InputError
 from stiffscope.jobs.manifest import manifest_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from stiffscope.jobs.assembly import Assembled
-    from stiffscope.jobs.manifest import Manifest
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.statics import Stiffness
 
@@ -71,7 +69,7 @@ def stiffness(
         files.write_json(target, stiffness_json(state, bars))
     _warn_of_singular(asked.names, state)
     if not quiet and target != "-":
-        title = f"Stiffness at M ({_made_of(assembled)}; gravity {gravity})"
+        title = f"Stiffness at M ({made_of(assembled)}; gravity {gravity})"
         tables.show_stiffness(asked.names, state, bars, title=title)
         if superelement:
             tables.show_line(f"Superelement written to {superelement}")
@@ -172,122 +170,6 @@ def map_(
         tables.show_line(f"Written to {out}")
 
 
-@click.command()
-@takes(options.robot, options.out, options.components, options.tolerance, options.overrides, options.target)
-def run(
-    name: str, out: Path, *, components: Any, tolerance: str | None, overrides: tuple[str, ...], target: str | None,
-    quiet: bool,
-) -> None:  # fmt: skip
-    """The whole chain: parts, robot, tables, pictures.
-
-    Builds the parts in CAD, meshes them, runs their virtual experiments, assembles the robot, and writes
-    report.html, pictures, fields, matrices and a manifest to DIR. What was computed before is reused.
-    """
-    from stiffscope.cli.showing import shown_workshop, warn_of
-    from stiffscope.jobs.assembly import assemble_robots, at_named_poses, check_reach
-    from stiffscope.jobs.results import compliance_json
-    from stiffscope.report import tables
-    from stiffscope.report.kept_pictures import write_run_pictures
-    from stiffscope.report.run_report import write_run_report
-    from stiffscope.report.terminal import recorded
-    from stiffscope.robot.reader import load_robot
-
-    robot = load_robot(name, overrides, tolerance)
-    if not robot.poses:
-        pose = ", ".join("0" if name.startswith("r") else '"0 mm"' for name in robot.tool.pose)
-        raise InputError(f"{robot.path}: has no poses; give one in [poses], such as Q1 = [{pose}]")
-    check_reach(robot, robot.poses)
-    files.check_output(out, target)
-    robots = {"now": robot} | ({"before": load_robot(name, (), tolerance)} if overrides else {})
-    manifest = manifest_of(robot)
-    with shown_workshop(quiet=quiet) as shop, files.staged_folder(out) as folder:
-        solved = assemble_robots(robots, components, shop)
-        now = solved["now"]
-        manifest.seconds["parts"] = manifest.elapsed()
-        report = shop.open_line("robot")
-        report("assembling", 0.2)
-        states = {label: at_named_poses(each, robot.poses) for label, each in solved.items()}
-        _write_parts(now, folder, manifest)
-        _write_robot(now, states["now"], folder)
-        report("pictures", 0.5)
-        write_run_pictures(now, folder, shop.cache, manifest)
-        manifest.seconds["robot"] = manifest.elapsed() - manifest.seconds["parts"]
-        manifest.write(folder)
-        report("report", 0.9)
-        with recorded() as parts:
-            _show_parts(now)
-        with recorded() as shown:
-            _show_robot(now, states)
-        write_run_report(folder, now, parts, shown)
-        report("done", 1.0)
-    if target:
-        parts = {part: compliance_json(robot, result) for part, result in now.results.items()}
-        files.write_json(target, {"parts": parts, **_stiffness(now, states["now"])})
-    if quiet or target == "-":
-        warn_of(now.results.values())
-    else:
-        _show_parts(now)
-        _show_robot(now, states)
-        tables.show_line(f"Written to {out} in {manifest.elapsed():.1f} s")
-
-
-def _write_parts(assembled: Assembled, folder: Path, manifest: Manifest) -> None:
-    """A folder for each part that was tested: numbers, fields, solid."""
-    from stiffscope.jobs.results import EXPERIMENT, FIELDS, compliance_json
-
-    for name, result in assembled.results.items():
-        place = folder / name
-        place.mkdir()
-        files.write_json(place / "compliance.json", compliance_json(assembled.robot, result))
-        for file in (EXPERIMENT, FIELDS, f"{name}.step", f"{name}.stl"):
-            shutil.copyfile(result.folder / file, place / file)
-        stages = result.experiment.seconds
-        manifest.note(name, key=result.key, reused=result.reused, seconds=result.seconds, stages=stages)
-
-
-def _write_robot(assembled: Assembled, state: Stiffness, folder: Path) -> None:
-    """Matrices as JSON and npz, and the robot file as it was used."""
-    import numpy as np
-
-    from stiffscope.report.kept_pictures import plain_robot
-
-    files.write_json(folder / "stiffness.json", _stiffness(assembled, state))
-    matrices: dict[str, Any] = {f"{name}_compliance": part.compliance for name, part in assembled.matrices.items()}
-    matrices |= {"poses": state.poses, "tool": state.tool, "stiffness": state.matrix, "sag": state.sag}
-    np.savez_compressed(folder / "matrices.npz", **matrices)
-    files.write_json(folder / "robot.json", plain_robot(assembled.robot))
-
-
-def _stiffness(assembled: Assembled, state: Stiffness) -> dict[str, Any]:
-    """The robot at its named poses as scripts read it."""
-    from stiffscope.jobs.assembly import stiffness_bars, stiffness_json
-
-    names = {"names": list(assembled.robot.poses), "components": assembled.sources}
-    return {**stiffness_json(state, stiffness_bars(assembled, state.configurations)), **names}
-
-
-def _show_parts(now: Assembled) -> None:
-    """The tables of the parts at the end of a run."""
-    from stiffscope.cli.showing import show_compliance
-    from stiffscope.report import tables
-
-    if now.results:
-        tables.show_parts(list(now.results.values()))
-    for name, result in now.results.items():
-        if now.sources[name] == "fea":
-            show_compliance(now.robot, result)
-
-
-def _show_robot(now: Assembled, states: Mapping[str, Stiffness]) -> None:
-    """The tables of the robot at the end of a run."""
-    from stiffscope.report import tables
-
-    names, state = list(now.robot.poses), states["now"]
-    tables.show_stiffness(names, state, title=f"Stiffness at M ({_made_of(now)})")
-    if "before" in states:
-        tables.show_change(names, states["before"].matrix, state.matrix, now.robot.source.overrides)
-
-
 def _state(assembled: Assembled, found: Configurations, gravity: str) -> Stiffness:
     """Stiffness, mobility and sag under a gravity of `--gravity`."""
     from stiffscope.vjm.statics import analyse, sag
@@ -310,7 +192,8 @@ def _warn_of_singular(names: Sequence[str], state: Stiffness) -> None:
             log.warning("%s: its weight moves the tool too far for a linear answer; the stiffness is without it", pose)
 
 
-def _made_of(assembled: Assembled) -> str:
+def made_of(assembled: Assembled) -> str:
+    """Where the parts' matrices come from, in a few words."""
     return ", ".join(f"{part} {source}" for part, source in assembled.sources.items()) or "rigid parts"
 
 

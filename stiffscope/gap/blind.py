@@ -7,11 +7,11 @@ import os
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
+from stiffscope.cluster import cluster, finished
 from stiffscope.errors import InputError
 from stiffscope.files import scratch_folder, write_bytes
 from stiffscope.gap.blind_cases import SEAL, Lab, draw, seal, unseal, write_case
 from stiffscope.gap.blind_scores import Outcome, outcome_of, score
-from stiffscope.gap.cluster import cluster
 from stiffscope.gap.diagnose import conclude
 from stiffscope.gap.diagnosis import to_json
 from stiffscope.gap.findings import find
@@ -142,22 +142,15 @@ def _work(
     folder: Path, robots: Sequence[BlindRobot], tasks: list[Task], check: str, progress: Progress | None,
     workers: int, scheduler: str | None,
 ) -> None:  # fmt: skip
-    from distributed import as_completed
-
     with cluster(scheduler, min(workers, len(tasks))) as client:
         folder.mkdir(parents=True, exist_ok=True)
         write_bytes(folder / _RUN, check.encode())
         known = {robot.name: client.scatter(robot, broadcast=True, hash=False) for robot in robots}
         running = {client.submit(solve, known[task.robot], task, pure=False, retries=1): task for task in tasks}
-        try:
-            finished: Any = as_completed(running)
-            for done, future in enumerate(finished, 1):
-                _store(folder, running.pop(future), future.result())
-                if progress:
-                    progress(f"cases, {done} of {len(tasks)}", done / len(tasks))
-        except BaseException:  # Ctrl-C too: what is queued is not to run on a cluster that stays
-            client.cancel(list(running))
-            raise
+        for done, (task, future) in enumerate(finished(client, running), 1):
+            _store(folder, task, future.result())
+            if progress:
+                progress(f"cases, {done} of {len(tasks)}", done / len(tasks))
 
 
 def _store(folder: Path, task: Task, files: Files) -> None:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stiffscope import files
 from stiffscope.errors import InputError
-from stiffscope.robot.part_sections import ParametricPart, StepPart
+from stiffscope.jobs.robot_files import robot_document
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from stiffscope.gap.diagnosis import Diagnosis, Effect
     from stiffscope.robot.description import RobotFile
     from stiffscope.robot.effects import NominalRobot
@@ -85,15 +85,7 @@ def _text(
 ) -> str:
     import tomlkit
 
-    document: Any = tomlkit.parse(robot.source.text)
-    for name, part in robot.parts.items():
-        if isinstance(part, ParametricPart) and part.compliance != components:
-            document["parts"][name]["compliance"] = components
-        if isinstance(part, StepPart):
-            _move(document["parts"][name], "file", robot.path, target)
-    for body in document["bodies"].values():
-        if "mesh" in body:
-            _move(body, "mesh", robot.path, target)
+    document = robot_document(robot, target, components)
     former = document.pop("effects").unwrap() if "effects" in document else []
     if not former:
         document.add(tomlkit.nl())
@@ -104,13 +96,6 @@ def _text(
             table.add(key, _inline(value) if isinstance(value, dict) else value)
         effects.append(table)
     return tomlkit.dumps(document)
-
-
-def _move(table: Any, key: str, source: Path, target: Path) -> None:
-    """A file is named from where the robot file stands."""
-    if not Path(table[key]).is_absolute():
-        place = (source.parent / table[key]).resolve()
-        table[key] = Path(os.path.relpath(place, target.resolve().parent)).as_posix()
 
 
 def _entry(effect: Effect, diagnosis: Diagnosis, campaign: str) -> dict[str, Any]:

@@ -17,7 +17,7 @@ import traceback
 from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING, Any
 
-from stiffscope.children import end_with_parent
+from stiffscope.children import end_with_parent, leave_out
 from stiffscope.errors import InputError, StiffscopeError
 
 if TYPE_CHECKING:
@@ -169,6 +169,7 @@ def _end(process: BaseProcess) -> None:
 
 def _child(end: Any, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
     _obey_parent()
+    leave_out("sklearn", "sklearn.cluster")  # a third of the time of importing build123d, which clusters STL files
     root = logging.getLogger()
     root.addHandler(_Forward(end))
     root.setLevel(logging.WARNING)

@@ -107,11 +107,24 @@ def _drawing(svg: bytes, caption: str, words: str) -> Figure:
 
 
 def write_page(
-    target: Path, title: str, facts: Sequence[str], sections: Sequence[Section], lead: Lead | None = None
+    target: Path,
+    title: str,
+    facts: Sequence[str],
+    sections: Sequence[Section],
+    lead: Lead | None = None,
+    *,
+    watched: str = "",
 ) -> None:
-    """Write a page of sections to a file; facts stand in a line below the title, then what it says first."""
-    page = templates().get_template("report.html")
-    target.write_text(page.render(title=title, facts=facts, sections=sections, lead=lead).lstrip(), encoding="utf-8")
+    """Write a page of sections to a file; facts stand in a line below the title, then what it says first.
+
+    With ``watched``, a name of this state, the page loads itself anew as soon as a page of another name takes its
+    place: it asks the file ``state.html`` beside it, once a second.
+    """
+    given = {"title": title, "facts": facts, "sections": sections, "lead": lead, "watched": watched}
+    target.write_text(templates().get_template("report.html").render(given).lstrip(), encoding="utf-8")
+    if watched:
+        state = templates().get_template("state.html").render(watched=watched)
+        target.with_name("state.html").write_text(state, encoding="utf-8")
 
 
 @functools.cache

@@ -22,10 +22,11 @@ def progress(*, quiet: bool) -> Iterator[Reporter]:
     if quiet or not console.is_terminal:
         yield lambda _name: _silent
         return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     name, stage = TextColumn("{task.description:<9}"), TextColumn("{task.fields[stage]:<26}")
-    columns = (name, BarColumn(bar_width=28), stage, TimeElapsedColumn())
+    times = (TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+    columns = (name, BarColumn(bar_width=28), stage, *times)
     with Progress(*columns, console=console, transient=True) as bars:
 
         def open_line(name: str) -> Report:

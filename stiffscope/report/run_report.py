@@ -28,8 +28,13 @@ ENERGY = "share of the strain energy"
 STILLS = 6  # pictures of modes inside the page; the viewer has all of them
 
 
-def write_run_report(folder: Path, assembled: Assembled, parts: Sequence[Shown], robot: Sequence[Shown]) -> None:
-    """Write the report of a run: tables as shown of the parts and of the robot, the pictures in the folder."""
+def write_run_report(
+    folder: Path, assembled: Assembled, parts: Sequence[Shown], robot: Sequence[Shown], *, watched: str = ""
+) -> None:
+    """Write the report of a run: tables as shown of the parts and of the robot, the pictures in the folder.
+
+    ``watched`` names this run for a page that is to follow the next: see `stiffscope.report.page.write_page`.
+    """
     poses = assembled.robot.poses
     found = configure(assembled.mechanism, list(poses.values()))
     view = _wrench_view(folder, assembled, found, list(poses))
@@ -39,7 +44,7 @@ def write_run_report(folder: Path, assembled: Assembled, parts: Sequence[Shown],
         *([Section("Parts", parts, list(_part_figures(folder, assembled)))] if parts else []),
         origin(folder),
     ]
-    _write(folder, assembled, "stiffness", sections)
+    _write(folder, assembled, "stiffness", sections, watched)
 
 
 def write_modes_report(
@@ -168,9 +173,9 @@ def origin(folder: Path) -> Section:
     return Section("How this was made", [*tables, Shown("Versions", ("program or library", "version"), rows)])
 
 
-def _write(folder: Path, assembled: Assembled, what: str, sections: list[Section]) -> None:
+def _write(folder: Path, assembled: Assembled, what: str, sections: list[Section], watched: str = "") -> None:
     robot = assembled.robot
     sources = ", ".join(f"{part}: {source}" for part, source in assembled.sources.items()) or "rigid parts"
     weight = ", ".join(f"{g:z.4g}" for g in assembled.mechanism.gravity)
     facts = [f"parts: {sources}", "SI units at the tool point M in base axes {O}", f"gravity ({weight}) m/s²"]
-    page.write_page(folder / REPORT, f"{robot.name}: {what}", facts, sections)
+    page.write_page(folder / REPORT, f"{robot.name}: {what}", facts, sections, watched=watched)

@@ -17,9 +17,9 @@ import numpy as np
 from stiffscope.errors import InputError
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.parameters import parameters
-from stiffscope.robot.part_matrices import beam_segments, part_matrices, part_sources
+from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.part_sections import ParametricPart
-from stiffscope.robot.sections import RigidBody
+from stiffscope.robot.responses import FREE, MOST_MODES, mass_of_solids
 from stiffscope.vjm import statics
 from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.modes import frequencies, modes
@@ -36,11 +36,9 @@ if TYPE_CHECKING:
     from stiffscope.vjm.mechanism import Mechanism
 
 STEP = 1e-4  # of a number: central difference of the robot
-MOST_MODES = 12  # among which the first that is no free motion is sought
 OWN_MODES = (
     0.01  # of a frequency's derivative: 95 % bound of what the parts' modes between their ends, held, change of it
 )
-FREE = 1e-3  # Hz: below, a mode is a free motion
 
 
 class Derivative(Protocol):
@@ -194,14 +192,15 @@ class _Model:
         return Row(parameter, by, self._errors(changed[0], abs(step), middle, by))
 
     def responses(self, robot: RobotFile) -> Responses:
-        mechanism, found = self._assembled(robot, self._varied(robot))
+        varied = self._varied(robot)
+        mechanism, found = self._assembled(robot, varied)
         stiffness = statics.stiffness(mechanism, found)
         sag = np.full((len(found), 6), np.nan)
         firm = mobility(stiffness)[0] == 0
         if firm.any():
             sag[firm] = statics.sag(mechanism, found[firm])
         frequency = _first(frequencies(mechanism, found, MOST_MODES))
-        return Responses(stiffness, sag, frequency, self._mass(robot))
+        return Responses(stiffness, sag, frequency, mass_of_solids(robot, self.components, varied))
 
     def _assembled(self, robot: RobotFile, varied: Mapping[str, Any]) -> tuple[Mechanism, Configurations]:
         mechanism = mechanism_of(robot, part_matrices(robot, self.components, varied))
@@ -253,24 +252,6 @@ class _Model:
                 reference_point=one.reference_point + (np.zeros((1, 3)) + sums["reference_points"])[0],
             ),
         )
-
-    def _mass(self, robot: RobotFile) -> float:
-        rigid = sum(body.mass for body in robot.bodies.values() if isinstance(body, RigidBody))
-        varied = self._varied(robot)
-        return rigid + sum(
-            len(robot.bodies_of(name)) * _solid_mass(robot, name, varied)
-            for name in part_sources(robot, self.components)
-        )
-
-
-def _solid_mass(robot: RobotFile, name: str, experiments: Mapping[str, Any]) -> float:
-    """Mass of a part's material, kg: of its solid, or of its plain shape; else what the file says."""
-    part, material = robot.parts[name], robot.material(name)
-    if name in experiments:
-        return experiments[name].mass
-    if isinstance(part, ParametricPart) and material is not None:
-        return material.density * sum(length * section.area for length, section in beam_segments(robot, name))
-    return 0.0 if isinstance(part.mass, str) else part.mass
 
 
 def _changes(before: RobotFile, after: RobotFile, name: str) -> dict[str, float]:

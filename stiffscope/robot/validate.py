@@ -69,6 +69,7 @@ def _first(error: ValidationError, model: type[BaseModel]) -> tuple[Key, str]:
         "model_type": lambda: f"expected a table of {', '.join(keys_of(_model_at(model, key)))}, got {q.shown(value)}",
         "dict_type": lambda: f"expected a table, got {q.shown(value)}",
         "tuple_type": lambda: f"expected a list, got {q.shown(value)}",
+        "list_type": lambda: f"expected a list, got {q.shown(value)}",
         "string_type": lambda: f"expected a text in quotes, got {q.shown(value)}",
     }
     if item["type"] in plain:

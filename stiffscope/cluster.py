@@ -1,4 +1,4 @@
-"""Workers on which blind cases run: a Dask cluster, by default one on this machine that ends with this process."""
+"""Workers on which blind cases and designs run: a Dask cluster, by default one on this machine that ends with us."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from stiffscope.errors import InputError
 from stiffscope.files import scratch_folder
 
 if TYPE_CHECKING:
-    from collections.abc import Generator
+    from collections.abc import Generator, Iterator, Mapping
+    from typing import TypeVar
+
+    Task = TypeVar("Task")
 
 _CONNECT = "20s"
 
@@ -36,6 +39,8 @@ def cluster(scheduler: str | None = None, workers: int = 2) -> Generator[Any]:
     import dask
     from distributed import Client, LocalCluster
 
+    quiet = logging.CRITICAL
+    logging.getLogger("distributed").setLevel(quiet)  # slow workers are no news, a lost scheduler is told
     if scheduler is not None:
         try:
             client = Client(scheduler, timeout=_CONNECT)
@@ -46,9 +51,7 @@ def cluster(scheduler: str | None = None, workers: int = 2) -> Generator[Any]:
         with client:
             yield client
         return
-    quiet = logging.ERROR
     no_page: dict[str, Any] = {"dashboard_address": None}
-    logging.getLogger("distributed").setLevel(quiet)  # a worker that is slow to end is no news
     with (
         scratch_folder() as scratch,
         dask.config.set({"temporary-directory": str(scratch)}),
@@ -59,3 +62,19 @@ def cluster(scheduler: str | None = None, workers: int = 2) -> Generator[Any]:
         Client(local) as client,
     ):  # fmt: skip
         yield client
+
+
+def finished(client: Any, running: Mapping[Any, Task]) -> Iterator[tuple[Task, Any]]:
+    """Tasks by their futures, each with its future as soon as that has an answer or an error.
+
+    Where the caller ends early, by Ctrl-C too, what is queued is cancelled: it is not to run on a cluster that stays.
+    """
+    from distributed import as_completed
+
+    left = dict(running)
+    try:
+        for future in as_completed(list(running)):
+            yield left.pop(future), future
+    finally:
+        if left:
+            client.cancel(list(left))

@@ -1,0 +1,236 @@
+"""The full run from CAD to pictures, once, or again whenever a file of the robot is saved."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from stiffscope import files
+from stiffscope.cli import options
+from stiffscope.cli.options import takes
+from stiffscope.cli.robots import made_of
+from stiffscope.errors import InputError
+from stiffscope.jobs.manifest import manifest_of
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from concurrent.futures import Future
+    from pathlib import Path
+
+    from stiffscope.jobs.assembly import Assembled
+    from stiffscope.jobs.manifest import Manifest
+    from stiffscope.jobs.workshop import Workshop
+    from stiffscope.robot.description import RobotFile
+    from stiffscope.vjm.statics import Stiffness
+
+
+@click.command()
+@takes(options.robot, options.out, options.components, options.tolerance, options.overrides, options.target)
+@click.option("--watch", is_flag=True, help="Go on: run again what a saved file changes, until Ctrl-C.")
+def run(
+    name: str,
+    out: Path,
+    *,
+    components: Any,
+    tolerance: str | None,
+    overrides: tuple[str, ...],
+    target: str | None,
+    watch: bool,
+    quiet: bool,
+) -> None:
+    """The whole chain: parts, robot, tables, pictures.
+
+    Builds the parts in CAD, meshes them, runs their virtual experiments, assembles the robot, and writes
+    report.html, pictures, fields, matrices and a manifest to DIR. What was computed before is reused.
+
+    With --watch, the stiffness before and after is shown whenever the robot file or a file that it names is saved, and
+    report.html, open in a browser, shows the new robot, matrices and pictures as soon as they are drawn.
+    """
+    from stiffscope.cli.showing import shown_workshop, warn_of
+    from stiffscope.jobs.assembly import assemble_robots, at_named_poses
+    from stiffscope.jobs.results import compliance_json
+    from stiffscope.report import tables
+    from stiffscope.robot.reader import load_robot
+
+    if watch and target:
+        raise InputError("--json: --watch writes no JSON but DIR/stiffness.json; leave one of the two out")
+    if watch:
+        _watch(name, out, components, tolerance, overrides, quiet=quiet)
+        return
+    robot = _checked(name, overrides, tolerance)
+    files.check_output(out, target)
+    robots = {"now": robot} | ({"before": load_robot(name, (), tolerance)} if overrides else {})
+    manifest = manifest_of(robot)
+    with shown_workshop(quiet=quiet) as shop:
+        solved = assemble_robots(robots, components, shop)
+        manifest.seconds["parts"] = manifest.elapsed()
+        report = shop.open_line("robot")
+        report("assembling", 0.2)
+        states = {label: at_named_poses(each, robot.poses) for label, each in solved.items()}
+        report("pictures", 0.5)
+        _write(solved["now"], states, out, shop, manifest)
+        report("done", 1.0)
+    now = solved["now"]
+    if target:
+        tested = {part: compliance_json(robot, result) for part, result in now.results.items()}
+        files.write_json(target, {"parts": tested, **_stiffness(now, states["now"])})
+    if quiet or target == "-":
+        warn_of(now.results.values())
+    else:
+        _show_parts(now)
+        _show_robot(now, states)
+        tables.show_line(f"Written to {out} in {manifest.elapsed():.1f} s")
+
+
+def _checked(name: str, overrides: Sequence[str], tolerance: str | None) -> RobotFile:
+    """The robot, which has poses and reaches them. Raises InputError."""
+    from stiffscope.jobs.assembly import check_reach
+    from stiffscope.robot.reader import load_robot
+
+    robot = load_robot(name, overrides, tolerance)
+    if not robot.poses:
+        pose = ", ".join("0" if name.startswith("r") else '"0 mm"' for name in robot.tool.pose)
+        raise InputError(f"{robot.path}: has no poses; give one in [poses], such as Q1 = [{pose}]")
+    check_reach(robot, robot.poses)
+    return robot
+
+
+def _watch(
+    name: str, out: Path, components: Any, tolerance: str | None, overrides: Sequence[str], *, quiet: bool
+) -> None:
+    """Run, and again when a file changes, in this process, which keeps the CAD kernel; the page follows behind."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    from stiffscope.jobs.assembly import assemble_robots, at_named_poses
+    from stiffscope.jobs.watching import changes, keep_warm, sources
+    from stiffscope.jobs.workshop import workshop
+    from stiffscope.report import tables
+    from stiffscope.robot.library import find_robot
+
+    files.check_output(out)
+    watched = [find_robot(name)]
+    before: tuple[Assembled, Stiffness] | None = None
+    page: Future[None] | None = None
+    with workshop() as shop, ThreadPoolExecutor(1) as pool, contextlib.suppress(KeyboardInterrupt):
+        for _ in changes(watched):
+            try:
+                robot = _checked(name, overrides, tolerance)
+                watched[:] = sources(robot)
+                manifest = manifest_of(robot)
+                now = assemble_robots({"now": robot}, components, shop)["now"]
+                state = at_named_poses(now, robot.poses)
+            except InputError as error:
+                click.echo(f"stiffscope: {error}", err=True)
+                continue
+            if not quiet:
+                _show_step(now, state, before)
+                tables.show_line(f"{manifest.elapsed():.2f} s; {out / 'report.html'} follows; Ctrl-C ends")
+            if page is not None:
+                page.cancel()
+            page = pool.submit(_write_behind, now, state, out, shop, manifest)
+            before = now, state
+            keep_warm()
+        if page is not None:
+            page.result()
+
+
+def _write_behind(now: Assembled, state: Stiffness, out: Path, shop: Workshop, manifest: Manifest) -> None:
+    """Write a run's folder while the next change is waited for; what goes wrong is said, the watch goes on."""
+    try:
+        _write(now, {"now": state}, out, shop, manifest, watched=manifest.started.isoformat())
+    except (InputError, OSError) as error:
+        click.echo(f"stiffscope: {error}", err=True)
+
+
+def _show_step(now: Assembled, state: Stiffness, before: tuple[Assembled, Stiffness] | None) -> None:
+    """The stiffness, beside the one before where there was one at the same poses."""
+    from stiffscope.jobs.watching import differences
+    from stiffscope.report import tables
+
+    names = list(now.robot.poses)
+    if before is None or list(before[0].robot.poses) != names:
+        tables.show_stiffness(names, state, title=f"Stiffness at M ({made_of(now)})")
+        return
+    changed = differences(before[0].robot, now.robot)
+    tables.show_change(names, before[1].matrix, state.matrix, changed or ["nothing that counts"])
+
+
+def _write(
+    now: Assembled, states: Mapping[str, Stiffness], out: Path, shop: Workshop, manifest: Manifest, *, watched: str = ""
+) -> None:
+    """Write the output folder of a run; with ``watched`` its page loads itself anew when another takes its place."""
+    from stiffscope.report.kept_pictures import write_run_pictures
+    from stiffscope.report.run_report import write_run_report
+    from stiffscope.report.terminal import recorded
+
+    with files.staged_folder(out) as folder:
+        _write_parts(now, folder, manifest)
+        _write_robot(now, states["now"], folder)
+        write_run_pictures(now, folder, shop.cache, manifest)
+        manifest.seconds["robot"] = manifest.elapsed() - manifest.seconds.get("parts", 0.0)
+        manifest.write(folder)
+        with recorded() as parts:
+            _show_parts(now)
+        with recorded() as shown:
+            _show_robot(now, states)
+        write_run_report(folder, now, parts, shown, watched=watched)
+
+
+def _write_parts(assembled: Assembled, folder: Path, manifest: Manifest) -> None:
+    """A folder for each part that was tested: numbers, fields, solid."""
+    from stiffscope.jobs.results import EXPERIMENT, FIELDS, compliance_json
+
+    for name, result in assembled.results.items():
+        place = folder / name
+        place.mkdir()
+        files.write_json(place / "compliance.json", compliance_json(assembled.robot, result))
+        for file in (EXPERIMENT, FIELDS, f"{name}.step", f"{name}.stl"):
+            shutil.copyfile(result.folder / file, place / file)
+        stages = result.experiment.seconds
+        manifest.note(name, key=result.key, reused=result.reused, seconds=result.seconds, stages=stages)
+
+
+def _write_robot(assembled: Assembled, state: Stiffness, folder: Path) -> None:
+    """Matrices as JSON and npz, and the robot file as it was used."""
+    import numpy as np
+
+    from stiffscope.report.kept_pictures import plain_robot
+
+    files.write_json(folder / "stiffness.json", _stiffness(assembled, state))
+    matrices: dict[str, Any] = {f"{name}_compliance": part.compliance for name, part in assembled.matrices.items()}
+    matrices |= {"poses": state.poses, "tool": state.tool, "stiffness": state.matrix, "sag": state.sag}
+    np.savez_compressed(folder / "matrices.npz", **matrices)
+    files.write_json(folder / "robot.json", plain_robot(assembled.robot))
+
+
+def _stiffness(assembled: Assembled, state: Stiffness) -> dict[str, Any]:
+    """The robot at its named poses as scripts read it."""
+    from stiffscope.jobs.assembly import stiffness_bars, stiffness_json
+
+    names = {"names": list(assembled.robot.poses), "components": assembled.sources}
+    return {**stiffness_json(state, stiffness_bars(assembled, state.configurations)), **names}
+
+
+def _show_parts(now: Assembled) -> None:
+    """The tables of the parts at the end of a run."""
+    from stiffscope.cli.showing import show_compliance
+    from stiffscope.report import tables
+
+    if now.results:
+        tables.show_parts(list(now.results.values()))
+    for name, result in now.results.items():
+        if now.sources[name] == "fea":
+            show_compliance(now.robot, result)
+
+
+def _show_robot(now: Assembled, states: Mapping[str, Stiffness]) -> None:
+    """The tables of the robot at the end of a run."""
+    from stiffscope.report import tables
+
+    names, state = list(now.robot.poses), states["now"]
+    tables.show_stiffness(names, state, title=f"Stiffness at M ({made_of(now)})")
+    if "before" in states:
+        tables.show_change(names, states["before"].matrix, state.matrix, now.robot.source.overrides)

@@ -1,0 +1,197 @@
+"""A study as tables, pictures, a page and files: what its designs reach, and which are the best."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.jobs.studies import state
+from stiffscope.report import page
+from stiffscope.report.figures import AFTER, BEFORE, EFFECT, NOISE, new_figure, save_figures
+from stiffscope.report.page import Section
+from stiffscope.report.run_report import REPORT, origin
+from stiffscope.report.sensitivities import quantity
+from stiffscope.report.terminal import recorded, show_line, show_table
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from stiffscope.jobs.studies import Study
+
+TABLE = "designs"
+MOST_ROWS = 20  # of the best that are shown; the table has all
+COLOURS = {"feasible": AFTER, "infeasible": NOISE, "failed": NOISE}
+CAPTIONS = {
+    "pareto": "Objectives of all designs; the best are joined by a line",
+    "progress": "The objective by design, in the order in which they were asked for",
+    "parallel": "Every design as a line through its parameters and responses, the best in colour",
+}
+
+
+def write_study(study: Study, folder: Path) -> None:
+    """Write the table (CSV, Parquet) and the pictures."""
+    table = study.table
+    table.to_csv(folder / f"{TABLE}.csv", index=False)
+    table.to_parquet(folder / f"{TABLE}.parquet", index=False)
+    save_figures(
+        folder,
+        {"pareto": lambda: _front(study), "progress": lambda: _progress(study), "parallel": lambda: _parallel(study)},
+    )
+
+
+def write_study_page(study: Study, folder: Path) -> None:
+    """Write the page, of the pictures and the manifest in the folder."""
+    with recorded() as shown:
+        show_study(study)
+    figures = [
+        page.figure(folder / f"{stem}.png", caption, caption)
+        for stem, caption in CAPTIONS.items()
+        if (folder / f"{stem}.png").exists()
+    ]
+    facts = [f"method {study.file.method}", f"{len(study.designs)} designs", "SI units"]
+    sections = [Section("Designs", shown, figures), origin(folder)]
+    page.write_page(folder / REPORT, f"{study.file.path.stem}: a study of {study.file.robot.name}", facts, sections)
+
+
+def study_json(study: Study) -> dict[str, Any]:
+    """What scripts read of a study: a row for each design, SI, null for what a failed design has not."""
+    table = study.table
+    return {
+        "study": study.file.path,
+        "method": study.file.method,
+        "columns": list(table.columns),
+        "rows": [[_plain(value) for value in row] for row in table.itertuples(index=False)],
+        "best": [k + 1 for k in study.best],
+    }
+
+
+def _plain(value: Any) -> Any:
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def show_study(study: Study) -> None:
+    """The best designs, how many are feasible, and why others failed."""
+    file = study.file
+    states = [state(outcome) for outcome in study.outcomes]
+    counts = ", ".join(f"{states.count(word)} {word}" for word in COLOURS if word in states)
+    rows = [_row(study, k) for k in (study.best or range(len(study.designs)))[:MOST_ROWS]]
+    groups = [("design",), tuple(v.name for v in file.variables), tuple(r.name for r in file.responses)]
+    goals = ", ".join(f"{'least' if goal.sign > 0 else 'greatest'} {goal.response}" for goal in file.goals)
+    what = f"Best designs ({goals})" if study.best and goals else "Designs"
+    limits = f" with {', '.join(limit.text for limit in file.limits)}" if file.limits else ""
+    show_table(f"{what}{limits}", groups, rows)
+    more = len(study.best or study.designs) - MOST_ROWS
+    if more > 0:
+        show_line(f"  {more} more in {TABLE}.csv")
+    show_line(f"  {len(study.designs)} designs: {counts}")
+    reasons = [design.reason for design in study.designs if design.reason]
+    for reason in list(dict.fromkeys(reasons))[:3]:
+        show_line(f"  failed: {reason}")
+
+
+def _row(study: Study, index: int) -> list[str]:
+    design, file = study.designs[index], study.file
+    values = [
+        value if isinstance(value, str) else quantity(value, v.unit)
+        for v, value in zip(file.variables, design.values, strict=True)
+    ]
+    found = [f"{value:.5g} {r.unit}" for r, value in zip(file.responses, design.responses, strict=True)]
+    return [str(index + 1), *values, *found]
+
+
+def _front(study: Study) -> Figure | None:
+    """The first two objectives of all designs."""
+    goals = study.file.goals
+    if len(goals) < 2:
+        return None
+    drawn = new_figure(7.5, 5.5, f"{study.file.path.stem}: objectives of the designs")
+    axes = drawn.subplots()
+    none = (math.nan,) * len(goals)
+    values = np.array([outcome.objectives or none for outcome in study.outcomes]) * [goal.sign for goal in goals]
+    for word in ("infeasible", "feasible"):
+        some = [k for k, outcome in enumerate(study.outcomes) if state(outcome) == word]
+        if some:
+            axes.plot(values[some, 0], values[some, 1], "o", ms=4, color=COLOURS[word], alpha=0.6, label=word)
+    best = list(study.best)
+    axes.plot(values[best, 0], values[best, 1], "o-" if len(goals) == 2 else "o", ms=5, color=EFFECT, label="best")
+    for set_label, goal in zip((axes.set_xlabel, axes.set_ylabel), goals, strict=False):
+        set_label(f"{_column(study, goal.response)}, {'less' if goal.sign > 0 else 'more'} is better", parse_math=False)
+    axes.legend(frameon=False)
+    _tidy(axes)
+    return drawn
+
+
+def _progress(study: Study) -> Figure | None:
+    """The only objective by design."""
+    if len(study.file.goals) != 1:
+        return None
+    (goal,) = study.file.goals
+    drawn = new_figure(7.5, 4.5, f"{study.file.path.stem}: {goal.response}")
+    axes = drawn.subplots()
+    for word in ("infeasible", "feasible"):
+        some = [(k + 1, goal.sign * o.objectives[0]) for k, o in enumerate(study.outcomes)
+                if o.objectives and state(o) == word]  # fmt: skip
+        if some:
+            axes.plot(*zip(*some, strict=True), "o", ms=4, color=COLOURS[word], label=word)
+    best = [(k + 1, goal.sign * o.objectives[0]) for k in study.best if (o := study.outcomes[k]).objectives]
+    if best:
+        axes.plot(*zip(*best, strict=True), "o", ms=9, color=EFFECT, label="best")
+    axes.set_xlabel("design")
+    axes.set_ylabel(_column(study, goal.response), parse_math=False)
+    axes.legend(frameon=False)
+    _tidy(axes)
+    return drawn
+
+
+def _column(study: Study, response: str) -> str:
+    return next(each.column for each in study.file.responses if each.name == response)
+
+
+def _parallel(study: Study) -> Figure | None:
+    """Parallel coordinates: parameters and responses, each between its least and its greatest value."""
+    done = [k for k, outcome in enumerate(study.outcomes) if outcome.objectives is not None]
+    columns: list[tuple[str, list[Any]]] = [
+        (v.name, [study.designs[k].values[i] for k in done]) for i, v in enumerate(study.file.variables)
+    ] + [(r.name, [study.designs[k].responses[i] for k in done]) for i, r in enumerate(study.file.responses)]
+    if not done:
+        return None
+    drawn = new_figure(max(7.5, 1.5 * len(columns)), 5.0, f"{study.file.path.stem}: parameters and responses")
+    axes = drawn.subplots()
+    heights = np.array([_heights(values) for _, values in columns])
+    best = set(study.best)
+    for column, k in enumerate(done):
+        shade, width, order = (EFFECT, 1.6, 3) if k in best else (COLOURS[state(study.outcomes[k])], 0.6, 1)
+        axes.plot(heights[:, column], color=shade, lw=width, zorder=order, alpha=0.9 if k in best else 0.5)
+    units = [v.unit for v in study.file.variables] + [r.unit for r in study.file.responses]
+    for place, ((_, values), unit) in enumerate(zip(columns, units, strict=True)):
+        axes.axvline(place, color=BEFORE, lw=0.8)
+        marked = [(-0.06, min(values)), (1.03, max(values))]
+        if isinstance(values[0], str):
+            marked = [(height + 0.02, value) for height, value in set(zip(heights[place], values, strict=True))]
+        for height, value in marked:
+            text = value if isinstance(value, str) else quantity(float(f"{value:.4g}"), unit)
+            axes.text(place, height, text, ha="center", fontsize=7, parse_math=False)
+    axes.set_xticks(range(len(columns)), [name for name, _ in columns], fontsize=8, rotation=20, parse_math=False)
+    axes.set_yticks([])
+    axes.set_ylim(-0.1, 1.1)
+    axes.spines[["top", "right", "left", "bottom"]].set_visible(False)
+    return drawn
+
+
+def _heights(values: list[Any]) -> np.ndarray:
+    """Numbers or words between 0 and 1."""
+    words = sorted({str(value) for value in values}) if any(isinstance(value, str) for value in values) else []
+    numbers = np.array([words.index(str(value)) for value in values] if words else values, dtype=float)
+    spread = np.ptp(numbers)
+    return (numbers - numbers.min()) / spread if spread else np.full(len(numbers), 0.5)
+
+
+def _tidy(axes: Axes) -> None:
+    axes.grid(color="#e3e7eb", lw=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)

@@ -1,0 +1,237 @@
+"""Studies: known optima, fronts and tables; failed, stored and resumed designs; study files that are refused."""
+
+import json
+import math
+import shutil
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from stiffscope.cli.main import _guarded
+from stiffscope.errors import InputError
+from stiffscope.jobs import studies
+from stiffscope.jobs.search import Outcome, front, search
+from stiffscope.jobs.studies import study
+from stiffscope.robot.reader import load_robot
+from stiffscope.robot.study_file import Goal, Limit, Variable, load_study
+from tests.jobs.one_part import PLATE, ROD, one_part
+
+E, RHO = 211e9, 7850.0  # of the built-in steel
+BEAM = '\ncompliance = "beam"'
+HEAD = 'robot = "robot.toml"\n'
+
+
+@pytest.fixture
+def rod(tmp_path):
+    """A folder with a rod on a slide, and a function that writes a study of it."""
+    one_part(tmp_path, ROD + BEAM)
+    return _writer(tmp_path)
+
+
+def _writer(folder):
+    def write(text):
+        (folder / "study.toml").write_text(HEAD + text)
+        return folder / "study.toml"
+
+    return write
+
+
+def test_rod_of_least_mass_for_an_axial_stiffness(rod):
+    file = rod(
+        'method = "optimum"\ndesigns = 60\nminimize = "mass"\nconstraints = ["stiffness >= 200 N/um"]\n'
+        '[parameters]\n"bar 1.radius" = ["2 mm", "20 mm"]\n"bar 1.bore" = ["0 mm", "3 mm"]\n'
+        '[responses]\nmass = "mass"\nstiffness = { of = "1/(C11 - 1e-7)", unit = "N/m" }\n'
+    )
+    made = study(file)
+    assert len(made.best) == 1
+    mass, stiffness = made.designs[made.best[0]].responses
+    assert stiffness >= 2e8 * (1 - 2e-6)
+    assert mass == pytest.approx(RHO * 2e8 * 0.060**2 / E, rel=5e-3)  # k = E A / L, m = rho A L
+    assert len(made.designs) <= 60
+
+
+def test_plate_thickness_under_a_mass_limit(tmp_path):
+    one_part(tmp_path, PLATE + BEAM)
+    file = _writer(tmp_path)(
+        'method = "optimum"\ndesigns = 40\nminimize = "bending"\nconstraints = ["mass <= 600 g"]\n'
+        '[parameters]\n"bar 1".thickness = ["4 mm", "30 mm"]\n[responses]\nmass = "mass"\nbending = "C33"\n'
+    )
+    made = study(file)
+    thickness = made.designs[made.best[0]].values[0]
+    assert thickness == pytest.approx(0.6 / (RHO * 0.060 * 0.090), rel=5e-3)
+    assert load_robot(file.parent / "robot.toml").parts["bar 1"].lengths()["thickness"] == 0.010
+
+
+GRID = (
+    'method = "grid"\n[parameters]\n"bar 1.radius" = { range = ["4 mm", "8 mm"], steps = 3 }\n'
+    '"bar 1.bore" = { values = ["0 mm", "9 mm"] }\n[responses]\nmass = "mass"\nK = "K_tx"\nsag = "sag"\n'
+)
+
+
+def test_a_design_that_cannot_be_is_a_row_with_its_reason(rod):
+    table = study(rod(GRID)).table
+    assert list(table["bar 1.radius [m]"]) == [0.004, 0.004, 0.006, 0.006, 0.008, 0.008]
+    assert list(table["state"]) == ["feasible", "failed", "feasible", "feasible", "feasible", "feasible"]
+    assert "bore" in table["reason"][1]
+    assert math.isnan(table["K [N/m]"][1])
+    radius, bore = (table[f"bar 1.{name} [m]"].drop(1) for name in ("radius", "bore"))
+    area = math.pi * (radius**2 - bore**2 / 4)
+    assert np.allclose(table["K [N/m]"].drop(1), 1 / (1e-7 + 0.060 / (E * area)), rtol=1e-9)
+    assert np.allclose(table["mass [kg]"].drop(1), RHO * area * 0.060, rtol=1e-9)
+
+
+def test_finished_designs_are_stored_and_not_made_again(rod, tmp_path, monkeypatch):
+    made = []
+    monkeypatch.setattr(studies, "make_design", lambda f, v, make=studies.make_design: made.append(v) or make(f, v))
+    first = study(rod(GRID), folder=tmp_path / "kept").table
+    stored = sorted((tmp_path / "kept").iterdir())
+    assert len(made) == len(stored) == 6
+    assert "K [N/m]" in pd.read_parquet(stored[0]).columns
+    stored[0].unlink()
+    stored[1].write_bytes(stored[1].read_bytes()[:100])  # torn
+    assert study(rod(GRID), folder=tmp_path / "kept").table.equals(first)
+    assert len(made) == 8
+    study(rod(GRID.replace('"K_tx"', '"K_ty"')), folder=tmp_path / "kept")
+    assert len(made) == 14  # another study's designs are not this one's
+
+
+def test_an_interrupted_study_keeps_what_is_finished(rod, tmp_path, monkeypatch):
+    def make(file, values, whole=studies.make_design):
+        if values[0] == 0.008:
+            raise KeyboardInterrupt
+        return whole(file, values)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(studies, "make_design", make)
+        with pytest.raises(KeyboardInterrupt):
+            study(rod(GRID), folder=tmp_path / "kept")
+    assert len(list((tmp_path / "kept").iterdir())) == 4
+
+
+def _study(method, count, designs, **more):
+    variables = tuple(Variable(f"x{k}", "1", (), 0.0, 1.0) for k in range(count))
+    return SimpleNamespace(method=method, variables=variables, designs=designs, seed=1, limits=(), goals=(), **more)
+
+
+def test_optimum_among_words_on_a_constraint():
+    """Least x + y with x y >= 0.09 and the cheaper of two words: x = y = 0.3."""
+    asked = _study("optimum", 2, 100)
+    asked.variables = (*asked.variables, Variable("word", "1", ("dear", "cheap")))
+    found = []
+
+    def evaluate(points, origin):
+        out = [Outcome((x + y + (word < 0.5),), ((0.09 - x * y) / 0.09,)) for x, y, word in points]
+        found.extend(out)
+        return out
+
+    search(asked, evaluate)
+    best = min(o.objectives[0] for o in found if o.feasible)
+    assert best == pytest.approx(0.6, rel=1e-3)
+
+
+def test_pareto_front_of_a_known_problem():
+    """x² and (x - 1)² of ten sums: the front is sqrt(a) + sqrt(b) = 1, where all other coordinates are 0."""
+    asked = _study("pareto", 3, 800)
+    asked.goals = (Goal("a", 1.0), Goal("b", 1.0))
+    asked.limits = (Limit("a", True, 1.0, "a <= 0.5"),)
+    found = []
+
+    def evaluate(points, origin):
+        far = [sum(each[1:]) ** 2 for each in points]
+        out = [
+            Outcome((x[0] ** 2 + f, (x[0] - 1) ** 2 + f), (x[0] ** 2 + f - 0.5,))
+            for x, f in zip(points, far, strict=True)
+        ]
+        found.extend(out)
+        return out
+
+    search(asked, evaluate)
+    chosen = [o for o, best in zip(found, front(found), strict=True) if best]
+    assert len(chosen) > 15
+    assert all(o.objectives[0] <= 0.5 + 1e-6 for o in chosen)
+    roots = [sum(map(math.sqrt, o.objectives)) for o in chosen]
+    assert min(roots) >= 1 - 1e-9
+    assert np.median(roots) < 1.02
+
+
+def test_front_is_what_nothing_dominates(rng):
+    outcomes = [Outcome(tuple(rng.integers(0, 6, 2).astype(float)), (rng.uniform(-1, 0.3),)) for _ in range(60)]
+    outcomes[7] = Outcome(None)
+
+    def dominated(a):
+        others = (o.objectives for o in outcomes if o.feasible)
+        return any(b != a and b[0] <= a[0] and b[1] <= a[1] for b in others)
+
+    assert front(outcomes) == [o.feasible and not dominated(o.objectives) for o in outcomes]
+
+
+@pytest.mark.parametrize("method", ["sobol", "latin-hypercube"])
+def test_sweeps_fill_the_ranges_and_repeat(rod, method):
+    file = rod(
+        f'method = "{method}"\ndesigns = 16\n[parameters]\nslide.drive.stiffness = ["5 N/um", "25 N/um"]\n'
+        '"materials.steel.youngs_modulus" = ["200 GPa", "220 GPa"]\n[responses]\nK = "kx"\n'
+    )
+    table = study(file).table
+    assert table.equals(study(file).table)
+    drive, modulus = table["slide.drive.stiffness [N/m]"], table["materials.steel.youngs_modulus [Pa]"]
+    assert sorted(((drive - 5e6) / 20e6 * 16).astype(int)) == list(range(16))  # one of each sixteenth
+    assert np.allclose(table["K [N/m]"], 1 / (1 / drive + 0.060 / (modulus * math.pi * 0.006**2)), rtol=1e-9)
+
+
+REFUSED = {
+    ('"kx"', '"kq"'): r"study.toml:9: responses.K: expected a quantity \(mass, K_tx.*got \"kq\"",
+    ('"5 N/um"', '"5 kg"'): r"study.toml:5: parameters.slide.drive.stiffness: expected a range .*both ends in N/m",
+    ("slide.drive", "slid.drive"): r"study.toml:5: parameters.slid.drive.stiffness: .*did you mean \"slide\"",
+    ('"5 N/um", "25 N/um"', '"5 N/um"'): r"study.toml:5: .*: expected a range such as .*two ends",
+    ('"5 N/um", "25 N/um"', '"25 N/um", "5 N/um"'): r"study.toml:5: .*the lower end first",
+    ('"sobol"', '"sobel"'): r"study.toml:2: method: expected 'grid', 'latin-hypercube', 'sobol', 'optimum' or 'pareto'",
+    ('"sobol"', '"optimum"'): r"study.toml:2: method: expected one response to minimize or maximize",
+    ("K <=", "L <="): r"study.toml:3: constraints\[0\]: expected a response \(K, f\), got \"L\"",
+    ("3 N/m", "3 kg"): r"study.toml:3: constraints\[0\]: expected a value in N/m, as K is, got \"3 kg\"",
+    ("robot.toml", "robt.toml"): r"study.toml:1: robot: .*robt.toml: expected a robot file",
+    ("[responses]", "[response]"): r"study.toml:8: response: expected a known key",
+    ('"home"', '"away"'): r"study.toml:10: responses.f.at: expected a pose \(home\), got \"away\"",
+    ('"f1/K_tx"', '"f1/"'): r"study.toml:10: responses.f.of: expected an expression",
+    (', unit = "1"', ""): r"study.toml:10: responses.f.unit: expected the SI unit",
+}
+
+
+@pytest.mark.parametrize("change", REFUSED, ids=lambda pair: pair[1])
+def test_bad_study_files_name_line_and_field(rod, change):
+    text = (
+        'method = "sobol"\nconstraints = ["K <= 3 N/m"]\n[parameters]\n'
+        'slide.drive.stiffness = ["5 N/um", "25 N/um"]\n"bar 1.radius" = { values = ["5 mm", "6 mm"] }\n\n'
+        '[responses]\nK = "kx"\nf = { of = "f1/K_tx", at = "home", unit = "1" }\n'
+    )
+    file = rod(text)
+    load_study(file)
+    assert change[0] in file.read_text()
+    file.write_text(file.read_text().replace(*change))
+    with pytest.raises(InputError, match=REFUSED[change]):
+        load_study(file)
+
+
+def test_command_writes_table_pictures_and_robots_that_run(rod, tmp_path, capsys):
+    file = rod(GRID.replace('"grid"', '"grid"\nmaximize = "K"\nconstraints = ["mass <= 66 g"]'))
+    out = tmp_path / "out"
+    assert _guarded(["study", str(file), "--out", str(out), "--json", "-"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    here = study(file).table
+    for table in (
+        pd.read_parquet(out / "designs.parquet"),
+        pd.read_csv(out / "designs.csv"),
+    ):
+        kept = table.drop(columns="reason")
+        pd.testing.assert_frame_equal(kept, here.drop(columns="reason"), check_exact=True, check_dtype=False)
+    assert told["columns"] == list(here.columns)
+    assert told["best"] == [6]  # 8 mm, hollow: of those of at most 66 g the stiffest
+    assert {"parallel.png", "progress.svg", "report.html", "manifest.json"} <= {each.name for each in out.iterdir()}
+    best = load_robot(out / "best-1.toml")
+    assert best.parts["bar 1"].lengths()["bore"] == 0.009
+    assert _guarded(["stiffness", str(out / "best-1.toml"), "--quiet", "--json", str(tmp_path / "k.json")]) == 0
+    stiffness = json.loads((tmp_path / "k.json").read_text())["stiffness"][0][0][0]
+    assert stiffness == pytest.approx(here["K [N/m]"][5], rel=1e-12)
+    shutil.rmtree(tmp_path / "out.designs", ignore_errors=True)
+    assert _guarded(["study", str(tmp_path / "none.toml"), "--out", str(out)]) == 2
