@@ -46,6 +46,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.floating[Any]]
     Flags = NDArray[np.bool_]
+    Codes = NDArray[np.int64]
 
 _TOOL = slice(0, 6)
 _NEWTON_STEPS = 12
@@ -100,6 +101,21 @@ class RobotAtPoses:
     def load_cases(self, load: int) -> slice:
         """Columns of a load's six wrench components."""
         return slice(6 + 6 * load, 12 + 6 * load)
+
+    @cached_property
+    def distinct(self) -> tuple[tuple[Codes, Codes], ...]:
+        """Readings (m,) that stand for all with the same sense, and the same drive, at the same pose; (n,) which."""
+        c = self.campaign
+        moving = c.kind <= DEVIATION
+        large = np.where(moving, 0, 1 + c.quantity)
+        senses = np.stack([c.pose, c.channel, np.where(moving, c.direction, 0), large], axis=1)
+        wrench = np.unique(np.nan_to_num(c.wrench), axis=0, return_inverse=True)[1].ravel()
+        drives = np.stack([c.pose, c.kind, c.load, wrench, large], axis=1)
+        out: list[tuple[Codes, Codes]] = []
+        for key in (senses, drives):
+            _, first, which = np.unique(key, axis=0, return_index=True, return_inverse=True)
+            out.append((first, which.ravel()))
+        return tuple(out)
 
     def sensor_case(self, sensor: int) -> int:
         """Column of a sensor."""
@@ -258,6 +274,15 @@ class ElasticState:
         if sensor.against != GROUND:
             across = across - motion(sensor.against)
         return self._at_every_pose(across)
+
+    def weights(self, payloads: Sequence[Payload]) -> Array:
+        """Wrenches (p or 1, 6, k) of the weights of payloads, at M in base axes."""
+        where, gravity = self.places, self.at.mechanism.gravity
+        return np.stack([_weight_of(payload, where, gravity) for payload in payloads], axis=2)
+
+    def moved(self, node: str, wrenches: Array) -> Array:
+        """Work (p, cases, k) of wrenches (p or 1, 6, k) on a node along its motion under every terminal's load."""
+        return self._at_every_pose(np.swapaxes(self._response.nodes[node], -1, -2) @ wrenches)
 
     def transmitted(self, name: str) -> Array:
         """Wrench (p, 6, cases) on an element for every terminal's unit load, in its own axes."""

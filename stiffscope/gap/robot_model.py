@@ -149,8 +149,8 @@ def _backlash(place: Place, nominal: NominalRobot) -> Candidate:
     candidate = _by_name("backlash", place.name)
     (drive,) = place.members
     unit = "rad" if nominal.driven[drive].kind == "revolute" else "m"
-    twins = tuple(f"backlash @ {name}" for name in place.others)
-    return replace(candidate, units=(unit,), twins=twins, action=drive, component=drive)
+    aliases = tuple(f"backlash @ {name}" for name in place.others)
+    return replace(candidate, units=(unit,), aliases=aliases, action=drive, component=drive)
 
 
 def _instruments(campaign: Campaign) -> Iterator[Candidate]:
@@ -201,7 +201,7 @@ def _mechanical(effect: MechanicalEffect, nominal: NominalRobot, soft: Array) ->
         effect.physical,
         effect.internal,
         component=_component(effect),
-        twins=effect.others,
+        aliases=effect.others,
         flexible=entries,
         action=effect,
     )
@@ -503,6 +503,6 @@ def _merged(candidates: Sequence[Candidate], prediction: RobotPrediction) -> tup
             other = candidates[singles[j]]
             same = cosine[i, j] if candidates[k].positive or other.positive else abs(cosine[i, j])
             if singles[j] in out and same > 1.0 - _SAME and candidates[k].positive == other.positive:
-                out[k] = replace(out[k], twins=(*out[k].twins, other.name, *other.twins))
+                out[k] = replace(out[k], twins=(*out[k].twins, *other.signature_of))
                 del out[singles[j]]
     return tuple(out.values())

@@ -250,9 +250,9 @@ def test_the_prior_matters_where_the_readings_say_little():
     strong = conclude(find(planted(model, e0=(0.5,))))
     assert [s.verdict for s in strong.sensitivity] == ["identified"] * 4
     found = find(planted(model, e0=(0.02,)))
-    p = found.probability_of(["effect-0 @ place"])
+    p = found.stated("effect-0 @ place")
     more, less = (found.under(replace(found.problem, odds=f * found.problem.odds)) for f in (10.0, 0.1))
-    assert more.probability_of(["effect-0 @ place"]) > p > less.probability_of(["effect-0 @ place"])
+    assert more.stated("effect-0 @ place") > p > less.stated("effect-0 @ place")
 
 
 def test_the_posterior_opens_in_arviz(tmp_path):

@@ -159,7 +159,7 @@ def test_errors_of_the_drives_move_the_tool_as_kinematics_says(name):
     drive = robot.mechanism.drives[0]
     candidate = next(
         k for k in RobotModel(c, robot).library
-        if any(w.startswith("encoder-offset") and (k.action.members == (drive.name,)) for w in (k.name, *k.twins))
+        if any(w.startswith("encoder-offset") and (k.action.members == (drive.name,)) for w in k.signature_of)
     )  # fmt: skip
     values = RobotModel(c, robot).predict(((candidate, (2e-3,)),)).values
     found = configure(robot.mechanism, c.poses)

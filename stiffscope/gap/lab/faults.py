@@ -67,7 +67,7 @@ def _bearing(machine: Machine, place: str, diagonal: Array) -> Machine:
 def _joint_compliance(machine: Machine, place: str, parameters: Parameters) -> Machine:
     radial, axial, tilting = _named(parameters, "radial", "axial", "tilting")
     for name, joint in _joints(machine, place).items():
-        along = radial if joint.kind == "fixed" else axial
+        along = axial if joint.directed else radial
         machine = _bearing(machine, name, np.array([along, radial, radial, tilting, tilting, tilting]))
     return machine
 
