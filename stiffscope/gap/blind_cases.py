@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.gap.lab.faults import ENTRIES, KNOWN, OUTSIDE, acts_on, inject
+from stiffscope.gap.lab.faults import ENTRIES, KNOWN, OUTSIDE, acts_on, bearing_words, inject
 from stiffscope.gap.lab.machine import machine_of
 from stiffscope.gap.lab.measuring import Noise, measure, true_readings
 from stiffscope.gap.lab.plans import Workspace, draw_plan, workspace
-from stiffscope.gap.lab.signatures import Signatures, unexplained
+from stiffscope.gap.lab.signatures import Signatures, apart, closest, spanned
 from stiffscope.gap.lab.writing import write_readings
 from stiffscope.robot.library import robot_names
 from stiffscope.robot.part_matrices import part_matrices, part_sources
@@ -39,7 +39,7 @@ STYLES: tuple[Style, ...] = ("tool", "gauges", "tool", "gauges", "tool", "sag")
 SEAL = "seal.txt"
 
 _LIKE = (8.075e-8, 1.346e-6)  # m/N, rad/(N·m): the scale of the robot at which the sizes of faults below hold
-_ATTEMPTS = 12
+_ATTEMPTS = 30
 _VISIBLE = 8.0  # standard deviations, of all readings together, by which a fault must stand out
 _ALIKE = 4.0  # standard deviations, of all readings together, that nobody tells apart
 _TWINS = 2  # other effects that the named group of a true one has room for
@@ -227,8 +227,9 @@ class Lab:
 def draw(number: int, seed: int, lab: Lab) -> BlindCase:
     """The case of this number in a series: its kind in turn, its effects and their sizes by chance.
 
-    What is drawn can be answered: readings show every effect beside the others, and no more than two words of the
-    vocabulary with as few parameters do the same to them. Where chance does not find such a fault, the last one stays.
+    What is drawn can be answered: readings show every effect beside the others, whatever the parameters of these, and
+    no more than two words of the vocabulary with as few parameters do the same to them. Where chance does not find such
+    a fault, the last one stays.
     """
     rng = np.random.default_rng([seed, number])
     kind = KINDS[number % len(KINDS)]
@@ -262,38 +263,50 @@ class _Judge:
         _, self._plan, self._located, _ = prepared(case, number, lab)
         self._sound = self._shown(())
         self._known = Signatures(lab.sound, self._plan, self._located, self._sound, Noise())
+        self._own: dict[int, Array] = {}
 
     def _shown(self, faults: Sequence[Fault]) -> Readings:
         return true_readings(self._lab.with_faults(faults), self._plan, self._located)
 
+    def _signature(self, fault: Fault) -> Array:
+        """What a fault alone changes in the readings (r,), over their noise."""
+        if id(fault) not in self._own:
+            self._own[id(fault)] = (self._shown((fault,)).value - self._sound.value) / self._known.sigma
+        return self._own[id(fault)]
+
+    def _columns(self, fault: Fault) -> Array:
+        """What a fault's effect can do to the readings (r, k), whatever its parameters."""
+        softer = self._lab.softer(fault.effect, fault.place)
+        columns = self._known.of(fault.effect, fault.place, softer)
+        own = self._signature(fault)[:, None]
+        return own if columns is None else np.hstack([columns, own])
+
     def decidable(self, faults: Sequence[Fault]) -> bool:
         """Whether every one of the faults shows beside the others, and has few others like it; see `draw`."""
-        rows = self._shown(faults)
-        own = [
-            (
-                rows.value
-                - (self._shown([f for f in faults if f is not fault]) if len(faults) > 1 else self._sound).value
-            )
-            / self._known.sigma
-            for fault in faults
-        ]
-        for fault, signature in zip(faults, own, strict=True):
-            others = [s for s in own if s is not signature]
-            beside = np.stack(others, axis=1) if others else np.zeros((len(signature), 0))
-            if unexplained(signature, beside) < _VISIBLE or len(self._alike(fault, signature, beside)) > _TWINS:
+        for fault in faults:
+            signature = self._signature(fault)
+            others = [self._columns(other) for other in faults if other is not fault]
+            beside = spanned(np.hstack([np.zeros((len(signature), 0)), *others]))
+            left = apart(signature[:, None], beside)[:, 0]
+            if np.linalg.norm(left) < _VISIBLE or len(self._alike(fault, left, beside)) > _TWINS:
                 return False
         return True
 
-    def _alike(self, fault: Fault, signature: Array, beside: Array) -> set[str]:
-        """Other effects that do the same to readings as a fault, beside the other faults (r, k) of its campaign."""
+    def _alike(self, fault: Fault, left: Array, beside: Array) -> set[str]:
+        """Other effects that do the same to readings as a fault, with no more parameters at work than it has.
+
+        left: (r,) what the other faults of its campaign leave of its signature; beside: (r, k) an orthonormal basis of
+        what these can do.
+        """
         found: set[str] = set()
+        own = self._lab.canonical(fault.name)
         for name, (effect, place) in self._lab.everywhere().items():
-            columns = self._known.of(effect, place, self._lab.softer(effect, place))
-            if columns is None or columns.shape[1] > len(fault.parameters) or name in found:
+            if name == own or (effect == "part-compliance" and fault.effect != effect):  # entries follow a stiffness
                 continue
-            if unexplained(signature, np.hstack([columns, beside])) < _ALIKE:
+            columns = self._known.of(effect, place, self._lab.softer(effect, place))
+            if columns is not None and closest(left, apart(columns, beside), len(fault.parameters)) < _ALIKE:
                 found.add(name)
-        return found - {self._lab.canonical(fault.name)}
+        return found
 
 
 def _between(rng: np.random.Generator, low: float, high: float) -> float:
@@ -334,6 +347,8 @@ def _known(effect: str, rng: np.random.Generator, lab: Lab) -> Fault:
         "encoder-offset": {"offset": sign * 5e-5 / lever}, "link-length": {"error": sign * 3e-5},
         "thermal": {"temperature": sign * 4.0}, "instrument-misalignment": dict.fromkeys(("rx", "ry", "rz"), 0.015),
     }[effect]  # fmt: skip
+    if effect == "joint-compliance":
+        scale = {word: scale[word] for word in bearing_words([lab.sound.joints[name] for name in members])}
     return Fault(effect, place, {name: s * float(rng.uniform(0.2, 1.0)) * size for name, s in scale.items()})
 
 
