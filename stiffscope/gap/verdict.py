@@ -63,7 +63,12 @@ def judged(found: Findings) -> Judgement:
     if certain and not few:
         rest = lack_of_fit(found, kept)
         known = found.of(best.words)
-        if rest and not strange and _main(found, known) not in {c.name for c in certain} and not lack_of_fit(found, known):
+        if (
+            rest
+            and not strange
+            and _main(found, known) not in {c.name for c in certain}
+            and not lack_of_fit(found, known)
+        ):
             return Judgement("ambiguous", known.words, known, (*_unsettled(known, certain),))
         return Judgement("partly" if rest else "identified", kept.words, kept, (*strange, *_told(rest)))
     gap = lack_of_fit(found, none)
