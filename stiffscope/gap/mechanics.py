@@ -452,6 +452,8 @@ def softened(at: RobotAtPoses, added: Mapping[str, Array]) -> Softened:
     ``w = w₀ + K ΔC w`` with the wrenches K by unit twists between its ends (Woodbury's identity).
     """
     sound, names = at.sound.response, list(added)
+    if not names:
+        return Softened(sound, (), ())
     cuts = tuple(at.cut(name) for name in names)
     before = np.concatenate([sound.elements[name].wrench for name in names], axis=1)
     gains = [np.concatenate([cut.elements[name].wrench for name in names], axis=1) @ added[own]

@@ -63,13 +63,9 @@ def judged(found: Findings) -> Judgement:
     if certain and not few:
         rest = lack_of_fit(found, kept)
         known = found.of(best.words)
-        if (
-            rest
-            and not strange
-            and _main(found, known) not in {c.name for c in certain}
-            and not lack_of_fit(found, known)
-        ):
-            return Judgement("ambiguous", known.words, known, (*_unsettled(known, certain),))
+        settled = not rest or strange or _main(found, known) in {c.name for c in certain}
+        if not settled and not lack_of_fit(found, known):
+            return Judgement("ambiguous", known.words, known, _unsettled(known, certain))
         return Judgement("partly" if rest else "identified", kept.words, kept, (*strange, *_told(rest)))
     gap = lack_of_fit(found, none)
     if gap:

@@ -66,12 +66,13 @@ class Signatures:
         if effect in {"actuator-stiffness", "encoder-offset"}:
             along = {name: np.eye(6)[DRIVEN[joints[name].kind]] for name in members}
             return self._moved(along) if effect == "encoder-offset" else self._added({n: [d] for n, d in along.items()})
-        if effect in shapes:
-            return self._added({n: [self._held(n, np.array(shape)) for shape in shapes[effect]] for n in members})
         if effect == "part-compliance":
             return self._entries(members)
-        if effect in added:
-            return self._added({added[effect]: list(np.eye(6))})
+        if effect in added or effect in shapes:
+            held = {} if effect in added else {
+                n: [self._held(n, np.array(shape)) for shape in shapes[effect]] for n in members
+            }  # fmt: skip
+            return self._added(held or {added[effect]: list(np.eye(6))})
         if effect in {"link-length", "thermal"}:
             grown = {n: bodies[n].expansion * bodies[n].length if effect == "thermal" else 1.0 for n in members}
             return self._moved({name: size * _ALONG for name, size in grown.items()})
