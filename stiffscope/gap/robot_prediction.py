@@ -343,7 +343,9 @@ class RobotPrediction:
         """Derivatives (n, k) of every reading by a candidate's internal parameters."""
         match candidate.action:
             case MechanicalEffect() as action:
-                here = self._internal.get(candidate.name, np.zeros(len(candidate.scale)))
+                here = self._internal.get(candidate.name, np.zeros(0))
+                if len(here) != len(candidate.scale):  # absent, or there with fewer or more parameters
+                    here = np.zeros(len(candidate.scale))
                 steps = _STEP * np.diag(candidate.scale)
                 out = np.stack([self._mechanical(action, here, step) for step in steps], axis=1)
             case Laden() as action:
