@@ -5,17 +5,17 @@ from __future__ import annotations
 import base64
 import json
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.gap.lab.faults import ENTRIES, KNOWN, OUTSIDE, acts_on, inject
+from stiffscope.gap.lab.faults import ENTRIES, KNOWN, OUTSIDE, acts_on, bearing_words, inject
 from stiffscope.gap.lab.machine import machine_of
 from stiffscope.gap.lab.measuring import Noise, measure, true_readings
 from stiffscope.gap.lab.plans import Workspace, draw_plan, workspace
-from stiffscope.gap.lab.signatures import Signatures, unexplained
+from stiffscope.gap.lab.signatures import Signatures, apart, closest, spanned
 from stiffscope.gap.lab.writing import write_readings
 from stiffscope.robot.library import robot_names
 from stiffscope.robot.part_matrices import part_matrices, part_sources
@@ -40,14 +40,16 @@ SEAL = "seal.txt"
 
 _LIKE = (8.075e-8, 1.346e-6)  # m/N, rad/(N·m): the scale of the robot at which the sizes of faults below hold
 _ATTEMPTS = 12
+_SERIES = 4  # of so many attempts
 _VISIBLE = 8.0  # standard deviations, of all readings together, by which a fault must stand out
 _ALIKE = 4.0  # standard deviations, of all readings together, that nobody tells apart
+_SAME = 1e-4  # of a signature, that may be left when another is fitted to it that no readings tell apart
 _TWINS = 2  # other effects that the named group of a true one has room for
 _POOL = 72  # poses of a robot from which a campaign takes its own
 _SEED = 20  # of that pool
 _EXPANDS = 1e-6  # 1/K: less is no thermal growth to speak of
 _RELATIVE = {"actuator-stiffness": 0.2, "link-stiffness": 0.15}  # compliance that a fault of size one adds
-_DIMENSIONS = {"rod": ("radius",), "plate": ("thickness",)}
+_DIMENSIONS = {"rod": ("radius", "bore"), "plate": ("thickness",)}
 _ALL_DRIVES, _ALL_JOINTS = "drives", "joints"
 
 
@@ -170,6 +172,7 @@ class Lab:
             for part, source in sources.items()
             if isinstance(source, str) and source == "beam"
             for key in _DIMENSIONS.get(file.parts[part].shape, ())
+            if file.parts[part].lengths()[key] > 0.0
         )
 
     def words(self) -> tuple[str, ...]:
@@ -227,8 +230,9 @@ class Lab:
 def draw(number: int, seed: int, lab: Lab) -> BlindCase:
     """The case of this number in a series: its kind in turn, its effects and their sizes by chance.
 
-    What is drawn can be answered: readings show every effect beside the others, and no more than two words of the
-    vocabulary with as few parameters do the same to them. Where chance does not find such a fault, the last one stays.
+    What is drawn can be answered: readings show every effect beside the others, whatever the parameters of these, and
+    no more than two words of the vocabulary with as few parameters do the same to them. Where chance does not find such
+    faults, the last ones stay.
     """
     rng = np.random.default_rng([seed, number])
     kind = KINDS[number % len(KINDS)]
@@ -238,62 +242,108 @@ def draw(number: int, seed: int, lab: Lab) -> BlindCase:
     if kind == "outside":
         names = [name for name in OUTSIDE if lab_has_outside(lab, name)]
         return BlindCase(kind, seed, (_outside(names[int(rng.integers(len(names)))], rng, lab, style),), style)
+    judge = _Judge(BlindCase(kind, seed, (), style), number, lab)
+    turn = number // len(KINDS) * 3 + number % len(KINDS)  # singles take one word after the other
+    faults: tuple[Fault, ...] = ()
+    for _ in range(_SERIES):
+        faults = _drawn(("single", "pair", "triple").index(kind) + 1, turn, rng, judge)
+        if judge.decidable(faults):
+            break
+    return BlindCase(kind, seed, faults, style)
+
+
+def _drawn(count: int, turn: int, rng: np.random.Generator, judge: _Judge) -> tuple[Fault, ...]:
+    """So many faults of different words; of a single one the word whose turn it is, or one of the next."""
+    lab = judge.lab
     words = lab.words()
     faults: tuple[Fault, ...] = ()
-    judge = _Judge(BlindCase(kind, seed, (), style), number, lab)
-    for _ in range(("single", "pair", "triple").index(kind) + 1):
+    for _ in range(count):
         left = [word for word in words if word not in {fault.effect for fault in faults}]
-        start = number // len(KINDS) * 3 + number % len(KINDS)  # singles take one word after the other
-        fault = None
+        tried: tuple[Fault, ...] = ()
         for attempt in range(_ATTEMPTS):
-            word = left[(start + attempt // 3) % len(left)] if kind == "single" else _some(rng, left)
-            fault = _known(word, rng, lab)
-            if judge.decidable((*faults, fault)):
+            word = left[(turn + attempt // 3) % len(left)] if count == 1 else _some(rng, left)
+            tried = (*faults, _known(word, rng, lab))
+            if judge.decidable(tried):
                 break
-        faults = (*faults, fault) if fault else faults
-    return BlindCase(kind, seed, faults, style)
+        faults = tried
+    return faults
 
 
 class _Judge:
     """Whether readings without noise tell the faults of a case from all else that could be named."""
 
     def __init__(self, case: BlindCase, number: int, lab: Lab) -> None:
-        self._lab = lab
+        self.lab = lab
         _, self._plan, self._located, _ = prepared(case, number, lab)
         self._sound = self._shown(())
         self._known = Signatures(lab.sound, self._plan, self._located, self._sound, Noise())
+        self._own: dict[str, Array] = {}
+        self._spans: dict[str, Array] = {}
+        self._vain: dict[str, bool] = {}
 
     def _shown(self, faults: Sequence[Fault]) -> Readings:
-        return true_readings(self._lab.with_faults(faults), self._plan, self._located)
+        return true_readings(self.lab.with_faults(faults), self._plan, self._located)
+
+    def _signature(self, fault: Fault) -> Array:
+        """What a fault alone changes in the readings (r,), over their noise."""
+        key = repr(fault)
+        if key not in self._own:
+            self._own[key] = (self._shown((fault,)).value - self._sound.value) / self._known.sigma
+        return self._own[key]
+
+    def _columns(self, fault: Fault) -> Array:
+        """What a fault's effect can do to the readings (r, k), whatever its parameters."""
+        columns = self._alone(fault.effect, fault.place)
+        if columns is not None:
+            return np.hstack([columns, self._signature(fault)[:, None]])
+        if fault.name not in self._spans:
+            kept = {"mass": fault.parameters["mass"]} if "mass" in fault.parameters else {}
+            each = [replace(fault, parameters=kept | {name: value}) for name, value in fault.parameters.items()]
+            self._spans[fault.name] = np.stack([self._signature(one) for one in each], axis=1)
+        return self._spans[fault.name]
+
+    def _alone(self, effect: str, place: str) -> Array | None:
+        return self._known.of(effect, place, self.lab.softer(effect, place))
 
     def decidable(self, faults: Sequence[Fault]) -> bool:
         """Whether every one of the faults shows beside the others, and has few others like it; see `draw`."""
-        rows = self._shown(faults)
-        own = [
-            (
-                rows.value
-                - (self._shown([f for f in faults if f is not fault]) if len(faults) > 1 else self._sound).value
-            )
-            / self._known.sigma
-            for fault in faults
-        ]
-        for fault, signature in zip(faults, own, strict=True):
-            others = [s for s in own if s is not signature]
-            beside = np.stack(others, axis=1) if others else np.zeros((len(signature), 0))
-            if unexplained(signature, beside) < _VISIBLE or len(self._alike(fault, signature, beside)) > _TWINS:
+        if any(self._hopeless(fault) for fault in faults):
+            return False
+        for fault in reversed(faults):  # the last is the one that is new
+            signature = self._signature(fault)
+            others = [self._columns(other) for other in faults if other is not fault]
+            beside = spanned(np.hstack([np.zeros((len(signature), 0)), *others]))
+            left = apart(signature[:, None], beside)[:, 0]
+            if np.linalg.norm(left) < _VISIBLE or len(self._alike(fault, left, beside)) > _TWINS:
                 return False
         return True
 
-    def _alike(self, fault: Fault, signature: Array, beside: Array) -> set[str]:
-        """Other effects that do the same to readings as a fault, beside the other faults (r, k) of its campaign."""
+    def _hopeless(self, fault: Fault) -> bool:
+        """Whether no readings of this kind show a fault, or tell it from others, whatever its size."""
+        if fault.name not in self._vain:
+            columns = self._alone(fault.effect, fault.place)
+            vain = columns is not None and not columns.any()
+            if columns is not None and not vain and columns.shape[1] == 1:
+                large = columns[:, 0] * (_ALIKE / _SAME / np.linalg.norm(columns))
+                vain = len(self._alike(fault, large, np.zeros((len(large), 0)))) > _TWINS
+            self._vain[fault.name] = vain
+        return self._vain[fault.name]
+
+    def _alike(self, fault: Fault, left: Array, beside: Array) -> set[str]:
+        """Other effects that do the same to readings as a fault, with no more parameters at work than it has.
+
+        left: (r,) what the other faults of its campaign leave of its signature; beside: (r, k) an orthonormal basis of
+        what these can do.
+        """
         found: set[str] = set()
-        for name, (effect, place) in self._lab.everywhere().items():
-            columns = self._known.of(effect, place, self._lab.softer(effect, place))
-            if columns is None or columns.shape[1] > len(fault.parameters) or name in found:
+        own = self.lab.canonical(fault.name)
+        for name, (effect, place) in self.lab.everywhere().items():
+            if name == own or (effect == "part-compliance" and fault.effect != effect):  # entries follow a stiffness
                 continue
-            if unexplained(signature, np.hstack([columns, beside])) < _ALIKE:
+            columns = self._alone(effect, place)
+            if columns is not None and closest(left, apart(columns, beside), len(fault.parameters)) < _ALIKE:
                 found.add(name)
-        return found - {self._lab.canonical(fault.name)}
+        return found
 
 
 def _between(rng: np.random.Generator, low: float, high: float) -> float:
@@ -334,6 +384,8 @@ def _known(effect: str, rng: np.random.Generator, lab: Lab) -> Fault:
         "encoder-offset": {"offset": sign * 5e-5 / lever}, "link-length": {"error": sign * 3e-5},
         "thermal": {"temperature": sign * 4.0}, "instrument-misalignment": dict.fromkeys(("rx", "ry", "rz"), 0.015),
     }[effect]  # fmt: skip
+    if effect == "joint-compliance":
+        scale = {word: scale[word] for word in bearing_words([lab.sound.joints[name] for name in members])}
     return Fault(effect, place, {name: s * float(rng.uniform(0.2, 1.0)) * size for name, s in scale.items()})
 
 

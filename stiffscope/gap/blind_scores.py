@@ -95,7 +95,8 @@ def outcome_of(
 
     """
     named = tuple(same(f"{e['effect']} @ {e['place']}") for e in found["effects"])
-    groups = tuple(tuple(same(name) for name in e["confused_with"]) for e in found["effects"])
+    confused = [dict.fromkeys(same(n) for n in e["confused_with"]) for e in found["effects"]]
+    groups = tuple(tuple(n for n in each if n != own) for own, each in zip(named, confused, strict=True))
     gap = [
         float("nan") if found["gap"][k] is None else found["gap"][k]
         for k in ("nominal", "explained", "held_out", "noise")

@@ -78,7 +78,7 @@ class ColumnModel:
 
     @property
     def library(self) -> tuple[Candidate, ...]:
-        """Rivals, and scales that these readings distinguish; indistinguishable ones are twins of the first."""
+        """Rivals, and scales that these readings distinguish; several names for the same readings are one."""
         return self._library
 
     @cached_property
@@ -157,7 +157,7 @@ class ColumnModel:
 
 
 def _scale(chosen: Flags, places: list[str]) -> Candidate:
-    twins = tuple(f"scale @ {place}" for place in places[1:])
+    aliases = tuple(f"scale @ {place}" for place in places[1:])
     return Candidate(
         "scale",
         places[0],
@@ -168,6 +168,6 @@ def _scale(chosen: Flags, places: list[str]) -> Candidate:
         (-0.9, np.inf),
         physical=lambda growth: 1.0 + growth,
         internal=lambda factor: factor - 1.0,
-        twins=twins,
+        aliases=aliases,
         action=_Scale(chosen),
     )

@@ -119,10 +119,10 @@ def _effects(found: Findings, judgement: Judgement, joint: Hypothesis) -> tuple[
         effect = Effect(
             candidate.effect,
             candidate.place,
-            found.probability_of([candidate.name]),
+            found.stated(candidate.name),
             found.percent_rms(found.alone(candidate)),
             _parameters(candidate, *own_part(joint, candidate.name)),
-            (*candidate.twins, *group.others),
+            group.others,
             share[candidate.name],
             group.probability,
         )
@@ -183,7 +183,7 @@ def _sensitivity(found: Findings, judgement: Judgement) -> tuple[Sensitivity, ..
     out: list[Sensitivity] = []
     for prior, other in others.items():
         under = found.under(other)
-        named = {c.name: under.probability_of([c.name]) for c in judgement.effects}
+        named = {c.name: under.stated(c.name) for c in judgement.effects}
         out.append(Sensitivity(prior, judged(under).verdict, named))
     return tuple(out)
 
@@ -244,8 +244,11 @@ def _next(found: Findings) -> NextMeasurement | None:
     """What separates the best hypothesis from one that competes with it: the most probable that readings can."""
     best, limit = found.best, COMPETING * found.probability[0]
     rivals = [h for h, p in zip(found.hypotheses, found.probability, strict=True) if h is not best and p >= limit]
+    if not rivals:
+        return None
     ranked = sorted(rivals[:_RIVALS], key=lambda h: best.names <= h.names)  # an extension of the best comes last
-    steps = (next_measurement(found.model, found.sigma, best, rival) for rival in ranked)
+    trial = found.model.trial(found.sigma)
+    steps = (next_measurement(trial, best, rival) for rival in ranked)
     return next((step for step in steps if step), None)
 
 

@@ -96,6 +96,10 @@ class Where:
     """The same with the diagnosed effects."""
     left: dict[str, float] = field(default_factory=_empty_places)
     """By direction, of what the diagnosed effects leave; empty where they bring the gap to the noise."""
+    sensor: dict[str, float] = field(default_factory=_empty_places)
+    """By sensor, and by axis at M."""
+    left_by_sensor: dict[str, float] = field(default_factory=_empty_places)
+    """The same of what the diagnosed effects leave; empty where they bring the gap to the noise."""
 
 
 @dataclass(frozen=True)

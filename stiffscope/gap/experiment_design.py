@@ -13,7 +13,7 @@ from stiffscope.gap.quantities import DEVIATION, QUANTITIES
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from stiffscope.gap.forward_model import ForwardModel, Trial
+    from stiffscope.gap.forward_model import Trial
     from stiffscope.gap.search import Hypothesis
 
     Array = NDArray[np.floating[Any]]
@@ -21,17 +21,13 @@ if TYPE_CHECKING:
 WORTHWHILE = 1.0  # expected ln-odds from which a reading is worth taking
 
 
-def next_measurement(
-    model: ForwardModel, sigma: Array, first: Hypothesis, second: Hypothesis
-) -> NextMeasurement | None:
+def next_measurement(trial: Trial, first: Hypothesis, second: Hypothesis) -> NextMeasurement | None:
     """Return the measurement with the greatest expected ln-odds between two explanations.
 
     Parameters
     ----------
-    model
-        Offers the measurements: `ForwardModel.trial`.
-    sigma
-        (n,) noise of the campaign's readings.
+    trial
+        The measurements that are offered.
     first, second
         The explanations; the first is taken to be true.
 
@@ -40,7 +36,6 @@ def next_measurement(
         None where no reading brings more than `WORTHWHILE`.
 
     """
-    trial = model.trial(sigma)
     gain = expected_log_odds(trial, first, second)
     best = int(np.argmax(gain))
     if not gain[best] >= WORTHWHILE:

@@ -35,7 +35,7 @@ class Group:
 
     others: tuple[str, ...]
     probability: float
-    """That the effect or one of the others is at work."""
+    """That the effect or one of the others is at work; of names for the same effect some may be left out."""
 
 
 @dataclass(frozen=True)
@@ -85,30 +85,62 @@ class Findings:
         near = [h for h in self.hypotheses if not h.names or h.evidence > self.best.evidence - NEAR]
         return _ranked(problem, [(h, problem.reweighted(h)) for h in near])
 
-    def probability_of(self, names: Iterable[str]) -> float:
-        """Probability that at least one of these effects is at work."""
-        wanted = frozenset(names)
-        return float(sum(p for h, p in zip(self.hypotheses, self.probability, strict=True) if wanted & h.names))
+    @cached_property
+    def _canonical(self) -> dict[str, str]:
+        """One name for all names of an effect at a place, that with the fewest parameters."""
+        known: dict[str, str] = {}
+        for c in sorted({id(c): c for h in self.hypotheses for c in h.words}.values(), key=lambda c: len(c.scale)):
+            name = known.setdefault(c.name, c.name)
+            for alias in c.aliases:
+                known.setdefault(alias, name)
+        return known
+
+    def _same(self, name: str) -> str:
+        return self._canonical.get(name, name)
+
+    def _missed(self, hypothesis: Hypothesis, names: Iterable[str]) -> float:
+        """Probability that none of these effects is at work if a hypothesis is true; twins are equally likely."""
+        listed = {self._same(name) for name in names}
+        missed = 1.0
+        for c in hypothesis.candidates:
+            missed *= 1.0 - np.mean([self._same(name) in listed for name in c.signature_of])
+        return float(missed)
+
+    def stated(self, name: str) -> float:
+        """Probability that an effect is at work, of what no reading tells apart its share."""
+        pairs = zip(self.hypotheses, self.probability, strict=True)
+        own = ((p, c) for h, p in pairs for c in h.candidates if name in c.signature_of)
+        return float(sum(p / len(c.signature_of) for p, c in own))
 
     def group(self, name: str) -> Group:
-        """An effect of the best hypothesis with the most probable ones that stand in its place in others."""
-        others: list[str] = []
+        """An effect of the best hypothesis with the most probable ones that may stand in its place."""
+        listed = [name]
+        own = next(c for c in self.best.candidates if c.name == name)
         rest = self.best.names - {name}
-        while len(others) < CONFUSED:
-            known = {name, *others}
+        while len(listed) <= CONFUSED:
+            known = {self._same(each) for each in listed}
             gains: dict[str, float] = {}
             for hypothesis, p in zip(self.hypotheses, self.probability, strict=True):
-                if known & hypothesis.names:
+                missed = self._missed(hypothesis, listed)
+                if missed <= 0.0:
                     continue
+                alone = rest <= hypothesis.names and len(hypothesis.names - rest) == 1
                 for other in hypothesis.words:
-                    if other.name not in self.best.names:
-                        alone = rest <= hypothesis.names and len(hypothesis.names - rest) == 1
-                        gains[other.name] = gains.get(other.name, 0.0) + p * (1.0 if alone else 0.5)
+                    if other.name in self.best.names and other.name != own.name:
+                        continue
+                    for each in other.signature_of:
+                        if (same := self._same(each)) not in known:
+                            gain = p * missed / len(other.signature_of)
+                            gains[same] = gains.get(same, 0.0) + gain * (1.0 if alone else 0.5)
             best = max(gains, key=lambda n: gains[n], default="")
             if not best or gains[best] <= COMPETING * self.probability[0]:
                 break
-            others.append(best)
-        return Group(tuple(others), self.probability_of([name, *others]))
+            listed.append(best)
+        pairs = zip(self.hypotheses, self.probability, strict=True)
+        certain = float(sum(p * (1.0 - self._missed(h, listed)) for h, p in pairs))
+        known = {self._same(each) for each in listed}
+        aliases = [a for a in (*own.aliases, *self._canonical) if self._same(a) in known and a not in listed]
+        return Group(tuple(dict.fromkeys([*listed[1:], *aliases]))[:CONFUSED], certain)
 
     def of(self, candidates: Iterable[Candidate]) -> Hypothesis:
         """The hypothesis of some effects of the best one, fitted."""

@@ -52,8 +52,10 @@ class Candidate:
     """Internal parameters (k,) of physical ones."""
     component: str = ""
     """Part of the machine that it blames, if it is one."""
+    aliases: tuple[str, ...] = ()
+    """Other names, as `effect @ place`, for this effect at this place."""
     twins: tuple[str, ...] = ()
-    """Effects, as `effect @ place`, with the very same signature in the readings."""
+    """Other effects, as `effect @ place`, with the very same signature in the readings: each as likely as this one."""
     flexible: bool = False
     """True where it can follow almost anything, so that it says nothing about noise."""
     action: object = None
@@ -63,6 +65,11 @@ class Candidate:
     def name(self) -> str:
         """`effect @ place`."""
         return f"{self.effect} @ {self.place}"
+
+    @property
+    def signature_of(self) -> tuple[str, ...]:
+        """All effects with its signature, itself first."""
+        return (self.name, *self.twins)
 
     @property
     def positive(self) -> bool:

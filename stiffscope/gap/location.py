@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import nnls  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
 from stiffscope.gap.diagnosis import Where
-from stiffscope.gap.residuals import by_direction, by_pose
+from stiffscope.gap.residuals import by_direction, by_pose, by_sensor
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -35,6 +35,8 @@ def located(found: Findings, reported: Hypothesis, *, beyond: bool) -> Where:
         by_pose(c, before),
         by_pose(c, after),
         by_direction(c, after) if beyond else {},
+        by_sensor(c, before),
+        by_sensor(c, after) if beyond else {},
     )
 
 

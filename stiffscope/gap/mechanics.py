@@ -17,13 +17,14 @@ import numpy as np
 from stiffscope.errors import InputError
 from stiffscope.gap.quantities import AXES, DEVIATION, FIRST_FREQUENCY, FREQUENCY, JOINT
 from stiffscope.robot.effects import changed, without_ranges
-from stiffscope.vjm.equilibrium import loaded
+from stiffscope.vjm.condensation import condensed
+from stiffscope.vjm.equilibrium import equilibrium, loaded
 from stiffscope.vjm.kinematics import configure, configure_drives
 from stiffscope.vjm.linkage import rotation_vector
 from stiffscope.vjm.loading import Loads
 from stiffscope.vjm.mechanism import GROUND
 from stiffscope.vjm.modes import modes
-from stiffscope.vjm.network import END, FOOT, masses, places
+from stiffscope.vjm.network import END, FOOT, elements_of, masses, places
 from stiffscope.vjm.order import order_of
 from stiffscope.vjm.prestress import bent
 from stiffscope.vjm.screws import Frame
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 
     from stiffscope.gap.campaign import Campaign, Sensor
     from stiffscope.robot.effects import Changes, NominalRobot
+    from stiffscope.vjm.condensation import Condensed
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.loading import Response
     from stiffscope.vjm.mechanism import Mechanism
@@ -46,11 +48,14 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.floating[Any]]
     Flags = NDArray[np.bool_]
+    Codes = NDArray[np.int64]
 
 _TOOL = slice(0, 6)
 _NEWTON_STEPS = 12
 _CLOSED = 1e-9  # rad, or of the mechanism's length: a Newton step that ends the loop closure
 _OPEN = 1e-6  # a Newton step that has not closed it
+_FEW = 8  # changed elements, up to which a robot is not condensed anew
+_CUTS = 2000  # poses times elements whose responses are kept
 _HELD_MOMENT = 1e-9  # relative: what rounding leaves of a moment
 
 
@@ -73,7 +78,42 @@ class RobotAtPoses:
 
     def state(self, changes: Sequence[Changes] = (), payloads: Sequence[Payload] = ()) -> ElasticState:
         """The robot with changed elements and payloads. Raises InputError if it cannot close."""
-        return ElasticState(self, tuple(changes), tuple(payloads))
+        return ElasticState(self, tuple(changes), tuple(payloads)) if changes or payloads else self.sound
+
+    @cached_property
+    def sound(self) -> ElasticState:
+        """The robot as its model has it."""
+        return ElasticState(self, (), ())
+
+    @cached_property
+    def displaced(self) -> bool:
+        """Whether errors of the geometry are in the model itself."""
+        return any(element.offset is not None for element in elements_of(self.mechanism))
+
+    @cached_property
+    def rest(self) -> Places:
+        """Nodes at its poses."""
+        return places(self.configurations)
+
+    @cached_property
+    def _condensed(self) -> Condensed:
+        return condensed(order_of(self.mechanism, self.configurations.linkage), self.rest)
+
+    def under_loads(self) -> Response:
+        """Equilibrium under all terminals' unit loads."""
+        return equilibrium(self._condensed, self.unit_loads(self.rest, self.mechanism, ()))
+
+    def cut(self, name: str) -> Response:
+        """Equilibrium where an element's ends lie apart by each of six unit twists, in its own axes; unloaded."""
+        if name not in self._cuts:
+            while len(self._cuts) >= max(_FEW, _CUTS // len(self.campaign.poses)):
+                del self._cuts[next(iter(self._cuts))]
+            self._cuts[name] = equilibrium(self._condensed, Loads(6, {}, {name: np.eye(6)[None]}))
+        return self._cuts[name]
+
+    @cached_property
+    def _cuts(self) -> dict[str, Response]:
+        return {}
 
     @cached_property
     def mechanism(self) -> Mechanism:
@@ -120,6 +160,21 @@ class RobotAtPoses:
     def load_cases(self, load: int) -> slice:
         """Columns of a load's six wrench components."""
         return slice(6 + 6 * load, 12 + 6 * load)
+
+    @cached_property
+    def distinct(self) -> tuple[tuple[Codes, Codes], ...]:
+        """Readings (m,) that stand for all with the same sense, and the same drive, at the same pose; (n,) which."""
+        c = self.campaign
+        moving = c.kind <= DEVIATION
+        large = np.where(moving, 0, 1 + c.quantity)
+        senses = np.stack([c.pose, c.channel, np.where(moving, c.direction, 0), large], axis=1)
+        wrench = np.unique(np.nan_to_num(c.wrench), axis=0, return_inverse=True)[1].ravel()
+        drives = np.stack([c.pose, c.kind, c.load, wrench, large], axis=1)
+        out: list[tuple[Codes, Codes]] = []
+        for key in (senses, drives):
+            _, first, which = np.unique(key, axis=0, return_index=True, return_inverse=True)
+            out.append((first, which.ravel()))
+        return tuple(out)
 
     def sensor_case(self, sensor: int) -> int:
         """Column of a sensor."""
@@ -222,20 +277,16 @@ class ElasticState:
         return mechanism
 
     @cached_property
-    def _rest(self) -> Places:
-        return places(self.at.configurations)
-
-    @cached_property
     def places(self) -> Places:
         """Nodes where errors of the geometry have moved them to: loops closed by Newton steps of the elastic network.
 
         Raises InputError where they do not close.
         """
-        rest, mechanism = self._rest, self.mechanism
-        order = order_of(mechanism, self.at.configurations.linkage)
-        offsets = {e.name: e.offset[None, :, None] for e in order.elements if e.offset is not None}
-        if not offsets:
+        rest = self.at.rest
+        if not self._displacing:
             return rest
+        order = order_of(self.mechanism, self.at.configurations.linkage)
+        offsets = {e.name: e.offset[None, :, None] for e in order.elements if e.offset is not None}
         response = loaded(order, rest, Loads(1, {}, offsets))
         there, size = bent(rest, response), _size(response, order.length)
         for _ in range(_NEWTON_STEPS):
@@ -247,11 +298,37 @@ class ElasticState:
             raise InputError("loop closure: no solution for these geometric errors")
         return there
 
+    @property
+    def _displacing(self) -> bool:
+        """Whether errors move anything of the unloaded robot."""
+        return self.at.displaced or any(c.offset is not None for each in self.changes for c in each.values())
+
     @cached_property
-    def _response(self) -> Response:
+    def response(self) -> Response:
+        """Equilibrium under all terminals' unit loads, of the whole network."""
         where = self.places
+        if self is self.at.sound and where is self.at.rest:
+            return self.at.under_loads()
         order = order_of(self.mechanism, self.at.configurations.linkage)
         return loaded(order, where, self.at.unit_loads(where, self.mechanism, self.payloads))
+
+    @cached_property
+    def _response(self) -> Response | Softened:
+        return self.response if self._added is None else softened(self.at, self._added)
+
+    @cached_property
+    def _added(self) -> dict[str, Array] | None:
+        """What few elements yield more than in the sound robot; None where something else is changed too."""
+        if self is self.at.sound or self.payloads or self._displacing:
+            return None
+        added: dict[str, Array] = {}
+        for each in self.changes:
+            for name, change in each.items():
+                if change.compliance is not None and change.compliance.any():
+                    added[name] = added.get(name, 0.0) + change.compliance
+        if len(added) > _FEW:
+            return None
+        return added if self.mechanism else None  # which checks that every element yields as it must
 
     def _at_every_pose(self, value: Matrix) -> Array:
         return np.broadcast_to(value, (len(self.at.campaign.poses), *value.shape[1:]))
@@ -259,7 +336,12 @@ class ElasticState:
     @cached_property
     def tool(self) -> Array:
         """Twist (p, 6, cases) of the tool at M."""
-        return self._at_every_pose(self._response.twist)
+        return self._at_every_pose(self._node(END))
+
+    def _node(self, name: str) -> Array:
+        """Twist (n, 6, cases) of a node at M in base axes."""
+        known = self._response
+        return known.node(name) if isinstance(known, Softened) else known.nodes[name]
 
     @property
     def compliance(self) -> Array:
@@ -268,26 +350,37 @@ class ElasticState:
 
     def sensed(self, sensor: Sensor) -> Array:
         """Motion (p, 6, cases) of a sensor's point, and rotation, against the body that it stands on; base axes."""
-        nodes, where = self._response.nodes, self.places
+        where = self.places
 
         def motion(node: str) -> Array:
             back = np.swapaxes(_at(where, sensor.body, sensor.at), -1, -2)
-            return back @ nodes[FOOT if node == GROUND else node]
+            return back @ self._node(FOOT if node == GROUND else node)
 
         across = motion(sensor.body)
         if sensor.against != GROUND:
             across = across - motion(sensor.against)
         return self._at_every_pose(across)
 
+    def weights(self, payloads: Sequence[Payload]) -> Array:
+        """Wrenches (p or 1, 6, k) of the weights of payloads, at M in base axes."""
+        where, gravity = self.places, self.at.mechanism.gravity
+        return np.stack([_weight_of(payload, where, gravity) for payload in payloads], axis=2)
+
+    def moved(self, node: str, wrenches: Array) -> Array:
+        """Work (p, cases, k) of wrenches (p or 1, 6, k) on a node along its motion under every terminal's load."""
+        return self._at_every_pose(np.swapaxes(self._node(node), -1, -2) @ wrenches)
+
     def transmitted(self, name: str) -> Array:
         """Wrench (p, 6, cases) on an element for every terminal's unit load, in its own axes."""
         if name not in self._known:
-            self._known[name] = self._at_every_pose(self._response.elements[name].wrench)
+            response = self._response
+            wrench = response.wrench(name) if isinstance(response, Softened) else response.elements[name].wrench
+            self._known[name] = self._at_every_pose(wrench)
         return self._known[name]
 
     def displaced(self, sensor: Sensor | None) -> Array:
         """Displacement (p, 6) by errors of the geometry, exactly: translation and rotation vector of M or a sensor."""
-        if self.places is self._rest:
+        if self.places is self.at.rest:
             return np.zeros((len(self.at.campaign.poses), 6))
         if sensor is None:
             tool = self.at.mechanism.tool
@@ -295,7 +388,7 @@ class ElasticState:
         across = self._gone(sensor.body, np.array(sensor.at))
         if sensor.against == GROUND:
             return self._at_every_pose(across)
-        rest, there = self._rest, self.places  # the point as it would move with the body that the sensor stands on
+        rest, there = self.at.rest, self.places  # the point as it would move with the body that the sensor stands on
         point = rest.point(sensor.body, np.array(sensor.at))
         r0, r1 = rest.rotation[sensor.against], there.rotation[sensor.against]
         home = (np.swapaxes(r0, -1, -2) @ (point - rest.position[sensor.against])[..., None])[..., 0]
@@ -305,7 +398,7 @@ class ElasticState:
 
     def _gone(self, node: str, home: Array) -> Array:
         """Translation of a point of a node's body and its rotation vector (n, 6), since the nominal pose."""
-        rest, there = self._rest, self.places
+        rest, there = self.at.rest, self.places
         away = there.point(node, home) - rest.point(node, home)
         turned = rotation_vector(there.rotation[node] @ np.swapaxes(rest.rotation[node], -1, -2))
         n = max(len(away), len(turned))
@@ -349,6 +442,45 @@ class ElasticState:
         """Twist (s, 6, c) of a point of a body in each mode of a modal mass of 1 kg, base axes."""
         where = places(self._modes.configurations)
         return np.swapaxes(_at(where, node, home), -1, -2) @ self._modes.shapes[node]
+
+
+@dataclass(frozen=True)
+class Softened:
+    """Response of a robot some of whose elements yield more than in another, by that other one's responses."""
+
+    sound: Response
+    cuts: tuple[Response, ...]
+    """Of the elements that yield more, each to unit twists between its ends."""
+    slips: tuple[Array, ...]
+    """How much more (n, 6, cases) each of them yields."""
+
+    def node(self, name: str) -> Array:
+        """Twist (n, 6, cases) of a node at M in base axes."""
+        moved = (cut.nodes[name] @ slip for cut, slip in zip(self.cuts, self.slips, strict=True))
+        return sum(moved, self.sound.nodes[name])
+
+    def wrench(self, name: str) -> Array:
+        """Wrench (n, 6, cases) that an element carries, at its own point in its own axes."""
+        relief = (cut.elements[name].wrench @ slip for cut, slip in zip(self.cuts, self.slips, strict=True))
+        return sum(relief, self.sound.elements[name].wrench)
+
+
+def softened(at: RobotAtPoses, added: Mapping[str, Array]) -> Softened:
+    """Response of the sound robot with compliance (6, 6) added to elements.
+
+    An element that carries w and yields ΔC w more acts on the rest as if its ends lay apart by as much:
+    ``w = w₀ + K ΔC w`` with the wrenches K by unit twists between its ends (Woodbury's identity).
+    """
+    sound, names = at.sound.response, list(added)
+    if not names:
+        return Softened(sound, (), ())
+    cuts = tuple(at.cut(name) for name in names)
+    before = np.concatenate([sound.elements[name].wrench for name in names], axis=1)
+    gains = [np.concatenate([cut.elements[name].wrench for name in names], axis=1) @ added[own]
+             for cut, own in zip(cuts, names, strict=True)]  # fmt: skip
+    carried = np.linalg.solve(np.eye(6 * len(names)) - np.concatenate(np.broadcast_arrays(*gains), axis=2), before)
+    slips = (added[name] @ part for name, part in zip(names, np.split(carried, len(names), axis=1), strict=True))
+    return Softened(sound, cuts, tuple(slips))
 
 
 def _size(response: Response, length: float) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -34,6 +35,22 @@ class _Fit:
     free: float
 
 
+@dataclass(frozen=True)
+class _Columns:
+    """Columns (n, k) in sigmas with what all readings make of their inner products."""
+
+    values: Array
+
+    @cached_property
+    def _gram(self) -> Array:
+        return self.values.T @ self.values
+
+    def gram(self, weight: Array) -> Array:
+        """Inner products (k, k) with weights (n,), most of which are one."""
+        rest = self.values[weight != 1.0]
+        return self._gram - rest.T @ (rest * (1.0 - weight[weight != 1.0])[:, None])
+
+
 def noise_of(model: ForwardModel) -> Noise:
     """Noise and outliers as the fit of all effects at once shows them, robustly.
 
@@ -49,10 +66,12 @@ def noise_of(model: ForwardModel) -> Noise:
     noise = Noise(sigma, np.ones(len(gap), dtype=np.bool_), np.zeros(len(gap), dtype=np.bool_), np.ones(1))
     if len(gap) <= 2 * x.shape[1]:
         return noise
-    fit = _Fit(np.zeros(len(gap)), 1.0)
+    fit, columns = _Fit(np.zeros(len(gap)), 1.0), _Columns(LOOSE * x / sigma[:, None])
     for _ in range(PASSES):
-        fit = _joint_fit(LOOSE * x / noise.sigma[:, None], gap / noise.sigma, noise.used, fit)
+        fit = _joint_fit(columns, gap / noise.sigma, noise.used, fit)
+        before = noise.sigma
         noise, fit = _judged(campaign, noise, fit)
+        columns = columns if np.array_equal(before, noise.sigma) else _Columns(LOOSE * x / noise.sigma[:, None])
     return _remarked(campaign, noise, fit)
 
 
@@ -72,16 +91,14 @@ def _first_guess(c: Campaign, gap: Array, x: Array) -> Array:
     return unit * FRACTIONS[int(np.argmax(likelihood))]
 
 
-def _joint_fit(a: Array, y: Array, used: Flags, before: _Fit) -> _Fit:
+def _joint_fit(columns: _Columns, y: Array, used: Flags, before: _Fit) -> _Fit:
     """All effects at once, readings with a large residual before with less weight."""
-    weight = used / np.maximum(1.0, np.abs(before.residual) / 2.0)
-    gram = a.T @ (a * weight[:, None])
-    values, vectors = np.linalg.eigh(gram)
+    a, weight = columns.values, used / np.maximum(1.0, np.abs(before.residual) / 2.0)
+    values, vectors = np.linalg.eigh(columns.gram(weight))
     keep = values > 1e-8 * values[-1]
     inverse = (vectors[:, keep] / values[keep]) @ vectors[:, keep].T
-    dof = float(np.sum((a @ inverse) * a * weight[:, None]))
     residual = y - a @ (inverse @ (a.T @ (weight * y)))
-    return _Fit(residual, max(1.0 - dof / max(float(used.sum()), 1.0), 0.1))
+    return _Fit(residual, max(1.0 - float(keep.sum()) / max(float(used.sum()), 1.0), 0.1))
 
 
 def _judged(c: Campaign, noise: Noise, fit: _Fit) -> tuple[Noise, _Fit]:

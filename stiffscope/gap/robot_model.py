@@ -17,7 +17,7 @@ from stiffscope.gap.nuisance import nuisance_patterns
 from stiffscope.gap.quantities import AXES, DEFLECTION, DEVIATION, PUSH, STIFFNESS
 from stiffscope.gap.readings import on_robot
 from stiffscope.gap.robot_prediction import INSTRUMENT, Laden, RobotPrediction
-from stiffscope.robot.effects import dimension_effects, factor_of, growth_of, mechanical_effects
+from stiffscope.robot.effects import MechanicalEffect, dimension_effects, factor_of, growth_of, mechanical_effects
 from stiffscope.robot.vocabulary import EFFECTS
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from stiffscope.gap.campaign import Campaign
     from stiffscope.gap.forward_model import Noise, Parameters
-    from stiffscope.robot.effects import MechanicalEffect, NominalRobot, Place
+    from stiffscope.robot.effects import NominalRobot, Place
 
     Array = NDArray[np.floating[Any]]
 
@@ -77,6 +77,7 @@ PRIORS = {
     "force-scale": Prior((0.05,), (0.7,), (1.4,), _FACTORS),
 }
 PRIORS["slider-compliance"] = PRIORS["part-compliance"]
+_IN_MATRIX = {"link-stiffness", "rigid-ends", "part-dimension", "part-compliance", "slider-compliance"}
 _OF_DRIVES = {"backlash", "encoder-offset"}
 
 
@@ -149,8 +150,8 @@ def _backlash(place: Place, nominal: NominalRobot) -> Candidate:
     candidate = _by_name("backlash", place.name)
     (drive,) = place.members
     unit = "rad" if nominal.driven[drive].kind == "revolute" else "m"
-    twins = tuple(f"backlash @ {name}" for name in place.others)
-    return replace(candidate, units=(unit,), twins=twins, action=drive, component=drive)
+    aliases = tuple(f"backlash @ {name}" for name in place.others)
+    return replace(candidate, units=(unit,), aliases=aliases, action=drive, component=drive)
 
 
 def _instruments(campaign: Campaign) -> Iterator[Candidate]:
@@ -201,7 +202,7 @@ def _mechanical(effect: MechanicalEffect, nominal: NominalRobot, soft: Array) ->
         effect.physical,
         effect.internal,
         component=_component(effect),
-        twins=effect.others,
+        aliases=effect.others,
         flexible=entries,
         action=effect,
     )
@@ -290,8 +291,15 @@ class RobotModel:
         return RobotAtPoses(self.nominal, self.campaign)
 
     def admits(self, candidates: Sequence[Candidate]) -> bool:
-        """One of each name: some effects come with fewer or more parameters."""
-        return len({c.name for c in candidates}) == len(candidates)
+        """One of each name, as some effects come with fewer or more parameters; with a matrix no part of it."""
+        if len({c.name for c in candidates}) < len(candidates):
+            return False
+        matrices = [c.action.members for c in candidates if c.flexible and isinstance(c.action, MechanicalEffect)]
+        return not matrices or not any(
+            not c.flexible and c.effect in _IN_MATRIX and c.action.members in matrices
+            for c in candidates
+            if isinstance(c.action, MechanicalEffect)
+        )
 
     def predict(self, parameters: Parameters = ()) -> RobotPrediction:
         """Readings with these effects. Raises InputError where the parameters leave what can be assembled."""
@@ -503,6 +511,6 @@ def _merged(candidates: Sequence[Candidate], prediction: RobotPrediction) -> tup
             other = candidates[singles[j]]
             same = cosine[i, j] if candidates[k].positive or other.positive else abs(cosine[i, j])
             if singles[j] in out and same > 1.0 - _SAME and candidates[k].positive == other.positive:
-                out[k] = replace(out[k], twins=(*out[k].twins, other.name, *other.twins))
+                out[k] = replace(out[k], twins=(*out[k].twins, *other.signature_of))
                 del out[singles[j]]
     return tuple(out.values())

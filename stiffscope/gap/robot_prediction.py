@@ -219,20 +219,6 @@ class RobotPrediction:
         diagonal = np.einsum("pii->pi", self._shown_compliance)
         return np.eye(6) / np.where(diagonal == 0.0, np.inf, diagonal)[:, None, :]
 
-    @cached_property
-    def _distinct(self) -> tuple[tuple[Codes, Codes], ...]:
-        """Readings (m,) that stand for all with the same sense, and the same drive, at the same pose; (n,) which."""
-        c = self.campaign
-        large = np.where(self._moving, 0, 1 + c.quantity)
-        senses = np.stack([c.pose, c.channel, np.where(self._moving, c.direction, 0), large], axis=1)
-        wrench = np.unique(np.nan_to_num(c.wrench), axis=0, return_inverse=True)[1].ravel()
-        drives = np.stack([c.pose, c.kind, c.load, wrench, large], axis=1)
-        out: list[tuple[Codes, Codes]] = []
-        for key in (senses, drives):
-            _, first, which = np.unique(key, axis=0, return_index=True, return_inverse=True)
-            out.append((first, which.ravel()))
-        return tuple(out)
-
     def felt(self, name: str) -> tuple[Array, Array]:
         """Wrenches (n, 6) on an element, own axes, by what is read and by what is applied: ``W a`` and ``W b``."""
         known = self._felt.get(name)
@@ -240,7 +226,7 @@ class RobotPrediction:
             at = self.elastic.transmitted(name)
             pose = self.campaign.pose
             pair: list[Array] = []
-            for (first, which), each in zip(self._distinct, (self.sense, self.drive), strict=True):
+            for (first, which), each in zip(self.at.distinct, (self.sense, self.drive), strict=True):
                 pair.append((at[pose[first]] @ each[first][..., None])[which, :, 0])
             if self._mode[0].size:  # δf = -w · δC w / (8 π² f)
                 which, shaken, mode = self._mode
@@ -357,7 +343,9 @@ class RobotPrediction:
         """Derivatives (n, k) of every reading by a candidate's internal parameters."""
         match candidate.action:
             case MechanicalEffect() as action:
-                here = self._internal.get(candidate.name, np.zeros(len(candidate.scale)))
+                here = self._internal.get(candidate.name, np.zeros(0))
+                if len(here) != len(candidate.scale):  # absent, or there with fewer or more parameters
+                    here = np.zeros(len(candidate.scale))
                 steps = _STEP * np.diag(candidate.scale)
                 out = np.stack([self._mechanical(action, here, step) for step in steps], axis=1)
             case Laden() as action:
@@ -436,25 +424,11 @@ class RobotPrediction:
         return out
 
     def _laden(self, action: Laden) -> Array:
-        """Derivatives (n, 1 + k) of readings by a payload's mass and first moments."""
-        unit = np.eye(1 + len(action.directions))
-        columns: list[Array] = []
-        for values in unit:
-            state = self.at.state(self.elastic.changes, (action.payload(tuple(values)),))
-            columns.append(self._payload_reads(state))
-        return np.stack(columns, axis=1)
-
-    def _payload_reads(self, state: ElasticState) -> Array:
-        """Deviation (n,) that a state's payloads alone make."""
-        c = self.campaign
-        out = np.zeros(len(c))
-        for k in range(-1, len(c.sensors)):
-            mine = np.flatnonzero(c.still & (c.sensor == k))
-            if mine.size:
-                motion = state.tool if k < 0 else state.sensed(c.sensors[k])
-                twist = motion[c.pose[mine], :, self.at.weight_case + 1]
-                out[mine] = np.einsum("ni,ij,nj->n", self.axis[mine], self.instrument(k), twist)
-        return out
+        """Derivatives (n, 1 + k) of readings by a payload's mass and first moments: its weight along what is read."""
+        c, per_unit = self.campaign, np.eye(1 + len(action.directions))
+        wrenches = self.elastic.weights([action.payload(tuple(values)) for values in per_unit])
+        along = self.elastic.moved(action.body, wrenches)  # (p, cases, 1 + k)
+        return np.where(c.still[:, None], np.einsum("nc,nck->nk", self.sense, along[c.pose]), 0.0)
 
     def _swing_of_payload(self, action: Laden) -> Array:
         """Derivatives (n, 1 + k) of natural frequencies by a payload's mass and first moments."""

@@ -141,7 +141,7 @@ class Problem:
 
     @cached_property
     def _share(self) -> float:
-        return float(np.log(self.odds / max(len({c.name for c in self.model.library}), 1)))
+        return float(np.log(self.odds / max(len({n for c in self.model.library for n in c.signature_of}), 1)))
 
     @cached_property
     def errors(self) -> Errors:
@@ -155,7 +155,7 @@ class Problem:
 
     def log_prior(self, candidates: Sequence[Candidate]) -> float:
         """Ln prior odds of a set of effects against none."""
-        return sum(self._share - UNNAMED_PENALTY * c.unnamed for c in candidates)
+        return sum(self._share + np.log1p(len(c.twins)) - UNNAMED_PENALTY * c.unnamed for c in candidates)
 
     def posterior(self, candidates: Sequence[Candidate], y: Array, x: Array) -> Posterior:
         """Posterior of the parameters of ``y = X u + errors``, without the prior odds of the set."""

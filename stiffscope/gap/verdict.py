@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.gap.evidence import constrained_minima
-from stiffscope.gap.forward_model import UNNAMED
 from stiffscope.gap.lack_of_fit import lack_of_fit
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from stiffscope.gap.findings import Findings, Group
@@ -42,10 +43,10 @@ class Judgement:
 def judged(found: Findings) -> Judgement:
     """The verdict.
 
-    An effect is certain when it, or the group of what cannot be told from it, has a probability of `CONFIDENT` and
-    plausible parameters. With certain effects the verdict is "identified" where they bring the gap to the noise and
-    "partly" where they do not. Without, it is "no-gap" or "unexplained", as the gap is within the noise or beyond,
-    and "ambiguous" where known effects bring it to the noise but are not settled.
+    An effect is certain when it, or its group of at most three, has a probability of `CONFIDENT` and plausible
+    parameters. With certain effects the verdict is "identified" where they bring the gap to the noise and "partly"
+    where they do not; without, "no-gap" or "unexplained", as the gap is within the noise or beyond. It is "ambiguous"
+    where known effects bring the gap to the noise of which the main one is not settled.
     """
     best, none = found.best, found.none
     wrong = {c.name: implausible(c, found.best) for c in best.words}
@@ -61,6 +62,10 @@ def judged(found: Findings) -> Judgement:
     )
     if certain and not few:
         rest = lack_of_fit(found, kept)
+        known = found.of(best.words)
+        settled = not rest or strange or _main(found, known) in {c.name for c in certain}
+        if not settled and not lack_of_fit(found, known):
+            return Judgement("ambiguous", known.words, known, _unsettled(known, certain))
         return Judgement("partly" if rest else "identified", kept.words, kept, (*strange, *_told(rest)))
     gap = lack_of_fit(found, none)
     if gap:
@@ -74,6 +79,19 @@ def judged(found: Findings) -> Judgement:
         return Judgement("no-gap", (), none, tuple(strange))
     known = found.of(best.words)
     return Judgement("ambiguous", known.words, known, tuple(few))
+
+
+def _main(found: Findings, hypothesis: Hypothesis) -> str:
+    """The effect with the greatest share in what a hypothesis explains."""
+    share = shares(found, hypothesis)
+    return max(share, key=lambda name: share[name])
+
+
+def _unsettled(known: Hypothesis, certain: Sequence[Candidate]) -> tuple[str, ...]:
+    """What is certain of effects of which the main one is not settled."""
+    names = [c.name for c in certain]
+    open_ones = [c.name for c in known.words if c.name not in names]
+    return (f"certain: {', '.join(names)}; not settled: {', '.join(open_ones)}",)
 
 
 def _told(text: str) -> tuple[str, ...]:
@@ -180,5 +198,5 @@ def doubtful(found: Findings, named: tuple[Candidate, ...]) -> list[tuple[str, f
     """Effects, `effect @ place`, that may be at work beside the named ones and their groups, with probability."""
     groups: list[Group] = [found.group(c.name) for c in named]
     known = {c.name for c in named} | {other for group in groups for other in group.others}
-    names = {n for h in found.hypotheses for n in h.names if not n.startswith(UNNAMED)}
-    return sorted(((n, found.probability_of([n])) for n in names - known), key=lambda item: (-item[1], item[0]))
+    names = {n for h in found.hypotheses for c in h.words for n in c.signature_of}
+    return sorted(((n, found.stated(n)) for n in names - known), key=lambda item: (-item[1], item[0]))

@@ -51,6 +51,8 @@ _SYMMETRIC_PLATE = ((0, 0), (1, 1), (1, 5), (2, 2), (2, 4), (3, 3), (4, 4), (5, 
 _ENTRY_UNITS = ("m/N", "m/(N·m)", "rad/(N·m)")
 _FOUNDATION_UNIT = 1e-11  # m³/N: internal unit of what a foundation yields, of the size of a bolted contact's
 _RIGID = 1e-30  # m³/N: a foundation that does not yield
+_RIDGE = 1e-9  # relative, by which a compliance is kept positive definite
+_NO_COMPLIANCE = 1e-30  # m/N, rad/(N·m): of a direction that does not yield
 _UNIFORM = 0.02  # relative, to which a uniform beam's entries agree
 _FIRST_FORMAT = {  # words of the first campaign format: effect and place as now, where the robot has such a place
     ("slider-compliance", "sliders"): ("part-compliance", "sliders"),
@@ -373,26 +375,41 @@ def _cantilever(length: float, rates: Array) -> Array:
 
 
 def _entries(nominal: NominalRobot, place: Place, pairs: Sequence[tuple[int, int]]) -> MechanicalEffect:
-    """Entries of a part's compliance; internal parameters are multiples of sqrt(C_ii C_jj)."""
-    compliance = nominal.compliances[place.members[0]]
-    root = np.sqrt(np.diagonal(compliance).clip(min=1e-30))
-    scale = np.array([root[i] * root[j] for i, j in pairs])
-    here = np.array([compliance[pair] for pair in pairs])
+    """Entries of a part's compliance C = L Lᵀ, which becomes L φ(E) Lᵀ: internal parameters are entries of E.
 
-    def changes(values: Array) -> Changes:
-        added = np.zeros((6, 6))
-        for (i, j), value in zip(pairs, values * scale, strict=True):
-            added[i, j] = added[j, i] = value
-        return dict.fromkeys(place.members, Change(added))
+    φ of E's eigenvalues is 1 + e for more compliance and 1/(1 - e) for less, so that no parameters make a part that
+    yields energy.
+    """
+    compliance = nominal.compliances[place.members[0]]
+    rows, columns = np.array(pairs).T
+    pattern = np.zeros((6, 6))
+    pattern[rows, columns] = pattern[columns, rows] = 1.0
+    diagonal = np.diagonal(compliance)
+    root = np.linalg.cholesky(pattern * compliance + np.diag(_RIDGE * diagonal + _NO_COMPLIANCE))
+    back = np.linalg.inv(root)
+
+    def added(values: Array) -> Array:
+        inner = np.zeros((6, 6))
+        inner[rows, columns] = inner[columns, rows] = values
+        e, vectors = np.linalg.eigh(inner)
+        growth = np.where(e < 0.0, e / (1.0 - np.minimum(e, 0.0)), e)  # φ - 1
+        return root @ (vectors * growth) @ vectors.T @ root.T
+
+    def internal(entries: Array) -> Array:
+        change = np.zeros((6, 6))
+        change[rows, columns] = change[columns, rows] = entries - compliance[rows, columns]
+        growth, vectors = np.linalg.eigh(back @ change @ back.T)
+        e = np.where(growth < 0.0, growth / np.maximum(1.0 + growth, _RIDGE), growth)
+        return ((vectors * e) @ vectors.T)[rows, columns]
 
     return MechanicalEffect(
         "part-compliance",
         place.name,
         tuple(f"c{i + 1}{j + 1}" for i, j in pairs),
         tuple(_ENTRY_UNITS[(i > 2) + (j > 2)] for i, j in pairs),
-        changes,
-        lambda values: here + values * scale,
-        lambda entries: (entries - here) / scale,
+        lambda values: dict.fromkeys(place.members, Change(added(values))),
+        lambda values: compliance[rows, columns] + added(values)[rows, columns],
+        internal,
         place.members,
         tuple(f"part-compliance @ {other}" for other in place.others),
     )

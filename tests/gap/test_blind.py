@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +18,14 @@ from distributed import LocalCluster
 from stiffscope.errors import InputError
 from stiffscope.gap import blind
 from stiffscope.gap.blind import run_blind
-from stiffscope.gap.blind_cases import BlindCase, BlindRobot, Fault, Lab, draw, unseal, write_case
+from stiffscope.gap.blind_cases import BlindCase, BlindRobot, Fault, Lab, draw, prepared, unseal, write_case
 from stiffscope.gap.blind_scores import Outcome, outcome_of, score
 from stiffscope.gap.diagnose import diagnose
+from stiffscope.gap.lab.faults import bearing_words
+from stiffscope.gap.lab.measuring import Noise, measure, sigma_of, true_readings
+from stiffscope.gap.lab.writing import write_readings
 from stiffscope.gap.readings import load_campaign
+from stiffscope.gap.robot_model import RobotModel
 from stiffscope.robot.effects import NominalRobot
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import part_matrices
@@ -110,10 +115,45 @@ def test_a_dimension_is_planted_as_the_part_of_that_dimension(labs):
     assert np.array_equal(thinner.bodies["leg1.arm"].compliance, lab.sound.bodies["leg1.arm"].compliance)
 
 
+def test_a_joint_without_an_axis_yields_alike_as_the_model_has_it(labs, tmp_path):
+    """Ball joints of a Delta's rods, in the laboratory and in the model of the diagnosis."""
+    lab = labs("delta")
+    sound = BlindCase("single", 7, (), "gauges")
+    machine, plan, located, rng = prepared(sound, 0, lab)
+    readings = measure(machine, plan, Noise(), rng, located)
+    write_readings(readings, tmp_path, robot="delta", pose=machine.pose, components="beam")
+    model = RobotModel(load_campaign(tmp_path), lab.robot.nominal)
+    fault = Fault("joint-compliance", "leg1.rod1.end", {"radial": 2e-7})
+    soft = next(c for c in model.library if c.name == fault.name)
+    assert soft.names == ("radial",) == bearing_words([lab.sound.joints["leg1.rod1.end"]])
+    lab_has = [true_readings(m, plan, located).value for m in (lab.sound, lab.with_faults([fault]))]
+    expected = model.predict(((soft, (2e-7,)),)).values - model.predict().values
+    assert lab_has[1] - lab_has[0] == pytest.approx(expected, abs=1e-3 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(("number", "style"), [(0, "tool"), (3, "tool"), (15, "gauges")])
+def test_what_is_drawn_shows_beside_whatever_the_others_do(number, style, labs):
+    """By least squares on the laboratory's own readings, with steps of the others' parameters."""
+    lab = labs("five-bar")
+    case = draw(number, 11, lab)
+    assert case.style == style
+    sound, plan, located, _ = prepared(replace(case, faults=()), number, lab)
+    rows = true_readings(sound, plan, located)
+    sigma = sigma_of(rows, Noise())
+
+    def seen(fault):
+        return (true_readings(lab.with_faults([fault]), plan, located).value - rows.value) / sigma
+
+    for fault in case.faults:
+        others = [other for other in case.faults if other is not fault]
+        steps = [replace(o, parameters={**o.parameters, k: 1.1 * v}) for o in others for k, v in o.parameters.items()]
+        columns = np.stack([seen(each) for each in (*others, *steps)], axis=1) if others else np.zeros((len(sigma), 0))
+        left = seen(fault) - columns @ np.linalg.lstsq(columns, seen(fault), rcond=1e-9)[0]
+        assert np.linalg.norm(left) > 7.5
+
+
 def test_effects_that_the_file_carries_are_in_its_machine():
     robot = blind_robot("five-bar")
-    from dataclasses import replace
-
     from stiffscope.robot.sections import Effect
 
     soft = Effect(effect="actuator-stiffness", place="left.motor", parameters={"factor": 0.5})

@@ -54,7 +54,7 @@ def predicted(readings, robot, effect, place, parameters):
     model = RobotModel(readings, robot)
     word = f"{effect} @ {place}"
     known = robot_candidates(RobotAtPoses(robot, model.campaign))
-    fitting = (c for c in known if word in (c.name, *c.twins) and set(parameters) <= set(c.names))
+    fitting = (c for c in known if word in (*c.signature_of, *c.aliases) and set(parameters) <= set(c.names))
     candidate = min(fitting, key=lambda c: len(c.names))
     given = np.array([parameters.get(name, 0.0) for name in candidate.names])
     return model.predict(((candidate, tuple(candidate.internal(given))),)).values

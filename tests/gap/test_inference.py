@@ -267,9 +267,9 @@ def test_the_prior_matters_where_the_readings_say_little():
     strong = conclude(find(planted(model, e0=(0.5,))))
     assert [s.verdict for s in strong.sensitivity] == ["identified"] * 4
     found = find(planted(model, e0=(0.02,)))
-    p = found.probability_of(["effect-0 @ place"])
+    p = found.stated("effect-0 @ place")
     more, less = (found.under(replace(found.problem, odds=f * found.problem.odds)) for f in (10.0, 0.1))
-    assert more.probability_of(["effect-0 @ place"]) > p > less.probability_of(["effect-0 @ place"])
+    assert more.stated("effect-0 @ place") > p > less.stated("effect-0 @ place")
 
 
 def test_the_posterior_opens_in_arviz(tmp_path):
@@ -345,3 +345,35 @@ def test_evidence_agrees_with_nested_sampling():
     one = problem.fit([model.library[0]], np.zeros(2)).known.log_evidence
     none = problem.fit((), np.zeros(0)).known.log_evidence
     assert one - none == pytest.approx(nested, abs=4.0 * sampler.results.logzerr[-1] + 0.05)
+
+
+def twin(model, name, **others):
+    """The model in which other effects have the very signature of one, and one that has its columns among its own."""
+    return replace(model, library=tuple(replace(c, **others) if c.name == name else c for c in model.library))
+
+
+@pytest.mark.parametrize(("count", "verdict"), [(0, "identified"), (2, "identified"), (4, "ambiguous")])
+def test_effects_of_one_signature_share_its_probability(count, verdict):
+    """Two more make a group of three that is certain; four more make one of which three are not."""
+    model = twin(linear_model(np.random.default_rng(12)), "effect-0 @ place",
+                 twins=tuple(f"twin-{k} @ place" for k in range(count)), aliases=("effect-0 @ here",))  # fmt: skip
+    diagnosis = conclude(find(planted(model, e0=(0.5,))))
+    assert diagnosis.verdict == verdict
+    (effect,) = diagnosis.effects
+    assert effect.probability == pytest.approx(1.0 / (1 + count), abs=1e-3)
+    assert effect.group_probability == pytest.approx(min(3, 1 + count) / (1 + count), abs=1e-3)
+    assert effect.confused_with == (tuple(f"twin-{k} @ place" for k in range(min(count, 2))) or ("effect-0 @ here",))
+    others = {f"{p.effect} @ {p.place}" for p in diagnosis.possible}
+    assert others == {f"twin-{k} @ place" for k in range(2, count)}
+
+
+def test_a_main_cause_that_is_not_settled_is_ambiguous():
+    """A small certain effect beside a large one that has any of four signatures."""
+    model = linear_model(np.random.default_rng(13), parameters=(1,))
+    model = twin(model, "effect-0 @ place", twins=tuple(f"twin-{k} @ place" for k in range(3)))
+    large, small = (conclude(find(planted(model, e0=(u,), e1=(v,)))) for u, v in ((0.5, 0.05), (0.05, 0.5)))
+    assert large.verdict == "ambiguous"
+    assert {e.effect for e in large.effects} == {"effect-0", "effect-1"}
+    assert "certain: effect-1 @ place; not settled: effect-0 @ place" in large.remarks
+    assert small.verdict == "partly"
+    assert {e.effect for e in small.effects} == {"effect-1"}

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
+from stiffscope.gap import mechanics
 from stiffscope.gap.campaign import Campaign, LoadPoint, Sensor
 from stiffscope.gap.mechanics import RobotAtPoses
 from stiffscope.gap.quantities import QUANTITIES
@@ -159,7 +160,7 @@ def test_errors_of_the_drives_move_the_tool_as_kinematics_says(name):
     drive = robot.mechanism.drives[0]
     candidate = next(
         k for k in RobotModel(c, robot).library
-        if any(w.startswith("encoder-offset") and (k.action.members == (drive.name,)) for w in (k.name, *k.twins))
+        if any(w.startswith("encoder-offset") and (k.action.members == (drive.name,)) for w in k.signature_of)
     )  # fmt: skip
     values = RobotModel(c, robot).predict(((candidate, (2e-3,)),)).values
     found = configure(robot.mechanism, c.poses)
@@ -265,3 +266,19 @@ def test_what_is_on_no_body_or_at_no_pose_is_refused():
     far[1] = [3.0, 0.0, 0.0]
     with pytest.raises(InputError, match=r"readings.csv:\d+: pose 1: "):
         RobotModel(replace(c, poses=far), robot).predict().values  # noqa: B018 (evaluated where asked for)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_softened_robot_is_that_condensed_anew(name, monkeypatch):
+    """Few elements that yield more: by Woodbury's identity on the sound robot, and by the network with them."""
+    robot = nominal(name)
+    c = readings(robot, ("dx", "dz", "ez", "ky"))
+    library = RobotModel(c, robot).library
+    soft = [k for k in library if k.effect in {"actuator-stiffness", "joint-compliance", "base-compliance"}]
+    pair = tuple((k, tuple(2.0 * s for s in k.scale)) for k in (soft[0], soft[-1]))
+    quick = RobotModel(c, robot).predict(pair)
+    monkeypatch.setattr(mechanics, "_FEW", 0)
+    slow = RobotModel(c, robot).predict(pair)
+    assert not isinstance(slow.elastic._response, mechanics.Softened)
+    assert quick.values == pytest.approx(slow.values, rel=1e-8, abs=1e-9 * np.abs(slow.values).max())
+    assert quick.columns(soft[1]) == pytest.approx(slow.columns(soft[1]), rel=1e-6, abs=1e-12)

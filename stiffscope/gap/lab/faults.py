@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -64,10 +64,20 @@ def _bearing(machine: Machine, place: str, diagonal: Array) -> Machine:
     return machine.with_joints(changed)
 
 
+def bearing_words(joints: Sequence[Joint]) -> tuple[str, ...]:
+    """Return the words of `joint-compliance` that mean anything for some of these joints."""
+    words = {
+        "radial": any(i < 3 and (i > 0 or not joint.directed) for joint in joints for i in joint.held),
+        "axial": any(0 in joint.held and joint.directed for joint in joints),
+        "tilting": any(i > 2 for joint in joints for i in joint.held),
+    }
+    return tuple(word for word, means in words.items() if means)
+
+
 def _joint_compliance(machine: Machine, place: str, parameters: Parameters) -> Machine:
     radial, axial, tilting = _named(parameters, "radial", "axial", "tilting")
     for name, joint in _joints(machine, place).items():
-        along = radial if joint.kind == "fixed" else axial
+        along = axial if joint.directed else radial
         machine = _bearing(machine, name, np.array([along, radial, radial, tilting, tilting, tilting]))
     return machine
 

@@ -92,6 +92,8 @@ class Joint:
     bearing: Array
     """(6, 6) compliance in the joint's axes along and about what it holds, without the drive."""
     drive: Drive | None = None
+    directed: bool = True
+    """Whether its file gives an axis: what has none yields alike in all directions that it holds."""
 
     @property
     def drawn(self) -> Joint:
@@ -313,7 +315,7 @@ def _joint(robot: RobotFile, name: str, section: JointSection) -> Joint:
         rotation = np.asarray(robot.copied[name].rotation)
         relative = np.kron(np.eye(2), axes.T @ rotation @ _axes(axis, axis2, rotation.T))
         bearing = relative @ bearing @ relative.T
-    return Joint(name, *section.between, section.type, at, at, at, axes, second, bearing, spring)
+    return Joint(name, *section.between, section.type, at, at, at, axes, second, bearing, spring, axis is not None)
 
 
 def _axes(axis: Array | None, axis2: Array | None, rotation: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +12,7 @@ from stiffscope.gap.lab.measuring import sigma_of
 from stiffscope.gap.lab.response import Spot, respond, tool_spot
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from stiffscope.gap.lab.closure import Located
     from stiffscope.gap.lab.machine import Machine
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 _JOINT = ([0.0, 1, 1, 0, 0, 0], [1.0, 0, 0, 0, 0, 0], [0.0, 0, 0, 1, 1, 1])  # radial, axial, tilting
 _GUIDE = ([0.0, 1, 0, 0, 0, 0], [0.0, 0, 1, 0, 0, 0], [0.0, 0, 0, 1, 1, 1])
 _ALONG = np.eye(6)[0]
+_ENTRIES = [(i, j) for i in range(6) for j in range(i, 6)]
+_DEPENDENT = 1e-9  # relative singular value of columns that say nothing of their own
 
 
 class Signatures:
@@ -63,10 +66,13 @@ class Signatures:
         if effect in {"actuator-stiffness", "encoder-offset"}:
             along = {name: np.eye(6)[DRIVEN[joints[name].kind]] for name in members}
             return self._moved(along) if effect == "encoder-offset" else self._added({n: [d] for n, d in along.items()})
-        if effect in shapes:
-            return self._added({n: [self._held(n, np.array(shape)) for shape in shapes[effect]] for n in members})
-        if effect in added:
-            return self._added({added[effect]: list(np.eye(6))})
+        if effect == "part-compliance":
+            return self._entries(members)
+        if effect in added or effect in shapes:
+            held = {} if effect in added else {
+                n: [self._held(n, np.array(shape)) for shape in shapes[effect]] for n in members
+            }  # fmt: skip
+            return self._added(held or {added[effect]: list(np.eye(6))})
         if effect in {"link-length", "thermal"}:
             grown = {n: bodies[n].expansion * bodies[n].length if effect == "thermal" else 1.0 for n in members}
             return self._moved({name: size * _ALONG for name, size in grown.items()})
@@ -75,8 +81,19 @@ class Signatures:
             return np.where(scaled, self._rows.value / self.sigma, 0.0)[:, None]
         return self._spread(softer) if softer else None
 
+    def _entries(self, members: Sequence[str]) -> Array:
+        """Columns (r, 21) of the entries of a compliance that all of these bodies have."""
+        columns: list[Array] = []
+        for i, j in _ENTRIES:
+            entry = np.zeros((6, 6))
+            entry[i, j] = entry[j, i] = 1.0
+            columns.append(self._spread(dict.fromkeys(members, entry)))
+        return np.hstack(columns)
+
     def _held(self, name: str, diagonal: Array) -> Array:
         joint = self._machine.joints[name]
+        if not joint.directed:  # alike in all directions
+            diagonal = np.array([diagonal[1], *diagonal[1:]])
         free = () if joint.kind == "universal" else FREE[joint.kind]
         return np.array([0.0 if i in free else value for i, value in enumerate(diagonal)])
 
@@ -108,9 +125,26 @@ class Signatures:
         return (shown[rows.pose, rows.channel, rows.load] / self.sigma)[:, None]  # load -1: the last
 
 
-def unexplained(signature: Array, columns: Array) -> float:
-    """Norm of what is left of a signature (r,) when columns (r, k) are fitted to it."""
+def spanned(columns: Array) -> Array:
+    """Return an orthonormal basis (r, m) of what columns (r, k) span."""
     size = np.linalg.norm(columns, axis=0)
     basis, values, _ = np.linalg.svd(columns[:, size > 0] / size[size > 0], full_matrices=False)
-    basis = basis[:, values > 1e-9 * values.max(initial=0.0)]
-    return float(np.linalg.norm(signature - basis @ (basis.T @ signature)))
+    return basis[:, values > _DEPENDENT * values.max(initial=0.0)]
+
+
+def apart(columns: Array, basis: Array) -> Array:
+    """Return what an orthonormal basis (r, m) does not span of columns (r, k)."""
+    return columns - basis @ (basis.T @ columns)
+
+
+def closest(signature: Array, columns: Array, most: int) -> float:
+    """Norm of what is left of a signature (r,) when at most so many of the columns (r, k) are fitted to it."""
+    size = np.linalg.norm(columns, axis=0)
+    unit = columns[:, size > 0.0] / size[size > 0.0]
+    gram, pull, whole = unit.T @ unit, unit.T @ signature, float(signature @ signature)
+    best = whole
+    for some in combinations(range(unit.shape[1]), min(most, unit.shape[1])):
+        here = np.ix_(some, some)
+        fitted = pull[list(some)] @ np.linalg.pinv(gram[here], rcond=_DEPENDENT, hermitian=True) @ pull[list(some)]
+        best = min(best, whole - float(fitted))
+    return float(np.sqrt(max(best, 0.0)))
