@@ -28,7 +28,7 @@ _SWEEPS = 2  # over the effects, for their prior sizes
 
 @dataclass(frozen=True)
 class Projection:
-    """Columns (n, c) as inner products need them: what features leave of them, by stated and scaled noise, and the rest.
+    """Columns (n, c) as inner products need them: what features leave, by stated and scaled noise, and the rest.
 
     Together squares of these make the column's, so that an inner product is a sum of products with positive weights: a
     difference would be rounding where a few readings are far more certain than others.
