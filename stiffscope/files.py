@@ -254,7 +254,7 @@ def check_output(target: str | Path, *others: str | Path | None) -> None:
     if status and goal.is_mount():
         raise InputError(f"{target}: a disk of its own cannot be replaced as a whole; try {Path(target) / 'out'}")
     for other in filter(None, others):
-        if Path(other).resolve().is_relative_to(goal):
+        if _resolved(Path(other)).is_relative_to(goal):
             raise InputError(f"{other}: is in {target}, which is replaced as a whole; give a file elsewhere")
     if status and (foreign := _foreign(goal)):
         raise InputError(f"{target}: {foreign}; give a new or empty folder")
@@ -266,6 +266,13 @@ def check_output(target: str | Path, *others: str | Path | None) -> None:
             (folder / goal.name).mkdir()
     except OSError as error:
         raise _unwritable(target, error) from error
+
+
+def _resolved(path: Path) -> Path:
+    try:
+        return path.resolve()
+    except (OSError, RuntimeError, ValueError) as error:  # a circle of links, a name that no file can have
+        raise _unwritable_file(path, error) from error
 
 
 def _unwritable(target: str | Path, error: Exception) -> InputError:

@@ -84,6 +84,9 @@ def test_a_file_of_its_own_is_not_in_an_output_folder(tmp_path):
         with pytest.raises(InputError, match=r"a\.json: is in .*out, which is replaced as a whole"):
             check_output(tmp_path / "out", None, str(file))
     check_output(tmp_path / "out", None, "-", tmp_path / "a.json")
+    (tmp_path / "round.json").symlink_to(tmp_path / "round.json")
+    with pytest.raises(InputError, match=r"round\.json: cannot be written"):
+        check_output(tmp_path / "out", None, tmp_path / "round.json")
 
 
 def test_json_is_strict_and_readable(tmp_path, capsys):
