@@ -194,11 +194,48 @@ def staged_folder(target: str | Path) -> Iterator[Path]:
             _seal(aside)
         except BaseException as error:
             shutil.rmtree(aside, ignore_errors=True)
-            if isinstance(error, OSError) and error.errno in FULL:
-                raise _unwritable(target, error) from error
+            if full := _full(error):
+                raise _unwritable(target, full) from error
             raise
         with _undisturbed():
             _exchange(aside, goal, target)
+
+
+@contextlib.contextmanager
+def new_folder(target: str | Path) -> Iterator[Path]:
+    """Give a folder to fill; when the block ends well it becomes `target`, in one step, and is the user's from then on.
+
+    Raises
+    ------
+    InputError
+        `target` is there already, or cannot be written, or its disk is full.
+
+    """
+    there = InputError(f"{shown(target)}: expected a folder that is not there yet, got one that is")
+    if os.path.lexists(target):
+        raise there
+    check_output(target)
+    goal = Path(target).resolve()
+    try:
+        goal.parent.mkdir(parents=True, exist_ok=True)
+        with scratch_folder(goal.parent) as scratch:
+            aside = scratch / goal.name
+            aside.mkdir()
+            yield aside
+            if os.path.lexists(goal):
+                raise there
+            aside.rename(goal)
+    except (OSError, InputError) as error:
+        full = _full(error)
+        if full or isinstance(error, OSError):
+            raise _unwritable(target, full or error) from error
+        raise
+
+
+def _full(error: BaseException) -> OSError | None:
+    """The error of a full disk that is behind another, if one is."""
+    cause = error.__cause__ if isinstance(error, InputError) else error
+    return cause if isinstance(cause, OSError) and cause.errno in FULL else None
 
 
 def check_output(target: str | Path, *others: str | Path | None) -> None:
@@ -217,7 +254,7 @@ def check_output(target: str | Path, *others: str | Path | None) -> None:
     if status and goal.is_mount():
         raise InputError(f"{target}: a disk of its own cannot be replaced as a whole; try {Path(target) / 'out'}")
     for other in filter(None, others):
-        if Path(other).resolve().is_relative_to(goal):
+        if _resolved(Path(other)).is_relative_to(goal):
             raise InputError(f"{other}: is in {target}, which is replaced as a whole; give a file elsewhere")
     if status and (foreign := _foreign(goal)):
         raise InputError(f"{target}: {foreign}; give a new or empty folder")
@@ -229,6 +266,13 @@ def check_output(target: str | Path, *others: str | Path | None) -> None:
             (folder / goal.name).mkdir()
     except OSError as error:
         raise _unwritable(target, error) from error
+
+
+def _resolved(path: Path) -> Path:
+    try:
+        return path.resolve()
+    except (OSError, RuntimeError, ValueError) as error:  # a circle of links, a name that no file can have
+        raise _unwritable_file(path, error) from error
 
 
 def _unwritable(target: str | Path, error: Exception) -> InputError:

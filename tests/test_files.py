@@ -13,6 +13,7 @@ from stiffscope.files import (
     check_json,
     check_output,
     copy_files,
+    new_folder,
     remove_copied,
     scratch_folder,
     staged_folder,
@@ -83,6 +84,9 @@ def test_a_file_of_its_own_is_not_in_an_output_folder(tmp_path):
         with pytest.raises(InputError, match=r"a\.json: is in .*out, which is replaced as a whole"):
             check_output(tmp_path / "out", None, str(file))
     check_output(tmp_path / "out", None, "-", tmp_path / "a.json")
+    (tmp_path / "round.json").symlink_to(tmp_path / "round.json")
+    with pytest.raises(InputError, match=r"round\.json: cannot be written"):
+        check_output(tmp_path / "out", None, tmp_path / "round.json")
 
 
 def test_json_is_strict_and_readable(tmp_path, capsys):
@@ -210,6 +214,12 @@ def test_a_full_disk_is_one_line_and_nothing_is_left(tmp_path):
                 (folder / "large").write_bytes(bytes(1 << 20))
         with pytest.raises(InputError, match="No space left on device"):
             write_json(disk / "a.json", list(range(100_000)))
+        with pytest.raises(InputError, match=r"disk/out: the output folder cannot be written \(No space"):  # noqa: SIM117
+            with staged_folder(disk / "out") as folder:
+                write_json(folder / "a.json", list(range(100_000)))
+        with pytest.raises(InputError, match=r"disk/new: the output folder cannot be written \(No space"):  # noqa: SIM117
+            with new_folder(disk / "new") as folder:
+                (folder / "large").write_bytes(bytes(1 << 20))
         assert os.listdir(disk) == []
     finally:
         subprocess.run(["umount", disk], check=True)
@@ -241,3 +251,15 @@ def test_only_json_is_replaced_by_json(tmp_path):
         (tmp_path / "a.json").write_text(text)
         check_json(tmp_path / "a.json")
     check_json(tmp_path / "b.json")
+
+
+def test_a_new_folder_is_never_one_that_is_there(tmp_path):
+    with new_folder(tmp_path / "a" / "new") as folder:
+        (folder / "plan").write_text("1")
+    assert [p.relative_to(tmp_path).as_posix() for p in sorted(tmp_path.rglob("*"))] == ["a", "a/new", "a/new/plan"]
+    with pytest.raises(InputError, match=r"late: expected a folder that is not there yet"):  # noqa: SIM117
+        with new_folder(tmp_path / "late") as folder:
+            (folder / "plan").write_text("1")
+            (tmp_path / "late").mkdir()
+    assert not list((tmp_path / "late").iterdir())
+    assert sorted(os.listdir(tmp_path)) == ["a", "late"]

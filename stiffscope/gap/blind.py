@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 from dataclasses import asdict, dataclass
@@ -117,6 +118,17 @@ def _open(folder: Path, check: str) -> None:
         raise InputError(f"{folder}: expected the cases of this check, got those of another; delete them to start anew")
 
 
+def _begin(folder: Path, check: str) -> None:
+    """Note in a folder which check it holds."""
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        write_bytes(folder / _RUN, check.encode())
+    except InputError:
+        with contextlib.suppress(OSError):  # where it is not empty, nobody has lost anything
+            folder.rmdir()
+        raise
+
+
 def _text(content: Any) -> str:
     return json.dumps(content, indent=1)
 
@@ -143,8 +155,7 @@ def _work(
     workers: int, scheduler: str | None,
 ) -> None:  # fmt: skip
     with cluster(scheduler, min(workers, len(tasks))) as client:
-        folder.mkdir(parents=True, exist_ok=True)
-        write_bytes(folder / _RUN, check.encode())
+        _begin(folder, check)
         known = {robot.name: client.scatter(robot, broadcast=True, hash=False) for robot in robots}
         running = {client.submit(solve, known[task.robot], task, pure=False, retries=1): task for task in tasks}
         for done, (task, future) in enumerate(finished(client, running), 1):

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope import files
-from stiffscope.errors import InputError
 from stiffscope.gap.campaign import LoadPoint, Sensor
 from stiffscope.gap.campaign_io import section_lines, table_text
 from stiffscope.gap.quantities import WRENCH
@@ -47,18 +46,16 @@ def write_template(robot: RobotFile, name: str, folder: Path) -> tuple[int, int]
     Raises
     ------
     InputError
-        The folder is there.
+        The folder is there, or cannot be written.
 
     """
-    if folder.exists():
-        raise InputError(f"{folder}: expected a folder that is not there yet, got one that is")
-    sensors, hook = example_sensors(robot), LoadPoint("hook", robot.tool.body, _tuple(robot.tool.at))
-    poses = planned_poses(robot)
-    columns = _plan(robot, poses, sensors, hook)
-    folder.mkdir(parents=True)
-    text = "\n".join([*_header(robot, name), *section_lines(sensors, [hook])]) + "\n"
-    files.write_bytes(folder / "campaign.toml", text.encode())
-    files.write_bytes(folder / "readings.csv", table_text(columns).encode())
+    with files.new_folder(folder) as aside:
+        sensors, hook = example_sensors(robot), LoadPoint("hook", robot.tool.body, _tuple(robot.tool.at))
+        poses = planned_poses(robot)
+        columns = _plan(robot, poses, sensors, hook)
+        text = "\n".join([*_header(robot, name), *section_lines(sensors, [hook])]) + "\n"
+        (aside / "campaign.toml").write_bytes(text.encode())
+        (aside / "readings.csv").write_bytes(table_text(columns).encode())
     return len(poses), len(columns["value"])
 
 
