@@ -130,7 +130,7 @@ def frf(
     curves = np.stack([
         frequency_response(made.mechanism, one, shaken, read, hertz, damping=damping, drives=drives) for one in each
     ])  # fmt: skip
-    response = report.Response(asked.names, hertz, curves, source, target, damping)
+    response = report.Response(asked.names, hertz, curves, source, target, damping, asked.configurations.tool)
     with files.staged_folder(out) as folder:
         report.write(response, folder, f"{robot.name}: response at {target} to {source}")
         manifest.write(folder)

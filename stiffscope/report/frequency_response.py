@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stiffscope.report.figures import new_figure, save_figures
+from stiffscope.vjm.mechanism import COORDINATES
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -29,6 +30,8 @@ class Response:
     source: str
     target: str
     damping: float
+    tool: np.ndarray
+    """(n, 6) tool poses: x y z in m, rotation vector from home in rad."""
 
     @property
     def unit(self) -> str:
@@ -75,10 +78,14 @@ def as_dataset(response: Response, title: str) -> xr.Dataset:
         name: (("pose", "frequency"), array, {"units": unit, "long_name": words})
         for name, (array, unit, words) in kinds.items()
     }
-    places = {
+    places: dict[str, Any] = {
         "frequency": ("frequency", response.hertz, {"units": "Hz", "long_name": "frequency"}),
         "pose": ("pose", np.array(response.names, dtype=str), {"long_name": "tool pose"}),
     }
+    for k, axis in enumerate(COORDINATES):
+        words = "tool point M" if k < 3 else "rotation vector of the tool from home"
+        meant = {"units": "m" if k < 3 else "rad", "long_name": f"{words}, {axis[-1]}"}
+        places[f"tool_{axis}"] = ("pose", response.tool[:, k], meant)
     about = {
         "title": title, "source": "stiffscope", "Conventions": "CF-1.8", "force_at": response.source,
         "displacement_at": response.target, "modal_damping_ratio": response.damping,

@@ -55,6 +55,8 @@ def show_effects(diagnosis: Diagnosis, slider: np.ndarray | None, *, details: bo
         ]
         for k, parameter in enumerate(parameters or [("none", "", "", *[""] * len(more))]):
             rows.append((*(("",) * 4 if k else first), *parameter))
+    if not any(row[-1] for row in rows) and details:  # nothing to remark
+        groups, rows = (*groups[:-1], more[:-1]), [row[:-1] for row in rows]
     show_table("Effects", groups, rows, prose=("effect @ place",))
 
 

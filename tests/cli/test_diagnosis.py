@@ -63,6 +63,12 @@ def test_an_adopted_effect_closes_the_gap(soft_drive, tmp_path, capsys):
     assert json.loads((tmp_path / "closed" / "diagnosis.json").read_text())["verdict"] == "no-gap"
     page = (found / "report.html").read_text()
     assert page.count("data:image/svg+xml") == 5
+    data = json.loads(page.partition('<script type="application/json">')[2].partition("</script>")[0])
+    assert data["quantity"] == "share of the gap"
+    assert "limb1.actuator" in data["elements"]
+    sizes = [float(pose["cases"][0]["note"].split()[1]) for pose in data["poses"]]
+    assert sizes == sorted(sizes, reverse=True)
+    assert len(sizes) == len(json.loads((found / "diagnosis.json").read_text())["where"]["poses"])
 
 
 @pytest.mark.slow

@@ -21,6 +21,8 @@ from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.yielding import deflection
 from tests.report.browser import CHROMIUM, browser
+from tests.report.test_diagnosis_report import write
+from tests.report.test_terminal import diagnosed
 
 AXE = Path(__file__).parent / "axe" / "node_modules" / "axe-core" / "axe.min.js"
 DRAWN = "document.querySelector('.robot-view').dataset.drawn === 'yes'"
@@ -149,8 +151,13 @@ def test_drag_keys_and_choice_of_a_load(tab, report):
 @needs_chromium
 @pytest.mark.parametrize("width", [390, 1200])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_fits_its_width_and_axe_finds_nothing(tab, report, width, scheme):
-    opened(tab, report, width=width, prefers_color_scheme=scheme)
+@pytest.mark.parametrize("of", ["run", "diagnosis"])
+def test_fits_its_width_and_axe_finds_nothing(tab, report, tmp_path, of, width, scheme):
+    if of == "run":
+        opened(tab, report, width=width, prefers_color_scheme=scheme)
+    else:
+        write(tmp_path, diagnosed())
+        tab.open(tmp_path / "report.html", width=width, prefers_color_scheme=scheme)
     assert tab.run("document.documentElement.scrollWidth") <= width
     if not AXE.exists():
         pytest.skip("axe-core is missing: npm ci --prefix tests/report/axe")
