@@ -16,6 +16,7 @@ from pydantic_core import PydanticUndefined
 import stiffscope
 from stiffscope.cli.main import _guarded
 from stiffscope.robot import part_sections, sections
+from stiffscope.robot.study_file import SECTIONS
 from stiffscope.robot.values import Reads, Says
 
 if TYPE_CHECKING:
@@ -52,10 +53,12 @@ ANSWERS = {
 class RobotFileKeys(Directive):
     """Tables of every key of a robot file."""
 
+    tables = TABLES
+
     def run(self) -> list[nodes.Node]:
         """Return a section's paragraphs and tables."""
         lines: list[str] = []
-        for title, model in TABLES:
+        for title, model in self.tables:
             lines += [f"### {title}", "", inspect.cleandoc(model.__doc__ or ""), "", "| key | takes | default |"]
             lines += ["|---|---|---|"]
             for name, field in model.model_fields.items():
@@ -63,6 +66,12 @@ class RobotFileKeys(Directive):
                 lines.append(f"| `{field.alias or name}` | {_takes(field)} | {default} |")
             lines.append("")
         return _parsed(self, lines)
+
+
+class StudyFileKeys(RobotFileKeys):
+    """Tables of every key of a study's file."""
+
+    tables = SECTIONS
 
 
 class AnswerFields(Directive):
@@ -145,6 +154,7 @@ def _word(value: Any) -> str:
 def setup(app: Sphinx) -> dict[str, Any]:
     """Add the directives."""
     app.add_directive("robot-file-keys", RobotFileKeys)
+    app.add_directive("study-file-keys", StudyFileKeys)
     app.add_directive("answer-fields", AnswerFields)
     app.add_directive("facade", Facade)
     return {"parallel_read_safe": True}
