@@ -217,6 +217,7 @@ def examine(
         rigid=settings.interface == "rigid",
         time_limit=settings.time_limit,
         threads=settings.threads,
+        tolerance=settings.tolerance,
     )
     meshed = time.perf_counter()
     _report(progress, "solve", 0.5)

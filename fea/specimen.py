@@ -28,6 +28,8 @@ CLOSER = 3.0  # ratio of successive envelopes: one larger than the height of a s
 GOOD_SHAPE = 3e-5
 
 GRADING_RATIO = 0.25  # cutting at a quarter reduces the error three times as much as halving, for as many elements
+USUAL_BOUND = 4e-3  # relative; the usual size leaves about half of it in plain parts
+COARSEST = 1.6  # times the usual size; beyond, meshes have no fewer elements
 
 
 @dataclass(frozen=True)
@@ -83,8 +85,11 @@ def mesh_specimen(
     time_limit: float = 300.0,
     threads: int = 0,
     patience: float = PATIENCE,
+    tolerance: float | None = None,
 ) -> TetMesh:
     """Return the quadratic mesh of a specimen, snapped to its CAD surface and graded at singular edges.
+
+    Without a ``size`` that is chosen from the part, and is larger for a large ``tolerance`` of the solution.
 
     After ``patience`` seconds no further attempt at a better geometry is made.
 
@@ -97,13 +102,19 @@ def mesh_specimen(
         mesh = snap(flat.points, flat.cells, specimen.surface, specimen.project, flat.size, flat.tags)
         _check(specimen, mesh)
     else:
-        size = size or default_size(specimen.volume, sum(face.area for face in specimen.surface.faces))
+        usual = default_size(specimen.volume, sum(face.area for face in specimen.surface.faces))
+        size = size or usual * _coarsening(tolerance)
         envelope = envelope or default_envelope(specimen.surface, size)
         mesh = _best_mesh(specimen, size, envelope, time_limit, threads, patience)
     edges, _ = singular_edges(mesh, specimen.fixed(rigid=rigid))
     graded = grade(mesh, edges, layers, GRADING_RATIO)
     logger.info("%s: %d nodes, %d tetrahedra", specimen.name, len(graded.points), len(graded.cells))
     return graded
+
+
+def _coarsening(tolerance: float | None) -> float:
+    """Return how many times the usual size serves a tolerance: the bound grows with the square of the size."""
+    return min(COARSEST, max(1.0, (tolerance / USUAL_BOUND) ** 0.5)) if tolerance else 1.0
 
 
 def _best_mesh(

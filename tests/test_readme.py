@@ -75,6 +75,7 @@ def place(tmp_path_factory):
     folder = tmp_path_factory.mktemp("readme")
     write_step(build(robot.dimensions("slider"), robot.material("slider")), folder / "part.step")
     (folder / "data").symlink_to(ROOT / "data")
+    (folder / "examples").symlink_to(ROOT / "examples")
     (folder / "mine.toml").write_text((ROOT / "data" / "robots" / "delta.toml").read_text())
     (folder / "arm.urdf").write_text(ARM)
     with pytest.MonkeyPatch.context() as patch:
@@ -115,6 +116,7 @@ def test_examples(line):
 
 def test_the_python_way(place, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
     names: dict = {}
     for block in blocks("python"):
         exec(compile(block, "README.md", "exec"), names)  # noqa: S102

@@ -21,6 +21,7 @@ from stiffscope.cli.main import _guarded
 from stiffscope.gap.campaign_header import _KEYS, _LOAD, _SENSOR
 from stiffscope.gap.quantities import DEFLECTIONS, DEVIATIONS, FREQUENCIES, PUSHES, STIFFNESSES
 from stiffscope.robot import part_sections, sections
+from stiffscope.robot.study_file import SECTIONS
 from stiffscope.robot.values import Reads, Says
 from stiffscope.robot.vocabulary import EFFECTS
 
@@ -106,10 +107,12 @@ QUANTITIES_READ = {
 class RobotFileKeys(Directive):
     """Tables of every key of a robot file."""
 
+    tables = TABLES
+
     def run(self) -> list[nodes.Node]:
         """Return a section's paragraphs and tables."""
         lines: list[str] = []
-        for title, model in TABLES:
+        for title, model in self.tables:
             lines += [f"### {title}", "", inspect.cleandoc(model.__doc__ or ""), "", "| key | takes | default |"]
             lines += ["|---|---|---|"]
             for name, field in model.model_fields.items():
@@ -117,6 +120,12 @@ class RobotFileKeys(Directive):
                 lines.append(f"| `{field.alias or name}` | {_takes(field)} | {default} |")
             lines.append("")
         return _parsed(self, lines)
+
+
+class StudyFileKeys(RobotFileKeys):
+    """Tables of every key of a study's file."""
+
+    tables = SECTIONS
 
 
 class CampaignKeys(Directive):
@@ -251,6 +260,7 @@ def _word(value: Any) -> str:
 def setup(app: Sphinx) -> dict[str, Any]:
     """Add the directives."""
     app.add_directive("robot-file-keys", RobotFileKeys)
+    app.add_directive("study-file-keys", StudyFileKeys)
     app.add_directive("campaign-keys", CampaignKeys)
     app.add_directive("answers", Answers)
     app.add_directive("gallery", Gallery)

@@ -2,7 +2,9 @@
 
 import json
 import math
+import re
 import shutil
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -211,6 +213,14 @@ def test_bad_study_files_name_line_and_field(rod, change):
     file.write_text(file.read_text().replace(*change))
     with pytest.raises(InputError, match=REFUSED[change]):
         load_study(file)
+
+
+def test_the_file_in_the_guide_is_one(tmp_path):
+    guide = (Path(__file__).parents[2] / "docs" / "guides" / "study.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"```toml\n(.*?)```", guide, re.DOTALL)
+    (tmp_path / "study.toml").write_text(block)
+    file = load_study(tmp_path / "study.toml")
+    assert (len(file.variables), len(file.responses), len(file.limits), len(file.goals)) == (5, 5, 2, 2)
 
 
 def test_command_writes_table_pictures_and_robots_that_run(rod, tmp_path, capsys):

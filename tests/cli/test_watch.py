@@ -1,0 +1,88 @@
+"""`stiffscope run --watch`: a saved file is run again, a bad one is told, and the page says which run it shows."""
+
+import re
+import shutil
+import threading
+import time
+
+import pytest
+
+from stiffscope.cli.main import _guarded
+from stiffscope.jobs.watching import changes, differences, sources
+from tests.jobs.one_part import MATRIX, ROD, STEP, one_part
+
+
+def test_content_decides_what_has_changed(tmp_path):
+    one, two = tmp_path / "one", tmp_path / "two"
+    one.write_text("a")
+    two.write_text("b")
+    watch = changes([one, two])
+    next(watch)
+    found = []
+    thread = threading.Thread(target=lambda: found.append(next(watch)), daemon=True)
+    thread.start()
+    one.write_text("a")  # saved, not changed
+    shutil.copyfile(two, tmp_path / "aside")
+    two.unlink()
+    time.sleep(0.3)
+    (tmp_path / "aside").rename(two)  # as editors save
+    time.sleep(0.3)
+    assert thread.is_alive()
+    one.write_text("c")
+    thread.join(5)
+    assert found == [None]
+
+
+def test_sources_and_differences(tmp_path):
+    robot = one_part(tmp_path, STEP)
+    assert sources(robot) == [tmp_path / "robot.toml", tmp_path / "bar.step"]
+    before = one_part(tmp_path, ROD)
+    after = one_part(tmp_path, ROD.replace('"6 mm"', '"7 mm"').replace("8 mm", "9 mm"))
+    assert differences(before, before) == []
+    assert differences(before, after) == ["bar 1.radius 6 mm → 7 mm", "bar 1.mesh.size 8 mm → 9 mm"]
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Pictures take processes of their own, which this does not try."""
+    monkeypatch.setattr("stiffscope.report.kept_pictures.write_run_pictures", lambda *_: None)
+    monkeypatch.setattr("stiffscope.jobs.watching.keep_warm", lambda: None)
+
+
+def test_each_saved_file_is_run_and_a_bad_one_is_told(tmp_path, monkeypatch, capsys, undrawn):
+    one_part(tmp_path, MATRIX)
+    file, out = tmp_path / "robot.toml", tmp_path / "out"
+    text = file.read_text()
+    saved = [text.replace("stiffness = 1e7", "stiffness = 2e7"), text.replace("prismatic", "prismatik"), text]
+    states = []
+
+    def edited(_files):
+        yield
+        for each in saved:
+            file.write_text(each)
+            yield
+            states.append(capsys.readouterr())
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("stiffscope.jobs.watching.changes", edited)
+    assert _guarded(["run", str(file), "--out", str(out), "--watch"]) == 0
+    changed, bad, back = states
+    assert "slide.drive.stiffness 10000000.0 → 20000000.0" in changed.out
+    stiffer = (1 / 1e7 + 1e-8) / (1 / 2e7 + 1e-8)  # drive and part in series
+    assert f"{100 * (stiffer - 1):+.2f} %" in changed.out
+    assert "robot.toml" in bad.err
+    assert 'did you mean "prismatic"' in bad.err
+    assert "before" not in bad.out
+    assert f"{100 * (1 / stiffer - 1):+.2f} %" in back.out
+    state = re.search(r'state: "(.+?)"', (out / "state.html").read_text())
+    assert state
+    assert f'"{state[1]}") location.reload()' in (out / "report.html").read_text()
+
+
+def test_a_run_that_is_not_watched_has_no_script_that_reloads(tmp_path, undrawn):
+    one_part(tmp_path, MATRIX)
+    assert _guarded(["run", str(tmp_path / "robot.toml"), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "default-src 'none'" in page
+    assert "location.reload" not in page
+    assert not (tmp_path / "out" / "state.html").exists()
