@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from stiffscope.gap.diagnosis import NextMeasurement
     from stiffscope.gap.findings import Findings
     from stiffscope.gap.forward_model import Candidate, ForwardModel
-    from stiffscope.gap.search import Hypothesis
+    from stiffscope.gap.hypothesis import Hypothesis
     from stiffscope.gap.verdict import Judgement
     from stiffscope.robot.effects import NominalRobot
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from stiffscope.gap.forward_model import Trial
-    from stiffscope.gap.search import Hypothesis
+    from stiffscope.gap.hypothesis import Hypothesis
 
     Array = NDArray[np.floating[Any]]
 

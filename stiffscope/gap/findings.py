@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.gap.fitting import Problem
 from stiffscope.gap.residuals import percent_rms
-from stiffscope.gap.search import Problem
+from stiffscope.gap.search import Search
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -18,7 +19,8 @@ if TYPE_CHECKING:
 
     from stiffscope.gap.campaign import Campaign
     from stiffscope.gap.forward_model import Candidate, ForwardModel, Noise
-    from stiffscope.gap.search import Hypothesis, Progress
+    from stiffscope.gap.hypothesis import Hypothesis
+    from stiffscope.gap.search import Progress
 
     Array = NDArray[np.floating[Any]]
     Flags = NDArray[np.bool_]
@@ -215,7 +217,7 @@ def find(model: ForwardModel, progress: Progress | None = None) -> Findings:
     """Search a model's effects and nuisance patterns for those that explain its campaign."""
     problem = Problem(model, _without_copies(model.campaign, model.noise()))
     distinct: dict[frozenset[str], Hypothesis] = {}
-    for hypothesis in problem.search(progress):  # the best fit of every set of effects
+    for hypothesis in Search(problem, progress).hypotheses():  # the best fit of every set of effects
         distinct.setdefault(hypothesis.names, hypothesis)
     return _ranked(problem, [(h, h.evidence) for h in distinct.values()])
 

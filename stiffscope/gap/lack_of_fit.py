@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from stiffscope.gap.findings import Findings
-    from stiffscope.gap.search import Hypothesis
+    from stiffscope.gap.hypothesis import Hypothesis
 
     Array = NDArray[np.floating[Any]]
 

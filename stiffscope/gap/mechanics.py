@@ -456,13 +456,17 @@ class Softened:
 
     def node(self, name: str) -> Array:
         """Twist (n, 6, cases) of a node at M in base axes."""
-        moved = (cut.nodes[name] @ slip for cut, slip in zip(self.cuts, self.slips, strict=True))
-        return sum(moved, self.sound.nodes[name])
+        out = self.sound.nodes[name]
+        for cut, slip in zip(self.cuts, self.slips, strict=True):
+            out = out + cut.nodes[name] @ slip
+        return out
 
     def wrench(self, name: str) -> Array:
         """Wrench (n, 6, cases) that an element carries, at its own point in its own axes."""
-        relief = (cut.elements[name].wrench @ slip for cut, slip in zip(self.cuts, self.slips, strict=True))
-        return sum(relief, self.sound.elements[name].wrench)
+        out = self.sound.elements[name].wrench
+        for cut, slip in zip(self.cuts, self.slips, strict=True):
+            out = out + cut.elements[name].wrench @ slip
+        return out
 
 
 def softened(at: RobotAtPoses, added: Mapping[str, Array]) -> Softened:

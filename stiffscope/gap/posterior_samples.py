@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from stiffscope.gap.findings import Findings
     from stiffscope.gap.forward_model import Candidate
-    from stiffscope.gap.search import Hypothesis
+    from stiffscope.gap.hypothesis import Hypothesis
 
     Array = NDArray[np.floating[Any]]
     Flags = NDArray[np.bool_]

@@ -11,8 +11,9 @@ from stiffscope.gap.diagnose import conclude
 from stiffscope.gap.diagnosis import to_json
 from stiffscope.gap.evidence import constrained_minima, errors_of, posterior
 from stiffscope.gap.findings import find
+from stiffscope.gap.fitting import Problem
 from stiffscope.gap.posterior_samples import write_posterior
-from stiffscope.gap.search import Problem
+from stiffscope.gap.search import Search
 from stiffscope.gap.verdict import shares
 from tests.gap.synthetic import linear_model
 
@@ -94,7 +95,7 @@ def test_scores_to_first_order_are_those_of_the_fit_where_the_model_is_linear():
     model = planted(linear_model(np.random.default_rng(3)), e2=(0.2, 0.1, -0.1), e4=(0.3, 0.2))
     problem = Problem(model, model.noise())
     first = problem.fit([model.library[2]], np.zeros(3))
-    for start in list(problem._scored(first, problem.nominal))[::4]:
+    for start in list(Search(problem).scored(first, problem.nominal))[::4]:
         assert problem.fit(start.candidates, start.values).evidence == pytest.approx(start.heights[0], abs=0.7)
 
 

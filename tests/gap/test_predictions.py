@@ -14,9 +14,9 @@ from stiffscope.gap.diagnosis import to_json
 from stiffscope.gap.evidence import Errors, posterior
 from stiffscope.gap.experiment_design import next_measurement
 from stiffscope.gap.findings import find
+from stiffscope.gap.fitting import Problem
 from stiffscope.gap.forward_model import Noise
 from stiffscope.gap.readings import load_campaign
-from stiffscope.gap.search import Problem
 
 PUBLISHED = load_campaign(Path(__file__).parents[2] / "data" / "campaigns" / "published")
 
