@@ -36,7 +36,7 @@ def cluster(scheduler: str | None = None, workers: int = 2) -> Generator[Any]:
         No scheduler answers.
 
     """
-    import dask
+    import dask.config
     from distributed import Client, LocalCluster
 
     quiet = logging.CRITICAL

@@ -19,6 +19,7 @@ from stiffscope.gap.lab.signatures import Signatures, apart, closest, spanned
 from stiffscope.gap.lab.writing import write_readings
 from stiffscope.robot.library import robot_names
 from stiffscope.robot.part_matrices import part_matrices, part_sources
+from stiffscope.robot.part_sections import ParametricPart
 from stiffscope.robot.reader import load_robot
 
 if TYPE_CHECKING:
@@ -171,8 +172,9 @@ class Lab:
             f"{part}.{key}"
             for part, source in sources.items()
             if isinstance(source, str) and source == "beam"
-            for key in _DIMENSIONS.get(file.parts[part].shape, ())
-            if file.parts[part].lengths()[key] > 0.0
+            if isinstance(solid := file.parts[part], ParametricPart)
+            for key in _DIMENSIONS.get(solid.shape, ())
+            if solid.lengths()[key] > 0.0
         )
 
     def words(self) -> tuple[str, ...]:
@@ -375,7 +377,7 @@ def _known(effect: str, rng: np.random.Generator, lab: Lab) -> Fault:
         return Fault(effect, place, {"mass": 3.0 * size / max(1.0, soft), **offset})
     lever = max((lab.size(name) for name in members), default=1.0) if effect in {"backlash", "encoder-offset"} else 1.0
     length = float(np.mean([lab.sound.bodies[n].length for n in members])) if effect == "rigid-ends" else 0.0
-    scale = {
+    scale: dict[str, float] = {
         "joint-compliance": {"radial": 3e-9 * soft, "axial": 3e-9 * soft, "tilting": 1e-6 * bend},
         "guide-compliance": {"lateral": 4e-9 * soft, "vertical": 4e-9 * soft, "angular": 8e-8 * bend},
         "base-compliance": _diagonal(8e-9 * soft, 8e-8 * bend),

@@ -196,17 +196,16 @@ def view(shown: Mechanism | Configurations | Stiffness | Modes, robot: RobotFile
     """
     from stiffscope.report.robot_scene import scene
     from stiffscope.report.robot_view import mode_cases, unit_wrenches
-    from stiffscope.vjm.kinematics import configure
+    from stiffscope.vjm.kinematics import Configurations, configure
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.modes import Modes
-    from stiffscope.vjm.statics import Stiffness
 
     names: list[str] = []
     if isinstance(shown, Mechanism):
         poses: Any = dict(robot.poses) if robot and robot.poses else {"home": shown.tool.home}
         names, found = list(poses), configure(shown, list(poses.values())).required()
     else:
-        found = shown.configurations if isinstance(shown, Modes | Stiffness) else shown
+        found = shown if isinstance(shown, Configurations) else shown.configurations
     mechanism = found.mechanism
     names = names or _names(found)
     moving = isinstance(shown, Modes)

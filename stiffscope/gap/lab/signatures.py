@@ -143,8 +143,8 @@ def closest(signature: Array, columns: Array, most: int) -> float:
     unit = columns[:, size > 0.0] / size[size > 0.0]
     gram, pull, whole = unit.T @ unit, unit.T @ signature, float(signature @ signature)
     best = whole
-    for some in combinations(range(unit.shape[1]), min(most, unit.shape[1])):
-        here = np.ix_(some, some)
-        fitted = pull[list(some)] @ np.linalg.pinv(gram[here], rcond=_DEPENDENT, hermitian=True) @ pull[list(some)]
+    for chosen in combinations(range(unit.shape[1]), min(most, unit.shape[1])):
+        some: list[int] = list(chosen)
+        fitted = pull[some] @ np.linalg.pinv(gram[np.ix_(some, some)], rcond=_DEPENDENT, hermitian=True) @ pull[some]
         best = min(best, whole - float(fitted))
     return float(np.sqrt(max(best, 0.0)))
