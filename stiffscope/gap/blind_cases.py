@@ -377,7 +377,7 @@ def _known(effect: str, rng: np.random.Generator, lab: Lab) -> Fault:
         return Fault(effect, place, {"mass": 3.0 * size / max(1.0, soft), **offset})
     lever = max((lab.size(name) for name in members), default=1.0) if effect in {"backlash", "encoder-offset"} else 1.0
     length = float(np.mean([lab.sound.bodies[n].length for n in members])) if effect == "rigid-ends" else 0.0
-    scale: dict[str, float] = {
+    scale: Any = {
         "joint-compliance": {"radial": 3e-9 * soft, "axial": 3e-9 * soft, "tilting": 1e-6 * bend},
         "guide-compliance": {"lateral": 4e-9 * soft, "vertical": 4e-9 * soft, "angular": 8e-8 * bend},
         "base-compliance": _diagonal(8e-9 * soft, 8e-8 * bend),

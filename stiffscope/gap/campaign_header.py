@@ -124,10 +124,10 @@ class _Table:
     def texts(self, key: str, default: tuple[str, ...] | None = None) -> tuple[str, ...]:
         """A list of texts, or a single one."""
         value = self.data.get(key, default)
-        listed: Any = [value] if isinstance(value, str) else value
         if default is not None and key not in self.data:
             return default
-        if not isinstance(listed, list) or not all(isinstance(v, str) and v for v in listed):
+        listed = cast("list[Any]", value) if isinstance(value, list) else [value]
+        if not all(isinstance(v, str) and v for v in listed):
             raise self.refuse(key, f"expected a list of texts, got {shown(value)}")
         return tuple(listed)
 

@@ -12,7 +12,7 @@ from stiffscope.gap.lab.measuring import sigma_of
 from stiffscope.gap.lab.response import Spot, respond, tool_spot
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from stiffscope.gap.lab.closure import Located
     from stiffscope.gap.lab.machine import Machine
@@ -143,8 +143,9 @@ def closest(signature: Array, columns: Array, most: int) -> float:
     unit = columns[:, size > 0.0] / size[size > 0.0]
     gram, pull, whole = unit.T @ unit, unit.T @ signature, float(signature @ signature)
     best = whole
-    for chosen in combinations(range(unit.shape[1]), min(most, unit.shape[1])):
-        some: list[int] = list(chosen)
-        fitted = pull[some] @ np.linalg.pinv(gram[np.ix_(some, some)], rcond=_DEPENDENT, hermitian=True) @ pull[some]
-        best = min(best, whole - float(fitted))
+    sets: Iterable[tuple[int, ...]] = combinations(range(unit.shape[1]), min(most, unit.shape[1]))
+    for chosen in sets:
+        some = np.array(chosen, dtype=np.int64)
+        inverse: Array = np.linalg.pinv(gram[np.ix_(some, some)], rcond=_DEPENDENT, hermitian=True)
+        best = min(best, whole - float(pull[some] @ inverse @ pull[some]))
     return float(np.sqrt(max(best, 0.0)))
