@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import combinations
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -143,9 +143,9 @@ def closest(signature: Array, columns: Array, most: int) -> float:
     unit = columns[:, size > 0.0] / size[size > 0.0]
     gram, pull, whole = unit.T @ unit, unit.T @ signature, float(signature @ signature)
     best = whole
-    sets: Iterable[tuple[int, ...]] = combinations(range(unit.shape[1]), min(most, unit.shape[1]))
-    for chosen in sets:
-        some = np.array(chosen, dtype=np.int64)
-        inverse: Array = np.linalg.pinv(gram[np.ix_(some, some)], rcond=_DEPENDENT, hermitian=True)
-        best = min(best, whole - float(pull[some] @ inverse @ pull[some]))
+    count = len(pull)
+    for some in cast("Iterable[tuple[int, ...]]", combinations(range(count), min(most, count))):
+        part = cast("Array", pull[list(some)])
+        inverse = cast("Array", np.linalg.pinv(gram[np.ix_(some, some)], rcond=_DEPENDENT, hermitian=True))
+        best = min(best, whole - float(part @ inverse @ part))
     return float(np.sqrt(max(best, 0.0)))
