@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 MOST = 20  # poses shown of a stack
 SMALL = 36  # numbers of an array that are listed
-HEIGHT = 720  # of the robot that turns, pixels
+HEIGHT = 800  # of the robot that turns, pixels
 PACE = 0.2  # seconds between two updates of a bar
 
 
@@ -238,7 +238,7 @@ def _part(shown: Part) -> None:
         *loaded,
         ("volume", f"{1e6 * properties.volume:.5g} cm³"),
         ("mass", f"{properties.mass:.5g} kg"),
-        ("centre of mass", f"({point(properties.centre)}) mm"),
+        ("centre of mass", f"({point(properties.centre.round(9))}) mm"),
     ]
     show_table(f"Part {shown.name}", (("", "value"),), rows, prose=("value",))
 
