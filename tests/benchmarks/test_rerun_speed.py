@@ -37,8 +37,9 @@ def test_cold_compliance_beside_the_import_of_build123d(tmp_path, monkeypatch):
     seconds = json.loads(answer.read_text())["seconds"]
     solution = seconds["mesh"] + seconds["solve"]
     share = (cold[0] - solution) / alone[0]
-    print(f"\nimport build123d {alone[0]:.2f} s ({alone[1]:.2f} s of processor), cold compliance {cold[0]:.2f} s "
-          f"({cold[1]:.2f}), of which mesh and solution {solution:.2f} s: the rest is {share:.2f} of the import")  # fmt: skip
+    print(f"\nimport build123d {alone[0]:.2f} s ({alone[1]:.2f} s of processor)")
+    print(f"cold compliance {cold[0]:.2f} s ({cold[1]:.2f} s of processor), mesh and solution {solution:.2f} s of it")
+    print(f"the rest is {share:.2f} of the import")
     assert share <= 1.6
 
 
