@@ -21,6 +21,7 @@ from stiffscope.jobs.cache import code_version, digest
 from stiffscope.jobs.orders import LIBRARIES
 from stiffscope.jobs.search import Outcome, Point, front, search
 from stiffscope.jobs.workshop import workshop
+from stiffscope.robot.part_sections import StepPart
 from stiffscope.robot.responses import mass_of_solids, quantities
 from stiffscope.robot.study_file import StudyFile, Value, load_study
 from stiffscope.vjm.kinematics import configure
@@ -239,7 +240,7 @@ def _identity(file: StudyFile) -> str:
     solids = {
         name: files.file_digest(source.path.parent / part.file)
         for name, part in file.robot.parts.items()
-        if hasattr(part, "file")
+        if isinstance(part, StepPart)
     }
     return digest(
         {
