@@ -164,8 +164,7 @@ def _refine(start: Point, moved: list[int], scale: float, most: int, made: Calla
         "feasibility_tol": FEASIBLE,
     }
     begin = np.array([start[k] for k in moved])
-    none, whole = np.zeros(len(moved)), np.ones(len(moved))
-    bounds = Bounds(none, whole)  # pyright: ignore[reportArgumentType] (arrays, says its documentation)
+    bounds = Bounds(0.0, 1.0)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a start at a bound, designs that failed
         minimize(objective, begin, method="COBYQA", bounds=bounds, constraints=constraints, options=options)
@@ -187,8 +186,8 @@ def _pareto(study: StudyFile, evaluate: Evaluate) -> None:
         warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)  # since 2022
         crossover = optuna.samplers.nsgaii.SBXCrossover()
     sampler = optuna.samplers.NSGAIISampler(population_size=size, crossover=crossover, seed=study.seed)
-    directions = [optuna.study.StudyDirection.MINIMIZE] * len(study.goals)
-    asked = optuna.create_study(directions=directions, sampler=sampler)
+    least: Any = ["minimize"] * len(study.goals)
+    asked = optuna.create_study(directions=least, sampler=sampler)
     for point in _sobol_points(study, size):
         asked.enqueue_trial(
             {v.name: share if v.low is not None else min(int(share * len(v.levels)), len(v.levels) - 1)

@@ -244,7 +244,8 @@ def _identity(file: StudyFile) -> str:
     }
     return digest(
         {
-            "robot": source.text, "set": source.overrides, "solids": solids, "components": file.components,
+            "robot": source.text, "set": source.overrides, "solids": solids,
+            "components": file.components, "tolerance": file.tolerance,
             "variables": [v.name for v in file.variables], "responses": responses,
             "code": code_version(CODE, LIBRARIES),
         }

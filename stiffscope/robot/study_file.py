@@ -176,6 +176,7 @@ class StudyFile:
     path: Path
     robot: RobotFile
     components: str | None
+    tolerance: str | None
     method: str
     designs: int
     seed: int
@@ -193,7 +194,7 @@ class StudyFile:
         """The robot with these values of the variables. Raises InputError where they make no robot."""
         changes = [text for v, value in zip(self.variables, values, strict=True) for text in v.overrides(value)]
         source = self.robot.source
-        return read_robot(source.path, source.text, [*source.overrides, *changes])
+        return read_robot(source.path, source.text, [*source.overrides, *changes], self.tolerance)
 
 
 def load_study(path: str | Path) -> StudyFile:
@@ -238,8 +239,8 @@ def _read(top: StudySection, source: Source) -> StudyFile:
             raise FieldError(key, f'expected a name of letters, digits and _, got "{name}"')
     limits = tuple(_limit(text, k, units) for k, text in enumerate(top.constraints))
     return StudyFile(
-        source.path, robot, top.components, top.method, _designs(top, variables), top.seed, variables, responses,
-        limits, _goals(top, units), tuple(poses),
+        source.path, robot, top.components, top.tolerance, top.method, _designs(top, variables), top.seed, variables,
+        responses, limits, _goals(top, units), tuple(poses),
     )  # fmt: skip
 
 
@@ -269,9 +270,6 @@ def _robot(top: StudySection, path: Path) -> RobotFile:
         if str(error).startswith(f"{name}:") and not isinstance(name, str) and beside.is_file():
             raise  # it names a line of the robot file
         raise FieldError(("robot",) if not str(error).startswith("--") else ("set",), str(error)) from error
-    if top.tolerance is not None:  # read again for every design
-        overrides = [f"{name}.mesh.tolerance={json.dumps(top.tolerance)}" for name in robot.parts]
-        robot = load_robot(name, [*top.set, *overrides])
     return robot
 
 
@@ -402,10 +400,16 @@ def _limit(text: str, number: int, units: dict[str, str]) -> Limit:
         raise FieldError(key, f'expected RESPONSE <= VALUE or RESPONSE >= VALUE such as "mass <= 3 kg", got "{text}"')
     name, relation, value = match.groups()
     _check_response(name, units, key)
-    bare = re.fullmatch(r"[+-]?[\d.]+([eE][+-]?\d+)?", value)
-    si = _number(float(value) if bare else value, key)
-    if not bare and unit_of(value) != units[name]:
-        raise FieldError(key, f'expected a value in {units[name]}, as {name} is, got "{value}"')
+    try:
+        bare = float(value)
+    except ValueError:
+        bare = None
+    unit = units[name]
+    try:
+        dimension = q.Dimension(f"a value of {name}", "" if unit == "1" else unit, f"3 {unit}")
+        si = q.to_si(value if bare is None else bare, dimension, sign="any")
+    except ValueError as error:
+        raise FieldError(key, str(error)) from error
     return Limit(name, relation == "<=", si, text)
 
 
