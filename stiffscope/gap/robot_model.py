@@ -40,6 +40,7 @@ _RIGID_FOUNDATION = 1e20  # N/m³
 _SUSPECT = 0.2  # share of the squared gap that a part explains, from which experiments on it are made
 _ADDED = (0.0, np.inf)  # bounds of an added compliance, a dead zone
 _SOFT = (2e-7, 2e-6)  # m/N, rad/(N·m): of a tool above which added compliances are expected to be larger in proportion
+_MODULUS = ".youngs_modulus"
 _SAME = 1e-9  # 1 - |cosine| of signatures below which no reading tells two effects apart
 _ROUNDING = 1e-10  # of the largest reading
 _TRIALS = 128  # poses that are looked at for what to measure next
@@ -486,6 +487,13 @@ def _shows(columns: Array, candidate: Candidate, prediction: RobotPrediction) ->
     return bool((np.abs(columns) * np.array(candidate.scale) > _ROUNDING * largest).any())
 
 
+def _is_factor(candidate: Candidate, known: Sequence[Candidate]) -> bool:
+    """Whether a candidate is the modulus of a part with a plain factor on its stiffness: the same in other units."""
+    same = [c.action.members for c in known if c.effect == "link-stiffness" and isinstance(c.action, MechanicalEffect)]
+    action = candidate.action
+    return candidate.place.endswith(_MODULUS) and isinstance(action, MechanicalEffect) and action.members in same
+
+
 def _merged(candidates: Sequence[Candidate], prediction: RobotPrediction) -> tuple[Candidate, ...]:
     """Candidates of one parameter with the very same signature in the readings as twins of the first of them.
 
@@ -511,6 +519,9 @@ def _merged(candidates: Sequence[Candidate], prediction: RobotPrediction) -> tup
             other = candidates[singles[j]]
             same = cosine[i, j] if candidates[k].positive or other.positive else abs(cosine[i, j])
             if singles[j] in out and same > 1.0 - _SAME and candidates[k].positive == other.positive:
-                out[k] = replace(out[k], twins=(*out[k].twins, *other.signature_of))
+                if _is_factor(other, candidates):
+                    out[k] = replace(out[k], aliases=(*out[k].aliases, other.name))
+                else:
+                    out[k] = replace(out[k], twins=(*out[k].twins, *other.signature_of))
                 del out[singles[j]]
     return tuple(out.values())

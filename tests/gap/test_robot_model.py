@@ -282,3 +282,11 @@ def test_a_softened_robot_is_that_condensed_anew(name, monkeypatch):
     assert not isinstance(slow.elastic._response, mechanics.Softened)
     assert quick.values == pytest.approx(slow.values, rel=1e-8, abs=1e-9 * np.abs(slow.values).max())
     assert quick.columns(soft[1]) == pytest.approx(slow.columns(soft[1]), rel=1e-6, abs=1e-12)
+
+
+def test_a_modulus_is_another_name_for_the_plain_factor_of_its_part():
+    """Axial readings of a Stewart platform's struts tell no radius from a bore; a modulus they need not tell."""
+    robot = nominal("stewart")
+    plain = next(k for k in RobotModel(readings(robot, ("dz",)), robot).library if "link-stiffness @ lower" in k.name)
+    assert set(plain.twins) == {"part-dimension @ lower.radius", "part-dimension @ lower.bore"}
+    assert "part-dimension @ lower.youngs_modulus" in plain.aliases
