@@ -161,9 +161,7 @@ def campaign_obeys(folder: Path, header: str, rows: str) -> None:
             case = open_case(folder)
             reached(case)
         except InputError as refused:
-            assert re.search(
-                r"^(\S*/)?(campaign\.toml|readings\.csv)(:\d+)?: |/\S*: expected a table in CSV, got", str(refused)
-            )
+            assert re.search(r"^(\S*/)?(campaign\.toml|readings\.csv)(:\d+)?: ", str(refused))
             assert "\n" not in str(refused)
         else:
             c = case.campaign

@@ -26,6 +26,8 @@ from stiffscope.gap.quantities import (
     WRENCH,
 )
 from stiffscope.gap.table import Table, check_columns, numbers, read_table
+from stiffscope.reading import open_file
+from stiffscope.reading import shown as shown_path
 from stiffscope.robot.quantities import FORCE, LENGTH, MOMENT, NUMBER, Dimension, shown, to_si
 
 if TYPE_CHECKING:
@@ -80,6 +82,7 @@ def load_campaign(folder: Path, robot: RobotFile | None = None, *, planned: bool
     """
     header = load_header(folder)
     bare = header.predictions is not None
+    _check_files(folder, header)
     parts = [_load_readings(folder / name, header, bare=bare, planned=planned) for name in header.readings]
     if len({part.coordinates for part in parts}) > 1:
         first, other = (" ".join(p.coordinates) for p in (parts[0], next(_others(parts))))
@@ -117,6 +120,18 @@ def load_campaign(folder: Path, robot: RobotFile | None = None, *, planned: bool
     )
     _check_some(campaign)
     return campaign if robot is None else on_robot(campaign, robot)
+
+
+def _check_files(folder: Path, header: Header) -> None:
+    """Refuse a table that is no file, by the key that names it."""
+    named = [("readings", name) for name in header.readings]
+    named += [("predictions", header.predictions)] if header.predictions is not None else []
+    for key, name in named:
+        try:
+            open_file(folder / name, "a table (.csv, .tsv, .xlsx)").close()
+        except InputError as error:
+            message = str(error).removeprefix(f"{shown_path(folder / name)}: ")
+            raise header.source.refuse((key,), f"{message} ({shown_path(name)})") from error
 
 
 def _check_some(c: Campaign) -> None:

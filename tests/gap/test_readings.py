@@ -133,7 +133,9 @@ def test_names_the_wrong_key(tmp_path, toml, expected):
 def test_names_absent_files(tmp_path):
     with pytest.raises(InputError, match="expected a campaign folder"):
         load_campaign(tmp_path / "none")
-    with pytest.raises(InputError, match=r"r\.csv: expected a table in CSV, got no file"):
+    with pytest.raises(
+        InputError, match=r"^campaign.toml:2: readings: expected a table \(.*\), got no file \(r\.csv\)"
+    ):
         load_campaign(folder(tmp_path, toml='robot = "biglide"\nreadings = ["r.csv"]'))
 
 
@@ -367,7 +369,8 @@ def test_pipes_devices_and_loops_are_no_files(tmp_path, name):
     ):
         file.unlink()
         make(file)
-        with pytest.raises(InputError, match=rf"{name}: expected a .*, got {kind}"):
+        where = "campaign.toml:2: readings" if name == "readings.csv" else "campaign.toml"
+        with pytest.raises(InputError, match=rf"{where}: expected a .*, got {kind}"):
             load_campaign(tmp_path)
         file.rmdir() if kind == "a folder" else None
         file.write_text("") if kind == "a folder" else None
