@@ -43,12 +43,16 @@ _alone = threading.Lock()  # CAD is one at a time in a process
 
 @dataclass(frozen=True)
 class Design:
-    """A finished design: values of the variables and of the responses, SI, in the study's order; why it failed."""
+    """A finished design: values of the variables and of the responses, SI, in the study's order; why it failed.
+
+    ``again``: whether the same study is to make it again, since it failed for no reason of its own.
+    """
 
     values: Values
     responses: tuple[float, ...]
     reason: str = ""
     seconds: float = 0.0
+    again: bool = False
 
 
 if TYPE_CHECKING:
@@ -193,7 +197,7 @@ class _Desk:
         self.report(f"designs, {done} of {total}", done / total)
 
     def _keep(self, design: Design) -> None:
-        if self.folder is not None and design.reason != _ENDED:
+        if self.folder is not None and not design.again:
             self.folder.mkdir(parents=True, exist_ok=True)
             files.write_bytes(self.folder / self._name(design.values), _parquet(self.file, design))
         with self.lock:
@@ -286,7 +290,7 @@ def _answer(values: Values, future: Any, count: int) -> Design:
 
     error = None if future.status == "finished" else future.exception() if future.status == "error" else future.status
     if isinstance(error, KilledWorker):
-        return Design(values, (math.nan,) * count, _ENDED)
+        return Design(values, (math.nan,) * count, _ENDED, again=True)
     if isinstance(error, BaseException):
         raise error
     if error is not None:
@@ -301,15 +305,15 @@ def make_design(file: StudyFile, values: Values) -> Design:
     """
     from threadpoolctl import threadpool_limits
 
-    begun = time.perf_counter()
+    begun, again = time.perf_counter(), False
     with _alone, threadpool_limits(1):  # sums in one order, whatever the machine's threads
         try:
             found, reason = _responses(file, values), ""
         except InputError as error:
             found, reason = (math.nan,) * len(file.responses), str(error)
         except Exception as error:  # noqa: BLE001
-            found, reason = (math.nan,) * len(file.responses), f"{type(error).__name__}: {error}"
-    return Design(values, found, " ".join(reason.split()), time.perf_counter() - begun)
+            found, reason, again = (math.nan,) * len(file.responses), f"{type(error).__name__}: {error}", True
+    return Design(values, found, " ".join(reason.split()), time.perf_counter() - begun, again)
 
 
 def _responses(file: StudyFile, values: Values) -> tuple[float, ...]:
