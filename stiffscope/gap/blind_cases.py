@@ -407,12 +407,12 @@ def _another_matrix(lab: Lab, body: str, size: float, rng: np.random.Generator) 
 
 
 def _other_dimension(lab: Lab, place: str, size: float) -> float:
-    """Another value of a dimension: of a tube's radius, one that makes its wall thinner or thicker."""
+    """Another value of a dimension: of a tube's radius or bore, one that makes its wall thinner or thicker."""
     part, key = place.rsplit(".", 1)
     section: Any = lab.robot.nominal.robot.parts[part]
     lengths: dict[str, float] = section.lengths()
-    inner = lengths["bore"] / 2 if key == "radius" else 0.0
-    return round(inner + (lengths[key] - inner) * (1 + (0.12 if inner else 0.04) * size), 7)
+    beyond = {"radius": lengths.get("bore", 0.0) / 2, "bore": 2 * lengths.get("radius", 0.0)}.get(key, 0.0)
+    return round(beyond + (lengths[key] - beyond) * (1 + (0.12 if beyond else 0.04) * size), 7)
 
 
 def _outside_places(lab: Lab, effect: str, channels: Sequence[str]) -> tuple[str, ...]:

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from stiffscope.fea.experiment import Experiment
     from stiffscope.fea.sensitivity import PartSensitivity
     from stiffscope.gap.diagnosis import Diagnosis
+    from stiffscope.jobs.studies import Study
     from stiffscope.listening import Report
     from stiffscope.report.page import Figure
     from stiffscope.robot.description import RobotFile
@@ -329,6 +330,12 @@ def _diagnosis(shown: Diagnosis) -> list[Figure]:
         return [page.figure(folder / "waterfall.svg", *FIGURES["waterfall"])]
 
 
+def _study(shown: Study) -> None:
+    from stiffscope.report.studies import show_study
+
+    show_study(shown)
+
+
 def _fields(shown: Any) -> None:
     """Every field of a small dataclass, SI."""
     rows = [(each.name, _text(getattr(shown, each.name))) for each in dataclasses.fields(shown)]
@@ -360,6 +367,7 @@ SHOWN: dict[str, Callable[[Any], Sequence[Figure] | None]] = {
     "fea.sensitivity.PartSensitivity": _part_sensitivity,
     "fea.settings.Settings": _fields,
     "gap.diagnosis.Diagnosis": _diagnosis,
+    "jobs.studies.Study": _study,
     "report.compare.Comparison": tables.show_comparison,
     "robot.description.RobotFile": _robot,
     "robot.sensitivity.Sensitivity": _sensitivity,

@@ -30,7 +30,7 @@ def kitchen(tmp_path_factory):
         patch.setenv("STIFFSCOPE_CACHE", str(tmp_path_factory.mktemp("cache")))
         stages: list[str] = []
 
-        def here(function, jobs, reports):
+        def here(function, jobs, reports, _limits=None):
             return {name: function(*words, lambda stage, _: stages.append(stage)) for name, words in jobs.items()}
 
         patch.setattr("stiffscope.jobs.workshop.work_together", here)

@@ -258,7 +258,7 @@ def _noise(c):
 def test_what_is_on_no_body_or_at_no_pose_is_refused():
     robot = nominal("delta")
     c = readings(robot)
-    with pytest.raises(InputError, match=r"sensors.gauge.body: expected a body or an end of one .*got 'plate'"):
+    with pytest.raises(InputError, match=r'sensors.gauge.body: expected a body or an end of one .*got "plate"'):
         RobotModel(replace(c, sensors=(replace(c.sensors[0], body="plate"), c.sensors[1])), robot)
     with pytest.raises(InputError, match=r"readings.csv:1: rz: expected the coordinates that command delta: x y z"):
         RobotModel(replace(c, poses=c.poses[:, :1], coordinates=("rz",)), robot)

@@ -56,7 +56,7 @@ def test_a_step_file_s_solid_yields_and_weighs(stepped):
     np.testing.assert_allclose(compliance, part.compliance + DRIVEN, rtol=1e-6, atol=1e-12)
     hanging = -9.81 * result.experiment.self_weight[2]
     np.testing.assert_allclose(state.sag[0], hanging, rtol=2e-3, atol=1e-10)
-    assert set(stiffness_json(state)) == {"poses", "tool", "stiffness", "sag", "mobility"}
+    assert set(stiffness_json(state)) == {"poses", "tool", "stiffness", "sag", "mobility", "convention"}
 
 
 def test_bounds_of_the_part_are_bounds_of_the_robot(stepped):

@@ -1,6 +1,7 @@
 """Notebooks: every object that the façade gives shows as a table, jobs as bars, the robot as a page that turns."""
 
 import re
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -60,6 +61,7 @@ def objects(machine):
     yield PartSensitivity("slider", {"thickness": derivative}), ("thickness", "0.02", "1.5")
     yield ss.Settings(tolerance=0.01), ("Settings, SI", "tolerance", "0.01")
     yield diagnosed(), ("Identified", "Alternatives", "data:image/svg+xml")
+    yield ss.study(Path(__file__).parents[2] / "examples" / "rod-study.toml"), ("rod.radius", "designs")
     yield Comparison("slider", (entry,), ("a finding",)), ("C35", "Timoshenko", "a finding")
     yield robot, ("degrees of freedom", "limb1.actuator")
     yield ss.sensitivity(robot, components="published"), ("Sensitivity at 0, 0, 0.3475", "link.length")
