@@ -264,7 +264,7 @@ def test_what_is_on_no_body_or_at_no_pose_is_refused():
         RobotModel(replace(c, poses=c.poses[:, :1], coordinates=("rz",)), robot)
     far = c.poses.copy()
     far[1] = [3.0, 0.0, 0.0]
-    with pytest.raises(InputError, match=r"readings.csv:\d+: pose 1: "):
+    with pytest.raises(InputError, match=r"readings.csv:\d+: pose: expected a pose that the robot reaches, got 1: "):
         RobotModel(replace(c, poses=far), robot).predict().values  # noqa: B018 (evaluated where asked for)
 
 
