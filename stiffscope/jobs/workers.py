@@ -1,4 +1,4 @@
-"""Jobs side by side, each in a process of its own: progress comes back, errors too, and nobody outlives the parent.
+"""Jobs side by side in a few processes: progress comes back, errors too, and nobody outlives the parent.
 
 `concurrent.futures` cannot end a job that is running (before Python 3.14), nor say which job took its process down.
 """
@@ -45,7 +45,7 @@ def work_together(
     reports: Mapping[Any, Any],
     limits: Mapping[Any, Mapping[str, float]] | None = None,
 ) -> dict[Any, Any]:
-    """Call `function(*arguments, report)` once for each job, all at the same time.
+    """Call `function(*arguments, report)` once for each job, as many at a time as there are processors, at least two.
 
     Parameters
     ----------
@@ -69,18 +69,18 @@ def work_together(
 
     """
     context = multiprocessing.get_context("spawn")
-    running: dict[Connection, tuple[Any, BaseProcess]] = {}
+    running: dict[Connection, BaseProcess] = {}
     try:
-        for name, arguments in jobs.items():
-            here, there = context.Pipe(duplex=False)
-            process = context.Process(target=_child, args=(there, function, arguments), daemon=False)
+        for _ in range(min(len(jobs), max(os.cpu_count() or 1, 2))):
+            here, there = context.Pipe()
+            process = context.Process(target=_child, args=(there, function), daemon=False)
             with _safe_path():
                 process.start()
             there.close()
-            running[here] = (name, process)
-        return _gather(running, reports, limits or {})
+            running[here] = process
+        return _gather(running, jobs, reports, limits or {})
     finally:
-        for _, process in running.values():
+        for process in running.values():
             _end(process)
 
 
@@ -95,34 +95,67 @@ def work_here(
 
 
 def _gather(
-    running: dict[Connection, tuple[Any, BaseProcess]],
+    running: Mapping[Connection, BaseProcess],
+    jobs: Mapping[Any, tuple[Any, ...]],
     reports: Mapping[Any, Any],
     limits: Mapping[Any, Mapping[str, float]],
 ) -> dict[Any, Any]:
     answers: dict[Any, Any] = {}
-    open_ends = dict(running)
-    stages: dict[Any, tuple[float, str, float]] = {}  # of each job: when its present stage must end, name, limit
-    while open_ends:
-        first = min((when for when, _, _ in stages.values()), default=None)
-        for end in wait(list(open_ends), None if first is None else max(first - time.monotonic(), 0.0)):
+    left = iter(jobs.items())
+    doing: dict[Connection, Any] = {}
+    clock = _Clock(limits)
+
+    def go_on(end: Connection) -> None:
+        """Give a process its next job, or let it end."""
+        doing.pop(end, None)
+        name, arguments = next(left, (None, None))
+        if arguments is not None:
+            doing[end] = name
+        end.send(arguments)
+
+    for end in running:
+        go_on(end)
+    while doing:
+        for end in wait(list(doing), clock.left()):
             if not isinstance(end, Connection):
                 continue
-            name, process = open_ends[end]
-            kind, content = _received(end, name, process)
+            name = doing[end]
+            kind, content = _received(end, name, running[end])
             if kind == "progress":
                 reports[name](*content)
-                stages.pop(name, None)
-                seconds = limits.get(name, {}).get(content[0])
-                if seconds is not None:
-                    stages[name] = time.monotonic() + seconds, content[0], seconds
+                clock.begin(name, content[0])
             elif kind == "answer":
                 answers[name] = content
-                stages.pop(name, None)
-                del open_ends[end]
-        for name, (when, stage, seconds) in stages.items():
+                clock.begin(name, None)
+                go_on(end)
+        clock.check()
+    return answers
+
+
+class _Clock:
+    """When the present stage of each job must end, of those that have a limit."""
+
+    def __init__(self, limits: Mapping[Any, Mapping[str, float]]) -> None:
+        self._limits = limits
+        self._ends: dict[Any, tuple[float, str, float]] = {}
+
+    def begin(self, name: Any, stage: str | None) -> None:
+        """A job is at another stage, or done."""
+        self._ends.pop(name, None)
+        seconds = self._limits.get(name, {}).get(stage) if stage is not None else None
+        if stage is not None and seconds is not None:
+            self._ends[name] = time.monotonic() + seconds, stage, seconds
+
+    def left(self) -> float | None:
+        """Seconds until the first stage must end; None where none must."""
+        first = min((when for when, _, _ in self._ends.values()), default=None)
+        return None if first is None else max(first - time.monotonic(), 0.0)
+
+    def check(self) -> None:
+        """Raise LateError where a stage should have ended."""
+        for name, (when, stage, seconds) in self._ends.items():
             if time.monotonic() > when:
                 raise LateError(name, stage, seconds)
-    return answers
 
 
 def _received(end: Connection, name: Any, process: BaseProcess) -> tuple[str, Any]:
@@ -167,7 +200,7 @@ def _end(process: BaseProcess) -> None:
     process.join()
 
 
-def _child(end: Any, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+def _child(end: Any, function: Callable[..., Any]) -> None:
     _obey_parent()
     leave_out("sklearn", "sklearn.cluster")  # a third of the time of importing build123d, which clusters STL files
     root = logging.getLogger()
@@ -175,8 +208,9 @@ def _child(end: Any, function: Callable[..., Any], arguments: tuple[Any, ...]) -
     root.setLevel(logging.WARNING)
     logging.captureWarnings(capture=True)
     try:
-        answer = function(*arguments, lambda stage, fraction: end.send(("progress", (stage, fraction))))
-        end.send(("answer", answer))
+        for arguments in iter(end.recv, None):
+            answer = function(*arguments, lambda stage, fraction: end.send(("progress", (stage, fraction))))
+            end.send(("answer", answer))
     except InputError as error:
         end.send(("refused", str(error)))
     except BrokenPipeError:

@@ -41,6 +41,17 @@ def test_answers_progress_and_warnings_come_back(work, caplog):
     assert sorted(caplog.messages) == ["a is done", "b is done"]
 
 
+def process_of(_job, _report):
+    time.sleep(0.2)
+    return os.getpid()
+
+
+def test_many_jobs_share_a_few_processes():
+    found = work_together(process_of, {k: (k,) for k in range(12)}, dict.fromkeys(range(12)))
+    assert set(found) == set(range(12))
+    assert 2 <= len(set(found.values())) <= max(os.cpu_count(), 2)
+
+
 @pytest.mark.parametrize(
     ("kind", "error", "message"),
     [
