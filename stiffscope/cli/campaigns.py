@@ -16,8 +16,6 @@ from stiffscope.cli.options import takes
 from stiffscope.jobs.manifest import manifest_of
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from stiffscope.gap.diagnosis import Diagnosis
     from stiffscope.jobs.assembly import Assembled
     from stiffscope.jobs.campaigns import Case
@@ -71,16 +69,10 @@ def diagnose(name: str, out: Path, *, target: str | None, adopt: Path | None, qu
         files.write_json(target, to_json(diagnosis))
     loud = not quiet and target != "-"
     if loud:
-        gap_tables.show_diagnosis(diagnosis, _slider(nominal))
+        gap_tables.show_diagnosis(diagnosis)
         tables.show_line(f"Written to {out}; the report is {out / 'report.html'}")
     if adopt is not None and nominal is not None:
         _adopt(adopt, nominal, diagnosis, case, loud=loud)
-
-
-def _slider(nominal: Assembled | None) -> np.ndarray | None:
-    """Compliance (6, 6) of the part that the effects call the slider, in the model."""
-    part = nominal.matrices.get("slider") if nominal else None
-    return None if part is None else part.compliance
 
 
 def _write_report(
@@ -107,9 +99,7 @@ def _write_report(
             draw_shares(nominal, diagnosis, poses, folder)
             view = share_view(folder, nominal, diagnosis, poses)
     manifest.write(folder)
-    write_diagnosis_report(
-        folder, diagnosis, title=f"Where is the gap? {case.name}", facts=facts, slider=_slider(nominal), view=view
-    )
+    write_diagnosis_report(folder, diagnosis, title=f"Where is the gap? {case.name}", facts=facts, view=view)
 
 
 def _adopt(target: Path, nominal: Assembled, diagnosis: Diagnosis, case: Case, *, loud: bool) -> None:

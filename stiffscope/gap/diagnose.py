@@ -136,9 +136,10 @@ def _parameters(candidate: Candidate, internal: Array, covariance: Array) -> dic
         return {}
     values, sigma = candidate.physical(internal), physical_sigma(candidate, internal, covariance)
     intervals = _intervals(candidate, internal, covariance, values, sigma)
-    fine = plausible(candidate, values, sigma)
+    fine, model = plausible(candidate, values, sigma), candidate.physical(np.zeros(len(internal)))
+    known = [float(value) if np.isfinite(value) and value else None for value in model]
     return {
-        name: Parameter(float(values[k]), float(sigma[k]), candidate.units[k], fine[k], intervals[k])
+        name: Parameter(float(values[k]), float(sigma[k]), candidate.units[k], fine[k], intervals[k], known[k])
         for k, name in enumerate(candidate.names)
     }
 

@@ -28,6 +28,8 @@ class Parameter:
     plausible: bool = True
     interval: tuple[float, float] = (math.nan, math.nan)
     """Holds the true value with a probability of 95 %."""
+    nominal: float | None = None
+    """The model's value; None where it has none."""
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,6 @@ def write_diagnosis_report(
     *,
     title: str,
     facts: Sequence[str],
-    slider: np.ndarray | None = None,
     view: RobotView | None = None,
 ) -> None:
     """Write the report of a diagnosis to its output folder, with the figures (SVG) that are there.
@@ -67,8 +66,6 @@ def write_diagnosis_report(
         What the report shows.
     title, facts
         Heading, and what to know of campaign and model.
-    slider : (6, 6)
-        Compliance of the slider in the model, m/N, m/(N·m), rad/(N·m); None without a robot.
     view
         The robot that turns, of `share_view`.
 
@@ -81,7 +78,7 @@ def write_diagnosis_report(
     following = diagnosis.next_measurement
     sections = [
         Section("Where the gap lies", _lines(text.located(diagnosis.where)), figures("residuals"), view=view),
-        Section("Effects", _effects(diagnosis, slider), figures("corner")),
+        Section("Effects", _effects(diagnosis), figures("corner")),
         Section("Gap", _shown(lambda: gap_tables.show_gap(diagnosis)), figures("waterfall")),
         Section("Alternatives", _shown(lambda: gap_tables.show_alternatives(diagnosis)), figures("signatures")),
         Section("What to measure next", _lines([text.what_next(following)] if following else [])),
@@ -115,8 +112,8 @@ def share_view(folder: Path, assembled: Assembled, diagnosis: Diagnosis, poses: 
     )  # fmt: skip
 
 
-def _effects(diagnosis: Diagnosis, slider: np.ndarray | None) -> list[Shown]:
-    tables = _shown(lambda: gap_tables.show_effects(diagnosis, slider, details=True)) if diagnosis.effects else []
+def _effects(diagnosis: Diagnosis) -> list[Shown]:
+    tables = _shown(lambda: gap_tables.show_effects(diagnosis, details=True)) if diagnosis.effects else []
     confused = [
         f"These readings cannot distinguish {text.name(e.effect, e.place)} from "
         f"{', '.join(map(text.label, e.confused_with))}"

@@ -12,16 +12,14 @@ from stiffscope.report.terminal import show_line, show_table
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    import numpy as np
-
     from stiffscope.gap.diagnosis import Diagnosis
 
 
-def show_diagnosis(diagnosis: Diagnosis, slider: np.ndarray | None) -> None:
-    """Show the whole diagnosis; `slider` (6, 6) is the compliance in the model, None without a robot."""
+def show_diagnosis(diagnosis: Diagnosis) -> None:
+    """Show the whole diagnosis."""
     show_line(f"\n{text.sentence(diagnosis)}\n", "bold")
     if diagnosis.effects:
-        show_effects(diagnosis, slider)
+        show_effects(diagnosis)
     show_gap(diagnosis)
     show_alternatives(diagnosis)
     _show_list("Possible", text.possible(diagnosis))
@@ -40,7 +38,7 @@ def _show_list(title: str, lines: Sequence[str]) -> None:
         show_line(f"  {line}")
 
 
-def show_effects(diagnosis: Diagnosis, slider: np.ndarray | None, *, details: bool = False) -> None:
+def show_effects(diagnosis: Diagnosis, *, details: bool = False) -> None:
     """Show the effects with their parameters; with their intervals and ratios to the model's values as details."""
     more = ("95 % interval", "ratio", "deviation / σ", "remark") if details else ()
     groups = (("effect @ place",), ("probability", "share", "gap alone"), ("parameter", "value ± 1 σ", "model"), more)
@@ -51,7 +49,7 @@ def show_effects(diagnosis: Diagnosis, slider: np.ndarray | None, *, details: bo
         parameters = [
             (p.name, p.value + ("" if p.plausible else " (not plausible)"), p.nominal)
             + ((p.interval, p.ratio, p.deviation, "differs from the model" if p.notable else "") if details else ())
-            for p in text.parameters(effect, slider)
+            for p in text.parameters(effect)
         ]
         for k, parameter in enumerate(parameters or [("none", "", "", *[""] * len(more))]):
             rows.append((*(("",) * 4 if k else first), *parameter))

@@ -324,7 +324,7 @@ def _diagnosis(shown: Diagnosis) -> list[Figure]:
     from stiffscope.report.diagnosis_report import FIGURES
     from stiffscope.report.figures import save_figures
 
-    gap_tables.show_diagnosis(shown, None)
+    gap_tables.show_diagnosis(shown)
     with scratch_folder() as folder:
         save_figures(folder, {"waterfall": lambda: gap_figures.waterfall(shown)})
         return [page.figure(folder / "waterfall.svg", *FIGURES["waterfall"])]

@@ -11,8 +11,6 @@ from stiffscope.report.numbers import WRENCH, coordinates, percent, pose_values
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    import numpy as np
-
     from stiffscope.gap.diagnosis import Diagnosis, Effect, NextMeasurement, Parameter, Where
     from stiffscope.robot.description import RobotFile
 
@@ -98,11 +96,11 @@ class FittedParameter:
     plausible: bool
 
 
-def parameters(effect: Effect, slider: np.ndarray | None) -> list[FittedParameter]:
-    """Return an effect's parameters as text; `slider` (6, 6) is the compliance in the model, None without a robot."""
+def parameters(effect: Effect) -> list[FittedParameter]:
+    """Return an effect's parameters as text."""
     out: list[FittedParameter] = []
     for key, p in effect.parameters.items():
-        nominal = _nominal(effect.effect, key, slider)
+        nominal = p.nominal
         deviation = (p.value - (nominal or 0.0)) / p.sigma if p.sigma > 0 else math.nan
         factor, unit = _multiple(p)
         out.append(
@@ -123,15 +121,6 @@ def parameters(effect: Effect, slider: np.ndarray | None) -> list[FittedParamete
 def _interval(parameter: Parameter, factor: float, unit: str) -> str:
     low, high = (end / factor for end in parameter.interval)
     return f"{low:.4g} to {high:.4g}{unit}" if math.isfinite(low) and math.isfinite(high) else ""
-
-
-def _nominal(effect: str, parameter: str, slider: np.ndarray | None) -> float | None:
-    """Return the model's value: 1 for a factor, the slider's entry, otherwise none."""
-    if parameter == "factor":
-        return 1.0
-    if effect == "slider-compliance" and slider is not None:
-        return float(slider[int(parameter[1]) - 1, int(parameter[2]) - 1])
-    return None
 
 
 def quantity(parameter: Parameter) -> str:

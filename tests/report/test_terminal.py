@@ -88,7 +88,10 @@ def faces():
 
 def diagnosed(**more):
     effect = Effect(
-        *PAIR, 0.9979, 1.25, {"factor": Parameter(-1e-4, 5e-3, "1"), "c33": Parameter(4.3e-9, 1e-10, "m/N")}
+        *PAIR,
+        0.9979,
+        1.25,
+        {"factor": Parameter(-1e-4, 5e-3, "1", nominal=1.0), "c33": Parameter(4.3e-9, 1e-10, "m/N", nominal=1.0)},
     )
     alternative = Alternative(*PAIR, 1.9e-6, 6.66, "ln-evidence 16.1 below that of the diagnosis, χ² per reading 3.53")
     gap = Gap(9.19, 1.25, 1.18, 1.37, (1044.91, 0.8348))
@@ -98,7 +101,7 @@ def diagnosed(**more):
 
 
 def diagnosis():
-    show_diagnosis(diagnosed(), np.eye(6))
+    show_diagnosis(diagnosed())
 
 
 def blind():
