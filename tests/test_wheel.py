@@ -69,6 +69,7 @@ def test_it_works_from_an_empty_folder(installed, tmp_path):
     )
     robot = ss.load_robot("biglide")
     expected = ss.stiffness(ss.assemble(robot, "published"), list(robot.poses.values()))
-    assert np.allclose(json.loads(told)["stiffness"], expected, rtol=1e-12)
+    off = np.abs(np.array(json.loads(told)["stiffness"]) - expected)
+    assert off.max() < 1e-12 * np.abs(expected).max()  # zeros are rounding, another one in each process
     assert call(python.with_name("stiffscope"), "--version", cwd=tmp_path).startswith("stiffscope ")
     assert list(tmp_path.iterdir()) == []
