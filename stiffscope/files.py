@@ -393,9 +393,13 @@ def copy_files(source: Path, target: Path, names: Iterable[str]) -> None:
         (target / name).write_bytes(read_bytes(source / name))
 
 
-def remove_copied(folder: Path, output: Path) -> bool:
-    """Remove every file of a folder that an output of ours has byte for byte; returns whether nothing is left."""
-    _remove_all(folder, _written(output))
+def remove_copied(folder: Path, output: Path, within: str = "") -> bool:
+    """Remove every file of a folder that an output of ours has byte for byte; returns whether nothing is left.
+
+    ``within`` is the output's folder, such as "designs/", where the copies stand.
+    """
+    copies = {name: checksum for name, checksum in _written(output).items() if name.startswith(within)}
+    _remove_all(folder, {name.removeprefix(within): checksum for name, checksum in copies.items()})
     return not folder.exists()
 
 

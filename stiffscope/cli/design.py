@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import shutil
 from pathlib import Path
@@ -100,6 +101,8 @@ def _of_robot(
         report.show_sensitivity(found, asked.names)
 
 
+log = logging.getLogger(__name__)
+
 MOST_FILES = 10  # robot files of the best designs
 DESIGNS = "designs"
 
@@ -128,13 +131,13 @@ def study(name: Path, out: Path, *, target: str | None, scheduler: str | None, q
     with progress(quiet=quiet) as open_line:
         made = run_study(file, store, open_line("study"), workers=os.cpu_count() or 1, scheduler=scheduler)
     with files.staged_folder(out) as folder:
-        if store.is_dir():
-            shutil.copytree(store, folder / DESIGNS)
+        files.copy_files(store, folder / DESIGNS, [each.name for each in sorted(store.glob("*.parquet"))])
         report.write_study(made, folder)
         _write_robots(made, folder, out)
         manifest.write(folder)
         report.write_study_page(made, folder)
-    shutil.rmtree(store, ignore_errors=True)
+    if not files.remove_copied(store, out, f"{DESIGNS}/"):
+        log.warning("%s: holds files that are no designs of this study; they stay there", store)
     if target:
         files.write_json(target, report.study_json(made))
     if not quiet and target != "-":

@@ -228,8 +228,12 @@ def test_the_file_in_the_guide_is_one(tmp_path):
 
 def test_command_writes_table_pictures_and_robots_that_run(rod, tmp_path, capsys):
     file = rod(GRID.replace('"grid"', '"grid"\nmaximize = "K"\nconstraints = ["mass <= 66 g"]'))
-    out = tmp_path / "out"
+    out, notes = tmp_path / "out", tmp_path / "out.designs" / "notes.txt"
+    notes.parent.mkdir()
+    notes.write_text("mine")
     assert _guarded(["study", str(file), "--out", str(out), "--json", "-"]) == 0
+    assert list(notes.parent.iterdir()) == [notes]  # designs are gone from there, what is not ours is not
+    assert notes.read_text() == "mine"
     told = json.loads(capsys.readouterr().out)
     here = study(file).table
     for table in (
