@@ -198,7 +198,7 @@ def test_a_file_is_read_in_time_that_grows_with_its_size(text):
     begun = time.perf_counter()
     with pytest.raises(InputError, match=r"^r\.toml:2: expected (keys of at most 30 names|valid TOML)"):
         read_robot(Path("r.toml"), f"# first\n{text}\n")
-    assert time.perf_counter() - begun < 3
+    assert time.perf_counter() - begun < 30  # under a second; far more where it grows faster than the file
 
 
 def stiffscope(*words: str, folder: Path, **more) -> subprocess.Popen:
