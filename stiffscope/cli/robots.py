@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import logging
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
@@ -202,18 +201,10 @@ def _figures(gravity: str, held: str, *, frequencies: bool) -> list[tuple[str, s
     from stiffscope.report import maps
 
     where = f", {held}" if held else ""
-    plain: list[tuple[str, str, Callable[..., None]]] = [
-        (f"stiffness at M (diagonal of K){where}, without gravity", "stiffness", maps.draw_stiffness)
-    ]
+    figures = [(f"stiffness at M (diagonal of K){where}, gravity {gravity}", "map", maps.draw_stiffness)]
     if frequencies:
-        plain.append((f"natural frequencies, drives held{where}", "frequencies", maps.draw_frequencies))
-    if gravity == "none":
-        return plain
-    loaded = functools.partial(maps.draw_stiffness, loaded=True)
-    return [
-        (f"stiffness at M without and with weight, and what it changes{where}", "map", maps.draw_all),
-        *plain,
-        (f"stiffness at M (diagonal of K){where}, gravity {gravity}", "stiffness_with_gravity", loaded),
-        (f"what gravity ({gravity}) changes{where}", "gravity_difference", maps.draw_difference),
-        (f"sag under its own weight{where}", "sag", maps.draw_sag),
-    ]
+        figures.append((f"natural frequencies, drives held{where}", "frequencies", maps.draw_frequencies))
+    if gravity != "none":
+        figures.append((f"what gravity changes{where}", "gravity_difference", maps.draw_difference))
+        figures.append((f"sag under its own weight{where}", "sag", maps.draw_sag))
+    return figures

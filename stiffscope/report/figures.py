@@ -26,6 +26,24 @@ def new_figure(width: float, height: float, title: str) -> Figure:
     return figure
 
 
+def save_figure(figure: Figure, *targets: Path, dpi: int = 110) -> None:
+    """Write a figure as SVG or PNG, by the name of each target.
+
+    By the canvas itself: ``Figure.savefig`` draws everything once more beforehand, and so does every text whose extent
+    is asked of a figure without a canvas.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    for target in targets:
+        figure.set_dpi(dpi)
+        if target.suffix == ".svg":
+            FigureCanvasSVG(figure).print_svg(target, metadata={"Date": None})
+        else:
+            FigureCanvasAgg(figure).print_png(target)
+        figure.set_layout_engine("none")  # laid out once
+
+
 def save_figures(folder: Path, figures: dict[str, Callable[[], Figure | None]]) -> list[str]:
     """Draw figures and write each as SVG and PNG under its name; returns the names of those that there are."""
     import matplotlib as mpl
@@ -35,8 +53,7 @@ def save_figures(folder: Path, figures: dict[str, Callable[[], Figure | None]]) 
         for stem, draw in figures.items():
             figure = draw()
             if figure is not None:
-                figure.savefig(folder / f"{stem}.svg", metadata={"Date": None})
-                figure.savefig(folder / f"{stem}.png", dpi=110)
+                save_figure(figure, folder / f"{stem}.png", folder / f"{stem}.svg")
                 drawn.append(stem)
     return drawn
 

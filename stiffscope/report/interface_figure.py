@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.report.drawing.sheet import power
-from stiffscope.report.figures import AFTER, BEFORE, EFFECT, STYLE, new_figure
+from stiffscope.report.figures import AFTER, BEFORE, EFFECT, STYLE, new_figure, save_figure
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -40,7 +40,7 @@ def draw(compared: Comparison, title: str, target: Path) -> None:
         for k, axes in enumerate(grid[1, 1:]):
             _changes(axes, compared, k)
         figure.supxlabel(textwrap.fill(CAPTION, 42 * (count + 1)), fontsize=9, color=BEFORE)
-        figure.savefig(target, dpi=130)
+        save_figure(figure, target, dpi=130)
 
 
 def _values(axes: Axes, compared: Comparison) -> None:

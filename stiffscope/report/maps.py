@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.report.figures import save_figure
 from stiffscope.report.numbers import DIAGONAL
 
 if TYPE_CHECKING:
@@ -138,34 +139,31 @@ def stiffness_map(
     return StiffnessMap(across, up, columns, rows, others, *values, down=bool(weight > 0.0), frequencies=sounds)
 
 
-def draw_stiffness(found: StiffnessMap, poses: Poses, title: str, *targets: Path, loaded: bool = False) -> None:
-    """Draw the diagonal of K without or with the robot's own weight; `poses` by name, in all coordinates."""
-    _draw(found, _stiffness(found.loaded if loaded else found.stiffness), 3, poses, title, targets)
+def draw_stiffness(found: StiffnessMap, poses: Poses, title: str, *targets: Path) -> None:
+    """Draw the diagonal of K, under the robot's own weight where it acts; `poses` by name, in all coordinates."""
+    panels = [Panel(f"{TITLES[k]} ({unit})", factor * found.loaded[..., k]) for k, (unit, factor) in enumerate(UNITS)]
+    _draw(found, panels, poses, title, targets)
 
 
 def draw_difference(found: StiffnessMap, poses: Poses, title: str, *targets: Path) -> None:
     """Draw the change by the robot's own weight, in parts per million of the stiffness without it."""
-    _draw(found, _change(found), 3, poses, title, targets)
+    change = 1e6 * (found.loaded / found.stiffness - 1)
+    panels = [Panel(f"{TITLES[k]} with − without weight (ppm)", change[..., k], CHANGE) for k in range(6)]
+    _draw(found, panels, poses, title, targets)
 
 
 def draw_sag(found: StiffnessMap, poses: Poses, title: str, *targets: Path) -> None:
     """Draw the tool's sag and tilt under the robot's own weight: the components above rounding."""
     largest = np.nanmax(np.abs(found.sag), axis=(0, 1))
     shown = [k for k in range(6) if largest[k] > 1e-4 * largest.max()] or [2]
-    _draw(found, [Panel(SAGS[k], 1e6 * found.sag[..., k], "magma_r") for k in shown], 3, poses, title, targets)
-
-
-def draw_all(found: StiffnessMap, poses: Poses, title: str, *targets: Path) -> None:
-    """Draw the diagonal of K without weight, with it, and the change: the whole map on one sheet."""
-    panels = [*_stiffness(found.stiffness, " without weight"), *_stiffness(found.loaded, " with weight")]
-    _draw(found, [*panels, *_change(found)], 6, poses, title, targets)
+    _draw(found, [Panel(SAGS[k], 1e6 * found.sag[..., k], "magma_r") for k in shown], poses, title, targets)
 
 
 def draw_frequencies(found: StiffnessMap, poses: Poses, title: str, *targets: Path) -> None:
     """Draw the first natural frequencies."""
     values = np.zeros((0, 0, 0)) if found.frequencies is None else found.frequencies
     panels = [Panel(f"$f_{{{k + 1}}}$ (Hz)", values[..., k]) for k in range(values.shape[2])]
-    _draw(found, [p for p in panels if np.isfinite(p.values).any()], 3, poses, title, targets)
+    _draw(found, [p for p in panels if np.isfinite(p.values).any()], poses, title, targets)
 
 
 class Panel(NamedTuple):
@@ -176,26 +174,17 @@ class Panel(NamedTuple):
     colours: str = "viridis"
 
 
-def _stiffness(values: np.ndarray, words: str = "") -> list[Panel]:
-    return [Panel(f"{TITLES[k]}{words} ({unit})", factor * values[..., k]) for k, (unit, factor) in enumerate(UNITS)]
-
-
-def _change(found: StiffnessMap) -> list[Panel]:
-    change = 1e6 * (found.loaded / found.stiffness - 1)
-    return [Panel(f"{TITLES[k]} with − without weight (ppm)", change[..., k], CHANGE) for k in range(6)]
-
-
-def _draw(
-    found: StiffnessMap, panels: Sequence[Panel], most: int, poses: Poses, title: str, targets: Iterable[Path]
-) -> None:
-    """Draw panels, at most so many in a row, and write the sheet to each target."""
+def _draw(found: StiffnessMap, panels: Sequence[Panel], poses: Poses, title: str, targets: Iterable[Path]) -> None:
+    """Draw panels, at most three in a row, and write the sheet to each target."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    columns = min(len(panels), most)
+    columns = min(len(panels), 3)
     rows = -(-len(panels) // columns)
     across, up = (float(np.ptp(values)) for values in (found.columns, found.rows))
     slim = np.clip(up / across, 0.4, 1.6) if _alike(found) else 0.8
     figure = Figure(figsize=(4.5 * columns, 0.8 + (0.6 + 3.6 * slim) * rows), layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)  # knows the extent of a text; without it every label of a contour would draw the sheet
     heading: Any = {"fontsize": 14 if columns > 1 else 11, "fontweight": "bold"}
     figure.suptitle(title, x=0.01, ha="left", parse_math=False, **heading)
     grid = list(figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).flat)
@@ -206,9 +195,7 @@ def _draw(
         _mark(axes, found, poses)
     if found.down:
         grid[0].invert_yaxis()
-    for target in targets:
-        figure.savefig(target, dpi=110)
-        figure.set_layout_engine("none")  # laid out once: half of the time of a second format
+    save_figure(figure, *targets)
 
 
 def _alike(found: StiffnessMap) -> bool:

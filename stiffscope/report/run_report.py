@@ -132,7 +132,7 @@ def _robot_figures(folder: Path, assembled: Assembled) -> Iterator[Figure]:
             place = f"The robot at {name}: {pose_text(mechanism, pose)}"
             yield page.figure(file, place, f"the robot at {name}, its parts in colours, joints dark, drives red")
     if (folder / "map.png").exists():
-        caption = "Stiffness at M (diagonal of K) over the workspace, without gravity"
+        caption = "Stiffness at M (diagonal of K) over the workspace, under the robot's own weight"
         yield page.figure(folder / "map.png", caption, "six maps of the translational and rotational stiffness")
 
 

@@ -18,6 +18,6 @@ def test_numbers_carry_names_and_units(tmp_path):
         reachable = int(np.isfinite(k).sum())
     table = np.genfromtxt(out / "map.csv", delimiter=",", names=True)
     assert len(table) == reachable
-    for stem in ("map", "stiffness", "stiffness_with_gravity", "gravity_difference", "sag"):
+    for stem in ("map", "gravity_difference", "sag"):
         assert (out / f"{stem}.png").stat().st_size > 10_000
         assert (out / f"{stem}.svg").read_text().startswith("<?xml")

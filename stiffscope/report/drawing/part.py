@@ -10,6 +10,7 @@ from stiffscope.fea.experiment import load_experiment
 from stiffscope.report.drawing.camera import View, new_plotter, shot, view_of
 from stiffscope.report.drawing.sheet import fill, legend, power, scale_bar, sheet_of
 from stiffscope.report.drawing.surfaces import outline, sides, surface
+from stiffscope.report.figures import save_figure
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -75,7 +76,7 @@ def contact_sheet(target: Path, experiment: Experiment, title: str) -> None:
             cell = cells[6 * row + j]
             fill(cell, image, f"{WRENCHES[j]} = {LOADS[j]}   {word}", f"deformation × {power(scales[j])}")
             scale_bar(cell, limit, largest, unit, colours)
-    figure.savefig(target, dpi=100)
+    save_figure(figure, target, dpi=100)
 
 
 def _deformed(mesh: TetMesh, points: Floats, values: Floats, colours: str, view: View) -> tuple[Floats, float, float]:
@@ -115,4 +116,4 @@ def tagged_mesh(target: Path, experiment: Experiment, title: str, clamped: list[
         plotter.add_mesh(outline(mesh, mesh.points + 2 * view.lift), color="#14181c", line_width=2.2)
         fill(cell, shot(plotter), heading)
     legend(figure, ((CLAMPED, "clamped"), (LOADED, f"loaded ({experiment.interface})"), (FREE, "free")))
-    figure.savefig(target, dpi=100)
+    save_figure(figure, target, dpi=100)

@@ -13,6 +13,7 @@ import numpy as np
 from stiffscope.report.drawing.camera import new_plotter, shot, view_of
 from stiffscope.report.drawing.geometry import packed
 from stiffscope.report.drawing.solids import DRIVEN, PASSIVE, RIGID, extent, part_colours, solids_of, upright
+from stiffscope.report.figures import save_figure
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -94,7 +95,7 @@ def robot(
         image, view = _scene(shapes, rotation @ home + position, upward, reach)
         figure = _framed(image, view, picture["title"])
         _explain(figure, bodies, coloured, scale, [kind for kind in MARKS if MARKS[kind] in shapes])
-        figure.savefig(folder / picture["file"], dpi=100)
+        save_figure(figure, folder / picture["file"], dpi=100)
 
 
 def animation(
