@@ -145,7 +145,7 @@ def foreign(tmp_path):
         ["faces", "part.step", "--json", "-"],
         ["compliance", "biglide", "--part", "link", "--set", "link.mesh.size=60mm", "--json", "-"],
         ["stiffness", "biglide", "--components", "published", "--json", "-"],
-        ["diagnose", "published", "--out", "out", "--json", "-"],
+        pytest.param(["diagnose", "published", "--out", "out", "--json", "-"], marks=pytest.mark.slow),
     ],
 )
 def test_modules_of_the_working_folder_change_nothing(foreign, arguments):

@@ -1,15 +1,18 @@
 """`stiffscope map`: figures, and the same numbers in every form."""
 
+import json
+
 import numpy as np
 import xarray as xr
 
 from stiffscope.cli.main import _guarded
 
 
-def test_numbers_carry_names_and_units(tmp_path):
+def test_numbers_carry_names_and_units(tmp_path, capsys):
     out = tmp_path / "map"
-    words = ["map", "biglide", "--out", str(out), "--components", "published", "--points", "21", "--quiet"]
+    words = ["map", "biglide", "--out", str(out), "--components", "published", "--points", "21", "--json", "-"]
     assert _guarded(words) == 0
+    assert {"coords", "data_vars"} <= set(json.loads(capsys.readouterr().out))
     with np.load(out / "map.npz") as held, xr.open_dataset(out / "map.nc") as file:
         k = file["K_rz_loaded"]
         assert (k.units, k.dims, file["sag_z"].units) == ("N m rad-1", ("z", "x"), "m")

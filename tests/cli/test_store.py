@@ -84,7 +84,6 @@ def test_every_command_has_json():
     ("words", "keys"),
     [
         (["run", "biglide", "--components", "published", "--out", "OUT"], {"parts", "stiffness", "convention"}),
-        (["map", "biglide", "--components", "published", "--points", "5", "--out", "OUT"], {"coords", "data_vars"}),
         (["frf", "biglide", "--components", "published", "--at", "Q1", "--from", "tool:M:z", "--to", "tool:M:z",
           "--points", "9", "--out", "OUT"], {"coords", "data_vars"}),
         (["new", "delta", "OUT"], {"file"}),

@@ -90,6 +90,7 @@ def test_a_foundation_too_soft_to_hold_is_refused():
         examine(box(0.1, 0.03, 0.02), Settings(size=0.015, foundation=50.0))
 
 
+@pytest.mark.slow
 def test_no_bound_without_convergence(monkeypatch):
     rubber = box(0.06, 0.03, 0.02, isotropic(3e6, 3e6 / 2 / (1 + 0.49999)))
     monkeypatch.setattr(stiffscope.fea.solution, "solve_cubic", partial(solve_cubic, limit=20))

@@ -51,7 +51,9 @@ def shipped_delta():
     ("robot", "pose", "weight"),
     [
         (lambda: with_frames(serial_arm()), [0.85, 0.1, 1.1, 0.1, 0.05, -0.1], 10.0),
-        (lambda: with_frames(read("linear-delta")), CHECKED["linear-delta"]["poses"][1], 3.0),
+        pytest.param(
+            lambda: with_frames(read("linear-delta")), CHECKED["linear-delta"]["poses"][1], 3.0, marks=pytest.mark.slow
+        ),
         (serial_arm, [0.85, 0.1, 1.1, 0.1, 0.05, -0.1], 1.0),
         (lambda: read("linear-delta"), CHECKED["linear-delta"]["poses"][1], 1.0),
         (lambda: read("stewart"), CHECKED["stewart"]["poses"][1], 100.0),
