@@ -50,6 +50,7 @@ class Dynamics:
     rigid: RigidMass
     condensed_mass: Floats
     mode_squares: Floats
+    mode_squares_error: Floats
     self_weight: Floats
     self_weight_error: Floats
     frequencies: Floats
@@ -126,11 +127,14 @@ def dynamics(levels: TwoLevel, settings: Settings) -> Dynamics:
         squares, fixed, clamped_squares, clamped = _modes(vibration, settings)
         weight, weight_error, frequencies, frequency_error = _extrapolated(levels, mass, clamped)
         both = _gain_on_cubics(vibration, np.append(squares, clamped_squares), np.hstack([fixed, clamped]))
-        softer = (clamped_squares / (2 * np.pi * frequencies) ** 2 - 1).mean() / both[len(squares) :].mean()
+        gain, known = both[: len(squares)], both[len(squares) :]
+        softer = (clamped_squares / (2 * np.pi * frequencies) ** 2 - 1).mean() / known.mean()
+        wide = (2 * frequency_error / frequencies).max() / known.mean()  # bounds of squares, too, in parts of the gain
         return Dynamics(
             rigid=rigid_mass(mesh.points, mass.nodes),
             condensed_mass=_condensed(levels, mass, fixed),
-            mode_squares=squares / (1 + softer * both[: len(squares)]),
+            mode_squares=squares / (1 + softer * gain),
+            mode_squares_error=squares * wide * gain,
             self_weight=weight,
             self_weight_error=weight_error,
             frequencies=frequencies,

@@ -49,7 +49,8 @@ class Experiment:
     mass, centre, inertia : kg, (3,) m, and (3, 3) kg m² about the centre of mass, of the mesh.
     condensed_mass : (6(1+n)+k, 6(1+n)+k) mass on the twists of the clamped area as a rigid body at ``clamp_point``, of
         the n loaded interfaces, and on k mass-normalized fixed-interface modes.
-    mode_squares : (k,) squares of these modes' angular frequencies, rad²/s²: all their stiffness.
+    mode_squares, mode_squares_error : (k,) squares of these modes' angular frequencies, rad²/s², all their stiffness,
+        and their 95 % bounds.
     self_weight, self_weight_error : (3, 6) twist of the first interface for 1 m/s² along x, y, z on the clamped part,
         and its 95 % bounds.
     frequencies, frequency_error : (6,) lowest natural frequencies of the clamped part, Hz, and their 95 % bounds.
@@ -75,6 +76,7 @@ class Experiment:
     inertia: Floats
     condensed_mass: Floats
     mode_squares: Floats
+    mode_squares_error: Floats
     self_weight: Floats
     self_weight_error: Floats
     frequencies: Floats
@@ -247,6 +249,7 @@ def examine(
         inertia=inert.rigid.inertia,
         condensed_mass=inert.condensed_mass,
         mode_squares=inert.mode_squares,
+        mode_squares_error=inert.mode_squares_error,
         self_weight=inert.self_weight,
         self_weight_error=inert.self_weight_error,
         frequencies=inert.frequencies,

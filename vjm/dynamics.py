@@ -22,7 +22,7 @@ _INDEFINITE = -1e-6  # relative eigenvalue of a condensed mass that is more than
 
 @dataclass(frozen=True, eq=False)
 class Dynamics:
-    """Inertia of an elastic body: ``mass`` (12 + k, 12 + k) and ``squares`` (k,).
+    """Inertia of an elastic body: ``mass`` (12 + k, 12 + k), ``squares`` (k,), and bounds ``error`` (k,) of these.
 
     Coordinates are the twist of its base at the base, the twist of its tip at the tip, and k mass-normalized
     fixed-interface modes, part axes; ``squares`` are those modes' squared angular frequencies in rad²/s². Its
@@ -35,6 +35,7 @@ class Dynamics:
 
     mass: Array
     squares: Array
+    error: Array | None = None
 
     def __post_init__(self) -> None:
         m, squares = np.asarray(self.mass, dtype=float), np.asarray(self.squares, dtype=float)
@@ -43,6 +44,8 @@ class Dynamics:
             raise InputError(f"dynamics: expected finite ({size}, {size}) and ({squares.size},), got {m.shape}")
         if not (squares > 0.0).all():
             raise InputError(f"dynamics: expected squared frequencies above 0, got {squares.min():.6g}")
+        if self.error is not None and np.shape(self.error) != squares.shape:
+            raise InputError(f"dynamics: expected error {squares.shape}, got {np.shape(self.error)}")
         size_of = np.sqrt(np.outer(np.diagonal(m).clip(min=0.0), np.diagonal(m).clip(min=0.0)))
         if (np.abs(m - m.T) > _SYMMETRY * size_of + 1e-300).any():
             raise InputError("dynamics: expected a symmetric condensed mass")
@@ -69,12 +72,13 @@ class Dynamics:
         """The same for ends at other points, ``base`` (3,) and ``tip`` (3,) from the present ones, part axes."""
         carry = np.eye(12 + self.squares.size)
         carry[:6, :6], carry[6:12, 6:12] = (shift(-np.asarray(r, dtype=float)) for r in (base, tip))
-        return Dynamics(carry.T @ self.mass @ carry, self.squares)
+        return Dynamics(carry.T @ self.mass @ carry, self.squares, self.error)
 
     def scaled(self, factor: float) -> Dynamics:
         """The same of a material ``factor`` times as dense; modes are normalized anew."""
         unit = np.repeat([np.sqrt(factor), 1.0], [12, self.squares.size])
-        return Dynamics(self.mass * np.outer(unit, unit), self.squares / factor)
+        error = None if self.error is None else self.error / factor
+        return Dynamics(self.mass * np.outer(unit, unit), self.squares / factor, error)
 
 
 def root(matrix: Array, message: str) -> Array:

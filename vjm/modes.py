@@ -237,17 +237,23 @@ class _Part:
 
     @cached_property
     def error(self) -> Array:
-        """Bounds (n, c) in Hz by those of the elastic bodies' compliances.
+        """Bounds (n, c) in Hz by those of the elastic bodies' compliances, and of their modes between the ends.
 
-        ``δω² = -wᵀ δC w`` with w the wrench that a body carries. Of modes nearer than their bounds, which mix, the
-        bounds of the mixed terms add.
+        ``δω² = -wᵀ δC w + δλ q²`` with w the wrench that a body carries, λ the square of a mode of its own and q that
+        mode's motion. Of modes nearer than their bounds, which mix, the bounds of the mixed terms add.
         """
         mixed: Array = np.zeros((*self.squares.shape, self.squares.shape[1]))
         system = self.pencil.system
         for body in system.mechanism.bodies:
-            if body.elastic is not None and body.elastic.error is not None and body.name in system.springs:
+            if body.elastic is None:
+                continue
+            if body.elastic.error is not None and body.name in system.springs:
                 carried = np.abs(system.springs[body.name] @ system.strains[body.name][0].of(self.vectors))
                 mixed = mixed + np.swapaxes(carried, -1, -2) @ body.elastic.error @ carried
+            inner = body.elastic.dynamics
+            if inner is not None and inner.error is not None and len(inner.squares):
+                strained = np.abs(system.strains[body.name][-1].of(self.vectors))
+                mixed = mixed + np.swapaxes(strained, -1, -2) @ ((inner.error / inner.squares)[:, None] * strained)
         own = np.einsum("nii->ni", mixed)
         apart = np.abs(self.squares[:, :, None] - self.squares[:, None])
         bound = np.where(apart <= own[:, :, None] + own[:, None], mixed, 0.0).sum(axis=2)

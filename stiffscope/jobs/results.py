@@ -16,7 +16,15 @@ if TYPE_CHECKING:
     from stiffscope.jobs.orders import PartOrder
     from stiffscope.robot.description import RobotFile
 
-DYNAMICS = ("self_weight", "self_weight_error", "frequencies", "frequency_error", "mode_squares", "condensed_mass")
+DYNAMICS = (
+    "self_weight",
+    "self_weight_error",
+    "frequencies",
+    "frequency_error",
+    "mode_squares",
+    "mode_squares_error",
+    "condensed_mass",
+)
 EXPERIMENT, SOLID, FIELDS = "experiment.npz", "solid.json", "fields.vtu"
 AXES = {
     "rod": "x along the rod from its clamped end; twist (v, omega) and wrench (f, m) at the centre of the loaded end",

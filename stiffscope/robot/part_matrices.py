@@ -166,7 +166,7 @@ def _dynamics(
         return None, None
     if _tested(source):
         experiment = experiments[name].experiment
-        found = Dynamics(experiment.condensed_mass, experiment.mode_squares)
+        found = Dynamics(experiment.condensed_mass, experiment.mode_squares, experiment.mode_squares_error)
         clamp = experiment.clamp_point - experiment.reference_point
     elif source == "beam":
         material, segments = robot.material(name), beam_segments(robot, name)

@@ -248,6 +248,7 @@ class _Model:
             experiment=SimpleNamespace(
                 condensed_mass=condensed,
                 mode_squares=squares / denser,
+                mode_squares_error=None,
                 clamp_point=one.clamp_point + sums["clamp_point"],
                 reference_point=one.reference_point + (np.zeros((1, 3)) + sums["reference_points"])[0],
             ),

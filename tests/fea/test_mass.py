@@ -142,6 +142,15 @@ def test_frequencies_are_within_a_thousandth_and_their_bounds(plate, link):
         assert (experiment.frequency_error < 3e-3 * experiment.frequencies).all()
 
 
+@pytest.mark.parametrize("part", [box(0.1, 0.03, 0.02), cylinder(0.12, 0.01)])
+def test_modes_between_held_ends_are_within_their_bounds(part):
+    """Against a mesh of half the size."""
+    coarse, fine = (examine(part, Settings(size=size, modes=6)) for size in (0.016, 0.008))
+    off = np.abs(coarse.mode_squares - fine.mode_squares)
+    assert (off <= coarse.mode_squares_error + fine.mode_squares_error).all()
+    assert (coarse.mode_squares_error < 0.02 * coarse.mode_squares).all()
+
+
 def test_the_condensed_model_has_the_clamped_frequencies(plate, link):
     for experiment in (plate, link):
         assert 10 <= len(experiment.mode_squares) <= 12

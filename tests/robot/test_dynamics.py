@@ -23,6 +23,7 @@ def test_an_experiment_is_as_good_as_the_beam_that_it_is():
     experiment = SimpleNamespace(
         condensed_mass=dynamics.moved(away, np.zeros(3)).mass,
         mode_squares=dynamics.squares,
+        mode_squares_error=None,
         clamp_point=np.array([0.1, 0.2, 0.3]) + away,
         reference_point=np.array([0.6, 0.2, 0.3]),
     )

@@ -79,7 +79,7 @@ class Beam:
         length = sum(each for each, _ in segments)
         self.compliance, self.error, self.mass = beam_compliance(robot, name), np.zeros((6, 6)), made.total
         self.experiment = SimpleNamespace(
-            condensed_mass=made.mass, mode_squares=made.squares, clamp_point=np.zeros(3),
+            condensed_mass=made.mass, mode_squares=made.squares, mode_squares_error=None, clamp_point=np.zeros(3),
             reference_point=np.array([length, 0, 0]),
         )  # fmt: skip
 

@@ -184,6 +184,23 @@ def test_error_bars_are_what_a_change_of_the_parts_does(rng):
     assert not modes(m, pose, 6).error.any()
 
 
+def test_error_bars_count_the_parts_own_modes(rng):
+    """A change of their squares by their bounds does what the error bar says, to first order."""
+    m, pose = framed(biglide(), rng, 3), pose_at(GEOMETRY, 0.7, 0.05)
+
+    def with_squares(change, told):
+        return replace(m, bodies=tuple(
+            b if b.elastic is None else replace(b, elastic=replace(b.elastic, dynamics=Dynamics(
+                b.elastic.dynamics.mass, (1 - change) * b.elastic.dynamics.squares, told * b.elastic.dynamics.squares
+            ))) for b in m.bodies
+        ))  # fmt: skip
+
+    found = modes(with_squares(0.0, 1e-6), pose, 12)
+    after = frequencies(with_squares(1e-6, 0.0), pose, 12)
+    assert found.error.max() > 1e-7 * found.frequencies.max()
+    assert found.frequencies - after == pytest.approx(found.error, rel=2e-3, abs=1e-9)
+
+
 def test_idle_motions_are_named_and_bodies_without_inertia():
     m = read("braced-gantry")
     found = modes(m, m.tool.home, 4)
