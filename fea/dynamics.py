@@ -84,22 +84,36 @@ class _Vibration:
         motion = self.system.solver.precondition(force - self.loads @ (self.constraint.T @ force))
         return motion - self.constraint @ (self.loads.T @ motion)
 
-    def fixed_modes(self, start: Floats, count: int, tolerance: float) -> tuple[Floats, Floats]:
-        return lowest_modes(self.stiffness, self.inertia, self.held, start, count, tolerance)
+    @property
+    def exact(self) -> bool:
+        """Whether the preconditioner is the inverse of the stiffness."""
+        return self.system.solver.precondition is self.system.solver.solve
 
-    def orthogonal(self, basis: Floats) -> tuple[Floats, Floats]:
-        """Return (k,) squares and (c, k) mass-normalized combinations of (c, k) motions that stiffness decouples."""
-        if not basis.shape[1]:
-            return np.zeros(0), basis
-        squares, turn = ritz(basis.T @ self.stiffness(basis), basis.T @ self.inertia(basis), basis.shape[1])
-        return squares, basis @ turn
+    def fixed_modes(self, start: Floats, count: int, tolerance: float) -> tuple[Floats, Floats, Floats]:
+        """Return (b,) squares, (c, b) modes with the interfaces held, and the forces of these but for the reactions."""
+        return lowest_modes(self.stiffness, self.inertia, self.held, start, count, tolerance, exact=self.exact)
 
-    def clamped_modes(self, near: Floats) -> tuple[Floats, Floats]:
-        """Return (6 + g,) squares and (c, 6 + g) modes from fixed-interface modes near which to start."""
+    def orthogonal(self, basis: Floats, forces: Floats) -> tuple[Floats, Floats]:
+        """Return (k,) squares and (c, k) mass-normalized combinations of motions that stiffness decouples.
+
+        Parameters
+        ----------
+        basis, forces : (c, m) motions with the interfaces held, and the forces of these but for the reactions.
+        """
+        squares = np.zeros(0)
+        for _ in range(2 if basis.shape[1] else 0):  # once more: rounding of the first
+            energy = basis.T @ forces
+            squares, turn = ritz((energy + energy.T) / 2, basis.T @ self.inertia(basis), basis.shape[1])
+            basis, forces = basis @ turn, forces @ turn
+        return squares, basis
+
+    def clamped_modes(self, near: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return (6 + g,) squares, (c, 6 + g) modes and their forces, from fixed-interface modes to start near."""
         basis = np.hstack([self.constraint, near])
         _, turn = ritz(basis.T @ self.stiffness(basis), basis.T @ self.inertia(basis), FREQUENCIES + GUARD)
         precondition: Solve = self.system.solver.precondition
-        return lowest_modes(self.stiffness, self.inertia, precondition, basis @ turn, FREQUENCIES, EXACT)
+        start = basis @ turn
+        return lowest_modes(self.stiffness, self.inertia, precondition, start, FREQUENCIES, EXACT, exact=self.exact)
 
 
 def vibration_of(levels: TwoLevel, mass: Mass) -> _Vibration:
@@ -156,27 +170,27 @@ def _modes(vibration: _Vibration, settings: Settings) -> tuple[Floats, Floats, F
 
     if settings.highest_frequency is not None:
         highest = (2 * np.pi * settings.highest_frequency) ** 2
-        squares, near = _up_to(vibration, some, highest)
+        squares, near, forces = _up_to(vibration, some, highest)
         count = int(np.searchsorted(squares, highest))
     else:
         count = FIXED if settings.modes is None else settings.modes
-        squares, near = vibration.fixed_modes(some(count + GUARD), count, MODE)
-    clamped_squares, clamped = (part[..., :FREQUENCIES] for part in vibration.clamped_modes(near))
-    basis = near[:, :count]
+        _, near, forces = vibration.fixed_modes(some(count + GUARD), count, MODE)
+    clamped_squares, clamped, pulling = (part[..., :FREQUENCIES] for part in vibration.clamped_modes(near))
+    basis, forces = near[:, :count], forces[:, :count]
     if settings.modes is None and settings.highest_frequency is None:
         relative = clamped - vibration.constraint @ (vibration.loads.T @ clamped)
-        basis = vibration.orthogonal(np.hstack([basis, relative]))[1]
-    return *vibration.orthogonal(basis), clamped_squares, clamped
+        basis, forces = np.hstack([basis, relative]), np.hstack([forces, pulling])
+    return *vibration.orthogonal(basis, forces), clamped_squares, clamped
 
 
-def _up_to(vibration: _Vibration, some: Callable[[int], Floats], highest: float) -> tuple[Floats, Floats]:
-    """Return the squares and fixed-interface modes of a block that goes beyond a square (rad²/s²)."""
+def _up_to(vibration: _Vibration, some: Callable[[int], Floats], highest: float) -> tuple[Floats, Floats, Floats]:
+    """Return squares, fixed-interface modes and their forces of a block that goes beyond a square (rad²/s²)."""
     count = 8
     near = some(count + GUARD)
     while True:
-        squares, near = vibration.fixed_modes(near, count, MODE)
+        squares, near, forces = vibration.fixed_modes(near, count, MODE)
         if squares[count - 1] > highest:
-            return squares, near
+            return squares, near, forces
         if count >= MOST_MODES:
             reached = np.sqrt(squares[count - 1]) / (2 * np.pi)
             raise InputError(

@@ -31,13 +31,18 @@ def lowest_modes(
     count: int,
     tolerance: float = 1e-8,
     limit: int = 200,
-) -> tuple[Floats, Floats]:
-    """Return (b,) squares of the angular frequencies, rad²/s², and (c, b) mass-normalized modes, lowest first.
+    *,
+    exact: bool = False,
+) -> tuple[Floats, Floats, Floats]:
+    """Return (b,) squares of the angular frequencies, rad²/s², lowest first, and (c, b) mass-normalized modes.
+
+    Besides, the products (c, b) of the stiffness with these modes.
 
     Parameters
     ----------
     stiffness, mass : products with the two matrices.
-    precondition : approximation of the stiffness's inverse.
+    precondition : approximation of the stiffness's inverse; ``exact``: that inverse itself, so that all products with
+        the stiffness are known beforehand. Formed anew, those of a slender part's modes would be nothing but rounding.
     start : (c, b) motions to start from, more than ``count``; the result's last ones are less accurate.
     count : modes whose squares must be accurate to ``tolerance``, relative.
 
@@ -45,17 +50,22 @@ def lowest_modes(
     ------
     MeshError : no convergence.
     """
-    squares, turn = ritz(start.T @ stiffness(start), start.T @ mass(start), start.shape[1])
-    modes = start @ turn
-    pushed, moved = stiffness(modes), mass(modes)
+    pushed = mass(start) if exact else stiffness(start)
+    modes = precondition(pushed) if exact else start
+    basis = modes, pushed, mass(modes)
+    squares, turn = ritz(basis[0].T @ basis[1], basis[0].T @ basis[2], start.shape[1])
+    modes, pushed, moved = (part @ turn for part in basis)
     former: tuple[tuple[Floats, ...], ...] = ()
     for _ in range(limit):
         residual = pushed - moved * squares
         step = precondition(residual)
-        if (np.einsum("ij,ij->j", residual, step)[:count] <= tolerance * squares[:count]).all():
-            return squares, modes
-        step -= modes @ (moved.T @ step)
-        new = step, stiffness(step), mass(step)
+        left = np.einsum("ij,ij->j", residual, step) > tolerance * squares
+        if not left[:count].any():
+            return squares, modes, pushed
+        residual, step = residual[:, left], step[:, left]  # what has converged would add but rounding
+        along = moved.T @ step
+        step -= modes @ along
+        new = step, residual - pushed @ along if exact else stiffness(step), mass(step)
         basis = [np.hstack(part) for part in zip((modes, pushed, moved), new, *former, strict=True)]
         squares, turn = ritz(basis[0].T @ basis[1], basis[0].T @ basis[2], modes.shape[1])
         old = modes.shape[1]

@@ -86,7 +86,7 @@ def test_same_mesh_same_frequencies(stored, tmp_path, monkeypatch):
     stiffness = elasticity.assemble(problem.mesh, problem.elasticity)
     weight = mass.assemble_mass(problem.mesh, problem.density).nodes
     solver = prepare(problem.mesh, stiffness, supports)
-    squares, _ = lowest_modes(
+    squares, _, _ = lowest_modes(
         lambda x: supports.restrict(stiffness @ supports.expand(x)),
         lambda x: supports.restrict(mass.times(weight, supports.expand(x))),
         solver.precondition,
