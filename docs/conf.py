@@ -9,7 +9,15 @@ sys.path.insert(0, str(Path(__file__).parent / "extensions"))
 project = "stiffscope"
 release = metadata.version("stiffscope")
 project_copyright = "the authors of stiffscope"
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_click", "file_reference", "known_answers"]
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx_click",
+    "file_reference",
+    "json_answers",
+    "known_answers",
+]
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist"]
 myst_heading_anchors = 3
 myst_links_external_new_tab = False

@@ -27,6 +27,7 @@ SMALL = {
     "interfaces": "--set slider.mesh.size=60mm --set slider.width=160mm --set slider.pad_spacing=45mm",
     "modes": "--components published --count 1",
     "frf": "--components published",
+    "deflection": "--components published",
     "map": "--components published --gravity none --points 9",
     "blind": "--campaigns 1",
     "sensitivity": "--components beam",
@@ -102,6 +103,9 @@ def test_commands(line, place, monkeypatch, capsys):
             written = "readings.csv" if name == "campaign" and words[0] == "new" else "manifest.json"
             kept = Path(file) if Path(file).suffix else Path(file) / written
             assert kept.stat().st_size > 0
+            assert kept.name != "manifest.json" or "</html>" in kept.with_name("report.html").read_text(
+                encoding="utf-8"
+            )
         if option == "--json":
             assert Path(file).stat().st_size > 0
 

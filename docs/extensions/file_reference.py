@@ -1,13 +1,11 @@
-"""Pages made from the code: keys of robot files and campaigns, fields of JSON answers, Python names, the gallery."""
+"""Pages made from the code: keys of robot files and campaigns, Python names, the gallery."""
 
 from __future__ import annotations
 
 import contextlib
 import inspect
 import io
-import json
 import runpy
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -17,7 +15,6 @@ from docutils.statemachine import StringList
 from pydantic_core import PydanticUndefined
 
 import stiffscope
-from stiffscope.cli.main import _guarded
 from stiffscope.gap.campaign_header import _KEYS, _LOAD, _SENSOR
 from stiffscope.gap.quantities import DEFLECTIONS, DEVIATIONS, FREQUENCIES, PUSHES, STIFFNESSES
 from stiffscope.robot import part_sections, sections
@@ -49,31 +46,6 @@ TABLES = (
     ("[map]", sections.MapSection),
     ("[[effects]]", sections.Effect),
 )
-PUBLISHED = ["biglide", "--components", "published"]
-COARSE = ["biglide", "--part", "link", "--set", "link.mesh.size=60mm"]
-FORCE = ["--from", "tool:M:z", "--to", "tool:M:z", "--points", "9"]
-ANSWERS = {
-    "run": ["run", *PUBLISHED, "--out", "OUT"],
-    "stiffness": ["stiffness", *PUBLISHED],
-    "deflection": ["deflection", *PUBLISHED, "--wrench", "100,0,0,0,0,0"],
-    "map": ["map", *PUBLISHED, "--points", "5", "--out", "OUT"],
-    "modes": ["modes", *PUBLISHED, "--at", "Q1"],
-    "frf": ["frf", *PUBLISHED, "--at", "Q1", *FORCE, "--out", "OUT"],
-    "sensitivity": ["sensitivity", *PUBLISHED],
-    "sensitivity-part": ["sensitivity", *COARSE],
-    "compliance": ["compliance", *COARSE],
-    "compare": ["compare", *COARSE],
-    "interfaces": ["interfaces", *COARSE, "--out", "OUT"],
-    "check": ["check", "biglide"],
-    "robots": ["robots"],
-    "new": ["new", "delta", "OUT"],
-    "campaign-new": ["campaign", "new", "biglide", "--out", "OUT"],
-    "campaign-check": ["campaign", "check", "published"],
-    "diagnose": ["diagnose", "published", "--out", "OUT"],
-    "cache": ["cache"],
-    "cache-list": ["cache", "list"],
-}
-GROUPS = ("campaign", "cache")
 CAMPAIGN = {
     "robot": "the name of a robot that comes along, or the path of a robot file, seen from this folder",
     "predictions": "instead of `robot`: a table with the columns of the readings and `value`, the model under test; "
@@ -119,7 +91,7 @@ class RobotFileKeys(Directive):
                 default = "**needed**" if field.is_required() else _default(field)
                 lines.append(f"| `{field.alias or name}` | {_takes(field)} | {default} |")
             lines.append("")
-        return _parsed(self, lines)
+        return parsed(self, lines)
 
 
 class StudyFileKeys(RobotFileKeys):
@@ -147,33 +119,7 @@ class CampaignKeys(Directive):
         for effect, parameters in EFFECTS.items():
             listed = ", ".join(f"`{name}` ({unit})" for name, unit in parameters[:7])
             lines.append(f"| `{effect}` | {listed + (' …' if len(parameters) > 7 else '') or 'none'} |")
-        return _parsed(self, lines)
-
-
-class Answers(Directive):
-    """For each command, a table of the fields of its JSON answer, as the command writes them now."""
-
-    def run(self) -> list[nodes.Node]:
-        """Run the commands and return the tables."""
-        lines: list[str] = []
-        for words in ANSWERS.values():
-            answer = self._answer(words)
-            shown = " ".join(word if " " not in word else f'"{word}"' for word in words)
-            lines += [f"## {' '.join(words[:2]) if words[0] in GROUPS else words[0]}", ""]
-            lines += [f"`stiffscope {shown.replace('OUT', 'DIR')} --json FILE`:", "", "| field | holds |", "|---|---|"]
-            if isinstance(answer, list):
-                lines.append(f"| | {_shape(answer)} |")
-                answer = answer[0] if answer and isinstance(answer[0], dict) else {}
-            lines += [f"| `{name}` | {_shape(value)} |" for name, value in answer.items()] + [""]
-        return _parsed(self, lines)
-
-    def _answer(self, words: list[str]) -> Any:
-        with tempfile.TemporaryDirectory() as folder:
-            target = Path(folder) / "answer.json"
-            filled = [str(Path(folder) / "out") if word == "OUT" else word for word in words]
-            if _guarded([*filled, "--quiet", "--json", str(target)]) != 0:
-                raise self.error(f"{' '.join(words)} failed")
-            return json.loads(target.read_text(encoding="utf-8"))
+        return parsed(self, lines)
 
 
 class Gallery(Directive):
@@ -192,7 +138,7 @@ class Gallery(Directive):
         title = head.rstrip(".").partition(": ")[2]
         section = nodes.section(ids=[nodes.make_id(file.stem)])
         section += nodes.title("", title[0].upper() + title[1:])
-        section += _parsed(self, [*words.splitlines(), "", f"`python -m examples.{file.stem}` prints", ""])
+        section += parsed(self, [*words.splitlines(), "", f"`python -m examples.{file.stem}` prints", ""])
         section += nodes.literal_block("", said.getvalue().rstrip(), language="text")
         section += nodes.raw("", stiffscope.view(names["robot"])._repr_html_(), format="html")
         section += nodes.literal_block("", file.read_text(encoding="utf-8"), language="python")
@@ -209,10 +155,11 @@ class Facade(Directive):
             found = getattr(stiffscope, name)
             kind, members = ("class", ["   :members:"]) if inspect.isclass(found) else ("function", [])
             lines += [f".. auto{kind}:: {found.__module__}.{name}", *members, ""]
-        return _parsed(self, lines)
+        return parsed(self, lines)
 
 
-def _parsed(directive: Directive, lines: list[str]) -> list[nodes.Node]:
+def parsed(directive: Directive, lines: list[str]) -> list[nodes.Node]:
+    """Return what lines of Markdown become."""
     node = nodes.Element()
     directive.state.nested_parse(StringList(lines, source="from the code"), directive.content_offset, node, True)
     return node.children
@@ -239,30 +186,11 @@ def _default(field: Any) -> str:
     return f"`{value}`" if isinstance(value, str | int | float | tuple) else "its own"
 
 
-def _shape(value: Any) -> str:
-    if isinstance(value, dict):
-        first = next(iter(value.items()), None)
-        return "an empty table" if first is None else f"by name, such as `{first[0]}`: {_shape(first[1])}"
-    if isinstance(value, list):
-        sizes, inner = [], value
-        while isinstance(inner, list):
-            sizes.append(len(inner))
-            inner = inner[0] if inner else None
-        return f"list {' × '.join(map(str, sizes))} of {_word(inner)}"
-    return _word(value)
-
-
-def _word(value: Any) -> str:
-    names = {str: "texts", float: "numbers", int: "whole numbers", bool: "true or false", type(None): "nothing (null)"}
-    return names.get(type(value), "tables")
-
-
 def setup(app: Sphinx) -> dict[str, Any]:
     """Add the directives."""
     app.add_directive("robot-file-keys", RobotFileKeys)
     app.add_directive("study-file-keys", StudyFileKeys)
     app.add_directive("campaign-keys", CampaignKeys)
-    app.add_directive("answers", Answers)
     app.add_directive("gallery", Gallery)
     app.add_directive("facade", Facade)
     return {"parallel_read_safe": True}

@@ -142,13 +142,13 @@ def new_campaign(name: str, out: Path, *, target: str | None, quiet: bool) -> No
 @campaign.command("check")
 @takes(
     click.argument("name", metavar="CAMPAIGN"),
-    options.folder("--out", "Folder to write: pictures of the sensors on the robot, and check.json."),
+    options.folder("--out", "Folder to write: report, pictures of the sensors on the robot, and check.json."),
     options.target,
 )
 def check_campaign(name: str, out: Path | None, *, target: str | None, quiet: bool) -> None:
     """What was understood of a campaign: counts, units, poses, sensors and loads; no experiment is made."""
     from stiffscope.jobs.campaigns import open_case, reached
-    from stiffscope.report.campaign_check import campaign_json, draw_sensors, show_campaign
+    from stiffscope.report.campaign_check import campaign_json, draw_sensors, show_campaign, write_page
     from stiffscope.report.pictures import PictureError
 
     if out is not None:
@@ -167,6 +167,7 @@ def check_campaign(name: str, out: Path | None, *, target: str | None, quiet: bo
                 except PictureError as error:
                     log.warning("%s", error)
             manifest.write(folder)
+            write_page(case.campaign, case.name, folder)
     if target is not None:
         files.write_json(target, campaign_json(case.campaign))
 

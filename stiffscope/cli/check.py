@@ -25,7 +25,7 @@ log = logging.getLogger(__name__)
 @takes(
     options.robot,
     options.overrides,
-    options.folder("--out", "Folder to write: pictures at home and at every named pose, and check.json."),
+    options.folder("--out", "Folder to write: report, pictures at home and at every named pose, and check.json."),
     options.target,
 )
 def check(name: str, *, overrides: tuple[str, ...], out: Path | None, target: str | None, quiet: bool) -> None:
@@ -52,7 +52,10 @@ def check(name: str, *, overrides: tuple[str, ...], out: Path | None, target: st
 
 
 def _write(found: Inspection, out: Path) -> None:
+    from stiffscope.report.check_tables import show_check
     from stiffscope.report.pictures import PictureError
+    from stiffscope.report.run_report import write_check_report
+    from stiffscope.report.terminal import recorded
     from stiffscope.robot.inspection import inspection_json
 
     manifest = manifest_of(found.robot)
@@ -63,12 +66,16 @@ def _write(found: Inspection, out: Path) -> None:
         except PictureError as error:
             log.warning("%s", error)
         manifest.write(folder)
+        with recorded() as shown:
+            show_check(found)
+        write_check_report(folder, found, shown)
 
 
 def _draw(found: Inspection, folder: Path) -> None:
     """The robot at home and at every named pose that it reaches."""
     from stiffscope.report.pictures import draw
     from stiffscope.report.robot_scene import moves, picture, pose_text, scene
+    from stiffscope.report.run_report import GEOMETRY
 
     if found.configurations is None:
         return
@@ -78,4 +85,4 @@ def _draw(found: Inspection, folder: Path) -> None:
             moved = moves(found.mechanism, found.configurations, k)
             title = f"{found.robot.name} at {pose.name}: {pose_text(found.mechanism, pose.tool)}"
             pictures.append(picture(f"robot_{pose.name}.png", title, moved))
-    draw("robot", folder, pictures=pictures, **scene(found.robot, found.mechanism))
+    draw("robot", folder, pictures=pictures, geometry=GEOMETRY, **scene(found.robot, found.mechanism))

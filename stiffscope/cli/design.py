@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @click.command()
 @takes(options.robot, options.part, options.poses, options.components, options.overrides, options.target)
-@options.folder("--out", "Folder to write: bar chart and numbers (JSON), complete or absent.")
+@options.folder("--out", "Folder to write: report, bar chart and numbers (JSON), complete or absent.")
 def sensitivity(
     name: str, part: str | None, *, poses: tuple[str, ...], components: Any, overrides: tuple[str, ...],
     target: str | None, out: Path | None, quiet: bool,
@@ -72,6 +72,7 @@ def _of_part(
                 report.write_part_chart(found, result, folder)
                 files.write_json(folder / "sensitivity.json", report.part_json(found, result))
                 manifest.write(folder)
+                report.write_part_page(found, result, folder, robot.name)
     if target:
         files.write_json(target, report.part_json(found, result))
     if shown:
@@ -95,6 +96,7 @@ def _of_robot(
             report.write_chart(found, asked.names, folder)
             files.write_json(folder / "sensitivity.json", report.robot_json(found))
             manifest.write(folder)
+            report.write_page(found, asked.names, folder)
     if target:
         files.write_json(target, report.robot_json(found))
     if shown:

@@ -100,13 +100,13 @@ def interfaces(
 
     Tests the part (without --part: the robot's first plate, else its first solid) loaded as a rigid face and by an even
     traction, a plate also on three joint pads, and held by its face, on an elastic foundation, a plate also in its bolt
-    holes. Prints what each choice changes; writes CSV, JSON and a figure to DIR.
+    holes. Prints what each choice changes; writes a report, CSV, JSON and a figure to DIR.
     """
     from stiffscope.cli.showing import shown_workshop
     from stiffscope.jobs.interfaces import compare_interfaces, interfaces_csv, interfaces_json
     from stiffscope.jobs.orders import order_part
     from stiffscope.report import tables
-    from stiffscope.report.interface_figure import draw
+    from stiffscope.report.interface_figure import draw, write_page
     from stiffscope.robot.reader import load_robot
 
     begun = time.perf_counter()
@@ -126,6 +126,7 @@ def interfaces(
             if result.note:
                 log.warning("%s, %s: %s", part, tested.choice.name, result.note)
         manifest.write(folder)
+        write_page(compared, folder, robot.name)
     if target:
         files.write_json(target, interfaces_json(compared))
     if not quiet and target != "-":

@@ -76,7 +76,7 @@ def stiffness(
 
 @click.command()
 @takes(options.robot, options.poses, options.joints, options.components, options.overrides, options.target)
-@options.folder("--out", "Folder to write: pictures of the robot deformed, complete or absent.")
+@options.folder("--out", "Folder to write: report and pictures of the robot deformed, complete or absent.")
 @click.option(
     "--wrench", required=True, metavar="FX,FY,FZ,MX,MY,MZ",
     help='Wrench on the tool at M, axes {O}, in N and N·m or with units ("100 N,0,0,0,0,5 N*m").',
@@ -108,19 +108,33 @@ def deflection(
     manifest = manifest_of(robot)
     assembled = shown_assembly(robot, components, quiet=quiet)
     found = deflected(assembled.mechanism, asked.configurations, load)
+    words = ",".join(f"{value:g}" for value in load)
+
+    def show() -> None:
+        error = deflection_bars(assembled, asked.configurations, found.twist)
+        tables.show_deflection(asked.names, found.twist, found.shares, words, error)
+
     if out is not None:
         from stiffscope.report.kept_pictures import draw_deflection
+        from stiffscope.report.robot_view import wrench_cases
+        from stiffscope.report.run_report import write_deflection_report
+        from stiffscope.report.terminal import recorded
 
+        cases = wrench_cases(assembled.mechanism, asked.configurations, load, f"{words} N, N·m")
         with files.staged_folder(out) as folder:
-            draw_deflection(assembled, asked.names, asked.configurations, load, found, folder)
+            draw_deflection(assembled, asked.names, asked.configurations, cases, folder)
             manifest.write(folder)
+            with recorded() as shown:
+                show()
+            write_deflection_report(folder, assembled, asked.names, asked.configurations, cases, shown)
     if target:
         at = {"poses": asked.configurations.poses, "tool": asked.configurations.tool}
         shares = {"energy": found.energy, "shares": found.shares}
         files.write_json(target, {**at, "wrench": load, "twist": found.twist, **shares, "convention": CONVENTION})
     if not quiet and target != "-":
-        error = deflection_bars(assembled, asked.configurations, found.twist)
-        tables.show_deflection(asked.names, found.twist, found.shares, ",".join(f"{v:g}" for v in load), error)
+        show()
+        if out is not None:
+            tables.show_line(f"Written to {out}")
 
 
 @click.command("map")

@@ -101,7 +101,7 @@ def frf(
 ) -> None:  # fmt: skip
     """Frequency response of the robot from a force at one place to the displacement at another, by modes.
 
-    Writes a figure, a table (CSV) and a netCDF file to DIR, a line or variable for each pose.
+    Writes a report, a figure, a table (CSV) and a netCDF file to DIR, a line or variable for each pose.
     """
     import numpy as np
 
@@ -134,6 +134,7 @@ def frf(
     with files.staged_folder(out) as folder:
         report.write(response, folder, f"{robot.name}: response at {target} to {source}")
         manifest.write(folder)
+        report.write_page(response, folder, robot.name)
     if json_target:
         files.write_json(json_target, report.as_dataset(response, f"{robot.name}: frequency response").to_dict())
     if not quiet and json_target != "-":

@@ -1,4 +1,4 @@
-"""What `stiffscope campaign check` says of a campaign: counts, units, poses, sensors, loads, and a picture."""
+"""What `stiffscope campaign check` says of a campaign: counts, units, poses, sensors, loads; a picture, a report."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.gap.quantities import DEFLECTION, DEVIATION, FREQUENCY, KINDS, WRENCH
+from stiffscope.report import page
 from stiffscope.report.robot_scene import moves, picture, pose_text, scene
-from stiffscope.report.terminal import show_line, show_table
+from stiffscope.report.run_report import write_tables_report
+from stiffscope.report.terminal import recorded, show_line, show_table
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -110,6 +112,18 @@ def show_campaign(campaign: Campaign, name: str) -> None:
     show_table("Poses, m and rad", [["pose"], list(facts["coordinates"])], poses[:_SHOWN])
     if len(poses) > _SHOWN:
         show_line(f"and {len(poses) - _SHOWN} more: see --json")
+
+
+def write_page(campaign: Campaign, name: str, folder: Path) -> None:
+    """Write ``report.html`` of what was understood: tables as shown, pictures in the folder."""
+    with recorded() as shown:
+        show_campaign(campaign, name)
+    drawn = [
+        page.figure(file, "Sensors and loads on the robot", "the robot, with arrows where sensors touch and loads act")
+        for file in sorted(folder.glob("sensors_*.png"))
+    ]
+    facts = ["what was understood of the campaign; nothing is compared here"]
+    write_tables_report(folder, f"{name}: its readings", facts, "Readings", shown, drawn)
 
 
 def _number(value: float | None) -> str:

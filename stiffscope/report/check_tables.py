@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.report.terminal import show_line, show_table
+from stiffscope.report.terminal import show_facts, show_line, show_list, show_table
 from stiffscope.vjm.mobility import joined
 
 if TYPE_CHECKING:
@@ -22,10 +22,8 @@ _SHOWN = 8  # lines of a list, beyond which the rest is counted
 def show_check(found: Inspection) -> None:
     """All tables of an inspection, then its remarks."""
     show_line(f"{found.robot.name} ({found.robot.path})", "bold")
-    show_line("\nMobility at home", "bold")
-    for name, value in _mobility(found):
-        show_line(f"  {name:<18}  {value}")
     show_line("")
+    show_facts("Mobility at home", list(_mobility(found)))
     _lines("Redundant constraints", map(str, found.mobility.redundancies))
     _lines("Idle motions (neither tool nor drives move)", map(str, found.mobility.idle))
     _parts(found)
@@ -43,14 +41,9 @@ def _table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], pr
 
 def _lines(title: str, lines: Iterable[str]) -> None:
     listed = list(lines)
-    if not listed:
-        return
-    show_line(title, "bold")
-    for line in listed[:_SHOWN]:
-        show_line(f"  - {line}")
-    if len(listed) > _SHOWN:
-        show_line(f"  - and {len(listed) - _SHOWN} more: see --json")
-    show_line("")
+    more = [f"and {len(listed) - _SHOWN} more: see --json"] if len(listed) > _SHOWN else []
+    if listed:
+        show_list(title, listed[:_SHOWN] + more)
 
 
 def _mobility(found: Inspection) -> Iterator[tuple[str, str]]:

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.report import page
 from stiffscope.report.figures import new_figure, save_figures
+from stiffscope.report.run_report import write_tables_report
 from stiffscope.vjm.mechanism import COORDINATES
 
 if TYPE_CHECKING:
@@ -61,6 +63,19 @@ def write(response: Response, folder: Path, title: str) -> None:
         lines += [f"{pose}," + ",".join(f"{v:.9g}" for v in row) for row in numbers]
     (folder / "frf.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
     as_dataset(response, title).to_netcdf(folder / "frf.nc", engine="scipy", format="NETCDF3_64BIT")
+
+
+def write_page(response: Response, folder: Path, robot: str) -> None:
+    """Write ``report.html`` of the figure in the folder."""
+    caption = (
+        f"Displacement at {response.target} for a harmonic force at {response.source}: magnitude and phase by pose"
+    )
+    drawn = page.figure(folder / "frf.svg", caption, "receptance over frequency: magnitude above, phase below")
+    facts = [
+        f"force at {response.source}", f"displacement at {response.target}", f"receptance in {response.written_unit}",
+        f"damping ratio of every mode {response.damping:g}", f"{len(response.hertz):,} frequencies",
+    ]  # fmt: skip
+    write_tables_report(folder, f"{robot}: frequency response", facts, "Frequency response", (), [drawn])
 
 
 def as_dataset(response: Response, title: str) -> xr.Dataset:

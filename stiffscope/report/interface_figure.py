@@ -1,4 +1,4 @@
-"""The figure of `stiffscope interfaces`: a sketch of each choice over what it changes of each entry."""
+"""The figure of `stiffscope interfaces`: a sketch of each choice over what it changes of each entry; its report."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.report import page, tables
 from stiffscope.report.drawing.sheet import power
 from stiffscope.report.figures import AFTER, BEFORE, EFFECT, STYLE, new_figure, save_figure
+from stiffscope.report.run_report import write_tables_report
+from stiffscope.report.terminal import recorded
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -41,6 +44,20 @@ def draw(compared: Comparison, title: str, target: Path) -> None:
             _changes(axes, compared, k)
         figure.supxlabel(textwrap.fill(CAPTION, 42 * (count + 1)), fontsize=9, color=BEFORE)
         save_figure(figure, target, dpi=130)
+
+
+def write_page(compared: Comparison, folder: Path, robot: str) -> None:
+    """Write ``report.html`` of the table as shown and of the figure in the folder."""
+    with recorded() as shown:
+        tables.show_interfaces(compared)
+    words = "a sketch of each choice of interface, below it the change of every entry, with its bound"
+    drawn = page.figure(folder / "interfaces.png", CAPTION, words)
+    facts = [
+        f"the {compared.part}'s 6×6 compliance, SI, at the reference point of the robot file's own choice",
+        "bounds hold with 95 %",
+    ]
+    title = f"{robot}: effect of the interfaces on the {compared.part}'s compliance"
+    write_tables_report(folder, title, facts, "Compliance by interface", shown, [drawn])
 
 
 def _values(axes: Axes, compared: Comparison) -> None:

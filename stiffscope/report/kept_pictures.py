@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from stiffscope.jobs.cache import Cache
     from stiffscope.jobs.manifest import Manifest
     from stiffscope.jobs.results import PartResult
+    from stiffscope.report.robot_view import Case
     from stiffscope.robot.description import RobotFile
     from stiffscope.vjm.kinematics import Configurations
-    from stiffscope.vjm.yielding import Deflection
 
 log = logging.getLogger(__name__)
 
@@ -87,23 +87,17 @@ def draw_shares(assembled: Assembled, diagnosis: Diagnosis, poses: np.ndarray, f
 
 
 def draw_deflection(
-    assembled: Assembled, names: Sequence[str], found: Configurations, load: np.ndarray, bent: Deflection, folder: Path
+    assembled: Assembled, names: Sequence[str], found: Configurations, cases: Sequence[Sequence[Case]], folder: Path
 ) -> None:
-    """The robot under a wrench (6,) at each pose, deformed, its elements coloured by their share of the energy."""
-    from stiffscope.vjm.statics import respond
-
-    mechanism = assembled.mechanism
-    nodes = respond(mechanism, found, load).nodes
-    for k, name in enumerate(names):
+    """The robot under the wrench of each pose, deformed, its elements coloured by their share; its solids."""
+    mechanism, shown = assembled.mechanism, []
+    for k, (name, (case,)) in enumerate(zip(names, cases, strict=True)):
         moved, at = moves(mechanism, found, k), found.tool[k, :3]
-        twists = {node: twist[k if len(twist) > 1 else 0, :, 0] for node, twist in nodes.items()}
-        factor = exaggeration(mechanism, moved, twists, at)
-        title = (
-            f"{assembled.robot.name} at {name} under {','.join(f'{v:g}' for v in load)} N, N·m; deformed × {factor:g}"
-        )
-        shown = [picture(f"deflection_{k + 1}.png", title, deformed(moved, twists, at, factor), moved)]
-        energy = {element: float(share[k]) for element, share in bent.shares.items()}
-        _draw_robot(assembled, folder, shown, energy, "share of the strain energy")
+        factor = exaggeration(mechanism, moved, case.twists, at)
+        title = f"{assembled.robot.name} at {name} under {case.label}; deformed × {factor:g}"
+        bent = picture(f"deflection_{k + 1}.png", title, deformed(moved, case.twists, at, factor), moved)
+        shown.append({**bent, "shares": case.shares})
+    _draw_robot(assembled, folder, shown, None, "share of the strain energy", GEOMETRY)
 
 
 def plain_robot(robot: RobotFile) -> dict[str, Any]:
@@ -193,7 +187,7 @@ def _draw_poses(assembled: Assembled, folder: Path) -> None:
 
 
 def _draw_robot(
-    assembled: Assembled, folder: Path, shown: Sequence[dict[str, Any]], part: Mapping[str, float], scale: str,
+    assembled: Assembled, folder: Path, shown: Sequence[dict[str, Any]], part: Mapping[str, float] | None, scale: str,
     geometry: str | None = None,
 ) -> None:  # fmt: skip
     """Pictures coloured by shares of elements; where this machine cannot draw, say so and leave them out."""

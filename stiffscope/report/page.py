@@ -27,9 +27,10 @@ BUTTONS = (
     ("left", "◀", "Turn left"), ("right", "▶", "Turn right"), ("up", "▲", "Tilt up"), ("down", "▼", "Tilt down"),
     ("nearer", "+", "Zoom in"), ("farther", "−", "Zoom out"), ("reset", "↺", "Initial view"),
 )  # fmt: skip
-HOW = (
-    "Drag to turn, or use the arrow keys; + and − to zoom. Displacements are multiplied by the factor at the slider, "
-    "and interpolated between the ends of elastic bodies as a beam bends."
+HOW = "Drag to turn, or use the arrow keys; + and − to zoom."
+FACTOR = (
+    "Displacements are multiplied by the factor at the slider, and interpolated between the ends of elastic bodies "
+    "as a beam bends."
 )
 
 
@@ -60,7 +61,11 @@ class RobotView:
     """Deformation at first, in percent of what is well seen."""
 
     buttons = BUTTONS
-    how = HOW
+
+    @property
+    def how(self) -> str:
+        """What to do with it."""
+        return f"{HOW} {FACTOR}" if any(pose["cases"] for pose in self.data["poses"]) else HOW
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.report.drawing.geometry import base64_of
-from stiffscope.report.numbers import NEGLIGIBLE
 from stiffscope.report.robot_scene import exaggeration, moves, pose_text
 from stiffscope.vjm.statics import respond
 
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.modes import Modes
 
+UNSEEN = 1e-4  # rad per m, or m per rad: below it the tool moves without turning, or turns without moving
 LOADS = ("fx = 1 N", "fy = 1 N", "fz = 1 N", "mx = 1 N·m", "my = 1 N·m", "mz = 1 N·m")
 
 
@@ -85,37 +85,43 @@ def robot_view(
 
 def unit_wrenches(mechanism: Mechanism, found: Configurations) -> list[list[Case]]:
     """The six unit wrenches at M at each pose; those under which the tool moves freely are left out."""
-    return [_wrenches(mechanism, found[np.array([k])]) for k in range(len(found))]
+    return [_unit_wrenches(mechanism, found[np.array([k])]) for k in range(len(found))]
 
 
-def _wrenches(mechanism: Mechanism, one: Configurations) -> list[Case]:
+def wrench_cases(mechanism: Mechanism, found: Configurations, load: np.ndarray, label: str) -> list[list[Case]]:
+    """One wrench (6,) at M, N and N·m, at each pose. Raises InputError where the tool moves freely under it."""
+    return [_solved(mechanism, found[np.array([k])], {label: load}) for k in range(len(found))]
+
+
+def _unit_wrenches(mechanism: Mechanism, one: Configurations) -> list[Case]:
+    units: dict[str, np.ndarray] = dict(zip(LOADS, np.eye(6), strict=True))
     try:
-        return _solved(mechanism, one, range(6))
+        return _solved(mechanism, one, units)
     except InputError:
         pass
     cases: list[Case] = []
-    for k in range(6):
+    for label, load in units.items():
         try:
-            cases += _solved(mechanism, one, [k])
+            cases += _solved(mechanism, one, {label: load})
         except InputError:
             continue
     return cases
 
 
-def _solved(mechanism: Mechanism, one: Configurations, chosen: Sequence[int]) -> list[Case]:
-    done = respond(mechanism, one, np.eye(6)[:, list(chosen)])
+def _solved(mechanism: Mechanism, one: Configurations, loads: Mapping[str, np.ndarray]) -> list[Case]:
+    done = respond(mechanism, one, np.column_stack(list(loads.values())))
     cases = []
-    for column, k in enumerate(chosen):
+    for column, label in enumerate(loads):
         tool = done.twist[0, :, column]
         energy = {
             name: float(e.energy[0, column]) for name, e in done.elements.items() if e.element.factor.shape[1]
         }  # elements that yield
         total = sum(energy.values())
         sizes = np.array([np.linalg.norm(tool[:3]), np.linalg.norm(tool[3:])])
-        sizes[sizes < NEGLIGIBLE * sizes.max()] = 0.0  # rounding
+        sizes[sizes < UNSEEN * sizes.max()] = 0.0  # rounding, and what a mesh is not symmetric
         note = f"tool moves {1e6 * sizes[0]:.4g} µm, turns {1e6 * sizes[1]:.4g} µrad"
         twists = {node: twist[0, :, column] for node, twist in done.nodes.items()}
-        cases.append(Case(LOADS[k], note, twists, {n: e / total for n, e in energy.items()} if total > 0.0 else {}))
+        cases.append(Case(label, note, twists, {n: e / total for n, e in energy.items()} if total > 0.0 else {}))
     return cases
 
 

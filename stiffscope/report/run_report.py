@@ -1,9 +1,11 @@
-"""The reports of `run`, `modes` and `map`: what stands in ``report.html`` of their output folders."""
+"""What stands in ``report.html`` of output folders: of `run`, `modes`, `map`, `deflection`, `check`, and of tables."""
 
 from __future__ import annotations
 
 import json
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from stiffscope import files
 from stiffscope.report import page
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
     from stiffscope.jobs.assembly import Assembled
     from stiffscope.report.page import Figure
     from stiffscope.report.robot_view import Case
+    from stiffscope.robot.inspection import Inspection
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.modes import Modes
 
@@ -77,6 +80,59 @@ def write_map_report(folder: Path, assembled: Assembled, titles: Mapping[str, st
         origin(folder),
     ]
     _write(folder, assembled, "stiffness over the workspace", sections)
+
+
+def write_deflection_report(
+    folder: Path, assembled: Assembled, names: Sequence[str], found: Configurations, cases: list[list[Case]],
+    tables: Sequence[Shown],
+) -> None:  # fmt: skip
+    """Write the report of a deflection: table as shown, the robot under the wrench, the only case of a pose."""
+    words = "the robot deformed, coloured by the " + ENERGY
+    stills = [
+        page.figure(file, f"The robot at {name} under {case.label}", f"{words}, at {name}")
+        for k, (name, (case,)) in enumerate(zip(names, cases, strict=True), 1)
+        if (file := folder / f"deflection_{k}.png").exists()
+    ]
+    view = turning(
+        folder, found, names, cases, choice="load", quantity=ENERGY,
+        caption=f"The robot under the wrench at M, components coloured by their {ENERGY}.",
+        still=stills[0] if stills else None,
+    )  # fmt: skip
+    sections = [
+        *([Section("The robot under load", view=view)] if view else []),
+        Section("Deflection", tables, stills),
+        origin(folder),
+    ]
+    _write(folder, assembled, "deflection", sections)
+
+
+def write_check_report(folder: Path, found: Inspection, tables: Sequence[Shown]) -> None:
+    """Write the report of what a robot file says: the robot at its poses, tables as shown."""
+    reached = [k for k, pose in enumerate(found.poses) if pose.reached]
+    names = [found.poses[k].name for k in reached]
+    still = folder / f"robot_{names[0]}.png" if names else folder
+    view = None
+    if found.configurations is not None and still.is_file():
+        view = turning(
+            folder, found.configurations[np.array(reached)], names, [[] for _ in reached], choice="load",
+            quantity=ENERGY, caption="The robot at home and at the poses of its file; no stiffness is computed here.",
+            still=page.figure(still, "", f"the robot at {names[0]}"),
+        )  # fmt: skip
+    sections = [
+        *([Section("The robot", view=view)] if view else []),
+        Section("What the file says", tables),
+        origin(folder),
+    ]
+    facts = ["bodies are rigid here", "SI units in base axes {O}"]
+    page.write_page(folder / REPORT, f"{found.robot.name}: what its file says", facts, sections)
+
+
+def write_tables_report(
+    folder: Path, title: str, facts: Sequence[str], heading: str, tables: Sequence[Shown], figures: Sequence[Figure]
+) -> None:
+    """Write the report of one result: tables as shown, its figures, and how it was made."""
+    sections = [Section(heading, tables, figures), origin(folder)]
+    page.write_page(folder / REPORT, title, facts, sections)
 
 
 def _wrench_view(folder: Path, assembled: Assembled, found: Configurations, names: Sequence[str]) -> RobotView | None:

@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.report import page
 from stiffscope.report.figures import new_figure, save_figures
 from stiffscope.report.numbers import DIAGONAL
-from stiffscope.report.terminal import show_line, show_table
+from stiffscope.report.run_report import write_tables_report
+from stiffscope.report.terminal import recorded, show_line, show_table
 from stiffscope.vjm.screws import CONVENTION
 
 if TYPE_CHECKING:
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
 
     from stiffscope.fea.sensitivity import Derivative, PartSensitivity
     from stiffscope.jobs.results import PartResult
+    from stiffscope.report.terminal import Shown
     from stiffscope.robot.sensitivity import Row, Sensitivity
 
 COMPLIANCES = ("C11", "C22", "C33", "C44", "C55", "C66")
@@ -214,6 +217,27 @@ def write_chart(found: Sensitivity, names: Sequence[str], folder: Path) -> list[
 def write_part_chart(found: PartSensitivity, result: PartResult, folder: Path) -> list[str]:
     """Write sensitivity.png and .svg: bars of every diagonal entry of the part's compliance."""
     return save_figures(folder, {"sensitivity": lambda: _part_chart(found, result)})
+
+
+def write_page(found: Sensitivity, names: Sequence[str], folder: Path) -> None:
+    """Write ``report.html`` of a robot's tables as shown and of its chart in the folder."""
+    with recorded() as shown:
+        show_sensitivity(found, names)
+    words = f"bars of what changes K_tx at {names[0]}, in % per % and in % per kilogram, with bounds"
+    _write_page(folder, f"{found.robot.name}: what changes its stiffness", shown, words)
+
+
+def write_part_page(found: PartSensitivity, result: PartResult, folder: Path, robot: str) -> None:
+    """Write ``report.html`` of a part's tables as shown and of its chart in the folder."""
+    with recorded() as shown:
+        show_part_sensitivity(found, result)
+    words = "bars of what changes each diagonal entry of the compliance, in % per %, with bounds"
+    _write_page(folder, f"{robot}: what changes the {found.part}'s compliance", shown, words)
+
+
+def _write_page(folder: Path, title: str, shown: Sequence[Shown], words: str) -> None:
+    drawn = page.figure(folder / "sensitivity.svg", f"{words[0].upper()}{words[1:]} (95 %)", words)
+    write_tables_report(folder, title, ["derivatives of logarithms: % per %"], "Sensitivities", shown, [drawn])
 
 
 def _robot_chart(found: Sensitivity, pose: str) -> Figure:

@@ -59,6 +59,30 @@ def show_line(text: str, style: str | None = None) -> None:
     out.print(in_encoding(text, out.encoding), style=style, soft_wrap=not out.is_terminal)
 
 
+def show_facts(title: str, facts: Sequence[tuple[str, str]]) -> None:
+    """Print names and what is said of each, a line each; in a page a table."""
+    recorder = _recorder.get()
+    if recorder is not None:
+        recorder.append(Shown(title, ("", "at a glance"), tuple(facts), frozenset({"at a glance"})))
+        return
+    show_line(title, "bold")
+    for name, words in facts:
+        show_line(f"  {name:<18}  {words}")
+    show_line("")
+
+
+def show_list(title: str, items: Sequence[str]) -> None:
+    """Print items, a line each; in a page a paragraph."""
+    recorder = _recorder.get()
+    if recorder is not None:
+        recorder.append(Shown(f"{title}: {'; '.join(items)}"))
+        return
+    show_line(title, "bold")
+    for item in items:
+        show_line(f"  - {item}")
+    show_line("")
+
+
 def show_table(
     title: str, groups: Sequence[Sequence[str]], rows: Sequence[Sequence[str]], *, prose: Collection[str] = ()
 ) -> None:

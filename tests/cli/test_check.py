@@ -34,7 +34,11 @@ def test_json_alone_on_standard_output(capsys):
 def test_folder_with_pictures(tmp_path, capsys):
     out = tmp_path / "out"
     assert run("check", "five-bar", "--out", out, "--quiet") == 0
-    assert {path.name for path in out.iterdir()} == {"check.json", "manifest.json", "robot_home.png", "robot_side.png"}
+    pictures = {"robot_home.png", "robot_side.png"}
+    assert {path.name for path in out.iterdir()} == {"check.json", "manifest.json", "report.html", *pictures}
+    page = (out / "report.html").read_text()
+    assert "independent loops" in page
+    assert page.count('"name": "home"') == page.count('"name": "side"') == 1  # poses of the robot that turns
     assert run("check", "five-bar", "--out", out, "--json", out / "x.json", "--quiet") == 2
     assert "is replaced as a whole" in capsys.readouterr().err
 

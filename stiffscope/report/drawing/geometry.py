@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-TRIANGLES, ALL_TRIANGLES, FEWEST = 24_000, 120_000, 400  # of a mesh, of all together, below which none is thinned
+# Triangles of a mesh, of all that is drawn, and below which no mesh is thinned: without a graphics card a browser takes
+# some 50 µs for each.
+TRIANGLES, ALL_TRIANGLES, FEWEST = 6_000, 24_000, 400
 SHARP = 35.0  # degrees, from which an edge is one
 
 
@@ -41,9 +43,10 @@ def packed(solids: Sequence[Solid], up: Floats, reach: float) -> dict[str, Any]:
             "mesh": k, "element": solid.element, "colour": solid.colour, "nodes": list(solid.nodes),
             "axes": axes.ravel().tolist(), "base": base.tolist(), "length": solid.length,
         })  # fmt: skip
-    limit = max(FEWEST, min(TRIANGLES, ALL_TRIANGLES // max(len(shapes), 1)))
+    drawn = sum(shapes[solid["mesh"]].n_cells for solid in placed)
+    kept = min(1.0, ALL_TRIANGLES / max(drawn, 1))
     return {
-        "meshes": [_mesh(_thinned(shape, limit)) for shape in shapes],
+        "meshes": [_mesh(_thinned(s, max(FEWEST, min(TRIANGLES, round(kept * s.n_cells))))) for s in shapes],
         "solids": placed,
         "upright": upright(up).ravel().tolist(),
         "reach": reach,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.fea.experiment import load_experiment
-from stiffscope.report.drawing.surfaces import surface
+from stiffscope.report.drawing.surfaces import bulge, surface
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -24,6 +24,8 @@ PARTS = ("#3b7dbf", "#d9822b", "#5b9a68", "#8e6bb0", "#b5666a", "#4c9c9c")
 RIGID, GROUND, PASSIVE, DRIVEN, RAIL = "#76828f", "#b4bcc5", "#2c343c", "#c0392b", "#c3c8ce"
 _SMALLEST = 0.018  # radius of a joint, in the robot's size
 _PLATE = 0.014  # half the thickness of a rigid body
+_FLAT = 1e-3  # height of an arc that is drawn as its chord, in the robot's size
+_STATIONS = 13  # along a bar that bends
 
 
 @dataclass(frozen=True)
@@ -108,11 +110,12 @@ def _skin(body: dict[str, Any], reach: float) -> pv.PolyData:
     """Surface of a part in its own axes, clamped at x = 0, in m."""
     if body.get("experiment"):
         mesh = load_experiment(body["experiment"]).mesh
-        return _triangles(surface(mesh, mesh.points).clean())
+        curved = bulge(mesh) > _FLAT * reach
+        return _triangles(surface(mesh, mesh.points, split=curved).clean())
     shape, length = body.get("shape") or {}, float(body["length"])
     if "width" in shape:
         return _plate(length, float(shape["width"]), float(shape["thickness"]))
-    return _rod(np.zeros(3), np.array([length, 0, 0]), _radius(body, reach))
+    return _rod(np.zeros(3), np.array([length, 0, 0]), _radius(body, reach), _STATIONS)
 
 
 def _radius(body: dict[str, Any], reach: float) -> float:
@@ -260,12 +263,12 @@ def _plate(length: float, width: float, thickness: float) -> pv.PolyData:
     return _triangles(pv.Box(sides, level=8))
 
 
-def _rod(start: Floats, end: Floats, radius: float) -> pv.PolyData:
-    """A bar along stations, so that it can bend."""
+def _rod(start: Floats, end: Floats, radius: float, stations: int = 2) -> pv.PolyData:
+    """A bar; one that bends has stations along it."""
     import pyvista as pv
 
-    stations = np.linspace(start, end, 13)
-    return _triangles(pv.Spline(stations, 13).tube(radius=radius, n_sides=32, capping=True))
+    along = np.linspace(start, end, stations)
+    return _triangles(pv.Spline(along, stations).tube(radius=radius, n_sides=32, capping=True))
 
 
 def _ball(at: Floats, radius: float) -> pv.PolyData:

@@ -17,12 +17,19 @@ if TYPE_CHECKING:
 SPLIT = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])  # a triangle with mid nodes as four flat ones
 
 
-def surface(mesh: TetMesh, points: Floats, chosen: Any = slice(None)) -> pv.PolyData:
-    """The boundary, or chosen triangles of it, each as four flat ones."""
+def surface(mesh: TetMesh, points: Floats, chosen: Any = slice(None), *, split: bool = True) -> pv.PolyData:
+    """The boundary, or chosen triangles of it, each as four flat ones, or as one without its mid nodes."""
     import pyvista as pv
 
-    triangles = mesh.facets[chosen][:, SPLIT].reshape(-1, 3)
+    facets = mesh.facets[chosen]
+    triangles = facets[:, SPLIT].reshape(-1, 3) if split else facets[:, :3]
     return pv.PolyData.from_regular_faces(points, triangles)
+
+
+def bulge(mesh: TetMesh) -> float:
+    """How far a mid node of the boundary is off the middle of its side at most, m."""
+    ends = mesh.points[mesh.facets[:, [[0, 1], [1, 2], [2, 0]]]].mean(axis=2)
+    return float(np.linalg.norm(mesh.points[mesh.facets[:, 3:]] - ends, axis=2).max())
 
 
 def sides(mesh: TetMesh, points: Floats) -> pv.PolyData:

@@ -105,17 +105,20 @@
       const columns = [0, 1, 2].map((j) => [0, 1, 2].map((i) => still.r[3 * i + j])).map((c) => cross(w, c).map((d, i) => c[i] + d));
       return { r: [0, 1, 2].flatMap((i) => columns.map((c) => c[i])), p: still.p.map((c, k) => c + v[k] + arm[k]) };
     }
-    function frame() {  // a sphere about the robot as it stands, so that it keeps its size while it turns
+    function frame() {  // a sphere about the robot as it stands and its axes, so that it keeps its size while it turns
       const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity], corners = [];
+      const include = (seen) => {
+        corners.push(seen);
+        seen.forEach((c, i) => { low[i] = Math.min(low[i], c); high[i] = Math.max(high[i], c); });
+      };
       for (const solid of data.solids) {
         const { r, p } = home(solid.nodes[0], now.pose), mesh = meshes[solid.mesh];
         for (let k = 0; k < 8; k++) {
           const x = [0, 1, 2].map((i) => (k >> i & 1 ? mesh.high : mesh.low)[i]);
-          const seen = times(r, times(solid.axes, x).map((c, i) => c + solid.base[i])).map((c, i) => c + p[i]);
-          corners.push(seen);
-          seen.forEach((c, i) => { low[i] = Math.min(low[i], c); high[i] = Math.max(high[i], c); });
+          include(times(r, times(solid.axes, x).map((c, i) => c + solid.base[i])).map((c, i) => c + p[i]));
         }
       }
+      for (let k = 0; k < 3; k++) include(data.poses[now.pose].at.map((c, i) => c + (i === k ? 0.2 * data.reach : 0)));
       now.centre = low.map((c, i) => (c + high[i]) / 2);
       now.radius = Math.max(...corners.map((x) => Math.hypot(...x.map((c, i) => c - now.centre[i]))));
       const { turn, tilt, zoom } = now;
@@ -151,8 +154,12 @@
         gl.uniformMatrix3fv(uniform["r" + k], true, r); gl.uniform3fv(uniform["p" + k], p);
       });
     }
+    function pixels() {
+      const ratio = Math.min(window.devicePixelRatio || 1, 2);
+      return [canvas.clientWidth, canvas.clientHeight].map((c) => Math.round(c * ratio));
+    }
     function draw() {
-      const ratio = Math.min(window.devicePixelRatio || 1, 2), wide = Math.round(canvas.clientWidth * ratio), high = Math.round(canvas.clientHeight * ratio);
+      const [wide, high] = pixels();
       if (!wide || !high) return;
       if (canvas.width !== wide || canvas.height !== high) { canvas.width = wide; canvas.height = high; }
       gl.viewport(0, 0, wide, high); gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
@@ -231,7 +238,7 @@
       const cases = data.poses[now.pose].cases;
       now.chosen = Math.min(now.chosen, Math.max(cases.length - 1, 0));
       options(one("case"), cases.map((c) => c.label), now.chosen);
-      for (const control of [one("case"), slider, move, colour, before]) control.disabled = !cases.length;
+      for (const control of [one("case"), slider, move, colour, before]) control.closest("label").hidden = !cases.length;
       frame(); say();
     }
     const turn = (a, b) => { now.turn += a; now.tilt = Math.max(-1.57, Math.min(1.57, now.tilt + b)); ask(); };
@@ -260,7 +267,7 @@
     move.addEventListener("change", () => { now.time = Math.PI / 2; ask(); });
     move.checked = data.moving && !matchMedia("(prefers-reduced-motion: reduce)").matches;
     root.classList.add("live");
-    new ResizeObserver(ask).observe(canvas);
+    new ResizeObserver(() => { if (pixels().some((c, i) => c !== [canvas.width, canvas.height][i])) ask(); }).observe(canvas);
     pose();
   }
   // Graphics take a second to begin where no card helps: the page stands first, and a robot waits until it is near.

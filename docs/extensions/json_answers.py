@@ -1,0 +1,163 @@
+"""The fields of every command's JSON: what `json_fields` says, compared with what the commands write."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import shutil
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from unittest import mock
+
+import click
+from docutils.parsers.rst import Directive
+from file_reference import parsed
+from json_fields import ANSWERS
+
+from stiffscope.cad.slider import build
+from stiffscope.cad.step import write_step
+from stiffscope.cli.main import _guarded, cli
+from stiffscope.files import to_json
+from stiffscope.gap.blind_scores import Outcome, score
+from stiffscope.jobs.workers import work_here
+from stiffscope.report.blind_scores import scores_json
+from stiffscope.robot.reader import load_robot
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from docutils import nodes
+    from sphinx.application import Sphinx
+
+MADE_UP = Outcome(
+    1, "single", ("backlash @ motor",), "identified", ("backlash @ motor",), ((),), 20.0, (9.0, 1.0, 1.0, 1.0), (True,),
+    robot="serial-arm", stated=((0.99, True),),
+)  # fmt: skip
+CAPITALS = ("DIR", "PART.", "ARM.", "STUDY.", "ROBOT", "CAMPAIGN")
+"""Words of a command that stand for a file or folder."""
+URDF = """<robot name="arm">
+  <link name="stand"/>
+  <link name="arm"><inertial>
+    <mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="shoulder" type="revolute"><parent link="stand"/><child link="arm"/><axis xyz="0 0 1"/>
+    <limit lower="-1" upper="1" effort="0" velocity="0"/></joint>
+</robot>
+"""
+STUDY = """robot = "five-bar"
+method = "grid"
+minimize = "mass"
+parameters = { "inner.radius" = { values = ["14 mm", "16 mm"] } }
+responses = { mass = "mass" }
+"""
+
+
+class Answers(Directive):
+    """For each command, a table of the fields of its JSON answer: what they hold, their unit, their form in a run."""
+
+    def run(self) -> list[nodes.Node]:
+        """Run the commands and return the tables; raise where a field is not described, or described and not there."""
+        left = set(_commands(cli)) - set(ANSWERS)
+        if left:
+            raise self.error(f"no fields are described of {', '.join(sorted(left))}")
+        lines: list[str] = []
+        with _place() as place:
+            for name, (words, fields) in ANSWERS.items():
+                forms = self._forms(name, self._answer(words, place), fields)
+                shown = " ".join(f'"{word}"' if " " in word else word for word in words)
+                lines += [f"## {name}", "", f"`stiffscope {shown} --json FILE`:", ""]
+                lines += ["| field | is | unit | here |", "|---|---|---|---|"]
+                lines += [
+                    f"| `{path.rstrip('?') or ' '}` | {words} | {unit} | {forms.get(path.rstrip('?'), 'absent')} |"
+                    for path, (words, unit) in fields.items()
+                ] + [""]
+        return parsed(self, lines)
+
+    def _forms(self, name: str, answer: Any, fields: Mapping[str, tuple[str, str]]) -> dict[str, str]:
+        """The form of each described field. Raises where answer and description disagree."""
+        described = {path.rstrip("?"): path.endswith("?") for path in fields}
+        forms: dict[str, str] = {}
+        for path, value in _leaves(answer, "", set(described)):
+            forms.setdefault(path, _form(value))
+        unknown, missing = set(forms) - set(described), {p for p, rare in described.items() if not rare} - set(forms)
+        if unknown or missing:
+            raise self.error(
+                f"{name} --json: not described {sorted(unknown)}; described and not there {sorted(missing)}"
+            )
+        return forms
+
+    def _answer(self, words: list[str], place: Path) -> Any:
+        """What a command writes; words in capitals are files and folders of the place."""
+        if words[0] == "blind":  # minutes of campaigns: its writer, of one that is made up
+            return json.loads(to_json(scores_json(score([MADE_UP]), 1, 1, 0.0)))
+        target = place / "answer.json"
+        filled = [str(place / word) if word.startswith(CAPITALS) else word for word in words]
+        if "DIR" in words:
+            shutil.rmtree(place / "DIR", ignore_errors=True)
+        if _guarded([*filled, "--quiet", "--json", str(target)]) != 0:
+            raise self.error(f"{' '.join(words)} failed")
+        return json.loads(target.read_text(encoding="utf-8"))
+
+
+@contextlib.contextmanager
+def _place() -> Iterator[Path]:
+    """A folder with what the commands read; experiments are made in this process, so that CAD is imported once."""
+    robot = load_robot("biglide")
+    with tempfile.TemporaryDirectory() as folder, mock.patch("stiffscope.jobs.workshop.work_together", work_here):
+        place = Path(folder)
+        write_step(build(robot.dimensions("slider"), robot.material("slider")), place / "PART.step")
+        (place / "ARM.urdf").write_text(URDF)
+        (place / "STUDY.toml").write_text(STUDY)
+        yield place
+
+
+def _commands(group: click.Group, before: str = "") -> Iterator[str]:
+    """Every command that has `--json`, by its words."""
+    for name, command in group.commands.items():
+        if any(option.name in ("target", "json_target") and option.opts == ["--json"] for option in command.params):
+            yield before + name
+        if isinstance(command, click.Group):
+            yield from _commands(command, f"{before}{name} ")
+
+
+def _leaves(value: Any, path: str, described: set[str]) -> Iterator[tuple[str, Any]]:
+    """What is described of a value: paths as `json_fields` writes them, and the value at each."""
+    below = f"{path}." if path else ""
+    if isinstance(value, dict) and any(each.startswith(below) and each != path for each in described):
+        for name, inner in value.items():
+            plain = f"{below}{name}"
+            known = plain in described or any(each.startswith((f"{plain}.", f"{plain}[]")) for each in described)
+            yield from _leaves(
+                inner, plain if known else f"{below}*" if _any_name(below, described) else plain, described
+            )
+    elif isinstance(value, list) and any(each.startswith(f"{path}[]") for each in described):
+        for inner in value:
+            yield from _leaves(inner, f"{path}[]", described)
+    else:
+        yield path, value
+
+
+def _any_name(below: str, described: set[str]) -> bool:
+    return any(each == f"{below}*" or each.startswith(f"{below}*.") for each in described)
+
+
+def _form(value: Any) -> str:
+    """A value's form: 2 × 6 × 6 numbers."""
+    if isinstance(value, list):
+        sizes, inner = [], value
+        while isinstance(inner, list):
+            sizes.append(len(inner))
+            inner = inner[0] if inner else None
+        return f"{' × '.join(map(str, sizes))} {_word(inner, 's')}" if sizes[-1] else "empty list"
+    return _word(value, "")
+
+
+def _word(value: Any, several: str) -> str:
+    names = {str: "text", float: "number", int: "whole number", dict: "table"}
+    return {bool: "true or false", type(None): "null"}.get(type(value)) or names[type(value)] + several
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Add the directive."""
+    app.add_directive("answers", Answers)
+    return {"parallel_read_safe": True}
