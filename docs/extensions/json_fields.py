@@ -58,6 +58,7 @@ PART = {
     "frequencies": ("six lowest natural frequencies of the clamped part", "Hz"),
     "frequency_error": ("95 % bounds on them", "Hz"),
     "mode_squares": ("ω² of the fixed-interface modes in `condensed_mass`", "rad²/s²"),
+    "mode_squares_error": ("95 % bounds on them", "rad²/s²"),
     "condensed_mass": (
         "on the twists of the clamp and of each loaded interface, six rows each, then on the fixed-interface modes",
         "kg, kg·m, kg·m²",
