@@ -87,7 +87,9 @@ def _found(
         except LateError as late:
             cure = "choose a larger mesh.size, or a longer mesh.time_limit"
             raise InputError(f"{late.job}.mesh.time_limit: {str(late).partition(': ')[2]}; {cure}") from late
-        found |= {order: read(order, *made[order.label], False) for order in missing}
+        for order in missing:
+            folder, seconds = made[order.label]
+            found[order] = read(order, folder, seconds, False)
     return [found[order] for order in orders]
 
 
