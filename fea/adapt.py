@@ -47,14 +47,14 @@ def solve_within(
         return mesh, solution, _shortfall(specimen, mesh, solution, settings, limit, why)
 
     begun = time.perf_counter()
-    solution = _solve(specimen, mesh, settings)
+    solution = solve_on(specimen, mesh, settings)
     if settings.tolerance is None:
         return mesh, solution, ""
     size, rounds, spent = settings.size or _edge_length(mesh), 0, time.perf_counter() - begun
     while (bound := largest_relative_bound(solution.compliance, solution.error)[0]) > settings.tolerance:
         rounds += 1
         progress("refine", min(1.0, settings.tolerance / bound))
-        shape = largest_relative_bound(solution.compliance, solution.geometry)[0]
+        shape = largest_relative_bound(solution.compliance, solution.extrapolated.geometry)[0]
         if shape > SHAPE_SHARE * settings.tolerance:
             size, why = size * FINER, f"the mesh's shape alone leaves {100 * shape:.2g} %"
             try:
@@ -71,7 +71,7 @@ def solve_within(
             return stopped(f"the limit of {settings.time_limit:g} s", why)
         started = time.perf_counter()
         try:
-            mesh, solution = finer, _solve(specimen, finer, settings)
+            mesh, solution = finer, solve_on(specimen, finer, settings)
         except MeshError as error:
             return stopped("the last mesh that could be solved", str(error))
         spent = time.perf_counter() - started
@@ -79,7 +79,8 @@ def solve_within(
     return mesh, solution, ""
 
 
-def _solve(specimen: Specimen, mesh: TetMesh, settings: Settings) -> Solution:
+def solve_on(specimen: Specimen, mesh: TetMesh, settings: Settings) -> Solution:
+    """Solve on one mesh, whatever tolerance is asked for."""
     solver = "direct" if settings.solver == "auto" and specimen.slender else settings.solver  # its elements are flat
     return solve_specimen(specimen, mesh, settings.interface, solver, settings.foundation)
 

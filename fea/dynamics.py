@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 from stiffscope.errors import InputError
 from stiffscope.fea.couplings import carried, rigid_modes
 from stiffscope.fea.geometry import centroid
-from stiffscope.fea.mass import assemble_mass, rigid_mass, times
+from stiffscope.fea.mass import times
 from stiffscope.fea.modes import lowest_modes, ritz
 from stiffscope.fea.settings import MOST_MODES
 from stiffscope.fea.solution import respond
@@ -27,7 +27,6 @@ from stiffscope.fea.solution import respond
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from stiffscope.fea.mass import Mass, RigidMass
     from stiffscope.fea.mesh import Floats
     from stiffscope.fea.settings import Settings
     from stiffscope.fea.solution import System, TwoLevel
@@ -47,7 +46,6 @@ CUBIC = 3e-2  # relative error of the difference between quadratic and cubic sol
 class Dynamics:
     """See the fields of the same names of ``stiffscope.fea.experiment.Experiment``."""
 
-    rigid: RigidMass
     condensed_mass: Floats
     mode_squares: Floats
     mode_squares_error: Floats
@@ -67,7 +65,6 @@ class _Vibration:
     """
 
     system: System
-    mass: Mass
     loads: Floats
     constraint: Floats
 
@@ -77,7 +74,7 @@ class _Vibration:
 
     def inertia(self, motion: Floats) -> Floats:
         supports = self.system.supports
-        return supports.restrict(times(self.mass.nodes, supports.expand(motion)))
+        return supports.restrict(times(self.system.mass.nodes, supports.expand(motion)))
 
     def held(self, force: Floats) -> Floats:
         """Return the preconditioner's motion for forces, with no twist of any interface."""
@@ -116,14 +113,14 @@ class _Vibration:
         return lowest_modes(self.stiffness, self.inertia, precondition, start, FREQUENCIES, EXACT, exact=self.exact)
 
 
-def vibration_of(levels: TwoLevel, mass: Mass) -> _Vibration:
+def vibration_of(levels: TwoLevel) -> _Vibration:
     """Return the eigenproblem of a system that is solved for its unit wrenches."""
     loads = levels.force[: len(levels.quadratic)]
-    return _Vibration(levels.system, mass, loads, levels.quadratic @ np.linalg.inv(loads.T @ levels.quadratic))
+    return _Vibration(levels.system, loads, levels.quadratic @ np.linalg.inv(loads.T @ levels.quadratic))
 
 
 def dynamics(levels: TwoLevel, settings: Settings) -> Dynamics:
-    """Return what the mass of a part does.
+    """Return what the mass of a part does: modes, own weight, and the mass condensed on interfaces and modes.
 
     Parameters
     ----------
@@ -135,18 +132,15 @@ def dynamics(levels: TwoLevel, settings: Settings) -> Dynamics:
     MeshError : no convergence.
     """
     with threadpool_limits(1):
-        mesh, specimen = levels.system.mesh, levels.system.specimen
-        mass = assemble_mass(mesh, specimen.density)
-        vibration = vibration_of(levels, mass)
+        vibration = vibration_of(levels)
         squares, fixed, clamped_squares, clamped = _modes(vibration, settings)
-        weight, weight_error, frequencies, frequency_error = _extrapolated(levels, mass, clamped)
+        weight, weight_error, frequencies, frequency_error = _extrapolated(levels, clamped)
         both = _gain_on_cubics(vibration, np.append(squares, clamped_squares), np.hstack([fixed, clamped]))
         gain, known = both[: len(squares)], both[len(squares) :]
         softer = (clamped_squares / (2 * np.pi * frequencies) ** 2 - 1).mean() / known.mean()
         wide = (2 * frequency_error / frequencies).max() / known.mean()  # bounds of squares, too, in parts of the gain
         return Dynamics(
-            rigid=rigid_mass(mesh.points, mass.nodes),
-            condensed_mass=_condensed(levels, mass, fixed),
+            condensed_mass=condensed_mass(levels, fixed),
             mode_squares=squares / (1 + softer * gain),
             mode_squares_error=squares * wide * gain,
             self_weight=weight,
@@ -202,7 +196,7 @@ def _up_to(vibration: _Vibration, some: Callable[[int], Floats], highest: float)
 
 def _gain_on_cubics(vibration: _Vibration, squares: Floats, modes: Floats) -> Floats:
     """Return (k,) estimates of how much cubic functions soften modes (c, k), relative: one step of Jacobi's method."""
-    cubic, mass = vibration.system.cubic, vibration.mass
+    cubic, mass = vibration.system.cubic, vibration.system.mass
     free = vibration.system.cubic_rows
     force = np.zeros((len(modes) + len(free), modes.shape[1]))
     start = np.vstack([modes, force[len(modes) :]])
@@ -212,8 +206,8 @@ def _gain_on_cubics(vibration: _Vibration, squares: Floats, modes: Floats) -> Fl
     return np.einsum("ij,ij->j", residual, cubic.precondition(residual)) / squares
 
 
-def _condensed(levels: TwoLevel, mass: Mass, fixed: Floats) -> Floats:
-    """Return (6(1+n)+k, 6(1+n)+k) the mass on the clamp's twist, the interfaces' twists, and the modes."""
+def condensed_mass(levels: TwoLevel, fixed: Floats | None = None) -> Floats:
+    """Return (6(1+n)+k, 6(1+n)+k) the mass on the clamp's twist, the interfaces' twists, and modes (c, k) if given."""
     system = levels.system
     mesh, specimen = system.mesh, system.specimen
     clamp = centroid(mesh.points[mesh.facets_of(specimen.clamped)])
@@ -221,14 +215,15 @@ def _condensed(levels: TwoLevel, mass: Mass, fixed: Floats) -> Floats:
     moved = carried(np.array([point for _, point in specimen.loaded]), clamp)
     twists = levels.force.T @ levels.motion
     loaded = levels.displacement @ np.linalg.inv(twists)
-    basis = np.hstack([whole - loaded @ moved, loaded, system.supports.expand(fixed)])
-    condensed = basis.T @ times(mass.nodes, basis)
+    modes = [] if fixed is None else [system.supports.expand(fixed)]
+    basis = np.hstack([whole - loaded @ moved, loaded, *modes])
+    condensed = basis.T @ times(system.mass.nodes, basis)
     return (condensed + condensed.T) / 2
 
 
-def _extrapolated(levels: TwoLevel, mass: Mass, modes: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+def _extrapolated(levels: TwoLevel, modes: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Return ``self_weight`` and ``frequencies``, each with its error, from clamped modes (c, 6)."""
-    system = levels.system
+    system, mass = levels.system, levels.system.mass
     nodes, count = system.cubic.space.base, modes.shape[1]
     accelerated = np.hstack([np.tile(np.eye(3), (nodes, 1)), system.supports.expand(modes)])
     rows = system.cubic_rows

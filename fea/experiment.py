@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -20,18 +20,20 @@ if TYPE_CHECKING:
 
     from stiffscope.cad.part import Part
     from stiffscope.fea.mesh import Floats
+    from stiffscope.fea.solution import Solution
     from stiffscope.fea.specimen import Specimen
 
     Progress = Callable[[str, float], None]
+    Kind = TypeVar("Kind", bound="Condensed")
 
 # A coarse tessellation suffices, since nodes are projected on the solid afterwards, and a fine one is expensive: a
 # circle of 16 sides instead of 12 takes four times the elements and twice the time.
 CHORD, TURN = 0.15, 1.1  # distance to the surface in element sizes, angle between adjacent triangles in rad
 
 
-@dataclass(frozen=True, eq=False)
-class Experiment:
-    """The result: the response of a part to unit wrenches, in the part's axes; SI.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Condensed:
+    """A part condensed on its clamp and its loaded interfaces, in the part's axes; SI.
 
     Attributes
     ----------
@@ -41,19 +43,14 @@ class Experiment:
     reference_points : (n, 3) m.
     clamp_point : (3,) m, centre of the clamped area.
     mesh : the quadratic mesh.
-    displacement : (6n, nodes, 3) m per unit wrench.
-    von_mises : (6n, nodes) Pa per unit wrench.
     imbalance : residual of the equilibrium between clamp and wrenches, relative.
     volume, cad_volume : of the mesh and of the solid, m³.
     unknowns : degrees of freedom of the cubic solution behind the result.
     mass, centre, inertia : kg, (3,) m, and (3, 3) kg m² about the centre of mass, of the mesh.
     condensed_mass : (6(1+n)+k, 6(1+n)+k) mass on the twists of the clamped area as a rigid body at ``clamp_point``, of
-        the n loaded interfaces, and on k mass-normalized fixed-interface modes.
+        the n loaded interfaces, and on k mass-normalized fixed-interface modes, of which only an experiment has any.
     mode_squares, mode_squares_error : (k,) squares of these modes' angular frequencies, rad²/s², all their stiffness,
         and their 95 % bounds.
-    self_weight, self_weight_error : (3, 6) twist of the first interface for 1 m/s² along x, y, z on the clamped part,
-        and its 95 % bounds.
-    frequencies, frequency_error : (6,) lowest natural frequencies of the clamped part, Hz, and their 95 % bounds.
     seconds : wall time of the stages cad, mesh, solve (refinement is in solve).
     note : one line on why the required tolerance was not met; empty if it was, or if none was required.
     """
@@ -65,8 +62,6 @@ class Experiment:
     reference_points: Floats
     clamp_point: Floats
     mesh: TetMesh
-    displacement: Floats
-    von_mises: Floats
     imbalance: float
     volume: float
     cad_volume: float
@@ -77,10 +72,6 @@ class Experiment:
     condensed_mass: Floats
     mode_squares: Floats
     mode_squares_error: Floats
-    self_weight: Floats
-    self_weight_error: Floats
-    frequencies: Floats
-    frequency_error: Floats
     seconds: dict[str, float] = field(default_factory=dict)
     note: str = ""
 
@@ -121,6 +112,27 @@ class Experiment:
         )
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Experiment(Condensed):
+    """The whole result: what is condensed, and the part's fields, own weight and natural frequencies; SI.
+
+    Attributes
+    ----------
+    displacement : (6n, nodes, 3) m per unit wrench.
+    von_mises : (6n, nodes) Pa per unit wrench.
+    self_weight, self_weight_error : (3, 6) twist of the first interface for 1 m/s² along x, y, z on the clamped part,
+        and its 95 % bounds.
+    frequencies, frequency_error : (6,) lowest natural frequencies of the clamped part, Hz, and their 95 % bounds.
+    """
+
+    displacement: Floats
+    von_mises: Floats
+    self_weight: Floats
+    self_weight_error: Floats
+    frequencies: Floats
+    frequency_error: Floats
+
+
 def load_experiment(path: Path | str) -> Experiment:
     """Read an experiment that ``Experiment.save`` wrote.
 
@@ -128,18 +140,28 @@ def load_experiment(path: Path | str) -> Experiment:
     ------
     InputError : the file is damaged or holds something else.
     """
+    return _load(Experiment, path)
+
+
+def load_condensed(path: Path | str) -> Condensed:
+    """Read what ``Condensed.save`` wrote, an experiment's too. See ``load_experiment``."""
+    return _load(Condensed, path)
+
+
+def _load(kind: type[Kind], path: Path | str) -> Kind:
+    names = [f.name for f in fields(kind) if f.name not in ("mesh", "seconds")]
+    mesh_names = [f.name for f in fields(TetMesh)]
+    wanted = [*names, *(f"mesh_{name}" for name in mesh_names), "seconds_names", "seconds_values"]
     try:
         with np.load(Path(path), allow_pickle=False) as held:
-            data = {name: held[name] for name in held.files}
+            data = {name: held[name] for name in wanted}
         mesh = TetMesh(
-            **{f.name: data[f"mesh_{f.name}"] for f in fields(TetMesh) if f.name != "pulled_back"},
+            **{name: data[f"mesh_{name}"] for name in mesh_names if name != "pulled_back"},
             pulled_back=int(data["mesh_pulled_back"]),
         )
         seconds = dict(zip(data["seconds_names"].tolist(), data["seconds_values"].tolist(), strict=True))
-        known = [f.name for f in fields(Experiment) if f.name not in ("mesh", "seconds")]
-        plain = {name: data[name] for name in known}
-        plain = {name: value if value.ndim else value.item() for name, value in plain.items()}
-        return Experiment(**plain, mesh=mesh, seconds=seconds)
+        plain = {name: data[name] if data[name].ndim else data[name].item() for name in names}
+        return kind(**plain, mesh=mesh, seconds=seconds)
     except (OSError, KeyError, ValueError, TypeError, EOFError) as problem:
         raise InputError(f"{path}: not an experiment of this version ({problem})") from problem
     except Exception as problem:  # zipfile and zlib raise their own for damaged files
@@ -148,7 +170,9 @@ def load_experiment(path: Path | str) -> Experiment:
         raise
 
 
-def run_experiment(part: Part, settings: Settings | None = None, progress: Progress | None = None) -> Experiment:
+def run_experiment(
+    part: Part, settings: Settings | None = None, progress: Progress | None = None, former: Condensed | None = None
+) -> Experiment:
     """Mesh a part, clamp it, load it by unit wrenches and return its compliance with error bounds.
 
     Parameters
@@ -156,6 +180,7 @@ def run_experiment(part: Part, settings: Settings | None = None, progress: Progr
     part : a solid with a material, clamped faces and loaded interfaces.
     settings : how to mesh and solve.
     progress : called with a stage's name and the fraction done.
+    former : of the same part and settings; its mesh is taken, so that its compliance is the same.
 
     Returns
     -------
@@ -171,7 +196,17 @@ def run_experiment(part: Part, settings: Settings | None = None, progress: Progr
     _report(progress, "cad", 0.0)
     settings = settings or Settings()
     specimen = specimen_of(part, settings)
-    return examine(specimen, settings, progress, time.perf_counter() - started)
+    return examine(specimen, settings, progress, time.perf_counter() - started, former)
+
+
+def condense(part: Part, settings: Settings, progress: Progress | None = None) -> Condensed:
+    """As ``run_experiment``, without fields, own weight and frequencies: enough for a robot, but for its modes."""
+    started = time.perf_counter()
+    _report(progress, "cad", 0.0)
+    specimen = specimen_of(part, settings)
+    statics, _ = _statics(specimen, settings, progress, time.perf_counter() - started)
+    _report(progress, "solve", 1.0)
+    return Condensed(**statics)
 
 
 def specimen_of(part: Part, settings: Settings) -> Specimen:
@@ -201,62 +236,86 @@ def specimen_of(part: Part, settings: Settings) -> Specimen:
 
 
 def examine(
-    specimen: Specimen, settings: Settings, progress: Progress | None = None, cad_seconds: float = 0.0
+    specimen: Specimen,
+    settings: Settings,
+    progress: Progress | None = None,
+    cad_seconds: float = 0.0,
+    former: Condensed | None = None,
 ) -> Experiment:
     """Run the experiment on a specimen, without the CAD kernel; see ``run_experiment``."""
-    from stiffscope.fea.adapt import solve_within
     from stiffscope.fea.dynamics import dynamics
+
+    statics, solution = _statics(specimen, settings, progress, cad_seconds, former)
+    solved = time.perf_counter()
+    _report(progress, "modes", 0.85)
+    statics |= vars(dynamics(solution.levels, settings))
+    statics["seconds"]["solve"] += time.perf_counter() - solved
+    experiment = Experiment(**statics, displacement=solution.displacement, von_mises=solution.von_mises)
+    _report(progress, "solve", 1.0)
+    return experiment
+
+
+def _statics(
+    specimen: Specimen,
+    settings: Settings,
+    progress: Progress | None,
+    cad_seconds: float,
+    former: Condensed | None = None,
+) -> tuple[dict[str, Any], Solution]:
+    """Return the fields of ``Condensed`` by name, and the solution behind them; ``former`` has a mesh."""
+    from stiffscope.fea.adapt import solve_on, solve_within
+    from stiffscope.fea.dynamics import condensed_mass
     from stiffscope.fea.geometry import centroid, volume
+    from stiffscope.fea.mass import rigid_mass
     from stiffscope.fea.specimen import mesh_specimen
 
     begun = time.perf_counter()
     _report(progress, "mesh", 0.05)
-    mesh = mesh_specimen(
-        specimen,
-        size=settings.size,
-        envelope=settings.envelope,
-        layers=settings.layers,
-        rigid=settings.interface == "rigid",
-        time_limit=settings.time_limit,
-        threads=settings.threads,
-        tolerance=settings.tolerance,
+    mesh = (
+        former.mesh
+        if former
+        else mesh_specimen(
+            specimen,
+            size=settings.size,
+            envelope=settings.envelope,
+            layers=settings.layers,
+            rigid=settings.interface == "rigid",
+            time_limit=settings.time_limit,
+            threads=settings.threads,
+            tolerance=settings.tolerance,
+        )
     )
     meshed = time.perf_counter()
     _report(progress, "solve", 0.5)
-    mesh, solution, note = solve_within(
-        specimen, mesh, settings, lambda stage, fraction: _report(progress, stage, 0.5 + 0.35 * fraction)
-    )
-    _report(progress, "modes", 0.85)
-    inert = dynamics(solution.levels, settings)
-    experiment = Experiment(
-        part=specimen.name,
-        interface=settings.interface,
-        reference_points=np.array([point for _, point in specimen.loaded]),
-        clamp_point=centroid(mesh.points[mesh.facets_of(specimen.clamped)]),
-        mesh=mesh,
-        volume=volume(mesh.points, mesh.cells),
-        cad_volume=specimen.volume,
-        seconds={"cad": cad_seconds, "mesh": meshed - begun, "solve": time.perf_counter() - meshed},
-        flexibility=solution.compliance,
-        flexibility_error=solution.error,
-        displacement=solution.displacement,
-        von_mises=solution.von_mises,
-        imbalance=solution.imbalance,
-        unknowns=solution.unknowns,
-        note=note,
-        mass=inert.rigid.mass,
-        centre=inert.rigid.centre,
-        inertia=inert.rigid.inertia,
-        condensed_mass=inert.condensed_mass,
-        mode_squares=inert.mode_squares,
-        mode_squares_error=inert.mode_squares_error,
-        self_weight=inert.self_weight,
-        self_weight_error=inert.self_weight_error,
-        frequencies=inert.frequencies,
-        frequency_error=inert.frequency_error,
-    )
-    _report(progress, "solve", 1.0)
-    return experiment
+    if former:
+        solution, note = solve_on(specimen, mesh, settings), former.note
+    else:
+        mesh, solution, note = solve_within(
+            specimen, mesh, settings, lambda stage, fraction: _report(progress, stage, 0.5 + 0.35 * fraction)
+        )
+    rigid = rigid_mass(mesh.points, solution.levels.system.mass.nodes)
+    statics = {
+        "part": specimen.name,
+        "interface": settings.interface,
+        "flexibility": solution.compliance,
+        "flexibility_error": solution.error,
+        "reference_points": np.array([point for _, point in specimen.loaded]),
+        "clamp_point": centroid(mesh.points[mesh.facets_of(specimen.clamped)]),
+        "mesh": mesh,
+        "imbalance": solution.imbalance,
+        "volume": volume(mesh.points, mesh.cells),
+        "cad_volume": specimen.volume,
+        "unknowns": solution.unknowns,
+        "mass": rigid.mass,
+        "centre": rigid.centre,
+        "inertia": rigid.inertia,
+        "condensed_mass": condensed_mass(solution.levels),
+        "mode_squares": np.zeros(0),
+        "mode_squares_error": np.zeros(0),
+        "seconds": {"cad": cad_seconds, "mesh": meshed - begun, "solve": time.perf_counter() - meshed},
+        "note": note,
+    }
+    return statics, solution
 
 
 def _report(progress: Progress | None, stage: str, fraction: float) -> None:

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,27 +24,25 @@ HIGHER = 1  # order more for their products with cubic ones
 _MASS = BilinearForm(lambda u, v, _: u * v)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Mass:
-    """Consistent mass of one direction, kg.
+    """Consistent mass of one direction of a mesh, kg; density in kg/m³."""
 
-    Attributes
-    ----------
-    nodes : (n, n) of the quadratic functions.
-    cubics : (w, n) of the cubic functions with the quadratic ones.
-    """
+    mesh: TetMesh
+    density: float
 
-    nodes: csr_array
-    cubics: csr_array
+    @cached_property
+    def nodes(self) -> csr_array:
+        """(n, n) of the quadratic functions."""
+        bases = cell_bases(self.mesh, ElementTetP2(), STRAIGHT_ORDER, CURVED_ORDER)
+        return csr_array(self.density * sum(_MASS.assemble(basis) for basis in bases))
 
-
-def assemble_mass(mesh: TetMesh, density: float) -> Mass:
-    """Return the consistent mass of a mesh with n nodes and w cubic functions; density in kg/m³."""
-    orders = STRAIGHT_ORDER + HIGHER, CURVED_ORDER + HIGHER
-    nodes = sum(_MASS.assemble(basis) for basis in cell_bases(mesh, ElementTetP2(), STRAIGHT_ORDER, CURVED_ORDER))
-    pairs = (cell_bases(mesh, element, *orders) for element in (ElementTetP2(), ElementTetCubic()))
-    cubics = sum(_MASS.assemble(u, v) for u, v in zip(*pairs, strict=True))
-    return Mass(csr_array(density * nodes), csr_array(density * cubics))
+    @cached_property
+    def cubics(self) -> csr_array:
+        """(w, n) of the cubic functions with the quadratic ones."""
+        orders = STRAIGHT_ORDER + HIGHER, CURVED_ORDER + HIGHER
+        pairs = (cell_bases(self.mesh, element, *orders) for element in (ElementTetP2(), ElementTetCubic()))
+        return csr_array(self.density * sum(_MASS.assemble(u, v) for u, v in zip(*pairs, strict=True)))
 
 
 def times(mass: csr_array, motion: Floats) -> Floats:

@@ -15,6 +15,7 @@ import numpy as np
 from stiffscope.children import run_module
 from stiffscope.errors import InputError
 from stiffscope.files import scratch_folder
+from stiffscope.processors import processors
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -154,7 +155,7 @@ def tetrahedralize(
     surface : watertight triangles, outward, metres.
     size, envelope : target edge length and allowed distance to the surface, metres.
     time_limit : seconds after which the mesher is killed.
-    threads : fTetWild's threads; 0 takes all.
+    threads : fTetWild's threads; 0 takes this process's processors.
 
     Returns
     -------
@@ -175,7 +176,7 @@ def tetrahedralize(
             triangles=triangles.astype(np.int32),
             size=size * 1e3,
             envelope=envelope / scale,
-            threads=threads,
+            threads=threads or processors(),
         )
         _run_worker(source, target, time_limit)
         with np.load(target, allow_pickle=False) as made:

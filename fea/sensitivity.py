@@ -30,7 +30,7 @@ from stiffscope.fea.design_velocity import DesignVelocity
 from stiffscope.fea.elasticity import tensor
 from stiffscope.fea.experiment import specimen_of
 from stiffscope.fea.foundation import springs
-from stiffscope.fea.mass import assemble_mass, times
+from stiffscope.fea.mass import times
 from stiffscope.fea.solution import respond, solve_two_levels
 
 if TYPE_CHECKING:
@@ -42,7 +42,6 @@ if TYPE_CHECKING:
     from stiffscope.cad.part import Part
     from stiffscope.fea.configurational import Integrals
     from stiffscope.fea.experiment import Experiment
-    from stiffscope.fea.mass import Mass
     from stiffscope.fea.mesh import Floats, TetMesh
     from stiffscope.fea.settings import Settings
     from stiffscope.fea.solution import TwoLevel
@@ -143,7 +142,7 @@ def _solved(experiment: Experiment, part: Part, settings: Settings) -> TwoLevel:
     """Return the two levels of the experiment for its unit wrenches, then for its own weight along x, y, z."""
     specimen, mesh = specimen_of(part, settings), experiment.mesh
     levels = solve_two_levels(specimen, mesh, settings.interface, settings.solver, settings.foundation)
-    system, mass = levels.system, assemble_mass(mesh, specimen.density)
+    system, mass = levels.system, levels.system.mass
     accelerated = np.tile(np.eye(3), (system.cubic.space.base, 1))
     force = np.vstack([
         system.supports.restrict(times(mass.nodes, accelerated)),
@@ -234,13 +233,9 @@ class _Forms:
         return len(self.experiment.flexibility)
 
     @cached_property
-    def mass(self) -> Mass:
-        return assemble_mass(self.levels.system.mesh, self.levels.system.specimen.density)
-
-    @cached_property
     def lumped(self) -> Floats:
         """(n,) ∫ ρ N of each node's function, kg."""
-        return np.asarray(self.mass.nodes.sum(axis=1)).reshape(-1)
+        return np.asarray(self.levels.system.mass.nodes.sum(axis=1)).reshape(-1)
 
     @cached_property
     def fields(self) -> tuple[Integrals, Integrals]:
@@ -275,7 +270,7 @@ class _Forms:
         moved = carried(experiment.reference_points, experiment.clamp_point)
         whole = rigid_modes(system.mesh.points, experiment.clamp_point).reshape(-1, 6)
         fields = np.hstack([whole - loaded @ moved, loaded])
-        inertia = supports.restrict(times(self.mass.nodes, fields))
+        inertia = supports.restrict(times(self.levels.system.mass.nodes, fields))
         quasistatic = system.solver.solve(inertia)
         quasistatic -= coordinates @ (loads.T @ quasistatic)
         both = np.zeros((3 * space.count, 6 + 2 * w))
@@ -447,7 +442,7 @@ class _Forms:
         farther[:, :, :3], farther[:, 3:, 3:] = 0.0, 0.0
         back = shapes.fields[:, 6:] @ farther.reshape(-1, 6) + turned @ shapes.moved
         rates = np.hstack([whole.reshape(-1, 6) - back, turned])
-        cross = rates.T @ times(self.mass.nodes, shapes.fields)
+        cross = rates.T @ times(self.levels.system.mass.nodes, shapes.fields)
         return shapes.kinetic[number] + cross + cross.T + shapes.followed(energy)
 
 

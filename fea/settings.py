@@ -28,7 +28,7 @@ class Settings:
     time_limit : seconds allowed to the mesher, and to refinement; commands end a single solution that takes longer.
     most_unknowns : degrees of freedom of the cubic solution beyond which refinement stops.
     solver : "direct" (a factorization), "multigrid", or "auto", the faster of the two.
-    threads : the mesher's threads; 0 takes all.
+    threads : the mesher's threads; 0 takes all processors, or this process's share of them.
     modes : number of fixed-interface modes of the condensed model; None takes all below ``highest_frequency``, or by
         default those of ``stiffscope.fea.dynamics``, with which it has the six lowest clamped modes of the part.
     highest_frequency : Hz.

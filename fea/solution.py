@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,7 @@ from stiffscope.fea.couplings import Coupling, dofs_of, imbalance, support, unit
 from stiffscope.fea.cubic import cubic_loads, cubic_problem, element_energies, enrich, solve_cubic, work
 from stiffscope.fea.elasticity import assemble, nodal_stresses, von_mises
 from stiffscope.fea.foundation import on_nodes, springs
+from stiffscope.fea.mass import Mass
 from stiffscope.fea.mesh import MeshError
 from stiffscope.fea.multigrid import prepare
 from stiffscope.fea.singular import remaining_at_edges
@@ -50,27 +52,55 @@ class Extrapolated:
 
 @dataclass(frozen=True)
 class Solution:
-    """Extrapolated response of a meshed specimen to unit wrenches.
+    """Extrapolated response of a meshed specimen to unit wrenches; fields are computed where they are asked for.
 
     Attributes
     ----------
-    compliance, error : (6n, 6n) and its 95 % bound, of which ``geometry`` (6n, 6n) is due to the mesh's shape.
-    displacement, von_mises : (6n, nodes, 3) m and (6n, nodes) Pa.
-    imbalance : residual of the equilibrium between clamp and wrenches, relative.
-    unknowns : of the cubic solution.
-    indicator : (m,) contribution of each element to the bounds of the diagonal entries, relative to them.
     levels : what it was extrapolated from.
+    extrapolated : the compliance, its bound, and what of that is due to the mesh's shape.
     """
 
-    compliance: Floats
-    error: Floats
-    geometry: Floats
-    displacement: Floats
-    von_mises: Floats
-    imbalance: float
-    unknowns: int
-    indicator: Floats
     levels: TwoLevel
+    extrapolated: Extrapolated
+
+    @property
+    def compliance(self) -> Floats:
+        """(6n, 6n) of the n loaded interfaces together."""
+        return self.extrapolated.compliance
+
+    @property
+    def error(self) -> Floats:
+        """(6n, 6n) 95 % bound of ``compliance``."""
+        return self.extrapolated.error
+
+    @property
+    def unknowns(self) -> int:
+        """Degrees of freedom of the cubic solution."""
+        return 3 * self.levels.system.cubic.space.count
+
+    @property
+    def indicator(self) -> Floats:
+        """(m,) contribution of each element to the bounds of the diagonal entries, relative to them."""
+        weights = SPREAD_AT_EDGES * self.levels.system.edge_weights + SPREAD_ELSEWHERE
+        return (self.levels.energies / self.levels.cubic.diagonal()).sum(axis=1) * weights
+
+    @property
+    def displacement(self) -> Floats:
+        """(6n, nodes, 3) m per unit wrench."""
+        return self.levels.displacement.T.reshape(len(self.compliance), -1, 3)
+
+    @property
+    def von_mises(self) -> Floats:
+        """(6n, nodes) Pa per unit wrench."""
+        system = self.levels.system
+        return von_mises(nodal_stresses(system.mesh, self.levels.displacement, system.specimen.elasticity)).T
+
+    @property
+    def imbalance(self) -> float:
+        """Residual of the equilibrium between clamp and wrenches, relative."""
+        system = self.levels.system
+        nodal, clamped = system.supports.expand(self.levels.quadratic), system.mesh.nodes_of(system.specimen.clamped)
+        return imbalance(system.mesh.points, system.bare, nodal, clamped, system.couplings)
 
 
 @dataclass(frozen=True)
@@ -92,6 +122,11 @@ class System:
     solver: Solver
     cubic: CubicProblem
     edge_weights: Floats
+
+    @cached_property
+    def mass(self) -> Mass:
+        """Consistent mass of the mesh."""
+        return Mass(self.mesh, self.specimen.density)
 
     @property
     def cubic_rows(self) -> Ints:
@@ -157,22 +192,8 @@ def solve_specimen(
     InputError : interfaces overlap, the foundation is too soft to hold the part, or the solver is unknown.
     MeshError : the compliance is not positive definite, or the cubic solution does not converge.
     """
-    found = solve_two_levels(specimen, mesh, interface, solver, foundation)
-    system, cubic, extrapolated = found.system, found.cubic, found.extrapolated()
-    displacement, nodal = found.displacement, system.supports.expand(found.quadratic)
-    stresses = nodal_stresses(mesh, displacement, specimen.elasticity)
-    return Solution(
-        compliance=extrapolated.compliance,
-        error=extrapolated.error,
-        geometry=extrapolated.geometry,
-        displacement=displacement.T.reshape(len(cubic), -1, 3),
-        von_mises=von_mises(stresses).T,
-        imbalance=imbalance(mesh.points, system.bare, nodal, mesh.nodes_of(specimen.clamped), system.couplings),
-        unknowns=3 * system.cubic.space.count,
-        indicator=(found.energies / cubic.diagonal()).sum(axis=1)
-        * (SPREAD_AT_EDGES * system.edge_weights + SPREAD_ELSEWHERE),
-        levels=found,
-    )
+    levels = solve_two_levels(specimen, mesh, interface, solver, foundation)
+    return Solution(levels, levels.extrapolated())
 
 
 def solve_two_levels(

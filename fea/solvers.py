@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
@@ -10,6 +9,8 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from stiffscope.processors import processors
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -30,20 +31,21 @@ class Solver:
 
 
 @cache
-def _threads() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix="fea")
+def _threads(count: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(count, thread_name_prefix="fea")
 
 
 def on_all_cores(work: Callable[..., Any], *items: Iterable[Any]) -> list[Any]:
     """Run independent pieces of NumPy's or SciPy's work in threads; their loops release the interpreter lock."""
-    return list(_threads().map(work, *items))
+    count = processors()
+    return list(_threads(count).map(work, *items) if count > 1 else map(work, *items))
 
 
 def product(matrix: csr_array) -> Solve:
     """Return ``x -> matrix @ x`` of a square matrix with its rows distributed to the cores."""
     from scipy.sparse import csr_array
 
-    cores = os.cpu_count() or 1
+    cores = processors()
     data, columns, starts = (np.asarray(part) for part in (matrix.data, matrix.indices, matrix.indptr))
     size = len(starts) - 1
     ends = [0, *np.searchsorted(starts, np.linspace(0, starts[-1], cores + 1)[1:-1]).tolist(), size]

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     Task = TypeVar("Task")
 
 _CONNECT = "20s"
+# Dask's value gives memory back after every array, to take it again for the next: half as much time again.
+_TRIM = "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_"
 
 
 @contextmanager
@@ -54,7 +56,7 @@ def cluster(scheduler: str | None = None, workers: int = 2) -> Generator[Any]:
     no_page: dict[str, Any] = {"dashboard_address": None}
     with (
         scratch_folder() as scratch,
-        dask.config.set({"temporary-directory": str(scratch)}),
+        dask.config.set({"temporary-directory": str(scratch), _TRIM: None}),
         LocalCluster(
             n_workers=workers, threads_per_worker=1, processes=True, silence_logs=quiet,
             local_directory=str(scratch), memory_limit=0, preload=[children.__name__], **no_page,

@@ -12,7 +12,7 @@ from stiffscope import files
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
 from stiffscope.cli.robots import made_of
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, StiffscopeError
 from stiffscope.jobs.manifest import manifest_of
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from concurrent.futures import Future
     from pathlib import Path
 
-    from stiffscope.jobs.assembly import Assembled
+    from stiffscope.jobs.assembly import Assembled, CondensedRobot
     from stiffscope.jobs.manifest import Manifest
     from stiffscope.jobs.workshop import Workshop
     from stiffscope.robot.description import RobotFile
@@ -104,7 +104,7 @@ def _watch(
     """Run, and again when a file changes, in this process, which keeps the CAD kernel; the page follows behind."""
     from concurrent.futures import ThreadPoolExecutor
 
-    from stiffscope.jobs.assembly import assemble_robots, at_named_poses
+    from stiffscope.jobs.assembly import at_named_poses, condense_robot
     from stiffscope.jobs.watching import changes, keep_warm, sources
     from stiffscope.jobs.workshop import workshop
     from stiffscope.report import tables
@@ -112,7 +112,7 @@ def _watch(
 
     files.check_output(out)
     watched = [find_robot(name)]
-    before: tuple[Assembled, Stiffness] | None = None
+    before: tuple[CondensedRobot, Stiffness] | None = None
     page: Future[None] | None = None
     with workshop() as shop, ThreadPoolExecutor(1) as pool, contextlib.suppress(KeyboardInterrupt):
         for _ in changes(watched):
@@ -120,7 +120,7 @@ def _watch(
                 robot = _checked(name, overrides, tolerance)
                 watched[:] = sources(robot)
                 manifest = manifest_of(robot)
-                now = assemble_robots({"now": robot}, components, shop)["now"]
+                now = condense_robot(robot, components, shop)
                 state = at_named_poses(now, robot.poses)
             except InputError as error:
                 click.echo(f"stiffscope: {error}", err=True)
@@ -130,22 +130,29 @@ def _watch(
                 tables.show_line(f"{manifest.elapsed():.2f} s; {out / 'report.html'} follows; Ctrl-C ends")
             if page is not None:
                 page.cancel()
-            page = pool.submit(_write_behind, now, state, out, shop, manifest)
+            page = pool.submit(_write_behind, robot, components, out, manifest)
             before = now, state
             keep_warm()
         if page is not None:
             page.result()
 
 
-def _write_behind(now: Assembled, state: Stiffness, out: Path, shop: Workshop, manifest: Manifest) -> None:
+def _write_behind(robot: RobotFile, components: Any, out: Path, manifest: Manifest) -> None:
     """Write a run's folder while the next change is waited for; what goes wrong is said, the watch goes on."""
+    from stiffscope.jobs.assembly import assemble_robots, at_named_poses
+    from stiffscope.jobs.workers import WorkerError
+    from stiffscope.jobs.workshop import workshop
+
     try:
-        _write(now, {"now": state}, out, shop, manifest, watched=manifest.started.isoformat())
-    except (InputError, OSError) as error:
+        with workshop(together=True) as shop:  # in processes of its own: this one is for the next change
+            now = assemble_robots({"now": robot}, components, shop)["now"]
+            states = {"now": at_named_poses(now, robot.poses)}
+            _write(now, states, out, shop, manifest, watched=manifest.started.isoformat())
+    except (StiffscopeError, WorkerError, OSError) as error:
         click.echo(f"stiffscope: {error}", err=True)
 
 
-def _show_step(now: Assembled, state: Stiffness, before: tuple[Assembled, Stiffness] | None) -> None:
+def _show_step(now: CondensedRobot, state: Stiffness, before: tuple[CondensedRobot, Stiffness] | None) -> None:
     """The stiffness, beside the one before where there was one at the same poses."""
     from stiffscope.jobs.watching import differences
     from stiffscope.report import tables

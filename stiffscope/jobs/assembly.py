@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from stiffscope.cad.checks import mm
 from stiffscope.errors import InputError
-from stiffscope.jobs.experiments import solve_parts
+from stiffscope.jobs.experiments import condense_parts, solve_parts
 from stiffscope.jobs.orders import order_part
 from stiffscope.jobs.workshop import workshop
 from stiffscope.robot.checks import SAME_LENGTH
@@ -26,32 +26,41 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from stiffscope.jobs.orders import PartOrder
-    from stiffscope.jobs.results import PartResult
+    from stiffscope.jobs.results import CondensedPart, PartResult
     from stiffscope.jobs.workshop import Workshop
     from stiffscope.robot.description import RobotFile
     from stiffscope.robot.part_matrices import Components, PartMatrix
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.statics import Stiffness
 
+    Robot = TypeVar("Robot", bound="CondensedRobot")
+
 
 @dataclass(frozen=True)
-class Assembled:
-    """A robot file with the sources and matrices of its parts, their experiments, and the mechanism of them.
+class CondensedRobot:
+    """A robot file with the sources and matrices of its parts, and the mechanism of them: all but its modes.
 
     Attributes
     ----------
     sources : by part: "fea", "beam", "published", "step" (a STEP file's solid), "matrix" (of the file) or "given".
-    results : virtual experiments that were made, by part.
+    results : parts that were tested, by name.
     matrices : matrix, bounds and mass of every part that is used.
     mechanism, bare : with the effects that the file has adopted, and without them.
     """
 
     robot: RobotFile
     sources: dict[str, str]
-    results: dict[str, PartResult]
+    results: Mapping[str, CondensedPart]
     matrices: dict[str, PartMatrix]
     mechanism: Mechanism
     bare: Mechanism
+
+
+@dataclass(frozen=True)
+class Assembled(CondensedRobot):
+    """The same with the whole virtual experiments of its parts."""
+
+    results: dict[str, PartResult]
 
 
 def assemble(robot: RobotFile, components: Components = None) -> Mechanism:
@@ -85,14 +94,28 @@ def assemble_robots(robots: Mapping[str, RobotFile], components: Components, sho
     """Assemble robots, by label; the parts that several share are made once."""
     orders: dict[tuple[str, str], PartOrder] = {}
     for i, (label, robot) in enumerate(robots.items()):
-        for name in needed_experiments(robot, components):
-            check_one_interface(robot, name)
-            orders[label, name] = order_part(robot, name, label=name if i == 0 else f"{name} ({label})")
+        for name, order in _orders(robot, components).items():
+            orders[label, name] = order if i == 0 else dataclasses.replace(order, label=f"{name} ({label})")
     solved = dict(zip(orders, solve_parts(list(orders.values()), shop), strict=True))
     return {
-        label: _assembled(robot, components, {name: solved[at, name] for at, name in solved if at == label})
+        label: _assembled(Assembled, robot, components, {name: solved[at, name] for at, name in solved if at == label})
         for label, robot in robots.items()
     }
+
+
+def condense_robot(robot: RobotFile, components: Components, shop: Workshop) -> CondensedRobot:
+    """Assemble a robot of parts that are condensed only: in half of the time, the same but for its modes."""
+    orders = _orders(robot, components)
+    results = dict(zip(orders, condense_parts(list(orders.values()), shop), strict=True))
+    return _assembled(CondensedRobot, robot, components, results)
+
+
+def _orders(robot: RobotFile, components: Components) -> dict[str, PartOrder]:
+    orders = {}
+    for name in needed_experiments(robot, components):
+        check_one_interface(robot, name)
+        orders[name] = order_part(robot, name)
+    return orders
 
 
 def check_one_interface(robot: RobotFile, name: str) -> None:
@@ -115,14 +138,16 @@ def check_reach(robot: RobotFile, poses: Mapping[str, Sequence[float]]) -> None:
             raise InputError(f"{name}: {found.reason(index)}")
 
 
-def _assembled(robot: RobotFile, components: Components, results: Mapping[str, PartResult]) -> Assembled:
+def _assembled(
+    kind: type[Robot], robot: RobotFile, components: Components, results: Mapping[str, CondensedPart]
+) -> Robot:
     sources = {
         name: source if isinstance(source, str) else "given" for name, source in part_sources(robot, components).items()
     }
     _check_lengths(robot, (results[name] for name, source in sources.items() if source == "step"))
     matrices = part_matrices(robot, components, results)
     bare = mechanism_of(robot, matrices)
-    return Assembled(robot, sources, dict(results), matrices, _with_effects(bare, robot), bare)
+    return kind(robot, sources, dict(results), matrices, _with_effects(bare, robot), bare)
 
 
 def _with_effects(bare: Mechanism, robot: RobotFile) -> Mechanism:
@@ -133,7 +158,7 @@ def _with_effects(bare: Mechanism, robot: RobotFile) -> Mechanism:
     return carried(bare, robot)
 
 
-def _check_lengths(robot: RobotFile, results: Iterable[PartResult]) -> None:
+def _check_lengths(robot: RobotFile, results: Iterable[CondensedPart]) -> None:
     """Raise InputError for a body that is not as long as the STEP file's solid that it is made of."""
     for result in results:
         for name in robot.bodies_of(result.name):
@@ -149,7 +174,7 @@ def _check_lengths(robot: RobotFile, results: Iterable[PartResult]) -> None:
                 )
 
 
-def at_named_poses(assembled: Assembled, poses: Mapping[str, Sequence[float]]) -> Stiffness:
+def at_named_poses(assembled: CondensedRobot, poses: Mapping[str, Sequence[float]]) -> Stiffness:
     """Stiffness without gravity, and sag with it; NaN where the tool moves freely."""
     found = statics.analyse(assembled.mechanism, np.array(list(poses.values())))
     firm = found.valid & (found.mobility == 0)

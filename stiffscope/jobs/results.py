@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from stiffscope.fea.experiment import Experiment
+    from stiffscope.fea.experiment import Condensed, Experiment
     from stiffscope.jobs.orders import PartOrder
     from stiffscope.robot.description import RobotFile
 
@@ -36,13 +36,13 @@ AXES = {
 
 
 @dataclass(frozen=True)
-class PartResult:
-    """A part's virtual experiment, and the files of it that the cache holds.
+class CondensedPart:
+    """A part condensed on its interfaces by a virtual experiment, and the files of it that the cache holds.
 
     Attributes
     ----------
     order, key : what was asked for, and its cache key.
-    folder : where its files are: the experiment (npz), the fields (vtu), the solid (STEP, STL).
+    folder : where its files are: the experiment (npz); of a whole one the fields (vtu) and the solid (STEP, STL).
     experiment : what the unit wrenches did.
     solid : what cad tells of the solid: mass in kg, mass_centre in m, inertia in kg·m², clamped_centre (of the clamped
         faces) in m, numbers of its faces.
@@ -52,7 +52,7 @@ class PartResult:
     order: PartOrder
     key: str
     folder: Path
-    experiment: Experiment
+    experiment: Condensed
     solid: dict[str, Any]
     reused: bool
     seconds: float
@@ -91,6 +91,13 @@ class PartResult:
     def length(self) -> float:
         """From the clamped faces to the reference point along the part's x, m."""
         return float(self.experiment.reference_point[0] - self.solid["clamped_centre"][0])
+
+
+@dataclass(frozen=True)
+class PartResult(CondensedPart):
+    """The same with the whole experiment: fields, own weight, natural frequencies."""
+
+    experiment: Experiment
 
     @property
     def facts(self) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import threading
 import time
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,13 +17,14 @@ import numpy as np
 from stiffscope import files
 from stiffscope.cluster import cluster, finished
 from stiffscope.errors import InputError, StiffscopeError
-from stiffscope.jobs.assembly import assemble_robots
+from stiffscope.jobs.assembly import assemble_robots, condense_robot
 from stiffscope.jobs.cache import code_version, digest
 from stiffscope.jobs.orders import LIBRARIES
 from stiffscope.jobs.search import Outcome, Point, front, search
 from stiffscope.jobs.workshop import workshop
+from stiffscope.processors import use_processors
 from stiffscope.robot.part_sections import StepPart
-from stiffscope.robot.responses import mass_of_solids, quantities
+from stiffscope.robot.responses import mass_of_solids, of_modes, quantities
 from stiffscope.robot.study_file import StudyFile, Value, load_study
 from stiffscope.vjm.kinematics import configure
 
@@ -278,7 +280,8 @@ def _makers(file: StudyFile, workers: int, scheduler: str | None) -> Iterator[Ma
         known = client.scatter(file, broadcast=True, hash=False)
 
         def made(missing: Sequence[Values]) -> Iterator[Design]:
-            running = {client.submit(make_design, known, values, pure=False, retries=1): values for values in missing}
+            start = partial(client.submit, make_on_worker, known, pure=False, retries=1)
+            running = {start(values): values for values in missing}
             for values, future in finished(client, running):
                 yield _answer(values, future, len(file.responses))
 
@@ -296,6 +299,14 @@ def _answer(values: Values, future: Any, count: int) -> Design:
     if error is not None:
         raise StiffscopeError(f"the scheduler has gone ({error}); what is finished is kept, run the same study again")
     return future.result()
+
+
+def make_on_worker(file: StudyFile, values: Values) -> Design:
+    """As `make_design`, on a worker of Dask: with no more processors than it has threads."""
+    from distributed import get_worker
+
+    use_processors(get_worker().state.nthreads)
+    return make_design(file, values)
 
 
 def make_design(file: StudyFile, values: Values) -> Design:
@@ -318,10 +329,13 @@ def make_design(file: StudyFile, values: Values) -> Design:
 
 def _responses(file: StudyFile, values: Values) -> tuple[float, ...]:
     robot = file.design(values)
+    names = dict.fromkeys(name for response in file.responses for name in response.expression.names)
     with workshop() as shop:
-        made = assemble_robots({"design": robot}, file.components, shop)["design"]
+        if any(of_modes(name) for name in names):
+            made = assemble_robots({"design": robot}, file.components, shop)["design"]
+        else:
+            made = condense_robot(robot, file.components, shop)
         found = configure(made.mechanism, file.poses_of(robot)).required()
-        names = dict.fromkeys(name for response in file.responses for name in response.expression.names)
         mass = mass_of_solids(robot, file.components, made.results) if "mass" in names else 0.0
         known = quantities(names, made.mechanism, found, made.matrices, mass)
     answers = tuple(response.value(known) for response in file.responses)

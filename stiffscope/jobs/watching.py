@@ -21,7 +21,13 @@ if TYPE_CHECKING:
     from stiffscope.robot.description import RobotFile
 
 PERIOD = 0.05  # s between two looks at the files
-HEAVY = ("build123d", "stiffscope.cad.kernel", "stiffscope.fea.experiment", "stiffscope.fea.export")
+HEAVY = (
+    "build123d",
+    "stiffscope.cad.step",
+    "stiffscope.fea.experiment",
+    "stiffscope.fea.adapt",
+    "stiffscope.fea.dynamics",
+)
 
 
 def sources(robot: RobotFile) -> list[Path]:

@@ -92,10 +92,9 @@ class Lead:
 
 def figure(image: Path, caption: str, words: str) -> Figure:
     """Take a picture file, PNG or SVG, into a page; ``words`` is its text alternative."""
-    from PIL import Image
-
     if image.suffix == ".svg":
         return _drawing(image.read_bytes(), caption, words)
+    from PIL import Image, WebPImagePlugin  # noqa: F401 (else saving imports all of its seventy formats)
 
     out = io.BytesIO()
     with Image.open(image) as picture:

@@ -65,6 +65,19 @@ _NAMED = (
     *(Dimension("a temperature", "K"), MOMENT),
 )
 
+# What pint answers for the units that most files use: importing it takes as long as a robot's stiffness. SI units of
+# one line measure the same.
+_SAME = (
+    *(("rad", ""), ("N*m", "N*m/rad"), ("m",), ("m^2",), ("m^3",), ("kg",), ("s",), ("Hz",), ("K",), ("N",), ("N/m",)),
+    *(("Pa",), ("kg/m^3",), ("m/s^2",), ("N/m^3",), ("1/K",), ("kg*m^2",), ("m/N",), ("rad/(N*m)",)),
+)
+_KIND = {si: kind for kind, line in enumerate(_SAME) for si in line}
+USUAL = {si: (si, 1.0) for line in _SAME for si in line if si} | {
+    "mm": ("m", 1e-3), "um": ("m", 1e-6), "g": ("kg", 1e-3), "deg": ("rad", math.pi / 180), "GPa": ("Pa", 1e9),
+    "MPa": ("Pa", 1e6), "N/um": ("N/m", 1e6), "N/mm": ("N/m", 1e3), "N/mm^3": ("N/m^3", 1e9), "um/N": ("m/N", 1e-6),
+    "kN*m/rad": ("N*m/rad", 1e3),
+}  # fmt: skip
+
 
 @cache
 def _registry() -> pint.UnitRegistry:
@@ -143,6 +156,11 @@ def _parsed(text: str, dimension: Dimension, expected: str) -> float:
 @cache
 def _factor(unit: str, si: str) -> float:
     """What one of a unit is in SI. Raises whatever pint does for what is no such unit."""
+    if unit in USUAL and si in _KIND:
+        base, factor = USUAL[unit]
+        if _KIND[base] != _KIND[si]:
+            raise ValueError(f"{unit} is no {si}")
+        return factor
     _check_unit(unit)
     one = _registry().Quantity(1.0, _registry().parse_units(unit.removeprefix("*").strip()))
     if dict(one.unit_items()).get("percent", 1) != 1:
@@ -160,6 +178,11 @@ def _check_unit(text: str) -> None:
 def _why(unit: str) -> str:
     """Say what the unit measures instead, if it can be named."""
     nothing = f', and "{unit}" is not a unit'
+    if unit in USUAL:
+        kind = _KIND[USUAL[unit][0]]
+        known = next((other for other in _NAMED if _KIND[other.unit] == kind), None)
+        if known is not None:
+            return f", which is {known.noun}"
     try:
         _check_unit(unit)
         found = _registry().parse_units(unit)

@@ -101,6 +101,11 @@ def worst_of(quantity: str) -> str:
     return "least" if re.match(r"(K|k|f)", quantity.rpartition(".")[2]) else "greatest"
 
 
+def of_modes(quantity: str) -> bool:
+    """Whether a quantity is a natural frequency."""
+    return re.fullmatch(r"f\d+", quantity) is not None
+
+
 def quantities(
     names: Collection[str], mechanism: Mechanism, found: Configurations, parts: Mapping[str, PartMatrix], mass: float
 ) -> dict[str, np.ndarray]:
@@ -109,7 +114,7 @@ def quantities(
     out: dict[str, np.ndarray] = {}
     stiffness = statics.stiffness(mechanism, found) if any(name in ENTRIES for name in names) else None
     sag = statics.sag(mechanism, found) if any(name.startswith("sag") for name in names) else None
-    modes = real_frequencies(mechanism, found) if any(re.fullmatch(r"f\d+", name) for name in names) else None
+    modes = real_frequencies(mechanism, found) if any(map(of_modes, names)) else None
     for name in names:
         part, _, entry = name.rpartition(".")
         if part and entry == "mass":

@@ -84,7 +84,7 @@ def test_same_mesh_same_frequencies(stored, tmp_path, monkeypatch):
         problem = Problem(**held)
     supports, loads = problem.supported()
     stiffness = elasticity.assemble(problem.mesh, problem.elasticity)
-    weight = mass.assemble_mass(problem.mesh, problem.density).nodes
+    weight = mass.Mass(problem.mesh, problem.density).nodes
     solver = prepare(problem.mesh, stiffness, supports)
     squares, _, _ = lowest_modes(
         lambda x: supports.restrict(stiffness @ supports.expand(x)),

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import fields
 from types import SimpleNamespace
 
 import numpy as np
@@ -85,10 +86,11 @@ def test_beam_theory_is_beside_the_own_shape_alone(tmp_path, capsys, solid):
     (tmp_path / "part.step").write_text("")
     order = order_part(robot, "slider", None if own else tmp_path / solid)
     empty = np.zeros((0, 3))
-    experiment = Experiment(
-        "slider", "rigid", beam, 0.01 * abs(beam), np.zeros((1, 3)), np.zeros(3),
-        SimpleNamespace(points=empty, cells=empty), empty, empty, 0.0, 1.0, 1.0, 0, 1.0, *[empty] * 8,
-    )  # fmt: skip
+    made = {field.name: empty for field in fields(Experiment)} | {
+        "part": "slider", "interface": "rigid", "flexibility": beam, "flexibility_error": 0.01 * abs(beam),
+        "reference_points": np.zeros((1, 3)), "mesh": SimpleNamespace(points=empty, cells=empty), "note": "",
+    }  # fmt: skip
+    experiment = Experiment(**made)
     facts = {"mass": 1.0, "mass_centre": [0, 0, 0], "inertia": np.eye(3)}
     result = PartResult(order, "", tmp_path, experiment, facts, reused=True, seconds=0.0)
     written = compliance_json(robot, result)

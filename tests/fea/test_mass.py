@@ -16,7 +16,7 @@ from stiffscope.fea.dynamics import dynamics, vibration_of
 from stiffscope.fea.elasticity import isotropic
 from stiffscope.fea.experiment import examine, load_experiment
 from stiffscope.fea.export import free_superelement
-from stiffscope.fea.mass import assemble_mass, rigid_mass, times
+from stiffscope.fea.mass import Mass, rigid_mass, times
 from stiffscope.fea.modes import lowest_modes, ritz
 from stiffscope.fea.settings import Settings
 from stiffscope.fea.solution import respond, solve_two_levels
@@ -71,7 +71,7 @@ def test_rigid_motion_of_the_condensed_model_has_the_parts_mass_exactly(plate, l
 def test_the_cubic_functions_mass_is_that_of_their_moments(stub):
     """∫ρ N_c dV = M 1, and ∫ρ x N_c dV = M x, since the quadratic functions hold 1 and x."""
     _, mesh = stub
-    cubics, expected = assemble_mass(mesh, DENSITY).cubics, 0
+    cubics, expected = Mass(mesh, DENSITY).cubics, 0
     fields = np.hstack([np.ones((len(mesh.points), 1)), mesh.points])
     for basis in cell_bases(mesh, ElementTetCubic(), 5, 8):
         values = np.stack([np.asarray(field[0]) for field in basis.basis])  # (10, m, q)
@@ -87,8 +87,8 @@ def test_the_cubic_functions_mass_is_that_of_their_moments(stub):
 def test_modes_are_lanczoss(stub, interface):
     """Clamped, and of the rigid interface held besides: nodes that do not move; ARPACK on the assembled matrices."""
     levels = levels_of(stub, interface)
-    system, mass = levels.system, assemble_mass(stub[1], DENSITY)
-    vibration = vibration_of(levels, mass)
+    system, mass = levels.system, Mass(stub[1], DENSITY)
+    vibration = vibration_of(levels)
     start = np.random.default_rng(2).normal(size=(len(vibration.loads), 12))
     precondition = system.solver.precondition
     squares, modes, _ = lowest_modes(vibration.stiffness, vibration.inertia, precondition, start, 6, 1e-10)
@@ -265,7 +265,7 @@ def test_the_mass_is_saved_and_files_without_it_are_refused(plate, tmp_path):
 def test_the_mass_of_turned_axes_is_turned(stub, rng):
     _, mesh = stub
     turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-    mass = assemble_mass(mesh, DENSITY).nodes
+    mass = Mass(mesh, DENSITY).nodes
     here, there = rigid_mass(mesh.points, mass), rigid_mass(mesh.points @ turn.T + 0.3, mass)
     assert there.centre == pytest.approx(turn @ here.centre + 0.3)
     assert there.inertia == pytest.approx(turn @ here.inertia @ turn.T, abs=1e-12)

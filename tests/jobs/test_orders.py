@@ -8,7 +8,7 @@ import pytest
 
 from stiffscope.cad.link import LinkParameters
 from stiffscope.errors import InputError
-from stiffscope.jobs.experiments import solve_parts
+from stiffscope.jobs.experiments import condense_parts, solve_parts
 from stiffscope.jobs.orders import build_part, order_part
 from stiffscope.jobs.results import compliance_json
 from stiffscope.jobs.workshop import workshop
@@ -92,8 +92,19 @@ def test_what_scripts_read_of_a_rod_and_of_a_step_file_in_its_place(tmp_path, mo
     write_bar(tmp_path / "given.step", shift=-0.03)
     orders = [order_part(robot, NAME), order_part(robot, NAME, tmp_path / "given.step", label="given")]
     with workshop() as shop:
+        with monkeypatch.context() as patch:
+            patch.setattr("stiffscope.fea.dynamics.dynamics", None)
+            (condensed,) = condense_parts(orders[:1], shop)
         rod, bar = solve_parts(orders, shop)
         again = solve_parts(orders[:1], shop)[0]
+        held = condense_parts(orders, shop)
+    same = rod.experiment  # on the mesh of the condensed one
+    np.testing.assert_allclose(condensed.compliance, same.compliance, rtol=1e-10)
+    np.testing.assert_allclose(condensed.error, same.error, rtol=1e-10)
+    np.testing.assert_allclose(condensed.experiment.condensed_mass, same.condensed_mass[:12, :12], atol=1e-12)
+    assert [each.reused for each in (condensed, *held)] == [False, True, True]
+    assert condensed.solid == rod.solid
+    assert {each.name for each in condensed.folder.iterdir()} == {"entry.json", "experiment.npz", "solid.json"}
     told, given = compliance_json(robot, rod), compliance_json(robot, bar)
     assert (told["part"], told["solid"], given["solid"]) == (NAME, "parametric", "given.step")
     assert told["axes"].startswith("x along the rod")

@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import re
 import shutil
 from pathlib import Path
@@ -16,6 +17,7 @@ from stiffscope.errors import InputError
 from stiffscope.jobs import studies
 from stiffscope.jobs.search import Outcome, front, search
 from stiffscope.jobs.studies import study
+from stiffscope.processors import processors
 from stiffscope.robot.reader import load_robot
 from stiffscope.robot.study_file import Goal, Limit, Variable, load_study
 from tests.jobs.one_part import PLATE, ROD, one_part
@@ -97,6 +99,15 @@ def test_finished_designs_are_stored_and_not_made_again(rod, tmp_path, monkeypat
     assert len(made) == 8
     study(rod(GRID.replace('"K_tx"', '"K_ty"')), folder=tmp_path / "kept")
     assert len(made) == 14  # another study's designs are not this one's
+
+
+def test_a_worker_uses_no_more_processors_than_it_has_threads(rod, monkeypatch):
+    monkeypatch.setattr("distributed.get_worker", lambda: SimpleNamespace(state=SimpleNamespace(nthreads=1)))
+    monkeypatch.setattr("stiffscope.processors._shares", [])
+    whole = processors()
+    one = studies.make_on_worker(load_study(rod(GRID)), (0.006, 0.0))
+    assert not one.reason
+    assert (processors(), whole) == (1, len(os.sched_getaffinity(0)))
 
 
 def test_an_interrupted_study_keeps_what_is_finished(rod, tmp_path, monkeypatch):

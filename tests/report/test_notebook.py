@@ -1,6 +1,7 @@
 """Notebooks: every object that the façade gives shows as a table, jobs as bars, the robot as a page that turns."""
 
 import re
+from dataclasses import fields
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -49,9 +50,11 @@ def objects(machine):
     robot = ss.load_robot("biglide")
     poses = list(robot.poses.values())
     zeros = np.zeros((6, 6))
-    tested = ss.Experiment(
-        "plate", "rigid", np.eye(6), zeros, np.zeros((1, 3)), *[None] * 4, 0.0, 1.0, 1.0, 6, 2.5, *[None] * 8
-    )
+    tested = ss.Experiment(**dict.fromkeys(field.name for field in fields(ss.Experiment)) | {
+        "part": "plate", "interface": "rigid", "flexibility": np.eye(6), "flexibility_error": zeros,
+        "reference_points": np.zeros((1, 3)), "mass": 2.5, "note": "", "unknowns": 6,
+        "imbalance": 0.0, "volume": 1.0, "cad_volume": 1.0,
+    })  # fmt: skip
     derivative = Derivative(0.02, "m", zeros, zeros, None, None, 1.5, *[None] * 4)
     entry = Entry("C35", "m/(N·m)", -7.3e-8, 2.2e-11, -8e-8, -8e-8, -8e-8)
     drive = next(joint for joint in machine.joints if joint.drive)

@@ -47,6 +47,21 @@ def test_several_values_each_have_their_unit():
             q.several(bad, *wrench)
 
 
+def test_usual_units_are_what_pint_says(monkeypatch):
+    def answer(unit, si):
+        try:
+            return q.to_si(f"7.3 {unit}", q.Dimension("a value", si), sign="any")
+        except ValueError as error:
+            return str(error)
+
+    pairs = [(unit, si) for unit in q.USUAL for si in q._KIND]
+    ours = [answer(*pair) for pair in pairs]
+    assert sum(isinstance(each, float) for each in ours) == len(q.USUAL) + 5  # rad, deg; N*m, N*m/rad, kN*m/rad
+    monkeypatch.setattr(q, "USUAL", {})
+    q._factor.cache_clear()
+    assert [answer(*pair) for pair in pairs] == ours
+
+
 def test_our_units_are_those_of_pints_own_list():
     """One of each unit, in SI, read from both lists."""
     ours, pints = pint.UnitRegistry(str(data.FOLDER / "units.txt")), pint.UnitRegistry()
