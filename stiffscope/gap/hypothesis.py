@@ -97,13 +97,14 @@ def joined(values: Iterable[Any]) -> Array:
 
 def positive_of(candidates: Sequence[Candidate]) -> Flags:
     """Which internal parameters (k,) cannot be negative."""
-    return np.repeat([c.positive for c in candidates], [len(c.scale) for c in candidates]).astype(np.bool_)
+    return np.array([flag for c in candidates for flag in c.one_sided], dtype=np.bool_)
 
 
 def bounded(candidates: Sequence[Candidate], u: Array) -> Array:
     """Internal parameters (k,) within what can be computed."""
     counts = [len(c.scale) for c in candidates]
     low, high = (np.repeat([c.bounds[side] for c in candidates], counts) for side in (0, 1))
+    low = np.where((low == 0.0) & ~positive_of(candidates), -np.inf, low)
     return np.clip(u, low, high)
 
 

@@ -135,13 +135,14 @@ class Search:
         inner = self.problem.errors.inner(own, own)  # (q, k+1, k+1)
         across = self.problem.errors.inner(library.projection, own)  # (q, c, k+1)
         without = self.problem.errors.sizes == 0.0
-        alike: dict[tuple[int, bool], list[int]] = {}
+        alike: dict[tuple[bool, ...], list[int]] = {}
         for number, candidate in enumerate(library.candidates):
             if self.problem.model.admits((*hypothesis.candidates, candidate)):
-                alike.setdefault((len(candidate.scale), candidate.positive), []).append(number)
+                alike.setdefault(candidate.one_sided, []).append(number)
         base = hypothesis.known.sizes * scale_of(hypothesis.candidates)
         prior = hypothesis.known.averaging + self.problem.log_prior(hypothesis.candidates)
-        for (m, one_sided), numbers in alike.items():
+        for one_sided, numbers in alike.items():
+            m = len(one_sided)
             shape = (len(numbers), len(self.problem.errors.sizes))
             grams, pulls = np.empty((*shape, k + m, k + m)), np.empty((*shape, k + m))
             grams[..., :k, :k], pulls[..., :k] = inner[:, :k, :k], inner[:, :k, k]
@@ -160,7 +161,7 @@ class Search:
                 scales[at, :, k:] = self.problem.sizes[: scales.shape[1], None] * np.array(
                     library.candidates[number].scale
                 )
-            positive = np.concatenate([positive_of(hypothesis.candidates), np.full(m, one_sided)])
+            positive = np.append(positive_of(hypothesis.candidates), np.array(one_sided, dtype=np.bool_))
             logs, means, _ = log_evidences(grams, pulls, totals, self.problem.errors.log_weight, scales, positive)
             for number, log, mean in zip(numbers, logs, means, strict=True):
                 candidate = library.candidates[number]
