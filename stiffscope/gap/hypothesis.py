@@ -53,6 +53,11 @@ class Hypothesis:
         """Effects in it."""
         return tuple(candidate for candidate, _ in self.parameters)
 
+    @cached_property
+    def forms(self) -> frozenset[tuple[str, int]]:
+        """See `forms_of`."""
+        return forms_of(self.candidates)
+
     @property
     def words(self) -> tuple[Candidate, ...]:
         """Effects in it that the vocabulary has a word for."""
@@ -77,6 +82,11 @@ class Hypothesis:
     def linear(self) -> Array:
         """Readings (n,) minus the prediction extrapolated to internal parameters of zero."""
         return self.residual + self.slopes @ self.values
+
+
+def forms_of(candidates: Iterable[Candidate]) -> frozenset[tuple[str, int]]:
+    """What tells sets of effects apart: their names, and with how many parameters each comes."""
+    return frozenset((c.name, len(c.scale)) for c in candidates)
 
 
 def scale_of(candidates: Sequence[Candidate]) -> Array:

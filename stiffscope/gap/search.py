@@ -9,7 +9,7 @@ import numpy as np
 
 from stiffscope.gap.evidence import log_evidences
 from stiffscope.gap.fitting import DOUBT, MARGIN
-from stiffscope.gap.hypothesis import Hypothesis, bounded, joined, positive_of, scale_of, split
+from stiffscope.gap.hypothesis import Hypothesis, bounded, forms_of, joined, positive_of, scale_of, split
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.floating[Any]]
     Progress = Callable[[str, float], None]
+    Forms = frozenset[tuple[str, int]]
 
 BEAM_WIDTH = 10  # hypotheses of each size that are extended, the best,
 BEAM_PLAIN = 4  # and the best without a discrepancy, which takes up what several effects leave only together
@@ -56,7 +57,7 @@ class Search:
     def hypotheses(self) -> list[Hypothesis]:
         """Fitted hypotheses, the best first: none, single effects, and larger sets as long as they gain."""
         none = self.problem.fit((), np.zeros(0))
-        fitted = _Fitted(self.problem, {(): none}, self.progress)
+        fitted = _Fitted(self.problem, {frozenset(): none}, self.progress)
         fit, found = fitted.fit, fitted.found
         tried = [Start(c, np.zeros(len(scale_of(c))), np.zeros(len(scale_of(c)))) for c in self.problem.model.tried]
         fit(tried, _heights([none]), "effects", len(tried))
@@ -119,11 +120,11 @@ class Search:
 
     def _extensions(self, frontier: Sequence[Hypothesis]) -> list[Start]:
         """The most promising sets of one effect more, by their evidence to first order, each with a start."""
-        ranked: dict[tuple[str, ...], Start] = {}
+        ranked: dict[Forms, Start] = {}
         derivatives = self.problem.library_at(frontier[0])
         for hypothesis in frontier:
             for start in self.scored(hypothesis, derivatives):
-                key = _key(start.candidates)
+                key = forms_of(start.candidates)
                 if key not in ranked or start.heights[1] > ranked[key].heights[1]:
                     ranked[key] = start
         return sorted(ranked.values(), key=lambda start: -start.heights[0])
@@ -178,7 +179,7 @@ class _Fitted:
     """Hypotheses that a search has fitted so far."""
 
     problem: Problem
-    found: dict[tuple[str, ...], Hypothesis]
+    found: dict[Forms, Hypothesis]
     progress: Progress | None
 
     def fit(self, starts: Sequence[Start], base: tuple[float, float], stage: str, most: int) -> list[Hypothesis]:
@@ -194,7 +195,7 @@ class _Fitted:
                 continue
             if self.progress:
                 self.progress(stage, len(fits) / most)
-            key = _key(start.candidates)
+            key = forms_of(start.candidates)
             if key not in self.found or not self.found[key].converged:
                 target = max((h.plain for h in fits), default=-np.inf)
                 self.found[key] = self.problem.fit(start.candidates, start.values, target, start.origin)
@@ -212,8 +213,3 @@ def _heights(fits: Sequence[Hypothesis]) -> tuple[float, float]:
 def _hopeless(promised: float, best: float, base: float) -> bool:
     """Whether a set is too far behind the best that was fitted, of which first order may miss a share of the gain."""
     return promised < best - max(MARGIN, DOUBT * (best - base))
-
-
-def _key(candidates: Sequence[Candidate]) -> tuple[str, ...]:
-    """What tells sets of effects apart: some effects come with fewer or more parameters."""
-    return tuple(sorted(f"{c.name} {len(c.scale)}" for c in candidates))
