@@ -248,9 +248,7 @@ def _next(found: Findings) -> NextMeasurement | None:
     if not rivals:
         return None
     ranked = sorted(rivals[:_RIVALS], key=lambda h: best.names <= h.names)  # an extension of the best comes last
-    trial = found.model.trial(found.sigma)
-    steps = (next_measurement(trial, best, rival) for rival in ranked)
-    return next((step for step in steps if step), None)
+    return next_measurement(found.model.trial(found.sigma), best, ranked)
 
 
 def _counts(found: Findings, reported: Hypothesis) -> list[str]:

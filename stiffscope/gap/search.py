@@ -67,9 +67,15 @@ class Search:
             while len(frontier[0].candidates) < self.problem.model.most_effects:
                 stage = f"effects, {len(frontier[0].candidates) + 1} at once"
                 base, starts = _heights(frontier), self._extensions(frontier)
+                if not starts:
+                    break
                 most = FITTED if frontier[0].names else 2 * FITTED
+                plain = sorted(starts, key=lambda s: -s.heights[1])
+                promised = starts[0].heights[0], plain[0].heights[1]
+                if all(now < then + GAIN for now, then in zip(promised, base, strict=True)):
+                    most, plain = LEAST_FITTED, []  # what they miss to first order is as small
                 fits = fit(starts, base, stage, most)
-                fits += fit(sorted(starts, key=lambda s: -s.heights[1]), base, stage, FITTED_PLAIN)
+                fits += fit(plain, base, stage, FITTED_PLAIN)
                 fits = sorted({id(h): h for h in fits}.values(), key=lambda h: -h.evidence)
                 if not fits or all(now < then + GAIN for now, then in zip(_heights(fits), before, strict=True)):
                     break
