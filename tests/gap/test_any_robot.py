@@ -62,7 +62,7 @@ def test_the_campaign_that_the_documentation_works_through_is_the_lab_s():
     c = load_campaign(FOLDER / "campaigns" / "gauges")
     loads = tuple(("hook", np.array([*weight, 0.0, 0.0, 0.0])) for weight in weights)
     plan = Plan(c.poses, loads, {"hook": Spot("platform", np.array([0.0, 0.0, -1.124]))}, tuple(gauges), False)
-    made = taken(true, plan, Noise(displacement=2e-6), np.random.default_rng(17))
-    assert len(c) == len(made.value) == 72
-    assert np.abs(c.value - made.value).max() < 0.501e-6  # as read, whole micrometres
-    assert (c.sigma == 2e-6).all()
+    made = taken(true, plan, Noise(displacement=1e-6), np.random.default_rng(17))
+    assert len(c) == len(made.value) == 108
+    assert np.abs(c.value - made.value).max() < 0.0501e-6  # as read, to a tenth of a micrometre
+    assert (c.sigma == 1e-6).all()
