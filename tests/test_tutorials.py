@@ -10,6 +10,7 @@ FOLDER = Path(__file__).parents[1] / "docs" / "tutorials"
 SHOWN = {
     "part": ("Part slider", "Compliance of the slider, clamped at one end", "image/png"),
     "robot": ("degrees of freedom", "Stiffness at M", "<iframe srcdoc=", "Natural frequencies", "image/png"),
+    "gauges": ("108 readings", "Identified: actuator stiffness (leg2.motor)", "image/png", "image/svg+xml"),
     "diagnosis": ("Identified: scale (all), factor 1.10", "gap 9.19 % -> 1.25 %", "image/svg+xml"),
 }
 

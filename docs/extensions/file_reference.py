@@ -117,8 +117,8 @@ class CampaignKeys(Directive):
         lines += [f"| `{name}` | {words} | {unit} |" for name, (words, unit) in QUANTITIES_READ.items()]
         lines += ["", "### Effects", "", "| effect | parameters |", "|---|---|"]
         for effect, parameters in EFFECTS.items():
-            listed = ", ".join(f"`{name}` ({unit})" for name, unit in parameters[:7])
-            lines.append(f"| `{effect}` | {listed + (' …' if len(parameters) > 7 else '') or 'none'} |")
+            listed = ", ".join(f"`{name}` ({unit})" for name, unit in parameters[:9])
+            lines.append(f"| `{effect}` | {listed + (' …' if len(parameters) > 9 else '') or 'none'} |")
         return parsed(self, lines)
 
 

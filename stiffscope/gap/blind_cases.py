@@ -160,6 +160,8 @@ class Lab:
         places = tuple(found.values())
         if effect in {"joint-compliance", "joint-play", "stiffening-joint", "loose-bolt"}:
             places = tuple(p for p in places if not any(machine.joints[n].drive for n in machine.members(p)))
+        if effect == "part-compliance":  # one matrix for bodies of one part
+            places = tuple(p for p in places if len({machine.bodies[n].part for n in machine.members(p)}) == 1)
         if effect == "thermal":
             places = tuple(p for p in places if all(machine.bodies[n].expansion > _EXPANDS for n in machine.members(p)))
         return places
@@ -262,7 +264,7 @@ def _drawn(count: int, turn: int, rng: np.random.Generator, judge: _Judge) -> tu
     for _ in range(count):
         left = [word for word in words if word not in {fault.effect for fault in faults}]
         tried: tuple[Fault, ...] = ()
-        for attempt in range(_ATTEMPTS):
+        for attempt in range(_ATTEMPTS if count > 1 else max(_ATTEMPTS, 3 * len(left))):
             word = left[(turn + attempt // 3) % len(left)] if count == 1 else _some(rng, left)
             tried = (*faults, _known(word, rng, lab))
             if judge.decidable(tried):

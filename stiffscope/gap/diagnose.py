@@ -149,8 +149,8 @@ def _intervals(
 ) -> list[tuple[float, float]]:
     """Intervals of 95 %: of one parameter by its quantiles, of several by their standard uncertainties."""
     deviation = np.sqrt(np.diagonal(covariance).clip(min=1e-300))
-    lowest = 0.0 if candidate.positive else -np.inf
-    ends = [_quantiles(m, s, lowest) for m, s in zip(internal, deviation, strict=True)]
+    lowest = [0.0 if one_sided else -np.inf for one_sided in candidate.one_sided]
+    ends = [_quantiles(m, s, low) for m, s, low in zip(internal, deviation, lowest, strict=True)]
     if len(values) == 1:
         low, high = sorted(float(candidate.physical(np.array([end]))[0]) for end in ends[0])
         return [(low, high)]
@@ -248,9 +248,7 @@ def _next(found: Findings) -> NextMeasurement | None:
     if not rivals:
         return None
     ranked = sorted(rivals[:_RIVALS], key=lambda h: best.names <= h.names)  # an extension of the best comes last
-    trial = found.model.trial(found.sigma)
-    steps = (next_measurement(trial, best, rival) for rival in ranked)
-    return next((step for step in steps if step), None)
+    return next_measurement(found.model.trial(found.sigma), best, ranked)
 
 
 def _counts(found: Findings, reported: Hypothesis) -> list[str]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.gap.fitting import Problem
+from stiffscope.gap.hypothesis import forms_of
 from stiffscope.gap.residuals import percent_rms
 from stiffscope.gap.search import Search
 
@@ -146,16 +147,16 @@ class Findings:
 
     def of(self, candidates: Iterable[Candidate]) -> Hypothesis:
         """The hypothesis of some effects of the best one, fitted."""
-        chosen = frozenset(c.name for c in candidates)
-        known = next((h for h in self.hypotheses if h.names == chosen), None)
+        chosen = forms_of(candidates)
+        known = next((h for h in self.hypotheses if h.forms == chosen), None)
         if known and known.converged:
             return known
-        kept = [(c, values) for c, values in self.best.parameters if c.name in chosen]
+        kept = [(c, values) for c, values in self.best.parameters if forms_of([c]) <= chosen]
         return self.problem.fit([c for c, _ in kept], np.array([v for _, values in kept for v in values]))
 
     def alone(self, candidate: Candidate) -> Hypothesis:
         """The hypothesis of one effect alone."""
-        known = next((h for h in self.hypotheses if h.names == frozenset([candidate.name])), None)
+        known = next((h for h in self.hypotheses if h.forms == forms_of([candidate])), None)
         start = known.values if known else np.zeros(len(candidate.scale))
         return known if known and known.converged else self.problem.fit([candidate], start)
 

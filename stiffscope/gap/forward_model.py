@@ -56,6 +56,8 @@ class Candidate:
     """Other names, as `effect @ place`, for this effect at this place."""
     twins: tuple[str, ...] = ()
     """Other effects, as `effect @ place`, with the very same signature in the readings: each as likely as this one."""
+    couplings: int = 0
+    """How many of the last internal parameters couple the others: these have either sign."""
     flexible: bool = False
     """True where it can follow almost anything, so that it says nothing about noise."""
     action: object = None
@@ -73,8 +75,13 @@ class Candidate:
 
     @property
     def positive(self) -> bool:
-        """Whether no internal parameter can be negative: an added compliance, a dead zone."""
+        """Whether no internal parameter but couplings can be negative: an added compliance, a dead zone."""
         return self.bounds[0] == 0.0
+
+    @property
+    def one_sided(self) -> tuple[bool, ...]:
+        """Which internal parameters cannot be negative."""
+        return tuple(self.positive and k < len(self.scale) - self.couplings for k in range(len(self.scale)))
 
     @property
     def unnamed(self) -> bool:

@@ -53,6 +53,11 @@ class Hypothesis:
         """Effects in it."""
         return tuple(candidate for candidate, _ in self.parameters)
 
+    @cached_property
+    def forms(self) -> frozenset[tuple[str, int]]:
+        """See `forms_of`."""
+        return forms_of(self.candidates)
+
     @property
     def words(self) -> tuple[Candidate, ...]:
         """Effects in it that the vocabulary has a word for."""
@@ -79,6 +84,11 @@ class Hypothesis:
         return self.residual + self.slopes @ self.values
 
 
+def forms_of(candidates: Iterable[Candidate]) -> frozenset[tuple[str, int]]:
+    """What tells sets of effects apart: their names, and with how many parameters each comes."""
+    return frozenset((c.name, len(c.scale)) for c in candidates)
+
+
 def scale_of(candidates: Sequence[Candidate]) -> Array:
     """Prior sizes (k,) of the internal parameters of effects."""
     return joined(c.scale for c in candidates)
@@ -97,13 +107,14 @@ def joined(values: Iterable[Any]) -> Array:
 
 def positive_of(candidates: Sequence[Candidate]) -> Flags:
     """Which internal parameters (k,) cannot be negative."""
-    return np.repeat([c.positive for c in candidates], [len(c.scale) for c in candidates]).astype(np.bool_)
+    return np.array([flag for c in candidates for flag in c.one_sided], dtype=np.bool_)
 
 
 def bounded(candidates: Sequence[Candidate], u: Array) -> Array:
     """Internal parameters (k,) within what can be computed."""
     counts = [len(c.scale) for c in candidates]
     low, high = (np.repeat([c.bounds[side] for c in candidates], counts) for side in (0, 1))
+    low = np.where((low == 0.0) & ~positive_of(candidates), -np.inf, low)
     return np.clip(u, low, high)
 
 

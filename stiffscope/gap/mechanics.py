@@ -52,8 +52,7 @@ if TYPE_CHECKING:
 
 _TOOL = slice(0, 6)
 _NEWTON_STEPS = 12
-_CLOSED = 1e-9  # rad, or of the mechanism's length: a Newton step that ends the loop closure
-_OPEN = 1e-6  # a Newton step that has not closed it
+_CLOSED = 1e-5  # rad, or of the mechanism's length: a Newton step after which the next, its square, is nothing
 _FEW = 8  # changed elements, up to which a robot is not condensed anew
 _CUTS = 2000  # poses times elements whose responses are kept
 _HELD_MOMENT = 1e-9  # relative: what rounding leaves of a moment
@@ -294,7 +293,7 @@ class ElasticState:
                 return there
             response = loaded(order, there, Loads(1, {}, remaining_offsets(order, there, rest), balanced=1.0))
             there, size = bent(there, response), _size(response, order.length)
-        if not size < _OPEN:
+        if not size < _CLOSED:
             raise InputError("loop closure: no solution for these geometric errors")
         return there
 

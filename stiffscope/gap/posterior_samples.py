@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.gap.hypothesis import positive_of
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -94,7 +96,7 @@ def _internal_draws(joint: Hypothesis, count: int, rng: np.random.Generator) -> 
         return np.zeros((count, 0))
     values, vectors = np.linalg.eigh(joint.covariance)
     root = vectors * np.sqrt(values.clip(min=0.0))
-    positive = np.repeat([c.positive for c in joint.candidates], [len(c.scale) for c in joint.candidates])
+    positive = positive_of(joint.candidates)
     out = mean + rng.standard_normal((count, len(mean))) @ root.T
     for _ in range(_REDRAWN):
         wrong = np.flatnonzero((out < 0.0)[:, positive].any(axis=1))

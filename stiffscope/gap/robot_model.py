@@ -18,7 +18,7 @@ from stiffscope.gap.quantities import AXES, DEFLECTION, DEVIATION, PUSH, STIFFNE
 from stiffscope.gap.readings import on_robot
 from stiffscope.gap.robot_prediction import INSTRUMENT, Laden, RobotPrediction
 from stiffscope.robot.effects import MechanicalEffect, dimension_effects, factor_of, growth_of, mechanical_effects
-from stiffscope.robot.vocabulary import EFFECTS
+from stiffscope.robot.vocabulary import COUPLED, EFFECTS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -60,6 +60,7 @@ class Prior:
     bounds: tuple[float, float] = (-np.inf, np.inf)
 
 
+_SUPPORT = Prior((1e-8,) * 3 + (1e-7,) * 6, (0.0,) * 6 + (-1e-5,) * 3, (1e-6,) * 3 + (1e-5,) * 6, _ADDED)
 PRIORS = {
     "actuator-stiffness": Prior((0.2,), (0.2,), (2.0,), _FACTORS),
     "joint-compliance": Prior((2e-9, 2e-9, 1e-6), (0.0,) * 3, (1e-6, 1e-6, 1e-3), _ADDED),
@@ -67,8 +68,8 @@ PRIORS = {
     "rigid-ends": Prior((0.02,), (0.0,), (0.15,), _ADDED),
     "part-compliance": Prior((0.5,), (0.2,), (20.0,), _FACTORS),
     "guide-compliance": Prior((5e-9, 5e-9, 1e-7), (0.0,) * 3, (1e-6, 1e-6, 1e-4), _ADDED),
-    "base-compliance": Prior((1e-8,) * 3 + (1e-7,) * 3, (0.0,) * 6, (1e-6,) * 3 + (1e-5,) * 3, _ADDED),
-    "platform-compliance": Prior((1e-8,) * 3 + (1e-7,) * 3, (0.0,) * 6, (1e-6,) * 3 + (1e-5,) * 3, _ADDED),
+    "base-compliance": _SUPPORT,
+    "platform-compliance": _SUPPORT,
     "backlash": Prior((1e-5,), (0.0,), (1e-3,), _ADDED),
     "encoder-offset": Prior((2e-4,), (-5e-3,), (5e-3,)),
     "link-length": Prior((1e-4,), (-3e-3,), (3e-3,)),
@@ -183,13 +184,13 @@ def _mechanical(effect: MechanicalEffect, nominal: NominalRobot, soft: Array) ->
     count = len(effect.names)
     entries = effect.names[0] == "c11"
     prior = Prior((1.0,) * count, (-1e-3,) * count, (1e-3,) * count) if entries else PRIORS[effect.effect]
-    scale, high = np.array(prior.scale), np.array(prior.high)
+    scale, low, high = np.array(prior.scale), np.array(prior.low), np.array(prior.high)
     units = effect.units
     known = [name for name, _ in EFFECTS[effect.effect]]
     if prior.bounds == _ADDED and len(prior.scale) > 1:
         pick = [known.index(name) for name in effect.names]
         times = np.array([soft[int(unit.startswith("rad"))] for unit in units])
-        scale, high = scale[pick] * times, high[pick] * times
+        scale, low, high = (each[pick] * times for each in (scale, low, high))
     if effect.effect in _OF_DRIVES and all(nominal.driven[name].kind == "revolute" for name in effect.members):
         units = ("rad",)
     return Candidate(
@@ -198,12 +199,13 @@ def _mechanical(effect: MechanicalEffect, nominal: NominalRobot, soft: Array) ->
         effect.names,
         units,
         tuple(scale.tolist()),
-        tuple(zip(prior.low[:count], high.tolist(), strict=True)),
+        tuple(zip(low.tolist(), high.tolist(), strict=True)),
         prior.bounds,
         effect.physical,
         effect.internal,
         component=_component(effect),
         aliases=effect.others,
+        couplings=sum(name in COUPLED for name in effect.names),
         flexible=entries,
         action=effect,
     )

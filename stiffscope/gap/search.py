@@ -9,7 +9,7 @@ import numpy as np
 
 from stiffscope.gap.evidence import log_evidences
 from stiffscope.gap.fitting import DOUBT, MARGIN
-from stiffscope.gap.hypothesis import Hypothesis, bounded, joined, positive_of, scale_of, split
+from stiffscope.gap.hypothesis import Hypothesis, bounded, forms_of, joined, positive_of, scale_of, split
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.floating[Any]]
     Progress = Callable[[str, float], None]
+    Forms = frozenset[tuple[str, int]]
 
 BEAM_WIDTH = 10  # hypotheses of each size that are extended, the best,
 BEAM_PLAIN = 4  # and the best without a discrepancy, which takes up what several effects leave only together
@@ -56,7 +57,7 @@ class Search:
     def hypotheses(self) -> list[Hypothesis]:
         """Fitted hypotheses, the best first: none, single effects, and larger sets as long as they gain."""
         none = self.problem.fit((), np.zeros(0))
-        fitted = _Fitted(self.problem, {(): none}, self.progress)
+        fitted = _Fitted(self.problem, {frozenset(): none}, self.progress)
         fit, found = fitted.fit, fitted.found
         tried = [Start(c, np.zeros(len(scale_of(c))), np.zeros(len(scale_of(c)))) for c in self.problem.model.tried]
         fit(tried, _heights([none]), "effects", len(tried))
@@ -66,9 +67,15 @@ class Search:
             while len(frontier[0].candidates) < self.problem.model.most_effects:
                 stage = f"effects, {len(frontier[0].candidates) + 1} at once"
                 base, starts = _heights(frontier), self._extensions(frontier)
+                if not starts:
+                    break
                 most = FITTED if frontier[0].names else 2 * FITTED
+                plain = sorted(starts, key=lambda s: -s.heights[1])
+                promised = starts[0].heights[0], plain[0].heights[1]
+                if all(now < then + GAIN for now, then in zip(promised, base, strict=True)):
+                    most, plain = LEAST_FITTED, []  # what they miss to first order is as small
                 fits = fit(starts, base, stage, most)
-                fits += fit(sorted(starts, key=lambda s: -s.heights[1]), base, stage, FITTED_PLAIN)
+                fits += fit(plain, base, stage, FITTED_PLAIN)
                 fits = sorted({id(h): h for h in fits}.values(), key=lambda h: -h.evidence)
                 if not fits or all(now < then + GAIN for now, then in zip(_heights(fits), before, strict=True)):
                     break
@@ -119,11 +126,11 @@ class Search:
 
     def _extensions(self, frontier: Sequence[Hypothesis]) -> list[Start]:
         """The most promising sets of one effect more, by their evidence to first order, each with a start."""
-        ranked: dict[tuple[str, ...], Start] = {}
+        ranked: dict[Forms, Start] = {}
         derivatives = self.problem.library_at(frontier[0])
         for hypothesis in frontier:
             for start in self.scored(hypothesis, derivatives):
-                key = _key(start.candidates)
+                key = forms_of(start.candidates)
                 if key not in ranked or start.heights[1] > ranked[key].heights[1]:
                     ranked[key] = start
         return sorted(ranked.values(), key=lambda start: -start.heights[0])
@@ -135,13 +142,14 @@ class Search:
         inner = self.problem.errors.inner(own, own)  # (q, k+1, k+1)
         across = self.problem.errors.inner(library.projection, own)  # (q, c, k+1)
         without = self.problem.errors.sizes == 0.0
-        alike: dict[tuple[int, bool], list[int]] = {}
+        alike: dict[tuple[bool, ...], list[int]] = {}
         for number, candidate in enumerate(library.candidates):
             if self.problem.model.admits((*hypothesis.candidates, candidate)):
-                alike.setdefault((len(candidate.scale), candidate.positive), []).append(number)
+                alike.setdefault(candidate.one_sided, []).append(number)
         base = hypothesis.known.sizes * scale_of(hypothesis.candidates)
         prior = hypothesis.known.averaging + self.problem.log_prior(hypothesis.candidates)
-        for (m, one_sided), numbers in alike.items():
+        for one_sided, numbers in alike.items():
+            m = len(one_sided)
             shape = (len(numbers), len(self.problem.errors.sizes))
             grams, pulls = np.empty((*shape, k + m, k + m)), np.empty((*shape, k + m))
             grams[..., :k, :k], pulls[..., :k] = inner[:, :k, :k], inner[:, :k, k]
@@ -160,7 +168,7 @@ class Search:
                 scales[at, :, k:] = self.problem.sizes[: scales.shape[1], None] * np.array(
                     library.candidates[number].scale
                 )
-            positive = np.concatenate([positive_of(hypothesis.candidates), np.full(m, one_sided)])
+            positive = np.append(positive_of(hypothesis.candidates), np.array(one_sided, dtype=np.bool_))
             logs, means, _ = log_evidences(grams, pulls, totals, self.problem.errors.log_weight, scales, positive)
             for number, log, mean in zip(numbers, logs, means, strict=True):
                 candidate = library.candidates[number]
@@ -177,7 +185,7 @@ class _Fitted:
     """Hypotheses that a search has fitted so far."""
 
     problem: Problem
-    found: dict[tuple[str, ...], Hypothesis]
+    found: dict[Forms, Hypothesis]
     progress: Progress | None
 
     def fit(self, starts: Sequence[Start], base: tuple[float, float], stage: str, most: int) -> list[Hypothesis]:
@@ -193,7 +201,7 @@ class _Fitted:
                 continue
             if self.progress:
                 self.progress(stage, len(fits) / most)
-            key = _key(start.candidates)
+            key = forms_of(start.candidates)
             if key not in self.found or not self.found[key].converged:
                 target = max((h.plain for h in fits), default=-np.inf)
                 self.found[key] = self.problem.fit(start.candidates, start.values, target, start.origin)
@@ -211,8 +219,3 @@ def _heights(fits: Sequence[Hypothesis]) -> tuple[float, float]:
 def _hopeless(promised: float, best: float, base: float) -> bool:
     """Whether a set is too far behind the best that was fitted, of which first order may miss a share of the gain."""
     return promised < best - max(MARGIN, DOUBT * (best - base))
-
-
-def _key(candidates: Sequence[Candidate]) -> tuple[str, ...]:
-    """What tells sets of effects apart: some effects come with fewer or more parameters."""
-    return tuple(sorted(f"{c.name} {len(c.scale)}" for c in candidates))

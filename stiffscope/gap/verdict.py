@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.gap.evidence import constrained_minima
+from stiffscope.gap.hypothesis import positive_of
 from stiffscope.gap.lack_of_fit import lack_of_fit
 
 if TYPE_CHECKING:
@@ -181,9 +182,8 @@ def _explained(found: Findings, hypothesis: Hypothesis) -> dict[frozenset[int], 
         if free:
             x = np.hstack([columns[k] for k in free])[used]
             fitted = [hypothesis.candidates[k] for k in free]
-            positive = np.repeat([c.positive for c in fitted], [len(c.scale) for c in fitted]).astype(np.bool_)
             weak = np.diag(found.problem.weak_precision(fitted))
-            left = left - x @ constrained_minima(x.T @ x + weak, x.T @ left, positive)[0]
+            left = left - x @ constrained_minima(x.T @ x + weak, x.T @ left, positive_of(fitted))[0]
         out[frozenset(chosen)] = float(y[used] @ y[used] - left @ left)
     return out
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
+from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from stiffscope.errors import InputError
 from stiffscope.robot.description import RobotFile
 from stiffscope.robot.part_dimensions import beam_dimensions, is_beam
 from stiffscope.robot.sections import ElasticBody
-from stiffscope.robot.vocabulary import EFFECTS
+from stiffscope.robot.vocabulary import COUPLED, EFFECTS
 from stiffscope.vjm.linkage import HELD
 from stiffscope.vjm.mechanism import BASE, TOOL, Change, Mechanism
 from stiffscope.vjm.network import elements_of
@@ -229,6 +230,15 @@ def added_diagonal(patterns: Mapping[str, Array], values: Array) -> Changes:
     return {name: Change(np.diag(values @ pattern)) for name, pattern in patterns.items()}
 
 
+def yielding_support(element: str, values: Array) -> Changes:
+    """A support yields: diagonal compliances (6,), and the couplings of its rotations where there are nine values."""
+    compliance = np.diag(values[:6])
+    if len(values) > 6:
+        rows, columns = np.array(list(combinations((3, 4, 5), 2))).T
+        compliance[rows, columns] = compliance[columns, rows] = values[6:]
+    return {element: Change(compliance)}
+
+
 def moved(directions: Mapping[str, Array], values: Array) -> Changes:
     """Unloaded ends of elements move along their own twists (6,) times the parameter."""
     return {name: Change(offset=direction * values[0]) for name, direction in directions.items()}
@@ -278,9 +288,7 @@ def _effects(nominal: NominalRobot) -> Iterator[MechanicalEffect]:
     for place in nominal.places(guides):
         patterns = dict.fromkeys(place.members, np.array(list(_GUIDE.values())))
         yield effect("guide-compliance", place, partial(added_diagonal, patterns))
-    yield effect("base-compliance", Place("base", (BASE,)), partial(added_diagonal, {BASE: _EACH}))
-    tool = replace(Place("tool", (TOOL,)), others=("platform",) if nominal.mechanism.tool.body == "platform" else ())
-    yield effect("platform-compliance", tool, partial(added_diagonal, {TOOL: _EACH}))
+    yield from _of_supports(nominal, effect)
     for place in nominal.places(drives):
         directions: dict[str, Array] = {name: along_drive(nominal.driven[name]) for name in place.members}
         yield effect("encoder-offset", place, partial(moved, directions))
@@ -299,6 +307,15 @@ def _effects(nominal: NominalRobot) -> Iterator[MechanicalEffect]:
 
 def _with_robot(place: Place) -> tuple[str, ...]:
     return place.others if place.name == "robot" else (*place.others, "robot")
+
+
+def _of_supports(nominal: NominalRobot, effect: Any) -> Iterator[MechanicalEffect]:
+    """Base and tool yield, without and with coupled rotations."""
+    tool = replace(Place("tool", (TOOL,)), others=("platform",) if nominal.mechanism.tool.body == "platform" else ())
+    for name, place in (("base-compliance", Place("base", (BASE,))), ("platform-compliance", tool)):
+        for coupled in ((), COUPLED):
+            words = [word for word, _ in EFFECTS[name] if word in coupled or word not in COUPLED]
+            yield effect(name, place, partial(yielding_support, place.members[0]), words)
 
 
 def _of_parts(nominal: NominalRobot, bodies: list[str], effect: Any) -> Iterator[MechanicalEffect]:

@@ -14,7 +14,9 @@ def _same(names: tuple[str, ...], unit: str) -> tuple[tuple[str, str], ...]:
 
 _FACTOR = (("factor", "1"),)
 _ROTATIONS = ("rx", "ry", "rz")
-_DIAGONAL = (*_same(("x", "y", "z"), "m/N"), *_same(_ROTATIONS, "rad/(N·m)"))
+COUPLED = ("rxry", "rxrz", "ryrz")
+"""Rotations of a support that a moment about another axis causes."""
+_SUPPORT = (*_same(("x", "y", "z"), "m/N"), *_same((*_ROTATIONS, *COUPLED), "rad/(N·m)"))
 
 EFFECTS: dict[str, tuple[tuple[str, str], ...]] = {
     "gravity": (),
@@ -25,8 +27,8 @@ EFFECTS: dict[str, tuple[tuple[str, str], ...]] = {
     "rigid-ends": (("length", "m"),),
     "slider-compliance": (*_FACTOR, *_same(COMPLIANCE_ENTRIES, "SI")),
     "guide-compliance": (("lateral", "m/N"), ("vertical", "m/N"), ("angular", "rad/(N·m)")),
-    "base-compliance": _DIAGONAL,
-    "platform-compliance": _DIAGONAL,
+    "base-compliance": _SUPPORT,
+    "platform-compliance": _SUPPORT,
     "backlash": (("half_width", "m"),),
     "encoder-offset": (("offset", "m"),),
     "link-length": (("error", "m"),),

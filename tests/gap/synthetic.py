@@ -14,7 +14,7 @@ class LinearPrediction:
     signatures: dict
 
     def columns(self, candidate):
-        return self.signatures[candidate.name]
+        return self.signatures[candidate.name][:, : len(candidate.scale)]
 
     def step(self, _):
         return np.zeros(len(self.values))
@@ -35,7 +35,7 @@ class LinearModel:
         return len({c.name for c in candidates}) == len(candidates)
 
     def predict(self, parameters=()):
-        changes = (self.signatures[c.name] @ np.array(values) for c, values in parameters)
+        changes = (self.signatures[c.name][:, : len(values)] @ np.array(values) for c, values in parameters)
         return LinearPrediction(self.nominal + sum(changes, np.zeros(len(self.nominal))), self.signatures)
 
     def noise(self):

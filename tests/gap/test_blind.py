@@ -150,6 +150,13 @@ def test_what_is_drawn_shows_beside_whatever_the_others_do(number, style, labs):
         assert np.linalg.norm(left) > 7.5
 
 
+def test_a_matrix_is_planted_in_bodies_of_one_part(labs):
+    lab = labs("five-bar")
+    assert "bars" in lab.places("link-stiffness")
+    assert set(lab.places("part-compliance")) >= {"inner", "outer", "left.inner"}
+    assert "bars" not in lab.places("part-compliance")
+
+
 def test_effects_that_the_file_carries_are_in_its_machine():
     robot = blind_robot("five-bar")
     from stiffscope.robot.sections import Effect

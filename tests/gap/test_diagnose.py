@@ -30,7 +30,7 @@ SIZES = {
     "rigid-ends": {"length": 0.03},
     "guide-compliance": {"lateral": 8e-9, "vertical": 6e-9, "angular": 2e-7},
     "base-compliance": {"x": 1e-8, "y": 5e-9, "z": 1e-8, "rx": 1e-7, "ry": 5e-8, "rz": 1e-7},
-    "platform-compliance": {"x": 1e-8, "y": 5e-9, "z": 1e-8, "rx": 1e-7, "ry": 5e-8, "rz": 1e-7},
+    "platform-compliance": {"x": 1e-8, "y": 5e-9, "z": 1e-8, "rx": 1e-7, "ry": 5e-8, "rz": 1e-7, "rxry": 4e-8},
     "backlash": {"half_width": 2e-5},
     "encoder-offset": {"offset": 2e-4},
     "link-length": {"error": 2e-5},  # a single link of a limb turns the platform, which the lab takes to first order
@@ -120,6 +120,22 @@ def test_an_effect_is_named_with_its_size(effect):
     if found.effect == effect:
         for name, fit in found.parameters.items():
             assert abs(fit.value - parameters[name]) < 4 * fit.sigma
+
+
+@pytest.mark.parametrize("coupled", [{}, {"rxry": 6e-8}])
+def test_rotations_are_coupled_where_the_readings_ask_for_it(coupled):
+    """A tool that turns about axes of its own: nine values, of which two couplings are none; else six."""
+    planted = {"x": 1e-8, "y": 5e-9, "z": 1e-8, "rx": 1e-7, "ry": 8e-8, "rz": 1e-7}
+    diagnosis = diagnose(campaign(("platform-compliance", "platform", planted | coupled)), ROBOT)
+    assert diagnosis.verdict == "identified"
+    (found,) = diagnosis.effects
+    assert found.effect == "platform-compliance"
+    assert len(found.parameters) == (9 if coupled else 6)
+    for name, value in ({"rxrz": 0.0, "ryrz": 0.0, **planted, **coupled} if coupled else planted).items():
+        fit = found.parameters[name]
+        assert abs(fit.value - value) < 4.0 * fit.sigma
+    if coupled:
+        assert found.parameters["rxry"].interval[0] > 0.0 > found.parameters["ryrz"].interval[0]
 
 
 def test_the_same_answer_after_shuffling_rows_doubling_the_label_and_outliers():

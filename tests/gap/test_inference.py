@@ -378,3 +378,25 @@ def test_a_main_cause_that_is_not_settled_is_ambiguous():
     assert "certain: effect-1 @ place; not settled: effect-0 @ place" in large.remarks
     assert small.verdict == "partly"
     assert {e.effect for e in small.effects} == {"effect-1"}
+
+
+def test_an_effect_that_comes_in_two_sizes_keeps_the_one_that_was_found():
+    """Beside an effect that is not certain it has two parameters; alone, one would do."""
+    model = linear_model(np.random.default_rng(14), parameters=(1,))
+    rng = np.random.default_rng(15)
+    extra, rest = 1e-5 * rng.standard_normal((2, len(model.campaign)))
+    signatures = model.signatures | {
+        "effect-5 @ place": np.column_stack([model.signatures["effect-5 @ place"], extra]),
+        "effect-1 @ place": (extra + rest)[:, None],
+    }
+    one = next(c for c in model.library if c.effect == "effect-5")
+    two = replace(one, names=("p0", "p1"), units=("1", "1"), scale=2 * one.scale, plausible=2 * one.plausible)
+    model = replace(model, signatures=signatures, library=(*model.library, two))
+    model = twin(model, "effect-1 @ place", twins=tuple(f"twin-{k} @ place" for k in range(4)))
+    found = find(planted(model, e1=(-0.1,), e5=(0.5, 0.1)))
+    assert found.best.forms == {("effect-1 @ place", 1), ("effect-5 @ place", 2)}
+    assert next(h for h in found.hypotheses if h.names == {"effect-5 @ place"}).forms == {("effect-5 @ place", 1)}
+    diagnosis = conclude(found)
+    (effect,) = (e for e in diagnosis.effects if e.effect == "effect-5")
+    values = [p.value for p in effect.parameters.values()]
+    assert values == pytest.approx([0.5, 0.1], abs=4.0 * max(p.sigma for p in effect.parameters.values()))

@@ -145,7 +145,7 @@ def test_a_measurement_is_suggested_only_where_it_helps(odds, worthwhile):
     values = problem.model.campaign.predictions["value"]
     sigma = np.abs(scaled.values[0]) * values / np.sqrt(2.0 * odds) * np.linspace(1.0, 2.0, 36)
     spread = np.hypot(sigma[0], values[0] * np.sqrt(scaled.covariance[0, 0]))  # of the second's prediction
-    step = next_measurement(problem.model.trial(sigma), none, scaled)
+    step = next_measurement(problem.model.trial(sigma), none, [scaled])
     if worthwhile:
         y = values[0] + sigma[0] * np.sqrt(2.0) * np.polynomial.hermite.hermgauss(20)[0]
         weight = np.polynomial.hermite.hermgauss(20)[1] / np.sqrt(np.pi)

@@ -284,6 +284,23 @@ def test_a_softened_robot_is_that_condensed_anew(name, monkeypatch):
     assert quick.columns(soft[1]) == pytest.approx(slow.columns(soft[1]), rel=1e-6, abs=1e-12)
 
 
+@pytest.mark.parametrize("counts", [(8, 21), (21, 8)])
+def test_a_matrix_with_fewer_entries_stands_beside_the_one_with_all(counts):
+    """Derivatives by one of two forms of an effect where the other is at work: those of the changed robot."""
+    robot = nominal("five-bar")
+    c = readings(robot, ("dx", "ex"))
+    forms = {len(k.scale): k for k in robot_candidates(RobotAtPoses(robot, c)) if k.flexible and k.place == "inner"}
+    acting, other = (forms[count] for count in counts)
+    assert acting.name == other.name
+    at_work = ((acting, tuple(np.linspace(0.1, 0.3, counts[0]).tolist())),)
+    model = RobotModel(c, robot)
+    columns = model.predict(at_work).columns(other)
+    step = 1e-4 * np.eye(counts[1])
+    sides = [[model.predict((*at_work, (other, tuple(s)))).values for s in sign * step] for sign in (1.0, -1.0)]
+    expected = (np.array(sides[0]) - np.array(sides[1])).T / 2e-4
+    assert np.abs(columns - expected).max() < 1e-4 * np.abs(expected).max()
+
+
 def test_a_modulus_is_another_name_for_the_plain_factor_of_its_part():
     """Of a Stewart platform's struts at rest readings see the axial compliance: radius and bore are other causes."""
     robot = nominal("stewart")

@@ -22,6 +22,8 @@ Injector = Callable[["Machine", str, Parameters], "Machine"]
 
 ENTRIES = tuple(f"c{i}{j}" for i in range(1, 7) for j in range(i, 7))
 _ROTATIONS = ("rx", "ry", "rz")
+_COUPLED = ("rxry", "rxrz", "ryrz")
+_YIELDING = (*COORDINATES, *_COUPLED)
 
 
 def _drives(machine: Machine, place: str) -> dict[str, Joint]:
@@ -40,6 +42,15 @@ def _elastic(machine: Machine, place: str) -> dict[str, Body]:
 def _named(parameters: Parameters, *names: str) -> Array:
     """Parameters in this order; zero for a name that is empty or left out."""
     return np.array([parameters.get(name, 0.0) for name in names])
+
+
+def _support(parameters: Parameters) -> Array:
+    """Compliance (6, 6) of a support: a diagonal entry by each coordinate's name, `rxry` and the like between two."""
+    out = np.diag(_named(parameters, *COORDINATES))
+    for name in set(parameters).intersection(_COUPLED):
+        i, j = COORDINATES.index(name[:2]), COORDINATES.index(name[2:])
+        out[i, j] = out[j, i] = parameters[name]
+    return out
 
 
 def _driven(change: Callable[[Any, float], Any], parameter: str) -> Injector:
@@ -255,8 +266,8 @@ KNOWN: dict[str, tuple[tuple[str, ...], Injector]] = {
     "rigid-ends": (("length",), _bodies(_rigid_ends)),
     "link-length": (("error",), _bodies(lambda b, v: _longer(b, v["error"]))),
     "thermal": (("temperature",), _bodies(lambda b, v: _longer(b, b.expansion * v["temperature"] * b.length))),
-    "base-compliance": (COORDINATES, lambda m, _, v: replace(m, base=m.base + _named(v, *COORDINATES))),
-    "platform-compliance": (COORDINATES, lambda m, _, v: replace(m, platform=m.platform + _named(v, *COORDINATES))),
+    "base-compliance": (_YIELDING, lambda m, _, v: replace(m, base=m.base + _support(v))),
+    "platform-compliance": (_YIELDING, lambda m, _, v: replace(m, platform=m.platform + _support(v))),
     "instrument-misalignment": (_ROTATIONS, _turned),
     "displacement-scale": (("factor",), _scaled),
     "force-scale": (("factor",), lambda m, _, v: _instrument(m, force=m.instrument.force * v["factor"])),

@@ -182,9 +182,9 @@ class Machine:
     """Acceleration of free fall (3,)."""
     weighted: bool = True
     """Whether its own weight acts."""
-    base: Array = field(default_factory=lambda: _zeros(6))
-    platform: Array = field(default_factory=lambda: _zeros(6))
-    """Diagonal compliances at {O} and at M, base axes at home."""
+    base: Array = field(default_factory=lambda: _zeros(6, 6))
+    platform: Array = field(default_factory=lambda: _zeros(6, 6))
+    """Compliances at {O} and at M, base axes at home."""
     cable: Array = field(default_factory=lambda: _zeros(3))
     """Stiffness along x, y, z of a cable chain between frame and tool, slack at home, N/m."""
     payloads: tuple[Payload, ...] = ()

@@ -159,7 +159,7 @@ def _elements(machine: Machine, located: Located, frames: Frames, index: dict[st
     everything = np.broadcast_to(np.eye(6), (n, 6, 6))
     world, origin = np.eye(3), np.zeros(3)
     misfit = _apart(frames, GROUND, BASE, origin, world)
-    out = [Element(BASE, -1, index[BASE], everything, everything, np.diag(machine.base), misfit)]
+    out = [Element(BASE, -1, index[BASE], everything, everything, machine.base, misfit)]
     for joint in machine.joints.values():
         first, second = (BASE if node == GROUND else node for node in (joint.first, joint.second))
         commanded: Array | float = 0.0
@@ -183,7 +183,7 @@ def _elements(machine: Machine, located: Located, frames: Frames, index: dict[st
     node, end = machine.tool, frames.point(TOOL, machine.at)
     axes = frames.rotation[node]
     carry, misfit = _carry(axes, end), _apart(frames, node, TOOL, machine.at, world)
-    out.append(Element(TOOL, index[node], index[TOOL], carry, everything, np.diag(machine.platform), misfit))
+    out.append(Element(TOOL, index[node], index[TOOL], carry, everything, machine.platform, misfit))
     if machine.cable.any():
         held = np.flatnonzero(machine.cable)
         yields = np.zeros(6)
