@@ -36,7 +36,10 @@ def checked_compliance(matrix: ArrayLike, name: str, *, semidefinite: bool = Fal
         msg = f"{name}: not symmetric, C{i}{j} = {c[worst]:.6g} but C{j}{i} = {c[worst[::-1]]:.6g}"
         raise InputError(msg)
     c = 0.5 * (c + c.T)
-    unit = c / np.where(scale > 0.0, scale, 1.0)
+    largest = np.repeat([np.diagonal(c)[:3].max(), np.diagonal(c)[3:].max()], 3)
+    if ((scale == 0.0) & (np.abs(c) > _SYMMETRY * np.sqrt(np.outer(largest, largest)))).any():
+        raise InputError(f"{name}: not positive definite (an entry couples with a direction that does not yield)")
+    unit = np.where(scale > 0.0, c, 0.0) / np.where(scale > 0.0, scale, 1.0)
     smallest = float(np.linalg.eigvalsh(unit)[0])
     if smallest < _INDEFINITE or (not semidefinite and smallest <= 0.0):
         msg = f"{name}: not positive definite (smallest eigenvalue of the scaled matrix {smallest:.3g})"

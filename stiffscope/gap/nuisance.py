@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from stiffscope.gap.campaign import Campaign
     from stiffscope.gap.mechanics import RobotAtPoses
     from stiffscope.gap.robot_prediction import RobotPrediction
     from stiffscope.robot.effects import Changes
@@ -51,26 +50,29 @@ def _patterns(at: RobotAtPoses) -> Iterator[Candidate]:
                 place = f"bowed bodies, {part}" if len(names) > 1 else f"a bowed body, {names[0]}"
                 yield _part(place, (1e-4,), partial(_bowed, lengths))
     drives = list(nominal.driven)
-    channels, sessions = len(_channels(c)), len(c.session_names)
+    read, sessions = np.unique(c.channel[c.kind <= DEVIATION]), len(c.session_names)  # instruments that displace
+    channels, middle = len(read), at.configurations.tool[:, :3].mean(axis=0)
     at_tool = (c.sensor < 0) & (c.kind <= DEVIATION)
     yield _unnamed("a drift of the gain in time", (0.05,), Pattern(_gain_drift))
     if not channels:
         return
-    yield _unnamed("a drift of the readings in time", (5e-6,) * channels, Pattern(_drift))
-    yield _unnamed("a gain of its own in every direction", (0.05,) * channels, Pattern(_gains))
+    yield _unnamed("a drift of the readings in time", (5e-6,) * channels, Pattern(partial(_drift, read)))
+    yield _unnamed("a gain of its own in every direction", (0.05,) * channels, Pattern(partial(_gains, read)))
     if sessions > 1 and sessions <= _MOST_SESSIONS:
-        yield _unnamed("a gain of its own in a session", (0.05,), Pattern(_session_gains))
+        yield _unnamed("a gain of its own in a session", (0.05,), Pattern(partial(_session_gain, c.session.max())))
         yield _unnamed("hysteresis between sessions of loading and unloading", (0.05,) * sessions, Pattern(_hysteresis))
     if at_tool.any():
         yield _unnamed("cross-talk between directions", (0.05,) * 30, Pattern(_crosstalk))
     yield _unnamed("a wrench that acts beside its point", (0.01,) * 3, Pattern(_off_centre))
     if drives:
-        places = at.configurations.drives
-        yield _unnamed("errors that grow along the rail", (1e-3,) * len(drives), Pattern(partial(_pitch, places)))
+        start = at.configurations.drives.mean(axis=0)
+        yield _unnamed("errors that grow along the rail", (1e-3,) * len(drives), Pattern(partial(_pitch, start)))
         yield _unnamed("less motion at small loads", (1e-5,) * len(drives), Pattern(_friction))
     if at.used[:6].all():
-        yield _unnamed("a stiffness towards the frame, growing with the distance", (0.01,) * 6, Pattern(_tether))
-    yield _unnamed("a zero of its own in every direction", (1e-5,) * channels, Pattern(_zero))
+        yield _unnamed(
+            "a stiffness towards the frame, growing with the distance", (0.01,) * 6, Pattern(partial(_tether, middle))
+        )
+    yield _unnamed("a zero of its own in every direction", (1e-5,) * channels, Pattern(partial(_zero, read)))
 
 
 def _part(place: str, scale: tuple[float, ...], changes: Callable[[Array], Changes]) -> Candidate:
@@ -91,15 +93,10 @@ def _bowed(lengths: Mapping[str, float], values: Array) -> Changes:
     }
 
 
-def _by_channel(prediction: RobotPrediction, size: Array) -> Array:
-    """Columns (n, channels): ``size`` (n,) in the instrument and direction read."""
+def _by_channel(read: Array, prediction: RobotPrediction, size: Array) -> Array:
+    """Columns (n, k): ``size`` (n,) in each of the instruments and directions read (k,)."""
     c = prediction.campaign
-    return np.where(c.kind <= DEVIATION, size, 0.0)[:, None] * (c.channel[:, None] == _channels(c))
-
-
-def _channels(c: Campaign) -> NDArray[np.int64]:
-    """Instruments that deflections and deviations were read with."""
-    return np.unique(c.channel[c.kind <= DEVIATION])
+    return np.where(c.kind <= DEVIATION, size, 0.0)[:, None] * (c.channel[:, None] == read)
 
 
 def _time(prediction: RobotPrediction) -> Array:
@@ -111,25 +108,24 @@ def _time(prediction: RobotPrediction) -> Array:
     return time
 
 
-def _drift(prediction: RobotPrediction) -> Array:
-    return _by_channel(prediction, _time(prediction))
+def _drift(read: Array, prediction: RobotPrediction) -> Array:
+    return _by_channel(read, prediction, _time(prediction))
 
 
-def _zero(prediction: RobotPrediction) -> Array:
-    return _by_channel(prediction, np.ones(len(prediction.campaign)))
+def _zero(read: Array, prediction: RobotPrediction) -> Array:
+    return _by_channel(read, prediction, np.ones(len(prediction.campaign)))
 
 
 def _gain_drift(prediction: RobotPrediction) -> Array:
     return (_time(prediction) * prediction.plain)[:, None]
 
 
-def _gains(prediction: RobotPrediction) -> Array:
-    return _by_channel(prediction, prediction.plain)
+def _gains(read: Array, prediction: RobotPrediction) -> Array:
+    return _by_channel(read, prediction, prediction.plain)
 
 
-def _session_gains(prediction: RobotPrediction) -> Array:
-    session = prediction.campaign.session
-    return ((session == session.max()) * prediction.plain)[:, None]
+def _session_gain(last: float, prediction: RobotPrediction) -> Array:
+    return ((prediction.campaign.session == last) * prediction.plain)[:, None]
 
 
 def _hysteresis(prediction: RobotPrediction) -> Array:
@@ -161,24 +157,22 @@ def _off_centre(prediction: RobotPrediction) -> Array:
     return np.stack([prediction.applied_motion(np.cross(axis, force)) for axis in np.eye(3)], axis=1)
 
 
-def _pitch(places: Array, prediction: RobotPrediction) -> Array:
-    """Pitch errors of the drives, (p, d) displaced from home: each grows from where its readings have their middle."""
+def _pitch(start: Array, prediction: RobotPrediction) -> Array:
+    """Pitch errors of the drives: each grows from where the campaign's readings have their middle (d,)."""
     c = prediction.campaign
-    still = c.still
+    still, away = c.still, prediction.at.configurations.drives - start
     columns: list[Array] = []
     for k, drive in enumerate(prediction.at.robot.driven):
-        away = places[:, k] - places[:, k].mean()
-        columns.append(np.where(still, away[c.pose] * prediction.by_drive(drive), 0.0))
+        columns.append(np.where(still, away[c.pose, k] * prediction.by_drive(drive), 0.0))
     return np.stack(columns, axis=1)
 
 
-def _tether(prediction: RobotPrediction) -> Array:
-    """Springs from the frame to the tool, slack in the middle: they stiffen, and pull back, along x, y, z."""
+def _tether(middle: Array, prediction: RobotPrediction) -> Array:
+    """Springs from the frame to the tool, slack in the middle (3,): they stiffen, and pull back, along x, y, z."""
     c = prediction.campaign
     columns: list[Array] = []
     read, applied = prediction.at_terminals
     places = prediction.at.configurations.tool[:, :3]
-    middle = places.mean(axis=0)
     for k in range(3):
         columns.append(-_SPRING * read[:, k] * np.where(c.still, 0.0, applied[:, k]))
         pull = -_SPRING * (places[:, k] - middle[k])

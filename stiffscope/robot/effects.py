@@ -50,6 +50,8 @@ _ELEMENTS = {"base": (BASE,), "tool": (TOOL,)}  # places that are elements by an
 _ALL_ENTRIES = tuple((i, j) for i in range(6) for j in range(i, 6))
 _SYMMETRIC_PLATE = ((0, 0), (1, 1), (1, 5), (2, 2), (2, 4), (3, 3), (4, 4), (5, 5))  # a part with two symmetry planes
 _ENTRY_UNITS = ("m/N", "m/(N·m)", "rad/(N·m)")
+_ROUNDING = 1e-8  # of the largest yield of a support: what one that does not turn about some axis is given
+_PAIRS = tuple(np.array(list(combinations((3, 4, 5), 2))).T)  # rows and columns of the couplings of rotations
 _FOUNDATION_UNIT = 1e-11  # m³/N: internal unit of what a foundation yields, of the size of a bolted contact's
 _RIGID = 1e-30  # m³/N: a foundation that does not yield
 _RIDGE = 1e-9  # relative, by which a compliance is kept positive definite
@@ -230,13 +232,29 @@ def added_diagonal(patterns: Mapping[str, Array], values: Array) -> Changes:
     return {name: Change(np.diag(values @ pattern)) for name, pattern in patterns.items()}
 
 
-def yielding_support(element: str, values: Array) -> Changes:
-    """A support yields: diagonal compliances (6,), and the couplings of its rotations where there are nine values."""
+def support_compliance(values: Array) -> Array:
+    """Compliance (6, 6) of a support: its diagonal (6,), and its rotations' couplings where there are nine values."""
     compliance = np.diag(values[:6])
     if len(values) > 6:
-        rows, columns = np.array(list(combinations((3, 4, 5), 2))).T
-        compliance[rows, columns] = compliance[columns, rows] = values[6:]
-    return {element: Change(compliance)}
+        compliance[_PAIRS] = compliance[_PAIRS[::-1]] = values[6:]
+    return compliance
+
+
+def possible_support(values: Array) -> Array:
+    """The nearest values (9,) of which a support can be: none of its rotations is negative, about whatever axis.
+
+    A support that turns about a single axis is at the edge of these: readings put it beyond as often as not.
+    """
+    size, axes = np.linalg.eigh(support_compliance(values)[3:, 3:])
+    turned = np.zeros((6, 6))
+    turned[3:, 3:] = (axes * np.maximum(size, _ROUNDING * max(size[-1], 0.0))) @ axes.T
+    return np.concatenate([values[:3], turned.diagonal()[3:], turned[_PAIRS]])
+
+
+def yielding_support(element: str, values: Array) -> Changes:
+    """A support yields by six or nine values."""
+    possible = possible_support(values) if len(values) > 6 else values
+    return {element: Change(support_compliance(possible))}
 
 
 def moved(directions: Mapping[str, Array], values: Array) -> Changes:
@@ -315,7 +333,8 @@ def _of_supports(nominal: NominalRobot, effect: Any) -> Iterator[MechanicalEffec
     for name, place in (("base-compliance", Place("base", (BASE,))), ("platform-compliance", tool)):
         for coupled in ((), COUPLED):
             words = [word for word, _ in EFFECTS[name] if word in coupled or word not in COUPLED]
-            yield effect(name, place, partial(yielding_support, place.members[0]), words)
+            found = effect(name, place, partial(yielding_support, place.members[0]), words)
+            yield replace(found, physical=possible_support) if coupled else found
 
 
 def _of_parts(nominal: NominalRobot, bodies: list[str], effect: Any) -> Iterator[MechanicalEffect]:

@@ -122,6 +122,18 @@ def test_an_effect_is_named_with_its_size(effect):
             assert abs(fit.value - parameters[name]) < 4 * fit.sigma
 
 
+@pytest.mark.parametrize("seed", [5, 9, 11, *(pytest.param(k, marks=pytest.mark.slow) for k in (6, 7, 8, 10, 12))])
+def test_a_tool_that_turns_about_one_oblique_axis_blames_nothing_else(seed):
+    """Its rotations' matrix is of rank one: at the edge of what can be."""
+    planted = {"x": 1e-8, "y": 5e-9, "z": 1e-8, "rx": 1e-7, "ry": 1e-7, "rxry": 1e-7}
+    diagnosis = diagnose(campaign(("platform-compliance", "platform", planted), seed=seed), ROBOT)
+    (found,) = diagnosis.effects
+    assert found.effect == "platform-compliance"
+    values = {name: parameter.value for name, parameter in found.parameters.items()}
+    assert values["rx"] * values["ry"] >= values["rxry"] ** 2
+    assert values["rxry"] == pytest.approx(1e-7, rel=0.3)
+
+
 @pytest.mark.parametrize("coupled", [{}, {"rxry": 6e-8}])
 def test_rotations_are_coupled_where_the_readings_ask_for_it(coupled):
     """A tool that turns about axes of its own: nine values, of which two couplings are none; else six."""

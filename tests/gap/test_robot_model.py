@@ -11,6 +11,7 @@ from stiffscope.gap.campaign import Campaign, LoadPoint, Sensor
 from stiffscope.gap.mechanics import RobotAtPoses
 from stiffscope.gap.quantities import QUANTITIES
 from stiffscope.gap.robot_model import RobotModel, robot_candidates
+from stiffscope.gap.robot_prediction import Pattern
 from stiffscope.robot.effects import MechanicalEffect, NominalRobot, changed
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import part_matrices
@@ -313,3 +314,21 @@ def test_a_modulus_is_another_name_for_the_plain_factor_of_its_part():
     assert set(names[:2]) <= set(plain.twins)
     assert names[2] in plain.aliases
     assert names[2] not in plain.twins
+
+
+@pytest.mark.parametrize("name", ["biglide", "stewart"])
+def test_patterns_hold_for_readings_to_come(name):
+    """At other poses, in directions that were not read: as many derivatives as the pattern has parameters."""
+    robot = nominal(name)
+    campaign = readings(robot, ("dz", "ez"))
+    campaign = replace(campaign, session=campaign.pose % 2, session_names=("up", "down"))
+    model = RobotModel(campaign, robot)
+    patterns = [candidate for candidate in model.library if isinstance(candidate.action, Pattern)]
+    assert len(patterns) > 8
+    trial = model.trial(np.ones(len(campaign))).model
+    assert len(trial.campaign.poses) > len(campaign.poses)
+    for pattern in patterns:
+        assert model.predict().columns(pattern).shape == (len(campaign), len(pattern.scale))
+        prediction = trial.predict(((pattern, pattern.scale),))
+        assert prediction.columns(pattern).shape == (len(trial.campaign), len(pattern.scale))
+        assert np.isfinite(prediction.values).all()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
+from stiffscope.vjm.checks import checked_compliance
 from stiffscope.vjm.mechanism import BASE, TOOL, Body, Change, Drive, Joint, Mechanism, Tool, axes_along, member
 from stiffscope.vjm.statics import stiffness
 from tests.vjm.files import biglide
@@ -119,3 +120,11 @@ def test_axes_follow_the_next_base_axis_by_default():
 def test_a_mechanism_may_be_copied():
     m = biglide()
     assert replace(m, gravity=np.zeros(3)).joints is m.joints
+
+
+def test_a_coupling_with_a_direction_that_does_not_yield_is_refused():
+    matrix = np.diag([1e-8, 1e-8, 1e-8, 1e-7, 1e-7, 0.0])
+    assert checked_compliance(matrix, "tool", semidefinite=True)[5, 5] == 0.0
+    matrix[3, 5] = matrix[5, 3] = -3e-9
+    with pytest.raises(InputError, match="tool: not positive definite"):
+        checked_compliance(matrix, "tool", semidefinite=True)
