@@ -201,12 +201,15 @@ def run_experiment(
 
 def condense(part: Part, settings: Settings, progress: Progress | None = None) -> Condensed:
     """As ``run_experiment``, without fields, own weight and frequencies: enough for a robot, but for its modes."""
+    from stiffscope.fea.dynamics import condensed_mass
+
     started = time.perf_counter()
     _report(progress, "cad", 0.0)
     specimen = specimen_of(part, settings)
-    statics, _ = _statics(specimen, settings, progress, time.perf_counter() - started)
+    statics, solution = _statics(specimen, settings, progress, time.perf_counter() - started)
     _report(progress, "solve", 1.0)
-    return Condensed(**statics)
+    mass, none = condensed_mass(solution.levels), np.zeros(0)
+    return Condensed(**statics, condensed_mass=mass, mode_squares=none, mode_squares_error=none)
 
 
 def specimen_of(part: Part, settings: Settings) -> Specimen:
@@ -262,9 +265,8 @@ def _statics(
     cad_seconds: float,
     former: Condensed | None = None,
 ) -> tuple[dict[str, Any], Solution]:
-    """Return the fields of ``Condensed`` by name, and the solution behind them; ``former`` has a mesh."""
+    """Return the static fields of ``Condensed`` by name, and the solution behind them; ``former`` has a mesh."""
     from stiffscope.fea.adapt import solve_on, solve_within
-    from stiffscope.fea.dynamics import condensed_mass
     from stiffscope.fea.geometry import centroid, volume
     from stiffscope.fea.mass import rigid_mass
     from stiffscope.fea.specimen import mesh_specimen
@@ -309,10 +311,11 @@ def _statics(
         "mass": rigid.mass,
         "centre": rigid.centre,
         "inertia": rigid.inertia,
-        "condensed_mass": condensed_mass(solution.levels),
-        "mode_squares": np.zeros(0),
-        "mode_squares_error": np.zeros(0),
-        "seconds": {"cad": cad_seconds, "mesh": meshed - begun, "solve": time.perf_counter() - meshed},
+        "seconds": {
+            "cad": cad_seconds,
+            "mesh": former.seconds["mesh"] if former else meshed - begun,
+            "solve": time.perf_counter() - meshed,
+        },
         "note": note,
     }
     return statics, solution

@@ -14,6 +14,7 @@ from stiffscope import files
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
 from stiffscope.jobs.manifest import manifest_of
+from stiffscope.processors import processors
 
 if TYPE_CHECKING:
     from stiffscope.gap.diagnosis import Diagnosis
@@ -206,7 +207,7 @@ def blind(
     with shown_workshop(quiet=quiet) as shop:
         drawn = blind_robots(robots, components, shop)
         report = shop.open_line("blind")
-        scores = run_blind(cases, drawn, campaigns, seed, report, workers=os.cpu_count() or 1, scheduler=scheduler)
+        scores = run_blind(cases, drawn, campaigns, seed, report, workers=processors(), scheduler=scheduler)
         report("figures", 1.0)
         found = scores_json(scores, campaigns, seed, manifest.elapsed())
         with files.staged_folder(out) as folder:

@@ -85,4 +85,5 @@ def _draw(found: Inspection, folder: Path) -> None:
             moved = moves(found.mechanism, found.configurations, k)
             title = f"{found.robot.name} at {pose.name}: {pose_text(found.mechanism, pose.tool)}"
             pictures.append(picture(f"robot_{pose.name}.png", title, moved))
-    draw("robot", folder, pictures=pictures, geometry=GEOMETRY, **scene(found.robot, found.mechanism))
+    if pictures:
+        draw("robot", folder, pictures=pictures, geometry=GEOMETRY, **scene(found.robot, found.mechanism))

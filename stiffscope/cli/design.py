@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +14,7 @@ from stiffscope.cli import options
 from stiffscope.cli.options import takes
 from stiffscope.errors import InputError
 from stiffscope.jobs.manifest import manifest_of
+from stiffscope.processors import processors
 
 if TYPE_CHECKING:
     from stiffscope.jobs.manifest import Manifest
@@ -131,7 +131,7 @@ def study(name: Path, out: Path, *, target: str | None, scheduler: str | None, q
     if (out / DESIGNS).is_dir() and not store.exists():
         shutil.copytree(out / DESIGNS, store)
     with progress(quiet=quiet) as open_line:
-        made = run_study(file, store, open_line("study"), workers=os.cpu_count() or 1, scheduler=scheduler)
+        made = run_study(file, store, open_line("study"), workers=processors(), scheduler=scheduler)
     with files.staged_folder(out) as folder:
         files.copy_files(store, folder / DESIGNS, [each.name for each in sorted(store.glob("*.parquet"))])
         report.write_study(made, folder)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import multiprocessing
 import shutil
+from threading import Event
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -16,7 +18,7 @@ from stiffscope.errors import InputError, StiffscopeError
 from stiffscope.jobs.manifest import manifest_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from concurrent.futures import Future
     from pathlib import Path
 
@@ -114,7 +116,7 @@ def _watch(
     watched = [find_robot(name)]
     before: tuple[CondensedRobot, Stiffness] | None = None
     page: Future[None] | None = None
-    with workshop() as shop, ThreadPoolExecutor(1) as pool, contextlib.suppress(KeyboardInterrupt):
+    with workshop() as shop, ThreadPoolExecutor(1) as pool, _ending() as over:
         for _ in changes(watched):
             try:
                 robot = _checked(name, overrides, tolerance)
@@ -130,14 +132,26 @@ def _watch(
                 tables.show_line(f"{manifest.elapsed():.2f} s; {out / 'report.html'} follows; Ctrl-C ends")
             if page is not None:
                 page.cancel()
-            page = pool.submit(_write_behind, robot, components, out, manifest)
+            page = pool.submit(_write_behind, robot, components, out, manifest, over)
             before = now, state
             keep_warm()
         if page is not None:
             page.result()
 
 
-def _write_behind(robot: RobotFile, components: Any, out: Path, manifest: Manifest) -> None:
+@contextlib.contextmanager
+def _ending() -> Iterator[Event]:
+    """On Ctrl-C set the event and end the experiments that a page still waits for; what is being drawn is finished."""
+    over = Event()
+    try:
+        yield over
+    except KeyboardInterrupt:
+        over.set()
+        for process in multiprocessing.active_children():
+            process.kill()
+
+
+def _write_behind(robot: RobotFile, components: Any, out: Path, manifest: Manifest, over: Event) -> None:
     """Write a run's folder while the next change is waited for; what goes wrong is said, the watch goes on."""
     from stiffscope.jobs.assembly import assemble_robots, at_named_poses
     from stiffscope.jobs.workers import WorkerError
@@ -149,7 +163,8 @@ def _write_behind(robot: RobotFile, components: Any, out: Path, manifest: Manife
             states = {"now": at_named_poses(now, robot.poses)}
             _write(now, states, out, shop, manifest, watched=manifest.started.isoformat())
     except (StiffscopeError, WorkerError, OSError) as error:
-        click.echo(f"stiffscope: {error}", err=True)
+        if not over.is_set():
+            click.echo(f"stiffscope: {error}", err=True)
 
 
 def _show_step(now: CondensedRobot, state: Stiffness, before: tuple[CondensedRobot, Stiffness] | None) -> None:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from stiffscope.children import end_with_parent, leave_out
 from stiffscope.errors import InputError, StiffscopeError
+from stiffscope.processors import processors
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -71,7 +72,7 @@ def work_together(
     context = multiprocessing.get_context("spawn")
     running: dict[Connection, BaseProcess] = {}
     try:
-        for _ in range(min(len(jobs), max(os.cpu_count() or 1, 2))):
+        for _ in range(min(len(jobs), max(processors(), 2))):
             here, there = context.Pipe()
             process = context.Process(target=_child, args=(there, function), daemon=False)
             with _safe_path():

@@ -112,7 +112,9 @@ def write_check_report(folder: Path, found: Inspection, tables: Sequence[Shown])
     names = [found.poses[k].name for k in reached]
     still = folder / f"robot_{names[0]}.png" if names else folder
     view = None
-    if found.configurations is not None and still.is_file():
+    if found.configurations is None or not still.is_file():
+        (folder / GEOMETRY).unlink(missing_ok=True)
+    else:
         view = turning(
             folder, found.configurations[np.array(reached)], names, [[] for _ in reached], choice="load",
             quantity=ENERGY, caption="The robot at home and at the poses of its file; no stiffness is computed here.",

@@ -51,6 +51,5 @@ def test_lines_of_an_awkward_file():
 
 
 def test_lines_of_a_long_file_are_found():
-    """In less than a second; a search of the file for every key would take minutes."""
     text = "\n".join(f'[bodies."leg{i}.arm"]\npart = "arm"\ntip = ["= 0.18 + a", 0, 0] # c' for i in range(7000))
     assert positions(text)["bodies", "leg6999.arm", "tip", 2] == 21000
