@@ -93,7 +93,7 @@ def _bowed(lengths: Mapping[str, float], values: Array) -> Changes:
     }
 
 
-def _by_channel(read: Array, prediction: RobotPrediction, size: Array) -> Array:
+def _by_channel(read: NDArray[np.int64], prediction: RobotPrediction, size: Array) -> Array:
     """Columns (n, k): ``size`` (n,) in each of the instruments and directions read (k,)."""
     c = prediction.campaign
     return np.where(c.kind <= DEVIATION, size, 0.0)[:, None] * (c.channel[:, None] == read)
@@ -108,11 +108,11 @@ def _time(prediction: RobotPrediction) -> Array:
     return time
 
 
-def _drift(read: Array, prediction: RobotPrediction) -> Array:
+def _drift(read: NDArray[np.int64], prediction: RobotPrediction) -> Array:
     return _by_channel(read, prediction, _time(prediction))
 
 
-def _zero(read: Array, prediction: RobotPrediction) -> Array:
+def _zero(read: NDArray[np.int64], prediction: RobotPrediction) -> Array:
     return _by_channel(read, prediction, np.ones(len(prediction.campaign)))
 
 
@@ -120,7 +120,7 @@ def _gain_drift(prediction: RobotPrediction) -> Array:
     return (_time(prediction) * prediction.plain)[:, None]
 
 
-def _gains(read: Array, prediction: RobotPrediction) -> Array:
+def _gains(read: NDArray[np.int64], prediction: RobotPrediction) -> Array:
     return _by_channel(read, prediction, prediction.plain)
 
 
