@@ -20,6 +20,12 @@ if TYPE_CHECKING:
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.mechanism import Mechanism
 
+PICTURES = {
+    "sensors.png": "Sensors and loads with their names, at the first pose",
+    "first_pose.png": "The robot at the first pose",
+    "last_pose.png": "The robot at the last pose",
+}
+"""Files that `draw_sensors` writes, with their captions."""
 _SHOWN = 24  # rows of a table, beyond which the rest is counted
 
 
@@ -119,8 +125,9 @@ def write_page(campaign: Campaign, name: str, folder: Path) -> None:
     with recorded() as shown:
         show_campaign(campaign, name)
     drawn = [
-        page.figure(file, "Sensors and loads on the robot", "the robot, with arrows where sensors touch and loads act")
-        for file in sorted(folder.glob("sensors_*.png"))
+        page.figure(folder / file, caption, "the robot, with arrows where sensors touch and loads act")
+        for file, caption in PICTURES.items()
+        if (folder / file).exists()
     ]
     facts = ["what was understood of the campaign; nothing is compared here"]
     write_tables_report(folder, f"{name}: its readings", facts, "Readings", shown, drawn)
@@ -137,15 +144,17 @@ def _three(values: list[float] | None) -> str:
 def draw_sensors(
     robot: RobotFile, mechanism: Mechanism, found: Configurations, campaign: Campaign, folder: Path
 ) -> None:
-    """The robot at the first and the last of its poses, with sensors and loads as arrows. Raises PictureError."""
+    """`PICTURES`: the robot at the first and the last of its poses, sensors and loads as arrows. Raises PictureError."""
     from stiffscope.report.pictures import draw
 
-    shown = []
-    for number, k in enumerate(dict.fromkeys((0, len(found) - 1))):
+    drawn, shown = marks(campaign, mechanism), []
+    for file, k in zip(PICTURES, (0, 0, len(found) - 1), strict=True):
         place = pose_text(mechanism, found.tool[k, mechanism.tool.commanded].tolist())
-        title = f"{robot.name}, sensors and loads at {place}"
-        shown.append(picture(f"sensors_{number + 1}.png", title, moves(mechanism, found, k)))
-    draw("robot", folder, pictures=shown, marks=marks(campaign, mechanism), **scene(robot, mechanism))
+        shown.append(picture(file, f"{robot.name}, sensors and loads at {place}", moves(mechanism, found, k)))
+    shown[0]["close"] = True
+    wanted = [drawn, drawn, len(found) > 1]  # what each picture needs to show something of its own
+    pictures = [each for each, useful in zip(shown, wanted, strict=True) if useful] or shown[1:2]
+    draw("robot", folder, pictures=pictures, marks=drawn, **scene(robot, mechanism))
 
 
 def marks(campaign: Campaign, mechanism: Mechanism) -> list[dict[str, Any]]:
@@ -153,14 +162,19 @@ def marks(campaign: Campaign, mechanism: Mechanism) -> list[dict[str, Any]]:
     out: list[dict[str, Any]] = []
     for sensor in campaign.sensors:
         at = _place(mechanism, sensor.body) if sensor.rotates else np.array(sensor.at)
-        out.append({"kind": "sensor", "node": sensor.body, "at": at, "direction": np.array(sensor.direction)})
-    places = [(mechanism.tool.body, mechanism.tool.at), *((load.body, np.array(load.at)) for load in campaign.loads)]
-    for k, (node, at) in enumerate(places):
+        direction = np.array(sensor.direction)
+        out.append({"kind": "sensor", "name": sensor.name, "node": sensor.body, "at": at, "direction": direction})
+    places = [
+        ("load at M", mechanism.tool.body, mechanism.tool.at),
+        *((load.name, load.body, np.array(load.at)) for load in campaign.loads),
+    ]
+    for k, (name, node, at) in enumerate(places):
         forces = np.nan_to_num(campaign.wrench[campaign.load == k - 1, :3])
         size = np.linalg.norm(forces, axis=1)
         if size.any():
             best = int(np.argmax(size))
-            out.append({"kind": "load", "node": node, "at": at, "direction": forces[best] / size[best]})
+            direction = forces[best] / size[best]
+            out.append({"kind": "load", "name": name, "node": node, "at": at, "direction": direction})
     return out
 
 

@@ -36,6 +36,15 @@ class View:
         """Brings lines in front of the surface they lie on; a parallel projection does not show it."""
         return 4e-3 * self.half_height * self.direction
 
+    def pixel(self, point: Floats) -> tuple[float, float]:
+        """Where a point (3,) is seen: pixels from the left, and from the bottom."""
+        right = np.cross(-self.direction, self.up)
+        right /= np.linalg.norm(right)
+        across, above = np.array([right, np.cross(right, -self.direction)]) @ (point - self.focus)
+        width, height = self.size
+        scale = height / (2 * self.half_height)
+        return width / 2 + scale * across, height / 2 + scale * above
+
 
 def view_of(
     points: Floats,

@@ -6,6 +6,7 @@ Everything is given at home in base axes; a picture says how each node has moved
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from stiffscope.report.drawing.solids import DRIVEN, PASSIVE, RIGID, extent, par
 from stiffscope.report.figures import save_figure
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     import pyvista as pv
@@ -33,7 +35,9 @@ TOWARDS = (0.42, -1.0, 0.4)  # the camera, in axes whose z points up
 WIDTH, ABOVE, BELOW = 1200, 42, 34  # pixels: of the picture, of its title, of its key
 MOVING, PERIOD = 720, 1280  # pixels across, and milliseconds of a vibration, of an animation
 LONG = 95  # characters of a title, from which it is smaller
+AXES = ("#d62728", "#2ca02c", "#1f4fd6")
 MARKS = {"sensor": "#8e24aa", "load": "#ef6c00"}
+CONTEXT = 1.7  # times what the arrows themselves take up, of a close picture of them
 SHADES = 9  # of a scale, for a page's viewer
 _NAMED = 5  # parts in the key, at most
 
@@ -57,7 +61,8 @@ def robot(
     folder
         Where the files go.
     pictures
-        ``moves``: node to [R (3, 3), p (3,)] since home; ``before``, optional: the same, drawn in a light colour.
+        ``moves``: node to [R (3, 3), p (3,)] since home; ``before``, optional: the same, drawn in a light colour;
+        ``close``, optional: true of a picture of the marks alone, with their names and what is near.
     bodies
         {name, nodes, part, experiment, shape, mesh, axes, base, length}; a rigid body has one node. ``shape``:
         {radius} of a rod or {width, thickness} of a plate, for a part without an experiment; ``mesh``: a surface in m.
@@ -71,8 +76,8 @@ def robot(
         Colours of elements, by a share between 0 and 1, up to the largest; ``scale`` says of what. A picture may have
         ``shares`` of its own.
     marks
-        {kind, node, at, direction}: arrows at points (3,) of nodes at home, along directions (3,) in base axes, of the
-        kinds "sensor" and "load".
+        {kind, name, node, at, direction}: arrows at points (3,) of nodes at home, along directions (3,) in base axes,
+        of the kinds "sensor" and "load".
     geometry
         JSON file to write the solids to, for a page's viewer.
 
@@ -91,10 +96,14 @@ def robot(
         shapes = _by_colour(solids, moves, coloured)
         if before is not None:
             shapes["before"] = _joined([solid.moved(_moves(before)) for solid in solids])
-        shapes |= _arrows(marks or [], moves, reach)
-        image, view = _scene(shapes, rotation @ home + position, upward, reach)
+        close = picture.get("close", False)
+        arrows = _arrows(marks or [], moves, reach, close)
+        seen = _around(np.vstack([each.ends for each in arrows])) if close else None
+        image, view = _scene(shapes, rotation @ home + position, upward, reach, seen, arrows=arrows)
         figure = _framed(image, view, picture["title"])
-        _explain(figure, bodies, coloured, scale, [kind for kind in MARKS if MARKS[kind] in shapes])
+        if close:
+            _name_arrows(figure, view, arrows)
+        _explain(figure, bodies, coloured, scale, list(dict.fromkeys(each.kind for each in arrows)))
         save_figure(figure, folder / picture["file"], dpi=100)
 
 
@@ -123,11 +132,11 @@ def animation(
         coloured = picture.get("shares", shares)
         shapes = [_by_colour(solids, moves, coloured) for moves in frames]
         points = [r @ home + p for r, p in (moves[tool["node"]] for moves in frames)]
-        seen = tuple(shape.points for each in shapes for shape in each.values())
-        tips = tuple(np.add([point], 0.12 * reach * np.eye(3)) for point in points)
+        solid = (shape.points for each in shapes for shape in each.values())
+        seen = np.vstack([*solid, *(np.add([point], 0.12 * reach * np.eye(3)) for point in points)])
         images: list[Any] = []
         for point, each in zip(points, shapes, strict=True):
-            figure = _framed(*_scene(each, point, upward, reach, seen + tips, MOVING), picture["title"])
+            figure = _framed(*_scene(each, point, upward, reach, seen, MOVING), picture["title"])
             _explain(figure, bodies, coloured, scale)
             canvas = FigureCanvasAgg(figure)
             canvas.draw()
@@ -153,20 +162,53 @@ def _by_colour(solids: list[Solid], moves: Moves, shares: dict[str, float] | Non
     return {colour: _joined(shapes) for colour, shapes in groups.items()}
 
 
-def _arrows(marks: list[dict[str, Any]], moves: Moves, reach: float) -> dict[str, pv.PolyData]:
-    """Arrows of each kind that end where sensors touch, or start where loads act."""
-    import pyvista as pv
+@dataclass(frozen=True)
+class Arrow:
+    """A mark on the robot: from ``ends[0]`` to ``ends[1]``, (2, 3) in base axes, m."""
 
-    out: dict[str, list[pv.PolyData]] = {}
-    size = 0.14 * reach
+    kind: str
+    name: str
+    ends: Floats
+
+
+def _arrows(marks: list[dict[str, Any]], moves: Moves, reach: float, close: bool) -> list[Arrow]:
+    """Arrows that end where sensors touch, or start where loads act: as long as fits the robot, or the marks alone."""
+    places = []
     for mark in marks:
         rotation, position = moves[mark["node"]]
-        direction = np.array(mark["direction"], float)
-        start = rotation @ np.array(mark["at"], float) + position
-        start = start - size * direction if mark["kind"] == "sensor" else start
-        arrow: Any = pv.Arrow(start=start, direction=direction, scale=size, shaft_radius=0.04, tip_radius=0.1)
-        out.setdefault(MARKS[mark["kind"]], []).append(arrow)
-    return {colour: _joined(shapes) for colour, shapes in out.items()}
+        places.append(rotation @ np.array(mark["at"], float) + position)
+    size = 0.14 * reach
+    if close:
+        size = float(np.clip(0.4 * np.ptp(places, axis=0).max(), 0.5 * size, size))
+    out = []
+    for mark, place in zip(marks, places, strict=True):
+        along = size * np.array(mark["direction"], float)
+        ends = (place - along, place) if mark["kind"] == "sensor" else (place, place + along)
+        out.append(Arrow(mark["kind"], mark["name"], np.array(ends)))
+    return out
+
+
+def _around(points: Floats) -> Floats:
+    """Points (k, 3), moved apart so that what lies around them is seen too."""
+    middle = (points.max(axis=0) + points.min(axis=0)) / 2
+    return middle + CONTEXT * (points - middle)
+
+
+def _name_arrows(figure: Figure, view: View, arrows: list[Arrow]) -> None:
+    """The name of each arrow at its free end, a name that would lie on another one above it."""
+    width, height = view.size
+    taken: list[tuple[float, float]] = []
+    for arrow in arrows:
+        across, above = view.pixel(arrow.ends[0 if arrow.kind == "sensor" else 1])
+        across, above = float(np.clip(across, 60, width - 60)), float(np.clip(above, 20, height - 20))
+        while any(abs(across - x) < 120 and abs(above - y) < 22 for x, y in taken):
+            above += 24
+        taken.append((across, above))
+        figure.text(
+            across / width, (BELOW + above) / (height + ABOVE + BELOW), arrow.name, fontsize=11, ha="center",
+            va="center", color=MARKS[arrow.kind], fontweight="bold", parse_math=False,
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5},
+        )  # fmt: skip
 
 
 def _joined(shapes: list[pv.PolyData]) -> pv.PolyData:
@@ -179,11 +221,14 @@ def _scene(
     point: Floats,
     up: Floats,
     reach: float,
-    others: tuple[Floats, ...] = (),
+    seen: Floats | None = None,
     width: int = WIDTH,
+    arrows: Sequence[Arrow] = (),
 ) -> tuple[Floats, View]:
-    """The picture, and a camera that sees other points too."""
-    seen = np.vstack([*(shape.points for shape in shapes.values()), np.add([point], 0.12 * reach * np.eye(3)), *others])
+    """The picture, and its camera: it sees all, or points (k, 3) alone."""
+    if seen is None:
+        tips = np.add([point], 0.12 * reach * np.eye(3))
+        seen = np.vstack([*(shape.points for shape in shapes.values()), *(each.ends for each in arrows), tips])
     view = view_of(seen, towards=tuple(upright(up) @ TOWARDS), width=width, up=tuple(up))
     plotter = new_plotter(view)
     for colour, shape in shapes.items():
@@ -199,17 +244,24 @@ def _scene(
         if edges.n_points:
             edges.points += view.lift / 2
             plotter.add_mesh(edges, color=EDGES, line_width=1.2)
-    _axes(plotter, point, view, reach)
+    size = min(0.11 * reach, 0.4 * view.half_height)
+    for end, colour in zip(point + size * np.eye(3), AXES, strict=True):
+        _draw_arrow(plotter, view, np.array([point, end]), colour)
+    for each in arrows:
+        _draw_arrow(plotter, view, each.ends, MARKS[each.kind])
     return shot(plotter), view
 
 
-def _axes(plotter: pv.Plotter, point: Floats, view: View, reach: float) -> None:
+def _draw_arrow(plotter: pv.Plotter, view: View, ends: Floats, colour: str) -> None:
+    """An arrow in front of all solids, as a parallel projection allows."""
     import pyvista as pv
 
-    for direction, colour in zip(np.eye(3), ("#d62728", "#2ca02c", "#1f4fd6"), strict=True):
-        start = point + 0.5 * view.half_height * view.direction
-        arrow = pv.Arrow(start=start, direction=direction, scale=0.11 * reach, shaft_radius=0.03, tip_radius=0.09)
-        plotter.add_mesh(arrow, color=colour, ambient=0.5)
+    along = ends[1] - ends[0]
+    arrow = pv.Arrow(
+        start=ends[0] + 15.0 * view.half_height * view.direction, direction=along, scale=float(np.linalg.norm(along)),
+        shaft_radius=0.03, tip_radius=0.085,
+    )  # fmt: skip
+    plotter.add_mesh(arrow, color=colour, ambient=0.5)
 
 
 def _framed(image: Floats, view: View, title: str) -> Figure:
