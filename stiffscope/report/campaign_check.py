@@ -144,7 +144,7 @@ def _three(values: list[float] | None) -> str:
 def draw_sensors(
     robot: RobotFile, mechanism: Mechanism, found: Configurations, campaign: Campaign, folder: Path
 ) -> None:
-    """`PICTURES`: the robot at the first and the last of its poses, sensors and loads as arrows. Raises PictureError."""
+    """`PICTURES`: the robot at the first and the last of its poses, marks as arrows. Raises PictureError."""
     from stiffscope.report.pictures import draw
 
     drawn, shown = marks(campaign, mechanism), []
