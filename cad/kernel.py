@@ -26,7 +26,7 @@ from OCP.BRepLib import BRepLib
 from OCP.BRepMesh import BRepMesh_IncrementalMesh
 from OCP.BRepTools import BRepTools
 from OCP.GeomAPI import GeomAPI_ProjectPointOnSurf
-from OCP.gp import gp_Ax1, gp_Ax3, gp_Dir, gp_Pnt, gp_Trsf
+from OCP.gp import gp_Ax3, gp_Dir, gp_Pnt, gp_Trsf
 from OCP.GProp import GProp_GProps
 from OCP.Message import Message, Message_PrinterOStream
 from OCP.TopAbs import TopAbs_Orientation, TopAbs_ShapeEnum
@@ -40,7 +40,6 @@ Solid: TypeAlias = TopoDS_Solid
 Face: TypeAlias = TopoDS_Face
 Edge: TypeAlias = TopoDS_Edge
 Vertex: TypeAlias = TopoDS_Vertex
-X_AXIS = gp_Ax1(gp_Pnt(0, 0, 0), gp_Dir(1, 0, 0))
 
 
 def silence() -> None:

@@ -79,11 +79,6 @@ class Material:
         """Poisson's ratio, E / 2G - 1."""
         return self.youngs_modulus / (2 * self.shear_modulus) - 1
 
-    @property
-    def expansions(self) -> NDArray[np.float64]:
-        """(3,) coefficients of linear thermal expansion along x, y, z, 1/K."""
-        return np.full(3, self.expansion)
-
     def elasticity(self) -> NDArray[np.float64]:
         """(6, 6) elasticity matrix in Pa; Voigt order xx, yy, zz, yz, xz, xy, engineering shear strains."""
         lame = self.youngs_modulus * self.poisson / ((1 + self.poisson) * (1 - 2 * self.poisson))
@@ -165,11 +160,6 @@ class TransverselyIsotropic:
     def expansion(self) -> float:
         """Coefficient of linear thermal expansion along x, 1/K."""
         return self.axial_expansion
-
-    @property
-    def expansions(self) -> NDArray[np.float64]:
-        """(3,) coefficients of linear thermal expansion along x, y, z, 1/K."""
-        return np.array([self.axial_expansion, self.transverse_expansion, self.transverse_expansion])
 
     def elasticity(self) -> NDArray[np.float64]:
         """(6, 6) elasticity matrix in Pa; Voigt order xx, yy, zz, yz, xz, xy, engineering shear strains."""

@@ -1,9 +1,21 @@
 """Fixtures that every room's tests may use."""
 
+import os
+
 import numpy as np
 import pytest
 
 from tests.robots import published_robot
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _cache(tmp_path_factory):
+    """One cache for all tests of a session, whatever process runs them, and never the user's."""
+    folder = tmp_path_factory.getbasetemp()
+    shared = folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("STIFFSCOPE_CACHE", str(shared / "cache"))
+        yield
 
 
 @pytest.fixture

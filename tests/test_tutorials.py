@@ -17,7 +17,6 @@ SHOWN = {
 
 @pytest.mark.parametrize("name", sorted(file.stem for file in FOLDER.glob("*.ipynb")))
 def test_tutorials(name, tmp_path, monkeypatch):
-    monkeypatch.setenv("STIFFSCOPE_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("IPYTHONDIR", str(tmp_path))
     written = nbformat.read(FOLDER / f"{name}.ipynb", 4)
     assert not any(cell.get("outputs") for cell in written.cells)  # they are made where they are read

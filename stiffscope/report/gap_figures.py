@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: waterfall, posterior, residuals, predictive check, signatures, reliability."""
+"""Figures of a diagnosis: waterfall, posterior, residuals, predictive check, signatures."""
 
 from __future__ import annotations
 
@@ -20,13 +20,11 @@ from stiffscope.report.figures import (
 from stiffscope.report.text import DIRECTIONS, label, steps
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from stiffscope.gap.calibration import ReliabilityRow
     from stiffscope.gap.diagnosis import Diagnosis
 
 CORNERS = 10  # parameters at most in a corner plot
@@ -199,19 +197,4 @@ def predictive_check(diagnosis: Diagnosis) -> Figure | None:
     axes.set_yticks([])
     axes.legend(frameon=False, fontsize=8)
     axes.spines[["top", "right", "left"]].set_visible(False)
-    return figure
-
-
-def reliability_diagram(table: Sequence[ReliabilityRow]) -> Figure:
-    """Draw the share of effects that were there against the probability that was stated for them."""
-    figure = new_figure(4.6, 4.6, "Reliability of the stated probabilities")
-    axes = figure.subplots()
-    stated, there, error = ([getattr(row, key) for row in table] for key in ("stated", "there", "error"))
-    axes.plot([0, 1], [0, 1], color=NOISE, lw=1.0)
-    axes.errorbar(stated, there, yerr=error, fmt="o", color=AFTER, ms=5, lw=1.0)
-    for row in table:
-        axes.annotate(str(row.count), (row.stated, row.there), (4, -10), textcoords="offset points", fontsize=7)
-    axes.set_xlabel("stated probability")
-    axes.set_ylabel("share that was there")
-    axes.set(xlim=(0, 1), ylim=(0, 1), aspect="equal")
     return figure

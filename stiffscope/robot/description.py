@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stiffscope.cad.materials import MATERIALS, AnyMaterial, material
+from stiffscope.cad.materials import AnyMaterial, material
 from stiffscope.robot.part_sections import ParametricPart, PartSection
 from stiffscope.robot.sections import (
     BodySection,
@@ -120,10 +120,6 @@ class RobotFile:
         driven = self.drives()
         known = {"drives": driven, "joints": tuple(name for name in self.joints if name not in driven)}
         return known.get(place, ())
-
-    def known_materials(self) -> tuple[str, ...]:
-        """Names of the materials that a part may have."""
-        return tuple({**MATERIALS, **self.materials})
 
 
 def nodes(bodies: Mapping[str, BodySection]) -> dict[str, str]:

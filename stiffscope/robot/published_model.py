@@ -50,10 +50,6 @@ class Dimensions:
         angle = np.atleast_1d(np.asarray(q, dtype=float))
         return np.column_stack([0.0 * angle, 0.0 * angle, self.l1 + self.l2 + self.L * np.sin(angle)])
 
-    def link_angle(self, poses: Array) -> Array:
-        """Angles (n,) in rad between links and rail at tool points (n, 3) in m."""
-        return np.arcsin((poses[:, 2] - self.l1 - self.l2) / self.L)
-
 
 @dataclass(frozen=True)
 class PublishedModel:

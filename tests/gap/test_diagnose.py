@@ -122,7 +122,7 @@ def test_an_effect_is_named_with_its_size(effect):
             assert abs(fit.value - parameters[name]) < 4 * fit.sigma
 
 
-@pytest.mark.parametrize("seed", [5, 9, 11, *(pytest.param(k, marks=pytest.mark.slow) for k in (6, 7, 8, 10, 12))])
+@pytest.mark.parametrize("seed", [11, *(pytest.param(k, marks=pytest.mark.slow) for k in (5, 6, 7, 8, 9, 10, 12))])
 def test_a_tool_that_turns_about_one_oblique_axis_blames_nothing_else(seed):
     """Its rotations' matrix is of rank one: at the edge of what can be."""
     planted = {"x": 1e-8, "y": 5e-9, "z": 1e-8, "rx": 1e-7, "ry": 1e-7, "rxry": 1e-7}

@@ -6,7 +6,6 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from stiffscope.gap.calibration import reliability, statements
 from stiffscope.gap.diagnose import conclude
 from stiffscope.gap.diagnosis import to_json
 from stiffscope.gap.evidence import constrained_minima, errors_of, posterior
@@ -301,22 +300,6 @@ def test_the_posterior_opens_in_arviz(tmp_path):
     low, high = np.quantile(predicted, [0.025, 0.975], axis=(0, 1))
     assert np.mean((low <= observed.values) & (observed.values <= high)) == pytest.approx(0.95, abs=0.04)
     assert diagnosis.held_out_check.inside_95 == pytest.approx(0.95, abs=0.04)
-
-
-def test_reliability_counts_what_was_stated():
-    rng = np.random.default_rng(12)
-    p = rng.random(20000)
-    rows = reliability(zip(p, rng.random(20000) < p, strict=True))
-    assert sum(row.count for row in rows) == 20000
-    assert all(row.off < 5.0 and row.low <= row.stated <= row.high for row in rows)
-    boast = reliability([(0.95, k % 2 == 0) for k in range(100)])
-    assert boast[0].off == pytest.approx(45.0)
-    answer = {
-        "effects": [{"effect": "a", "place": "x", "probability": 0.5, "group_probability": 0.97,
-                     "confused_with": ["b @ y"]}],
-        "possible": [{"effect": "c", "place": "z", "probability": 0.2}],
-    }  # fmt: skip
-    assert statements(answer, ["b @ y"]) == [(0.97, True), (0.2, False)]
 
 
 @pytest.mark.slow

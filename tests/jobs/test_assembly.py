@@ -25,13 +25,6 @@ NAME = "bar 1"
 DRIVEN = np.diag([1 / DRIVE, 0, 0, 0, 0, 0])
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _cache(tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("STIFFSCOPE_CACHE", str(tmp_path_factory.mktemp("cache")))
-        yield
-
-
 def assembled(robot, components=None):
     with workshop() as shop:
         return assemble_robots({"now": robot}, components, shop)["now"]

@@ -55,7 +55,7 @@ def shipped_delta():
             lambda: with_frames(read("linear-delta")), CHECKED["linear-delta"]["poses"][1], 3.0, marks=pytest.mark.slow
         ),
         (serial_arm, [0.85, 0.1, 1.1, 0.1, 0.05, -0.1], 1.0),
-        (lambda: read("linear-delta"), CHECKED["linear-delta"]["poses"][1], 1.0),
+        pytest.param(lambda: read("linear-delta"), CHECKED["linear-delta"]["poses"][1], 1.0, marks=pytest.mark.slow),
         (lambda: read("stewart"), CHECKED["stewart"]["poses"][1], 100.0),
         (shipped_delta, [0.0, 0.0, -0.9], 1.0),
     ],
