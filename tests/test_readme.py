@@ -30,6 +30,7 @@ SMALL = {
     "map": "--components published --gravity none --points 9",
     "blind": "--campaigns 1",
     "sensitivity": "--components beam",
+    "sensitivity --part": "--set slider.mesh.size=60mm",
 }
 """Options added to those shown for the Biglide, so that its commands take seconds."""
 ARM = """<robot name="arm">
