@@ -1,9 +1,11 @@
-"""Sphinx's settings: `python -m sphinx -W --keep-going docs build/docs` writes the pages."""
+"""Sphinx's settings: `python -m sphinx -W --keep-going -j auto docs build/docs` writes the pages."""
 
+import logging
 import sys
 from importlib import metadata
 from pathlib import Path
 
+logging.getLogger("skfem").setLevel(logging.WARNING)  # a style that furo imports shows whatever is logged
 sys.path.insert(0, str(Path(__file__).parent / "extensions"))
 
 project = "stiffscope"
