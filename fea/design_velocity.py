@@ -11,7 +11,7 @@ K. K. Choi and N. H. Kim, Structural Sensitivity Analysis and Optimization 1: Li
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import factorial
 from typing import TYPE_CHECKING
 
@@ -20,8 +20,9 @@ from scipy.sparse import coo_array, csr_array, eye_array
 
 from stiffscope.cad.part import project
 from stiffscope.errors import InputError
+from stiffscope.fea.geometry import jacobian_range
 from stiffscope.fea.mesh import EDGES, sides_between
-from stiffscope.fea.snap import ROUNDS, Target, alternate, places_of
+from stiffscope.fea.snap import FLATTEST, ROUNDS, Target, alternate, places_of
 from stiffscope.fea.solvers import factorized
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from stiffscope.cad.part import Part
     from stiffscope.fea.mesh import Floats, Ints, TetMesh
 
+MOST_STRAIN = 1.3  # stretch of an element that is moved along
 FARTHEST = 100.0  # steps that the centroid of a face may move: else it is another face
 UNBOUNDED = 1e-12  # of the Laplacian's mean diagonal, added to it: what touches no given value stays in place
 
@@ -97,6 +99,10 @@ class DesignVelocity:
         velocity[self._round] = (moved - self._base)[self._round] / step
         return velocity
 
+    def moved(self, changed: Part) -> Floats:
+        """Return (n, 3) the nodes after a finite change to a part with the same faces. See ``of``."""
+        return self.mesh.points + self.of(changed, 1.0)
+
     def _on(self, part: Part, points: Floats, nodes: Ints) -> Floats:
         """Return the points with some of them moved on all faces of a part that they belong to."""
         target = Target(lambda place, at: project(part, place, at), self._size, len(part.faces), tuple(part.seams))
@@ -105,6 +111,24 @@ class DesignVelocity:
         moved = points.copy()
         alternate(moved, node[mine], place[mine], target, ROUNDS)
         return moved
+
+
+def moved_along(mesh: TetMesh, part: Part, changed: Part) -> TetMesh | None:
+    """Return the mesh of a part moved along to the part with other dimensions; None where it had better be made anew.
+
+    No element may be stretched or compressed by more than ``MOST_STRAIN`` in any direction, nor a curved one become
+    flat. Whether the mesh then has the shape of the changed part is left to the caller.
+    """
+    try:
+        points = DesignVelocity(mesh, part).moved(changed)
+    except InputError:
+        return None
+    corners = [nodes[mesh.cells[:, 1:4]] - nodes[mesh.cells[:, :1]] for nodes in (mesh.points, points)]
+    stretches = np.linalg.svd(np.linalg.solve(corners[0], corners[1]), compute_uv=False)
+    whole = np.linalg.det(corners[1]).min() > 0 and jacobian_range(points[mesh.cells]).min() > FLATTEST
+    if not whole or stretches.max() > MOST_STRAIN or stretches.min() < 1 / MOST_STRAIN:
+        return None
+    return replace(mesh, points=points)
 
 
 def _check_same(part: Part, changed: Part, step: float) -> None:

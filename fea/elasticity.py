@@ -44,8 +44,8 @@ def tensor(elasticity: Floats) -> Floats:
 def assemble(mesh: TetMesh, elasticity: Floats) -> csr_array:
     """Return the stiffness matrix of a mesh without supports.
 
-    Element by element A_kl = ∫ ∂_k v ∂_l u, combined into the blocks K_ij = C_ikjl A_kl: scikit-fem's vector form in a
-    twelfth of its time.
+    Element by element A_kl = ∫ ∂_k v ∂_l u, combined into the blocks K_ij = C_ikjl A_kl: the matrix of
+    scikit-fem's vector form, in a third of the time of six of its scalar forms.
 
     Parameters
     ----------

@@ -8,8 +8,8 @@ import pytest
 from stiffscope.cad import link, slider
 from stiffscope.cad.materials import CFRP_TUBE, STEEL
 from stiffscope.errors import InputError
-from stiffscope.fea.design_velocity import DesignVelocity
-from stiffscope.fea.experiment import examine, specimen_of
+from stiffscope.fea.design_velocity import DesignVelocity, moved_along
+from stiffscope.fea.experiment import condense, examine, specimen_of
 from stiffscope.fea.sensitivity import part_sensitivity
 from stiffscope.fea.settings import Settings
 from stiffscope.fea.solution import solve_specimen
@@ -113,3 +113,23 @@ def test_features_that_meet_or_vanish_have_no_derivative(rod):
     other = slider.build(slider.SliderParameters())
     with pytest.raises(InputError, match="faces change"):
         DesignVelocity(experiment.mesh, part).of(other, 1e-4)
+
+
+def test_a_mesh_moves_along_with_a_small_change_and_not_with_a_large_one(rod):
+    part, experiment, _ = rod
+    settings = Settings(layers=1, size=0.012)
+
+    def changed(share):
+        return link.build(link.LinkParameters(LENGTH * share, RADIUS * share))
+
+    moved = condense(changed(1.03), settings, near=(part, experiment.mesh))
+    assert np.array_equal(moved.mesh.cells, experiment.mesh.cells)
+    size = np.sqrt(np.outer(experiment.compliance.diagonal(), experiment.compliance.diagonal()))
+    scaled = experiment.compliance * 1.03 ** -ORDER.astype(float)
+    np.testing.assert_allclose(moved.compliance / size, scaled / size, atol=2e-4)
+    assert moved.relative_bound < 1.2 * experiment.relative_bound
+    assert moved_along(experiment.mesh, part, changed(1.4)) is None
+    assert moved_along(experiment.mesh, part, slider.build(slider.SliderParameters())) is None
+    anew = condense(changed(1.03), settings, near=(changed(1.4), experiment.mesh))  # the mesh is none of its
+    assert not np.array_equal(anew.mesh.cells, experiment.mesh.cells)
+    assert (np.abs(anew.compliance - moved.compliance) < anew.error + moved.error).all()
