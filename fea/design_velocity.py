@@ -19,6 +19,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array, eye_array
 
 from stiffscope.cad.part import project
+from stiffscope.cad.projection import on_shape
 from stiffscope.errors import InputError
 from stiffscope.fea.geometry import jacobian_range
 from stiffscope.fea.mesh import EDGES, sides_between
@@ -104,8 +105,16 @@ class DesignVelocity:
         return self.mesh.points + self.of(changed, 1.0)
 
     def _on(self, part: Part, points: Floats, nodes: Ints) -> Floats:
-        """Return the points with some of them moved on all faces of a part that they belong to."""
-        target = Target(lambda place, at: project(part, place, at), self._size, len(part.faces), tuple(part.seams))
+        """Return the points with some of them moved on all faces of a part that they belong to.
+
+        Where two faces are tangent, on their common edge: projections on either in turn would hardly get there.
+        """
+        borders, count = list(part.smooth_borders.values()), len(part.faces)
+
+        def closest(place: int, at: Floats) -> Floats:
+            return project(part, place, at) if place < count else on_shape(borders[place - count], at)
+
+        target = Target(closest, self._size, count, tuple(part.smooth_borders))
         node, place = places_of(self.mesh.facets, self.mesh.facet_face, target)
         mine = np.isin(node, nodes)
         moved = points.copy()
@@ -135,7 +144,7 @@ def _check_same(part: Part, changed: Part, step: float) -> None:
     """Raise InputError unless the faces, seams and interfaces of two parts correspond in order."""
     same = (
         [face.kind for face in part.faces] == [face.kind for face in changed.faces]
-        and list(part.seams) == list(changed.seams)
+        and list(part.smooth_borders) == list(changed.smooth_borders)
         and part.clamped == changed.clamped
         and [one.faces for one in part.loaded] == [one.faces for one in changed.loaded]
     )

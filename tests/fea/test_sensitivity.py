@@ -13,6 +13,7 @@ from stiffscope.fea.experiment import condense, examine, specimen_of
 from stiffscope.fea.sensitivity import part_sensitivity
 from stiffscope.fea.settings import Settings
 from stiffscope.fea.solution import solve_specimen
+from stiffscope.fea.specimen import mesh_specimen, shape_error
 
 LENGTH, RADIUS = 0.2, 0.01
 ORDER = np.array([[1] * 3 + [2] * 3] * 3 + [[2] * 3 + [3] * 3] * 3)  # of a compliance in an inverse length
@@ -133,3 +134,24 @@ def test_a_mesh_moves_along_with_a_small_change_and_not_with_a_large_one(rod):
     anew = condense(changed(1.03), settings, near=(changed(1.4), experiment.mesh))  # the mesh is none of its
     assert not np.array_equal(anew.mesh.cells, experiment.mesh.cells)
     assert (np.abs(anew.compliance - moved.compliance) < anew.error + moved.error).all()
+
+
+def test_the_mesh_of_a_filleted_slider_follows_its_cad_whatever_changes():
+    """Where a fillet is tangent to plate and rib, nodes belong to both faces and go with the line between them."""
+    parameters = slider.SliderParameters(
+        0.06, 0.09, 0.012, rib_count=1, rib_thickness=0.012, rib_height=0.012, rib_length=0.04, fillet=0.004
+    )
+    part, settings = slider.build(parameters), Settings()
+    mesh = mesh_specimen(specimen_of(part, settings))
+    velocities = DesignVelocity(mesh, part)
+    for name, value in parameters.lengths().items():
+        changed = slider.build(dataclasses.replace(parameters, **{name: value * 1.0003}))
+        velocity = velocities.of(changed, value * 3e-4)
+        assert np.linalg.norm(velocity, axis=1).max() < 2.5, name  # of a fillet's corner: √2 + 1
+        larger = slider.build(dataclasses.replace(parameters, **{name: value * 1.02}))
+        moved = moved_along(mesh, part, larger)
+        assert moved is not None, name
+        assert (
+            shape_error(specimen_of(larger, settings), moved)
+            < 2 * shape_error(specimen_of(part, settings), mesh) + 1e-5
+        ), name
