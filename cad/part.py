@@ -17,7 +17,7 @@ from stiffscope.cad.materials import AnyMaterial
 from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
-    from stiffscope.cad.kernel import Edge, Shape, Solid
+    from stiffscope.cad.kernel import Shape, Solid
 
 Floats = NDArray[np.float64]
 SMOOTH = np.deg2rad(20.0)  # the mesher preserves no edge between faces whose normals differ by less
