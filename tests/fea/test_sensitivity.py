@@ -128,7 +128,7 @@ def test_a_mesh_moves_along_with_a_small_change_and_not_with_a_large_one(rod):
     size = np.sqrt(np.outer(experiment.compliance.diagonal(), experiment.compliance.diagonal()))
     scaled = experiment.compliance * 1.03 ** -ORDER.astype(float)
     np.testing.assert_allclose(moved.compliance / size, scaled / size, atol=2e-4)
-    assert moved.relative_bound < 1.2 * experiment.relative_bound
+    assert moved.relative_bound < 1.5 * experiment.relative_bound
     assert moved_along(experiment.mesh, part, changed(1.4)) is None
     assert moved_along(experiment.mesh, part, slider.build(slider.SliderParameters())) is None
     anew = condense(changed(1.03), settings, near=(changed(1.4), experiment.mesh))  # the mesh is none of its
