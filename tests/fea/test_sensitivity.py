@@ -136,22 +136,34 @@ def test_a_mesh_moves_along_with_a_small_change_and_not_with_a_large_one(rod):
     assert (np.abs(anew.compliance - moved.compliance) < anew.error + moved.error).all()
 
 
+FILLETED = slider.SliderParameters(
+    0.06, 0.09, 0.012, rib_count=1, rib_thickness=0.012, rib_height=0.012, rib_length=0.04, fillet=0.004
+)
+
+
 def test_the_mesh_of_a_filleted_slider_follows_its_cad_whatever_changes():
     """Where a fillet is tangent to plate and rib, nodes belong to both faces and go with the line between them."""
-    parameters = slider.SliderParameters(
-        0.06, 0.09, 0.012, rib_count=1, rib_thickness=0.012, rib_height=0.012, rib_length=0.04, fillet=0.004
-    )
-    part, settings = slider.build(parameters), Settings()
+    part, settings = slider.build(FILLETED), Settings()
     mesh = mesh_specimen(specimen_of(part, settings))
     velocities = DesignVelocity(mesh, part)
-    for name, value in parameters.lengths().items():
-        changed = slider.build(dataclasses.replace(parameters, **{name: value * 1.0003}))
+    before = shape_error(specimen_of(part, settings), mesh)
+    for name, value in FILLETED.lengths().items():
+        changed = slider.build(dataclasses.replace(FILLETED, **{name: value * 1.0003}))
         velocity = velocities.of(changed, value * 3e-4)
         assert np.linalg.norm(velocity, axis=1).max() < 2.5, name  # of a fillet's corner: √2 + 1
-        larger = slider.build(dataclasses.replace(parameters, **{name: value * 1.02}))
+        larger = slider.build(dataclasses.replace(FILLETED, **{name: value * 1.02}))
         moved = moved_along(mesh, part, larger)
         assert moved is not None, name
-        assert (
-            shape_error(specimen_of(larger, settings), moved)
-            < 2 * shape_error(specimen_of(part, settings), mesh) + 1e-5
-        ), name
+        assert shape_error(specimen_of(larger, settings), moved) < 2 * before + 1e-5, name
+
+
+@pytest.mark.slow
+def test_a_filleted_slider_is_subject_to_the_laws_of_scale():
+    """Euler's theorem for a homogeneous function: Σ p ∂C/∂p over all lengths is less its order times C."""
+    _, experiment, found = sensitivity(slider, FILLETED, Settings())
+    assert not found.notes
+    c = experiment.compliance
+    lengths = [found.derivatives[name] for name in FILLETED.lengths()]
+    size = np.sqrt(np.outer(c.diagonal(), c.diagonal()))
+    np.testing.assert_allclose(sum(d.value * d.compliance for d in lengths) / size, -ORDER * c / size, atol=2e-3)
+    assert sum(d.value * d.mass for d in lengths) == pytest.approx(3 * experiment.mass, rel=1e-4)
