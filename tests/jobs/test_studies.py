@@ -113,16 +113,13 @@ def test_a_worker_uses_no_more_processors_than_it_has_threads(rod, monkeypatch):
 
 @pytest.mark.parametrize(("count", "designs", "wanted"), [(8, 3, (3, 2)), (2, 40, (2, 1)), (2, 1, (1, 2))])
 def test_a_few_designs_share_all_processors(rod, monkeypatch, count, designs, wanted):
-    class Started(Exception):
-        """Instead of a cluster."""
-
     def cluster(_scheduler, workers, threads):
         assert (workers, threads) == wanted
-        raise Started
+        raise KeyboardInterrupt
 
     monkeypatch.setattr(studies, "processors", lambda: count)
     monkeypatch.setattr(studies, "cluster", cluster)
-    with pytest.raises(Started):
+    with pytest.raises(KeyboardInterrupt):
         studies.run_study(dataclasses.replace(load_study(rod(GRID)), designs=designs), None, workers=count)
 
 
