@@ -14,7 +14,7 @@ from stiffscope.fea.solution import solve_specimen
 from stiffscope.fea.specimen import mesh_specimen
 
 CHANGE = 0.02
-NOISE = 5e-4  # of a compliance from mesh to mesh, relative
+NOISE = 1.5e-4  # of a compliance from mesh to mesh, relative
 SLIDER = slider.SliderParameters()
 PARTS = {
     "link": (link, link.LinkParameters()),
