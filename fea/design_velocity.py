@@ -82,7 +82,7 @@ class DesignVelocity:
         self._base = self._on(part, points, np.unique(mesh.facets))
 
     def of(self, changed: Part, step: float) -> Floats:
-        """Return (n, 3) the nodes' velocity with a parameter, from the part with that parameter ``step`` larger.
+        """Return (n, 3) the nodes' mean velocity with a parameter, from the part with that parameter ``step`` larger.
 
         Raises
         ------
@@ -99,10 +99,6 @@ class DesignVelocity:
         moved = self._on(changed, self._base + step * velocity, self._round)
         velocity[self._round] = (moved - self._base)[self._round] / step
         return velocity
-
-    def moved(self, changed: Part) -> Floats:
-        """Return (n, 3) the nodes after a finite change to a part with the same faces. See ``of``."""
-        return self.mesh.points + self.of(changed, 1.0)
 
     def _on(self, part: Part, points: Floats, nodes: Ints) -> Floats:
         """Return the points with some of them moved on all faces of a part that they belong to.
@@ -129,7 +125,7 @@ def moved_along(mesh: TetMesh, part: Part, changed: Part) -> TetMesh | None:
     flat. Whether the mesh then has the shape of the changed part is left to the caller.
     """
     try:
-        points = DesignVelocity(mesh, part).moved(changed)
+        points = mesh.points + DesignVelocity(mesh, part).of(changed, 1.0)  # a finite change is a step, too
     except InputError:
         return None
     corners = [nodes[mesh.cells[:, 1:4]] - nodes[mesh.cells[:, :1]] for nodes in (mesh.points, points)]
