@@ -17,7 +17,7 @@ from stiffscope.cad.materials import AnyMaterial
 from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
-    from stiffscope.cad.kernel import Edge, Shape, Solid
+    from stiffscope.cad.kernel import Shape, Solid
 
 Floats = NDArray[np.float64]
 SMOOTH = np.deg2rad(20.0)  # the mesher preserves no edge between faces whose normals differ by less
@@ -98,22 +98,23 @@ class Part:
         return face_geometries(self.solid)
 
     @cached_property
-    def seams(self) -> dict[tuple[int, int], "Shape"]:
-        """Smooth borders of interfaces: pairs of adjacent faces with nearly equal normals, and their common edges."""
+    def smooth_borders(self) -> dict[tuple[int, int], "Shape"]:
+        """Pairs of adjacent faces with nearly equal normals where they meet, and their common edges."""
         from stiffscope.cad import kernel
 
-        interfaces = (self.clamped, *(interface.faces for interface in self.loaded))
-        owner = {face: number for number, faces in enumerate(interfaces) for face in faces}
         faces = kernel.faces(self.solid)
-
-        def smooth(a: int, b: int, edges: list["Edge"]) -> bool:
-            return any(kernel.normal_angle(edge, faces[a], faces[b]) < SMOOTH for edge in edges)
-
         return {
             (a, b): kernel.compound(*edges)
             for (a, b), edges in kernel.borders(self.solid).items()
-            if owner.get(a) != owner.get(b) and smooth(a, b, edges)
+            if any(kernel.normal_angle(edge, faces[a], faces[b]) < SMOOTH for edge in edges)
         }
+
+    @cached_property
+    def seams(self) -> dict[tuple[int, int], "Shape"]:
+        """Smooth borders of interfaces."""
+        interfaces = (self.clamped, *(interface.faces for interface in self.loaded))
+        owner = {face: number for number, faces in enumerate(interfaces) for face in faces}
+        return {(a, b): edges for (a, b), edges in self.smooth_borders.items() if owner.get(a) != owner.get(b)}
 
 
 @dataclass(frozen=True, eq=False)

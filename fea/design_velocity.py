@@ -11,7 +11,7 @@ K. K. Choi and N. H. Kim, Structural Sensitivity Analysis and Optimization 1: Li
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import factorial
 from typing import TYPE_CHECKING
 
@@ -19,9 +19,11 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array, eye_array
 
 from stiffscope.cad.part import project
+from stiffscope.cad.projection import on_shape
 from stiffscope.errors import InputError
+from stiffscope.fea.geometry import jacobian_range
 from stiffscope.fea.mesh import EDGES, sides_between
-from stiffscope.fea.snap import ROUNDS, Target, alternate, places_of
+from stiffscope.fea.snap import FLATTEST, ROUNDS, Target, alternate, places_of
 from stiffscope.fea.solvers import factorized
 
 if TYPE_CHECKING:
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
     from stiffscope.cad.part import Part
     from stiffscope.fea.mesh import Floats, Ints, TetMesh
 
+MOST_STRAIN = 1.3  # stretch of an element that is moved along
 FARTHEST = 100.0  # steps that the centroid of a face may move: else it is another face
 UNBOUNDED = 1e-12  # of the Laplacian's mean diagonal, added to it: what touches no given value stays in place
 
@@ -79,7 +82,7 @@ class DesignVelocity:
         self._base = self._on(part, points, np.unique(mesh.facets))
 
     def of(self, changed: Part, step: float) -> Floats:
-        """Return (n, 3) the nodes' velocity with a parameter, from the part with that parameter ``step`` larger.
+        """Return (n, 3) the nodes' mean velocity with a parameter, from the part with that parameter ``step`` larger.
 
         Raises
         ------
@@ -98,8 +101,16 @@ class DesignVelocity:
         return velocity
 
     def _on(self, part: Part, points: Floats, nodes: Ints) -> Floats:
-        """Return the points with some of them moved on all faces of a part that they belong to."""
-        target = Target(lambda place, at: project(part, place, at), self._size, len(part.faces), tuple(part.seams))
+        """Return the points with some of them moved on all faces of a part that they belong to.
+
+        Where two faces are tangent, on their common edge: projections on either in turn would hardly get there.
+        """
+        borders, count = list(part.smooth_borders.values()), len(part.faces)
+
+        def closest(place: int, at: Floats) -> Floats:
+            return project(part, place, at) if place < count else on_shape(borders[place - count], at)
+
+        target = Target(closest, self._size, count, tuple(part.smooth_borders))
         node, place = places_of(self.mesh.facets, self.mesh.facet_face, target)
         mine = np.isin(node, nodes)
         moved = points.copy()
@@ -107,11 +118,29 @@ class DesignVelocity:
         return moved
 
 
+def moved_along(mesh: TetMesh, part: Part, changed: Part) -> TetMesh | None:
+    """Return the mesh of a part moved along to the part with other dimensions; None where it had better be made anew.
+
+    No element may be stretched or compressed by more than ``MOST_STRAIN`` in any direction, nor a curved one become
+    flat. Whether the mesh then has the shape of the changed part is left to the caller.
+    """
+    try:
+        points = mesh.points + DesignVelocity(mesh, part).of(changed, 1.0)  # a finite change is a step, too
+    except InputError:
+        return None
+    corners = [nodes[mesh.cells[:, 1:4]] - nodes[mesh.cells[:, :1]] for nodes in (mesh.points, points)]
+    stretches = np.linalg.svd(np.linalg.solve(corners[0], corners[1]), compute_uv=False)
+    whole = np.linalg.det(corners[1]).min() > 0 and jacobian_range(points[mesh.cells]).min() > FLATTEST
+    if not whole or stretches.max() > MOST_STRAIN or stretches.min() < 1 / MOST_STRAIN:
+        return None
+    return replace(mesh, points=points)
+
+
 def _check_same(part: Part, changed: Part, step: float) -> None:
     """Raise InputError unless the faces, seams and interfaces of two parts correspond in order."""
     same = (
         [face.kind for face in part.faces] == [face.kind for face in changed.faces]
-        and list(part.seams) == list(changed.seams)
+        and list(part.smooth_borders) == list(changed.smooth_borders)
         and part.clamped == changed.clamped
         and [one.faces for one in part.loaded] == [one.faces for one in changed.loaded]
     )

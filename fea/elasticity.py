@@ -8,22 +8,23 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import bsr_array, coo_array
-from skfem import BilinearForm, ElementTetP2, asm
+from scipy.sparse import bsr_array, csr_array
+from skfem import ElementTetP2
+from skfem.mapping import MappingAffine
+from skfem.quadrature import get_quadrature
+from skfem.refdom import RefTet
 
 from stiffscope.fea.spaces import cell_bases
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterator
 
-    from scipy.sparse import csr_array
-    from skfem.assembly.form.coo_data import COOData
-
-    from stiffscope.fea.mesh import Floats, TetMesh
+    from stiffscope.fea.mesh import Floats, Ints, TetMesh
 
 # Voigt index of the strain component (i, j), in the order xx, yy, zz, yz, xz, xy.
 VOIGT = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
 STRAIGHT_ORDER, CURVED_ORDER = 2, 4  # of quadrature; exact where sides are straight
+CHUNK = 2048  # elements at once
 
 
 def isotropic(youngs_modulus: float, shear_modulus: float) -> Floats:
@@ -43,8 +44,8 @@ def tensor(elasticity: Floats) -> Floats:
 def assemble(mesh: TetMesh, elasticity: Floats) -> csr_array:
     """Return the stiffness matrix of a mesh without supports.
 
-    Six scalar forms A_kl = ∫ ∂_k v ∂_l u are combined into the blocks K_ij = C_ikjl A_kl: the vector form's matrix in a
-    quarter of its time.
+    Element by element A_kl = ∫ ∂_k v ∂_l u, combined into the blocks K_ij = C_ikjl A_kl: the matrix of
+    scikit-fem's vector form, in a third of the time of six of its scalar forms.
 
     Parameters
     ----------
@@ -55,25 +56,34 @@ def assemble(mesh: TetMesh, elasticity: Floats) -> csr_array:
     -------
     (3n, 3n) N/m, symmetric; degree of freedom 3k + i is node k along axis i.
     """
-    bases = cell_bases(mesh, ElementTetP2(), STRAIGHT_ORDER, CURVED_ORDER)
-    law, blocks = tensor(elasticity), np.zeros(())
-    for k in range(3):
-        for l in range(k, 3):
-            form = BilinearForm(lambda u, v, _, k=k, l=l: v.grad[k] * u.grad[l])
-            scalar = asm(form, bases, to=_with_zeros)  # A_kl; its transpose is A_lk
-            blocks = blocks if blocks.ndim else np.zeros((scalar.nnz, 3, 3))
-            for a, b, values in ((k, l, scalar.data), (l, k, scalar.T.tocsr().data))[: 1 + (k != l)]:
-                for i, j in np.argwhere(law[:, a, :, b]):
-                    blocks[:, i, j] += law[i, a, j, b] * values
-    count = 3 * len(mesh.points)
-    last = scalar  # pyright: ignore[reportPossiblyUnboundVariable]
-    return bsr_array((blocks, last.indices, last.indptr), shape=(count, count)).tocsr()
+    count, law = len(mesh.points), tensor(elasticity).transpose(0, 2, 1, 3).reshape(9, 9)  # [(i, j), (k, l)]
+    pairs, place = np.unique(mesh.cells[:, :, None] * count + mesh.cells[:, None, :], return_inverse=True)
+    place = place.reshape(len(mesh.cells), 100)
+    blocks = np.zeros((len(pairs), 9))
+    for elements, slopes, weights in _slopes(mesh):
+        c, q = weights.shape
+        flat = slopes.reshape(c, q, 30)
+        products = np.swapaxes(flat, 1, 2) @ (flat * weights[:, :, None])  # (c, 30, 30), [(k, a), (l, b)]
+        products = products.reshape(c, 3, 10, 3, 10).transpose(0, 2, 4, 1, 3).reshape(c * 100, 9)
+        mine, at = np.unique(place[elements], return_inverse=True)
+        spread = csr_array((np.ones(c * 100), (at.reshape(-1), np.arange(c * 100))), shape=(len(mine), c * 100))
+        blocks[mine] += spread @ products
+    starts = np.searchsorted(pairs, np.arange(count + 1) * count)
+    return bsr_array(((blocks @ law.T).reshape(-1, 3, 3), pairs % count, starts), shape=(3 * count, 3 * count)).tocsr()
 
 
-def _with_zeros(parts: Iterable[COOData]) -> csr_array:
-    """Return the sum as a matrix that stores all pairs of nodes of an element, so that all forms have one pattern."""
-    total = sum(parts)
-    return coo_array((total.data, tuple(total.indices)), shape=total.shape).tocsr()
+def _slopes(mesh: TetMesh) -> Iterator[tuple[Ints, Floats, Floats]]:
+    """Yield elements (c,), their functions' gradients (c, q, 3, 10) in 1/m and weights (c, q) in m³, in chunks."""
+    grid = mesh.grid
+    groups = (~mesh.curved, MappingAffine(grid), STRAIGHT_ORDER), (mesh.curved, grid.mapping(), CURVED_ORDER)
+    for mask, mapping, order in groups:
+        at, weights = get_quadrature(RefTet, order)
+        table = np.stack([ElementTetP2().lbasis(at, i)[1] for i in range(10)], axis=2)  # (3, q, 10)
+        chosen = np.flatnonzero(mask)
+        for start in range(0, len(chosen), CHUNK):
+            some = chosen[start : start + CHUNK]
+            slopes = np.einsum("rkcq,rqa->cqka", mapping.invDF(at, tind=some), table, optimize=True)
+            yield some, slopes, np.abs(mapping.detDF(at, tind=some)) * weights
 
 
 def nodal_stresses(mesh: TetMesh, motion: Floats, elasticity: Floats) -> Floats:

@@ -199,17 +199,34 @@ def run_experiment(
     return examine(specimen, settings, progress, time.perf_counter() - started, former)
 
 
-def condense(part: Part, settings: Settings, progress: Progress | None = None) -> Condensed:
-    """As ``run_experiment``, without fields, own weight and frequencies: enough for a robot, but for its modes."""
+def condense(
+    part: Part, settings: Settings, progress: Progress | None = None, near: tuple[Part, TetMesh] | None = None
+) -> Condensed:
+    """As ``run_experiment``, without fields, own weight and frequencies: enough for a robot, but for its modes.
+
+    Parameters
+    ----------
+    near : a part of slightly other dimensions and its mesh for the same settings, which is moved along if it can be.
+    """
     from stiffscope.fea.dynamics import condensed_mass
 
     started = time.perf_counter()
     _report(progress, "cad", 0.0)
     specimen = specimen_of(part, settings)
-    statics, solution = _statics(specimen, settings, progress, time.perf_counter() - started)
+    mesh = _moved(specimen, part, *near) if near else None
+    statics, solution = _statics(specimen, settings, progress, time.perf_counter() - started, mesh=mesh)
     _report(progress, "solve", 1.0)
     mass, none = condensed_mass(solution.levels), np.zeros(0)
     return Condensed(**statics, condensed_mass=mass, mode_squares=none, mode_squares_error=none)
+
+
+def _moved(specimen: Specimen, part: Part, former: Part, mesh: TetMesh) -> TetMesh | None:
+    """Return the mesh of a former part moved along, None where that has not the shape of this one."""
+    from stiffscope.fea.design_velocity import moved_along
+    from stiffscope.fea.specimen import GOOD_SHAPE, shape_error
+
+    moved = moved_along(mesh, former, part)
+    return moved if moved and shape_error(specimen, moved) < GOOD_SHAPE else None
 
 
 def specimen_of(part: Part, settings: Settings) -> Specimen:
@@ -264,8 +281,15 @@ def _statics(
     progress: Progress | None,
     cad_seconds: float,
     former: Condensed | None = None,
+    mesh: TetMesh | None = None,
 ) -> tuple[dict[str, Any], Solution]:
-    """Return the static fields of ``Condensed`` by name, and the solution behind them; ``former`` has a mesh."""
+    """Return the static fields of ``Condensed`` by name, and the solution behind them.
+
+    Parameters
+    ----------
+    former : has the mesh, refined for the tolerance.
+    mesh : where it is made already, but not refined.
+    """
     from stiffscope.fea.adapt import solve_on, solve_within
     from stiffscope.fea.geometry import centroid, volume
     from stiffscope.fea.mass import rigid_mass
@@ -276,7 +300,8 @@ def _statics(
     mesh = (
         former.mesh
         if former
-        else mesh_specimen(
+        else mesh
+        or mesh_specimen(
             specimen,
             size=settings.size,
             envelope=settings.envelope,

@@ -181,16 +181,17 @@ def _balance_sides(nodes: Floats, facets: Ints, tags: Ints, target: Target) -> F
 
 
 def alternate(points: Floats, node: Ints, place: Ints, target: Target, rounds: int) -> None:
-    """Project points in place on each of the places that a node is on, in turn, until none moves."""
+    """Project points in place on each of the places that a node is on, in turn, until it does not move."""
     for _ in range(rounds):
-        largest = 0.0
+        steps = np.zeros(len(node))
         for each in np.unique(place):
-            here = node[place == each]
-            closest = target.project(int(each), points[here])
-            step = np.linalg.norm(closest - points[here], axis=1)
-            points[here] = closest
-            largest = max(largest, float(step.max(initial=0.0)))
-        if largest < 1e-9 * target.size:
+            here = place == each
+            closest = target.project(int(each), points[node[here]])
+            steps[here] = np.linalg.norm(closest - points[node[here]], axis=1)
+            points[node[here]] = closest
+        moving = np.isin(node, node[steps >= 1e-9 * target.size])
+        node, place = node[moving], place[moving]
+        if not len(node):
             break
 
 

@@ -132,13 +132,18 @@ def _best_mesh(
                 break
             raise
         mesh = snap(points, cells, specimen.surface, specimen.project, size)
-        tried.append((geometric_error(specimen, mesh) + sum(interface_error(specimen, mesh)), mesh))
+        tried.append((shape_error(specimen, mesh), mesh))
         if tried[-1][0] < GOOD_SHAPE or time.perf_counter() - begun > patience:
             break
         logger.info("%s: geometric error %.1e, meshing once more", specimen.name, tried[-1][0])
     best = min(tried, key=lambda one: one[0])[1]
     _check(specimen, best)
     return best
+
+
+def shape_error(specimen: Specimen, mesh: TetMesh) -> float:
+    """Return the sum of the relative errors of the mesh's volume and area and of its interfaces."""
+    return geometric_error(specimen, mesh) + sum(interface_error(specimen, mesh))
 
 
 def geometric_error(specimen: Specimen, mesh: TetMesh) -> float:

@@ -22,8 +22,8 @@ _TRIM = "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_"
 
 
 @contextmanager
-def cluster(scheduler: str | None = None, workers: int = 2) -> Generator[Any]:
-    """Give a client of Dask; a local cluster's worker processes have one thread each.
+def cluster(scheduler: str | None = None, workers: int = 2, threads: int = 1) -> Generator[Any]:
+    """Give a client of Dask.
 
     Parameters
     ----------
@@ -31,6 +31,8 @@ def cluster(scheduler: str | None = None, workers: int = 2) -> Generator[Any]:
         Address of a running scheduler, such as "tcp://10.0.0.5:8786"; None: a cluster on this machine.
     workers
         Processes of the local cluster.
+    threads
+        Of each of these processes.
 
     Raises
     ------
@@ -58,7 +60,7 @@ def cluster(scheduler: str | None = None, workers: int = 2) -> Generator[Any]:
         scratch_folder() as scratch,
         dask.config.set({"temporary-directory": str(scratch), _TRIM: None}),
         LocalCluster(
-            n_workers=workers, threads_per_worker=1, processes=True, silence_logs=quiet,
+            n_workers=workers, threads_per_worker=threads, processes=True, silence_logs=quiet,
             local_directory=str(scratch), memory_limit=0, preload=[children.__name__], **no_page,
         ) as local,  # pyright: ignore[reportUnknownVariableType]
         Client(local) as client,

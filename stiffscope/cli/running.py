@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from stiffscope.jobs.assembly import Assembled, CondensedRobot
     from stiffscope.jobs.manifest import Manifest
+    from stiffscope.jobs.results import CondensedPart
     from stiffscope.jobs.workshop import Workshop
     from stiffscope.robot.description import RobotFile
     from stiffscope.vjm.statics import Stiffness
@@ -107,7 +108,7 @@ def _watch(
     from concurrent.futures import ThreadPoolExecutor
 
     from stiffscope.jobs.assembly import at_named_poses, condense_robot
-    from stiffscope.jobs.watching import changes, keep_warm, sources
+    from stiffscope.jobs.watching import changes, keep_meshed, keep_warm, sources
     from stiffscope.jobs.workshop import workshop
     from stiffscope.report import tables
     from stiffscope.robot.library import find_robot
@@ -115,6 +116,7 @@ def _watch(
     files.check_output(out)
     watched = [find_robot(name)]
     before: tuple[CondensedRobot, Stiffness] | None = None
+    meshed: dict[str, CondensedPart] = {}
     page: Future[None] | None = None
     with workshop() as shop, ThreadPoolExecutor(1) as pool, _ending() as over:
         for _ in changes(watched):
@@ -122,7 +124,7 @@ def _watch(
                 robot = _checked(name, overrides, tolerance)
                 watched[:] = sources(robot)
                 manifest = manifest_of(robot)
-                now = condense_robot(robot, components, shop)
+                now = condense_robot(robot, components, shop, meshed)
                 state = at_named_poses(now, robot.poses)
             except InputError as error:
                 click.echo(f"stiffscope: {error}", err=True)
@@ -134,6 +136,7 @@ def _watch(
                 page.cancel()
             page = pool.submit(_write_behind, robot, components, out, manifest, over)
             before = now, state
+            keep_meshed(meshed, now.results)
             keep_warm()
         if page is not None:
             page.result()

@@ -103,10 +103,19 @@ def assemble_robots(robots: Mapping[str, RobotFile], components: Components, sho
     }
 
 
-def condense_robot(robot: RobotFile, components: Components, shop: Workshop) -> CondensedRobot:
-    """Assemble a robot of parts that are condensed only: in half of the time, the same but for its modes."""
+def condense_robot(
+    robot: RobotFile, components: Components, shop: Workshop, near: Mapping[str, CondensedPart] | None = None
+) -> CondensedRobot:
+    """Assemble a robot of parts that are condensed only: in half of the time, the same but for its modes.
+
+    Parameters
+    ----------
+    near
+        By name, parts of slightly other dimensions whose meshes are moved along where they can be.
+
+    """
     orders = _orders(robot, components)
-    results = dict(zip(orders, condense_parts(list(orders.values()), shop), strict=True))
+    results = dict(zip(orders, condense_parts(list(orders.values()), shop, near), strict=True))
     return _assembled(CondensedRobot, robot, components, results)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -13,7 +14,7 @@ from stiffscope.jobs.results import EXPERIMENT, FIELDS, SOLID, CondensedPart, Pa
 from stiffscope.jobs.workers import LateError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from stiffscope.cad.part import Part
@@ -51,12 +52,20 @@ def solve_parts(orders: Sequence[PartOrder], shop: Workshop) -> list[PartResult]
     return _found(orders, shop, (WHOLE,), make_part, _whole)
 
 
-def condense_parts(orders: Sequence[PartOrder], shop: Workshop) -> list[CondensedPart]:
+def condense_parts(
+    orders: Sequence[PartOrder], shop: Workshop, near: Mapping[str, CondensedPart] | None = None
+) -> list[CondensedPart]:
     """As `solve_parts`, but without what only fields and natural frequencies need, in half of the time.
 
     The compliances are the same: `solve_parts` takes up the mesh that this leaves in the cache.
+
+    Parameters
+    ----------
+    near
+        By label, parts of slightly other dimensions or material, whose meshes are moved along where they can be.
+
     """
-    return _found(orders, shop, (CONDENSED, WHOLE), make_condensed, _condensed)
+    return _found(orders, shop, (CONDENSED, WHOLE), partial(make_condensed, near=near or {}), _condensed)
 
 
 def _found(
@@ -122,10 +131,15 @@ def make_part(order: PartOrder, cache: Cache, report: Report) -> tuple[Path, flo
     return folder, time.perf_counter() - begun
 
 
-def make_condensed(order: PartOrder, cache: Cache, report: Report) -> tuple[Path, float]:
+def make_condensed(
+    order: PartOrder, cache: Cache, report: Report, near: Mapping[str, CondensedPart]
+) -> tuple[Path, float]:
     """As `make_part`, of a part that is condensed only."""
     begun = time.perf_counter()
-    folder = cache.put(CONDENSED, order.key(), lambda aside: _write_condensed(order, aside, report))
+    former = near.get(order.label)
+    if former is not None and not order.moves_from(former.order):
+        former = None
+    folder = cache.put(CONDENSED, order.key(), lambda aside: _write_condensed(order, aside, report, former))
     report("done", 1.0)
     return folder, time.perf_counter() - begun
 
@@ -147,11 +161,12 @@ def _write(order: PartOrder, folder: Path, report: Report, held: Path | None) ->
     (folder / SOLID).write_text(json.dumps(_solid(part)))
 
 
-def _write_condensed(order: PartOrder, folder: Path, report: Report) -> None:
+def _write_condensed(order: PartOrder, folder: Path, report: Report, former: CondensedPart | None) -> None:
     from stiffscope.fea.experiment import condense
 
     part, stage, built = _built(order, report)
-    condensed = condense(part, order.settings, stage)
+    near = None if former is None else (former.order.build(), former.experiment.mesh)
+    condensed = condense(part, order.settings, stage, near)
     condensed.seconds["cad"] += built
     condensed.save(folder / EXPERIMENT)
     (folder / SOLID).write_text(json.dumps(_solid(part)))

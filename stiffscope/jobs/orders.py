@@ -80,6 +80,15 @@ class PartOrder:
             }
         )
 
+    def moves_from(self, other: PartOrder) -> bool:
+        """Whether the mesh of another order may be moved along: the same kind of solid, meshed the same way."""
+        supports = {"foundation": None}
+        return (
+            self.step is None
+            and self.shape == other.shape
+            and dataclasses.replace(self.settings, **supports) == dataclasses.replace(other.settings, **supports)
+        )
+
     def build(self) -> Part:
         """The part itself: its own shape, or the solid of a STEP file."""
         from stiffscope.cad import link, slider

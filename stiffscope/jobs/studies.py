@@ -22,7 +22,7 @@ from stiffscope.jobs.cache import code_version, digest
 from stiffscope.jobs.orders import LIBRARIES
 from stiffscope.jobs.search import Outcome, Point, front, search
 from stiffscope.jobs.workshop import workshop
-from stiffscope.processors import use_processors
+from stiffscope.processors import processors, use_processors
 from stiffscope.robot.part_sections import StepPart
 from stiffscope.robot.responses import mass_of_solids, of_modes, quantities
 from stiffscope.robot.study_file import StudyFile, Value, load_study
@@ -276,7 +276,8 @@ def _makers(file: StudyFile, workers: int, scheduler: str | None) -> Iterator[Ma
     if not workers and scheduler is None:
         yield lambda missing: (make_design(file, values) for values in missing)
         return
-    with cluster(scheduler, workers) as client:
+    workers = max(1, min(workers, file.designs))
+    with cluster(scheduler, workers, max(1, processors() // workers)) as client:
         known = client.scatter(file, broadcast=True, hash=False)
 
         def made(missing: Sequence[Values]) -> Iterator[Design]:

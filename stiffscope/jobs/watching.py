@@ -9,15 +9,18 @@ from contextlib import suppress
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from stiffscope.errors import InputError
 from stiffscope.files import file_digest
 from stiffscope.robot.part_sections import StepPart
 from stiffscope.robot.sections import RigidBody
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
+    from stiffscope.jobs.results import CondensedPart
     from stiffscope.robot.description import RobotFile
 
 PERIOD = 0.05  # s between two looks at the files
@@ -26,6 +29,7 @@ HEAVY = (
     "stiffscope.cad.step",
     "stiffscope.fea.experiment",
     "stiffscope.fea.adapt",
+    "stiffscope.fea.design_velocity",
     "stiffscope.fea.dynamics",
 )
 
@@ -80,6 +84,14 @@ def keep_warm() -> None:
             import_module(name)
 
     threading.Thread(target=load, daemon=True).start()
+
+
+def keep_meshed(held: dict[str, CondensedPart], results: Mapping[str, CondensedPart]) -> None:
+    """Keep, by name, the parts that were meshed last: one whose mesh was moved along is no start of another move."""
+    for name, part in results.items():
+        former = held.get(name)
+        if former is None or not np.array_equal(former.experiment.mesh.cells, part.experiment.mesh.cells):
+            held[name] = part
 
 
 def differences(before: RobotFile, after: RobotFile) -> list[str]:

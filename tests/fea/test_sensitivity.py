@@ -8,11 +8,12 @@ import pytest
 from stiffscope.cad import link, slider
 from stiffscope.cad.materials import CFRP_TUBE, STEEL
 from stiffscope.errors import InputError
-from stiffscope.fea.design_velocity import DesignVelocity
-from stiffscope.fea.experiment import examine, specimen_of
+from stiffscope.fea.design_velocity import DesignVelocity, moved_along
+from stiffscope.fea.experiment import condense, examine, specimen_of
 from stiffscope.fea.sensitivity import part_sensitivity
 from stiffscope.fea.settings import Settings
 from stiffscope.fea.solution import solve_specimen
+from stiffscope.fea.specimen import mesh_specimen, shape_error
 
 LENGTH, RADIUS = 0.2, 0.01
 ORDER = np.array([[1] * 3 + [2] * 3] * 3 + [[2] * 3 + [3] * 3] * 3)  # of a compliance in an inverse length
@@ -113,3 +114,56 @@ def test_features_that_meet_or_vanish_have_no_derivative(rod):
     other = slider.build(slider.SliderParameters())
     with pytest.raises(InputError, match="faces change"):
         DesignVelocity(experiment.mesh, part).of(other, 1e-4)
+
+
+def test_a_mesh_moves_along_with_a_small_change_and_not_with_a_large_one(rod):
+    part, experiment, _ = rod
+    settings = Settings(layers=1, size=0.012)
+
+    def changed(share):
+        return link.build(link.LinkParameters(LENGTH * share, RADIUS * share))
+
+    moved = condense(changed(1.03), settings, near=(part, experiment.mesh))
+    assert np.array_equal(moved.mesh.cells, experiment.mesh.cells)
+    size = np.sqrt(np.outer(experiment.compliance.diagonal(), experiment.compliance.diagonal()))
+    scaled = experiment.compliance * 1.03 ** -ORDER.astype(float)
+    np.testing.assert_allclose(moved.compliance / size, scaled / size, atol=2e-4)
+    assert moved.relative_bound < 1.5 * experiment.relative_bound
+    assert moved_along(experiment.mesh, part, changed(1.4)) is None
+    assert moved_along(experiment.mesh, part, slider.build(slider.SliderParameters())) is None
+    anew = condense(changed(1.03), settings, near=(changed(1.4), experiment.mesh))  # the mesh is none of its
+    assert not np.array_equal(anew.mesh.cells, experiment.mesh.cells)
+    assert (np.abs(anew.compliance - moved.compliance) < anew.error + moved.error).all()
+
+
+FILLETED = slider.SliderParameters(
+    0.06, 0.09, 0.012, rib_count=1, rib_thickness=0.012, rib_height=0.012, rib_length=0.04, fillet=0.004
+)
+
+
+def test_the_mesh_of_a_filleted_slider_follows_its_cad_whatever_changes():
+    """Where a fillet is tangent to plate and rib, nodes belong to both faces and go with the line between them."""
+    part, settings = slider.build(FILLETED), Settings()
+    mesh = mesh_specimen(specimen_of(part, settings))
+    velocities = DesignVelocity(mesh, part)
+    before = shape_error(specimen_of(part, settings), mesh)
+    for name, value in FILLETED.lengths().items():
+        changed = slider.build(dataclasses.replace(FILLETED, **{name: value * 1.0003}))
+        velocity = velocities.of(changed, value * 3e-4)
+        assert np.linalg.norm(velocity, axis=1).max() < 2.5, name  # of a fillet's corner: √2 + 1
+        larger = slider.build(dataclasses.replace(FILLETED, **{name: value * 1.02}))
+        moved = moved_along(mesh, part, larger)
+        assert moved is not None, name
+        assert shape_error(specimen_of(larger, settings), moved) < 2 * before + 1e-5, name
+
+
+@pytest.mark.slow
+def test_a_filleted_slider_is_subject_to_the_laws_of_scale():
+    """Euler's theorem for a homogeneous function: Σ p ∂C/∂p over all lengths is less its order times C."""
+    _, experiment, found = sensitivity(slider, FILLETED, Settings())
+    assert not found.notes
+    c = experiment.compliance
+    lengths = [found.derivatives[name] for name in FILLETED.lengths()]
+    size = np.sqrt(np.outer(c.diagonal(), c.diagonal()))
+    np.testing.assert_allclose(sum(d.value * d.compliance for d in lengths) / size, -ORDER * c / size, atol=2e-3)
+    assert sum(d.value * d.mass for d in lengths) == pytest.approx(3 * experiment.mass, rel=1e-4)

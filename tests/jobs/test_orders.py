@@ -11,6 +11,7 @@ from stiffscope.errors import InputError
 from stiffscope.jobs.experiments import condense_parts, solve_parts
 from stiffscope.jobs.orders import build_part, order_part
 from stiffscope.jobs.results import compliance_json
+from stiffscope.jobs.watching import keep_meshed
 from stiffscope.jobs.workshop import workshop
 from stiffscope.robot.part_matrices import beam_compliance
 from stiffscope.robot.reader import load_robot
@@ -84,6 +85,22 @@ def test_a_part_names_a_folder_of_results(tmp_path, name):
     (tmp_path / "robot.toml").write_text(text)
     with pytest.raises(InputError, match=r"robot\.toml:4: parts\..*: expected a name that a file"):
         load_robot(tmp_path / "robot.toml")
+
+
+def test_the_mesh_of_a_former_part_is_moved_along_where_it_can_be(tmp_path, monkeypatch):
+    monkeypatch.setenv("STIFFSCOPE_CACHE", str(tmp_path / "cache"))
+    thicker = ROD.replace("6 mm", "6.2 mm")
+    texts = ROD, thicker, thicker.replace("8 mm", "9 mm")  # which asks for other elements
+    orders = [order_part(one_part(tmp_path, text), NAME) for text in texts]
+    with workshop() as shop:
+        held, meshes = {}, []
+        for order in orders:
+            (part,) = condense_parts([order], shop, held)
+            keep_meshed(held, {NAME: part})
+            meshes.append(part.experiment.mesh)
+    same = [np.array_equal(mesh.cells, meshes[0].cells) for mesh in meshes]
+    assert same == [True, True, False]
+    assert held[NAME].order == orders[2]
 
 
 def test_what_scripts_read_of_a_rod_and_of_a_step_file_in_its_place(tmp_path, monkeypatch):

@@ -1,5 +1,6 @@
 """Studies: known optima, fronts and tables; failed, stored and resumed designs; study files that are refused."""
 
+import dataclasses
 import json
 import math
 import os
@@ -108,6 +109,18 @@ def test_a_worker_uses_no_more_processors_than_it_has_threads(rod, monkeypatch):
     one = studies.make_on_worker(load_study(rod(GRID)), (0.006, 0.0))
     assert not one.reason
     assert (processors(), whole) == (1, len(os.sched_getaffinity(0)))
+
+
+@pytest.mark.parametrize(("count", "designs", "wanted"), [(8, 3, (3, 2)), (2, 40, (2, 1)), (2, 1, (1, 2))])
+def test_a_few_designs_share_all_processors(rod, monkeypatch, count, designs, wanted):
+    def cluster(_scheduler, workers, threads):
+        assert (workers, threads) == wanted
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(studies, "processors", lambda: count)
+    monkeypatch.setattr(studies, "cluster", cluster)
+    with pytest.raises(KeyboardInterrupt):
+        studies.run_study(dataclasses.replace(load_study(rod(GRID)), designs=designs), None, workers=count)
 
 
 def test_an_interrupted_study_keeps_what_is_finished(rod, tmp_path, monkeypatch):
