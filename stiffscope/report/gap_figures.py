@@ -30,7 +30,9 @@ if TYPE_CHECKING:
     from stiffscope.gap.diagnosis import Diagnosis
 
 CORNERS = 10  # parameters at most in a corner plot
-NAMED = 40  # poses that a map has room to name
+NAMED = 40  # poses that a map has room to name,
+NUMBERED = 24  # and rows that have room for numbers to be read
+ALIKE = (0.3, 0.9)  # correlations that are written where there are few effects, and where there are many
 STEPS = {
     "nominal": ("the model as it is", BEFORE),
     "together": ("with all of them", AFTER),
@@ -90,7 +92,7 @@ def residual_map(diagnosis: Diagnosis) -> Figure | None:
         axes.set_xticks(range(6), DIRECTIONS)
         axes.set_title(title, fontsize=10)
         axes.tick_params(length=0)
-        if rows <= NAMED:
+        if rows <= NUMBERED:
             write_cells(axes, grid, "{:.3g}", shade)
     if rows <= NAMED:
         name_rows(panels[0], where.pose_names)
@@ -119,7 +121,8 @@ def signature_correlation(diagnosis: Diagnosis) -> Figure | None:
     image = axes.imshow(matrix, cmap="Purples", vmin=0, vmax=1)
     name_columns(axes, labels)
     name_rows(axes, labels)
-    write_cells(axes, np.where(matrix >= 0.3, matrix, np.nan), "{:.2f}", Normalize(0, 1.4), size=6)
+    written = np.tril(matrix) >= ALIKE[len(names) > NUMBERED]
+    write_cells(axes, np.where(written, matrix, np.nan), "{:.2f}", Normalize(0, 1.4), size=6)
     figure.colorbar(image, ax=axes, pad=0.015, fraction=0.04, label="|cosine|")
     return figure
 
