@@ -149,23 +149,34 @@ def corner(diagnosis: Diagnosis) -> Figure | None:
         return None
     n = len(draws)
     figure = new_figure(2.2 * n + 1.2, 2.0 * n + 0.9, "Posterior of the parameters")
-    panels = np.atleast_2d(figure.subplots(n, n))
+    figure.set_layout_engine("none")  # the grid is regular, and its layout takes longer than all else
+    grid = figure.add_gridspec(
+        n, n, left=0.85 / (2.2 * n + 1.2), right=0.98, bottom=0.75 / (2.0 * n + 0.9), top=1 - 0.55 / (2.0 * n + 0.9),
+        wspace=0.12, hspace=0.12,
+    )  # fmt: skip
     names = list(draws)
     for i, row in enumerate(names):
-        for j, column in enumerate(names):
-            axes = panels[i, j]
-            axes.tick_params(labelsize=7)
+        for j, column in enumerate(names[: i + 1]):
+            axes = figure.add_subplot(grid[i, j])
+            axes.tick_params(labelsize=7, labelbottom=i == n - 1, labelleft=0 == j < i)
+            axes.locator_params(nbins=4)
+            axes.xaxis.offsetText.set_size(7)
+            axes.yaxis.offsetText.set_size(7)
             axes.ticklabel_format(style="sci", scilimits=(-2, 3), useMathText=False)
-            if j > i:
-                axes.set_visible(False)
-            elif i == j:
+            axes.set_xlim(float(draws[column].min()), float(draws[column].max()))
+            if i == j:
                 axes.hist(draws[row], bins=40, color=EFFECT)
                 axes.set_yticks([])
             else:
                 _contours(axes, draws[column], draws[row])
-            if i == n - 1:
+                axes.set_ylim(float(draws[row].min()), float(draws[row].max()))
+            if i < n - 1:
+                axes.xaxis.offsetText.set_visible(False)
+            else:
                 axes.set_xlabel(_axis_label(column, units[column]), fontsize=7, parse_math=False)
-            if j == 0 and i:
+            if j or not i:
+                axes.yaxis.offsetText.set_visible(False)
+            else:
                 axes.set_ylabel(_axis_label(row, units[row]), fontsize=7, parse_math=False)
     return figure
 
