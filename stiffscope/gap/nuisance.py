@@ -16,13 +16,14 @@ from stiffscope.gap.robot_prediction import Pattern
 from stiffscope.robot.effects import Change, MechanicalEffect, added_diagonal
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from stiffscope.gap.mechanics import RobotAtPoses
     from stiffscope.gap.robot_prediction import RobotPrediction
     from stiffscope.robot.effects import Changes
+    from stiffscope.vjm.mechanism import Joint
 
     Array = NDArray[np.floating[Any]]
 
@@ -49,6 +50,13 @@ def _patterns(at: RobotAtPoses) -> Iterator[Candidate]:
                 lengths = {name: nominal.length(name) for name in names}
                 place = f"bowed bodies, {part}" if len(names) > 1 else f"a bowed body, {names[0]}"
                 yield _part(place, (1e-4,), partial(_bowed, lengths))
+    if c.still.any():
+        for body in at.mechanism.bodies:
+            held = [joint for joint in at.mechanism.joints if body.name in (joint.first, joint.second)]
+            if body.elastic is None and len(held) > 1:
+                middle = np.mean([joint.at for joint in held], axis=0) if body.centre is None else body.centre
+                stretched = Pattern(partial(_stretched, body.name, middle, tuple(held)))
+                yield _unnamed(f"a body of another size, {body.name}", (3e-4,) * 3, stretched)
     drives = list(nominal.driven)
     read, sessions = np.unique(c.channel[c.kind <= DEVIATION]), len(c.session_names)  # instruments that displace
     channels, middle = len(read), at.configurations.tool[:, :3].mean(axis=0)
@@ -91,6 +99,18 @@ def _bowed(lengths: Mapping[str, float], values: Array) -> Changes:
         name: Change(offset=values[0] * np.array([0.0, 0.0, length**2 / 2.0, 0.0, -length, 0.0]))
         for name, length in lengths.items()
     }
+
+
+def _stretched(body: str, middle: Array, held: Sequence[Joint], prediction: RobotPrediction) -> Array:
+    """A rigid body that is larger than drawn along x, y, z of home: its joints stand further from its middle (3,)."""
+    where, pose, still = prediction.at.rest, prediction.campaign.pose, prediction.campaign.still
+    columns = np.zeros((len(pose), 3))
+    for joint in held:
+        axes = where.rotation[joint.first] @ joint.axes
+        away = np.swapaxes(axes, -1, -2) @ where.rotation[body] @ np.diag(joint.at - middle)  # (p or 1, 3, 3)
+        away = np.broadcast_to(away if body == joint.first else -away, (pose.max() + 1, 3, 3))
+        columns += np.einsum("ni,nik->nk", prediction.felt(joint.name)[0][:, :3], away[pose])
+    return np.where(still[:, None], columns, 0.0)
 
 
 def _by_channel(read: NDArray[np.int64], prediction: RobotPrediction, size: Array) -> Array:
