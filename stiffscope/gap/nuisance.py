@@ -50,13 +50,7 @@ def _patterns(at: RobotAtPoses) -> Iterator[Candidate]:
                 lengths = {name: nominal.length(name) for name in names}
                 place = f"bowed bodies, {part}" if len(names) > 1 else f"a bowed body, {names[0]}"
                 yield _part(place, (1e-4,), partial(_bowed, lengths))
-    if c.still.any():
-        for body in at.mechanism.bodies:
-            held = [joint for joint in at.mechanism.joints if body.name in (joint.first, joint.second)]
-            if body.elastic is None and len(held) > 1:
-                middle = np.mean([joint.at for joint in held], axis=0) if body.centre is None else body.centre
-                stretched = Pattern(partial(_stretched, body.name, middle, tuple(held)))
-                yield _unnamed(f"a body of another size, {body.name}", (3e-4,) * 3, stretched)
+    yield from _sizes(at)
     drives = list(nominal.driven)
     read, sessions = np.unique(c.channel[c.kind <= DEVIATION]), len(c.session_names)  # instruments that displace
     channels, middle = len(read), at.configurations.tool[:, :3].mean(axis=0)
@@ -81,6 +75,16 @@ def _patterns(at: RobotAtPoses) -> Iterator[Candidate]:
             "a stiffness towards the frame, growing with the distance", (0.01,) * 6, Pattern(partial(_tether, middle))
         )
     yield _unnamed("a zero of its own in every direction", (1e-5,) * channels, Pattern(partial(_zero, read)))
+
+
+def _sizes(at: RobotAtPoses) -> Iterator[Candidate]:
+    """Rigid bodies larger or smaller than drawn."""
+    for body in at.mechanism.bodies if at.campaign.still.any() else ():
+        held = tuple(joint for joint in at.mechanism.joints if body.name in (joint.first, joint.second))
+        if body.elastic is None and len(held) > 1:
+            middle = np.mean([joint.at for joint in held], axis=0) if body.centre is None else body.centre
+            stretched = Pattern(partial(_stretched, body.name, middle, held))
+            yield _unnamed(f"a body of another size, {body.name}", (3e-4,) * 3, stretched)
 
 
 def _part(place: str, scale: tuple[float, ...], changes: Callable[[Array], Changes]) -> Candidate:
