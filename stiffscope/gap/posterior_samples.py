@@ -127,8 +127,8 @@ def write_posterior(path: Path, samples: Samples) -> None:
     """
     import h5netcdf  # not by xarray, whose import takes longer than a diagnosis
 
-    chains = {"chain": np.arange(CHAINS)}
-    rows: dict[str, Any] = {"reading": np.arange(len(samples.observed))}
+    chains: dict[str, NDArray[Any]] = {"chain": np.arange(CHAINS)}
+    rows: dict[str, NDArray[Any]] = {"reading": np.arange(len(samples.observed))}
     words = {"pose": samples.pose, "quantity": samples.quantity}
     draws = {"draw": np.arange(DRAWS)}
     fewer = {"draw": np.arange(samples.predicted.shape[1])}
@@ -141,7 +141,7 @@ def write_posterior(path: Path, samples: Samples) -> None:
 
 def _write_group(
     group: Any,
-    scales: Mapping[str, Array],
+    scales: Mapping[str, NDArray[Any]],
     values: Mapping[str, Array],
     units: Mapping[str, str] | None = None,
     words: Mapping[str, Sequence[str]] | None = None,

@@ -160,8 +160,8 @@ def corner(diagnosis: Diagnosis) -> Figure | None:
             axes = figure.add_subplot(grid[i, j])
             axes.tick_params(labelsize=7, labelbottom=i == n - 1, labelleft=0 == j < i)
             axes.locator_params(nbins=4)
-            axes.xaxis.offsetText.set_size(7)
-            axes.yaxis.offsetText.set_size(7)
+            axes.xaxis.offsetText.set_fontsize(7)
+            axes.yaxis.offsetText.set_fontsize(7)
             axes.ticklabel_format(style="sci", scilimits=(-2, 3), useMathText=False)
             axes.set_xlim(float(draws[column].min()), float(draws[column].max()))
             if i == j:
