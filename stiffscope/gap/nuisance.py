@@ -34,7 +34,7 @@ _MOST_SESSIONS = 6
 
 def nuisance_patterns(at: RobotAtPoses) -> tuple[Candidate, ...]:
     """Unnamed faults of parts, of the surroundings, and of the instruments in time."""
-    return tuple(_patterns(at))
+    return (*_patterns(at), *_sizes(at))
 
 
 def _patterns(at: RobotAtPoses) -> Iterator[Candidate]:
@@ -50,7 +50,6 @@ def _patterns(at: RobotAtPoses) -> Iterator[Candidate]:
                 lengths = {name: nominal.length(name) for name in names}
                 place = f"bowed bodies, {part}" if len(names) > 1 else f"a bowed body, {names[0]}"
                 yield _part(place, (1e-4,), partial(_bowed, lengths))
-    yield from _sizes(at)
     drives = list(nominal.driven)
     read, sessions = np.unique(c.channel[c.kind <= DEVIATION]), len(c.session_names)  # instruments that displace
     channels, middle = len(read), at.configurations.tool[:, :3].mean(axis=0)
