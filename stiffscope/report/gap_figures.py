@@ -165,7 +165,7 @@ def corner(diagnosis: Diagnosis) -> Figure | None:
             axes.ticklabel_format(style="sci", scilimits=(-2, 3), useMathText=False)
             axes.set_xlim(float(draws[column].min()), float(draws[column].max()))
             if i == j:
-                axes.hist(draws[row], bins=40, color=EFFECT)
+                axes.hist(draws[row], bins=40, color=EFFECT, histtype="stepfilled")
                 axes.set_yticks([])
             else:
                 _contours(axes, draws[column], draws[row])
@@ -207,7 +207,9 @@ def predictive_check(diagnosis: Diagnosis) -> Figure | None:
     figure = new_figure(6.4, 3.0, "Readings at poses held out against their prediction")
     axes = figure.subplots()
     edges = np.linspace(-5.0, 5.0, 51)
-    axes.hist(z.clip(-5.0, 5.0), bins=edges.tolist(), density=True, color=NOISE, label="readings")
+    axes.hist(
+        z.clip(-5.0, 5.0), bins=edges.tolist(), density=True, color=NOISE, label="readings", histtype="stepfilled"
+    )
     axes.plot(edges, np.exp(-0.5 * edges**2) / np.sqrt(2.0 * np.pi), color=AFTER, label="predicted")
     axes.set_xlabel("residual / predictive standard deviation")
     axes.set_yticks([])
