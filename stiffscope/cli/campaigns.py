@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import logging
 import os
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -85,11 +86,11 @@ def _write_report(
     from stiffscope.report.gap_figures import draw_figures
     from stiffscope.report.kept_pictures import draw_shares
 
-    draw_figures(diagnosis, folder)
     view = None
     facts = [f"{len(case.campaign):,} readings at {len(case.campaign.pose_names)} poses"]
     if nominal is None:
         facts.append("the model under test is the campaign's own predictions")
+        draw_figures(diagnosis, folder)
     else:
         made_of = ", ".join(f"{part} {source}" for part, source in nominal.sources.items())
         modelled = ", ".join(case.campaign.modelled) or "no effect"
@@ -97,7 +98,10 @@ def _write_report(
         found = reached(case)
         if found is not None:
             poses = found.tool[:, nominal.mechanism.tool.commanded]
-            draw_shares(nominal, diagnosis, poses, folder)
+            with ThreadPoolExecutor(1) as beside:  # the robot is drawn in a process of its own
+                drawn = beside.submit(draw_shares, nominal, diagnosis, poses, folder)
+                draw_figures(diagnosis, folder)
+                drawn.result()
             view = share_view(folder, nominal, diagnosis, poses)
     manifest.write(folder)
     write_diagnosis_report(folder, diagnosis, title=f"Where is the gap? {case.name}", facts=facts, view=view)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from stiffscope.cluster import cluster, finished
 from stiffscope.errors import InputError
 from stiffscope.files import scratch_folder, write_bytes
-from stiffscope.gap.blind_cases import SEAL, Lab, draw, seal, unseal, write_case
+from stiffscope.gap.blind_cases import SEAL, Lab, draw, imitated, seal, unseal, write_case
 from stiffscope.gap.blind_scores import Outcome, outcome_of, score
 from stiffscope.gap.diagnose import conclude
 from stiffscope.gap.diagnosis import to_json
@@ -209,8 +209,9 @@ def solve(robot: BlindRobot, task: Task) -> Files:
             effect = case.faults[0].effect
             found[effect] = _diagnose(robot, folder, effect)
         same = lab.canonical
+        alike = case.kind == "outside" and imitated(case, task.number, lab)
         outcomes = [
-            outcome_of(task.number, case, data, same, left_out=effect, robot=robot.name)
+            outcome_of(task.number, case, data, same, left_out=effect, robot=robot.name, imitated=alike)
             for effect, data in found.items()
         ]
         seal(folder, [case])

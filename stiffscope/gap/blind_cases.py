@@ -45,6 +45,7 @@ _SERIES = 4  # of so many attempts
 _VISIBLE = 8.0  # standard deviations, of all readings together, by which a fault must stand out
 _ALIKE = 4.0  # standard deviations, of all readings together, that nobody tells apart
 _SAME = 1e-4  # of a signature, that may be left when another is fitted to it that no readings tell apart
+_IMITATORS = 3  # effects of the vocabulary that together may do what one outside of it does
 _TWINS = 2  # other effects that the named group of a true one has room for
 _POOL = 72  # poses of a robot from which a campaign takes its own
 _SEED = 20  # of that pool
@@ -273,6 +274,15 @@ def _drawn(count: int, turn: int, rng: np.random.Generator, judge: _Judge) -> tu
     return faults
 
 
+def imitated(case: BlindCase, number: int, lab: Lab) -> bool:
+    """Whether a few effects of the vocabulary do to the readings what a case's fault outside of it does.
+
+    What these leave of its signature is less than what a fault must stand out by to be drawn. Of a fault that only
+    shows in noisy readings, as a coarse converter's, nothing is known here: it is not imitated.
+    """
+    return 0.0 < _Judge(case, number, lab).distance(case.faults[0]) < _VISIBLE
+
+
 class _Judge:
     """Whether readings without noise tell the faults of a case from all else that could be named."""
 
@@ -321,6 +331,22 @@ class _Judge:
             if np.linalg.norm(left) < _VISIBLE or len(self._alike(fault, left, beside)) > _TWINS:
                 return False
         return True
+
+    def distance(self, fault: Fault) -> float:
+        """Norm of what the closest effects of the vocabulary leave of a fault's signature, chosen one after another."""
+        left = self._signature(fault)
+        basis = np.zeros((len(left), 0))
+        columns = [
+            c for effect, place in self.lab.everywhere().values() if (c := self._alone(effect, place)) is not None
+        ]
+        for _ in range(_IMITATORS):
+            if not np.linalg.norm(left) >= _VISIBLE:
+                break
+            spans = [spanned(apart(each, basis)) for each in columns]
+            best = max(spans, key=lambda span: float(np.linalg.norm(span.T @ left)))
+            basis = np.hstack([basis, best])
+            left = apart(left[:, None], best)[:, 0]
+        return float(np.linalg.norm(left))
 
     def _hopeless(self, fault: Fault) -> bool:
         """Whether no readings of this kind show a fault, or tell it from others, whatever its size."""

@@ -48,6 +48,8 @@ class Outcome:
     """What was measured."""
     stated: tuple[tuple[float, bool], ...] = ()
     """Probability of each effect that is named or possible, and whether it is true."""
+    imitated: bool = False
+    """Whether a few effects of the library do the same to the readings as an outside one."""
 
     @property
     def right(self) -> bool:
@@ -78,8 +80,9 @@ def _matched(truth: set[str], named: list[tuple[str, tuple[str, ...]]]) -> bool:
 
 
 def outcome_of(
-    number: int, case: BlindCase, found: dict[str, Any], same: Same, *, left_out: str = "", robot: str = ""
-) -> Outcome:
+    number: int, case: BlindCase, found: dict[str, Any], same: Same, *, left_out: str = "", robot: str = "",
+    imitated: bool = False,
+) -> Outcome:  # fmt: skip
     """The outcome of a campaign.
 
     Parameters
@@ -90,7 +93,7 @@ def outcome_of(
         Its diagnosis.json, and `evidence` where that is known.
     same
         One name for all names of an effect at a place: a set may have several.
-    left_out, robot
+    left_out, robot, imitated
         See `Outcome`.
 
     """
@@ -116,6 +119,7 @@ def outcome_of(
         robot,
         case.style,
         () if left_out or case.kind == "outside" else _stated(set(truth), found, same),
+        imitated,
     )
 
 
@@ -160,6 +164,8 @@ class Scores:
     """Share of no-effect campaigns in which an effect was named."""
     outside: float | None
     """Share of outside effects for which an effect was identified."""
+    told: float | None
+    """The same among those that no few effects of the library imitate."""
     left_out: float | None
     """Share of campaigns, their effect out of the library, without a confident name that leaves something over."""
     coverage: float | None
@@ -217,6 +223,7 @@ def score(outcomes: Sequence[Outcome]) -> Scores:
         _share([o.right for o in first if o.kind == "triple"]),
         _share([bool(o.named) for o in first if o.kind == "none"]),
         _share([o.confident for o in first if o.kind == "outside"]),
+        _share([o.confident for o in first if o.kind == "outside" and not o.imitated]),
         _share([o.right for o in outcomes if o.left_out]),
         _share([c for o in first for c in o.covered]),
         max(held) if held else None,

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.stats import truncnorm  # pyright: ignore[reportMissingTypeStubs]
+from scipy.special import log_ndtr, ndtri_exp  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
 from stiffscope.errors import InputError
 from stiffscope.gap.column_model import ColumnModel
@@ -163,8 +163,8 @@ def _intervals(
 
 def _quantiles(mean: float, deviation: float, lowest: float = -np.inf) -> Array:
     """Ends (2,) of the 95 % interval of a normal distribution, cut off below ``lowest``."""
-    ends: Any = truncnorm.ppf(TAILS, (lowest - mean) / deviation, np.inf, loc=mean, scale=deviation)  # pyright: ignore[reportUnknownMemberType]
-    return np.asarray(ends, dtype=float)
+    above = np.log1p(-np.array(TAILS)) + log_ndtr((mean - lowest) / deviation)  # ln of the probability beyond
+    return mean - deviation * np.asarray(ndtri_exp(above), dtype=float)
 
 
 def _possible(found: Findings, judgement: Judgement) -> tuple[Possible, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.stats import chi2  # pyright: ignore[reportMissingTypeStubs]
+from scipy.special import chdtrc  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -76,7 +76,7 @@ def _ignored(found: Findings, dof: int) -> float:
 
 
 def _tail(total: float, dof: int) -> float:
-    return float(chi2.sf(total, max(dof, 1)))  # pyright: ignore[reportUnknownMemberType, reportUnknownArgumentType]
+    return float(chdtrc(max(dof, 1), total))
 
 
 def _of_group_means(r: Array, group: NDArray[np.int64], x: Array) -> tuple[float, int]:

@@ -16,13 +16,14 @@ from stiffscope.gap.robot_prediction import Pattern
 from stiffscope.robot.effects import Change, MechanicalEffect, added_diagonal
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from stiffscope.gap.mechanics import RobotAtPoses
     from stiffscope.gap.robot_prediction import RobotPrediction
     from stiffscope.robot.effects import Changes
+    from stiffscope.vjm.mechanism import Joint
 
     Array = NDArray[np.floating[Any]]
 
@@ -33,7 +34,7 @@ _MOST_SESSIONS = 6
 
 def nuisance_patterns(at: RobotAtPoses) -> tuple[Candidate, ...]:
     """Unnamed faults of parts, of the surroundings, and of the instruments in time."""
-    return tuple(_patterns(at))
+    return (*_patterns(at), *_sizes(at))
 
 
 def _patterns(at: RobotAtPoses) -> Iterator[Candidate]:
@@ -75,6 +76,16 @@ def _patterns(at: RobotAtPoses) -> Iterator[Candidate]:
     yield _unnamed("a zero of its own in every direction", (1e-5,) * channels, Pattern(partial(_zero, read)))
 
 
+def _sizes(at: RobotAtPoses) -> Iterator[Candidate]:
+    """Rigid bodies larger or smaller than drawn."""
+    for body in at.mechanism.bodies if at.campaign.still.any() else ():
+        held = tuple(joint for joint in at.mechanism.joints if body.name in (joint.first, joint.second))
+        if body.elastic is None and len(held) > 1:
+            middle = np.mean([joint.at for joint in held], axis=0) if body.centre is None else body.centre
+            stretched = Pattern(partial(_stretched, body.name, middle, held))
+            yield _unnamed(f"a body of another size, {body.name}", (3e-4,) * 3, stretched)
+
+
 def _part(place: str, scale: tuple[float, ...], changes: Callable[[Array], Changes]) -> Candidate:
     return _unnamed(place, scale, MechanicalEffect(UNNAMED, place, (), (), changes))
 
@@ -91,6 +102,18 @@ def _bowed(lengths: Mapping[str, float], values: Array) -> Changes:
         name: Change(offset=values[0] * np.array([0.0, 0.0, length**2 / 2.0, 0.0, -length, 0.0]))
         for name, length in lengths.items()
     }
+
+
+def _stretched(body: str, middle: Array, held: Sequence[Joint], prediction: RobotPrediction) -> Array:
+    """A rigid body that is larger than drawn along x, y, z of home: its joints stand further from its middle (3,)."""
+    where, pose, still = prediction.at.rest, prediction.campaign.pose, prediction.campaign.still
+    columns = np.zeros((len(pose), 3))
+    for joint in held:
+        axes = where.rotation[joint.first] @ joint.axes
+        away = np.swapaxes(axes, -1, -2) @ where.rotation[body] @ np.diag(joint.at - middle)  # (p or 1, 3, 3)
+        away = np.broadcast_to(away if body == joint.first else -away, (pose.max() + 1, 3, 3))
+        columns += np.einsum("ni,nik->nk", prediction.felt(joint.name)[0][:, :3], away[pose])
+    return np.where(still[:, None], columns, 0.0)
 
 
 def _by_channel(read: NDArray[np.int64], prediction: RobotPrediction, size: Array) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 from stiffscope.gap.hypothesis import positive_of
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -124,24 +125,38 @@ def write_posterior(path: Path, samples: Samples) -> None:
     ArviZ, InferenceData schema specification.
 
     """
-    import xarray as xr
+    import h5netcdf  # not by xarray, whose import takes longer than a diagnosis
 
-    chains = {"chain": np.arange(CHAINS)}
-    rows = {
-        "reading": np.arange(len(samples.observed)),
-        "pose": ("reading", list(samples.pose)),
-        "quantity": ("reading", list(samples.quantity)),
-    }
+    chains: dict[str, NDArray[Any]] = {"chain": np.arange(CHAINS)}
+    rows: dict[str, NDArray[Any]] = {"reading": np.arange(len(samples.observed))}
+    words = {"pose": samples.pose, "quantity": samples.quantity}
     draws = {"draw": np.arange(DRAWS)}
-    fewer: dict[str, Any] = {"draw": np.arange(samples.predicted.shape[1])}
-    posterior = xr.Dataset(
-        {name: (("chain", "draw"), v, {"units": samples.units[name]}) for name, v in samples.parameters.items()},
-        chains | draws,
-    )
-    predictive = xr.Dataset({"value": (("chain", "draw", "reading"), samples.predicted)}, chains | fewer | rows)
-    observed = xr.Dataset({"value": ("reading", samples.observed), "sigma": ("reading", samples.sigma)}, rows)
-    groups = {"posterior": posterior, "posterior_predictive": predictive, "observed_data": observed}
-    for number, (group, data) in enumerate(groups.items()):
-        mode = "a" if number else "w"
-        squeezed = {name: {"zlib": True} for name in data.data_vars}
-        data.to_netcdf(path, mode=mode, group=group, engine="h5netcdf", encoding=squeezed)  # pyright: ignore[reportUnknownMemberType]
+    fewer = {"draw": np.arange(samples.predicted.shape[1])}
+    predicted, observed = {"value": samples.predicted}, {"value": samples.observed, "sigma": samples.sigma}
+    with h5netcdf.File(path, "w") as file:
+        _write_group(file.create_group("posterior"), chains | draws, samples.parameters, samples.units)
+        _write_group(file.create_group("posterior_predictive"), chains | fewer | rows, predicted, words=words)
+        _write_group(file.create_group("observed_data"), rows, observed, words=words)
+
+
+def _write_group(
+    group: Any,
+    scales: Mapping[str, NDArray[Any]],
+    values: Mapping[str, Array],
+    units: Mapping[str, str] | None = None,
+    words: Mapping[str, Sequence[str]] | None = None,
+) -> None:
+    """Write arrays over the dimensions of ``scales``, whose last may have words as further coordinates."""
+    import h5py  # pyright: ignore[reportMissingTypeStubs]
+
+    group.dimensions = {name: len(scale) for name, scale in scales.items()}
+    for name, scale in scales.items():
+        group.create_variable(name, (name,), data=scale)
+    for name, said in (words or {}).items():
+        group.create_variable(name, (list(scales)[-1],), data=np.array(said, dtype=h5py.string_dtype()))
+    for name, array in values.items():
+        variable = group.create_variable(name, tuple(scales), data=array, compression="gzip")
+        if units:
+            variable.attrs["units"] = units[name]
+        if words:
+            variable.attrs["coordinates"] = " ".join(words)

@@ -44,6 +44,7 @@ _MODULUS = ".youngs_modulus"
 _SAME = 1e-9  # 1 - |cosine| of signatures below which no reading tells two effects apart
 _ROUNDING = 1e-10  # of the largest reading
 _TRIALS = 128  # poses that are looked at for what to measure next
+_PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)  # for coordinates of poses
 _HALVINGS = 6  # between two such poses to the rim of what is within reach
 _MARGIN = 0.15  # of what the campaign and the map sweep, on either side, for such poses
 _OVERTAKES = 0.25  # share of the misfit below which stiffnesses are better taken for pushes, or the other way round
@@ -477,10 +478,18 @@ def _along(start: Array, axis: int, low: float, high: float) -> Array:
 
 
 def _halton(count: int, dimensions: int) -> Array:
-    """Evenly spread points (count, d) in the unit cube."""
-    from scipy.stats import qmc  # pyright: ignore[reportMissingTypeStubs]
+    """Evenly spread points (count, d) in the unit cube: digits of 1, 2, ... in a prime base each, mirrored.
 
-    return np.asarray(qmc.Halton(max(dimensions, 1), scramble=False).random(count + 1)[1:, :dimensions])
+    Not by `scipy.stats.qmc`, whose import takes a good part of a diagnosis.
+    """
+    points = np.zeros((count, dimensions))
+    for k, base in enumerate(_PRIMES[:dimensions]):
+        left, size = np.arange(1, count + 1), 1.0 / base
+        while left.any():
+            left, digit = np.divmod(left, base)
+            points[:, k] += size * digit
+            size /= base
+    return points
 
 
 def _shows(columns: Array, candidate: Candidate, prediction: RobotPrediction) -> bool:

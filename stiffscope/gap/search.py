@@ -63,32 +63,39 @@ class Search:
         fit(tried, _heights([none]), "effects", len(tried))
         frontier = [none]
         for _ in range(ROUNDS):
-            before = _heights(frontier)
-            while len(frontier[0].candidates) < self.problem.model.most_effects:
-                stage = f"effects, {len(frontier[0].candidates) + 1} at once"
-                base, starts = _heights(frontier), self._extensions(frontier)
-                if not starts:
-                    break
-                most = FITTED if frontier[0].names else 2 * FITTED
-                plain = sorted(starts, key=lambda s: -s.heights[1])
-                promised = starts[0].heights[0], plain[0].heights[1]
-                if all(now < then + GAIN for now, then in zip(promised, base, strict=True)):
-                    most, plain = LEAST_FITTED, []  # what they miss to first order is as small
-                fits = fit(starts, base, stage, most)
-                fits += fit(plain, base, stage, FITTED_PLAIN)
-                fits = sorted({id(h): h for h in fits}.values(), key=lambda h: -h.evidence)
-                if not fits or all(now < then + GAIN for now, then in zip(_heights(fits), before, strict=True)):
-                    break
-                before = tuple(max(pair) for pair in zip(_heights(fits), before, strict=True))
-                plain = sorted(fits, key=lambda h: -h.plain)[:BEAM_PLAIN]
-                frontier = [*fits[:BEAM_WIDTH], *(h for h in plain if h not in fits[:BEAM_WIDTH])]
+            self._grow(frontier, fitted)
             best = max(found.values(), key=lambda h: h.evidence)
+            if any(c.flexible for c in best.candidates) and not frontier[0].names:
+                self._grow([none], fitted, flexible=False)  # what can follow almost anything hides simpler sets
+                best = max(found.values(), key=lambda h: h.evidence)
             starts = self._exchanges(best)
             exchanged = fit(starts, _heights([best]), "effects exchanged", len(starts))
             if not exchanged or exchanged[0].evidence < best.evidence + GAIN:
                 break
             frontier = exchanged[:1]
         return sorted(found.values(), key=lambda h: -h.evidence)
+
+    def _grow(self, frontier: Sequence[Hypothesis], fitted: _Fitted, *, flexible: bool = True) -> None:
+        """Fit larger and larger sets as long as they gain; without flexible effects where these are not wanted."""
+        before = _heights(frontier)
+        while len(frontier[0].candidates) < self.problem.model.most_effects:
+            stage = f"effects, {len(frontier[0].candidates) + 1} at once"
+            base, starts = _heights(frontier), self._extensions(frontier, flexible=flexible)
+            if not starts:
+                return
+            most = FITTED if frontier[0].names else 2 * FITTED
+            plain = sorted(starts, key=lambda s: -s.heights[1])
+            promised = starts[0].heights[0], plain[0].heights[1]
+            if all(now < then + GAIN for now, then in zip(promised, base, strict=True)):
+                most, plain = LEAST_FITTED, []  # what they miss to first order is as small
+            fits = fitted.fit(starts, base, stage, most)
+            fits += fitted.fit(plain, base, stage, FITTED_PLAIN)
+            fits = sorted({id(h): h for h in fits}.values(), key=lambda h: -h.evidence)
+            if not fits or all(now < then + GAIN for now, then in zip(_heights(fits), before, strict=True)):
+                return
+            before = tuple(max(pair) for pair in zip(_heights(fits), before, strict=True))
+            plain = sorted(fits, key=lambda h: -h.plain)[:BEAM_PLAIN]
+            frontier = [*fits[:BEAM_WIDTH], *(h for h in plain if h not in fits[:BEAM_WIDTH])]
 
     def _exchanges(self, best: Hypothesis) -> list[Start]:
         """The best set without each of its effects, and with another in its place, where that may compete."""
@@ -124,13 +131,15 @@ class Search:
         parameters = split(candidates, known.mean)
         return Hypothesis(parameters, y - slopes @ known.mean, slopes, log, known, converged=False)
 
-    def _extensions(self, frontier: Sequence[Hypothesis]) -> list[Start]:
+    def _extensions(self, frontier: Sequence[Hypothesis], *, flexible: bool) -> list[Start]:
         """The most promising sets of one effect more, by their evidence to first order, each with a start."""
         ranked: dict[Forms, Start] = {}
         derivatives = self.problem.library_at(frontier[0])
         for hypothesis in frontier:
             for start in self.scored(hypothesis, derivatives):
                 key = forms_of(start.candidates)
+                if start.candidates[-1].flexible and not flexible:
+                    continue
                 if key not in ranked or start.heights[1] > ranked[key].heights[1]:
                     ranked[key] = start
         return sorted(ranked.values(), key=lambda start: -start.heights[0])

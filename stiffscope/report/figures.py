@@ -73,6 +73,8 @@ def name_columns(axes: Axes, names: Sequence[str], size: float = 8) -> None:
 
 def write_cells(axes: Axes, grid: np.ndarray, form: str, shade: Callable[[Any], Any], size: float = 7) -> None:
     """Write the finite numbers of a grid into the cells of its image, white where `shade` (0 to 1) is dark."""
+    dark = np.ma.filled(shade(grid), 0.0) > 0.45
     for i, j in np.argwhere(np.isfinite(grid)):
-        colour = "white" if float(shade(grid[i, j])) > 0.45 else "#20252b"
-        axes.text(j, i, form.format(grid[i, j]), ha="center", va="center", fontsize=size, color=colour)
+        cell = axes.text(j, i, form.format(grid[i, j]), ha="center", va="center", fontsize=size, parse_math=False)
+        cell.set_color("white" if dark[i, j] else "#20252b")
+        cell.set_in_layout(False)  # within the image

@@ -28,7 +28,9 @@ if TYPE_CHECKING:
     from stiffscope.gap.diagnosis import Diagnosis
 
 CORNERS = 10  # parameters at most in a corner plot
-NAMED = 40  # poses that a map has room to name
+NAMED = 40  # poses that a map has room to name,
+NUMBERED = 24  # and rows that have room for numbers to be read
+ALIKE = (0.3, 0.9)  # correlations that are written where there are few effects, and where there are many
 STEPS = {
     "nominal": ("the model as it is", BEFORE),
     "together": ("with all of them", AFTER),
@@ -88,7 +90,7 @@ def residual_map(diagnosis: Diagnosis) -> Figure | None:
         axes.set_xticks(range(6), DIRECTIONS)
         axes.set_title(title, fontsize=10)
         axes.tick_params(length=0)
-        if rows <= NAMED:
+        if rows <= NUMBERED:
             write_cells(axes, grid, "{:.3g}", shade)
     if rows <= NAMED:
         name_rows(panels[0], where.pose_names)
@@ -117,7 +119,8 @@ def signature_correlation(diagnosis: Diagnosis) -> Figure | None:
     image = axes.imshow(matrix, cmap="Purples", vmin=0, vmax=1)
     name_columns(axes, labels)
     name_rows(axes, labels)
-    write_cells(axes, np.where(matrix >= 0.3, matrix, np.nan), "{:.2f}", Normalize(0, 1.4), size=6)
+    written = np.tril(matrix) >= ALIKE[len(names) > NUMBERED]
+    write_cells(axes, np.where(written, matrix, np.nan), "{:.2f}", Normalize(0, 1.4), size=6)
     figure.colorbar(image, ax=axes, pad=0.015, fraction=0.04, label="|cosine|")
     return figure
 
@@ -144,23 +147,34 @@ def corner(diagnosis: Diagnosis) -> Figure | None:
         return None
     n = len(draws)
     figure = new_figure(2.2 * n + 1.2, 2.0 * n + 0.9, "Posterior of the parameters")
-    panels = np.atleast_2d(figure.subplots(n, n))
+    figure.set_layout_engine("none")  # the grid is regular, and its layout takes longer than all else
+    grid = figure.add_gridspec(
+        n, n, left=0.85 / (2.2 * n + 1.2), right=0.98, bottom=0.75 / (2.0 * n + 0.9), top=1 - 0.55 / (2.0 * n + 0.9),
+        wspace=0.12, hspace=0.12,
+    )  # fmt: skip
     names = list(draws)
     for i, row in enumerate(names):
-        for j, column in enumerate(names):
-            axes = panels[i, j]
-            axes.tick_params(labelsize=7)
+        for j, column in enumerate(names[: i + 1]):
+            axes = figure.add_subplot(grid[i, j])
+            axes.tick_params(labelsize=7, labelbottom=i == n - 1, labelleft=0 == j < i)
+            axes.locator_params(nbins=4)
+            axes.xaxis.offsetText.set_fontsize(7)
+            axes.yaxis.offsetText.set_fontsize(7)
             axes.ticklabel_format(style="sci", scilimits=(-2, 3), useMathText=False)
-            if j > i:
-                axes.set_visible(False)
-            elif i == j:
-                axes.hist(draws[row], bins=40, color=EFFECT)
+            axes.set_xlim(float(draws[column].min()), float(draws[column].max()))
+            if i == j:
+                axes.hist(draws[row], bins=40, color=EFFECT, histtype="stepfilled")
                 axes.set_yticks([])
             else:
                 _contours(axes, draws[column], draws[row])
-            if i == n - 1:
+                axes.set_ylim(float(draws[row].min()), float(draws[row].max()))
+            if i < n - 1:
+                axes.xaxis.offsetText.set_visible(False)
+            else:
                 axes.set_xlabel(_axis_label(column, units[column]), fontsize=7, parse_math=False)
-            if j == 0 and i:
+            if j or not i:
+                axes.yaxis.offsetText.set_visible(False)
+            else:
                 axes.set_ylabel(_axis_label(row, units[row]), fontsize=7, parse_math=False)
     return figure
 
@@ -191,7 +205,9 @@ def predictive_check(diagnosis: Diagnosis) -> Figure | None:
     figure = new_figure(6.4, 3.0, "Readings at poses held out against their prediction")
     axes = figure.subplots()
     edges = np.linspace(-5.0, 5.0, 51)
-    axes.hist(z.clip(-5.0, 5.0), bins=edges.tolist(), density=True, color=NOISE, label="readings")
+    axes.hist(
+        z.clip(-5.0, 5.0), bins=edges.tolist(), density=True, color=NOISE, label="readings", histtype="stepfilled"
+    )
     axes.plot(edges, np.exp(-0.5 * edges**2) / np.sqrt(2.0 * np.pi), color=AFTER, label="predicted")
     axes.set_xlabel("residual / predictive standard deviation")
     axes.set_yticks([])

@@ -78,12 +78,13 @@ def exaggeration(mechanism: Mechanism, moved: Moves, twists: Mapping[str, Array]
     """A factor 1, 2 or 5 times a power of ten that makes the greatest displacement of a joint or the tool well seen."""
     points = [(node, joint.at) for joint in mechanism.joints for node in (joint.first, joint.second) if node in moved]
     points.append((mechanism.tool.body, mechanism.tool.at))
-    now = {(node, tuple(home)): moved[node][0] @ home + moved[node][1] for node, home in points}
-    motion = [twists[node][:3] + np.cross(twists[node][3:], x - at) for (node, _), x in now.items() if node in twists]
-    greatest = max((float(np.linalg.norm(u)) for u in motion), default=0.0)
+    now = np.array([moved[node][0] @ home + moved[node][1] for node, home in points])
+    motion = np.array([twists.get(node, np.zeros(6)) for node, _ in points])
+    shift = motion[:, :3] + np.cross(motion[:, 3:], now - at)
+    greatest = float(np.linalg.norm(shift, axis=1).max())
     if greatest == 0.0:
         return 1.0
-    wanted = DEFORMATION * float(np.ptp(np.array(list(now.values())), axis=0).max()) / greatest
+    wanted = DEFORMATION * float(np.ptp(now, axis=0).max()) / greatest
     power = 10.0 ** np.floor(np.log10(wanted))
     return float(max(step for step in (1.0, 2.0, 5.0) if step * power <= wanted * (1 + 1e-9)) * power)
 

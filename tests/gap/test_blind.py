@@ -18,7 +18,7 @@ from distributed import LocalCluster
 from stiffscope.errors import InputError
 from stiffscope.gap import blind
 from stiffscope.gap.blind import run_blind
-from stiffscope.gap.blind_cases import BlindCase, BlindRobot, Fault, Lab, draw, prepared, unseal, write_case
+from stiffscope.gap.blind_cases import BlindCase, BlindRobot, Fault, Lab, draw, imitated, prepared, unseal, write_case
 from stiffscope.gap.blind_scores import Outcome, outcome_of, score
 from stiffscope.gap.diagnose import diagnose
 from stiffscope.gap.lab.faults import bearing_words
@@ -271,22 +271,50 @@ def test_an_answer_is_right_where_each_true_effect_is_in_a_group_of_its_own():
     assert stated == ((0.99, True), (0.4, True), (0.2, False))
 
 
+def test_a_longer_rail_is_imitated_by_its_drives_and_cross_talk_by_nothing():
+    lab = Lab(blind_robot("biglide", "published"), 12)
+
+    def case(*fault):
+        return BlindCase("outside", 5, (Fault(*fault),), "tool")
+
+    assert imitated(case("larger-body", "rail", {"relative": 2e-3}), 49, lab)
+    assert not imitated(case("cross-talk", "ry->y", {"share": 0.05}), 28, lab)
+    assert not imitated(case("coarse-converter", "instrument", {"displacement": 4e-6, "rotation": 1e-5}), 28, lab)
+
+
+@pytest.mark.parametrize(("robot", "body"), [("biglide", "platform"), ("delta", "platform")])
+def test_the_pattern_of_a_larger_body_is_what_the_laboratory_reads(robot, body, labs, tmp_path):
+    """Of unloaded readings: how the deflections change with the geometry, a thousandth of a body, is left out."""
+    lab = labs(robot) if robot == "delta" else Lab(blind_robot(robot), 12)
+    machine, plan, located, rng = prepared(BlindCase("single", 7, (), "tool"), 0, lab)
+    readings = measure(machine, plan, Noise(), rng, located)
+    write_readings(readings, tmp_path, robot=robot, pose=machine.pose, components="beam")
+    model = RobotModel(load_campaign(tmp_path), lab.robot.nominal)
+    pattern = next(c for c in model.library if c.place == f"a body of another size, {body}")
+    larger = lab.with_faults([Fault("larger-body", body, {"relative": 1e-4})])
+    change = true_readings(larger, plan, located).value - true_readings(machine, plan, located).value
+    still = model.campaign.still
+    expected = 1e-4 * model.predict().columns(pattern).sum(axis=1)
+    assert still.any()
+    assert change[still] == pytest.approx(expected[still], abs=3e-3 * np.abs(change).max())
+
+
 def test_scores_by_kind_and_calibration():
-    def one(kind, verdict, truth=(), named=(), evidence=50.0, stated=(), robot="r", left_out=""):
+    def one(kind, verdict, truth=(), named=(), evidence=50.0, stated=(), robot="r", left_out="", imitated=False):
         return Outcome(0, kind, truth, verdict, named, ((),) * len(named), evidence, (9, 1, 1, 1), (), left_out, robot,
-                       "tool", stated)  # fmt: skip
+                       "tool", stated, imitated)  # fmt: skip
 
     scores = score([
         one("single", "identified", ("a @ b",), ("a @ b",), stated=((0.97, True),)),
         one("single", "no-gap", ("a @ b",), evidence=3.0),  # too small to be found
         one("triple", "partly", ("a @ b", "c @ d", "e @ f"), ("a @ b",), stated=((0.93, True), (0.25, False))),
         one("none", "identified", (), ("a @ b",), robot="s"),
-        one("outside", "identified", ("x @ y",), ("a @ b",)),
+        one("outside", "identified", ("x @ y",), ("a @ b",), imitated=True),
         one("outside", "partly", ("x @ y",), ("a @ b",)),
         one("single", "identified", ("a @ b",), ("c @ d",), left_out="a"),
     ])  # fmt: skip
     assert (scores.singles, scores.pairs, scores.triples) == (1.0, None, 0.0)
-    assert (scores.false_alarms, scores.outside, scores.left_out) == (1.0, 0.5, 1.0)
+    assert (scores.false_alarms, scores.outside, scores.told, scores.left_out) == (1.0, 0.5, 0.0, 1.0)
     assert scores.calibration() == ((0.25, 0.0, 1), (pytest.approx(0.95), 1.0, 2))
     assert scores.by_robot()["s"].singles is None
 

@@ -383,3 +383,19 @@ def test_an_effect_that_comes_in_two_sizes_keeps_the_one_that_was_found():
     (effect,) = (e for e in diagnosis.effects if e.effect == "effect-5")
     values = [p.value for p in effect.parameters.values()]
     assert values == pytest.approx([0.5, 0.1], abs=4.0 * max(p.sigma for p in effect.parameters.values()))
+
+
+def test_what_follows_almost_anything_does_not_hide_a_simpler_set():
+    """Six entries stand for two effects, and many effects are like the third: the simple set is off the beam."""
+    model = linear_model(np.random.default_rng(4), effects=21, parameters=(1,))
+    signatures, flexible = dict(model.signatures), replace(
+        model.library[20], names=tuple("abcdef"), units=("1",) * 6, scale=(1.0,) * 6, plausible=((-9.0, 9.0),) * 6,
+        flexible=True,
+    )  # fmt: skip
+    of = [signatures[c.name] for c in model.library]
+    for k in range(3, 18):
+        signatures[model.library[k].name] = of[2] + 0.3 * of[k]
+    signatures[flexible.name] = np.hstack([of[0], of[1], of[20], of[19], of[18], 0.5 * (of[3] + of[4])])
+    model = replace(model, signatures=signatures, library=(*model.library[:20], flexible))
+    best = find(planted(model, e0=(0.3,), e1=(0.3,), e2=(0.2,))).best
+    assert best.names == {f"effect-{k} @ place" for k in range(3)}

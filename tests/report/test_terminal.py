@@ -107,7 +107,7 @@ def diagnosis():
 def blind():
     wrong = Outcome(7, "pair", ("actuator-stiffness @ limb1", "slider-compliance @ sliders"), "identified",
                     ("backlash @ limb2",), ((),), 1030.9, (3.93, 1.68, 1.7, 1.73), (True,) * 60)  # fmt: skip
-    show_scores(Scores((wrong,), None, 0.958, 0.861, None, 0.03, 1.0, 0.908, 1.07))
+    show_scores(Scores((wrong,), None, 0.958, 0.861, None, 0.03, 0.0, 1.0, 0.908, 1.07))
 
 
 SHOWN = [parts, comparison, interfaces, stiffness, matrices, deflection, faces, diagnosis, blind]
