@@ -284,13 +284,25 @@ KILLS = 10  # of each command
 
 
 def results_in(folder: Path) -> dict[str, str]:
-    """Every file of an output folder, and the numbers of those that say no times."""
+    """Every file of an output folder, and the text of those that say no times."""
     texts: dict[str, str] = {}
     for path in sorted(folder.rglob("*")):
         if path.is_file():
             plain = path.suffix in {".csv", ".json"} and path.name not in {"manifest.json", "scores.json"}
             texts[path.relative_to(folder).as_posix()] = path.read_text(encoding="utf-8") if plain else ""
     return texts
+
+
+NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w.])")
+
+
+def same(ours: dict[str, str], theirs: dict[str, str], close: float) -> None:
+    """Assert the same files with the same words and, but for rounding or another mesh, the same numbers."""
+    assert set(ours) == set(theirs)
+    for name, text in ours.items():
+        assert NUMBER.sub("#", text) == NUMBER.sub("#", theirs[name]), name
+        one, other = (np.array(NUMBER.findall(each), dtype=float) for each in (text, theirs[name]))
+        assert np.allclose(one, other, rtol=close, atol=close * np.abs(other).max(initial=0)), name
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
@@ -316,7 +328,7 @@ def test_kills_at_random_moments_lose_and_leave_nothing(tmp_path, words):
         latest, killed = (latest, killed + 1) if took is None else (max(took, 0.3), killed)
         for path in (spoilt / "new.toml", spoilt / "new"):  # these are whole or absent, and never replaced
             if path.is_dir():
-                assert results_in(path) == results_in(clean / "new")
+                same(results_in(path), results_in(clean / "new"), 0.0)
                 shutil.rmtree(path)
             elif path.exists():
                 assert path.read_bytes() == (clean / "new.toml").read_bytes()
@@ -327,7 +339,7 @@ def test_kills_at_random_moments_lose_and_leave_nothing(tmp_path, words):
     assert (spoilt / "notes.txt").read_text() == "mine"
     assert {each.name for each in spoilt.iterdir()} == {each.name for each in clean.iterdir()}
     assert not [each.name for each in (spoilt / "tmp").iterdir()]
-    assert results_in(spoilt / "out") == results_in(clean / "out")
+    same(results_in(spoilt / "out"), results_in(clean / "out"), 0.02 if words[0] == "interfaces" else 1e-9)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
