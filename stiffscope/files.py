@@ -309,11 +309,16 @@ def _written(folder: Path) -> dict[str, str]:
             content = stream.read()
         manifest = json.loads(content)
         seal = manifest.pop("seal")
-        if manifest["made_by"] != MAKER or _seal_of(manifest) != seal:
+        if manifest["made_by"] != MAKER or _seal_of(manifest) != seal or not all(map(_inside, manifest["sha256"])):
             return {}
         return {**manifest["sha256"], MANIFEST: hashlib.sha256(content).hexdigest()}
     except (InputError, OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return {}
+
+
+def _inside(name: str) -> bool:
+    """Whether a name of a manifest is that of a file in its folder."""
+    return not Path(name).is_absolute() and ".." not in Path(name).parts
 
 
 def _is(path: Path, checksum: str) -> bool:
