@@ -144,15 +144,19 @@ def check_time(elements: float, time_limit: float, cure: str, *, meshed: bool = 
     """
     seconds = (SOLVING if meshed else MESHING + SOLVING) * elements
     done = "solve" if meshed else "mesh and solve"
-    told = f"{elements:.2g} tetrahedra, which take about {seconds:.2g} s to {done}"
+    told = f"some {_round(elements)} tetrahedra, which take about {_round(seconds)} s to {done}"
     if seconds > (SLOWER if meshed else MISJUDGED) * time_limit:
-        longer = f"{1.5 * (MESHING + SOLVING) * elements:.1g}"
+        enough = _round(1.5 * (MESHING + SOLVING) * elements).replace(",", "")
         raise MeshError(
-            f"mesh.time_limit: expected a part that is done in time, got one with some {told}, "
-            f"where {time_limit:.0f} s are left; {cure}, or set mesh.time_limit = {float(longer):.0f} s"
+            f"mesh.time_limit: expected a part that is done in time, got one with {told}, "
+            f"where {time_limit:.0f} s are left; {cure}, or set mesh.time_limit = {enough}"
         )
     if seconds > time_limit:
-        logger.warning("mesh: some %s, where mesh.time_limit leaves %.0f s; %s", told, time_limit, cure)
+        logger.warning("mesh: %s, where mesh.time_limit leaves %.0f s; %s", told, time_limit, cure)
+
+
+def _round(number: float) -> str:
+    return f"{float(f'{number:.2g}'):,.0f}"
 
 
 def default_envelope(surface: Surface, size: float) -> float:
