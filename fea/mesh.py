@@ -36,7 +36,7 @@ logger = logging.getLogger(__name__)
 
 MOST_ELEMENTS = 2e6
 MESHING, SOLVING = 0.8e-3, 4e-3  # seconds of a processor per element; half of the second for natural frequencies
-MISJUDGED, SLOWER = 1.5, 1.2  # ratios of the time expected to that left from which it is refused: unmeshed, meshed
+MISJUDGED = 1.75  # ratio of such an estimate to the time left from which it is refused: two processors are quicker
 PLANE = 0.8  # share of the area that is plane where thin walls get flat elements: curved ones need smaller elements
 ENERGY = 10.0  # of the most distorted element that the mesher leaves, 3 for a regular one
 FIN = 0.06  # depth of the fins at seams in element sizes, at least three envelopes; deeper fins cause spurious elements
@@ -145,7 +145,7 @@ def check_time(elements: float, time_limit: float, cure: str, *, meshed: bool = 
     seconds = (SOLVING if meshed else MESHING + SOLVING) * elements
     done = "solve" if meshed else "mesh and solve"
     told = f"some {_round(elements)} tetrahedra, which take about {_round(seconds)} s to {done}"
-    if seconds > (SLOWER if meshed else MISJUDGED) * time_limit:
+    if seconds > MISJUDGED * time_limit:
         enough = _round(1.5 * (MESHING + SOLVING) * elements).replace(",", "")
         raise MeshError(
             f"mesh.time_limit: expected a part that is done in time, got one with {told}, "
