@@ -401,8 +401,10 @@ def copy_files(source: Path, target: Path, names: Iterable[str]) -> None:
 def remove_copied(folder: Path, output: Path, within: str = "") -> bool:
     """Remove every file of a folder that an output of ours has byte for byte; returns whether nothing is left.
 
-    ``within`` is the output's folder, such as "designs/", where the copies stand.
+    ``within`` is the output's folder, such as "designs/", where the copies stand. Behind a link everything stays.
     """
+    if folder.is_symlink():
+        return False
     copies = {name: checksum for name, checksum in _written(output).items() if name.startswith(within)}
     _remove_all(folder, {name.removeprefix(within): checksum for name, checksum in copies.items()})
     return not folder.exists()

@@ -247,6 +247,9 @@ def test_what_is_no_copy_stays(tmp_path):
         (cases / name).write_text(text)
     with staged_folder(out) as folder:
         copy_files(cases, folder, ["a/case", "a/edited", "b/case"])
+    (tmp_path / "link").symlink_to(cases)
+    assert not remove_copied(tmp_path / "link", out)
+    assert (cases / "a" / "case").exists()
     (cases / "a" / "edited").write_text("1 and mine")
     assert not remove_copied(cases, out)
     assert {p.relative_to(cases).as_posix() for p in cases.rglob("*")} == {"a", "a/edited", "notes.txt"}
