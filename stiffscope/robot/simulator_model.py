@@ -342,7 +342,7 @@ class _Reader:
             depth[body] = depth[m.body_parentid[body]] + 1
         ends = [each for number in range(m.neq) for each in self._closure_ends(number)[:2]] if m.neq else []
         bodies = range(1, m.nbody)
-        return max(bodies, key=lambda body: (ends.count(self._root(body)) > 1, depth[body], -body), default=GROUND)
+        return max(bodies, key=lambda body: (ends.count(self._root(body)) > 1, depth[body], -body), default=0)
 
     def _pose(self, body: int, at: np.ndarray) -> tuple[str, ...]:
         """Coordinates of the tool that the mechanism moves, translations first."""
