@@ -30,6 +30,7 @@ FINER = 0.6  # size of the new mesh over that of the old
 REMAINS = 0.15  # of an element's error after refinement: 0.25^(2λ) = 0.14 at a singular edge, less elsewhere
 AIM = 0.9  # of the tolerance
 LEAST_LEFT = 0.05  # share of the error that unrefined elements may keep in any case
+WITH_MODES = 2.0  # ratio of the time for natural frequencies and all to that for the solution alone
 GROWTH = 6.0  # largest ratio of elements after a round to those before
 
 
@@ -58,7 +59,7 @@ def solve_within(
         if shape > SHAPE_SHARE * settings.tolerance:
             size, why = size * FINER, f"the mesh's shape alone leaves {100 * shape:.2g} %"
             try:
-                finer = _finer_mesh(specimen, settings, size)
+                finer = _finer_mesh(specimen, settings, size, settings.time_limit - (time.perf_counter() - begun))
             except MeshError as error:
                 return stopped("the mesher's limit", f"{why}; {error}")
         else:
@@ -67,7 +68,7 @@ def solve_within(
         elapsed = time.perf_counter() - begun
         if growth * solution.unknowns > settings.most_unknowns:
             return stopped(f"the limit of {settings.most_unknowns} unknowns", why)
-        if elapsed + 1.5 * growth * spent > settings.time_limit:
+        if elapsed + WITH_MODES * 1.5 * growth * spent > settings.time_limit:
             return stopped(f"the limit of {settings.time_limit:g} s", why)
         started = time.perf_counter()
         try:
@@ -81,7 +82,8 @@ def solve_within(
 
 def solve_on(specimen: Specimen, mesh: TetMesh, settings: Settings) -> Solution:
     """Solve on one mesh, whatever tolerance is asked for."""
-    solver = "direct" if settings.solver == "auto" and specimen.slender else settings.solver  # its elements are flat
+    flat = specimen.slender or specimen.flatness > 1
+    solver = "direct" if settings.solver == "auto" and flat else settings.solver
     return solve_specimen(specimen, mesh, settings.interface, solver, settings.foundation)
 
 
@@ -90,15 +92,15 @@ def _edge_length(mesh: TetMesh) -> float:
     return float(np.quantile(np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2), 0.9))
 
 
-def _finer_mesh(specimen: Specimen, settings: Settings, size: float) -> TetMesh:
+def _finer_mesh(specimen: Specimen, settings: Settings, size: float, left: float) -> TetMesh:
     return mesh_specimen(
         specimen,
         size=size,
         layers=settings.layers,
         rigid=settings.interface == "rigid",
-        time_limit=settings.time_limit,
+        time_limit=max(left, 1.0),
         threads=settings.threads,
-        patience=settings.time_limit / 4,
+        patience=left / 4,
     )
 
 

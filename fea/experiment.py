@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.fea.mesh import TetMesh, check_lengths, default_size
+from stiffscope.fea.mesh import TetMesh, check_lengths, check_time, default_size, flatness_of
 from stiffscope.fea.settings import Settings
 from stiffscope.fea.significance import largest_relative_bound
 from stiffscope.listening import LISTENERS
@@ -242,7 +242,8 @@ def specimen_of(part: Part, settings: Settings) -> Specimen:
 
     volume = mass_properties(part).volume
     check_lengths(part.name, (volume, kernel.diagonal(part.solid) * 1e-3), settings.size, settings.envelope)
-    size = settings.size or default_size(volume, sum(face.area for face in part.faces))
+    area, flatness = sum(face.area for face in part.faces), flatness_of(volume, part.faces)
+    size = settings.size or default_size(volume, area, flatness)
     return Specimen(
         name=part.name,
         surface=surface(part, deflection=CHORD * size, angle=TURN),
@@ -293,9 +294,10 @@ def _statics(
     from stiffscope.fea.adapt import solve_on, solve_within
     from stiffscope.fea.geometry import centroid, volume
     from stiffscope.fea.mass import rigid_mass
-    from stiffscope.fea.specimen import mesh_specimen
+    from stiffscope.fea.specimen import cure_of, mesh_specimen
 
     begun = time.perf_counter()
+    settings = replace(settings, time_limit=max(settings.time_limit - cad_seconds, 1.0))
     _report(progress, "mesh", 0.05)
     mesh = (
         former.mesh
@@ -314,9 +316,12 @@ def _statics(
     )
     meshed = time.perf_counter()
     _report(progress, "solve", 0.5)
+    left = settings.time_limit - (meshed - begun)
+    check_time(len(mesh.cells), left, cure_of(specimen, settings.size), meshed=True)
     if former:
         solution, note = solve_on(specimen, mesh, settings), former.note
     else:
+        settings = replace(settings, time_limit=max(left, 1.0))
         mesh, solution, note = solve_within(
             specimen, mesh, settings, lambda stage, fraction: _report(progress, stage, 0.5 + 0.35 * fraction)
         )

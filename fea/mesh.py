@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import logging
 import subprocess
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -18,19 +19,26 @@ from stiffscope.files import scratch_folder
 from stiffscope.processors import processors
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection
     from pathlib import Path
 
     from numpy.typing import NDArray
     from skfem import MeshTet2
 
+    from stiffscope.cad.faces import FaceGeometry
     from stiffscope.cad.part import Surface
 
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]
     Project = Callable[[int, Floats], Floats]
 
+logger = logging.getLogger(__name__)
+
 MOST_ELEMENTS = 2e6
+MESHING, SOLVING = 0.8e-3, 4e-3  # seconds of a processor per element; half of the second for natural frequencies
+MISJUDGED = 1.75  # ratio of such an estimate to the time left from which it is refused: two processors are quicker
+PLANE = 0.8  # share of the area that is plane where thin walls get flat elements: curved ones need smaller elements
+ENERGY = 10.0  # of the most distorted element that the mesher leaves, 3 for a regular one
 FIN = 0.06  # depth of the fins at seams in element sizes, at least three envelopes; deeper fins cause spurious elements
 
 # The six edges of a tetrahedron and its four outward faces, in the order of VTK's (and scikit-fem's) tet10.
@@ -97,12 +105,58 @@ def compact(mesh: TetMesh) -> TetMesh:
     return replace(mesh, points=mesh.points[used], cells=cells, facets=facets)
 
 
-def default_size(volume: float, area: float) -> float:
+def default_size(volume: float, area: float, flatness: float = 1.0) -> float:
     """Return the element size (m) that suits cubic elements in a solid of this volume (m³) and area (m²).
 
     Twice the volume over the area: about the thickness; more in a thin-walled solid, whose elements may be flat.
     """
-    return max(2.0 * volume / area, (volume / 2000) ** (1 / 3))
+    return max(2.0 * volume / area, (volume / 2000) ** (1 / 3) * flatness)
+
+
+def flatness_of(volume: float, faces: Collection[FaceGeometry]) -> float:
+    """Return 1, and up to 2 for thin walls that are plane: how much larger, and flatter, elements may be there."""
+    areas = {plane: sum(face.area for face in faces if (face.kind == "plane") == plane) for plane in (True, False)}
+    area = areas[True] + areas[False]
+    thin = (volume / 2000) ** (1 / 3) * area / (2 * volume)
+    return float(np.clip(2.0 * thin - 2.0, 1.0, 2.0)) if areas[True] > PLANE * area else 1.0
+
+
+def expected_elements(surface: Surface, volume: float, size: float) -> float:
+    """Return about how many tetrahedra, graded ones included, a size (m) will need; right within a factor of two or so.
+
+    The triangles of the surface are as large as the size, or as the sides of its curved faces where those are shorter.
+    """
+    a, b, c = np.moveaxis(surface.vertices[surface.triangles], 1, 0)
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    shortest = np.min([np.linalg.norm(p - q, axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
+    curved = np.array([face.kind != "plane" for face in surface.faces])[surface.face_of_triangle]
+    sides = np.where(curved, np.minimum(shortest, size), size)
+    return float(2 * (areas / (0.433 * sides**2)).sum() + 3 * 8.5 * volume / size**3)
+
+
+def check_time(elements: float, time_limit: float, cure: str, *, meshed: bool = False) -> None:
+    """Raise MeshError where so many tetrahedra take far longer than the limit (s); warn where they may.
+
+    Parameters
+    ----------
+    cure : what would need fewer elements.
+    meshed : they are there, and only solving is left.
+    """
+    seconds = (SOLVING if meshed else MESHING + SOLVING) * elements
+    done = "solve" if meshed else "mesh and solve"
+    told = f"some {_round(elements)} tetrahedra, which take about {_round(seconds)} s to {done}"
+    if seconds > MISJUDGED * time_limit:
+        enough = _round(1.5 * (MESHING + SOLVING) * elements).replace(",", "")
+        raise MeshError(
+            f"mesh.time_limit: expected a part that is done in time, got one with {told}, "
+            f"where {time_limit:.0f} s are left; {cure}, or set mesh.time_limit = {enough}"
+        )
+    if seconds > time_limit:
+        logger.warning("mesh: %s, where mesh.time_limit leaves %.0f s; %s", told, time_limit, cure)
+
+
+def _round(number: float) -> str:
+    return f"{float(f'{number:.2g}'):,.0f}"
 
 
 def default_envelope(surface: Surface, size: float) -> float:
@@ -146,7 +200,7 @@ def surface_volume(surface: Surface) -> float:
 
 
 def tetrahedralize(
-    surface: Surface, size: float, envelope: float, time_limit: float = 300.0, threads: int = 0
+    surface: Surface, size: float, envelope: float, time_limit: float = 300.0, threads: int = 0, energy: float = ENERGY
 ) -> tuple[Floats, Ints]:
     """Fill a closed surface with linear tetrahedra.
 
@@ -156,6 +210,7 @@ def tetrahedralize(
     size, envelope : target edge length and allowed distance to the surface, metres.
     time_limit : seconds after which the mesher is killed.
     threads : fTetWild's threads; 0 takes this process's processors.
+    energy : of the most distorted element that may remain; see ``ENERGY``.
 
     Returns
     -------
@@ -177,6 +232,7 @@ def tetrahedralize(
             size=size * 1e3,
             envelope=envelope / scale,
             threads=threads or processors(),
+            energy=energy,
         )
         _run_worker(source, target, time_limit)
         with np.load(target, allow_pickle=False) as made:

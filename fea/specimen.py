@@ -12,7 +12,16 @@ import numpy as np
 
 from stiffscope.fea.extrusion import flat_mesh, slender_extrusion
 from stiffscope.fea.geometry import area_elements, centroid, jacobian_range, volume
-from stiffscope.fea.mesh import MeshError, default_envelope, default_size, tetrahedralize
+from stiffscope.fea.mesh import (
+    ENERGY,
+    MeshError,
+    check_time,
+    default_envelope,
+    default_size,
+    expected_elements,
+    flatness_of,
+    tetrahedralize,
+)
 from stiffscope.fea.refine import grade
 from stiffscope.fea.singular import singular_edges
 from stiffscope.fea.snap import snap
@@ -60,10 +69,20 @@ class Specimen:
         return slender_extrusion(self.surface, frozenset[int]().union(*self.interfaces)) is not None
 
     @property
+    def area(self) -> float:
+        """Area of the surface, m²."""
+        return sum(face.area for face in self.surface.faces)
+
+    @property
+    def flatness(self) -> float:
+        """More than 1 for thin walls, which get flat elements; see ``stiffscope.fea.mesh.flatness_of``."""
+        return flatness_of(self.volume, self.surface.faces)
+
+    @property
     def slenderness(self) -> float:
         """Diagonal of the bounding box over twice the volume per area (the thickness of a plate)."""
         diagonal = float(np.linalg.norm(np.ptp(self.surface.vertices, axis=0)))
-        return diagonal * sum(face.area for face in self.surface.faces) / (2 * self.volume)
+        return diagonal * self.area / (2 * self.volume)
 
     @property
     def interfaces(self) -> tuple[frozenset[int], ...]:
@@ -102,14 +121,24 @@ def mesh_specimen(
         mesh = snap(flat.points, flat.cells, specimen.surface, specimen.project, flat.size, flat.tags)
         _check(specimen, mesh)
     else:
-        usual = default_size(specimen.volume, sum(face.area for face in specimen.surface.faces))
+        usual = default_size(specimen.volume, specimen.area, specimen.flatness)
         size = size or usual * _coarsening(tolerance)
         envelope = envelope or default_envelope(specimen.surface, size)
+        check_time(expected_elements(specimen.surface, specimen.volume, size), time_limit, cure_of(specimen, size))
         mesh = _best_mesh(specimen, size, envelope, time_limit, threads, patience)
     edges, _ = singular_edges(mesh, specimen.fixed(rigid=rigid))
     graded = grade(mesh, edges, layers, GRADING_RATIO)
     logger.info("%s: %d nodes, %d tetrahedra", specimen.name, len(graded.points), len(graded.cells))
     return graded
+
+
+def cure_of(specimen: Specimen, size: float | None = None) -> str:
+    """Return what would need fewer elements: a larger size (m), or no small holes where these set their number."""
+    size = size or default_size(specimen.volume, specimen.area, specimen.flatness)
+    fewer, count = (expected_elements(specimen.surface, specimen.volume, each) for each in (COARSEST * size, size))
+    if fewer < 0.6 * count:
+        return f"choose mesh.size = {1e3 * COARSEST * size:.2g} mm or more, or mesh.tolerance = 1 %"
+    return "remove small holes, fillets and threads from the part"
 
 
 def _coarsening(tolerance: float | None) -> float:
@@ -124,9 +153,11 @@ def _best_mesh(
     begun = time.perf_counter()
     tried: list[tuple[float, TetMesh]] = []
     for attempt in range(ATTEMPTS):
-        limit = min(time_limit, 4 * patience) if tried else time_limit
+        left = max(time_limit - (time.perf_counter() - begun), 1.0)
+        limit = min(left, 4 * patience) if tried else left
         try:
-            points, cells = tetrahedralize(specimen.surface, size, envelope / CLOSER**attempt, limit, threads)
+            closer, energy = envelope / CLOSER**attempt, ENERGY * specimen.flatness
+            points, cells = tetrahedralize(specimen.surface, size, closer, limit, threads, energy)
         except MeshError:
             if tried:
                 break

@@ -12,7 +12,7 @@ from stiffscope.children import end_with_parent, leave_out
 
 
 def main(source: str, target: str) -> None:
-    """Mesh the surface in ``source`` (keys: vertices, triangles, size, envelope, threads) into ``target``."""
+    """Mesh the surface in ``source`` (keys: vertices, triangles, size, envelope, threads, energy) into ``target``."""
     leave_out("pytetwild._accessor")  # brings all of PyVista, twice the time of a small mesh
     from pytetwild.pytetwild import tetrahedralize
 
@@ -23,6 +23,7 @@ def main(source: str, target: str) -> None:
             edge_length_abs=float(given["size"]),
             epsilon=float(given["envelope"]),
             num_threads=int(given["threads"]),
+            stop_energy=float(given["energy"]),
             vtk_ordering=True,
         )
     np.savez(target, points=points, cells=cells)

@@ -309,11 +309,16 @@ def _written(folder: Path) -> dict[str, str]:
             content = stream.read()
         manifest = json.loads(content)
         seal = manifest.pop("seal")
-        if manifest["made_by"] != MAKER or _seal_of(manifest) != seal:
+        if manifest["made_by"] != MAKER or _seal_of(manifest) != seal or not all(map(_inside, manifest["sha256"])):
             return {}
         return {**manifest["sha256"], MANIFEST: hashlib.sha256(content).hexdigest()}
     except (InputError, OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return {}
+
+
+def _inside(name: str) -> bool:
+    """Whether a name of a manifest is that of a file in its folder."""
+    return not Path(name).is_absolute() and ".." not in Path(name).parts
 
 
 def _is(path: Path, checksum: str) -> bool:
@@ -396,8 +401,10 @@ def copy_files(source: Path, target: Path, names: Iterable[str]) -> None:
 def remove_copied(folder: Path, output: Path, within: str = "") -> bool:
     """Remove every file of a folder that an output of ours has byte for byte; returns whether nothing is left.
 
-    ``within`` is the output's folder, such as "designs/", where the copies stand.
+    ``within`` is the output's folder, such as "designs/", where the copies stand. Behind a link everything stays.
     """
+    if folder.is_symlink():
+        return False
     copies = {name: checksum for name, checksum in _written(output).items() if name.startswith(within)}
     _remove_all(folder, {name.removeprefix(within): checksum for name, checksum in copies.items()})
     return not folder.exists()

@@ -159,6 +159,21 @@ def test_what_the_user_does_while_we_work_is_kept(tmp_path, change):
     assert not [name for name in os.listdir(tmp_path) if name.startswith(".")]
 
 
+@pytest.mark.parametrize("name", ["../notes.txt", "sub/../../notes.txt", "ABSOLUTE"])
+def test_a_manifest_that_names_files_elsewhere_is_none_of_ours(tmp_path, name):
+    out, notes = tmp_path / "out", tmp_path / "notes.txt"
+    fill(out, page="1")
+    notes.write_text("mine")
+    manifest = json.loads((out / "manifest.json").read_text())
+    del manifest["seal"]
+    manifest["sha256"][str(notes) if name == "ABSOLUTE" else name] = hashlib.sha256(b"mine").hexdigest()
+    seal = hashlib.sha256(json.dumps(manifest, sort_keys=True).encode()).hexdigest()
+    (out / "manifest.json").write_text(json.dumps({**manifest, "seal": seal}))
+    with pytest.raises(InputError, match="which stiffscope did not write"):
+        fill(out, page="2")
+    assert notes.read_text() == "mine"
+
+
 def test_a_file_saved_between_the_looks_brings_the_old_folder_back(tmp_path, monkeypatch):
     out = tmp_path / "out"
     fill(out, page="1")
@@ -232,6 +247,9 @@ def test_what_is_no_copy_stays(tmp_path):
         (cases / name).write_text(text)
     with staged_folder(out) as folder:
         copy_files(cases, folder, ["a/case", "a/edited", "b/case"])
+    (tmp_path / "link").symlink_to(cases)
+    assert not remove_copied(tmp_path / "link", out)
+    assert (cases / "a" / "case").exists()
     (cases / "a" / "edited").write_text("1 and mine")
     assert not remove_copied(cases, out)
     assert {p.relative_to(cases).as_posix() for p in cases.rglob("*")} == {"a", "a/edited", "notes.txt"}

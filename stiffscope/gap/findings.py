@@ -233,19 +233,27 @@ def _ranked(problem: Problem, scored: list[tuple[Hypothesis, float]]) -> Finding
 
 def _without_copies(c: Campaign, noise: Noise) -> Noise:
     """The noise with readings left out that are copies of others: a table twice says no more than once."""
+    once, remark = copies(c)
+    if not remark:
+        return noise
+    return replace(noise, used=noise.used & once, remarks=(*noise.remarks, remark))
+
+
+def copies(c: Campaign) -> tuple[NDArray[np.bool_], str]:
+    """Which readings (n,) are not copies of others, and a line that names the copies; empty where there are none."""
     words = [c.pose, c.quantity, c.sensor, c.load, c.session]
     cell = np.column_stack([*words, np.nan_to_num(c.wrench), np.nan_to_num(c.sigma)])
-    whole = np.column_stack([cell, c.value])
-    repeated = len(c) - len(np.unique(cell, axis=0))
+    read = np.flatnonzero(~np.isnan(c.value))  # a plan's empty cells are no readings
+    whole = np.column_stack([cell, c.value])[read]
+    repeated = len(read) - len(np.unique(cell[read], axis=0))
     first = np.unique(whole, axis=0, return_index=True)[1]
-    copies = len(c) - len(first)
-    if not copies or copies < COPIES * repeated:
-        return noise
-    once = np.zeros(len(c), dtype=np.bool_)
-    once[first] = True
-    k = int(np.flatnonzero(~once)[0])
+    count = len(read) - len(first)
+    once = np.ones(len(c), dtype=np.bool_)
+    if not count or count < COPIES * repeated:
+        return once, ""
+    once[read] = False
+    once[read[first]] = True
+    k = int(np.flatnonzero(~once[read])[0])
     same = first[int(np.flatnonzero((whole[first] == whole[k]).all(axis=1))[0])]
-    remark = (
-        f"{copies} readings repeat others to the last digit and were counted once: {c.where(k)} is {c.where(int(same))}"
-    )
-    return replace(noise, used=noise.used & once, remarks=(*noise.remarks, remark))
+    where, other = c.where(int(read[k])), c.where(int(read[same]))
+    return once, f"{count} readings repeat others to the last digit and count once: {where} is {other}"

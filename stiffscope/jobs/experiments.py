@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -14,7 +15,7 @@ from stiffscope.jobs.results import EXPERIMENT, FIELDS, SOLID, CondensedPart, Pa
 from stiffscope.jobs.workers import LateError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from stiffscope.cad.part import Part
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     Report = Callable[[str, float], None]
     Result = TypeVar("Result", bound=CondensedPart)
 
+AFTER_REFINEMENT = 1.5  # times the limit, until the modes of the last mesh are there
 WHOLE, CONDENSED = "experiment", "condensed"  # kinds of results in the cache
 
 
@@ -87,10 +89,8 @@ def _found(
             found[order] = read(order, folder, time.perf_counter() - begun, True)
     if missing:
         jobs = {order.label: (order, shop.cache) for order in missing}
-        lines, limits = (
-            {label: shop.open_line(label) for label in jobs},
-            {each.label: _limits(each) for each in missing},
-        )
+        lines = {label: shop.open_line(label) for label in jobs}
+        limits = {each.label: _limit(each) for each in missing}
         try:
             made = shop.work(make, jobs, lines, limits)
         except LateError as late:
@@ -102,10 +102,9 @@ def _found(
     return [found[order] for order in orders]
 
 
-def _limits(order: PartOrder) -> dict[str, float]:
-    """Seconds for the stages that nothing else bounds; refinement checks its own time and keeps its last mesh."""
-    limit = order.settings.time_limit
-    return {"solve": limit, "refine": 2.0 * limit, "modes": limit}
+def _limit(order: PartOrder) -> float:
+    """Seconds after which the whole experiment is ended; refinement checks its own time, and modes follow it."""
+    return order.settings.time_limit * (1.0 if order.settings.tolerance is None else AFTER_REFINEMENT)
 
 
 def _whole(order: PartOrder, folder: Path, seconds: float, reused: bool) -> PartResult:
@@ -126,7 +125,8 @@ def make_part(order: PartOrder, cache: Cache, report: Report) -> tuple[Path, flo
     """Make an experiment and keep it: its folder, and the seconds that it took. May run in a child process."""
     begun = time.perf_counter()
     held = cache.get(CONDENSED, order.key())
-    folder = cache.put(WHOLE, order.key(), lambda aside: _write(order, aside, report, held))
+    with _named(order):
+        folder = cache.put(WHOLE, order.key(), lambda aside: _write(order, aside, report, held))
     report("done", 1.0)
     return folder, time.perf_counter() - begun
 
@@ -139,9 +139,21 @@ def make_condensed(
     former = near.get(order.label)
     if former is not None and not order.moves_from(former.order):
         former = None
-    folder = cache.put(CONDENSED, order.key(), lambda aside: _write_condensed(order, aside, report, former))
+    with _named(order):
+        folder = cache.put(CONDENSED, order.key(), lambda aside: _write_condensed(order, aside, report, former))
     report("done", 1.0)
     return folder, time.perf_counter() - begun
+
+
+@contextmanager
+def _named(order: PartOrder) -> Iterator[None]:
+    """Let every refusal of the mesh or the solution begin with its part's name, as those of fields do."""
+    from stiffscope.fea.mesh import MeshError
+
+    try:
+        yield
+    except MeshError as error:
+        raise MeshError(f"{order.label}.{str(error).removeprefix(f'{order.label}.')}") from error
 
 
 def _write(order: PartOrder, folder: Path, report: Report, held: Path | None) -> None:

@@ -33,10 +33,10 @@ class WorkerError(RuntimeError):
 
 
 class LateError(StiffscopeError):
-    """A job was ended because a stage of it took longer than it may: `job`, `stage`, `seconds`."""
+    """A job was ended at some stage because it took longer than it may: `job`, `stage`, `seconds`."""
 
     def __init__(self, job: Any, stage: str, seconds: float) -> None:
-        super().__init__(f"{job}: expected its stage {stage} within {seconds:g} s, got no end")
+        super().__init__(f"{job}: expected its end within {seconds:g} s, got no further than its stage {stage}")
         self.job, self.stage, self.seconds = job, stage, seconds
 
 
@@ -44,7 +44,7 @@ def work_together(
     function: Callable[..., Any],
     jobs: Mapping[Any, tuple[Any, ...]],
     reports: Mapping[Any, Any],
-    limits: Mapping[Any, Mapping[str, float]] | None = None,
+    limits: Mapping[Any, float] | None = None,
 ) -> dict[Any, Any]:
     """Call `function(*arguments, report)` once for each job, as many at a time as there are processors, at least two.
 
@@ -57,7 +57,7 @@ def work_together(
     reports
         Where a job's progress goes, by name.
     limits
-        By job and stage, seconds that may pass from one report of the stage to the next report of any.
+        By job, seconds that may pass from its first report to its answer.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def work_together(
     WorkerError
         A job crashed.
     LateError
-        A stage took longer than it may.
+        A job took longer than it may.
 
     """
     context = multiprocessing.get_context("spawn")
@@ -89,7 +89,7 @@ def work_here(
     function: Callable[..., Any],
     jobs: Mapping[Any, tuple[Any, ...]],
     reports: Mapping[Any, Any],
-    _limits: Mapping[Any, Mapping[str, float]] | None = None,
+    _limits: Mapping[Any, float] | None = None,
 ) -> dict[Any, Any]:
     """Call the function once for each job like `work_together`, one after another in this process: no limit ends it."""
     return {name: function(*arguments, reports[name]) for name, arguments in jobs.items()}
@@ -99,7 +99,7 @@ def _gather(
     running: Mapping[Connection, BaseProcess],
     jobs: Mapping[Any, tuple[Any, ...]],
     reports: Mapping[Any, Any],
-    limits: Mapping[Any, Mapping[str, float]],
+    limits: Mapping[Any, float],
 ) -> dict[Any, Any]:
     answers: dict[Any, Any] = {}
     left = iter(jobs.items())
@@ -127,36 +127,40 @@ def _gather(
                 clock.begin(name, content[0])
             elif kind == "answer":
                 answers[name] = content
-                clock.begin(name, None)
+                clock.end(name)
                 go_on(end)
         clock.check()
     return answers
 
 
 class _Clock:
-    """When the present stage of each job must end, of those that have a limit."""
+    """When each job must end, of those that have a limit, and the stage that it is at."""
 
-    def __init__(self, limits: Mapping[Any, Mapping[str, float]]) -> None:
+    def __init__(self, limits: Mapping[Any, float]) -> None:
         self._limits = limits
-        self._ends: dict[Any, tuple[float, str, float]] = {}
+        self._ends: dict[Any, float] = {}
+        self._stages: dict[Any, str] = {}
 
-    def begin(self, name: Any, stage: str | None) -> None:
-        """A job is at another stage, or done."""
+    def begin(self, name: Any, stage: str) -> None:
+        """A job is at a stage."""
+        self._stages[name] = stage
+        if name in self._limits:
+            self._ends.setdefault(name, time.monotonic() + self._limits[name])
+
+    def end(self, name: Any) -> None:
+        """A job is done."""
         self._ends.pop(name, None)
-        seconds = self._limits.get(name, {}).get(stage) if stage is not None else None
-        if stage is not None and seconds is not None:
-            self._ends[name] = time.monotonic() + seconds, stage, seconds
 
     def left(self) -> float | None:
-        """Seconds until the first stage must end; None where none must."""
-        first = min((when for when, _, _ in self._ends.values()), default=None)
+        """Seconds until the first job must end; None where none must."""
+        first = min(self._ends.values(), default=None)
         return None if first is None else max(first - time.monotonic(), 0.0)
 
     def check(self) -> None:
-        """Raise LateError where a stage should have ended."""
-        for name, (when, stage, seconds) in self._ends.items():
+        """Raise LateError where a job should have ended."""
+        for name, when in self._ends.items():
             if time.monotonic() > when:
-                raise LateError(name, stage, seconds)
+                raise LateError(name, self._stages[name], self._limits[name])
 
 
 def _received(end: Connection, name: Any, process: BaseProcess) -> tuple[str, Any]:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.gap.findings import copies
 from stiffscope.gap.quantities import DEFLECTION, DEVIATION, FREQUENCY, KINDS, WRENCH
 from stiffscope.report import page
 from stiffscope.report.robot_scene import moves, picture, pose_text, scene
@@ -41,6 +42,7 @@ def campaign_json(campaign: Campaign) -> dict[str, Any]:
         "poses": {name: pose.tolist() for name, pose in zip(c.pose_names, c.poses, strict=True)},
         "sessions": {name: int((c.session == k).sum()) for k, name in enumerate(c.session_names)},
         "without_sigma": int(np.isnan(c.sigma).sum()),
+        "copies": copies(c)[1] or None,
         "channels": _channels(c),
         "sensors": {s.name: _sensor(c, k) for k, s in enumerate(c.sensors)},
         "loads": {
@@ -92,6 +94,8 @@ def show_campaign(campaign: Campaign, name: str) -> None:
     show_line(f"{name}: {facts['readings']} readings ({kinds}) at {len(facts['poses'])} poses", "bold")
     if facts["empty"]:
         show_line(f"  {facts['empty']} of them have no value yet")
+    if facts["copies"]:
+        show_line(f"  {facts['copies']}")
     if facts["without_sigma"]:
         show_line(f"  {facts['without_sigma']} state no uncertainty: it will be estimated")
     sessions = ", ".join(f"{label or '(no name)'} {count}" for label, count in facts["sessions"].items())

@@ -341,7 +341,8 @@ class _Reader:
         for body in range(1, m.nbody):
             depth[body] = depth[m.body_parentid[body]] + 1
         ends = [each for number in range(m.neq) for each in self._closure_ends(number)[:2]] if m.neq else []
-        return max(range(1, m.nbody), key=lambda body: (ends.count(self._root(body)) > 1, depth[body], -body))
+        bodies = range(1, m.nbody)
+        return max(bodies, key=lambda body: (ends.count(self._root(body)) > 1, depth[body], -body), default=0)
 
     def _pose(self, body: int, at: np.ndarray) -> tuple[str, ...]:
         """Coordinates of the tool that the mechanism moves, translations first."""

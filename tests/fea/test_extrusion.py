@@ -1,13 +1,15 @@
 """Sheets and needles: filled exactly, every triangle on its face, and as stiff as a cantilever is."""
 
+import time
+
 import numpy as np
 import pytest
-from build123d import Box, Cylinder, Pos
+from build123d import Box, Cylinder, Pos, Rot
 
 from stiffscope.cad.solid import part_of
 from stiffscope.fea.experiment import run_experiment, specimen_of
 from stiffscope.fea.extrusion import flat_mesh
-from stiffscope.fea.mesh import default_size, tet_volumes
+from stiffscope.fea.mesh import MeshError, default_size, tet_volumes
 from stiffscope.fea.settings import Settings
 
 
@@ -39,6 +41,19 @@ def test_other_solids_are_for_the_general_mesher():
     assert flat_mesh(surface, interfaces) is None
 
 
+def test_thin_plane_walls_get_larger_elements_and_no_others():
+    sheet, tube = (
+        surface_of(solid)[2]
+        for solid in (
+            Box(60, 20, 0.2) + Pos(-29.9, 0, 10) * Box(0.2, 20, 20),
+            Rot(0, 90, 0) * (Cylinder(10, 80) - Cylinder(9.8, 80)),
+        )
+    )
+    assert sheet.flatness == 2
+    assert tube.flatness == 1
+    assert surface_of(Box(60, 20, 5))[2].flatness == 1
+
+
 def test_a_strip_bends_as_beam_theory_says():
     length, width, thickness, modulus = 0.06, 0.0015, 0.0003, 211e9
     found = run_experiment(part_of(Box(60, 1.5, 0.3)), Settings())
@@ -47,3 +62,23 @@ def test_a_strip_bends_as_beam_theory_says():
     expected *= modulus / material.youngs_modulus
     assert found.compliance[2, 2] == pytest.approx(expected, rel=0.01)
     assert found.error[2, 2] < 0.01 * found.compliance[2, 2]
+
+
+@pytest.mark.slow
+def test_a_bent_sheet_gets_flat_elements_and_bounds_that_hold():
+    solid = Box(60, 20, 0.2) + Pos(-29.9, 0, 10) * Box(0.2, 20, 20)
+    usual, coarse = (run_experiment(part_of(solid), Settings(size=size)) for size in (None, 3e-3))
+    apart, bound = np.abs(usual.compliance - coarse.compliance).diagonal(), (usual.error + coarse.error).diagonal()
+    assert (apart <= bound).all()
+    assert len(usual.mesh.cells) < 20_000
+    assert usual.relative_bound < 0.01
+
+
+def test_what_would_take_far_longer_than_its_limit_is_refused_before_it_is_meshed():
+    plate = Box(100, 60, 20) - [
+        Pos(-40 + 80 * i / 11, -22 + 44 * j / 5, 0) * Cylinder(1.5, 40) for i in range(12) for j in range(6)
+    ]
+    begun = time.process_time()
+    with pytest.raises(MeshError, match=r"mesh\.time_limit: expected .* tetrahedra.* s are left; remove small holes"):
+        run_experiment(part_of(plate), Settings())
+    assert time.process_time() - begun < 20  # most of it the CAD kernel's

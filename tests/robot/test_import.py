@@ -198,3 +198,11 @@ def test_a_file_that_is_there_is_kept(imported, tmp_path):
     with pytest.raises(InputError, match="not there yet"):
         imported(ARM, ".urdf")
     assert (tmp_path / "robot.toml").read_text() == "mine"
+
+
+def test_a_model_without_a_body_is_refused_in_one_line(tmp_path):
+    from stiffscope.cli.main import _guarded
+
+    (tmp_path / "none.urdf").write_text('<robot name="none"/>')
+    assert _guarded(["import", str(tmp_path / "none.urdf"), "--out", str(tmp_path / "new.toml"), "--quiet"]) == 2
+    assert not (tmp_path / "new.toml").exists()
