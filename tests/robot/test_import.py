@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from stiffscope.cli.main import _guarded
 from stiffscope.errors import InputError
 from stiffscope.robot.import_model import import_model
 from stiffscope.robot.mechanism_of import mechanism_of
@@ -201,8 +202,20 @@ def test_a_file_that_is_there_is_kept(imported, tmp_path):
 
 
 def test_a_model_without_a_body_is_refused_in_one_line(tmp_path):
-    from stiffscope.cli.main import _guarded
-
     (tmp_path / "none.urdf").write_text('<robot name="none"/>')
     assert _guarded(["import", str(tmp_path / "none.urdf"), "--out", str(tmp_path / "new.toml"), "--quiet"]) == 2
     assert not (tmp_path / "new.toml").exists()
+
+
+@pytest.mark.parametrize("wrong", ['<mass value="nan"/>', '<origin xyz="nan 0 0"/><mass value="2"/>'])
+def test_numbers_that_are_none_are_refused_in_one_line(tmp_path, monkeypatch, capfd, wrong):
+    monkeypatch.chdir(tmp_path)
+    inertia = f'<inertial>{wrong}<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    (tmp_path / "nan.urdf").write_text(
+        f'<robot name="arm"><link name="stand"/><link name="arm">{inertia}</link><joint name="s" type="revolute">'
+        '<parent link="stand"/><child link="arm"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="0" '
+        'velocity="0"/></joint></robot>'
+    )
+    assert _guarded(["import", "nan.urdf", "--out", "new.toml"]) == 2
+    assert len(capfd.readouterr().err.splitlines()) == 1
+    assert [file.name for file in tmp_path.iterdir()] == ["nan.urdf"]
