@@ -5,7 +5,7 @@ import sys
 from importlib import metadata
 from pathlib import Path
 
-logging.getLogger("skfem").setLevel(logging.WARNING)  # a style that furo imports shows whatever is logged
+logging.basicConfig(level=logging.WARNING)  # before a style that furo imports asks for all that libraries say
 sys.path.insert(0, str(Path(__file__).parent / "extensions"))
 
 project = "stiffscope"
