@@ -83,6 +83,7 @@ SHARES = {
     "triples": ("share of triples that are right", "1"),
     "false_alarms": ("share of campaigns without an effect in which one is named", "1"),
     "outside": ("share of effects outside the library that are identified as one of it", "1"),
+    "told": ("the same of those that no three effects with a word imitate to within the noise", "1"),
     "left_out": ("share of effects taken out of the library for which no wrong one is named with confidence", "1"),
     "coverage": ("share of the 95 % intervals that hold the true value", "1"),
 }
@@ -375,6 +376,7 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             "poses.*": ("coordinates of each pose", TWIST),
             "sessions.*": ("number of readings in each session", ""),
             "without_sigma": ("readings whose uncertainty is unknown", ""),
+            "copies": ("line that names readings which repeat others to the last digit; null: none do", ""),
             "channels[].reads": ("what is read: a sensor, or a quantity at M", ""),
             "channels[].kind": ("kind of the readings", ""),
             "channels[].count": ("how many", ""),
@@ -461,6 +463,10 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             "outcomes[].measured": ("`tool`: readings at M; `sensors`: gauges and a hook; `sag`", ""),
             "outcomes[].truth": ("what was planted, `effect @ place`", ""),
             "outcomes[].left_out": ("the effect taken out of the library; null: none", ""),
+            "outcomes[].imitated": (
+                "of an outside effect: whether three effects with a word do the same to the readings",
+                "",
+            ),
             "outcomes[].verdict": ("of the diagnosis", ""),
             "outcomes[].named": ("effects that it names", ""),
             "outcomes[].confused_with": ("for each of them: what the readings cannot tell from it", ""),

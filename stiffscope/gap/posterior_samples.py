@@ -125,15 +125,16 @@ def write_posterior(path: Path, samples: Samples) -> None:
     ArviZ, InferenceData schema specification.
 
     """
-    import h5netcdf  # not by xarray, whose import takes longer than a diagnosis
+    import h5netcdf  # pyright: ignore[reportMissingTypeStubs]  # not xarray, whose import takes longer than a diagnosis
 
+    opened: Any = h5netcdf.File  # pyright: ignore[reportUnknownMemberType]
     chains: dict[str, NDArray[Any]] = {"chain": np.arange(CHAINS)}
     rows: dict[str, NDArray[Any]] = {"reading": np.arange(len(samples.observed))}
     words = {"pose": samples.pose, "quantity": samples.quantity}
-    draws = {"draw": np.arange(DRAWS)}
-    fewer = {"draw": np.arange(samples.predicted.shape[1])}
+    draws: dict[str, NDArray[Any]] = {"draw": np.arange(DRAWS)}
+    fewer: dict[str, NDArray[Any]] = {"draw": np.arange(samples.predicted.shape[1])}
     predicted, observed = {"value": samples.predicted}, {"value": samples.observed, "sigma": samples.sigma}
-    with h5netcdf.File(path, "w") as file:
+    with opened(path, "w") as file:
         _write_group(file.create_group("posterior"), chains | draws, samples.parameters, samples.units)
         _write_group(file.create_group("posterior_predictive"), chains | fewer | rows, predicted, words=words)
         _write_group(file.create_group("observed_data"), rows, observed, words=words)
@@ -149,11 +150,12 @@ def _write_group(
     """Write arrays over the dimensions of ``scales``, whose last may have words as further coordinates."""
     import h5py  # pyright: ignore[reportMissingTypeStubs]
 
+    text: Any = h5py.string_dtype()  # pyright: ignore[reportUnknownMemberType]
     group.dimensions = {name: len(scale) for name, scale in scales.items()}
     for name, scale in scales.items():
         group.create_variable(name, (name,), data=scale)
     for name, said in (words or {}).items():
-        group.create_variable(name, (list(scales)[-1],), data=np.array(said, dtype=h5py.string_dtype()))
+        group.create_variable(name, (list(scales)[-1],), data=np.array(said, dtype=text))
     for name, array in values.items():
         variable = group.create_variable(name, tuple(scales), data=array, compression="gzip")
         if units:

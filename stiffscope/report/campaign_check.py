@@ -151,14 +151,14 @@ def draw_sensors(
     """`PICTURES`: the robot at the first and the last of its poses, marks as arrows. Raises PictureError."""
     from stiffscope.report.pictures import draw
 
-    drawn, shown = marks(campaign, mechanism), []
+    arrows, shown = marks(campaign, mechanism), []
     for file, k in zip(PICTURES, (0, 0, len(found) - 1), strict=True):
         place = pose_text(mechanism, found.tool[k, mechanism.tool.commanded].tolist())
         shown.append(picture(file, f"{robot.name}, sensors and loads at {place}", moves(mechanism, found, k)))
-    shown[0]["close"] = True
-    wanted = [drawn, drawn, len(found) > 1]  # what each picture needs to show something of its own
-    pictures = [each for each, useful in zip(shown, wanted, strict=True) if useful] or shown[1:2]
-    draw("robot", folder, pictures=pictures, marks=drawn, **scene(robot, mechanism))
+    close, first, last = shown
+    close["close"] = True
+    pictures = [*([close] if arrows else []), first, *([last] if len(found) > 1 else [])]
+    draw("robot", folder, pictures=pictures, marks=arrows, **scene(robot, mechanism))
 
 
 def marks(campaign: Campaign, mechanism: Mechanism) -> list[dict[str, Any]]:

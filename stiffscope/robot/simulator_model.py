@@ -94,12 +94,13 @@ def read_model(path: str | Path, tool: str | None = None, home: Mapping[str, flo
             'import: expected the package mujoco, which reads URDF and MJCF, got none; install "stiffscope[import]"'
         ) from error
     open_file(path, "a model in URDF or MJCF").close()
+    library: Any = mujoco
     said: list[str] = []
-    mujoco.set_mju_user_warning(said.append)  # else it writes them to MUJOCO_LOG.TXT in the working folder
+    library.set_mju_user_warning(said.append)  # else it writes them to MUJOCO_LOG.TXT in the working folder
     try:
-        model = _Reader(mujoco, Path(path), home or {}).read(tool)
+        model = _Reader(library, Path(path), home or {}).read(tool)
     finally:
-        mujoco.set_mju_user_warning(None)
+        library.set_mju_user_warning(None)
     if any("'NaN'" in each for each in said):
         raise InputError(f"{path}: expected a model in URDF or MJCF whose numbers are finite, got NaN")
     model.notes += said
