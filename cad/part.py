@@ -17,6 +17,8 @@ from stiffscope.cad.materials import AnyMaterial
 from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from stiffscope.cad.kernel import Shape, Solid
 
 Floats = NDArray[np.float64]
@@ -100,21 +102,24 @@ class Part:
     @cached_property
     def smooth_borders(self) -> dict[tuple[int, int], "Shape"]:
         """Pairs of adjacent faces with nearly equal normals where they meet, and their common edges."""
-        from stiffscope.cad import kernel
-
-        faces = kernel.faces(self.solid)
-        return {
-            (a, b): kernel.compound(*edges)
-            for (a, b), edges in kernel.borders(self.solid).items()
-            if any(kernel.normal_angle(edge, faces[a], faces[b]) < SMOOTH for edge in edges)
-        }
+        return self._smooth(lambda _a, _b: True)
 
     @cached_property
     def seams(self) -> dict[tuple[int, int], "Shape"]:
         """Smooth borders of interfaces."""
         interfaces = (self.clamped, *(interface.faces for interface in self.loaded))
         owner = {face: number for number, faces in enumerate(interfaces) for face in faces}
-        return {(a, b): edges for (a, b), edges in self.smooth_borders.items() if owner.get(a) != owner.get(b)}
+        return self._smooth(lambda a, b: owner.get(a) != owner.get(b))
+
+    def _smooth(self, wanted: "Callable[[int, int], bool]") -> dict[tuple[int, int], "Shape"]:
+        from stiffscope.cad import kernel
+
+        faces = kernel.faces(self.solid)
+        return {
+            (a, b): kernel.compound(*edges)
+            for (a, b), edges in kernel.borders(self.solid).items()
+            if wanted(a, b) and any(kernel.normal_angle(edge, faces[a], faces[b]) < SMOOTH for edge in edges)
+        }
 
 
 @dataclass(frozen=True, eq=False)

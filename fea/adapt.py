@@ -35,9 +35,13 @@ GROWTH = 6.0  # largest ratio of elements after a round to those before
 
 
 def solve_within(
-    specimen: Specimen, mesh: TetMesh, settings: Settings, progress: Callable[[str, float], None]
+    specimen: Specimen, mesh: TetMesh, settings: Settings, progress: Callable[[str, float], None], left: float
 ) -> tuple[TetMesh, Solution, str]:
     """Solve, and with a tolerance refine and solve again until it is met or a limit is reached.
+
+    Parameters
+    ----------
+    left : seconds of the settings' time limit that are left.
 
     Returns
     -------
@@ -59,16 +63,16 @@ def solve_within(
         if shape > SHAPE_SHARE * settings.tolerance:
             size, why = size * FINER, f"the mesh's shape alone leaves {100 * shape:.2g} %"
             try:
-                finer = _finer_mesh(specimen, settings, size, settings.time_limit - (time.perf_counter() - begun))
+                finer = _finer_mesh(specimen, settings, size, left - (time.perf_counter() - begun))
             except MeshError as error:
-                return stopped("the mesher's limit", f"{why}; {error}")
+                return stopped("the mesher's limit", f"{why}; {str(error).partition(';')[0]}")
         else:
             finer, why = refined(specimen, mesh, solution.indicator, settings, bound), ""
         growth = len(finer.cells) / len(mesh.cells)
         elapsed = time.perf_counter() - begun
         if growth * solution.unknowns > settings.most_unknowns:
             return stopped(f"the limit of {settings.most_unknowns} unknowns", why)
-        if elapsed + WITH_MODES * 1.5 * growth * spent > settings.time_limit:
+        if elapsed + WITH_MODES * 1.5 * growth * spent > left:
             return stopped(f"the limit of {settings.time_limit:g} s", why)
         started = time.perf_counter()
         try:
@@ -82,7 +86,7 @@ def solve_within(
 
 def solve_on(specimen: Specimen, mesh: TetMesh, settings: Settings) -> Solution:
     """Solve on one mesh, whatever tolerance is asked for."""
-    flat = specimen.slender or specimen.flatness > 1
+    flat = specimen.slender or specimen.flatness_on(mesh) > 1
     solver = "direct" if settings.solver == "auto" and flat else settings.solver
     return solve_specimen(specimen, mesh, settings.interface, solver, settings.foundation)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -53,6 +53,7 @@ class Condensed:
         and their 95 % bounds.
     seconds : wall time of the stages cad, mesh, solve (refinement is in solve).
     note : one line on why the required tolerance was not met; empty if it was, or if none was required.
+    moved : whether the mesh was that of a part of other dimensions, moved along.
     """
 
     part: str
@@ -74,6 +75,7 @@ class Condensed:
     mode_squares_error: Floats
     seconds: dict[str, float] = field(default_factory=dict)
     note: str = ""
+    moved: bool = False
 
     @property
     def compliance(self) -> Floats:
@@ -217,7 +219,7 @@ def condense(
     statics, solution = _statics(specimen, settings, progress, time.perf_counter() - started, mesh=mesh)
     _report(progress, "solve", 1.0)
     mass, none = condensed_mass(solution.levels), np.zeros(0)
-    return Condensed(**statics, condensed_mass=mass, mode_squares=none, mode_squares_error=none)
+    return Condensed(**statics, condensed_mass=mass, mode_squares=none, mode_squares_error=none, moved=mesh is not None)
 
 
 def _moved(specimen: Specimen, part: Part, former: Part, mesh: TetMesh) -> TetMesh | None:
@@ -297,7 +299,7 @@ def _statics(
     from stiffscope.fea.specimen import cure_of, mesh_specimen
 
     begun = time.perf_counter()
-    settings = replace(settings, time_limit=max(settings.time_limit - cad_seconds, 1.0))
+    left = max(settings.time_limit - cad_seconds, 1.0)
     _report(progress, "mesh", 0.05)
     mesh = (
         former.mesh
@@ -309,21 +311,24 @@ def _statics(
             envelope=settings.envelope,
             layers=settings.layers,
             rigid=settings.interface == "rigid",
-            time_limit=settings.time_limit,
+            time_limit=left,
             threads=settings.threads,
             tolerance=settings.tolerance,
         )
     )
     meshed = time.perf_counter()
     _report(progress, "solve", 0.5)
-    left = settings.time_limit - (meshed - begun)
-    check_time(len(mesh.cells), left, cure_of(specimen, settings.size), meshed=True)
+    left -= meshed - begun
     if former:
         solution, note = solve_on(specimen, mesh, settings), former.note
     else:
-        settings = replace(settings, time_limit=max(left, 1.0))
+        check_time(len(mesh.cells), left, cure_of(specimen, settings.size), meshed=True)
         mesh, solution, note = solve_within(
-            specimen, mesh, settings, lambda stage, fraction: _report(progress, stage, 0.5 + 0.35 * fraction)
+            specimen,
+            mesh,
+            settings,
+            lambda stage, fraction: _report(progress, stage, 0.5 + 0.35 * fraction),
+            max(left, 1.0),
         )
     rigid = rigid_mass(mesh.points, solution.levels.system.mass.nodes)
     statics = {

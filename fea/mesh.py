@@ -124,13 +124,15 @@ def flatness_of(volume: float, faces: Collection[FaceGeometry]) -> float:
 def expected_elements(surface: Surface, volume: float, size: float) -> float:
     """Return about how many tetrahedra, graded ones included, a size (m) will need; right within a factor of two or so.
 
-    The triangles of the surface are as large as the size, or as the sides of its curved faces where those are shorter.
+    The triangles of the surface are as large as the size, or as the sides of its curved faces where those are shorter,
+    but for what is so narrow that the mesher leaves it out.
     """
     a, b, c = np.moveaxis(surface.vertices[surface.triangles], 1, 0)
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
     shortest = np.min([np.linalg.norm(p - q, axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
     curved = np.array([face.kind != "plane" for face in surface.faces])[surface.face_of_triangle]
-    sides = np.where(curved, np.minimum(shortest, size), size)
+    finest = min(size, 2 * default_envelope(surface, size))
+    sides = np.where(curved, np.clip(shortest, finest, size), size)
     return float(2 * (areas / (0.433 * sides**2)).sum() + 3 * 8.5 * volume / size**3)
 
 
@@ -149,7 +151,7 @@ def check_time(elements: float, time_limit: float, cure: str, *, meshed: bool = 
         enough = _round(1.5 * (MESHING + SOLVING) * elements).replace(",", "")
         raise MeshError(
             f"mesh.time_limit: expected a part that is done in time, got one with {told}, "
-            f"where {time_limit:.0f} s are left; {cure}, or set mesh.time_limit = {enough}"
+            f"where {max(time_limit, 0.0):.0f} s are left; {cure}, or set mesh.time_limit = {enough}"
         )
     if seconds > time_limit:
         logger.warning("mesh: %s, where mesh.time_limit leaves %.0f s; %s", told, time_limit, cure)
@@ -290,7 +292,7 @@ def _run_worker(source: Path, target: Path, time_limit: float) -> None:
         done = run_module("stiffscope.fea.worker", *words, time_limit=time_limit, folder=str(source.parent))
     except subprocess.TimeoutExpired:
         raise MeshError(
-            f"mesh: not finished within {time_limit:g} s; choose a larger size or envelope, or a longer limit"
+            f"mesh: not finished within {time_limit:.0f} s; choose a larger size or envelope, or a longer limit"
         ) from None
     if done.returncode or not target.exists():
         last = (done.stderr.decode(errors="replace").strip().splitlines() or ["no message"])[-1]

@@ -25,8 +25,8 @@ class Settings:
     layers : 1 to 6 thin layers of elements around the borders of fixed faces and re-entrant edges.
     tolerance : relative error bound required of every significant entry, 1e-3 for 0.1 %; None accepts one mesh's.
     foundation : stiffness per unit of area under the clamped faces, N/m³; None is a rigid clamp.
-    time_limit : seconds allowed to the whole experiment. Parts that would take far longer are refused beforehand,
-        refinement keeps its last mesh, and commands end whatever takes longer.
+    time_limit : seconds allowed to the whole experiment, half as long again with a tolerance. Parts that would take
+        far longer are refused beforehand, refinement keeps its last mesh, and commands end whatever takes longer.
     most_unknowns : degrees of freedom of the cubic solution beyond which refinement stops.
     solver : "direct" (a factorization), "multigrid", or "auto", the faster of the two.
     threads : the mesher's threads; 0 takes all processors, or this process's share of them.

@@ -170,7 +170,9 @@ class TwoLevel:
         """
         remaining = AT_EDGES * self.at_edges + elsewhere * self.gain
         spread = SPREAD_AT_EDGES * np.abs(self.at_edges) + SPREAD_ELSEWHERE * np.abs(self.gain)
-        spread *= self.system.specimen.flatness  # the factors were fitted to elements that are no larger than walls
+        spread *= self.system.specimen.flatness_on(
+            self.system.mesh
+        )  # the factors were fitted to elements that are no larger than walls
         compliance = self.cubic + remaining
         geometry = _geometry_bound(self.system.specimen, self.system.mesh, compliance)
         rounding = rounding_of(self.system.specimen) * np.sqrt(np.outer(self.cubic.diagonal(), self.cubic.diagonal()))

@@ -13,6 +13,7 @@ import numpy as np
 from stiffscope.fea.extrusion import flat_mesh, slender_extrusion
 from stiffscope.fea.geometry import area_elements, centroid, jacobian_range, volume
 from stiffscope.fea.mesh import (
+    EDGES,
     ENERGY,
     MeshError,
     check_time,
@@ -78,6 +79,12 @@ class Specimen:
         """More than 1 for thin walls, which get flat elements; see ``stiffscope.fea.mesh.flatness_of``."""
         return flatness_of(self.volume, self.surface.faces)
 
+    def flatness_on(self, mesh: TetMesh) -> float:
+        """How flat a mesh's elements are: ``flatness``, but 1 where they are no larger than walls are thick."""
+        ends = mesh.points[mesh.cells[:, :4][:, EDGES]]
+        length = float(np.quantile(np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2), 0.9))
+        return float(np.clip(length / default_size(self.volume, self.area), 1.0, self.flatness))
+
     @property
     def slenderness(self) -> float:
         """Diagonal of the bounding box over twice the volume per area (the thickness of a plate)."""
@@ -137,7 +144,7 @@ def cure_of(specimen: Specimen, size: float | None = None) -> str:
     size = size or default_size(specimen.volume, specimen.area, specimen.flatness)
     fewer, count = (expected_elements(specimen.surface, specimen.volume, each) for each in (COARSEST * size, size))
     if fewer < 0.6 * count:
-        return f"choose mesh.size = {1e3 * COARSEST * size:.2g} mm or more, or mesh.tolerance = 1 %"
+        return f"choose mesh.size = {1e3 * COARSEST * size:.2g} mm or more, or mesh.tolerance = '1 %'"
     return "remove small holes, fillets and threads from the part"
 
 

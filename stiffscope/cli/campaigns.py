@@ -98,9 +98,9 @@ def _write_report(
         found = reached(case)
         if found is not None:
             poses = found.tool[:, nominal.mechanism.tool.commanded]
-            with ThreadPoolExecutor(1) as beside:  # the robot is drawn in a process of its own
-                drawn = beside.submit(draw_shares, nominal, diagnosis, poses, folder)
-                draw_figures(diagnosis, folder)
+            with ThreadPoolExecutor(1) as beside:  # while a process of its own draws the robot
+                drawn = beside.submit(draw_figures, diagnosis, folder)
+                draw_shares(nominal, diagnosis, poses, folder)
                 drawn.result()
             view = share_view(folder, nominal, diagnosis, poses)
     manifest.write(folder)

@@ -280,7 +280,8 @@ def imitated(case: BlindCase, number: int, lab: Lab) -> bool:
     What these leave of its signature is less than what a fault must stand out by to be drawn. Of a fault that only
     shows in noisy readings, as a coarse converter's, nothing is known here: it is not imitated.
     """
-    return 0.0 < _Judge(case, number, lab).distance(case.faults[0]) < _VISIBLE
+    size, left = _Judge(case, number, lab).distance(case.faults[0])
+    return left < _VISIBLE <= size
 
 
 class _Judge:
@@ -332,21 +333,21 @@ class _Judge:
                 return False
         return True
 
-    def distance(self, fault: Fault) -> float:
-        """Norm of what the closest effects of the vocabulary leave of a fault's signature, chosen one after another."""
+    def distance(self, fault: Fault) -> tuple[float, float]:
+        """Norms of a fault's signature, and of what the closest effects of the vocabulary leave of it, one by one."""
         left = self._signature(fault)
-        basis = np.zeros((len(left), 0))
+        size, basis = float(np.linalg.norm(left)), np.zeros((len(left), 0))
         columns = [
             c for effect, place in self.lab.everywhere().values() if (c := self._alone(effect, place)) is not None
         ]
         for _ in range(_IMITATORS):
-            if not np.linalg.norm(left) >= _VISIBLE:
+            if not columns or not np.linalg.norm(left) >= _VISIBLE:
                 break
             spans = [spanned(apart(each, basis)) for each in columns]
             best = max(spans, key=lambda span: float(np.linalg.norm(span.T @ left)))
             basis = np.hstack([basis, best])
             left = apart(left[:, None], best)[:, 0]
-        return float(np.linalg.norm(left))
+        return size, float(np.linalg.norm(left))
 
     def _hopeless(self, fault: Fault) -> bool:
         """Whether no readings of this kind show a fault, or tell it from others, whatever its size."""

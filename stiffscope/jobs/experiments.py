@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from stiffscope.cad.part import Part
+    from stiffscope.fea.experiment import Condensed
     from stiffscope.jobs.cache import Cache
     from stiffscope.jobs.orders import PartOrder
     from stiffscope.jobs.workshop import Workshop
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     Result = TypeVar("Result", bound=CondensedPart)
 
 AFTER_REFINEMENT = 1.5  # times the limit, until the modes of the last mesh are there
-WHOLE, CONDENSED = "experiment", "condensed"  # kinds of results in the cache
+WHOLE, CONDENSED, MOVED = "experiment", "condensed", "moved"  # kinds of results in the cache
 
 
 def solve_parts(orders: Sequence[PartOrder], shop: Workshop) -> list[PartResult]:
@@ -64,10 +65,12 @@ def condense_parts(
     Parameters
     ----------
     near
-        By label, parts of slightly other dimensions or material, whose meshes are moved along where they can be.
+        By label, parts of slightly other dimensions or material, whose meshes are moved along where they can be. What
+        comes of such a mesh is kept apart: nothing else takes it up.
 
     """
-    return _found(orders, shop, (CONDENSED, WHOLE), partial(make_condensed, near=near or {}), _condensed)
+    kinds = (CONDENSED, WHOLE) if near is None else (CONDENSED, WHOLE, MOVED)
+    return _found(orders, shop, kinds, partial(make_condensed, near=near or {}), _condensed)
 
 
 def _found(
@@ -140,7 +143,9 @@ def make_condensed(
     if former is not None and not order.moves_from(former.order):
         former = None
     with _named(order):
-        folder = cache.put(CONDENSED, order.key(), lambda aside: _write_condensed(order, aside, report, former))
+        part, condensed = _condense(order, report, former)
+        kind = MOVED if condensed.moved else CONDENSED
+        folder = cache.put(kind, order.key(), lambda aside: _write_condensed(part, condensed, aside))
     report("done", 1.0)
     return folder, time.perf_counter() - begun
 
@@ -173,13 +178,17 @@ def _write(order: PartOrder, folder: Path, report: Report, held: Path | None) ->
     (folder / SOLID).write_text(json.dumps(_solid(part)))
 
 
-def _write_condensed(order: PartOrder, folder: Path, report: Report, former: CondensedPart | None) -> None:
+def _condense(order: PartOrder, report: Report, former: CondensedPart | None) -> tuple[Part, Condensed]:
     from stiffscope.fea.experiment import condense
 
     part, stage, built = _built(order, report)
     near = None if former is None else (former.order.build(), former.experiment.mesh)
     condensed = condense(part, order.settings, stage, near)
     condensed.seconds["cad"] += built
+    return part, condensed
+
+
+def _write_condensed(part: Part, condensed: Condensed, folder: Path) -> None:
     condensed.save(folder / EXPERIMENT)
     (folder / SOLID).write_text(json.dumps(_solid(part)))
 

@@ -9,8 +9,6 @@ from contextlib import suppress
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from stiffscope.errors import InputError
 from stiffscope.files import file_digest
 from stiffscope.robot.part_sections import StepPart
@@ -88,10 +86,7 @@ def keep_warm() -> None:
 
 def keep_meshed(held: dict[str, CondensedPart], results: Mapping[str, CondensedPart]) -> None:
     """Keep, by name, the parts that were meshed last: one whose mesh was moved along is no start of another move."""
-    for name, part in results.items():
-        former = held.get(name)
-        if former is None or not np.array_equal(former.experiment.mesh.cells, part.experiment.mesh.cells):
-            held[name] = part
+    held.update({name: part for name, part in results.items() if not part.experiment.moved})
 
 
 def differences(before: RobotFile, after: RobotFile) -> list[str]:

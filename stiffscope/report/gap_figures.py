@@ -161,13 +161,13 @@ def corner(diagnosis: Diagnosis) -> Figure | None:
             axes.xaxis.offsetText.set_fontsize(7)
             axes.yaxis.offsetText.set_fontsize(7)
             axes.ticklabel_format(style="sci", scilimits=(-2, 3), useMathText=False)
-            axes.set_xlim(float(draws[column].min()), float(draws[column].max()))
+            axes.margins(x=0)
             if i == j:
                 axes.hist(draws[row], bins=40, color=EFFECT, histtype="stepfilled")
                 axes.set_yticks([])
             else:
                 _contours(axes, draws[column], draws[row])
-                axes.set_ylim(float(draws[row].min()), float(draws[row].max()))
+                axes.margins(y=0)
             if i < n - 1:
                 axes.xaxis.offsetText.set_visible(False)
             else:

@@ -103,7 +103,7 @@ def read_model(path: str | Path, tool: str | None = None, home: Mapping[str, flo
         library.set_mju_user_warning(None)
     if any("'NaN'" in each for each in said):
         raise InputError(f"{path}: expected a model in URDF or MJCF whose numbers are finite, got NaN")
-    model.notes += said
+    model.notes += dict.fromkeys(said)
     return model
 
 
@@ -114,9 +114,16 @@ class _Reader:
         self.mj, self.path = mujoco, path
         self.notes: list[str] = []
         self.model = self._compiled()
+        self._check_finite()
         self.data = mujoco.MjData(self.model)
         self._go_home(home)
         self.names = self._body_names()
+
+    def _check_finite(self) -> None:
+        m = self.model
+        bodies = m.body_pos, m.body_quat, m.body_ipos, m.body_iquat, m.body_mass, m.body_inertia
+        if not all(np.isfinite(each).all() for each in (*bodies, m.jnt_pos, m.jnt_axis, m.opt.gravity)):
+            raise InputError(f"{self.path}: expected a model in URDF or MJCF whose numbers are finite, got others")
 
     def read(self, tool: str | None) -> SimulatorModel:
         joints = _named([*self._tree_joints(), *self._closures()], set(self.names.values()))

@@ -4,12 +4,12 @@ import time
 
 import numpy as np
 import pytest
-from build123d import Box, Cylinder, Pos, Rot
+from build123d import Axis, Box, Cylinder, Pos, Rot, fillet
 
 from stiffscope.cad.solid import part_of
 from stiffscope.fea.experiment import run_experiment, specimen_of
 from stiffscope.fea.extrusion import flat_mesh
-from stiffscope.fea.mesh import MeshError, default_size, tet_volumes
+from stiffscope.fea.mesh import MeshError, default_size, expected_elements, tet_volumes
 from stiffscope.fea.settings import Settings
 
 
@@ -52,6 +52,16 @@ def test_thin_plane_walls_get_larger_elements_and_no_others():
     assert sheet.flatness == 2
     assert tube.flatness == 1
     assert surface_of(Box(60, 20, 5))[2].flatness == 1
+
+
+def test_rounds_that_the_mesher_leaves_out_are_not_expected_to_cost_elements():
+    plain = Box(200, 100, 50)
+    rounded = [fillet(plain.edges().filter_by(Axis.X), radius) for radius in (0.05, 0.1)]
+    expected = [
+        expected_elements(surface, specimen.volume, default_size(specimen.volume, specimen.area))
+        for surface, _, specimen in map(surface_of, (plain, *rounded))
+    ]
+    assert max(expected) < 10 * expected[0]
 
 
 def test_a_strip_bends_as_beam_theory_says():

@@ -207,15 +207,20 @@ def test_a_model_without_a_body_is_refused_in_one_line(tmp_path):
     assert not (tmp_path / "new.toml").exists()
 
 
-@pytest.mark.parametrize("wrong", ['<mass value="nan"/>', '<origin xyz="nan 0 0"/><mass value="2"/>'])
-def test_numbers_that_are_none_are_refused_in_one_line(tmp_path, monkeypatch, capfd, wrong):
+@pytest.mark.parametrize("number", ["nan", "inf"])
+@pytest.mark.parametrize("place", ["MASS", "AXIS", "ORIGIN"])
+def test_numbers_that_are_none_are_refused_in_one_line(tmp_path, monkeypatch, capfd, place, number):
     monkeypatch.chdir(tmp_path)
-    inertia = f'<inertial>{wrong}<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
-    (tmp_path / "nan.urdf").write_text(
-        f'<robot name="arm"><link name="stand"/><link name="arm">{inertia}</link><joint name="s" type="revolute">'
-        '<parent link="stand"/><child link="arm"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="0" '
-        'velocity="0"/></joint></robot>'
+    values = {"MASS": "2", "AXIS": "0", "ORIGIN": "0", place: number}
+    (tmp_path / "arm.urdf").write_text(
+        f'''<robot name="arm"><link name="stand"/><link name="arm"><inertial><mass value="{values["MASS"]}"/>
+        <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="s" type="revolute">
+        <parent link="stand"/><child link="arm"/>
+        <axis xyz="{values["AXIS"]} 0 1"/><origin xyz="{values["ORIGIN"]} 0 0"/>
+        <limit lower="-1" upper="1" effort="0" velocity="0"/></joint></robot>'''
     )
-    assert _guarded(["import", "nan.urdf", "--out", "new.toml"]) == 2
-    assert len(capfd.readouterr().err.splitlines()) == 1
-    assert [file.name for file in tmp_path.iterdir()] == ["nan.urdf"]
+    assert _guarded(["import", "arm.urdf", "--out", "new.toml"]) == 2
+    said = capfd.readouterr().err.splitlines()
+    assert len(said) == 1
+    assert said[0].startswith("stiffscope: arm.urdf: expected a model in URDF or MJCF")
+    assert [file.name for file in tmp_path.iterdir()] == ["arm.urdf"]
