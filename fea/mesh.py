@@ -292,7 +292,7 @@ def _run_worker(source: Path, target: Path, time_limit: float) -> None:
         done = run_module("stiffscope.fea.worker", *words, time_limit=time_limit, folder=str(source.parent))
     except subprocess.TimeoutExpired:
         raise MeshError(
-            f"mesh: not finished within {time_limit:.0f} s; choose a larger size or envelope, or a longer limit"
+            f"mesh: not finished within {time_limit:.3g} s; choose a larger size or envelope, or a longer limit"
         ) from None
     if done.returncode or not target.exists():
         last = (done.stderr.decode(errors="replace").strip().splitlines() or ["no message"])[-1]
