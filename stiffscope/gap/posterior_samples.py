@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -148,9 +149,7 @@ def _write_group(
     words: Mapping[str, Sequence[str]] | None = None,
 ) -> None:
     """Write arrays over the dimensions of ``scales``, whose last may have words as further coordinates."""
-    import h5py  # pyright: ignore[reportMissingTypeStubs]
-
-    text: Any = h5py.string_dtype()  # pyright: ignore[reportUnknownMemberType]
+    text = import_module("h5py").string_dtype()  # a module without types
     group.dimensions = {name: len(scale) for name, scale in scales.items()}
     for name, scale in scales.items():
         group.create_variable(name, (name,), data=scale)
