@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from stiffscope import children
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, StiffscopeError
 from stiffscope.files import scratch_folder
 
 if TYPE_CHECKING:
@@ -38,13 +38,18 @@ def cluster(scheduler: str | None = None, workers: int = 2, threads: int = 1) ->
     ------
     InputError
         No scheduler answers.
+    StiffscopeError
+        The scheduler goes while the client is in use.
 
     """
     import dask.config
     from distributed import Client, LocalCluster
+    from distributed.client import FutureCancelledError
+    from distributed.comm.core import CommClosedError
 
     quiet = logging.CRITICAL
-    logging.getLogger("distributed").setLevel(quiet)  # slow workers are no news, a lost scheduler is told
+    for name in ("distributed", "distributed.client"):  # each has a level of its own
+        logging.getLogger(name).setLevel(quiet)  # slow workers are no news, a lost scheduler is told
     if scheduler is not None:
         try:
             client = Client(scheduler, timeout=_CONNECT)
@@ -52,8 +57,11 @@ def cluster(scheduler: str | None = None, workers: int = 2, threads: int = 1) ->
             raise InputError(
                 f"--scheduler: expected the address of a Dask scheduler that answers, got {scheduler}"
             ) from error
-        with client:
-            yield client
+        try:
+            with client:
+                yield client
+        except (CommClosedError, FutureCancelledError) as error:
+            raise _gone("no connection") from error
         return
     no_page: dict[str, Any] = {"dashboard_address": None}
     with (
@@ -72,13 +80,25 @@ def finished(client: Any, running: Mapping[Any, Task]) -> Iterator[tuple[Task, A
     """Tasks by their futures, each with its future as soon as that has an answer or an error.
 
     Where the caller ends early, by Ctrl-C too, what is queued is cancelled: it is not to run on a cluster that stays.
+
+    Raises
+    ------
+    StiffscopeError
+        The scheduler has gone.
+
     """
     from distributed import as_completed
 
     left = dict(running)
     try:
         for future in as_completed(list(running)):
+            if future.status not in {"finished", "error"}:
+                raise _gone(future.status)
             yield left.pop(future), future
     finally:
         if left:
             client.cancel(list(left))
+
+
+def _gone(how: str) -> StiffscopeError:
+    return StiffscopeError(f"the scheduler has gone ({how}); what is finished is kept, run the same command again")

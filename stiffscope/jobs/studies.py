@@ -16,7 +16,7 @@ import numpy as np
 
 from stiffscope import files
 from stiffscope.cluster import cluster, finished
-from stiffscope.errors import InputError, StiffscopeError
+from stiffscope.errors import InputError
 from stiffscope.jobs.assembly import assemble_robots, condense_robot
 from stiffscope.jobs.cache import code_version, digest
 from stiffscope.jobs.orders import LIBRARIES
@@ -292,14 +292,10 @@ def _makers(file: StudyFile, workers: int, scheduler: str | None) -> Iterator[Ma
 def _answer(values: Values, future: Any, count: int) -> Design:
     from distributed import KilledWorker
 
-    error = None if future.status == "finished" else future.exception() if future.status == "error" else future.status
-    if isinstance(error, KilledWorker):
+    try:
+        return future.result()
+    except KilledWorker:
         return Design(values, (math.nan,) * count, _ENDED, again=True)
-    if isinstance(error, BaseException):
-        raise error
-    if error is not None:
-        raise StiffscopeError(f"the scheduler has gone ({error}); what is finished is kept, run the same study again")
-    return future.result()
 
 
 def make_on_worker(file: StudyFile, values: Values) -> Design:
