@@ -282,6 +282,7 @@ def _bars(axes: Any, bars: Iterable[tuple[str, float, float]], label: str) -> No
         axes.invert_yaxis()
     axes.axvline(0.0, color="#4b5560", lw=0.8)
     axes.set_xlabel(label)
+    axes.locator_params(axis="x", nbins=7)
     axes.grid(axis="x", color="#e3e7eb", lw=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right", "left"]].set_visible(False)

@@ -100,7 +100,7 @@ def _row(study: Study, index: int) -> list[str]:
         value if isinstance(value, str) else quantity(value, v.unit)
         for v, value in zip(file.variables, design.values, strict=True)
     ]
-    found = [f"{value:.5g} {r.unit}" for r, value in zip(file.responses, design.responses, strict=True)]
+    found = [quantity(float(f"{value:.5g}"), r.unit) for r, value in zip(file.responses, design.responses, strict=True)]
     return [str(index + 1), *values, *found]
 
 
@@ -192,6 +192,7 @@ def _heights(values: list[Any]) -> np.ndarray:
 
 
 def _tidy(axes: Axes) -> None:
+    axes.ticklabel_format(useMathText=True, scilimits=(-3, 5))
     axes.grid(color="#e3e7eb", lw=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
