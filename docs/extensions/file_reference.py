@@ -1,4 +1,4 @@
-"""Pages made from the code: keys of robot files and campaigns, Python names, the gallery."""
+"""Pages made from the code: keys of robot files and campaigns, Python names, the gallery, robots that turn."""
 
 from __future__ import annotations
 
@@ -145,6 +145,18 @@ class Gallery(Directive):
         return section
 
 
+class TurningRobot(Directive):
+    """A robot of the library, by beam theory, that turns and bends."""
+
+    required_arguments = 1
+
+    def run(self) -> list[nodes.Node]:
+        """Return the view that a notebook shows."""
+        robot = stiffscope.load_robot(self.arguments[0])
+        shown = stiffscope.view(stiffscope.assemble(robot, "beam"), robot)
+        return [nodes.raw("", shown._repr_html_(), format="html")]
+
+
 class Facade(Directive):
     """The names of ``import stiffscope``, each with its own documentation."""
 
@@ -192,5 +204,6 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.add_directive("study-file-keys", StudyFileKeys)
     app.add_directive("campaign-keys", CampaignKeys)
     app.add_directive("gallery", Gallery)
+    app.add_directive("turning-robot", TurningRobot)
     app.add_directive("facade", Facade)
     return {"parallel_read_safe": True}
