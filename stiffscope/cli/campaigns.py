@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import logging
 import os
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,6 +19,7 @@ from stiffscope.processors import processors
 if TYPE_CHECKING:
     from stiffscope.gap.diagnosis import Diagnosis
     from stiffscope.jobs.assembly import Assembled
+    from stiffscope.jobs.cache import Cache
     from stiffscope.jobs.campaigns import Case
     from stiffscope.jobs.manifest import Manifest
 
@@ -66,7 +66,7 @@ def diagnose(name: str, out: Path, *, target: str | None, adopt: Path | None, qu
             files.write_json(folder / "diagnosis.json", to_json(diagnosis))
             if diagnosis.samples is not None:
                 write_posterior(folder / "posterior.nc", diagnosis.samples)
-            _write_report(case, nominal, diagnosis, folder, manifest)
+            _write_report(case, nominal, diagnosis, folder, manifest, shop.cache)
     if target:
         files.write_json(target, to_json(diagnosis))
     loud = not quiet and target != "-"
@@ -78,31 +78,26 @@ def diagnose(name: str, out: Path, *, target: str | None, adopt: Path | None, qu
 
 
 def _write_report(
-    case: Case, nominal: Assembled | None, diagnosis: Diagnosis, folder: Path, manifest: Manifest
+    case: Case, nominal: Assembled | None, diagnosis: Diagnosis, folder: Path, manifest: Manifest, cache: Cache
 ) -> None:
     """Figures, manifest, and the report that shows them."""
     from stiffscope.jobs.campaigns import reached
     from stiffscope.report.diagnosis_report import share_view, write_diagnosis_report
-    from stiffscope.report.gap_figures import draw_figures
-    from stiffscope.report.kept_pictures import draw_shares
+    from stiffscope.report.kept_pictures import write_diagnosis_pictures
 
     view = None
     facts = [f"{len(case.campaign):,} readings at {len(case.campaign.pose_names)} poses"]
     if nominal is None:
         facts.append("the model under test is the campaign's own predictions")
-        draw_figures(diagnosis, folder)
+        write_diagnosis_pictures(diagnosis, folder, cache, manifest)
     else:
         made_of = ", ".join(f"{part} {source}" for part, source in nominal.sources.items())
         modelled = ", ".join(case.campaign.modelled) or "no effect"
         facts.append(f"nominal robot {nominal.robot.name} ({made_of}; modelled: {modelled})")
-        found = reached(case)
+        found = reached(case, nominal)
+        write_diagnosis_pictures(diagnosis, folder, cache, manifest, nominal, found)
         if found is not None:
-            poses = found.tool[:, nominal.mechanism.tool.commanded]
-            with ThreadPoolExecutor(1) as beside:  # while a process of its own draws the robot
-                drawn = beside.submit(draw_figures, diagnosis, folder)
-                draw_shares(nominal, diagnosis, poses, folder)
-                drawn.result()
-            view = share_view(folder, nominal, diagnosis, poses)
+            view = share_view(folder, nominal, diagnosis, found)
     manifest.write(folder)
     write_diagnosis_report(folder, diagnosis, title=f"Where is the gap? {case.name}", facts=facts, view=view)
 

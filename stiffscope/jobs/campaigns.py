@@ -91,15 +91,19 @@ def open_case(name: str | Path, *, planned: bool = False) -> Case:
     return Case(folder.resolve().name, folder, campaign, robot)
 
 
-def reached(case: Case) -> Configurations | None:
-    """The robot, its parts rigid, at the campaign's poses; None without a robot. Raises InputError out of reach."""
+def reached(case: Case, nominal: Assembled | None = None) -> Configurations | None:
+    """The robot, by default with rigid parts, at the campaign's poses; None without a robot.
+
+    Raises InputError for a pose out of reach.
+    """
     if case.robot is None:
         return None
     from stiffscope.gap.mechanics import RobotAtPoses
     from stiffscope.robot.effects import NominalRobot
     from stiffscope.robot.inspection import rigid_mechanism
 
-    return RobotAtPoses(NominalRobot(rigid_mechanism(case.robot), case.robot), case.campaign).configurations
+    mechanism = nominal.mechanism if nominal else rigid_mechanism(case.robot)
+    return RobotAtPoses(NominalRobot(mechanism, case.robot), case.campaign).configurations
 
 
 def find_campaign(name: str | Path) -> Path:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
+import pickle
 import shutil
 import time
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +18,9 @@ import numpy as np
 from stiffscope.files import file_digest
 from stiffscope.jobs.cache import code_version, digest, kept_files
 from stiffscope.jobs.results import EXPERIMENT
+from stiffscope.gap.diagnosis import to_json
 from stiffscope.report import maps
+from stiffscope.report.gap_figures import draw_figures
 from stiffscope.report.pictures import PictureError, draw
 from stiffscope.report.robot_scene import deformed, exaggeration, moves, picture, pose_text, scene
 from stiffscope.report.run_report import GEOMETRY
@@ -24,7 +29,6 @@ from stiffscope.vjm.kinematics import configure
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from pathlib import Path
 
     from stiffscope.gap.diagnosis import Diagnosis
     from stiffscope.jobs.assembly import Assembled
@@ -54,15 +58,23 @@ class Order:
 def write_run_pictures(assembled: Assembled, folder: Path, cache: Cache, manifest: Manifest) -> None:
     """Draw parts, robot and map of a run into its folder; where this machine cannot draw, say so and leave them out."""
     orders = [_part_order(result, folder / name) for name, result in assembled.results.items()]
-    orders += _robot_orders(assembled, folder)
-    with ThreadPoolExecutor(AT_ONCE) as pool:
-        made = [pool.submit(_kept, order, cache) for order in orders]
-        try:
-            for order, each in zip(orders, made, strict=True):
-                _place(order, *each.result(), manifest)
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    _write([*orders, *_robot_orders(assembled, folder)], cache, manifest)
+
+
+def write_diagnosis_pictures(
+    diagnosis: Diagnosis, folder: Path, cache: Cache, manifest: Manifest,
+    assembled: Assembled | None = None, found: Configurations | None = None,
+) -> None:  # fmt: skip
+    """Draw the figures of a diagnosis, and the robot, where there is one, in the colours of the shares at its poses.
+
+    The robot comes with its solids for a page's viewer; where this machine cannot draw it, say so and leave it out.
+    """
+    code = code_version(("stiffscope.report",), ("matplotlib", "numpy"))
+    key = digest({"diagnosis": _drawn(diagnosis), "code": code})
+    orders = [Order("figures", key, lambda folder: draw_figures(diagnosis, folder), folder)]
+    if assembled is not None and found is not None and diagnosis.where.component:
+        orders.append(_shares_order(assembled, diagnosis, found, folder))
+    _write(orders, cache, manifest)
 
 
 def draw_named_poses(assembled: Assembled, folder: Path) -> None:
@@ -71,19 +83,6 @@ def draw_named_poses(assembled: Assembled, folder: Path) -> None:
         _draw_poses(assembled, folder)
     except PictureError as error:
         log.warning("%s", error)
-
-
-def draw_shares(assembled: Assembled, diagnosis: Diagnosis, poses: np.ndarray, folder: Path) -> None:
-    """The robot at the pose of the largest residual, its elements coloured by their share of the gap; its solids."""
-    where = diagnosis.where
-    if not where.component:
-        return
-    worst = int(np.argmax([np.nansum(np.square(row)) for row in np.array(where.pose, dtype=float)]))
-    found = configure(assembled.mechanism, poses[worst])
-    place = pose_text(assembled.mechanism, found.poses[0])
-    title = f"Share of the gap by component, at the pose of the largest residual, {place}"
-    shown = [picture("robot.png", title, moves(assembled.mechanism, found))]
-    _draw_robot(assembled, folder, shown, shares(assembled.robot, diagnosis), "share of the gap", GEOMETRY)
 
 
 def draw_deflection(
@@ -97,7 +96,11 @@ def draw_deflection(
         title = f"{assembled.robot.name} at {name} under {case.label}; deformed × {factor:g}"
         bent = picture(f"deflection_{k + 1}.png", title, deformed(moved, case.twists, at, factor), moved)
         shown.append({**bent, "shares": case.shares})
-    _draw_robot(assembled, folder, shown, None, "share of the strain energy", GEOMETRY)
+    arguments = scene(assembled.robot, mechanism, _experiments(assembled))
+    try:
+        draw("robot", folder, pictures=shown, scale="share of the strain energy", geometry=GEOMETRY, **arguments)
+    except PictureError as error:
+        log.warning("%s", error)
 
 
 def plain_robot(robot: RobotFile) -> dict[str, Any]:
@@ -108,6 +111,17 @@ def plain_robot(robot: RobotFile) -> dict[str, Any]:
     content = {field.name: getattr(robot, field.name) for field in fields(robot) if field.name not in left}
     plain = {key: dict(value) if isinstance(value, Mapping) else value for key, value in content.items()}
     return to_jsonable_python(plain, by_alias=True, inf_nan_mode="constants")
+
+
+def _write(orders: Sequence[Order], cache: Cache, manifest: Manifest) -> None:
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        made = [pool.submit(_kept, order, cache) for order in orders]
+        try:
+            for order, each in zip(orders, made, strict=True):
+                _place(order, *each.result(), manifest)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 def _kept(order: Order, cache: Cache) -> tuple[Path | None, bool, float]:
@@ -127,6 +141,36 @@ def _place(order: Order, held: Path | None, reused: bool, seconds: float, manife
         for file in kept_files(held):
             shutil.copyfile(held / file, order.target / file)
         manifest.note(order.name, key=order.key, reused=reused, seconds=seconds)
+
+
+def _drawn(diagnosis: Diagnosis) -> dict[str, Any]:
+    """What determines the figures of a diagnosis."""
+    samples = diagnosis.samples
+    draws = None if samples is None else pickle.dumps((samples.parameters, samples.units, samples.held_out))
+    return {
+        "numbers": to_json(diagnosis),
+        "signatures": diagnosis.signature_correlation,
+        "draws": draws and hashlib.sha256(draws).hexdigest(),
+    }
+
+
+def _shares_order(assembled: Assembled, diagnosis: Diagnosis, found: Configurations, target: Path) -> Order:
+    """The robot at the pose of the largest residual, its elements coloured by their share of the gap; its solids."""
+    worst = int(np.argmax([np.nansum(np.square(row)) for row in np.array(diagnosis.where.pose, dtype=float)]))
+    place = pose_text(assembled.mechanism, found.tool[worst, assembled.mechanism.tool.commanded].tolist())
+    title = f"Share of the gap by component, at the pose of the largest residual, {place}"
+    shown = [picture("robot.png", title, moves(assembled.mechanism, found, worst))]
+    part = shares(assembled.robot, diagnosis)
+    drawn = {"pictures": shown, **scene(assembled.robot, assembled.mechanism, _experiments(assembled), part)}
+    skins = {str(file) for body in drawn["bodies"] for file in (body.get("experiment"), body.get("mesh")) if file}
+    key = digest(
+        {"drawn": drawn, "skins": [file_digest(Path(file)) for file in sorted(skins)], "code": _drawing_code()}
+    )
+
+    def write(folder: Path) -> None:
+        draw("robot", folder, scale="share of the gap", geometry=GEOMETRY, **drawn)
+
+    return Order("robot", key, write, target)
 
 
 def _part_order(result: PartResult, target: Path) -> Order:
@@ -184,18 +228,6 @@ def _draw_poses(assembled: Assembled, folder: Path) -> None:
         for k, (name, pose) in enumerate(poses.items())
     ]
     draw("robot", folder, pictures=shown, geometry=GEOMETRY, **scene(robot, mechanism, _experiments(assembled)))
-
-
-def _draw_robot(
-    assembled: Assembled, folder: Path, shown: Sequence[dict[str, Any]], part: Mapping[str, float] | None, scale: str,
-    geometry: str | None = None,
-) -> None:  # fmt: skip
-    """Pictures coloured by shares of elements; where this machine cannot draw, say so and leave them out."""
-    arguments = scene(assembled.robot, assembled.mechanism, _experiments(assembled), part)
-    try:
-        draw("robot", folder, pictures=list(shown), scale=scale, geometry=geometry, **arguments)
-    except PictureError as error:
-        log.warning("%s", error)
 
 
 def _experiments(assembled: Assembled) -> dict[str, Path]:
