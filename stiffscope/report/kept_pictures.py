@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.files import file_digest
+from stiffscope.gap.diagnosis import to_json
 from stiffscope.jobs.cache import code_version, digest, kept_files
 from stiffscope.jobs.results import EXPERIMENT
-from stiffscope.gap.diagnosis import to_json
 from stiffscope.report import maps
 from stiffscope.report.gap_figures import draw_figures
 from stiffscope.report.pictures import PictureError, draw
