@@ -154,22 +154,22 @@ def check_campaign(name: str, out: Path | None, *, target: str | None, quiet: bo
     if out is not None:
         files.check_output(out, target)
     case = open_case(name, planned=True)
-    found = reached(case)
+    found, facts = reached(case), campaign_json(case.campaign)
     if not quiet and target != "-":
-        show_campaign(case.campaign, case.name)
+        show_campaign(facts, case.name)
     if out is not None:
         manifest = manifest_of(case.robot, *(case.folder / file for file in ("campaign.toml", *case.campaign.files)))
         with files.staged_folder(out) as folder:
-            files.write_json(folder / "check.json", campaign_json(case.campaign))
+            files.write_json(folder / "check.json", facts)
             if case.robot is not None and found is not None:
                 try:
                     draw_sensors(case.robot, found.mechanism, found, case.campaign, folder)
                 except PictureError as error:
                     log.warning("%s", error)
             manifest.write(folder)
-            write_page(case.campaign, case.name, folder)
+            write_page(facts, case.name, folder)
     if target is not None:
-        files.write_json(target, campaign_json(case.campaign))
+        files.write_json(target, facts)
 
 
 @click.command()
