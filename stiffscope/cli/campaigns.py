@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import logging
 import os
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from stiffscope.jobs.cache import Cache
     from stiffscope.jobs.campaigns import Case
     from stiffscope.jobs.manifest import Manifest
+    from stiffscope.report.kept_pictures import SharesPicture
 
 log = logging.getLogger(__name__)
 
@@ -52,21 +54,24 @@ def diagnose(name: str, out: Path, *, target: str | None, adopt: Path | None, qu
     from stiffscope.gap.diagnosis import to_json
     from stiffscope.gap.posterior_samples import write_posterior
     from stiffscope.jobs.adoption import check_target
-    from stiffscope.jobs.campaigns import diagnose_case, open_case
+    from stiffscope.jobs.campaigns import assembled_nominal, diagnose_case, open_case
     from stiffscope.report import gap_tables, tables
+    from stiffscope.report.kept_pictures import shares_ahead
 
     files.check_output(out, target, adopt)
     case = open_case(name)
     manifest = manifest_of(case.robot, *(case.folder / file for file in ("campaign.toml", *case.campaign.files)))
     if adopt is not None:
         check_target(adopt, case.robot)
-    with shown_workshop(quiet=quiet) as shop:
-        diagnosis, nominal = diagnose_case(case, shop)
+    with shown_workshop(quiet=quiet) as shop, ExitStack() as stack:
+        nominal = assembled_nominal(case, shop)
+        ahead = nominal and stack.enter_context(shares_ahead(nominal, manifest.sources["inputs"], shop.cache))
+        diagnosis = diagnose_case(case, nominal, shop)
         with files.staged_folder(out) as folder:
             files.write_json(folder / "diagnosis.json", to_json(diagnosis))
             if diagnosis.samples is not None:
                 write_posterior(folder / "posterior.nc", diagnosis.samples)
-            _write_report(case, nominal, diagnosis, folder, manifest, shop.cache)
+            _write_report(case, nominal, diagnosis, folder, manifest, shop.cache, ahead)
     if target:
         files.write_json(target, to_json(diagnosis))
     loud = not quiet and target != "-"
@@ -78,12 +83,13 @@ def diagnose(name: str, out: Path, *, target: str | None, adopt: Path | None, qu
 
 
 def _write_report(
-    case: Case, nominal: Assembled | None, diagnosis: Diagnosis, folder: Path, manifest: Manifest, cache: Cache
-) -> None:
+    case: Case, nominal: Assembled | None, diagnosis: Diagnosis, folder: Path, manifest: Manifest, cache: Cache,
+    ahead: SharesPicture | None,
+) -> None:  # fmt: skip
     """Figures, manifest, and the report that shows them."""
     from stiffscope.jobs.campaigns import reached
     from stiffscope.report.diagnosis_report import share_view, write_diagnosis_report
-    from stiffscope.report.kept_pictures import write_diagnosis_pictures
+    from stiffscope.report.kept_pictures import order_shares, write_diagnosis_pictures
 
     view = None
     facts = [f"{len(case.campaign):,} readings at {len(case.campaign.pose_names)} poses"]
@@ -95,9 +101,9 @@ def _write_report(
         modelled = ", ".join(case.campaign.modelled) or "no effect"
         facts.append(f"nominal robot {nominal.robot.name} ({made_of}; modelled: {modelled})")
         found = reached(case, nominal)
-        write_diagnosis_pictures(diagnosis, folder, cache, manifest, nominal, found)
-        if found is not None:
-            view = share_view(folder, nominal, diagnosis, found)
+        robot = order_shares(nominal, diagnosis, found, folder, ahead) if found and ahead else None
+        write_diagnosis_pictures(diagnosis, folder, cache, manifest, robot)
+        view = share_view(folder, nominal, diagnosis, found) if found else None
     manifest.write(folder)
     write_diagnosis_report(folder, diagnosis, title=f"Where is the gap? {case.name}", facts=facts, view=view)
 

@@ -9,8 +9,8 @@ import shutil
 import time
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,14 +21,15 @@ from stiffscope.jobs.cache import code_version, digest, kept_files
 from stiffscope.jobs.results import EXPERIMENT
 from stiffscope.report import maps
 from stiffscope.report.gap_figures import draw_figures
-from stiffscope.report.pictures import PictureError, draw
+from stiffscope.report.pictures import PictureError, draw, drawing
 from stiffscope.report.robot_scene import deformed, exaggeration, moves, picture, pose_text, scene
 from stiffscope.report.run_report import GEOMETRY
 from stiffscope.report.text import shares
 from stiffscope.vjm.kinematics import configure
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
+    from pathlib import Path
 
     from stiffscope.gap.diagnosis import Diagnosis
     from stiffscope.jobs.assembly import Assembled
@@ -61,20 +62,63 @@ def write_run_pictures(assembled: Assembled, folder: Path, cache: Cache, manifes
     _write([*orders, *_robot_orders(assembled, folder)], cache, manifest)
 
 
-def write_diagnosis_pictures(
-    diagnosis: Diagnosis, folder: Path, cache: Cache, manifest: Manifest,
-    assembled: Assembled | None = None, found: Configurations | None = None,
-) -> None:  # fmt: skip
-    """Draw the figures of a diagnosis, and the robot, where there is one, in the colours of the shares at its poses.
+@dataclass(frozen=True)
+class SharesPicture:
+    """The robot of a diagnosis that is yet to be made: the key of its picture, and what draws it."""
 
-    The robot comes with its solids for a page's viewer; where this machine cannot draw it, say so and leave it out.
+    key: str
+    draw: Callable[..., None]
+
+
+@contextmanager
+def shares_ahead(assembled: Assembled, campaign: Mapping[str, str], cache: Cache) -> Iterator[SharesPicture]:
+    """Get ready for the picture of a diagnosis, while that is made, where the cache does not have it.
+
+    ``campaign``: the campaign's files with their checksums, which determine it together with the robot.
+    """
+    packages = ("stiffscope", "stiffscope.cad", "stiffscope.fea", "stiffscope.vjm")
+    code = code_version(packages, ("numpy", "scipy", "pyvista", "vtk", "matplotlib"))
+    key = digest({**_facts(assembled), "skins": _skins(assembled), "campaign": campaign, "code": code})
+    if cache.get("pictures", key) is not None:
+        yield SharesPicture(key, draw)
+        return
+    with drawing(ahead=True) as draw_now:
+        yield SharesPicture(key, draw_now)
+
+
+def write_diagnosis_pictures(
+    diagnosis: Diagnosis, folder: Path, cache: Cache, manifest: Manifest, robot: Order | None = None
+) -> None:
+    """Draw the figures of a diagnosis, and its robot by `order_shares`, where there is one.
+
+    Where this machine cannot draw the robot, say so and leave it out.
     """
     code = code_version(("stiffscope.report",), ("matplotlib", "numpy"))
     key = digest({"diagnosis": _drawn(diagnosis), "code": code})
-    orders = [Order("figures", key, lambda folder: draw_figures(diagnosis, folder), folder)]
-    if assembled is not None and found is not None and diagnosis.where.component:
-        orders.append(_shares_order(assembled, diagnosis, found, folder))
-    _write(orders, cache, manifest)
+    figures = Order("figures", key, lambda folder: draw_figures(diagnosis, folder), folder)
+    _write([figures, robot] if robot else [figures], cache, manifest)
+
+
+def order_shares(
+    assembled: Assembled, diagnosis: Diagnosis, found: Configurations, target: Path, ahead: SharesPicture
+) -> Order | None:
+    """The robot at the pose of the largest residual, its elements coloured by their share of the gap; its solids.
+
+    Of the campaign's poses; None without shares.
+    """
+    where, mechanism = diagnosis.where, assembled.mechanism
+    if not where.component:
+        return None
+    worst = int(np.argmax([np.nansum(np.square(row)) for row in np.array(where.pose, dtype=float)]))
+    place = pose_text(mechanism, found.tool[worst, mechanism.tool.commanded].tolist())
+    title = f"Share of the gap by component, at the pose of the largest residual, {place}"
+    shown = [picture("robot.png", title, moves(mechanism, found, worst))]
+    drawn = scene(assembled.robot, mechanism, _experiments(assembled), shares(assembled.robot, diagnosis))
+
+    def write(folder: Path) -> None:
+        ahead.draw("robot", folder, pictures=shown, scale="share of the gap", geometry=GEOMETRY, **drawn)
+
+    return Order("robot", ahead.key, write, target)
 
 
 def draw_named_poses(assembled: Assembled, folder: Path) -> None:
@@ -154,25 +198,6 @@ def _drawn(diagnosis: Diagnosis) -> dict[str, Any]:
     }
 
 
-def _shares_order(assembled: Assembled, diagnosis: Diagnosis, found: Configurations, target: Path) -> Order:
-    """The robot at the pose of the largest residual, its elements coloured by their share of the gap; its solids."""
-    worst = int(np.argmax([np.nansum(np.square(row)) for row in np.array(diagnosis.where.pose, dtype=float)]))
-    place = pose_text(assembled.mechanism, found.tool[worst, assembled.mechanism.tool.commanded].tolist())
-    title = f"Share of the gap by component, at the pose of the largest residual, {place}"
-    shown = [picture("robot.png", title, moves(assembled.mechanism, found, worst))]
-    part = shares(assembled.robot, diagnosis)
-    drawn = {"pictures": shown, **scene(assembled.robot, assembled.mechanism, _experiments(assembled), part)}
-    skins = {str(file) for body in drawn["bodies"] for file in (body.get("experiment"), body.get("mesh")) if file}
-    key = digest(
-        {"drawn": drawn, "skins": [file_digest(Path(file)) for file in sorted(skins)], "code": _drawing_code()}
-    )
-
-    def write(folder: Path) -> None:
-        draw("robot", folder, scale="share of the gap", geometry=GEOMETRY, **drawn)
-
-    return Order("robot", key, write, target)
-
-
 def _part_order(result: PartResult, target: Path) -> Order:
     """A part under each unit wrench, and its mesh."""
     experiment = result.folder / EXPERIMENT
@@ -188,19 +213,29 @@ def _part_order(result: PartResult, target: Path) -> Order:
 
 def _robot_orders(assembled: Assembled, target: Path) -> list[Order]:
     """The robot at its poses, and a small map where the file says what to sweep."""
-    facts = {
-        "robot": plain_robot(assembled.robot),
-        "matrices": {
-            name: [part.compliance.tolist(), part.mass, None if part.dynamics is None else part.dynamics.load.tolist()]
-            for name, part in assembled.matrices.items()
-        },
-    }
+    facts = _facts(assembled)
     code = code_version(("stiffscope.vjm", "stiffscope.robot", "stiffscope.report"), ("matplotlib", "numpy"))
-    skins = {name: file_digest(result.folder / EXPERIMENT) for name, result in assembled.results.items()}
-    map_key, robot_key = digest({**facts, "code": code}), digest({**facts, "skins": skins, "code": _drawing_code()})
+    map_key = digest({**facts, "code": code})
+    robot_key = digest({**facts, "skins": _skins(assembled), "code": _drawing_code()})
     drawn = Order("robot", robot_key, lambda folder: _draw_poses(assembled, folder), target)
     mapped = Order("map", map_key, lambda folder: _draw_map(assembled, folder), target)
     return [drawn, mapped] if assembled.robot.map is not None else [drawn]
+
+
+def _facts(assembled: Assembled) -> dict[str, Any]:
+    """What determines a robot with its parts' matrices."""
+    matrices = {
+        name: [part.compliance.tolist(), part.mass, None if part.dynamics is None else part.dynamics.load.tolist()]
+        for name, part in assembled.matrices.items()
+    }
+    return {"robot": plain_robot(assembled.robot), "matrices": matrices}
+
+
+def _skins(assembled: Assembled) -> dict[str, str]:
+    """Checksums of the solids that a robot is drawn by: its parts' experiments, the user's own surfaces."""
+    surfaces = {name: getattr(body, "mesh", None) for name, body in assembled.robot.bodies.items()}
+    own = {f"{name}.mesh": assembled.robot.path.parent / mesh for name, mesh in surfaces.items() if mesh}
+    return {name: file_digest(file) for name, file in (_experiments(assembled) | own).items()}
 
 
 def _drawing_code() -> str:
