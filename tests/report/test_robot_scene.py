@@ -101,4 +101,4 @@ def test_a_process_that_fails_says_why_and_one_that_is_not_asked_ends(tmp_path):
         draw_now("nothing", tmp_path)
     with drawing() as draw_now:
         process = draw_now.args[0]
-    assert process.returncode == -9
+    assert process.returncode not in (None, 0)
