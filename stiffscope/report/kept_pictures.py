@@ -52,7 +52,7 @@ class Order:
 
     name: str
     key: str
-    write: Callable[[Path], None]
+    write: Callable[[Path], object]
     target: Path
 
 
