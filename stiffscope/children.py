@@ -36,9 +36,20 @@ def run_module(module: str, *arguments: str, time_limit: float, folder: str) -> 
         It took longer.
 
     """
-    return subprocess.run(
-        [sys.executable, "-P", "-m", module, *arguments], cwd=folder, stdin=subprocess.DEVNULL, capture_output=True,
-        timeout=time_limit, check=False, env={**os.environ, _PARENT: str(os.getpid())},
+    with start_module(module, *arguments, folder=folder) as process:
+        try:
+            out, errors = process.communicate(timeout=time_limit)
+        except BaseException:
+            process.kill()
+            raise
+    return subprocess.CompletedProcess(process.args, process.returncode, out, errors)
+
+
+def start_module(module: str, *arguments: str, folder: str) -> subprocess.Popen[bytes]:
+    """Start such a process, which may be told more through a pipe."""
+    return subprocess.Popen(
+        [sys.executable, "-P", "-m", module, *arguments], cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, env={**os.environ, _PARENT: str(os.getpid())},
     )  # fmt: skip
 
 

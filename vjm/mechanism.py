@@ -7,6 +7,7 @@ is the fixed one.
 
 from __future__ import annotations
 
+import copy
 import re
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -364,7 +365,10 @@ class Mechanism:
         for name, change in (("base", base), ("tool", grip)):
             if change.compliance is not None:
                 checked_compliance(change.compliance, name, semidefinite=True)
-        return replace(self, bodies=tuple(bodies), joints=tuple(joints), base=base, grip=grip)
+        out = copy.copy(self)  # whose names and connections are checked already
+        for name, value in (("bodies", tuple(bodies)), ("joints", tuple(joints)), ("base", base), ("grip", grip)):
+            _set(out, name, value)
+        return out
 
 
 def axes_along(

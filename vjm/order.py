@@ -8,6 +8,7 @@ are eliminated.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from typing import TYPE_CHECKING, Any, TypeAlias
 from weakref import WeakKeyDictionary
 
@@ -162,7 +163,7 @@ class _Planner:
         self.home = home(mechanism)
         self.elements = elements_of(mechanism)
         self.flexible = [_connection(e.first, e.second, ((e, 1.0),)) for e in self.elements]
-        self.stiff: set[frozenset[str]] = set()
+        self.stiff: dict[frozenset[str], None] = {}  # in order, so that every run rounds alike
         self.nodes = [n for n in nodes_of(mechanism) if n not in {GROUND, END}]
         self.steps: list[Step] = []
 
@@ -173,7 +174,7 @@ class _Planner:
             self.flexible = [c for c in tried if not c.formable]
             for c in (c for c in tried if c.formable):
                 self.steps.append(Stiffen(c))
-                self.stiff.add(frozenset((c.start, c.end)))
+                self.stiff[frozenset((c.start, c.end))] = None
             if not self._take_out():
                 break
         return Order(
@@ -213,17 +214,17 @@ class _Planner:
         node = min(ready)[2]
         neighbours = self._neighbours(node)
         here = self._at(node)
-        around = set(neighbours)
+        around = neighbours
         if here:
             (c,) = here
             c = c if c.end == node else c.reversed()
             self.steps.append(Fold(c, tuple(neighbours)))
             self.flexible = [f for f in self.flexible if f not in here]
-            around |= {c.start} if neighbours else set()
+            around = list(dict.fromkeys([*around, c.start])) if neighbours else []
         else:
             self.steps.append(Eliminate(node, tuple(neighbours)))
-        self.stiff = {pair for pair in self.stiff if node not in pair}
-        self.stiff |= {frozenset((a, b)) for a in around for b in around if a != b}
+        left = [pair for pair in self.stiff if node not in pair]
+        self.stiff = dict.fromkeys([*left, *(frozenset(pair) for pair in combinations(around, 2))])
         self.nodes.remove(node)
         return True
 

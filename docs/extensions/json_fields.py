@@ -83,7 +83,7 @@ SHARES = {
     "triples": ("share of triples that are right", "1"),
     "false_alarms": ("share of campaigns without an effect in which one is named", "1"),
     "outside": ("share of effects outside the library that are identified as one of it", "1"),
-    "told": ("the same of those that no three effects with a word imitate to within the noise", "1"),
+    "distinguishable": ("the same of those that no three effects with a word imitate to within the noise", "1"),
     "left_out": ("share of effects taken out of the library for which no wrong one is named with confidence", "1"),
     "coverage": ("share of the 95 % intervals that hold the true value", "1"),
 }

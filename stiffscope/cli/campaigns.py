@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import logging
 import os
-from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,8 +20,10 @@ from stiffscope.processors import processors
 if TYPE_CHECKING:
     from stiffscope.gap.diagnosis import Diagnosis
     from stiffscope.jobs.assembly import Assembled
+    from stiffscope.jobs.cache import Cache
     from stiffscope.jobs.campaigns import Case
     from stiffscope.jobs.manifest import Manifest
+    from stiffscope.report.kept_pictures import SharesPicture
 
 log = logging.getLogger(__name__)
 
@@ -52,21 +54,24 @@ def diagnose(name: str, out: Path, *, target: str | None, adopt: Path | None, qu
     from stiffscope.gap.diagnosis import to_json
     from stiffscope.gap.posterior_samples import write_posterior
     from stiffscope.jobs.adoption import check_target
-    from stiffscope.jobs.campaigns import diagnose_case, open_case
+    from stiffscope.jobs.campaigns import assembled_nominal, diagnose_case, open_case
     from stiffscope.report import gap_tables, tables
+    from stiffscope.report.kept_pictures import shares_ahead
 
     files.check_output(out, target, adopt)
     case = open_case(name)
     manifest = manifest_of(case.robot, *(case.folder / file for file in ("campaign.toml", *case.campaign.files)))
     if adopt is not None:
         check_target(adopt, case.robot)
-    with shown_workshop(quiet=quiet) as shop:
-        diagnosis, nominal = diagnose_case(case, shop)
+    with shown_workshop(quiet=quiet) as shop, ExitStack() as stack:
+        nominal = assembled_nominal(case, shop)
+        ahead = nominal and stack.enter_context(shares_ahead(nominal, manifest.sources["inputs"], shop.cache))
+        diagnosis = diagnose_case(case, nominal, shop)
         with files.staged_folder(out) as folder:
             files.write_json(folder / "diagnosis.json", to_json(diagnosis))
             if diagnosis.samples is not None:
                 write_posterior(folder / "posterior.nc", diagnosis.samples)
-            _write_report(case, nominal, diagnosis, folder, manifest)
+            _write_report(case, nominal, diagnosis, folder, manifest, shop.cache, ahead)
     if target:
         files.write_json(target, to_json(diagnosis))
     loud = not quiet and target != "-"
@@ -78,31 +83,27 @@ def diagnose(name: str, out: Path, *, target: str | None, adopt: Path | None, qu
 
 
 def _write_report(
-    case: Case, nominal: Assembled | None, diagnosis: Diagnosis, folder: Path, manifest: Manifest
-) -> None:
+    case: Case, nominal: Assembled | None, diagnosis: Diagnosis, folder: Path, manifest: Manifest, cache: Cache,
+    ahead: SharesPicture | None,
+) -> None:  # fmt: skip
     """Figures, manifest, and the report that shows them."""
     from stiffscope.jobs.campaigns import reached
     from stiffscope.report.diagnosis_report import share_view, write_diagnosis_report
-    from stiffscope.report.gap_figures import draw_figures
-    from stiffscope.report.kept_pictures import draw_shares
+    from stiffscope.report.kept_pictures import order_shares, write_diagnosis_pictures
 
     view = None
     facts = [f"{len(case.campaign):,} readings at {len(case.campaign.pose_names)} poses"]
     if nominal is None:
         facts.append("the model under test is the campaign's own predictions")
-        draw_figures(diagnosis, folder)
+        write_diagnosis_pictures(diagnosis, folder, cache, manifest)
     else:
         made_of = ", ".join(f"{part} {source}" for part, source in nominal.sources.items())
         modelled = ", ".join(case.campaign.modelled) or "no effect"
         facts.append(f"nominal robot {nominal.robot.name} ({made_of}; modelled: {modelled})")
-        found = reached(case)
-        if found is not None:
-            poses = found.tool[:, nominal.mechanism.tool.commanded]
-            with ThreadPoolExecutor(1) as beside:  # while a process of its own draws the robot
-                drawn = beside.submit(draw_figures, diagnosis, folder)
-                draw_shares(nominal, diagnosis, poses, folder)
-                drawn.result()
-            view = share_view(folder, nominal, diagnosis, poses)
+        found = reached(case, nominal)
+        robot = order_shares(nominal, diagnosis, found, folder, ahead) if found and ahead else None
+        write_diagnosis_pictures(diagnosis, folder, cache, manifest, robot)
+        view = share_view(folder, nominal, diagnosis, found) if found else None
     manifest.write(folder)
     write_diagnosis_report(folder, diagnosis, title=f"Where is the gap? {case.name}", facts=facts, view=view)
 
@@ -159,22 +160,22 @@ def check_campaign(name: str, out: Path | None, *, target: str | None, quiet: bo
     if out is not None:
         files.check_output(out, target)
     case = open_case(name, planned=True)
-    found = reached(case)
+    found, facts = reached(case), campaign_json(case.campaign)
     if not quiet and target != "-":
-        show_campaign(case.campaign, case.name)
+        show_campaign(facts, case.name)
     if out is not None:
         manifest = manifest_of(case.robot, *(case.folder / file for file in ("campaign.toml", *case.campaign.files)))
         with files.staged_folder(out) as folder:
-            files.write_json(folder / "check.json", campaign_json(case.campaign))
+            files.write_json(folder / "check.json", facts)
             if case.robot is not None and found is not None:
                 try:
                     draw_sensors(case.robot, found.mechanism, found, case.campaign, folder)
                 except PictureError as error:
                     log.warning("%s", error)
             manifest.write(folder)
-            write_page(case.campaign, case.name, folder)
+            write_page(facts, case.name, folder)
     if target is not None:
-        files.write_json(target, campaign_json(case.campaign))
+        files.write_json(target, facts)
 
 
 @click.command()

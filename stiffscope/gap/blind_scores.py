@@ -164,8 +164,8 @@ class Scores:
     """Share of no-effect campaigns in which an effect was named."""
     outside: float | None
     """Share of outside effects for which an effect was identified."""
-    told: float | None
-    """The same among those that no few effects of the library imitate."""
+    distinguishable: float | None
+    """The same among those that are distinguishable from known effects: no few of the library imitate them."""
     left_out: float | None
     """Share of campaigns, their effect out of the library, without a confident name that leaves something over."""
     coverage: float | None

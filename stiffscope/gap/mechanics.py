@@ -340,7 +340,15 @@ class ElasticState:
     def _node(self, name: str) -> Array:
         """Twist (n, 6, cases) of a node at M in base axes."""
         known = self._response
-        return known.node(name) if isinstance(known, Softened) else known.nodes[name]
+        if not isinstance(known, Softened):
+            return known.nodes[name]
+        if name not in self._nodes:
+            self._nodes[name] = known.node(name)
+        return self._nodes[name]
+
+    @cached_property
+    def _nodes(self) -> dict[str, Array]:
+        return {}
 
     @property
     def compliance(self) -> Array:

@@ -156,7 +156,7 @@ def _write_group(
     for name, said in (words or {}).items():
         group.create_variable(name, (list(scales)[-1],), data=np.array(said, dtype=text))
     for name, array in values.items():
-        variable = group.create_variable(name, tuple(scales), data=array, compression="gzip")
+        variable = group.create_variable(name, tuple(scales), data=array)
         if units:
             variable.attrs["units"] = units[name]
         if words:

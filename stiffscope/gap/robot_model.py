@@ -307,7 +307,11 @@ class RobotModel:
 
     def predict(self, parameters: Parameters = ()) -> RobotPrediction:
         """Readings with these effects. Raises InputError where the parameters leave what can be assembled."""
-        return RobotPrediction(self.campaign, self._at, self._weighted, parameters)
+        return RobotPrediction(self.campaign, self._at, self._weighted, parameters) if parameters else self._nominal
+
+    @cached_property
+    def _nominal(self) -> RobotPrediction:
+        return RobotPrediction(self.campaign, self._at, self._weighted, ())
 
     def noise(self) -> Noise:
         """Noise and gross outliers, as the joint fit of all effects shows them."""

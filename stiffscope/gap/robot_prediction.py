@@ -341,6 +341,16 @@ class RobotPrediction:
 
     def columns(self, candidate: Candidate) -> Array:
         """Derivatives (n, k) of every reading by a candidate's internal parameters."""
+        key = candidate.name, candidate.scale, id(candidate.action)
+        if key not in self._columns:
+            self._columns[key] = candidate, self._derivatives(candidate)  # the action lives as long as its id
+        return self._columns[key][1]
+
+    @cached_property
+    def _columns(self) -> dict[tuple[str, tuple[float, ...], int], tuple[Candidate, Array]]:
+        return {}
+
+    def _derivatives(self, candidate: Candidate) -> Array:
         match candidate.action:
             case MechanicalEffect() as action:
                 here = self._internal.get(candidate.name, np.zeros(0))

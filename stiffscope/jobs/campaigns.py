@@ -57,20 +57,27 @@ def diagnose(campaign: str | Path) -> Diagnosis:
 
     """
     with workshop() as shop:
-        return diagnose_case(open_case(campaign), shop)[0]
+        case = open_case(campaign)
+        return diagnose_case(case, assembled_nominal(case, shop), shop)
 
 
-def diagnose_case(case: Case, shop: Workshop) -> tuple[Diagnosis, Assembled | None]:
-    """The diagnosis of a campaign, and the nominal robot that it starts from, where there is one."""
+def assembled_nominal(case: Case, shop: Workshop) -> Assembled | None:
+    """The nominal robot of a campaign with its parts, where there is one."""
+    if case.robot is None:
+        return None
+    return assemble_robots({"nominal": case.robot}, case.campaign.components, shop)["nominal"]
+
+
+def diagnose_case(case: Case, nominal: Assembled | None, shop: Workshop) -> Diagnosis:
+    """The diagnosis of a campaign on its nominal robot, where there is one."""
     from stiffscope.gap.diagnose import diagnose
     from stiffscope.jobs.part_dimensions import tested_dimensions
     from stiffscope.robot.effects import NominalRobot
 
-    if case.robot is None:
-        return diagnose(case.campaign), None
-    nominal = assemble_robots({"nominal": case.robot}, case.campaign.components, shop)["nominal"]
+    if nominal is None:
+        return diagnose(case.campaign)
     carrying = NominalRobot(nominal.mechanism, nominal.robot, tested_dimensions(nominal, shop))
-    return diagnose(case.campaign, carrying, shop.open_line("diagnosis")), nominal
+    return diagnose(case.campaign, carrying, shop.open_line("diagnosis"))
 
 
 def open_case(name: str | Path, *, planned: bool = False) -> Case:
@@ -91,15 +98,19 @@ def open_case(name: str | Path, *, planned: bool = False) -> Case:
     return Case(folder.resolve().name, folder, campaign, robot)
 
 
-def reached(case: Case) -> Configurations | None:
-    """The robot, its parts rigid, at the campaign's poses; None without a robot. Raises InputError out of reach."""
+def reached(case: Case, nominal: Assembled | None = None) -> Configurations | None:
+    """The robot, by default with rigid parts, at the campaign's poses; None without a robot.
+
+    Raises InputError for a pose out of reach.
+    """
     if case.robot is None:
         return None
     from stiffscope.gap.mechanics import RobotAtPoses
     from stiffscope.robot.effects import NominalRobot
     from stiffscope.robot.inspection import rigid_mechanism
 
-    return RobotAtPoses(NominalRobot(rigid_mechanism(case.robot), case.robot), case.campaign).configurations
+    mechanism = nominal.mechanism if nominal else rigid_mechanism(case.robot)
+    return RobotAtPoses(NominalRobot(mechanism, case.robot), case.campaign).configurations
 
 
 def find_campaign(name: str | Path) -> Path:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.jobs.experiments import solve_parts
+from stiffscope.jobs.experiments import condense_parts
 from stiffscope.jobs.orders import order_part
 from stiffscope.robot.part_dimensions import FOUNDATION, PartDimension, between, part_parameters, with_parameter
 from stiffscope.robot.part_sections import ParametricPart
@@ -49,7 +49,7 @@ def _dimensions(nominal: Assembled, name: str, shop: Workshop) -> tuple[PartDime
         for k, value in enumerate(some)
         if k > 0
     }
-    solved = dict(zip(orders, solve_parts(list(orders.values()), shop), strict=True))
+    solved = dict(zip(orders, condense_parts(list(orders.values()), shop), strict=True))
     out: list[PartDimension] = []
     for key, some in values.items():
         unit = "N/m^3" if key == FOUNDATION else known[key][1]

@@ -14,6 +14,7 @@ from stiffscope.report.run_report import write_tables_report
 from stiffscope.report.terminal import recorded, show_line, show_table
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from stiffscope.gap.campaign import Campaign
@@ -87,9 +88,8 @@ def _unit(c: Campaign, reading: int) -> str:
     return "N·m/rad" if turns else "N/m"
 
 
-def show_campaign(campaign: Campaign, name: str) -> None:
-    """Print what was understood."""
-    facts = campaign_json(campaign)
+def show_campaign(facts: Mapping[str, Any], name: str) -> None:
+    """Print what was understood, of `campaign_json`."""
     kinds = ", ".join(f"{count} {kind}s" for kind, count in facts["kinds"].items()).replace("frequencys", "frequencies")
     show_line(f"{name}: {facts['readings']} readings ({kinds}) at {len(facts['poses'])} poses", "bold")
     if facts["empty"]:
@@ -124,17 +124,17 @@ def show_campaign(campaign: Campaign, name: str) -> None:
         show_line(f"and {len(poses) - _SHOWN} more: see --json")
 
 
-def write_page(campaign: Campaign, name: str, folder: Path) -> None:
-    """Write ``report.html`` of what was understood: tables as shown, pictures in the folder."""
+def write_page(facts: Mapping[str, Any], name: str, folder: Path) -> None:
+    """Write ``report.html`` of what was understood, of `campaign_json`: tables as shown, pictures in the folder."""
     with recorded() as shown:
-        show_campaign(campaign, name)
+        show_campaign(facts, name)
     drawn = [
         page.figure(folder / file, caption, "the robot, with arrows where sensors touch and loads act")
         for file, caption in PICTURES.items()
         if (folder / file).exists()
     ]
-    facts = ["what was understood of the campaign; nothing is compared here"]
-    write_tables_report(folder, f"{name}: its readings", facts, "Readings", shown, drawn)
+    about = ["what was understood of the campaign; nothing is compared here"]
+    write_tables_report(folder, f"{name}: its readings", about, "Readings", shown, drawn)
 
 
 def _number(value: float | None) -> str:

@@ -12,7 +12,6 @@ from stiffscope.report.page import Lead, Section
 from stiffscope.report.robot_view import unit_wrenches
 from stiffscope.report.run_report import REPORT, origin, turning
 from stiffscope.report.terminal import Shown, recorded
-from stiffscope.vjm.kinematics import configure
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
     from stiffscope.gap.diagnosis import Diagnosis
     from stiffscope.jobs.assembly import Assembled
     from stiffscope.report.page import Figure, RobotView
+    from stiffscope.vjm.kinematics import Configurations
 
 SHARE = "share of the gap"
 MOST_POSES = 60  # in the view, those of the largest residuals
@@ -89,15 +89,15 @@ def write_diagnosis_report(
     page.write_page(folder / REPORT, title, facts, [each for each in sections if each], lead)
 
 
-def share_view(folder: Path, assembled: Assembled, diagnosis: Diagnosis, poses: np.ndarray) -> RobotView | None:
-    """The robot at the campaign's poses (n, k), worst first, in the colours of `kept_pictures.draw_shares`."""
+def share_view(folder: Path, assembled: Assembled, diagnosis: Diagnosis, found: Configurations) -> RobotView | None:
+    """The robot at the campaign's poses, worst first, coloured as `kept_pictures.write_diagnosis_pictures` does."""
     still = folder / "robot.png"
     if not still.exists():
         return None
     where, mechanism = diagnosis.where, assembled.mechanism
     sizes = np.sqrt(np.nanmean(np.square(np.array(where.pose, dtype=float)), axis=1))
     chosen = np.argsort(-np.nan_to_num(sizes))[:MOST_POSES]
-    found = configure(mechanism, poses[chosen])
+    found = found[chosen]
     part = text.shares(assembled.robot, diagnosis)
     cases = [
         [replace(c, note=f"residuals {sizes[k]:.3g} σ rms; {c.note}", shares=part) for c in each]

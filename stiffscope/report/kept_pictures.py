@@ -2,28 +2,33 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
+import pickle
 import shutil
 import time
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stiffscope.files import file_digest
+from stiffscope.gap.diagnosis import to_json
 from stiffscope.jobs.cache import code_version, digest, kept_files
 from stiffscope.jobs.results import EXPERIMENT
 from stiffscope.report import maps
-from stiffscope.report.pictures import PictureError, draw
+from stiffscope.report.gap_figures import draw_figures
+from stiffscope.report.pictures import PictureError, draw, drawing
 from stiffscope.report.robot_scene import deformed, exaggeration, moves, picture, pose_text, scene
 from stiffscope.report.run_report import GEOMETRY
 from stiffscope.report.text import shares
 from stiffscope.vjm.kinematics import configure
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
     from stiffscope.gap.diagnosis import Diagnosis
@@ -47,22 +52,73 @@ class Order:
 
     name: str
     key: str
-    write: Callable[[Path], None]
+    write: Callable[[Path], object]
     target: Path
 
 
 def write_run_pictures(assembled: Assembled, folder: Path, cache: Cache, manifest: Manifest) -> None:
     """Draw parts, robot and map of a run into its folder; where this machine cannot draw, say so and leave them out."""
     orders = [_part_order(result, folder / name) for name, result in assembled.results.items()]
-    orders += _robot_orders(assembled, folder)
-    with ThreadPoolExecutor(AT_ONCE) as pool:
-        made = [pool.submit(_kept, order, cache) for order in orders]
-        try:
-            for order, each in zip(orders, made, strict=True):
-                _place(order, *each.result(), manifest)
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    _write([*orders, *_robot_orders(assembled, folder)], cache, manifest)
+
+
+@dataclass(frozen=True)
+class SharesPicture:
+    """The robot of a diagnosis that is yet to be made: the key of its picture, and what draws it."""
+
+    key: str
+    draw: Callable[..., None]
+
+
+@contextmanager
+def shares_ahead(assembled: Assembled, campaign: Mapping[str, str], cache: Cache) -> Iterator[SharesPicture]:
+    """Get ready for the picture of a diagnosis, while that is made, where the cache does not have it.
+
+    ``campaign``: the campaign's files with their checksums, which determine it together with the robot.
+    """
+    packages = ("stiffscope", "stiffscope.cad", "stiffscope.fea", "stiffscope.vjm")
+    code = code_version(packages, ("numpy", "scipy", "pyvista", "vtk", "matplotlib"))
+    key = digest({**_facts(assembled), "skins": _skins(assembled), "campaign": campaign, "code": code})
+    if cache.get("pictures", key) is not None:
+        yield SharesPicture(key, draw)
+        return
+    with drawing(ahead=True) as draw_now:
+        yield SharesPicture(key, draw_now)
+
+
+def write_diagnosis_pictures(
+    diagnosis: Diagnosis, folder: Path, cache: Cache, manifest: Manifest, robot: Order | None = None
+) -> None:
+    """Draw the figures of a diagnosis, and its robot by `order_shares`, where there is one.
+
+    Where this machine cannot draw the robot, say so and leave it out.
+    """
+    code = code_version(("stiffscope.report",), ("matplotlib", "numpy"))
+    key = digest({"diagnosis": _drawn(diagnosis), "code": code})
+    figures = Order("figures", key, lambda folder: draw_figures(diagnosis, folder), folder)
+    _write([figures, robot] if robot else [figures], cache, manifest)
+
+
+def order_shares(
+    assembled: Assembled, diagnosis: Diagnosis, found: Configurations, target: Path, ahead: SharesPicture
+) -> Order | None:
+    """The robot at the pose of the largest residual, its elements coloured by their share of the gap; its solids.
+
+    Of the campaign's poses; None without shares.
+    """
+    where, mechanism = diagnosis.where, assembled.mechanism
+    if not where.component:
+        return None
+    worst = int(np.argmax([np.nansum(np.square(row)) for row in np.array(where.pose, dtype=float)]))
+    place = pose_text(mechanism, found.tool[worst, mechanism.tool.commanded].tolist())
+    title = f"Share of the gap by component, at the pose of the largest residual, {place}"
+    shown = [picture("robot.png", title, moves(mechanism, found, worst))]
+    drawn = scene(assembled.robot, mechanism, _experiments(assembled), shares(assembled.robot, diagnosis))
+
+    def write(folder: Path) -> None:
+        ahead.draw("robot", folder, pictures=shown, scale="share of the gap", geometry=GEOMETRY, **drawn)
+
+    return Order("robot", ahead.key, write, target)
 
 
 def draw_named_poses(assembled: Assembled, folder: Path) -> None:
@@ -71,19 +127,6 @@ def draw_named_poses(assembled: Assembled, folder: Path) -> None:
         _draw_poses(assembled, folder)
     except PictureError as error:
         log.warning("%s", error)
-
-
-def draw_shares(assembled: Assembled, diagnosis: Diagnosis, poses: np.ndarray, folder: Path) -> None:
-    """The robot at the pose of the largest residual, its elements coloured by their share of the gap; its solids."""
-    where = diagnosis.where
-    if not where.component:
-        return
-    worst = int(np.argmax([np.nansum(np.square(row)) for row in np.array(where.pose, dtype=float)]))
-    found = configure(assembled.mechanism, poses[worst])
-    place = pose_text(assembled.mechanism, found.poses[0])
-    title = f"Share of the gap by component, at the pose of the largest residual, {place}"
-    shown = [picture("robot.png", title, moves(assembled.mechanism, found))]
-    _draw_robot(assembled, folder, shown, shares(assembled.robot, diagnosis), "share of the gap", GEOMETRY)
 
 
 def draw_deflection(
@@ -97,7 +140,11 @@ def draw_deflection(
         title = f"{assembled.robot.name} at {name} under {case.label}; deformed × {factor:g}"
         bent = picture(f"deflection_{k + 1}.png", title, deformed(moved, case.twists, at, factor), moved)
         shown.append({**bent, "shares": case.shares})
-    _draw_robot(assembled, folder, shown, None, "share of the strain energy", GEOMETRY)
+    arguments = scene(assembled.robot, mechanism, _experiments(assembled))
+    try:
+        draw("robot", folder, pictures=shown, scale="share of the strain energy", geometry=GEOMETRY, **arguments)
+    except PictureError as error:
+        log.warning("%s", error)
 
 
 def plain_robot(robot: RobotFile) -> dict[str, Any]:
@@ -108,6 +155,17 @@ def plain_robot(robot: RobotFile) -> dict[str, Any]:
     content = {field.name: getattr(robot, field.name) for field in fields(robot) if field.name not in left}
     plain = {key: dict(value) if isinstance(value, Mapping) else value for key, value in content.items()}
     return to_jsonable_python(plain, by_alias=True, inf_nan_mode="constants")
+
+
+def _write(orders: Sequence[Order], cache: Cache, manifest: Manifest) -> None:
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        made = [pool.submit(_kept, order, cache) for order in orders]
+        try:
+            for order, each in zip(orders, made, strict=True):
+                _place(order, *each.result(), manifest)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 def _kept(order: Order, cache: Cache) -> tuple[Path | None, bool, float]:
@@ -129,6 +187,17 @@ def _place(order: Order, held: Path | None, reused: bool, seconds: float, manife
         manifest.note(order.name, key=order.key, reused=reused, seconds=seconds)
 
 
+def _drawn(diagnosis: Diagnosis) -> dict[str, Any]:
+    """What determines the figures of a diagnosis."""
+    samples = diagnosis.samples
+    draws = None if samples is None else pickle.dumps((samples.parameters, samples.units, samples.held_out))
+    return {
+        "numbers": to_json(diagnosis),
+        "signatures": diagnosis.signature_correlation,
+        "draws": draws and hashlib.sha256(draws).hexdigest(),
+    }
+
+
 def _part_order(result: PartResult, target: Path) -> Order:
     """A part under each unit wrench, and its mesh."""
     experiment = result.folder / EXPERIMENT
@@ -144,19 +213,29 @@ def _part_order(result: PartResult, target: Path) -> Order:
 
 def _robot_orders(assembled: Assembled, target: Path) -> list[Order]:
     """The robot at its poses, and a small map where the file says what to sweep."""
-    facts = {
-        "robot": plain_robot(assembled.robot),
-        "matrices": {
-            name: [part.compliance.tolist(), part.mass, None if part.dynamics is None else part.dynamics.load.tolist()]
-            for name, part in assembled.matrices.items()
-        },
-    }
+    facts = _facts(assembled)
     code = code_version(("stiffscope.vjm", "stiffscope.robot", "stiffscope.report"), ("matplotlib", "numpy"))
-    skins = {name: file_digest(result.folder / EXPERIMENT) for name, result in assembled.results.items()}
-    map_key, robot_key = digest({**facts, "code": code}), digest({**facts, "skins": skins, "code": _drawing_code()})
+    map_key = digest({**facts, "code": code})
+    robot_key = digest({**facts, "skins": _skins(assembled), "code": _drawing_code()})
     drawn = Order("robot", robot_key, lambda folder: _draw_poses(assembled, folder), target)
     mapped = Order("map", map_key, lambda folder: _draw_map(assembled, folder), target)
     return [drawn, mapped] if assembled.robot.map is not None else [drawn]
+
+
+def _facts(assembled: Assembled) -> dict[str, Any]:
+    """What determines a robot with its parts' matrices."""
+    matrices = {
+        name: [part.compliance.tolist(), part.mass, None if part.dynamics is None else part.dynamics.load.tolist()]
+        for name, part in assembled.matrices.items()
+    }
+    return {"robot": plain_robot(assembled.robot), "matrices": matrices}
+
+
+def _skins(assembled: Assembled) -> dict[str, str]:
+    """Checksums of the solids that a robot is drawn by: its parts' experiments, the user's own surfaces."""
+    surfaces = {name: getattr(body, "mesh", None) for name, body in assembled.robot.bodies.items()}
+    own = {f"{name}.mesh": assembled.robot.path.parent / mesh for name, mesh in surfaces.items() if mesh}
+    return {name: file_digest(file) for name, file in (_experiments(assembled) | own).items()}
 
 
 def _drawing_code() -> str:
@@ -184,18 +263,6 @@ def _draw_poses(assembled: Assembled, folder: Path) -> None:
         for k, (name, pose) in enumerate(poses.items())
     ]
     draw("robot", folder, pictures=shown, geometry=GEOMETRY, **scene(robot, mechanism, _experiments(assembled)))
-
-
-def _draw_robot(
-    assembled: Assembled, folder: Path, shown: Sequence[dict[str, Any]], part: Mapping[str, float] | None, scale: str,
-    geometry: str | None = None,
-) -> None:  # fmt: skip
-    """Pictures coloured by shares of elements; where this machine cannot draw, say so and leave them out."""
-    arguments = scene(assembled.robot, assembled.mechanism, _experiments(assembled), part)
-    try:
-        draw("robot", folder, pictures=list(shown), scale=scale, geometry=geometry, **arguments)
-    except PictureError as error:
-        log.warning("%s", error)
 
 
 def _experiments(assembled: Assembled) -> dict[str, Path]:

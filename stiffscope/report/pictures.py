@@ -7,13 +7,16 @@ import json
 import logging
 import os
 import subprocess
+from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from stiffscope.children import run_module
+from stiffscope.children import start_module
 from stiffscope.errors import StiffscopeError
 from stiffscope.files import scratch_folder
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
 log = logging.getLogger(__name__)
@@ -45,21 +48,40 @@ def draw(picture: str, target: Path, **arguments: Any) -> None:
         The disk is full.
 
     """
-    with scratch_folder() as folder:
-        order = folder / "order.json"
-        asked = {"picture": picture, "target": target, "arguments": arguments}
-        order.write_text(json.dumps(asked, default=_plain))
+    with drawing() as draw_now:
+        draw_now(picture, target, **arguments)
+
+
+@contextmanager
+def drawing(*, ahead: bool = False) -> Iterator[Callable[..., None]]:
+    """Start a child process that draws one picture; gives what is then called once, like `draw`.
+
+    ``ahead``: the picture is known in some seconds only, which the process takes to load what it needs.
+    """
+    words = ("ahead",) if ahead else ()
+    with (
+        scratch_folder() as folder,
+        start_module("stiffscope.report.drawing", *words, folder=str(folder)) as process,
+    ):
         try:
-            done = run_module("stiffscope.report.drawing", str(order), time_limit=TIME_LIMIT, folder=str(folder))
-        except subprocess.TimeoutExpired as error:
-            raise PictureError(f"no pictures: drawing took more than {TIME_LIMIT:.0f} s") from error
-    if done.returncode != 0:
-        errors = done.stderr.decode(errors="replace")
+            yield partial(_draw, process, folder / "order.json")
+        finally:
+            process.kill()
+
+
+def _draw(process: subprocess.Popen[bytes], order: Path, picture: str, target: Path, **arguments: Any) -> None:
+    asked = {"picture": picture, "target": target, "arguments": arguments}
+    order.write_text(json.dumps(asked, default=_plain))
+    try:
+        errors = process.communicate(str(order).encode(), TIME_LIMIT)[1].decode(errors="replace")
+    except subprocess.TimeoutExpired as error:
+        raise PictureError(f"no pictures: drawing took more than {TIME_LIMIT:.0f} s") from error
+    if process.returncode != 0:
         log.debug("drawing %s failed:\n%s", picture, errors)
         full = os.strerror(errno.ENOSPC)
         if full in errors:
             raise OSError(errno.ENOSPC, full, str(target))
-        raise PictureError(_cause(done.returncode, errors))
+        raise PictureError(_cause(process.returncode, errors))
 
 
 def _cause(code: int, errors: str) -> str:

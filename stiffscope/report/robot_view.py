@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -85,43 +86,47 @@ def robot_view(
 
 def unit_wrenches(mechanism: Mechanism, found: Configurations) -> list[list[Case]]:
     """The six unit wrenches at M at each pose; those under which the tool moves freely are left out."""
-    return [_unit_wrenches(mechanism, found[np.array([k])]) for k in range(len(found))]
+    units: dict[str, np.ndarray] = dict(zip(LOADS, np.eye(6), strict=True))
+    try:
+        return _solved(mechanism, found, units)
+    except InputError:
+        return [_held(mechanism, found[np.array([k])], units) for k in range(len(found))]
 
 
 def wrench_cases(mechanism: Mechanism, found: Configurations, load: np.ndarray, label: str) -> list[list[Case]]:
     """One wrench (6,) at M, N and N·m, at each pose. Raises InputError where the tool moves freely under it."""
-    return [_solved(mechanism, found[np.array([k])], {label: load}) for k in range(len(found))]
+    return _solved(mechanism, found, {label: load})
 
 
-def _unit_wrenches(mechanism: Mechanism, one: Configurations) -> list[Case]:
-    units: dict[str, np.ndarray] = dict(zip(LOADS, np.eye(6), strict=True))
-    try:
-        return _solved(mechanism, one, units)
-    except InputError:
-        pass
+def _held(mechanism: Mechanism, one: Configurations, loads: Mapping[str, np.ndarray]) -> list[Case]:
+    """Those of several wrenches at a pose under which the tool does not move freely."""
     cases: list[Case] = []
-    for label, load in units.items():
-        try:
-            cases += _solved(mechanism, one, {label: load})
-        except InputError:
-            continue
+    for label, load in loads.items():
+        with contextlib.suppress(InputError):
+            cases += _solved(mechanism, one, {label: load})[0]
     return cases
 
 
-def _solved(mechanism: Mechanism, one: Configurations, loads: Mapping[str, np.ndarray]) -> list[Case]:
-    done = respond(mechanism, one, np.column_stack(list(loads.values())))
-    cases = []
-    for column, label in enumerate(loads):
-        tool = done.twist[0, :, column]
-        energy = {
-            name: float(e.energy[0, column]) for name, e in done.elements.items() if e.element.factor.shape[1]
-        }  # elements that yield
-        total = sum(energy.values())
-        sizes = np.array([np.linalg.norm(tool[:3]), np.linalg.norm(tool[3:])])
-        sizes[sizes < UNSEEN * sizes.max()] = 0.0  # rounding, and what a mesh is not symmetric
-        note = f"tool moves {1e6 * sizes[0]:.4g} µm, turns {1e6 * sizes[1]:.4g} µrad"
-        twists = {node: twist[0, :, column] for node, twist in done.nodes.items()}
-        cases.append(Case(label, note, twists, {n: e / total for n, e in energy.items()} if total > 0.0 else {}))
+def _solved(mechanism: Mechanism, found: Configurations, loads: Mapping[str, np.ndarray]) -> list[list[Case]]:
+    """Wrenches (6,) at M at each pose."""
+    done = respond(mechanism, found, np.column_stack(list(loads.values())))
+    n = len(found)
+    yielding = [name for name, e in done.elements.items() if e.element.factor.shape[1]]
+    energies = [np.broadcast_to(done.elements[name].energy, (n, len(loads))) for name in yielding]
+    moved = {node: np.broadcast_to(twist, (n, 6, len(loads))) for node, twist in done.nodes.items()}
+    cases: list[list[Case]] = []
+    for k in range(n):
+        cases.append([])
+        for column, label in enumerate(loads):
+            tool = done.twist[k, :, column]
+            energy = {name: float(e[k, column]) for name, e in zip(yielding, energies, strict=True)}
+            total = sum(energy.values())
+            sizes = np.array([np.linalg.norm(tool[:3]), np.linalg.norm(tool[3:])])
+            sizes[sizes < UNSEEN * sizes.max()] = 0.0  # rounding, and what a mesh is not symmetric
+            note = f"tool moves {1e6 * sizes[0]:.4g} µm, turns {1e6 * sizes[1]:.4g} µrad"
+            twists = {node: twist[k, :, column] for node, twist in moved.items()}
+            shares = {name: e / total for name, e in energy.items()} if total > 0.0 else {}
+            cases[-1].append(Case(label, note, twists, shares))
     return cases
 
 

@@ -499,7 +499,8 @@ def changed(mechanism: Mechanism, changes: Changes) -> Mechanism:
         rest = change.compliance.copy()
         rest[along, along] = 0.0
         bearings[joint.name] = replace(change, compliance=rest)
-    return replace(mechanism, joints=tuple(joints)).changed(bearings)
+    stiffer = any(joint is not before for joint, before in zip(joints, mechanism.joints, strict=True))
+    return (replace(mechanism, joints=tuple(joints)) if stiffer else mechanism).changed(bearings)
 
 
 def without_ranges(mechanism: Mechanism) -> Mechanism:

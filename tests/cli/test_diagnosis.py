@@ -1,6 +1,7 @@
 """`stiffscope diagnose`: what it writes and says, the robot file that carries the answer, and what it refuses."""
 
 import json
+import shutil
 import tomllib
 
 import numpy as np
@@ -69,6 +70,26 @@ def test_an_adopted_effect_closes_the_gap(soft_drive, tmp_path, capsys):
     sizes = [float(pose["cases"][0]["note"].split()[1]) for pose in data["poses"]]
     assert sizes == sorted(sizes, reverse=True)
     assert len(sizes) == len(json.loads((found / "diagnosis.json").read_text())["where"]["poses"])
+
+
+def test_pictures_of_a_diagnosis_are_kept(soft_drive, tmp_path):
+    """The same readings show the same; others, whose answer is the same, have figures of their own."""
+    other = tmp_path / "other"
+    shutil.copytree(soft_drive, other)
+    table = (other / "readings.csv").read_text().splitlines(keepends=True)
+    (other / "readings.csv").write_text("".join(table[:-1]))
+    reused = []
+    for k, campaign in enumerate((soft_drive, soft_drive, other)):
+        assert _guarded(["diagnose", str(campaign), "--out", str(tmp_path / f"{k}"), "--quiet"]) == 0
+        results = json.loads((tmp_path / f"{k}" / "manifest.json").read_text())["results"]
+        reused.append({name: each["reused"] for name, each in results.items()})
+    assert reused[1:] == [{"figures": True, "robot": True}, {"figures": False, "robot": False}]
+    first, second = ({f.name: f.read_bytes() for f in (tmp_path / k).glob("*.[ps][nv]g")} for k in "01")
+    assert len(first) == 11
+    assert first == second
+    assert json.loads((tmp_path / "0/diagnosis.json").read_text()) == json.loads(
+        (tmp_path / "1/diagnosis.json").read_text()
+    )
 
 
 @pytest.mark.slow

@@ -314,7 +314,7 @@ def test_scores_by_kind_and_calibration():
         one("single", "identified", ("a @ b",), ("c @ d",), left_out="a"),
     ])  # fmt: skip
     assert (scores.singles, scores.pairs, scores.triples) == (1.0, None, 0.0)
-    assert (scores.false_alarms, scores.outside, scores.told, scores.left_out) == (1.0, 0.5, 0.0, 1.0)
+    assert (scores.false_alarms, scores.outside, scores.distinguishable, scores.left_out) == (1.0, 0.5, 0.0, 1.0)
     assert scores.calibration() == ((0.25, 0.0, 1), (pytest.approx(0.95), 1.0, 2))
     assert scores.by_robot()["s"].singles is None
 

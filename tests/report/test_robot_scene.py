@@ -5,7 +5,7 @@ import pytest
 import pyvista as pv
 
 from stiffscope.report.drawing.solids import solids_of
-from stiffscope.report.pictures import draw
+from stiffscope.report.pictures import PictureError, draw, drawing
 from stiffscope.report.robot_scene import deformed, exaggeration, moves, picture, scene
 from stiffscope.robot.inspection import rigid_mechanism
 from stiffscope.robot.reader import load_robot, read_robot
@@ -85,3 +85,20 @@ def test_picture_of_a_deformed_robot_with_the_users_own_surface(delta, tmp_path)
     colours = np.unique(np.asarray(image.point_data.active_scalars)[:, :3], axis=0)
     assert len(colours) > 1000
     assert 20_000 < (tmp_path / "a.png").stat().st_size < 400_000
+
+
+def test_a_process_that_is_ready_ahead_draws_the_same_picture(delta, tmp_path):
+    robot, mechanism, there = delta
+    plain = scene(robot, mechanism)
+    with drawing(ahead=True) as draw_now:
+        draw_now("robot", tmp_path, pictures=[picture("ahead.png", "Delta", moves(mechanism, there))], **plain)
+    draw("robot", tmp_path, pictures=[picture("now.png", "Delta", moves(mechanism, there))], **plain)
+    assert (tmp_path / "ahead.png").read_bytes() == (tmp_path / "now.png").read_bytes()
+
+
+def test_a_process_that_fails_says_why_and_one_that_is_not_asked_ends(tmp_path):
+    with drawing(ahead=True) as draw_now, pytest.raises(PictureError, match="KeyError: 'nothing'"):
+        draw_now("nothing", tmp_path)
+    with drawing() as draw_now:
+        process = draw_now.args[0]
+    assert process.returncode not in (None, 0)

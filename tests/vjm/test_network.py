@@ -1,5 +1,8 @@
 """Elastic networks: laws, random mechanisms against the dense oracle, checked figures."""
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -346,3 +349,20 @@ def test_wrenches_carry_the_offsets_through_indeterminate_loops():
     for name, wrench in wrenches.items():
         ours = state.elements[name].wrench
         assert np.allclose(ours[0, :, 0], wrench, rtol=0.0, atol=1e-8 * largest), name
+
+
+def test_every_run_condenses_in_the_same_order():
+    """Whatever the seed of Python's hashes: else the last digits of a result change from run to run."""
+    code = (
+        "from tests.vjm.files import biglide; from stiffscope.vjm.order import order_of\n"
+        "from stiffscope.vjm.linkage import Linkage\n"
+        "m = biglide(); o = order_of(m, Linkage(m, 'drives'))\n"
+        "print([(type(s).__name__, getattr(s, 'node', ''), getattr(s, 'neighbours', '')) for s in o.steps])"
+    )
+    said = {
+        subprocess.run(
+            [sys.executable, "-c", code], check=True, capture_output=True, env={**os.environ, "PYTHONHASHSEED": seed}
+        ).stdout
+        for seed in "12"
+    }
+    assert len(said) == 1

@@ -90,3 +90,13 @@ def shot(plotter: pv.Plotter) -> Floats:
     if image is None:
         raise RuntimeError("the OpenGL window gave no picture")
     return image
+
+
+def warm_up() -> None:
+    """Load what the first picture of solids loads: VTK's graphics, OpenGL, hulls."""
+    import pyvista as pv
+    import scipy.spatial  # noqa: F401
+
+    plotter = new_plotter(View((1.0, 0.0, 0.0), np.zeros(3), 1.0, (16, 16), (0.0, 0.0, 1.0)))
+    plotter.add_mesh(pv.Sphere(), smooth_shading=True, split_sharp_edges=True, feature_angle=35)
+    shot(plotter)
