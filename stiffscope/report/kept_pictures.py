@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import logging
-import pickle
 import shutil
 import time
 from collections.abc import Mapping
@@ -190,11 +189,12 @@ def _place(order: Order, held: Path | None, reused: bool, seconds: float, manife
 def _drawn(diagnosis: Diagnosis) -> dict[str, Any]:
     """What determines the figures of a diagnosis."""
     samples = diagnosis.samples
-    draws = None if samples is None else pickle.dumps((samples.parameters, samples.units, samples.held_out))
+    draws = {} if samples is None else {**samples.parameters, "held out": samples.held_out}
     return {
         "numbers": to_json(diagnosis),
         "signatures": diagnosis.signature_correlation,
-        "draws": draws and hashlib.sha256(draws).hexdigest(),
+        "units": samples and samples.units,
+        "draws": {name: hashlib.sha256(values.tobytes()).hexdigest() for name, values in draws.items()},
     }
 
 
