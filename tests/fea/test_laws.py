@@ -44,7 +44,10 @@ def scaled(specimen, mesh, factor):
     return bigger, replace(mesh, points=mesh.points * factor)
 
 
-@pytest.mark.parametrize("kind", ["rigid", "distributed"])
+KINDS = pytest.param("rigid", marks=pytest.mark.slow), "distributed"  # whose constraints depend on the place too
+
+
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("factor", [3.7])
 def test_lengths_scale_stretch_by_one_and_rotations_by_three_powers(stub, plain, kind, factor):
     s = np.array([1.0] * 3 + [factor] * 3)
@@ -70,7 +73,7 @@ def test_turned_axes_turn_the_compliance(stub, plain, rng):
     close(respond(replace(specimen, loaded=loaded), turned), expected)
 
 
-@pytest.mark.parametrize("kind", ["rigid", "distributed"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_shifted_reference_point_carries_twist_and_wrench(stub, plain, kind, rng):
     """v at p + d is v + ω x d: C' = T C Tᵀ."""
     specimen, mesh = stub

@@ -57,7 +57,7 @@ def shipped_delta():
         (serial_arm, [0.85, 0.1, 1.1, 0.1, 0.05, -0.1], 1.0),
         pytest.param(lambda: read("linear-delta"), CHECKED["linear-delta"]["poses"][1], 1.0, marks=pytest.mark.slow),
         (lambda: read("stewart"), CHECKED["stewart"]["poses"][1], 100.0),
-        (shipped_delta, [0.0, 0.0, -0.9], 1.0),
+        pytest.param(shipped_delta, [0.0, 0.0, -0.9], 1.0, marks=pytest.mark.slow),
     ],
     ids=["serial arm of frames", "linear-delta of frames", "serial arm", "linear-delta", "stewart", "shipped delta"],
 )
