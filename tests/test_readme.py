@@ -24,8 +24,8 @@ COARSE = "--set slider.mesh.size=60mm"  # the same everywhere, so that its exper
 SMALL = {
     "run": f"{COARSE} --set link.mesh.size=40mm",
     "compare": COARSE,
-    "compliance": "--set slider.mesh.size=60mm --set slider.mesh.most_unknowns=9000"
-    " --set slider.rib_count=0 --set slider.fillet=0mm",
+    "compliance": f"{COARSE} --set slider.mesh.most_unknowns=9000 --set slider.rib_count=0 --set slider.fillet=0mm"
+    " --set slider.width=160mm --set slider.pad_spacing=45mm",
     "interfaces": f"{COARSE} --set slider.width=160mm --set slider.pad_spacing=45mm",
     "modes": "--components published --count 1 --at Q2",
     "modes --at": "--components published --count 1",

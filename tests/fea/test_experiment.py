@@ -108,6 +108,6 @@ def test_settings_refuse_what_cannot_be(wrong):
 
 def test_progress_names_the_stages():
     seen = []
-    examine(box(0.03, 0.02, 0.02), Settings(size=0.02), lambda stage, fraction: seen.append((stage, fraction)))
+    examine(box(0.1, 0.03, 0.02), Settings(size=0.02), lambda stage, fraction: seen.append((stage, fraction)))
     assert [stage for stage, _ in seen] == ["mesh", "solve", "modes", "solve"]
     assert seen[-1][1] == 1.0
