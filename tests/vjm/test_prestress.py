@@ -125,7 +125,7 @@ def test_lack_of_fit_prestresses_as_the_potential_energy_says():
     assert left < 1e-4 * change
 
 
-@pytest.mark.parametrize("z", [0.30, 0.50])
+@pytest.mark.parametrize("z", [pytest.param(0.30, marks=pytest.mark.slow), 0.50])
 def test_biglide_is_the_hessian_of_its_own_potential(z, rng):
     """Weights at the tool alone: the energy of ``tests.vjm.energy`` puts a link's elsewhere."""
     link, slider = random_compliance(rng, euler_bernoulli()), random_compliance(rng, published_slider())
