@@ -2,10 +2,21 @@
 
 import os
 
+if "PYTEST_XDIST_WORKER" in os.environ:  # before NumPy is imported: beside other workers its threads only spin
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import numpy as np
 import pytest
 
 from tests.robots import published_robot
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Half of the tests in their order for each of two workers, so that few fixtures are made twice; then steal."""
+    from xdist.scheduler import WorkStealingScheduling
+
+    return WorkStealingScheduling(config, log) if config.getvalue("dist") == "load" else None
 
 
 @pytest.fixture(scope="session", autouse=True)

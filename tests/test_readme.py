@@ -20,17 +20,20 @@ from stiffscope.robot.reader import load_robot
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 TEXT = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
+COARSE = "--set slider.mesh.size=60mm"  # the same everywhere, so that its experiment is made once
 SMALL = {
-    "compliance": "--set slider.mesh.size=60mm --set slider.mesh.most_unknowns=9000"
-    " --set slider.rib_count=0 --set slider.fillet=0mm",
-    "interfaces": "--set slider.mesh.size=60mm --set slider.width=160mm --set slider.pad_spacing=45mm",
-    "modes": "--components published --count 1",
+    "run": f"{COARSE} --set link.mesh.size=40mm",
+    "compare": COARSE,
+    "compliance": f"{COARSE} --set slider.mesh.most_unknowns=9000 --set slider.rib_count=0 --set slider.fillet=0mm",
+    "interfaces": f"{COARSE} --set slider.width=160mm --set slider.pad_spacing=45mm",
+    "modes": "--components published --count 1 --at Q2",
+    "modes --at": "--components published --count 1",
     "frf": "--components published",
     "deflection": "--components published",
     "map": "--components published --gravity none --points 9",
     "blind": "--campaigns 1",
     "sensitivity": "--components beam",
-    "sensitivity --part": "--set slider.mesh.size=60mm",
+    "sensitivity --part": COARSE,
 }
 """Options added to those shown for the Biglide, so that its commands take seconds."""
 ARM = """<robot name="arm">
@@ -80,6 +83,8 @@ def place(tmp_path_factory):
     (folder / "arm.urdf").write_text(ARM)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("stiffscope.jobs.workshop.work_together", work_here)
+        for room in ("campaigns", "design"):  # one process for blind cases and designs
+            patch.setattr(f"stiffscope.cli.{room}.processors", lambda: 1)
         yield folder
 
 
@@ -89,8 +94,8 @@ def test_commands(line, place, tmp_path, monkeypatch, capsys):
     _, name, *words = shlex.split(line)
     if name == "cache":  # of others' results nothing is cleared
         monkeypatch.setenv("STIFFSCOPE_CACHE", str(tmp_path))
-    of_part = f"{name} --part" if "--part" in words else name
-    small = SMALL.get(of_part, SMALL.get(name, "")).split() if "mine.toml" not in words else []
+    kind = next((f"{name} {word}" for word in words if f"{name} {word}" in SMALL), name)
+    small = SMALL.get(kind, "").split() if "mine.toml" not in words else []
     if name == "new":
         (place / words[-1]).unlink()
     assert _guarded([name, *words, *small]) == 0, capsys.readouterr().err

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import nbformat
 import pytest
+from jupyter_client import KernelManager
 from nbclient import NotebookClient
 
 FOLDER = Path(__file__).parents[1] / "docs" / "tutorials"
@@ -15,12 +16,22 @@ SHOWN = {
 }
 
 
+@pytest.fixture(scope="module")
+def kernel(tmp_path_factory):
+    """One kernel for all, so that libraries are imported once; each tutorial begins without names."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("IPYTHONDIR", str(tmp_path_factory.mktemp("ipython")))
+        manager = KernelManager(kernel_name="python3")
+        manager.start_kernel()
+        yield manager
+        manager.shutdown_kernel(now=True)
+
+
 @pytest.mark.parametrize("name", sorted(file.stem for file in FOLDER.glob("*.ipynb")))
-def test_tutorials(name, tmp_path, monkeypatch):
-    monkeypatch.setenv("IPYTHONDIR", str(tmp_path))
+def test_tutorials(name, kernel, tmp_path):
     written = nbformat.read(FOLDER / f"{name}.ipynb", 4)
     assert not any(cell.get("outputs") for cell in written.cells)  # they are made where they are read
-    done = NotebookClient(written, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}})
-    shown = str(done.execute())
+    written.cells.insert(0, nbformat.v4.new_code_cell(f"%reset -f\n%cd -q {tmp_path}"))
+    shown = str(NotebookClient(written, km=kernel, timeout=300).execute())
     for words in SHOWN[name]:
         assert words in shown

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.jobs.experiments import solve_parts
+from stiffscope.jobs.experiments import condense_parts
 from stiffscope.jobs.orders import order_part
 from stiffscope.robot.part_matrices import entry_name
 from stiffscope.robot.part_sections import ParametricPart, SolidPart
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from stiffscope.cad.slider import SliderParameters
     from stiffscope.jobs.orders import PartOrder
-    from stiffscope.jobs.results import PartResult
+    from stiffscope.jobs.results import CondensedPart
     from stiffscope.jobs.workshop import Workshop
     from stiffscope.robot.description import RobotFile
 
@@ -60,7 +60,7 @@ class Tested:
     """A part under a choice: its compliance (6, 6) and 95 % bounds, SI, at the own choice's reference point."""
 
     choice: Choice
-    result: PartResult
+    result: CondensedPart
     compliance: np.ndarray
     error: np.ndarray
 
@@ -116,9 +116,9 @@ def compare_interfaces(robot: RobotFile, part: str, shop: Workshop) -> Compariso
     own = order_part(base, part, label=OWN)
     orders, names, left_out = _orders(base, part, own)
     wanted = {Choice(", ".join(names) or OWN, OWN): own, **orders}
-    found: list[PartResult] = []
+    found: list[CondensedPart] = []
     for start in range(0, len(wanted), AT_ONCE):
-        found += solve_parts(list(wanted.values())[start : start + AT_ONCE], shop)
+        found += condense_parts(list(wanted.values())[start : start + AT_ONCE], shop)
     return _compared(part, dict(zip(wanted, found, strict=True)), [APART] * apart + left_out)
 
 
@@ -222,7 +222,7 @@ def _orders(robot: RobotFile, part: str, own: PartOrder) -> tuple[dict[Choice, P
     return orders, same, left_out
 
 
-def _compared(part: str, found: Mapping[Choice, PartResult], left_out: Sequence[str]) -> Comparison:
+def _compared(part: str, found: Mapping[Choice, CondensedPart], left_out: Sequence[str]) -> Comparison:
     from stiffscope.fea.significance import SIGNIFICANT
 
     point = next(iter(found.values())).experiment.reference_point
@@ -233,7 +233,7 @@ def _compared(part: str, found: Mapping[Choice, PartResult], left_out: Sequence[
     return Comparison(part, own, tuple(others), tuple(entries), tuple(left_out))
 
 
-def _at(result: PartResult, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _at(result: CondensedPart, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Compliance and bounds (6, 6) at another reference point: pads stand out from the face that they load."""
     from stiffscope.vjm.screws import shift
 
@@ -266,7 +266,6 @@ def interfaces_csv(compared: Comparison) -> str:
 
 def interfaces_json(compared: Comparison) -> dict[str, Any]:
     """The whole matrices."""
-    facts = ("tolerance", "relative_bound", "note", "mesh")
     return {
         "part": compared.part,
         "reference_point": compared.own.result.experiment.reference_point,
@@ -277,7 +276,7 @@ def interfaces_json(compared: Comparison) -> dict[str, Any]:
                 "set": list(t.choice.overrides),
                 "compliance": t.compliance,
                 "error": t.error,
-                **{key: t.result.facts[key] for key in facts},
+                **t.result.accuracy,
             }
             for t in (compared.own, *compared.others)
         ],

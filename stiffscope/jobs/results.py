@@ -78,6 +78,17 @@ class CondensedPart:
         return self.experiment.note
 
     @property
+    def accuracy(self) -> dict[str, Any]:
+        """The wanted tolerance, the largest bound, why it is more, and the mesh: plain numbers."""
+        mesh = self.experiment.mesh
+        return {
+            "tolerance": self.order.settings.tolerance,
+            "relative_bound": self.experiment.relative_bound,
+            "note": self.note,
+            "mesh": {"nodes": len(mesh.points), "tetrahedra": len(mesh.cells), "order": 2},
+        }
+
+    @property
     def own_shape(self) -> bool:
         """Whether the solid is the robot file's own shape, not a STEP file's."""
         return self.order.step is None
@@ -113,12 +124,9 @@ class PartResult(CondensedPart):
             **{name: getattr(experiment, name) for name in together},
             "interface": experiment.interface,
             "foundation": order.settings.foundation,
-            "tolerance": order.settings.tolerance,
-            "relative_bound": experiment.relative_bound,
-            "note": experiment.note,
+            **self.accuracy,
             "axes": AXES[order.shape],
             "solid": order.step.path.name if order.step else "parametric",
-            "mesh": {"nodes": len(experiment.mesh.points), "tetrahedra": len(experiment.mesh.cells), "order": 2},
             "volume": experiment.volume,
             "cad_volume": experiment.cad_volume,
             **{name: self.solid[name] for name in ("mass", "mass_centre", "inertia")},

@@ -23,6 +23,12 @@ def stiffscope(*arguments, **more) -> subprocess.CompletedProcess:
     return subprocess.run([*COMMAND, *arguments], capture_output=True, text=True, check=False, env=environment, **more)
 
 
+def answer(capsys, *arguments) -> dict:
+    """What a command says as JSON, in this process: nothing is imported anew."""
+    assert _guarded([*arguments, "--json", "-"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
 def test_help_loads_nothing_heavy():
     heavy = ["numpy", "scipy", "pydantic", "pint", "rich", "pyvista", "OCP", "matplotlib"]
     code = "import sys; from stiffscope.cli.main import _guarded; _guarded(['--help'])"
@@ -111,18 +117,18 @@ def test_without_arguments_the_help_is_printed_as_it_is():
     assert len(bare.stderr.splitlines()) > 15
 
 
-def test_help_names_a_default_without_brackets():
-    told = " ".join(stiffscope("map", "--help").stdout.split())
-    assert "[default: exact]" in told
-    told = " ".join(stiffscope("stiffness", "--help").stdout.split())
+def test_help_names_a_default_without_brackets(capsys):
+    assert _guarded(["map", "--help"]) == 0
+    assert "[default: exact]" in " ".join(capsys.readouterr().out.split())
+    assert _guarded(["stiffness", "--help"]) == 0
+    told = " ".join(capsys.readouterr().out.split())
     assert "[default: (none, unless the robot file has adopted gravity)]" in told
 
 
-def test_poses_and_wrenches_take_units():
-    published = ("--components", "published", "--json", "-")
+def test_poses_and_wrenches_take_units(capsys):
     same = (("0,0,0.35", "100,0,-2000,0,0,0.005"), ("0 mm,0 mm,350 mm", "100 N, 0,-2 kN,0 N*m,0,5 N*mm"))
     one, other = (
-        json.loads(stiffscope("deflection", "biglide", "--at", at, "--wrench", wrench, *published).stdout)
+        answer(capsys, "deflection", "biglide", "--at", at, "--wrench", wrench, "--components", "published")
         for at, wrench in same
     )
     assert np.array(one["twist"]) == pytest.approx(np.array(other["twist"]), rel=1e-12, abs=1e-18)
@@ -159,13 +165,11 @@ def test_modules_of_the_working_folder_change_nothing(foreign, arguments):
     json.loads(done.stdout)
 
 
-def test_stiffness_of_the_published_robot_as_json():
+def test_stiffness_of_the_published_robot_as_json(capsys):
     """Figures of the verified mechanics for Eqs. (28) and (29) at x = y = 0, q = 36 and 66 degrees."""
     heights = [float(0.055 + 0.5 * np.sin(np.radians(q))) for q in (36, 66)]
     at = [word for z in heights for word in ("--at", f"0,0,{z!r}")]
-    done = stiffscope("stiffness", "biglide", *at, "--components", "published", "--json", "-")
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
+    found = answer(capsys, "stiffness", "biglide", *at, "--components", "published")
     expected = [
         [23.82111, 1.96743, 12.574307, 1.464912, 0.141031, 2.819319],
         [17.883256, 1.96691, 90.215325, 3.442252, 0.699246, 0.759309],
@@ -175,11 +179,9 @@ def test_stiffness_of_the_published_robot_as_json():
     assert np.array(found["sag"]).tolist() == np.zeros((2, 6)).tolist()
 
 
-def test_sag_under_its_own_weight():
-    done = stiffscope(
-        "stiffness", "biglide", "--at", "0,0,0.35", "--components", "published", "--gravity", "exact", "--json", "-"
-    )
-    assert json.loads(done.stdout)["sag"][0][2] == pytest.approx(10.8e-6, rel=1e-2)
+def test_sag_under_its_own_weight(capsys):
+    words = ("stiffness", "biglide", "--at", "0,0,0.35", "--components", "published", "--gravity", "exact")
+    assert answer(capsys, *words)["sag"][0][2] == pytest.approx(10.8e-6, rel=1e-2)
 
 
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
@@ -202,13 +204,12 @@ def test_a_stopped_run_leaves_nothing(tmp_path, how):
     assert not list((tmp_path / "cache").rglob("*.npz"))
 
 
-def test_poses_by_the_drives():
+def test_poses_by_the_drives(capsys):
     """A robot at the drives' positions that a tool pose needs is where that pose says, and as stiff."""
-    drives = json.loads(stiffscope("check", "delta", "--json", "-").stdout)["poses"]["side"]["drives"]
+    drives = answer(capsys, "check", "delta")["poses"]["side"]["drives"]
     joints = ",".join(f"leg{k + 1}.motor={value!r}" for k, value in enumerate(drives))
-    beam = ("--components", "beam", "--json", "-")
     one, other = (
-        json.loads(stiffscope("stiffness", "delta", *words, *beam).stdout)
+        answer(capsys, "stiffness", "delta", *words, "--components", "beam")
         for words in (("--at", "side"), ("--joints", joints))
     )
     for key in ("poses", "tool", "stiffness"):
@@ -216,20 +217,19 @@ def test_poses_by_the_drives():
         assert found == pytest.approx(expected, rel=1e-9, abs=1e-9 * np.abs(expected).max())
 
 
-def test_a_robot_of_ones_own(tmp_path):
-    listed = json.loads(stiffscope("robots", "--json", "-").stdout)
-    assert {"biglide", "delta", "stewart"} <= set(listed)
+def test_a_robot_of_ones_own(tmp_path, capsys):
+    assert {"biglide", "delta", "stewart"} <= set(answer(capsys, "robots"))
     mine = tmp_path / "mine.toml"
-    assert "Next: stiffscope check" in stiffscope("new", "stewart", str(mine)).stdout
-    checked = stiffscope("check", str(mine), "--out", str(tmp_path / "out"))
-    assert checked.returncode == 0, checked.stderr
-    assert "Mobility at home" in checked.stdout
+    assert _guarded(["new", "stewart", str(mine)]) == 0
+    assert "Next: stiffscope check" in capsys.readouterr().out
+    assert _guarded(["check", str(mine), "--out", str(tmp_path / "out")]) == 0
+    assert "Mobility at home" in capsys.readouterr().out
     assert {"check.json", "manifest.json"} <= set(os.listdir(tmp_path / "out"))
-    again = stiffscope("new", "delta", str(mine))
-    assert (again.returncode, "expected a file that is not there yet" in again.stderr) == (2, True)
+    assert _guarded(["new", "delta", str(mine)]) == 2
+    assert "expected a file that is not there yet" in capsys.readouterr().err
 
 
-def test_a_simulators_model_becomes_a_robot(tmp_path):
+def test_a_simulators_model_becomes_a_robot(tmp_path, capsys):
     (tmp_path / "arm.urdf").write_text(
         """<robot name="arm"><link name="base"/>
         <link name="upper"><inertial><mass value="2"/><origin xyz="0 0 0.2"/>
@@ -238,6 +238,7 @@ def test_a_simulators_model_becomes_a_robot(tmp_path):
         <limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
     )
     words = ["import", str(tmp_path / "arm.urdf"), "--out", str(tmp_path / "arm.toml"), "--drive", "j=5 kN*m/rad"]
-    assert "driven: j" in stiffscope(*words).stdout
+    assert _guarded(words) == 0
+    assert "driven: j" in capsys.readouterr().out
     robot = load_robot(tmp_path / "arm.toml")
     assert robot.joints["j"].drive.stiffness == 5e3

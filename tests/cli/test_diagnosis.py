@@ -12,6 +12,7 @@ from stiffscope.gap.lab import measuring
 from stiffscope.gap.lab.faults import inject
 from stiffscope.gap.lab.measuring import Noise
 from stiffscope.gap.lab.writing import write_readings
+from stiffscope.jobs.campaigns import diagnose
 from stiffscope.robot.library import find_robot
 from stiffscope.robot.reader import load_robot
 from tests.labs import biglide, default_plan
@@ -60,8 +61,7 @@ def test_an_adopted_effect_closes_the_gap(soft_drive, tmp_path, capsys):
     again.mkdir()
     (again / "campaign.toml").write_text(header)
     (again / "readings.csv").write_bytes((soft_drive / "readings.csv").read_bytes())
-    assert _guarded(["diagnose", str(again), "--out", str(tmp_path / "closed"), "--quiet"]) == 0
-    assert json.loads((tmp_path / "closed" / "diagnosis.json").read_text())["verdict"] == "no-gap"
+    assert diagnose(again).verdict == "no-gap"
     page = (found / "report.html").read_text()
     assert page.count("data:image/svg+xml") == 5
     data = json.loads(page.partition('<script type="application/json">')[2].partition("</script>")[0])

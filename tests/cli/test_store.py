@@ -91,38 +91,37 @@ def test_every_command_has_json():
         (["deflection", "biglide", "--components", "published", "--wrench", "1,0,0,0,0,0"], {"twist", "convention"}),
     ],
 )  # fmt: skip
-def test_json_alone_is_on_standard_output(words, keys, tmp_path, monkeypatch, capsys):
-    monkeypatch.setenv("STIFFSCOPE_CACHE", str(tmp_path / "cache"))
+def test_json_alone_is_on_standard_output(words, keys, tmp_path, capsys):
     words = [str(tmp_path / "out") if word == "OUT" else word for word in words]
     assert keys <= set(answer(capsys, *words))
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["stiffness", "biglide", "--components", "published", "--gravity", "exact"],
-        ["deflection", "delta", "--components", "beam", "--wrench", "100,0,0,0,0,0"],
-        ["modes", "stewart", "--components", "beam"],
-        ["sensitivity", "biglide", "--components", "published"],
-        ["check", "orthoglide"],
-        ["campaign", "check", "published"],
-        ["robots"],
-        ["cache"],
-    ],
-    ids=lambda words: words[0],
-)
-def test_eighty_columns_of_ascii(words, tmp_path):
+NARROW = [
+    ["stiffness", "biglide", "--components", "published", "--gravity", "exact"],
+    ["deflection", "delta", "--components", "beam", "--wrench", "100,0,0,0,0,0"],
+    ["modes", "stewart", "--components", "beam"],
+    ["sensitivity", "biglide", "--components", "published"],
+    ["check", "orthoglide"],
+    ["campaign", "check", "published"],
+    ["robots"],
+    ["cache"],
+]
+
+
+def test_eighty_columns_of_ascii(tmp_path):
     """In a terminal of 80 columns that knows ASCII alone: nothing wider, no colour, no letter beyond."""
     surroundings = {**os.environ, "COLUMNS": "80", "PYTHONIOENCODING": "ascii", "NO_COLOR": "1", "LC_ALL": "C"}
     surroundings["STIFFSCOPE_CACHE"] = str(tmp_path)
-    done = subprocess.run(
-        [sys.executable, "-m", "stiffscope", *words], capture_output=True, env=surroundings, check=True
-    )
-    said = done.stdout.decode("ascii")
-    assert "?" not in said
-    assert "\033" not in said
-    rules = [line for line in said.splitlines() if line and set(line) <= {"-", " "}]
-    assert max(map(len, rules), default=0) <= 80
+    code = "from stiffscope.cli.main import _guarded\n"
+    code += f"for words in {NARROW}: print('##'); assert _guarded(words) == 0"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, env=surroundings, check=True)
+    answers = done.stdout.decode("ascii").split("##\n")[1:]
+    for words, said in zip(NARROW, answers, strict=True):
+        assert len(said) > 80, words
+        assert "?" not in said, words
+        assert "\033" not in said, words
+        rules = [line for line in said.splitlines() if line and set(line) <= {"-", " "}]
+        assert max(map(len, rules), default=0) <= 80, words
 
 
 def test_words_are_completed():

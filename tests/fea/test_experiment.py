@@ -7,7 +7,8 @@ from stiffscope.errors import InputError
 from stiffscope.fea.experiment import examine, load_experiment
 from stiffscope.fea.export import write_vtu
 from stiffscope.fea.settings import Settings
-from tests.fea.conftest import LINK, PLATE
+from tests.fea.conftest import PLATE
+from tests.fea.shapes import box, condense
 
 # Plate: structured mesh graded to 0.2 mm at the edges, cubic, 551,000 unknowns. Link: cubic, three layers, 136,000
 # unknowns; its C44 is Saint-Venant's exact L / GJ. Both still move by less than 0.003 %.
@@ -34,7 +35,7 @@ def test_every_entry_is_within_its_tolerance_and_its_bound(name, allowed, reques
 
 
 def test_a_distributed_face_twists_three_times_as_much():
-    experiment = examine(PLATE, Settings(interface="distributed"))
+    experiment = condense(PLATE, Settings(interface="distributed"))
     assert pick(experiment.compliance) == pytest.approx(REFERENCE["plate, distributed"], rel=2e-3)
     assert experiment.imbalance < 1e-4
 
@@ -107,6 +108,6 @@ def test_settings_refuse_what_cannot_be(wrong):
 
 def test_progress_names_the_stages():
     seen = []
-    examine(LINK, Settings(size=0.02), lambda stage, fraction: seen.append((stage, fraction)))
+    examine(box(0.1, 0.03, 0.02), Settings(size=0.02), lambda stage, fraction: seen.append((stage, fraction)))
     assert [stage for stage, _ in seen] == ["mesh", "solve", "modes", "solve"]
     assert seen[-1][1] == 1.0

@@ -156,7 +156,7 @@ def test_a_needle_rings_as_a_slender_beam():
 @pytest.mark.parametrize("part", [box(0.1, 0.03, 0.02), pytest.param(cylinder(0.12, 0.01), marks=pytest.mark.slow)])
 def test_modes_between_held_ends_are_within_their_bounds(part):
     """Against a mesh of half the size."""
-    coarse, fine = (examine(part, Settings(size=size, modes=6)) for size in (0.016, 0.008))
+    coarse, fine = (examine(part, Settings(size=size, modes=6)) for size in (0.02, 0.01))
     off = np.abs(coarse.mode_squares - fine.mode_squares)
     assert (off <= coarse.mode_squares_error + fine.mode_squares_error).all()
     assert (coarse.mode_squares_error < 0.02 * coarse.mode_squares).all()
@@ -227,7 +227,7 @@ def test_whatever_holds_the_part_its_mass_is_the_same(settings):
     if "interface" in settings:
         side = frozenset({5}), np.array([0.05, 0.0, 0.01])
         specimen = replace(specimen, loaded=(*specimen.loaded, side))
-    found = examine(specimen, Settings(size=0.012, **settings))
+    found = examine(specimen, Settings(size=0.02, **settings))
     both = motions(found).T @ found.condensed_mass @ motions(found)
     assert both[:3, :3] == pytest.approx(found.mass * np.eye(3), abs=1e-10)
     assert found.mass == pytest.approx(DENSITY * specimen.volume, rel=1e-6)

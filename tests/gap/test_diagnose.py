@@ -104,7 +104,13 @@ def test_a_pitch_error_grows_with_the_way_of_its_own_drive():
     assert not stage[c.kind == 0].any()
 
 
-@pytest.mark.parametrize("effect", ["actuator-stiffness", "joint-compliance", "backlash", "encoder-offset", "thermal"])
+@pytest.mark.parametrize(
+    "effect",
+    [
+        "actuator-stiffness", pytest.param("joint-compliance", marks=pytest.mark.slow), "backlash", "encoder-offset",
+        "thermal",
+    ],
+)  # fmt: skip
 def test_an_effect_is_named_with_its_size(effect):
     place = (
         "limb1"

@@ -93,8 +93,10 @@ def test_the_robot_turns_bends_and_is_coloured(tab, report):
     assert tab.requests() == [report.absolute().as_uri()]
 
 
-def test_sixty_poses_cost_little(report, tmp_path):
-    """One geometry for all of them: a pose adds numbers alone. How long it takes to open is printed (-s)."""
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory):
+    """A page of one pose and one of sixty."""
+    folder = tmp_path_factory.mktemp("pages")
     robot = load_robot("biglide")
     mechanism = assemble(robot, "published")
     heights = np.linspace(0.33, 0.5, 60)
@@ -104,17 +106,31 @@ def test_sixty_poses_cost_little(report, tmp_path):
     at_tool = {"node": plain["tool"]["node"], "at": np.asarray(plain["tool"]["at"]).tolist()}
     colours = {"shades": ["#ffffff", "#000000"], "no_share": "#ffffff", "key": {}, "tool": at_tool}
     geometry = {**packed(solids, plain["up"], 0.5), **colours}
-    sizes = {}
     for count in (1, 60):
         some = found[np.arange(count)]
         names = [f"z = {z:.4f}" for z in heights[:count]]
         data = robot_view(geometry, some, names, unit_wrenches(mechanism, some), choice="load")
-        page.write_page(tmp_path / f"{count}.html", "T", [], [Section("V", view=RobotView(data, "c", "w"))])
-        sizes[count] = (tmp_path / f"{count}.html").stat().st_size
-    assert sizes[60] - sizes[1] < 59 * 12_000
-    if CHROMIUM is None:
-        return
-    for file in (report, tmp_path / "1.html", tmp_path / "60.html"):
+        page.write_page(folder / f"{count}.html", "T", [], [Section("V", view=RobotView(data, "c", "w"))])
+    return folder / "1.html", folder / "60.html"
+
+
+def test_sixty_poses_cost_little(pages):
+    """One geometry for all of them: a pose adds numbers alone."""
+    one, sixty = (file.stat().st_size for file in pages)
+    assert sixty - one < 59 * 12_000
+
+
+@needs_chromium
+def test_sixty_poses_are_drawn(tab, pages):
+    opened(tab, pages[1])
+    assert tab.run("document.querySelectorAll('[data-is=pose] option').length") == 60
+
+
+@pytest.mark.slow
+@needs_chromium
+def test_time_to_open(report, pages):
+    """Of a browser that has just been started: printed (-s)."""
+    for file in (report, *pages):
         with browser() as cold:
             begun = time.perf_counter()
             cold.open(file)

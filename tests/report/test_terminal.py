@@ -177,7 +177,9 @@ def test_deflection_below_its_bound_is_zero(capsys):
     assert row.split() == ["Q", "0", "0", "8", "0", "0", "0.2"]
 
 
-@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252", "utf-8"])
+@pytest.mark.parametrize(
+    "encoding", ["ascii", "utf-8", *(pytest.param(e, marks=pytest.mark.slow) for e in ("latin-1", "cp1252"))]
+)
 def test_every_terminal_can_show_the_tables(encoding):
     code = "from tests.report import test_terminal as t\nfor show in t.SHOWN: show()"
     environment = os.environ | {"PYTHONIOENCODING": encoding, "NO_COLOR": "1", "COLUMNS": "80", "PYTHONUTF8": "0"}

@@ -37,8 +37,8 @@ def fill(axes: Axes, image: Floats, heading: str, remark: str = "") -> None:
     axes.imshow(image, interpolation="antialiased")
     axes.set_axis_off()
     axes.set_anchor("N")
-    axes.set_title(heading, loc="left", fontsize=11, color="#14181c")
-    axes.set_title(remark, loc="right", fontsize=10, color=GREY)
+    axes.set_title(heading, loc="left", fontsize=11, color="#14181c", y=1.0)  # else it is sought, tick by tick
+    axes.set_title(remark, loc="right", fontsize=10, color=GREY, y=1.0)
 
 
 def scale_bar(axes: Axes, limit: float, largest: float, unit: str, colours: str) -> None:
