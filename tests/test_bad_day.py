@@ -259,7 +259,7 @@ COMMANDS = (
     ("interfaces", "biglide", "--part", "link", "--out", "out", "--quiet"),
     ("campaign", "check", "c", "--out", "out", "--quiet"),
     ("campaign", "new", "biglide", "--out", "new", "--quiet"),
-    ("diagnose", "c", "--out", "out", "--adopt", "new.toml", "--quiet"),
+    ("diagnose", "c", "--out", "out", "--quiet"),
     ("blind", "five-bar", "--components", "beam", "--campaigns", "2", "--out", "out", "--quiet"),
     ("audit", "--json", "a.json", "--quiet"),
     ("compare", "biglide", "--part", "link", "--json", "a.json", "--quiet"),
