@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.fea.mesh import (
+    PLANE,
     MeshError,
     boundary_facets,
     sides_between,
@@ -161,7 +162,10 @@ def _diagonal(surface: Surface) -> float:
 
 
 def _thin(surface: Surface) -> bool:
-    return thinness(surface_volume(surface), sum(face.area for face in surface.faces)) > THIN
+    """Whether its walls are thin and not most of them plane: a general mesher has flat elements for those."""
+    area = sum(face.area for face in surface.faces)
+    plane = sum(face.area for face in surface.faces if face.kind == "plane")
+    return plane <= PLANE * area and thinness(surface_volume(surface), area) > THIN
 
 
 def _walled(surface: Surface, found: Extrusion) -> bool:

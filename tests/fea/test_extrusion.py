@@ -56,16 +56,6 @@ def test_a_thin_walled_tube_is_filled_with_long_flat_elements(radius, wall):
     assert len(mesh.cells) < 10_000
 
 
-@pytest.mark.parametrize(
-    "solid", [Box(300, 50, 30) - Box(302, 47, 27), Box(300, 40, 40) - Pos(0, 1, 1) * Box(302, 40, 40)]
-)
-def test_a_thin_walled_section_of_planes_is_filled_exactly(solid):
-    surface, interfaces, specimen = surface_of(solid)
-    mesh = flat_mesh(surface, interfaces, specimen.project)
-    assert tet_volumes(mesh.points, mesh.cells).sum() == pytest.approx(specimen.volume, rel=1e-9)
-    assert len(mesh.cells) < 10_000
-
-
 @pytest.mark.slow
 def test_a_thin_walled_tube_is_as_stiff_as_theory_says():
     """Within the bound and what the clamp adds: no contraction over the length in which end effects decay."""
