@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.fea.mesh import EDGES, MeshError
+from stiffscope.fea.mesh import EDGES, MeshError, edge_length
 from stiffscope.fea.refine import bisect
 from stiffscope.fea.significance import largest_relative_bound
 from stiffscope.fea.singular import singular_edges
@@ -35,13 +35,20 @@ GROWTH = 6.0  # largest ratio of elements after a round to those before
 
 
 def solve_within(
-    specimen: Specimen, mesh: TetMesh, settings: Settings, progress: Callable[[str, float], None], left: float
+    specimen: Specimen,
+    mesh: TetMesh,
+    settings: Settings,
+    progress: Callable[[str, float], None],
+    left: float,
+    *,
+    modes: bool = True,
 ) -> tuple[TetMesh, Solution, str]:
     """Solve, and with a tolerance refine and solve again until it is met or a limit is reached.
 
     Parameters
     ----------
     left : seconds of the settings' time limit that are left.
+    modes : whether natural frequencies follow, for which time is held back.
 
     Returns
     -------
@@ -55,7 +62,7 @@ def solve_within(
     solution = solve_on(specimen, mesh, settings)
     if settings.tolerance is None:
         return mesh, solution, ""
-    size, rounds, spent = settings.size or _edge_length(mesh), 0, time.perf_counter() - begun
+    size, rounds, spent = settings.size or edge_length(mesh), 0, time.perf_counter() - begun
     while (bound := largest_relative_bound(solution.compliance, solution.error)[0]) > settings.tolerance:
         rounds += 1
         progress("refine", min(1.0, settings.tolerance / bound))
@@ -72,7 +79,7 @@ def solve_within(
         elapsed = time.perf_counter() - begun
         if growth * solution.unknowns > settings.most_unknowns:
             return stopped(f"the limit of {settings.most_unknowns} unknowns", why)
-        if elapsed + WITH_MODES * 1.5 * growth * spent > left:
+        if elapsed + (WITH_MODES if modes else 1.0) * 1.5 * growth * spent > left:
             return stopped(f"the limit of {settings.time_limit:g} s", why)
         started = time.perf_counter()
         try:
@@ -89,11 +96,6 @@ def solve_on(specimen: Specimen, mesh: TetMesh, settings: Settings) -> Solution:
     flat = specimen.slender or specimen.flatness_on(mesh) > 1
     solver = "direct" if settings.solver == "auto" and flat else settings.solver
     return solve_specimen(specimen, mesh, settings.interface, solver, settings.foundation)
-
-
-def _edge_length(mesh: TetMesh) -> float:
-    ends = mesh.points[mesh.cells[:, :4][:, EDGES]]
-    return float(np.quantile(np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2), 0.9))
 
 
 def _finer_mesh(specimen: Specimen, settings: Settings, size: float, left: float) -> TetMesh:

@@ -216,7 +216,7 @@ def condense(
     _report(progress, "cad", 0.0)
     specimen = specimen_of(part, settings)
     mesh = _moved(specimen, part, *near) if near else None
-    statics, solution = _statics(specimen, settings, progress, time.perf_counter() - started, mesh=mesh)
+    statics, solution = _statics(specimen, settings, progress, time.perf_counter() - started, mesh=mesh, modes=False)
     _report(progress, "solve", 1.0)
     mass, none = condensed_mass(solution.levels), np.zeros(0)
     return Condensed(**statics, condensed_mass=mass, mode_squares=none, mode_squares_error=none, moved=mesh is not None)
@@ -285,6 +285,8 @@ def _statics(
     cad_seconds: float,
     former: Condensed | None = None,
     mesh: TetMesh | None = None,
+    *,
+    modes: bool = True,
 ) -> tuple[dict[str, Any], Solution]:
     """Return the static fields of ``Condensed`` by name, and the solution behind them.
 
@@ -292,6 +294,7 @@ def _statics(
     ----------
     former : has the mesh, refined for the tolerance.
     mesh : where it is made already, but not refined.
+    modes : whether natural frequencies follow.
     """
     from stiffscope.fea.adapt import solve_on, solve_within
     from stiffscope.fea.geometry import centroid, volume
@@ -329,6 +332,7 @@ def _statics(
             settings,
             lambda stage, fraction: _report(progress, stage, 0.5 + 0.35 * fraction),
             max(left, 1.0),
+            modes=modes,
         )
     rigid = rigid_mass(mesh.points, solution.levels.system.mass.nodes)
     statics = {

@@ -1,4 +1,4 @@
-"""Meshes of sheets and needles: linear extrusions, filled with prisms of graded size that are cut into tetrahedra.
+"""Meshes of sheets, needles and bars with thin walls: extrusions, filled with prisms that are cut into tetrahedra.
 
 A mesher of general solids needs elements as small as the thickness, everywhere; these are flat or long where the
 solution is smooth, and as small as the thickness only around held and loaded faces.
@@ -6,18 +6,26 @@ solution is smooth, and as small as the thickness only around held and loaded fa
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.fea.mesh import MeshError, boundary_facets, sides_between, tet_volumes
+from stiffscope.fea.mesh import (
+    PLANE,
+    MeshError,
+    boundary_facets,
+    sides_between,
+    surface_volume,
+    tet_volumes,
+    thinness,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from stiffscope.cad.part import Surface
-    from stiffscope.fea.mesh import Floats, Ints
+    from stiffscope.fea.mesh import Floats, Ints, Project
 
 SHEET, NEEDLE = 0.01, 0.002  # height of a sheet, and radius of inertia of a needle's section, over the diagonal
 PARALLEL = 1e-5  # sine
@@ -26,6 +34,11 @@ CELLS = 150  # of the coarsest size that fill a section
 ALONG_EDGE = 25  # points along the longest side of a section at most, where it is held or loaded
 STRETCH = 6.0  # length of a needle's elements over the width of its section
 ROUNDS = 12
+THIN = 1.5  # thinness (see ``stiffscope.fea.mesh.thinness``) of walls that an extruded section is filled with
+AROUND = 16  # elements along the middle line of a thin-walled section
+SAG = 0.2  # distance of the sides of elements to curved walls, over their thickness
+END = 0.6  # length of a thin-walled bar's elements at its ends, over that in which a tube's end effects decay
+FASTER = 1.0  # growth of their length from there
 
 
 @dataclass(frozen=True)
@@ -54,6 +67,11 @@ class Extrusion:
         """(s, 2, 2) ends of the pieces that bound the section."""
         return self.corners[self.borders[self.walls >= 0]]
 
+    @property
+    def wall(self) -> float:
+        """Twice the area of the section over its perimeter, m: the thickness of thin walls."""
+        return 2 * _area(self) / float(np.linalg.norm(np.diff(self.outline, axis=1), axis=2).sum())
+
 
 @dataclass(frozen=True)
 class FlatMesh:
@@ -65,13 +83,16 @@ class FlatMesh:
     size: float
 
 
-def flat_mesh(surface: Surface, interfaces: frozenset[int], size: float | None = None) -> FlatMesh | None:
-    """Return the mesh of a sheet or needle; None for any other solid, which a general mesher is for.
+def flat_mesh(
+    surface: Surface, interfaces: frozenset[int], project: Project, size: float | None = None
+) -> FlatMesh | None:
+    """Return the mesh of a sheet, needle or thin-walled bar; None for any other solid: a general mesher is for those.
 
     Parameters
     ----------
     surface : of the solid.
     interfaces : CAD faces that are held or loaded.
+    project : see ``stiffscope.fea.specimen.Specimen``.
     size : largest element size (m); by default such that some thousand elements fill the sheet.
 
     Raises
@@ -83,13 +104,29 @@ def flat_mesh(surface: Surface, interfaces: frozenset[int], size: float | None =
         return None
     low, high = found.height
     height = high - low
-    area = _area(found)
-    width = float(np.sqrt(area))
-    sheet = height < width
-    coarse = size or (max(width / np.sqrt(CELLS), height) if sheet else 0.6 * width)
-    finest = max(height, float(np.ptp(found.corners, axis=0).max()) / ALONG_EDGE) if sheet else coarse
-    corners, borders, walls, triangles = _section(found, coarse, min(finest, coarse))
-    levels = np.array([0.0, 1.0]) if sheet else _levels(height, width, size or STRETCH * width)
+    width = float(np.sqrt(_area(found)))
+    sheet, walled = height <= SHEET * _diagonal(surface), _walled(surface, found)
+    if sheet:
+        coarse = size or max(width / np.sqrt(CELLS), height)
+        finest = max(height, float(np.ptp(found.corners, axis=0).max()) / ALONG_EDGE)
+        levels = np.array([0.0, 1.0])
+    elif walled:
+        found = _rounded(surface, found, project)
+        coarse = size or max(found.wall, width**2 / found.wall / AROUND)
+        finest = found.wall
+        found = replace(found, held=np.isin(found.walls, list(interfaces)))  # layers at the caps are thin anyway
+        reach = float(np.ptp(found.corners, axis=0).max())
+        longest = coarse if size or found.held.any() else max(coarse, reach)
+        levels = _levels(height, min(END * np.sqrt(finest * reach / 2), longest), longest, FASTER)
+    else:
+        coarse = finest = size or 0.6 * width
+        levels = _levels(height, 0.6 * width, size or STRETCH * width, GROWTH)
+    try:
+        corners, borders, walls, triangles = _section(found, coarse, min(finest, coarse))
+    except MeshError:
+        if walled and not sheet:
+            return None
+        raise
     count = len(corners)
     points = np.vstack([np.column_stack([corners, np.full(count, low + t * height)]) for t in levels]) @ found.axes
     cells = np.vstack([_prisms(triangles, count * k, count) for k in range(len(levels) - 1)])
@@ -99,25 +136,78 @@ def flat_mesh(surface: Surface, interfaces: frozenset[int], size: float | None =
 
 
 def slender_extrusion(surface: Surface, interfaces: frozenset[int]) -> Extrusion | None:
-    """Return a solid as an extrusion if it is a slender one: a sheet swept along its thickness, or a needle."""
-    diagonal = float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
+    """Return a solid as an extrusion if it is a sheet swept along its thickness, a needle, or has thin walls."""
+    diagonal, thin = _diagonal(surface), _thin(surface)
     normals = [face.axis for face in surface.faces if face.kind == "plane"]
     for index, normal in enumerate(normals):
         if any(np.linalg.norm(np.cross(normal, other)) < PARALLEL for other in normals[:index]):
             continue
         along = surface.vertices @ normal
         height = float(np.ptp(along))
-        if SHEET * diagonal < height < 0.9 * diagonal:
+        if SHEET * diagonal < height < 0.9 * diagonal and not thin:
             continue
         found = _extrusion(surface, np.asarray(normal, dtype=float), interfaces)
         if found is None:
             continue
         if height <= SHEET * diagonal:
             return found
-        section = _area(found)
-        if _loops(found) == 1 and np.sqrt(section) < 2 * NEEDLE * diagonal:
+        needle = _loops(found) == 1 and np.sqrt(_area(found)) < 2 * NEEDLE * diagonal
+        if (needle and height >= 0.9 * diagonal) or _walled(surface, found):
             return found
     return None
+
+
+def _diagonal(surface: Surface) -> float:
+    return float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
+
+
+def _thin(surface: Surface) -> bool:
+    """Whether its walls are thin and not most of them plane: a general mesher has flat elements for those."""
+    area = sum(face.area for face in surface.faces)
+    plane = sum(face.area for face in surface.faces if face.kind == "plane")
+    return plane <= PLANE * area and thinness(surface_volume(surface), area) > THIN
+
+
+def _walled(surface: Surface, found: Extrusion) -> bool:
+    """Whether an extrusion's section consists of walls much thinner than it is wide and high."""
+    low, high = found.height
+    reach = min(high - low, float(np.ptp(found.corners, axis=0).max()))
+    return _thin(surface) and 5 * found.wall < reach
+
+
+def _rounded(surface: Surface, found: Extrusion, project: Project) -> Extrusion:
+    """Return an extrusion whose pieces on curved walls are cut until they follow these within ``SAG``."""
+    corners, borders, held, walls = found.corners, found.borders, found.held, found.walls
+    curved = np.array([face.kind != "plane" for face in surface.faces])
+    allowed, middle = SAG * found.wall, sum(found.height) / 2
+
+    def on_wall(points: Floats, wall: Ints) -> Floats:
+        raised = np.column_stack([points, np.full(len(points), middle)]) @ found.axes
+        for each in np.unique(wall):
+            raised[wall == each] = project(int(each), raised[wall == each])
+        return raised @ found.axes[:2].T
+
+    for _ in range(ROUNDS):
+        ends = corners[borders]
+        gap = np.zeros(len(borders))
+        round_ = np.flatnonzero((walls >= 0) & curved[walls])
+        mids = ends[round_].mean(axis=1)
+        gap[round_] = np.linalg.norm(on_wall(mids, walls[round_]) - mids, axis=1)
+        parts = np.ceil(np.sqrt(gap / allowed) - 0.05).clip(1, AROUND).astype(int)
+        if (parts == 1).all():
+            break
+        cut = np.repeat(np.arange(len(parts)), parts)
+        step = np.arange(len(cut)) - np.repeat(np.cumsum(parts) - parts, parts)  # of each part in its piece
+        new = step > 0
+        t = (step / parts[cut])[new, None]
+        places = on_wall((1 - t) * ends[cut[new], 0] + t * ends[cut[new], 1], walls[cut[new]])
+        start = borders[cut, 0]
+        start[new] = len(corners) + np.arange(new.sum())
+        last = step == parts[cut] - 1
+        stop = np.where(last, borders[cut, 1], np.roll(start, -1))
+        corners, borders = np.vstack([corners, places]), np.column_stack([start, stop])
+        walls, held = walls[cut], held[cut]
+    return replace(found, corners=corners, borders=borders, walls=walls, held=held)
 
 
 def _extrusion(surface: Surface, normal: Floats, interfaces: frozenset[int]) -> Extrusion | None:
@@ -334,12 +424,12 @@ def _areas(points: Floats, triangles: Ints) -> Floats:
     return 0.5 * np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
 
 
-def _levels(height: float, width: float, longest: float) -> Floats:
-    """Heights from 0 to 1 of a needle's layers: as high as it is wide at its ends, longer away from them."""
-    at, step = [0.0], 0.6 * width
+def _levels(height: float, first: float, longest: float, growth: float) -> Floats:
+    """Heights from 0 to 1 of the layers of a bar: of a first height at its ends, longer away from them."""
+    at, step = [0.0], first
     while at[-1] < height / 2:
         at.append(at[-1] + step)
-        step = min(longest, step * (1 + GROWTH))
+        step = min(longest, step * (1 + growth))
     half = np.array(at) * (height / 2 / at[-1])
     return np.concatenate([half, height - half[-2::-1]]) / height
 

@@ -117,8 +117,18 @@ def flatness_of(volume: float, faces: Collection[FaceGeometry]) -> float:
     """Return 1, and up to 2 for thin walls that are plane: how much larger, and flatter, elements may be there."""
     areas = {plane: sum(face.area for face in faces if (face.kind == "plane") == plane) for plane in (True, False)}
     area = areas[True] + areas[False]
-    thin = (volume / 2000) ** (1 / 3) * area / (2 * volume)
-    return float(np.clip(2.0 * thin - 2.0, 1.0, 2.0)) if areas[True] > PLANE * area else 1.0
+    return float(np.clip(2.0 * thinness(volume, area) - 2.0, 1.0, 2.0)) if areas[True] > PLANE * area else 1.0
+
+
+def thinness(volume: float, area: float) -> float:
+    """Return the side of a cube of a 2000th of the volume (m³) over the thickness of a plate of this area (m²)."""
+    return (volume / 2000) ** (1 / 3) * area / (2 * volume)
+
+
+def edge_length(mesh: TetMesh) -> float:
+    """Return the length (m) that nine tenths of the elements' edges are shorter than."""
+    ends = mesh.points[mesh.cells[:, :4][:, EDGES]]
+    return float(np.quantile(np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2), 0.9))
 
 
 def expected_elements(surface: Surface, volume: float, size: float) -> float:

@@ -13,12 +13,12 @@ import numpy as np
 from stiffscope.fea.extrusion import flat_mesh, slender_extrusion
 from stiffscope.fea.geometry import area_elements, centroid, jacobian_range, volume
 from stiffscope.fea.mesh import (
-    EDGES,
     ENERGY,
     MeshError,
     check_time,
     default_envelope,
     default_size,
+    edge_length,
     expected_elements,
     flatness_of,
     tetrahedralize,
@@ -66,8 +66,8 @@ class Specimen:
 
     @cached_property
     def slender(self) -> bool:
-        """Whether it is a sheet or a needle, whose elements are flat or long; see ``stiffscope.fea.extrusion``."""
-        return slender_extrusion(self.surface, frozenset[int]().union(*self.interfaces)) is not None
+        """Whether it is a sheet, a needle or an extrusion with thin walls; see ``stiffscope.fea.extrusion``."""
+        return slender_extrusion(self.surface, self.held) is not None
 
     @property
     def area(self) -> float:
@@ -81,9 +81,7 @@ class Specimen:
 
     def flatness_on(self, mesh: TetMesh) -> float:
         """How flat a mesh's elements are: ``flatness``, but 1 where they are no larger than walls are thick."""
-        ends = mesh.points[mesh.cells[:, :4][:, EDGES]]
-        length = float(np.quantile(np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2), 0.9))
-        return float(np.clip(length / default_size(self.volume, self.area), 1.0, self.flatness))
+        return float(np.clip(edge_length(mesh) / default_size(self.volume, self.area), 1.0, self.flatness))
 
     @property
     def slenderness(self) -> float:
@@ -95,6 +93,11 @@ class Specimen:
     def interfaces(self) -> tuple[frozenset[int], ...]:
         """The faces of the clamp and those of each loaded interface."""
         return self.clamped, *(faces for faces, _ in self.loaded)
+
+    @property
+    def held(self) -> frozenset[int]:
+        """The faces of all interfaces."""
+        return frozenset[int]().union(*self.interfaces)
 
     def fixed(self, *, rigid: bool) -> tuple[frozenset[int], ...]:
         """The interfaces that cannot deform: the clamp, and loaded faces with rigid couplings."""
@@ -123,7 +126,7 @@ def mesh_specimen(
     ------
     MeshError : time limit exceeded, inverted elements, an interface without triangles, or a wrong volume.
     """
-    flat = None if envelope else flat_mesh(specimen.surface, frozenset[int]().union(*specimen.interfaces), size)
+    flat = None if envelope else flat_mesh(specimen.surface, specimen.held, specimen.project, size)
     if flat is not None:
         mesh = snap(flat.points, flat.cells, specimen.surface, specimen.project, flat.size, flat.tags)
         _check(specimen, mesh)

@@ -259,7 +259,7 @@ COMMANDS = (
     ("interfaces", "biglide", "--part", "link", "--out", "out", "--quiet"),
     ("campaign", "check", "c", "--out", "out", "--quiet"),
     ("campaign", "new", "biglide", "--out", "new", "--quiet"),
-    ("diagnose", "c", "--out", "out", "--adopt", "new.toml", "--quiet"),
+    ("diagnose", "c", "--out", "out", "--quiet"),
     ("blind", "five-bar", "--components", "beam", "--campaigns", "2", "--out", "out", "--quiet"),
     ("audit", "--json", "a.json", "--quiet"),
     ("compare", "biglide", "--part", "link", "--json", "a.json", "--quiet"),
@@ -284,11 +284,19 @@ ARM = """\
 KILLS = 6  # of each command
 
 
+ENDS = {".png": b"IEND\xaeB`\x82", ".gif": b";", ".html": b"</html>"}  # of a whole file
+
+
 def results_in(folder: Path) -> dict[str, str]:
-    """Every file of an output folder but pictures, which a busy machine leaves out; the text of those without times."""
+    """Every file of an output folder but pictures, which a busy machine leaves out; the text of those without times.
+
+    Pictures and pages are whole.
+    """
     texts: dict[str, str] = {}
     for path in sorted(folder.rglob("*")):
-        if path.is_file() and path.suffix != ".png":
+        if path.suffix in ENDS:
+            assert path.read_bytes().rstrip().endswith(ENDS[path.suffix]), path
+        if path.is_file() and path.suffix not in {".png", ".gif"}:
             plain = path.suffix in {".csv", ".json"} and path.name not in {"manifest.json", "scores.json"}
             texts[path.relative_to(folder).as_posix()] = path.read_text(encoding="utf-8") if plain else ""
     return texts

@@ -7,7 +7,7 @@ import pytest
 from build123d import Axis, Box, Cylinder, Pos, Rot, fillet
 
 from stiffscope.cad.solid import part_of
-from stiffscope.fea.experiment import run_experiment, specimen_of
+from stiffscope.fea.experiment import condense, run_experiment, specimen_of
 from stiffscope.fea.extrusion import flat_mesh
 from stiffscope.fea.mesh import MeshError, default_size, expected_elements, tet_volumes
 from stiffscope.fea.settings import Settings
@@ -23,7 +23,7 @@ def surface_of(solid):
 )
 def test_a_sheet_or_needle_is_filled(solid):
     surface, interfaces, specimen = surface_of(solid)
-    mesh = flat_mesh(surface, interfaces)
+    mesh = flat_mesh(surface, interfaces, specimen.project)
     volumes = tet_volumes(mesh.points, mesh.cells)
     assert (volumes > 0).all()
     corners = surface.vertices[
@@ -37,8 +37,37 @@ def test_a_sheet_or_needle_is_filled(solid):
 
 
 def test_other_solids_are_for_the_general_mesher():
-    surface, interfaces, _ = surface_of(Box(100, 50, 10))
-    assert flat_mesh(surface, interfaces) is None
+    surface, interfaces, specimen = surface_of(Box(100, 50, 10))
+    assert flat_mesh(surface, interfaces, specimen.project) is None
+
+
+def tube(radius, wall, length):
+    return Rot(0, 90, 0) * (Cylinder(radius, length) - Cylinder(radius - wall, length + 2))
+
+
+@pytest.mark.parametrize(("radius", "wall"), [(12.5, 1), (12.5, 0.5), (100, 0.5)])
+def test_a_thin_walled_tube_is_filled_with_long_flat_elements(radius, wall):
+    surface, interfaces, specimen = surface_of(tube(radius, wall, 500))
+    mesh = flat_mesh(surface, interfaces, specimen.project)
+    volumes = tet_volumes(mesh.points, mesh.cells)
+    assert (volumes > 0).all()
+    assert volumes.sum() == pytest.approx(np.pi * (radius**2 - (radius - wall) ** 2) * 500e-9, rel=0.03)
+    assert set(mesh.tags) == set(range(len(surface.faces)))
+    assert len(mesh.cells) < 10_000
+
+
+@pytest.mark.slow
+def test_a_thin_walled_tube_is_as_stiff_as_theory_says():
+    """Within the bound and what the clamp adds: no contraction over the length in which end effects decay."""
+    part, (radius, inner, length) = part_of(tube(12.5, 1, 250)), (0.0125, 0.0115, 0.25)
+    found = condense(part, Settings())
+    modulus, shear = part.material.youngs_modulus, part.material.elasticity()[3, 3]
+    area, second = np.pi * (radius**2 - inner**2), np.pi / 4 * (radius**4 - inner**4)
+    theory = {0: length / modulus / area, 3: length / shear / 2 / second, 4: length / modulus / second}
+    held = 0.3**2 * np.sqrt(radius * 0.001) / length
+    for index, value in theory.items():
+        assert abs(found.compliance[index, index] / value - 1) < found.error[index, index] / value + held
+    assert found.relative_bound < 0.005
 
 
 def test_thin_plane_walls_get_larger_elements_and_no_others():
