@@ -58,13 +58,13 @@ def test_a_thin_walled_tube_is_filled_with_long_flat_elements(radius, wall):
 
 @pytest.mark.slow
 def test_a_thin_walled_tube_is_as_stiff_as_theory_says():
-    """Within the bound and what the clamp adds: no contraction over the length in which end effects decay."""
+    """Within the bound and what both rigid ends add: no contraction over the length in which end effects decay."""
     part, (radius, inner, length) = part_of(tube(12.5, 1, 250)), (0.0125, 0.0115, 0.25)
     found = condense(part, Settings())
     modulus, shear = part.material.youngs_modulus, part.material.elasticity()[3, 3]
     area, second = np.pi * (radius**2 - inner**2), np.pi / 4 * (radius**4 - inner**4)
     theory = {0: length / modulus / area, 3: length / shear / 2 / second, 4: length / modulus / second}
-    held = 0.3**2 * np.sqrt(radius * 0.001) / length
+    held = 2 * 0.3**2 * np.sqrt(radius * 0.001) / length
     for index, value in theory.items():
         assert abs(found.compliance[index, index] / value - 1) < found.error[index, index] / value + held
     assert found.relative_bound < 0.005
