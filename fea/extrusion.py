@@ -105,7 +105,7 @@ def flat_mesh(
     low, high = found.height
     height = high - low
     width = float(np.sqrt(_area(found)))
-    sheet, walled = height <= SHEET * _diagonal(surface), _walled(surface, found)
+    sheet, walled = height <= SHEET * _diagonal(surface), thin_walled(surface, found)
     if sheet:
         coarse = size or max(width / np.sqrt(CELLS), height)
         finest = max(height, float(np.ptp(found.corners, axis=0).max()) / ALONG_EDGE)
@@ -152,7 +152,7 @@ def slender_extrusion(surface: Surface, interfaces: frozenset[int]) -> Extrusion
         if height <= SHEET * diagonal:
             return found
         needle = _loops(found) == 1 and np.sqrt(_area(found)) < 2 * NEEDLE * diagonal
-        if (needle and height >= 0.9 * diagonal) or _walled(surface, found):
+        if (needle and height >= 0.9 * diagonal) or thin_walled(surface, found):
             return found
     return None
 
@@ -168,7 +168,7 @@ def _thin(surface: Surface) -> bool:
     return plane <= PLANE * area and thinness(surface_volume(surface), area) > THIN
 
 
-def _walled(surface: Surface, found: Extrusion) -> bool:
+def thin_walled(surface: Surface, found: Extrusion) -> bool:
     """Whether an extrusion's section consists of walls much thinner than it is wide and high."""
     low, high = found.height
     reach = min(high - low, float(np.ptp(found.corners, axis=0).max()))

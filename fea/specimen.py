@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.fea.extrusion import flat_mesh, slender_extrusion
+from stiffscope.fea.extrusion import flat_mesh, slender_extrusion, thin_walled
 from stiffscope.fea.geometry import area_elements, centroid, jacobian_range, volume
 from stiffscope.fea.mesh import (
     ENERGY,
@@ -29,6 +29,7 @@ from stiffscope.fea.snap import snap
 
 if TYPE_CHECKING:
     from stiffscope.cad.part import Surface
+    from stiffscope.fea.extrusion import Extrusion
     from stiffscope.fea.mesh import Floats, Project, TetMesh
 
 logger = logging.getLogger(__name__)
@@ -65,9 +66,14 @@ class Specimen:
     density: float
 
     @cached_property
+    def extrusion(self) -> Extrusion | None:
+        """The solid as a sheet, a needle or a bar with thin walls, if it is one; see ``stiffscope.fea.extrusion``."""
+        return slender_extrusion(self.surface, self.held)
+
+    @property
     def slender(self) -> bool:
-        """Whether it is a sheet, a needle or an extrusion with thin walls; see ``stiffscope.fea.extrusion``."""
-        return slender_extrusion(self.surface, self.held) is not None
+        """Whether it is such an extrusion."""
+        return self.extrusion is not None
 
     @property
     def area(self) -> float:
@@ -80,8 +86,10 @@ class Specimen:
         return flatness_of(self.volume, self.surface.faces)
 
     def flatness_on(self, mesh: TetMesh) -> float:
-        """How flat a mesh's elements are: ``flatness``, but 1 where they are no larger than walls are thick."""
-        return float(np.clip(edge_length(mesh) / default_size(self.volume, self.area), 1.0, self.flatness))
+        """How flat a mesh's elements are, up to 2, but 1 where they are no larger than walls are thick."""
+        walled = self.extrusion is not None and thin_walled(self.surface, self.extrusion)
+        most = 2.0 if walled else self.flatness
+        return float(np.clip(edge_length(mesh) / default_size(self.volume, self.area), 1.0, most))
 
     @property
     def slenderness(self) -> float:
