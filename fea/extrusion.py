@@ -22,6 +22,8 @@ from stiffscope.fea.mesh import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from stiffscope.cad.part import Surface
@@ -84,7 +86,11 @@ class FlatMesh:
 
 
 def flat_mesh(
-    surface: Surface, interfaces: frozenset[int], project: Project, size: float | None = None
+    surface: Surface,
+    interfaces: frozenset[int],
+    project: Project,
+    size: float | None = None,
+    check: Callable[[float], None] = lambda _elements: None,
 ) -> FlatMesh | None:
     """Return the mesh of a sheet, needle or thin-walled bar; None for any other solid: a general mesher is for those.
 
@@ -94,6 +100,7 @@ def flat_mesh(
     interfaces : CAD faces that are held or loaded.
     project : see ``stiffscope.fea.specimen.Specimen``.
     size : largest element size (m); by default such that some thousand elements fill the sheet.
+    check : called with the number of elements before they are made; may raise.
 
     Raises
     ------
@@ -127,6 +134,7 @@ def flat_mesh(
         if walled and not sheet:
             return None
         raise
+    check(3.0 * len(triangles) * (len(levels) - 1))
     count = len(corners)
     points = np.vstack([np.column_stack([corners, np.full(count, low + t * height)]) for t in levels]) @ found.axes
     cells = np.vstack([_prisms(triangles, count * k, count) for k in range(len(levels) - 1)])

@@ -134,7 +134,11 @@ def mesh_specimen(
     ------
     MeshError : time limit exceeded, inverted elements, an interface without triangles, or a wrong volume.
     """
-    flat = None if envelope else flat_mesh(specimen.surface, specimen.held, specimen.project, size)
+
+    def check(elements: float) -> None:
+        check_time(elements, time_limit, cure_of(specimen, size), meshed=True)
+
+    flat = None if envelope else flat_mesh(specimen.surface, specimen.held, specimen.project, size, check)
     if flat is not None:
         mesh = snap(flat.points, flat.cells, specimen.surface, specimen.project, flat.size, flat.tags)
         _check(specimen, mesh)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+import os
 import platform
 import sys
 from dataclasses import dataclass, field
@@ -57,11 +58,13 @@ class Manifest:
 
 
 def manifest_of(robot: RobotFile | None, *inputs: Path) -> Manifest:
-    """A manifest that begins now, of a robot and of further files that go in."""
+    """A manifest that begins now, of a robot and of further files that go in, by their places in a common folder."""
     sources: dict[str, Any] = {}
     if robot is not None:
         changed = list(robot.source.overrides)
         sources["robot"] = {"file": str(robot.path), "sha256": files.file_digest(robot.path), "set": changed}
     if inputs:
-        sources["inputs"] = {path.name: files.file_digest(path) for path in inputs}
+        whole = [path.absolute() for path in inputs]
+        folder = os.path.commonpath([path.parent for path in whole])
+        sources["inputs"] = {path.relative_to(folder).as_posix(): files.file_digest(path) for path in whole}
     return Manifest(sources)

@@ -192,7 +192,7 @@ def _drawn(diagnosis: Diagnosis) -> dict[str, Any]:
     draws = {} if samples is None else {**samples.parameters, "held out": samples.held_out}
     return {
         "numbers": to_json(diagnosis),
-        "signatures": diagnosis.signature_correlation,
+        "not in JSON": repr((diagnosis.steps, diagnosis.signature_correlation)),
         "units": samples and samples.units,
         "draws": {name: hashlib.sha256(values.tobytes()).hexdigest() for name, values in draws.items()},
     }

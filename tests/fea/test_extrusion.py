@@ -11,6 +11,7 @@ from stiffscope.fea.experiment import condense, run_experiment, specimen_of
 from stiffscope.fea.extrusion import flat_mesh
 from stiffscope.fea.mesh import MeshError, default_size, expected_elements, tet_volumes
 from stiffscope.fea.settings import Settings
+from stiffscope.fea.specimen import mesh_specimen
 
 
 def surface_of(solid):
@@ -54,6 +55,14 @@ def test_a_thin_walled_tube_is_filled_with_long_flat_elements(radius, wall):
     assert volumes.sum() == pytest.approx(np.pi * (radius**2 - (radius - wall) ** 2) * 500e-9, rel=0.03)
     assert set(mesh.tags) == set(range(len(surface.faces)))
     assert len(mesh.cells) < 10_000
+
+
+def test_a_tube_with_too_many_elements_is_refused_before_they_are_made():
+    begun = time.perf_counter()
+    _, _, specimen = surface_of(tube(30, 0.5, 300))
+    with pytest.raises(MeshError, match=r"^mesh\.time_limit: expected a part that is done in time"):
+        mesh_specimen(specimen, size=1e-3)
+    assert time.perf_counter() - begun < 30  # some seconds; minutes where all are made
 
 
 @pytest.mark.slow
