@@ -210,16 +210,11 @@ def condense(
     ----------
     near : a part of slightly other dimensions and its mesh for the same settings, which is moved along if it can be.
     """
-    from stiffscope.fea.dynamics import condensed_mass
-
     started = time.perf_counter()
     _report(progress, "cad", 0.0)
     specimen = specimen_of(part, settings)
     mesh = _moved(specimen, part, *near) if near else None
-    statics, solution = _statics(specimen, settings, progress, time.perf_counter() - started, mesh=mesh, modes=False)
-    _report(progress, "solve", 1.0)
-    mass, none = condensed_mass(solution.levels), np.zeros(0)
-    return Condensed(**statics, condensed_mass=mass, mode_squares=none, mode_squares_error=none, moved=mesh is not None)
+    return condense_specimen(specimen, settings, progress, time.perf_counter() - started, mesh)
 
 
 def _moved(specimen: Specimen, part: Part, former: Part, mesh: TetMesh) -> TetMesh | None:
@@ -276,6 +271,24 @@ def examine(
     experiment = Experiment(**statics, displacement=solution.displacement, von_mises=solution.von_mises)
     _report(progress, "solve", 1.0)
     return experiment
+
+
+def condense_specimen(
+    specimen: Specimen,
+    settings: Settings,
+    progress: Progress | None = None,
+    cad_seconds: float = 0.0,
+    moved: TetMesh | None = None,
+) -> Condensed:
+    """Condense a specimen, without the CAD kernel, on its own mesh or one ``moved`` along; see ``condense``."""
+    from stiffscope.fea.dynamics import condensed_mass
+
+    statics, solution = _statics(specimen, settings, progress, cad_seconds, mesh=moved, modes=False)
+    _report(progress, "solve", 1.0)
+    mass, none = condensed_mass(solution.levels), np.zeros(0)
+    return Condensed(
+        **statics, condensed_mass=mass, mode_squares=none, mode_squares_error=none, moved=moved is not None
+    )
 
 
 def _statics(

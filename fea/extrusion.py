@@ -15,6 +15,7 @@ from stiffscope.fea.mesh import (
     PLANE,
     MeshError,
     boundary_facets,
+    diagonal,
     sides_between,
     surface_volume,
     tet_volumes,
@@ -87,16 +88,18 @@ class FlatMesh:
 
 def flat_mesh(
     surface: Surface,
+    found: Extrusion,
     interfaces: frozenset[int],
     project: Project,
     size: float | None = None,
     check: Callable[[float], None] = lambda _elements: None,
 ) -> FlatMesh | None:
-    """Return the mesh of a sheet, needle or thin-walled bar; None for any other solid: a general mesher is for those.
+    """Return the mesh of a sheet, needle or thin-walled bar; None where its walls leave no room for one.
 
     Parameters
     ----------
     surface : of the solid.
+    found : the solid as such an extrusion; see ``slender_extrusion``.
     interfaces : CAD faces that are held or loaded.
     project : see ``stiffscope.fea.specimen.Specimen``.
     size : largest element size (m); by default such that some thousand elements fill the sheet.
@@ -106,13 +109,10 @@ def flat_mesh(
     ------
     MeshError : the section cannot be filled.
     """
-    found = slender_extrusion(surface, interfaces)
-    if found is None:
-        return None
     low, high = found.height
     height = high - low
     width = float(np.sqrt(_area(found)))
-    sheet, walled = height <= SHEET * _diagonal(surface), thin_walled(surface, found)
+    sheet, walled = height <= SHEET * diagonal(surface), thin_walled(surface, found)
     if sheet:
         coarse = size or max(width / np.sqrt(CELLS), height)
         finest = max(height, float(np.ptp(found.corners, axis=0).max()) / ALONG_EDGE)
@@ -145,28 +145,24 @@ def flat_mesh(
 
 def slender_extrusion(surface: Surface, interfaces: frozenset[int]) -> Extrusion | None:
     """Return a solid as an extrusion if it is a sheet swept along its thickness, a needle, or has thin walls."""
-    diagonal, thin = _diagonal(surface), _thin(surface)
+    reach, thin = diagonal(surface), _thin(surface)
     normals = [face.axis for face in surface.faces if face.kind == "plane"]
     for index, normal in enumerate(normals):
         if any(np.linalg.norm(np.cross(normal, other)) < PARALLEL for other in normals[:index]):
             continue
         along = surface.vertices @ normal
         height = float(np.ptp(along))
-        if SHEET * diagonal < height < 0.9 * diagonal and not thin:
+        if SHEET * reach < height < 0.9 * reach and not thin:
             continue
         found = _extrusion(surface, np.asarray(normal, dtype=float), interfaces)
         if found is None:
             continue
-        if height <= SHEET * diagonal:
+        if height <= SHEET * reach:
             return found
-        needle = _loops(found) == 1 and np.sqrt(_area(found)) < 2 * NEEDLE * diagonal
-        if (needle and height >= 0.9 * diagonal) or thin_walled(surface, found):
+        needle = _loops(found) == 1 and np.sqrt(_area(found)) < 2 * NEEDLE * reach
+        if (needle and height >= 0.9 * reach) or thin_walled(surface, found):
             return found
     return None
-
-
-def _diagonal(surface: Surface) -> float:
-    return float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
 
 
 def _thin(surface: Surface) -> bool:

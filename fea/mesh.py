@@ -176,8 +176,13 @@ def default_envelope(surface: Surface, size: float) -> float:
 
     At most a tenth of the thickness even where that is slow, so that thin walls survive.
     """
-    diagonal = float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
-    return float(min(np.clip(0.03 * size, 3e-4 * diagonal, 1e-3 * diagonal), 0.1 * thickness(surface)))
+    reach = diagonal(surface)
+    return float(min(np.clip(0.03 * size, 3e-4 * reach, 1e-3 * reach), 0.1 * thickness(surface)))
+
+
+def diagonal(surface: Surface) -> float:
+    """Return the diagonal (m) of the box about a surface, along the axes."""
+    return float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
 
 
 def thickness(surface: Surface) -> float:

@@ -18,6 +18,7 @@ from stiffscope.fea.mesh import (
     check_time,
     default_envelope,
     default_size,
+    diagonal,
     edge_length,
     expected_elements,
     flatness_of,
@@ -94,8 +95,7 @@ class Specimen:
     @property
     def slenderness(self) -> float:
         """Diagonal of the bounding box over twice the volume per area (the thickness of a plate)."""
-        diagonal = float(np.linalg.norm(np.ptp(self.surface.vertices, axis=0)))
-        return diagonal * self.area / (2 * self.volume)
+        return diagonal(self.surface) * self.area / (2 * self.volume)
 
     @property
     def interfaces(self) -> tuple[frozenset[int], ...]:
@@ -138,7 +138,8 @@ def mesh_specimen(
     def check(elements: float) -> None:
         check_time(elements, time_limit, cure_of(specimen, size), meshed=True)
 
-    flat = None if envelope else flat_mesh(specimen.surface, specimen.held, specimen.project, size, check)
+    found = None if envelope else specimen.extrusion
+    flat = flat_mesh(specimen.surface, found, specimen.held, specimen.project, size, check) if found else None
     if flat is not None:
         mesh = snap(flat.points, flat.cells, specimen.surface, specimen.project, flat.size, flat.tags)
         _check(specimen, mesh)

@@ -4,22 +4,12 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from stiffscope.fea.dynamics import condensed_mass
 from stiffscope.fea.elasticity import isotropic
-from stiffscope.fea.experiment import Condensed, _statics
 from stiffscope.fea.specimen import Specimen
 
 STEEL = isotropic(211e9, 81e9)
 DENSITY = 7850.0
 CLAMPED, LOADED = frozenset({0}), frozenset({1})
-
-
-def condense(specimen, settings):
-    """As `examine`, without fields, own weight and modes: half of the time, where those do not matter."""
-    found, solution = _statics(specimen, settings, None, 0.0)
-    none = np.zeros(0)
-    mass = condensed_mass(solution.levels)
-    return Condensed(**found, condensed_mass=mass, mode_squares=none, mode_squares_error=none)
 
 
 def _face(kind, origin, axis, area, radius=0.0):

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.fea.experiment import examine, load_experiment
+from stiffscope.fea.experiment import condense_specimen, examine, load_experiment
 from stiffscope.fea.export import write_vtu
 from stiffscope.fea.settings import Settings
 from tests.fea.conftest import PLATE
-from tests.fea.shapes import box, condense
+from tests.fea.shapes import box
 
 # Plate: structured mesh graded to 0.2 mm at the edges, cubic, 551,000 unknowns. Link: cubic, three layers, 136,000
 # unknowns; its C44 is Saint-Venant's exact L / GJ. Both still move by less than 0.003 %.
@@ -35,7 +35,7 @@ def test_every_entry_is_within_its_tolerance_and_its_bound(name, allowed, reques
 
 
 def test_a_distributed_face_twists_three_times_as_much():
-    experiment = condense(PLATE, Settings(interface="distributed"))
+    experiment = condense_specimen(PLATE, Settings(interface="distributed"))
     assert pick(experiment.compliance) == pytest.approx(REFERENCE["plate, distributed"], rel=2e-3)
     assert experiment.imbalance < 1e-4
 

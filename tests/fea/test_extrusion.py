@@ -14,17 +14,20 @@ from stiffscope.fea.settings import Settings
 from stiffscope.fea.specimen import mesh_specimen
 
 
-def surface_of(solid):
-    specimen = specimen_of(part_of(solid), Settings())
-    return specimen.surface, frozenset[int]().union(*specimen.interfaces), specimen
+def whole(solid):
+    return specimen_of(part_of(solid), Settings())
+
+
+def filled(specimen):
+    return flat_mesh(specimen.surface, specimen.extrusion, specimen.held, specimen.project)
 
 
 @pytest.mark.parametrize(
     "solid", [Box(100, 50, 0.5), Box(100, 50, 0.5) - Pos(20, 5, 0) * Cylinder(6, 1), Box(1000, 2, 2)]
 )
 def test_a_sheet_or_needle_is_filled(solid):
-    surface, interfaces, specimen = surface_of(solid)
-    mesh = flat_mesh(surface, interfaces, specimen.project)
+    specimen = whole(solid)
+    surface, mesh = specimen.surface, filled(specimen)
     volumes = tet_volumes(mesh.points, mesh.cells)
     assert (volumes > 0).all()
     corners = surface.vertices[
@@ -38,8 +41,7 @@ def test_a_sheet_or_needle_is_filled(solid):
 
 
 def test_other_solids_are_for_the_general_mesher():
-    surface, interfaces, specimen = surface_of(Box(100, 50, 10))
-    assert flat_mesh(surface, interfaces, specimen.project) is None
+    assert whole(Box(100, 50, 10)).extrusion is None
 
 
 def tube(radius, wall, length):
@@ -48,18 +50,18 @@ def tube(radius, wall, length):
 
 @pytest.mark.parametrize(("radius", "wall"), [(12.5, 1), (12.5, 0.5), (100, 0.5)])
 def test_a_thin_walled_tube_is_filled_with_long_flat_elements(radius, wall):
-    surface, interfaces, specimen = surface_of(tube(radius, wall, 500))
-    mesh = flat_mesh(surface, interfaces, specimen.project)
+    specimen = whole(tube(radius, wall, 500))
+    mesh = filled(specimen)
     volumes = tet_volumes(mesh.points, mesh.cells)
     assert (volumes > 0).all()
     assert volumes.sum() == pytest.approx(np.pi * (radius**2 - (radius - wall) ** 2) * 500e-9, rel=0.03)
-    assert set(mesh.tags) == set(range(len(surface.faces)))
+    assert set(mesh.tags) == set(range(len(specimen.surface.faces)))
     assert len(mesh.cells) < 10_000
 
 
 def test_a_tube_with_too_many_elements_is_refused_before_they_are_made():
     begun = time.perf_counter()
-    _, _, specimen = surface_of(tube(30, 0.5, 300))
+    specimen = whole(tube(30, 0.5, 300))
     with pytest.raises(MeshError, match=r"^mesh\.time_limit: expected a part that is done in time"):
         mesh_specimen(specimen, size=1e-3)
     assert time.perf_counter() - begun < 30  # some seconds; minutes where all are made
@@ -80,24 +82,19 @@ def test_a_thin_walled_tube_is_as_stiff_as_theory_says():
 
 
 def test_thin_plane_walls_get_larger_elements_and_no_others():
-    sheet, tube = (
-        surface_of(solid)[2]
-        for solid in (
-            Box(60, 20, 0.2) + Pos(-29.9, 0, 10) * Box(0.2, 20, 20),
-            Rot(0, 90, 0) * (Cylinder(10, 80) - Cylinder(9.8, 80)),
-        )
-    )
+    sheet = whole(Box(60, 20, 0.2) + Pos(-29.9, 0, 10) * Box(0.2, 20, 20))
+    tube = whole(Rot(0, 90, 0) * (Cylinder(10, 80) - Cylinder(9.8, 80)))
     assert sheet.flatness == 2
     assert tube.flatness == 1
-    assert surface_of(Box(60, 20, 5))[2].flatness == 1
+    assert whole(Box(60, 20, 5)).flatness == 1
 
 
 def test_rounds_that_the_mesher_leaves_out_are_not_expected_to_cost_elements():
     plain = Box(200, 100, 50)
     rounded = [fillet(plain.edges().filter_by(Axis.X), radius) for radius in (0.05, 0.1)]
     expected = [
-        expected_elements(surface, specimen.volume, default_size(specimen.volume, specimen.area))
-        for surface, _, specimen in map(surface_of, (plain, *rounded))
+        expected_elements(specimen.surface, specimen.volume, default_size(specimen.volume, specimen.area))
+        for specimen in map(whole, (plain, *rounded))
     ]
     assert max(expected) < 10 * expected[0]
 
