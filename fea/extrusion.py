@@ -183,7 +183,7 @@ def _rounded(surface: Surface, found: Extrusion, project: Project) -> Extrusion:
     """Return an extrusion whose pieces on curved walls are cut until they follow these within ``SAG``."""
     corners, borders, held, walls = found.corners, found.borders, found.held, found.walls
     curved = np.array([face.kind != "plane" for face in surface.faces])
-    allowed, middle = SAG * found.wall, sum(found.height) / 2
+    middle = sum(found.height) / 2
 
     def on_wall(points: Floats, wall: Ints) -> Floats:
         raised = np.column_stack([points, np.full(len(points), middle)]) @ found.axes
@@ -197,6 +197,7 @@ def _rounded(surface: Surface, found: Extrusion, project: Project) -> Extrusion:
         round_ = np.flatnonzero((walls >= 0) & curved[walls])
         mids = ends[round_].mean(axis=1)
         gap[round_] = np.linalg.norm(on_wall(mids, walls[round_]) - mids, axis=1)
+        allowed = SAG * _thickness(ends, walls >= 0).clip(max=found.wall)
         parts = np.ceil(np.sqrt(gap / allowed) - 0.05).clip(1, AROUND).astype(int)
         if (parts == 1).all():
             break
@@ -212,6 +213,20 @@ def _rounded(surface: Surface, found: Extrusion, project: Project) -> Extrusion:
         corners, borders = np.vstack([corners, places]), np.column_stack([start, stop])
         walls, held = walls[cut], held[cut]
     return replace(found, corners=corners, borders=borders, walls=walls, held=held)
+
+
+def _thickness(ends: Floats, walls: NDArray[np.bool_]) -> Floats:
+    """Distance (s,) from the middle of each piece (s, 2, 2) of a section straight across to the next wall."""
+    mids, along = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
+    across = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
+    start, side = ends[walls, 0], along[walls]
+    to = start - mids[:, None]  # (s, w, 2)
+    sine = across[:, None, 0] * side[:, 1] - across[:, None, 1] * side[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        far = np.abs(to[..., 0] * side[:, 1] - to[..., 1] * side[:, 0]) / np.abs(sine)
+        share = (to[..., 0] * across[:, None, 1] - to[..., 1] * across[:, None, 0]) / sine
+    far[~((share >= 0.0) & (share <= 1.0)) | (far <= 1e-3 * np.linalg.norm(along, axis=1)[:, None])] = np.inf
+    return far.min(axis=1)
 
 
 def _extrusion(surface: Surface, normal: Floats, interfaces: frozenset[int]) -> Extrusion | None:

@@ -11,7 +11,7 @@ from stiffscope.fea.experiment import condense, run_experiment, specimen_of
 from stiffscope.fea.extrusion import flat_mesh
 from stiffscope.fea.mesh import MeshError, default_size, expected_elements, tet_volumes
 from stiffscope.fea.settings import Settings
-from stiffscope.fea.specimen import mesh_specimen
+from stiffscope.fea.specimen import mesh_specimen, shape_error
 
 
 def whole(solid):
@@ -59,6 +59,15 @@ def test_a_thin_walled_tube_is_filled_with_long_flat_elements(radius, wall):
     assert len(mesh.cells) < 10_000
 
 
+def eccentric(radius, bore, offset, length):
+    return Rot(0, 90, 0) * (Cylinder(radius, length) - Pos(offset, 0, 0) * Cylinder(bore, length + 2))
+
+
+def test_a_wall_that_is_thinner_on_one_side_is_followed_there_too():
+    specimen = whole(eccentric(12.5, 11.5, 0.7, 250))
+    assert shape_error(specimen, mesh_specimen(specimen)) < 1e-3
+
+
 def test_a_tube_with_too_many_elements_is_refused_before_they_are_made():
     begun = time.perf_counter()
     specimen = whole(tube(30, 0.5, 300))
@@ -78,6 +87,21 @@ def test_a_thin_walled_tube_is_as_stiff_as_theory_says():
     held = 2 * 0.3**2 * np.sqrt(radius * 0.001) / length
     for index, value in theory.items():
         assert abs(found.compliance[index, index] / value - 1) < found.error[index, index] / value + held
+    assert found.relative_bound < 0.005
+
+
+@pytest.mark.slow
+def test_a_tube_with_an_eccentric_bore_is_as_stiff_as_theory_says():
+    radius, bore, offset, length = 0.0125, 0.011, 0.001, 0.25
+    part = part_of(eccentric(12.5, 11, 1, 250))
+    found, modulus = condense(part, Settings()), part.material.youngs_modulus
+    outer, inner = np.pi * radius**2, np.pi * bore**2
+    centre = -inner * offset / (outer - inner)
+    across = (outer * radius**2 - inner * bore**2) / 4
+    along = across + outer * centre**2 - inner * (offset - centre) ** 2
+    theory = {0: length / modulus / (outer - inner), 4: length / modulus / along, 5: length / modulus / across}
+    for index, value in theory.items():
+        assert abs(found.compliance[index, index] / value - 1) < found.error[index, index] / value + 0.003  # rigid ends
     assert found.relative_bound < 0.005
 
 
