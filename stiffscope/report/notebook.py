@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope import files
+from stiffscope.errors import InputError
 from stiffscope.files import scratch_folder
 from stiffscope.listening import LISTENERS
 from stiffscope.report import page, tables
@@ -192,7 +193,7 @@ def view(shown: Mechanism | Configurations | Stiffness | Modes, robot: RobotFile
     Raises
     ------
     InputError
-        The robot cannot reach one of the poses.
+        The robot cannot reach one of the poses, or this is something else.
 
     """
     from stiffscope.report.robot_scene import scene
@@ -206,7 +207,12 @@ def view(shown: Mechanism | Configurations | Stiffness | Modes, robot: RobotFile
         poses: Any = dict(robot.poses) if robot and robot.poses else {"home": shown.tool.home}
         names, found = list(poses), configure(shown, list(poses.values())).required()
     else:
-        found = shown if isinstance(shown, Configurations) else shown.configurations
+        found = shown if isinstance(shown, Configurations) else getattr(shown, "configurations", None)
+        if found is None:
+            kind = type(shown).__name__
+            raise InputError(
+                f"view: expected a mechanism, as `assemble` makes it, or what was found of one, got {kind}"
+            )
     mechanism = found.mechanism
     names = names or _names(found)
     moving = isinstance(shown, Modes)

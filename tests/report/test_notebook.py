@@ -158,3 +158,5 @@ def test_a_robot_without_a_file_turns():
         tool=ss.Tool("hand", [0.3, 0, 0], ("x",)),
     )
     assert '"element": "beam"' in ss.view(arm).html
+    with pytest.raises(ss.InputError, match=r"^view: expected a mechanism, as `assemble` makes it, .* got RobotFile$"):
+        ss.view(ss.load_robot("delta"))
