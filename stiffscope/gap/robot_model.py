@@ -45,7 +45,7 @@ _SAME = 1e-9  # 1 - |cosine| of signatures below which no reading tells two effe
 _ROUNDING = 1e-10  # of the largest reading
 _TRIALS = 128  # poses that are looked at for what to measure next
 _PRIMES = tuple(p for p in range(2, 500) if all(p % q for q in range(2, p)))  # for coordinates of poses
-_STEPS_TO_RIM = 64  # between two such poses to the rim of what is within reach
+_HALVINGS = 6  # between two such poses to the rim of what is within reach
 _MARGIN = 0.15  # of what the campaign and the map sweep, on either side, for such poses
 _OVERTAKES = 0.25  # share of the misfit below which stiffnesses are better taken for pushes, or the other way round
 _EVIDENT = 25.0  # χ² that such a change has to gain
@@ -374,15 +374,12 @@ class RobotModel:
         valid = self._reaches(reached)
         pairs = [(i, i + 1) for k in range(len(lines)) for i in range(k * len(lines[0]), (k + 1) * len(lines[0]) - 1)]
         ends = [(i, j) if valid[i] else (j, i) for i, j in pairs if valid[i] != valid[j]]
-        if not ends:
-            return reached[valid]
         inside, outside = (reached[[end[side] for end in ends]] for side in (0, 1))
-        share = np.arange(_STEPS_TO_RIM)[:, None, None] / _STEPS_TO_RIM
-        between = inside + share * (outside - inside)  # (s, e, d)
-        good = self._reaches(between.reshape(-1, between.shape[2])).reshape(between.shape[:2])
-        beyond = np.argmin(np.vstack([good, np.zeros(len(ends), dtype=bool)]), axis=0)  # the first out of reach
-        last = beyond.clip(min=1) - 1
-        return np.vstack([between[last, np.arange(len(ends))], reached[valid]])
+        for _ in range(_HALVINGS if ends else 0):
+            half = 0.5 * (inside + outside)
+            good = self._reaches(half)[:, None]
+            inside, outside = np.where(good, half, inside), np.where(good, outside, half)
+        return np.vstack([inside, reached[valid]])
 
     def _reaches(self, poses: Array) -> NDArray[np.bool_]:
         """Which poses (k, d) are within reach, (k,)."""
