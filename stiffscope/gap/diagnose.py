@@ -80,6 +80,8 @@ def conclude(found: Findings) -> Diagnosis:
     judgement = judged(found)
     reported = judgement.hypothesis
     joint = found.best if reported.names <= found.best.names else reported
+    if judgement.verdict == "partly":  # what is left shows in the values, too
+        joint = joint.widened(max(found.misfit(joint), 1.0))
     effects = _effects(found, judgement, joint)
     residual = found.held_out_residual(reported)
     check, held_out = _held_out_check(found, reported, residual)

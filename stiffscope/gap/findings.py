@@ -83,6 +83,13 @@ class Findings:
         """Standard deviations (n,) of the readings, an unknown factor as the best hypothesis leaves it."""
         return self.problem.noise.sigma / self._whitening
 
+    def misfit(self, hypothesis: Hypothesis) -> float:
+        """χ² per degree of freedom of a hypothesis's residuals, under the noise and discrepancy that go with it."""
+        errors = self.problem.errors
+        residual = errors.project(hypothesis.residual[:, None])
+        total = float(hypothesis.known.settings @ errors.inner(residual, residual)[:, 0, 0])
+        return total / max(int(self.used.sum()) - len(hypothesis.values), 1)
+
     def under(self, problem: Problem) -> Findings:
         """The same hypotheses under another prior."""
         near = [h for h in self.hypotheses if not h.names or h.evidence > self.best.evidence - NEAR]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -72,6 +72,10 @@ class Hypothesis:
     def covariance(self) -> Array:
         """(k, k) of the internal parameters."""
         return self.known.covariance
+
+    def widened(self, factor: float) -> Hypothesis:
+        """The same with a covariance so many times as large."""
+        return replace(self, known=replace(self.known, covariance=factor * self.known.covariance))
 
     @property
     def noise_factor(self) -> float:

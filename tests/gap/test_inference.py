@@ -170,6 +170,23 @@ def test_one_known_and_one_unknown_cause_are_partly_explained():
     assert sum(inside) >= 6
 
 
+def test_readings_that_scatter_more_than_stated_have_wider_intervals():
+    inside = []
+    for seed in range(8):
+        rng = np.random.default_rng([9, seed])
+        sizes = {"e0": (0.3,), "e5": (0.2, 0.1, -0.2)}
+        model = planted(linear_model(rng, effects=8), **sizes)
+        c = model.campaign
+        scattered = c.value + 2.0 * c.sigma * rng.standard_normal(len(c))
+        diagnosis = conclude(find(replace(model, campaign=replace(c, value=scattered))))
+        assert diagnosis.verdict == "partly"
+        found = {e.effect.replace("effect-", "e"): e.parameters.values() for e in diagnosis.effects}
+        for effect, values in sizes.items():
+            ends = (parameter.interval for parameter in found[effect])
+            inside += [low <= value <= high for (low, high), value in zip(ends, values, strict=True)]
+    assert np.mean(inside) > 0.75  # 0.5 by the stated noise alone
+
+
 def lawful(diagnosis):
     """A verdict never contradicts its own numbers."""
     data = to_json(diagnosis)
