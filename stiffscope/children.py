@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
 import signal
@@ -10,8 +11,12 @@ import sys
 import threading
 import time
 import types
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+_SAFE = {"PYTHONSAFEPATH": "1", "PYTHONWARNINGS": "ignore:resource_tracker:UserWarning"}
 _PARENT = "STIFFSCOPE_PARENT"
 _SECONDS = 0.5  # between two looks at the parent, where the system does not tell of its end
 
@@ -51,6 +56,39 @@ def start_module(module: str, *arguments: str, folder: str) -> subprocess.Popen[
         [sys.executable, "-P", "-m", module, *arguments], cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
         stderr=subprocess.PIPE, env={**os.environ, _PARENT: str(os.getpid())},
     )  # fmt: skip
+
+
+@contextlib.contextmanager
+def safe_environment() -> Iterator[None]:
+    """Keep the working folder off the path of what `multiprocessing` starts: a random.py there is not Python's.
+
+    Nor does its tracker warn of the semaphores of a killed process.
+    """
+    former = {name: os.environ.get(name) for name in _SAFE}
+    os.environ.update(_SAFE)
+    try:
+        yield
+    finally:
+        for name, value in former.items():
+            os.environ.pop(name, None)
+            if value is not None:
+                os.environ[name] = value
+
+
+@contextlib.contextmanager
+def deaf_to_interrupts() -> Iterator[None]:
+    """Let children that are started here never see Ctrl-C, from their first moment: it is the parent's to end them."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    from multiprocessing import resource_tracker
+
+    resource_tracker.ensure_running()  # its start, which the first child brings about, would unblock the signal
+    former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, former)
 
 
 def end_with_parent(parent: int | None = None) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import multiprocessing
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -43,12 +44,12 @@ def cluster(scheduler: str | None = None, workers: int = 2, threads: int = 1) ->
 
     """
     import dask.config
-    from distributed import Client, LocalCluster
+    from distributed import Client
     from distributed.client import FutureCancelledError
     from distributed.comm.core import CommClosedError
 
     quiet = logging.CRITICAL
-    for name in ("distributed", "distributed.client"):  # each has a level of its own
+    for name in ("distributed", "distributed.client", "tornado.application"):  # each has a level of its own
         logging.getLogger(name).setLevel(quiet)  # slow workers are no news, a lost scheduler is told
     if scheduler is not None:
         try:
@@ -63,17 +64,39 @@ def cluster(scheduler: str | None = None, workers: int = 2, threads: int = 1) ->
         except (CommClosedError, FutureCancelledError) as error:
             raise _gone("no connection") from error
         return
-    no_page: dict[str, Any] = {"dashboard_address": None}
     with (
+        children.safe_environment(),
         scratch_folder() as scratch,
+        _none_left(),
         dask.config.set({"temporary-directory": str(scratch), _TRIM: None}),
-        LocalCluster(
+        _local(
             n_workers=workers, threads_per_worker=threads, processes=True, silence_logs=quiet,
-            local_directory=str(scratch), memory_limit=0, preload=[children.__name__], **no_page,
-        ) as local,  # pyright: ignore[reportUnknownVariableType]
+            local_directory=str(scratch), memory_limit=0, preload=[children.__name__], dashboard_address=None,
+            env={"TMPDIR": str(scratch)},  # a worker that is killed leaves nothing outside of it
+        ) as local,
         Client(local) as client,
     ):  # fmt: skip
         yield client
+
+
+def _local(**options: Any) -> Any:
+    """Start a cluster on this machine, whose threads and processes never see Ctrl-C."""
+    from distributed import LocalCluster
+
+    with children.deaf_to_interrupts():
+        return LocalCluster(**options)
+
+
+@contextmanager
+def _none_left() -> Iterator[None]:
+    """End at last what Dask does not: a worker that was just starting when it was told to close."""
+    try:
+        yield
+    finally:
+        for process in multiprocessing.active_children():
+            if process.name.startswith("Dask"):
+                process.kill()
+                process.join()
 
 
 def finished(client: Any, running: Mapping[Any, Task]) -> Iterator[tuple[Task, Any]]:
