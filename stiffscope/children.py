@@ -76,15 +76,18 @@ def safe_environment() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def deaf_to_interrupts() -> Iterator[None]:
-    """Let children that are started here never see Ctrl-C, from their first moment: it is the parent's to end them."""
+def deaf_to(*names: str) -> Iterator[None]:
+    """Let signals wait here; the threads and processes that are started here never see them: the parent ends those.
+
+    ``names``: "SIGINT" (Ctrl-C), "SIGTERM"; those that this system has count.
+    """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
     from multiprocessing import resource_tracker
 
-    resource_tracker.ensure_running()  # its start, which the first child brings about, would unblock the signal
-    former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    resource_tracker.ensure_running()  # its start, which the first child brings about, would let them through
+    former = signal.pthread_sigmask(signal.SIG_BLOCK, {getattr(signal, name) for name in names})
     try:
         yield
     finally:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import multiprocessing
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any
 
 from stiffscope import children
@@ -79,12 +79,15 @@ def cluster(scheduler: str | None = None, workers: int = 2, threads: int = 1) ->
         yield client
 
 
-def _local(**options: Any) -> Any:
-    """Start a cluster on this machine, whose threads and processes never see Ctrl-C."""
+@contextmanager
+def _local(**options: Any) -> Iterator[Any]:
+    """Give a cluster on this machine; who stops us while it starts is obeyed as soon as it can be closed."""
     from distributed import LocalCluster
 
-    with children.deaf_to_interrupts():
-        return LocalCluster(**options)
+    with ExitStack() as stack:
+        with children.deaf_to("SIGINT", "SIGTERM", "SIGHUP"):
+            local = stack.enter_context(LocalCluster(**options))
+        yield local
 
 
 @contextmanager
