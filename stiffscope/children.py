@@ -51,11 +51,12 @@ def run_module(module: str, *arguments: str, time_limit: float, folder: str) -> 
 
 
 def start_module(module: str, *arguments: str, folder: str) -> subprocess.Popen[bytes]:
-    """Start such a process, which may be told more through a pipe."""
-    return subprocess.Popen(
-        [sys.executable, "-P", "-m", module, *arguments], cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE, env={**os.environ, _PARENT: str(os.getpid())},
-    )  # fmt: skip
+    """Start such a process, which may be told more through a pipe; Ctrl-C is its parent's affair."""
+    with deaf_to("SIGINT"):
+        return subprocess.Popen(
+            [sys.executable, "-P", "-m", module, *arguments], cwd=folder, stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, env={**os.environ, _PARENT: str(os.getpid())},
+        )  # fmt: skip
 
 
 @contextlib.contextmanager
@@ -67,6 +68,10 @@ def safe_environment() -> Iterator[None]:
     former = {name: os.environ.get(name) for name in _SAFE}
     os.environ.update(_SAFE)
     try:
+        if hasattr(signal, "pthread_sigmask"):
+            from multiprocessing import resource_tracker
+
+            resource_tracker.ensure_running()  # when the first child brings this about, it undoes `deaf_to`
         yield
     finally:
         for name, value in former.items():
@@ -84,9 +89,6 @@ def deaf_to(*names: str) -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    from multiprocessing import resource_tracker
-
-    resource_tracker.ensure_running()  # its start, which the first child brings about, would let them through
     former = signal.pthread_sigmask(signal.SIG_BLOCK, {getattr(signal, name) for name in names})
     try:
         yield
