@@ -71,7 +71,9 @@ def lowest_modes(
         old = modes.shape[1]
         former = (tuple(part[:, old:] @ turn[old:] for part in basis),)
         modes, pushed, moved = (part @ turn for part in basis)
-    raise MeshError(f"solve: the natural frequencies did not converge in {limit} steps")
+    raise MeshError(
+        f"solve: the natural frequencies did not converge in {limit} steps: the part is too thin for solid elements"
+    )
 
 
 def ritz(stiffness: Floats, mass: Floats, count: int) -> tuple[Floats, Floats]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
 import signal
@@ -10,8 +11,12 @@ import sys
 import threading
 import time
 import types
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+_SAFE = {"PYTHONSAFEPATH": "1", "PYTHONWARNINGS": "ignore:resource_tracker:UserWarning"}
 _PARENT = "STIFFSCOPE_PARENT"
 _SECONDS = 0.5  # between two looks at the parent, where the system does not tell of its end
 
@@ -46,11 +51,49 @@ def run_module(module: str, *arguments: str, time_limit: float, folder: str) -> 
 
 
 def start_module(module: str, *arguments: str, folder: str) -> subprocess.Popen[bytes]:
-    """Start such a process, which may be told more through a pipe."""
-    return subprocess.Popen(
-        [sys.executable, "-P", "-m", module, *arguments], cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE, env={**os.environ, _PARENT: str(os.getpid())},
-    )  # fmt: skip
+    """Start such a process, which may be told more through a pipe; Ctrl-C is its parent's affair."""
+    with deaf_to("SIGINT"):
+        return subprocess.Popen(
+            [sys.executable, "-P", "-m", module, *arguments], cwd=folder, stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, env={**os.environ, _PARENT: str(os.getpid())},
+        )  # fmt: skip
+
+
+@contextlib.contextmanager
+def safe_environment() -> Iterator[None]:
+    """Keep the working folder off the path of what `multiprocessing` starts: a random.py there is not Python's.
+
+    Nor does its tracker warn of the semaphores of a killed process.
+    """
+    former = {name: os.environ.get(name) for name in _SAFE}
+    os.environ.update(_SAFE)
+    try:
+        if hasattr(signal, "pthread_sigmask"):
+            from multiprocessing import resource_tracker
+
+            resource_tracker.ensure_running()  # when the first child brings this about, it undoes `deaf_to`
+        yield
+    finally:
+        for name, value in former.items():
+            os.environ.pop(name, None)
+            if value is not None:
+                os.environ[name] = value
+
+
+@contextlib.contextmanager
+def deaf_to(*names: str) -> Iterator[None]:
+    """Let signals wait here; the threads and processes that are started here never see them: the parent ends those.
+
+    ``names``: "SIGINT" (Ctrl-C), "SIGTERM"; those that this system has count.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    former = signal.pthread_sigmask(signal.SIG_BLOCK, {getattr(signal, name) for name in names})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, former)
 
 
 def end_with_parent(parent: int | None = None) -> None:

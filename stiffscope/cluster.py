@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from contextlib import contextmanager
+import multiprocessing
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any
 
 from stiffscope import children
@@ -43,12 +44,12 @@ def cluster(scheduler: str | None = None, workers: int = 2, threads: int = 1) ->
 
     """
     import dask.config
-    from distributed import Client, LocalCluster
+    from distributed import Client
     from distributed.client import FutureCancelledError
     from distributed.comm.core import CommClosedError
 
     quiet = logging.CRITICAL
-    for name in ("distributed", "distributed.client"):  # each has a level of its own
+    for name in ("distributed", "distributed.client", "tornado.application"):  # each has a level of its own
         logging.getLogger(name).setLevel(quiet)  # slow workers are no news, a lost scheduler is told
     if scheduler is not None:
         try:
@@ -63,17 +64,42 @@ def cluster(scheduler: str | None = None, workers: int = 2, threads: int = 1) ->
         except (CommClosedError, FutureCancelledError) as error:
             raise _gone("no connection") from error
         return
-    no_page: dict[str, Any] = {"dashboard_address": None}
     with (
+        children.safe_environment(),
         scratch_folder() as scratch,
+        _none_left(),
         dask.config.set({"temporary-directory": str(scratch), _TRIM: None}),
-        LocalCluster(
+        _local(
             n_workers=workers, threads_per_worker=threads, processes=True, silence_logs=quiet,
-            local_directory=str(scratch), memory_limit=0, preload=[children.__name__], **no_page,
-        ) as local,  # pyright: ignore[reportUnknownVariableType]
+            local_directory=str(scratch), memory_limit=0, preload=[children.__name__], dashboard_address=None,
+            env={"TMPDIR": str(scratch)},  # a worker that is killed leaves nothing outside of it
+        ) as local,
         Client(local) as client,
     ):  # fmt: skip
         yield client
+
+
+@contextmanager
+def _local(**options: Any) -> Iterator[Any]:
+    """Give a cluster on this machine; who stops us while it starts is obeyed as soon as it can be closed."""
+    from distributed import LocalCluster
+
+    with ExitStack() as stack:
+        with children.deaf_to("SIGINT", "SIGTERM", "SIGHUP"):
+            local = stack.enter_context(LocalCluster(**options))
+        yield local
+
+
+@contextmanager
+def _none_left() -> Iterator[None]:
+    """End at last what Dask does not: a worker that was just starting when it was told to close."""
+    try:
+        yield
+    finally:
+        for process in multiprocessing.active_children():
+            if process.name.startswith("Dask"):
+                process.kill()
+                process.join()
 
 
 def finished(client: Any, running: Mapping[Any, Task]) -> Iterator[tuple[Task, Any]]:

@@ -93,6 +93,8 @@ def why(error: Exception, path: str | Path = "") -> str:
     number = getattr(error, "errno", None)
     if number == errno.ENAMETOOLONG:
         return f"a name of {len(str(path))} characters, longer than names of files are"
+    if number == errno.ENOSPC:
+        return os.strerror(errno.ENOSPC)  # libraries tell how far they came, over several lines
     if number == errno.ENOENT:
         return "no file" if str(path) else "no name of a file"
     return {errno.ELOOP: "a link that leads back to itself", errno.ENXIO: "a socket"}.get(

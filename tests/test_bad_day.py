@@ -245,6 +245,7 @@ def killed_at_random(folder: Path, words: tuple[str, ...], latest: float, chance
 
 
 _POSE = ("--at", "0,0,350 mm", "--components", "published", "--out", "out", "--quiet")
+BLIND = ("blind", "five-bar", "--components", "beam", "--campaigns", "2", "--out", "out", "--quiet")
 COMMANDS = (
     ("run", "biglide", "--components", "published", "--out", "out", "--quiet"),
     ("check", "delta", "--out", "out", "--quiet"),
@@ -260,7 +261,8 @@ COMMANDS = (
     ("campaign", "check", "c", "--out", "out", "--quiet"),
     ("campaign", "new", "biglide", "--out", "new", "--quiet"),
     ("diagnose", "c", "--out", "out", "--quiet"),
-    ("blind", "five-bar", "--components", "beam", "--campaigns", "2", "--out", "out", "--quiet"),
+    ("diagnose", "known", "--adopt", "new.toml", "--out", "out", "--quiet"),
+    BLIND,
     ("audit", "--json", "a.json", "--quiet"),
     ("compare", "biglide", "--part", "link", "--json", "a.json", "--quiet"),
     ("new", "delta", "new.toml", "--quiet"),
@@ -316,7 +318,9 @@ def same(ours: dict[str, str], theirs: dict[str, str], close: float) -> None:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 @pytest.mark.slow
-@pytest.mark.parametrize("words", COMMANDS, ids=lambda words: "-".join(words[: 1 + (words[0] == "campaign")]))
+@pytest.mark.parametrize(
+    "words", COMMANDS, ids=lambda words: "-".join(words[: 1 + (words[0] in {"campaign", "diagnose"})])
+)
 def test_kills_at_random_moments_lose_and_leave_nothing(tmp_path, words):
     chance = random.Random(7)  # noqa: S311
     clean, spoilt = tmp_path / "clean", tmp_path / "spoilt"
@@ -324,6 +328,7 @@ def test_kills_at_random_moments_lose_and_leave_nothing(tmp_path, words):
         (folder / "c").mkdir(parents=True)
         (folder / "c" / "campaign.toml").write_text(HEADER)
         (folder / "c" / "readings.csv").write_text(READINGS)
+        shutil.copytree(FOLDER / "withheld" / "campaign-001", folder / "known")
         (folder / "study.toml").write_text(STUDY)
         (folder / "arm.urdf").write_text(ARM)
         (folder / "notes.txt").write_text("mine")
@@ -353,17 +358,25 @@ def test_kills_at_random_moments_lose_and_leave_nothing(tmp_path, words):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-def test_a_killed_command_leaves_no_child(tmp_path):
-    process = stiffscope("compliance", "biglide", "--part", "link", "--json", "-", folder=tmp_path)
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("words", [COMMANDS[3], BLIND], ids=lambda words: words[0])
+def test_a_command_that_is_stopped_leaves_no_child_and_says_one_line(tmp_path, words, how):
+    process = stiffscope(*words, folder=tmp_path)
     ends = time.monotonic() + 60
     while len(in_session(process.pid)) < 3 and time.monotonic() < ends:  # itself, the tracker of resources, a worker
-        time.sleep(0.1)
-    process.kill()
-    process.communicate(timeout=10)
+        time.sleep(0.01)
+    (os.killpg if how == signal.SIGINT else os.kill)(process.pid, how)  # Ctrl-C reaches the whole group
+    _, errors = process.communicate(timeout=60)
     ends = time.monotonic() + 2
     while (left := in_session(process.pid)) and time.monotonic() < ends:
         time.sleep(0.05)
     assert not left
+    if how == signal.SIGKILL:
+        assert b"Warning" not in errors
+    else:
+        assert errors.strip() == b"stiffscope: stopped; nothing half-written is left"
+        assert not list((tmp_path / "tmp").iterdir())
+        assert {each.name for each in tmp_path.iterdir()} <= {"cache", "tmp", "out.cases"}
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,6 @@
 """An output folder is complete or absent, and only ours is replaced."""
 
+import errno
 import hashlib
 import json
 import os
@@ -235,6 +236,9 @@ def test_a_full_disk_is_one_line_and_nothing_is_left(tmp_path):
         with pytest.raises(InputError, match=r"disk/new: the output folder cannot be written \(No space"):  # noqa: SIM117
             with new_folder(disk / "new") as folder:
                 (folder / "large").write_bytes(bytes(1 << 20))
+        with pytest.raises(InputError, match=r"disk/out: the output folder cannot be written \(No space"):  # noqa: SIM117
+            with staged_folder(disk / "out"):
+                raise OSError(errno.ENOSPC, "Can't write data (time = Mon Nov 23\n, filename = ...)")  # of HDF5
         assert os.listdir(disk) == []
     finally:
         subprocess.run(["umount", disk], check=True)

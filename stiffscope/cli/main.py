@@ -18,6 +18,10 @@ from stiffscope.cli import campaigns, check, design, library, parts, robots, run
 from stiffscope.errors import InputError, StiffscopeError
 from stiffscope.reading import shown, why
 
+_FOR_DEVELOPERS = {
+    "py.warnings",
+    "asyncio",
+}  # whose messages only --debug shows: an event loop that is stopped complains
 MOST_CHARACTERS = 100_000  # of a word of the command line
 
 
@@ -147,7 +151,7 @@ class _Once(logging.Filter):
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Let a message through the first time."""
-        if record.name == "py.warnings" and logging.getLogger().level > logging.DEBUG:
+        if record.name in _FOR_DEVELOPERS and logging.getLogger().level > logging.DEBUG:
             return False
         message = record.getMessage()
         new = message not in self.seen

@@ -18,7 +18,7 @@ from stiffscope.gap.diagnosis import to_json
 from stiffscope.gap.findings import find
 from stiffscope.gap.readings import load_campaign
 from stiffscope.gap.robot_model import RobotModel
-from stiffscope.reading import read_text
+from stiffscope.reading import read_text, why
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -165,15 +165,18 @@ def _work(
 
 
 def _store(folder: Path, task: Task, files: Files) -> None:
-    """Write a finished case in one step."""
+    """Write a finished case in one step. Raises InputError where its disk does not take it."""
     goal = folder / task.folder
-    goal.parent.mkdir(parents=True, exist_ok=True)
-    with scratch_folder(folder) as scratch:
-        aside = scratch / goal.name
-        aside.mkdir()
-        for name, text in files.items():
-            (aside / name).write_text(text, encoding="utf-8", newline="")
-        aside.rename(goal)
+    try:
+        goal.parent.mkdir(parents=True, exist_ok=True)
+        with scratch_folder(folder) as scratch:
+            aside = scratch / goal.name
+            aside.mkdir()
+            for name, text in files.items():
+                (aside / name).write_text(text, encoding="utf-8", newline="")
+            aside.rename(goal)
+    except OSError as error:
+        raise InputError(f"{goal}: the case cannot be kept ({why(error, goal)}); finished ones are") from error
 
 
 def _stored(folder: Path) -> list[Outcome]:

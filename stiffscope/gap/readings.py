@@ -58,6 +58,7 @@ _MEASURED = {  # by kind, of a translation and of a rotation
 }
 _PLACE, _TURN = Dimension("a length", "m", "mm", most=LENGTH.most), Dimension("an angle", "rad", "deg", most=1e4)
 _WRENCH = Dimension("a force", "N", "N", most=FORCE.most), Dimension("a moment", "N*m", "N*mm", most=MOMENT.most)
+MOST_POSES = 2_000  # a diagnosis evaluates the robot anew at each: 0.02 s and 0.1 MB
 _SHOWN_QUANTITIES = (*QUANTITIES[: QUANTITIES.index("f1")], "f1", "...", f"f{MOST_MODES}")
 
 
@@ -151,10 +152,17 @@ def on_robot(campaign: Campaign, robot: RobotFile) -> Campaign:
     Raises
     ------
     InputError
-        Poses that are none of the robot's, columns that are not its coordinates, sensors and loads on no body of it.
+        Too many poses, poses that are none of the robot's, columns that are not its coordinates, sensors and loads on
+        no body of it.
 
     """
     _check_bodies(campaign, robot)
+    if len(campaign.poses) > MOST_POSES:
+        row = int(np.argmax(campaign.pose >= MOST_POSES))
+        raise InputError(
+            f"{campaign.where(row)}: {campaign.coordinates[0]}: expected at most {MOST_POSES:,} different poses, "
+            "got more; leave some out, a few dozen tell as much"
+        )
     wanted = robot.tool.pose
     if not np.isnan(campaign.poses).any():
         joints = tuple(f"{JOINT}{name}" for name in robot.drives())

@@ -9,7 +9,6 @@ import contextlib
 import logging
 import logging.handlers
 import multiprocessing
-import os
 import signal
 import sys
 import time
@@ -17,12 +16,12 @@ import traceback
 from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING, Any
 
-from stiffscope.children import end_with_parent, leave_out
+from stiffscope.children import deaf_to, end_with_parent, leave_out, safe_environment
 from stiffscope.errors import InputError, StiffscopeError
 from stiffscope.processors import processors
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Mapping
     from multiprocessing.process import BaseProcess
 
 log = logging.getLogger(__name__)
@@ -75,7 +74,7 @@ def work_together(
         for _ in range(min(len(jobs), max(processors(), 2))):
             here, there = context.Pipe()
             process = context.Process(target=_child, args=(there, function), daemon=False)
-            with _safe_path():
+            with safe_environment(), deaf_to("SIGINT"):
                 process.start()
             there.close()
             running[here] = process
@@ -178,20 +177,6 @@ def _received(end: Connection, name: Any, process: BaseProcess) -> tuple[str, An
     if kind == "log":
         logging.getLogger(content.name).handle(content)
     return kind, content
-
-
-@contextlib.contextmanager
-def _safe_path() -> Iterator[None]:
-    """Let a child start without the working folder on its path: a user's random.py must not stand in for Python's."""
-    former = os.environ.get("PYTHONSAFEPATH")
-    os.environ["PYTHONSAFEPATH"] = "1"
-    try:
-        yield
-    finally:
-        if former is None:
-            del os.environ["PYTHONSAFEPATH"]
-        else:
-            os.environ["PYTHONSAFEPATH"] = former
 
 
 def _end(process: BaseProcess) -> None:

@@ -6,6 +6,7 @@ import errno
 import json
 import logging
 import os
+import signal
 import subprocess
 from contextlib import contextmanager
 from functools import partial
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 TIME_LIMIT = 300.0
+_CRASHES = {"SIGSEGV", "SIGABRT", "SIGBUS", "SIGILL", "SIGFPE", "SIGTRAP"}  # how a graphics library ends a process
 
 
 class PictureError(StiffscopeError, RuntimeError):
@@ -86,6 +88,9 @@ def _draw(process: subprocess.Popen[bytes], order: Path, picture: str, target: P
 
 def _cause(code: int, errors: str) -> str:
     """One line on why there is no picture."""
+    ended = signal.Signals(-code).name if -code in set(signal.Signals) else ""
+    if ended and ended not in _CRASHES:
+        return f"no pictures: the process that draws them was killed from outside ({ended}); is there enough memory?"
     lines = [line for line in errors.splitlines() if line.strip()]
     last = lines[-1].strip() if lines else f"the process ended with code {code}"
     graphics = ("libGL", "libEGL", "libOSMesa", "OpenGL", "libX", "RenderWindow", "cannot open shared object")

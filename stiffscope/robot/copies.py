@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from stiffscope.robot.sections import BodySection, Copies, JointSection
 
+MOST = 2_000  # bodies and joints of a robot; copies of copies of copies are soon more than any memory holds
 _VECTORS = ("base", "tip", "y", "centre", "at", "axis", "axis2")
 
 
@@ -57,8 +58,13 @@ def ordered(copies: Sequence[Copies]) -> list[int]:
 
 
 def check(written: Written, entry: Copies, number: int) -> None:
-    """Raise FieldError for a set that is not there, and for names that are taken."""
+    """Raise FieldError for a set that is not there, for names that are taken, and for more copies than a robot has."""
     key = ("copies", number)
+    count = len(written.bodies) + len(written.joints) + len(written.in_set(entry.of)) * len(entry.as_)
+    if count > MOST:
+        raise FieldError(
+            (*key, "as"), f"expected copies to a robot of at most {MOST:,} bodies and joints, got {count:,}"
+        )
     if not written.in_set(entry.of):
         known = dict.fromkeys(prefix for name in (*written.bodies, *written.joints) for prefix in _prefixes(name))
         shown = ", ".join(list(known)[:12]) + (", …" if len(known) > 12 else "")

@@ -11,6 +11,7 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.files import check_new, write_new
+from stiffscope.reading import shown
 from stiffscope.robot import quantities as q
 from stiffscope.robot.reader import read_robot
 from stiffscope.robot.simulator_model import read_model
@@ -68,7 +69,12 @@ def import_model(
     check_new(out)
     model = read_model(path, tool, dict(_position(text) for text in home))
     text = robot_text(model, Path(path).name, driven(model, drives))
-    read_robot(Path(out), text)
+    try:
+        read_robot(Path(out), text)
+    except InputError as error:
+        raise InputError(
+            f"{shown(path)}: expected the model of a robot, got one whose robot file has {error}"
+        ) from error
     write_new(Path(out), text.encode())
     return model
 

@@ -138,7 +138,7 @@ def test_poses_and_wrenches_take_units(capsys):
 @pytest.fixture
 def foreign(tmp_path):
     """A working folder with a user's own modules, named as ours, as those of libraries and as Python's."""
-    for name in ("app", "cad", "fea", "vjm", "data", "numpy", "random", "click", "skfem"):
+    for name in ("app", "cad", "fea", "vjm", "data", "numpy", "random", "click", "skfem", "multiprocessing"):
         (tmp_path / f"{name}.py").write_text(f"raise RuntimeError('{name}.py of the working folder was imported')")
     (tmp_path / "gap").mkdir()
     (tmp_path / "gap" / "__init__.py").write_text("raise RuntimeError('gap/')")
@@ -152,6 +152,10 @@ def foreign(tmp_path):
         ["compliance", "biglide", "--part", "link", "--set", "link.mesh.size=60mm", "--json", "-"],
         ["stiffness", "biglide", "--components", "published", "--json", "-"],
         pytest.param(["diagnose", "published", "--out", "out", "--json", "-"], marks=pytest.mark.slow),
+        pytest.param(
+            ["blind", "five-bar", "--components", "beam", "--campaigns", "1", "--out", "out", "--json", "-"],
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_modules_of_the_working_folder_change_nothing(foreign, arguments):

@@ -350,3 +350,9 @@ def test_a_scheduler_that_does_not_answer_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr("stiffscope.cluster._CONNECT", "1s")
     with pytest.raises(InputError, match="--scheduler: expected the address of a Dask scheduler that answers"):
         run_blind(tmp_path, [blind_robot("five-bar")], 1, 1, scheduler="tcp://127.0.0.1:9")
+
+
+def test_a_case_that_cannot_be_kept_is_told_with_its_place(tmp_path):
+    (tmp_path / "biglide").write_text("mine")
+    with pytest.raises(InputError, match=r"biglide/campaign-000: the case cannot be kept \(.+\); finished ones are$"):
+        blind._store(tmp_path, blind.Task("biglide", 0, 1), {"outcome.json": "[]"})

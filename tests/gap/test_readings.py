@@ -382,6 +382,14 @@ def test_a_packed_workbook_is_bounded(tmp_path, monkeypatch):
         load_campaign(tmp_path)
 
 
+def test_a_campaign_is_bounded_in_poses(tmp_path, monkeypatch):
+    monkeypatch.setattr("stiffscope.gap.readings.MOST_POSES", 1)
+    with pytest.raises(
+        InputError, match=r"^readings.csv:4: x: expected at most 1 different poses, got more; leave some"
+    ):
+        load_campaign(folder(tmp_path), load_robot("biglide"))
+
+
 def test_a_table_is_bounded_in_rows(tmp_path, monkeypatch):
     monkeypatch.setattr("stiffscope.gap.table.MOST_ROWS", 3)
     with pytest.raises(InputError, match=r"readings.csv:5: expected at most 3 rows, got more; average repeated"):

@@ -102,3 +102,10 @@ def test_a_process_that_fails_says_why_and_one_that_is_not_asked_ends(tmp_path):
     with drawing() as draw_now:
         process = draw_now.args[0]
     assert process.returncode not in (None, 0)
+
+
+def test_a_process_that_is_killed_is_not_taken_for_missing_graphics(tmp_path):
+    with drawing(ahead=True) as draw_now:
+        draw_now.args[0].kill()
+        with pytest.raises(PictureError, match="was killed from outside"):
+            draw_now("robot", tmp_path)

@@ -185,6 +185,7 @@ def test_a_platform_that_hangs_on_closures_and_two_hinges_of_one_body(imported):
             '<connect name="pin" site1="tcp" site2="far"/>').replace(
             '<joint name="pivot"/>', '<joint name="pivot"/><site name="far" pos="3 0 0"/>'),
          {}, "expected loops that close, got a gap of"),
+        (FOUR_BAR.replace('mass="2"', 'mass="1e308"'), {}, r"model\.xml: .*toml:\d+: bodies\.\w+\.mass: expected"),
     ],
 )  # fmt: skip
 def test_refusals(imported, tmp_path, text, options, message):

@@ -297,6 +297,8 @@ def test_nothing_changes_after_reading(read):
          r"copies\[0\].angles: expected an angle for each of 1 names"),
         ('as = ["leg2", "leg3"]', 'as = ["leg2", "platform"]', "as",
          r"copies\[0\].as\[1\]: expected a name that is new"),
+        ('as = ["leg2", "leg3"]', f"as = {[f'leg{k}' for k in range(2, 999)]}".replace("'", '"'), "as = ",
+         r"copies\[0\].as: expected copies to a robot of at most 2,000 bodies and joints, got \d,"),
         ('as = ["leg2", "leg3"]', 'as = "leg2"', "[[copies]]", r"copies\[0\]: expected as to be a list"),
         ('centre = [0, 0, "-500 mm"]\n', "", "[bodies.platform]",
          "bodies.platform.centre: expected a point where the mass"),
