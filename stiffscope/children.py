@@ -33,7 +33,8 @@ def run_module(module: str, *arguments: str, time_limit: float, folder: str) -> 
     time_limit
         Seconds; the process is killed afterwards.
     folder
-        Where it runs: a folder of ours, since a random.py in the user's may be found before Python's own.
+        Where it runs and keeps what is temporary: a folder of ours that is removed later. A random.py in the user's may
+        be found before Python's own.
 
     Raises
     ------
@@ -55,7 +56,8 @@ def start_module(module: str, *arguments: str, folder: str) -> subprocess.Popen[
     with deaf_to("SIGINT"):
         return subprocess.Popen(
             [sys.executable, "-P", "-m", module, *arguments], cwd=folder, stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, env={**os.environ, _PARENT: str(os.getpid())},
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            env={**os.environ, _PARENT: str(os.getpid()), "TMPDIR": folder},
         )  # fmt: skip
 
 

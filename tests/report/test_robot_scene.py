@@ -1,5 +1,7 @@
 """Pictures of robots: what is given to the drawing process, and what it draws."""
 
+import time
+
 import numpy as np
 import pytest
 import pyvista as pv
@@ -109,3 +111,19 @@ def test_a_process_that_is_killed_is_not_taken_for_missing_graphics(tmp_path):
         draw_now.args[0].kill()
         with pytest.raises(PictureError, match="was killed from outside"):
             draw_now("robot", tmp_path)
+
+
+@pytest.mark.slow
+def test_a_process_without_a_home_leaves_nothing_when_it_is_killed(tmp_path, monkeypatch):
+    """Matplotlib then makes a temporary folder for what it keeps."""
+    monkeypatch.delenv("MPLCONFIGDIR", raising=False)
+    for name in ("HOME", "XDG_CONFIG_HOME", "XDG_CACHE_HOME"):
+        monkeypatch.setenv(name, "/dev/null")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    ends = time.monotonic() + 60
+    with drawing(ahead=True):
+        while not list(tmp_path.rglob("matplotlib-*")) and time.monotonic() < ends:
+            time.sleep(0.05)
+        assert time.monotonic() < ends
+    assert not list(tmp_path.iterdir())
