@@ -79,7 +79,8 @@ def _shares(material: AnyMaterial | None, key: str) -> tuple[float, ...]:
     if not isinstance(material, Material):
         return 1.0 - MODULUS_STEP, 1.0 + MODULUS_STEP
     poisson = material.poisson
-    growth = [(1.0 + poisson + share * (0.5 - poisson)) / (1.0 + poisson) for share in POISSON]
+    span = min(0.5 - poisson, 0.5 * (1.0 + poisson))  # the latter for what widens when it is stretched
+    growth = [1.0 + share * span / (1.0 + poisson) for share in POISSON]
     return tuple(growth if key == "youngs_modulus" else [1.0 / g for g in growth])
 
 

@@ -5,8 +5,8 @@ The part that is planted is built, meshed and tested at the planted value; the v
 matrix, by mechanics of its own, at M or by five gauges and a hook; half of the machines have a soft drive besides. What
 counts is where ln-odds of the parameter, beside the soft drive, exceed EVIDENT.
 
-The five-bar's tubes have thicker walls than in its file, which take less time to mesh. ``STIFFSCOPE_KEPT`` names a folder
-for the experiments, which are most of the time of a first run.
+The five-bar's tubes have thicker walls than in its file, which take less time to mesh. ``STIFFSCOPE_KEPT`` names a
+folder for the experiments, which are most of the time of a first run.
 
 Measured with that command: 38 of 41 right, 29 of 32 intervals hold the value; the other three have four causes alike.
 """
