@@ -18,6 +18,7 @@ from stiffscope.gap.lab.plans import Workspace, draw_plan, workspace
 from stiffscope.gap.lab.signatures import Signatures, apart, closest, spanned
 from stiffscope.gap.lab.writing import write_readings
 from stiffscope.robot.library import robot_names
+from stiffscope.robot.part_dimensions import part_parameters, vanishing
 from stiffscope.robot.part_matrices import part_matrices, part_sources
 from stiffscope.robot.part_sections import ParametricPart
 from stiffscope.robot.reader import load_robot
@@ -438,10 +439,10 @@ def _another_matrix(lab: Lab, body: str, size: float, rng: np.random.Generator) 
 def _other_dimension(lab: Lab, place: str, size: float) -> float:
     """Another value of a dimension: of a tube's radius or bore, one that makes its wall thinner or thicker."""
     part, key = place.rsplit(".", 1)
-    section: Any = lab.robot.nominal.robot.parts[part]
-    lengths: dict[str, float] = section.lengths()
-    beyond = {"radius": lengths.get("bore", 0.0) / 2, "bore": 2 * lengths.get("radius", 0.0)}.get(key, 0.0)
-    return round(beyond + (lengths[key] - beyond) * (1 + (0.12 if beyond else 0.04) * size), 7)
+    robot = lab.robot.nominal.robot
+    value, _ = part_parameters(robot, part)[key]
+    beyond = vanishing(robot, part, key)
+    return round(beyond + (value - beyond) * (1 + (0.12 if beyond else 0.04) * size), 7)
 
 
 def _outside_places(lab: Lab, effect: str, channels: Sequence[str]) -> tuple[str, ...]:

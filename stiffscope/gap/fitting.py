@@ -102,7 +102,8 @@ class Problem:
             (k,) internal parameters from which the fit starts, and those from which it starts where that leads nowhere;
             none by default.
         target
-            Ln of evidence times prior; the fit is given up where the evidence about its start is far below.
+            Ln of evidence times prior; the fit of several effects is given up where the evidence about its start is far
+            below. A single one may be many times what first order promises: a foundation that yields.
 
         """
         safe = np.zeros(len(start)) if origin is None else origin
@@ -111,7 +112,7 @@ class Problem:
         log = known.log_evidence + self.log_prior(candidates)
         if not len(u):
             return Hypothesis((*((c, ()) for c in candidates),), residual, slopes, log, known)
-        if log < target - MARGIN - DOUBT * abs(log - self._nominal_evidence):
+        if len(candidates) > 1 and log < target - MARGIN - DOUBT * abs(log - self._nominal_evidence):
             return Hypothesis(split(candidates, u), residual, slopes, log, known, converged=False)
         setting = int(np.argmax(known.settings))
         u, residual, slopes, short = self._descend(candidates, u, residual, slopes, setting)
@@ -121,6 +122,12 @@ class Problem:
             if again[3] < short:
                 u, residual, slopes, short = again
         known = self.posterior(candidates, residual + slopes @ u, slopes)
+        for _ in range(len(known.settings)):  # what the start left looked like a discrepancy, or like a larger one
+            before, setting = setting, int(np.argmax(known.settings))
+            if setting == before:
+                break
+            u, residual, slopes, short = self._descend(candidates, u, residual, slopes, setting)
+            known = self.posterior(candidates, residual + slopes @ u, slopes)
         log = known.log_evidence + self.log_prior(candidates) - 0.5 * short
         return Hypothesis(split(candidates, u), residual, slopes, log, known, stuck=short > MARGIN)
 

@@ -37,7 +37,7 @@ SIGNIFICANT = 3.0  # standard deviations
 _FACTORS = (-0.8, 50.0)  # bounds of what is 1/factor - 1 or factor - 1: nothing becomes infinitely stiff
 _RATIOS = (-1.2, 1.2)  # bounds of the logarithm of a dimension's ratio to the nominal one
 _RIGID_FOUNDATION = 1e20  # N/m³
-_SUSPECT = 0.2  # share of the squared gap that a part explains, from which experiments on it are made
+_SUSPECT = 0.2  # share of the squared gap beyond drives and noise that a part explains, to make experiments on it
 _ADDED = (0.0, np.inf)  # bounds of an added compliance, a dead zone
 _SOFT = (2e-7, 2e-6)  # m/N, rad/(N·m): of a tool above which added compliances are expected to be larger in proportion
 _MODULUS = ".youngs_modulus"
@@ -212,6 +212,11 @@ def _mechanical(effect: MechanicalEffect, nominal: NominalRobot, soft: Array) ->
     )
 
 
+def dimension_candidates(nominal: NominalRobot, part: str) -> tuple[Candidate, ...]:
+    """A part's dimensions, material constants and foundation; see `dimension_effects`."""
+    return tuple(_of_dimension(effect) for effect in dimension_effects(nominal, part))
+
+
 def _of_dimension(effect: MechanicalEffect) -> Candidate:
     """A part's parameter: a tenth of it is a usual error; a rigid foundation may yield as a bolted contact does."""
     nominal = float(effect.physical(np.zeros(1))[0])
@@ -266,25 +271,45 @@ class RobotModel:
         """Dimensions of parts by beam theory, and of those by virtual experiments that are suspect: these take time."""
         for part in self.nominal.robot.parts:
             if part not in self.nominal.tested or self._suspect(part):
-                for effect in dimension_effects(self.nominal, part):
-                    yield _of_dimension(effect)
+                yield from dimension_candidates(self.nominal, part)
 
     def _suspect(self, part: str) -> bool:
-        """Whether the compliance of a part alone, entry by entry, explains a good share of the gap."""
-        prediction = self.predict()
-        entries = [
-            e for e in mechanical_effects(self.nominal)
-            if e.names[0] == "c11" and e.members == self.nominal.robot.bodies_of(part)
-        ]  # fmt: skip
+        """Whether the compliance of a part, entry by entry, explains a good share of the gap that drives leave."""
+        members = self.nominal.robot.bodies_of(part)
+        entries = [e for e in mechanical_effects(self.nominal) if e.names[0] == "c11" and e.members == members]
         if not entries:
             return False
-        weight = 1.0 / np.where(
-            np.isnan(self.campaign.sigma), np.abs(self.campaign.value) + 1e-300, self.campaign.sigma
-        )
-        columns = prediction.columns(_mechanical(entries[0], self.nominal, np.ones(2))) * weight[:, None]
-        gap = (self.campaign.value - prediction.values) * weight
-        basis = np.linalg.qr(columns / np.linalg.norm(columns, axis=0).clip(min=1e-300))[0]
-        return float(np.sum((basis.T @ gap) ** 2)) > _SUSPECT * float(gap @ gap)
+        own, (beside, gap) = self._weighed([entries[0]]), self._beside_drives
+        columns = own - beside @ (beside.T @ own)
+        size = np.linalg.norm(own, axis=0).clip(min=1e-300)
+        basis = np.linalg.qr(columns / size)[0]
+        explained = float(np.sum((basis.T @ gap) ** 2))
+        count = columns.shape[1]
+        stated = ~np.isnan(self.campaign.sigma)
+        least = count + SIGNIFICANT * np.sqrt(2.0 * count) if stated.all() else 0.0  # χ² of noise alone
+        return explained > max(least, _SUSPECT * (float(gap @ gap) - float(stated.sum())))
+
+    @cached_property
+    def _beside_drives(self) -> tuple[Array, Array]:
+        """An orthonormal basis (n, k) of what soft drives do to the readings, and the gap (n,) that they leave."""
+        drives = [e for e in mechanical_effects(self.nominal) if e.effect == "actuator-stiffness"]
+        columns = self._weighed([e for e in drives if len(e.members) == 1])
+        left, size, _ = np.linalg.svd(columns, full_matrices=False)
+        basis = left[:, size > _ROUNDING * size.max(initial=0.0)]
+        gap = (self.campaign.value - self.predict().values) * self._weight
+        return basis, gap - basis @ (basis.T @ gap)
+
+    @cached_property
+    def _weight(self) -> Array:
+        """One over each reading's (n,) uncertainty, or its size where none is stated."""
+        c = self.campaign
+        return 1.0 / np.where(np.isnan(c.sigma), np.abs(c.value) + 1e-300, c.sigma)
+
+    def _weighed(self, effects: Sequence[MechanicalEffect]) -> Array:
+        """Derivatives (n, k) by effects, weighted."""
+        prediction = self.predict()
+        columns = [prediction.columns(_mechanical(e, self.nominal, np.ones(2))) for e in effects]
+        return np.hstack([np.zeros((len(self.campaign), 0)), *columns]) * self._weight[:, None]
 
     @property
     def _weighted(self) -> bool:

@@ -461,19 +461,19 @@ def dimension_effects(nominal: NominalRobot, part: str) -> tuple[MechanicalEffec
 
 
 def _dimension(nominal: NominalRobot, of: PartDimension) -> MechanicalEffect:
-    """A parameter by the logarithm of its ratio to the nominal one; of a rigid foundation what it yields."""
+    """A parameter by the logarithm of its distance from where it vanishes; of a rigid foundation what it yields."""
     members = nominal.robot.bodies_of(of.part)
     here = nominal.compliances[members[0]]
     rigid = not np.isfinite(of.nominal)
 
     def physical(values: Array) -> Array:
         if not rigid:
-            return of.nominal * np.exp(values)
+            return of.limit + (of.nominal - of.limit) * np.exp(values)
         yields = values * _FOUNDATION_UNIT
         return 1.0 / np.where(np.abs(yields) > _RIGID, yields, _RIGID)
 
     def internal(values: Array) -> Array:
-        return 1.0 / (values * _FOUNDATION_UNIT) if rigid else np.log(values / of.nominal)
+        return 1.0 / (values * _FOUNDATION_UNIT) if rigid else np.log((values - of.limit) / (of.nominal - of.limit))
 
     def changes(values: Array) -> Changes:
         return dict.fromkeys(members, Change(of.compliance(float(physical(values)[0])) - here))

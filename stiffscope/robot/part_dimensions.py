@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.errors import InputError
 from stiffscope.robot.part_matrices import beam_compliance
 from stiffscope.robot.part_sections import ParametricPart
 
@@ -38,6 +39,8 @@ class PartDimension:
     nominal: float
     unit: str
     compliance: Callable[[float], Array]
+    limit: float = 0.0
+    """Value at which nothing is left of the part."""
 
     @property
     def place(self) -> str:
@@ -68,14 +71,24 @@ def part_parameters(robot: RobotFile, name: str) -> dict[str, tuple[float, str]]
     return out
 
 
+def vanishing(robot: RobotFile, name: str, parameter: str) -> float:
+    """Value of a parameter at which nothing is left of its part: of a tube's radius or large bore, no wall; else 0."""
+    part = robot.parts[name]
+    size = part.lengths() if isinstance(part, ParametricPart) else {}
+    if parameter == "radius":
+        return size.get("bore", 0.0) / 2.0
+    outside = 2.0 * size.get("radius", 0.0)
+    return outside if parameter == "bore" and size["bore"] > outside / 4.0 else 0.0
+
+
 def with_parameter(robot: RobotFile, name: str, parameter: str, value: float) -> RobotFile:
     """The robot with one parameter of a part changed: a dimension, its foundation, or its own material's constant.
 
-    Raises InputError for a value that makes no part.
+    An infinite foundation is a rigid one. Raises InputError for a value that makes no part.
     """
     part = robot.parts[name]
     if parameter == FOUNDATION or (isinstance(part, ParametricPart) and parameter in part.dimensions()):
-        changed = part.model_copy(update={parameter: value})
+        changed = part.model_copy(update={parameter: value if np.isfinite(value) else None})
         if isinstance(changed, ParametricPart):
             changed.parameters()
         return replace(robot, parts={**robot.parts, name: changed})
@@ -93,7 +106,7 @@ def beam_dimensions(robot: RobotFile, name: str) -> tuple[PartDimension, ...]:
     for parameter, (value, unit) in part_parameters(robot, name).items():
         compliance = partial(_beam, robot, name, parameter)
         if not np.allclose(compliance(1.01 * value), nominal, rtol=1e-9, atol=0.0):
-            out.append(PartDimension(name, parameter, value, unit, compliance))
+            out.append(PartDimension(name, parameter, value, unit, compliance, vanishing(robot, name, parameter)))
     return tuple(out)
 
 
@@ -101,30 +114,46 @@ def _beam(robot: RobotFile, name: str, parameter: str, value: float) -> Array:
     return beam_compliance(with_parameter(robot, name, parameter, value), name)
 
 
-def between(values: Sequence[float], matrices: Sequence[Array]) -> Callable[[float], Array]:
-    """The compliance of any value near three, or two of a foundation and infinity, by what experiments say at these.
+def between(values: Sequence[float], matrices: Sequence[Array], limit: float = 0.0) -> Callable[[float], Array]:
+    """The compliance of any value near some, by what experiments say at these.
 
-    Diagonal entries by their logarithms, the others by their share of ``sqrt(C_ii C_jj)``: quadratic in the logarithm
-    of the value, of a foundation in its reciprocal; exact for powers of the value.
+    A polynomial in the logarithm of the value's distance from the limit at which nothing is left of the part
+    (`vanishing`): exact for powers of it. The compliance raises InputError for a value beyond the limit.
     """
-    return partial(
-        _interpolated, tuple(_abscissa(v, values) for v in values), tuple(matrices), not np.isfinite(values[0])
-    )
+    return partial(_near, tuple(values), np.array(matrices), limit)
 
 
-def _abscissa(value: float, values: Sequence[float]) -> float:
-    return 1.0 / value if not np.isfinite(values[0]) else float(np.log(value))
+def _near(values: tuple[float, ...], matrices: Array, limit: float, value: float) -> Array:
+    if not (value - limit) * (values[0] - limit) > 0.0:
+        raise InputError(f"expected a value to the other side of {limit:g}, where nothing is left, got {value:g}")
+    return _polynomial(np.log(np.abs(np.array(values) - limit)), matrices, float(np.log(abs(value - limit))))
 
 
-def _interpolated(at: tuple[float, ...], matrices: tuple[Array, ...], reciprocal: bool, value: float) -> Array:
-    x = 1.0 / value if reciprocal else float(np.log(value))
-    weights = [np.prod([(x - b) / (a - b) for b in at if b != a]) for a in at]
-    roots = [np.sqrt(np.diagonal(m)) for m in matrices]
-    shares = sum(w * (m / np.outer(r, r)) for w, m, r in zip(weights, matrices, roots, strict=True))
-    if reciprocal:
-        root = np.sqrt(sum(w * r**2 for w, r in zip(weights, roots, strict=True)))
-    else:
-        root = np.exp(sum(w * np.log(r) for w, r in zip(weights, roots, strict=True)))
+def on_foundation(rigid: Array, values: Sequence[float], matrices: Sequence[Array]) -> Callable[[float], Array]:
+    """The compliance on a foundation of any stiffness (N/m³), by experiments on a rigid one and on some that yield.
+
+    What the foundation adds: a polynomial in the logarithm of its stiffness, beyond the values in proportion to what it
+    yields.
+    """
+    softer = [(v, m - rigid) for v, m in zip(values, matrices, strict=True) if (np.diagonal(m - rigid) > 0.0).all()]
+    stiffness, added = zip(*softer, strict=True)
+    return partial(_founded, rigid, np.array(stiffness), np.array(added))
+
+
+def _founded(rigid: Array, stiffness: Array, added: Array, value: float) -> Array:
+    inside = float(np.clip(value, stiffness.min(), stiffness.max()))
+    return rigid + _polynomial(np.log(stiffness), added, float(np.log(inside))) * (inside / value)
+
+
+def _polynomial(at: Array, matrices: Array, x: float) -> Array:
+    """The matrix (6, 6) at x of a polynomial through some (k, 6, 6) at abscissas (k,).
+
+    Diagonal entries by their logarithms, the others by their share of ``sqrt(C_ii C_jj)``.
+    """
+    weights = np.array([np.prod([(x - b) / (a - b) for b in at if b != a]) for a in at])
+    roots = np.sqrt(np.einsum("kii->ki", matrices))
+    shares = np.einsum("k,kij->ij", weights, matrices / (roots[:, :, None] * roots[:, None, :]))
+    root = np.exp(weights @ np.log(roots))
     return shares * np.outer(root, root)
 
 

@@ -1,6 +1,6 @@
 """Inference on linear models, where everything can be had a second way."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import permutations
 
 import numpy as np
@@ -14,7 +14,7 @@ from stiffscope.gap.fitting import Problem
 from stiffscope.gap.posterior_samples import write_posterior
 from stiffscope.gap.search import Search
 from stiffscope.gap.verdict import shares
-from tests.gap.synthetic import linear_model
+from tests.gap.synthetic import LinearModel, LinearPrediction, linear_model
 
 
 def planted(model, **sizes):
@@ -416,3 +416,30 @@ def test_what_follows_almost_anything_does_not_hide_a_simpler_set():
     model = replace(model, signatures=signatures, library=(*model.library[:20], flexible))
     best = find(planted(model, e0=(0.3,), e1=(0.3,), e2=(0.2,))).best
     assert best.names == {f"effect-{k} @ place" for k in range(3)}
+
+
+@dataclass(frozen=True)
+class CurvedModel(LinearModel):
+    """A linear model whose readings follow powers of its one effect's parameter, each its own."""
+
+    def predict(self, parameters=()):
+        u = parameters[0][1][0] if parameters else 0.0
+        name = self.library[0].name
+        column, power = self.signatures[name], np.linspace(0.5, 1.0, len(self.nominal))
+        values = self.nominal + column[:, 0] * ((1.0 + u) ** power - 1.0) / power
+        return LinearPrediction(values, {name: column * ((1.0 + u) ** (power - 1.0))[:, None]})
+
+
+def test_a_fit_from_afar_ends_where_one_from_nearby_does():
+    """What the start leaves looks like a discrepancy, which must not weigh the readings at the end."""
+    model = linear_model(np.random.default_rng(5), poses=6, loads=6, effects=1, parameters=(1,))
+    (effect,) = (replace(c, bounds=(-0.9, 100.0)) for c in model.library)
+    model = CurvedModel(model.campaign, model.nominal, {effect.name: 20.0 * model.signatures[effect.name]}, (effect,))
+    noise = model.campaign.value - model.nominal
+    value = model.predict(((effect, (8.0,)),)).values + noise
+    model = replace(model, campaign=replace(model.campaign, value=value))
+    problem = Problem(model, model.noise())
+    near = problem.fit([effect], np.array([8.0]))
+    afar = problem.fit([effect], np.array([4.0]), target=near.evidence)
+    assert afar.converged
+    assert afar.values == pytest.approx(near.values, abs=0.05 * float(near.covariance[0, 0] ** 0.5))

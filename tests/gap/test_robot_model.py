@@ -12,8 +12,9 @@ from stiffscope.gap.mechanics import RobotAtPoses
 from stiffscope.gap.quantities import QUANTITIES
 from stiffscope.gap.robot_model import RobotModel, robot_candidates
 from stiffscope.gap.robot_prediction import Pattern
-from stiffscope.robot.effects import MechanicalEffect, NominalRobot, changed
+from stiffscope.robot.effects import MechanicalEffect, NominalRobot, adopted, changed
 from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.part_dimensions import beam_dimensions
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.kinematics import configure, configure_drives
@@ -314,6 +315,32 @@ def test_a_modulus_is_another_name_for_the_plain_factor_of_its_part():
     assert set(names[:2]) <= set(plain.twins)
     assert names[2] in plain.aliases
     assert names[2] not in plain.twins
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.6])
+def test_experiments_are_made_on_a_part_at_fault(factor):
+    """Where its share of the gap is small beside the noise, and beside a soft drive; never for noise alone."""
+    robot = nominal("five-bar")
+    made = []
+    tested = {
+        part: lambda part=part: made.append(part) or beam_dimensions(robot.robot, part) for part in robot.robot.parts
+    }
+    campaign = readings(robot, ("dx", "dy", "dz", "drx", "dry", "ex", "ey", "ez"))
+    softer = adopted(robot, "actuator-stiffness", "left.motor", {"factor": factor})
+    rng = np.random.default_rng(3)
+    values = {}
+    for share in (1.0, 0.9):
+        other = adopted(softer, "part-dimension", "inner.shear_modulus", {"value": share * 26.9e9})
+        values[share] = RobotModel(campaign, other).predict().values
+    change = float(np.sqrt(np.sum((values[0.9] - values[1.0]) ** 2)))
+    sigma = np.full(len(campaign), change / 12.0)
+    noise = sigma * rng.standard_normal(len(campaign))
+    for share, fault in ((1.0, False), (0.9, True)):
+        made.clear()
+        measured = replace(campaign, value=values[share] + noise, sigma=sigma)
+        assert RobotModel(measured, replace(robot, tested=tested)).library
+        assert ("inner" in made) is fault
+        assert fault or not made
 
 
 @pytest.mark.parametrize("name", ["biglide", "stewart"])

@@ -8,7 +8,15 @@ import pytest
 from stiffscope.errors import InputError
 from stiffscope.robot.effects import NominalRobot, adopted, dimension_effects
 from stiffscope.robot.mechanism_of import mechanism_of
-from stiffscope.robot.part_dimensions import PartDimension, beam_dimensions, between, part_parameters, with_parameter
+from stiffscope.robot.part_dimensions import (
+    PartDimension,
+    beam_dimensions,
+    between,
+    on_foundation,
+    part_parameters,
+    vanishing,
+    with_parameter,
+)
 from stiffscope.robot.part_matrices import beam_compliance, part_matrices
 from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.statics import stiffness
@@ -40,10 +48,36 @@ def test_three_experiments_give_any_value_near_them():
     found = between(values, made)(0.018)
     exact = beam_compliance(with_parameter(robot, "slider", "thickness", 0.018), "slider")
     assert found == pytest.approx(exact, rel=1e-4)
-    soft = np.diag([1.0, 2, 3, 4, 5, 6]) * 1e-9
-    at = (np.inf, 2e11, 4e10)
-    found = between(at, [exact + soft * (1e10 / v) for v in at])(1e11)
-    assert np.diagonal(found) == pytest.approx(np.diagonal(exact + soft * 0.1), rel=1e-9)
+
+
+@pytest.mark.parametrize(("parameter", "nominal"), [("radius", 16e-3), ("bore", 26e-3)])
+def test_a_thin_wall_is_followed_until_a_third_of_it_is_gone(parameter, nominal):
+    """Where the radius changes by a sixteenth; against theory itself."""
+    robot = load_robot("five-bar")
+    limit = vanishing(robot, "inner", parameter)
+    values = [limit + (nominal - limit) * share for share in (1.0, 0.9, 1.1)]
+    made = [beam_compliance(with_parameter(robot, "inner", parameter, v), "inner") for v in values]
+    thin = limit + (nominal - limit) * 0.67
+    exact = beam_compliance(with_parameter(robot, "inner", parameter, thin), "inner")
+    found = between(values, made, limit)
+    assert found(thin) == pytest.approx(exact, rel=4e-3)
+    with pytest.raises(InputError, match="nothing is left"):
+        found(2.0 * limit - nominal)
+
+
+def test_what_a_foundation_adds_is_followed_over_all_sizes():
+    """A clamp's edge yields by a power of its foundation, its whole area by the reciprocal: their sum, by formula."""
+    rigid = np.diag([6.0, 5, 4, 3, 2, 1]) * 1e-9
+
+    def exact(k):
+        return rigid + np.diag([1.0, 2, 3, 4, 5, 6]) * 1e-9 * (1e11 / k + 0.3 * (1e11 / k) ** 0.7)
+
+    at = [1e13, 2e12, 4e11, 8e10, 1.6e10]
+    found = on_foundation(rigid, at, [exact(k) for k in at])
+    for k in (5e11, 7e10, 2e10):
+        assert np.diagonal(found(k)) == pytest.approx(np.diagonal(exact(k)), rel=1e-4)
+    assert found(np.inf) == pytest.approx(rigid)
+    assert found(1e9) - rigid == pytest.approx(16.0 * (found(1.6e10) - rigid))
 
 
 def test_a_thinner_part_is_carried_by_the_robot():
