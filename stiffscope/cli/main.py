@@ -18,10 +18,7 @@ from stiffscope.cli import campaigns, check, design, library, parts, robots, run
 from stiffscope.errors import InputError, StiffscopeError
 from stiffscope.reading import shown, why
 
-_FOR_DEVELOPERS = {
-    "py.warnings",
-    "asyncio",
-}  # whose messages only --debug shows: an event loop that is stopped complains
+_FOR_DEVELOPERS = {"py.warnings", "asyncio"}  # only --debug shows these: an event loop that is stopped complains
 MOST_CHARACTERS = 100_000  # of a word of the command line
 
 
