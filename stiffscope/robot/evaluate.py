@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 from stiffscope.robot.expressions import Expression, check_names, is_expression, normal, parse, refusal_of_name
 from stiffscope.robot.part_sections import PARTS
-from stiffscope.robot.values import any_quantity
+from stiffscope.robot.values import Reads, any_quantity
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
+
+    from pydantic.fields import FieldInfo
 
     from stiffscope.robot.positions import Key
 
@@ -45,6 +47,8 @@ def parameter_values(data: Mapping[str, Any]) -> dict[str, float]:
             values[name] = _checked(key, any_quantity, value)
         elif (number := _number_of_part(value)) is not None:
             values[name] = number
+        else:
+            _check_field(data["parts"][key[1]], key, value)
     order = TopologicalSorter({name: expression.names for name, expression in expressions.items()})
     try:
         ordered = list(order.static_order())
@@ -68,13 +72,25 @@ def _given(data: Mapping[str, Any]) -> dict[str, tuple[Key, Any]]:
         found[normal(name)] = (("parameters", name), value)
     for part, section in data.get("parts", {}).items():
         if isinstance(section, dict):
-            shape = section.get("shape")
-            model = PARTS.get(shape) if isinstance(shape, str) else None
-            fields = model.model_fields if model else {}
-            defaults = {key: field.default for key, field in fields.items() if not field.is_required()}
+            defaults = {key: field.default for key, field in _fields(section).items() if not field.is_required()}
             for key, value in {**defaults, **section}.items():
                 found[normal(f"{part}.{key}")] = (("parts", part, key), value)
     return found
+
+
+def _fields(section: Mapping[str, Any]) -> dict[str, FieldInfo]:
+    """What a part of its shape has; nothing where the shape is unknown."""
+    shape = section.get("shape")
+    model = PARTS.get(shape) if isinstance(shape, str) else None
+    return model.model_fields if model else {}
+
+
+def _check_field(section: Mapping[str, Any], key: Key, value: Any) -> None:
+    """Raise FieldError for a text that is not what its own field takes, before an expression is blamed that uses it."""
+    field = _fields(section).get(str(key[-1])) if isinstance(value, str) else None
+    for reads in field.metadata if field else ():
+        if isinstance(reads, Reads):
+            _checked(key, reads.func, value)
 
 
 def _number_of_part(value: Any) -> float | None:

@@ -368,6 +368,13 @@ def test_an_error_of_a_copy_names_the_line_of_what_is_copied(read, tmp_path):
     assert str(refused.value).startswith(f"{tmp_path / 'robot.toml'}:{line}: ")
 
 
+def test_a_wrong_value_of_a_part_is_blamed_and_not_the_expression_that_uses_it(read, tmp_path):
+    text = TEXT.replace('a = "220 mm"', 'a = "= 15*arm.radius"', 1).replace('"15 mm"', '"15 mm*9"', 1)
+    with pytest.raises(InputError, match=r'parts.arm.radius: expected a length .*, got "15 mm\*9"') as refused:
+        read(text)
+    assert str(refused.value).startswith(f"{tmp_path / 'robot.toml'}:{line_with('radius', text)}: ")
+
+
 def test_set_reaches_parts_parameters_joints_bodies_and_copies(read):
     robot = read(
         TEXT, "arm.radius=20 mm", "parameters.th=30 deg", "leg1.motor.drive.stiffness=2e4", "platform.mass=1 kg",
