@@ -367,7 +367,7 @@ def test_a_command_that_is_stopped_leaves_no_child_and_says_one_line(tmp_path, w
         time.sleep(0.01)
     (os.killpg if how == signal.SIGINT else os.kill)(process.pid, how)  # Ctrl-C reaches the whole group
     _, errors = process.communicate(timeout=60)
-    ends = time.monotonic() + 2
+    ends = time.monotonic() + 20  # 2 s on a machine that has nothing else to do
     while (left := in_session(process.pid)) and time.monotonic() < ends:
         time.sleep(0.05)
     assert not left
