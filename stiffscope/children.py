@@ -53,12 +53,19 @@ def run_module(module: str, *arguments: str, time_limit: float, folder: str) -> 
 
 def start_module(module: str, *arguments: str, folder: str) -> subprocess.Popen[bytes]:
     """Start such a process, which may be told more through a pipe; Ctrl-C is its parent's affair."""
-    with deaf_to("SIGINT"):
-        return subprocess.Popen(
-            [sys.executable, "-P", "-m", module, *arguments], cwd=folder, stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-            env={**os.environ, _PARENT: str(os.getpid()), "TMPDIR": folder},
-        )  # fmt: skip
+    process = None
+    try:
+        with deaf_to("SIGINT"):
+            process = subprocess.Popen(
+                [sys.executable, "-P", "-m", module, *arguments], cwd=folder, stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                env={**os.environ, _PARENT: str(os.getpid()), "TMPDIR": folder},
+            )  # fmt: skip
+    except BaseException:  # Ctrl-C that has waited
+        if process is not None:
+            process.kill()
+        raise
+    return process
 
 
 @contextlib.contextmanager
@@ -84,7 +91,7 @@ def safe_environment() -> Iterator[None]:
 
 @contextlib.contextmanager
 def deaf_to(*names: str) -> Iterator[None]:
-    """Let signals wait here; the threads and processes that are started here never see them: the parent ends those.
+    """Let signals wait in this thread; threads and processes that it starts here never see them: that is its affair.
 
     ``names``: "SIGINT" (Ctrl-C), "SIGTERM"; those that this system has count.
     """

@@ -92,11 +92,12 @@ def _local(**options: Any) -> Iterator[Any]:
 
 @contextmanager
 def _none_left() -> Iterator[None]:
-    """End at last what Dask does not: a worker that was just starting when it was told to close."""
+    """End at last what Dask does not: a worker of ours that was just starting when it was told to close."""
+    others = set(multiprocessing.active_children())
     try:
         yield
     finally:
-        for process in multiprocessing.active_children():
+        for process in set(multiprocessing.active_children()) - others:
             if process.name.startswith("Dask"):
                 process.kill()
                 process.join()

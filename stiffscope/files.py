@@ -10,7 +10,6 @@ import math
 import os
 import re
 import shutil
-import signal
 import stat
 import sys
 import tempfile
@@ -18,6 +17,7 @@ import uuid
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from stiffscope.children import deaf_to
 from stiffscope.errors import InputError
 from stiffscope.reading import open_file, read_bytes, shown, why
 
@@ -197,7 +197,7 @@ def staged_folder(target: str | Path) -> Iterator[Path]:
             if full := _full(error):
                 raise _unwritable(target, full) from error
             raise
-        with _undisturbed():
+        with deaf_to("SIGINT", "SIGTERM", "SIGHUP"):
             _exchange(aside, goal, target)
 
 
@@ -478,19 +478,6 @@ def _lock(folder: Path) -> int | None:
         os.close(handle)
         return None
     return handle
-
-
-@contextlib.contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Let signals wait until the block is done."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM, signal.SIGHUP})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, former)
 
 
 def _alive(process: int) -> bool:

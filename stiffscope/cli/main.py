@@ -19,6 +19,7 @@ from stiffscope.errors import InputError, StiffscopeError
 from stiffscope.reading import shown, why
 
 _FOR_DEVELOPERS = {"py.warnings", "asyncio"}  # only --debug shows these: an event loop that is stopped complains
+_STOPS = ("SIGINT", "SIGTERM", "SIGHUP")
 MOST_CHARACTERS = 100_000  # of a word of the command line
 
 
@@ -131,7 +132,7 @@ def _show_usage(error: click.UsageError) -> None:
 
 def _listen() -> None:
     """End cleanly when asked to, and show each warning once, on a line."""
-    for name in ("SIGTERM", "SIGHUP"):
+    for name in _STOPS:
         with contextlib.suppress(AttributeError, ValueError):  # not on every system, not outside the main thread
             signal.signal(getattr(signal, name), _stop)
     handler = logging.StreamHandler()
@@ -156,11 +157,11 @@ class _Once(logging.Filter):
         return new
 
 
-def _stop(_signal: int, _frame: Any) -> NoReturn:
-    for name in ("SIGTERM", "SIGHUP"):  # once is enough: what is begun is being put away
+def _stop(number: int, _frame: Any) -> NoReturn:
+    for name in _STOPS:  # once is enough: what is begun is being put away
         with contextlib.suppress(AttributeError):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
-    raise Stopped
+    raise KeyboardInterrupt if number == signal.SIGINT else Stopped
 
 
 def _say(text: str) -> None:

@@ -186,11 +186,17 @@ class RobotAtPoses:
 
     @cached_property
     def used(self) -> Flags:
-        """Which unit loads (cases,) act: those of M that hold the tool, of loads what some reading applies."""
+        """Which unit loads (cases,) act: those of M that hold the tool, of loads what some reading applies.
+
+        Of loads on the tool's body also the moments that their forces have where they act a little beside their points.
+        """
         c = self.campaign
         out = np.ones(self.cases, dtype=np.bool_)
-        for k in range(len(c.loads)):
-            out[self.load_cases(k)] = (np.nan_to_num(c.wrench[c.load == k]) != 0.0).any(axis=0)
+        for k, load in enumerate(c.loads):
+            acts = (np.nan_to_num(c.wrench[c.load == k]) != 0.0).any(axis=0)
+            if self._firm and load.body == self.mechanism.tool.body:
+                acts[3:] |= [acts[:3][np.arange(3) != axis].any() for axis in range(3)]
+            out[self.load_cases(k)] = acts
         if not self._firm:
             read = np.unique(c.direction[(c.sensor < 0) & (c.kind <= DEVIATION)])
             applied = (np.nan_to_num(c.wrench[c.load < 0]) != 0.0).any(axis=0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import time
 from contextlib import contextmanager
 from functools import partial
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 
     Report = Callable[[str, float], None]
     Result = TypeVar("Result", bound=CondensedPart)
+
+log = logging.getLogger(__name__)
 
 AFTER_REFINEMENT = 1.5  # times the limit, until the modes of the last mesh are there
 WHOLE, CONDENSED, MOVED = "experiment", "condensed", "moved"  # kinds of results in the cache
@@ -52,7 +55,8 @@ def solve_parts(orders: Sequence[PartOrder], shop: Workshop) -> list[PartResult]
         A part cannot be built, meshed or held as asked.
 
     """
-    return _found(orders, shop, (WHOLE,), make_part, _whole)
+    found = _found(orders, shop, (WHOLE,), make_part, _whole)
+    return [found[order] for order in orders]
 
 
 def condense_parts(
@@ -70,17 +74,37 @@ def condense_parts(
 
     """
     kinds = (CONDENSED, WHOLE) if near is None else (CONDENSED, WHOLE, MOVED)
-    return _found(orders, shop, kinds, partial(make_condensed, near=near or {}), _condensed)
+    found = _found(orders, shop, kinds, partial(make_condensed, near=near or {}), _condensed)
+    return [found[order] for order in orders]
+
+
+def try_parts(
+    orders: Sequence[PartOrder], shop: Workshop, near: Mapping[str, CondensedPart]
+) -> list[CondensedPart | None]:
+    """As `condense_parts`; None for a part that cannot be built, meshed or solved."""
+    found = _found(orders, shop, (CONDENSED, WHOLE, MOVED), partial(_try_condensed, near=near), _condensed)
+    return [found.get(order) for order in orders]
+
+
+def _try_condensed(
+    order: PartOrder, cache: Cache, report: Report, near: Mapping[str, CondensedPart]
+) -> tuple[Path | None, float]:
+    try:
+        return make_condensed(order, cache, report, near)
+    except InputError as error:
+        log.debug("left out: %s", error)
+        report("done", 1.0)
+        return None, 0.0
 
 
 def _found(
     orders: Sequence[PartOrder],
     shop: Workshop,
     kinds: tuple[str, ...],
-    make: Callable[[PartOrder, Cache, Report], tuple[Path, float]],
+    make: Callable[[PartOrder, Cache, Report], tuple[Path | None, float]],
     read: Callable[[PartOrder, Path, float, bool], Result],
-) -> list[Result]:
-    """What the cache holds of some kind for each order, made first where it holds nothing."""
+) -> dict[PartOrder, Result]:
+    """What the cache holds of some kind by order, made first where it holds nothing; without what is not made."""
     found: dict[PartOrder, Result] = {}
     missing: list[PartOrder] = []
     for order in dict.fromkeys(orders):
@@ -92,6 +116,8 @@ def _found(
             found[order] = read(order, folder, time.perf_counter() - begun, True)
     if missing:
         jobs = {order.label: (order, shop.cache) for order in missing}
+        if len(jobs) < len(missing):
+            raise ValueError("experiments that differ have the same label")
         lines = {label: shop.open_line(label) for label in jobs}
         limits = {each.label: _limit(each) for each in missing}
         try:
@@ -101,8 +127,9 @@ def _found(
             raise InputError(f"{late.job}.mesh.time_limit: {str(late).partition(': ')[2]}; {cure}") from late
         for order in missing:
             folder, seconds = made[order.label]
-            found[order] = read(order, folder, seconds, False)
-    return [found[order] for order in orders]
+            if folder is not None:
+                found[order] = read(order, folder, seconds, False)
+    return found
 
 
 def _limit(order: PartOrder) -> float:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stiffscope.cad.materials import Material
-from stiffscope.jobs.experiments import condense_parts
+from stiffscope.errors import InputError
+from stiffscope.jobs.experiments import try_parts
 from stiffscope.jobs.orders import order_part
 from stiffscope.robot.part_dimensions import (
     FOUNDATION,
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
 
     from stiffscope.cad.materials import AnyMaterial
     from stiffscope.jobs.assembly import Assembled
+    from stiffscope.jobs.orders import PartOrder
     from stiffscope.jobs.workshop import Workshop
 
     Array = NDArray[np.floating[Any]]
@@ -35,6 +38,7 @@ if TYPE_CHECKING:
 STEP = 0.1  # of a length, or of the wall that it leaves, to either side
 MODULUS_STEP = 0.06
 POISSON = (-0.9, -0.45, 0.45, 0.9)  # of what Poisson's ratio lacks of 0.5: what changes with a modulus
+LEAST = 0.2  # of Poisson's ratio, to which the lower ones of these shares refer at least
 FOUNDATIONS = tuple(10.0 ** (k / 2) for k in range(26, 19, -1))  # N/m³: beside a rigid one
 SOFTER = (4.0, 0.25)  # times a foundation that yields, beside a rigid one
 
@@ -59,17 +63,31 @@ def _dimensions(nominal: Assembled, name: str, shop: Workshop) -> tuple[PartDime
     }
     foundation = getattr(robot.parts[name], FOUNDATION, None)
     others[FOUNDATION] = FOUNDATIONS if foundation is None else (np.inf, *(foundation * times for times in SOFTER))
-    solved = _solved(nominal, name, others, shop)
+    tried = _tried(nominal, name, others, shop)
     out = [
         PartDimension(
-            name, key, value, unit, between((value, *others[key]), (here, *solved[key]), limits[key]), limits[key]
+            name, key, value, unit,
+            between((value, *tried[key]), (here, *tried[key].values()), limits[key], _legal(robot.material(name), key)),
+            limits[key],
         )
         for key, (value, unit) in known.items()
-    ]
-    yields = dict(zip((foundation or np.inf, *others[FOUNDATION]), (here, *solved[FOUNDATION]), strict=True))
-    rigid = yields.pop(np.inf)
-    compliance = on_foundation(rigid, tuple(yields), tuple(yields.values()))
-    return (*out, PartDimension(name, FOUNDATION, foundation or np.inf, "N/m^3", compliance))
+        if tried[key]
+    ]  # fmt: skip
+    yields = {foundation or np.inf: here, **tried[FOUNDATION]}
+    rigid = yields.pop(np.inf, None)
+    if rigid is not None and yields:
+        compliance = on_foundation(rigid, tuple(yields), tuple(yields.values()))
+        out.append(PartDimension(name, FOUNDATION, foundation or np.inf, "N/m^3", compliance))
+    return tuple(out)
+
+
+def _legal(material: AnyMaterial | None, key: str) -> tuple[float, float]:
+    """Values of a modulus for which there is such a material: Poisson's ratio is in (-1, 0.5)."""
+    if not isinstance(material, Material) or not key.endswith("modulus"):
+        return -np.inf, np.inf
+    if key == "youngs_modulus":
+        return 0.0, 3.0 * material.shear_modulus
+    return material.youngs_modulus / 3.0, np.inf
 
 
 def _shares(material: AnyMaterial | None, key: str) -> tuple[float, ...]:
@@ -79,22 +97,30 @@ def _shares(material: AnyMaterial | None, key: str) -> tuple[float, ...]:
     if not isinstance(material, Material):
         return 1.0 - MODULUS_STEP, 1.0 + MODULUS_STEP
     poisson = material.poisson
-    span = min(0.5 - poisson, 0.5 * (1.0 + poisson))  # the latter for what widens when it is stretched
-    growth = [1.0 + share * span / (1.0 + poisson) for share in POISSON]
+    left = 0.5 * (1.0 + poisson)  # for what widens when it is stretched
+    above, below = min(0.5 - poisson, left), min(max(0.5 - poisson, LEAST), left)
+    growth = [1.0 + share * (above if share > 0.0 else below) / (1.0 + poisson) for share in POISSON]
     return tuple(growth if key == "youngs_modulus" else [1.0 / g for g in growth])
 
 
-def _solved(
+def _tried(
     nominal: Assembled, name: str, values: dict[str, tuple[float, ...]], shop: Workshop
-) -> dict[str, list[Array]]:
+) -> dict[str, dict[float, Array]]:
     """Compliances of a part with other values of its parameters, on its own mesh moved along where that can be.
 
-    An error that meshes have in common is in no difference of these.
+    An error that meshes have in common is in no difference of these. Values that make no part, or one that cannot be
+    solved (a foundation far too soft for it), are left out.
     """
-    orders = [
-        order_part(with_parameter(nominal.robot, name, key, value), name, label=f"{name}, {key} {value:.4g}")
-        for key, some in values.items()
-        for value in some
-    ]
-    results = iter(condense_parts(orders, shop, {order.label: nominal.results[name] for order in orders}))
-    return {key: [next(results).compliance for _ in some] for key, some in values.items()}
+    orders: dict[tuple[str, float], PartOrder] = {}
+    for key, some in values.items():
+        for value in some:
+            with suppress(InputError):
+                changed = with_parameter(nominal.robot, name, key, value)
+                orders[key, value] = order_part(changed, name, label=f"{name}, {key} {value:.9g}")
+    near = {order.label: nominal.results[name] for order in orders.values()}
+    results = zip(orders, try_parts(list(orders.values()), shop, near), strict=True)
+    found: dict[str, dict[float, Array]] = {key: {} for key in values}
+    for (key, value), result in results:
+        if result is not None:
+            found[key][value] = result.compliance
+    return found

@@ -76,8 +76,8 @@ def work_together(
             process = context.Process(target=_child, args=(there, function), daemon=False)
             with safe_environment(), deaf_to("SIGINT"):
                 process.start()
+                running[here] = process
             there.close()
-            running[here] = process
         return _gather(running, jobs, reports, limits or {})
     finally:
         for process in running.values():
@@ -203,7 +203,7 @@ def _child(end: Any, function: Callable[..., Any]) -> None:
             end.send(("answer", answer))
     except InputError as error:
         end.send(("refused", str(error)))
-    except BrokenPipeError:
+    except (BrokenPipeError, EOFError):  # the parent has gone, or has been stopped
         return
     except Exception:  # noqa: BLE001 (whatever it is, the parent tells it)
         end.send(("failed", traceback.format_exc()))

@@ -473,7 +473,13 @@ def _dimension(nominal: NominalRobot, of: PartDimension) -> MechanicalEffect:
         return 1.0 / np.where(np.abs(yields) > _RIGID, yields, _RIGID)
 
     def internal(values: Array) -> Array:
-        return 1.0 / (values * _FOUNDATION_UNIT) if rigid else np.log((values - of.limit) / (of.nominal - of.limit))
+        if rigid:
+            return 1.0 / (values * _FOUNDATION_UNIT)
+        ratio = (values - of.limit) / (of.nominal - of.limit)
+        if not (ratio > 0.0).all():
+            raise InputError(f"{of.place}: expected a value to the other side of {of.limit:g} {of.unit}, "
+                             f"where nothing is left of the part, got {values[0]:g} {of.unit}")  # fmt: skip
+        return np.log(ratio)
 
     def changes(values: Array) -> Changes:
         return dict.fromkeys(members, Change(of.compliance(float(physical(values)[0])) - here))

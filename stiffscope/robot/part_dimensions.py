@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     Array = NDArray[np.floating[Any]]
 
 FOUNDATION = "foundation"
+_FAR = 4.0  # times the distance of the outermost of three values: up to there their polynomial is followed,
+_NEAR = 1.5  # and that of more, which soon goes astray
 _FEATURES = {"rib": "rib_count", "fillet": "rib_count", "hole": "hole_count", "pad": "pad_height"}
 _ALONG = {"length", "depth", "pad_height"}  # from the base to the tip, which the bodies' places say too
 
@@ -88,7 +90,8 @@ def with_parameter(robot: RobotFile, name: str, parameter: str, value: float) ->
     """
     part = robot.parts[name]
     if parameter == FOUNDATION or (isinstance(part, ParametricPart) and parameter in part.dimensions()):
-        changed = part.model_copy(update={parameter: value if np.isfinite(value) else None})
+        rigid = parameter == FOUNDATION and np.isinf(value)
+        changed = part.model_copy(update={parameter: None if rigid else value})
         if isinstance(changed, ParametricPart):
             changed.parameters()
         return replace(robot, parts={**robot.parts, name: changed})
@@ -114,18 +117,26 @@ def _beam(robot: RobotFile, name: str, parameter: str, value: float) -> Array:
     return beam_compliance(with_parameter(robot, name, parameter, value), name)
 
 
-def between(values: Sequence[float], matrices: Sequence[Array], limit: float = 0.0) -> Callable[[float], Array]:
-    """The compliance of any value near some, by what experiments say at these.
+def between(
+    values: Sequence[float],
+    matrices: Sequence[Array],
+    limit: float = 0.0,
+    legal: tuple[float, float] = (-np.inf, np.inf),
+) -> Callable[[float], Array]:
+    """The compliance of any value near some, the nominal one first, by what experiments say at these.
 
     A polynomial in the logarithm of the value's distance from the limit at which nothing is left of the part
-    (`vanishing`): exact for powers of it. The compliance raises InputError for a value beyond the limit.
+    (`vanishing`): exact for powers of it; far from all values the power that it ends with. The compliance raises
+    InputError for a value beyond the limit, or outside of the ``legal`` ones.
     """
-    return partial(_near, tuple(values), np.array(matrices), limit)
+    return partial(_near, tuple(values), np.array(matrices), limit, legal)
 
 
-def _near(values: tuple[float, ...], matrices: Array, limit: float, value: float) -> Array:
+def _near(values: tuple[float, ...], matrices: Array, limit: float, legal: tuple[float, float], value: float) -> Array:
     if not (value - limit) * (values[0] - limit) > 0.0:
         raise InputError(f"expected a value to the other side of {limit:g}, where nothing is left, got {value:g}")
+    if not legal[0] < value < legal[1]:
+        raise InputError(f"expected a value between {legal[0]:g} and {legal[1]:g}, got {value:g}")
     return _polynomial(np.log(np.abs(np.array(values) - limit)), matrices, float(np.log(abs(value - limit))))
 
 
@@ -136,24 +147,31 @@ def on_foundation(rigid: Array, values: Sequence[float], matrices: Sequence[Arra
     yields.
     """
     softer = [(v, m - rigid) for v, m in zip(values, matrices, strict=True) if (np.diagonal(m - rigid) > 0.0).all()]
-    stiffness, added = zip(*softer, strict=True)
-    return partial(_founded, rigid, np.array(stiffness), np.array(added))
+    return partial(_founded, rigid, np.array([v for v, _ in softer]), np.array([added for _, added in softer]))
 
 
 def _founded(rigid: Array, stiffness: Array, added: Array, value: float) -> Array:
+    if not len(stiffness):  # as good as rigid
+        return rigid
     inside = float(np.clip(value, stiffness.min(), stiffness.max()))
     return rigid + _polynomial(np.log(stiffness), added, float(np.log(inside))) * (inside / value)
 
 
 def _polynomial(at: Array, matrices: Array, x: float) -> Array:
-    """The matrix (6, 6) at x of a polynomial through some (k, 6, 6) at abscissas (k,).
+    """The matrix (6, 6) at x of a polynomial through some (k, 6, 6) at abscissas (k,), continued by its tangent.
 
     Diagonal entries by their logarithms, the others by their share of ``sqrt(C_ii C_jj)``.
     """
-    weights = np.array([np.prod([(x - b) / (a - b) for b in at if b != a]) for a in at])
+    reach = _FAR if len(at) <= 3 else _NEAR
+    low, high = (float(at[0] + reach * (end - at[0])) for end in (at.min(), at.max()))
+    inside, step = min(max(x, low), high), 1e-4 * max(high - low, 1e-12)
+    weights, above, below = (
+        np.array([np.prod([(place - b) / (a - b) for b in at if b != a]) for a in at])
+        for place in (inside, inside + step, inside - step)
+    )
     roots = np.sqrt(np.einsum("kii->ki", matrices))
     shares = np.einsum("k,kij->ij", weights, matrices / (roots[:, :, None] * roots[:, None, :]))
-    root = np.exp(weights @ np.log(roots))
+    root = np.exp((weights + (x - inside) * (above - below) / (2.0 * step)) @ np.log(roots))
     return shares * np.outer(root, root)
 
 

@@ -12,6 +12,7 @@ from stiffscope.gap.mechanics import RobotAtPoses
 from stiffscope.gap.quantities import QUANTITIES
 from stiffscope.gap.robot_model import RobotModel, robot_candidates
 from stiffscope.gap.robot_prediction import Pattern
+from stiffscope.jobs.campaigns import open_case
 from stiffscope.robot.effects import MechanicalEffect, NominalRobot, adopted, changed
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_dimensions import beam_dimensions
@@ -359,3 +360,19 @@ def test_patterns_hold_for_readings_to_come(name):
         prediction = trial.predict(((pattern, pattern.scale),))
         assert prediction.columns(pattern).shape == (len(trial.campaign), len(pattern.scale))
         assert np.isfinite(prediction.values).all()
+
+
+def test_weights_that_hang_beside_their_hook_are_a_pattern():
+    """As readings would be if the hook itself were there."""
+    robot = load_robot("delta")
+    nominal = NominalRobot(mechanism_of(robot, part_matrices(robot, "beam")), robot)
+    campaign = open_case("gauges").campaign
+    model = RobotModel(campaign, nominal)
+    (beside,) = (c for c in model.library if c.place == "a wrench that acts beside its point")
+    here, columns = model.predict().values, model.predict().columns(beside)
+    for axis in range(3):
+        (hook,) = campaign.loads
+        moved = replace(campaign, loads=(replace(hook, at=tuple(hook.at + 1e-3 * np.eye(3)[axis])),))
+        there = RobotModel(moved, nominal).predict().values
+        assert np.abs(there - here).max() > 1e-7
+        assert there - here == pytest.approx(1e-3 * columns[:, axis], rel=1e-6, abs=1e-12)

@@ -99,3 +99,28 @@ def test_a_thinner_part_is_carried_by_the_robot():
     change = effect.changes(effect.internal(np.array([5e10])))["limb1.slider"].compliance
     assert change == pytest.approx(0.2 * soft, abs=1e-18)
     assert effect.changes(np.zeros(1))["limb1.slider"].compliance == pytest.approx(0.0 * soft, abs=1e-20)
+
+
+def test_moduli_without_a_material_are_refused_and_far_ones_follow_a_power():
+    """A polynomial through five values would be off by its fourth power there."""
+    values = np.array([1.0, 0.9, 0.95, 1.05, 1.1])
+    made = [np.diag([v**-1.0 + 2e-4 * np.cos(40.0 * v)] * 6) for v in values]  # as experiments scatter
+    found = between(values, made, legal=(0.0, 1.2))
+    assert found(0.95) == pytest.approx(made[2])
+    assert np.diagonal(found(0.5)) == pytest.approx(2.0, rel=0.2)
+    with pytest.raises(InputError, match=r"^expected a value between 0 and 1.2, got 1.25"):
+        found(1.25)
+
+
+def test_a_foundation_that_adds_nothing_is_as_good_as_rigid():
+    rigid = np.diag([6.0, 5, 4, 3, 2, 1]) * 1e-9
+    assert on_foundation(rigid, [1e20], [rigid])(1e18) == pytest.approx(rigid)
+
+
+def test_a_radius_within_the_bore_is_refused_in_its_own_words():
+    robot = load_robot("five-bar")
+    bare = NominalRobot(mechanism_of(robot, part_matrices(robot, "beam")), robot)
+    with pytest.raises(
+        InputError, match=r"^inner\.radius: expected a value to the other side of 0\.013 m, .* got 0\.01 m"
+    ):
+        adopted(bare, "part-dimension", "inner.radius", {"value": 0.01})
