@@ -35,7 +35,7 @@ FORCE, MOMENT = 500.0, 100.0  # N, N·m: the range of loads where the campaign s
 DISPLACEMENT, ROTATION = 1e-6, 5e-6  # m, rad: the instrument where the campaign shows none
 SIGNIFICANT = 3.0  # standard deviations
 _FACTORS = (-0.8, 50.0)  # bounds of what is 1/factor - 1 or factor - 1: nothing becomes infinitely stiff
-_RATIOS = (-1.2, 1.2)  # bounds of the logarithm of a dimension's ratio to the nominal one
+_RATIOS = (-1.2, 1.2)  # bounds of the logarithm of what is left of a dimension (of a tube's wall) over the nominal
 _RIGID_FOUNDATION = 1e20  # N/m³
 _SUSPECT = 0.2  # share of the squared gap beyond drives and noise that a part explains, to make experiments on it
 _ADDED = (0.0, np.inf)  # bounds of an added compliance, a dead zone
@@ -218,7 +218,7 @@ def dimension_candidates(nominal: NominalRobot, part: str) -> tuple[Candidate, .
 
 
 def _of_dimension(effect: MechanicalEffect) -> Candidate:
-    """A part's parameter: a tenth of it is a usual error; a rigid foundation may yield as a bolted contact does."""
+    """A part's parameter: a tenth of it (of a tube's wall) is usual; a rigid foundation may yield as a bolted joint."""
     nominal = float(effect.physical(np.zeros(1))[0])
     rigid = nominal > _RIGID_FOUNDATION
     plausible = (1e8, np.inf) if rigid else (0.5 * nominal, 2.0 * nominal)
