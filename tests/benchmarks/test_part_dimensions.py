@@ -30,10 +30,10 @@ from stiffscope.gap.lab.plans import draw_plan
 from stiffscope.gap.lab.writing import write_readings
 from stiffscope.gap.readings import load_campaign
 from stiffscope.gap.robot_model import RobotModel, dimension_candidates
+from stiffscope.jobs import part_dimensions
 from stiffscope.jobs.assembly import assemble_robots
 from stiffscope.jobs.experiments import condense_parts
 from stiffscope.jobs.orders import order_part
-from stiffscope.jobs.part_dimensions import tested_dimensions
 from stiffscope.jobs.workshop import workshop
 from stiffscope.robot.effects import NominalRobot
 from stiffscope.robot.part_dimensions import FOUNDATION, part_parameters, with_parameter
@@ -168,7 +168,7 @@ def scores(answers):
 def _lab(name, overrides, shop):
     robot = load_robot(name, overrides)
     nominal = assemble_robots({name: robot}, "fea", shop)[name]
-    carrying = NominalRobot(nominal.mechanism, robot, tested_dimensions(nominal, shop))
+    carrying = NominalRobot(nominal.mechanism, robot, part_dimensions.tested_dimensions(nominal, shop))
     return Lab(BlindRobot(carrying, nominal.matrices, "fea"), 36)
 
 
