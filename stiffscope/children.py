@@ -91,18 +91,29 @@ def safe_environment() -> Iterator[None]:
 
 @contextlib.contextmanager
 def deaf_to(*names: str) -> Iterator[None]:
-    """Let signals wait in this thread; threads and processes that it starts here never see them: that is its affair.
+    """Let signals wait until the block is done; threads and processes that it starts never see them.
 
-    ``names``: "SIGINT" (Ctrl-C), "SIGTERM"; those that this system has count.
+    ``names``: "SIGINT" (Ctrl-C), "SIGTERM"; those that this system has count. Threads that are there already may take a
+    signal for the main one, which then only notes it.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    former = signal.pthread_sigmask(signal.SIG_BLOCK, {getattr(signal, name) for name in names})
+    numbers: list[int] = [getattr(signal, name) for name in names]
+    noted: list[int] = []
+    main = threading.current_thread() is threading.main_thread()
+    handlers = {number: signal.getsignal(number) for number in numbers if main}
+    for number in handlers:
+        signal.signal(number, lambda number, _frame: noted.append(number))
+    former = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, former)
+        for number, handler in handlers.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+        if noted:
+            signal.raise_signal(noted[0])
 
 
 def end_with_parent(parent: int | None = None) -> None:

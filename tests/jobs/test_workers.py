@@ -5,11 +5,13 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
 import pytest
 
+from stiffscope.children import deaf_to
 from stiffscope.errors import InputError
 from stiffscope.jobs.workers import LateError, WorkerError, work_here, work_together
 
@@ -95,3 +97,21 @@ def test_a_killed_parent_takes_its_children_along(tmp_path):
     while Path(f"/proc/{child}").exists() and "Z (zombie)" not in Path(f"/proc/{child}/status").read_text():
         assert time.monotonic() - begun < 60
         time.sleep(0.05)
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="masks signals")
+def test_a_signal_waits_though_another_thread_takes_it():
+    done = threading.Event()
+    other = threading.Thread(target=done.wait)
+    other.start()
+    passed = False
+    try:
+        with pytest.raises(KeyboardInterrupt), deaf_to("SIGINT", "SIGTERM"):
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.1)
+            passed = True
+    finally:
+        done.set()
+        other.join()
+    assert passed
+    assert signal.getsignal(signal.SIGINT) is not signal.SIG_DFL
