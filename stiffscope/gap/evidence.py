@@ -125,13 +125,21 @@ def errors_of(campaign: Campaign, noise: Noise, log_odds: float) -> Errors:
     return Errors(noise, group, shape, norms, np.ones(len(sizes)), sizes, volume + prior)
 
 
+def _without_scatter(c: Campaign, noise: Noise) -> Array:
+    """Each reading (n,) as the mean of all that repeat it: a share of its own scatter would be no discrepancy."""
+    taken = np.column_stack([c.pose, c.quantity, c.sensor, c.load, np.nan_to_num(c.wrench)])
+    same = np.unique(taken, axis=0, return_inverse=True)[1].ravel()
+    mean = np.bincount(same, np.where(noise.used, c.value, 0.0)) / np.maximum(np.bincount(same, noise.used), 1.0)
+    return mean[same]
+
+
 def _features(c: Campaign, noise: Noise) -> tuple[Codes, Array, Array]:
     """Group of each reading (n,), its two features (n, 2) made orthogonal within the group, their squared lengths."""
     axis = c.kind * 6 + c.direction
     group = np.unique(np.where(noise.used, c.pose * (axis.max() + 1) + axis, -1), return_inverse=True)[1].ravel()
     group = (group - (0 if noise.used.all() else 1)).astype(np.int64)
     safe, count = group.clip(min=0), int(group.max()) + 1
-    value = np.where(noise.used, c.value, 0.0)
+    value = np.where(noise.used, _without_scatter(c, noise), 0.0)
     mean = np.sqrt(np.bincount(axis, value**2) / np.maximum(np.bincount(axis, noise.used), 1))
     raw = np.stack([mean[axis], value], axis=1) * (noise.used / noise.sigma)[:, None]
     gram = np.stack(
