@@ -8,6 +8,7 @@ multipliers. Gradients come from complex steps. Of the library only the descript
 import numpy as np
 
 EPS = 1e-30
+SCALE = 1e9  # of constraint errors, near that of stiffnesses: without it their common system loses six digits
 HELD = {"prismatic": (1, 2), "cylindrical": (1, 2), "planar": (0,)}
 
 
@@ -35,7 +36,7 @@ class Potential:
         self.tool = np.arange(6 * at, 6 * at + 6)
 
     def energy_and_constraints(self, z):  # noqa: C901
-        """Energy (...) and constraint errors (..., k) of coordinates z (..., size)."""
+        """Energy (...) and constraint errors times ``SCALE`` (..., k) of coordinates z (..., size)."""
         moved = {"ground": (np.eye(3) + 0 * z[..., :1, None], 0 * z[..., :3], np.eye(3), np.zeros(3))}
         for k, node in enumerate(self.nodes):
             r, p = self.bodies.of(node)
@@ -93,7 +94,7 @@ class Potential:
                 (r1, p1), (r2, p2) = self.bodies.of(j.first), self.bodies.of(j.second)
                 rest = (r1 @ j.axes[:, 0]) @ (r2 @ j.at + p2 - r1 @ j.at - p1)
                 energy = energy + 0.5 * j.drive.stiffness * (gap[..., 0] - rest) ** 2
-        return energy, np.stack(errors, -1)
+        return energy, SCALE * np.stack(errors, -1)
 
     def gradient(self, z, multipliers):
         energy, errors = self.energy_and_constraints(z[..., None, :] + 1j * EPS * np.eye(self.size))
