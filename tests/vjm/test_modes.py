@@ -109,7 +109,7 @@ def test_frequencies_are_those_of_a_dense_model(name, drives, rng):
     elastic = expected[expected > 0.0]
     moving = found[found > 0.0]
     assert len(moving) >= min(4, len(elastic))
-    assert moving == pytest.approx(elastic[: len(moving)], rel=1e-6)
+    assert moving == pytest.approx(elastic[: len(moving)], rel=1e-5)  # the dense model rounds by some 1e-6
     free = 0 if drives == "held" else len(m.drives)
     assert (found == 0.0).sum() == min(free, 10)
     assert (expected == 0.0).sum() >= free  # idle motions besides
