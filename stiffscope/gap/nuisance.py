@@ -14,6 +14,7 @@ from stiffscope.gap.forward_model import UNNAMED, Candidate
 from stiffscope.gap.quantities import AXES, DEFLECTION, DEVIATION
 from stiffscope.gap.robot_prediction import Pattern
 from stiffscope.robot.effects import Change, MechanicalEffect, added_diagonal
+from stiffscope.vjm.linkage import HELD
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -29,12 +30,13 @@ if TYPE_CHECKING:
 
 _FULL_FORCE = 0.2  # share of the largest force in a drive from which its friction is overcome
 _SPRING = 1e6  # N/m: a spring towards the frame, times the parameter
+_LIKE_FORCE = 100.0  # N in a joint, under which its parameters are what it yields, m
 _MOST_SESSIONS = 6
 
 
 def nuisance_patterns(at: RobotAtPoses) -> tuple[Candidate, ...]:
     """Unnamed faults of parts, of the surroundings, and of the instruments in time."""
-    return (*_patterns(at), *_sizes(at))
+    return (*_patterns(at), *_sizes(at), *_laws(at))
 
 
 def _patterns(at: RobotAtPoses) -> Iterator[Candidate]:
@@ -84,6 +86,23 @@ def _sizes(at: RobotAtPoses) -> Iterator[Candidate]:
             middle = np.mean([joint.at for joint in held], axis=0) if body.centre is None else body.centre
             stretched = Pattern(partial(_stretched, body.name, middle, held))
             yield _unnamed(f"a body of another size, {body.name}", (3e-4,) * 3, stretched)
+
+
+def _laws(at: RobotAtPoses) -> Iterator[Candidate]:
+    """Passive joints that do not yield in proportion to what they carry across their axes."""
+    across = {joint.name: _across(joint) for joint in at.mechanism.joints if joint.drive is None}
+    read = (at.campaign.kind <= DEVIATION).any()
+    for place in at.robot.places(name for name, axes in across.items() if read and axes.any()):
+        axes = {name: across[name] for name in place.members}
+        yield _unnamed(f"play in joints, {place.name}", (1e-5,) * 2, Pattern(partial(_play, axes)))
+        yield _unnamed(f"joints that stiffen, {place.name}", (1e-5,) * 2, Pattern(partial(_stiffening, axes)))
+
+
+def _across(joint: Joint) -> Array:
+    """Which translations (3,) a joint holds across its axis; a ball has none, and holds all."""
+    held = np.zeros(3)
+    held[[k for k in HELD[joint.kind][0] if k > 0 or joint.axis is None]] = 1.0
+    return held
 
 
 def _part(place: str, scale: tuple[float, ...], changes: Callable[[Array], Changes]) -> Candidate:
@@ -201,6 +220,29 @@ def _tether(middle: Array, prediction: RobotPrediction) -> Array:
         pull = -_SPRING * (places[:, k] - middle[k])
         columns.append(np.where(c.still, read[:, k] * pull[c.pose], 0.0))
     return np.stack(columns, axis=1)
+
+
+def _play(across: Mapping[str, Array], prediction: RobotPrediction) -> Array:
+    """Motion lost towards the force: in every direction alike, and along either axis of its own."""
+    columns = np.zeros((len(prediction.campaign), 2))
+    for name, axes in across.items():
+        read, force = (each[:, :3] * axes for each in prediction.felt(name))
+        signs = prediction.towards(force)
+        size = np.linalg.norm(force, axis=1, keepdims=True)
+        round_gap = np.where(signs.any(axis=1, keepdims=True), force / np.where(size > 0.0, size, 1.0), 0.0)
+        columns += np.stack([np.sum(read * each, axis=1) for each in (round_gap, signs)], axis=1)
+    return columns
+
+
+def _stiffening(across: Mapping[str, Array], prediction: RobotPrediction) -> Array:
+    """Yielding less and less: in proportion to the force, and to its cube root."""
+    moving = prediction.campaign.kind <= DEVIATION
+    columns = np.zeros((len(moving), 2))
+    for name, axes in across.items():
+        read, force = (each[:, :3] * axes for each in prediction.felt(name))
+        share = force / _LIKE_FORCE
+        columns += np.stack([np.sum(read * each, axis=1) for each in (share, np.cbrt(share))], axis=1)
+    return np.where(moving[:, None], columns, 0.0)
 
 
 def _friction(prediction: RobotPrediction) -> Array:

@@ -287,10 +287,15 @@ class RobotPrediction:
 
     def dead_zone(self, drive: str) -> Array:
         """Change (n,) of every reading per metre of backlash: towards the force that the drive carries."""
-        force = self.drive_force(drive)
-        still = self.campaign.still
-        sign = np.where(still, _sign(np.where(still, force, 0.0)), _sign(np.where(still, 0.0, force)))
-        return sign * self.by_drive(drive)
+        return self.towards(self.drive_force(drive)) * self.by_drive(drive)
+
+    def towards(self, force: Array) -> Array:
+        """Signs (n, ...) of forces (n, ...) behind deflections and deviations, rounding apart; zero for other readings.
+
+        What rounding leaves is judged beside the largest of a kind: a weight may be many times the forces applied.
+        """
+        kind = self.campaign.kind.reshape(-1, *(1,) * (force.ndim - 1))
+        return sum((_sign(np.where(kind == each, force, 0.0)) for each in (DEFLECTION, DEVIATION)), np.zeros(()))
 
     @property
     def values(self) -> Array:

@@ -174,8 +174,8 @@ def _slots(law: str, parameter: str) -> Injector:
 
 
 def _held_across(joint: Joint) -> tuple[int, ...]:
-    """Translations that a joint holds across its axis."""
-    return tuple(i for i in (1, 2) if i in joint.held)
+    """Translations that a joint holds across its axis; a ball has none."""
+    return tuple(i for i in range(3) if i in joint.held and (i > 0 or not joint.directed))
 
 
 def _play(machine: Machine, place: str, parameters: Parameters) -> Machine:

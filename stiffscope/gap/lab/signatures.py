@@ -23,6 +23,7 @@ _JOINT = ([0.0, 1, 1, 0, 0, 0], [1.0, 0, 0, 0, 0, 0], [0.0, 0, 0, 1, 1, 1])  # r
 _GUIDE = ([0.0, 1, 0, 0, 0, 0], [0.0, 0, 1, 0, 0, 0], [0.0, 0, 0, 1, 1, 1])
 _ALONG = np.eye(6)[0]
 _ENTRIES = [(i, j) for i in range(6) for j in range(i, 6)]
+_NO_FORCE = 1e-6  # of the largest force: what rounding leaves in an element that carries none
 _DEPENDENT = 1e-9  # relative singular value of columns that say nothing of their own
 
 
@@ -63,9 +64,9 @@ class Signatures:
         joints, bodies = self._machine.joints, self._machine.bodies
         shapes = {"joint-compliance": _JOINT, "guide-compliance": _GUIDE}
         added = {"base-compliance": BASE, "platform-compliance": TOOL}
-        if effect in {"actuator-stiffness", "encoder-offset"}:
-            along = {name: np.eye(6)[DRIVEN[joints[name].kind]] for name in members}
-            return self._moved(along) if effect == "encoder-offset" else self._added({n: [d] for n, d in along.items()})
+        of_drives = {"actuator-stiffness": self._softened, "encoder-offset": self._moved, "backlash": self._lost}
+        if effect in of_drives:
+            return of_drives[effect]({name: np.eye(6)[DRIVEN[joints[name].kind]] for name in members})
         if effect == "part-compliance":
             return self._entries(members)
         if effect in added or effect in shapes:
@@ -102,6 +103,10 @@ class Signatures:
         count = len(next(iter(diagonals.values())))
         return np.hstack([self._spread({n: np.diag(d[k]) for n, d in diagonals.items()}) for k in range(count)])
 
+    def _softened(self, along: Mapping[str, Array]) -> Array:
+        """A column (r, 1) of elements that yield along a direction (6,) each."""
+        return self._added({name: [direction] for name, direction in along.items()})
+
     def _spread(self, compliances: Mapping[str, Array]) -> Array:
         out = np.zeros((len(self._plan.poses), len(self._looks), len(self._pulls)))
         for name, compliance in compliances.items():
@@ -117,6 +122,18 @@ class Signatures:
         for name, twist in offsets.items():
             carried = self._response.wrench(name)[:, :, : self._looks.shape[1]]
             out[:, :, -1] += np.einsum("nic,kc,i->nk", carried, self._looks, twist)
+        return self._column(out)
+
+    def _lost(self, along: Mapping[str, Array]) -> Array:
+        """Play: each element moves along its direction (6,) towards the force that it carries there."""
+        out = np.zeros((len(self._plan.poses), len(self._looks), len(self._pulls)))
+        for name, direction in along.items():
+            carried = direction @ self._response.wrench(name)[:, :, : self._looks.shape[1]]
+            force = carried @ self._pulls.T
+            for kind in (slice(0, -1), slice(-1, None)):  # rounding is judged beside loads, or beside weights
+                none = _NO_FORCE * np.abs(force[:, kind]).max(initial=0.0)
+                sign = np.where(np.abs(force[:, kind]) > none, np.sign(force[:, kind]), 0.0)
+                out[:, :, kind] += (carried @ self._looks.T)[:, :, None] * sign[:, None]
         return self._column(out)
 
     def _column(self, shown: Array) -> Array:
