@@ -282,21 +282,56 @@ def test_a_longer_rail_is_imitated_by_its_drives_and_cross_talk_by_nothing():
     assert not imitated(case("coarse-converter", "instrument", {"displacement": 4e-6, "rotation": 1e-5}), 28, lab)
 
 
+def read_in_the_laboratory(robot, fault, folder, lab):
+    """The model of a campaign of the sound machine, and what a fault changes in its readings (n,)."""
+    machine, plan, located, rng = prepared(BlindCase("single", 7, (), "tool"), 0, lab)
+    readings = measure(machine, plan, Noise(), rng, located)
+    write_readings(readings, folder, robot=robot, pose=machine.pose, components="beam")
+    faulty = lab.with_faults([fault])
+    change = true_readings(faulty, plan, located).value - true_readings(machine, plan, located).value
+    return RobotModel(load_campaign(folder), lab.robot.nominal), change
+
+
 @pytest.mark.parametrize(("robot", "body"), [("biglide", "platform"), ("delta", "platform")])
 def test_the_pattern_of_a_larger_body_is_what_the_laboratory_reads(robot, body, labs, tmp_path):
     """Of unloaded readings: how the deflections change with the geometry, a thousandth of a body, is left out."""
     lab = labs(robot) if robot == "delta" else Lab(blind_robot(robot), 12)
-    machine, plan, located, rng = prepared(BlindCase("single", 7, (), "tool"), 0, lab)
-    readings = measure(machine, plan, Noise(), rng, located)
-    write_readings(readings, tmp_path, robot=robot, pose=machine.pose, components="beam")
-    model = RobotModel(load_campaign(tmp_path), lab.robot.nominal)
+    model, change = read_in_the_laboratory(robot, Fault("larger-body", body, {"relative": 1e-4}), tmp_path, lab)
     pattern = next(c for c in model.library if c.place == f"a body of another size, {body}")
-    larger = lab.with_faults([Fault("larger-body", body, {"relative": 1e-4})])
-    change = true_readings(larger, plan, located).value - true_readings(machine, plan, located).value
     still = model.campaign.still
     expected = 1e-4 * model.predict().columns(pattern).sum(axis=1)
     assert still.any()
     assert change[still] == pytest.approx(expected[still], abs=3e-3 * np.abs(change).max())
+
+
+@pytest.mark.parametrize(
+    ("fault", "place", "left"),
+    [
+        (Fault("joint-play", "wrist", {"radial": 1e-6}), "play in joints, wrist", 1e-6),
+        (Fault("stiffening-joint", "wrist", {"radial": 1e-7, "knee": 1e-5}), "joints that stiffen, wrist", 0.05),
+    ],
+    ids=["play", "stiffening"],
+)
+def test_the_patterns_of_joints_follow_what_the_laboratory_reads(fault, place, left, labs, tmp_path):
+    model, change = read_in_the_laboratory("five-bar", fault, tmp_path, labs("five-bar"))
+    columns = model.predict().columns(next(c for c in model.library if c.place == place))
+    assert np.abs(change).max() > 1e-7
+    values = np.linalg.lstsq(columns, change, rcond=None)[0]
+    assert np.linalg.norm(change - columns @ values) < left * np.linalg.norm(change)
+
+
+def test_play_in_a_passive_joint_is_no_backlash_of_a_drive(labs, tmp_path):
+    lab = labs("five-bar")
+    case = BlindCase("outside", 31415, (Fault("joint-play", "wrist", {"radial": 5e-6}),), "tool")
+    write_case(tmp_path, 9, case, lab)
+    found = diagnose(load_campaign(tmp_path), lab.robot.nominal)
+    assert found.verdict == "unexplained"
+    assert any("play in joints, wrist" in remark for remark in found.remarks)
+
+
+def test_play_in_the_ball_of_a_strut_is_as_backlash_of_its_drive(labs):
+    case = BlindCase("outside", 31415, (Fault("joint-play", "strut5.head", {"radial": 5e-6}),), "tool")
+    assert imitated(case, 9, labs("stewart"))
 
 
 def test_scores_by_kind_and_calibration():
