@@ -41,8 +41,9 @@ STYLES: tuple[Style, ...] = ("tool", "gauges", "tool", "gauges", "tool", "sag")
 SEAL = "seal.txt"
 
 _LIKE = (8.075e-8, 1.346e-6)  # m/N, rad/(N·m): the scale of the robot at which the sizes of faults below hold
-_ATTEMPTS = 12
-_SERIES = 4  # of so many attempts
+_SEVERAL = ("single", "pair", "triple")
+_ATTEMPTS = 24  # at one more fault
+_SERIES = 6  # of up to so many faults
 _VISIBLE = 8.0  # standard deviations, of all readings together, by which a fault must stand out
 _ALIKE = 4.0  # standard deviations, of all readings together, that nobody tells apart
 _SAME = 1e-4  # of a signature, that may be left when another is fitted to it that no readings tell apart
@@ -237,8 +238,8 @@ def draw(number: int, seed: int, lab: Lab) -> BlindCase:
     """The case of this number in a series: its kind in turn, its effects and their sizes by chance.
 
     What is drawn can be answered: readings show every effect beside the others, whatever the parameters of these, and
-    no more than two words of the vocabulary with as few parameters do the same to them. Where chance does not find such
-    faults, the last ones stay.
+    no more than two words of the vocabulary with as few parameters do the same to them. Where chance finds fewer such
+    faults than wanted, the case is of the kind that these make; where it finds none, of a single fault all the same.
     """
     rng = np.random.default_rng([seed, number])
     kind = KINDS[number % len(KINDS)]
@@ -250,28 +251,30 @@ def draw(number: int, seed: int, lab: Lab) -> BlindCase:
         return BlindCase(kind, seed, (_outside(names[int(rng.integers(len(names)))], rng, lab, style),), style)
     judge = _Judge(BlindCase(kind, seed, (), style), number, lab)
     turn = number // len(KINDS) * 3 + number % len(KINDS)  # singles take one word after the other
-    faults: tuple[Fault, ...] = ()
+    wanted, faults = _SEVERAL.index(kind) + 1, ()
     for _ in range(_SERIES):
-        faults = _drawn(("single", "pair", "triple").index(kind) + 1, turn, rng, judge)
-        if judge.decidable(faults):
+        faults = max(faults, _drawn(wanted, turn, rng, judge), key=len)
+        if len(faults) == wanted:
             break
-    return BlindCase(kind, seed, faults, style)
+    faults = faults or (_known(_some(rng, lab.words()), rng, lab),)
+    return BlindCase(_SEVERAL[len(faults) - 1], seed, faults, style)
 
 
 def _drawn(count: int, turn: int, rng: np.random.Generator, judge: _Judge) -> tuple[Fault, ...]:
-    """So many faults of different words; of a single one the word whose turn it is, or one of the next."""
+    """So many faults of different words, or fewer, that can be told; a single one of the word whose turn it is."""
     lab = judge.lab
     words = lab.words()
     faults: tuple[Fault, ...] = ()
     for _ in range(count):
         left = [word for word in words if word not in {fault.effect for fault in faults}]
-        tried: tuple[Fault, ...] = ()
         for attempt in range(_ATTEMPTS if count > 1 else max(_ATTEMPTS, 3 * len(left))):
             word = left[(turn + attempt // 3) % len(left)] if count == 1 else _some(rng, left)
             tried = (*faults, _known(word, rng, lab))
             if judge.decidable(tried):
+                faults = tried
                 break
-        faults = tried
+        else:
+            break
     return faults
 
 

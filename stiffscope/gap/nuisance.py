@@ -36,11 +36,12 @@ _MOST_SESSIONS = 6
 
 def nuisance_patterns(at: RobotAtPoses) -> tuple[Candidate, ...]:
     """Unnamed faults of parts, of the surroundings, and of the instruments in time."""
-    return (*_patterns(at), *_sizes(at), *_laws(at))
+    return (*_parts(at), *_readings(at), *_crossings(at), *_sizes(at), *_laws(at))
 
 
-def _patterns(at: RobotAtPoses) -> Iterator[Candidate]:
-    c, nominal = at.campaign, at.robot
+def _parts(at: RobotAtPoses) -> Iterator[Candidate]:
+    """Guides that yield in one way, bodies that are bowed."""
+    nominal = at.robot
     guides = [j.name for j in at.mechanism.joints if j.kind == "prismatic" and j.drive is not None]
     for name in guides:
         yield _part(f"the whole guide of {name}", (1e-8,) * 3 + (1e-7,) * 3,
@@ -52,10 +53,13 @@ def _patterns(at: RobotAtPoses) -> Iterator[Candidate]:
                 lengths = {name: nominal.length(name) for name in names}
                 place = f"bowed bodies, {part}" if len(names) > 1 else f"a bowed body, {names[0]}"
                 yield _part(place, (1e-4,), partial(_bowed, lengths))
-    drives = list(nominal.driven)
+
+
+def _readings(at: RobotAtPoses) -> Iterator[Candidate]:
+    """Of instruments, of loads, of drives and of the surroundings, as displacements show them."""
+    c, drives = at.campaign, list(at.robot.driven)
     read, sessions = np.unique(c.channel[c.kind <= DEVIATION]), len(c.session_names)  # instruments that displace
     channels, middle = len(read), at.configurations.tool[:, :3].mean(axis=0)
-    at_tool = (c.sensor < 0) & (c.kind <= DEVIATION)
     yield _unnamed("a drift of the gain in time", (0.05,), Pattern(_gain_drift))
     if not channels:
         return
@@ -64,8 +68,6 @@ def _patterns(at: RobotAtPoses) -> Iterator[Candidate]:
     if sessions > 1 and sessions <= _MOST_SESSIONS:
         yield _unnamed("a gain of its own in a session", (0.05,), Pattern(partial(_session_gain, c.session.max())))
         yield _unnamed("hysteresis between sessions of loading and unloading", (0.05,) * sessions, Pattern(_hysteresis))
-    if at_tool.any():
-        yield _unnamed("cross-talk between directions", (0.05,) * 30, Pattern(_crosstalk))
     yield _unnamed("a wrench that acts beside its point", (0.01,) * 3, Pattern(_off_centre))
     if drives:
         start = at.configurations.drives.mean(axis=0)
@@ -76,6 +78,19 @@ def _patterns(at: RobotAtPoses) -> Iterator[Candidate]:
             "a stiffness towards the frame, growing with the distance", (0.01,) * 6, Pattern(partial(_tether, middle))
         )
     yield _unnamed("a zero of its own in every direction", (1e-5,) * channels, Pattern(partial(_zero, read)))
+
+
+def _crossings(at: RobotAtPoses) -> Iterator[Candidate]:
+    """What one instrument or direction shows of what others see: of M in all its directions, of sensors that read."""
+    c = at.campaign
+    read = np.unique(c.channel[c.kind <= DEVIATION]).tolist()
+    at_tool = range(len(c.sensors), len(c.sensors) + len(AXES))
+    sources = {*read, *(at_tool if set(read).intersection(at_tool) else ())}
+    for sink in read:
+        others = sorted(sources - {sink})
+        if others:
+            action = Pattern(partial(_crosstalk, sink, others))
+            yield _unnamed(f"cross-talk into {c.instruments[sink]}", (0.05,) * len(others), action)
 
 
 def _sizes(at: RobotAtPoses) -> Iterator[Candidate]:
@@ -183,14 +198,14 @@ def _hysteresis(prediction: RobotPrediction) -> Array:
     return loop[:, None] * np.eye(len(c.session_names))[c.session]
 
 
-def _crosstalk(prediction: RobotPrediction) -> Array:
+def _crosstalk(sink: int, sources: Sequence[int], prediction: RobotPrediction) -> Array:
+    """Shares of what other instruments and directions show in what one shows."""
     c = prediction.campaign
-    pairs = [(sink, source) for sink in range(len(AXES)) for source in range(len(AXES)) if source != sink]
-    shown = [(c.direction == sink) & (c.kind <= DEVIATION) & (c.sensor < 0) for sink, _ in pairs]
-    return np.stack(
-        [np.where(here, prediction.twist[:, source], 0.0) for here, (_, source) in zip(shown, pairs, strict=True)],
-        axis=1,
-    )
+    rows = np.flatnonzero((c.channel == sink) & (c.kind <= DEVIATION))
+    columns = np.zeros((len(c), len(sources)))
+    for k, source in enumerate(sources):
+        columns[rows, k] = prediction.seen_by(source, rows)
+    return columns
 
 
 def _off_centre(prediction: RobotPrediction) -> Array:

@@ -146,12 +146,14 @@ class RobotPrediction:
         """(n, 6) direction of motion that a reading looks in: translation and rotation."""
         c = self.campaign
         out = np.eye(6)[c.direction]
-        for k, sensor in enumerate(c.sensors):
-            half = slice(3, 6) if sensor.rotates else slice(0, 3)
-            row = np.zeros(6)
-            row[half] = sensor.direction
-            out[c.sensor == k] = row
+        for k in range(len(c.sensors)):
+            out[c.sensor == k] = self._looks(k)
         return out
+
+    def _looks(self, sensor: int) -> Array:
+        """Direction of motion (6,) that a sensor looks in."""
+        s = self.campaign.sensors[sensor]
+        return np.concatenate([np.zeros(3), s.direction] if s.rotates else [s.direction, np.zeros(3)])
 
     @cached_property
     def twist(self) -> Array:
@@ -160,15 +162,26 @@ class RobotPrediction:
         out = np.zeros((len(c), 6))
         for k in range(-1, len(c.sensors)):
             mine = np.flatnonzero(self._moving & (c.sensor == k))
-            if not mine.size:
-                continue
-            sensor = c.sensors[k] if k >= 0 else None
-            motion = self.elastic.tool if sensor is None else self.elastic.sensed(sensor)
-            out[mine] = np.einsum("nij,nj->ni", motion[c.pose[mine]], self.applied[mine])
-            still = mine[c.kind[mine] == DEVIATION]
-            if still.size:
-                out[still] += self.elastic.displaced(sensor)[c.pose[still]]
+            if mine.size:
+                out[mine] = self._motion(k, mine)
         return out
+
+    def _motion(self, k: int, rows: Codes) -> Array:
+        """True motion (m, 6) of what a sensor, or (-1) the instrument at M, looks at behind some readings (m,)."""
+        c = self.campaign
+        sensor = c.sensors[k] if k >= 0 else None
+        motion = self.elastic.tool if sensor is None else self.elastic.sensed(sensor)
+        out = np.einsum("nij,nj->ni", motion[c.pose[rows]], self.applied[rows])
+        still = c.kind[rows] == DEVIATION
+        if still.any():
+            out[still] += self.elastic.displaced(sensor)[c.pose[rows[still]]]
+        return out
+
+    def seen_by(self, channel: int, rows: Codes) -> Array:
+        """What one instrument and direction would show (m,) of what some deflections and deviations (m,) are of."""
+        count = len(self.campaign.sensors)
+        k, axis = (channel, self._looks(channel)) if channel < count else (-1, np.eye(6)[channel - count])
+        return self._motion(k, rows) @ (axis @ self.instrument(k))
 
     @cached_property
     def _shown_stiffness(self) -> Array:

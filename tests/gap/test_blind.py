@@ -282,9 +282,9 @@ def test_a_longer_rail_is_imitated_by_its_drives_and_cross_talk_by_nothing():
     assert not imitated(case("coarse-converter", "instrument", {"displacement": 4e-6, "rotation": 1e-5}), 28, lab)
 
 
-def read_in_the_laboratory(robot, fault, folder, lab):
+def read_in_the_laboratory(robot, fault, folder, lab, style="tool"):
     """The model of a campaign of the sound machine, and what a fault changes in its readings (n,)."""
-    machine, plan, located, rng = prepared(BlindCase("single", 7, (), "tool"), 0, lab)
+    machine, plan, located, rng = prepared(BlindCase("single", 7, (), style), 0, lab)
     readings = measure(machine, plan, Noise(), rng, located)
     write_readings(readings, folder, robot=robot, pose=machine.pose, components="beam")
     faulty = lab.with_faults([fault])
@@ -305,15 +305,22 @@ def test_the_pattern_of_a_larger_body_is_what_the_laboratory_reads(robot, body, 
 
 
 @pytest.mark.parametrize(
-    ("fault", "place", "left"),
+    ("style", "fault", "place", "left"),
     [
-        (Fault("joint-play", "wrist", {"radial": 1e-6}), "play in joints, wrist", 1e-6),
-        (Fault("stiffening-joint", "wrist", {"radial": 1e-7, "knee": 1e-5}), "joints that stiffen, wrist", 0.05),
+        ("tool", Fault("joint-play", "wrist", {"radial": 1e-6}), "play in joints, wrist", 1e-6),
+        (
+            "tool",
+            Fault("stiffening-joint", "wrist", {"radial": 1e-7, "knee": 1e-5}),
+            "joints that stiffen, wrist",
+            0.05,
+        ),
+        ("tool", Fault("cross-talk", "rx->x", {"share": 0.05}), "cross-talk into x", 1e-6),
+        ("gauges", Fault("cross-talk", "gauge5->gauge1", {"share": 0.05}), "cross-talk into gauge1", 1e-6),
     ],
-    ids=["play", "stiffening"],
+    ids=["play", "stiffening", "cross-talk", "cross-talk of gauges"],
 )
-def test_the_patterns_of_joints_follow_what_the_laboratory_reads(fault, place, left, labs, tmp_path):
-    model, change = read_in_the_laboratory("five-bar", fault, tmp_path, labs("five-bar"))
+def test_patterns_follow_what_the_laboratory_reads(style, fault, place, left, labs, tmp_path):
+    model, change = read_in_the_laboratory("five-bar", fault, tmp_path, labs("five-bar"), style)
     columns = model.predict().columns(next(c for c in model.library if c.place == place))
     assert np.abs(change).max() > 1e-7
     values = np.linalg.lstsq(columns, change, rcond=None)[0]
