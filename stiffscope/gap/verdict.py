@@ -13,7 +13,7 @@ from stiffscope.gap.hypothesis import positive_of
 from stiffscope.gap.lack_of_fit import lack_of_fit
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 CONFIDENT = 0.9  # probability from which an effect, or its group, is certain
 MAJORITY = 0.5  # probability from which there is no gap
 FEW = 3  # readings a parameter below which nothing is identified
+IMITATING = 0.005  # probability, over that of the best set, from which one with a nuisance pattern is worth a word
 SIGNIFICANT = 3.0  # standard deviations by which a parameter must leave its plausible range to count
 
 
@@ -67,7 +68,8 @@ def judged(found: Findings) -> Judgement:
         settled = not rest or strange or _main(found, known) in {c.name for c in certain}
         if not settled and not lack_of_fit(found, known):
             return Judgement("ambiguous", known.words, known, _unsettled(known, certain))
-        return Judgement("partly" if rest else "identified", kept.words, kept, (*strange, *_told(rest)))
+        remarks = (*strange, *_told(rest), *_imitations(found, kept.names))
+        return Judgement("partly" if rest else "identified", kept.words, kept, remarks)
     gap = lack_of_fit(found, none)
     if gap:
         known = found.of(best.words)
@@ -80,6 +82,16 @@ def judged(found: Findings) -> Judgement:
         return Judgement("no-gap", (), none, tuple(strange))
     known = found.of(best.words)
     return Judgement("ambiguous", known.words, known, tuple(few))
+
+
+def _imitations(found: Findings, names: frozenset[str]) -> Iterator[str]:
+    """A line for each nuisance pattern that would do nearly as well in the place of an effect that is named."""
+    best = found.best
+    for hypothesis, p in zip(found.hypotheses, found.probability, strict=True):
+        gone = best.names - hypothesis.names
+        new = [c for c in hypothesis.candidates if c.name not in best.names]
+        if p > IMITATING * found.probability[0] and len(gone) == len(new) == 1 and new[0].unnamed and gone <= names:
+            yield f"{new[0].place} would explain the readings nearly as well as {', '.join(gone)}"
 
 
 def _main(found: Findings, hypothesis: Hypothesis) -> str:

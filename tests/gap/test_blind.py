@@ -336,9 +336,14 @@ def test_play_in_a_passive_joint_is_no_backlash_of_a_drive(labs, tmp_path):
     assert any("play in joints, wrist" in remark for remark in found.remarks)
 
 
-def test_play_in_the_ball_of_a_strut_is_as_backlash_of_its_drive(labs):
+def test_play_in_the_ball_of_a_strut_is_as_backlash_of_its_drive_and_is_said_to_be(labs, tmp_path):
+    lab = labs("stewart")
     case = BlindCase("outside", 31415, (Fault("joint-play", "strut5.head", {"radial": 5e-6}),), "tool")
-    assert imitated(case, 9, labs("stewart"))
+    assert imitated(case, 9, lab)
+    write_case(tmp_path, 9, case, lab)
+    found = diagnose(load_campaign(tmp_path), lab.robot.nominal)
+    said = "play in joints, strut5.head would explain the readings nearly as well as backlash @ strut5.drive"
+    assert said in found.remarks
 
 
 def test_scores_by_kind_and_calibration():
