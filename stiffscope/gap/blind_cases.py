@@ -237,9 +237,10 @@ class Lab:
 def draw(number: int, seed: int, lab: Lab) -> BlindCase:
     """The case of this number in a series: its kind in turn, its effects and their sizes by chance.
 
-    What is drawn can be answered: readings show every effect beside the others, whatever the parameters of these, and
-    no more than two words of the vocabulary with as few parameters do the same to them. Where chance finds fewer such
-    faults than wanted, the case is of the kind that these make; where it finds none, of a single fault all the same.
+    What is drawn can be answered, if anything can: readings show every effect beside the others, whatever the
+    parameters of these, and no more than two words of the vocabulary with as few parameters do the same to them.
+    Where chance finds fewer such faults than wanted, the case is of the kind that these make; where it finds none, of a
+    single fault all the same.
     """
     rng = np.random.default_rng([seed, number])
     kind = KINDS[number % len(KINDS)]

@@ -83,6 +83,10 @@ class Findings:
         """Standard deviations (n,) of the readings, an unknown factor as the best hypothesis leaves it."""
         return self.problem.noise.sigma / self._whitening
 
+    def evidence(self, hypothesis: Hypothesis) -> float:
+        """Ln of what the readings say for a hypothesis, without its prior odds."""
+        return hypothesis.evidence - self.problem.log_prior(hypothesis.candidates)
+
     def misfit(self, hypothesis: Hypothesis) -> float:
         """χ² per degree of freedom of a hypothesis's residuals, under the noise and discrepancy that go with it."""
         errors = self.problem.errors

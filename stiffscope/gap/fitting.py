@@ -73,7 +73,8 @@ class Problem:
 
     def log_prior(self, candidates: Sequence[Candidate]) -> float:
         """Ln prior odds of a set of effects against none."""
-        return sum(self._share + np.log1p(len(c.twins)) - UNNAMED_PENALTY * c.unnamed for c in candidates)
+        unnamed = sum(UNNAMED_PENALTY + np.log(c.kin) for c in candidates if c.unnamed)
+        return sum(self._share + np.log1p(len(c.twins)) for c in candidates) - unnamed
 
     def posterior(self, candidates: Sequence[Candidate], y: Array, x: Array) -> Posterior:
         """Posterior of the parameters of ``y = X u + errors``, without the prior odds of the set."""

@@ -60,6 +60,8 @@ class Candidate:
     """How many of the last internal parameters couple the others: these have either sign."""
     flexible: bool = False
     """True where it can follow almost anything, so that it says nothing about noise."""
+    kin: int = 1
+    """Of a nuisance pattern: how many of its kind share one prior probability, and together say nothing about noise."""
     action: object = None
     """What it does; only the forward model that made it looks inside."""
 

@@ -5,6 +5,7 @@ They keep a wrong name from being given with confidence, and say in plain words 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,7 @@ from stiffscope.robot.effects import Change, MechanicalEffect, added_diagonal
 from stiffscope.vjm.linkage import HELD
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -32,11 +33,20 @@ _FULL_FORCE = 0.2  # share of the largest force in a drive from which its fricti
 _SPRING = 1e6  # N/m: a spring towards the frame, times the parameter
 _LIKE_FORCE = 100.0  # N in a joint, under which its parameters are what it yields, m
 _MOST_SESSIONS = 6
+_MOST_CROSSED = 12  # instruments and directions
 
 
-def nuisance_patterns(at: RobotAtPoses) -> tuple[Candidate, ...]:
-    """Unnamed faults of parts, of the surroundings, and of the instruments in time."""
-    return (*_parts(at), *_readings(at), *_crossings(at), *_sizes(at), *_laws(at))
+def nuisance_patterns(nominal: RobotPrediction) -> tuple[Candidate, ...]:
+    """Unnamed faults of parts, of the surroundings, of joints, and of the instruments in time."""
+    at = nominal.at
+    return (*_parts(at), *_readings(at), *_kin(_crossings(at)), *_sizes(at), *_kin(_play_of(at)),
+            *_kin(_stiffening_of(nominal)))  # fmt: skip
+
+
+def _kin(patterns: Iterable[Candidate]) -> list[Candidate]:
+    """Patterns of one kind, of which one is about as likely as another pattern."""
+    listed = list(patterns)
+    return [replace(pattern, kin=len(listed)) for pattern in listed]
 
 
 def _parts(at: RobotAtPoses) -> Iterator[Candidate]:
@@ -86,11 +96,10 @@ def _crossings(at: RobotAtPoses) -> Iterator[Candidate]:
     read = np.unique(c.channel[c.kind <= DEVIATION]).tolist()
     at_tool = range(len(c.sensors), len(c.sensors) + len(AXES))
     sources = {*read, *(at_tool if set(read).intersection(at_tool) else ())}
-    for sink in read:
+    for sink in read if 1 < len(sources) <= _MOST_CROSSED else ():
         others = sorted(sources - {sink})
-        if others:
-            action = Pattern(partial(_crosstalk, sink, others))
-            yield _unnamed(f"cross-talk into {c.instruments[sink]}", (0.05,) * len(others), action)
+        name = c.instruments[sink] + (" at M" if sink in at_tool else "")
+        yield _unnamed(f"cross-talk into {name}", (0.05,) * len(others), Pattern(partial(_crosstalk, sink, others)))
 
 
 def _sizes(at: RobotAtPoses) -> Iterator[Candidate]:
@@ -103,14 +112,28 @@ def _sizes(at: RobotAtPoses) -> Iterator[Candidate]:
             yield _unnamed(f"a body of another size, {body.name}", (3e-4,) * 3, stretched)
 
 
-def _laws(at: RobotAtPoses) -> Iterator[Candidate]:
-    """Passive joints that do not yield in proportion to what they carry across their axes."""
+def _play_of(at: RobotAtPoses) -> Iterator[Candidate]:
+    """Passive joints that lose motion across their axes."""
+    for place, axes in _passive(at):
+        yield _unnamed(f"play at {place}", (1e-5,) * 2, Pattern(partial(_play, axes)))
+
+
+def _stiffening_of(nominal: RobotPrediction) -> Iterator[Candidate]:
+    """Passive joints that yield less and less across their axes, beside what is in proportion to their forces."""
+    known = nominal.campaign.sigma
+    weight = 1.0 / np.where(np.isnan(known), 1.0, known)[:, None]
+    for place, axes in _passive(nominal.at):
+        straight, curved = np.split(weight * _yielding(axes, nominal), [1], axis=1)
+        shares = (straight.T @ curved) / max(float(np.sum(straight**2)), 1e-300)
+        yield _unnamed(f"stiffening at {place}", (1e-5,) * 2, Pattern(partial(_stiffening, axes, shares)))
+
+
+def _passive(at: RobotAtPoses) -> Iterator[tuple[str, dict[str, Array]]]:
+    """Places of passive joints that readings may show, and which translations (3,) each holds across its axis."""
     across = {joint.name: _across(joint) for joint in at.mechanism.joints if joint.drive is None}
     read = (at.campaign.kind <= DEVIATION).any()
     for place in at.robot.places(name for name, axes in across.items() if read and axes.any()):
-        axes = {name: across[name] for name in place.members}
-        yield _unnamed(f"play in joints, {place.name}", (1e-5,) * 2, Pattern(partial(_play, axes)))
-        yield _unnamed(f"joints that stiffen, {place.name}", (1e-5,) * 2, Pattern(partial(_stiffening, axes)))
+        yield place.name, {name: across[name] for name in place.members}
 
 
 def _across(joint: Joint) -> Array:
@@ -249,15 +272,23 @@ def _play(across: Mapping[str, Array], prediction: RobotPrediction) -> Array:
     return columns
 
 
-def _stiffening(across: Mapping[str, Array], prediction: RobotPrediction) -> Array:
-    """Yielding less and less: in proportion to the force, and to its cube root."""
-    moving = prediction.campaign.kind <= DEVIATION
-    columns = np.zeros((len(moving), 2))
+def _stiffening(across: Mapping[str, Array], shares: Array, prediction: RobotPrediction) -> Array:
+    """Yielding out of proportion to the force, less shares (1, 2) of yielding in proportion, which has a word."""
+    straight, curved = np.split(_yielding(across, prediction), [1], axis=1)
+    return curved - straight @ shares
+
+
+def _yielding(across: Mapping[str, Array], prediction: RobotPrediction) -> Array:
+    """Columns (n, 3): what joints yield by their force, by its cube root, and by its square, beyond that at rest."""
+    c = prediction.campaign
+    columns = np.zeros((len(c), 3))
     for name, axes in across.items():
         read, force = (each[:, :3] * axes for each in prediction.felt(name))
-        share = force / _LIKE_FORCE
-        columns += np.stack([np.sum(read * each, axis=1) for each in (share, np.cbrt(share))], axis=1)
-    return np.where(moving[:, None], columns, 0.0)
+        rest = np.where(c.still[:, None], 0.0, prediction.resting(name)[:, :3] * axes) / _LIKE_FORCE
+        whole = rest + force / _LIKE_FORCE
+        steps = (law(whole) - law(rest) for law in (np.positive, np.cbrt, lambda f: f * np.abs(f)))
+        columns += np.stack([np.sum(read * step, axis=1) for step in steps], axis=1)
+    return np.where((c.kind <= DEVIATION)[:, None], columns, 0.0)
 
 
 def _friction(prediction: RobotPrediction) -> Array:

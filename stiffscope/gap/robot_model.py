@@ -265,7 +265,7 @@ class RobotModel:
         if "part-dimension" not in gone:
             known = (*known, *self._dimensions())
         merged = _merged(known, self.predict())
-        return (*merged, *nuisance_patterns(self._at))
+        return (*merged, *nuisance_patterns(self.predict()))
 
     def _dimensions(self) -> Iterator[Candidate]:
         """Dimensions of parts by beam theory, and of those by virtual experiments that are suspect: these take time."""

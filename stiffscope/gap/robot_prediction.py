@@ -114,8 +114,7 @@ class RobotPrediction:
             mine = (c.kind == DEFLECTION) & (c.load == load)
             out[mine, at.load_cases(load) if load >= 0 else slice(0, 6)] = wrench[mine]
         still = c.kind == DEVIATION
-        out[still, at.weight_case] = self.gravity
-        out[still, at.weight_case + 1] = 1.0
+        out[still] = self._dead
         return out
 
     def instrument(self, sensor: int) -> Array:
@@ -286,6 +285,18 @@ class RobotPrediction:
         for candidate, values in self.parameters:
             if candidate.effect == "backlash" and values[0] != 0.0:
                 out = out + values[0] * self.dead_zone(str(candidate.action))
+        return out
+
+    def resting(self, name: str) -> Array:
+        """Wrench (n, 6) on an element at every reading's pose when nothing is applied, own axes."""
+        carried = self.elastic.transmitted(name) @ self._dead
+        return carried[self.campaign.pose]
+
+    @cached_property
+    def _dead(self) -> Array:
+        """What always acts (cases,), on the terminals."""
+        out = np.zeros(self.at.cases)
+        out[self.at.weight_case : self.at.weight_case + 2] = self.gravity, 1.0
         return out
 
     def drive_force(self, drive: str) -> Array:

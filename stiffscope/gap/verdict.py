@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 CONFIDENT = 0.9  # probability from which an effect, or its group, is certain
 MAJORITY = 0.5  # probability from which there is no gap
 FEW = 3  # readings a parameter below which nothing is identified
-IMITATING = 0.005  # probability, over that of the best set, from which one with a nuisance pattern is worth a word
+IMITATING = 3.0  # ln of evidence behind the best set, without prior odds, up to which a pattern is worth a word
+MENTIONED = 3  # such patterns at most
 SIGNIFICANT = 3.0  # standard deviations by which a parameter must leave its plausible range to count
 
 
@@ -85,13 +86,16 @@ def judged(found: Findings) -> Judgement:
 
 
 def _imitations(found: Findings, names: frozenset[str]) -> Iterator[str]:
-    """A line for each nuisance pattern that would do nearly as well in the place of an effect that is named."""
-    best = found.best
-    for hypothesis, p in zip(found.hypotheses, found.probability, strict=True):
+    """A line for each effect that is named: which nuisance patterns would do nearly as well in its place."""
+    best, alike = found.best, dict[frozenset[str], list[str]]()
+    for hypothesis in found.hypotheses:
         gone = best.names - hypothesis.names
         new = [c for c in hypothesis.candidates if c.name not in best.names]
-        if p > IMITATING * found.probability[0] and len(gone) == len(new) == 1 and new[0].unnamed and gone <= names:
-            yield f"{new[0].place} would explain the readings nearly as well as {', '.join(gone)}"
+        behind = found.evidence(best) - found.evidence(hypothesis)
+        if behind < IMITATING and len(gone) == len(new) == 1 and new[0].unnamed and gone <= names:
+            alike.setdefault(gone, []).append(new[0].place)
+    for (name,), places in alike.items():
+        yield f"{' or '.join(places[:MENTIONED])} would explain the readings nearly as well as {name}"
 
 
 def _main(found: Findings, hypothesis: Hypothesis) -> str:

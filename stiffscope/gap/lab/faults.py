@@ -295,6 +295,7 @@ OUTSIDE: dict[str, tuple[tuple[str, ...], Injector]] = {
 
 _ON_DRIVES = {"actuator-stiffness", "backlash", "encoder-offset", "hardening-drive", "drive-friction", "screw-pitch"}
 _ON_JOINTS = {"joint-compliance", "joint-play", "stiffening-joint", "loose-bolt"}
+_ACROSS = {"joint-play", "stiffening-joint"}
 _ON_BODIES = {
     "link-stiffness", "part-compliance", "slider-compliance", "part-dimension", "rigid-ends", "link-length", "thermal",
     "bowed-link",
@@ -318,7 +319,8 @@ def _acts_on_elements(machine: Machine, effect: str, place: str) -> bool:
     if effect == "guide-compliance":
         return any(joint.kind == "prismatic" for joint in _joints(machine, place).values())
     if effect in _ON_JOINTS:
-        return bool(_joints(machine, place))
+        joints = _joints(machine, place).values()
+        return any(_held_across(joint) for joint in joints) if effect in _ACROSS else bool(joints)
     if effect in _ON_BODIES:
         return bool(_elastic(machine, place.rsplit(".", 1)[0] if effect == "part-dimension" else place))
     if effect in {"payload", "larger-body"}:

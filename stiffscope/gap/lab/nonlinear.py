@@ -40,7 +40,7 @@ def settle(slots: Sequence[Slot], coupling: Array, force: Array, *, gaps: bool) 
     if not slots:
         return out
     own = np.minimum(np.einsum("nkk->nk", coupling), 0.0)
-    none = _NO_FORCE * max(1.0, float(np.abs(force).max(initial=0.0)))
+    none = rounding(force)
     for iteration in range(_ITERATIONS):
         carried = force + np.einsum("nkl,nl->nk", coupling, out)
         carried[np.abs(carried) < none] = 0.0
@@ -57,6 +57,11 @@ def settle(slots: Sequence[Slot], coupling: Array, force: Array, *, gaps: bool) 
             break
         out = out + (step if iteration < _HALVED else 0.5 * step)
     return out
+
+
+def rounding(force: Array) -> float:
+    """Return the force, N or N·m, below which one of these is no more than rounding."""
+    return _NO_FORCE * max(1.0, float(np.abs(force).max(initial=0.0)))
 
 
 def _in_gap(slot: Slot, shift: Array, force: Array, own: Array) -> Array:

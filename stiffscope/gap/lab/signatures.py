@@ -9,6 +9,7 @@ import numpy as np
 
 from stiffscope.gap.lab.machine import BASE, DRIVEN, FREE, TOOL
 from stiffscope.gap.lab.measuring import sigma_of
+from stiffscope.gap.lab.nonlinear import rounding
 from stiffscope.gap.lab.response import Spot, respond, tool_spot
 
 if TYPE_CHECKING:
@@ -23,7 +24,6 @@ _JOINT = ([0.0, 1, 1, 0, 0, 0], [1.0, 0, 0, 0, 0, 0], [0.0, 0, 0, 1, 1, 1])  # r
 _GUIDE = ([0.0, 1, 0, 0, 0, 0], [0.0, 0, 1, 0, 0, 0], [0.0, 0, 0, 1, 1, 1])
 _ALONG = np.eye(6)[0]
 _ENTRIES = [(i, j) for i in range(6) for j in range(i, 6)]
-_NO_FORCE = 1e-6  # of the largest force: what rounding leaves in an element that carries none
 _DEPENDENT = 1e-9  # relative singular value of columns that say nothing of their own
 
 
@@ -131,7 +131,7 @@ class Signatures:
             carried = direction @ self._response.wrench(name)[:, :, : self._looks.shape[1]]
             force = carried @ self._pulls.T
             for kind in (slice(0, -1), slice(-1, None)):  # rounding is judged beside loads, or beside weights
-                none = _NO_FORCE * np.abs(force[:, kind]).max(initial=0.0)
+                none = rounding(force[:, kind])
                 sign = np.where(np.abs(force[:, kind]) > none, np.sign(force[:, kind]), 0.0)
                 out[:, :, kind] += (carried @ self._looks.T)[:, :, None] * sign[:, None]
         return self._column(out)
