@@ -47,6 +47,7 @@ _SERIES = 6  # of up to so many faults
 _VISIBLE = 8.0  # standard deviations, of all readings together, by which a fault must stand out
 _ALIKE = 4.0  # standard deviations, of all readings together, that nobody tells apart
 _SAME = 1e-4  # of a signature, that may be left when another is fitted to it that no readings tell apart
+_TURN = 1e-3  # rad, or of a scale: for derivatives
 _IMITATORS = 3  # effects of the vocabulary that together may do what one outside of it does
 _TWINS = 2  # other effects that the named group of a true one has room for
 _POOL = 72  # poses of a robot from which a campaign takes its own
@@ -345,6 +346,7 @@ class _Judge:
         columns = [
             c for effect, place in self.lab.everywhere().values() if (c := self._alone(effect, place)) is not None
         ]
+        columns += self._of_instruments()
         for _ in range(_IMITATORS):
             if not columns or not np.linalg.norm(left) >= _VISIBLE:
                 break
@@ -353,6 +355,16 @@ class _Judge:
             basis = np.hstack([basis, best])
             left = apart(left[:, None], best)[:, 0]
         return size, float(np.linalg.norm(left))
+
+    def _of_instruments(self) -> list[Array]:
+        """What a turned instrument (r, 3), and one of another scale (r, 1), does to the readings, for each of them."""
+        columns: list[Array] = []
+        channels = self._plan.channels(self.lab.sound)
+        for place in dict.fromkeys(["instrument", *(channel.name for channel in channels)]):
+            turns = [Fault("instrument-misalignment", place, {axis: _TURN}) for axis in ("rx", "ry", "rz")]
+            columns.append(np.stack([self._signature(turn) for turn in turns], axis=1))
+            columns.append(self._signature(Fault("displacement-scale", place, {"factor": 1.0 + _TURN}))[:, None])
+        return columns
 
     def _hopeless(self, fault: Fault) -> bool:
         """Whether no readings of this kind show a fault, or tell it from others, whatever its size."""

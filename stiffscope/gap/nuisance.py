@@ -14,7 +14,7 @@ import numpy as np
 from stiffscope.gap.forward_model import UNNAMED, Candidate
 from stiffscope.gap.quantities import AXES, DEFLECTION, DEVIATION
 from stiffscope.gap.robot_prediction import Pattern
-from stiffscope.robot.effects import Change, MechanicalEffect, added_diagonal
+from stiffscope.robot.effects import Change, MechanicalEffect, added_diagonal, along_drive
 from stiffscope.vjm.linkage import HELD
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 _FULL_FORCE = 0.2  # share of the largest force in a drive from which its friction is overcome
 _SPRING = 1e6  # N/m: a spring towards the frame, times the parameter
-_LIKE_FORCE = 100.0  # N in a joint, under which its parameters are what it yields, m
+_LIKE_FORCE = 100.0  # N or N·m in a joint, under which its parameters are what it yields, m or rad
 _MOST_SESSIONS = 6
 _MOST_CROSSED = 12  # instruments and directions
 
@@ -96,10 +96,11 @@ def _crossings(at: RobotAtPoses) -> Iterator[Candidate]:
     read = np.unique(c.channel[c.kind <= DEVIATION]).tolist()
     at_tool = range(len(c.sensors), len(c.sensors) + len(AXES))
     sources = {*read, *(at_tool if set(read).intersection(at_tool) else ())}
-    for sink in read if 1 < len(sources) <= _MOST_CROSSED else ():
-        others = sorted(sources - {sink})
-        name = c.instruments[sink] + (" at M" if sink in at_tool else "")
-        yield _unnamed(f"cross-talk into {name}", (0.05,) * len(others), Pattern(partial(_crosstalk, sink, others)))
+    names = [name + (" at M" if k in at_tool else "") for k, name in enumerate(c.instruments)]
+    for sink in read if len(sources) <= _MOST_CROSSED else ():
+        for source in sorted(sources - {sink}):
+            crossed = Pattern(partial(_crosstalk, sink, source))
+            yield _unnamed(f"cross-talk from {names[source]} into {names[sink]}", (0.05,), crossed)
 
 
 def _sizes(at: RobotAtPoses) -> Iterator[Candidate]:
@@ -114,31 +115,33 @@ def _sizes(at: RobotAtPoses) -> Iterator[Candidate]:
 
 def _play_of(at: RobotAtPoses) -> Iterator[Candidate]:
     """Passive joints that lose motion across their axes."""
-    for place, axes in _passive(at):
+    across = {joint.name: _across(joint) for joint in at.mechanism.joints if joint.drive is None}
+    for place, axes in _places(at, across):
         yield _unnamed(f"play at {place}", (1e-5,) * 2, Pattern(partial(_play, axes)))
 
 
 def _stiffening_of(nominal: RobotPrediction) -> Iterator[Candidate]:
-    """Passive joints that yield less and less across their axes, beside what is in proportion to their forces."""
-    known = nominal.campaign.sigma
+    """Passive joints, across their axes, and drives that yield less and less beside what is in proportion to forces."""
+    known, driven = nominal.campaign.sigma, nominal.at.robot.driven
     weight = 1.0 / np.where(np.isnan(known), 1.0, known)[:, None]
-    for place, axes in _passive(nominal.at):
+    along = {name: np.abs(along_drive(joint)) for name, joint in driven.items()}
+    across = {joint.name: _across(joint) for joint in nominal.at.mechanism.joints if joint.drive is None}
+    for place, axes in (*_places(nominal.at, across), *_places(nominal.at, along)):
         straight, curved = np.split(weight * _yielding(axes, nominal), [1], axis=1)
         shares = (straight.T @ curved) / max(float(np.sum(straight**2)), 1e-300)
         yield _unnamed(f"stiffening at {place}", (1e-5,) * 2, Pattern(partial(_stiffening, axes, shares)))
 
 
-def _passive(at: RobotAtPoses) -> Iterator[tuple[str, dict[str, Array]]]:
-    """Places of passive joints that readings may show, and which translations (3,) each holds across its axis."""
-    across = {joint.name: _across(joint) for joint in at.mechanism.joints if joint.drive is None}
+def _places(at: RobotAtPoses, axes: Mapping[str, Array]) -> Iterator[tuple[str, dict[str, Array]]]:
+    """Places of joints with axes (6,) along which displacements may show what is wrong, each with its joints' axes."""
     read = (at.campaign.kind <= DEVIATION).any()
-    for place in at.robot.places(name for name, axes in across.items() if read and axes.any()):
-        yield place.name, {name: across[name] for name in place.members}
+    for place in at.robot.places(name for name, along in axes.items() if read and along.any()):
+        yield place.name, {name: axes[name] for name in place.members}
 
 
 def _across(joint: Joint) -> Array:
-    """Which translations (3,) a joint holds across its axis; a ball has none, and holds all."""
-    held = np.zeros(3)
+    """Which translations, of its coordinates (6,), a joint holds across its axis; a ball has none, and holds all."""
+    held = np.zeros(6)
     held[[k for k in HELD[joint.kind][0] if k > 0 or joint.axis is None]] = 1.0
     return held
 
@@ -221,14 +224,13 @@ def _hysteresis(prediction: RobotPrediction) -> Array:
     return loop[:, None] * np.eye(len(c.session_names))[c.session]
 
 
-def _crosstalk(sink: int, sources: Sequence[int], prediction: RobotPrediction) -> Array:
-    """Shares of what other instruments and directions show in what one shows."""
+def _crosstalk(sink: int, source: int, prediction: RobotPrediction) -> Array:
+    """A share of what another instrument or direction would show in what one shows."""
     c = prediction.campaign
     rows = np.flatnonzero((c.channel == sink) & (c.kind <= DEVIATION))
-    columns = np.zeros((len(c), len(sources)))
-    for k, source in enumerate(sources):
-        columns[rows, k] = prediction.seen_by(source, rows)
-    return columns
+    column = np.zeros((len(c), 1))
+    column[rows, 0] = prediction.seen_by(source, rows)
+    return column
 
 
 def _off_centre(prediction: RobotPrediction) -> Array:
@@ -264,7 +266,7 @@ def _play(across: Mapping[str, Array], prediction: RobotPrediction) -> Array:
     """Motion lost towards the force: in every direction alike, and along either axis of its own."""
     columns = np.zeros((len(prediction.campaign), 2))
     for name, axes in across.items():
-        read, force = (each[:, :3] * axes for each in prediction.felt(name))
+        read, force = (each * axes for each in prediction.felt(name))
         signs = prediction.towards(force)
         size = np.linalg.norm(force, axis=1, keepdims=True)
         round_gap = np.where(signs.any(axis=1, keepdims=True), force / np.where(size > 0.0, size, 1.0), 0.0)
@@ -283,8 +285,8 @@ def _yielding(across: Mapping[str, Array], prediction: RobotPrediction) -> Array
     c = prediction.campaign
     columns = np.zeros((len(c), 3))
     for name, axes in across.items():
-        read, force = (each[:, :3] * axes for each in prediction.felt(name))
-        rest = np.where(c.still[:, None], 0.0, prediction.resting(name)[:, :3] * axes) / _LIKE_FORCE
+        read, force = (each * axes for each in prediction.felt(name))
+        rest = np.where(c.still[:, None], 0.0, prediction.resting(name) * axes) / _LIKE_FORCE
         whole = rest + force / _LIKE_FORCE
         steps = (law(whole) - law(rest) for law in (np.positive, np.cbrt, lambda f: f * np.abs(f)))
         columns += np.stack([np.sum(read * step, axis=1) for step in steps], axis=1)

@@ -306,6 +306,7 @@ def test_the_pattern_of_a_larger_body_is_what_the_laboratory_reads(robot, body, 
 
 
 STIFFENING = Fault("stiffening-joint", "wrist", {"radial": 1e-7, "knee": 1e-5})
+HARDENING = Fault("hardening-drive", "leg2.motor", {"cubic": 1e8})
 PRELOADED = Fault("stiffening-joint", "leg1.rod1.end", {"radial": 3e-7, "knee": 3e-5})
 
 
@@ -315,15 +316,29 @@ PRELOADED = Fault("stiffening-joint", "leg1.rod1.end", {"radial": 3e-7, "knee": 
         ("five-bar", "tool", Fault("joint-play", "wrist", {"radial": 1e-6}), "play at wrist", 1e-6),
         ("five-bar", "tool", STIFFENING, "stiffening at wrist", 0.05),
         ("delta", "tool", PRELOADED, "stiffening at leg1.rod1.end", 0.05),
-        ("five-bar", "tool", Fault("cross-talk", "rx->x", {"share": 0.05}), "cross-talk into x at M", 1e-6),
-        ("five-bar", "gauges", Fault("cross-talk", "gauge5->gauge1", {"share": 0.05}), "cross-talk into gauge1", 1e-6),
+        ("delta", "tool", HARDENING, "stiffening at leg2.motor", 0.1),
+        (
+            "five-bar",
+            "tool",
+            Fault("cross-talk", "rx->x", {"share": 0.05}),
+            "cross-talk from rx at M into x at M",
+            1e-6,
+        ),
+        (
+            "five-bar",
+            "gauges",
+            Fault("cross-talk", "gauge5->gauge1", {"share": 0.05}),
+            "cross-talk from gauge5 into gauge1",
+            1e-6,
+        ),
     ],
-    ids=["play", "stiffening", "stiffening under weight", "cross-talk", "cross-talk of gauges"],
+    ids=["play", "stiffening", "stiffening under weight", "hardening drive", "cross-talk", "cross-talk of gauges"],
 )
 def test_patterns_follow_what_the_laboratory_reads(robot, style, fault, pattern, left, labs, tmp_path):
-    """Stiffening beside the compliance of the joint, which has a word."""
+    """Stiffening beside the compliance of the joint or its drive, which has a word."""
     model, change = read_in_the_laboratory(robot, fault, tmp_path, labs(robot), style)
-    followed = {f"unknown @ {pattern}", f"joint-compliance @ {fault.place}"}
+    linear = ("joint-compliance", "actuator-stiffness")
+    followed = {f"unknown @ {pattern}", *(f"{effect} @ {fault.place}" for effect in linear)}
     columns = np.hstack([model.predict().columns(c) for c in model.library if followed.intersection(c.signature_of)])
     assert np.abs(change).max() > 1e-7
     values = np.linalg.lstsq(columns, change, rcond=None)[0]
