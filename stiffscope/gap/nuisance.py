@@ -93,7 +93,7 @@ def _readings(at: RobotAtPoses) -> Iterator[Candidate]:
 def _crossings(at: RobotAtPoses) -> Iterator[Candidate]:
     """What one instrument or direction shows of what others see: of M in all its directions, of sensors that read."""
     c = at.campaign
-    read = np.unique(c.channel[c.kind <= DEVIATION]).tolist()
+    read: list[int] = np.unique(c.channel[c.kind <= DEVIATION]).tolist()
     at_tool = range(len(c.sensors), len(c.sensors) + len(AXES))
     sources = {*read, *(at_tool if set(read).intersection(at_tool) else ())}
     names = [name + (" at M" if k in at_tool else "") for k, name in enumerate(c.instruments)]
@@ -288,7 +288,7 @@ def _yielding(across: Mapping[str, Array], prediction: RobotPrediction) -> Array
         read, force = (each * axes for each in prediction.felt(name))
         rest = np.where(c.still[:, None], 0.0, prediction.resting(name) * axes) / _LIKE_FORCE
         whole = rest + force / _LIKE_FORCE
-        steps = (law(whole) - law(rest) for law in (np.positive, np.cbrt, lambda f: f * np.abs(f)))
+        steps = [whole - rest, np.cbrt(whole) - np.cbrt(rest), whole * np.abs(whole) - rest * np.abs(rest)]
         columns += np.stack([np.sum(read * step, axis=1) for step in steps], axis=1)
     return np.where((c.kind <= DEVIATION)[:, None], columns, 0.0)
 
