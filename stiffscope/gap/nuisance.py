@@ -115,18 +115,16 @@ def _sizes(at: RobotAtPoses) -> Iterator[Candidate]:
 
 def _play_of(at: RobotAtPoses) -> Iterator[Candidate]:
     """Passive joints that lose motion across their axes."""
-    across = {joint.name: _across(joint) for joint in at.mechanism.joints if joint.drive is None}
-    for place, axes in _places(at, across):
+    for place, axes in _places(at, _passive(at)):
         yield _unnamed(f"play at {place}", (1e-5,) * 2, Pattern(partial(_play, axes)))
 
 
 def _stiffening_of(nominal: RobotPrediction) -> Iterator[Candidate]:
     """Passive joints, across their axes, and drives that yield less and less beside what is in proportion to forces."""
-    known, driven = nominal.campaign.sigma, nominal.at.robot.driven
+    at, known = nominal.at, nominal.campaign.sigma
     weight = 1.0 / np.where(np.isnan(known), 1.0, known)[:, None]
-    along = {name: np.abs(along_drive(joint)) for name, joint in driven.items()}
-    across = {joint.name: _across(joint) for joint in nominal.at.mechanism.joints if joint.drive is None}
-    for place, axes in (*_places(nominal.at, across), *_places(nominal.at, along)):
+    along = {name: np.abs(along_drive(joint)) for name, joint in at.robot.driven.items()}
+    for place, axes in (*_places(at, _passive(at)), *_places(at, along)):
         straight, curved = np.split(weight * _yielding(axes, nominal), [1], axis=1)
         shares = (straight.T @ curved) / max(float(np.sum(straight**2)), 1e-300)
         yield _unnamed(f"stiffening at {place}", (1e-5,) * 2, Pattern(partial(_stiffening, axes, shares)))
@@ -137,6 +135,11 @@ def _places(at: RobotAtPoses, axes: Mapping[str, Array]) -> Iterator[tuple[str, 
     read = (at.campaign.kind <= DEVIATION).any()
     for place in at.robot.places(name for name, along in axes.items() if read and along.any()):
         yield place.name, {name: axes[name] for name in place.members}
+
+
+def _passive(at: RobotAtPoses) -> dict[str, Array]:
+    """Joints without a drive, with what each holds across its axis (6,)."""
+    return {joint.name: _across(joint) for joint in at.mechanism.joints if joint.drive is None}
 
 
 def _across(joint: Joint) -> Array:
