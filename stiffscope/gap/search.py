@@ -182,6 +182,8 @@ class Search:
             for number, log, mean in zip(numbers, logs, means, strict=True):
                 candidate = library.candidates[number]
                 best = np.unravel_index(np.argmax(log), log.shape)
+                if m and not mean[best][k:].any():  # a discrepancy took up all that a one-sided effect could explain
+                    best = np.unravel_index(np.argmax(np.where(without[:, None], log, -np.inf)), log.shape)
                 odds = prior + self.problem.log_prior([candidate]) - float(np.log(log.shape[1]))
                 total, plain = (float(np.logaddexp.reduce(part.ravel())) for part in (log, log[without]))
                 candidates = (*hypothesis.candidates, candidate)

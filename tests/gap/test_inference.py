@@ -434,6 +434,19 @@ def test_what_follows_almost_anything_does_not_hide_a_simpler_set():
     assert best.names == {f"effect-{k} @ place" for k in range(3)}
 
 
+def test_an_effect_of_one_sign_starts_from_what_it_explains_without_a_discrepancy():
+    """A discrepancy takes up what it shares with the readings themselves; what is left has the other sign."""
+    model = linear_model(np.random.default_rng(4), effects=1, parameters=(1,))
+    effect, value = replace(model.library[0], bounds=(0.0, np.inf)), model.campaign.value
+    beside = 3e-6 * np.random.default_rng(5).standard_normal(len(value))
+    column = value - 6.0 * beside
+    model = replace(model, library=(effect,), signatures={effect.name: column[:, None]}, nominal=-beside)
+    problem = Problem(model, model.noise())
+    none = problem.fit((), np.zeros(0))
+    (start,) = Search(problem).scored(none, problem.library_at(none))
+    assert start.values[0] == pytest.approx(column @ (value + beside) / (column @ column), rel=1e-3)
+
+
 @dataclass(frozen=True)
 class CurvedModel(LinearModel):
     """A linear model whose readings follow powers of its one effect's parameter, each its own."""
