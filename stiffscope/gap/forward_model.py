@@ -61,7 +61,9 @@ class Candidate:
     flexible: bool = False
     """True where it can follow almost anything, so that it says nothing about noise."""
     kin: int = 1
-    """Of a nuisance pattern: how many of its kind share one prior probability, and together say nothing about noise."""
+    """Of a nuisance pattern: how many of its kind share one prior probability."""
+    swarming: bool = False
+    """True for patterns of which there are so many that together they would follow noise."""
     action: object = None
     """What it does; only the forward model that made it looks inside."""
 

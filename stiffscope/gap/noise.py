@@ -58,7 +58,7 @@ def noise_of(model: ForwardModel) -> Noise:
     are too small are left, since what they do not cover may be an effect that nobody knows.
     """
     campaign, prediction = model.campaign, model.predict()
-    joint = [c for c in model.library if c.scale and not c.flexible and c.kin == 1]
+    joint = [c for c in model.library if c.scale and not (c.flexible or c.swarming)]
     x = np.hstack([prediction.columns(c) * np.array(c.scale) for c in joint])
     gap = campaign.value - prediction.values
     unknown = np.isnan(campaign.sigma)

@@ -39,8 +39,9 @@ _MOST_CROSSED = 12  # instruments and directions
 def nuisance_patterns(nominal: RobotPrediction) -> tuple[Candidate, ...]:
     """Unnamed faults of parts, of the surroundings, of joints, and of the instruments in time."""
     at = nominal.at
-    return (*_parts(at), *_readings(at), *_kin(_crossings(at)), *_sizes(at), *_kin(_play_of(at)),
-            *_kin(_stiffening_of(nominal)))  # fmt: skip
+    of_joints = *_kin(_play_of(at)), *_kin(_stiffening_of(nominal))
+    swarm = (replace(pattern, swarming=True) for pattern in of_joints)
+    return (*_parts(at), *_readings(at), *_kin(_crossings(at)), *_sizes(at), *swarm)
 
 
 def _kin(patterns: Iterable[Candidate]) -> list[Candidate]:

@@ -58,7 +58,9 @@ def judged(found: Findings) -> Judgement:
     if unnamed:
         strange.append(f"the readings follow {', '.join(unnamed)}, for which the vocabulary has no word")
     certain = [c for c in best.words if not wrong[c.name] and found.group(c.name).probability >= CONFIDENT]
-    kept = found.of(certain)
+    kept, before = found.of(certain), found.chi2(none)
+    if certain and max(found.chi2(kept), found.chi2(best)) >= before:  # beside a discrepancy they follow details alone
+        certain, kept = [], none
     count, parameters = int(found.used.sum()), len(kept.values)
     few = (
         [f"{count} readings are too few to identify {parameters} parameters"] if count < FEW * (parameters + 1) else []

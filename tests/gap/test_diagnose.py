@@ -12,6 +12,7 @@ from stiffscope.gap.diagnosis import to_json
 from stiffscope.gap.lab.faults import inject
 from stiffscope.gap.lab.measuring import Noise
 from stiffscope.gap.mechanics import RobotAtPoses
+from stiffscope.gap.readings import load_campaign
 from stiffscope.gap.robot_model import RobotModel, robot_candidates
 from stiffscope.robot.effects import adopted, carried
 from stiffscope.robot.sections import Effect
@@ -260,3 +261,25 @@ def test_a_group_that_is_certain_is_identified_with_a_measurement_that_separates
         "force-scale @ instrument",
     }
     assert data["next_measurement"]["expected_gain"] > 1.0
+
+
+def test_what_would_widen_the_gap_is_not_named(tmp_path):
+    """A soft drive under an unknown cause as large: sets that follow details of it are far from the readings."""
+    rng, nominal = np.random.default_rng(12), ROBOT
+    soft = adopted(nominal, "actuator-stiffness", "limb1.actuator", {"factor": 0.7}).mechanism
+    sigma = np.repeat([3e-7, 2e-6], 3)
+    lines = ["x,y,z,fx,fy,fz,mx,my,mz,quantity,value,sigma"]
+    poses = rng.uniform([-0.15, -0.1, 0.34], [0.15, 0.1, 0.52], (24, 3)).round(4)
+    matrices = stiffness(soft, poses)
+    within = np.isfinite(matrices).all(axis=(1, 2))
+    for pose, compliance in zip(poses[within], np.linalg.inv(matrices[within]), strict=True):
+        for axis, wrench in enumerate(np.diag([400.0] * 3 + [60.0] * 3)):
+            unknown = np.repeat([3e-6, 1e-5], 3) * np.sin(40 * pose[0] + 25 * pose[2] + np.arange(6)) * (axis < 2)
+            read = compliance @ wrench + unknown + sigma * rng.standard_normal(6)
+            for name, value, s in zip(("dx", "dy", "dz", "drx", "dry", "drz"), read, sigma, strict=True):
+                lines.append(",".join([*map(str, pose), *map(str, wrench), name, str(value), str(s)]))
+    (tmp_path / "readings.csv").write_text("\n".join(lines))
+    (tmp_path / "campaign.toml").write_text('robot = "biglide"\ncomponents = "published"\nreadings = "readings.csv"\n')
+    found = diagnose(load_campaign(tmp_path), nominal)
+    assert not found.effects or found.gap.explained < found.gap.nominal
+    assert {f"{e.effect} @ {e.place}" for e in found.effects} <= {"actuator-stiffness @ limb1"}

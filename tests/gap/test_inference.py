@@ -212,6 +212,7 @@ def lawful(diagnosis):
     few = any("too few" in r for r in diagnosis.remarks)
     at_noise = gap["explained"] <= 1.2 * gap["noise"] * (1.0 + 3.0 / np.sqrt(2.0 * n))
     beyond = gap["explained"] > gap["noise"]
+    assert not effects or verdict == "ambiguous" or gap["explained"] < gap["nominal"]
     assert gap["left"] == pytest.approx(np.sqrt(max(gap["explained"] ** 2 - gap["noise"] ** 2, 0.0)))
     assert not effects or sum(e["share"] for e in effects) == pytest.approx(1.0)
     assert all(len(e["confused_with"]) <= 2 for e in effects)
