@@ -47,9 +47,10 @@ def judged(found: Findings) -> Judgement:
     """The verdict.
 
     An effect is certain when it, or its group of at most three, has a probability of `CONFIDENT` and plausible
-    parameters. With certain effects the verdict is "identified" where they bring the gap to the noise and "partly"
-    where they do not; without, "no-gap" or "unexplained", as the gap is within the noise or beyond. It is "ambiguous"
-    where known effects bring the gap to the noise of which the main one is not settled.
+    parameters; none is where the likeliest set, or what is certain of it, leaves a greater χ² than no effect at all.
+    With certain effects the verdict is "identified" where they bring the gap to the noise and "partly" where they do
+    not; without, "no-gap" or "unexplained", as the gap is within the noise or beyond. It is "ambiguous" where known
+    effects bring the gap to the noise of which the main one is not settled.
     """
     best, none = found.best, found.none
     wrong = {c.name: implausible(c, found.best) for c in best.words}
