@@ -411,7 +411,10 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             "effects[].parameters.*.plausible": ("whether it is within what is known of such robots", ""),
             "effects[].parameters.*.interval": ("holds the true value with a probability of 95 %", "`unit`"),
             "effects[].parameters.*.nominal": ("the model's value; null where it has none", "`unit`"),
-            "effects[].confused_with": ("effects that these readings cannot tell from it, `effect @ place`", ""),
+            "effects[].confused_with": (
+                "effects that these readings cannot tell from it, `effect @ place`; `unknown @ …`: what has no word",
+                "",
+            ),
             "effects[].share": ("its share in the explained misfit (Shapley's value)", "1"),
             "effects[].group_probability": ("that it or one of `confused_with` is at work", "1"),
             "alternatives[].effect": ("an effect that was considered and is not in the answer", ""),

@@ -43,7 +43,7 @@ class Effect:
     """% rms left when it alone is added."""
     parameters: dict[str, Parameter] = field(default_factory=_empty_parameters)
     confused_with: tuple[str, ...] = ()
-    """Effects, as `effect @ place`, that these readings cannot distinguish from it."""
+    """Effects, as `effect @ place`, that these readings cannot distinguish from it, nuisance patterns among them."""
     share: float = math.nan
     """Part of the explained misfit that is its own, by Shapley's value; the shares of all effects add up to 1."""
     group_probability: float = math.nan

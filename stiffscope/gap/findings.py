@@ -14,7 +14,7 @@ from stiffscope.gap.residuals import percent_rms
 from stiffscope.gap.search import Search
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from numpy.typing import NDArray
 
@@ -39,6 +39,8 @@ class Group:
     others: tuple[str, ...]
     probability: float
     """That the effect or one of the others is at work; of names for the same effect some may be left out."""
+    known: float
+    """The same of those that the vocabulary has a word for."""
 
 
 @dataclass(frozen=True)
@@ -112,49 +114,78 @@ class Findings:
     def _same(self, name: str) -> str:
         return self._canonical.get(name, name)
 
+    def _shares(self, candidate: Candidate) -> dict[str, float]:
+        """How likely an effect and each of its twins are if one of them is at work, by name."""
+        odds = self.problem.odds_of(candidate)
+        return dict(zip(candidate.signature_of, (odds / odds.sum()).tolist(), strict=True))
+
     def _missed(self, hypothesis: Hypothesis, names: Iterable[str]) -> float:
-        """Probability that none of these effects is at work if a hypothesis is true; twins are equally likely."""
+        """Probability that none of these effects is at work if a hypothesis is true."""
         listed = {self._same(name) for name in names}
         missed = 1.0
         for c in hypothesis.candidates:
-            missed *= 1.0 - np.mean([self._same(name) in listed for name in c.signature_of])
-        return float(missed)
+            missed *= 1.0 - sum(share for name, share in self._shares(c).items() if self._same(name) in listed)
+        return missed
 
     def stated(self, name: str) -> float:
         """Probability that an effect is at work, of what no reading tells apart its share."""
         pairs = zip(self.hypotheses, self.probability, strict=True)
-        own = ((p, c) for h, p in pairs for c in h.candidates if name in c.signature_of)
-        return float(sum(p / len(c.signature_of) for p, c in own))
+        return float(sum(p * self._shares(c).get(name, 0.0) for h, p in pairs for c in h.candidates))
 
     def group(self, name: str) -> Group:
-        """An effect of the best hypothesis with the most probable ones that may stand in its place."""
-        listed = [name]
-        own = next(c for c in self.best.candidates if c.name == name)
-        rest = self.best.names - {name}
+        """An effect of the best hypothesis with the most probable ones that may stand in its place.
+
+        Nuisance patterns come last.
+        """
+        listed, own = [name], next(c for c in self.best.candidates if c.name == name)
+        self._add_rivals(listed, own, [h.words for h in self.hypotheses])
+        known = self._at_work(listed)
+        self._add_rivals(listed, own, [h.candidates for h in self.hypotheses])
+        same = {self._same(each) for each in listed}
+        aliases = [a for a in (*own.aliases, *self._canonical) if self._same(a) in same and a not in listed]
+        return Group(tuple(dict.fromkeys([*listed[1:], *aliases]))[:CONFUSED], self._at_work(listed), known)
+
+    @cached_property
+    def _in_place_of(self) -> dict[str, set[str]]:
+        """For each effect of the best hypothesis what other hypotheses have in its place, all others being the same."""
+        found: dict[str, set[str]] = {}
+        for hypothesis in self.hypotheses:
+            gone, new = self.best.names - hypothesis.names, hypothesis.names - self.best.names
+            if len(gone) == len(new) == 1:
+                found.setdefault(*gone, set()).update(new)
+        return found
+
+    def _at_work(self, names: Iterable[str]) -> float:
+        """Probability that one of these effects is at work."""
+        pairs = zip(self.hypotheses, self.probability, strict=True)
+        return float(sum(p * (1.0 - self._missed(h, names)) for h, p in pairs))
+
+    def _add_rivals(self, listed: list[str], own: Candidate, rivals: Iterable[Sequence[Candidate]]) -> None:
+        """Add to a group what is most probable in the place of one of the best hypothesis's effects.
+
+        rivals: of each hypothesis those that may be; not what is known to stand in the place of another effect.
+        """
+        rest, pools = self.best.names - {own.name}, list(rivals)
+        elsewhere = {name for other in rest for name in self._in_place_of.get(other, ())}
+        elsewhere -= {*self._in_place_of.get(own.name, ()), *own.signature_of}
         while len(listed) <= CONFUSED:
             known = {self._same(each) for each in listed}
             gains: dict[str, float] = {}
-            for hypothesis, p in zip(self.hypotheses, self.probability, strict=True):
+            for hypothesis, p, pool in zip(self.hypotheses, self.probability, pools, strict=True):
                 missed = self._missed(hypothesis, listed)
                 if missed <= 0.0:
                     continue
                 alone = rest <= hypothesis.names and len(hypothesis.names - rest) == 1
-                for other in hypothesis.words:
-                    if other.name in self.best.names and other.name != own.name:
+                for other in pool:
+                    if other.name in rest | elsewhere:
                         continue
-                    for each in other.signature_of:
+                    for each, share in self._shares(other).items():
                         if (same := self._same(each)) not in known:
-                            gain = p * missed / len(other.signature_of)
-                            gains[same] = gains.get(same, 0.0) + gain * (1.0 if alone else 0.5)
+                            gains[same] = gains.get(same, 0.0) + p * missed * share * (1.0 if alone else 0.5)
             best = max(gains, key=lambda n: gains[n], default="")
             if not best or gains[best] <= COMPETING * self.probability[0]:
                 break
             listed.append(best)
-        pairs = zip(self.hypotheses, self.probability, strict=True)
-        certain = float(sum(p * (1.0 - self._missed(h, listed)) for h, p in pairs))
-        known = {self._same(each) for each in listed}
-        aliases = [a for a in (*own.aliases, *self._canonical) if self._same(a) in known and a not in listed]
-        return Group(tuple(dict.fromkeys([*listed[1:], *aliases]))[:CONFUSED], certain)
 
     def of(self, candidates: Iterable[Candidate]) -> Hypothesis:
         """The hypothesis of some effects of the best one, fitted."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -11,6 +12,7 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.gap.evidence import constrained_minima, errors_of, posterior
+from stiffscope.gap.forward_model import word_of
 from stiffscope.gap.hypothesis import Hypothesis, bounded, owner_of, positive_of, scale_of, split
 
 if TYPE_CHECKING:
@@ -23,8 +25,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.floating[Any]]
 
-PRIOR_ODDS = 0.5  # of one effect more, shared by all candidates
-UNNAMED_PENALTY = 3.0  # ln-odds by which a nuisance pattern is less likely than a word of the vocabulary
+PRIOR_ODDS = 0.5  # of one effect more, shared by the words of the vocabulary and by their places
+UNKNOWN = 0.1  # of these odds, those of an unknown cause, shared by the kinds of patterns and by their places
 MARGIN = 30.0  # ln-odds behind the best to first order up to which a set is fitted,
 DOUBT = 0.2  # or this share of the best one's gain, since first order errs by a share of it
 CURVED = 0.1  # error of the linear prediction, over the change predicted, from which derivatives are taken anew
@@ -58,13 +60,29 @@ class Problem:
     """Factor on all prior sizes."""
 
     @cached_property
-    def _share(self) -> float:
-        return float(np.log(self.odds / max(len({n for c in self.model.library for n in c.signature_of}), 1)))
+    def _known(self) -> Counter[str]:
+        """At how many places each word of the vocabulary may be."""
+        return Counter(word_of(n) for n in {n for c in self.model.library if not c.unnamed for n in c.signature_of})
+
+    @cached_property
+    def _unknown(self) -> Counter[str]:
+        """The same of each kind of nuisance pattern, and of a discrepancy."""
+        return Counter(["", *(c.pattern for c in self.model.library if c.unnamed)])
+
+    def odds_of(self, candidate: Candidate) -> Array:
+        """Prior odds (t,) of an effect and of each of its twins: all words alike, and all places of a word."""
+        if candidate.unnamed:
+            return np.array([self._odds_of_pattern(candidate.pattern)])
+        places = np.array([max(self._known[word_of(name)], 1) for name in candidate.signature_of])
+        return self.odds / max(len(self._known), 1) / places
+
+    def _odds_of_pattern(self, pattern: str) -> float:
+        return UNKNOWN * self.odds / len(self._unknown) / self._unknown[pattern]
 
     @cached_property
     def errors(self) -> Errors:
         """Distribution of the readings about a hypothesis; a discrepancy is as likely as a nuisance pattern."""
-        return errors_of(self.model.campaign, self.noise, self._share - UNNAMED_PENALTY)
+        return errors_of(self.model.campaign, self.noise, float(np.log(self._odds_of_pattern(""))))
 
     @cached_property
     def sizes(self) -> Array:
@@ -73,8 +91,7 @@ class Problem:
 
     def log_prior(self, candidates: Sequence[Candidate]) -> float:
         """Ln prior odds of a set of effects against none."""
-        unnamed = sum(UNNAMED_PENALTY + np.log(c.kin) for c in candidates if c.unnamed)
-        return sum(self._share + np.log1p(len(c.twins)) for c in candidates) - unnamed
+        return float(sum(np.log(self.odds_of(c).sum()) for c in candidates))
 
     def posterior(self, candidates: Sequence[Candidate], y: Array, x: Array) -> Posterior:
         """Posterior of the parameters of ``y = X u + errors``, without the prior odds of the set."""

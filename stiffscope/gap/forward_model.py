@@ -25,6 +25,11 @@ UNNAMED = "unknown"
 """Effect of a nuisance pattern, for which the vocabulary has no word."""
 
 
+def word_of(name: str) -> str:
+    """The effect of an `effect @ place`."""
+    return name.partition(" @ ")[0]
+
+
 def _same(values: Array) -> Array:
     return values
 
@@ -55,13 +60,13 @@ class Candidate:
     aliases: tuple[str, ...] = ()
     """Other names, as `effect @ place`, for this effect at this place."""
     twins: tuple[str, ...] = ()
-    """Other effects, as `effect @ place`, with the very same signature in the readings: each as likely as this one."""
+    """Other effects, as `effect @ place`, with the very same signature in the readings."""
     couplings: int = 0
     """How many of the last internal parameters couple the others: these have either sign."""
     flexible: bool = False
     """True where it can follow almost anything, so that it says nothing about noise."""
-    kin: int = 1
-    """Of a nuisance pattern: how many of its kind share one prior probability."""
+    pattern: str = ""
+    """Of a nuisance pattern: what it is, wherever it acts."""
     swarming: bool = False
     """True for patterns of which there are so many that together they would follow noise."""
     action: object = None

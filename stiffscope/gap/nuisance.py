@@ -18,7 +18,7 @@ from stiffscope.robot.effects import Change, MechanicalEffect, added_diagonal, a
 from stiffscope.vjm.linkage import HELD
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -39,15 +39,8 @@ _MOST_CROSSED = 12  # instruments and directions
 def nuisance_patterns(nominal: RobotPrediction) -> tuple[Candidate, ...]:
     """Unnamed faults of parts, of the surroundings, of joints, and of the instruments in time."""
     at = nominal.at
-    of_joints = *_kin(_play_of(at)), *_kin(_stiffening_of(nominal))
-    swarm = (replace(pattern, swarming=True) for pattern in of_joints)
-    return (*_parts(at), *_readings(at), *_kin(_crossings(at)), *_sizes(at), *swarm)
-
-
-def _kin(patterns: Iterable[Candidate]) -> list[Candidate]:
-    """Patterns of one kind, of which one is about as likely as another pattern."""
-    listed = list(patterns)
-    return [replace(pattern, kin=len(listed)) for pattern in listed]
+    swarm = (replace(pattern, swarming=True) for pattern in (*_play_of(at), *_stiffening_of(nominal)))
+    return (*_parts(at), *_readings(at), *_crossings(at), *_sizes(at), *swarm)
 
 
 def _parts(at: RobotAtPoses) -> Iterator[Candidate]:
@@ -56,14 +49,14 @@ def _parts(at: RobotAtPoses) -> Iterator[Candidate]:
     guides = [j.name for j in at.mechanism.joints if j.kind == "prismatic" and j.drive is not None]
     for name in guides:
         yield _part(f"the whole guide of {name}", (1e-8,) * 3 + (1e-7,) * 3,
-                    partial(added_diagonal, {name: np.eye(6)}))  # fmt: skip
+                    partial(added_diagonal, {name: np.eye(6)}), "guide")  # fmt: skip
     rods = {part: nominal.robot.bodies_of(part) for part in nominal.robot.parts}
     for part, bodies in rods.items():
         for names in ([*bodies], *([name] for name in bodies if len(bodies) > 1)):
             if names and all(nominal.compliances[name].any() for name in names):
                 lengths = {name: nominal.length(name) for name in names}
                 place = f"bowed bodies, {part}" if len(names) > 1 else f"a bowed body, {names[0]}"
-                yield _part(place, (1e-4,), partial(_bowed, lengths))
+                yield _part(place, (1e-4,), partial(_bowed, lengths), "bowed")
 
 
 def _readings(at: RobotAtPoses) -> Iterator[Candidate]:
@@ -101,7 +94,7 @@ def _crossings(at: RobotAtPoses) -> Iterator[Candidate]:
     for sink in read if len(sources) <= _MOST_CROSSED else ():
         for source in sorted(sources - {sink}):
             crossed = Pattern(partial(_crosstalk, sink, source))
-            yield _unnamed(f"cross-talk from {names[source]} into {names[sink]}", (0.05,), crossed)
+            yield _unnamed(f"cross-talk from {names[source]} into {names[sink]}", (0.05,), crossed, "cross-talk")
 
 
 def _sizes(at: RobotAtPoses) -> Iterator[Candidate]:
@@ -111,13 +104,13 @@ def _sizes(at: RobotAtPoses) -> Iterator[Candidate]:
         if body.elastic is None and len(held) > 1:
             middle = np.mean([joint.at for joint in held], axis=0) if body.centre is None else body.centre
             stretched = Pattern(partial(_stretched, body.name, middle, held))
-            yield _unnamed(f"a body of another size, {body.name}", (3e-4,) * 3, stretched)
+            yield _unnamed(f"a body of another size, {body.name}", (3e-4,) * 3, stretched, "size")
 
 
 def _play_of(at: RobotAtPoses) -> Iterator[Candidate]:
     """Passive joints that lose motion across their axes."""
     for place, axes in _places(at, _passive(at)):
-        yield _unnamed(f"play at {place}", (1e-5,) * 2, Pattern(partial(_play, axes)))
+        yield _unnamed(f"play at {place}", (1e-5,) * 2, Pattern(partial(_play, axes)), "play")
 
 
 def _stiffening_of(nominal: RobotPrediction) -> Iterator[Candidate]:
@@ -128,7 +121,8 @@ def _stiffening_of(nominal: RobotPrediction) -> Iterator[Candidate]:
     for place, axes in (*_places(at, _passive(at)), *_places(at, along)):
         straight, curved = np.split(weight * _yielding(axes, nominal), [1], axis=1)
         shares = (straight.T @ curved) / max(float(np.sum(straight**2)), 1e-300)
-        yield _unnamed(f"stiffening at {place}", (1e-5,) * 2, Pattern(partial(_stiffening, axes, shares)))
+        stiffening = Pattern(partial(_stiffening, axes, shares))
+        yield _unnamed(f"stiffening at {place}", (1e-5,) * 2, stiffening, "stiffening")
 
 
 def _places(at: RobotAtPoses, axes: Mapping[str, Array]) -> Iterator[tuple[str, dict[str, Array]]]:
@@ -150,14 +144,14 @@ def _across(joint: Joint) -> Array:
     return held
 
 
-def _part(place: str, scale: tuple[float, ...], changes: Callable[[Array], Changes]) -> Candidate:
-    return _unnamed(place, scale, MechanicalEffect(UNNAMED, place, (), (), changes))
+def _part(place: str, scale: tuple[float, ...], changes: Callable[[Array], Changes], pattern: str) -> Candidate:
+    return _unnamed(place, scale, MechanicalEffect(UNNAMED, place, (), (), changes), pattern)
 
 
-def _unnamed(place: str, scale: tuple[float, ...], action: object) -> Candidate:
+def _unnamed(place: str, scale: tuple[float, ...], action: object, pattern: str = "") -> Candidate:
     names, units = tuple(f"p{k + 1}" for k in range(len(scale))), ("",) * len(scale)
     free = ((-np.inf, np.inf),) * len(scale)
-    return Candidate(UNNAMED, place, names, units, scale, free, action=action)
+    return Candidate(UNNAMED, place, names, units, scale, free, pattern=pattern or place, action=action)
 
 
 def _bowed(lengths: Mapping[str, float], values: Array) -> Changes:

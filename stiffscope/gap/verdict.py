@@ -49,8 +49,9 @@ def judged(found: Findings) -> Judgement:
     An effect is certain when it, or its group of at most three, has a probability of `CONFIDENT` and plausible
     parameters; none is where the likeliest set, or what is certain of it, leaves a greater χ² than no effect at all.
     With certain effects the verdict is "identified" where they bring the gap to the noise and "partly" where they do
-    not; without, "no-gap" or "unexplained", as the gap is within the noise or beyond. It is "ambiguous" where known
-    effects bring the gap to the noise of which the main one is not settled.
+    not, or where it is as certain that something unknown is at work; without, "no-gap" or "unexplained", as the gap is
+    within the noise or beyond. It is "ambiguous" where known effects bring the gap to the noise of which the main one
+    is not settled, be it that something unknown may stand in its place.
     """
     best, none = found.best, found.none
     wrong = {c.name: implausible(c, found.best) for c in best.words}
@@ -67,13 +68,7 @@ def judged(found: Findings) -> Judgement:
         [f"{count} readings are too few to identify {parameters} parameters"] if count < FEW * (parameters + 1) else []
     )
     if certain and not few:
-        rest = lack_of_fit(found, kept)
-        known = found.of(best.words)
-        settled = not rest or strange or _main(found, known) in {c.name for c in certain}
-        if not settled and not lack_of_fit(found, known):
-            return Judgement("ambiguous", known.words, known, _unsettled(known, certain))
-        remarks = (*strange, *_told(rest), *_imitations(found, kept.names))
-        return Judgement("partly" if rest else "identified", kept.words, kept, remarks)
+        return _named(found, kept, strange)
     gap = lack_of_fit(found, none)
     if gap:
         known = found.of(best.words)
@@ -86,6 +81,29 @@ def judged(found: Findings) -> Judgement:
         return Judgement("no-gap", (), none, tuple(strange))
     known = found.of(best.words)
     return Judgement("ambiguous", known.words, known, tuple(few))
+
+
+def _named(found: Findings, kept: Hypothesis, strange: Sequence[str]) -> Judgement:
+    """The verdict where some effects are certain.
+
+    kept: these and no others; strange: what is implausible, or has no word.
+    """
+    rest, names = lack_of_fit(found, kept), [c.name for c in kept.words]
+    known = found.of(found.best.words)
+    if rest and not strange and _main(found, known) not in names and not lack_of_fit(found, known):
+        return Judgement("ambiguous", known.words, known, _unsettled(known, names))
+    verdict = "identified"
+    if found.group(_main(found, kept)).known < CONFIDENT:
+        verdict = "ambiguous"
+    elif rest or _unknown(found) >= CONFIDENT:
+        verdict = "partly"
+    return Judgement(verdict, kept.words, kept, (*strange, *_told(rest), *_imitations(found, kept.names)))
+
+
+def _unknown(found: Findings) -> float:
+    """Probability that something without a word is at work."""
+    pairs = zip(found.hypotheses, found.probability, strict=True)
+    return sum(p for h, p in pairs if len(h.words) < len(h.candidates))
 
 
 def _imitations(found: Findings, names: frozenset[str]) -> Iterator[str]:
@@ -107,9 +125,8 @@ def _main(found: Findings, hypothesis: Hypothesis) -> str:
     return max(share, key=lambda name: share[name])
 
 
-def _unsettled(known: Hypothesis, certain: Sequence[Candidate]) -> tuple[str, ...]:
+def _unsettled(known: Hypothesis, names: Sequence[str]) -> tuple[str, ...]:
     """What is certain of effects of which the main one is not settled."""
-    names = [c.name for c in certain]
     open_ones = [c.name for c in known.words if c.name not in names]
     return (f"certain: {', '.join(names)}; not settled: {', '.join(open_ones)}",)
 

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from stiffscope.gap.forward_model import UNNAMED
 from stiffscope.report.numbers import WRENCH, coordinates, percent, pose_values
 
 if TYPE_CHECKING:
@@ -54,8 +55,9 @@ def name(effect: str, place: str) -> str:
 
 
 def label(key: str) -> str:
-    """Return "actuator-stiffness @ limb1" in words; anything else as it is."""
-    return name(*key.split(" @ ", 1)) if key.count(" @ ") == 1 else key
+    """Return "actuator-stiffness @ limb1" in words, of a nuisance pattern its own; anything else as it is."""
+    effect, _, place = key.partition(" @ ")
+    return place if effect == UNNAMED else name(effect, place) if key.count(" @ ") == 1 else key
 
 
 def _with_size(effect: Effect) -> str:

@@ -12,6 +12,7 @@ from stiffscope.gap.evidence import constrained_minima, errors_of, posterior
 from stiffscope.gap.findings import find
 from stiffscope.gap.fitting import Problem
 from stiffscope.gap.forward_model import Noise
+from stiffscope.gap.lack_of_fit import lack_of_fit
 from stiffscope.gap.posterior_samples import write_posterior
 from stiffscope.gap.search import Search
 from stiffscope.gap.verdict import shares
@@ -383,6 +384,68 @@ def test_effects_of_one_signature_share_its_probability(count, verdict):
     assert effect.confused_with == (tuple(f"twin-{k} @ place" for k in range(min(count, 2))) or ("effect-0 @ here",))
     others = {f"{p.effect} @ {p.place}" for p in diagnosis.possible}
     assert others == {f"twin-{k} @ place" for k in range(2, count)}
+
+
+def test_what_stands_in_the_place_of_another_effect_is_in_no_group_but_its_own():
+    """Two effects with rivals: one with three twins, one with an effect of its own."""
+    model = linear_model(np.random.default_rng(24), parameters=(1,))
+    model = replace(model, signatures=model.signatures | {"effect-10 @ place": model.signatures["effect-0 @ place"]})
+    twins = tuple(f"twin-{k} @ place" for k in range(3))
+    found = find(twin(planted(model, e0=(0.2,), e1=(0.4,)), "effect-1 @ place", twins=twins))
+    assert found.group("effect-1 @ place").others == twins[:2]
+    (other,) = found.best.names - {"effect-1 @ place"}
+    assert {other, *found.group(other).others} == {"effect-0 @ place", "effect-10 @ place"}
+
+
+def test_a_word_is_as_likely_as_another_at_however_many_places():
+    """Of two effects with one signature, one may be at a single place, and the other at seven."""
+    model = linear_model(np.random.default_rng(12))
+    spread = [f"effect-{k} @ place" for k in range(10, 16)]
+    model = twin(model, "effect-0 @ place", twins=("many @ here",))
+    library = tuple(replace(c, effect="many", place=c.effect) if c.name in spread else c for c in model.library)
+    signatures = {c.name: model.signatures[old.name] for c, old in zip(library, model.library, strict=True)}
+    found = find(planted(replace(model, library=library, signatures=signatures), e0=(0.5,)))
+    assert found.stated("effect-0 @ place") == pytest.approx(7 / 8, abs=1e-3)
+    assert found.stated("many @ here") == pytest.approx(1 / 8, abs=1e-3)
+
+
+def unnamed(model, numbers):
+    """The model in which some effects are patterns of one kind."""
+    names = {f"effect-{k} @ place": f"unknown @ pattern {k}" for k in numbers}
+    library = tuple(
+        replace(c, effect="unknown", place=names[c.name].partition(" @ ")[2], pattern="pattern")
+        if c.name in names
+        else c
+        for c in model.library
+    )
+    signatures = {names.get(name, name): columns for name, columns in model.signatures.items()}
+    return replace(model, library=library, signatures=signatures)
+
+
+def test_what_is_certain_beside_a_certain_pattern_is_part_of_the_answer():
+    """A pattern that only the fit sees, since it leaves the residuals at the noise."""
+    model = planted(linear_model(np.random.default_rng(22), parameters=(1,)), e0=(0.5,), e7=(0.025,))
+    found = find(unnamed(model, [7]))
+    diagnosis = conclude(found)
+    assert found.best.names == {"effect-0 @ place", "unknown @ pattern 7"}
+    assert not lack_of_fit(found, found.of(found.best.words))
+    assert diagnosis.verdict == "partly"
+    assert [e.effect for e in diagnosis.effects] == ["effect-0"]
+    assert "the readings follow pattern 7, for which the vocabulary has no word" in diagnosis.remarks
+
+
+@pytest.mark.parametrize(("main", "verdict"), [(True, "ambiguous"), (False, "identified")])
+def test_a_pattern_that_may_stand_in_the_place_of_an_effect_is_of_its_group(main, verdict):
+    """One of five patterns has the signature of an effect, of one beside a larger one or of that itself."""
+    model = linear_model(np.random.default_rng(23), parameters=(1,))
+    model = replace(model, signatures=model.signatures | {"effect-10 @ place": model.signatures["effect-0 @ place"]})
+    diagnosis = conclude(find(unnamed(planted(model, e0=(0.2,), e1=(0.1 if main else 0.4,)), range(10, 15))))
+    assert diagnosis.verdict == verdict
+    known = {e.effect: e for e in diagnosis.effects}
+    assert known["effect-0"].confused_with == ("unknown @ pattern 10",)
+    assert known["effect-0"].probability < 0.9 < known["effect-0"].group_probability
+    assert not known["effect-1"].confused_with
+    assert any(r.startswith("pattern 10 would explain the readings nearly as well") for r in diagnosis.remarks)
 
 
 def test_a_main_cause_that_is_not_settled_is_ambiguous():
