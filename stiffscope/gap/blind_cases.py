@@ -22,6 +22,7 @@ from stiffscope.robot.part_dimensions import part_parameters, vanishing
 from stiffscope.robot.part_matrices import part_matrices, part_sources
 from stiffscope.robot.part_sections import ParametricPart
 from stiffscope.robot.reader import load_robot
+from stiffscope.robot.vocabulary import FORMER_WORDS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -185,7 +186,7 @@ class Lab:
 
     def words(self) -> tuple[str, ...]:
         """Effects of the vocabulary that this robot can have."""
-        foreign = {"gravity", "slider-compliance"}
+        foreign = {"gravity", *FORMER_WORDS}
         if not self.sound.gravity.any():
             foreign.add("payload")
         return tuple(effect for effect in KNOWN if effect not in foreign and self.places(effect))
@@ -220,7 +221,7 @@ class Lab:
     def canonical(self, name: str) -> str:
         """One name for all names of an effect at a place: groups, parts and elements may mean the same set."""
         effect, _, place = name.partition(" @ ")
-        effect = {"slider-compliance": "part-compliance"}.get(effect, effect)
+        effect = FORMER_WORDS.get(effect, effect)
         if effect == "platform-compliance":
             place = "tool"
         members = self.sound.members(place)

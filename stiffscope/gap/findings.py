@@ -147,18 +147,18 @@ class Findings:
 
     @cached_property
     def _in_place_of(self) -> dict[str, set[str]]:
-        """For each effect of the best hypothesis what other hypotheses have in its place, all others being the same."""
+        """For each effect of the best hypothesis what competing ones have in its place, all others being the same."""
         found: dict[str, set[str]] = {}
-        for hypothesis in self.hypotheses:
+        for hypothesis, p in zip(self.hypotheses, self.probability, strict=True):
             gone, new = self.best.names - hypothesis.names, hypothesis.names - self.best.names
-            if len(gone) == len(new) == 1:
+            if len(gone) == len(new) == 1 and p > COMPETING * self.probability[0]:
                 found.setdefault(*gone, set()).update(new)
         return found
 
     def _at_work(self, names: Iterable[str]) -> float:
         """Probability that one of these effects is at work."""
         pairs = zip(self.hypotheses, self.probability, strict=True)
-        return float(sum(p * (1.0 - self._missed(h, names)) for h, p in pairs))
+        return min(float(sum(p * (1.0 - self._missed(h, names)) for h, p in pairs)), 1.0)
 
     def _add_rivals(self, listed: list[str], own: Candidate, rivals: Iterable[Sequence[Candidate]]) -> None:
         """Add to a group what is most probable in the place of one of the best hypothesis's effects.

@@ -66,7 +66,7 @@ class Problem:
 
     @cached_property
     def _unknown(self) -> Counter[str]:
-        """The same of each kind of nuisance pattern, and of a discrepancy."""
+        """The same of each kind of nuisance pattern, of which a discrepancy is one."""
         return Counter(["", *(c.pattern for c in self.model.library if c.unnamed)])
 
     def odds_of(self, candidate: Candidate) -> Array:
@@ -77,11 +77,11 @@ class Problem:
         return self.odds / max(len(self._known), 1) / places
 
     def _odds_of_pattern(self, pattern: str) -> float:
-        return UNKNOWN * self.odds / len(self._unknown) / self._unknown[pattern]
+        return UNKNOWN * self.odds / len(self._unknown) / max(self._unknown[pattern], 1)
 
     @cached_property
     def errors(self) -> Errors:
-        """Distribution of the readings about a hypothesis; a discrepancy is as likely as a nuisance pattern."""
+        """Distribution of the readings about a hypothesis; a discrepancy is as likely as a kind of patterns."""
         return errors_of(self.model.campaign, self.noise, float(np.log(self._odds_of_pattern(""))))
 
     @cached_property

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from stiffscope.robot.vocabulary import FORMER_WORDS
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
@@ -26,8 +28,9 @@ UNNAMED = "unknown"
 
 
 def word_of(name: str) -> str:
-    """The effect of an `effect @ place`."""
-    return name.partition(" @ ")[0]
+    """The effect of an `effect @ place`, by its present word."""
+    effect = name.partition(" @ ")[0]
+    return FORMER_WORDS.get(effect, effect)
 
 
 def _same(values: Array) -> Array:

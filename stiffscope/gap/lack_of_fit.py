@@ -32,7 +32,7 @@ def lack_of_fit(found: Findings, hypothesis: Hypothesis) -> str:
     """
     dof, total = _degrees(found, hypothesis), found.chi2(hypothesis)
     p = _tail(total, dof)
-    if total - dof <= max((NEGLIGIBLE - 1.0) * dof, _ignored(found, dof)) or p >= CORROBORATED:
+    if total - dof <= max((NEGLIGIBLE - 1.0) * dof, model_errors(found, hypothesis)) or p >= CORROBORATED:
         return ""
     together = correlation(found, hypothesis)
     if p >= SIGNIFICANCE and not together:
@@ -57,7 +57,7 @@ def correlation(found: Findings, hypothesis: Hypothesis) -> str:
         "session and direction": c.session[used] * 6 + axis,
     }
     x = found.slopes(hypothesis)[used]
-    ignored = _ignored(found, _degrees(found, hypothesis))
+    ignored = model_errors(found, hypothesis)
     for name, group in groups.items():
         total, dof = _of_group_means(r, group, x)
         p = _tail(total, dof)
@@ -70,8 +70,9 @@ def _degrees(found: Findings, hypothesis: Hypothesis) -> int:
     return max(int(found.used.sum()) - len(hypothesis.values), 1)
 
 
-def _ignored(found: Findings, dof: int) -> float:
+def model_errors(found: Findings, hypothesis: Hypothesis) -> float:
     """Excess of χ² that is left to the forward model's own errors."""
+    dof = _degrees(found, hypothesis)
     return float(np.clip(MODEL_ERROR * (found.chi2(found.none) - dof), 0.0, (MODEL_NOISE**2 - 1.0) * dof))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from stiffscope.gap.evidence import constrained_minima
 from stiffscope.gap.hypothesis import positive_of
-from stiffscope.gap.lack_of_fit import lack_of_fit
+from stiffscope.gap.lack_of_fit import lack_of_fit, model_errors
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.floating[Any]]
 
 CONFIDENT = 0.9  # probability from which an effect, or its group, is certain
-MAJORITY = 0.5  # probability from which there is no gap
+MAJORITY = 0.5  # probability from which there is no gap, and a group has a word
 FEW = 3  # readings a parameter below which nothing is identified
 IMITATING = 3.0  # ln of evidence behind the best set, without prior odds, up to which a pattern is worth a word
 MENTIONED = 3  # such patterns at most
@@ -46,12 +46,13 @@ class Judgement:
 def judged(found: Findings) -> Judgement:
     """The verdict.
 
-    An effect is certain when it, or its group of at most three, has a probability of `CONFIDENT` and plausible
-    parameters; none is where the likeliest set, or what is certain of it, leaves a greater χ² than no effect at all.
+    An effect is certain when it, or its group of at most three, has a probability of `CONFIDENT`, most of it with a
+    word, and plausible parameters; none is where the likeliest set, or what is certain of it, leaves a greater χ² than
+    no effect at all.
     With certain effects the verdict is "identified" where they bring the gap to the noise and "partly" where they do
-    not, or where it is as certain that something unknown is at work; without, "no-gap" or "unexplained", as the gap is
-    within the noise or beyond. It is "ambiguous" where known effects bring the gap to the noise of which the main one
-    is not settled, be it that something unknown may stand in its place.
+    not, or where a nuisance pattern is certain beside them; without, "no-gap" or "unexplained", as the gap is within
+    the noise or beyond. It is "ambiguous" where known effects bring the gap to the noise of which the main one is not
+    settled, be it that a pattern may stand in its place.
     """
     best, none = found.best, found.none
     wrong = {c.name: implausible(c, found.best) for c in best.words}
@@ -59,7 +60,7 @@ def judged(found: Findings) -> Judgement:
     unnamed = sorted(c.place for c in best.candidates if c.unnamed)
     if unnamed:
         strange.append(f"the readings follow {', '.join(unnamed)}, for which the vocabulary has no word")
-    certain = [c for c in best.words if not wrong[c.name] and found.group(c.name).probability >= CONFIDENT]
+    certain = [c for c in best.words if not wrong[c.name] and _certain(found.group(c.name))]
     kept, before = found.of(certain), found.chi2(none)
     if certain and max(found.chi2(kept), found.chi2(best)) >= before:  # beside a discrepancy they follow details alone
         certain, kept = [], none
@@ -89,21 +90,27 @@ def _named(found: Findings, kept: Hypothesis, strange: Sequence[str]) -> Judgeme
     kept: these and no others; strange: what is implausible, or has no word.
     """
     rest, names = lack_of_fit(found, kept), [c.name for c in kept.words]
-    known = found.of(found.best.words)
-    if rest and not strange and _main(found, known) not in names and not lack_of_fit(found, known):
-        return Judgement("ambiguous", known.words, known, _unsettled(known, names))
-    verdict = "identified"
-    if found.group(_main(found, kept)).known < CONFIDENT:
-        verdict = "ambiguous"
-    elif rest or _unknown(found) >= CONFIDENT:
+    if rest and not strange:
+        known = found.of(found.best.words)
+        if _main(found, known) not in names and not lack_of_fit(found, known):
+            return Judgement("ambiguous", known.words, known, _unsettled(known, names))
+    if rest or _pattern_beside(found, kept):
         verdict = "partly"
+    else:
+        verdict = "identified" if found.group(_main(found, kept)).known >= CONFIDENT else "ambiguous"
     return Judgement(verdict, kept.words, kept, (*strange, *_told(rest), *_imitations(found, kept.names)))
 
 
-def _unknown(found: Findings) -> float:
-    """Probability that something without a word is at work."""
+def _certain(group: Group) -> bool:
+    """Whether it is certain that one of a group is at work, and more likely than not one with a word."""
+    return group.probability >= CONFIDENT and group.known > MAJORITY
+
+
+def _pattern_beside(found: Findings, kept: Hypothesis) -> bool:
+    """Whether a nuisance pattern is certain beside effects, and explains more than the model's own small errors."""
     pairs = zip(found.hypotheses, found.probability, strict=True)
-    return sum(p for h, p in pairs if len(h.words) < len(h.candidates))
+    unnamed = sum(p for h, p in pairs if len(h.words) < len(h.candidates))
+    return unnamed >= CONFIDENT and found.chi2(kept) - found.chi2(found.best) > model_errors(found, kept)
 
 
 def _imitations(found: Findings, names: frozenset[str]) -> Iterator[str]:

@@ -41,7 +41,8 @@ def sentence(diagnosis: Diagnosis) -> str:
         return f"Ambiguous: {named} fits, but these readings cannot distinguish it from {rivals}; with it {shrinks}."
     if diagnosis.verdict == "partly":
         rest = _largest(diagnosis.where.left or diagnosis.where.direction)
-        left = f"{percent(gap.left)} rms beyond the noise is left, mostly in {rest}, that nothing known explains"
+        size = f"{percent(gap.left)} rms beyond the noise" if gap.left > 0.0 else "something within the noise"
+        left = f"{size} is left, mostly in {rest}, that nothing known explains"
         return f"Partly: {named}; {shrinks}; {left}."
     return f"Identified: {named}; {shrinks}."
 

@@ -18,6 +18,9 @@ COUPLED = ("rxry", "rxrz", "ryrz")
 """Rotations of a support that a moment about another axis causes."""
 _SUPPORT = (*_same(("x", "y", "z"), "m/N"), *_same((*_ROTATIONS, *COUPLED), "rad/(N·m)"))
 
+FORMER_WORDS = {"slider-compliance": "part-compliance"}
+"""Words of the first campaign format, and those that mean the same now."""
+
 EFFECTS: dict[str, tuple[tuple[str, str], ...]] = {
     "gravity": (),
     "payload": (("mass", "kg"), ("x", "m"), ("y", "m"), ("z", "m")),

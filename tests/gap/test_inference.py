@@ -422,14 +422,15 @@ def unnamed(model, numbers):
     return replace(model, library=library, signatures=signatures)
 
 
-def test_what_is_certain_beside_a_certain_pattern_is_part_of_the_answer():
-    """A pattern that only the fit sees, since it leaves the residuals at the noise."""
-    model = planted(linear_model(np.random.default_rng(22), parameters=(1,)), e0=(0.5,), e7=(0.025,))
+@pytest.mark.parametrize(("size", "verdict"), [(0.5, "partly"), (5.0, "identified")])
+def test_what_is_certain_beside_a_certain_pattern_is_part_of_the_answer(size, verdict):
+    """A pattern within the noise that the fit alone sees; beside a large gap it may be the model's own error."""
+    model = planted(linear_model(np.random.default_rng(22), parameters=(1,)), e0=(size,), e7=(0.025,))
     found = find(unnamed(model, [7]))
     diagnosis = conclude(found)
     assert found.best.names == {"effect-0 @ place", "unknown @ pattern 7"}
     assert not lack_of_fit(found, found.of(found.best.words))
-    assert diagnosis.verdict == "partly"
+    assert diagnosis.verdict == verdict
     assert [e.effect for e in diagnosis.effects] == ["effect-0"]
     assert "the readings follow pattern 7, for which the vocabulary has no word" in diagnosis.remarks
 
@@ -446,6 +447,18 @@ def test_a_pattern_that_may_stand_in_the_place_of_an_effect_is_of_its_group(main
     assert known["effect-0"].probability < 0.9 < known["effect-0"].group_probability
     assert not known["effect-1"].confused_with
     assert any(r.startswith("pattern 10 would explain the readings nearly as well") for r in diagnosis.remarks)
+
+
+def test_what_is_likelier_without_a_word_is_not_named():
+    """Two patterns, each a kind of its own, have the signature of the smaller of two effects."""
+    model = linear_model(np.random.default_rng(23), effects=24, parameters=(1,))
+    same = dict.fromkeys(["effect-10 @ place", "effect-11 @ place"], model.signatures["effect-0 @ place"])
+    model = unnamed(planted(replace(model, signatures=model.signatures | same), e0=(0.2,), e1=(0.4,)), [10, 11])
+    library = tuple(replace(c, pattern=c.place) if c.unnamed else c for c in model.library)
+    found = find(replace(model, library=library))
+    assert found.stated("effect-0 @ place") < 0.5
+    assert found.group("effect-0 @ place").probability > 0.9
+    assert [e.effect for e in conclude(found).effects] == ["effect-1"]
 
 
 def test_a_main_cause_that_is_not_settled_is_ambiguous():

@@ -8,6 +8,7 @@ import pytest
 from stiffscope.errors import InputError
 from stiffscope.gap import mechanics
 from stiffscope.gap.campaign import Campaign, LoadPoint, Sensor
+from stiffscope.gap.fitting import Problem
 from stiffscope.gap.mechanics import RobotAtPoses
 from stiffscope.gap.quantities import QUANTITIES
 from stiffscope.gap.robot_model import RobotModel, robot_candidates
@@ -316,6 +317,14 @@ def test_a_modulus_is_another_name_for_the_plain_factor_of_its_part():
     assert set(names[:2]) <= set(plain.twins)
     assert names[2] in plain.aliases
     assert names[2] not in plain.twins
+
+
+def test_a_former_word_is_no_word_more():
+    """Entries of the sliders' matrix, by the first format's word, are as likely as those of the links'."""
+    robot = nominal("biglide")
+    model = RobotModel(readings(robot, ("kx", "ky", "kz", "krx", "kry", "krz")), robot)
+    odds = {c.name: Problem(model, None).odds_of(c).sum() for c in model.library if c.flexible}
+    assert odds["slider-compliance @ sliders"] == odds["part-compliance @ links"]
 
 
 @pytest.mark.parametrize("factor", [1.0, 0.6])
