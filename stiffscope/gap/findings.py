@@ -152,7 +152,8 @@ class Findings:
         for hypothesis, p in zip(self.hypotheses, self.probability, strict=True):
             gone, new = self.best.names - hypothesis.names, hypothesis.names - self.best.names
             if len(gone) == len(new) == 1 and p > COMPETING * self.probability[0]:
-                found.setdefault(*gone, set()).update(new)
+                (name,) = gone
+                found.setdefault(name, set()).update(new)
         return found
 
     def _at_work(self, names: Iterable[str]) -> float:
