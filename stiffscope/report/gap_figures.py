@@ -115,6 +115,7 @@ def signature_correlation(diagnosis: Diagnosis) -> Figure | None:
     matrix, labels = matrix[np.ix_(order, order)], [label(names[k]) for k in order]
     size = 0.6 + 0.29 * len(names) + 0.065 * max(map(len, labels))
     figure = new_figure(size + 1.2, size, "Signature correlation (1: indistinguishable from these readings)")
+    figure.set_layout_engine("compressed")  # the map stays square
     axes = figure.subplots()
     image = axes.imshow(matrix, cmap="Purples", vmin=0, vmax=1)
     name_columns(axes, labels)

@@ -4,12 +4,15 @@ import html
 from dataclasses import replace
 from html.parser import HTMLParser
 
+import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from stiffscope.gap.diagnosis import Alternative, Effect, Where
 from stiffscope.jobs.manifest import manifest_of
 from stiffscope.report.diagnosis_report import write_diagnosis_report
-from stiffscope.report.gap_figures import draw_figures
+from stiffscope.report.figures import save_figure
+from stiffscope.report.gap_figures import draw_figures, signature_correlation
 from tests.report.test_terminal import diagnosed
 
 HOSTILE = "<script>alert(1)</script>\"'>&amp;<img onload=f()>"
@@ -61,6 +64,18 @@ def test_the_page_is_complete_and_self_contained(tmp_path):
         "distinguishes a from b",
     ):
         assert words in text
+
+
+@pytest.mark.parametrize("count", [8, 63])
+def test_names_of_many_signatures_are_within_their_figure(count, tmp_path):
+    """A square map shrinks within its space, and takes its names along."""
+    names = tuple(f"joint-compliance @ strut{k}.head" for k in range(count))
+    figure = signature_correlation(diagnosed(signature_correlation=(names, tuple(map(tuple, np.eye(count))))))
+    save_figure(figure, tmp_path / "signatures.png")
+    drawn = FigureCanvasAgg(figure).get_renderer()
+    labels = [*figure.axes[0].get_yticklabels(), *figure.axes[0].get_xticklabels()]
+    assert min(label.get_window_extent(drawn).x0 for label in labels) > 0.0
+    assert min(label.get_window_extent(drawn).y0 for label in labels) > 0.0
 
 
 @pytest.mark.parametrize("text", [HOSTILE, MATHEMATICS])
