@@ -1,11 +1,14 @@
 """Pictures of robots: what is given to the drawing process, and what it draws."""
 
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import pyvista as pv
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+from stiffscope.report.drawing.robot import framed
 from stiffscope.report.drawing.solids import solids_of
 from stiffscope.report.pictures import PictureError, draw, drawing
 from stiffscope.report.robot_scene import deformed, exaggeration, moves, picture, scene
@@ -34,6 +37,15 @@ def test_nodes_move_as_the_configuration_says(delta):
     for joint in mechanism.joints:  # every joint here is held together at its point
         ends = [moved[n][0] @ joint.at + moved[n][1] for n in (joint.first, joint.second) if n in moved]
         assert np.ptp(ends, axis=0).max() < 1e-11
+
+
+@pytest.mark.parametrize("length", [60, 94, 95, 160])
+def test_a_title_is_within_its_picture(length):
+    """However many coordinates a pose has."""
+    title = ("Share of the gap, rx = 4.257 deg, " * 5)[:length]
+    figure = framed(np.ones((80, 1200, 3)), SimpleNamespace(size=(1200, 80)), title)
+    drawn = FigureCanvasAgg(figure).get_renderer()
+    assert figure.texts[0].get_window_extent(drawn).x1 < figure.bbox.width
 
 
 def test_deformed_nodes(delta):

@@ -34,7 +34,7 @@ NO_SHARE, BEFORE, EDGES = "#d9dde2", "#9aa4b0", "#20252b"
 TOWARDS = (0.42, -1.0, 0.4)  # the camera, in axes whose z points up
 WIDTH, ABOVE, BELOW = 1200, 42, 34  # pixels: of the picture, of its title, of its key
 MOVING, PERIOD = 720, 1280  # pixels across, and milliseconds of a vibration, of an animation
-LONG = 95  # characters of a title, from which it is smaller
+LONG = 1300  # characters times points of a title that has room
 AXES = ("#d62728", "#2ca02c", "#1f4fd6")
 MARKS = {"sensor": "#8e24aa", "load": "#ef6c00"}
 CONTEXT = 1.7  # times what the arrows themselves take up, of a close picture of them
@@ -100,7 +100,7 @@ def robot(
         arrows = _arrows(marks or [], moves, reach, close)
         seen = _around(np.vstack([each.ends for each in arrows])) if close else None
         image, view = _scene(shapes, rotation @ home + position, upward, reach, seen, arrows=arrows)
-        figure = _framed(image, view, picture["title"])
+        figure = framed(image, view, picture["title"])
         if close:
             _name_arrows(figure, view, arrows)
         _explain(figure, bodies, coloured, scale, list(dict.fromkeys(each.kind for each in arrows)))
@@ -136,7 +136,7 @@ def animation(
         seen = np.vstack([*solid, *(np.add([point], 0.12 * reach * np.eye(3)) for point in points)])
         images: list[Any] = []
         for point, each in zip(points, shapes, strict=True):
-            figure = _framed(*_scene(each, point, upward, reach, seen, MOVING), picture["title"])
+            figure = framed(*_scene(each, point, upward, reach, seen, MOVING), picture["title"])
             _explain(figure, bodies, coloured, scale)
             canvas = FigureCanvasAgg(figure)
             canvas.draw()
@@ -264,7 +264,7 @@ def _draw_arrow(plotter: pv.Plotter, view: View, ends: Floats, colour: str) -> N
     plotter.add_mesh(arrow, color=colour, ambient=0.5)
 
 
-def _framed(image: Floats, view: View, title: str) -> Figure:
+def framed(image: Floats, view: View, title: str) -> Figure:
     """The picture under its title, with room below for what its colours mean."""
     from matplotlib.figure import Figure
 
@@ -274,7 +274,7 @@ def _framed(image: Floats, view: View, title: str) -> Figure:
     axes = figure.add_axes((0, BELOW / total, 1, height / total))
     axes.imshow(image, interpolation="none")
     axes.set_axis_off()
-    size = (15 if len(title) < LONG else 11.5) * min(1.0, 0.25 + 0.75 * width / WIDTH)
+    size = min(15.0, LONG / max(len(title), 1)) * min(1.0, 0.25 + 0.75 * width / WIDTH)
     figure.text(
         12 / width, 1 - 12 / total, title, fontsize=size, va="top", fontweight="bold", parse_math=False, color="#14181c"
     )
