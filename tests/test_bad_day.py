@@ -364,7 +364,7 @@ def test_a_command_that_is_stopped_leaves_no_child_and_says_one_line(tmp_path, w
     process = stiffscope(*words, folder=tmp_path)
     ends = time.monotonic() + 60
     while len(in_session(process.pid)) < 3 and time.monotonic() < ends:  # itself, the tracker of resources, a worker
-        time.sleep(0.01)
+        time.sleep(0.001)
     (os.killpg if how == signal.SIGINT else os.kill)(process.pid, how)  # Ctrl-C reaches the whole group
     _, errors = process.communicate(timeout=60)
     ends = time.monotonic() + 20  # 2 s on a machine that has nothing else to do

@@ -74,7 +74,7 @@ def work_together(
         for _ in range(min(len(jobs), max(processors(), 2))):
             here, there = context.Pipe()
             process = context.Process(target=_child, args=(there, function), daemon=False)
-            with safe_environment(), deaf_to("SIGINT"):
+            with safe_environment(), deaf_to("SIGINT", "SIGTERM", "SIGHUP"):  # it is told all that it begins with
                 process.start()
                 running[here] = process
             there.close()
@@ -223,4 +223,6 @@ def _obey_parent() -> None:
     """End cleanly on SIGTERM, leave Ctrl-C to the parent, and end when the parent is gone."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(signal, "pthread_sigmask"):  # it was started deaf to it
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGTERM])
     end_with_parent()
