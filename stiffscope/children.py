@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 _SAFE = {"PYTHONSAFEPATH": "1", "PYTHONWARNINGS": "ignore:resource_tracker:UserWarning"}
 _PARENT = "STIFFSCOPE_PARENT"
+STOPS = ("SIGINT", "SIGTERM", "SIGHUP")
+"""Signals by which a user stops a command."""
 _SECONDS = 0.5  # between two looks at the parent, where the system does not tell of its end
 
 

@@ -85,7 +85,7 @@ def _local(**options: Any) -> Iterator[Any]:
     from distributed import LocalCluster
 
     with ExitStack() as stack:
-        with children.deaf_to("SIGINT", "SIGTERM", "SIGHUP"):
+        with children.deaf_to(*children.STOPS):
             local = stack.enter_context(LocalCluster(**options))
         yield local
 

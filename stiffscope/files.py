@@ -17,7 +17,7 @@ import uuid
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stiffscope.children import deaf_to
+from stiffscope.children import STOPS, deaf_to
 from stiffscope.errors import InputError
 from stiffscope.reading import open_file, read_bytes, shown, why
 
@@ -197,7 +197,7 @@ def staged_folder(target: str | Path) -> Iterator[Path]:
             if full := _full(error):
                 raise _unwritable(target, full) from error
             raise
-        with deaf_to("SIGINT", "SIGTERM", "SIGHUP"):
+        with deaf_to(*STOPS):
             _exchange(aside, goal, target)
 
 

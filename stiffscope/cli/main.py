@@ -14,12 +14,12 @@ from typing import Any, NoReturn
 import click
 from click.exceptions import NoArgsIsHelpError
 
+from stiffscope.children import STOPS
 from stiffscope.cli import campaigns, check, design, library, parts, robots, running, store, vibration
 from stiffscope.errors import InputError, StiffscopeError
 from stiffscope.reading import shown, why
 
 _FOR_DEVELOPERS = {"py.warnings", "asyncio"}  # only --debug shows these: an event loop that is stopped complains
-_STOPS = ("SIGINT", "SIGTERM", "SIGHUP")
 MOST_CHARACTERS = 100_000  # of a word of the command line
 
 
@@ -132,7 +132,7 @@ def _show_usage(error: click.UsageError) -> None:
 
 def _listen() -> None:
     """End cleanly when asked to, and show each warning once, on a line."""
-    for name in _STOPS:
+    for name in STOPS:
         with contextlib.suppress(AttributeError, ValueError):  # not on every system, not outside the main thread
             signal.signal(getattr(signal, name), _stop)
     handler = logging.StreamHandler()
@@ -158,7 +158,7 @@ class _Once(logging.Filter):
 
 
 def _stop(number: int, _frame: Any) -> NoReturn:
-    for name in _STOPS:  # once is enough: what is begun is being put away
+    for name in STOPS:  # once is enough: what is begun is being put away
         with contextlib.suppress(AttributeError):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
     raise KeyboardInterrupt if number == signal.SIGINT else Stopped

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.gap.forward_model import word_of
 from stiffscope.gap.lab.faults import ENTRIES, KNOWN, OUTSIDE, acts_on, bearing_words, inject
 from stiffscope.gap.lab.machine import machine_of
 from stiffscope.gap.lab.measuring import Noise, measure, true_readings
@@ -220,8 +221,7 @@ class Lab:
 
     def canonical(self, name: str) -> str:
         """One name for all names of an effect at a place: groups, parts and elements may mean the same set."""
-        effect, _, place = name.partition(" @ ")
-        effect = FORMER_WORDS.get(effect, effect)
+        effect, place = word_of(name), name.partition(" @ ")[2]
         if effect == "platform-compliance":
             place = "tool"
         members = self.sound.members(place)

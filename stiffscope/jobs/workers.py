@@ -16,7 +16,7 @@ import traceback
 from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING, Any
 
-from stiffscope.children import deaf_to, end_with_parent, leave_out, safe_environment
+from stiffscope.children import STOPS, deaf_to, end_with_parent, leave_out, safe_environment
 from stiffscope.errors import InputError, StiffscopeError
 from stiffscope.processors import processors
 
@@ -74,7 +74,7 @@ def work_together(
         for _ in range(min(len(jobs), max(processors(), 2))):
             here, there = context.Pipe()
             process = context.Process(target=_child, args=(there, function), daemon=False)
-            with safe_environment(), deaf_to("SIGINT", "SIGTERM", "SIGHUP"):  # it is told all that it begins with
+            with safe_environment(), deaf_to(*STOPS):  # it is told all that it begins with
                 process.start()
                 running[here] = process
             there.close()
