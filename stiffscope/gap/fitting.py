@@ -151,7 +151,7 @@ class Problem:
 
     @cached_property
     def _nominal_evidence(self) -> float:
-        return self.posterior((), self._nominal_residual, np.zeros((len(self.noise.sigma), 0))).log_evidence
+        return self.posterior((), self.nominal_residual, np.zeros((len(self.noise.sigma), 0))).log_evidence
 
     def _descend(
         self, candidates: Sequence[Candidate], u: Array, residual: Array, slopes: Array, setting: int
@@ -231,7 +231,7 @@ class Problem:
     def library_at(self, hypothesis: Hypothesis) -> Library:
         """Derivatives about a hypothesis: the nominal ones where its prediction is nearly linear in its parameters."""
         known = {id(c): here for c, here in zip(self.nominal.candidates, self.nominal.columns, strict=True)}
-        moved = self._nominal_residual - hypothesis.residual
+        moved = self.nominal_residual - hypothesis.residual
         linear = np.zeros(len(moved))
         for candidate, values in hypothesis.parameters:
             columns = self.nominal.values[:, known[id(candidate)]]
@@ -242,7 +242,8 @@ class Problem:
         return self._library(self.model.predict(hypothesis.parameters))
 
     @cached_property
-    def _nominal_residual(self) -> Array:
+    def nominal_residual(self) -> Array:
+        """Residual (n,) of no effect in units of sigma."""
         return (self.model.campaign.value - self.model.predict().values) / self.noise.sigma
 
 

@@ -100,6 +100,11 @@ class Candidate:
         """Whether it is a nuisance pattern."""
         return self.effect == UNNAMED
 
+    @property
+    def simple(self) -> bool:
+        """Whether it has a word, and can do little else than what the word says."""
+        return not (self.unnamed or self.flexible or self.couplings)
+
 
 Parameters = tuple[tuple[Candidate, tuple[float, ...]], ...]
 """A set of effects with their internal parameters."""

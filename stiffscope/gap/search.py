@@ -30,6 +30,9 @@ FITTED_PLAIN = 6  # and the best without a discrepancy
 LEAST_FITTED = 4  # however far behind to first order
 SWAPPED = 4  # others that are fitted in the place of each effect of the best set
 STRIKES = 2  # fits of a size that a flexible effect may leave at what cannot be assembled
+OBVIOUS = 2  # simple effects that are found one by one
+WIDE = 24  # sets of simple effects of each size that are extended to first order,
+SKETCHED = 4  # and that are fitted
 ROUNDS = 3  # of growing and exchanging
 GAIN = 1.0  # ln-odds that one effect more must gain for the search to go on
 
@@ -61,26 +64,45 @@ class Search:
         fit, found = fitted.fit, fitted.found
         tried = [Start(c, np.zeros(len(scale_of(c))), np.zeros(len(scale_of(c)))) for c in self.problem.model.tried]
         fit(tried, _heights([none]), "effects", len(tried))
-        frontier = [none]
+        self._grow([none], fitted)
+        best = fitted.best
+        if len(best.candidates) > OBVIOUS or not all(c.simple for c in best.candidates):
+            for starts in self._sketches(none):
+                fit(starts, _heights([none]), f"simple effects, {len(starts[0].candidates)} at once", SKETCHED)
+            if fitted.best is not best:
+                self._grow([fitted.best], fitted)
         for _ in range(ROUNDS):
-            self._grow(frontier, fitted)
-            best = max(found.values(), key=lambda h: h.evidence)
-            if any(c.flexible for c in best.candidates) and not frontier[0].names:
-                self._grow([none], fitted, flexible=False)  # what can follow almost anything hides simpler sets
-                best = max(found.values(), key=lambda h: h.evidence)
+            best = fitted.best
             starts = self._exchanges(best)
             exchanged = fit(starts, _heights([best]), "effects exchanged", len(starts))
             if not exchanged or exchanged[0].evidence < best.evidence + GAIN:
                 break
-            frontier = exchanged[:1]
+            self._grow(exchanged[:1], fitted)
         return sorted(found.values(), key=lambda h: -h.evidence)
 
-    def _grow(self, frontier: Sequence[Hypothesis], fitted: _Fitted, *, flexible: bool = True) -> None:
-        """Fit larger and larger sets as long as they gain; without flexible effects where these are not wanted."""
+    def _sketches(self, none: Hypothesis) -> Iterable[list[Start]]:
+        """Sets of two simple effects, of three and so on, the best to first order, as long as they gain.
+
+        A step of `_grow` keeps few sets, and what follows almost anything, or is like much else, crowds out a set whose
+        effects explain little but together. None of these is fitted before the next step, so that many can be kept.
+        """
+        kept = [none]
+        while len(kept[0].candidates) < self.problem.model.most_effects:
+            starts = self._extensions(kept, simple=True)
+            plain = sorted(starts, key=lambda start: -start.heights[1])
+            starts = list(dict.fromkeys(start for pair in zip(starts, plain, strict=True) for start in pair))[:WIDE]
+            if not starts or starts[0].heights[0] < kept[0].evidence + GAIN:
+                return
+            if kept[0].names:
+                yield starts
+            kept = sorted((self._first_order(start.candidates) for start in starts), key=lambda h: -h.evidence)
+
+    def _grow(self, frontier: Sequence[Hypothesis], fitted: _Fitted) -> None:
+        """Fit larger and larger sets as long as they gain."""
         before = _heights(frontier)
         while len(frontier[0].candidates) < self.problem.model.most_effects:
             stage = f"effects, {len(frontier[0].candidates) + 1} at once"
-            base, starts = _heights(frontier), self._extensions(frontier, flexible=flexible)
+            base, starts = _heights(frontier), self._extensions(frontier)
             if not starts:
                 return
             most = FITTED if frontier[0].names else 2 * FITTED
@@ -126,26 +148,41 @@ class Search:
                 self.problem.model.campaign.value - self.problem.model.predict(others).values
             ) / self.problem.noise.sigma
             y = y + before - hypothesis.residual
+        return self._linear(candidates, y, slopes)
+
+    def _first_order(self, candidates: tuple[Candidate, ...]) -> Hypothesis:
+        """A set of effects to first order about none."""
+        library, y = self.problem.nominal, self.problem.nominal_residual
+        where = {id(c): here for c, here in zip(library.candidates, library.columns, strict=True)}
+        columns = [np.zeros((len(y), 0))]
+        for candidate in candidates:
+            own = library.values[:, where[id(candidate)]]
+            if candidate.scale:
+                columns.append(own)
+            else:
+                y = y - own[:, 0]
+        return self._linear(candidates, y, np.hstack(columns))
+
+    def _linear(self, candidates: tuple[Candidate, ...], y: Array, slopes: Array) -> Hypothesis:
+        """A set of effects of which the readings (n,) are linear, with slopes (n, k)."""
         known = self.problem.posterior(candidates, y, slopes)
         log = known.log_evidence + self.problem.log_prior(candidates)
         parameters = split(candidates, known.mean)
         return Hypothesis(parameters, y - slopes @ known.mean, slopes, log, known, converged=False)
 
-    def _extensions(self, frontier: Sequence[Hypothesis], *, flexible: bool) -> list[Start]:
-        """The most promising sets of one effect more, by their evidence to first order, each with a start."""
+    def _extensions(self, frontier: Sequence[Hypothesis], *, simple: bool = False) -> list[Start]:
+        """The most promising sets of one effect more, a simple one where wanted, by their evidence to first order."""
         ranked: dict[Forms, Start] = {}
         derivatives = self.problem.library_at(frontier[0])
         for hypothesis in frontier:
-            for start in self.scored(hypothesis, derivatives):
+            for start in self.scored(hypothesis, derivatives, simple=simple):
                 key = forms_of(start.candidates)
-                if start.candidates[-1].flexible and not flexible:
-                    continue
                 if key not in ranked or start.heights[1] > ranked[key].heights[1]:
                     ranked[key] = start
         return sorted(ranked.values(), key=lambda start: -start.heights[0])
 
-    def scored(self, hypothesis: Hypothesis, library: Library) -> Iterable[Start]:
-        """A hypothesis with every admitted effect more, to first order."""
+    def scored(self, hypothesis: Hypothesis, library: Library, *, simple: bool = False) -> Iterable[Start]:
+        """A hypothesis with every admitted effect more, to first order; only with simple ones where wanted."""
         k, known_good = len(hypothesis.values), bounded(hypothesis.candidates, hypothesis.values)
         own = self.problem.errors.project(np.column_stack([hypothesis.slopes, hypothesis.linear]))
         inner = self.problem.errors.inner(own, own)  # (q, k+1, k+1)
@@ -153,6 +190,8 @@ class Search:
         without = self.problem.errors.sizes == 0.0
         alike: dict[tuple[bool, ...], list[int]] = {}
         for number, candidate in enumerate(library.candidates):
+            if candidate.simple < simple:
+                continue
             if self.problem.model.admits((*hypothesis.candidates, candidate)):
                 alike.setdefault(candidate.one_sided, []).append(number)
         base = hypothesis.known.sizes * scale_of(hypothesis.candidates)
@@ -198,6 +237,11 @@ class _Fitted:
     problem: Problem
     found: dict[Forms, Hypothesis]
     progress: Progress | None
+
+    @property
+    def best(self) -> Hypothesis:
+        """The best so far."""
+        return max(self.found.values(), key=lambda h: h.evidence)
 
     def fit(self, starts: Sequence[Start], base: tuple[float, float], stage: str, most: int) -> list[Hypothesis]:
         """Fit what promises to compete with the best that was fitted, in the order of promise."""

@@ -495,12 +495,13 @@ def test_an_effect_that_comes_in_two_sizes_keeps_the_one_that_was_found():
     assert values == pytest.approx([0.5, 0.1], abs=4.0 * max(p.sigma for p in effect.parameters.values()))
 
 
-def test_what_follows_almost_anything_does_not_hide_a_simpler_set():
-    """Six entries stand for two effects, and many effects are like the third: the simple set is off the beam."""
+@pytest.mark.parametrize("kind", [{"flexible": True}, {"couplings": 3}, {"effect": "unknown", "pattern": "six waves"}])
+def test_what_follows_almost_anything_does_not_hide_a_simpler_set(kind):
+    """Six parameters stand for two effects, and many effects are like the third: the simple set is off the beam."""
     model = linear_model(np.random.default_rng(4), effects=21, parameters=(1,))
     signatures, flexible = dict(model.signatures), replace(
         model.library[20], names=tuple("abcdef"), units=("1",) * 6, scale=(1.0,) * 6, plausible=((-9.0, 9.0),) * 6,
-        flexible=True,
+        **kind,
     )  # fmt: skip
     of = [signatures[c.name] for c in model.library]
     for k in range(3, 18):
