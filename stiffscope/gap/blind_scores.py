@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 GROUP = 3  # a diagnosis may name the truth in a group of at most so many
 EVIDENT = 10.0  # ln-odds against no effect from which a single effect must be found
 HONEST = 1.2  # times the noise floor, held out
-MANY = 6  # parameters of an effect beyond which its intervals are not scored: the entries of a matrix
 TENTHS = 10
 EFFECTS = ("single", "pair", "triple")
 """Kinds of campaigns whose effects the library has."""
@@ -139,8 +138,6 @@ def _covered(case: BlindCase, found: dict[str, Any], same: Same) -> tuple[bool, 
         planted = truth.get(same(f"{effect['effect']} @ {effect['place']}"))
         if planted is None:
             return ()
-        if len(effect["parameters"]) > MANY:
-            continue
         for name, fit in effect["parameters"].items():
             if fit["sigma"] and name in planted and not (effect["effect"] == "payload" and name == "z"):
                 low, high = fit.get("interval") or (

@@ -253,8 +253,8 @@ class Findings:
             rest = Problem(self.model, replace(noise, used=noise.used & ~here))
             return rest.posterior(hypothesis.candidates, hypothesis.linear, x).mean - hypothesis.values
         left = x[self.used & ~here]
-        weak = np.diag(self.problem.weak_precision(hypothesis.candidates))
-        return -np.linalg.pinv(left.T @ left + weak, rcond=1e-12) @ (x[here].T @ r[here])
+        precision = left.T @ left + np.diag(hypothesis.prior_precision)
+        return -np.linalg.pinv(precision, rcond=1e-12) @ (x[here].T @ r[here])
 
 
 def find(model: ForwardModel, progress: Progress | None = None) -> Findings:

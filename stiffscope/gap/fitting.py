@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.floating[Any]]
 
-PRIOR_ODDS = 0.5  # of one effect more, shared by the words of the vocabulary and by their places
-UNKNOWN = 0.1  # of these odds, those of an unknown cause, shared by the kinds of patterns and by their places
+PRIOR_ODDS = 0.25  # of one effect more, shared by the words of the vocabulary and by their places
+UNKNOWN = 0.2  # of these odds, those of an unknown cause, shared by the kinds of patterns and by their places
 MARGIN = 30.0  # ln-odds behind the best to first order up to which a set is fitted,
 DOUBT = 0.2  # or this share of the best one's gain, since first order errs by a share of it
 CURVED = 0.1  # error of the linear prediction, over the change predicted, from which derivatives are taken anew
 _STEPS = 12  # of Gauss-Newton
-_CONVERGED = 1e-3  # of the cost, χ² with the weak prior
+_CONVERGED = 1e-3  # of the cost, χ² with the prior's
 _DAMPING = (1.0, 0.5, 0.25, 0.1, 0.02)
 
 
@@ -103,14 +103,10 @@ class Problem:
         known = self.posterior(hypothesis.candidates, hypothesis.linear, hypothesis.slopes)
         return known.log_evidence + self.log_prior(hypothesis.candidates)
 
-    def weak_precision(self, candidates: Sequence[Candidate]) -> Array:
-        """Precision (k,) of the widest prior of effects' internal parameters."""
-        return (self.sizes[-1] * scale_of(candidates)) ** -2.0
-
     def fit(
         self, candidates: Sequence[Candidate], start: Array, target: float = -np.inf, origin: Array | None = None
     ) -> Hypothesis:
-        """Fit a set of effects by damped Gauss-Newton with a weak prior.
+        """Fit a set of effects by damped Gauss-Newton, with the widest prior first and then with the likeliest.
 
         Parameters
         ----------
@@ -132,19 +128,20 @@ class Problem:
             return Hypothesis((*((c, ()) for c in candidates),), residual, slopes, log, known)
         if len(candidates) > 1 and log < target - MARGIN - DOUBT * abs(log - self._nominal_evidence):
             return Hypothesis(split(candidates, u), residual, slopes, log, known, converged=False)
-        setting = int(np.argmax(known.settings))
-        u, residual, slopes, short = self._descend(candidates, u, residual, slopes, setting)
+        setting, sizes = int(np.argmax(known.settings)), np.full(len(u), self.sizes[-1])
+        u, residual, slopes, short = self._descend(candidates, u, residual, slopes, setting, sizes)
         if short > MARGIN:
             u_safe, there = self._start(candidates, safe, safe)
-            again = self._descend(candidates, u_safe, *there, setting)
+            again = self._descend(candidates, u_safe, *there, setting, sizes)
             if again[3] < short:
                 u, residual, slopes, short = again
         known = self.posterior(candidates, residual + slopes @ u, slopes)
         for _ in range(len(known.settings)):  # what the start left looked like a discrepancy, or like a larger one
-            before, setting = setting, int(np.argmax(known.settings))
-            if setting == before:
+            before = setting, sizes
+            setting, sizes = int(np.argmax(known.settings)), known.sizes
+            if setting == before[0] and np.array_equal(sizes, before[1]):
                 break
-            u, residual, slopes, short = self._descend(candidates, u, residual, slopes, setting)
+            u, residual, slopes, short = self._descend(candidates, u, residual, slopes, setting, sizes)
             known = self.posterior(candidates, residual + slopes @ u, slopes)
         log = known.log_evidence + self.log_prior(candidates) - 0.5 * short
         return Hypothesis(split(candidates, u), residual, slopes, log, known, stuck=short > MARGIN)
@@ -154,23 +151,25 @@ class Problem:
         return self.posterior((), self.nominal_residual, np.zeros((len(self.noise.sigma), 0))).log_evidence
 
     def _descend(
-        self, candidates: Sequence[Candidate], u: Array, residual: Array, slopes: Array, setting: int
+        self, candidates: Sequence[Candidate], u: Array, residual: Array, slopes: Array, setting: int, sizes: Array
     ) -> tuple[Array, Array, Array, float]:
         """Gauss-Newton steps in one setting of the errors, damped where the cost would grow.
+
+        sizes: (k,) of the prior, as multiples of the candidates' own.
 
         The last number is by how much the cost stays above what the last derivatives promise: where a fit comes to
         the end of what can be assembled, its evidence must not count what lies beyond.
         """
-        weak, positive, k = self.weak_precision(candidates), positive_of(candidates), len(u)
+        prior, positive, k = (sizes * scale_of(candidates)) ** -2.0, positive_of(candidates), len(u)
 
         def inner_of(residual: Array, slopes: Array) -> Array:
             return self.errors.inner_at(setting, np.column_stack([slopes, residual]))
 
         inner = inner_of(residual, slopes)
-        cost, short = float(inner[k, k] + u**2 @ weak), 0.0
+        cost, short = float(inner[k, k] + u**2 @ prior), 0.0
         for _ in range(_STEPS):
             gram = inner[:k, :k]
-            precision = gram + np.diag(weak)
+            precision = gram + np.diag(prior)
             step = constrained_minima(precision, inner[:k, k] + gram @ u, positive)[0] - u
             short = float(step @ precision @ step)
             if short < _CONVERGED:
@@ -182,7 +181,7 @@ class Problem:
                 except (InputError, np.linalg.LinAlgError):
                     continue
                 after = inner_of(*moved)
-                lower = float(after[k, k] + trial**2 @ weak)
+                lower = float(after[k, k] + trial**2 @ prior)
                 if lower < cost or np.isclose(lower, cost, rtol=1e-9):
                     break
             else:

@@ -69,6 +69,11 @@ class Hypothesis:
         return joined(values for _, values in self.parameters)
 
     @property
+    def prior_precision(self) -> Array:
+        """(k,) of the internal parameters, in the likeliest prior sizes."""
+        return (self.known.sizes * scale_of(self.candidates)) ** -2.0
+
+    @property
     def covariance(self) -> Array:
         """(k, k) of the internal parameters."""
         return self.known.covariance

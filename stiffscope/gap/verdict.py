@@ -207,12 +207,14 @@ def shares(found: Findings, hypothesis: Hypothesis) -> dict[str, float]:
 def _explained(found: Findings, hypothesis: Hypothesis) -> dict[frozenset[int], float]:
     """χ² explained by every subset of a hypothesis's effects, to first order about it."""
     columns: list[Array] = []
+    priors: list[Array] = []
     fixed: list[bool] = []
     at = 0
     slopes, used = found.slopes(hypothesis), found.used
     for candidate, values in hypothesis.parameters:
         own = slopes[:, at : at + len(values)]
         columns.append(own if values else _step(found, hypothesis, candidate)[:, None])
+        priors.append(hypothesis.prior_precision[at : at + len(values)])
         fixed.append(not values)
         at += len(values)
     y = found.residual(hypothesis) + slopes @ hypothesis.values
@@ -225,8 +227,8 @@ def _explained(found: Findings, hypothesis: Hypothesis) -> dict[frozenset[int], 
         if free:
             x = np.hstack([columns[k] for k in free])[used]
             fitted = [hypothesis.candidates[k] for k in free]
-            weak = np.diag(found.problem.weak_precision(fitted))
-            left = left - x @ constrained_minima(x.T @ x + weak, x.T @ left, positive_of(fitted))[0]
+            precision = x.T @ x + np.diag(np.concatenate([priors[k] for k in free]))
+            left = left - x @ constrained_minima(precision, x.T @ left, positive_of(fitted))[0]
         out[frozenset(chosen)] = float(y[used] @ y[used] - left @ left)
     return out
 

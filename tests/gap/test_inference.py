@@ -512,6 +512,23 @@ def test_what_follows_almost_anything_does_not_hide_a_simpler_set(kind):
     assert best.names == {f"effect-{k} @ place" for k in range(3)}
 
 
+def test_a_parameter_that_readings_hardly_show_keeps_to_its_prior():
+    """Values of the widest prior with uncertainties of the likeliest were 8 of these from the truth."""
+    model = linear_model(np.random.default_rng(4), effects=1, parameters=(2,))
+    noise = (model.campaign.value - model.nominal) / model.campaign.sigma
+    along = noise / np.linalg.norm(noise)
+    aside = np.random.default_rng(5).standard_normal(len(noise))
+    aside -= along * (along @ aside)
+    share = 2.0 / np.linalg.norm(noise)  # a column of unit length by which the noise is two
+    column = share * along + np.sqrt(1.0 - share**2) * aside / np.linalg.norm(aside)
+    (name,) = model.signatures
+    shown = np.column_stack([model.signatures[name][:, 0], 0.2 * column * model.campaign.sigma])
+    found = find(planted(replace(model, signatures={name: shown}), e0=(1.0, 0.0)))
+    (value, beside), sigma = found.best.values, np.sqrt(np.diagonal(found.best.covariance))
+    assert value == pytest.approx(1.0, abs=3.0 * sigma[0])
+    assert abs(beside) < sigma[1]
+
+
 def test_an_effect_of_one_sign_starts_from_what_it_explains_without_a_discrepancy():
     """A discrepancy takes up what it shares with the readings themselves; what is left has the other sign."""
     model = linear_model(np.random.default_rng(4), effects=1, parameters=(1,))
