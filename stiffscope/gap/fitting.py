@@ -31,7 +31,7 @@ MARGIN = 30.0  # ln-odds behind the best to first order up to which a set is fit
 DOUBT = 0.2  # or this share of the best one's gain, since first order errs by a share of it
 CURVED = 0.1  # error of the linear prediction, over the change predicted, from which derivatives are taken anew
 _STEPS = 12  # of Gauss-Newton
-_CONVERGED = 1e-3  # of the cost, χ² with the prior's
+_CONVERGED = 0.05  # of the cost, χ² with the prior's: a step that lowers it by less is taken to first order
 _DAMPING = (1.0, 0.5, 0.25, 0.1, 0.02)
 
 
@@ -173,7 +173,8 @@ class Problem:
             step = constrained_minima(precision, inner[:k, k] + gram @ u, positive)[0] - u
             short = float(step @ precision @ step)
             if short < _CONVERGED:
-                break
+                last = bounded(candidates, u + step)
+                return last, residual - slopes @ (last - u), slopes, 0.0
             for damping in _DAMPING:
                 trial = bounded(candidates, u + damping * step)
                 try:

@@ -190,7 +190,7 @@ class Search:
         without = self.problem.errors.sizes == 0.0
         alike: dict[tuple[bool, ...], list[int]] = {}
         for number, candidate in enumerate(library.candidates):
-            if candidate.simple < simple:
+            if simple and not candidate.simple:
                 continue
             if self.problem.model.admits((*hypothesis.candidates, candidate)):
                 alike.setdefault(candidate.one_sided, []).append(number)
