@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.floating[Any]]
 
 PRIOR_ODDS = 0.25  # of one effect more, shared by the words of the vocabulary and by their places
-UNKNOWN = 0.2  # of these odds, those of an unknown cause, shared by the kinds of patterns and by their places
+UNKNOWN = 0.1  # of these odds, those of an unknown cause, shared by the kinds of patterns and by their places
 MARGIN = 30.0  # ln-odds behind the best to first order up to which a set is fitted,
 DOUBT = 0.2  # or this share of the best one's gain, since first order errs by a share of it
 CURVED = 0.1  # error of the linear prediction, over the change predicted, from which derivatives are taken anew

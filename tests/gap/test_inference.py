@@ -450,10 +450,10 @@ def test_a_pattern_that_may_stand_in_the_place_of_an_effect_is_of_its_group(main
 
 
 def test_what_is_likelier_without_a_word_is_not_named():
-    """Two of four patterns, each a kind of its own, have the signature of the smaller of two effects."""
+    """Two patterns, each a kind of its own, have the signature of the smaller of two effects."""
     model = linear_model(np.random.default_rng(23), effects=24, parameters=(1,))
     same = dict.fromkeys(["effect-10 @ place", "effect-11 @ place"], model.signatures["effect-0 @ place"])
-    model = unnamed(planted(replace(model, signatures=model.signatures | same), e0=(0.2,), e1=(0.4,)), range(10, 14))
+    model = unnamed(planted(replace(model, signatures=model.signatures | same), e0=(0.2,), e1=(0.4,)), [10, 11])
     library = tuple(replace(c, pattern=c.place) if c.unnamed else c for c in model.library)
     found = find(replace(model, library=library))
     assert found.stated("effect-0 @ place") < 0.5
