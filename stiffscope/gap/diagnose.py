@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from stiffscope.gap.findings import Findings
     from stiffscope.gap.forward_model import Candidate, ForwardModel
     from stiffscope.gap.hypothesis import Hypothesis
-    from stiffscope.gap.posterior_samples import Samples
     from stiffscope.gap.verdict import Judgement
     from stiffscope.robot.effects import NominalRobot
 
@@ -83,10 +82,9 @@ def conclude(found: Findings) -> Diagnosis:
     joint = found.best if reported.names <= found.best.names else reported
     if judgement.verdict == "partly":  # what is left shows in the values, too
         joint = joint.widened(max(found.misfit(joint), 1.0))
+    effects = _effects(found, judgement, joint)
     residual = found.held_out_residual(reported)
     check, held_out = _held_out_check(found, reported, residual)
-    samples = drawn(found, joint if judgement.effects else reported, judgement.effects, held_out)
-    effects = _effects(found, judgement, joint, samples)
     gap = _gap(found, reported, residual)
     beyond = judgement.verdict in {"partly", "unexplained"}
     together = correlation(found, reported)
@@ -110,11 +108,11 @@ def conclude(found: Findings) -> Diagnosis:
         _possible(found, judgement),
         _sensitivity(found, judgement),
         check,
-        samples,
+        drawn(found, joint if effects else reported, judgement.effects, held_out),
     )
 
 
-def _effects(found: Findings, judgement: Judgement, joint: Hypothesis, samples: Samples) -> tuple[Effect, ...]:
+def _effects(found: Findings, judgement: Judgement, joint: Hypothesis) -> tuple[Effect, ...]:
     """The named effects, the one with the greatest share first; parameters as fitted beside all that is likely."""
     share = shares(found, judgement.hypothesis)
     out: list[Effect] = []
@@ -125,7 +123,7 @@ def _effects(found: Findings, judgement: Judgement, joint: Hypothesis, samples: 
             candidate.place,
             found.stated(candidate.name),
             found.percent_rms(found.alone(candidate)),
-            _parameters(candidate, *own_part(joint, candidate.name), samples),
+            _parameters(candidate, *own_part(joint, candidate.name)),
             group.others,
             share[candidate.name],
             group.probability,
@@ -134,12 +132,12 @@ def _effects(found: Findings, judgement: Judgement, joint: Hypothesis, samples: 
     return tuple(out)
 
 
-def _parameters(candidate: Candidate, internal: Array, covariance: Array, samples: Samples) -> dict[str, Parameter]:
+def _parameters(candidate: Candidate, internal: Array, covariance: Array) -> dict[str, Parameter]:
     """Physical parameters with their standard uncertainties and intervals."""
     if not candidate.scale:
         return {}
     values, sigma = candidate.physical(internal), physical_sigma(candidate, internal, covariance)
-    intervals = _intervals(candidate, internal, covariance, samples)
+    intervals = _intervals(candidate, internal, covariance, values, sigma)
     fine, model = plausible(candidate, values, sigma), candidate.physical(np.zeros(len(internal)))
     known = [float(value) if np.isfinite(value) and value else None for value in model]
     return {
@@ -148,16 +146,21 @@ def _parameters(candidate: Candidate, internal: Array, covariance: Array, sample
     }
 
 
-def _intervals(candidate: Candidate, internal: Array, covariance: Array, samples: Samples) -> list[tuple[float, float]]:
-    """Intervals of 95 %: of one parameter, or of some that cannot be negative, by its quantiles, of others as drawn."""
-    if len(internal) > 1 and not candidate.positive:
-        drawn_of = (samples.parameters[f"{candidate.name}: {name}"] for name in candidate.names)
-        return [(float(low), float(high)) for low, high in (np.quantile(each, TAILS) for each in drawn_of)]
+def _intervals(
+    candidate: Candidate, internal: Array, covariance: Array, values: Array, sigma: Array
+) -> list[tuple[float, float]]:
+    """Intervals of 95 %: of one parameter by its quantiles, of several by their standard uncertainties."""
     deviation = np.sqrt(np.diagonal(covariance).clip(min=1e-300))
     lowest = [0.0 if one_sided else -np.inf for one_sided in candidate.one_sided]
     ends = [_quantiles(m, s, low) for m, s, low in zip(internal, deviation, lowest, strict=True)]
-    sides = [candidate.physical(np.array([end[side] for end in ends])) for side in (0, 1)]
-    return [(float(min(a, b)), float(max(a, b))) for a, b in zip(*sides, strict=True)]
+    if len(values) == 1:
+        low, high = sorted(float(candidate.physical(np.array([end]))[0]) for end in ends[0])
+        return [(low, high)]
+    if candidate.positive:
+        sides = [candidate.physical(np.array([end[side] for end in ends])) for side in (0, 1)]
+        return [(float(min(a, b)), float(max(a, b))) for a, b in zip(*sides, strict=True)]
+    below, above = _quantiles(0.0, 1.0)
+    return [(float(v + t * below), float(v + t * above)) for v, t in zip(values, sigma, strict=True)]
 
 
 def _quantiles(mean: float, deviation: float, lowest: float = -np.inf) -> Array:

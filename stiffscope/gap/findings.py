@@ -252,9 +252,9 @@ class Findings:
         if noise.scaled.any():  # a noise of unknown size is estimated anew
             rest = Problem(self.model, replace(noise, used=noise.used & ~here))
             return rest.posterior(hypothesis.candidates, hypothesis.linear, x).mean - hypothesis.values
-        left = x[self.used & ~here]
-        precision = left.T @ left + np.diag(hypothesis.prior_precision)
-        return -np.linalg.pinv(precision, rcond=1e-12) @ (x[here].T @ r[here])
+        unit = hypothesis.prior_precision**-0.5  # parameters have units from 1e-9 m/N to kg
+        left, out = unit * x[self.used & ~here], unit * x[here]
+        return -unit * np.linalg.solve(left.T @ left + np.eye(len(unit)), out.T @ r[here])
 
 
 def find(model: ForwardModel, progress: Progress | None = None) -> Findings:

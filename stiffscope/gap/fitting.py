@@ -31,7 +31,9 @@ MARGIN = 30.0  # ln-odds behind the best to first order up to which a set is fit
 DOUBT = 0.2  # or this share of the best one's gain, since first order errs by a share of it
 CURVED = 0.1  # error of the linear prediction, over the change predicted, from which derivatives are taken anew
 _STEPS = 12  # of Gauss-Newton
-_CONVERGED = 0.05  # of the cost, χ² with the prior's: a step that lowers it by less is taken to first order
+_CONVERGED = 1e-3  # of the cost, χ² with the prior's: a step that lowers it by less is not taken,
+_SETTLED = 0.05  # and one by less than this is the last
+_REPEATED = 6  # descents at most, each in the sizes that the one before makes the likeliest
 _DAMPING = (1.0, 0.5, 0.25, 0.1, 0.02)
 
 
@@ -136,7 +138,7 @@ class Problem:
             if again[3] < short:
                 u, residual, slopes, short = again
         known = self.posterior(candidates, residual + slopes @ u, slopes)
-        for _ in range(len(known.settings)):  # what the start left looked like a discrepancy, or like a larger one
+        for _ in range(_REPEATED):  # what the start left may have looked like a discrepancy, or like a larger one
             before = setting, sizes
             setting, sizes = int(np.argmax(known.settings)), known.sizes
             if setting == before[0] and np.array_equal(sizes, before[1]):
@@ -155,10 +157,9 @@ class Problem:
     ) -> tuple[Array, Array, Array, float]:
         """Gauss-Newton steps in one setting of the errors, damped where the cost would grow.
 
-        sizes: (k,) of the prior, as multiples of the candidates' own.
-
-        The last number is by how much the cost stays above what the last derivatives promise: where a fit comes to
-        the end of what can be assembled, its evidence must not count what lies beyond.
+        sizes: (k,) of the prior, as multiples of the candidates' own. The last number that is returned is by how much
+        the cost stays above what the last derivatives promise: where a fit comes to the end of what can be assembled,
+        its evidence must not count what lies beyond.
         """
         prior, positive, k = (sizes * scale_of(candidates)) ** -2.0, positive_of(candidates), len(u)
 
@@ -173,8 +174,7 @@ class Problem:
             step = constrained_minima(precision, inner[:k, k] + gram @ u, positive)[0] - u
             short = float(step @ precision @ step)
             if short < _CONVERGED:
-                last = bounded(candidates, u + step)
-                return last, residual - slopes @ (last - u), slopes, 0.0
+                break
             for damping in _DAMPING:
                 trial = bounded(candidates, u + damping * step)
                 try:
@@ -187,10 +187,10 @@ class Problem:
                     break
             else:
                 break
-            gained = cost - lower
+            whole, gained = np.array_equal(trial, u + step), cost - lower
             u, cost, inner, (residual, slopes) = trial, lower, after, moved
-            if gained < _CONVERGED and damping == _DAMPING[0]:
-                short = 0.0
+            if damping == _DAMPING[0] and (gained < _CONVERGED or short < _SETTLED):
+                short = 0.0 if whole else short
                 break
         return u, residual, slopes, short
 

@@ -96,8 +96,9 @@ def _internal_draws(joint: Hypothesis, count: int, rng: np.random.Generator) -> 
     mean = joint.values
     if not len(mean):
         return np.zeros((count, 0))
-    values, vectors = np.linalg.eigh(joint.covariance)
-    root = vectors * np.sqrt(values.clip(min=0.0))
+    deviation = np.sqrt(np.diagonal(joint.covariance).clip(min=1e-300))
+    values, vectors = np.linalg.eigh(joint.covariance / np.outer(deviation, deviation))  # units differ by many powers
+    root = deviation[:, None] * vectors * np.sqrt(values.clip(min=0.0))
     positive = positive_of(joint.candidates)
     out = mean + rng.standard_normal((count, len(mean))) @ root.T
     for _ in range(_REDRAWN):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,7 +33,7 @@ STRIKES = 2  # fits of a size that a flexible effect may leave at what cannot be
 OBVIOUS = 2  # simple effects that are found one by one
 WIDE = 24  # sets of simple effects of each size that are extended to first order,
 SKETCHED = 4  # and that are fitted
-ROUNDS = 3  # of growing and exchanging
+ROUNDS = 3  # of exchanging and growing on
 GAIN = 1.0  # ln-odds that one effect more must gain for the search to go on
 
 
@@ -68,7 +68,8 @@ class Search:
         best = fitted.best
         if len(best.candidates) > OBVIOUS or not all(c.simple for c in best.candidates):
             for starts in self._sketches(none):
-                fit(starts, _heights([none]), f"simple effects, {len(starts[0].candidates)} at once", SKETCHED)
+                new = [start for start in starts if forms_of(start.candidates) not in found]
+                fit(new, _heights([none]), f"simple effects, {len(starts[0].candidates)} at once", SKETCHED)
             if fitted.best is not best:
                 self._grow([fitted.best], fitted)
         for _ in range(ROUNDS):
@@ -90,11 +91,11 @@ class Search:
         while len(kept[0].candidates) < self.problem.model.most_effects:
             starts = self._extensions(kept, simple=True)
             plain = sorted(starts, key=lambda start: -start.heights[1])
-            starts = list(dict.fromkeys(start for pair in zip(starts, plain, strict=True) for start in pair))[:WIDE]
-            if not starts or starts[0].heights[0] < kept[0].evidence + GAIN:
+            if not starts or not _gains((starts[0].heights[0], plain[0].heights[1]), _heights(kept)):
                 return
+            starts = list(dict.fromkeys(start for pair in zip(starts, plain, strict=True) for start in pair))[:WIDE]
             if kept[0].names:
-                yield starts
+                yield [replace(start, origin=np.zeros(len(start.origin))) for start in starts]
             kept = sorted((self._first_order(start.candidates) for start in starts), key=lambda h: -h.evidence)
 
     def _grow(self, frontier: Sequence[Hypothesis], fitted: _Fitted) -> None:
@@ -108,12 +109,12 @@ class Search:
             most = FITTED if frontier[0].names else 2 * FITTED
             plain = sorted(starts, key=lambda s: -s.heights[1])
             promised = starts[0].heights[0], plain[0].heights[1]
-            if all(now < then + GAIN for now, then in zip(promised, base, strict=True)):
+            if not _gains(promised, base):
                 most, plain = LEAST_FITTED, []  # what they miss to first order is as small
             fits = fitted.fit(starts, base, stage, most)
             fits += fitted.fit(plain, base, stage, FITTED_PLAIN)
             fits = sorted({id(h): h for h in fits}.values(), key=lambda h: -h.evidence)
-            if not fits or all(now < then + GAIN for now, then in zip(_heights(fits), before, strict=True)):
+            if not fits or not _gains(_heights(fits), before):
                 return
             before = tuple(max(pair) for pair in zip(_heights(fits), before, strict=True))
             plain = sorted(fits, key=lambda h: -h.plain)[:BEAM_PLAIN]
@@ -269,6 +270,11 @@ class _Fitted:
 def _heights(fits: Sequence[Hypothesis]) -> tuple[float, float]:
     """The best evidence, and the best without a discrepancy."""
     return max(h.evidence for h in fits), max(h.plain for h in fits)
+
+
+def _gains(now: tuple[float, float], before: tuple[float, float]) -> bool:
+    """Whether one effect more is worth it, with a discrepancy or without."""
+    return any(a >= b + GAIN for a, b in zip(now, before, strict=True))
 
 
 def _hopeless(promised: float, best: float, base: float) -> bool:

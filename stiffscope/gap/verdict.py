@@ -183,7 +183,8 @@ def implausible(candidate: Candidate, hypothesis: Hypothesis) -> list[str]:
 def shares(found: Findings, hypothesis: Hypothesis) -> dict[str, float]:
     """Share of every effect in the explained χ², by Shapley's value: its gain, averaged over all orders of adding.
 
-    χ² of a subset is that of the linearized fit of its effects alone. The shares add up to 1.
+    χ² of a subset is that of the linearized fit of its effects alone, in the prior sizes that they have
+    beside the others. The shares add up to 1.
 
     References
     ----------

@@ -13,7 +13,7 @@ from stiffscope.gap.findings import find
 from stiffscope.gap.fitting import Problem
 from stiffscope.gap.forward_model import Noise
 from stiffscope.gap.lack_of_fit import lack_of_fit
-from stiffscope.gap.posterior_samples import write_posterior
+from stiffscope.gap.posterior_samples import drawn, write_posterior
 from stiffscope.gap.search import Search
 from stiffscope.gap.verdict import shares
 from tests.gap.synthetic import LinearModel, LinearPrediction, linear_model
@@ -567,3 +567,40 @@ def test_a_fit_from_afar_ends_where_one_from_nearby_does():
     afar = problem.fit([effect], np.array([4.0]), target=near.evidence)
     assert afar.converged
     assert afar.values == pytest.approx(near.values, abs=0.05 * float(near.covariance[0, 0] ** 0.5))
+
+
+def test_what_a_fit_leaves_is_what_its_parameters_leave():
+    """To first order, and at a bound, it would be what the model does not say, or cannot."""
+    model = linear_model(np.random.default_rng(5), poses=6, loads=6, effects=1, parameters=(1,))
+    (effect,) = (replace(c, bounds=(-0.9, 2.0)) for c in model.library)
+    model = CurvedModel(model.campaign, model.nominal, model.signatures, (effect,))
+    noise = model.campaign.value - model.nominal
+    for truth in (0.5, 1.9, 3.0):
+        value = model.predict(((effect, (truth,)),)).values + noise
+        problem = Problem(replace(model, campaign=replace(model.campaign, value=value)), model.noise())
+        fit = problem.fit([effect], np.zeros(1))
+        predicted = model.predict(fit.parameters).values
+        assert fit.residual == pytest.approx((value - predicted) / model.campaign.sigma, abs=1e-9)
+        assert fit.stuck == (truth > 2.0)
+
+
+def test_units_of_parameters_change_neither_what_is_held_out_nor_what_is_drawn():
+    """A compliance of 1e-9 m/N beside a mass of kilograms: rounding took directions away that readings show well."""
+    model = planted(
+        linear_model(np.random.default_rng(6), poses=4, loads=3, effects=2, parameters=(1,)), e0=(1,), e1=(1,)
+    )
+    small, large = model.library
+    tiny = replace(small, scale=(1e-9,), plausible=((-1e-7, 1e-7),))
+    signatures = model.signatures | {small.name: 1e9 * model.signatures[small.name]}
+    held_out, spread = [], []
+    for each in (model, replace(model, library=(tiny, large), signatures=signatures)):
+        found = find(each)
+        assert len(found.best.names) == 2
+        held_out.append(found.held_out_residual(found.best))
+        samples = drawn(found, found.best, found.best.candidates, held_out[0]).parameters
+        draws = np.stack([samples[f"{c.name}: p0"].ravel() for c in (small, large)])
+        spread.append(np.corrcoef(draws)[0, 1])
+        sigma = [np.sqrt(np.diagonal(found.best.covariance))[found.best.candidates.index(c)] for c in each.library]
+        assert draws.std(axis=1) == pytest.approx(sigma, rel=0.1)
+    assert held_out[0] == pytest.approx(held_out[1])
+    assert spread[0] == pytest.approx(spread[1], abs=0.1)
