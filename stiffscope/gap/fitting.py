@@ -33,7 +33,7 @@ CURVED = 0.1  # error of the linear prediction, over the change predicted, from 
 _STEPS = 12  # of Gauss-Newton
 _CONVERGED = 1e-3  # of the cost, χ² with the prior's: a step that lowers it by less is not taken,
 _SETTLED = 0.05  # and one by less than this is the last
-_REPEATED = 6  # descents at most, each in the sizes that the one before makes the likeliest
+_REPEATED = 4  # descents more at most, each in the sizes that the one before makes the likeliest
 _DAMPING = (1.0, 0.5, 0.25, 0.1, 0.02)
 
 
@@ -138,11 +138,13 @@ class Problem:
             if again[3] < short:
                 u, residual, slopes, short = again
         known = self.posterior(candidates, residual + slopes @ u, slopes)
+        seen = {(setting, sizes.tobytes())}
         for _ in range(_REPEATED):  # what the start left may have looked like a discrepancy, or like a larger one
-            before = setting, sizes
             setting, sizes = int(np.argmax(known.settings)), known.sizes
-            if setting == before[0] and np.array_equal(sizes, before[1]):
+            behind = known.log_evidence + self.log_prior(candidates) < target - MARGIN
+            if behind or (setting, sizes.tobytes()) in seen:
                 break
+            seen.add((setting, sizes.tobytes()))
             u, residual, slopes, short = self._descend(candidates, u, residual, slopes, setting, sizes)
             known = self.posterior(candidates, residual + slopes @ u, slopes)
         log = known.log_evidence + self.log_prior(candidates) - 0.5 * short
