@@ -181,8 +181,8 @@ def posterior(
 
     The prior is ``u ~ N(0, diag(m scale)²)`` with a size m of its own for every effect from a grid, equally likely;
     where u cannot be negative it is the half above zero. The errors' settings are summed over. Sizes are averaged
-    effect by effect about the likeliest, exact for one effect. Laplace's approximation at the constrained optimum,
-    exact without constraints.
+    effect by effect about the likeliest, exact for one effect, and widen each effect's own uncertainties. Laplace's
+    approximation at the constrained optimum, exact without constraints.
 
     Parameters
     ----------
@@ -210,6 +210,12 @@ def posterior(
         """Ln evidence (q, s) for prior sizes (s, k)."""
         return log_evidences(grams, pulls, totals, errors.log_weight, multiples * scale, positive)[0]
 
+    def moments_of(multiples: Array) -> tuple[Array, Array, Array]:
+        """Ln evidence (q, s), means (q, s, k) and covariances (q, s, k, k) for prior sizes (s, k)."""
+        log, means, cores = log_evidences(grams, pulls, totals, errors.log_weight, multiples * scale, positive)
+        spread = multiples * scale
+        return log, means, spread[:, :, None] * np.linalg.inv(cores) * spread[:, None, :]
+
     tried = np.repeat(sizes[:, None], k, axis=1)
     logs = _sum(logs_of(tried), axis=0)
     chosen = tried[int(np.argmax(logs))]
@@ -224,13 +230,16 @@ def posterior(
             averaging += float(_sum(logs) - logs.max()) - float(np.log(len(sizes)))
         if np.array_equal(before, chosen):
             break
-    log, means, cores = log_evidences(grams, pulls, totals, errors.log_weight, chosen[None] * scale, positive)
+    log, means, covariances = moments_of(chosen[None])
     share = np.exp(log[:, 0] - _sum(log[:, 0]))
-    spread = chosen * scale
-    covariances = spread[:, None] * np.linalg.inv(cores[:, 0]) * spread
     mean = share @ means[:, 0]
-    covariance = np.einsum("q,qij->ij", share, covariances)
-    covariance += np.einsum("q,qi,qj->ij", share, means[:, 0] - mean, means[:, 0] - mean)
+    covariance = _spread(share[:, None], means, covariances, mean)
+    wider = np.ones(k)
+    for effect in range(count if len(sizes) > 1 else 0):  # by how much, as its prior size is not known either
+        logs, means, covariances = moments_of(np.where(owner == effect, sizes[:, None], chosen))
+        variance = np.diagonal(_spread(np.exp(logs - _sum(logs)), means, covariances, mean))
+        wider = np.where(owner == effect, np.sqrt(variance / np.diagonal(covariance)).clip(min=1.0), wider)
+    covariance = wider[:, None] * covariance * wider
     return Posterior(
         float(_sum(log[:, 0])) + averaging,
         mean,
@@ -242,6 +251,12 @@ def posterior(
         float(np.exp(share @ np.log(errors.factors))),
         float(np.sqrt(share @ errors.sizes**2)),
     )
+
+
+def _spread(weight: Array, means: Array, covariances: Array, about: Array) -> Array:
+    """Second moment (k, k) about a point (k,) of a mixture of Gaussians with weights (q, s)."""
+    away = means - about
+    return np.einsum("qs,qsij->ij", weight, covariances) + np.einsum("qs,qsi,qsj->ij", weight, away, away)
 
 
 def log_evidences(
