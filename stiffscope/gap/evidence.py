@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+from scipy.special import erfc, erfcx  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -288,7 +289,23 @@ def log_evidences(
     fit = 2.0 * np.sum(u * b, axis=-1) - np.einsum("...i,...ij,...j->...", u, cores, u)
     pivots = np.diagonal(cast("Array", np.linalg.cholesky(cores)), axis1=-2, axis2=-1)
     log = -0.5 * (totals[..., None] - fit) - np.log(pivots).sum(axis=-1) + log_weight[:, None]
-    return log + np.log(2.0) * (free & positive).sum(axis=-1), wide * u, cores
+    return log + _above_zero(cores, b, u, free, positive), wide * u, cores
+
+
+def _above_zero(cores: Array, b: Array, u: Array, free: Flags, positive: Flags) -> Array:
+    """What Laplace's approximation lacks where parameters cannot be negative, as a logarithm (...).
+
+    Of each the share of its Gaussian above zero, over the prior's half: where it is free its own, and where it is held
+    at zero that beside the others as they are, whose optimum lies below. Exact for independent parameters.
+    """
+    if not positive.any():
+        return np.zeros(u.shape[:-1])
+    deviation = np.sqrt(np.diagonal(np.linalg.inv(cores), axis1=-2, axis2=-1))
+    beside = np.sqrt(np.diagonal(cores, axis1=-2, axis2=-1))
+    pull = (b - np.einsum("...ij,...j->...i", cores, u)) / beside
+    away = np.abs(np.where(free, u / deviation, pull)) / np.sqrt(2.0)
+    share = np.where(free, erfc(-away), erfcx(away))
+    return np.where(positive, np.log(share), 0.0).sum(axis=-1)
 
 
 def constrained_minima(matrices: Array, pulls: Array, positive: Flags) -> tuple[Array, Flags]:

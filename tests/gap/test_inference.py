@@ -8,7 +8,7 @@ import pytest
 
 from stiffscope.gap.diagnose import conclude
 from stiffscope.gap.diagnosis import to_json
-from stiffscope.gap.evidence import constrained_minima, errors_of, posterior
+from stiffscope.gap.evidence import constrained_minima, errors_of, log_evidences, posterior
 from stiffscope.gap.findings import find
 from stiffscope.gap.fitting import Problem
 from stiffscope.gap.forward_model import Noise
@@ -510,6 +510,25 @@ def test_what_follows_almost_anything_does_not_hide_a_simpler_set(kind):
     model = replace(model, signatures=signatures, library=(*model.library[:20], flexible))
     best = find(planted(model, e0=(0.3,), e1=(0.3,), e2=(0.2,))).best
     assert best.names == {f"effect-{k} @ place" for k in range(3)}
+
+
+@pytest.mark.parametrize("coupled", [0.0, 0.4, -0.4])
+def test_evidence_of_what_cannot_be_negative_is_an_integral_above_zero(coupled):
+    """By cubature, from far below zero to far above. A factor of 2 for each free parameter made six that show nothing
+    eight times as likely as none."""
+    gram = np.array([[1.0, coupled], [coupled, 0.7]])
+    edges = np.linspace(0.0, 12.0, 2401)
+    u = 0.5 * (edges[1:] + edges[:-1])
+    first, second = np.meshgrid(u, u, indexing="ij")
+    for pull in ([-3.0, -2.0], [-1.0, 0.5], [0.1, -0.1], [0.5, 3.0], [4.0, 6.0], [0.0, 0.0]):
+        core = gram + np.eye(2)
+        cost = core[0, 0] * first**2 + 2.0 * core[0, 1] * first * second + core[1, 1] * second**2
+        integrand = np.exp(-0.5 * cost + pull[0] * first + pull[1] * second)
+        exact = np.log(4.0 / (2.0 * np.pi) * integrand.sum() * (edges[1] - edges[0]) ** 2)
+        found = log_evidences(
+            gram[None], np.array([pull]), np.zeros(1), np.zeros(1), np.ones((1, 2)), np.array([True, True])
+        )[0]
+        assert found.item() == pytest.approx(exact, abs=0.15 if coupled else 1e-4)
 
 
 def test_a_parameter_that_readings_hardly_show_keeps_to_its_prior():
