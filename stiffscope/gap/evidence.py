@@ -304,7 +304,7 @@ def _above_zero(cores: Array, b: Array, u: Array, free: Flags, positive: Flags) 
     beside = np.sqrt(np.diagonal(cores, axis1=-2, axis2=-1))
     pull = (b - np.einsum("...ij,...j->...i", cores, u)) / beside
     away = np.abs(np.where(free, u / deviation, pull)) / np.sqrt(2.0)
-    share = np.where(free, erfc(-away), erfcx(away))
+    share = np.asarray(np.where(free, erfc(-away), erfcx(away)), dtype=float)
     return np.where(positive, np.log(share), 0.0).sum(axis=-1)
 
 

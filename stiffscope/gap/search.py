@@ -116,7 +116,8 @@ class Search:
             fits = sorted({id(h): h for h in fits}.values(), key=lambda h: -h.evidence)
             if not fits or not _gains(_heights(fits), before):
                 return
-            before = tuple(max(pair) for pair in zip(_heights(fits), before, strict=True))
+            height, plain_height = _heights(fits)
+            before = max(height, before[0]), max(plain_height, before[1])
             plain = sorted(fits, key=lambda h: -h.plain)[:BEAM_PLAIN]
             frontier = [*fits[:BEAM_WIDTH], *(h for h in plain if h not in fits[:BEAM_WIDTH])]
 
@@ -155,7 +156,7 @@ class Search:
         """A set of effects to first order about none."""
         library, y = self.problem.nominal, self.problem.nominal_residual
         where = {id(c): here for c, here in zip(library.candidates, library.columns, strict=True)}
-        columns = [np.zeros((len(y), 0))]
+        columns: list[Array] = [np.zeros((len(y), 0))]
         for candidate in candidates:
             own = library.values[:, where[id(candidate)]]
             if candidate.scale:
