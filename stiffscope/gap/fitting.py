@@ -50,6 +50,15 @@ class Library:
     blocks: tuple[Array, ...]
     """Inner products (q, k, k) of each candidate's columns."""
 
+    @cached_property
+    def _by_candidate(self) -> dict[int, Array]:
+        pairs = zip(self.candidates, self.columns, strict=True)
+        return {id(candidate): self.values[:, here] for candidate, here in pairs}
+
+    def of(self, candidate: Candidate) -> Array:
+        """A candidate's derivatives (n, k), or its step (n, 1)."""
+        return self._by_candidate[id(candidate)]
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -232,12 +241,10 @@ class Problem:
 
     def library_at(self, hypothesis: Hypothesis) -> Library:
         """Derivatives about a hypothesis: the nominal ones where its prediction is nearly linear in its parameters."""
-        known = {id(c): here for c, here in zip(self.nominal.candidates, self.nominal.columns, strict=True)}
         moved = self.nominal_residual - hypothesis.residual
         linear = np.zeros(len(moved))
         for candidate, values in hypothesis.parameters:
-            columns = self.nominal.values[:, known[id(candidate)]]
-            linear = linear + columns @ (np.array(values) if values else np.ones(1))
+            linear = linear + self.nominal.of(candidate) @ (np.array(values) if values else np.ones(1))
         used = self.noise.used
         if np.linalg.norm((moved - linear)[used]) <= CURVED * np.linalg.norm(moved[used]):
             return self.nominal

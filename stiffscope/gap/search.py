@@ -154,11 +154,10 @@ class Search:
 
     def _first_order(self, candidates: tuple[Candidate, ...]) -> Hypothesis:
         """A set of effects to first order about none."""
-        library, y = self.problem.nominal, self.problem.nominal_residual
-        where = {id(c): here for c, here in zip(library.candidates, library.columns, strict=True)}
+        y = self.problem.nominal_residual
         columns: list[Array] = [np.zeros((len(y), 0))]
         for candidate in candidates:
-            own = library.values[:, where[id(candidate)]]
+            own = self.problem.nominal.of(candidate)
             if candidate.scale:
                 columns.append(own)
             else:
