@@ -89,8 +89,9 @@ def test_a_part_names_a_folder_of_results(tmp_path, name):
 
 def test_the_mesh_of_a_former_part_is_moved_along_where_it_can_be(tmp_path, monkeypatch):
     monkeypatch.setenv("STIFFSCOPE_CACHE", str(tmp_path / "cache"))
-    thicker = ROD.replace("6 mm", "6.2 mm")
-    texts = ROD, thicker, thicker.replace("8 mm", "9 mm")  # which asks for other elements
+    plate = PLATE + '\nmesh = { size = "20 mm" }'  # a rod's mesh may have an element so flat that it must be made anew
+    thicker = plate.replace("10 mm", "10.2 mm")
+    texts = plate, thicker, thicker.replace("20 mm", "21 mm")  # which asks for other elements
     orders = [order_part(one_part(tmp_path, text), NAME) for text in texts]
     with workshop() as shop:
         held, meshes = {}, []
