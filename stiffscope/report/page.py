@@ -51,7 +51,10 @@ class Figure:
 
 @dataclass(frozen=True)
 class RobotView:
-    """The robot that turns: data of `stiffscope.report.robot_view.robot_view`, and the picture in its place."""
+    """The robot that turns: data of `stiffscope.report.robot_view.robot_view`, and the picture in its place.
+
+    The picture has the same caption unless it brings its own.
+    """
 
     data: Mapping[str, Any]
     caption: str

@@ -187,6 +187,9 @@ def test_without_webgl_a_picture_stands_in_its_place(report):
         shown = "e => e.offsetParent !== null"
         assert tab.run(f"({shown})(document.querySelector('.robot-view .still img'))")
         assert not tab.run(f"({shown})(document.querySelector('canvas'))")
+        caption = tab.run("document.querySelector('.robot-view figcaption').innerText")
+        assert caption.startswith("The robot at ")
+        assert "coloured" not in caption
         tab.call("Emulation.setScriptExecutionDisabled", value=True)
         tab.open(report)
         whole = tab.shot(whole=True)
