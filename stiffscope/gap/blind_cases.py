@@ -12,7 +12,7 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.gap.forward_model import word_of
-from stiffscope.gap.lab.faults import ENTRIES, KNOWN, OUTSIDE, acts_on, bearing_words, inject
+from stiffscope.gap.lab.faults import ENTRIES, KNOWN, OUTSIDE, acts_on, bearing_words, inject, is_uniform
 from stiffscope.gap.lab.machine import machine_of
 from stiffscope.gap.lab.measuring import Noise, measure, true_readings
 from stiffscope.gap.lab.plans import Workspace, draw_plan, workspace
@@ -168,6 +168,8 @@ class Lab:
             places = tuple(p for p in places if not any(machine.joints[n].drive for n in machine.members(p)))
         if effect == "part-compliance":  # one matrix for bodies of one part
             places = tuple(p for p in places if len({machine.bodies[n].part for n in machine.members(p)}) == 1)
+        if effect == "rigid-ends":
+            places = tuple(p for p in places if all(is_uniform(machine.bodies[n]) for n in machine.members(p)))
         if effect == "thermal":
             places = tuple(p for p in places if all(machine.bodies[n].expansion > _EXPANDS for n in machine.members(p)))
         return places

@@ -15,10 +15,11 @@ from stiffscope.gap.experiment_design import next_measurement
 from stiffscope.gap.findings import COMPETING, find
 from stiffscope.gap.lack_of_fit import correlation
 from stiffscope.gap.location import located, signature_correlation
+from stiffscope.gap.plausibility import implausible, own_part, physical_sigma, plausible
 from stiffscope.gap.posterior_samples import drawn
 from stiffscope.gap.residuals import percent_noise
 from stiffscope.gap.robot_model import RobotModel
-from stiffscope.gap.verdict import doubtful, implausible, judged, own_part, physical_sigma, plausible, shares
+from stiffscope.gap.verdict import doubtful, judged, shares
 
 if TYPE_CHECKING:
     from collections.abc import Callable

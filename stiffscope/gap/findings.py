@@ -87,7 +87,7 @@ class Findings:
 
     def evidence(self, hypothesis: Hypothesis) -> float:
         """Ln of what the readings say for a hypothesis, without its prior odds."""
-        return hypothesis.evidence - self.problem.log_prior(hypothesis.candidates)
+        return hypothesis.evidence - self.problem.log_odds(hypothesis)
 
     def misfit(self, hypothesis: Hypothesis) -> float:
         """χ² per degree of freedom of a hypothesis's residuals, under the noise and discrepancy that go with it."""

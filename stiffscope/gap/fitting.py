@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,7 @@ from stiffscope.errors import InputError
 from stiffscope.gap.evidence import constrained_minima, errors_of, posterior
 from stiffscope.gap.forward_model import word_of
 from stiffscope.gap.hypothesis import Hypothesis, bounded, owner_of, positive_of, scale_of, split
+from stiffscope.gap.plausibility import implausible
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 PRIOR_ODDS = 0.25  # of one effect more, shared by the words of the vocabulary and by their places
 UNKNOWN = 0.1  # of these odds, those of an unknown cause, shared by the kinds of patterns and by their places
+STRANGE = 0.01  # of an effect's odds, those of its parameters beyond what is plausible
 MARGIN = 30.0  # ln-odds behind the best to first order up to which a set is fitted,
 DOUBT = 0.2  # or this share of the best one's gain, since first order errs by a share of it
 CURVED = 0.1  # error of the linear prediction, over the change predicted, from which derivatives are taken anew
@@ -104,6 +106,11 @@ class Problem:
         """Ln prior odds of a set of effects against none."""
         return float(sum(np.log(self.odds_of(c).sum()) for c in candidates))
 
+    def log_odds(self, hypothesis: Hypothesis) -> float:
+        """Ln prior odds of a hypothesis against none: of its effects, and of parameters that are not plausible."""
+        strange = sum(bool(implausible(c, hypothesis)) for c in hypothesis.words)
+        return self.log_prior(hypothesis.candidates) + strange * float(np.log(STRANGE))
+
     def posterior(self, candidates: Sequence[Candidate], y: Array, x: Array) -> Posterior:
         """Posterior of the parameters of ``y = X u + errors``, without the prior odds of the set."""
         scale, owner = scale_of(candidates), owner_of(candidates)
@@ -112,7 +119,7 @@ class Problem:
     def reweighted(self, hypothesis: Hypothesis) -> float:
         """Ln of evidence times prior odds of a hypothesis that was fitted under another prior."""
         known = self.posterior(hypothesis.candidates, hypothesis.linear, hypothesis.slopes)
-        return known.log_evidence + self.log_prior(hypothesis.candidates)
+        return known.log_evidence + self.log_odds(hypothesis)
 
     def fit(
         self, candidates: Sequence[Candidate], start: Array, target: float = -np.inf, origin: Array | None = None
@@ -156,8 +163,9 @@ class Problem:
             seen.add((setting, sizes.tobytes()))
             u, residual, slopes, short = self._descend(candidates, u, residual, slopes, setting, sizes)
             known = self.posterior(candidates, residual + slopes @ u, slopes)
-        log = known.log_evidence + self.log_prior(candidates) - 0.5 * short
-        return Hypothesis(split(candidates, u), residual, slopes, log, known, stuck=short > MARGIN)
+        log = known.log_evidence - 0.5 * short
+        found = Hypothesis(split(candidates, u), residual, slopes, log, known, stuck=short > MARGIN)
+        return replace(found, evidence=log + self.log_odds(found))
 
     @cached_property
     def _nominal_evidence(self) -> float:

@@ -82,6 +82,7 @@ PRIORS = {
 PRIORS["slider-compliance"] = PRIORS["part-compliance"]
 _IN_MATRIX = {"link-stiffness", "rigid-ends", "part-dimension", "part-compliance", "slider-compliance"}
 _OF_DRIVES = {"backlash", "encoder-offset"}
+_MOST_COMPLIANT = 100.0  # times its nominal compliance that a part may yield
 
 
 def robot_candidates(at: RobotAtPoses) -> tuple[Candidate, ...]:
@@ -182,9 +183,8 @@ def _by_name(effect: str, place: str) -> Candidate:
 
 
 def _mechanical(effect: MechanicalEffect, nominal: NominalRobot, soft: Array) -> Candidate:
-    count = len(effect.names)
     entries = effect.names[0] == "c11"
-    prior = Prior((1.0,) * count, (-1e-3,) * count, (1e-3,) * count) if entries else PRIORS[effect.effect]
+    prior = _of_entries(effect, nominal) if entries else PRIORS[effect.effect]
     scale, low, high = np.array(prior.scale), np.array(prior.low), np.array(prior.high)
     units = effect.units
     known = [name for name, _ in EFFECTS[effect.effect]]
@@ -210,6 +210,15 @@ def _mechanical(effect: MechanicalEffect, nominal: NominalRobot, soft: Array) ->
         flexible=entries,
         action=effect,
     )
+
+
+def _of_entries(effect: MechanicalEffect, nominal: NominalRobot) -> Prior:
+    """Entries of a part's compliance: those on the diagonal are not negative, none is many times the nominal."""
+    rows, columns = np.array([(int(name[1]) - 1, int(name[2]) - 1) for name in effect.names]).T
+    diagonal = np.diagonal(nominal.compliances[effect.members[0]])
+    high = _MOST_COMPLIANT * np.sqrt(diagonal[rows] * diagonal[columns])
+    low = np.where(rows == columns, 0.0, -high)
+    return Prior((1.0,) * len(rows), tuple(low.tolist()), tuple(high.tolist()))
 
 
 def dimension_candidates(nominal: NominalRobot, part: str) -> tuple[Candidate, ...]:

@@ -36,6 +36,7 @@ from tests.robots import nominal_robot
 ROBOT = nominal_robot()
 SLOWER = ("biglide", "delta", "orthoglide", "serial-arm", "stewart")
 WITHHELD = Path(__file__).parents[2] / "data" / "withheld"
+GANTRY = Path(__file__).parents[1] / "vjm" / "robots" / "braced-gantry.toml"
 NOTHING = {
     "verdict": "no-gap", "effects": [], "evidence": 0.0,
     "gap": {"nominal": 1.0, "explained": 1.0, "held_out": 1.0, "noise": 1.0},
@@ -156,6 +157,12 @@ def test_a_matrix_is_planted_in_bodies_of_one_part(labs):
     assert "bars" in lab.places("link-stiffness")
     assert set(lab.places("part-compliance")) >= {"inner", "outer", "left.inner"}
     assert "bars" not in lab.places("part-compliance")
+
+
+def test_rigid_ends_are_planted_in_uniform_bodies(labs):
+    """The columns of the gantry's head have the matrix of a longer one."""
+    lab = labs(GANTRY)
+    assert {name for place in lab.places("rigid-ends") for name in lab.sound.members(place)} == {"c1", "c2"}
 
 
 def test_effects_that_the_file_carries_are_in_its_machine():

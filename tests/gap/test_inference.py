@@ -495,6 +495,26 @@ def test_an_effect_that_comes_in_two_sizes_keeps_the_one_that_was_found():
     assert values == pytest.approx([0.5, 0.1], abs=4.0 * max(p.sigma for p in effect.parameters.values()))
 
 
+@pytest.mark.parametrize("first", [True, False])
+def test_a_value_that_is_not_plausible_hides_no_other_cause_that_does_as_well(first):
+    """A second effect does the same with a hundred times the value, beyond its range; alone it explains nothing."""
+    model = linear_model(np.random.default_rng(5), effects=6, parameters=(1,))
+    own = model.library[0]
+    heavy = replace(own, effect="heavy", scale=(100.0,), plausible=((0.0, 5.0),))
+    model = replace(
+        model, library=(heavy, *model.library) if first else (*model.library, heavy),
+        signatures=model.signatures | {heavy.name: 0.01 * model.signatures[own.name]},
+    )  # fmt: skip
+    told = planted(model, e0=(0.5,))
+    diagnosis = conclude(find(told))
+    assert (diagnosis.verdict, [e.effect for e in diagnosis.effects]) == ("identified", ["effect-0"])
+    assert diagnosis.effects[0].probability == pytest.approx(1 / 1.01, abs=5e-3)
+    assert diagnosis.effects[0].confused_with == ()  # a hundredth of the odds is none to name
+    alone = conclude(find(replace(told, library=(heavy, *model.library[2:-1]) if first else model.library[1:])))
+    assert alone.verdict == "unexplained"
+    assert any("not plausible" in remark for remark in alone.remarks)
+
+
 @pytest.mark.parametrize("kind", [{"flexible": True}, {"couplings": 3}, {"effect": "unknown", "pattern": "six waves"}])
 def test_what_follows_almost_anything_does_not_hide_a_simpler_set(kind):
     """Six parameters stand for two effects, and many effects are like the third: the simple set is off the beam."""

@@ -1,6 +1,7 @@
 """Readings of any robot and their derivatives, against equilibria of the robot re-assembled with the change."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from stiffscope.gap import mechanics
 from stiffscope.gap.campaign import Campaign, LoadPoint, Sensor
 from stiffscope.gap.fitting import Problem
 from stiffscope.gap.mechanics import RobotAtPoses
+from stiffscope.gap.plausibility import plausible
 from stiffscope.gap.quantities import QUANTITIES
 from stiffscope.gap.robot_model import RobotModel, robot_candidates
 from stiffscope.gap.robot_prediction import Pattern
@@ -25,6 +27,7 @@ from stiffscope.vjm.modes import frequencies
 from stiffscope.vjm.network import places
 from stiffscope.vjm.statics import Load, respond, stiffness
 
+LINEAR_DELTA = Path(__file__).parents[1] / "vjm" / "robots" / "linear-delta.toml"
 ROBOTS = ("delta", "stewart", "serial-arm", "five-bar")
 SENSED = {  # a body that moves, a body that carries it, a point on it
     "delta": ("platform", "leg1.arm.tip", (0.03, 0.04, -1.0)),
@@ -303,6 +306,17 @@ def test_a_matrix_with_fewer_entries_stands_beside_the_one_with_all(counts):
     sides = [[model.predict((*at_work, (other, tuple(s)))).values for s in sign * step] for sign in (1.0, -1.0)]
     expected = (np.array(sides[0]) - np.array(sides[1])).T / 2e-4
     assert np.abs(columns - expected).max() < 1e-4 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("name", ["biglide", *ROBOTS, LINEAR_DELTA])
+def test_a_robot_is_plausible_as_it_is(name):
+    """The soft rods of the linear Delta yield 3 mrad/(N·m): a range in units kept their own matrix from being named."""
+    model = RobotModel(readings(robot := nominal(name), poses=[nominal(name).mechanism.tool.home]), robot)
+    for candidate in model.library:
+        count = len(candidate.scale)
+        if candidate.scale and not candidate.unnamed:
+            values = candidate.physical(np.zeros(count))
+            assert all(plausible(candidate, values, np.zeros(len(values)))), candidate.name
 
 
 def test_a_modulus_is_another_name_for_the_plain_factor_of_its_part():

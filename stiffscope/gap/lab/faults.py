@@ -24,6 +24,7 @@ ENTRIES = tuple(f"c{i}{j}" for i in range(1, 7) for j in range(i, 7))
 _ROTATIONS = ("rx", "ry", "rz")
 _COUPLED = ("rxry", "rxrz", "ryrz")
 _YIELDING = (*COORDINATES, *_COUPLED)
+_UNIFORM = 0.01  # relative, to which the entries of a uniform beam agree
 
 
 def _drives(machine: Machine, place: str) -> dict[str, Joint]:
@@ -124,6 +125,14 @@ def section_of(compliance: Array, length: float) -> Array:
     """Return the uniform section whose cantilever comes nearest to a compliance (6, 6); see `beam`."""
     n, y, z, t, by, bz = np.diag(compliance) / length
     return np.array([n, y - bz * length**2 / 3, z - by * length**2 / 3, t, by, bz])
+
+
+def is_uniform(body: Body) -> bool:
+    """Whether a body yields as a beam of a uniform section does over its length."""
+    size = np.sqrt(np.diag(body.compliance))
+    section = section_of(body.compliance, body.length)
+    other = np.abs(body.compliance - beam(body.length, section)) > _UNIFORM * np.outer(size, size)
+    return not other.any() and bool((section * body.length >= -_UNIFORM * size**2).all())
 
 
 def _rigid_ends(body: Body, parameters: Parameters) -> Body:
