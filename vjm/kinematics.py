@@ -35,7 +35,8 @@ if TYPE_CHECKING:
 CHUNK = 1024  # poses; what is at work stays within the processor's cache
 _FEW = 1500  # poses, below which each is followed from home
 _LANDMARKS = 1200
-_SHORTEST, _SHORT = 1.0 / 64.0, 1.0 / 4.0  # of the way from home, or from a pose near by
+_SHORTEST, _SHORT = 1.0 / 1024.0, 1.0 / 4.0  # of the way from home, or from a pose near by
+_CAREFUL = 1.0 / 16.0  # of the way from home, the longest step where longer ones lead to another branch
 _NEIGHBOURS = 3.0  # distances between poses, within which one is reached from another
 _ROUNDS = 20
 _SLACK = 1e-9  # rad or m; a drive at the very end of its range is still in it
@@ -120,7 +121,7 @@ class Configurations:
                 worst = np.nan_to_num(found.error[:, 0], nan=np.inf).argmax()
                 name = spelled("joints", self.linkage.cuts[int(worst)].joint.name)
                 return f"out of reach: the loop through {name} does not close"
-        return "on another branch: no way leads there from home without passing a singular pose"
+        return "on another branch, or too close to one: no way leads there from home without passing a singular pose"
 
     def required(self) -> Configurations:
         """Itself, where all are valid. Raises InputError with the first that is not."""
@@ -302,10 +303,23 @@ class _Reached:
             self._follow(values, q, done)
             placed, factors = linkage.placed(q), {}
         failure[~done] = _OPEN
-        if solver.home_sign:
-            sign = drive_sign(solver, placed, solver.closure.rates(placed, factors))
-            failure[(sign * solver.home_sign < 0.0) & done] = _BRANCH
+        crossed = self._crossed(placed, factors) & done
+        if crossed.any() and self.predict is None:  # a step may end on another branch near by, a short one does not
+            again = np.flatnonzero(crossed)
+            home = np.zeros((len(again), len(linkage.known))), np.zeros((linkage.size, len(again)))
+            reached, at = self._walk(*home, values[again], _SHORTEST, _CAREFUL)
+            q[:, again[reached]] = at[:, reached]
+            placed = linkage.placed(q)
+            crossed = self._crossed(placed, {}) & done
+        failure[crossed] = _BRANCH
         return self._configurations(q, placed, failure, culprit)
+
+    def _crossed(self, placed: Placed, factors: dict[tuple[int, int], Array]) -> NDArray[np.bool_]:
+        """Which configurations (n,) are beyond a pose where the drives' rates by the commanded ones are singular."""
+        solver = self.solver
+        if not solver.home_sign:
+            return np.zeros(placed.q.shape[1], dtype=bool)
+        return drive_sign(solver, placed, solver.closure.rates(placed, factors)) * solver.home_sign < 0.0
 
     def _follow(self, values: Array, q: Array, done: NDArray[np.bool_]) -> None:
         """Reach the values that are not yet done: from home, then those near by from what was reached before them."""
@@ -348,11 +362,13 @@ class _Reached:
         self.q = np.concatenate([self.q, at[:, reached]], axis=1)
         return bool(reached.any())
 
-    def _walk(self, start: Array, q: Array, end: Array, shortest: float) -> tuple[NDArray[np.bool_], Array]:
-        """Follow coordinates (m, n) from start to end values (n, k), each in steps of its own."""
+    def _walk(
+        self, start: Array, q: Array, end: Array, shortest: float, longest: float = 1.0
+    ) -> tuple[NDArray[np.bool_], Array]:
+        """Follow coordinates (m, n) from start to end values (n, k), each in steps of its own, as shares of the way."""
         linkage, closure = self.solver.linkage, self.solver.closure
         n = q.shape[1]
-        way, step = np.zeros(n), np.ones(n)
+        way, step = np.zeros(n), np.full(n, longest)
         q = q.copy()
         some = np.arange(n)
         while some.size:
@@ -363,7 +379,7 @@ class _Reached:
             good = found.closed
             q[:, some[good]] = found.q[:, good]
             way[some[good]] = ahead[good]
-            step[some] = np.where(good, 2.0 * step[some], 0.5 * step[some])
+            step[some] = np.where(good, np.minimum(2.0 * step[some], longest), 0.5 * step[some])
             some = some[(way[some] < 1.0) & (step[some] >= shortest)]
         return way >= 1.0, q
 

@@ -167,6 +167,23 @@ def test_a_redundant_arm_takes_the_pose_with_what_it_needs():
     assert np.sum(np.abs(found.drives[0]) < 1e-12) == 1
 
 
+@pytest.mark.parametrize("elbow", [20.0, 6.0, 3.0])
+def test_an_arm_reaches_to_where_it_is_all_but_straight(elbow):
+    """Where it is straight two branches meet: the closer to that, the shorter the steps. At home it is bent by 60°."""
+    upper, fore = 0.325, 0.275
+    bent = np.radians([60.0, elbow])
+    corner, point = np.array([upper, 0, 0]), np.array([upper + fore * np.cos(bent[0]), fore * np.sin(bent[0]), 0])
+    ends = (("ground", "upper", np.zeros(3)), ("upper", "fore", corner))
+    joints = [Joint(f"to {b}", a, b, "revolute", at, np.array([0.0, 0, 1]), drive=Drive(1e5)) for a, b, at in ends]
+    m = Mechanism((Body("upper"), Body("fore")), tuple(joints), Tool("fore", point, ("x", "y")), np.zeros(3))
+    far = np.sqrt(upper**2 + fore**2 + 2 * upper * fore * np.cos(bent[1]))
+    towards = [np.arctan2(fore * np.sin(b), upper + fore * np.cos(b)) for b in bent]
+    for turned in np.linspace(-0.6, 0.6, 7):
+        found = configure(m, [far * np.cos(towards[0] + turned), far * np.sin(towards[0] + turned)]).required()
+        expected = [towards[0] + turned - towards[1], bent[1] - bent[0]]
+        np.testing.assert_allclose(found.drives[0], expected, atol=1e-9)
+
+
 def test_a_pose_that_the_mechanism_cannot_command_is_refused():
     m = five_bar()
     with pytest.raises(InputError, match=r"tool\.pose: expected coordinates .* at home, got z"):
