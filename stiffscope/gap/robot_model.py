@@ -82,6 +82,7 @@ PRIORS = {
 PRIORS["slider-compliance"] = PRIORS["part-compliance"]
 _IN_MATRIX = {"link-stiffness", "rigid-ends", "part-dimension", "part-compliance", "slider-compliance"}
 _OF_DRIVES = {"backlash", "encoder-offset"}
+_OF_ONE_SIZE = 30.0  # times what one of two twins usually does to the readings that the other may do
 _MOST_COMPLIANT = 100.0  # times its nominal compliance that a part may yield
 
 
@@ -546,7 +547,8 @@ def _is_factor(candidate: Candidate, known: Sequence[Candidate]) -> bool:
 def _merged(candidates: Sequence[Candidate], prediction: RobotPrediction) -> tuple[Candidate, ...]:
     """Candidates of one parameter with the very same signature in the readings as twins of the first of them.
 
-    What no reading shows is left out.
+    Those of which one usually does many times as much are none: what is a usual offset of an encoder may be a mass that
+    is not plausible. What no reading shows is left out.
     """
     candidates = [c for c in candidates if not c.scale or _shows(prediction.columns(c), c, prediction)]
     singles = [k for k, c in enumerate(candidates) if len(c.scale) == 1 and c.effect != "backlash"]
@@ -560,6 +562,7 @@ def _merged(candidates: Sequence[Candidate], prediction: RobotPrediction) -> tup
     size = np.linalg.norm(columns, axis=0)
     unit = columns / np.where(size > 0.0, size, 1.0)
     cosine = unit.T @ unit
+    usual = np.log(size.clip(min=1e-300)) + np.log([candidates[k].scale[0] for k in singles])
     out: dict[int, Candidate] = dict(enumerate(candidates))
     for i, k in enumerate(singles):
         if k not in out:
@@ -567,6 +570,8 @@ def _merged(candidates: Sequence[Candidate], prediction: RobotPrediction) -> tup
         for j in range(i + 1, len(singles)):
             other = candidates[singles[j]]
             same = cosine[i, j] if candidates[k].positive or other.positive else abs(cosine[i, j])
+            if abs(usual[i] - usual[j]) > np.log(_OF_ONE_SIZE):
+                continue
             if singles[j] in out and same > 1.0 - _SAME and candidates[k].positive == other.positive:
                 if _is_factor(other, candidates):
                     out[k] = replace(out[k], aliases=(*out[k].aliases, other.name))

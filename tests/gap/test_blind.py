@@ -36,7 +36,9 @@ from tests.robots import nominal_robot
 ROBOT = nominal_robot()
 SLOWER = ("biglide", "delta", "orthoglide", "serial-arm", "stewart")
 WITHHELD = Path(__file__).parents[2] / "data" / "withheld"
-GANTRY = Path(__file__).parents[1] / "vjm" / "robots" / "braced-gantry.toml"
+GANTRY, LINEAR_DELTA = (
+    Path(__file__).parents[1] / "vjm" / "robots" / f"{name}.toml" for name in ("braced-gantry", "linear-delta")
+)
 NOTHING = {
     "verdict": "no-gap", "effects": [], "evidence": 0.0,
     "gap": {"nominal": 1.0, "explained": 1.0, "held_out": 1.0, "noise": 1.0},
@@ -403,6 +405,17 @@ def test_play_in_the_ball_of_a_strut_is_as_backlash_of_its_drive_and_is_said_to_
         r for r in found.remarks if r.endswith("would explain the readings nearly as well as backlash @ strut5.drive")
     )
     assert "play at strut5.head" in said
+
+
+def test_an_offset_that_only_a_heavy_mass_would_bring_is_an_offset(labs, tmp_path):
+    """On its inclined rail a cart with 56 kg more would stand as far off: these were one effect, and not plausible."""
+    lab = labs(LINEAR_DELTA)
+    fault = Fault("encoder-offset", "leg3.slide", {"offset": 3e-5})
+    write_case(tmp_path, 10, BlindCase("single", 3, (fault,), "gauges"), lab)
+    found = diagnose(load_campaign(tmp_path), lab.robot.nominal)
+    assert (found.verdict, [(e.effect, e.place) for e in found.effects]) == (
+        "identified", [("encoder-offset", "leg3.slide")]
+    )  # fmt: skip
 
 
 def test_scores_by_kind_and_calibration():
