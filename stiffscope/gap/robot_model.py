@@ -414,7 +414,10 @@ class RobotModel:
             half = 0.5 * (inside + outside)
             good = self._reaches(half)[:, None]
             inside, outside = np.where(good, half, inside), np.where(good, outside, half)
-        return np.vstack([inside, reached[valid]])
+        found = np.vstack([inside, reached[valid]])
+        while not (valid := self._reaches(found)).all():  # all but singular poses may be reached beside others alone
+            found = found[valid]
+        return found
 
     def _reaches(self, poses: Array) -> NDArray[np.bool_]:
         """Which poses (k, d) are within reach, (k,)."""

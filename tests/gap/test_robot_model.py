@@ -319,6 +319,22 @@ def test_a_robot_is_plausible_as_it_is(name):
             assert all(plausible(candidate, values, np.zeros(len(values)))), candidate.name
 
 
+def test_what_is_tried_for_the_next_reading_is_within_reach_by_itself(monkeypatch):
+    """Which of two poses beside a singular one is reached may depend on what else is: a diagnosis ended there."""
+    robot = nominal("five-bar")
+    model = RobotModel(readings(robot), robot)
+    whole = model.trial(np.ones(len(model.campaign))).model.campaign.poses
+
+    def beside_others(mechanism, coordinates, poses):
+        found = mechanics.configured(mechanism, coordinates, poses)
+        return replace(found, valid=found.valid & ((poses[:, 0] < whole[:, 0].max()) | (len(poses) != len(whole))))
+
+    monkeypatch.setattr("stiffscope.gap.robot_model.configured", beside_others)
+    poses = model.trial(np.ones(len(model.campaign))).model.campaign.poses
+    assert len(whole) - 9 < len(poses) < len(whole)
+    assert beside_others(robot.mechanism, model.campaign.coordinates, poses).valid.all()
+
+
 def test_a_modulus_is_another_name_for_the_plain_factor_of_its_part():
     """Of a Stewart platform's struts at rest readings see the axial compliance: radius and bore are other causes."""
     robot = nominal("stewart")
