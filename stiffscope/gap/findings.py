@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 CONFUSED = 2  # other effects at most that one is said to be confused with
 COMPETING = 0.02  # probability, over that of the best, from which a hypothesis still competes with it
+IMITATING = 3.0  # ln of evidence behind the best set, without prior odds, up to which a pattern is worth a word
 NEAR = 40.0  # ln-odds up to which another prior may change the order
 COPIES = 0.9  # share of the repeated readings that repeat the value as well, from which they are copies
 
@@ -41,6 +42,8 @@ class Group:
     """That the effect or one of the others is at work; of names for the same effect some may be left out."""
     known: float
     """The same of those that the vocabulary has a word for."""
+    elsewhere: bool
+    """Whether the same fault where it has no word would explain the readings nearly as well."""
 
 
 @dataclass(frozen=True)
@@ -135,15 +138,31 @@ class Findings:
     def group(self, name: str) -> Group:
         """An effect of the best hypothesis with the most probable ones that may stand in its place.
 
-        Nuisance patterns come last.
+        Nuisance patterns come last, and of these what is less probable but the same fault elsewhere.
         """
         listed, own = [name], next(c for c in self.best.candidates if c.name == name)
         self._add_rivals(listed, own, [h.words for h in self.hypotheses])
         known = self._at_work(listed)
         self._add_rivals(listed, own, [h.candidates for h in self.hypotheses])
+        elsewhere = [c.name for c in self.imitating.get(name, ()) if c.like == own.effect]
+        listed = list(dict.fromkeys([*listed, *elsewhere]))[: CONFUSED + 1]
         same = {self._same(each) for each in listed}
         aliases = [a for a in (*own.aliases, *self._canonical) if self._same(a) in same and a not in listed]
-        return Group(tuple(dict.fromkeys([*listed[1:], *aliases]))[:CONFUSED], self._at_work(listed), known)
+        others = tuple(dict.fromkeys([*listed[1:], *aliases]))[:CONFUSED]
+        return Group(others, self._at_work(listed), known, bool(elsewhere))
+
+    @cached_property
+    def imitating(self) -> dict[str, list[Candidate]]:
+        """By effect of the best hypothesis, the nuisance patterns that explain the readings nearly as well instead."""
+        found: dict[str, list[Candidate]] = {}
+        for hypothesis in self.hypotheses:
+            gone = self.best.names - hypothesis.names
+            new = [c for c in hypothesis.candidates if c.name not in self.best.names]
+            behind = self.evidence(self.best) - self.evidence(hypothesis)
+            if behind < IMITATING and len(gone) == len(new) == 1 and new[0].unnamed:
+                (name,) = gone
+                found.setdefault(name, []).append(new[0])
+        return found
 
     @cached_property
     def _in_place_of(self) -> dict[str, set[str]]:

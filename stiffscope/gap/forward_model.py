@@ -70,6 +70,8 @@ class Candidate:
     """True where it can follow almost anything, so that it says nothing about noise."""
     pattern: str = ""
     """Of a nuisance pattern: what it is, wherever it acts."""
+    like: str = ""
+    """Of a nuisance pattern: the word whose fault it is, at a place where the word cannot be."""
     swarming: bool = False
     """True for patterns of which there are so many that together they would follow noise."""
     action: object = None

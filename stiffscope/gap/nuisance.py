@@ -108,9 +108,10 @@ def _sizes(at: RobotAtPoses) -> Iterator[Candidate]:
 
 
 def _play_of(at: RobotAtPoses) -> Iterator[Candidate]:
-    """Passive joints that lose motion across their axes."""
+    """Passive joints that lose motion across their axes, as drives do along theirs."""
     for place, axes in _places(at, _passive(at)):
-        yield _unnamed(f"play at {place}", (1e-5,) * 2, Pattern(partial(_play, axes)), "play")
+        play = _unnamed(f"play at {place}", (1e-5,) * 2, Pattern(partial(_play, axes)), "play")
+        yield replace(play, like="backlash")
 
 
 def _stiffening_of(nominal: RobotPrediction) -> Iterator[Candidate]:

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 CONFIDENT = 0.9  # probability from which an effect, or its group, is certain
 MAJORITY = 0.5  # probability from which there is no gap, and a group has a word
 FEW = 3  # readings a parameter below which nothing is identified
-IMITATING = 3.0  # ln of evidence behind the best set, without prior odds, up to which a pattern is worth a word
-MENTIONED = 3  # such patterns at most
+MENTIONED = 3  # patterns at most that would do in the place of an effect
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,7 @@ def judged(found: Findings) -> Judgement:
     With certain effects the verdict is "identified" where they bring the gap to the noise and "partly" where they do
     not, or where a nuisance pattern is certain beside them; without, "no-gap" or "unexplained", as the gap is within
     the noise or beyond. It is "ambiguous" where known effects bring the gap to the noise of which the main one is not
-    settled, be it that a pattern may stand in its place.
+    settled, be it that a pattern may stand in its place, or that it may be the same fault where it has no word.
     """
     best, none = found.best, found.none
     wrong = {c.name: implausible(c, found.best) for c in best.words}
@@ -97,7 +96,8 @@ def _named(found: Findings, kept: Hypothesis, strange: Sequence[str]) -> Judgeme
     if rest or _pattern_beside(found, kept):
         verdict = "partly"
     else:
-        verdict = "identified" if found.group(_main(found, kept)).known >= CONFIDENT else "ambiguous"
+        main = found.group(_main(found, kept))
+        verdict = "identified" if main.known >= CONFIDENT and not main.elsewhere else "ambiguous"
     return Judgement(verdict, kept.words, kept, (*strange, *_told(rest), *_imitations(found, kept.names)))
 
 
@@ -115,15 +115,10 @@ def _pattern_beside(found: Findings, kept: Hypothesis) -> bool:
 
 def _imitations(found: Findings, names: frozenset[str]) -> Iterator[str]:
     """A line for each effect that is named: which nuisance patterns would do nearly as well in its place."""
-    best, alike = found.best, dict[frozenset[str], list[str]]()
-    for hypothesis in found.hypotheses:
-        gone = best.names - hypothesis.names
-        new = [c for c in hypothesis.candidates if c.name not in best.names]
-        behind = found.evidence(best) - found.evidence(hypothesis)
-        if behind < IMITATING and len(gone) == len(new) == 1 and new[0].unnamed and gone <= names:
-            alike.setdefault(gone, []).append(new[0].place)
-    for (name,), places in alike.items():
-        yield f"{' or '.join(places[:MENTIONED])} would explain the readings nearly as well as {name}"
+    for name, patterns in found.imitating.items():
+        if name in names:
+            places = " or ".join(c.place for c in patterns[:MENTIONED])
+            yield f"{places} would explain the readings nearly as well as {name}"
 
 
 def _main(found: Findings, hypothesis: Hypothesis) -> str:

@@ -395,16 +395,26 @@ def test_play_in_a_passive_joint_is_no_backlash_of_a_drive(labs, tmp_path):
     assert any("play at wrist" in remark for remark in found.remarks)
 
 
-def test_play_in_the_ball_of_a_strut_is_as_backlash_of_its_drive_and_is_said_to_be(labs, tmp_path):
-    lab = labs("stewart")
-    case = BlindCase("outside", 31415, (Fault("joint-play", "strut5.head", {"radial": 5e-6}),), "tool")
-    assert imitated(case, 9, lab)
+@pytest.mark.parametrize(
+    ("robot", "fault", "drive"),
+    [
+        ("stewart", Fault("joint-play", "strut5.head", {"radial": 5e-6}), "strut5.drive"),
+        ("stewart", Fault("backlash", "strut5.drive", {"half_width": 5e-6}), "strut5.drive"),
+        ("orthoglide", Fault("joint-play", "legz.hinge2", {"radial": 8e-6}), "legz.motor"),
+    ],
+)
+def test_play_that_reads_as_backlash_of_a_drive_is_said_to_be_either(robot, fault, drive, labs, tmp_path):
+    """That motion is lost is certain, and where it is not: in the drive, or in a joint of its strut."""
+    lab = labs(robot)
+    case = BlindCase("outside" if fault.effect == "joint-play" else "single", 31415, (fault,), "tool")
     write_case(tmp_path, 9, case, lab)
     found = diagnose(load_campaign(tmp_path), lab.robot.nominal)
-    (said,) = (
-        r for r in found.remarks if r.endswith("would explain the readings nearly as well as backlash @ strut5.drive")
-    )
-    assert "play at strut5.head" in said
+    (effect,) = found.effects
+    assert (found.verdict, effect.effect, effect.place) == ("ambiguous", "backlash", drive)
+    assert 0 < len(effect.confused_with) < 3
+    assert all(name.startswith("unknown @ play at ") for name in effect.confused_with)
+    said = [r for r in found.remarks if r.endswith(f"would explain the readings nearly as well as backlash @ {drive}")]
+    assert len(said) == 1
 
 
 def test_an_offset_that_only_a_heavy_mass_would_bring_is_an_offset(labs, tmp_path):
