@@ -136,7 +136,7 @@ class NominalRobot:
         """Sets and single elements, all of whose members are among those that fit; sets come first.
 
         Of `drives` and `joints`, those members that fit. Several names for the same elements make one place: by a
-        group's name, else a part's, else the element's own.
+        group's name, else a part's, else the element's own, which a single one of several drives or joints has first.
         """
         able = dict.fromkeys(fit)
         named: list[tuple[str, tuple[str, ...]]] = []
@@ -144,9 +144,12 @@ class NominalRobot:
             members = self.robot.members(name)
             if members and all(each in able for each in members):
                 named.append((name, members))
-        rest = [name for name in ("drives", "joints") if name not in self.robot.groups]
-        named += [(name, tuple(each for each in self.robot.members(name) if each in able)) for name in rest]
+        whole = {name: self.robot.members(name) for name in ("drives", "joints") if name not in self.robot.groups}
+        fitting = [(name, tuple(each for each in members if each in able)) for name, members in whole.items()]
+        alone = [len(members) == 1 < len(whole[name]) for name, members in fitting]
+        named += [each for each, single in zip(fitting, alone, strict=True) if not single]
         named += [(name, (name,)) for name in able]
+        named += [each for each, single in zip(fitting, alone, strict=True) if single]
         by_members: dict[frozenset[str], list[tuple[str, tuple[str, ...]]]] = {}
         for name, members in named:
             if members:
@@ -283,7 +286,7 @@ def mechanical_effects(nominal: NominalRobot) -> tuple[MechanicalEffect, ...]:
 
 def _effects(nominal: NominalRobot) -> Iterator[MechanicalEffect]:
     joints = {joint.name: joint for joint in nominal.mechanism.joints}
-    bearings = {name: held_patterns(j) for name, j in joints.items() if j.kind != "prismatic"}
+    bearings = {name: held_patterns(j) for name, j in joints.items() if j.kind != "prismatic" or j.drive is None}
     guides = [name for name, joint in joints.items() if joint.kind == "prismatic"]
     drives, bodies = list(nominal.driven), list(nominal.elastic)
 

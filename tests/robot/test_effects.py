@@ -3,7 +3,11 @@
 import numpy as np
 import pytest
 
-from stiffscope.robot.effects import mechanical_effects
+from stiffscope.robot.effects import NominalRobot, mechanical_effects
+from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.part_matrices import part_matrices
+from stiffscope.robot.reader import read_robot
+from tests.jobs.one_part import MATRIX, ROBOT
 from tests.robots import nominal_robot
 
 
@@ -22,3 +26,31 @@ def test_a_part_with_any_entries_stays_positive_definite():
             root = np.sqrt(np.diagonal(here))
             assert np.linalg.eigvalsh((here + added) / np.outer(root, root)).min() > 0.0
             assert effect.internal(effect.physical(values)) == pytest.approx(values, rel=1e-5, abs=1e-6 * size)
+
+
+def test_a_passive_slide_is_a_joint_and_a_guide_by_its_own_name(tmp_path):
+    """In the set of all joints, of which it is the only slide, it had the set's name."""
+    more = """
+[bodies.cap]
+[bodies.shoe]
+[joints.ram]
+between = ["arm.tip", "cap"]
+type = "prismatic"
+at = [0.06, 0, 0]
+axis = [0, 1, 0]
+[joints.pin]
+between = ["cap", "shoe"]
+type = "revolute"
+at = [0.06, 0, 0]
+axis = [0, 0, 1]
+"""
+    robot = read_robot(tmp_path / "robot.toml", ROBOT.format(part=MATRIX, length=60.0) + more)
+    nominal = NominalRobot(mechanism_of(robot, part_matrices(robot, "beam")), robot)
+    effects = mechanical_effects(nominal)
+    found = {(e.effect, e.place): (e.members, e.names) for e in effects}
+    ram = ("ram",)
+    assert found["guide-compliance", "ram"] == (ram, ("lateral", "vertical", "angular"))
+    assert found["joint-compliance", "ram"] == (ram, ("radial", "tilting"))
+    assert found["joint-compliance", "joints"][0] == ("ram", "pin")
+    assert ("guide-compliance", "joints") not in found
+    assert ("joint-compliance", "slide") not in found  # a drive's slide is a guide
