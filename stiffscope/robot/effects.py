@@ -145,11 +145,11 @@ class NominalRobot:
             if members and all(each in able for each in members):
                 named.append((name, members))
         whole = {name: self.robot.members(name) for name in ("drives", "joints") if name not in self.robot.groups}
-        fitting = [(name, tuple(each for each in members if each in able)) for name, members in whole.items()]
-        alone = [len(members) == 1 < len(whole[name]) for name, members in fitting]
-        named += [each for each, single in zip(fitting, alone, strict=True) if not single]
+        fitting = {name: tuple(each for each in members if each in able) for name, members in whole.items()}
+        lone = [name for name, members in fitting.items() if len(members) == 1 < len(whole[name])]
+        named += [(name, members) for name, members in fitting.items() if name not in lone]
         named += [(name, (name,)) for name in able]
-        named += [each for each, single in zip(fitting, alone, strict=True) if single]
+        named += [(name, fitting[name]) for name in lone]
         by_members: dict[frozenset[str], list[tuple[str, tuple[str, ...]]]] = {}
         for name, members in named:
             if members:
