@@ -148,7 +148,9 @@ class Findings:
         listed = list(dict.fromkeys([*listed, *elsewhere]))[: CONFUSED + 1]
         same = {self._same(each) for each in listed}
         aliases = [a for a in (*own.aliases, *self._canonical) if self._same(a) in same and a not in listed]
-        others = tuple(dict.fromkeys([*listed[1:], *aliases]))[:CONFUSED]
+        competing = self._in_place_of.get(name, set())  # with more parameters, or fewer, under a name of its own
+        first = [alias for alias in aliases if alias in competing]
+        others = tuple(dict.fromkeys([*first, *listed[1:], *aliases]))[:CONFUSED]
         return Group(others, self._at_work(listed), known, bool(elsewhere))
 
     @cached_property

@@ -461,6 +461,27 @@ def test_what_is_likelier_without_a_word_is_not_named():
     assert [e.effect for e in conclude(found).effects] == ["effect-1"]
 
 
+def test_a_part_entry_by_entry_is_named_before_what_is_less_probable():
+    """A matrix does as well as the plain factor that bears its name too; two others do, but for a little noise."""
+    model = linear_model(np.random.default_rng(31), parameters=(1,))
+    own = model.signatures["effect-0 @ place"]
+    rough = np.random.default_rng(32).standard_normal((len(own), 4))
+    signatures = model.signatures | {
+        "matrix @ place": np.hstack([own, 1e-7 * rough[:, :2]]),
+        "effect-1 @ place": own + 2.2e-7 * rough[:, 3:],
+        "effect-2 @ place": own + 2.3e-7 * rough[:, 3:],
+    }
+    plain = replace(model.library[0], aliases=("matrix @ place",))
+    matrix = replace(plain, effect="matrix", names=tuple("abc"), units=("1",) * 3, scale=(1.0,) * 3, aliases=(),
+                     plausible=3 * plain.plausible, flexible=True)  # fmt: skip
+    found = find(planted(replace(model, signatures=signatures, library=(plain, matrix, *model.library[1:])), e0=(0.5,)))
+    assert [*map(sorted, (h.names for h in found.hypotheses[:4]))] == [
+        ["effect-0 @ place"], ["matrix @ place"], ["effect-1 @ place"], ["effect-2 @ place"]
+    ]  # fmt: skip
+    assert found.probability[3] > 0.02
+    assert found.group("effect-0 @ place").others[0] == "matrix @ place"
+
+
 def test_a_main_cause_that_is_not_settled_is_ambiguous():
     """A small certain effect beside a large one that has any of four signatures."""
     model = linear_model(np.random.default_rng(13), parameters=(1,))
