@@ -14,7 +14,7 @@ from stiffscope.gap.residuals import percent_rms
 from stiffscope.gap.search import Search
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -157,25 +157,27 @@ class Findings:
     def imitating(self) -> dict[str, list[Candidate]]:
         """By effect of the best hypothesis, the nuisance patterns that explain the readings nearly as well instead."""
         found: dict[str, list[Candidate]] = {}
-        for hypothesis in self.hypotheses:
-            gone = self.best.names - hypothesis.names
-            new = [c for c in hypothesis.candidates if c.name not in self.best.names]
-            behind = self.evidence(self.best) - self.evidence(hypothesis)
-            if behind < IMITATING and len(gone) == len(new) == 1 and new[0].unnamed:
-                (name,) = gone
-                found.setdefault(name, []).append(new[0])
+        for name, other, hypothesis, _ in self._exchanged():
+            if other.unnamed and self.evidence(self.best) - self.evidence(hypothesis) < IMITATING:
+                found.setdefault(name, []).append(other)
         return found
 
     @cached_property
     def _in_place_of(self) -> dict[str, set[str]]:
         """For each effect of the best hypothesis what competing ones have in its place, all others being the same."""
         found: dict[str, set[str]] = {}
-        for hypothesis, p in zip(self.hypotheses, self.probability, strict=True):
-            gone, new = self.best.names - hypothesis.names, hypothesis.names - self.best.names
-            if len(gone) == len(new) == 1 and p > COMPETING * self.probability[0]:
-                (name,) = gone
-                found.setdefault(name, set()).update(new)
+        for name, other, _, p in self._exchanged():
+            if p > COMPETING * self.probability[0]:
+                found.setdefault(name, set()).add(other.name)
         return found
+
+    def _exchanged(self) -> Iterator[tuple[str, Candidate, Hypothesis, float]]:
+        """Each effect of the best hypothesis, what another has in its place, that hypothesis, and its probability."""
+        for hypothesis, p in zip(self.hypotheses, self.probability, strict=True):
+            gone = self.best.names - hypothesis.names
+            new = [c for c in hypothesis.candidates if c.name not in self.best.names]
+            if len(gone) == len(new) == 1:
+                yield next(iter(gone)), new[0], hypothesis, p
 
     def _at_work(self, names: Iterable[str]) -> float:
         """Probability that one of these effects is at work."""

@@ -114,9 +114,11 @@ class Search:
             fits = fitted.fit(starts, base, stage, most)
             fits += fitted.fit(plain, base, stage, FITTED_PLAIN)
             fits = sorted({id(h): h for h in fits}.values(), key=lambda h: -h.evidence)
-            if not fits or not _gains(_heights(fits), before):
+            if not fits:
                 return
             height, plain_height = _heights(fits)
+            if not _gains((height, plain_height), before):
+                return
             before = max(height, before[0]), max(plain_height, before[1])
             plain = sorted(fits, key=lambda h: -h.plain)[:BEAM_PLAIN]
             frontier = [*fits[:BEAM_WIDTH], *(h for h in plain if h not in fits[:BEAM_WIDTH])]

@@ -139,11 +139,13 @@ def write_tables_report(
 
 def _wrench_view(folder: Path, assembled: Assembled, found: Configurations, names: Sequence[str]) -> RobotView | None:
     drawn = next((name for name in names if (folder / f"robot_{name}.png").exists()), None)
-    words = f"the robot at {drawn}"
+    still = None
+    if drawn is not None:
+        still = page.figure(folder / f"robot_{drawn}.png", f"The robot at {drawn}.", f"the robot at {drawn}")
     return turning(
         folder, found, names, unit_wrenches(assembled.mechanism, found), choice="load", quantity=ENERGY,
         caption=f"The robot under unit wrenches at M, components coloured by their {ENERGY}.",
-        still=page.figure(folder / f"robot_{drawn}.png", f"T{words[1:]}.", words) if drawn else None,
+        still=still,
     )  # fmt: skip
 
 
