@@ -308,9 +308,9 @@ class _Reached:
             again = np.flatnonzero(crossed)
             home = np.zeros((len(again), len(linkage.known))), np.zeros((linkage.size, len(again)))
             reached, at = self._walk(*home, values[again], _SHORTEST, _CAREFUL)
-            q[:, again[reached]] = at[:, reached]
+            again, at = again[reached], at[:, reached]
+            q[:, again], crossed[again] = at, self._crossed(linkage.placed(at), {})
             placed = linkage.placed(q)
-            crossed = self._crossed(placed, {}) & done
         failure[crossed] = _BRANCH
         return self._configurations(q, placed, failure, culprit)
 
