@@ -19,9 +19,8 @@ from stiffscope.gap.lab.plans import Workspace, draw_plan, workspace
 from stiffscope.gap.lab.signatures import Signatures, apart, closest, spanned
 from stiffscope.gap.lab.writing import write_readings
 from stiffscope.robot.library import robot_names
-from stiffscope.robot.part_dimensions import part_parameters, vanishing
+from stiffscope.robot.part_dimensions import part_parameters, vanishing, with_parameter
 from stiffscope.robot.part_matrices import part_matrices, part_sources
-from stiffscope.robot.part_sections import ParametricPart
 from stiffscope.robot.reader import load_robot
 from stiffscope.robot.vocabulary import FORMER_WORDS
 
@@ -54,10 +53,16 @@ _IMITATORS = 3  # effects of the vocabulary that together may do what one outsid
 _TWINS = 2  # other effects that the named group of a true one has room for
 _POOL = 72  # poses of a robot from which a campaign takes its own
 _SEED = 20  # of that pool
-_EXPANDS = 1e-6  # 1/K: less is no thermal growth to speak of
 _RELATIVE = {"actuator-stiffness": 0.2, "link-stiffness": 0.15}  # compliance that a fault of size one adds
-_DIMENSIONS = {"rod": ("radius", "bore"), "plate": ("thickness",)}
-_ALL_DRIVES, _ALL_JOINTS = "drives", "joints"
+_ALL_DRIVES, _ALL_JOINTS, _ALL_BODIES = "drives", "joints", "robot"
+_INSTRUMENT = "instrument"
+_OF_INSTRUMENTS = {
+    "instrument-misalignment": tuple({axis: _TURN} for axis in ("rx", "ry", "rz")),
+    "displacement-scale": ({"factor": 1.0 + _TURN},),
+    "force-scale": ({"factor": 1.0 + _TURN},),
+}
+"""Small steps of their parameters."""
+_OF_SENSORS = {"instrument-misalignment", "displacement-scale"}
 
 
 @dataclass(frozen=True)
@@ -122,7 +127,7 @@ class Lab:
             machine = inject(machine, effect.effect, effect.place, effect.parameters)
         self.sound = machine
         self._steps: dict[str, dict[str, Array]] = {}
-        self._words: dict[str, tuple[str, str]] = {}
+        self._words: dict[tuple[str, ...], dict[str, tuple[str, str]]] = {}
         self.workspace: Workspace = workspace(machine, poses, np.random.default_rng(_SEED))
 
     def with_faults(self, faults: Sequence[Fault]) -> Machine:
@@ -137,19 +142,17 @@ class Lab:
 
     def _part_of(self, place: str, value: float) -> dict[str, float]:
         """Entries of a part's compliance where one of its dimensions has another value."""
-        part, _ = place.rsplit(".", 1)
-        file = self.robot.nominal.robot
-        other = load_robot(file.path, (*file.source.overrides, f"{place}={value!r}"))
+        part, key = place.rsplit(".", 1)
+        other = with_parameter(self.robot.nominal.robot, part, key, value)
         compliance = part_matrices(other, self.robot.components)[part].compliance
         return {name: float(compliance[int(name[1]) - 1, int(name[2]) - 1]) for name in ENTRIES}
 
-    def places(self, effect: str) -> tuple[str, ...]:
-        """Where an effect may act: elements, and sets of them, each set once."""
+    def places(self, effect: str, sensors: Sequence[str] = ()) -> tuple[str, ...]:
+        """Where an effect may act: elements, and sets of them, each set once; what is measured with, and its sensors."""
         file, machine = self.robot.nominal.robot, self.sound
-        fixed = {
-            "base-compliance": ("base",), "platform-compliance": ("tool",), "instrument-misalignment": ("instrument",),
-            "displacement-scale": ("instrument",), "force-scale": ("instrument",), "cable-chain": ("tool",),
-        }  # fmt: skip
+        fixed = {"base-compliance": ("base",), "platform-compliance": ("tool",), "cable-chain": ("tool",)}
+        if effect in _OF_INSTRUMENTS:
+            return (_INSTRUMENT, *sensors) if effect in _OF_SENSORS else (_INSTRUMENT,)
         if effect in fixed:
             return fixed[effect]
         if effect == "part-dimension":
@@ -158,33 +161,41 @@ class Lab:
             rigid = [name for name, body in machine.bodies.items() if len(body.nodes) == 1]
             return tuple(name for name in rigid if acts_on(machine, effect, name))
         sets = [] if effect == "backlash" else [*file.groups, *file.parts, _ALL_DRIVES, _ALL_JOINTS]
+        warm = [_ALL_BODIES] if effect == "thermal" else []
         found: dict[frozenset[str], str] = {}
-        for place in [*machine.joints, *machine.bodies, *sets]:
-            members = machine.members(place)
+        for place in [*machine.joints, *machine.bodies, *sets, *warm]:
+            members = self._members(effect, place)
             if members and all(acts_on(machine, effect, name) for name in members):
                 found.setdefault(frozenset(members), place)
         places = tuple(found.values())
-        if effect in {"joint-compliance", "joint-play", "stiffening-joint", "loose-bolt"}:
+        if effect in {"joint-play", "stiffening-joint", "loose-bolt"}:
             places = tuple(p for p in places if not any(machine.joints[n].drive for n in machine.members(p)))
+        if effect == "joint-compliance":  # that of a driven slide is its guide's
+            places = tuple(p for p in places if not any(machine.joints[n].slides for n in machine.members(p)))
         if effect == "part-compliance":  # one matrix for bodies of one part
             places = tuple(p for p in places if len({machine.bodies[n].part for n in machine.members(p)}) == 1)
         if effect == "rigid-ends":
             places = tuple(p for p in places if all(is_uniform(machine.bodies[n]) for n in machine.members(p)))
         if effect == "thermal":
-            places = tuple(p for p in places if all(machine.bodies[n].expansion > _EXPANDS for n in machine.members(p)))
+            places = tuple(p for p in places if all(machine.bodies[n].expansion for n in self._members(effect, p)))
         return places
 
+    def _members(self, effect: str, place: str) -> tuple[str, ...]:
+        """Elements that a place means; of the whole robot, those that are longer when they are warm."""
+        members = self.sound.members(place)
+        if (effect, place) == ("thermal", _ALL_BODIES):
+            return tuple(name for name in members if self.sound.bodies[name].expansion)
+        return members
+
     def _dimensions(self) -> tuple[str, ...]:
-        """Dimensions of parts whose matrix follows from them by beam theory."""
+        """Dimensions and constants of the material of parts whose matrix follows from them by beam theory."""
         file = self.robot.nominal.robot
         sources = part_sources(file, self.robot.components)
         return tuple(
             f"{part}.{key}"
             for part, source in sources.items()
             if isinstance(source, str) and source == "beam"
-            if isinstance(solid := file.parts[part], ParametricPart)
-            for key in _DIMENSIONS.get(solid.shape, ())
-            if solid.lengths()[key] > 0.0
+            for key in part_parameters(file, part)
         )
 
     def words(self) -> tuple[str, ...]:
@@ -194,12 +205,12 @@ class Lab:
             foreign.add("payload")
         return tuple(effect for effect in KNOWN if effect not in foreign and self.places(effect))
 
-    def everywhere(self) -> dict[str, tuple[str, str]]:
+    def everywhere(self, sensors: tuple[str, ...] = ()) -> dict[str, tuple[str, str]]:
         """All effects of the vocabulary at all their places, by their canonical names."""
-        if not self._words:
-            listed = [(effect, place) for effect in self.words() for place in self.places(effect)]
-            self._words = {self.canonical(f"{effect} @ {place}"): (effect, place) for effect, place in listed}
-        return self._words
+        if sensors not in self._words:
+            listed = [(effect, place) for effect in self.words() for place in self.places(effect, sensors)]
+            self._words[sensors] = {self.canonical(f"{effect} @ {place}"): (effect, place) for effect, place in listed}
+        return self._words[sensors]
 
     def softer(self, effect: str, place: str) -> dict[str, Array]:
         """Compliance that a small step of an effect's parameter adds to each body at a place."""
@@ -226,7 +237,7 @@ class Lab:
         effect, place = word_of(name), name.partition(" @ ")[2]
         if effect == "platform-compliance":
             place = "tool"
-        members = self.sound.members(place)
+        members = self._members(effect, place)
         return f"{effect} @ {', '.join(sorted(members)) or place}"
 
     def size(self, drive: str) -> float:
@@ -261,7 +272,7 @@ def draw(number: int, seed: int, lab: Lab) -> BlindCase:
         faults = max(faults, _drawn(wanted, turn, rng, judge), key=len)
         if len(faults) == wanted:
             break
-    faults = faults or (_known(_some(rng, lab.words()), rng, lab),)
+    faults = faults or (_known(_some(rng, lab.words()), rng, lab, judge.sensors),)
     return BlindCase(_SEVERAL[len(faults) - 1], seed, faults, style)
 
 
@@ -274,7 +285,7 @@ def _drawn(count: int, turn: int, rng: np.random.Generator, judge: _Judge) -> tu
         left = [word for word in words if word not in {fault.effect for fault in faults}]
         for attempt in range(_ATTEMPTS if count > 1 else max(_ATTEMPTS, 3 * len(left))):
             word = left[(turn + attempt // 3) % len(left)] if count == 1 else _some(rng, left)
-            tried = (*faults, _known(word, rng, lab))
+            tried = (*faults, _known(word, rng, lab, judge.sensors))
             if judge.decidable(tried):
                 faults = tried
                 break
@@ -301,6 +312,7 @@ class _Judge:
         _, self._plan, self._located, _ = prepared(case, number, lab)
         self._sound = self._shown(())
         self._known = Signatures(lab.sound, self._plan, self._located, self._sound, Noise())
+        self.sensors = tuple(sensor.name for sensor in self._plan.sensors)
         self._own: dict[str, Array] = {}
         self._spans: dict[str, Array] = {}
         self._vain: dict[str, bool] = {}
@@ -327,7 +339,17 @@ class _Judge:
         return self._spans[fault.name]
 
     def _alone(self, effect: str, place: str) -> Array | None:
+        if effect in _OF_INSTRUMENTS:
+            return np.stack([self._signature(Fault(effect, place, step)) for step in _OF_INSTRUMENTS[effect]], axis=1)
         return self._known.of(effect, place, self.lab.softer(effect, place))
+
+    def _everything(self) -> dict[str, Array]:
+        """Columns (r, k) of all effects of the vocabulary, at all places where they have some."""
+        found: dict[str, Array] = {}
+        for name, (effect, place) in self.lab.everywhere(self.sensors).items():
+            if (columns := self._alone(effect, place)) is not None:
+                found[name] = columns
+        return found
 
     def decidable(self, faults: Sequence[Fault]) -> bool:
         """Whether every one of the faults shows beside the others, and has few others like it; see `draw`."""
@@ -346,10 +368,7 @@ class _Judge:
         """Norms of a fault's signature, and of what the closest effects of the vocabulary leave of it, one by one."""
         left = self._signature(fault)
         size, basis = float(np.linalg.norm(left)), np.zeros((len(left), 0))
-        columns = [
-            c for effect, place in self.lab.everywhere().values() if (c := self._alone(effect, place)) is not None
-        ]
-        columns += self._of_instruments()
+        columns = list(self._everything().values())
         for _ in range(_IMITATORS):
             if not columns or not np.linalg.norm(left) >= _VISIBLE:
                 break
@@ -358,16 +377,6 @@ class _Judge:
             basis = np.hstack([basis, best])
             left = apart(left[:, None], best)[:, 0]
         return size, float(np.linalg.norm(left))
-
-    def _of_instruments(self) -> list[Array]:
-        """What a turned instrument (r, 3), and one of another scale (r, 1), does to the readings, for each of them."""
-        columns: list[Array] = []
-        channels = self._plan.channels(self.lab.sound)
-        for place in dict.fromkeys(["instrument", *(channel.name for channel in channels)]):
-            turns = [Fault("instrument-misalignment", place, {axis: _TURN}) for axis in ("rx", "ry", "rz")]
-            columns.append(np.stack([self._signature(turn) for turn in turns], axis=1))
-            columns.append(self._signature(Fault("displacement-scale", place, {"factor": 1.0 + _TURN}))[:, None])
-        return columns
 
     def _hopeless(self, fault: Fault) -> bool:
         """Whether no readings of this kind show a fault, or tell it from others, whatever its size."""
@@ -388,11 +397,10 @@ class _Judge:
         """
         found: set[str] = set()
         own = self.lab.canonical(fault.name)
-        for name, (effect, place) in self.lab.everywhere().items():
-            if name == own or (effect == "part-compliance" and fault.effect != effect):  # entries follow a stiffness
+        for name, columns in self._everything().items():
+            if name == own or (word_of(name) == "part-compliance" != fault.effect):  # entries follow a stiffness
                 continue
-            columns = self._alone(effect, place)
-            if columns is not None and closest(left, apart(columns, beside), len(fault.parameters)) < _ALIKE:
+            if closest(left, apart(columns, beside), len(fault.parameters)) < _ALIKE:
                 found.add(name)
         return found
 
@@ -406,9 +414,9 @@ def _some(rng: np.random.Generator, choices: Sequence[str]) -> str:
     return choices[int(rng.integers(0, len(choices)))]
 
 
-def _known(effect: str, rng: np.random.Generator, lab: Lab) -> Fault:
+def _known(effect: str, rng: np.random.Generator, lab: Lab, sensors: Sequence[str]) -> Fault:
     """A fault of the vocabulary: a place by chance, a size between small and large as this robot goes."""
-    place = _some(rng, lab.places(effect))
+    place = _some(rng, lab.places(effect, sensors))
     size = _between(rng, 0.3, 3.0)
     sign = 1.0 if rng.random() < 0.5 else -1.0
     soft, bend = (now / like for now, like in zip(_scale(lab), _LIKE, strict=True))
@@ -456,12 +464,21 @@ def _another_matrix(lab: Lab, body: str, size: float, rng: np.random.Generator) 
 
 
 def _other_dimension(lab: Lab, place: str, size: float) -> float:
-    """Another value of a dimension: of a tube's radius or bore, one that makes its wall thinner or thicker."""
+    """Another value of a dimension: of a tube's radius or bore, one that makes its wall thinner or thicker.
+
+    A modulus that no material has with the other one is turned to the other side of the nominal.
+    """
     part, key = place.rsplit(".", 1)
     robot = lab.robot.nominal.robot
-    value, _ = part_parameters(robot, part)[key]
+    nominal, unit = part_parameters(robot, part)[key]
     beyond = vanishing(robot, part, key)
-    return round(beyond + (value - beyond) * (1 + (0.12 if beyond else 0.04) * size), 7)
+    usual = 0.04 if unit == "m" and not beyond else 0.12
+    value, other = (round(beyond + (nominal - beyond) * (1 + usual * s), 7) for s in (size, -size))
+    try:
+        with_parameter(robot, part, key, value)
+    except InputError:
+        return other
+    return value
 
 
 def _outside_places(lab: Lab, effect: str, channels: Sequence[str]) -> tuple[str, ...]:

@@ -154,6 +154,17 @@ def test_what_is_drawn_shows_beside_whatever_the_others_do(number, style, labs):
         assert np.linalg.norm(left) > 7.5
 
 
+@pytest.mark.parametrize("name", ["five-bar", *SLOWER])
+@pytest.mark.parametrize("style", ["tool", "gauges"])
+def test_the_laboratory_plants_whatever_the_model_has_a_share_for(name, style, labs, tmp_path):
+    """Every effect at every place: a word's share is divided by its places, of which none may be in vain."""
+    lab = labs(name)
+    write_case(tmp_path, 0, BlindCase("none", 7, (), style), lab)
+    model = RobotModel(load_campaign(tmp_path), lab.robot.nominal)
+    known = {lab.canonical(name) for c in model.library if not c.unnamed for name in c.signature_of}
+    assert known - set(lab.everywhere(tuple(sensor.name for sensor in model.campaign.sensors))) == set()
+
+
 def test_a_matrix_is_planted_in_bodies_of_one_part(labs):
     lab = labs("five-bar")
     assert "bars" in lab.places("link-stiffness")

@@ -77,9 +77,6 @@ class Signatures:
         if effect in {"link-length", "thermal"}:
             grown = {n: bodies[n].expansion * bodies[n].length if effect == "thermal" else 1.0 for n in members}
             return self._moved({name: size * _ALONG for name, size in grown.items()})
-        if effect in {"displacement-scale", "force-scale"} and place == "instrument":
-            scaled = (self._rows.kind == 0) | (effect == "displacement-scale")
-            return np.where(scaled, self._rows.value / self.sigma, 0.0)[:, None]
         return self._spread(softer) if softer else None
 
     def _entries(self, members: Sequence[str]) -> Array:
