@@ -148,7 +148,7 @@ class Lab:
         return {name: float(compliance[int(name[1]) - 1, int(name[2]) - 1]) for name in ENTRIES}
 
     def places(self, effect: str, sensors: Sequence[str] = ()) -> tuple[str, ...]:
-        """Where an effect may act: elements, and sets of them, each set once; what is measured with, and its sensors."""
+        """Where an effect may act: elements and sets of them, each set once, or the instrument and its sensors."""
         file, machine = self.robot.nominal.robot, self.sound
         fixed = {"base-compliance": ("base",), "platform-compliance": ("tool",), "cable-chain": ("tool",)}
         if effect in _OF_INSTRUMENTS:
@@ -160,31 +160,37 @@ class Lab:
         if effect in {"payload", "larger-body"}:
             rigid = [name for name, body in machine.bodies.items() if len(body.nodes) == 1]
             return tuple(name for name in rigid if acts_on(machine, effect, name))
-        sets = [] if effect == "backlash" else [*file.groups, *file.parts, _ALL_DRIVES, _ALL_JOINTS]
-        warm = [_ALL_BODIES] if effect == "thermal" else []
+        sets = [] if effect == "backlash" else [*file.groups, *file.parts, _ALL_DRIVES, _ALL_JOINTS, _ALL_BODIES]
         found: dict[frozenset[str], str] = {}
-        for place in [*machine.joints, *machine.bodies, *sets, *warm]:
+        for place in [*machine.joints, *machine.bodies, *sets]:
             members = self._members(effect, place)
-            if members and all(acts_on(machine, effect, name) for name in members):
+            if members and all(self._takes(effect, name) for name in members):
                 found.setdefault(frozenset(members), place)
         places = tuple(found.values())
-        if effect in {"joint-play", "stiffening-joint", "loose-bolt"}:
-            places = tuple(p for p in places if not any(machine.joints[n].drive for n in machine.members(p)))
-        if effect == "joint-compliance":  # that of a driven slide is its guide's
-            places = tuple(p for p in places if not any(machine.joints[n].slides for n in machine.members(p)))
         if effect == "part-compliance":  # one matrix for bodies of one part
             places = tuple(p for p in places if len({machine.bodies[n].part for n in machine.members(p)}) == 1)
-        if effect == "rigid-ends":
-            places = tuple(p for p in places if all(is_uniform(machine.bodies[n]) for n in machine.members(p)))
-        if effect == "thermal":
-            places = tuple(p for p in places if all(machine.bodies[n].expansion for n in self._members(effect, p)))
         return places
 
+    def _takes(self, effect: str, name: str) -> bool:
+        """Whether an effect may act on an element."""
+        if not acts_on(self.sound, effect, name):
+            return False
+        joint, body = self.sound.joints.get(name), self.sound.bodies.get(name)
+        if joint is not None and effect in {"joint-play", "stiffening-joint", "loose-bolt"}:
+            return joint.drive is None
+        if joint is not None and effect == "joint-compliance":  # that of a driven slide is its guide's
+            return joint.drive is None or joint.kind != "prismatic"
+        if body is not None and effect == "rigid-ends":
+            return is_uniform(body)
+        if body is not None and effect == "thermal":
+            return body.expansion != 0.0
+        return True
+
     def _members(self, effect: str, place: str) -> tuple[str, ...]:
-        """Elements that a place means; of the whole robot, those that are longer when they are warm."""
+        """Elements that a place means; the whole robot may be warm, where it grows by that, and nothing else."""
         members = self.sound.members(place)
-        if (effect, place) == ("thermal", _ALL_BODIES):
-            return tuple(name for name in members if self.sound.bodies[name].expansion)
+        if place == _ALL_BODIES:
+            return tuple(n for n in members if effect == "thermal" and self.sound.bodies[n].expansion)
         return members
 
     def _dimensions(self) -> tuple[str, ...]:

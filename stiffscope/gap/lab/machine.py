@@ -107,11 +107,6 @@ class Joint:
         return tuple(i for i in range(6) if i not in free)
 
     @property
-    def slides(self) -> bool:
-        """Whether it is a driven slide."""
-        return self.kind == "prismatic" and self.drive is not None
-
-    @property
     def compliance(self) -> Array:
         """(6, 6) in its axes, with the drive."""
         out = self.bearing.copy()
