@@ -42,7 +42,7 @@ STYLES: tuple[Style, ...] = ("tool", "gauges", "tool", "gauges", "tool", "sag")
 SEAL = "seal.txt"
 
 _LIKE = (8.075e-8, 1.346e-6)  # m/N, rad/(N·m): the scale of the robot at which the sizes of faults below hold
-_SEVERAL = ("single", "pair", "triple")
+_BY_COUNT = ("none", "single", "pair", "triple")
 _ATTEMPTS = 24  # at one more fault
 _SERIES = 6  # of up to so many faults
 _VISIBLE = 8.0  # standard deviations, of all readings together, by which a fault must stand out
@@ -260,8 +260,8 @@ def draw(number: int, seed: int, lab: Lab) -> BlindCase:
 
     What is drawn can be answered, if anything can: readings show every effect beside the others, whatever the
     parameters of these, and no more than two words of the vocabulary with as few parameters do the same to them.
-    Where chance finds fewer such faults than wanted, the case is of the kind that these make; where it finds none, of a
-    single fault all the same.
+    Where chance finds fewer such faults than wanted, the case is of the kind that these make, and nothing is planted
+    where it finds none: in the sag of a hexapod no compliance shows, and six faults of a strut's length are alike.
     """
     rng = np.random.default_rng([seed, number])
     kind = KINDS[number % len(KINDS)]
@@ -273,13 +273,12 @@ def draw(number: int, seed: int, lab: Lab) -> BlindCase:
         return BlindCase(kind, seed, (_outside(names[int(rng.integers(len(names)))], rng, lab, style),), style)
     judge = _Judge(BlindCase(kind, seed, (), style), number, lab)
     turn = number // len(KINDS) * 3 + number % len(KINDS)  # singles take one word after the other
-    wanted, faults = _SEVERAL.index(kind) + 1, ()
+    wanted, faults = _BY_COUNT.index(kind), ()
     for _ in range(_SERIES):
         faults = max(faults, _drawn(wanted, turn, rng, judge), key=len)
         if len(faults) == wanted:
             break
-    faults = faults or (_known(_some(rng, lab.words()), rng, lab, judge.sensors),)
-    return BlindCase(_SEVERAL[len(faults) - 1], seed, faults, style)
+    return BlindCase(_BY_COUNT[len(faults)], seed, faults, style)
 
 
 def _drawn(count: int, turn: int, rng: np.random.Generator, judge: _Judge) -> tuple[Fault, ...]:
