@@ -35,6 +35,7 @@ from tests.robots import nominal_robot
 
 ROBOT = nominal_robot()
 SLOWER = ("biglide", "delta", "orthoglide", "serial-arm", "stewart")
+GAUGES = {f"gauge{k}" for k in range(1, 6)}
 WITHHELD = Path(__file__).parents[2] / "data" / "withheld"
 GANTRY, LINEAR_DELTA = (
     Path(__file__).parents[1] / "vjm" / "robots" / f"{name}.toml" for name in ("braced-gantry", "linear-delta")
@@ -93,7 +94,7 @@ def test_cases_of_any_robot_are_written_and_named(name, labs, tmp_path):
         for fault in case.faults:
             assert (
                 robot.members(fault.place)
-                or fault.place.split(".")[0] in {*robot.parts, "base", "tool", "instrument"}
+                or fault.place.split(".")[0] in {*robot.parts, "base", "tool", "instrument", "robot", *GAUGES}
                 or "->" in fault.place
             )
         folder = tmp_path / str(number)
@@ -102,7 +103,7 @@ def test_cases_of_any_robot_are_written_and_named(name, labs, tmp_path):
         assert header["robot"] == name
         rows = [line.split(",") for line in (folder / "readings.csv").read_text().splitlines()]
         assert tuple(rows[0][: len(robot.tool.pose)]) == tuple(robot.tool.pose)
-        assert set(header.get("sensors", {})) == ({f"gauge{k}" for k in range(1, 6)} if style == "gauges" else set())
+        assert set(header.get("sensors", {})) == (GAUGES if style == "gauges" else set())
         values = np.array([float(row[rows[0].index("value")]) for row in rows[1:]])
         assert np.isfinite(values).all()
         assert len({len(row) for row in rows}) == 1
