@@ -34,6 +34,8 @@ OBVIOUS = 2  # simple effects that are found one by one
 WIDE = 24  # sets of simple effects of each size that are extended to first order,
 SKETCHED = 4  # and that are fitted
 ROUNDS = 3  # of exchanging and growing on
+RIVALS = 3  # sets, the best, in which effects are exchanged,
+CLOSE = 3.0  # those whose ln-odds are so close to the best's
 GAIN = 1.0  # ln-odds that one effect more must gain for the search to go on
 
 
@@ -74,8 +76,10 @@ class Search:
                 self._grow([fitted.best], fitted)
         for _ in range(ROUNDS):
             best = fitted.best
-            starts = self._exchanges(best)
-            exchanged = fit(starts, _heights([best]), "effects exchanged", len(starts))
+            rivals = sorted(found.values(), key=lambda h: best.evidence - h.evidence)[:RIVALS]
+            starts = [s for h in rivals if h.evidence > best.evidence - CLOSE for s in self._exchanges(h)]
+            base = _heights([none])  # what is exchanged may explain nearly all, and first order errs by a share of that
+            exchanged = fit(starts, base, "effects exchanged", len(starts))
             if not exchanged or exchanged[0].evidence < best.evidence + GAIN:
                 break
             self._grow(exchanged[:1], fitted)
@@ -124,7 +128,7 @@ class Search:
             frontier = [*fits[:BEAM_WIDTH], *(h for h in plain if h not in fits[:BEAM_WIDTH])]
 
     def _exchanges(self, best: Hypothesis) -> list[Start]:
-        """The best set without each of its effects, and with another in its place, where that may compete."""
+        """A set without each of its effects, and with another in its place, where that may compete."""
         library = self.problem.library_at(best)
         starts: list[Start] = []
         for gone in best.candidates:

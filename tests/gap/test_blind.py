@@ -398,6 +398,25 @@ def test_a_joint_that_yields_in_proportion_does_not_stiffen(labs, tmp_path):
     assert "joint-compliance @ wrist" in {f"{effect.effect} @ {effect.place}", *effect.confused_with}
 
 
+SOFT_AND_TURNED = (
+    Fault("actuator-stiffness", "motors", {"factor": 0.805}),
+    Fault("part-compliance", "right.inner", {
+        "c11": 1.253e-8, "c22": 2.152e-6, "c26": 1.394e-5, "c33": 2.208e-6, "c35": -1.419e-5,
+        "c44": 1.544e-4, "c55": 1.255e-4, "c66": 1.242e-4,
+    }),
+    Fault("instrument-misalignment", "instrument", {"rx": 0.0405, "ry": 0.0282, "rz": 0.0114}),
+)  # fmt: skip
+
+
+def test_effects_are_exchanged_in_sets_that_are_nearly_as_good(tmp_path):
+    """A part that is softer on both sides, and once more on one, stands for softer drives and a part softer on one."""
+    lab = Lab(blind_robot("five-bar"))
+    case = BlindCase("triple", 90210, SOFT_AND_TURNED, "tool")
+    write_case(tmp_path, 25, case, lab)
+    effects = diagnose(load_campaign(tmp_path), lab.robot.nominal).effects
+    assert {(e.effect, e.place) for e in effects} == {(fault.effect, fault.place) for fault in SOFT_AND_TURNED}
+
+
 def test_play_in_a_passive_joint_is_no_backlash_of_a_drive(labs, tmp_path):
     lab = labs("five-bar")
     case = BlindCase("outside", 31415, (Fault("joint-play", "wrist", {"radial": 5e-6}),), "tool")
