@@ -215,7 +215,8 @@ def calibration(scores: Scores) -> Figure:
     for stated, true, count in scores.calibration():
         error = 2 * np.sqrt(max(stated * (1 - stated), 0.25 / count) / count)
         axes.errorbar(stated, true, error, fmt="o", color=EFFECT, ecolor=BEFORE, elinewidth=1)
-        axes.annotate(str(count), (stated, true), xytext=(6, -9), textcoords="offset points", fontsize=7)
-    axes.set(xlabel="stated", ylabel="true", xlim=(-0.03, 1.05), ylim=(-0.03, 1.05))
+        axes.text(stated, 1.01, str(count), transform=axes.get_xaxis_transform(), ha="center", fontsize=7)
+    axes.set(xlabel="stated probability (number of cases above)", ylabel="share that is true")
+    axes.set(xlim=(-0.03, 1.05), ylim=(-0.03, 1.05))
     axes.spines[["top", "right"]].set_visible(False)
     return figure
