@@ -403,7 +403,9 @@ class _Judge:
         found: set[str] = set()
         own = self.lab.canonical(fault.name)
         for name, columns in self._everything().items():
-            if name == own or (word_of(name) == "part-compliance" != fault.effect):  # entries follow a stiffness
+            if name == own:
+                continue
+            if word_of(name) == "part-compliance" and fault.effect != "part-compliance":  # entries follow a stiffness
                 continue
             if closest(left, apart(columns, beside), len(fault.parameters)) < _ALIKE:
                 found.add(name)

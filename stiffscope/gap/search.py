@@ -127,21 +127,21 @@ class Search:
             plain = sorted(fits, key=lambda h: -h.plain)[:BEAM_PLAIN]
             frontier = [*fits[:BEAM_WIDTH], *(h for h in plain if h not in fits[:BEAM_WIDTH])]
 
-    def _exchanges(self, best: Hypothesis) -> list[Start]:
+    def _exchanges(self, whole: Hypothesis) -> list[Start]:
         """A set without each of its effects, and with another in its place, where that may compete."""
-        library = self.problem.library_at(best)
+        library = self.problem.library_at(whole)
         starts: list[Start] = []
-        for gone in best.candidates:
-            rest = self._without(best, gone)
-            limit = best.evidence - MARGIN - DOUBT * (best.evidence - rest.evidence)
+        for gone in whole.candidates:
+            rest = self._without(whole, gone)
+            limit = whole.evidence - MARGIN - DOUBT * (whole.evidence - rest.evidence)
             scored = [
                 start
                 for start in self.scored(rest, library)
                 if not start.candidates[-1].unnamed and start.candidates[-1] is not gone and start.heights[0] > limit
             ]
             starts += sorted(scored, key=lambda start: -start.heights[0])[:SWAPPED]
-            if rest.evidence > best.evidence - MARGIN:
-                origin = joined(v for c, v in best.parameters if c is not gone)
+            if rest.evidence > whole.evidence - MARGIN:
+                origin = joined(v for c, v in whole.parameters if c is not gone)
                 starts.append(Start(rest.candidates, bounded(rest.candidates, rest.known.mean), origin))
         return starts
 
