@@ -6,6 +6,7 @@ import base64
 import json
 import zlib
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -145,14 +146,15 @@ class Lab:
         part, key = place.rsplit(".", 1)
         other = with_parameter(self.robot.nominal.robot, part, key, value)
         compliance = part_matrices(other, self.robot.components)[part].compliance
-        return {name: float(compliance[int(name[1]) - 1, int(name[2]) - 1]) for name in ENTRIES}
+        return _entries_of(compliance)
 
     def places(self, effect: str, sensors: Sequence[str] = ()) -> tuple[str, ...]:
         """Where an effect may act: elements and sets of them, each set once, or the instrument and its sensors."""
         file, machine = self.robot.nominal.robot, self.sound
-        fixed = {"base-compliance": ("base",), "platform-compliance": ("tool",), "cable-chain": ("tool",)}
-        if effect in _OF_INSTRUMENTS:
-            return (_INSTRUMENT, *sensors) if effect in _OF_SENSORS else (_INSTRUMENT,)
+        fixed = {
+            "base-compliance": ("base",), "platform-compliance": ("tool",), "cable-chain": ("tool",),
+            "force-scale": (_INSTRUMENT,), **dict.fromkeys(_OF_SENSORS, (_INSTRUMENT, *sensors)),
+        }  # fmt: skip
         if effect in fixed:
             return fixed[effect]
         if effect == "part-dimension":
@@ -160,10 +162,11 @@ class Lab:
         if effect in {"payload", "larger-body"}:
             rigid = [name for name, body in machine.bodies.items() if len(body.nodes) == 1]
             return tuple(name for name in rigid if acts_on(machine, effect, name))
-        sets = [] if effect == "backlash" else [*file.groups, *file.parts, _ALL_DRIVES, _ALL_JOINTS, _ALL_BODIES]
+        sets = [] if effect == "backlash" else [*file.groups, *file.parts, _ALL_DRIVES, _ALL_JOINTS]
+        warm = [_ALL_BODIES] if effect == "thermal" else []
         found: dict[frozenset[str], str] = {}
-        for place in [*machine.joints, *machine.bodies, *sets]:
-            members = self._members(effect, place)
+        for place in [*machine.joints, *machine.bodies, *sets, *warm]:
+            members = machine.members(place)
             if members and all(self._takes(effect, name) for name in members):
                 found.setdefault(frozenset(members), place)
         places = tuple(found.values())
@@ -185,13 +188,6 @@ class Lab:
         if body is not None and effect == "thermal":
             return body.expansion != 0.0
         return True
-
-    def _members(self, effect: str, place: str) -> tuple[str, ...]:
-        """Elements that a place means; the whole robot may be warm, where it grows by that, and nothing else."""
-        members = self.sound.members(place)
-        if place == _ALL_BODIES:
-            return tuple(n for n in members if effect == "thermal" and self.sound.bodies[n].expansion)
-        return members
 
     def _dimensions(self) -> tuple[str, ...]:
         """Dimensions and constants of the material of parts whose matrix follows from them by beam theory."""
@@ -243,7 +239,7 @@ class Lab:
         effect, place = word_of(name), name.partition(" @ ")[2]
         if effect == "platform-compliance":
             place = "tool"
-        members = self._members(effect, place)
+        members = self.sound.members(place)
         return f"{effect} @ {', '.join(sorted(members)) or place}"
 
     def size(self, drive: str) -> float:
@@ -338,7 +334,7 @@ class _Judge:
         if columns is not None:
             return np.hstack([columns, self._signature(fault)[:, None]])
         if fault.name not in self._spans:
-            kept = {"mass": fault.parameters["mass"]} if "mass" in fault.parameters else {}
+            kept = {"mass": fault.parameters["mass"]}  # of a payload, whose centre shows by it
             each = [replace(fault, parameters=kept | {name: value}) for name, value in fault.parameters.items()]
             self._spans[fault.name] = np.stack([self._signature(one) for one in each], axis=1)
         return self._spans[fault.name]
@@ -348,6 +344,7 @@ class _Judge:
             return np.stack([self._signature(Fault(effect, place, step)) for step in _OF_INSTRUMENTS[effect]], axis=1)
         return self._known.of(effect, place, self.lab.softer(effect, place))
 
+    @cached_property
     def _everything(self) -> dict[str, Array]:
         """Columns (r, k) of all effects of the vocabulary, at all places where they have some."""
         found: dict[str, Array] = {}
@@ -373,7 +370,7 @@ class _Judge:
         """Norms of a fault's signature, and of what the closest effects of the vocabulary leave of it, one by one."""
         left = self._signature(fault)
         size, basis = float(np.linalg.norm(left)), np.zeros((len(left), 0))
-        columns = list(self._everything().values())
+        columns = list(self._everything.values())
         for _ in range(_IMITATORS):
             if not columns or not np.linalg.norm(left) >= _VISIBLE:
                 break
@@ -402,7 +399,7 @@ class _Judge:
         """
         found: set[str] = set()
         own = self.lab.canonical(fault.name)
-        for name, columns in self._everything().items():
+        for name, columns in self._everything.items():
             if name == own:
                 continue
             if word_of(name) == "part-compliance" and fault.effect != "part-compliance":  # entries follow a stiffness
@@ -467,6 +464,11 @@ def _another_matrix(lab: Lab, body: str, size: float, rng: np.random.Generator) 
     """Entries of a part that is softer, and more so in some directions than in others."""
     stretch = np.diag(np.sqrt(1.0 + 0.8 * size * rng.uniform(0.2, 1.0, 6)))
     compliance = stretch @ lab.sound.bodies[body].compliance @ stretch
+    return _entries_of(compliance)
+
+
+def _entries_of(compliance: Array) -> dict[str, float]:
+    """A compliance (6, 6) by the names of its entries."""
     return {name: float(compliance[int(name[1]) - 1, int(name[2]) - 1]) for name in ENTRIES}
 
 
@@ -492,7 +494,7 @@ def _outside_places(lab: Lab, effect: str, channels: Sequence[str]) -> tuple[str
     if effect == "cross-talk":
         return tuple(f"{a}->{b}" for a in channels for b in channels if a != b)
     if effect in {"drifting-sensor", "gain-drift", "coarse-converter", "wrench-off-centre", "bad-session"}:
-        return ("instrument",)
+        return (_INSTRUMENT,)
     return lab.places(effect)
 
 

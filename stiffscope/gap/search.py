@@ -76,7 +76,7 @@ class Search:
                 self._grow([fitted.best], fitted)
         for _ in range(ROUNDS):
             best = fitted.best
-            rivals = sorted(found.values(), key=lambda h: best.evidence - h.evidence)[:RIVALS]
+            rivals = sorted(found.values(), key=lambda h: -h.evidence)[:RIVALS]
             starts = [s for h in rivals if h.evidence > best.evidence - CLOSE for s in self._exchanges(h)]
             base = _heights([none])  # what is exchanged may explain nearly all, and first order errs by a share of that
             exchanged = fit(starts, base, "effects exchanged", len(starts))

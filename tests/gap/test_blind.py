@@ -162,7 +162,7 @@ def test_the_laboratory_plants_whatever_the_model_has_a_share_for(name, style, l
     lab = labs(name)
     write_case(tmp_path, 0, BlindCase("none", 7, (), style), lab)
     model = RobotModel(load_campaign(tmp_path), lab.robot.nominal)
-    known = {lab.canonical(name) for c in model.library if not c.unnamed for name in c.signature_of}
+    known = {lab.canonical(each) for c in model.library if not c.unnamed for each in c.signature_of}
     assert known - set(lab.everywhere(tuple(sensor.name for sensor in model.campaign.sensors))) == set()
 
 

@@ -192,9 +192,9 @@ class Machine:
     instrument: Instrument = field(default_factory=Instrument)
 
     def members(self, place: str) -> tuple[str, ...]:
-        """Bodies and joints that a place means."""
+        """Bodies and joints that a place means; `robot` is what grows as it gets warm."""
         if place == "robot":
-            return tuple(name for name, body in self.bodies.items() if len(body.nodes) > 1)
+            return tuple(name for name, body in self.bodies.items() if len(body.nodes) > 1 and body.expansion)
         return self.robot.members(place)
 
     def carrier(self, node: str) -> str:
