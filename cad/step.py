@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 from stiffscope.cad.materials import STEEL, AnyMaterial
 from stiffscope.cad.part import Part
 from stiffscope.cad.solid import GREATEST_X, LEAST_X, Placement, Selectors, Vector, part_from_valid
-from stiffscope.children import run_module
 from stiffscope.errors import InputError
-from stiffscope.files import scratch_folder
-from stiffscope.reading import read_bytes
+from stiffscope.runtime.children import run_module
+from stiffscope.runtime.files import scratch_folder
+from stiffscope.runtime.reading import read_bytes
 
 if TYPE_CHECKING:
     from stiffscope.cad.kernel import Solid

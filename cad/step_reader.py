@@ -4,8 +4,8 @@ import sys
 from pathlib import Path
 
 from stiffscope.cad.step import REFUSED
-from stiffscope.children import end_with_parent
 from stiffscope.errors import InputError
+from stiffscope.runtime.children import end_with_parent
 
 
 def main(file: str, shown: str, brep: str) -> int:

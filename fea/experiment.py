@@ -13,7 +13,7 @@ from stiffscope.errors import InputError
 from stiffscope.fea.mesh import TetMesh, check_lengths, check_time, default_size, flatness_of
 from stiffscope.fea.settings import Settings
 from stiffscope.fea.significance import largest_relative_bound
-from stiffscope.listening import LISTENERS
+from stiffscope.runtime.listening import LISTENERS
 
 if TYPE_CHECKING:
     from collections.abc import Callable

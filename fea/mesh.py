@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.children import run_module
 from stiffscope.errors import InputError
-from stiffscope.files import scratch_folder
-from stiffscope.processors import processors
+from stiffscope.runtime.children import run_module
+from stiffscope.runtime.files import scratch_folder
+from stiffscope.runtime.processors import processors
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.processors import processors
+from stiffscope.runtime.processors import processors
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

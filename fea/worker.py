@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 
-from stiffscope.children import end_with_parent, leave_out
+from stiffscope.runtime.children import end_with_parent, leave_out
 
 
 def main(source: str, target: str) -> None:

@@ -53,19 +53,19 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from stiffscope.cad.materials import material as material
     from stiffscope.cad.step import read_step as read_step
+    from stiffscope.design.sensitivities import sensitivity as sensitivity
+    from stiffscope.design.studies import Study as Study
+    from stiffscope.design.studies import study as study
     from stiffscope.errors import InputError as InputError
     from stiffscope.errors import StiffscopeError as StiffscopeError
+    from stiffscope.experiments.assembly import assemble as assemble
+    from stiffscope.experiments.orders import build_part as build_part
     from stiffscope.fea.experiment import Experiment as Experiment
     from stiffscope.fea.experiment import load_experiment as load_experiment
     from stiffscope.fea.experiment import run_experiment as run_experiment
     from stiffscope.fea.settings import Settings as Settings
-    from stiffscope.gap.diagnosis import Diagnosis as Diagnosis
-    from stiffscope.jobs.assembly import assemble as assemble
-    from stiffscope.jobs.campaigns import diagnose as diagnose
-    from stiffscope.jobs.orders import build_part as build_part
-    from stiffscope.jobs.sensitivities import sensitivity as sensitivity
-    from stiffscope.jobs.studies import Study as Study
-    from stiffscope.jobs.studies import study as study
+    from stiffscope.gap.campaigns import diagnose as diagnose
+    from stiffscope.gap.inference.diagnosis import Diagnosis as Diagnosis
     from stiffscope.report.compare import compare as compare
     from stiffscope.report.notebook import deformed as deformed
     from stiffscope.report.notebook import stiffness_map as stiffness_map
@@ -93,12 +93,12 @@ _MODULES = {
     "errors": ("InputError", "StiffscopeError"),
     "fea.experiment": ("Experiment", "load_experiment", "run_experiment"),
     "fea.settings": ("Settings",),
-    "gap.diagnosis": ("Diagnosis",),
-    "jobs.assembly": ("assemble",),
-    "jobs.campaigns": ("diagnose",),
-    "jobs.orders": ("build_part",),
-    "jobs.sensitivities": ("sensitivity",),
-    "jobs.studies": ("Study", "study"),
+    "gap.inference.diagnosis": ("Diagnosis",),
+    "experiments.assembly": ("assemble",),
+    "gap.campaigns": ("diagnose",),
+    "experiments.orders": ("build_part",),
+    "design.sensitivities": ("sensitivity",),
+    "design.studies": ("Study", "study"),
     "report.compare": ("compare",),
     "report.notebook": ("deformed", "stiffness_map", "view"),
     "robot.part_matrices": ("beam_compliance",),

@@ -23,7 +23,7 @@ from hypothesis import strategies as st
 from stiffscope.cad.step import write_step
 from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
-from stiffscope.jobs.campaigns import open_case, reached
+from stiffscope.gap.campaigns import open_case, reached
 from stiffscope.robot.reader import read_robot
 
 ROBOTS = {path.name: path.read_text(encoding="utf-8") for path in sorted((FOLDER / "robots").glob("*.toml"))}
@@ -422,7 +422,7 @@ def test_a_mutated_step_file_is_read_or_refused_in_one_line(tmp_path, box):
 
 
 def read_in_fork(_module: str, *words: str, time_limit: float, folder: str) -> subprocess.CompletedProcess[bytes]:
-    """As `stiffscope.children.run_module` with the reader of STEP files, whose imports take most of its time."""
+    """As `run_module` with the reader of STEP files, whose imports take most of its time."""
     from stiffscope.cad import kernel_files, part, step_reader, validity
 
     assert kernel_files

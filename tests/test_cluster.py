@@ -8,8 +8,8 @@ import time
 
 import pytest
 
-from stiffscope.cluster import cluster, finished
 from stiffscope.errors import StiffscopeError
+from stiffscope.runtime.cluster import cluster, finished
 
 SCHEDULER = """\
 from distributed import LocalCluster

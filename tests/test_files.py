@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.files import (
+from stiffscope.runtime.files import (
     check_json,
     check_output,
     copy_files,

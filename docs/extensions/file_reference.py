@@ -15,11 +15,11 @@ from docutils.statemachine import StringList
 from pydantic_core import PydanticUndefined
 
 import stiffscope
-from stiffscope.gap.campaign_header import _KEYS, _LOAD, _SENSOR
-from stiffscope.gap.quantities import DEFLECTIONS, DEVIATIONS, FREQUENCIES, PUSHES, STIFFNESSES
-from stiffscope.robot import part_sections, sections
-from stiffscope.robot.study_file import SECTIONS
-from stiffscope.robot.values import Reads, Says
+from stiffscope.design.study_file import SECTIONS
+from stiffscope.gap.campaign.campaign_header import _KEYS, _LOAD, _SENSOR
+from stiffscope.gap.campaign.quantities import DEFLECTIONS, DEVIATIONS, FREQUENCIES, PUSHES, STIFFNESSES
+from stiffscope.robot.file import part_sections, sections
+from stiffscope.robot.file.values import Reads, Says
 from stiffscope.robot.vocabulary import EFFECTS
 
 if TYPE_CHECKING:

@@ -2,7 +2,7 @@
 
 import multiprocessing
 
-from stiffscope.children import end_with_parent
+from stiffscope.runtime.children import end_with_parent
 
 if multiprocessing.parent_process() is not None:  # a worker begins with its parent's main module, before all else
     end_with_parent()

@@ -11,19 +11,19 @@ from typing import TYPE_CHECKING
 
 import click
 
-from stiffscope import files
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
-from stiffscope.jobs.manifest import manifest_of
-from stiffscope.processors import processors
+from stiffscope.experiments.manifest import manifest_of
+from stiffscope.runtime import files
+from stiffscope.runtime.processors import processors
 
 if TYPE_CHECKING:
-    from stiffscope.gap.diagnosis import Diagnosis
-    from stiffscope.jobs.assembly import Assembled
-    from stiffscope.jobs.cache import Cache
-    from stiffscope.jobs.campaigns import Case
-    from stiffscope.jobs.manifest import Manifest
+    from stiffscope.experiments.assembly import Assembled
+    from stiffscope.experiments.manifest import Manifest
+    from stiffscope.gap.campaigns import Case
+    from stiffscope.gap.inference.diagnosis import Diagnosis
     from stiffscope.report.kept_pictures import SharesPicture
+    from stiffscope.runtime.cache import Cache
 
 log = logging.getLogger(__name__)
 
@@ -51,10 +51,10 @@ def diagnose(name: str, out: Path, *, target: str | None, adopt: Path | None, qu
     CAMPAIGN is a folder with a campaign.toml and its readings, or the name of a campaign that comes along: published.
     """
     from stiffscope.cli.showing import shown_workshop
-    from stiffscope.gap.diagnosis import to_json
-    from stiffscope.gap.posterior_samples import write_posterior
-    from stiffscope.jobs.adoption import check_target
-    from stiffscope.jobs.campaigns import assembled_nominal, diagnose_case, open_case
+    from stiffscope.gap.adoption import check_target
+    from stiffscope.gap.campaigns import assembled_nominal, diagnose_case, open_case
+    from stiffscope.gap.inference.diagnosis import to_json
+    from stiffscope.gap.inference.posterior_samples import write_posterior
     from stiffscope.report import gap_tables, tables
     from stiffscope.report.kept_pictures import shares_ahead
 
@@ -87,7 +87,7 @@ def _write_report(
     ahead: SharesPicture | None,
 ) -> None:  # fmt: skip
     """Figures, manifest, and the report that shows them."""
-    from stiffscope.jobs.campaigns import reached
+    from stiffscope.gap.campaigns import reached
     from stiffscope.report.diagnosis_report import share_view, write_diagnosis_report
     from stiffscope.report.kept_pictures import order_shares, write_diagnosis_pictures
 
@@ -109,7 +109,7 @@ def _write_report(
 
 
 def _adopt(target: Path, nominal: Assembled, diagnosis: Diagnosis, case: Case, *, loud: bool) -> None:
-    from stiffscope.jobs.adoption import adopt
+    from stiffscope.gap.adoption import adopt
     from stiffscope.report import tables
     from stiffscope.robot.effects import NominalRobot
 
@@ -130,7 +130,7 @@ def campaign() -> None:
 @takes(options.robot, options.out, options.target)
 def new_campaign(name: str, out: Path, *, target: str | None, quiet: bool) -> None:
     """Write a campaign folder for a robot, to fill in: sensors and loads as examples, a plan of readings."""
-    from stiffscope.jobs.campaign_template import write_template
+    from stiffscope.gap.campaign.template import write_template
     from stiffscope.report import tables
     from stiffscope.robot.library import robot_names
     from stiffscope.robot.reader import load_robot
@@ -153,7 +153,7 @@ def new_campaign(name: str, out: Path, *, target: str | None, quiet: bool) -> No
 )
 def check_campaign(name: str, out: Path | None, *, target: str | None, quiet: bool) -> None:
     """What was understood of a campaign: counts, units, poses, sensors and loads; no experiment is made."""
-    from stiffscope.jobs.campaigns import open_case, reached
+    from stiffscope.gap.campaigns import open_case, reached
     from stiffscope.report.campaign_check import campaign_json, draw_sensors, show_campaign, write_page
     from stiffscope.report.pictures import PictureError
 
@@ -198,8 +198,8 @@ def blind(
     Finished cases are kept in DIR.cases until all are: the same command goes on where it was interrupted.
     """
     from stiffscope.cli.showing import shown_workshop
-    from stiffscope.gap.blind import case_files, check_cases, run_blind
-    from stiffscope.jobs.blind import blind_robots
+    from stiffscope.gap.blind.check import case_files, check_cases, run_blind
+    from stiffscope.gap.blind.robots import blind_robots
     from stiffscope.report import tables
     from stiffscope.report.blind_scores import draw_scores, scores_json, show_scores, write_blind_report
     from stiffscope.robot.reader import load_robot
@@ -234,11 +234,11 @@ def blind(
 @takes(options.target)
 def audit(*, target: str | None, quiet: bool) -> None:
     """The paper's numbers recomputed, each with a verdict."""
+    from stiffscope.biglide.audit import findings_on_paper
     from stiffscope.cli.showing import shown_workshop
-    from stiffscope.jobs.experiments import solve_parts
-    from stiffscope.jobs.orders import order_part
+    from stiffscope.experiments.experiments import solve_parts
+    from stiffscope.experiments.orders import order_part
     from stiffscope.report import tables
-    from stiffscope.robot.audit import findings_on_paper
     from stiffscope.robot.reader import load_robot
 
     robot = load_robot("biglide")

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from stiffscope import files
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
 from stiffscope.errors import InputError
-from stiffscope.jobs.manifest import manifest_of
+from stiffscope.experiments.manifest import manifest_of
+from stiffscope.runtime import files
 
 if TYPE_CHECKING:
     from pathlib import Path

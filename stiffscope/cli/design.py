@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from stiffscope import files
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
 from stiffscope.errors import InputError
-from stiffscope.jobs.manifest import manifest_of
-from stiffscope.processors import processors
+from stiffscope.experiments.manifest import manifest_of
+from stiffscope.runtime import files
+from stiffscope.runtime.processors import processors
 
 if TYPE_CHECKING:
-    from stiffscope.jobs.manifest import Manifest
-    from stiffscope.jobs.studies import Study
-    from stiffscope.robot.description import RobotFile
+    from stiffscope.design.studies import Study
+    from stiffscope.experiments.manifest import Manifest
+    from stiffscope.robot.file.description import RobotFile
 
 
 @click.command()
@@ -57,9 +57,9 @@ def _of_part(
     manifest: Manifest, *, quiet: bool, shown: bool,
 ) -> None:  # fmt: skip
     from stiffscope.cli.showing import shown_workshop, warn_of
-    from stiffscope.jobs.experiments import solve_parts
-    from stiffscope.jobs.orders import order_part
-    from stiffscope.jobs.sensitivities import part_sensitivities
+    from stiffscope.design.sensitivities import part_sensitivities
+    from stiffscope.experiments.experiments import solve_parts
+    from stiffscope.experiments.orders import order_part
     from stiffscope.report import sensitivities as report
 
     order = order_part(robot, part)
@@ -85,7 +85,7 @@ def _of_robot(
 ) -> None:  # fmt: skip
     from stiffscope.cli.poses import asked_poses
     from stiffscope.cli.showing import shown_workshop
-    from stiffscope.jobs.sensitivities import robot_sensitivities
+    from stiffscope.design.sensitivities import robot_sensitivities
     from stiffscope.report import sensitivities as report
 
     asked = asked_poses(robot, poses, ())
@@ -118,11 +118,11 @@ def study(name: Path, out: Path, *, target: str | None, scheduler: str | None, q
     STUDY is a TOML file: robot, ranges of parameters, responses, constraints, objectives. Every finished design is
     stored in DIR.designs until all are: the same command goes on where it was interrupted, and takes up those of DIR.
     """
-    from stiffscope.jobs.studies import run_study
+    from stiffscope.design.studies import run_study
+    from stiffscope.design.study_file import load_study
     from stiffscope.report import studies as report
     from stiffscope.report import tables
     from stiffscope.report.progress import progress
-    from stiffscope.robot.study_file import load_study
 
     files.check_output(out, target)
     file = load_study(name)
@@ -152,7 +152,7 @@ def _write_robots(made: Study, folder: Path, out: Path) -> None:
     import numpy as np
     import tomlkit
 
-    from stiffscope.jobs.robot_files import robot_document
+    from stiffscope.experiments.robot_files import robot_document
 
     if not made.file.goals:
         return

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import click
 
-from stiffscope import files
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
+from stiffscope.runtime import files
 
 
 @click.command()
@@ -67,7 +67,7 @@ def import_(
     What such a model does not say (stiffness of drives, elastic parts) is left to fill in; the file says where.
     """
     from stiffscope.report import tables
-    from stiffscope.robot.import_model import import_model
+    from stiffscope.robot.imports.import_model import import_model
 
     read = import_model(model, out, drives, tool, home)
     if target:

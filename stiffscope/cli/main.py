@@ -14,10 +14,10 @@ from typing import Any, NoReturn
 import click
 from click.exceptions import NoArgsIsHelpError
 
-from stiffscope.children import STOPS
 from stiffscope.cli import campaigns, check, design, library, parts, robots, running, store, vibration
 from stiffscope.errors import InputError, StiffscopeError
-from stiffscope.reading import shown, why
+from stiffscope.runtime.children import STOPS
+from stiffscope.runtime.reading import shown, why
 
 _FOR_DEVELOPERS = {"py.warnings", "asyncio"}  # only --debug shows these: an event loop that is stopped complains
 MOST_CHARACTERS = 100_000  # of a word of the command line

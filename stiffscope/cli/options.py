@@ -35,7 +35,7 @@ def _note_debug(_context: click.Context, _option: click.Parameter, wanted: bool)
 
 def check_file(_context: click.Context, _option: click.Parameter, target: str | None) -> str | None:
     """Refuse a file that cannot be written before anything is computed."""
-    from stiffscope.files import check_json
+    from stiffscope.runtime.files import check_json
 
     if target not in (None, "-"):
         check_json(Path(target))

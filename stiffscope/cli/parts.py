@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from stiffscope import files
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
 from stiffscope.errors import InputError
-from stiffscope.jobs.manifest import manifest_of
+from stiffscope.experiments.manifest import manifest_of
+from stiffscope.runtime import files
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from stiffscope.robot.description import RobotFile
+    from stiffscope.robot.file.description import RobotFile
 
 log = logging.getLogger(__name__)
 
@@ -38,10 +38,10 @@ def compliance(
 ) -> None:  # fmt: skip
     """A part's 6x6 compliance with error bars."""
     from stiffscope.cli.showing import show_compliance, shown_workshop, warn_of
-    from stiffscope.jobs.experiments import solve_parts
-    from stiffscope.jobs.orders import order_part
-    from stiffscope.jobs.results import compliance_json
-    from stiffscope.jobs.superelements import write_part
+    from stiffscope.experiments.experiments import solve_parts
+    from stiffscope.experiments.orders import order_part
+    from stiffscope.experiments.results import compliance_json
+    from stiffscope.experiments.superelements import write_part
     from stiffscope.report import tables
     from stiffscope.robot.reader import load_robot
 
@@ -69,9 +69,9 @@ def compliance(
 def compare(name: str, part: str | None, *, overrides: tuple[str, ...], target: str | None, quiet: bool) -> None:
     """FEA beside beam theory beside published, entry by entry."""
     from stiffscope.cli.showing import show_compliance, shown_workshop, warn_of
-    from stiffscope.jobs.assembly import check_one_interface
-    from stiffscope.jobs.experiments import solve_parts
-    from stiffscope.jobs.orders import order_part
+    from stiffscope.experiments.assembly import check_one_interface
+    from stiffscope.experiments.experiments import solve_parts
+    from stiffscope.experiments.orders import order_part
     from stiffscope.report.compare import compare as compared
     from stiffscope.robot.reader import load_robot
 
@@ -103,8 +103,8 @@ def interfaces(
     holes. Prints what each choice changes; writes a report, CSV, JSON and a figure to DIR.
     """
     from stiffscope.cli.showing import shown_workshop
-    from stiffscope.jobs.interfaces import compare_interfaces, interfaces_csv, interfaces_json
-    from stiffscope.jobs.orders import order_part
+    from stiffscope.experiments.interfaces import compare_interfaces, interfaces_csv, interfaces_json
+    from stiffscope.experiments.orders import order_part
     from stiffscope.report import tables
     from stiffscope.report.interface_figure import draw, write_page
     from stiffscope.robot.reader import load_robot

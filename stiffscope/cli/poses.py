@@ -11,7 +11,7 @@ from stiffscope.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from stiffscope.robot.description import RobotFile
+    from stiffscope.robot.file.description import RobotFile
     from stiffscope.vjm.kinematics import Configurations
 
 
@@ -50,8 +50,8 @@ def asked_poses(robot: RobotFile, at: Sequence[str], joints: Sequence[str]) -> A
 
 def _coordinates(robot: RobotFile, text: str) -> tuple[float, ...]:
     """A pose by its name or its coordinates, m and rad."""
-    from stiffscope.robot import quantities as q
-    from stiffscope.robot.values import ANGLE
+    from stiffscope.robot.file import quantities as q
+    from stiffscope.robot.file.values import ANGLE
 
     if text in robot.poses:
         return robot.poses[text]
@@ -68,8 +68,8 @@ def _coordinates(robot: RobotFile, text: str) -> tuple[float, ...]:
 
 def _displacements(robot: RobotFile, text: str) -> list[float]:
     """Displacements of all drives from home, m and rad; those that the text does not name are at home."""
-    from stiffscope.robot import quantities as q
-    from stiffscope.robot.values import ANGLE
+    from stiffscope.robot.file import quantities as q
+    from stiffscope.robot.file.values import ANGLE
 
     drives = robot.drives()
     given: dict[str, float] = {}

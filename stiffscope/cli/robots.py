@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from stiffscope import files
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
 from stiffscope.errors import InputError
-from stiffscope.jobs.manifest import manifest_of
+from stiffscope.experiments.manifest import manifest_of
+from stiffscope.runtime import files
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from stiffscope.jobs.assembly import Assembled, CondensedRobot
+    from stiffscope.experiments.assembly import Assembled, CondensedRobot
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.statics import Stiffness
 
@@ -43,12 +43,12 @@ def stiffness(
 
     Without --at and --joints, at the poses of the robot file.
     """
+    from stiffscope.biglide.literal_gravity import require_biglide
     from stiffscope.cli.poses import asked_poses
     from stiffscope.cli.showing import shown_assembly
-    from stiffscope.jobs.assembly import stiffness_bars, stiffness_json
-    from stiffscope.jobs.superelements import write_robot
+    from stiffscope.experiments.assembly import stiffness_bars, stiffness_json
+    from stiffscope.experiments.superelements import write_robot
     from stiffscope.report import tables
-    from stiffscope.robot.literal_gravity import require_biglide
     from stiffscope.robot.reader import load_robot
 
     robot = load_robot(name, overrides)
@@ -90,9 +90,9 @@ def deflection(
 
     from stiffscope.cli.poses import asked_poses
     from stiffscope.cli.showing import shown_assembly
-    from stiffscope.jobs.assembly import deflection_bars
+    from stiffscope.experiments.assembly import deflection_bars
     from stiffscope.report import tables
-    from stiffscope.robot import quantities as q
+    from stiffscope.robot.file import quantities as q
     from stiffscope.robot.reader import load_robot
     from stiffscope.vjm.screws import CONVENTION
     from stiffscope.vjm.yielding import deflection as deflected
@@ -189,7 +189,7 @@ def _state(assembled: Assembled, found: Configurations, gravity: str) -> Stiffne
 
     if gravity != "literal":
         return analyse(assembled.mechanism, found, gravity="exact" if gravity == "exact" else "none")
-    from stiffscope.robot.literal_gravity import literal_gravity
+    from stiffscope.biglide.literal_gravity import literal_gravity
 
     matrix = literal_gravity(assembled.mechanism, found.poses)
     return dataclasses.replace(analyse(assembled.mechanism, found), matrix=matrix, sag=sag(assembled.mechanism, found))

@@ -10,23 +10,23 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from stiffscope import files
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
 from stiffscope.cli.robots import made_of
 from stiffscope.errors import InputError, StiffscopeError
-from stiffscope.jobs.manifest import manifest_of
+from stiffscope.experiments.manifest import manifest_of
+from stiffscope.runtime import files
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from concurrent.futures import Future
     from pathlib import Path
 
-    from stiffscope.jobs.assembly import Assembled, CondensedRobot
-    from stiffscope.jobs.manifest import Manifest
-    from stiffscope.jobs.results import CondensedPart
-    from stiffscope.jobs.workshop import Workshop
-    from stiffscope.robot.description import RobotFile
+    from stiffscope.experiments.assembly import Assembled, CondensedRobot
+    from stiffscope.experiments.manifest import Manifest
+    from stiffscope.experiments.results import CondensedPart
+    from stiffscope.robot.file.description import RobotFile
+    from stiffscope.runtime.workshop import Workshop
     from stiffscope.vjm.statics import Stiffness
 
 
@@ -53,8 +53,8 @@ def run(
     report.html, open in a browser, shows the new robot, matrices and pictures as soon as they are drawn.
     """
     from stiffscope.cli.showing import shown_workshop, warn_of
-    from stiffscope.jobs.assembly import assemble_robots, at_named_poses
-    from stiffscope.jobs.results import compliance_json
+    from stiffscope.experiments.assembly import assemble_robots, at_named_poses
+    from stiffscope.experiments.results import compliance_json
     from stiffscope.report import tables
     from stiffscope.robot.reader import load_robot
 
@@ -90,7 +90,7 @@ def run(
 
 def _checked(name: str, overrides: Sequence[str], tolerance: str | None) -> RobotFile:
     """The robot, which has poses and reaches them. Raises InputError."""
-    from stiffscope.jobs.assembly import check_reach
+    from stiffscope.experiments.assembly import check_reach
     from stiffscope.robot.reader import load_robot
 
     robot = load_robot(name, overrides, tolerance)
@@ -107,11 +107,11 @@ def _watch(
     """Run, and again when a file changes, in this process, which keeps the CAD kernel; the page follows behind."""
     from concurrent.futures import ThreadPoolExecutor
 
-    from stiffscope.jobs.assembly import at_named_poses, condense_robot
-    from stiffscope.jobs.watching import changes, keep_meshed, keep_warm, sources
-    from stiffscope.jobs.workshop import workshop
+    from stiffscope.experiments.assembly import at_named_poses, condense_robot
+    from stiffscope.experiments.watching import changes, keep_meshed, keep_warm, sources
     from stiffscope.report import tables
     from stiffscope.robot.library import find_robot
+    from stiffscope.runtime.workshop import workshop
 
     files.check_output(out)
     watched = [find_robot(name)]
@@ -156,9 +156,9 @@ def _ending() -> Iterator[Event]:
 
 def _write_behind(robot: RobotFile, components: Any, out: Path, manifest: Manifest, over: Event) -> None:
     """Write a run's folder while the next change is waited for; what goes wrong is said, the watch goes on."""
-    from stiffscope.jobs.assembly import assemble_robots, at_named_poses
-    from stiffscope.jobs.workers import WorkerError
-    from stiffscope.jobs.workshop import workshop
+    from stiffscope.experiments.assembly import assemble_robots, at_named_poses
+    from stiffscope.runtime.workers import WorkerError
+    from stiffscope.runtime.workshop import workshop
 
     try:
         with workshop(together=True) as shop:  # in processes of its own: this one is for the next change
@@ -172,7 +172,7 @@ def _write_behind(robot: RobotFile, components: Any, out: Path, manifest: Manife
 
 def _show_step(now: CondensedRobot, state: Stiffness, before: tuple[CondensedRobot, Stiffness] | None) -> None:
     """The stiffness, beside the one before where there was one at the same poses."""
-    from stiffscope.jobs.watching import differences
+    from stiffscope.experiments.watching import differences
     from stiffscope.report import tables
 
     names = list(now.robot.poses)
@@ -206,7 +206,7 @@ def _write(
 
 def _write_parts(assembled: Assembled, folder: Path, manifest: Manifest) -> None:
     """A folder for each part that was tested: numbers, fields, solid."""
-    from stiffscope.jobs.results import EXPERIMENT, FIELDS, compliance_json
+    from stiffscope.experiments.results import EXPERIMENT, FIELDS, compliance_json
 
     for name, result in assembled.results.items():
         place = folder / name
@@ -233,7 +233,7 @@ def _write_robot(assembled: Assembled, state: Stiffness, folder: Path) -> None:
 
 def _stiffness(assembled: Assembled, state: Stiffness) -> dict[str, Any]:
     """The robot at its named poses as scripts read it."""
-    from stiffscope.jobs.assembly import stiffness_bars, stiffness_json
+    from stiffscope.experiments.assembly import stiffness_bars, stiffness_json
 
     names = {"names": list(assembled.robot.poses), "components": assembled.sources}
     return {**stiffness_json(state, stiffness_bars(assembled, state.configurations)), **names}

@@ -6,19 +6,19 @@ import logging
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from stiffscope.jobs.assembly import assemble_robots
-from stiffscope.jobs.workshop import workshop
+from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.report import tables
 from stiffscope.report.compare import compare
 from stiffscope.report.progress import progress
+from stiffscope.runtime.workshop import workshop
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from stiffscope.jobs.assembly import Assembled
-    from stiffscope.jobs.results import PartResult
-    from stiffscope.jobs.workshop import Workshop
-    from stiffscope.robot.description import RobotFile
+    from stiffscope.experiments.assembly import Assembled
+    from stiffscope.experiments.results import PartResult
+    from stiffscope.robot.file.description import RobotFile
+    from stiffscope.runtime.workshop import Workshop
 
 log = logging.getLogger(__name__)
 

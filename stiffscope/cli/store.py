@@ -6,9 +6,9 @@ import dataclasses
 
 import click
 
-from stiffscope import files
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
+from stiffscope.runtime import files
 
 kinds = click.option(
     "--kind", "chosen", multiple=True, metavar="KIND", help="Only results of this kind, such as pictures."
@@ -25,8 +25,8 @@ def cache(context: click.Context, *, target: str | None, quiet: bool) -> None:
     """
     if context.invoked_subcommand is not None:
         return
-    from stiffscope.jobs.cache import Cache, cache_folder, totals
     from stiffscope.report.store import show_totals
+    from stiffscope.runtime.cache import Cache, cache_folder, totals
 
     root = cache_folder()
     found = totals(Cache(root).entries())
@@ -41,8 +41,8 @@ def cache(context: click.Context, *, target: str | None, quiet: bool) -> None:
 @takes(kinds, options.target)
 def listed(chosen: tuple[str, ...], *, target: str | None, quiet: bool) -> None:
     """Every result that is kept, the oldest first."""
-    from stiffscope.jobs.cache import Cache, cache_folder
     from stiffscope.report.store import show_entries
+    from stiffscope.runtime.cache import Cache, cache_folder
 
     entries = sorted(Cache(cache_folder()).entries(chosen), key=lambda entry: entry.made)
     if target is not None:
@@ -55,9 +55,9 @@ def listed(chosen: tuple[str, ...], *, target: str | None, quiet: bool) -> None:
 @takes(kinds, options.target)
 def clear(chosen: tuple[str, ...], *, target: str | None, quiet: bool) -> None:
     """Remove what stiffscope keeps there; what it did not write stays."""
-    from stiffscope.jobs.cache import Cache, cache_folder
     from stiffscope.report.store import megabytes
     from stiffscope.report.terminal import show_line
+    from stiffscope.runtime.cache import Cache, cache_folder
 
     root = cache_folder()
     gone = Cache(root).clear(chosen)

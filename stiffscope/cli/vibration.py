@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from stiffscope import files
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
 from stiffscope.errors import InputError
-from stiffscope.jobs.manifest import manifest_of
+from stiffscope.experiments.manifest import manifest_of
+from stiffscope.runtime import files
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -150,7 +150,7 @@ def _show_modes(names: Sequence[str], found: Modes, drives: str) -> None:
 
 
 def _band(text: str | None) -> tuple[float, float] | None:
-    from stiffscope.robot.quantities import FREQUENCY
+    from stiffscope.robot.file.quantities import FREQUENCY
 
     if text is None:
         return None
@@ -167,7 +167,7 @@ def _port(mechanism: Mechanism, option: str, text: str) -> Port:
     """A place and direction of ``BODY:POINT:DIRECTION``."""
     import numpy as np
 
-    from stiffscope.robot import quantities as q
+    from stiffscope.robot.file import quantities as q
     from stiffscope.vjm.frequency_response import Port
     from stiffscope.vjm.mechanism import COORDINATES
 

@@ -9,29 +9,38 @@ import numpy as np
 from scipy.special import log_ndtr, ndtri_exp  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
 from stiffscope.errors import InputError
-from stiffscope.gap.column_model import ColumnModel
-from stiffscope.gap.diagnosis import Alternative, Diagnosis, Effect, Gap, HeldOut, Parameter, Possible, Sensitivity
-from stiffscope.gap.experiment_design import next_measurement
-from stiffscope.gap.findings import COMPETING, find
-from stiffscope.gap.lack_of_fit import correlation
-from stiffscope.gap.location import located, signature_correlation
-from stiffscope.gap.plausibility import implausible, own_part, physical_sigma, plausible
-from stiffscope.gap.posterior_samples import drawn
-from stiffscope.gap.residuals import percent_noise
-from stiffscope.gap.robot_model import RobotModel
-from stiffscope.gap.verdict import doubtful, judged, shares
+from stiffscope.gap.forward.column_model import ColumnModel
+from stiffscope.gap.forward.robot_model import RobotModel
+from stiffscope.gap.inference.diagnosis import (
+    Alternative,
+    Diagnosis,
+    Effect,
+    Gap,
+    HeldOut,
+    Parameter,
+    Possible,
+    Sensitivity,
+)
+from stiffscope.gap.inference.experiment_design import next_measurement
+from stiffscope.gap.inference.findings import COMPETING, find
+from stiffscope.gap.inference.lack_of_fit import correlation
+from stiffscope.gap.inference.location import located, signature_correlation
+from stiffscope.gap.inference.plausibility import implausible, own_part, physical_sigma, plausible
+from stiffscope.gap.inference.posterior_samples import drawn
+from stiffscope.gap.inference.residuals import percent_noise
+from stiffscope.gap.inference.verdict import doubtful, judged, shares
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
 
-    from stiffscope.gap.campaign import Campaign
-    from stiffscope.gap.diagnosis import NextMeasurement
-    from stiffscope.gap.findings import Findings
-    from stiffscope.gap.forward_model import Candidate, ForwardModel
-    from stiffscope.gap.hypothesis import Hypothesis
-    from stiffscope.gap.verdict import Judgement
+    from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.gap.forward.forward_model import Candidate, ForwardModel
+    from stiffscope.gap.inference.diagnosis import NextMeasurement
+    from stiffscope.gap.inference.findings import Findings
+    from stiffscope.gap.inference.hypothesis import Hypothesis
+    from stiffscope.gap.inference.verdict import Judgement
     from stiffscope.robot.effects import NominalRobot
 
     Array = NDArray[np.floating[Any]]

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from stiffscope.gap.blind_scores import Scores
+    from stiffscope.gap.blind.scores import Scores
 
 MEASURES = (
     ("singles", "single effects with ln-odds above 10: right", "≥ 97 %", 0.97, 1.0),

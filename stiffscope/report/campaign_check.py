@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.gap.findings import copies
-from stiffscope.gap.quantities import DEFLECTION, DEVIATION, FREQUENCY, KINDS, WRENCH
+from stiffscope.gap.campaign.quantities import DEFLECTION, DEVIATION, FREQUENCY, KINDS, WRENCH
+from stiffscope.gap.inference.findings import copies
 from stiffscope.report import page
 from stiffscope.report.robot_scene import moves, picture, pose_text, scene
 from stiffscope.report.run_report import write_tables_report
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from stiffscope.gap.campaign import Campaign
-    from stiffscope.robot.description import RobotFile
+    from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.robot.file.description import RobotFile
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.mechanism import Mechanism
 

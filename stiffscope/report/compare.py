@@ -13,9 +13,9 @@ import numpy as np
 from stiffscope.robot import part_matrices as parts_of
 
 if TYPE_CHECKING:
+    from stiffscope.experiments.results import PartResult
     from stiffscope.fea.experiment import Experiment
-    from stiffscope.jobs.results import PartResult
-    from stiffscope.robot.description import RobotFile
+    from stiffscope.robot.file.description import RobotFile
 
 
 @dataclass(frozen=True)

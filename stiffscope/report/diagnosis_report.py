@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from stiffscope.gap.diagnosis import Diagnosis
-    from stiffscope.jobs.assembly import Assembled
+    from stiffscope.experiments.assembly import Assembled
+    from stiffscope.gap.inference.diagnosis import Diagnosis
     from stiffscope.report.page import Figure, RobotView
     from stiffscope.vjm.kinematics import Configurations
 

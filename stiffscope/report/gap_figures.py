@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from stiffscope.gap.diagnosis import Diagnosis
+    from stiffscope.gap.inference.diagnosis import Diagnosis
 
 CORNERS = 10  # parameters at most in a corner plot
 NAMED = 40  # poses that a map has room to name,

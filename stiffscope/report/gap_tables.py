@@ -12,7 +12,7 @@ from stiffscope.report.terminal import show_line, show_table
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from stiffscope.gap.diagnosis import Diagnosis
+    from stiffscope.gap.inference.diagnosis import Diagnosis
 
 
 def show_diagnosis(diagnosis: Diagnosis) -> None:

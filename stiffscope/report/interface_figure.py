@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
-    from stiffscope.jobs.interfaces import Comparison, Tested
+    from stiffscope.experiments.interfaces import Comparison, Tested
 
 PLATE = "#dfe4e8"
 LINEAR = 10.0  # % below which the scale of changes is linear

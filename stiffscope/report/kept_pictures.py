@@ -14,29 +14,29 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.files import file_digest
-from stiffscope.gap.diagnosis import to_json
-from stiffscope.jobs.cache import code_version, digest, kept_files
-from stiffscope.jobs.results import EXPERIMENT
+from stiffscope.experiments.results import EXPERIMENT
+from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.report import maps
 from stiffscope.report.gap_figures import draw_figures
 from stiffscope.report.pictures import PictureError, draw, drawing
 from stiffscope.report.robot_scene import deformed, exaggeration, moves, picture, pose_text, scene
 from stiffscope.report.run_report import GEOMETRY
 from stiffscope.report.text import shares
+from stiffscope.runtime.cache import code_version, digest, kept_files
+from stiffscope.runtime.files import file_digest
 from stiffscope.vjm.kinematics import configure
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
-    from stiffscope.gap.diagnosis import Diagnosis
-    from stiffscope.jobs.assembly import Assembled
-    from stiffscope.jobs.cache import Cache
-    from stiffscope.jobs.manifest import Manifest
-    from stiffscope.jobs.results import PartResult
+    from stiffscope.experiments.assembly import Assembled
+    from stiffscope.experiments.manifest import Manifest
+    from stiffscope.experiments.results import PartResult
+    from stiffscope.gap.inference.diagnosis import Diagnosis
     from stiffscope.report.robot_view import Case
-    from stiffscope.robot.description import RobotFile
+    from stiffscope.robot.file.description import RobotFile
+    from stiffscope.runtime.cache import Cache
     from stiffscope.vjm.kinematics import Configurations
 
 log = logging.getLogger(__name__)

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
 
-    from stiffscope.robot.description import RobotFile
-    from stiffscope.robot.sections import MapSection
+    from stiffscope.robot.file.description import RobotFile
+    from stiffscope.robot.file.sections import MapSection
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.statics import Gravity
 

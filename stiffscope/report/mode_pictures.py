@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.jobs.results import EXPERIMENT
+from stiffscope.experiments.results import EXPERIMENT
 from stiffscope.report.pictures import PictureError, draw
 from stiffscope.report.robot_scene import deformed, exaggeration, moves, picture, scene
 from stiffscope.report.run_report import GEOMETRY
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from stiffscope.jobs.assembly import Assembled
+    from stiffscope.experiments.assembly import Assembled
     from stiffscope.vjm.modes import Modes
 
 log = logging.getLogger(__name__)

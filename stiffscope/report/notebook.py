@@ -15,28 +15,28 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope import files
 from stiffscope.errors import InputError
-from stiffscope.files import scratch_folder
-from stiffscope.listening import LISTENERS
 from stiffscope.report import page, tables
 from stiffscope.report.numbers import coordinates, point, pose_values
 from stiffscope.report.pictures import draw
 from stiffscope.report.run_report import ENERGY, GEOMETRY, turning
 from stiffscope.report.terminal import recorded, show_line, show_table
+from stiffscope.runtime import files
+from stiffscope.runtime.files import scratch_folder
+from stiffscope.runtime.listening import LISTENERS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from stiffscope.cad.part import Part
+    from stiffscope.design.sensitivity import Sensitivity
+    from stiffscope.design.studies import Study
     from stiffscope.fea.experiment import Experiment
     from stiffscope.fea.sensitivity import PartSensitivity
-    from stiffscope.gap.diagnosis import Diagnosis
-    from stiffscope.jobs.studies import Study
-    from stiffscope.listening import Report
+    from stiffscope.gap.inference.diagnosis import Diagnosis
     from stiffscope.report.page import Figure
-    from stiffscope.robot.description import RobotFile
-    from stiffscope.robot.sensitivity import Sensitivity
+    from stiffscope.robot.file.description import RobotFile
+    from stiffscope.runtime.listening import Report
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.modes import Modes

@@ -12,9 +12,9 @@ from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from stiffscope.children import start_module
 from stiffscope.errors import StiffscopeError
-from stiffscope.files import scratch_folder
+from stiffscope.runtime.children import start_module
+from stiffscope.runtime.files import scratch_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

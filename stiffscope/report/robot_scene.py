@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.robot.part_sections import ParametricPart
+from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.vjm.network import places
 from stiffscope.vjm.screws import skew
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from stiffscope.robot.description import RobotFile
+    from stiffscope.robot.file.description import RobotFile
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.mechanism import Body, Joint, Mechanism
     from stiffscope.vjm.screws import Array

@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope import files
 from stiffscope.report import page
 from stiffscope.report.page import RobotView, Section
 from stiffscope.report.robot_scene import pose_text
 from stiffscope.report.robot_view import mode_cases, robot_view, unit_wrenches
 from stiffscope.report.terminal import Shown
+from stiffscope.runtime import files
 from stiffscope.vjm.kinematics import configure
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from stiffscope.jobs.assembly import Assembled
+    from stiffscope.experiments.assembly import Assembled
     from stiffscope.report.page import Figure
     from stiffscope.report.robot_view import Case
     from stiffscope.robot.inspection import Inspection

@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
+    from stiffscope.design.sensitivity import Row, Sensitivity
+    from stiffscope.experiments.results import PartResult
     from stiffscope.fea.sensitivity import Derivative, PartSensitivity
-    from stiffscope.jobs.results import PartResult
     from stiffscope.report.terminal import Shown
-    from stiffscope.robot.sensitivity import Row, Sensitivity
 
 COMPLIANCES = ("C11", "C22", "C33", "C44", "C55", "C66")
 BAR, BOUND, LOSS = "#3b7dbf", "#20252b", "#d9822b"

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from stiffscope.jobs.cache import Entry
+    from stiffscope.runtime.cache import Entry
 
 
 def show_totals(root: Path, totals: Mapping[str, tuple[int, int]]) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.jobs.studies import state
+from stiffscope.design.studies import state
 from stiffscope.report import page
 from stiffscope.report.figures import AFTER, BEFORE, EFFECT, NOISE, new_figure, save_figures
 from stiffscope.report.page import Section
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from stiffscope.jobs.studies import Study
+    from stiffscope.design.studies import Study
 
 TABLE = "designs"
 MOST_ROWS = 20  # of the best that are shown; the table has all

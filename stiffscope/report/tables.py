@@ -27,11 +27,11 @@ from stiffscope.report.terminal import show_line, show_table
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
+    from stiffscope.biglide.audit import Finding
+    from stiffscope.experiments.interfaces import Comparison as Interfaces
+    from stiffscope.experiments.results import PartResult
     from stiffscope.fea.experiment import Experiment
-    from stiffscope.jobs.interfaces import Comparison as Interfaces
-    from stiffscope.jobs.results import PartResult
     from stiffscope.report.compare import Comparison
-    from stiffscope.robot.audit import Finding
     from stiffscope.vjm.modes import Modes
     from stiffscope.vjm.statics import Stiffness
 

@@ -6,14 +6,14 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from stiffscope.gap.forward_model import UNNAMED
+from stiffscope.gap.forward.forward_model import UNNAMED
 from stiffscope.report.numbers import WRENCH, coordinates, percent, pose_values
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from stiffscope.gap.diagnosis import Diagnosis, Effect, NextMeasurement, Parameter, Where
-    from stiffscope.robot.description import RobotFile
+    from stiffscope.gap.inference.diagnosis import Diagnosis, Effect, NextMeasurement, Parameter, Where
+    from stiffscope.robot.file.description import RobotFile
 
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
 NOTABLE = 3.0  # σ by which a parameter must differ from the model's to be marked

@@ -9,22 +9,22 @@ import numpy as np
 
 from stiffscope.cad.checks import mm
 from stiffscope.errors import InputError
-from stiffscope.robot import quantities as q
-from stiffscope.robot.copies import tensor
-from stiffscope.robot.description import ENDS, GROUND, nodes
-from stiffscope.robot.evaluate import FieldError
+from stiffscope.robot.file import quantities as q
+from stiffscope.robot.file.copies import tensor
+from stiffscope.robot.file.description import ENDS, GROUND, nodes
+from stiffscope.robot.file.evaluate import FieldError
+from stiffscope.robot.file.part_sections import ParametricPart, solid_length
+from stiffscope.robot.file.sections import Bearing, ElasticBody, RigidBody
+from stiffscope.robot.file.validate import one_of
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import PartMatrix
-from stiffscope.robot.part_sections import ParametricPart, solid_length
-from stiffscope.robot.sections import Bearing, ElasticBody, RigidBody
-from stiffscope.robot.validate import one_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from stiffscope.robot.description import RobotFile
-    from stiffscope.robot.positions import Key
-    from stiffscope.robot.sections import JointSection
+    from stiffscope.robot.file.description import RobotFile
+    from stiffscope.robot.file.positions import Key
+    from stiffscope.robot.file.sections import JointSection
 
 SAME_LENGTH = 1e-4  # relative; coordinates are often rounded to a hundredth of a millimetre
 _PARALLEL = 1e-6  # sine of the angle below which two directions are one

@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.robot.description import RobotFile
+from stiffscope.robot.file.description import RobotFile
+from stiffscope.robot.file.sections import ElasticBody
 from stiffscope.robot.part_dimensions import beam_dimensions, is_beam
-from stiffscope.robot.sections import ElasticBody
 from stiffscope.robot.vocabulary import COUPLED, EFFECTS
 from stiffscope.vjm.linkage import HELD
 from stiffscope.vjm.mechanism import BASE, TOOL, Change, Mechanism

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.robot.file.part_sections import solid_length
+from stiffscope.robot.file.sections import ElasticBody
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import PartMatrix, known_mass, source_of, used_parts
-from stiffscope.robot.part_sections import solid_length
-from stiffscope.robot.sections import ElasticBody
 from stiffscope.vjm.kinematics import configure, solver_of
 from stiffscope.vjm.linkage import Linkage
 from stiffscope.vjm.mobility import NEAR, joined, mobility
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from stiffscope.robot.description import RobotFile
+    from stiffscope.robot.file.description import RobotFile
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.mobility import Mobility

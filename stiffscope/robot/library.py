@@ -6,10 +6,10 @@ import difflib
 import os
 from pathlib import Path
 
-from stiffscope import reading
 from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
-from stiffscope.files import write_new
+from stiffscope.runtime import reading
+from stiffscope.runtime.files import write_new
 
 ROBOTS = FOLDER / "robots"
 

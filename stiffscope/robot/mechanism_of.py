@@ -6,16 +6,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.robot.copies import tensor
-from stiffscope.robot.sections import ElasticBody
+from stiffscope.robot.file.copies import tensor
+from stiffscope.robot.file.sections import ElasticBody
 from stiffscope.vjm.mechanism import Body, Drive, Joint, Mechanism, Tool, axes_along, member
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from stiffscope.robot.description import RobotFile
+    from stiffscope.robot.file.description import RobotFile
+    from stiffscope.robot.file.sections import BodySection, JointSection
     from stiffscope.robot.part_matrices import PartMatrix
-    from stiffscope.robot.sections import BodySection, JointSection
 
 
 def mechanism_of(robot: RobotFile, matrices: Mapping[str, PartMatrix]) -> Mechanism:

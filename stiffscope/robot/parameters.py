@@ -6,23 +6,23 @@ import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from stiffscope.robot.expressions import is_expression, normal
-from stiffscope.robot.overrides import split
+from stiffscope.robot.file.expressions import is_expression, normal
+from stiffscope.robot.file.overrides import split
+from stiffscope.robot.file.part_sections import ParametricPart, SolidPart
+from stiffscope.robot.file.sections import RigidBody
+from stiffscope.robot.file.source import parse_text
+from stiffscope.robot.file.values import unit_of
 from stiffscope.robot.part_matrices import part_sources
-from stiffscope.robot.part_sections import ParametricPart, SolidPart
 from stiffscope.robot.reader import read_robot
-from stiffscope.robot.sections import RigidBody
-from stiffscope.robot.source import parse_text
-from stiffscope.robot.values import unit_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from stiffscope.cad.materials import AnyMaterial
-    from stiffscope.robot.description import RobotFile
+    from stiffscope.robot.file.description import RobotFile
+    from stiffscope.robot.file.positions import Key
+    from stiffscope.robot.file.sections import JointSection
     from stiffscope.robot.part_matrices import Components
-    from stiffscope.robot.positions import Key
-    from stiffscope.robot.sections import JointSection
 
 CONSTANTS = {
     "youngs_modulus": "Pa", "shear_modulus": "Pa", "axial_modulus": "Pa", "transverse_modulus": "Pa",

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.part_matrices import beam_compliance
-from stiffscope.robot.part_sections import ParametricPart
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
-    from stiffscope.robot.description import RobotFile
+    from stiffscope.robot.file.description import RobotFile
 
     Array = NDArray[np.floating[Any]]
 

@@ -13,7 +13,7 @@ from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
 from stiffscope.fea.beam import circle, euler_bernoulli, rectangle, timoshenko
 from stiffscope.robot.beam_dynamics import beam_dynamics
-from stiffscope.robot.part_sections import MatrixPart, ParametricPart, PartSection, SolidPart, Source, StepPart
+from stiffscope.robot.file.part_sections import MatrixPart, ParametricPart, PartSection, SolidPart, Source, StepPart
 from stiffscope.vjm.checks import checked_compliance
 from stiffscope.vjm.dynamics import Dynamics
 from stiffscope.vjm.screws import shift
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from stiffscope.fea.beam import Section
-    from stiffscope.robot.description import RobotFile
+    from stiffscope.robot.file.description import RobotFile
 
     Theory = Callable[[float, Section, float, float], np.ndarray]
     Components = str | Mapping[str, str | ArrayLike] | None

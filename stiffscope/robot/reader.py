@@ -6,15 +6,14 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from stiffscope.errors import InputError
-from stiffscope.robot import copies as sets
-from stiffscope.robot import quantities as q
 from stiffscope.robot.checks import check_robot
-from stiffscope.robot.description import RobotFile
-from stiffscope.robot.evaluate import FieldError, parameter_values, with_values
-from stiffscope.robot.library import find_robot
-from stiffscope.robot.overrides import Override, assign, located
-from stiffscope.robot.part_sections import PARTS, Fibrous, Isotropic, PartSection
-from stiffscope.robot.sections import (
+from stiffscope.robot.file import copies as sets
+from stiffscope.robot.file import quantities as q
+from stiffscope.robot.file.description import RobotFile
+from stiffscope.robot.file.evaluate import FieldError, parameter_values, with_values
+from stiffscope.robot.file.overrides import Override, assign, located
+from stiffscope.robot.file.part_sections import PARTS, Fibrous, Isotropic, PartSection
+from stiffscope.robot.file.sections import (
     AXES,
     JOINTS,
     BodySection,
@@ -27,10 +26,11 @@ from stiffscope.robot.sections import (
     RigidBody,
     ToolSection,
 )
-from stiffscope.robot.source import Source, parse_text, read_text
-from stiffscope.robot.tolerances import without_tolerances
-from stiffscope.robot.validate import keys_of, one_of, section, unknown_key
-from stiffscope.robot.values import ANGLE
+from stiffscope.robot.file.source import Source, parse_text, read_text
+from stiffscope.robot.file.tolerances import without_tolerances
+from stiffscope.robot.file.validate import keys_of, one_of, section, unknown_key
+from stiffscope.robot.file.values import ANGLE
+from stiffscope.robot.library import find_robot
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -10,17 +10,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiffscope.gap.blind_cases import Lab
+from stiffscope.gap.blind.cases import Lab
+from stiffscope.gap.campaign.campaign import template as campaign_template
+from stiffscope.gap.campaign.readings import load_campaign
+from stiffscope.gap.campaigns import open_case
 from stiffscope.gap.diagnose import conclude, diagnose
-from stiffscope.gap.findings import find
+from stiffscope.gap.forward.robot_model import RobotModel
+from stiffscope.gap.inference.findings import find
 from stiffscope.gap.lab.faults import inject
 from stiffscope.gap.lab.measuring import Noise, measure, true_readings
 from stiffscope.gap.lab.plans import draw_plan
 from stiffscope.gap.lab.writing import write_readings
-from stiffscope.gap.readings import load_campaign
-from stiffscope.gap.robot_model import RobotModel
-from stiffscope.jobs import campaign_template
-from stiffscope.jobs.campaigns import open_case
 from stiffscope.robot.effects import NominalRobot, adopted
 from stiffscope.robot.reader import load_robot
 from tests.gap.synthetic import linear_model

@@ -20,24 +20,24 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.gap.blind_cases import BlindRobot, Lab
-from stiffscope.gap.blind_scores import EVIDENT
+from stiffscope.experiments import part_dimensions
+from stiffscope.experiments.assembly import assemble_robots
+from stiffscope.experiments.experiments import condense_parts
+from stiffscope.experiments.orders import order_part
+from stiffscope.gap.blind.cases import BlindRobot, Lab
+from stiffscope.gap.blind.scores import EVIDENT
+from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.diagnose import conclude
-from stiffscope.gap.findings import find
+from stiffscope.gap.forward.robot_model import RobotModel, dimension_candidates
+from stiffscope.gap.inference.findings import find
 from stiffscope.gap.lab.faults import ENTRIES, inject
 from stiffscope.gap.lab.measuring import Noise, measure
 from stiffscope.gap.lab.plans import draw_plan
 from stiffscope.gap.lab.writing import write_readings
-from stiffscope.gap.readings import load_campaign
-from stiffscope.gap.robot_model import RobotModel, dimension_candidates
-from stiffscope.jobs import part_dimensions
-from stiffscope.jobs.assembly import assemble_robots
-from stiffscope.jobs.experiments import condense_parts
-from stiffscope.jobs.orders import order_part
-from stiffscope.jobs.workshop import workshop
 from stiffscope.robot.effects import NominalRobot
 from stiffscope.robot.part_dimensions import FOUNDATION, part_parameters, with_parameter
 from stiffscope.robot.reader import load_robot
+from stiffscope.runtime.workshop import workshop
 
 CAMPAIGNS, SEED = (int(os.environ.get(f"STIFFSCOPE_{name}", value)) for name, value in (("CAMPAIGNS", 18), ("SEED", 1)))
 KEPT = os.environ.get("STIFFSCOPE_KEPT")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stiffscope.cli.main import _guarded
-from stiffscope.gap.readings import load_campaign
+from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.robot.library import robot_names
 from stiffscope.robot.reader import load_robot
 

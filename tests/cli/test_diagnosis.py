@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from stiffscope.cli.main import _guarded
+from stiffscope.gap.campaigns import diagnose
 from stiffscope.gap.lab import measuring
 from stiffscope.gap.lab.faults import inject
 from stiffscope.gap.lab.measuring import Noise
 from stiffscope.gap.lab.writing import write_readings
-from stiffscope.jobs.campaigns import diagnose
 from stiffscope.robot.library import find_robot
 from stiffscope.robot.reader import load_robot
 from tests.labs import biglide, default_plan

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.jobs.assembly import assemble
+from stiffscope.experiments.assembly import assemble
 from stiffscope.robot.library import find_robot
 from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.statics import stiffness

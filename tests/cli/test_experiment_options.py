@@ -8,8 +8,8 @@ import pytest
 
 from stiffscope.cli.main import _guarded
 from stiffscope.errors import InputError
-from stiffscope.jobs.interfaces import choices
-from stiffscope.jobs.orders import order_part
+from stiffscope.experiments.interfaces import choices
+from stiffscope.experiments.orders import order_part
 from stiffscope.robot.library import find_robot
 from stiffscope.robot.reader import load_robot
 
@@ -33,7 +33,7 @@ def kitchen(tmp_path_factory):
         def here(function, jobs, reports, _limits=None):
             return {name: function(*words, lambda stage, _: stages.append(stage)) for name, words in jobs.items()}
 
-        patch.setattr("stiffscope.jobs.workshop.work_together", here)
+        patch.setattr("stiffscope.runtime.workshop.work_together", here)
         yield stages
 
 

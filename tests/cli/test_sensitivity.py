@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from stiffscope.cli.main import _guarded
-from stiffscope.jobs.assembly import at_named_poses, condense_robot
-from stiffscope.jobs.workshop import workshop
+from stiffscope.experiments.assembly import at_named_poses, condense_robot
 from stiffscope.robot.reader import load_robot
+from stiffscope.runtime.workshop import workshop
 from tests.jobs.one_part import DEPTH, LENGTH, STEP, WIDTH, one_part, write_bar
 
 CHANGE = 0.02

@@ -9,7 +9,7 @@ import click
 import pytest
 
 from stiffscope.cli.main import _guarded, cli
-from stiffscope.jobs.cache import Cache, digest
+from stiffscope.runtime.cache import Cache, digest
 
 
 @pytest.fixture

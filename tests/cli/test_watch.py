@@ -8,7 +8,7 @@ import time
 import pytest
 
 from stiffscope.cli.main import _guarded
-from stiffscope.jobs.watching import changes, differences, sources
+from stiffscope.experiments.watching import changes, differences, sources
 from tests.jobs.one_part import MATRIX, ROD, STEP, one_part
 
 
@@ -46,7 +46,7 @@ def test_sources_and_differences(tmp_path):
 def undrawn(monkeypatch):
     """Pictures take processes of their own, which this does not try."""
     monkeypatch.setattr("stiffscope.report.kept_pictures.write_run_pictures", lambda *_: None)
-    monkeypatch.setattr("stiffscope.jobs.watching.keep_warm", lambda: None)
+    monkeypatch.setattr("stiffscope.experiments.watching.keep_warm", lambda: None)
 
 
 def test_each_saved_file_is_run_and_a_bad_one_is_told(tmp_path, monkeypatch, capsys, undrawn):
@@ -64,7 +64,7 @@ def test_each_saved_file_is_run_and_a_bad_one_is_told(tmp_path, monkeypatch, cap
             states.append(capsys.readouterr())
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("stiffscope.jobs.watching.changes", edited)
+    monkeypatch.setattr("stiffscope.experiments.watching.changes", edited)
     assert _guarded(["run", str(file), "--out", str(out), "--watch"]) == 0
     changed, bad, back = states
     assert "slide.drive.stiffness 10000000.0 → 20000000.0" in changed.out

@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from stiffscope.gap.campaign import Campaign
-from stiffscope.gap.forward_model import Candidate, Noise, Trial
+from stiffscope.gap.campaign.campaign import Campaign
+from stiffscope.gap.forward.forward_model import Candidate, Noise, Trial
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from stiffscope.data import FOLDER
+from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.diagnose import diagnose
+from stiffscope.gap.forward.robot_model import RobotModel
+from stiffscope.gap.inference.residuals import by_sensor
 from stiffscope.gap.lab.faults import inject
 from stiffscope.gap.lab.measuring import Noise, Plan, Sensor
 from stiffscope.gap.lab.measuring import measure as taken
 from stiffscope.gap.lab.response import Spot
-from stiffscope.gap.readings import load_campaign
-from stiffscope.gap.residuals import by_sensor
-from stiffscope.gap.robot_model import RobotModel
 from stiffscope.robot.effects import adopted
 from tests.gap.test_robot_model import nominal, readings
 from tests.labs import machine

@@ -16,17 +16,17 @@ import pytest
 from distributed import LocalCluster
 
 from stiffscope.errors import InputError
-from stiffscope.gap import blind
-from stiffscope.gap.blind import run_blind
-from stiffscope.gap.blind_cases import BlindCase, BlindRobot, Fault, Lab, draw, imitated, prepared, unseal, write_case
-from stiffscope.gap.blind_scores import Outcome, outcome_of, score
+from stiffscope.gap.blind.cases import BlindCase, BlindRobot, Fault, Lab, draw, imitated, prepared, unseal, write_case
+from stiffscope.gap.blind.check import check as blind
+from stiffscope.gap.blind.check import run_blind
+from stiffscope.gap.blind.scores import Outcome, outcome_of, score
+from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.diagnose import diagnose
+from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.lab.faults import bearing_words
 from stiffscope.gap.lab.measuring import Noise, measure, sigma_of, true_readings
 from stiffscope.gap.lab.signatures import Signatures
 from stiffscope.gap.lab.writing import write_readings
-from stiffscope.gap.readings import load_campaign
-from stiffscope.gap.robot_model import RobotModel
 from stiffscope.robot.effects import NominalRobot
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import part_matrices
@@ -181,7 +181,7 @@ def test_rigid_ends_are_planted_in_uniform_bodies(labs):
 
 def test_effects_that_the_file_carries_are_in_its_machine():
     robot = blind_robot("five-bar")
-    from stiffscope.robot.sections import Effect
+    from stiffscope.robot.file.sections import Effect
 
     soft = Effect(effect="actuator-stiffness", place="left.motor", parameters={"factor": 0.5})
     file = replace(robot.nominal.robot, effects=(soft,))
@@ -484,7 +484,7 @@ def test_no_worker_outlives_a_killed_parent(tmp_path):
     script = tmp_path / "parent.py"
     script.write_text(
         "import os, time\n"
-        "from stiffscope.cluster import cluster\n"
+        "from stiffscope.runtime.cluster import cluster\n"
         "if __name__ == '__main__':\n"
         "    with cluster(workers=1) as client:\n"
         "        print(client.submit(os.getpid).result(), flush=True)\n"
@@ -507,7 +507,7 @@ def test_no_worker_outlives_a_killed_parent(tmp_path):
 
 
 def test_a_scheduler_that_does_not_answer_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr("stiffscope.cluster._CONNECT", "1s")
+    monkeypatch.setattr("stiffscope.runtime.cluster._CONNECT", "1s")
     with pytest.raises(InputError, match="--scheduler: expected the address of a Dask scheduler that answers"):
         run_blind(tmp_path, [blind_robot("five-bar")], 1, 1, scheduler="tcp://127.0.0.1:9")
 

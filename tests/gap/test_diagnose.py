@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
+from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.diagnose import diagnose
-from stiffscope.gap.diagnosis import to_json
+from stiffscope.gap.forward.mechanics import RobotAtPoses
+from stiffscope.gap.forward.robot_model import RobotModel, robot_candidates
+from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.gap.lab.faults import inject
 from stiffscope.gap.lab.measuring import Noise
-from stiffscope.gap.mechanics import RobotAtPoses
-from stiffscope.gap.readings import load_campaign
-from stiffscope.gap.robot_model import RobotModel, robot_candidates
 from stiffscope.robot.effects import adopted, carried
-from stiffscope.robot.sections import Effect
+from stiffscope.robot.file.sections import Effect
 from stiffscope.vjm.mechanism import TOOL
 from stiffscope.vjm.statics import stiffness
 from tests.labs import FEA_SLIDER, biglide, default_plan, measure, with_slider

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from stiffscope.gap.diagnose import conclude
-from stiffscope.gap.diagnosis import to_json
-from stiffscope.gap.evidence import constrained_minima, errors_of, log_evidences, posterior
-from stiffscope.gap.findings import find
-from stiffscope.gap.fitting import Problem
-from stiffscope.gap.forward_model import Noise
-from stiffscope.gap.lack_of_fit import lack_of_fit
-from stiffscope.gap.posterior_samples import drawn, write_posterior
-from stiffscope.gap.search import Search
-from stiffscope.gap.verdict import shares
+from stiffscope.gap.forward.forward_model import Noise
+from stiffscope.gap.inference.diagnosis import to_json
+from stiffscope.gap.inference.evidence import constrained_minima, errors_of, log_evidences, posterior
+from stiffscope.gap.inference.findings import find
+from stiffscope.gap.inference.fitting import Problem
+from stiffscope.gap.inference.lack_of_fit import lack_of_fit
+from stiffscope.gap.inference.posterior_samples import drawn, write_posterior
+from stiffscope.gap.inference.search import Search
+from stiffscope.gap.inference.verdict import shares
 from tests.gap.synthetic import LinearModel, LinearPrediction, linear_model
 
 

@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiffscope.gap.campaign import Campaign
-from stiffscope.gap.column_model import ColumnModel
+from stiffscope.gap.campaign.campaign import Campaign
+from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.diagnose import diagnose
-from stiffscope.gap.diagnosis import to_json
-from stiffscope.gap.evidence import Errors, posterior
-from stiffscope.gap.experiment_design import next_measurement
-from stiffscope.gap.findings import find
-from stiffscope.gap.fitting import Problem
-from stiffscope.gap.forward_model import Noise
-from stiffscope.gap.readings import load_campaign
+from stiffscope.gap.forward.column_model import ColumnModel
+from stiffscope.gap.forward.forward_model import Noise
+from stiffscope.gap.inference.diagnosis import to_json
+from stiffscope.gap.inference.evidence import Errors, posterior
+from stiffscope.gap.inference.experiment_design import next_measurement
+from stiffscope.gap.inference.findings import find
+from stiffscope.gap.inference.fitting import Problem
 
 PUBLISHED = load_campaign(Path(__file__).parents[2] / "data" / "campaigns" / "published")
 

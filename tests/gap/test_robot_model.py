@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.gap import mechanics
-from stiffscope.gap.campaign import Campaign, LoadPoint, Sensor
-from stiffscope.gap.fitting import Problem
-from stiffscope.gap.mechanics import RobotAtPoses
-from stiffscope.gap.plausibility import plausible
-from stiffscope.gap.quantities import QUANTITIES
-from stiffscope.gap.robot_model import RobotModel, robot_candidates
-from stiffscope.gap.robot_prediction import Pattern
-from stiffscope.jobs.campaigns import open_case
+from stiffscope.gap.campaign.campaign import Campaign, LoadPoint, Sensor
+from stiffscope.gap.campaign.quantities import QUANTITIES
+from stiffscope.gap.campaigns import open_case
+from stiffscope.gap.forward import mechanics
+from stiffscope.gap.forward.mechanics import RobotAtPoses
+from stiffscope.gap.forward.robot_model import RobotModel, robot_candidates
+from stiffscope.gap.forward.robot_prediction import Pattern
+from stiffscope.gap.inference.fitting import Problem
+from stiffscope.gap.inference.plausibility import plausible
 from stiffscope.robot.effects import MechanicalEffect, NominalRobot, adopted, changed
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_dimensions import beam_dimensions
@@ -257,7 +257,7 @@ def test_stiffnesses_taken_for_pushes_are_told():
 
 
 def _noise(c):
-    from stiffscope.gap.forward_model import Noise
+    from stiffscope.gap.forward.forward_model import Noise
 
     return Noise(c.sigma, np.ones(len(c), dtype=bool), np.zeros(len(c), dtype=bool), np.ones(1))
 
@@ -329,7 +329,7 @@ def test_what_is_tried_for_the_next_reading_is_within_reach_by_itself(monkeypatc
         found = mechanics.configured(mechanism, coordinates, poses)
         return replace(found, valid=found.valid & ((poses[:, 0] < whole[:, 0].max()) | (len(poses) != len(whole))))
 
-    monkeypatch.setattr("stiffscope.gap.robot_model.configured", beside_others)
+    monkeypatch.setattr("stiffscope.gap.forward.robot_model.configured", beside_others)
     poses = model.trial(np.ones(len(model.campaign))).model.campaign.poses
     assert len(whole) - 9 < len(poses) < len(whole)
     assert beside_others(robot.mechanism, model.campaign.coordinates, poses).valid.all()

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.gap.diagnosis import Diagnosis, Effect, Gap, Parameter, Where
-from stiffscope.jobs.adoption import adopt, check_target
-from stiffscope.jobs.assembly import assemble
+from stiffscope.experiments.assembly import assemble
+from stiffscope.gap.adoption import adopt, check_target
+from stiffscope.gap.inference.diagnosis import Diagnosis, Effect, Gap, Parameter, Where
 from stiffscope.robot.effects import NominalRobot
 from stiffscope.robot.library import find_robot
 from stiffscope.robot.reader import load_robot

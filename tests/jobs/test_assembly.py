@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.jobs.assembly import (
+from stiffscope.experiments.assembly import (
     assemble,
     assemble_robots,
     at_named_poses,
@@ -15,8 +15,8 @@ from stiffscope.jobs.assembly import (
     stiffness_bars,
     stiffness_json,
 )
-from stiffscope.jobs.workshop import workshop
 from stiffscope.robot.reader import load_robot
+from stiffscope.runtime.workshop import workshop
 from stiffscope.vjm.statics import stiffness
 from stiffscope.vjm.yielding import deflection
 from tests.jobs.one_part import DEPTH, DRIVE, LENGTH, MATRIX, PLATE, ROD, STEP, WIDTH, one_part, write_bar

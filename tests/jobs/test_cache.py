@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from stiffscope.jobs.cache import Cache, cache_folder, code_version, digest
+from stiffscope.runtime.cache import Cache, cache_folder, code_version, digest
 
 KEY = digest({"part": "slider"})
 

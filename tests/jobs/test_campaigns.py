@@ -3,7 +3,7 @@
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.jobs.campaigns import open_case, reached
+from stiffscope.gap.campaigns import open_case, reached
 from stiffscope.robot.library import find_robot
 
 READINGS = "x,y,z,fx,fy,fz,mx,my,mz,quantity,value,sigma\n0,0,0.4,100,0,0,0,0,0,dx,1e-5,1e-7\n"

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.jobs.interfaces import choices, compare_interfaces, interfaces_csv, interfaces_json
-from stiffscope.jobs.workshop import workshop
+from stiffscope.experiments.interfaces import choices, compare_interfaces, interfaces_csv, interfaces_json
 from stiffscope.robot.reader import load_robot
+from stiffscope.runtime.workshop import workshop
 from tests.jobs.one_part import MATRIX, PLATE, ROD, STEP, one_part, write_bar
 
 NAME = "bar 1"
@@ -49,7 +49,7 @@ def test_a_plate_has_pads_and_holes_besides_wherever_it_stands(tmp_path):
 
 
 def test_choices_that_a_part_cannot_take_are_left_out_with_the_reason(tmp_path, monkeypatch):
-    from stiffscope.jobs import interfaces
+    from stiffscope.experiments import interfaces
 
     monkeypatch.setattr(interfaces, "condense_parts", lambda orders, _shop: list(orders))
     monkeypatch.setattr(interfaces, "_compared", lambda _part, found, left_out: (list(found), left_out))

@@ -8,13 +8,13 @@ import pytest
 
 from stiffscope.cad.link import LinkParameters
 from stiffscope.errors import InputError
-from stiffscope.jobs.experiments import condense_parts, solve_parts
-from stiffscope.jobs.orders import build_part, order_part
-from stiffscope.jobs.results import compliance_json
-from stiffscope.jobs.watching import keep_meshed
-from stiffscope.jobs.workshop import workshop
+from stiffscope.experiments.experiments import condense_parts, solve_parts
+from stiffscope.experiments.orders import build_part, order_part
+from stiffscope.experiments.results import compliance_json
+from stiffscope.experiments.watching import keep_meshed
 from stiffscope.robot.part_matrices import beam_compliance
 from stiffscope.robot.reader import load_robot
+from stiffscope.runtime.workshop import workshop
 from tests.jobs.one_part import MATRIX, PLATE, ROD, STEP, one_part, write_bar
 
 NAME = "bar 1"

@@ -14,13 +14,13 @@ import pandas as pd
 import pytest
 
 from stiffscope.cli.main import _guarded
+from stiffscope.design import studies
+from stiffscope.design.search import Outcome, front, search
+from stiffscope.design.studies import study
+from stiffscope.design.study_file import Goal, Limit, Variable, load_study
 from stiffscope.errors import InputError
-from stiffscope.jobs import studies
-from stiffscope.jobs.search import Outcome, front, search
-from stiffscope.jobs.studies import study
-from stiffscope.processors import processors
 from stiffscope.robot.reader import load_robot
-from stiffscope.robot.study_file import Goal, Limit, Variable, load_study
+from stiffscope.runtime.processors import processors
 from tests.jobs.one_part import PLATE, ROD, one_part
 
 E, RHO = 211e9, 7850.0  # of the built-in steel
@@ -104,7 +104,7 @@ def test_finished_designs_are_stored_and_not_made_again(rod, tmp_path, monkeypat
 
 def test_a_worker_uses_no_more_processors_than_it_has_threads(rod, monkeypatch):
     monkeypatch.setattr("distributed.get_worker", lambda: SimpleNamespace(state=SimpleNamespace(nthreads=1)))
-    monkeypatch.setattr("stiffscope.processors._shares", [])
+    monkeypatch.setattr("stiffscope.runtime.processors._shares", [])
     whole = processors()
     one = studies.make_on_worker(load_study(rod(GRID)), (0.006, 0.0))
     assert not one.reason

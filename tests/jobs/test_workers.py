@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from stiffscope.children import deaf_to
 from stiffscope.errors import InputError
-from stiffscope.jobs.workers import LateError, WorkerError, work_here, work_together
+from stiffscope.runtime.children import deaf_to
+from stiffscope.runtime.workers import LateError, WorkerError, work_here, work_together
 
 
 def job(kind, report):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from stiffscope.gap.diagnosis import Alternative, Effect, Where
-from stiffscope.jobs.manifest import manifest_of
+from stiffscope.experiments.manifest import manifest_of
+from stiffscope.gap.inference.diagnosis import Alternative, Effect, Where
 from stiffscope.report.diagnosis_report import write_diagnosis_report
 from stiffscope.report.figures import save_figure
 from stiffscope.report.gap_figures import draw_figures, signature_correlation

@@ -8,7 +8,7 @@ import pytest
 import pyvista as pv
 
 from stiffscope.cli.main import _guarded
-from stiffscope.jobs.assembly import assemble
+from stiffscope.experiments.assembly import assemble
 from stiffscope.report import page
 from stiffscope.report.drawing.geometry import packed
 from stiffscope.report.drawing.solids import Solid, solids_of

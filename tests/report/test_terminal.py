@@ -9,8 +9,8 @@ from types import SimpleNamespace as Stub
 import numpy as np
 import pytest
 
-from stiffscope.gap.blind_scores import Outcome, Scores
-from stiffscope.gap.diagnosis import Alternative, Diagnosis, Effect, Gap, NextMeasurement, Parameter, Where
+from stiffscope.gap.blind.scores import Outcome, Scores
+from stiffscope.gap.inference.diagnosis import Alternative, Diagnosis, Effect, Gap, NextMeasurement, Parameter, Where
 from stiffscope.report import tables
 from stiffscope.report.blind_scores import show_scores
 from stiffscope.report.compare import Comparison, Entry

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stiffscope.robot.description import RobotFile
+from stiffscope.robot.file.description import RobotFile
 
 FREE = {
     "fixed": [], "revolute": [3], "prismatic": [0], "cylindrical": [0, 3], "universal": [3, 4], "spherical": [3, 4, 5],

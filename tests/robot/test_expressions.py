@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from stiffscope.robot.expressions import MOST_CHARACTERS, check_names, is_expression, parse
+from stiffscope.robot.file.expressions import MOST_CHARACTERS, check_names, is_expression, parse
 
 
 def value(text, **names):

@@ -5,7 +5,7 @@ import pytest
 
 from stiffscope.cli.main import _guarded
 from stiffscope.errors import InputError
-from stiffscope.robot.import_model import import_model
+from stiffscope.robot.imports.import_model import import_model
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.reader import load_robot
 from tests.robot import at_home

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from stiffscope.data import FOLDER
-from stiffscope.files import to_json
 from stiffscope.robot.inspection import inspect_robot, inspection_json
 from stiffscope.robot.reader import load_robot, read_robot
+from stiffscope.runtime.files import to_json
 
 ROBOTS = FOLDER / "robots"
 SHIPPED = {  # degrees of freedom of mechanism and tool, redundant constraints, idle motions

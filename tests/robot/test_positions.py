@@ -2,8 +2,8 @@
 
 import tomllib
 
+from stiffscope.robot.file.positions import line_of, positions
 from stiffscope.robot.library import ROBOTS
-from stiffscope.robot.positions import line_of, positions
 
 AWKWARD = '''a."b.c" = {x=1, y=[1,
  2, {z="""

@@ -4,7 +4,7 @@ import pint
 import pytest
 
 from stiffscope import data
-from stiffscope.robot import quantities as q
+from stiffscope.robot.file import quantities as q
 
 
 @pytest.mark.parametrize(

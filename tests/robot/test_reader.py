@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
+from stiffscope.robot.file.sections import AXES
 from stiffscope.robot.library import copy_robot, find_robot, robot_names
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import PartMatrix, needed_experiments, part_matrices
 from stiffscope.robot.reader import load_robot, pose_of
-from stiffscope.robot.sections import AXES
 from tests.robot import at_home
 
 TEXT = """name = "delta"

@@ -5,12 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from stiffscope.design.sensitivity import robot_sensitivity
 from stiffscope.errors import InputError
 from stiffscope.robot.beam_dynamics import beam_dynamics
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import beam_compliance, beam_segments, part_matrices
 from stiffscope.robot.reader import load_robot
-from stiffscope.robot.sensitivity import robot_sensitivity
 from stiffscope.vjm import statics
 from stiffscope.vjm.yielding import deflection
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from stiffscope.robot.audit import findings_on_paper, matrix_findings, principal_findings, rms_findings
-from stiffscope.robot.published_model import published_model
+from stiffscope.biglide.audit import findings_on_paper, matrix_findings, principal_findings, rms_findings
+from stiffscope.biglide.published_model import published_model
 from stiffscope.vjm.statics import respond, sag, stiffness
 from tests.robots import GEOMETRY, euler_bernoulli, nominal_robot, pose_at, robot_of
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stiffscope.biglide.literal import Behind, literal_stiffness, load_hessian
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.dynamics import Dynamics
-from stiffscope.vjm.literal import Behind, literal_stiffness, load_hessian
 from stiffscope.vjm.mechanism import Body, Change, Drive, Joint, Mechanism, Tool, member
 from stiffscope.vjm.screws import rotation
 from stiffscope.vjm.statics import analyse, sag, stiffness

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from stiffscope.gap.lab.rotations import axes_along, skew
-from stiffscope.robot.sections import ElasticBody
+from stiffscope.robot.file.sections import ElasticBody
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from stiffscope.gap.lab.rotations import Array
-    from stiffscope.robot.description import RobotFile
-    from stiffscope.robot.sections import JointSection, RigidBody
+    from stiffscope.robot.file.description import RobotFile
+    from stiffscope.robot.file.sections import JointSection, RigidBody
 
 GROUND = "ground"
 BASE, TOOL = "<base>", "<tool>"

@@ -5,7 +5,7 @@ import os
 import sys
 from pathlib import Path
 
-from stiffscope.children import end_with_parent
+from stiffscope.runtime.children import end_with_parent
 
 end_with_parent()  # before what takes seconds to import
 from stiffscope.report.drawing.camera import warm_up  # noqa: E402

@@ -1,0 +1,1 @@
+"""The publication that the Biglide is from: its own model, its audit, its gravity."""

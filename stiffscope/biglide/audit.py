@@ -1,0 +1,209 @@
+"""What the published model prints, as published, correct, and against bounds, entry by entry: docs/theory.md 10."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.biglide.published_model import published_model
+from stiffscope.fea.beam import euler_bernoulli, polar
+from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.part_matrices import beam_compliance, part_matrices, published
+from stiffscope.vjm.statics import stiffness
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from stiffscope.biglide.published_model import PublishedModel
+    from stiffscope.robot.file.description import RobotFile
+
+DIAGONAL = ("K_tx", "K_ty", "K_tz", "K_rx", "K_ry", "K_rz")
+_EXPLAINED = 5e-3  # relative; the reading explains K_ty, K_tz and K_rz to 0.3 %
+_LAST_DIGIT = 500.0  # N/m, N·m/rad: half of the last digit printed of stiffnesses (K_tz: 1e3 times that)
+_LAST_COMPLIANCE_DIGIT = 5e-13  # and of compliances
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One published entry: SI values of what is printed, what reading R1 gives, what is correct, and the bound."""
+
+    source: str
+    entry: str
+    published: float
+    as_published: float | None
+    correct: float
+    bound: float | None
+    verdict: str
+
+
+def findings_on_paper(robot: RobotFile, solid: np.ndarray | None) -> list[Finding]:
+    """Recompute what the published model prints: compliance, stiffnesses, a comparison, and RMS figures.
+
+    Parameters
+    ----------
+    robot
+        The paper's robot.
+    solid
+        Compliance (6, 6) of its slider by virtual experiment, SI; None without one.
+
+    Returns
+    -------
+    list of Finding
+        One for each published number.
+
+    """
+    matrices = part_matrices(robot, "published")
+    model = published_model(mechanism_of(robot, matrices), robot.parameters)
+    beam = beam_compliance(robot, "slider", lambda length, plate, *e: euler_bernoulli(length, polar(plate), *e))
+    found = compliance_findings("Eq. (29)", matrices["slider"].compliance, beam, solid)
+    printed = published("stiffness")
+    for source, point in (("Eq. (30a)", "P1"), ("Eq. (30b)", "P2")):
+        matrix = np.array(printed[point]["stiffness"]) * printed["unit"]
+        found += matrix_findings(model, source, math.radians(printed[point]["q_deg"]), matrix)
+    principal = published("principal_stiffness")
+    rows = {point: _rows(principal, point) for point in ("Q1", "Q2")}
+    for source, point in (("Table 5", "Q1"), ("Table 6", "Q2")):
+        found += principal_findings(model, source, math.radians(principal[point]["q_deg"]), rows[point])
+    for point in ("Q1", "Q2"):
+        percent = {row: values[point] for row, values in principal["rms_percent"].items()}
+        found += rms_findings(point, percent, rows[point])
+    return found
+
+
+def _rows(principal: dict[str, Any], point: str) -> dict[str, Sequence[float]]:
+    rows = ("without_gravity", "with_gravity", "experiment")
+    return {row: [value * principal["unit"] for value in principal[point][row]] for row in rows}
+
+
+def principal_findings(model: PublishedModel, source: str, q: float, rows: dict[str, Sequence[float]]) -> list[Finding]:
+    """Tables 5 and 6: six principal stiffnesses, SI, in rows ``without_gravity``, ``with_gravity`` and ``experiment``.
+
+    ``q``: link angle in rad. The rows of the table are compared with each other too: what weight changes, in print and
+    correctly.
+    """
+    pose = model.dimensions.tool_point(q)
+    recomputed = np.diagonal(model.reading_r1(q)).tolist()
+    plain = np.diagonal(stiffness(model.mechanism, pose)[0]).tolist()
+    loaded = np.diagonal(stiffness(model.mechanism, pose, gravity="exact")[0]).tolist()
+    bounds = model.bounds(q)[0].tolist()
+    findings: list[Finding] = []
+    for row, values in rows.items():
+        correct = plain if row == "without_gravity" else loaded
+        for k, name in enumerate(DIAGONAL):
+            printed = _Printed(source, f"{name} {row}", values[k], _LAST_DIGIT * (1e3 if name == "K_tz" else 1.0))
+            if row == "without_gravity":
+                findings.append(printed.judged(recomputed[k], correct[k], bounds[k]))
+            elif row == "with_gravity":
+                change = values[k] / rows["without_gravity"][k] - 1.0
+                note = f"weight changes it by {change:+.2%} in print, {loaded[k] / plain[k] - 1.0:+.4%} correctly"
+                findings.append(printed.judged(None, correct[k], bounds[k], note))
+            else:
+                findings.append(printed.judged(None, correct[k], bounds[k], "a measurement"))
+        twisting = _Printed(source, f"K_rx + K_rz {row}", values[3] + values[5], 2.0 * _LAST_DIGIT)
+        findings.append(twisting.judged(None, correct[3] + correct[5], model.rotational_bound, "a sum"))
+    return findings
+
+
+def matrix_findings(model: PublishedModel, source: str, q: float, published: np.ndarray) -> list[Finding]:
+    """The printed stiffnesses: every entry on and above the diagonal that is not zero both as printed and correctly."""
+    recomputed = model.reading_r1(q)
+    correct = stiffness(model.mechanism, model.dimensions.tool_point(q), gravity="exact")[0]
+    size = np.sqrt(np.outer(np.diagonal(correct), np.diagonal(correct)))
+    correct = np.where(np.abs(correct) < 1e-6 * size, 0.0, correct)
+    bounds = model.bounds(q)[0]
+    findings: list[Finding] = []
+    for i, j in zip(*np.triu_indices(6), strict=True):
+        if published[i, j] or correct[i, j]:
+            printed = _Printed(source, f"K{i + 1}{j + 1}", float(published[i, j]), _LAST_DIGIT)
+            bound = float(bounds[i]) if i == j else None
+            findings.append(printed.judged(float(recomputed[i, j]), float(correct[i, j]), bound))
+    return findings
+
+
+def compliance_findings(
+    source: str, published: np.ndarray, beam: np.ndarray, solid: np.ndarray | None
+) -> list[Finding]:
+    """The printed compliance: each entry beside Euler-Bernoulli theory with I_y + I_z for torsion, and a solid's."""
+    findings: list[Finding] = []
+    for i, j in zip(*np.triu_indices(6), strict=True):
+        if not published[i, j]:
+            continue
+        printed, theory = float(published[i, j]), float(beam[i, j])
+        correct = float(solid[i, j]) if solid is not None else float("nan")
+        is_beam = abs(printed - theory) <= max(_LAST_COMPLIANCE_DIGIT, _EXPLAINED * abs(theory))
+        verdict = "a beam formula, to its last digit, not FEA" if is_beam else "no beam formula gives it"
+        if solid is not None:
+            verdict += f"; the solid's is {correct / printed:.3g} x"
+        findings.append(Finding(source, f"C{i + 1}{j + 1}", printed, theory, correct, None, verdict))
+    return findings
+
+
+def rms_findings(point: str, printed: dict[str, float], rows: dict[str, Sequence[float]]) -> list[Finding]:
+    """RMS figures of the text in %: as printed, ``sqrt(Σe²)/6``, and the root mean square ``sqrt(Σe²/6)``."""
+    measured = np.array(rows["experiment"])
+    findings: list[Finding] = []
+    for row, value in printed.items():
+        errors = (np.array(rows[row]) - measured) / measured
+        size = float(np.sqrt(np.sum(errors**2)))
+        sixth, rms = 100.0 * size / 6.0, 100.0 * size / np.sqrt(6.0)
+        if _off(value, rms) < _EXPLAINED:
+            verdict = "the root mean square"
+        elif _off(value, sixth) < _EXPLAINED:
+            verdict = f"sqrt(Σe²)/6, not the root mean square, which is {rms:.3g} %"
+        else:
+            verdict = "not explained"
+        findings.append(Finding("text", f"RMS {row} at {point} (%)", value, sixth, float(rms), None, verdict))
+    return findings
+
+
+@dataclass(frozen=True)
+class _Printed:
+    """A published entry and half a unit of its last printed digit."""
+
+    source: str
+    entry: str
+    value: float
+    rounding: float
+
+    def judged(
+        self, as_published: float | None, correct: float, bound: float | None, note: str | None = None
+    ) -> Finding:
+        """The finding; ``note`` stands for what a reading of the equations would say where there is none."""
+        notes: list[str] = []
+        if bound is not None and self.value - self.rounding > bound:
+            over = self.value / bound
+            size = f"{over:.3g}-fold" if over > 2.0 else f"by {_percent(over - 1.0)}"
+            notes.append(f"exceeds its bound {size}")
+        if self._is(correct):
+            notes.append(f"correct, to {_percent(_off(self.value, correct))}")
+        else:
+            if as_published is not None and self._is(as_published):
+                notes.append(
+                    "reading R1, to its last digit" if self._rounds(as_published) else self._near(as_published)
+                )
+            elif as_published is not None:
+                notes.append("no reading explains it")
+            notes.append(f"{self.value / correct:.3g} x the correct value" if correct else "correctly zero")
+        if note:
+            notes.append(note)
+        return Finding(self.source, self.entry, self.value, as_published, correct, bound, "; ".join(notes))
+
+    def _rounds(self, reference: float) -> bool:
+        return abs(self.value - reference) <= self.rounding
+
+    def _is(self, reference: float) -> bool:
+        return self._rounds(reference) or _off(self.value, reference) < _EXPLAINED
+
+    def _near(self, reference: float) -> str:
+        return f"reading R1, to {_percent(_off(self.value, reference))}"
+
+
+def _off(value: float, reference: float) -> float:
+    return abs(value - reference) / abs(reference) if reference else float("inf")
+
+
+def _percent(fraction: float) -> str:
+    return f"{100.0 * fraction:.2g} %"

@@ -1,0 +1,1 @@
+"""Studies, their responses, and sensitivities."""

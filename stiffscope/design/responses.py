@@ -1,0 +1,157 @@
+"""What a study computes of a design: expressions over quantities of the robot and of its parts at tool poses."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.robot.file.part_sections import ParametricPart
+from stiffscope.robot.file.sections import RigidBody
+from stiffscope.robot.part_matrices import beam_segments, part_sources
+from stiffscope.vjm import statics
+from stiffscope.vjm.modes import frequencies
+from stiffscope.vjm.semidefinite import inverse
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterable, Mapping
+
+    from stiffscope.robot.file.description import RobotFile
+    from stiffscope.robot.file.expressions import Expression
+    from stiffscope.robot.part_matrices import Components, PartMatrix
+    from stiffscope.vjm.kinematics import Configurations
+    from stiffscope.vjm.mechanism import Mechanism
+
+MOST_MODES = 12  # among which frequencies that are no free motion are sought
+FREE = 1e-3  # Hz: below, a mode is a free motion
+_AXES = ("x", "y", "z", "rx", "ry", "rz")
+_ENTRY = {
+    "K": (("N/m", "N"), ("N", "N*m/rad")),
+    "C": (("m/N", "1/N"), ("1/N", "rad/(N*m)")),
+}
+_TAKE: dict[str, Callable[[np.ndarray], Any]] = {"least": np.min, "greatest": np.max, "mean": np.mean}
+
+
+@dataclass(frozen=True)
+class Response:
+    """An expression over quantities, taken of what it is at some of the study's poses: "least", "greatest", "mean"."""
+
+    name: str
+    expression: Expression
+    unit: str
+    poses: tuple[int, ...]
+    take: str
+
+    @property
+    def column(self) -> str:
+        """Its name with its unit."""
+        return f"{self.name} [{self.unit}]"
+
+    def value(self, known: Mapping[str, np.ndarray]) -> float:
+        """Its value, from its quantities (n,) at all poses. Raises InputError where it has none."""
+        some = {name: known[name][list(self.poses)] for name in self.expression.names}
+        try:
+            each = [
+                self.expression.value({name: float(values[k]) for name, values in some.items()})
+                for k in range(len(self.poses))
+            ]
+        except ValueError as error:
+            raise InputError(f"{self.name}: {error}") from error
+        return float(_TAKE[self.take](np.array(each)))
+
+
+def _entries() -> dict[str, tuple[str, int, int, str]]:
+    """Names of the entries of K and C: matrix, row, column and unit."""
+    found = {}
+    for i, axis in enumerate(_AXES):
+        found[f"K_{axis if axis[0] == 'r' else 't' + axis}"] = ("K", i, i, _ENTRY["K"][i // 3][i // 3])
+    for matrix, units in _ENTRY.items():
+        for i in range(6):
+            for j in range(6):
+                found[f"{matrix}{i + 1}{j + 1}"] = (matrix, i, j, units[i // 3][j // 3])
+    found |= {f"k{axis}": found[f"K{i + 1}{i + 1}"] for i, axis in enumerate(_AXES)}
+    return found
+
+
+ENTRIES = _entries()
+
+
+def known_units(robot: RobotFile) -> dict[str, str]:
+    """SI unit of every quantity that an expression may use.
+
+    K_tx … K_rz (also kx … krz), K11 … K66, C11 … C66 of the robot at M; sag (its length), sag_x, sag_y, sag_z under own
+    weight; f1 … f12, Hz, drives held; mass of the robot's solids; PART.C11 … PART.C66 and PART.mass.
+    """
+    parts = [name for name in part_sources(robot) if re.fullmatch(r"[^\W\d]\w*", name)]
+    return {
+        "mass": "kg",
+        **{name: unit for name, (*_, unit) in ENTRIES.items()},
+        **dict.fromkeys(("sag", "sag_x", "sag_y", "sag_z"), "m"),
+        **{f"f{k + 1}": "Hz" for k in range(MOST_MODES)},
+        **{f"{name}.mass": "kg" for name in parts},
+        **{f"{name}.{entry}": unit for name in parts for entry, (matrix, *_, unit) in ENTRIES.items() if matrix == "C"},
+    }
+
+
+def worst_of(quantity: str) -> str:
+    """Which of several poses is the worst: "least" of stiffness and frequency, "greatest" of all else."""
+    return "least" if re.match(r"(K|k|f)", quantity.rpartition(".")[2]) else "greatest"
+
+
+def of_modes(quantity: str) -> bool:
+    """Whether a quantity is a natural frequency."""
+    return re.fullmatch(r"f\d+", quantity) is not None
+
+
+def quantities(
+    names: Collection[str], mechanism: Mechanism, found: Configurations, parts: Mapping[str, PartMatrix], mass: float
+) -> dict[str, np.ndarray]:
+    """Values (n,) of quantities by their names of `known_units`, at n configurations; only these are computed."""
+    n = len(found)
+    out: dict[str, np.ndarray] = {}
+    stiffness = statics.stiffness(mechanism, found) if any(name in ENTRIES for name in names) else None
+    sag = statics.sag(mechanism, found) if any(name.startswith("sag") for name in names) else None
+    modes = real_frequencies(mechanism, found) if any(map(of_modes, names)) else None
+    for name in names:
+        part, _, entry = name.rpartition(".")
+        if part and entry == "mass":
+            out[name] = np.full(n, parts[part].mass)
+        elif part:
+            _, i, j, _ = ENTRIES[entry]
+            out[name] = np.full(n, parts[part].compliance[i, j])
+        elif name in ENTRIES and stiffness is not None:
+            matrix, i, j, _ = ENTRIES[name]
+            out[name] = (stiffness if matrix == "K" else inverse(stiffness))[:, i, j]
+        elif name == "mass":
+            out[name] = np.full(n, mass)
+        elif sag is not None and name.startswith("sag"):
+            out[name] = np.linalg.norm(sag[:, :3], axis=1) if name == "sag" else sag[:, "xyz".index(name[-1])]
+        elif modes is not None:
+            out[name] = modes[:, int(name[1:]) - 1]
+    return out
+
+
+def real_frequencies(mechanism: Mechanism, found: Configurations) -> np.ndarray:
+    """(n, c) natural frequencies in Hz that are no free motions, lowest first, drives held; NaN beyond the last."""
+    each = frequencies(mechanism, found, MOST_MODES)
+    return np.sort(np.where(each > FREE, each, np.nan), axis=1)  # NaN last
+
+
+def mass_of_solids(robot: RobotFile, components: Components, experiments: Mapping[str, Any]) -> float:
+    """Mass of the parts' materials and of rigid bodies, kg, whatever mass the file gives its parts."""
+    rigid = sum(body.mass for body in robot.bodies.values() if isinstance(body, RigidBody))
+    names: Iterable[str] = part_sources(robot, components)
+    return rigid + sum(len(robot.bodies_of(name)) * solid_mass(robot, name, experiments) for name in names)
+
+
+def solid_mass(robot: RobotFile, name: str, experiments: Mapping[str, Any]) -> float:
+    """Mass of a part's material, kg: of its solid, or of its plain shape; else what the file says."""
+    part, material = robot.parts[name], robot.material(name)
+    if name in experiments:
+        return experiments[name].mass
+    if isinstance(part, ParametricPart) and material is not None:
+        return material.density * sum(length * section.area for length, section in beam_segments(robot, name))
+    return 0.0 if isinstance(part.mass, str) else part.mass

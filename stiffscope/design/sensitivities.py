@@ -1,0 +1,171 @@
+"""Derivatives of parts as jobs: taken from the cache, or made from the part's experiment and kept there."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import time
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.errors import StiffscopeError
+from stiffscope.experiments.assembly import check_one_interface
+from stiffscope.experiments.experiments import solve_parts
+from stiffscope.experiments.orders import order_part
+from stiffscope.experiments.results import EXPERIMENT
+from stiffscope.robot.part_matrices import needed_experiments
+from stiffscope.runtime.workshop import workshop
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from stiffscope.cad.part import Part
+    from stiffscope.design.sensitivity import Sensitivity
+    from stiffscope.experiments.orders import PartOrder
+    from stiffscope.fea.sensitivity import PartSensitivity
+    from stiffscope.robot.file.description import RobotFile
+    from stiffscope.robot.part_matrices import Components
+    from stiffscope.runtime.cache import Cache
+    from stiffscope.runtime.workshop import Workshop
+
+    Report = Callable[[str, float], None]
+
+KIND, FILE = "sensitivity", "sensitivity.json"
+
+
+def part_sensitivities(orders: Sequence[PartOrder], shop: Workshop) -> list[PartSensitivity]:
+    """Derivatives of parts by their dimensions, material constants and foundation, from the cache or made.
+
+    Parameters
+    ----------
+    orders
+        The parts' experiments, which are made where the cache has none; a STEP file's solid has no dimensions.
+    shop
+        Where: cache, processes, progress.
+
+    Raises
+    ------
+    InputError
+        A part cannot be built, meshed or held as asked.
+
+    """
+    missing = [order for order in dict.fromkeys(orders) if shop.cache.get(KIND, order.key()) is None]
+    folders: dict[PartOrder, Any] = {}
+    if missing:
+        solved = {result.order: result.folder for result in solve_parts(missing, shop)}
+        jobs = {order.label: (order, solved[order], shop.cache) for order in missing}
+        made = shop.work(make_sensitivity, jobs, {label: shop.open_line(label) for label in jobs})
+        folders = {order: made[order.label] for order in missing}
+    return [read_sensitivity(folders.get(order) or _held(shop, order)) for order in orders]
+
+
+def _held(shop: Workshop, order: PartOrder) -> Path:
+    held = shop.cache.get(KIND, order.key())
+    if held is None:
+        raise StiffscopeError(f"{order.label}: its derivatives are no longer in the cache")
+    return held
+
+
+def make_sensitivity(order: PartOrder, experiment: Path, cache: Cache, report: Report) -> Path:
+    """Make the derivatives of a part and keep them: their folder. May run in a child process."""
+    from stiffscope.fea.experiment import load_experiment
+    from stiffscope.fea.sensitivity import part_sensitivity
+
+    begun = time.perf_counter()
+    report("cad", 0.05)
+    part = order.build()
+    lengths: dict[str, float] = {} if order.step else order.solid.lengths()  # pyright: ignore[reportAttributeAccessIssue]
+    dimensions = {name: (value, partial(_built, order, name)) for name, value in lengths.items()}
+    built = time.perf_counter() - begun
+    report("derivatives", 0.2)
+    found = part_sensitivity(load_experiment(experiment / EXPERIMENT), part, order.settings, dimensions)
+    found = dataclasses.replace(found, seconds={"cad": built, **found.seconds})
+    folder = cache.put(KIND, order.key(), lambda aside: (aside / FILE).write_text(_to_json(found)))
+    report("done", 1.0)
+    return folder
+
+
+def _built(order: PartOrder, name: str, value: float) -> Part:
+    """The part with another value (m) of a dimension."""
+    return dataclasses.replace(order, solid=dataclasses.replace(order.solid, **{name: value})).build()
+
+
+def _to_json(found: PartSensitivity) -> str:
+    def plain(value: Any) -> Any:
+        return value.tolist() if isinstance(value, np.ndarray) else value
+
+    fields = {
+        name: {key: plain(value) for key, value in vars(derivative).items()}
+        for name, derivative in found.derivatives.items()
+    }
+    return json.dumps({"part": found.part, "derivatives": fields, "notes": found.notes, "seconds": found.seconds})
+
+
+def _arrays(fields: dict[str, Any]) -> dict[str, Any]:
+    return {key: np.array(value) if isinstance(value, list) else value for key, value in fields.items()}
+
+
+def read_sensitivity(folder: Path) -> PartSensitivity:
+    """The derivatives that a folder of the cache holds."""
+    from stiffscope.fea.sensitivity import Derivative, PartSensitivity
+
+    held = json.loads((folder / FILE).read_text())
+    derivatives = {name: Derivative(**_arrays(fields)) for name, fields in held["derivatives"].items()}
+    return PartSensitivity(held["part"], derivatives, held["notes"], held["seconds"])
+
+
+def sensitivity(
+    robot: RobotFile,
+    part: str | None = None,
+    *,
+    poses: Sequence[Sequence[float]] | None = None,
+    components: Components = None,
+) -> PartSensitivity | Sensitivity:
+    """Derivatives of a part, or of the robot, by everything that can be changed; from the cache where it has them.
+
+    Parameters
+    ----------
+    robot
+        As `load_robot` gives it.
+    part
+        A part of it that is a solid; by default the robot as a whole.
+    poses
+        Tool poses, m and rad; by default those of the robot file.
+    components
+        As `assemble` takes them.
+
+    Returns
+    -------
+    PartSensitivity or Sensitivity
+        ``derivatives[NAME].compliance`` (6, 6) of a part, with ``error``, ``mass``, …; ``rows`` of a robot with
+        ``by.stiffness`` (n, 6, 6), ``by.sag``, ``by.frequency``; SI, per SI unit of the parameter.
+
+    Raises
+    ------
+    InputError
+        There is no such part, it is no solid, or a pose is out of reach.
+
+    """
+    from stiffscope.design.sensitivity import poses_of
+
+    with workshop() as shop:
+        if part is not None:
+            return part_sensitivities([order_part(robot, part)], shop)[0]
+        return robot_sensitivities(robot, poses_of(robot, poses), components, shop)
+
+
+def robot_sensitivities(robot: RobotFile, poses: np.ndarray, components: Components, shop: Workshop) -> Sensitivity:
+    """Derivatives of a robot at commanded poses (n, k); those of its parts as jobs. See `sensitivity`."""
+    from stiffscope.design.sensitivity import robot_sensitivity
+
+    names = needed_experiments(robot, components)
+    for name in names:
+        check_one_interface(robot, name)
+    orders = [order_part(robot, name) for name in names]
+    experiments = dict(zip(names, solve_parts(orders, shop), strict=True))
+    found = dict(zip(names, part_sensitivities(orders, shop), strict=True))
+    derivatives = {name: each.derivatives for name, each in found.items()}
+    return robot_sensitivity(robot, poses, components, experiments, derivatives)

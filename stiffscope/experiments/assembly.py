@@ -1,0 +1,217 @@
+"""Robots assembled from their parts: the experiments that they need, the mechanism, its stiffness with bounds."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from stiffscope.cad.checks import mm
+from stiffscope.errors import InputError
+from stiffscope.experiments.experiments import condense_parts, solve_parts
+from stiffscope.experiments.orders import order_part
+from stiffscope.robot.checks import SAME_LENGTH
+from stiffscope.robot.file.part_sections import StepPart
+from stiffscope.robot.inspection import configured_poses, rigid_mechanism
+from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.part_matrices import needed_experiments, part_matrices, part_sources
+from stiffscope.runtime.workshop import workshop
+from stiffscope.vjm import statics
+from stiffscope.vjm.screws import CONVENTION
+from stiffscope.vjm.semidefinite import inverse
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from stiffscope.experiments.orders import PartOrder
+    from stiffscope.experiments.results import CondensedPart, PartResult
+    from stiffscope.robot.file.description import RobotFile
+    from stiffscope.robot.part_matrices import Components, PartMatrix
+    from stiffscope.runtime.workshop import Workshop
+    from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.statics import Stiffness
+
+    Robot = TypeVar("Robot", bound="CondensedRobot")
+
+
+@dataclass(frozen=True)
+class CondensedRobot:
+    """A robot file with the sources and matrices of its parts, and the mechanism of them: all but its modes.
+
+    Attributes
+    ----------
+    sources : by part: "fea", "beam", "published", "step" (a STEP file's solid), "matrix" (of the file) or "given".
+    results : parts that were tested, by name.
+    matrices : matrix, bounds and mass of every part that is used.
+    mechanism, bare : with the effects that the file has adopted, and without them.
+    """
+
+    robot: RobotFile
+    sources: dict[str, str]
+    results: Mapping[str, CondensedPart]
+    matrices: dict[str, PartMatrix]
+    mechanism: Mechanism
+    bare: Mechanism
+
+
+@dataclass(frozen=True)
+class Assembled(CondensedRobot):
+    """The same with the whole virtual experiments of its parts."""
+
+    results: dict[str, PartResult]
+
+
+def assemble(robot: RobotFile, components: Components = None) -> Mechanism:
+    """Assemble the mechanism of a robot file from its parts.
+
+    Parameters
+    ----------
+    robot
+        As `load_robot` gives it.
+    components
+        Where the compliances of rods and plates come from: "fea", "beam" or "published" for all of them, or by part one
+        of these words or, for any part, a matrix (6, 6) in SI and the part's axes; by default what the robot file says.
+        Experiments that "fea" needs are made in this process, and kept in the cache.
+
+    Returns
+    -------
+    Mechanism
+        What `configure`, `analyse`, `stiffness`, `deflection` and `sag` take.
+
+    Raises
+    ------
+    InputError
+        There is no such part or source, or a matrix is no compliance.
+
+    """
+    with workshop() as shop:
+        return assemble_robots({"robot": robot}, components, shop)["robot"].mechanism
+
+
+def assemble_robots(robots: Mapping[str, RobotFile], components: Components, shop: Workshop) -> dict[str, Assembled]:
+    """Assemble robots, by label; the parts that several share are made once."""
+    orders: dict[tuple[str, str], PartOrder] = {}
+    for i, (label, robot) in enumerate(robots.items()):
+        for name, order in _orders(robot, components).items():
+            orders[label, name] = order if i == 0 else dataclasses.replace(order, label=f"{name} ({label})")
+    solved = dict(zip(orders, solve_parts(list(orders.values()), shop), strict=True))
+    return {
+        label: _assembled(Assembled, robot, components, {name: solved[at, name] for at, name in solved if at == label})
+        for label, robot in robots.items()
+    }
+
+
+def condense_robot(
+    robot: RobotFile, components: Components, shop: Workshop, near: Mapping[str, CondensedPart] | None = None
+) -> CondensedRobot:
+    """Assemble a robot of parts that are condensed only: in half of the time, the same but for its modes.
+
+    Parameters
+    ----------
+    near
+        By name, parts of slightly other dimensions whose meshes are moved along where they can be.
+
+    """
+    orders = _orders(robot, components)
+    results = dict(zip(orders, condense_parts(list(orders.values()), shop, near), strict=True))
+    return _assembled(CondensedRobot, robot, components, results)
+
+
+def _orders(robot: RobotFile, components: Components) -> dict[str, PartOrder]:
+    orders = {}
+    for name in needed_experiments(robot, components):
+        check_one_interface(robot, name)
+        orders[name] = order_part(robot, name)
+    return orders
+
+
+def check_one_interface(robot: RobotFile, name: str) -> None:
+    """Raise InputError where a part has more loaded interfaces, and so more matrices, than one."""
+    if getattr(robot.part(name), "pads", None) == "apart":
+        raise robot.refuse(
+            ("parts", name, "pads"),
+            'expected "together", which makes one matrix, got "apart" (whose three interfaces '
+            "`stiffscope compliance` gives)",
+        )
+
+
+def check_reach(robot: RobotFile, poses: Mapping[str, Sequence[float]]) -> None:
+    """Raise InputError that names the pose that is out of reach, and why, before any experiment is made."""
+    if not poses:
+        return
+    found = configured_poses(robot, rigid_mechanism(robot), list(poses.values()))
+    for index, name in enumerate(poses):
+        if not found.valid[index]:
+            raise InputError(f"{name}: {found.reason(index)}")
+
+
+def _assembled(
+    kind: type[Robot], robot: RobotFile, components: Components, results: Mapping[str, CondensedPart]
+) -> Robot:
+    sources = {
+        name: source if isinstance(source, str) else "given" for name, source in part_sources(robot, components).items()
+    }
+    _check_lengths(robot, (results[name] for name, source in sources.items() if source == "step"))
+    matrices = part_matrices(robot, components, results)
+    bare = mechanism_of(robot, matrices)
+    return kind(robot, sources, dict(results), matrices, _with_effects(bare, robot), bare)
+
+
+def _with_effects(bare: Mechanism, robot: RobotFile) -> Mechanism:
+    if not robot.effects:
+        return bare
+    from stiffscope.robot.effects import carried
+
+    return carried(bare, robot)
+
+
+def _check_lengths(robot: RobotFile, results: Iterable[CondensedPart]) -> None:
+    """Raise InputError for a body that is not as long as the STEP file's solid that it is made of."""
+    for result in results:
+        for name in robot.bodies_of(result.name):
+            body = robot.elastic_bodies()[name]
+            length, given = result.length, float(np.linalg.norm(np.subtract(body.tip, body.base)))
+            if abs(length - given) > SAME_LENGTH * given:
+                part = robot.part(result.name)
+                file = part.file if isinstance(part, StepPart) else ""
+                raise robot.refuse(
+                    ("bodies", name, "tip"),
+                    f"expected a tip {mm(length)} from the base, as the reference point of {file} is from its clamped "
+                    f"faces along x, got {mm(given)}",
+                )
+
+
+def at_named_poses(assembled: CondensedRobot, poses: Mapping[str, Sequence[float]]) -> Stiffness:
+    """Stiffness without gravity, and sag with it; NaN where the tool moves freely."""
+    found = statics.analyse(assembled.mechanism, np.array(list(poses.values())))
+    firm = found.valid & (found.mobility == 0)
+    sag = np.full_like(found.sag, np.nan)
+    sag[firm] = statics.sag(assembled.mechanism, found.configurations[firm])
+    return dataclasses.replace(found, sag=sag)
+
+
+def stiffness_bars(assembled: Assembled, poses: Any) -> np.ndarray | None:
+    """95 % bounds (n, 6, 6) on the stiffness at poses or configurations; None where no part has any on its matrix."""
+    if all(part.error is None for part in assembled.matrices.values()):
+        return None
+    return statics.stiffness_error(assembled.mechanism, poses)
+
+
+def deflection_bars(assembled: Assembled, poses: Any, twist: np.ndarray) -> np.ndarray | float:
+    """95 % bounds (n, 6) on deflections (n, 6) in m, rad, ``|C| |δK| |t|``; 0 where no part has any on its matrix."""
+    bars = stiffness_bars(assembled, poses)
+    if bars is None:
+        return 0.0
+    compliance = inverse(statics.stiffness(assembled.mechanism, poses))
+    return (np.abs(compliance) @ bars @ np.abs(twist)[..., None])[..., 0]
+
+
+def stiffness_json(state: Stiffness, error: np.ndarray | None = None) -> dict[str, Any]:
+    """What scripts read of the robot."""
+    bars = {} if error is None else {"error": error}
+    return {
+        "poses": state.poses, "tool": state.tool, "stiffness": state.matrix, "sag": state.sag,
+        "mobility": state.mobility, **bars, "convention": CONVENTION,
+    }  # fmt: skip

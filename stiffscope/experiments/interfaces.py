@@ -1,0 +1,284 @@
+"""How much a part's compliance depends on how it is taken to be held and loaded.
+
+Each choice changes one thing of the robot file, as `--set` would, and leaves everything else as it is there.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.experiments.experiments import condense_parts
+from stiffscope.experiments.orders import order_part
+from stiffscope.robot.file.part_sections import ParametricPart, SolidPart
+from stiffscope.robot.part_matrices import entry_name
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from stiffscope.cad.slider import SliderParameters
+    from stiffscope.experiments.orders import PartOrder
+    from stiffscope.experiments.results import CondensedPart
+    from stiffscope.robot.file.description import RobotFile
+    from stiffscope.runtime.workshop import Workshop
+
+AT_ONCE = 2  # experiments side by side: each may take gigabytes
+PAD_HEIGHT = 1 / 4  # of the thickness, for joint pads where the part has none
+HOLE_PITCH = 4.0  # thicknesses from one bolt hole to the next, for holes where the part has none
+OWN = "as in the robot file"
+UNKNOWN = {
+    "three pads": "the solid of a STEP file is as it is",
+    "bolt holes": "the solid of a STEP file is as it is",
+    "foundation": "the robot file gives no foundation of this part, and no thickness to take one from",
+}
+APART = "the pads are loaded together here, not apart, so that there is one matrix"
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A way to hold or load a part: its name, what it is in words, and the values of the part's keys that make it."""
+
+    name: str
+    words: str
+    values: tuple[tuple[str, Any], ...] = ()
+    part: str = ""
+
+    @property
+    def overrides(self) -> tuple[str, ...]:
+        """What `--set` takes to choose it."""
+        return tuple(f"{self.part}.{key}={_written(key, value)}" for key, value in self.values)
+
+
+@dataclass(frozen=True)
+class Tested:
+    """A part under a choice: its compliance (6, 6) and 95 % bounds, SI, at the own choice's reference point."""
+
+    choice: Choice
+    result: CondensedPart
+    compliance: np.ndarray
+    error: np.ndarray
+
+    @property
+    def order(self) -> PartOrder:
+        """The experiment that was made."""
+        return self.result.order
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An entry under the own choice (SI, with its bound), and what each other choice makes of it, relative."""
+
+    name: str
+    unit: str
+    own: float
+    error: float
+    changes: tuple[float, ...]
+    bars: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A part under the choice of the robot file and under the others; why some are left out, a line each."""
+
+    part: str
+    own: Tested
+    others: tuple[Tested, ...]
+    entries: tuple[Entry, ...]
+    left_out: tuple[str, ...]
+
+
+def compare_interfaces(robot: RobotFile, part: str, shop: Workshop) -> Comparison:
+    """Test a part under each choice.
+
+    Parameters
+    ----------
+    robot
+        As `load_robot` gives it.
+    part
+        Name of a rod, a plate or a STEP file's solid in it.
+    shop
+        Where the experiments are made.
+
+    Raises
+    ------
+    InputError
+        There is no such part, or it is no solid that can be tested.
+
+    """
+    apart = getattr(robot.parts.get(part), "pads", None) == "apart"
+    base = _with(robot, part, {"pads": "together"}) if apart else robot
+    own = order_part(base, part, label=OWN)
+    orders, names, left_out = _orders(base, part, own)
+    wanted = {Choice(", ".join(names) or OWN, OWN): own, **orders}
+    found: list[CondensedPart] = []
+    for start in range(0, len(wanted), AT_ONCE):
+        found += condense_parts(list(wanted.values())[start : start + AT_ONCE], shop)
+    return _compared(part, dict(zip(wanted, found, strict=True)), [APART] * apart + left_out)
+
+
+def choices(robot: RobotFile, part: str) -> list[Choice]:
+    """Choices for a part: how to load it, how to hold it; sizes that the part lacks follow from its own.
+
+    Pads are a quarter of the thickness high, bolt holes four thicknesses apart (or as near to that as ribs let
+    them be); the foundation gives as a layer of the part's material would that is as deep as the part is thick. A STEP
+    file's solid is as it is, and tested on a foundation only where the file has one.
+    """
+    section = robot.part(part)
+    if not isinstance(section, SolidPart):
+        raise robot.refuse(("parts", part, "shape"), f'expected a part that is a solid, got "{section.shape}"')
+    bed = _bed(robot, part)
+
+    def choice(name: str, words: str, **values: float | str | None) -> Choice:
+        wanted = {key: value for key, value in values.items() if getattr(section, key, value) != value}
+        return Choice(name, words, tuple(wanted.items()), part)
+
+    plate = section.shape == "plate"
+    whole, face = ({"pad_height": 0.0}, {"clamp": "face"}) if plate else ({}, {})
+    found = [
+        choice("rigid face", "the loaded face moves as one body", interface="rigid", **whole),
+        choice("even traction", "the loaded face carries the load evenly", interface="distributed", **whole),
+        choice("rigid clamp", "the clamped face does not move", foundation=None, **face),
+    ]
+    if bed is not None:
+        words = f"springs of {bed / 1e9:.12g} N/mm³ under the clamped face"
+        found.append(choice("foundation", words, foundation=bed, **face))
+    if plate:
+        slider: Any = robot.dimensions(part)
+        height = slider.pad_height or PAD_HEIGHT * slider.thickness
+        rigid = {} if slider.pad_height else {"interface": "rigid"}  # pads that are there are loaded as they are
+        pads = ", ".join(f"{1e3 * size:g} mm {word}" for size, word in _pad_sizes(slider, height))
+        count = slider.hole_count or _hole_count(slider)
+        holes = f"held in {count} bolt holes of {1e3 * slider.hole_diameter:g} mm instead of by the face"
+        found.insert(2, choice("three pads", f"loaded on three joint pads, {pads}", pad_height=height, **rigid))
+        found.insert(4, choice("bolt holes", holes, hole_count=count, clamp="holes", foundation=None))
+    return found
+
+
+def _bed(robot: RobotFile, part: str) -> float | None:
+    """Stiffness per area of the foundation to test, N/m³; None where nothing tells how thick the part is."""
+    section, material = robot.part(part), robot.material(part)
+    given = getattr(section, "foundation", None)
+    if given or material is None or not isinstance(section, ParametricPart):
+        return given
+    length = section.lengths()
+    thickness = length["thickness"] if section.shape == "plate" else 2 * length["radius"]
+    return float(f"{material.youngs_modulus / thickness:.3g}")
+
+
+def _with(robot: RobotFile, part: str, values: Mapping[str, Any]) -> RobotFile:
+    """The robot with a part of other values, SI; where its bodies stand is of no account to the part."""
+    return dataclasses.replace(robot, parts={**robot.parts, part: robot.part(part).model_copy(update=dict(values))})
+
+
+def _written(key: str, value: Any) -> str:
+    """A value as a robot file has it."""
+    if key == "foundation":
+        return "rigid" if value is None else f"{value / 1e9:.12g} N/mm^3"
+    return f"{1e3 * value:.12g} mm" if key == "pad_height" else str(value)
+
+
+def _pad_sizes(slider: SliderParameters, height: float) -> tuple[tuple[float, str], ...]:
+    return (height, "high"), (slider.pad_width, "wide"), (slider.pad_spacing, "apart")
+
+
+def _hole_count(slider: SliderParameters) -> int:
+    """How many bolt holes: four thicknesses apart, or the nearest number that clears the ribs."""
+    wanted = max(2, round(slider.width / (HOLE_PITCH * slider.thickness)))
+    near = sorted(range(2, 2 * wanted + 3), key=lambda count: abs(count - wanted))
+    return next((count for count in near if _fits(slider, count)), wanted)
+
+
+def _fits(slider: SliderParameters, count: int) -> bool:
+    try:
+        dataclasses.replace(slider, hole_count=count)
+    except InputError:
+        return False
+    return True
+
+
+def _orders(robot: RobotFile, part: str, own: PartOrder) -> tuple[dict[Choice, PartOrder], list[str], list[str]]:
+    """Experiments of the choices that differ from the own one, the names of those that are it, and what is left out."""
+    orders: dict[Choice, PartOrder] = {}
+    same: list[str] = []
+    known = choices(robot, part)
+    names = {choice.name for choice in known}
+    left_out = [f"{name}: left out, since {why}" for name, why in UNKNOWN.items() if own.step and name not in names]
+    for choice in known:
+        try:
+            order = order_part(_with(robot, part, dict(choice.values)), part, label=choice.name)
+        except InputError as error:
+            left_out.append(f"{choice.name}: left out; {error}")
+            continue
+        if order == own:
+            same.append(choice.name)
+        else:
+            orders[choice] = order
+    return orders, same, left_out
+
+
+def _compared(part: str, found: Mapping[Choice, CondensedPart], left_out: Sequence[str]) -> Comparison:
+    from stiffscope.fea.significance import SIGNIFICANT
+
+    point = next(iter(found.values())).experiment.reference_point
+    own, *others = (Tested(choice, result, *_at(result, point)) for choice, result in found.items())
+    scale = np.sqrt(np.diag(own.compliance))
+    notable = np.abs(own.compliance) > SIGNIFICANT * np.outer(scale, scale)
+    entries = [_entry(own, others, i, j) for i in range(6) for j in range(i, 6) if notable[i, j]]
+    return Comparison(part, own, tuple(others), tuple(entries), tuple(left_out))
+
+
+def _at(result: CondensedPart, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Compliance and bounds (6, 6) at another reference point: pads stand out from the face that they load."""
+    from stiffscope.vjm.screws import shift
+
+    carry = shift(point - result.experiment.reference_point)
+    return carry @ result.compliance @ carry.T, np.abs(carry) @ result.error @ np.abs(carry.T)
+
+
+def _entry(own: Tested, others: Sequence[Tested], i: int, j: int) -> Entry:
+    """One entry; the bars of the changes hold for the two errors at their worst together."""
+    value, error = float(own.compliance[i, j]), float(own.error[i, j])
+    ratios = [float(t.compliance[i, j]) / value for t in others]
+    bars = [(float(t.error[i, j]) + abs(ratio) * error) / abs(value) for t, ratio in zip(others, ratios, strict=True)]
+    return Entry(*entry_name(i, j), value, error, tuple(ratio - 1 for ratio in ratios), tuple(bars))
+
+
+def interfaces_csv(compared: Comparison) -> str:
+    """A line for each entry and choice, SI; changes are relative to the own choice's."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["entry", "unit", "choice", "set", "value", "bound", "change", "change_bound"])
+    for entry in compared.entries:
+        i, j = int(entry.name[1]) - 1, int(entry.name[2]) - 1
+        rows = [(compared.own, 0.0, 0.0), *zip(compared.others, entry.changes, entry.bars, strict=True)]
+        for tested, change, bar in rows:
+            values = (tested.compliance[i, j], tested.error[i, j], change, bar)
+            words = "; ".join(tested.choice.overrides)
+            writer.writerow([entry.name, entry.unit, tested.choice.name, words, *(f"{v:.9g}" for v in values)])
+    return text.getvalue()
+
+
+def interfaces_json(compared: Comparison) -> dict[str, Any]:
+    """The whole matrices."""
+    return {
+        "part": compared.part,
+        "reference_point": compared.own.result.experiment.reference_point,
+        "choices": [
+            {
+                "name": t.choice.name,
+                "words": t.choice.words,
+                "set": list(t.choice.overrides),
+                "compliance": t.compliance,
+                "error": t.error,
+                **t.result.accuracy,
+            }
+            for t in (compared.own, *compared.others)
+        ],
+        "left_out": list(compared.left_out),
+    }

@@ -1,0 +1,70 @@
+"""The manifest of a run: what made these files, from what, how long it took, and what was reused."""
+
+from __future__ import annotations
+
+import datetime as dt
+import os
+import platform
+import sys
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from stiffscope.runtime import files
+from stiffscope.runtime.cache import library_version
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from stiffscope.robot.file.description import RobotFile
+
+LIBRARIES = (
+    *("build123d", "cadquery-ocp-novtk", "pytetwild", "scikit-fem", "numpy", "scipy"),
+    *("pyvista", "vtk", "matplotlib", "pydantic", "pint"),
+)
+
+
+@dataclass
+class Manifest:
+    """Gathered while a command runs, written at its end into the output folder."""
+
+    sources: dict[str, Any] = field(default_factory=dict)
+    """The robot file with its SHA-256 and what `--set` changed, and the SHA-256 of further files, by name."""
+    results: dict[str, dict[str, Any]] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+    started: dt.datetime = field(default_factory=lambda: dt.datetime.now(dt.UTC))
+
+    def note(self, result: str, *, key: str, reused: bool, seconds: float, **more: Any) -> None:
+        """Say of one result its cache key, whether it was reused, and the time it took now."""
+        self.results[result] = {"reused": reused, "seconds": round(seconds, 3), "key": key, **more}
+
+    def elapsed(self) -> float:
+        """Seconds since the command began."""
+        return (dt.datetime.now(dt.UTC) - self.started).total_seconds()
+
+    def write(self, folder: Path) -> None:
+        """Write manifest.json into a folder; the staging of the folder adds the list of its files."""
+        content = {
+            "made_by": files.MAKER,
+            "version": library_version("stiffscope"),
+            "command": sys.argv[1:],
+            "started": self.started.isoformat(timespec="seconds"),
+            "seconds": {name: round(value, 3) for name, value in {**self.seconds, "total": self.elapsed()}.items()},
+            **self.sources,
+            "results": self.results,
+            "versions": {"python": sys.version.split()[0], **{name: library_version(name) for name in LIBRARIES}},
+            "machine": {"system": platform.system(), "processor": platform.machine()},
+        }
+        (folder / files.MANIFEST).write_text(files.to_json(content), encoding="utf-8")
+
+
+def manifest_of(robot: RobotFile | None, *inputs: Path) -> Manifest:
+    """A manifest that begins now, of a robot and of further files that go in, by their places in a common folder."""
+    sources: dict[str, Any] = {}
+    if robot is not None:
+        changed = list(robot.source.overrides)
+        sources["robot"] = {"file": str(robot.path), "sha256": files.file_digest(robot.path), "set": changed}
+    if inputs:
+        whole = [path.absolute() for path in inputs]
+        folder = os.path.commonpath([path.parent for path in whole])
+        sources["inputs"] = {path.relative_to(folder).as_posix(): files.file_digest(path) for path in whole}
+    return Manifest(sources)

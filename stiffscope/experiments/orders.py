@@ -1,0 +1,187 @@
+"""What determines a part's virtual experiment: its order, the order's cache key, and the part built from it."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stiffscope.cad.solid import GREATEST_X, LEAST_X
+from stiffscope.errors import InputError
+from stiffscope.robot.file.part_sections import ParametricPart, SolidPart, StepPart
+from stiffscope.runtime.cache import code_version, digest
+from stiffscope.runtime.files import file_digest
+from stiffscope.runtime.reading import MOST_BYTES
+
+if TYPE_CHECKING:
+    from stiffscope.cad.faces import FaceSelector
+    from stiffscope.cad.link import LinkParameters
+    from stiffscope.cad.materials import AnyMaterial
+    from stiffscope.cad.part import Part
+    from stiffscope.cad.slider import SliderParameters
+    from stiffscope.cad.solid import Placement
+    from stiffscope.fea.settings import Settings
+    from stiffscope.robot.file.description import RobotFile
+
+LIBRARIES = ("build123d", "cadquery-ocp-novtk", "pytetwild", "scikit-fem", "numpy", "scipy")
+FORM = 6  # of the files of an experiment in the cache; other code reads other forms
+
+
+@dataclass(frozen=True)
+class StepOrder:
+    """A solid of a STEP file as a part: content, chosen faces (by default those of least and greatest x), axes."""
+
+    path: Path
+    sha256: str
+    clamped: tuple[FaceSelector, ...] = LEAST_X
+    loaded: tuple[FaceSelector, ...] = GREATEST_X
+    placement: Placement | None = None
+    reference_point: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True)
+class PartOrder:
+    """Everything that determines a part's virtual experiment; the label names it in messages only.
+
+    The solid is that of dimensions, a rod's or a plate's, or of a STEP file.
+    """
+
+    name: str
+    solid: LinkParameters | SliderParameters | StepOrder
+    material: AnyMaterial
+    settings: Settings
+    label: str = field(default="", compare=False)
+
+    @property
+    def step(self) -> StepOrder | None:
+        """The STEP file, where the solid is one's."""
+        return self.solid if isinstance(self.solid, StepOrder) else None
+
+    @property
+    def shape(self) -> str:
+        """The kind of solid: "rod", "plate" or "step"."""
+        from stiffscope.cad.link import LinkParameters
+
+        return "step" if self.step else "rod" if isinstance(self.solid, LinkParameters) else "plate"
+
+    def key(self) -> str:
+        """Cache key: shape, material, settings, a STEP file's content, and the code that works on them."""
+        solid = dataclasses.replace(self.solid, path=Path()) if isinstance(self.solid, StepOrder) else self.solid
+        return digest(
+            {
+                "name": self.name,
+                "shape": self.shape,
+                "solid": dataclasses.asdict(solid),
+                "material": dataclasses.asdict(self.material),
+                "settings": dataclasses.asdict(self.settings),
+                "code": code_version(("stiffscope.cad", "stiffscope.fea"), LIBRARIES),
+                "form": FORM,
+            }
+        )
+
+    def moves_from(self, other: PartOrder) -> bool:
+        """Whether the mesh of another order may be moved along: the same kind of solid, meshed the same way."""
+        supports = {"foundation": None}
+        return (
+            self.step is None
+            and self.shape == other.shape
+            and dataclasses.replace(self.settings, **supports) == dataclasses.replace(other.settings, **supports)
+        )
+
+    def build(self) -> Part:
+        """The part itself: its own shape, or the solid of a STEP file."""
+        from stiffscope.cad import link, slider
+        from stiffscope.cad.step import read_step
+
+        if isinstance(self.solid, StepOrder):
+            return read_step(
+                self.solid.path, name=self.name, material=self.material, clamped=self.solid.clamped,
+                loaded=self.solid.loaded, placement=self.solid.placement, reference_point=self.solid.reference_point,
+            )  # fmt: skip
+        if isinstance(self.solid, link.LinkParameters):
+            return link.build(self.solid, self.material, self.name)
+        return slider.build(self.solid, self.material, self.name)
+
+
+def order_part(robot: RobotFile, name: str, step: str | Path | None = None, *, label: str = "") -> PartOrder:
+    """The experiment that a robot file asks for, on its own shape or on a STEP file's.
+
+    Raises InputError for a part that is none, has no solid, or whose solid cannot be.
+    """
+    from stiffscope.fea.settings import Settings
+
+    if name not in robot.parts:
+        raise InputError(f"part: expected one of {', '.join(robot.parts) or '(none)'}, got {name!r}")
+    part = robot.part(name)
+    solid = _step_order(robot, name, step) or _dimensions(robot, name)
+    material = robot.material(name)
+    if material is None:
+        raise robot.refuse(("parts", name, "material"), "expected the material of the solid, got none")
+    settings = Settings()
+    if isinstance(part, SolidPart):
+        settings = Settings(interface=part.interface, foundation=part.foundation, **part.mesh.model_dump())
+    return PartOrder(name, solid, material, settings, label or name)
+
+
+def build_part(robot: RobotFile, name: str) -> Part:
+    """Build a part of a robot: the robot file's own shape of it, or the STEP file that it names.
+
+    Parameters
+    ----------
+    robot
+        As `load_robot` gives it.
+    name
+        The part's name in the robot file, such as "slider".
+
+    Returns
+    -------
+    Part
+        The solid with its material, its clamped faces and its loaded interfaces, in the part's axes.
+
+    Raises
+    ------
+    InputError
+        There is no such part, or its solid cannot be built or read.
+
+    """
+    return order_part(robot, name).build()
+
+
+def _dimensions(robot: RobotFile, name: str) -> LinkParameters | SliderParameters:
+    """Shape of a rod or plate, without the parameters of absent features."""
+    part = robot.part(name)
+    if not isinstance(part, ParametricPart):
+        raise robot.refuse(
+            ("parts", name, "shape"), f'expected a rod, a plate or a STEP file, which are solids, got "{part.shape}"'
+        )
+    try:
+        return robot.dimensions(name).present()
+    except InputError as error:  # cad names the parameter: "link.bore: expected ..."
+        key, _, message = str(error).partition(": ")
+        raise robot.refuse(("parts", name, *key.split(".")[1:]), message) from error
+
+
+def _step_order(robot: RobotFile, name: str, given: str | Path | None) -> StepOrder | None:
+    """A STEP file given on the command line, with the robot file's choice of faces, or the robot file's own."""
+    part = robot.part(name)
+    section = part if isinstance(part, StepPart) else None
+    if given is None and section is None:
+        return None
+    if given is not None and not str(given):
+        raise InputError("--step: expected a STEP file, got no name")
+    path = Path(given) if given is not None else robot.path.parent / section.file  # type: ignore[union-attr]
+    try:
+        content = file_digest(path, "a STEP file", MOST_BYTES)
+    except InputError as error:
+        if given is not None:
+            raise
+        message = str(error).removeprefix(f"{path}: ")
+        raise robot.refuse(("parts", name, "file"), f"{message} ({path})") from error
+    if section is None:
+        return StepOrder(path.absolute(), content)
+    tagged = ("clamped", section.clamped), ("loaded", section.loaded)
+    chosen = {tag: tuple(face.selector() for face in faces) for tag, faces in tagged if faces is not None}
+    return StepOrder(
+        path.absolute(), content, **chosen, placement=section.placement(), reference_point=section.reference_point
+    )

@@ -1,0 +1,126 @@
+"""Derivatives of a part's 6x6 by virtual experiments: its dimensions, material and foundation, each a little off."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.cad.materials import Material
+from stiffscope.errors import InputError
+from stiffscope.experiments.experiments import try_parts
+from stiffscope.experiments.orders import order_part
+from stiffscope.robot.file.part_sections import ParametricPart
+from stiffscope.robot.part_dimensions import (
+    FOUNDATION,
+    PartDimension,
+    between,
+    on_foundation,
+    part_parameters,
+    vanishing,
+    with_parameter,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from stiffscope.cad.materials import AnyMaterial
+    from stiffscope.experiments.assembly import Assembled
+    from stiffscope.experiments.orders import PartOrder
+    from stiffscope.runtime.workshop import Workshop
+
+    Array = NDArray[np.floating[Any]]
+
+STEP = 0.1  # of a length, or of the wall that it leaves, to either side
+MODULUS_STEP = 0.06
+POISSON = (-0.9, -0.45, 0.45, 0.9)  # of what Poisson's ratio lacks of 0.5: what changes with a modulus
+LEAST = 0.2  # of Poisson's ratio, to which the lower ones of these shares refer at least
+FOUNDATIONS = tuple(10.0 ** (k / 2) for k in range(26, 19, -1))  # N/m³: beside a rigid one
+SOFTER = (4.0, 0.25)  # times a foundation that yields, beside a rigid one
+
+
+def tested_dimensions(nominal: Assembled, shop: Workshop) -> dict[str, Callable[[], tuple[PartDimension, ...]]]:
+    """By part whose matrix comes from a virtual experiment, what makes the experiments on its parameters."""
+    return {
+        name: partial(_dimensions, nominal, name, shop)
+        for name, source in nominal.sources.items()
+        if source == "fea" and isinstance(nominal.robot.parts[name], ParametricPart)
+    }
+
+
+def _dimensions(nominal: Assembled, name: str, shop: Workshop) -> tuple[PartDimension, ...]:
+    robot, here = nominal.robot, nominal.matrices[name].compliance
+    known = part_parameters(robot, name)
+    limits = {key: vanishing(robot, name, key) for key in known}
+    shares = {key: _shares(robot.material(name), key) for key in known}
+    others = {
+        key: tuple(limits[key] + (value - limits[key]) * share for share in shares[key])
+        for key, (value, _) in known.items()
+    }
+    foundation = getattr(robot.parts[name], FOUNDATION, None)
+    others[FOUNDATION] = FOUNDATIONS if foundation is None else (np.inf, *(foundation * times for times in SOFTER))
+    tried = _tried(nominal, name, others, shop)
+    out = [
+        PartDimension(
+            name, key, value, unit,
+            between((value, *tried[key]), (here, *tried[key].values()), limits[key], _legal(robot.material(name), key)),
+            limits[key],
+        )
+        for key, (value, unit) in known.items()
+        if tried[key]
+    ]  # fmt: skip
+    yields = {foundation or np.inf: here, **tried[FOUNDATION]}
+    rigid = yields.pop(np.inf, None)
+    if rigid is not None and yields:
+        compliance = on_foundation(rigid, tuple(yields), tuple(yields.values()))
+        out.append(PartDimension(name, FOUNDATION, foundation or np.inf, "N/m^3", compliance))
+    return tuple(out)
+
+
+def _legal(material: AnyMaterial | None, key: str) -> tuple[float, float]:
+    """Values of a modulus for which there is such a material: Poisson's ratio is in (-1, 0.5)."""
+    if not isinstance(material, Material) or not key.endswith("modulus"):
+        return -np.inf, np.inf
+    if key == "youngs_modulus":
+        return 0.0, 3.0 * material.shear_modulus
+    return material.youngs_modulus / 3.0, np.inf
+
+
+def _shares(material: AnyMaterial | None, key: str) -> tuple[float, ...]:
+    """What is tried of a length or modulus (of a length's distance from its limit), over the nominal one."""
+    if not key.endswith("modulus"):
+        return 1.0 - STEP, 1.0 + STEP
+    if not isinstance(material, Material):
+        return 1.0 - MODULUS_STEP, 1.0 + MODULUS_STEP
+    poisson = material.poisson
+    left = 0.5 * (1.0 + poisson)  # for what widens when it is stretched
+    above, below = min(0.5 - poisson, left), min(max(0.5 - poisson, LEAST), left)
+    growth = [1.0 + share * (above if share > 0.0 else below) / (1.0 + poisson) for share in POISSON]
+    return tuple(growth if key == "youngs_modulus" else [1.0 / g for g in growth])
+
+
+def _tried(
+    nominal: Assembled, name: str, values: dict[str, tuple[float, ...]], shop: Workshop
+) -> dict[str, dict[float, Array]]:
+    """Compliances of a part with other values of its parameters, on its own mesh moved along where that can be.
+
+    An error that meshes have in common is in no difference of these. Values that make no part, or one that cannot be
+    solved (a foundation far too soft for it), are left out.
+    """
+    orders: dict[tuple[str, float], PartOrder] = {}
+    for key, some in values.items():
+        for value in some:
+            with suppress(InputError):
+                changed = with_parameter(nominal.robot, name, key, value)
+                orders[key, value] = order_part(changed, name, label=f"{name}, {key} {value:.9g}")
+    near = {order.label: nominal.results[name] for order in orders.values()}
+    results = zip(orders, try_parts(list(orders.values()), shop, near), strict=True)
+    found: dict[str, dict[float, Array]] = {key: {} for key in values}
+    for (key, value), result in results:
+        if result is not None:
+            found[key][value] = result.compliance
+    return found

@@ -1,0 +1,50 @@
+"""Robot files written from others: comments stay, what `--set` changed is written, other files are still found."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from stiffscope.robot.file.overrides import Override, assign, split
+from stiffscope.robot.file.part_sections import ParametricPart, StepPart
+
+if TYPE_CHECKING:
+    from stiffscope.robot.file.description import RobotFile
+
+
+def robot_document(robot: RobotFile, target: Path, components: str | None = None) -> Any:
+    """Return the robot's file as a tomlkit document, for a file to be written.
+
+    Parameters
+    ----------
+    robot
+        With what `--set` changed, which is written; of copies nothing can be.
+    target
+        Where the file will stand: STEP files and meshes are named from there.
+    components
+        Source of the matrices of rods and plates that the file is to say; None: what it says.
+
+    """
+    import tomlkit
+
+    document: Any = tomlkit.parse(robot.source.text)
+    for key, text in robot.source.changed.items():
+        if text.startswith("--set "):
+            assign(document, Override(tuple(map(str, key)), split(text.removeprefix("--set "))[1], text))
+    for name, part in robot.parts.items():
+        if isinstance(part, ParametricPart) and components and part.compliance != components:
+            document["parts"][name]["compliance"] = components
+        if isinstance(part, StepPart):
+            _move(document["parts"][name], "file", robot.path, target)
+    for body in document["bodies"].values():
+        if "mesh" in body:
+            _move(body, "mesh", robot.path, target)
+    return document
+
+
+def _move(table: Any, key: str, source: Path, target: Path) -> None:
+    """A file is named from where the robot file stands."""
+    if not Path(table[key]).is_absolute():
+        place = (source.parent / table[key]).resolve()
+        table[key] = Path(os.path.relpath(place, target.resolve().parent)).as_posix()

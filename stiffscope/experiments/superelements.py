@@ -1,0 +1,63 @@
+"""Folders with superelements that other codes read: a part on its interfaces, a robot at its poses on its tool."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.runtime import files
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from stiffscope.experiments.assembly import Assembled
+    from stiffscope.experiments.manifest import Manifest
+    from stiffscope.experiments.results import PartResult
+    from stiffscope.vjm.kinematics import Configurations
+
+ROBOT_HELP = """\
+Superelement of the robot {robot} at {pose}, standing on the ground, drives held; SI: N, m, kg, rad, s.
+Order of rows and columns: the tool's six degrees of freedom at M (ux, uy, uz, rx, ry, rz), small rotations, base axes;
+then {modes} modal coordinates with the tool held, which vanish in statics. M a + K u = f.
+The stiffness of the modal coordinates is diagonal (squared angular frequencies, rad^2/s^2).
+Nodes, x y z in m:
+{nodes}"""
+
+
+def write_part(result: PartResult, out: Path, manifest: Manifest) -> None:
+    """A folder with the part condensed on its interfaces and modes: see `stiffscope.fea.export`."""
+    from stiffscope.fea.export import write_superelement
+
+    with files.staged_folder(out) as folder:
+        write_superelement(result.experiment, folder / result.name)
+        manifest.note(result.name, key=result.key, reused=result.reused, seconds=result.seconds)
+        manifest.write(folder)
+
+
+def write_robot(
+    assembled: Assembled, names: Sequence[str], found: Configurations, out: Path, manifest: Manifest
+) -> None:
+    """A folder with the robot at each configuration, condensed on its tool and its modes.
+
+    Files have the names of the robot file's poses; others are ``pose1``, ``pose2``, ...
+    """
+    from stiffscope.fea.export import Superelement, node_lines, write_matrices
+    from stiffscope.vjm.superelement import superelement
+
+    mechanism = assembled.mechanism
+    with files.staged_folder(out) as folder:
+        for k, name in enumerate(names):
+            held = superelement(mechanism, found[np.array([k])])
+            nodes, stiffness, mass = (np.asarray(a, dtype=float) for a in (held.tool[None], held.stiffness, held.mass))
+            squares = np.asarray(held.mode_squares, dtype=float)
+            text = ROBOT_HELP.format(
+                robot=assembled.robot.name,
+                pose=", ".join(f"{c} {v:.9g}" for c, v in zip(mechanism.tool.pose, found.poses[k], strict=True)),
+                modes=len(squares),
+                nodes=node_lines(nodes, ["tool"]),
+            )
+            path = folder / (name if name in assembled.robot.poses else f"pose{k + 1}")
+            write_matrices(Superelement(stiffness, mass, nodes), path, text, mode_squares=squares)
+        manifest.write(folder)

@@ -1,0 +1,114 @@
+"""A robot whose files are being edited: which files, when their content changes, and what that changes in the robot."""
+
+from __future__ import annotations
+
+import functools
+import threading
+import time
+from contextlib import suppress
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from stiffscope.errors import InputError
+from stiffscope.robot.file.part_sections import StepPart
+from stiffscope.robot.file.sections import RigidBody
+from stiffscope.runtime.files import file_digest
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from stiffscope.experiments.results import CondensedPart
+    from stiffscope.robot.file.description import RobotFile
+
+PERIOD = 0.05  # s between two looks at the files
+HEAVY = (
+    "build123d",
+    "stiffscope.cad.step",
+    "stiffscope.fea.experiment",
+    "stiffscope.fea.adapt",
+    "stiffscope.fea.design_velocity",
+    "stiffscope.fea.dynamics",
+)
+
+
+def sources(robot: RobotFile) -> list[Path]:
+    """The robot file, and the STEP files and meshes that it names."""
+    beside = robot.path.parent
+    parts = [beside / part.file for part in robot.parts.values() if isinstance(part, StepPart)]
+    bodies = [body for body in robot.bodies.values() if isinstance(body, RigidBody)]
+    meshes = [beside / mesh for body in bodies if isinstance(mesh := getattr(body, "mesh", None), str)]
+    return list(dict.fromkeys([robot.path, *parts, *meshes]))
+
+
+def changes(files: Sequence[Path]) -> Iterator[None]:
+    """Yield at once, and then whenever the content of one of the files is another; the list itself may change.
+
+    A file that is away for a moment, as while an editor saves it, has not changed.
+    """
+    held: dict[Path, tuple[Any, str]] = {}
+    first = True
+    while True:
+        changed = first
+        while [path for path in files if _changed(path, held)]:  # until it is written whole
+            changed = True
+            time.sleep(PERIOD)
+        if changed:
+            first = False
+            yield
+        time.sleep(PERIOD)
+
+
+def _changed(path: Path, held: dict[Path, tuple[Any, str]]) -> bool:
+    """Whether a file's content is another than held, which it replaces; a new file is none that changed."""
+    with suppress(OSError, InputError):
+        status = path.stat()
+        stamp = (status.st_mtime_ns, status.st_size, status.st_ino)
+        if path in held and held[path][0] == stamp:
+            return False
+        content = file_digest(path)
+        former = held.get(path)
+        held[path] = (stamp, content)
+        return former is not None and former[1] != content
+    return False
+
+
+@functools.cache
+def keep_warm() -> None:
+    """Import, in the background, once, what the next virtual experiment will need."""
+
+    def load() -> None:
+        for name in HEAVY:
+            import_module(name)
+
+    threading.Thread(target=load, daemon=True).start()
+
+
+def keep_meshed(held: dict[str, CondensedPart], results: Mapping[str, CondensedPart]) -> None:
+    """Keep, by name, the parts that were meshed last: one whose mesh was moved along is no start of another move."""
+    held.update({name: part for name, part in results.items() if not part.experiment.moved})
+
+
+def differences(before: RobotFile, after: RobotFile) -> list[str]:
+    """What of the numbers and words of a robot is another: "slider.thickness 0.02 -> 0.025", SI; a few of them."""
+    old, new = (_leaves(_plain(robot)) for robot in (before, after))
+    names = [name for name in dict.fromkeys([*new, *old]) if old.get(name) != new.get(name)]
+    shown = [f"{name} {_word(old.get(name))} → {_word(new.get(name))}" for name in names[:4]]
+    return [*shown, f"{len(names) - 4} more"] if len(names) > 4 else shown
+
+
+def _plain(robot: RobotFile) -> dict[str, Any]:
+    from stiffscope.robot.file.source import parse_text
+
+    return parse_text(robot.path, robot.source.text)
+
+
+def _leaves(value: Any, name: str = "") -> dict[str, Any]:
+    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else None
+    if items is None:
+        return {name.removeprefix("parts.").removeprefix("joints.").removeprefix("bodies."): value}
+    return {k: v for key, each in items for k, v in _leaves(each, f"{name}.{key}" if name else str(key)).items()}
+
+
+def _word(value: Any) -> str:
+    return "nothing" if value is None else str(value)

@@ -1,0 +1,129 @@
+"""A robot file that carries the effects of a diagnosis from now on, with where they come from."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from stiffscope.errors import InputError
+from stiffscope.experiments.robot_files import robot_document
+from stiffscope.runtime import files
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from stiffscope.gap.inference.diagnosis import Diagnosis, Effect
+    from stiffscope.robot.effects import NominalRobot
+    from stiffscope.robot.file.description import RobotFile
+
+
+def check_target(target: Path, robot: RobotFile | None) -> None:
+    """Refuse a file that must not be overwritten, before work is spent. Raises InputError."""
+    if robot is None:
+        raise InputError("--adopt: this campaign has predictions instead of a robot; only a robot can carry an effect")
+    try:
+        files.check_new(target)
+    except InputError as error:
+        raise InputError(f"--adopt {error}") from error
+
+
+def adopt(
+    target: Path, robot: RobotFile, bare: NominalRobot, diagnosis: Diagnosis, *, campaign: str, components: str
+) -> list[str]:
+    """Write a robot file that carries the effects of a diagnosis.
+
+    Parameters
+    ----------
+    target
+        The file to write.
+    robot, bare
+        The robot file that the diagnosis starts from, and the elastic robot made of it.
+    diagnosis
+        What was found.
+    campaign
+        The campaign's name, for the record.
+    components
+        Source of the parts' matrices that the effects were found with; the written file takes them from there too.
+
+    Returns
+    -------
+    list of str
+        The effects that no robot can carry, each with the reason.
+
+    Raises
+    ------
+    InputError
+        The verdict is neither "identified" nor "partly", or none of the effects can be carried.
+
+    """
+    if diagnosis.verdict not in {"identified", "partly"}:  # the effects of these are certain
+        raise InputError(
+            f"--adopt: nothing is adopted, the verdict is {diagnosis.verdict}, not identified; no file is written"
+        )
+    carried, left = _carried(bare, diagnosis)
+    if not carried:
+        raise InputError(f"--adopt: nothing is adopted: {'; '.join(left)}")
+    files.write_new(target, _text(target, robot, carried, diagnosis, campaign, components).encode())
+    return left
+
+
+def _carried(bare: NominalRobot, diagnosis: Diagnosis) -> tuple[list[Effect], list[str]]:
+    from stiffscope.robot.effects import adopted
+
+    carried: list[Effect] = []
+    left: list[str] = []
+    for effect in diagnosis.effects:
+        try:
+            adopted(bare, effect.effect, effect.place, {name: p.value for name, p in effect.parameters.items()})
+            carried.append(effect)
+        except InputError as error:
+            left.append(str(error))
+    return carried, left
+
+
+def _text(
+    target: Path, robot: RobotFile, carried: list[Effect], diagnosis: Diagnosis, campaign: str, components: str
+) -> str:
+    import tomlkit
+
+    document = robot_document(robot, target, components)
+    former = document.pop("effects").unwrap() if "effects" in document else []
+    if not former:
+        document.add(tomlkit.nl())
+    document["effects"] = effects = tomlkit.aot()
+    for entry in [*former, *(_entry(effect, diagnosis, campaign) for effect in carried)]:
+        table = tomlkit.table()
+        for key, value in entry.items():
+            table.add(key, _inline(value) if isinstance(value, dict) else value)
+        effects.append(table)
+    return tomlkit.dumps(document)
+
+
+def _entry(effect: Effect, diagnosis: Diagnosis, campaign: str) -> dict[str, Any]:
+    gap = diagnosis.gap
+    provenance: dict[str, Any] = {
+        "campaign": campaign,
+        "probability": _rounded(effect.probability),
+        "gap_before": _rounded(gap.nominal),
+        "gap_after": _rounded(gap.explained),
+        "gap_held_out": _rounded(gap.held_out),
+        "gap_noise": _rounded(gap.noise),
+        "unit": "% rms",
+    }
+    return {
+        "effect": effect.effect,
+        "place": effect.place,
+        "parameters": {name: p.value for name, p in effect.parameters.items()},
+        "provenance": provenance | {"sigma": {name: _rounded(p.sigma) for name, p in effect.parameters.items()}},
+    }
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.4g}")
+
+
+def _inline(values: dict[str, Any]) -> Any:
+    import tomlkit
+
+    table = tomlkit.inline_table()
+    table.update(values)
+    return table

@@ -1,0 +1,1 @@
+"""The blind check: campaigns whose effect is withheld, and how they are answered."""

@@ -1,0 +1,231 @@
+"""The blind check: campaigns with withheld effects are diagnosed, the seal is opened, the diagnoses are scored."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from stiffscope.errors import InputError
+from stiffscope.gap.blind.cases import SEAL, Lab, draw, imitated, seal, unseal, write_case
+from stiffscope.gap.blind.scores import Outcome, outcome_of, score
+from stiffscope.gap.campaign.readings import load_campaign
+from stiffscope.gap.diagnose import conclude
+from stiffscope.gap.forward.robot_model import RobotModel
+from stiffscope.gap.inference.diagnosis import to_json
+from stiffscope.gap.inference.findings import find
+from stiffscope.runtime.cluster import cluster, finished
+from stiffscope.runtime.files import scratch_folder, write_bytes
+from stiffscope.runtime.reading import read_text, why
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from stiffscope.gap.blind.cases import BlindRobot
+    from stiffscope.gap.blind.scores import Scores
+
+    Progress = Callable[[str, float], None]
+    Files = dict[str, str]
+
+OUTCOME = "outcome.json"
+DIAGNOSES = ("diagnosis.json", "diagnosis-without.json")
+_RUN = "run.json"
+_labs: dict[str, Lab] = {}
+
+
+@dataclass(frozen=True)
+class Task:
+    """A case to be drawn, measured, diagnosed and scored."""
+
+    robot: str
+    number: int
+    seed: int
+
+    @property
+    def folder(self) -> str:
+        """Its folder in that of the check."""
+        return f"{self.robot}/campaign-{self.number:03d}"
+
+
+def run_blind(
+    folder: Path,
+    robots: Sequence[BlindRobot],
+    campaigns: int,
+    seed: int,
+    progress: Progress | None = None,
+    *,
+    workers: int = 2,
+    scheduler: str | None = None,
+) -> Scores:
+    """Draw, seal, diagnose in parallel, open the seal, score.
+
+    Every case is stored as soon as it is finished; called again with the same folder, the check goes on where it was.
+
+    Parameters
+    ----------
+    folder
+        Campaigns, diagnoses and outcomes are left here, a folder each.
+    robots
+        Whose campaigns are drawn.
+    campaigns, seed
+        How many of each robot, and the seed that they repeat with.
+    progress
+        Called with a stage's name and its fraction done.
+    workers
+        Processes on this machine.
+    scheduler
+        Address of a Dask scheduler whose workers run the cases instead.
+
+    Raises
+    ------
+    InputError
+        The folder holds another check, or no scheduler answers.
+
+    """
+    check = _check(robots, seed)
+    _open(folder, check)
+    tasks = [Task(robot.name, number, seed) for robot in robots for number in range(campaigns)]
+    left = [task for task in tasks if not os.path.lexists(folder / task.folder)]
+    for task in set(tasks).difference(left):  # before any work is spent
+        _stored(folder / task.folder)
+    if left:
+        _work(folder, robots, left, check, progress, workers, scheduler)
+    for robot in robots:
+        at = folder / robot.name
+        seal(at, [unseal(folder / task.folder)[0] for task in tasks if task.robot == robot.name])
+    return score([outcome for task in tasks for outcome in _stored(folder / task.folder)])
+
+
+def _check(robots: Sequence[BlindRobot], seed: int) -> str:
+    """What distinguishes a check from another, as text."""
+    texts = {robot.name: robot.nominal.robot.source for robot in robots}
+    check = {
+        "seed": seed,
+        "robots": {name: [source.text, *source.overrides] for name, source in texts.items()},
+        "components": {robot.name: robot.components for robot in robots},
+    }
+    return _text(check)
+
+
+def _open(folder: Path, check: str) -> None:
+    """Refuse a folder that holds another check, or anything else. Raises InputError."""
+    check_cases(folder)
+    file = folder / _RUN
+    if os.path.lexists(file) and read_text(file, "a list of the cases of a check") != check:
+        raise InputError(f"{folder}: expected the cases of this check, got those of another; delete them to start anew")
+
+
+def _begin(folder: Path, check: str) -> None:
+    """Note in a folder which check it holds."""
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        write_bytes(folder / _RUN, check.encode())
+    except InputError:
+        with contextlib.suppress(OSError):  # where it is not empty, nobody has lost anything
+            folder.rmdir()
+        raise
+
+
+def _text(content: Any) -> str:
+    return json.dumps(content, indent=1)
+
+
+def check_cases(folder: Path) -> None:
+    """Refuse a folder for the cases of a check that holds something else. Raises InputError."""
+    if os.path.lexists(folder) and not folder.is_dir():
+        raise InputError(f"{folder}: expected a folder for finished cases, got a file; move it away")
+    if folder.is_dir() and not (folder / _RUN).is_file() and any(folder.iterdir()):
+        raise InputError(f"{folder}: expected a folder for finished cases, got one with other files; move it away")
+
+
+def case_files(folder: Path, robots: Sequence[BlindRobot], campaigns: int, seed: int) -> list[str]:
+    """Names of the files of a finished check, relative to its folder: these and no others are its own."""
+    tasks = [Task(robot.name, number, seed) for robot in robots for number in range(campaigns)]
+    written = ("campaign.toml", "readings.csv", SEAL, *DIAGNOSES, OUTCOME)
+    names = [_RUN, *(f"{robot.name}/{SEAL}" for robot in robots)]
+    names += [f"{task.folder}/{name}" for task in tasks for name in written]
+    return [name for name in names if (folder / name).is_file()]
+
+
+def _work(
+    folder: Path, robots: Sequence[BlindRobot], tasks: list[Task], check: str, progress: Progress | None,
+    workers: int, scheduler: str | None,
+) -> None:  # fmt: skip
+    with cluster(scheduler, min(workers, len(tasks))) as client:
+        _begin(folder, check)
+        known = {robot.name: client.scatter(robot, broadcast=True, hash=False) for robot in robots}
+        running = {client.submit(solve, known[task.robot], task, pure=False, retries=1): task for task in tasks}
+        for done, (task, future) in enumerate(finished(client, running), 1):
+            _store(folder, task, future.result())
+            if progress:
+                progress(f"cases, {done} of {len(tasks)}", done / len(tasks))
+
+
+def _store(folder: Path, task: Task, files: Files) -> None:
+    """Write a finished case in one step. Raises InputError where its disk does not take it."""
+    goal = folder / task.folder
+    try:
+        goal.parent.mkdir(parents=True, exist_ok=True)
+        with scratch_folder(folder) as scratch:
+            aside = scratch / goal.name
+            aside.mkdir()
+            for name, text in files.items():
+                (aside / name).write_text(text, encoding="utf-8", newline="")
+            aside.rename(goal)
+    except OSError as error:
+        raise InputError(f"{goal}: the case cannot be kept ({why(error, goal)}); finished ones are") from error
+
+
+def _stored(folder: Path) -> list[Outcome]:
+    """Outcomes of a finished case, as they were stored. Raises InputError where they are not."""
+    file = folder / OUTCOME
+    out: list[Outcome] = []
+    try:
+        listed: list[dict[str, Any]] = json.loads(read_text(file, "the outcome of a case"))
+        for o in listed:
+            groups = tuple(tuple(group) for group in o["groups"])
+            stated = tuple((p, true) for p, true in o["stated"])
+            lists = {name: tuple(o[name]) for name in ("truth", "named", "gap", "covered")}
+            fields: dict[str, Any] = {**o, **lists, "groups": groups, "stated": stated}
+            out.append(Outcome(**fields))
+    except InputError:
+        raise
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        message = "expected the outcome of a case, got something else; delete its folder to work it out anew"
+        raise InputError(f"{file}: {message}") from error
+    return out
+
+
+def solve(robot: BlindRobot, task: Task) -> Files:
+    """Draw a case, diagnose it with its whole library and, a single effect, without that effect; files by name."""
+    lab = _labs.get(robot.name)
+    if lab is None or lab.robot is not robot:
+        lab = _labs[robot.name] = Lab(robot)
+    case = draw(task.number, task.seed, lab)
+    with scratch_folder() as folder:
+        write_case(folder, task.number, case, lab)
+        found = {"": _diagnose(robot, folder, "")}
+        if case.kind == "single":
+            effect = case.faults[0].effect
+            found[effect] = _diagnose(robot, folder, effect)
+        same = lab.canonical
+        alike = case.kind == "outside" and imitated(case, task.number, lab)
+        outcomes = [
+            outcome_of(task.number, case, data, same, left_out=effect, robot=robot.name, imitated=alike)
+            for effect, data in found.items()
+        ]
+        seal(folder, [case])
+        files = {file.name: file.read_text(encoding="utf-8") for file in sorted(folder.iterdir())}
+    for effect, data in found.items():
+        files[DIAGNOSES[bool(effect)]] = _text(data)
+    files[OUTCOME] = _text([asdict(outcome) for outcome in outcomes])
+    return files
+
+
+def _diagnose(robot: BlindRobot, folder: Path, left_out: str) -> dict[str, Any]:
+    """Diagnose one campaign without an effect of the library, as plain data."""
+    found = find(RobotModel(load_campaign(folder), robot.nominal, without=left_out))
+    return to_json(conclude(found)) | {"evidence": found.best.evidence - found.none.evidence}

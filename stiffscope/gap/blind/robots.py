@@ -1,0 +1,41 @@
+"""Robots of a blind check, assembled from their parts."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from stiffscope.experiments.assembly import assemble_robots
+from stiffscope.gap.blind.cases import BlindRobot
+from stiffscope.robot.effects import NominalRobot
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from stiffscope.robot.file.description import RobotFile
+    from stiffscope.runtime.workshop import Workshop
+
+
+def blind_robots(robots: Sequence[RobotFile], components: str | None, shop: Workshop) -> list[BlindRobot]:
+    """The robots with their parts' matrices.
+
+    Parameters
+    ----------
+    robots
+        Robot files.
+    components
+        Source of the matrices of rods and plates; None: as published where a part names a published matrix, else by
+        beam theory, neither of which takes a virtual experiment.
+    shop
+        Where experiments are made, if it comes to that.
+
+    """
+    out: list[BlindRobot] = []
+    for robot in robots:
+        source = components or ("published" if _published(robot) else "beam")
+        made = assemble_robots({robot.name: robot}, source, shop)[robot.name]
+        out.append(BlindRobot(NominalRobot(made.mechanism, robot), made.matrices, source))
+    return out
+
+
+def _published(robot: RobotFile) -> bool:
+    return any(getattr(part, "published", None) for part in robot.parts.values())

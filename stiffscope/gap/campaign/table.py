@@ -1,0 +1,215 @@
+"""One table (.csv, .tsv, .xlsx) as columns of text and of numbers; what is wrong is named by file, line, column."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+import zipfile
+from dataclasses import dataclass
+from itertools import islice
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.runtime.reading import MOST_BYTES, open_file, read_text
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection
+    from pathlib import Path
+    from typing import BinaryIO
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+
+MOST_ROWS = 200_000  # of one table
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of text, all of one length."""
+
+    name: str
+    columns: dict[str, tuple[str, ...]]
+    lines: tuple[int, ...]
+    """Line of the file that each row stands on."""
+
+    def fail(self, row: int, column: str, expected: str) -> InputError:
+        """Return the error that names one cell."""
+        found = self.columns[column][row] if column in self.columns else ""
+        shown = "an empty cell" if not found.strip() else repr(found[:40])
+        return InputError(f"{self.name}:{self.lines[row]}: {column}: expected {expected}, got {shown}")
+
+
+def read_table(path: Path, check: Callable[[str, list[str]], None], ignore: Collection[str] = ()) -> Table:
+    """Return a table's columns, with surrounding blanks removed; blank lines are passed over.
+
+    Columns of text are separated by commas, semicolons or tabs, as the header has them; with the latter two a number
+    may have a decimal comma. Of an .xlsx file the first sheet counts.
+
+    Parameters
+    ----------
+    path
+        A .csv, .tsv or .xlsx file.
+    check
+        Called with the file's name and its header, without columns to ignore, before any row is looked at.
+    ignore
+        Columns that are not read.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, is not UTF-8, has no or a doubtful header, or a row whose number of cells is not
+        the header's.
+
+    """
+    rows, lines, decimal_comma = _sheet(path) if path.suffix.lower() == ".xlsx" else _lines(path)
+    if not rows:
+        raise InputError(f"{path.name}: expected a header line with the column names, got an empty file")
+    header = _header(path.name, rows[0], lines[0])
+    check(path.name, [name for name in header if name not in ignore])
+    if len(rows) > MOST_ROWS + 1:
+        line = lines[MOST_ROWS + 1]
+        raise InputError(
+            f"{path.name}:{line}: expected at most {MOST_ROWS:,} rows, got more; average repeated readings"
+        )
+    _check_lengths(path.name, header, rows, lines)
+    if len(rows) == 1:
+        raise InputError(f"{path.name}:{lines[0] + 1}: expected at least one row under the header")
+    cells = zip(*rows[1:], strict=True)
+    columns = {
+        name: tuple(map(str.strip, column)) for name, column in zip(header, cells, strict=True) if name not in ignore
+    }
+    if decimal_comma:
+        columns = {name: tuple(_with_point(cell) for cell in column) for name, column in columns.items()}
+    return Table(path.name, columns, tuple(lines[1:]))
+
+
+def _lines(path: Path) -> tuple[list[list[str]], list[int], bool]:
+    """Rows of a text file with their lines, and whether its numbers may have a decimal comma."""
+    text = read_text(path, "a table in CSV", MOST_BYTES)
+    first = next((line for line in text.splitlines() if line.strip()), "")
+    mark = "\t" if "\t" in first else ";" if ";" in first else ","
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=mark, strict=True, skipinitialspace=mark != "\t")
+    rows: list[list[str]] = []
+    lines: list[int] = []
+    before = 0
+    try:
+        for row in reader:
+            if row and not (len(row) == 1 and not row[0].strip()):
+                rows.append(row)
+                lines.append(before + 1)
+                if len(rows) > MOST_ROWS + 1:
+                    break
+            before = reader.line_num
+    except csv.Error as error:
+        raise InputError(f"{path.name}:{reader.line_num}: expected a CSV row, got {error}") from None
+    if mark != ",":  # spreadsheets write rows of separators alone
+        kept = [k for k, row in enumerate(rows) if any(cell.strip() for cell in row)]
+        rows, lines = [rows[k] for k in kept], [lines[k] for k in kept]
+    return rows, lines, mark != ","
+
+
+def _sheet(path: Path) -> tuple[list[list[str]], list[int], bool]:
+    """Rows of the first sheet of an .xlsx file with their numbers."""
+    import openpyxl
+
+    try:
+        with open_file(path, "an .xlsx workbook") as stream:
+            _check_unpacked(path, stream)
+            book = openpyxl.load_workbook(stream, read_only=True, data_only=True)
+            found = [list(row) for row in islice(book.worksheets[0].iter_rows(values_only=True), MOST_ROWS + 2)]
+    except InputError:
+        raise
+    except Exception as error:  # noqa: BLE001 (whatever zip and XML parsers raise for no workbook)
+        raise InputError(f"{path}: expected an .xlsx workbook, got {' '.join(str(error).split())}") from None
+    whole = [[_cell(value) for value in row] for row in found]
+    kept = [k for k, row in enumerate(whole) if any(row)]
+    width = max((j + 1 for j, cell in enumerate(whole[kept[0]]) if cell), default=0) if kept else 0
+    rows = [row[: max(width, *(j + 1 for j, cell in enumerate(row) if cell))] for row in (whole[k] for k in kept)]
+    return [row + [""] * (width - len(row)) for row in rows], [k + 1 for k in kept], True
+
+
+def _check_unpacked(path: Path, stream: BinaryIO) -> None:
+    """Refuse a workbook that is small only because it is packed."""
+    with zipfile.ZipFile(stream) as book:
+        size = sum(each.file_size for each in book.infolist())
+    if size > MOST_BYTES:
+        raise InputError(
+            f"{path}: expected an .xlsx workbook of at most {MOST_BYTES >> 20} MiB unpacked, got {size >> 20}"
+        )
+    stream.seek(0)
+
+
+def _cell(value: object) -> str:
+    """A workbook's cell as text."""
+    return "" if value is None else repr(value) if isinstance(value, float) else str(value).strip()
+
+
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+
+
+def _with_point(cell: str) -> str:
+    return cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell
+
+
+def _header(name: str, row: list[str], line: int) -> list[str]:
+    header = [cell.strip() for cell in row]
+    for position, cell in enumerate(header):
+        if not cell:
+            raise InputError(f"{name}:{line}: column {position + 1}: expected a name in the header")
+        if cell in header[:position]:
+            raise InputError(f"{name}:{line}: {cell}: expected each name once, got it twice")
+    return header
+
+
+def _check_lengths(name: str, header: list[str], rows: list[list[str]], lines: list[int]) -> None:
+    count = len(header)
+    for row, line in zip(rows, lines, strict=True):
+        if len(row) < count:
+            at = header[len(row)]
+            message = f"expected {count} cells, got {len(row)}: the row ends early"
+            raise InputError(f"{name}:{line}: {at}: {message}")
+        if len(row) > count:
+            message = f"expected {count} cells, got {len(row)}"
+            raise InputError(f"{name}:{line}: column {count + 1}: {message}")
+
+
+def check_columns(name: str, header: list[str], required: Collection[str], valid: Collection[str]) -> None:
+    """Raise InputError for a missing column, or for one that is not valid (all of `valid` are listed)."""
+    missing = [column for column in required if column not in header]
+    if missing:
+        raise InputError(f"{name}:1: {missing[0]}: expected this column, got none")
+    unknown = [column for column in header if column not in valid]
+    if unknown:
+        raise InputError(f"{name}:1: {unknown[0]}: expected one of {', '.join(valid)}")
+
+
+def numbers(table: Table, column: str, *, empty: bool = False, expected: str = "a finite number") -> Array:
+    """Return a column as floats (n,); with `empty`, an empty cell is NaN. Raises InputError that names the cell."""
+    cells = table.columns[column]
+    try:
+        values = np.array([float(cell) if cell else math.nan for cell in cells], dtype=np.float64)
+    except ValueError:
+        values = None
+    strange = values is None or any("_" in cell for cell in cells)
+    if values is None or strange:
+        row = next(i for i, cell in enumerate(cells) if cell and not _is_number(cell))
+        raise table.fail(row, column, expected)
+    blank = np.array([not cell for cell in cells], dtype=np.bool_)
+    bad = ~np.isfinite(values) & ~(blank if empty else np.zeros_like(blank))
+    if bad.any():
+        raise table.fail(int(np.argmax(bad)), column, expected)
+    return values
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return "_" not in cell

@@ -1,0 +1,143 @@
+"""A campaign diagnosed: where its folder is, the nominal robot that it names, assembled, and the diagnosis."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stiffscope.data import FOLDER
+from stiffscope.errors import InputError
+from stiffscope.experiments.assembly import assemble_robots
+from stiffscope.robot.file.quantities import shown
+from stiffscope.robot.library import find_robot, robot_names
+from stiffscope.robot.reader import load_robot
+from stiffscope.runtime.workshop import workshop
+
+if TYPE_CHECKING:
+    from stiffscope.experiments.assembly import Assembled
+    from stiffscope.gap.campaign.readings import Campaign
+    from stiffscope.gap.inference.diagnosis import Diagnosis
+    from stiffscope.robot.file.description import RobotFile
+    from stiffscope.runtime.workshop import Workshop
+    from stiffscope.vjm.kinematics import Configurations
+
+SHELVES = ("campaigns", "withheld")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A campaign with its nominal robot; no robot where it brings its own predictions."""
+
+    name: str
+    folder: Path
+    campaign: Campaign
+    robot: RobotFile | None
+
+
+def diagnose(campaign: str | Path) -> Diagnosis:
+    """Find which effects explain the gap between a model and the measurements of a campaign.
+
+    Parameters
+    ----------
+    campaign
+        Folder with a campaign.toml and its readings, or the name of a campaign in `data/`, such as "published".
+
+    Returns
+    -------
+    Diagnosis
+        Verdict, effects with probabilities and parameters, the gap before and after, what to measure next.
+
+    Raises
+    ------
+    InputError
+        There is no such campaign, or its files are wrong.
+
+    """
+    with workshop() as shop:
+        case = open_case(campaign)
+        return diagnose_case(case, assembled_nominal(case, shop), shop)
+
+
+def assembled_nominal(case: Case, shop: Workshop) -> Assembled | None:
+    """The nominal robot of a campaign with its parts, where there is one."""
+    if case.robot is None:
+        return None
+    return assemble_robots({"nominal": case.robot}, case.campaign.components, shop)["nominal"]
+
+
+def diagnose_case(case: Case, nominal: Assembled | None, shop: Workshop) -> Diagnosis:
+    """The diagnosis of a campaign on its nominal robot, where there is one."""
+    from stiffscope.experiments.part_dimensions import tested_dimensions
+    from stiffscope.gap.diagnose import diagnose
+    from stiffscope.robot.effects import NominalRobot
+
+    if nominal is None:
+        return diagnose(case.campaign)
+    carrying = NominalRobot(nominal.mechanism, nominal.robot, tested_dimensions(nominal, shop))
+    return diagnose(case.campaign, carrying, shop.open_line("diagnosis"))
+
+
+def open_case(name: str | Path, *, planned: bool = False) -> Case:
+    """The campaign in a folder, or by its name in `data/`, with the robot that it names.
+
+    ``planned``: values may be missing. Raises InputError for poses, sensors and loads that are none of the robot's.
+    """
+    from stiffscope.gap.campaign.readings import load_campaign, on_robot
+
+    folder = find_campaign(name)
+    campaign = load_campaign(folder, planned=planned)
+    if campaign.robot is None:
+        return Case(folder.resolve().name, folder, campaign, None)
+    robot = load_robot(_robot_of(folder, campaign, campaign.robot))
+    campaign = on_robot(campaign, robot)
+    if robot.carries("gravity") and "gravity" not in campaign.modelled:
+        campaign = dataclasses.replace(campaign, modelled=(*campaign.modelled, "gravity"))
+    return Case(folder.resolve().name, folder, campaign, robot)
+
+
+def reached(case: Case, nominal: Assembled | None = None) -> Configurations | None:
+    """The robot, by default with rigid parts, at the campaign's poses; None without a robot.
+
+    Raises InputError for a pose out of reach.
+    """
+    if case.robot is None:
+        return None
+    from stiffscope.gap.forward.mechanics import RobotAtPoses
+    from stiffscope.robot.effects import NominalRobot
+    from stiffscope.robot.inspection import rigid_mechanism
+
+    mechanism = nominal.mechanism if nominal else rigid_mechanism(case.robot)
+    return RobotAtPoses(NominalRobot(mechanism, case.robot), case.campaign).configurations
+
+
+def find_campaign(name: str | Path) -> Path:
+    """Folder of a campaign given as a folder, its campaign.toml, or a name in `data/`."""
+    path = Path(name)
+    if path.is_dir():
+        return path
+    if path.name == "campaign.toml" and path.is_file():
+        return path.parent
+    for shelf in SHELVES:
+        known = FOLDER / shelf / path.name
+        if path.name == str(name) and (known / "campaign.toml").is_file():
+            return known
+    listed = ", ".join(campaign_names()) or "(none)"
+    raise InputError(f"{name}: no such campaign; give a folder with a campaign.toml or one of the names {listed}")
+
+
+def campaign_names() -> list[str]:
+    """Names of the campaigns that `data/` knows."""
+    return sorted(p.parent.name for shelf in SHELVES for p in (FOLDER / shelf).glob("*/campaign.toml"))
+
+
+def _robot_of(folder: Path, campaign: Campaign, robot: str) -> Path:
+    """The campaign's robot file: beside the campaign, or by its name in `data/robots`."""
+    if os.path.isfile(folder / robot):  # noqa: PTH113 (Path.is_file raises on some names)
+        return folder / robot
+    if robot in robot_names():
+        return find_robot(robot)
+    expected = f"a robot file, seen from its folder, or one of {', '.join(robot_names())}"
+    raise campaign.refuse(("robot",), f"expected {expected}, got {shown(robot)}")

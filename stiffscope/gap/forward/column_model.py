@@ -1,0 +1,173 @@
+"""Forward model of a campaign that brings its own predictions: rival models, and scales on groups of directions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.gap.campaign.quantities import AXES
+from stiffscope.gap.forward.forward_model import Candidate, Noise, Trial
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.gap.forward.forward_model import Parameters
+
+    Array = NDArray[np.floating[Any]]
+    Flags = NDArray[np.bool_]
+
+PRIOR_SCALE = 0.2  # of a scale's distance from one
+PLAUSIBLE = (0.5, 2.0)
+NOISES = np.geomspace(1e-4, 0.5, 120)  # unknown noise: 0.01 to 50 % of a reading's size
+OUTLYING = 6.0  # robust standard deviations
+FEW = 0.05  # share of the readings that can be outliers
+_MOST_SCALES = 2
+GROUPS = {"all": AXES, "translation": AXES[:3], "rotation": AXES[3:]} | {axis: (axis,) for axis in AXES}
+
+
+@dataclass(frozen=True)
+class _Scale:
+    """Which readings (n,) take the factor."""
+
+    chosen: Flags
+
+
+@dataclass(frozen=True)
+class _Rival:
+    """Another model's values (n,)."""
+
+    values: Array
+
+
+@dataclass(frozen=True)
+class ColumnPrediction:
+    """The model under test, or a rival of it, times scales."""
+
+    values: Array
+    gain: Array
+    """(n,) product of the scales' factors."""
+    factors: dict[str, float]
+    """Factor by the name of each scale."""
+
+    def columns(self, candidate: Candidate) -> Array:
+        """Derivatives (n, 1) of the values by a scale's factor; (n, 0) for a rival."""
+        if not isinstance(candidate.action, _Scale):
+            return np.zeros((len(self.values), 0))
+        return (self.values * candidate.action.chosen / self.factors.get(candidate.name, 1.0))[:, None]
+
+    def step(self, candidate: Candidate) -> Array:
+        """Change (n,) of the values where a rival replaces the model under test."""
+        if not isinstance(candidate.action, _Rival):
+            return np.zeros(len(self.values))
+        return candidate.action.values * self.gain - self.values
+
+
+@dataclass(frozen=True)
+class ColumnModel:
+    """A campaign with predictions, under ``value`` those of the model under test."""
+
+    campaign: Campaign
+    most_effects: int = len(AXES)
+    prior_sizes: Array = field(default_factory=lambda: np.ones(1))
+
+    @property
+    def library(self) -> tuple[Candidate, ...]:
+        """Rivals, and scales that these readings distinguish; several names for the same readings are one."""
+        return self._library
+
+    @cached_property
+    def _library(self) -> tuple[Candidate, ...]:
+        models = self.campaign.predictions.items()
+        rivals = [Candidate("rival", m, action=_Rival(v)) for m, v in models if m != "value"]
+        kept: dict[bytes, tuple[Flags, list[str]]] = {}
+        for place, axes in GROUPS.items():
+            chosen: Flags = np.isin(self.campaign.direction, [AXES.index(axis) for axis in axes])
+            if chosen.any():
+                kept.setdefault(chosen.tobytes(), (chosen, []))[1].append(place)
+        return (*rivals, *(_scale(chosen, places) for chosen, places in kept.values()))
+
+    @property
+    def tried(self) -> tuple[tuple[Candidate, ...], ...]:
+        """A scale of its own for every direction, with each of the models."""
+        rivals = [c for c in self.library if c.effect == "rival"]
+        axes = tuple(c for c in self.library if c.place in AXES and c.effect == "scale")
+        return ((axes, *((rival, *axes) for rival in rivals))) if len(axes) > _MOST_SCALES else ()
+
+    def admits(self, candidates: Sequence[Candidate]) -> bool:
+        """At most one rival and two scales: more scales would say the same in many ways."""
+        effects = [c.effect for c in candidates]
+        distinct = len({c.name for c in candidates}) == len(effects)
+        return distinct and effects.count("rival") <= 1 and effects.count("scale") <= _MOST_SCALES
+
+    def predict(self, parameters: Parameters = ()) -> ColumnPrediction:
+        """Values (n,) of the model under test, or of the rival in its place, times every scale."""
+        base, gain = self.campaign.predictions["value"], np.ones(len(self.campaign))
+        factors: dict[str, float] = {}
+        for candidate, values in parameters:
+            if isinstance(candidate.action, _Rival):
+                base = candidate.action.values
+            elif isinstance(candidate.action, _Scale):
+                factors[candidate.name] = 1.0 + values[0]
+                gain = np.where(candidate.action.chosen, factors[candidate.name] * gain, gain)
+        return ColumnPrediction(base * gain, gain, factors)
+
+    def noise(self) -> Noise:
+        """Stated noise as it is; the unknown one is a common factor times the reading, or the rms of its like."""
+        c = self.campaign
+        unknown: Flags = np.isnan(c.sigma)
+        like = c.like
+        mean = np.sqrt(np.bincount(like, c.value**2) / np.maximum(np.bincount(like), 1))
+        own = np.where(c.relative, np.abs(c.value), mean[like])
+        own = np.where(own > 0, own, max(float(np.abs(c.value).max()), 1e-300))
+        sigma = np.where(unknown, own, c.sigma)
+        outlier = self._outliers(sigma, unknown)
+        remarks = [f"left out as an outlier: {c.where(int(i))}" for i in np.flatnonzero(outlier)]
+        if unknown.any():
+            remarks.insert(0, f"{int(unknown.sum())} readings state no uncertainty; it is estimated from what is left")
+        return Noise(sigma, ~outlier, unknown, NOISES, tuple(remarks))
+
+    def _outliers(self, sigma: Array, unknown: Flags) -> Flags:
+        """Readings (n,) that no model reaches, whatever the scale of its direction."""
+        c = self.campaign
+        best = np.full(len(c), np.inf)
+        for base in c.predictions.values():
+            rest, ratio = (c.value - base) / sigma, base / sigma
+            for axis in range(6):
+                pick = (c.direction == axis) & (ratio != 0)
+                if pick.any():
+                    rest[pick] -= ratio[pick] * np.median(rest[pick] / ratio[pick])
+            best = np.minimum(best, np.abs(rest))
+        spread = 1.4826 * float(np.median(best)) if unknown.any() else 1.0
+        far: Flags = best > OUTLYING * max(spread, 1e-12)
+        return far if far.sum() <= FEW * len(far) else np.zeros_like(far)
+
+    def trial(self, sigma: Array) -> Trial:
+        """The campaign's own readings, each once more."""
+        return Trial(self, sigma, np.arange(len(self.campaign)))
+
+    def remarks(self, noise: Noise, unexplained: Array) -> tuple[str, ...]:  # noqa: ARG002 (the protocol's)
+        """Nothing: a column has no physics to be held against."""
+        return ()
+
+
+def _scale(chosen: Flags, places: list[str]) -> Candidate:
+    aliases = tuple(f"scale @ {place}" for place in places[1:])
+    return Candidate(
+        "scale",
+        places[0],
+        ("factor",),
+        ("1",),
+        (PRIOR_SCALE,),
+        (PLAUSIBLE,),
+        (-0.9, np.inf),
+        physical=lambda growth: 1.0 + growth,
+        internal=lambda factor: factor - 1.0,
+        aliases=aliases,
+        action=_Scale(chosen),
+    )

@@ -1,0 +1,136 @@
+"""How large the noise of a campaign is, and which readings are gross outliers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from stiffscope.gap.forward.forward_model import Noise
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.gap.forward.forward_model import ForwardModel
+
+    Array = NDArray[np.floating[Any]]
+    Flags = NDArray[np.bool_]
+
+OUTLYING = 6.0  # robust standard deviations
+PASSES = 6
+LOOSE = 3.0  # times the prior size that a parameter has in the joint fit
+OVERSTATED = 0.8  # share of the stated noise below which it is scaled down
+LARGEST = 1000  # readings from which the first guess of unknown noise is made
+FRACTIONS = np.geomspace(1e-5, 2.0, 80)  # of the gap, that may be noise
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """The joint fit: residuals in sigmas, and the share of the degrees of freedom that it leaves."""
+
+    residual: Array
+    free: float
+
+
+@dataclass(frozen=True)
+class _Columns:
+    """Columns (n, k) in sigmas with what all readings make of their inner products."""
+
+    values: Array
+
+    @cached_property
+    def _gram(self) -> Array:
+        return self.values.T @ self.values
+
+    def gram(self, weight: Array) -> Array:
+        """Inner products (k, k) with weights (n,), most of which are one."""
+        rest = self.values[weight != 1.0]
+        return self._gram - rest.T @ (rest * (1.0 - weight[weight != 1.0])[:, None])
+
+
+def noise_of(model: ForwardModel) -> Noise:
+    """Noise and outliers as the fit of all effects at once shows them, robustly.
+
+    Unknown sigmas are estimated by kind of reading. Stated ones that are all too large are brought down; ones that
+    are too small are left, since what they do not cover may be an effect that nobody knows.
+    """
+    campaign, prediction = model.campaign, model.predict()
+    joint = [c for c in model.library if c.scale and not (c.flexible or c.swarming)]
+    x = np.hstack([prediction.columns(c) * np.array(c.scale) for c in joint])
+    gap = campaign.value - prediction.values
+    unknown = np.isnan(campaign.sigma)
+    sigma = np.where(unknown, _first_guess(campaign, gap, x), campaign.sigma)
+    noise = Noise(sigma, np.ones(len(gap), dtype=np.bool_), np.zeros(len(gap), dtype=np.bool_), np.ones(1))
+    if len(gap) <= 2 * x.shape[1]:
+        return noise
+    fit, columns = _Fit(np.zeros(len(gap)), 1.0), _Columns(LOOSE * x / sigma[:, None])
+    for _ in range(PASSES):
+        fit = _joint_fit(columns, gap / noise.sigma, noise.used, fit)
+        before = noise.sigma
+        noise, fit = _judged(campaign, noise, fit)
+        columns = columns if np.array_equal(before, noise.sigma) else _Columns(LOOSE * x / noise.sigma[:, None])
+    return _remarked(campaign, noise, fit)
+
+
+def _first_guess(c: Campaign, gap: Array, x: Array) -> Array:
+    """Unknown sigmas (n,) as one share of the gap of their kind: the likeliest with all effects free."""
+    like = c.like
+    size = np.where(c.relative, np.abs(c.value), 1.0)
+    mean = np.sqrt(np.bincount(like, (gap / size) ** 2) / np.maximum(np.bincount(like), 1))
+    least = 1e-12 * float(np.abs(c.value).max())
+    unit = np.maximum(size * mean[like], np.where(c.relative, 1e-6 * size, max(least, 1e-300)))
+    some = np.unique(np.linspace(0, len(gap) - 1, min(len(gap), LARGEST)).astype(np.int64))
+    a, y = x[some] / unit[some, None], gap[some] / unit[some]
+    values, vectors = np.linalg.eigh(a @ a.T)
+    q = vectors.T @ y
+    spread = values.clip(min=0.0)[:, None] + FRACTIONS**2
+    likelihood = -0.5 * np.sum(q[:, None] ** 2 / spread + np.log(spread), axis=0)
+    return unit * FRACTIONS[int(np.argmax(likelihood))]
+
+
+def _joint_fit(columns: _Columns, y: Array, used: Flags, before: _Fit) -> _Fit:
+    """All effects at once, readings with a large residual before with less weight."""
+    a, weight = columns.values, used / np.maximum(1.0, np.abs(before.residual) / 2.0)
+    values, vectors = np.linalg.eigh(columns.gram(weight))
+    keep = values > 1e-8 * values[-1]
+    inverse = (vectors[:, keep] / values[keep]) @ vectors[:, keep].T
+    residual = y - a @ (inverse @ (a.T @ (weight * y)))
+    return _Fit(residual, max(1.0 - float(keep.sum()) / max(float(used.sum()), 1.0), 0.1))
+
+
+def _judged(c: Campaign, noise: Noise, fit: _Fit) -> tuple[Noise, _Fit]:
+    """Unknown noise by the robust scatter of its kind; outliers by the same measure."""
+    unknown = np.isnan(c.sigma)
+    like = c.like
+    scatter = np.ones(len(c))
+    for group in np.unique(like):
+        mine = (like == group) & noise.used
+        if mine.any():
+            scatter[like == group] = max(_scatter(fit.residual[mine]) / np.sqrt(fit.free), 1e-6)
+    residual = np.where(unknown, fit.residual / scatter, fit.residual)
+    used = np.abs(residual) < OUTLYING * np.where(unknown, 1.0, scatter)
+    sigma = np.where(unknown, noise.sigma * scatter, noise.sigma)
+    return replace(noise, sigma=sigma, used=used), replace(fit, residual=residual)
+
+
+def _remarked(c: Campaign, noise: Noise, fit: _Fit) -> Noise:
+    known = ~np.isnan(c.sigma)
+    sigma, remarks = noise.sigma, list(noise.remarks)
+    if known.any():
+        ratio = _scatter(fit.residual[known & noise.used]) / np.sqrt(fit.free)
+        if ratio < OVERSTATED:
+            sigma = np.where(known, ratio * sigma, sigma)
+            remarks.append(
+                f"the stated uncertainties, {1 / ratio:.2g} times what the readings scatter, were scaled down"
+            )
+    if not noise.used.all():
+        remarks.append(f"{int((~noise.used).sum())} gross outliers were left out")
+    return replace(noise, sigma=sigma, remarks=tuple(remarks))
+
+
+def _scatter(residual: Array) -> float:
+    """Standard deviation by the median of absolute values."""
+    return 1.4826 * float(cast("Array", np.median(np.abs(residual))))

@@ -1,0 +1,303 @@
+"""Nuisance patterns: faults that the vocabulary has no word for. Where one wins, nothing known explains the gap.
+
+They keep a wrong name from being given with confidence, and say in plain words what the readings look like instead.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.gap.campaign.quantities import AXES, DEFLECTION, DEVIATION
+from stiffscope.gap.forward.forward_model import UNNAMED, Candidate
+from stiffscope.gap.forward.robot_prediction import Pattern
+from stiffscope.robot.effects import Change, MechanicalEffect, added_diagonal, along_drive
+from stiffscope.vjm.linkage import HELD
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from stiffscope.gap.forward.mechanics import RobotAtPoses
+    from stiffscope.gap.forward.robot_prediction import RobotPrediction
+    from stiffscope.robot.effects import Changes
+    from stiffscope.vjm.mechanism import Joint
+
+    Array = NDArray[np.floating[Any]]
+
+_FULL_FORCE = 0.2  # share of the largest force in a drive from which its friction is overcome
+_SPRING = 1e6  # N/m: a spring towards the frame, times the parameter
+_LIKE_FORCE = 100.0  # N or N·m in a joint, under which its parameters are what it yields, m or rad
+_MOST_SESSIONS = 6
+_MOST_CROSSED = 12  # instruments and directions
+
+
+def nuisance_patterns(nominal: RobotPrediction) -> tuple[Candidate, ...]:
+    """Unnamed faults of parts, of the surroundings, of joints, and of the instruments in time."""
+    at = nominal.at
+    swarm = (replace(pattern, swarming=True) for pattern in (*_play_of(at), *_stiffening_of(nominal)))
+    return (*_parts(at), *_readings(at), *_crossings(at), *_sizes(at), *swarm)
+
+
+def _parts(at: RobotAtPoses) -> Iterator[Candidate]:
+    """Guides that yield in one way, bodies that are bowed."""
+    nominal = at.robot
+    guides = [j.name for j in at.mechanism.joints if j.kind == "prismatic" and j.drive is not None]
+    for name in guides:
+        yield _part(f"the whole guide of {name}", (1e-8,) * 3 + (1e-7,) * 3,
+                    partial(added_diagonal, {name: np.eye(6)}), "guide")  # fmt: skip
+    rods = {part: nominal.robot.bodies_of(part) for part in nominal.robot.parts}
+    for part, bodies in rods.items():
+        for names in ([*bodies], *([name] for name in bodies if len(bodies) > 1)):
+            if names and all(nominal.compliances[name].any() for name in names):
+                lengths = {name: nominal.length(name) for name in names}
+                place = f"bowed bodies, {part}" if len(names) > 1 else f"a bowed body, {names[0]}"
+                yield _part(place, (1e-4,), partial(_bowed, lengths), "bowed")
+
+
+def _readings(at: RobotAtPoses) -> Iterator[Candidate]:
+    """Of instruments, of loads, of drives and of the surroundings, as displacements show them."""
+    c, drives = at.campaign, list(at.robot.driven)
+    read, sessions = np.unique(c.channel[c.kind <= DEVIATION]), len(c.session_names)  # instruments that displace
+    channels, middle = len(read), at.configurations.tool[:, :3].mean(axis=0)
+    yield _unnamed("a drift of the gain in time", (0.05,), Pattern(_gain_drift))
+    if not channels:
+        return
+    yield _unnamed("a drift of the readings in time", (5e-6,) * channels, Pattern(partial(_drift, read)))
+    yield _unnamed("a gain of its own in every direction", (0.05,) * channels, Pattern(partial(_gains, read)))
+    if sessions > 1 and sessions <= _MOST_SESSIONS:
+        yield _unnamed("a gain of its own in a session", (0.05,), Pattern(partial(_session_gain, c.session.max())))
+        yield _unnamed("hysteresis between sessions of loading and unloading", (0.05,) * sessions, Pattern(_hysteresis))
+    yield _unnamed("a wrench that acts beside its point", (0.01,) * 3, Pattern(_off_centre))
+    if drives:
+        start = at.configurations.drives.mean(axis=0)
+        yield _unnamed("errors that grow along the rail", (1e-3,) * len(drives), Pattern(partial(_pitch, start)))
+        yield _unnamed("less motion at small loads", (1e-5,) * len(drives), Pattern(_friction))
+    if at.used[:6].all():
+        yield _unnamed(
+            "a stiffness towards the frame, growing with the distance", (0.01,) * 6, Pattern(partial(_tether, middle))
+        )
+    yield _unnamed("a zero of its own in every direction", (1e-5,) * channels, Pattern(partial(_zero, read)))
+
+
+def _crossings(at: RobotAtPoses) -> Iterator[Candidate]:
+    """What one instrument or direction shows of what others see: of M in all its directions, of sensors that read."""
+    c = at.campaign
+    read: list[int] = np.unique(c.channel[c.kind <= DEVIATION]).tolist()
+    at_tool = range(len(c.sensors), len(c.sensors) + len(AXES))
+    sources = {*read, *(at_tool if set(read).intersection(at_tool) else ())}
+    names = [name + (" at M" if k in at_tool else "") for k, name in enumerate(c.instruments)]
+    for sink in read if len(sources) <= _MOST_CROSSED else ():
+        for source in sorted(sources - {sink}):
+            crossed = Pattern(partial(_crosstalk, sink, source))
+            yield _unnamed(f"cross-talk from {names[source]} into {names[sink]}", (0.05,), crossed, "cross-talk")
+
+
+def _sizes(at: RobotAtPoses) -> Iterator[Candidate]:
+    """Rigid bodies larger or smaller than drawn."""
+    for body in at.mechanism.bodies if at.campaign.still.any() else ():
+        held = tuple(joint for joint in at.mechanism.joints if body.name in (joint.first, joint.second))
+        if body.elastic is None and len(held) > 1:
+            middle = np.mean([joint.at for joint in held], axis=0) if body.centre is None else body.centre
+            stretched = Pattern(partial(_stretched, body.name, middle, held))
+            yield _unnamed(f"a body of another size, {body.name}", (3e-4,) * 3, stretched, "size")
+
+
+def _play_of(at: RobotAtPoses) -> Iterator[Candidate]:
+    """Passive joints that lose motion across their axes, as drives do along theirs."""
+    for place, axes in _places(at, _passive(at)):
+        play = _unnamed(f"play at {place}", (1e-5,) * 2, Pattern(partial(_play, axes)), "play")
+        yield replace(play, like="backlash")
+
+
+def _stiffening_of(nominal: RobotPrediction) -> Iterator[Candidate]:
+    """Passive joints, across their axes, and drives that yield less and less beside what is in proportion to forces."""
+    at, known = nominal.at, nominal.campaign.sigma
+    weight = 1.0 / np.where(np.isnan(known), 1.0, known)[:, None]
+    along = {name: np.abs(along_drive(joint)) for name, joint in at.robot.driven.items()}
+    for place, axes in (*_places(at, _passive(at)), *_places(at, along)):
+        straight, curved = np.split(weight * _yielding(axes, nominal), [1], axis=1)
+        shares = (straight.T @ curved) / max(float(np.sum(straight**2)), 1e-300)
+        stiffening = Pattern(partial(_stiffening, axes, shares))
+        yield _unnamed(f"stiffening at {place}", (1e-5,) * 2, stiffening, "stiffening")
+
+
+def _places(at: RobotAtPoses, axes: Mapping[str, Array]) -> Iterator[tuple[str, dict[str, Array]]]:
+    """Places of joints with axes (6,) along which displacements may show what is wrong, each with its joints' axes."""
+    read = (at.campaign.kind <= DEVIATION).any()
+    for place in at.robot.places(name for name, along in axes.items() if read and along.any()):
+        yield place.name, {name: axes[name] for name in place.members}
+
+
+def _passive(at: RobotAtPoses) -> dict[str, Array]:
+    """Joints without a drive, with what each holds across its axis (6,)."""
+    return {joint.name: _across(joint) for joint in at.mechanism.joints if joint.drive is None}
+
+
+def _across(joint: Joint) -> Array:
+    """Which translations, of its coordinates (6,), a joint holds across its axis; a ball has none, and holds all."""
+    held = np.zeros(6)
+    held[[k for k in HELD[joint.kind][0] if k > 0 or joint.axis is None]] = 1.0
+    return held
+
+
+def _part(place: str, scale: tuple[float, ...], changes: Callable[[Array], Changes], pattern: str) -> Candidate:
+    return _unnamed(place, scale, MechanicalEffect(UNNAMED, place, (), (), changes), pattern)
+
+
+def _unnamed(place: str, scale: tuple[float, ...], action: object, pattern: str = "") -> Candidate:
+    names, units = tuple(f"p{k + 1}" for k in range(len(scale))), ("",) * len(scale)
+    free = ((-np.inf, np.inf),) * len(scale)
+    return Candidate(UNNAMED, place, names, units, scale, free, pattern=pattern or place, action=action)
+
+
+def _bowed(lengths: Mapping[str, float], values: Array) -> Changes:
+    """Bodies of a uniform curvature: the free end rises by ``κ L²/2`` and turns by ``κ L``."""
+    return {
+        name: Change(offset=values[0] * np.array([0.0, 0.0, length**2 / 2.0, 0.0, -length, 0.0]))
+        for name, length in lengths.items()
+    }
+
+
+def _stretched(body: str, middle: Array, held: Sequence[Joint], prediction: RobotPrediction) -> Array:
+    """A rigid body that is larger than drawn along x, y, z of home: its joints stand further from its middle (3,)."""
+    where, pose, still = prediction.at.rest, prediction.campaign.pose, prediction.campaign.still
+    columns = np.zeros((len(pose), 3))
+    for joint in held:
+        axes = where.rotation[joint.first] @ joint.axes
+        away = np.swapaxes(axes, -1, -2) @ where.rotation[body] @ np.diag(joint.at - middle)  # (p or 1, 3, 3)
+        away = np.broadcast_to(away if body == joint.first else -away, (pose.max() + 1, 3, 3))
+        columns += np.einsum("ni,nik->nk", prediction.felt(joint.name)[0][:, :3], away[pose])
+    return np.where(still[:, None], columns, 0.0)
+
+
+def _by_channel(read: NDArray[np.int64], prediction: RobotPrediction, size: Array) -> Array:
+    """Columns (n, k): ``size`` (n,) in each of the instruments and directions read (k,)."""
+    c = prediction.campaign
+    return np.where(c.kind <= DEVIATION, size, 0.0)[:, None] * (c.channel[:, None] == read)
+
+
+def _time(prediction: RobotPrediction) -> Array:
+    """0 at the first reading of the campaign, 1 at the last."""
+    c = prediction.campaign
+    order = np.lexsort((c.line, c.file))
+    time = np.empty(len(c))
+    time[order] = np.linspace(0.0, 1.0, len(c))
+    return time
+
+
+def _drift(read: NDArray[np.int64], prediction: RobotPrediction) -> Array:
+    return _by_channel(read, prediction, _time(prediction))
+
+
+def _zero(read: NDArray[np.int64], prediction: RobotPrediction) -> Array:
+    return _by_channel(read, prediction, np.ones(len(prediction.campaign)))
+
+
+def _gain_drift(prediction: RobotPrediction) -> Array:
+    return (_time(prediction) * prediction.plain)[:, None]
+
+
+def _gains(read: NDArray[np.int64], prediction: RobotPrediction) -> Array:
+    return _by_channel(read, prediction, prediction.plain)
+
+
+def _session_gain(last: float, prediction: RobotPrediction) -> Array:
+    return ((prediction.campaign.session == last) * prediction.plain)[:, None]
+
+
+def _hysteresis(prediction: RobotPrediction) -> Array:
+    """Rayleigh's loop: ``(a² - x²)/a`` towards the load, a the largest reading of its like at the pose, by session."""
+    c, x = prediction.campaign, prediction.plain
+    loaded = c.kind == DEFLECTION
+    key = np.stack([c.pose, c.channel, c.load], axis=1)
+    group = np.unique(key, axis=0, return_inverse=True)[1].ravel()
+    largest = np.zeros(group.max() + 1)
+    np.maximum.at(largest, group[loaded], np.abs(x[loaded]))
+    a = np.where(largest[group] > 0.0, largest[group], 1.0)
+    loop = np.where(loaded, np.sign(x) * np.maximum(a**2 - x**2, 0.0) / a, 0.0)
+    return loop[:, None] * np.eye(len(c.session_names))[c.session]
+
+
+def _crosstalk(sink: int, source: int, prediction: RobotPrediction) -> Array:
+    """A share of what another instrument or direction would show in what one shows."""
+    c = prediction.campaign
+    rows = np.flatnonzero((c.channel == sink) & (c.kind <= DEVIATION))
+    column = np.zeros((len(c), 1))
+    column[rows, 0] = prediction.seen_by(source, rows)
+    return column
+
+
+def _off_centre(prediction: RobotPrediction) -> Array:
+    """The wrench acts beside its point: its force has moments about it."""
+    force = np.nan_to_num(prediction.campaign.wrench[:, :3])
+    return np.stack([prediction.applied_motion(np.cross(axis, force)) for axis in np.eye(3)], axis=1)
+
+
+def _pitch(start: Array, prediction: RobotPrediction) -> Array:
+    """Pitch errors of the drives: each grows from where the campaign's readings have their middle (d,)."""
+    c = prediction.campaign
+    still, away = c.still, prediction.at.configurations.drives - start
+    columns: list[Array] = []
+    for k, drive in enumerate(prediction.at.robot.driven):
+        columns.append(np.where(still, away[c.pose, k] * prediction.by_drive(drive), 0.0))
+    return np.stack(columns, axis=1)
+
+
+def _tether(middle: Array, prediction: RobotPrediction) -> Array:
+    """Springs from the frame to the tool, slack in the middle (3,): they stiffen, and pull back, along x, y, z."""
+    c = prediction.campaign
+    columns: list[Array] = []
+    read, applied = prediction.at_terminals
+    places = prediction.at.configurations.tool[:, :3]
+    for k in range(3):
+        columns.append(-_SPRING * read[:, k] * np.where(c.still, 0.0, applied[:, k]))
+        pull = -_SPRING * (places[:, k] - middle[k])
+        columns.append(np.where(c.still, read[:, k] * pull[c.pose], 0.0))
+    return np.stack(columns, axis=1)
+
+
+def _play(across: Mapping[str, Array], prediction: RobotPrediction) -> Array:
+    """Motion lost towards the force: in every direction alike, and along either axis of its own."""
+    columns = np.zeros((len(prediction.campaign), 2))
+    for name, axes in across.items():
+        read, force = (each * axes for each in prediction.felt(name))
+        signs = prediction.towards(force)
+        size = np.linalg.norm(force, axis=1, keepdims=True)
+        round_gap = np.where(signs.any(axis=1, keepdims=True), force / np.where(size > 0.0, size, 1.0), 0.0)
+        columns += np.stack([np.sum(read * each, axis=1) for each in (round_gap, signs)], axis=1)
+    return columns
+
+
+def _stiffening(across: Mapping[str, Array], shares: Array, prediction: RobotPrediction) -> Array:
+    """Yielding out of proportion to the force, less shares (1, 2) of yielding in proportion, which has a word."""
+    straight, curved = np.split(_yielding(across, prediction), [1], axis=1)
+    return curved - straight @ shares
+
+
+def _yielding(across: Mapping[str, Array], prediction: RobotPrediction) -> Array:
+    """Columns (n, 3): what joints yield by their force, by its cube root, and by its square, beyond that at rest."""
+    c = prediction.campaign
+    columns = np.zeros((len(c), 3))
+    for name, axes in across.items():
+        read, force = (each * axes for each in prediction.felt(name))
+        rest = np.where(c.still[:, None], 0.0, prediction.resting(name) * axes) / _LIKE_FORCE
+        whole = rest + force / _LIKE_FORCE
+        steps = [whole - rest, np.cbrt(whole) - np.cbrt(rest), whole * np.abs(whole) - rest * np.abs(rest)]
+        columns += np.stack([np.sum(read * step, axis=1) for step in steps], axis=1)
+    return np.where((c.kind <= DEVIATION)[:, None], columns, 0.0)
+
+
+def _friction(prediction: RobotPrediction) -> Array:
+    """Drives that lose a fixed force to their guides: less motion, by a fixed amount towards the force."""
+    deflected = prediction.campaign.kind == DEFLECTION
+    columns: list[Array] = []
+    for drive in prediction.at.robot.driven:
+        force = np.where(deflected, prediction.drive_force(drive), 0.0)
+        lost = np.clip(force / max(_FULL_FORCE * np.abs(force).max(initial=0.0), 1e-9), -1.0, 1.0)
+        columns.append(lost * prediction.by_drive(drive))
+    return np.stack(columns, axis=1)

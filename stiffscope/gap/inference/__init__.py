@@ -1,0 +1,1 @@
+"""Which effects explain the readings, and how surely."""

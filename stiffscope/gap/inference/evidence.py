@@ -1,0 +1,337 @@
+"""Evidence and posterior of linearized hypotheses under Gaussian noise and a discrepancy of unknown size.
+
+Everything follows from inner products of whitened columns (Gram matrices), which are formed once and cut into
+hypotheses; the discrepancy enters them by Woodbury's identity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from scipy.special import erfc, erfcx  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.gap.forward.forward_model import Noise
+
+    Array = NDArray[np.floating[Any]]
+    Flags = NDArray[np.bool_]
+    Codes = NDArray[np.int64]
+
+DISCREPANCIES = np.geomspace(1e-3, 0.1, 5)  # sizes relative to the readings
+_PARALLEL = 1e-12  # of the larger squared length, below which two features of a group are one
+_SWEEPS = 2  # over the effects, for their prior sizes
+
+
+@dataclass(frozen=True)
+class Projection:
+    """Columns (n, c) as inner products need them: what features leave, by stated and scaled noise, and the rest.
+
+    Together squares of these make the column's, so that an inner product is a sum of products with positive weights: a
+    difference would be rounding where a few readings are far more certain than others.
+    """
+
+    stated: Array
+    scaled: Array
+    features: Array
+    """(f, c) components along the features, of unit length."""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Distribution of readings about a hypothesis, in units of sigma, in q settings of what is unknown of it.
+
+    Covariance of a setting: ``diag(factor² where scaled, 1 elsewhere) + size² Σ φ φᵀ`` with orthogonal features φ, each
+    of which covers the readings of one kind at one pose in one direction.
+    """
+
+    noise: Noise
+    group: Codes
+    """(n,) which pair of features covers a reading."""
+    shape: Array
+    """(n, 2) the features' values."""
+    norms: Array
+    """(f,) squared lengths of the features over the readings that are used."""
+    factors: Array
+    """(q,) of the common unknown factor on the noise."""
+    sizes: Array
+    """(q,) of the discrepancy, relative to the readings."""
+    log_weight: Array
+    """(q,) prior and determinant of the covariance, as a logarithm."""
+
+    def project(self, columns: Array) -> Projection:
+        """Columns (n, c) made ready for inner products."""
+        used, scaled = self.noise.used, self.noise.scaled
+        if not len(self.norms):
+            return Projection(columns[used & ~scaled], columns[used & scaled], np.zeros((0, columns.shape[1])))
+        here = columns[used]
+        group, shape = self.group[used], self.shape[used]
+        order = np.argsort(group, kind="stable")
+        starts = np.searchsorted(group[order], np.arange(len(self.norms) // 2))
+        length = np.sqrt(self.norms).reshape(2, -1)
+        parts: list[Array] = []
+        for j in (0, 1):
+            unit = np.divide(shape[:, j], length[j, group], out=np.zeros(len(group)), where=length[j, group] > 0.0)
+            parts.append(np.add.reduceat(unit[order, None] * here[order], starts, axis=0))
+            here = here - unit[:, None] * parts[j][group]
+        return Projection(here, here[:0], np.concatenate(parts))
+
+    def inner(self, left: Projection, right: Projection) -> Array:
+        """Inner products (q, c, d) of columns by the inverse covariance of every setting."""
+        weights = self.factors**-2.0
+        out = (left.stated.T @ right.stated)[None] + weights[:, None, None] * (left.scaled.T @ right.scaled)
+        for k, size in enumerate(self.sizes):
+            out[k] += left.features.T @ (right.features / (1.0 + size**2 * self.norms)[:, None])
+        return out
+
+    def inner_at(self, setting: int, columns: Array) -> Array:
+        """Inner products (c, c) of columns (n, c) in one setting."""
+        one = Errors(
+            self.noise,
+            self.group,
+            self.shape,
+            self.norms,
+            *(v[setting : setting + 1] for v in (self.factors, self.sizes, self.log_weight)),
+        )
+        projected = one.project(columns)
+        return one.inner(projected, projected)[0]
+
+
+def errors_of(campaign: Campaign, noise: Noise, log_odds: float) -> Errors:
+    """Distribution of the readings about a hypothesis.
+
+    Where the noise is known up to a factor, that factor takes up what is left unknown; otherwise a discrepancy may be
+    there, with prior odds ``log_odds`` and a size that is equally likely on a grid: within each pose, kind and
+    direction of the readings a share of its own of the readings' value, and one of their rms in that direction.
+
+    References
+    ----------
+    Kennedy and O'Hagan, Bayesian calibration of computer models, J. R. Statist. Soc. B 63 (2001), 425-464.
+
+    """
+    none = np.zeros((len(campaign), 2)), np.zeros(0)
+    group = np.zeros(len(campaign), dtype=np.int64)
+    if noise.scaled.any() or not noise.used.any():
+        factors = noise.factors if (noise.used & noise.scaled).any() else np.ones(1)
+        weight = -float((noise.used & noise.scaled).sum()) * np.log(factors) - np.log(len(factors))
+        return Errors(noise, group, *none, factors, np.zeros(len(factors)), weight)
+    group, shape, norms = _features(campaign, noise)
+    sizes = np.concatenate([[0.0], DISCREPANCIES])
+    volume = -0.5 * np.log1p(sizes[:, None] ** 2 * norms).sum(axis=1)
+    prior = np.concatenate([[0.0], np.full(len(DISCREPANCIES), log_odds - np.log(len(DISCREPANCIES)))])
+    return Errors(noise, group, shape, norms, np.ones(len(sizes)), sizes, volume + prior)
+
+
+def _without_scatter(c: Campaign, noise: Noise) -> Array:
+    """Each reading (n,) as the mean of all that repeat it: a share of its own scatter would be no discrepancy."""
+    taken = np.column_stack([c.pose, c.quantity, c.sensor, c.load, np.nan_to_num(c.wrench)])
+    same = np.unique(taken, axis=0, return_inverse=True)[1].ravel()
+    mean = np.bincount(same, np.where(noise.used, c.value, 0.0)) / np.maximum(np.bincount(same, noise.used), 1.0)
+    return mean[same]
+
+
+def _features(c: Campaign, noise: Noise) -> tuple[Codes, Array, Array]:
+    """Group of each reading (n,), its two features (n, 2) made orthogonal within the group, their squared lengths."""
+    axis = c.kind * 6 + c.direction
+    group = np.unique(np.where(noise.used, c.pose * (axis.max() + 1) + axis, -1), return_inverse=True)[1].ravel()
+    group = (group - (0 if noise.used.all() else 1)).astype(np.int64)
+    safe, count = group.clip(min=0), int(group.max()) + 1
+    value = np.where(noise.used, _without_scatter(c, noise), 0.0)
+    mean = np.sqrt(np.bincount(axis, value**2) / np.maximum(np.bincount(axis, noise.used), 1))
+    raw = np.stack([mean[axis], value], axis=1) * (noise.used / noise.sigma)[:, None]
+    gram = np.stack(
+        [np.bincount(safe, raw[:, i] * raw[:, j], minlength=count) for i in (0, 1) for j in (0, 1)], axis=1
+    ).reshape(-1, 2, 2)
+    norms, turn = np.linalg.eigh(gram)
+    norms = np.where(norms > _PARALLEL * norms[:, 1:], norms, 0.0)
+    return safe, np.einsum("ni,nij->nj", raw, turn[safe]), norms.T.ravel()
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """What is known of the parameters u (k,) of ``y = X u + errors`` after the data."""
+
+    log_evidence: float
+    """ln p(y), up to what is the same for all hypotheses."""
+    mean: Array
+    """(k,) of u."""
+    covariance: Array
+    """(k, k) of u."""
+    sizes: Array
+    """(k,) likeliest multiples of the prior sizes."""
+    averaging: float
+    """What averaging over prior sizes adds to ``log_evidence``."""
+    settings: Array
+    """(q,) probabilities of the errors' settings."""
+    plain: float
+    """ln p(y) without a discrepancy."""
+    noise_factor: float = 1.0
+    """Geometric mean of the common unknown factor on the noise."""
+    discrepancy: float = 0.0
+    """Rms of the discrepancy's relative size."""
+
+
+def posterior(
+    errors: Errors, y: Array, x: Array, scale: Array, owner: Codes, positive: Flags, sizes: Array
+) -> Posterior:
+    """Posterior of u for a linear hypothesis, on the readings that are used.
+
+    The prior is ``u ~ N(0, diag(m scale)²)`` with a size m of its own for every effect from a grid, equally likely;
+    where u cannot be negative it is the half above zero. The errors' settings are summed over. Sizes are averaged
+    effect by effect about the likeliest, exact for one effect, and widen each effect's own uncertainties. Laplace's
+    approximation at the constrained optimum, exact without constraints.
+
+    Parameters
+    ----------
+    errors
+        Distribution of y about X u.
+    y
+        (n,) in units of sigma.
+    x
+        (n, k) in the same units.
+    scale, owner, positive
+        (k,) prior size, the number of the effect it belongs to, and whether negative values are impossible.
+    sizes
+        (s,) grid of m.
+
+    References
+    ----------
+    MacKay, Information Theory, Inference, and Learning Algorithms, ch. 28 (Occam factors).
+
+    """
+    projected = errors.project(np.column_stack([x, y]))
+    inner, k = errors.inner(projected, projected), len(scale)
+    grams, pulls, totals = inner[:, :k, :k], inner[:, :k, k], inner[:, k, k]
+
+    def logs_of(multiples: Array) -> Array:
+        """Ln evidence (q, s) for prior sizes (s, k)."""
+        return log_evidences(grams, pulls, totals, errors.log_weight, multiples * scale, positive)[0]
+
+    def moments_of(multiples: Array) -> tuple[Array, Array, Array]:
+        """Ln evidence (q, s), means (q, s, k) and covariances (q, s, k, k) for prior sizes (s, k)."""
+        log, means, cores = log_evidences(grams, pulls, totals, errors.log_weight, multiples * scale, positive)
+        spread = multiples * scale
+        return log, means, spread[:, :, None] * np.linalg.inv(cores) * spread[:, None, :]
+
+    tried = np.repeat(sizes[:, None], k, axis=1)
+    logs = _sum(logs_of(tried), axis=0)
+    chosen = tried[int(np.argmax(logs))]
+    count = int(owner.max()) + 1 if k else 0
+    averaging = float(_sum(logs) - logs.max()) - np.log(len(sizes)) if count == 1 else 0.0
+    for _ in range(_SWEEPS if count > 1 and len(sizes) > 1 else 0):
+        averaging, before = 0.0, chosen
+        for effect in range(count):
+            tried = np.where(owner == effect, sizes[:, None], chosen)
+            logs = _sum(logs_of(tried), axis=0)
+            chosen = tried[int(np.argmax(logs))]
+            averaging += float(_sum(logs) - logs.max()) - float(np.log(len(sizes)))
+        if np.array_equal(before, chosen):
+            break
+    log, means, covariances = moments_of(chosen[None])
+    share = np.exp(log[:, 0] - _sum(log[:, 0]))
+    mean = share @ means[:, 0]
+    covariance = _spread(share[:, None], means, covariances, mean)
+    wider = np.ones(k)
+    for effect in range(count if len(sizes) > 1 else 0):  # by how much, as its prior size is not known either
+        logs, means, covariances = moments_of(np.where(owner == effect, sizes[:, None], chosen))
+        variance = np.diagonal(_spread(np.exp(logs - _sum(logs)), means, covariances, mean))
+        wider = np.where(owner == effect, np.sqrt(variance / np.diagonal(covariance)).clip(min=1.0), wider)
+    covariance = wider[:, None] * covariance * wider
+    return Posterior(
+        float(_sum(log[:, 0])) + averaging,
+        mean,
+        covariance,
+        chosen,
+        averaging,
+        share,
+        float(_sum(log[errors.sizes == 0.0, 0])) + averaging,
+        float(np.exp(share @ np.log(errors.factors))),
+        float(np.sqrt(share @ errors.sizes**2)),
+    )
+
+
+def _spread(weight: Array, means: Array, covariances: Array, about: Array) -> Array:
+    """Second moment (k, k) about a point (k,) of a mixture of Gaussians with weights (q, s)."""
+    away = means - about
+    return np.einsum("qs,qsij->ij", weight, covariances) + np.einsum("qs,qsi,qsj->ij", weight, away, away)
+
+
+def log_evidences(
+    grams: Array, pulls: Array, totals: Array, log_weight: Array, scales: Array, positive: Flags
+) -> tuple[Array, Array, Array]:
+    """Ln evidence of linear hypotheses in every setting of the errors and for every prior size, all at once.
+
+    Parameters
+    ----------
+    grams, pulls, totals
+        (..., q, k, k), (..., q, k), (..., q) inner products of columns and readings.
+    log_weight
+        (q,) of the settings.
+    scales
+        (..., s, k) prior sizes.
+    positive
+        (k,) which parameters cannot be negative.
+
+    Returns
+    -------
+        Ln evidence (..., q, s), means (..., q, s, k), and (..., q, s, k, k): posterior precision over prior precision.
+
+    """
+    wide = scales[..., None, :, :]  # (..., 1, s, k)
+    cores = wide[..., :, None] * grams[..., :, None, :, :] * wide[..., None, :]
+    cores = cores + np.eye(scales.shape[-1]) * (1.0 + 1e-12 * np.trace(cores, axis1=-2, axis2=-1))[..., None, None]
+    b = wide * pulls[..., :, None, :]
+    u, free = constrained_minima(cores, b, positive)
+    fit = 2.0 * np.sum(u * b, axis=-1) - np.einsum("...i,...ij,...j->...", u, cores, u)
+    pivots = np.diagonal(cast("Array", np.linalg.cholesky(cores)), axis1=-2, axis2=-1)
+    log = -0.5 * (totals[..., None] - fit) - np.log(pivots).sum(axis=-1) + log_weight[:, None]
+    return log + _above_zero(cores, b, u, free, positive), wide * u, cores
+
+
+def _above_zero(cores: Array, b: Array, u: Array, free: Flags, positive: Flags) -> Array:
+    """What Laplace's approximation lacks where parameters cannot be negative, as a logarithm (...).
+
+    Of each the share of its Gaussian above zero, over the prior's half: where it is free its own, and where it is held
+    at zero that beside the others as they are, whose optimum lies below. Exact for independent parameters.
+    """
+    if not positive.any():
+        return np.zeros(u.shape[:-1])
+    deviation = np.sqrt(np.diagonal(np.linalg.inv(cores), axis1=-2, axis2=-1))
+    beside = np.sqrt(np.diagonal(cores, axis1=-2, axis2=-1))
+    pull = (b - np.einsum("...ij,...j->...i", cores, u)) / beside
+    away = np.abs(np.where(free, u / deviation, pull)) / np.sqrt(2.0)
+    share = np.asarray(np.where(free, erfc(-away), erfcx(away)), dtype=float)
+    return np.where(positive, np.log(share), 0.0).sum(axis=-1)
+
+
+def constrained_minima(matrices: Array, pulls: Array, positive: Flags) -> tuple[Array, Flags]:
+    """Minima (..., k) of ``½ uᵀ A u - bᵀ u`` with some u ≥ 0, the most negative dropped one at a time; which are free.
+
+    Not `scipy.optimize.nnls`, which takes a factor of one A and constrains every parameter.
+    """
+    shape, k = pulls.shape, pulls.shape[-1]
+    if k == 0:
+        return pulls, np.ones(shape, dtype=np.bool_)
+    a, b = matrices.reshape(-1, k, k), pulls.reshape(-1, k)
+    free = np.ones(b.shape, dtype=np.bool_)
+    u = np.linalg.solve(a, b[..., None])[..., 0]
+    if positive.any():
+        root = np.sqrt(np.diagonal(a, axis1=1, axis2=2))
+        left = np.arange(len(b))
+        while len(left):
+            wrong = np.where(positive & free[left], u[left] * root[left], 0.0)
+            left, worst = left[wrong.min(axis=1) < 0.0], np.argmin(wrong, axis=1)[wrong.min(axis=1) < 0.0]
+            free[left, worst] = False
+            keep = free[left]
+            held = np.where(keep[:, :, None] & keep[:, None, :], a[left], 0.0) + np.eye(k) * ~keep[:, None, :]
+            u[left] = np.linalg.solve(held, np.where(keep, b[left], 0.0)[..., None])[..., 0]
+    return u.reshape(shape), free.reshape(shape)
+
+
+def _sum(logs: Array, axis: int | None = None) -> Any:
+    """Ln of the sum of what these are logarithms of."""
+    return np.logaddexp.reduce(logs.ravel() if axis is None else logs, axis=axis or 0)

@@ -1,0 +1,108 @@
+"""What to measure next: the reading that best separates two explanations."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.gap.campaign.campaign import AT_TOOL
+from stiffscope.gap.campaign.quantities import DEVIATION, QUANTITIES
+from stiffscope.gap.inference.diagnosis import NextMeasurement
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+    from stiffscope.gap.forward.forward_model import Trial
+    from stiffscope.gap.inference.hypothesis import Hypothesis
+
+    Array = NDArray[np.floating[Any]]
+    Predicted = tuple[Array, Array, Array]
+
+WORTHWHILE = 1.0  # expected ln-odds from which a reading is worth taking
+
+
+def next_measurement(trial: Trial, first: Hypothesis, others: Iterable[Hypothesis]) -> NextMeasurement | None:
+    """Return the measurement with the greatest expected ln-odds between an explanation and one of others.
+
+    Parameters
+    ----------
+    trial
+        The measurements that are offered.
+    first
+        The explanation that is taken to be true.
+    others
+        Explanations that compete with it: the first of them counts that readings can separate.
+
+    Returns
+    -------
+        None where no reading brings more than `WORTHWHILE`.
+
+    """
+    here = _predicted(trial, first)
+    for second in others:
+        gain = expected_log_odds(trial, here, _predicted(trial, second))
+        best = int(np.argmax(gain))
+        if gain[best] >= WORTHWHILE:
+            return _measurement(trial, first, second, best, float(gain[best]))
+    return None
+
+
+def _measurement(trial: Trial, first: Hypothesis, second: Hypothesis, best: int, gain: float) -> NextMeasurement:
+    """One of the measurements that are offered, in the words of a campaign."""
+    separates = tuple(" + ".join(sorted(h.names)) or "no effect" for h in (first, second))
+    c = trial.model.campaign
+    rows = np.flatnonzero(trial.group == best)
+    row = int(rows[0])
+    pose, code = int(c.pose[row]), int(c.quantity[row])
+    if np.isnan(c.poses).any():
+        return NextMeasurement(separates, gain, pose=c.pose_names[pose], quantity=QUANTITIES[code])
+    read = np.unique(c.sensor[rows])
+    kind = "deviation" if code // 6 == DEVIATION else "deflection"
+    return NextMeasurement(
+        separates,
+        gain,
+        dict(zip(c.coordinates, (float(v) for v in c.poses[pose]), strict=True)),
+        None if np.isnan(c.wrench[row]).any() else tuple(float(w) for w in c.wrench[row]),
+        None,
+        kind if len(rows) > 1 else QUANTITIES[code],
+        tuple(c.sensors[int(k)].name for k in read if k != AT_TOOL) or None,
+        None if c.load[row] == AT_TOOL or not c.wrench[row].any() else c.loads[int(c.load[row])].name,
+    )
+
+
+def expected_log_odds(trial: Trial, first: Predicted, second: Predicted) -> Array:
+    """Expected ln-odds (g,) of each measurement between two explanations, if the first is true.
+
+    The relative entropy of their predictive distributions: Gaussians with the noise and with what is unknown of their
+    parameters. A difference that the second's parameters can take up thus counts for nothing.
+
+    References
+    ----------
+    MacKay, Information-based objective functions for active data selection, Neural Computation 4 (1992), 590-604.
+
+    """
+    (m1, x1, c1), (m2, x2, c2) = first, second
+    gain = np.zeros(int(trial.group.max()) + 1)
+    order = np.argsort(trial.group, kind="stable")
+    groups, starts, counts = np.unique(trial.group[order], return_index=True, return_counts=True)
+    for count in np.unique(counts):
+        rows = order[starts[counts == count][:, None] + np.arange(count)]  # (m, count)
+        difference = (m2 - m1)[rows]
+        s1, s2 = (
+            np.eye(count) + x[rows] @ covariance @ np.swapaxes(x[rows], 1, 2) for x, covariance in ((x1, c1), (x2, c2))
+        )
+        volume = np.linalg.slogdet(s2)[1] - np.linalg.slogdet(s1)[1]
+        trace = np.trace(np.linalg.solve(s2, s1), axis1=1, axis2=2)
+        distance = np.einsum("mi,mi->m", difference, np.linalg.solve(s2, difference[..., None])[..., 0])
+        gain[groups[counts == count]] = 0.5 * (distance + trace - count + volume)
+    return gain
+
+
+def _predicted(trial: Trial, hypothesis: Hypothesis) -> Predicted:
+    """Readings (n,) and their derivatives (n, k) in standard deviations, and the parameters' covariance (k, k)."""
+    prediction = trial.model.predict(hypothesis.parameters)
+    columns = [np.zeros((len(trial.sigma), 0)), *(prediction.columns(c) for c in hypothesis.candidates)]
+    return prediction.values / trial.sigma, np.hstack(columns) / trial.sigma[:, None], hypothesis.covariance

@@ -1,0 +1,268 @@
+"""Nonlinear fits of sets of effects, and the prior of such sets."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.gap.forward.forward_model import word_of
+from stiffscope.gap.inference.evidence import constrained_minima, errors_of, posterior
+from stiffscope.gap.inference.hypothesis import Hypothesis, bounded, owner_of, positive_of, scale_of, split
+from stiffscope.gap.inference.plausibility import implausible
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from stiffscope.gap.forward.forward_model import Candidate, ForwardModel, Noise, Prediction
+    from stiffscope.gap.inference.evidence import Errors, Posterior, Projection
+
+    Array = NDArray[np.floating[Any]]
+
+PRIOR_ODDS = 0.25  # of one effect more, shared by the words of the vocabulary and by their places
+UNKNOWN = 0.1  # of these odds, those of an unknown cause, shared by the kinds of patterns and by their places
+STRANGE = 0.01  # of an effect's odds, those of its parameters beyond what is plausible
+MARGIN = 30.0  # ln-odds behind the best to first order up to which a set is fitted,
+DOUBT = 0.2  # or this share of the best one's gain, since first order errs by a share of it
+CURVED = 0.1  # error of the linear prediction, over the change predicted, from which derivatives are taken anew
+_STEPS = 12  # of Gauss-Newton
+_CONVERGED = 1e-3  # of the cost, χ² with the prior's: a step that lowers it by less is not taken,
+_SETTLED = 0.05  # and one by less than this is the last
+_REPEATED = 4  # descents more at most, each in the sizes that the one before makes the likeliest
+_DAMPING = (1.0, 0.5, 0.25, 0.1, 0.02)
+
+
+@dataclass(frozen=True)
+class Library:
+    """Derivatives of all effects about one prediction, with the inner products that scoring a further effect needs."""
+
+    candidates: tuple[Candidate, ...]
+    columns: tuple[slice, ...]
+    """Where each candidate's stand; of one without parameters, its step."""
+    values: Array
+    """(n, c) in units of sigma."""
+    projection: Projection
+    blocks: tuple[Array, ...]
+    """Inner products (q, k, k) of each candidate's columns."""
+
+    @cached_property
+    def _by_candidate(self) -> dict[int, Array]:
+        pairs = zip(self.candidates, self.columns, strict=True)
+        return {id(candidate): self.values[:, here] for candidate, here in pairs}
+
+    def of(self, candidate: Candidate) -> Array:
+        """A candidate's derivatives (n, k), or its step (n, 1)."""
+        return self._by_candidate[id(candidate)]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A forward model with its noise, and the prior of sets of effects."""
+
+    model: ForwardModel
+    noise: Noise
+    odds: float = PRIOR_ODDS
+    widening: float = 1.0
+    """Factor on all prior sizes."""
+
+    @cached_property
+    def _known(self) -> Counter[str]:
+        """At how many places each word of the vocabulary may be."""
+        return Counter(word_of(n) for n in {n for c in self.model.library if not c.unnamed for n in c.signature_of})
+
+    @cached_property
+    def _unknown(self) -> Counter[str]:
+        """The same of each kind of nuisance pattern, of which a discrepancy is one."""
+        return Counter(["", *(c.pattern for c in self.model.library if c.unnamed)])
+
+    def odds_of(self, candidate: Candidate) -> Array:
+        """Prior odds (t,) of an effect and of each of its twins: all words alike, and all places of a word."""
+        if candidate.unnamed:
+            return np.array([self._odds_of_pattern(candidate.pattern)])
+        places = np.array([max(self._known[word_of(name)], 1) for name in candidate.signature_of])
+        return self.odds / max(len(self._known), 1) / places
+
+    def _odds_of_pattern(self, pattern: str) -> float:
+        return UNKNOWN * self.odds / len(self._unknown) / max(self._unknown[pattern], 1)
+
+    @cached_property
+    def errors(self) -> Errors:
+        """Distribution of the readings about a hypothesis; a discrepancy is as likely as a kind of patterns."""
+        return errors_of(self.model.campaign, self.noise, float(np.log(self._odds_of_pattern(""))))
+
+    @cached_property
+    def sizes(self) -> Array:
+        """Multiples (s,) of the candidates' prior sizes."""
+        return self.widening * self.model.prior_sizes
+
+    def log_prior(self, candidates: Sequence[Candidate]) -> float:
+        """Ln prior odds of a set of effects against none."""
+        return float(sum(np.log(self.odds_of(c).sum()) for c in candidates))
+
+    def log_odds(self, hypothesis: Hypothesis) -> float:
+        """Ln prior odds of a hypothesis against none: of its effects, and of parameters that are not plausible."""
+        strange = sum(bool(implausible(c, hypothesis)) for c in hypothesis.words)
+        return self.log_prior(hypothesis.candidates) + strange * float(np.log(STRANGE))
+
+    def posterior(self, candidates: Sequence[Candidate], y: Array, x: Array) -> Posterior:
+        """Posterior of the parameters of ``y = X u + errors``, without the prior odds of the set."""
+        scale, owner = scale_of(candidates), owner_of(candidates)
+        return posterior(self.errors, y, x, scale, owner, positive_of(candidates), self.sizes)
+
+    def reweighted(self, hypothesis: Hypothesis) -> float:
+        """Ln of evidence times prior odds of a hypothesis that was fitted under another prior."""
+        known = self.posterior(hypothesis.candidates, hypothesis.linear, hypothesis.slopes)
+        return known.log_evidence + self.log_odds(hypothesis)
+
+    def fit(
+        self, candidates: Sequence[Candidate], start: Array, target: float = -np.inf, origin: Array | None = None
+    ) -> Hypothesis:
+        """Fit a set of effects by damped Gauss-Newton, with the widest prior first and then with the likeliest.
+
+        Parameters
+        ----------
+        candidates
+            The effects.
+        start, origin
+            (k,) internal parameters from which the fit starts, and those from which it starts where that leads nowhere;
+            none by default.
+        target
+            Ln of evidence times prior; the fit of several effects is given up where the evidence about its start is far
+            below. A single one may be many times what first order promises: a foundation that yields.
+
+        """
+        safe = np.zeros(len(start)) if origin is None else origin
+        u, (residual, slopes) = self._start(candidates, start, safe)
+        known = self.posterior(candidates, residual + slopes @ u, slopes)
+        log = known.log_evidence + self.log_prior(candidates)
+        if not len(u):
+            return Hypothesis((*((c, ()) for c in candidates),), residual, slopes, log, known)
+        if len(candidates) > 1 and log < target - MARGIN - DOUBT * abs(log - self._nominal_evidence):
+            return Hypothesis(split(candidates, u), residual, slopes, log, known, converged=False)
+        setting, sizes = int(np.argmax(known.settings)), np.full(len(u), self.sizes[-1])
+        u, residual, slopes, short = self._descend(candidates, u, residual, slopes, setting, sizes)
+        if short > MARGIN:
+            u_safe, there = self._start(candidates, safe, safe)
+            again = self._descend(candidates, u_safe, *there, setting, sizes)
+            if again[3] < short:
+                u, residual, slopes, short = again
+        known = self.posterior(candidates, residual + slopes @ u, slopes)
+        seen = {(setting, sizes.tobytes())}
+        for _ in range(_REPEATED):  # what the start left may have looked like a discrepancy, or like a larger one
+            setting, sizes = int(np.argmax(known.settings)), known.sizes
+            behind = known.log_evidence + self.log_prior(candidates) < target - MARGIN
+            if behind or (setting, sizes.tobytes()) in seen:
+                break
+            seen.add((setting, sizes.tobytes()))
+            u, residual, slopes, short = self._descend(candidates, u, residual, slopes, setting, sizes)
+            known = self.posterior(candidates, residual + slopes @ u, slopes)
+        log = known.log_evidence - 0.5 * short
+        found = Hypothesis(split(candidates, u), residual, slopes, log, known, stuck=short > MARGIN)
+        return replace(found, evidence=log + self.log_odds(found))
+
+    @cached_property
+    def _nominal_evidence(self) -> float:
+        return self.posterior((), self.nominal_residual, np.zeros((len(self.noise.sigma), 0))).log_evidence
+
+    def _descend(
+        self, candidates: Sequence[Candidate], u: Array, residual: Array, slopes: Array, setting: int, sizes: Array
+    ) -> tuple[Array, Array, Array, float]:
+        """Gauss-Newton steps in one setting of the errors, damped where the cost would grow.
+
+        sizes: (k,) of the prior, as multiples of the candidates' own. The last number that is returned is by how much
+        the cost stays above what the last derivatives promise: where a fit comes to the end of what can be assembled,
+        its evidence must not count what lies beyond.
+        """
+        prior, positive, k = (sizes * scale_of(candidates)) ** -2.0, positive_of(candidates), len(u)
+
+        def inner_of(residual: Array, slopes: Array) -> Array:
+            return self.errors.inner_at(setting, np.column_stack([slopes, residual]))
+
+        inner = inner_of(residual, slopes)
+        cost, short = float(inner[k, k] + u**2 @ prior), 0.0
+        for _ in range(_STEPS):
+            gram = inner[:k, :k]
+            precision = gram + np.diag(prior)
+            step = constrained_minima(precision, inner[:k, k] + gram @ u, positive)[0] - u
+            short = float(step @ precision @ step)
+            if short < _CONVERGED:
+                break
+            for damping in _DAMPING:
+                trial = bounded(candidates, u + damping * step)
+                try:
+                    moved = self._linearized(candidates, trial)
+                except (InputError, np.linalg.LinAlgError):
+                    continue
+                after = inner_of(*moved)
+                lower = float(after[k, k] + trial**2 @ prior)
+                if lower < cost or np.isclose(lower, cost, rtol=1e-9):
+                    break
+            else:
+                break
+            whole, gained = np.array_equal(trial, u + step), cost - lower
+            u, cost, inner, (residual, slopes) = trial, lower, after, moved
+            if damping == _DAMPING[0] and (gained < _CONVERGED or short < _SETTLED):
+                short = 0.0 if whole else short
+                break
+        return u, residual, slopes, short
+
+    def _start(self, candidates: Sequence[Candidate], u: Array, safe: Array) -> tuple[Array, tuple[Array, Array]]:
+        """Internal parameters as near to a start as the model can be assembled, from a safe point on."""
+        for tried in (*(safe + share * (u - safe) for share in (1.0, 0.25, 0.0625)), safe):
+            try:
+                return tried, self._linearized(candidates, tried)
+            except (InputError, np.linalg.LinAlgError):
+                continue
+        return 0.0 * u, self._linearized(candidates, 0.0 * u)
+
+    def _linearized(self, candidates: Sequence[Candidate], u: Array) -> tuple[Array, Array]:
+        """Residual (n,) and derivatives (n, k) in units of sigma. Raises InputError where they are not finite."""
+        prediction, sigma = self.model.predict(split(candidates, u)), self.noise.sigma
+        residual = (self.model.campaign.value - prediction.values) / sigma
+        slopes = np.hstack([np.zeros((len(sigma), 0)), *(prediction.columns(c) for c in candidates)]) / sigma[:, None]
+        if not (np.isfinite(residual).all() and np.isfinite(slopes).all()):
+            raise InputError("a parameter is outside the assemblable range")
+        return residual, slopes
+
+    @cached_property
+    def nominal(self) -> Library:
+        """Derivatives of all effects about the model as it is."""
+        return self._library(self.model.predict())
+
+    def _library(self, prediction: Prediction) -> Library:
+        candidates = tuple(self.model.library)
+        parts = [prediction.columns(c) if c.scale else prediction.step(c)[:, None] for c in candidates]
+        ends = np.cumsum([0, *(part.shape[1] for part in parts)])
+        where = tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
+        values = np.hstack([np.zeros((len(self.noise.sigma), 0)), *parts]) / self.noise.sigma[:, None]
+        values = np.where(np.isfinite(values), values, 0.0)
+        projection = self.errors.project(values)
+        parts = (_cut(projection, here) for here in where)
+        return Library(candidates, where, values, projection, tuple(self.errors.inner(p, p) for p in parts))
+
+    def library_at(self, hypothesis: Hypothesis) -> Library:
+        """Derivatives about a hypothesis: the nominal ones where its prediction is nearly linear in its parameters."""
+        moved = self.nominal_residual - hypothesis.residual
+        linear = np.zeros(len(moved))
+        for candidate, values in hypothesis.parameters:
+            linear = linear + self.nominal.of(candidate) @ (np.array(values) if values else np.ones(1))
+        used = self.noise.used
+        if np.linalg.norm((moved - linear)[used]) <= CURVED * np.linalg.norm(moved[used]):
+            return self.nominal
+        return self._library(self.model.predict(hypothesis.parameters))
+
+    @cached_property
+    def nominal_residual(self) -> Array:
+        """Residual (n,) of no effect in units of sigma."""
+        return (self.model.campaign.value - self.model.predict().values) / self.noise.sigma
+
+
+def _cut(projection: Projection, columns: slice) -> Projection:
+    return type(projection)(*(part[:, columns] for part in (projection.stated, projection.scaled, projection.features)))

@@ -1,0 +1,164 @@
+"""Draws from the posterior of a diagnosis, and the file of them that ArviZ opens."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.gap.inference.hypothesis import positive_of
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from stiffscope.gap.forward.forward_model import Candidate
+    from stiffscope.gap.inference.findings import Findings
+    from stiffscope.gap.inference.hypothesis import Hypothesis
+
+    Array = NDArray[np.floating[Any]]
+    Flags = NDArray[np.bool_]
+
+CHAINS, DRAWS = 4, 500
+PREDICTED = 400_000  # numbers of the predictive draws at most in each chain
+DISCREPANCY = "discrepancy"
+_REDRAWN = 100  # times that draws of an impossible sign are repeated
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Draws from the posterior: parameters, and readings as they would be taken again."""
+
+    parameters: dict[str, Array]
+    """(chain, draw) by `effect @ place: parameter`, SI; `discrepancy`: its size relative to the readings."""
+    units: dict[str, str]
+    predicted: Array
+    """(chain, fewer draws, n)."""
+    observed: Array
+    """(n,) the readings."""
+    sigma: Array
+    """(n,) their standard deviations."""
+    used: Flags
+    """(n,) False: left out as an outlier or a copy."""
+    pose: tuple[str, ...]
+    """(n,)."""
+    quantity: tuple[str, ...]
+    """(n,)."""
+    held_out: Array
+    """(n,) residuals at poses held out in predictive standard deviations; NaN where not used."""
+
+
+def drawn(found: Findings, joint: Hypothesis, named: tuple[Candidate, ...], held_out: Array, seed: int = 0) -> Samples:
+    """Draw from the posterior of a fitted hypothesis; the parameters of the named effects are kept.
+
+    The posterior is the Gaussian of Laplace's approximation, cut off where parameters cannot be negative.
+    """
+    rng = np.random.default_rng(seed)
+    u = _internal_draws(joint, CHAINS * DRAWS, rng)
+    setting = rng.choice(len(joint.known.settings), CHAINS * DRAWS, p=joint.known.settings)
+    size = found.problem.errors.sizes[setting]
+    parameters: dict[str, Array] = {}
+    units: dict[str, str] = {}
+    at = 0
+    kept = {c.name for c in named}
+    for candidate in joint.candidates:
+        own = u[:, at : at + len(candidate.scale)]
+        at += len(candidate.scale)
+        if candidate.name in kept and candidate.scale:
+            physical = np.array([candidate.physical(row) for row in own])
+            for k, (name, unit) in enumerate(zip(candidate.names, candidate.units, strict=True)):
+                parameters[f"{candidate.name}: {name}"] = physical[:, k].reshape(CHAINS, DRAWS)
+                units[f"{candidate.name}: {name}"] = unit
+    parameters[DISCREPANCY], units[DISCREPANCY] = size.reshape(CHAINS, DRAWS), "1"
+    c = found.campaign
+    few = int(np.clip(PREDICTED // max(len(c), 1), 10, DRAWS))
+    pick = (np.arange(CHAINS)[:, None] * DRAWS + np.arange(few)).ravel()
+    predicted = _predicted(found, joint, u[pick], size[pick], rng).reshape(CHAINS, few, len(c))
+    return Samples(
+        parameters,
+        units,
+        predicted,
+        np.array(c.value),
+        found.sigma,
+        found.used,
+        tuple(c.pose_names[int(k)] for k in c.pose),
+        tuple(c.what(k) for k in range(len(c))),
+        held_out,
+    )
+
+
+def _internal_draws(joint: Hypothesis, count: int, rng: np.random.Generator) -> Array:
+    """Internal parameters (count, k)."""
+    mean = joint.values
+    if not len(mean):
+        return np.zeros((count, 0))
+    deviation = np.sqrt(np.diagonal(joint.covariance).clip(min=1e-300))
+    values, vectors = np.linalg.eigh(joint.covariance / np.outer(deviation, deviation))  # units differ by many powers
+    root = deviation[:, None] * vectors * np.sqrt(values.clip(min=0.0))
+    positive = positive_of(joint.candidates)
+    out = mean + rng.standard_normal((count, len(mean))) @ root.T
+    for _ in range(_REDRAWN):
+        wrong = np.flatnonzero((out < 0.0)[:, positive].any(axis=1))
+        if not len(wrong):
+            break
+        out[wrong] = mean + rng.standard_normal((len(wrong), len(mean))) @ root.T
+    return np.where(positive, np.abs(out), out)
+
+
+def _predicted(found: Findings, joint: Hypothesis, u: Array, size: Array, rng: np.random.Generator) -> Array:
+    """Readings (draw, n) by the linearized effects, the discrepancy and the noise."""
+    errors = found.problem.errors
+    out = (u - joint.values) @ found.slopes(joint).T + rng.standard_normal((len(u), len(found.sigma)))
+    if len(errors.norms) and size.any():
+        pairs = rng.standard_normal((len(u), 2, len(errors.norms) // 2))
+        out += size[:, None] * np.einsum("djn,nj->dn", pairs[:, :, errors.group], errors.shape)
+    return (found.predicted(joint) + out * found.sigma).astype(np.float32)
+
+
+def write_posterior(path: Path, samples: Samples) -> None:
+    """Write draws in ArviZ's layout: netCDF groups posterior, posterior_predictive and observed_data.
+
+    References
+    ----------
+    ArviZ, InferenceData schema specification.
+
+    """
+    import h5netcdf  # pyright: ignore[reportMissingTypeStubs]  # not xarray, whose import takes longer than a diagnosis
+
+    opened: Any = h5netcdf.File  # pyright: ignore[reportUnknownMemberType]
+    chains: dict[str, NDArray[Any]] = {"chain": np.arange(CHAINS)}
+    rows: dict[str, NDArray[Any]] = {"reading": np.arange(len(samples.observed))}
+    words = {"pose": samples.pose, "quantity": samples.quantity}
+    draws: dict[str, NDArray[Any]] = {"draw": np.arange(DRAWS)}
+    fewer: dict[str, NDArray[Any]] = {"draw": np.arange(samples.predicted.shape[1])}
+    predicted, observed = {"value": samples.predicted}, {"value": samples.observed, "sigma": samples.sigma}
+    with opened(path, "w") as file:
+        _write_group(file.create_group("posterior"), chains | draws, samples.parameters, samples.units)
+        _write_group(file.create_group("posterior_predictive"), chains | fewer | rows, predicted, words=words)
+        _write_group(file.create_group("observed_data"), rows, observed, words=words)
+
+
+def _write_group(
+    group: Any,
+    scales: Mapping[str, NDArray[Any]],
+    values: Mapping[str, Array],
+    units: Mapping[str, str] | None = None,
+    words: Mapping[str, Sequence[str]] | None = None,
+) -> None:
+    """Write arrays over the dimensions of ``scales``, whose last may have words as further coordinates."""
+    text = import_module("h5py").string_dtype()  # a module without types
+    group.dimensions = {name: len(scale) for name, scale in scales.items()}
+    for name, scale in scales.items():
+        group.create_variable(name, (name,), data=scale)
+    for name, said in (words or {}).items():
+        group.create_variable(name, (list(scales)[-1],), data=np.array(said, dtype=text))
+    for name, array in values.items():
+        variable = group.create_variable(name, tuple(scales), data=array)
+        if units:
+            variable.attrs["units"] = units[name]
+        if words:
+            variable.attrs["coordinates"] = " ".join(words)

@@ -1,0 +1,78 @@
+"""How far a model is from its measurement: the gap in % rms, its noise floor, where it lies."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.gap.campaign.quantities import AXES, FREQUENCY
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from stiffscope.gap.campaign.campaign import Campaign
+
+    Array = NDArray[np.floating[Any]]
+    Flags = NDArray[np.bool_]
+    Codes = NDArray[np.int64]
+
+
+def _percent(stiff: Flags, relative: Array, weighted: Array, scale: Array) -> float:
+    """Join both measures of the gap, each weighted by its number of readings."""
+    squares = np.array([np.sum(relative[stiff] ** 2), 0.0])
+    loose = ~stiff
+    if loose.any():
+        squares[1] = loose.sum() * np.sum(weighted[loose] ** 2) / max(np.sum(scale[loose] ** 2), 1e-300)
+    return float(100 * np.sqrt(squares.sum() / max(len(stiff), 1)))
+
+
+def percent_rms(campaign: Campaign, model: Array, sigma: Array, chosen: Flags | None = None) -> float:
+    """Return the gap in % rms between a model's values (n,) and the readings, over the `chosen` ones.
+
+    Stiffness and frequency: rms of (model − measured)/measured. Deflections and deviations: 100·sqrt(Σ(r/σ)²/Σ(v/σ)²).
+    """
+    pick = np.ones(len(campaign), dtype=np.bool_) if chosen is None else chosen
+    value, model, sigma = campaign.value[pick], model[pick], sigma[pick]
+    stiff = campaign.relative[pick]
+    safe = np.where(stiff, value, 1.0)
+    return _percent(stiff, (model - value) / safe, (model - value) / sigma, value / sigma)
+
+
+def percent_noise(campaign: Campaign, sigma: Array, chosen: Flags | None = None) -> float:
+    """Return the gap in % rms that uncertainties sigma (n,) alone would leave."""
+    pick = np.ones(len(campaign), dtype=np.bool_) if chosen is None else chosen
+    value, sigma = campaign.value[pick], sigma[pick]
+    stiff = campaign.relative[pick]
+    return _percent(stiff, sigma / np.where(stiff, value, 1.0), np.ones_like(value), value / sigma)
+
+
+def by_direction(campaign: Campaign, normalized: Array) -> dict[str, float]:
+    """Return each direction's share of Σ(r/σ)², of sensors the nearest, and of frequencies; residuals (n,) in σ."""
+    shaken = campaign.kind == FREQUENCY
+    names = (*AXES, "f") if shaken.any() else AXES
+    return _shares(names, np.where(shaken, len(AXES), campaign.direction), normalized)
+
+
+def by_sensor(campaign: Campaign, normalized: Array) -> dict[str, float]:
+    """Return the share of Σ(r/σ)² of each sensor, and of the axes at M that were read; normalized residuals (n,)."""
+    shares = _shares(campaign.instruments, campaign.channel, normalized)
+    read = set(np.unique(campaign.channel).tolist())
+    return {name: share for k, (name, share) in enumerate(shares.items()) if k in read}
+
+
+def _shares(names: Sequence[str], which: Codes, normalized: Array) -> dict[str, float]:
+    totals = np.bincount(which, weights=normalized**2, minlength=len(names))
+    return {name: float(share) for name, share in zip(names, totals / max(totals.sum(), 1e-300), strict=True)}
+
+
+def by_pose(campaign: Campaign, normalized: Array) -> tuple[tuple[float, ...], ...]:
+    """Return the rms of normalized residuals (n,), pose by direction; NaN where nothing was read."""
+    cell = campaign.pose * 6 + campaign.direction
+    size = 6 * len(campaign.pose_names)
+    count = np.bincount(cell, minlength=size)
+    total = np.bincount(cell, weights=normalized**2, minlength=size)
+    rms = np.where(count > 0, np.sqrt(total / np.maximum(count, 1)), np.nan).reshape(-1, 6)
+    return tuple(tuple(float(v) for v in row) for row in rms)

@@ -1,0 +1,288 @@
+"""The search over sets of effects: they grow one by one, and change one for another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.gap.inference.evidence import log_evidences
+from stiffscope.gap.inference.fitting import DOUBT, MARGIN
+from stiffscope.gap.inference.hypothesis import Hypothesis, bounded, forms_of, joined, positive_of, scale_of, split
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from numpy.typing import NDArray
+
+    from stiffscope.gap.forward.forward_model import Candidate
+    from stiffscope.gap.inference.fitting import Library, Problem
+
+    Array = NDArray[np.floating[Any]]
+    Progress = Callable[[str, float], None]
+    Forms = frozenset[tuple[str, int]]
+
+BEAM_WIDTH = 10  # hypotheses of each size that are extended, the best,
+BEAM_PLAIN = 4  # and the best without a discrepancy, which takes up what several effects leave only together
+FITTED = 10  # nonlinear fits for each size at most; twice as many of single effects,
+FITTED_PLAIN = 6  # and the best without a discrepancy
+LEAST_FITTED = 4  # however far behind to first order
+SWAPPED = 4  # others that are fitted in the place of each effect of the best set
+STRIKES = 2  # fits of a size that a flexible effect may leave at what cannot be assembled
+OBVIOUS = 2  # simple effects that are found one by one
+WIDE = 24  # sets of simple effects of each size that are extended to first order,
+SKETCHED = 4  # and that are fitted
+ROUNDS = 3  # of exchanging and growing on
+RIVALS = 3  # sets, the best, in which effects are exchanged,
+CLOSE = 3.0  # those whose ln-odds are so close to the best's
+GAIN = 1.0  # ln-odds that one effect more must gain for the search to go on
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """A set of effects that is worth fitting, with what it promises to first order."""
+
+    candidates: tuple[Candidate, ...]
+    values: Array
+    """(k,) internal parameters."""
+    origin: Array
+    """(k,) internal parameters that are known to be possible: those of the set without its last effect."""
+    heights: tuple[float, float] = (np.inf, np.inf)
+    """Ln of evidence times prior odds, and the same without a discrepancy."""
+
+
+@dataclass(frozen=True)
+class Search:
+    """The search of a problem's sets of effects."""
+
+    problem: Problem
+    progress: Progress | None = None
+
+    def hypotheses(self) -> list[Hypothesis]:
+        """Fitted hypotheses, the best first: none, single effects, and larger sets as long as they gain."""
+        none = self.problem.fit((), np.zeros(0))
+        fitted = _Fitted(self.problem, {frozenset(): none}, self.progress)
+        fit, found = fitted.fit, fitted.found
+        tried = [Start(c, np.zeros(len(scale_of(c))), np.zeros(len(scale_of(c)))) for c in self.problem.model.tried]
+        fit(tried, _heights([none]), "effects", len(tried))
+        self._grow([none], fitted)
+        best = fitted.best
+        if len(best.candidates) > OBVIOUS or not all(c.simple for c in best.candidates):
+            for starts in self._sketches(none):
+                new = [start for start in starts if forms_of(start.candidates) not in found]
+                fit(new, _heights([none]), f"simple effects, {len(starts[0].candidates)} at once", SKETCHED)
+            if fitted.best is not best:
+                self._grow([fitted.best], fitted)
+        for _ in range(ROUNDS):
+            best = fitted.best
+            rivals = sorted(found.values(), key=lambda h: -h.evidence)[:RIVALS]
+            starts = [s for h in rivals if h.evidence > best.evidence - CLOSE for s in self._exchanges(h)]
+            base = _heights([none])  # what is exchanged may explain nearly all, and first order errs by a share of that
+            exchanged = fit(starts, base, "effects exchanged", len(starts))
+            if not exchanged or exchanged[0].evidence < best.evidence + GAIN:
+                break
+            self._grow(exchanged[:1], fitted)
+        return sorted(found.values(), key=lambda h: -h.evidence)
+
+    def _sketches(self, none: Hypothesis) -> Iterable[list[Start]]:
+        """Sets of two simple effects, of three and so on, the best to first order, as long as they gain.
+
+        A step of `_grow` keeps few sets, and what follows almost anything, or is like much else, crowds out a set whose
+        effects explain little but together. None of these is fitted before the next step, so that many can be kept.
+        """
+        kept = [none]
+        while len(kept[0].candidates) < self.problem.model.most_effects:
+            starts = self._extensions(kept, simple=True)
+            plain = sorted(starts, key=lambda start: -start.heights[1])
+            if not starts or not _gains((starts[0].heights[0], plain[0].heights[1]), _heights(kept)):
+                return
+            starts = list(dict.fromkeys(start for pair in zip(starts, plain, strict=True) for start in pair))[:WIDE]
+            if kept[0].names:
+                yield [replace(start, origin=np.zeros(len(start.origin))) for start in starts]
+            kept = sorted((self._first_order(start.candidates) for start in starts), key=lambda h: -h.evidence)
+
+    def _grow(self, frontier: Sequence[Hypothesis], fitted: _Fitted) -> None:
+        """Fit larger and larger sets as long as they gain."""
+        before = _heights(frontier)
+        while len(frontier[0].candidates) < self.problem.model.most_effects:
+            stage = f"effects, {len(frontier[0].candidates) + 1} at once"
+            base, starts = _heights(frontier), self._extensions(frontier)
+            if not starts:
+                return
+            most = FITTED if frontier[0].names else 2 * FITTED
+            plain = sorted(starts, key=lambda s: -s.heights[1])
+            promised = starts[0].heights[0], plain[0].heights[1]
+            if not _gains(promised, base):
+                most, plain = LEAST_FITTED, []  # what they miss to first order is as small
+            fits = fitted.fit(starts, base, stage, most)
+            fits += fitted.fit(plain, base, stage, FITTED_PLAIN)
+            fits = sorted({id(h): h for h in fits}.values(), key=lambda h: -h.evidence)
+            if not fits:
+                return
+            height, plain_height = _heights(fits)
+            if not _gains((height, plain_height), before):
+                return
+            before = max(height, before[0]), max(plain_height, before[1])
+            plain = sorted(fits, key=lambda h: -h.plain)[:BEAM_PLAIN]
+            frontier = [*fits[:BEAM_WIDTH], *(h for h in plain if h not in fits[:BEAM_WIDTH])]
+
+    def _exchanges(self, whole: Hypothesis) -> list[Start]:
+        """A set without each of its effects, and with another in its place, where that may compete."""
+        library = self.problem.library_at(whole)
+        starts: list[Start] = []
+        for gone in whole.candidates:
+            rest = self._without(whole, gone)
+            limit = whole.evidence - MARGIN - DOUBT * (whole.evidence - rest.evidence)
+            scored = [
+                start
+                for start in self.scored(rest, library)
+                if not start.candidates[-1].unnamed and start.candidates[-1] is not gone and start.heights[0] > limit
+            ]
+            starts += sorted(scored, key=lambda start: -start.heights[0])[:SWAPPED]
+            if rest.evidence > whole.evidence - MARGIN:
+                origin = joined(v for c, v in whole.parameters if c is not gone)
+                starts.append(Start(rest.candidates, bounded(rest.candidates, rest.known.mean), origin))
+        return starts
+
+    def _without(self, hypothesis: Hypothesis, gone: Candidate) -> Hypothesis:
+        """A hypothesis without one of its effects, to first order about it."""
+        keep = np.repeat([c is not gone for c in hypothesis.candidates], [len(v) for _, v in hypothesis.parameters])
+        slopes, y = hypothesis.slopes[:, keep.astype(np.bool_)], hypothesis.linear
+        candidates = tuple(c for c in hypothesis.candidates if c is not gone)
+        if not gone.scale:
+            others = tuple((c, v) for c, v in hypothesis.parameters if c is not gone)
+            before = (
+                self.problem.model.campaign.value - self.problem.model.predict(others).values
+            ) / self.problem.noise.sigma
+            y = y + before - hypothesis.residual
+        return self._linear(candidates, y, slopes)
+
+    def _first_order(self, candidates: tuple[Candidate, ...]) -> Hypothesis:
+        """A set of effects to first order about none."""
+        y = self.problem.nominal_residual
+        columns: list[Array] = [np.zeros((len(y), 0))]
+        for candidate in candidates:
+            own = self.problem.nominal.of(candidate)
+            if candidate.scale:
+                columns.append(own)
+            else:
+                y = y - own[:, 0]
+        return self._linear(candidates, y, np.hstack(columns))
+
+    def _linear(self, candidates: tuple[Candidate, ...], y: Array, slopes: Array) -> Hypothesis:
+        """A set of effects of which the readings (n,) are linear, with slopes (n, k)."""
+        known = self.problem.posterior(candidates, y, slopes)
+        log = known.log_evidence + self.problem.log_prior(candidates)
+        parameters = split(candidates, known.mean)
+        return Hypothesis(parameters, y - slopes @ known.mean, slopes, log, known, converged=False)
+
+    def _extensions(self, frontier: Sequence[Hypothesis], *, simple: bool = False) -> list[Start]:
+        """The most promising sets of one effect more, a simple one where wanted, by their evidence to first order."""
+        ranked: dict[Forms, Start] = {}
+        derivatives = self.problem.library_at(frontier[0])
+        for hypothesis in frontier:
+            for start in self.scored(hypothesis, derivatives, simple=simple):
+                key = forms_of(start.candidates)
+                if key not in ranked or start.heights[1] > ranked[key].heights[1]:
+                    ranked[key] = start
+        return sorted(ranked.values(), key=lambda start: -start.heights[0])
+
+    def scored(self, hypothesis: Hypothesis, library: Library, *, simple: bool = False) -> Iterable[Start]:
+        """A hypothesis with every admitted effect more, to first order; only with simple ones where wanted."""
+        k, known_good = len(hypothesis.values), bounded(hypothesis.candidates, hypothesis.values)
+        own = self.problem.errors.project(np.column_stack([hypothesis.slopes, hypothesis.linear]))
+        inner = self.problem.errors.inner(own, own)  # (q, k+1, k+1)
+        across = self.problem.errors.inner(library.projection, own)  # (q, c, k+1)
+        without = self.problem.errors.sizes == 0.0
+        alike: dict[tuple[bool, ...], list[int]] = {}
+        for number, candidate in enumerate(library.candidates):
+            if simple and not candidate.simple:
+                continue
+            if self.problem.model.admits((*hypothesis.candidates, candidate)):
+                alike.setdefault(candidate.one_sided, []).append(number)
+        base = hypothesis.known.sizes * scale_of(hypothesis.candidates)
+        prior = hypothesis.known.averaging + self.problem.log_prior(hypothesis.candidates)
+        for one_sided, numbers in alike.items():
+            m = len(one_sided)
+            shape = (len(numbers), len(self.problem.errors.sizes))
+            grams, pulls = np.empty((*shape, k + m, k + m)), np.empty((*shape, k + m))
+            grams[..., :k, :k], pulls[..., :k] = inner[:, :k, :k], inner[:, :k, k]
+            totals = np.tile(inner[:, k, k], (len(numbers), 1))
+            for at, number in enumerate(numbers):
+                mixed, block = across[:, library.columns[number]], library.blocks[number]
+                if m:
+                    grams[at, :, k:, :k], grams[at, :, :k, k:] = mixed[..., :k], np.swapaxes(mixed[..., :k], 1, 2)
+                    grams[at, :, k:, k:], pulls[at, :, k:] = block, mixed[..., k]
+                else:
+                    pulls[at] -= mixed[:, 0, :k]
+                    totals[at] += block[:, 0, 0] - 2.0 * mixed[:, 0, k]
+            scales = np.empty((len(numbers), len(self.problem.sizes) if m else 1, k + m))
+            scales[..., :k] = base
+            for at, number in enumerate(numbers):
+                scales[at, :, k:] = self.problem.sizes[: scales.shape[1], None] * np.array(
+                    library.candidates[number].scale
+                )
+            positive = np.append(positive_of(hypothesis.candidates), np.array(one_sided, dtype=np.bool_))
+            logs, means, _ = log_evidences(grams, pulls, totals, self.problem.errors.log_weight, scales, positive)
+            for number, log, mean in zip(numbers, logs, means, strict=True):
+                candidate = library.candidates[number]
+                best = np.unravel_index(np.argmax(log), log.shape)
+                if m and not mean[best][k:].any():  # a discrepancy took up all that a one-sided effect could explain
+                    best = np.unravel_index(np.argmax(np.where(without[:, None], log, -np.inf)), log.shape)
+                odds = prior + self.problem.log_prior([candidate]) - float(np.log(log.shape[1]))
+                total, plain = (float(np.logaddexp.reduce(part.ravel())) for part in (log, log[without]))
+                candidates = (*hypothesis.candidates, candidate)
+                heights = (total + odds, plain + odds)
+                yield Start(candidates, bounded(candidates, mean[best]), np.append(known_good, np.zeros(m)), heights)
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """Hypotheses that a search has fitted so far."""
+
+    problem: Problem
+    found: dict[Forms, Hypothesis]
+    progress: Progress | None
+
+    @property
+    def best(self) -> Hypothesis:
+        """The best so far."""
+        return max(self.found.values(), key=lambda h: h.evidence)
+
+    def fit(self, starts: Sequence[Start], base: tuple[float, float], stage: str, most: int) -> list[Hypothesis]:
+        """Fit what promises to compete with the best that was fitted, in the order of promise."""
+        fits: list[Hypothesis] = []
+        strikes: dict[int, int] = {}
+        for start in starts:
+            if len(fits) >= most:
+                break
+            if len(fits) >= LEAST_FITTED and all(map(_hopeless, start.heights, _heights(fits), base)):
+                continue
+            if any(strikes.get(id(c), 0) >= STRIKES for c in start.candidates):
+                continue
+            if self.progress:
+                self.progress(stage, len(fits) / most)
+            key = forms_of(start.candidates)
+            if key not in self.found or not self.found[key].converged:
+                target = max((h.plain for h in fits), default=-np.inf)
+                self.found[key] = self.problem.fit(start.candidates, start.values, target, start.origin)
+            if self.found[key].stuck:
+                strikes.update({id(c): strikes.get(id(c), 0) + 1 for c in start.candidates if c.flexible})
+            fits.append(self.found[key])
+        return sorted(fits, key=lambda h: -h.evidence)
+
+
+def _heights(fits: Sequence[Hypothesis]) -> tuple[float, float]:
+    """The best evidence, and the best without a discrepancy."""
+    return max(h.evidence for h in fits), max(h.plain for h in fits)
+
+
+def _gains(now: tuple[float, float], before: tuple[float, float]) -> bool:
+    """Whether one effect more is worth it, with a discrepancy or without."""
+    return any(a >= b + GAIN for a, b in zip(now, before, strict=True))
+
+
+def _hopeless(promised: float, best: float, base: float) -> bool:
+    """Whether a set is too far behind the best that was fitted, of which first order may miss a share of the gain."""
+    return promised < best - max(MARGIN, DOUBT * (best - base))

@@ -1,0 +1,205 @@
+"""The verdict on a search: which effects are certain, whether they bring the gap to the noise, what is left."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import permutations
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.gap.inference.evidence import constrained_minima
+from stiffscope.gap.inference.hypothesis import positive_of
+from stiffscope.gap.inference.lack_of_fit import lack_of_fit, model_errors
+from stiffscope.gap.inference.plausibility import implausible
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from stiffscope.gap.forward.forward_model import Candidate
+    from stiffscope.gap.inference.findings import Findings, Group
+    from stiffscope.gap.inference.hypothesis import Hypothesis
+
+    Array = NDArray[np.floating[Any]]
+
+CONFIDENT = 0.9  # probability from which an effect, or its group, is certain
+MAJORITY = 0.5  # probability from which there is no gap, and a group has a word
+FEW = 3  # readings a parameter below which nothing is identified
+MENTIONED = 3  # patterns at most that would do in the place of an effect
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A verdict, the effects that it names, and the hypothesis whose gap is reported."""
+
+    verdict: str
+    """identified, partly, ambiguous, unexplained or no-gap."""
+    effects: tuple[Candidate, ...]
+    hypothesis: Hypothesis
+    """These effects and no others."""
+    remarks: tuple[str, ...]
+
+
+def judged(found: Findings) -> Judgement:
+    """The verdict.
+
+    An effect is certain when it, or its group of at most three, has a probability of `CONFIDENT`, most of it with a
+    word, and plausible parameters; none is where the likeliest set, or what is certain of it, leaves a greater χ² than
+    no effect at all.
+    With certain effects the verdict is "identified" where they bring the gap to the noise and "partly" where they do
+    not, or where a nuisance pattern is certain beside them; without, "no-gap" or "unexplained", as the gap is within
+    the noise or beyond. It is "ambiguous" where known effects bring the gap to the noise of which the main one is not
+    settled, be it that a pattern may stand in its place, or that it may be the same fault where it has no word.
+    """
+    best, none = found.best, found.none
+    wrong = {c.name: implausible(c, found.best) for c in best.words}
+    strange = [text for texts in wrong.values() for text in texts]
+    unnamed = sorted(c.place for c in best.candidates if c.unnamed)
+    if unnamed:
+        strange.append(f"the readings follow {', '.join(unnamed)}, for which the vocabulary has no word")
+    certain = [c for c in best.words if not wrong[c.name] and _certain(found.group(c.name))]
+    kept, before = found.of(certain), found.chi2(none)
+    if certain and max(found.chi2(kept), found.chi2(best)) >= before:  # beside a discrepancy they follow details alone
+        certain, kept = [], none
+    count, parameters = int(found.used.sum()), len(kept.values)
+    few = (
+        [f"{count} readings are too few to identify {parameters} parameters"] if count < FEW * (parameters + 1) else []
+    )
+    if certain and not few:
+        return _named(found, kept, strange)
+    gap = lack_of_fit(found, none)
+    if gap:
+        known = found.of(best.words)
+        rest = lack_of_fit(found, known)
+        if not best.words or strange or rest:
+            return Judgement("unexplained", (), none, (*strange, *_told(rest if best.words else gap)))
+        return Judgement("ambiguous", known.words, known, tuple(few))
+    alone = sum(p for h, p in zip(found.hypotheses, found.probability, strict=True) if not h.words)
+    if alone > MAJORITY or not best.words or strange:
+        return Judgement("no-gap", (), none, tuple(strange))
+    known = found.of(best.words)
+    return Judgement("ambiguous", known.words, known, tuple(few))
+
+
+def _named(found: Findings, kept: Hypothesis, strange: Sequence[str]) -> Judgement:
+    """The verdict where some effects are certain.
+
+    kept: these and no others; strange: what is implausible, or has no word.
+    """
+    rest, names = lack_of_fit(found, kept), [c.name for c in kept.words]
+    if rest and not strange:
+        known = found.of(found.best.words)
+        if _main(found, known) not in names and not lack_of_fit(found, known):
+            return Judgement("ambiguous", known.words, known, _unsettled(known, names))
+    if rest or _pattern_beside(found, kept):
+        verdict = "partly"
+    else:
+        main = found.group(_main(found, kept))
+        verdict = "identified" if main.known >= CONFIDENT and not main.elsewhere else "ambiguous"
+    return Judgement(verdict, kept.words, kept, (*strange, *_told(rest), *_imitations(found, kept.names)))
+
+
+def _certain(group: Group) -> bool:
+    """Whether it is certain that one of a group is at work, and more likely than not one with a word."""
+    return group.probability >= CONFIDENT and group.known > MAJORITY
+
+
+def _pattern_beside(found: Findings, kept: Hypothesis) -> bool:
+    """Whether a nuisance pattern is certain beside effects, and explains more than the model's own small errors."""
+    pairs = zip(found.hypotheses, found.probability, strict=True)
+    unnamed = sum(p for h, p in pairs if len(h.words) < len(h.candidates))
+    return unnamed >= CONFIDENT and found.chi2(kept) - found.chi2(found.best) > model_errors(found, kept)
+
+
+def _imitations(found: Findings, names: frozenset[str]) -> Iterator[str]:
+    """A line for each effect that is named: which nuisance patterns would do nearly as well in its place."""
+    for name, patterns in found.imitating.items():
+        if name in names:
+            places = " or ".join(c.place for c in patterns[:MENTIONED])
+            yield f"{places} would explain the readings nearly as well as {name}"
+
+
+def _main(found: Findings, hypothesis: Hypothesis) -> str:
+    """The effect with the greatest share in what a hypothesis explains."""
+    share = shares(found, hypothesis)
+    return max(share, key=lambda name: share[name])
+
+
+def _unsettled(known: Hypothesis, names: Sequence[str]) -> tuple[str, ...]:
+    """What is certain of effects of which the main one is not settled."""
+    open_ones = [c.name for c in known.words if c.name not in names]
+    return (f"certain: {', '.join(names)}; not settled: {', '.join(open_ones)}",)
+
+
+def _told(text: str) -> tuple[str, ...]:
+    return (text,) if text else ()
+
+
+def shares(found: Findings, hypothesis: Hypothesis) -> dict[str, float]:
+    """Share of every effect in the explained χ², by Shapley's value: its gain, averaged over all orders of adding.
+
+    χ² of a subset is that of the linearized fit of its effects alone, in the prior sizes that they have
+    beside the others. The shares add up to 1.
+
+    References
+    ----------
+    Shapley, A value for n-person games (1953); Lipovetsky and Conklin, Appl. Stoch. Models Bus. Ind. 17 (2001) 319.
+
+    """
+    names = [c.name for c in hypothesis.candidates]
+    if not names:
+        return {}
+    gains = _explained(found, hypothesis)
+    value = dict.fromkeys(names, 0.0)
+    for order in permutations(range(len(names))):
+        for k, effect in enumerate(order):
+            before, after = frozenset(order[:k]), frozenset(order[: k + 1])
+            value[names[effect]] += gains[after] - gains[before]
+    positive = {name: max(v, 0.0) for name, v in value.items()}
+    total = sum(positive.values())
+    return {name: v / total if total > 0.0 else 1.0 / len(names) for name, v in positive.items()}
+
+
+def _explained(found: Findings, hypothesis: Hypothesis) -> dict[frozenset[int], float]:
+    """χ² explained by every subset of a hypothesis's effects, to first order about it."""
+    columns: list[Array] = []
+    priors: list[Array] = []
+    fixed: list[bool] = []
+    at = 0
+    slopes, used = found.slopes(hypothesis), found.used
+    for candidate, values in hypothesis.parameters:
+        own = slopes[:, at : at + len(values)]
+        columns.append(own if values else _step(found, hypothesis, candidate)[:, None])
+        priors.append(hypothesis.prior_precision[at : at + len(values)])
+        fixed.append(not values)
+        at += len(values)
+    y = found.residual(hypothesis) + slopes @ hypothesis.values
+    y = y + sum((c[:, 0] for c, still in zip(columns, fixed, strict=True) if still), np.zeros(len(y)))
+    out: dict[frozenset[int], float] = {}
+    for code in range(2 ** len(columns)):
+        chosen = [k for k in range(len(columns)) if code >> k & 1]
+        left = (y - sum((columns[k][:, 0] for k in chosen if fixed[k]), np.zeros(len(y))))[used]
+        free = [k for k in chosen if not fixed[k]]
+        if free:
+            x = np.hstack([columns[k] for k in free])[used]
+            fitted = [hypothesis.candidates[k] for k in free]
+            precision = x.T @ x + np.diag(np.concatenate([priors[k] for k in free]))
+            left = left - x @ constrained_minima(precision, x.T @ left, positive_of(fitted))[0]
+        out[frozenset(chosen)] = float(y[used] @ y[used] - left @ left)
+    return out
+
+
+def _step(found: Findings, hypothesis: Hypothesis, candidate: Candidate) -> Array:
+    """Change (n,) of the readings, in standard deviations, by an effect without parameters beside the others."""
+    without = tuple((c, v) for c, v in hypothesis.parameters if c.name != candidate.name)
+    return (found.predicted(hypothesis) - found.model.predict(without).values) / found.sigma
+
+
+def doubtful(found: Findings, named: tuple[Candidate, ...]) -> list[tuple[str, float]]:
+    """Effects, `effect @ place`, that may be at work beside the named ones and their groups, with probability."""
+    groups: list[Group] = [found.group(c.name) for c in named]
+    known = {c.name for c in named} | {other for group in groups for other in group.others}
+    names = {n for h in found.hypotheses for c in h.words for n in c.signature_of}
+    return sorted(((n, found.stated(n)) for n in names - known), key=lambda item: (-item[1], item[0]))

@@ -1,1 +1,0 @@
-"""Virtual experiments as jobs: what determines one, the cache of results, processes side by side."""

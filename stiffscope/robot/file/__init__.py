@@ -1,0 +1,1 @@
+"""The robot file: parsed, overridden, evaluated and validated."""

@@ -1,0 +1,130 @@
+"""A robot as its file describes it, checked and complete: copies made, expressions evaluated; SI, immutable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stiffscope.cad.materials import AnyMaterial, material
+from stiffscope.robot.file.part_sections import ParametricPart, PartSection
+from stiffscope.robot.file.sections import (
+    BodySection,
+    Effect,
+    ElasticBody,
+    GravitySection,
+    JointSection,
+    MapSection,
+    ToolSection,
+)
+from stiffscope.robot.file.source import Source
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import numpy as np
+
+    from stiffscope.cad.link import LinkParameters
+    from stiffscope.cad.slider import SliderParameters
+    from stiffscope.errors import InputError
+    from stiffscope.robot.file.positions import Key
+
+GROUND = "ground"
+ENDS = ("base", "tip")
+
+
+@dataclass(frozen=True)
+class Turned:
+    """Where a copied body or joint comes from: the name as written, and the rotation (3, 3) from there."""
+
+    name: str
+    rotation: np.ndarray
+
+
+@dataclass(frozen=True)
+class RobotFile:
+    """A robot file's content. Names are unique among bodies and joints; `copied` holds those of `[[copies]]`.
+
+    `tolerances`, SI, by key: of the values that are written with one ("20 mm ± 0.1 mm").
+    """
+
+    name: str
+    parts: Mapping[str, PartSection]
+    bodies: Mapping[str, BodySection]
+    joints: Mapping[str, JointSection]
+    tool: ToolSection
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    gravity: GravitySection | None = None
+    poses: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    map: MapSection | None = None
+    materials: Mapping[str, AnyMaterial] = field(default_factory=dict)
+    effects: tuple[Effect, ...] = ()
+    copied: Mapping[str, Turned] = field(default_factory=dict)
+    tolerances: Mapping[Key, float] = field(default_factory=dict)
+    source: Source = field(default_factory=lambda: Source(Path(), ""), compare=False)
+
+    @property
+    def path(self) -> Path:
+        """The file it was read from."""
+        return self.source.path
+
+    def refuse(self, key: Key, message: str) -> InputError:
+        """Error for a key, with the `--set` that brought it or its file and line."""
+        return self.source.refuse(key, message)
+
+    def carries(self, effect: str) -> bool:
+        """Whether it has adopted such an effect."""
+        return any(each.effect == effect for each in self.effects)
+
+    def part(self, name: str) -> PartSection:
+        """Section of a part."""
+        return self.parts[name]
+
+    def dimensions(self, name: str) -> LinkParameters | SliderParameters:
+        """Shape of a rod or plate for cad."""
+        part = self.parts[name]
+        if not isinstance(part, ParametricPart):
+            raise TypeError(f"{name} is a {part.shape}, which has no parameters")
+        return part.parameters()
+
+    def material(self, name: str) -> AnyMaterial | None:
+        """Material of a part: of this file, or of the table in `stiffscope.cad.materials`; a matrix may have none."""
+        wanted = getattr(self.parts[name], "material", None)
+        return None if wanted is None else material(wanted, self.materials)
+
+    def elastic_bodies(self) -> dict[str, ElasticBody]:
+        """The bodies that are made of parts."""
+        return {name: body for name, body in self.bodies.items() if isinstance(body, ElasticBody)}
+
+    def bodies_of(self, part: str) -> tuple[str, ...]:
+        """Names of the bodies made of a part."""
+        return tuple(name for name, body in self.elastic_bodies().items() if body.part == part)
+
+    def drives(self) -> tuple[str, ...]:
+        """Names of the driven joints."""
+        return tuple(name for name, joint in self.joints.items() if getattr(joint, "drive", None) is not None)
+
+    def members(self, place: str) -> tuple[str, ...]:
+        """Names of the bodies and joints that a place means.
+
+        A place is a body or joint, a `[groups]` name, a part (all bodies made of it), "drives" or "joints" (all that
+        are not driven); the file's own groups come first.
+        """
+        if place in self.groups:
+            return self.groups[place]
+        if place in self.bodies or place in self.joints:
+            return (place,)
+        if place in self.parts:
+            return self.bodies_of(place)
+        driven = self.drives()
+        known = {"drives": driven, "joints": tuple(name for name in self.joints if name not in driven)}
+        return known.get(place, ())
+
+
+def nodes(bodies: Mapping[str, BodySection]) -> dict[str, str]:
+    """What a joint may stand on: rigid bodies, ends of elastic ones and the ground, each with its body's name."""
+    found = {GROUND: GROUND}
+    for name, body in bodies.items():
+        found |= {f"{name}.{end}": name for end in ENDS} if isinstance(body, ElasticBody) else {name: name}
+    return found

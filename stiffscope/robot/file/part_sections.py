@@ -1,0 +1,275 @@
+"""What a robot file may say of a part: its shape, material, how it is held and loaded, its mesh.
+
+A rod and a plate have the keys of `LinkParameters` and `SliderParameters`: floats are lengths, whole numbers counts.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import typing
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+import numpy as np
+from pydantic import BeforeValidator, create_model, field_validator, model_validator
+
+from stiffscope.cad.faces import ENDS, FaceSelector
+from stiffscope.cad.link import LinkParameters
+from stiffscope.cad.materials import AnyMaterial, Material, TransverselyIsotropic
+from stiffscope.cad.slider import SliderParameters
+from stiffscope.cad.solid import Placement
+from stiffscope.robot.file import quantities as q
+from stiffscope.robot.file.values import (
+    Count,
+    Density,
+    Direction,
+    Duration,
+    Expansion,
+    Foundation,
+    Frequency,
+    Layers,
+    Length,
+    LengthOrAuto,
+    LengthOrZero,
+    MassOrCad,
+    Modulus,
+    Point,
+    Positive,
+    Ratio,
+    Says,
+    Section,
+    Tolerance,
+    whole,
+)
+from stiffscope.vjm.checks import checked_compliance
+
+Source = Literal["fea", "beam", "published"]
+MaterialName = Annotated[str, Says('a material such as "steel"')]
+
+
+class Mesh(Section):
+    """How finely a part is meshed; None ("auto" in the file) leaves a length to `fea`, and wants no tolerance.
+
+    `modes`, or all below `highest_frequency`, are the fixed-interface modes of the part's condensed mass.
+    """
+
+    size: LengthOrAuto = None
+    envelope: LengthOrAuto = None
+    layers: Layers = 1
+    tolerance: Tolerance = None
+    most_unknowns: Positive = 2_000_000
+    time_limit: Duration = 300.0
+    solver: Literal["auto", "direct", "multigrid"] = "auto"
+    modes: Count | None = None
+    highest_frequency: Frequency | None = None
+
+
+def _position(value: Any) -> str | tuple[float, ...]:
+    if isinstance(value, list) and len(value) == 3:
+        x, y, z = (q.to_si(item, q.LENGTH, sign="any") for item in value)
+        return x, y, z
+    if isinstance(value, str) and value in ENDS:
+        return value
+    raise ValueError(f'expected one of {", ".join(ENDS)} or a point such as ["85 mm", 0, 0], got {q.shown(value)}')
+
+
+def _face_numbers(value: Any) -> tuple[int, ...]:
+    return tuple(whole(item) for item in (value if isinstance(value, list) else [value]))
+
+
+class Face(Section):
+    """A choice of faces by geometry; see `stiffscope faces FILE`."""
+
+    kind: str | None = None
+    normal: Direction | None = None
+    position: Annotated[str | tuple[float, ...], BeforeValidator(_position)] | None = None
+    radius: Length | None = None
+    index: Annotated[tuple[int, ...], BeforeValidator(_face_numbers)] | None = None
+
+    def selector(self) -> FaceSelector:
+        """The choice for cad."""
+        return FaceSelector(**dict(self))
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        self.selector()
+        return self
+
+
+class PartSection(Section):
+    """What every part has: a shape, and a mass in kg ("cad": volume times density)."""
+
+    shape: str
+    mass: MassOrCad = "cad"
+
+
+class SolidPart(PartSection):
+    """A part that is a solid: its material, where its 6x6 comes from, how it is held, loaded and meshed."""
+
+    material: MaterialName
+    compliance: Source = "fea"
+
+    interface: Literal["rigid", "distributed"] = "rigid"
+    foundation: Foundation = None
+    mesh: Mesh = Mesh()
+
+
+class ParametricPart(SolidPart):
+    """A solid that the file describes by lengths and counts."""
+
+    build: ClassVar[type]
+
+    def dimensions(self) -> dict[str, float | int | str]:
+        """The parameters of the part's shape, SI."""
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self.build)}
+
+    def lengths(self) -> dict[str, float]:
+        """The lengths among them, m."""
+        return {name: value for name, value in self.dimensions().items() if isinstance(value, float)}
+
+    def parameters(self) -> LinkParameters | SliderParameters:
+        """The shape for cad, whose InputError names the parameter: "link.bore: …"."""
+        return self.build(**self.dimensions())
+
+
+def _with_shape(name: str, base: type[ParametricPart], parameters: type, *required: str) -> type[ParametricPart]:
+    """A section with one key for each field of a part's parameters."""
+    kinds = {float: LengthOrZero, int: Count, str: str}
+    hints = typing.get_type_hints(parameters)
+    fields: dict[str, Any] = {}
+    for field in dataclasses.fields(parameters):
+        if field.name in required:
+            fields[field.name] = (Length, ...)
+        else:
+            fields[field.name] = (kinds.get(hints[field.name], hints[field.name]), field.default)
+    return create_model(name, __base__=base, __doc__=base.__doc__, **fields)
+
+
+class _Rod(ParametricPart):
+    """A round bar or tube, with end fittings if wished; axes: x along it from the clamped end."""
+
+    build: ClassVar[type] = LinkParameters
+
+
+class _Plate(ParametricPart):
+    """A plate with optional ribs, holes and pads; axes: x away from the clamped face, y across, z through it."""
+
+    build: ClassVar[type] = SliderParameters
+    published: str | None = None  # a matrix of data/published, for the source "published"
+
+
+RodPart = _with_shape("RodPart", _Rod, LinkParameters, "length", "radius")
+PlatePart = _with_shape("PlatePart", _Plate, SliderParameters, "depth", "width", "thickness")
+
+
+def solid_length(part: PartSection) -> float | None:
+    """Length from the clamped end to the reference point, m; None where only a STEP file or nothing tells."""
+    if not isinstance(part, ParametricPart):
+        return None
+    lengths = part.lengths()
+    return lengths["length"] if part.shape == "rod" else lengths["depth"] + lengths["pad_height"]
+
+
+class StepPart(SolidPart):
+    """A solid from a STEP file; its faces by geometry, its axes by a frame, x from base to tip."""
+
+    file: Annotated[str, Says('a path such as "arm.step"')]
+    clamped: tuple[Face, ...] | None = None
+    loaded: tuple[Face, ...] | None = None
+    origin: Point = (0.0, 0.0, 0.0)
+    x: Direction = (1.0, 0.0, 0.0)
+    z: Direction = (0.0, 0.0, 1.0)
+    reference_point: Point | None = None
+
+    @field_validator("compliance")
+    @classmethod
+    def _by_experiment(cls, value: Source) -> Source:
+        if value != "fea":
+            raise ValueError(f'expected "fea" for a solid of a STEP file, got "{value}"')
+        return value
+
+    @field_validator("clamped", "loaded")
+    @classmethod
+    def _some(cls, value: tuple[Face, ...] | None) -> tuple[Face, ...] | None:
+        if value == ():
+            raise ValueError("expected at least one face selector, got none")
+        return value
+
+    def placement(self) -> Placement:
+        """The part's axes for cad."""
+        return Placement(self.origin, self.x, self.z)
+
+    @model_validator(mode="after")
+    def _at_right_angles(self) -> Self:
+        self.placement()
+        return self
+
+
+def _six_by_six(value: Any) -> tuple[tuple[float, ...], ...]:
+    rows = value if isinstance(value, list | tuple) else []
+    if len(rows) != 6 or any(not isinstance(row, list | tuple) or len(row) != 6 for row in rows):
+        raise ValueError(f"expected six rows of six numbers (SI), got {q.shown(value)}")
+    return tuple(tuple(q.to_si(entry, q.NUMBER, sign="any") for entry in row) for row in rows)
+
+
+Matrix = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_six_by_six), Says("six rows of six numbers (SI)")]
+
+
+class MatrixPart(PartSection):
+    """A 6x6 compliance from elsewhere: SI, clamped at its base, twist and wrench at its tip, part axes."""
+
+    matrix: Matrix
+    error: Matrix | None = None
+    mass: MassOrCad = 0.0
+    material: str | None = None
+
+    @field_validator("mass")
+    @classmethod
+    def _weighed(cls, value: float | str) -> float | str:
+        if isinstance(value, str):
+            raise ValueError('expected a mass such as "80 g", got "cad", which is for solids')
+        return value
+
+    @field_validator("matrix")
+    @classmethod
+    def _possible(cls, value: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
+        try:
+            sound = checked_compliance(np.array(value), "matrix", semidefinite=True)
+        except ValueError as error:
+            what = "a symmetric, positive semidefinite compliance"
+            raise ValueError(f"expected {what}, got one that is {str(error).partition(': ')[2]}") from error
+        return tuple(tuple(map(float, row)) for row in sound)
+
+
+PARTS: dict[str, type[PartSection]] = {"rod": RodPart, "plate": PlatePart, "step": StepPart, "matrix": MatrixPart}
+
+
+class Isotropic(Section):
+    """An isotropic elastic material."""
+
+    youngs_modulus: Modulus
+    shear_modulus: Modulus
+    density: Density
+    expansion: Expansion = 0.0
+    source: str = ""
+
+    def build(self, name: str) -> AnyMaterial:
+        """The material for CAD and FEA."""
+        return Material(name, **self.model_dump())
+
+
+class Fibrous(Section):
+    """A transversely isotropic material, fibres along the part's x."""
+
+    axial_modulus: Modulus
+    transverse_modulus: Modulus
+    axial_shear_modulus: Modulus
+    axial_poisson: Ratio
+    transverse_poisson: Ratio
+    density: Density
+    axial_expansion: Expansion = 0.0
+    transverse_expansion: Expansion = 0.0
+    source: str = ""
+
+    def build(self, name: str) -> AnyMaterial:
+        """The material for CAD and FEA."""
+        return TransverselyIsotropic(name, **self.model_dump())

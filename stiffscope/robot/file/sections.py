@@ -1,0 +1,260 @@
+"""What a robot file may say of bodies, joints, copies, the tool and the rest; SI, base axes {O}, home configuration."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import Discriminator, Field, Tag, field_validator, model_validator
+
+from stiffscope.robot.file import quantities as q
+from stiffscope.robot.file.values import (
+    Acceleration,
+    Angle,
+    Angles,
+    Compliance,
+    Diagonal,
+    Direction,
+    Inertia,
+    Lengths,
+    Mass,
+    Point,
+    Ratio,
+    Says,
+    Section,
+    Stiffness,
+    Tilting,
+    Torsion,
+)
+
+AXES = ("x", "y", "z", "rx", "ry", "rz")
+Name = Annotated[str, Says("a name")]
+
+
+class ElasticBody(Section):
+    """A body made of a part: clamped at its base, loaded at its tip; y gives the part's axes their turn about x."""
+
+    part: Name
+    base: Point
+    tip: Point
+    y: Direction | None = None
+
+
+class RigidBody(Section):
+    """A rigid body: mass in kg, its centre, its inertia about the centre in base axes; `mesh` is for pictures."""
+
+    mass: Mass = 0.0
+    centre: Point | None = None
+    inertia: Inertia | None = None
+    mesh: str | None = None
+
+
+BodySection = ElasticBody | RigidBody
+
+
+class _Drive(Section):
+    @field_validator("range", check_fields=False)
+    @classmethod
+    def _ordered(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
+        return _rising(value)
+
+
+def _rising(value: tuple[float, float] | None) -> tuple[float, float] | None:
+    if value is not None and not value[0] < value[1]:
+        raise ValueError(f"expected a lower and a higher value, got {value[0]:g} and {value[1]:g}")
+    return value
+
+
+class LinearDrive(_Drive):
+    """A spring along a slide, N/m; range of displacement from home, m."""
+
+    stiffness: Stiffness
+    range: Lengths | None = None
+
+
+class RotaryDrive(_Drive):
+    """A spring about an axis, N·m/rad; range of displacement from home, rad."""
+
+    stiffness: Torsion
+    range: Angles | None = None
+
+
+class Bearing(Section):
+    """Compliance of a joint's bearing along and about what it holds: m/N, rad/(N·m)."""
+
+    radial: Compliance = 0.0
+    axial: Compliance = 0.0
+    tilting: Tilting = 0.0
+
+
+def _kind_of_bearing(value: Any) -> str:
+    return "tagged-table" if isinstance(value, dict | Bearing) else "tagged-six"
+
+
+AnyBearing = Annotated[
+    Annotated[Bearing, Tag("tagged-table")] | Annotated[Diagonal, Tag("tagged-six")], Discriminator(_kind_of_bearing)
+]
+
+
+class JointSection(Section):
+    """A joint between two bodies or ends of bodies; what it leaves free is said by `FREE`, x along `axis`."""
+
+    FREE: ClassVar[tuple[int, ...]] = ()
+
+    between: tuple[str, str]
+    type: str
+    at: Point
+    compliance: AnyBearing | None = None
+
+    @field_validator("between", mode="before")
+    @classmethod
+    def _two(cls, value: Any) -> Any:
+        if not isinstance(value, list | tuple) or len(value) != 2 or not all(isinstance(name, str) for name in value):
+            raise ValueError(
+                f'expected two bodies or ends of bodies such as ["ground", "arm.base"], got {q.shown(value)}'
+            )
+        return value
+
+    def bearing(self) -> tuple[float, ...]:
+        """Diagonal (6,) of its bearing's compliance in the joint's axes; zero along and about what it leaves free."""
+        given = self.compliance or Bearing()
+        if isinstance(given, Bearing):
+            along = given.axial if getattr(self, "axis", None) is not None else given.radial
+            given = (along, given.radial, given.radial, given.tilting, given.tilting, given.tilting)
+        return tuple(0.0 if i in self.FREE else value for i, value in enumerate(given))
+
+
+class FixedJoint(JointSection):
+    """Holds everything; its axes are the base's."""
+
+
+class RevoluteJoint(JointSection):
+    """Turns about its axis."""
+
+    FREE: ClassVar[tuple[int, ...]] = (3,)
+
+    axis: Direction
+    drive: RotaryDrive | None = None
+
+
+class PrismaticJoint(JointSection):
+    """Slides along its axis."""
+
+    FREE: ClassVar[tuple[int, ...]] = (0,)
+
+    axis: Direction
+    drive: LinearDrive | None = None
+
+
+class CylindricalJoint(JointSection):
+    """Slides along and turns about its axis; a drive acts along the slide."""
+
+    FREE: ClassVar[tuple[int, ...]] = (0, 3)
+
+    axis: Direction
+    drive: LinearDrive | None = None
+
+
+class UniversalJoint(JointSection):
+    """Turns about `axis`, which rides on the first body, and `axis2`, which rides on the second."""
+
+    FREE: ClassVar[tuple[int, ...]] = (3, 4)
+
+    axis: Direction
+    axis2: Direction
+
+
+class SphericalJoint(JointSection):
+    """Turns about every axis; `axis` only says along which its bearing is axial."""
+
+    FREE: ClassVar[tuple[int, ...]] = (3, 4, 5)
+
+    axis: Direction | None = None
+
+
+class PlanarJoint(JointSection):
+    """Slides in the plane across its axis and turns about it."""
+
+    FREE: ClassVar[tuple[int, ...]] = (1, 2, 3)
+
+    axis: Direction
+
+
+JOINTS: dict[str, type[JointSection]] = {
+    "fixed": FixedJoint,
+    "revolute": RevoluteJoint,
+    "prismatic": PrismaticJoint,
+    "cylindrical": CylindricalJoint,
+    "universal": UniversalJoint,
+    "spherical": SphericalJoint,
+    "planar": PlanarJoint,
+}
+
+
+class Copies(Section):
+    """A set of bodies and joints once more under other names, turned about an axis through the origin."""
+
+    of: Name
+    as_: tuple[str, ...] = Field(alias="as")
+    axis: Direction
+    angles: tuple[Angle, ...]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _lists(cls, value: Any) -> Any:
+        if isinstance(value, dict):
+            for key, what in (("as", '["leg2", "leg3"]'), ("angles", '["120 deg", "240 deg"]')):
+                if key in value and not isinstance(value[key], list | tuple):
+                    raise ValueError(f"expected {key} to be a list such as {what}, got {q.shown(value[key])}")
+        return value
+
+
+class ToolSection(Section):
+    """The tool point M on its body, and the coordinates that command a pose."""
+
+    body: Name
+    at: Point
+    pose: tuple[Literal["x", "y", "z", "rx", "ry", "rz"], ...]
+
+    @field_validator("pose")
+    @classmethod
+    def _distinct(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        if not value or len(set(value)) != len(value):
+            raise ValueError(f"expected each of {' '.join(AXES)} at most once, got {' '.join(value) or 'none'}")
+        return value
+
+
+class GravitySection(Section):
+    """The field that the robot stands in; no direction is assumed."""
+
+    acceleration: Acceleration = 9.81
+    direction: Direction
+
+
+class MapSection(Section):
+    """What `stiffscope map` sweeps: two coordinates of the pose; `at`, by default home, gives the others."""
+
+    x: Lengths | None = None
+    y: Lengths | None = None
+    z: Lengths | None = None
+    rx: Angles | None = None
+    ry: Angles | None = None
+    rz: Angles | None = None
+    at: tuple[Any, ...] | None = None
+
+    @field_validator(*AXES)
+    @classmethod
+    def _ordered(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
+        return _rising(value)
+
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """The coordinates that are swept, in the order of a pose."""
+        return {name: value for name in AXES if (value := getattr(self, name)) is not None}
+
+
+class Effect(Section):
+    """An effect adopted from a diagnosis: the nominal robot carries it from then on."""
+
+    effect: Name
+    place: Name
+    parameters: dict[str, Ratio] = Field(default_factory=dict)
+    provenance: dict[str, Any] = Field(default_factory=dict)

@@ -1,0 +1,210 @@
+"""Values of the robot file: what a key may hold, its dimension and its limits, as pydantic types in SI.
+
+Importing this module imports pydantic; the reader does so when a file is read.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict
+
+from stiffscope.fea.settings import MOST_LAYERS
+from stiffscope.robot.file import quantities as q
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+ANGLE = q.Dimension("an angle", "rad", "25 deg", most=1e4)
+TORSION = q.Dimension("a torsional stiffness", "N*m/rad", "24 kN*m/rad", 1e-9, 1e18)
+INERTIA = q.Dimension("a moment of inertia", "kg*m^2", "0.012 kg*m^2", most=1e12)
+COMPLIANCE = q.Dimension("a compliance", "m/N", "0.01 um/N", 1e-24, 1e6)
+TILTING = q.Dimension("a rotational compliance", "rad/(N*m)", "2e-6 rad/(N*m)", 1e-24, 1e9)
+_OTHERS = (
+    q.Dimension("a force", "N", "10 N"),
+    q.Dimension("a moment", "N*m", "10 N*m"),
+    q.Dimension("an area", "m^2", "3 mm^2"),
+    q.Dimension("a volume", "m^3", "3 mm^3"),
+    q.Dimension("a temperature", "K", "20 K"),
+)
+ANY = (
+    q.NUMBER, q.LENGTH, q.MASS, q.STIFFNESS, TORSION, q.MODULUS, q.DENSITY, q.EXPANSION, q.ACCELERATION, q.FOUNDATION,
+    q.DURATION, INERTIA, COMPLIANCE, TILTING, *_OTHERS,
+)  # fmt: skip
+
+
+class Says(str):
+    """What a missing value should have been, kept beside its type."""
+
+    __slots__ = ()
+
+
+def any_quantity(value: Any) -> float:
+    """A number, or a text with a unit of any of the dimensions above, in SI. Raises ValueError."""
+    return _any_text(value) if isinstance(value, str) else _any(value)
+
+
+@cache
+def _any_text(text: str) -> float:
+    return _any(text)
+
+
+def _any(value: Any) -> float:
+    for dimension in ANY:
+        try:
+            return q.to_si(value, dimension, sign="any")
+        except ValueError:
+            continue
+    try:
+        return q.to_si(value, q.LENGTH, sign="any")
+    except ValueError as error:
+        why = str(error).partition(", got ")[2]
+        raise ValueError(f'expected a quantity such as "220 mm" or "25 deg", or an expression, got {why}') from error
+
+
+def unit_of(value: Any) -> str:
+    """SI unit of what a text with a unit measures, "1" for a number."""
+    for dimension in ANY if isinstance(value, str) else ():
+        try:
+            q.to_si(value.partition("±")[0].strip(), dimension, sign="any")
+        except ValueError:
+            continue
+        return dimension.unit or "1"
+    return "1"
+
+
+@dataclass(frozen=True)
+class Reads(BeforeValidator):
+    """How a value is read, and what it should have been where it is missing."""
+
+    says: str = ""
+
+
+def _quantity(dimension: q.Dimension, sign: str = "positive") -> Reads:
+    said = f'{dimension.noun} such as "{dimension.example}"'
+    return Reads(lambda value: q.to_si(value, dimension, sign=sign), says=said)
+
+
+def whole(value: Any) -> int:
+    """A whole number from 0 on, written as one or as an expression's value; ValueError for anything else."""
+    if isinstance(value, float) and value.is_integer() and value < 2**53:
+        value = int(value)
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise ValueError(f"expected a whole number such as 4, got {q.shown(value)}")
+    return value
+
+
+def _layers(value: Any) -> int:
+    if not 1 <= whole(value) <= MOST_LAYERS:
+        raise ValueError(f"expected 1 to {MOST_LAYERS} thin layers of elements, got {value}")
+    return whole(value)
+
+
+def _positive(value: Any) -> int:
+    if not whole(value):
+        raise ValueError(f"expected a positive whole number such as 2000000, got {q.shown(value)}")
+    return whole(value)
+
+
+def _mass_or_cad(value: Any) -> float | str:
+    if value == "cad":
+        return "cad"
+    try:
+        return q.to_si(value, q.MASS, sign="non-negative")
+    except ValueError as error:
+        raise ValueError(f'{error} (or "cad": the volume of the solid times its density)') from error
+
+
+def _or_word(read: Callable[[Any], float], word: str, meaning: str, said: str) -> Reads:
+    """What `read` makes of a value, or None for a word and for nothing."""
+
+    def read_or_none(value: Any) -> float | None:
+        if value is None or value == word:
+            return None
+        try:
+            return read(value)
+        except ValueError as error:
+            raise ValueError(f'{error} (or "{word}": {meaning})') from error
+
+    return Reads(read_or_none, says=f'{said}, or "{word}": {meaning}')
+
+
+def _tolerance(value: Any) -> float:
+    share = q.to_si(value, q.SHARE)
+    if not 1e-6 <= share < 1:  # below, rounding counts
+        raise ValueError(f'expected a share from 1e-6 to below 1 such as "{q.SHARE.example}", got {q.shown(value)}')
+    return share
+
+
+def _list_of(count: int, what: str) -> BeforeValidator:
+    """Lists of another length are refused whole, before their items are looked at."""
+
+    def check(value: Any) -> Any:
+        if not isinstance(value, list | tuple) or len(value) != count:
+            raise ValueError(f"expected {what}, got {q.shown(value)}")
+        return value
+
+    return BeforeValidator(check)
+
+
+_POINT = 'three lengths such as ["180 mm", 0, "35 mm"]'
+_VECTOR = "three numbers such as [0, 0, 1]"
+_SIX = "six numbers: three along and three about the axes"
+
+
+def _direction(value: Any) -> Any:
+    if isinstance(value, list | tuple) and len(value) == 3:
+        numbers = [q.to_si(item, q.NUMBER, sign="any") for item in value]
+        if not 1e-9 < sum(number * number for number in numbers) ** 0.5 < 1e9:
+            raise ValueError(f"expected a direction such as [0, 0, 1], got one of zero length, {q.shown(value)}")
+    return value
+
+
+Length = Annotated[float, _quantity(q.LENGTH)]
+LengthOrZero = Annotated[float, _quantity(q.LENGTH, "non-negative")]
+Coordinate = Annotated[float, _quantity(q.LENGTH, "any")]
+Angle = Annotated[float, _quantity(ANGLE, "any")]
+Modulus = Annotated[float, _quantity(q.MODULUS)]
+Ratio = Annotated[float, _quantity(q.NUMBER, "any")]
+Density = Annotated[float, _quantity(q.DENSITY)]
+Expansion = Annotated[float, _quantity(q.EXPANSION, "any")]
+Mass = Annotated[float, _quantity(q.MASS, "non-negative")]
+Stiffness = Annotated[float, _quantity(q.STIFFNESS)]
+Torsion = Annotated[float, _quantity(TORSION)]
+Acceleration = Annotated[float, _quantity(q.ACCELERATION, "non-negative")]
+Duration = Annotated[float, _quantity(q.DURATION)]
+Frequency = Annotated[float, _quantity(q.FREQUENCY)]
+Compliance = Annotated[float, _quantity(COMPLIANCE, "non-negative")]
+Tilting = Annotated[float, _quantity(TILTING, "non-negative")]
+_Inertia = Annotated[float, _quantity(INERTIA, "any")]
+
+Point = Annotated[tuple[Coordinate, Coordinate, Coordinate], _list_of(3, _POINT), Says(_POINT)]
+Vector = Annotated[tuple[Ratio, Ratio, Ratio], _list_of(3, _VECTOR), Says(_VECTOR)]
+Direction = Annotated[tuple[Ratio, Ratio, Ratio], BeforeValidator(_direction), _list_of(3, _VECTOR), Says(_VECTOR)]
+Inertia = Annotated[
+    tuple[_Inertia, _Inertia, _Inertia, _Inertia, _Inertia, _Inertia],
+    _list_of(6, "six moments of inertia, Ixx Iyy Izz Ixy Ixz Iyz"),
+]
+Diagonal = Annotated[tuple[Compliance, Compliance, Compliance, Tilting, Tilting, Tilting], _list_of(6, _SIX)]
+Lengths = Annotated[tuple[Coordinate, Coordinate], _list_of(2, 'two lengths such as ["-150 mm", "150 mm"]')]
+Angles = Annotated[tuple[Angle, Angle], _list_of(2, 'two angles such as ["-60 deg", "80 deg"]')]
+
+LengthOrAuto = Annotated[
+    float | None, _or_word(lambda value: q.to_si(value, q.LENGTH), "auto", "a size that suits the part", "a length")
+]
+Foundation = Annotated[
+    float | None, _or_word(lambda value: q.to_si(value, q.FOUNDATION), "rigid", "a clamp that does not give", "N/m³")
+]
+Tolerance = Annotated[float | None, _or_word(_tolerance, "auto", "whatever one mesh reaches", "a share")]
+Count = Annotated[int, Reads(whole, says="a whole number")]
+Layers = Annotated[int, Reads(_layers, says=f"1 to {MOST_LAYERS}")]
+Positive = Annotated[int, Reads(_positive, says="a whole number above 0")]
+MassOrCad = Annotated[float | Literal["cad"], Reads(_mass_or_cad, says='a mass, or "cad": volume times density')]
+
+
+class Section(BaseModel):
+    """A table of the robot file: nothing unknown is let in, nothing changes afterwards."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)

@@ -1,0 +1,194 @@
+"""`stiffscope import`: a model of a simulator, URDF or MJCF, as the text of a robot file."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.robot.file import quantities as q
+from stiffscope.robot.file.values import TORSION, any_quantity
+from stiffscope.robot.imports.simulator_model import read_model
+from stiffscope.robot.reader import read_robot
+from stiffscope.runtime.files import check_new, write_new
+from stiffscope.runtime.reading import shown
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from stiffscope.robot.imports.simulator_model import ModelBody, ModelJoint, SimulatorModel
+
+_DRIVABLE = {"revolute": TORSION, "prismatic": q.STIFFNESS, "cylindrical": q.STIFFNESS}
+_HEAD = """# Imported from {file}: geometry, masses, joints and their ranges at its home; SI, base axes of the source.
+#
+# Fill in what a simulator's model does not say:
+#   - drives: give each driven joint a stiffness, by hand below or with --drive JOINT=STIFFNESS; a joint without one
+#     moves freely. Damping, springs and contact numbers of the source are not stiffness, none is taken.
+#   - elastic bodies: all bodies are rigid here. To let one bend, describe it as a part ([parts.NAME], shape "rod",
+#     "plate", "step" or "matrix"), replace its mass and centre by part, base, tip and y, and let its joints stand on
+#     its ends, "BODY.base" and "BODY.tip". The points where a body's joints stand are written beside it.
+#   - bearings: compliance = {{ radial = "...", axial = "...", tilting = "..." }} of a joint.
+"""
+
+
+def import_model(
+    path: str | Path,
+    out: str | Path,
+    drives: Sequence[str] = (),
+    tool: str | None = None,
+    home: Sequence[str] = (),
+) -> SimulatorModel:
+    """Write a robot file from a URDF or MJCF file.
+
+    Parameters
+    ----------
+    path, out
+        The model, and the robot file to write, which must not be there yet.
+    drives
+        Texts as `--drive` takes them: "joint1=25 kN*m/rad".
+    tool
+        Body or site that is the tool.
+    home
+        Texts as `--home` takes them, for another home than the model's: "elbow=90 deg".
+
+    Returns
+    -------
+    SimulatorModel
+        What was read; its `notes` tell what was left out or guessed.
+
+    Raises
+    ------
+    InputError
+        The file is no model, or an option names nothing of it.
+
+    """
+    check_new(out)
+    model = read_model(path, tool, dict(_position(text) for text in home))
+    text = robot_text(model, Path(path).name, driven(model, drives))
+    try:
+        read_robot(Path(out), text)
+    except InputError as error:
+        raise InputError(
+            f"{shown(path)}: expected the model of a robot, got one whose robot file has {error}"
+        ) from error
+    write_new(Path(out), text.encode())
+    return model
+
+
+def _position(text: str) -> tuple[str, float]:
+    """Joint and position, SI, of a text such as "elbow=90 deg" or "slide=20 mm"."""
+    name, equals, value = (each.strip() for each in text.partition("="))
+    try:
+        return name, any_quantity(_number_or_text(value) if equals else None)
+    except ValueError as error:
+        raise InputError(f'--home {text}: expected JOINT=POSITION such as "elbow=90 deg", got "{text}"') from error
+
+
+def driven(model: SimulatorModel, drives: Sequence[str]) -> dict[str, str]:
+    """Joints and their drives' stiffness, as texts. Raises InputError for what is no joint or no stiffness."""
+    joints = {joint.name: joint for joint in model.joints}
+    able = [name for name, joint in joints.items() if joint.kind in _DRIVABLE]
+    found = {}
+    for text in drives:
+        name, equals, value = (each.strip() for each in text.partition("="))
+        if not equals:
+            raise InputError(f'--drive {text}: expected JOINT=STIFFNESS such as "joint1=25 kN*m/rad", got "{text}"')
+        if name not in able:
+            close = difflib.get_close_matches(name, able, n=1, cutoff=0.6)
+            guess = f'; did you mean "{close[0]}"?' if close else ""
+            raise InputError(
+                f'--drive {text}: expected a joint that turns or slides ({", ".join(able)}), got "{name}"{guess}'
+            )
+        try:
+            q.to_si(_number_or_text(value), _DRIVABLE[joints[name].kind])
+        except ValueError as error:
+            raise InputError(f"--drive {text}: {error}") from error
+        found[name] = _toml(_number_or_text(value))
+    return found
+
+
+def _number_or_text(value: str) -> float | str:
+    try:
+        return float(value)
+    except ValueError:
+        return value
+
+
+def robot_text(model: SimulatorModel, file: str, drives: dict[str, str]) -> str:
+    """The robot file of a model."""
+    lines = [_HEAD.format(file=file).rstrip()]
+    lines += [f"# Note: {note}." for note in model.notes]
+    lines += ["", f"name = {_toml(model.name)}", ""]
+    for body in model.bodies:
+        lines += [*_body_lines(body, model.joints), ""]
+    for joint in model.joints:
+        lines += [*_joint_lines(joint, drives), ""]
+    lines += [
+        "[tool]",
+        f"body = {_toml(model.tool_body)}",
+        f"at = {_vector(model.tool_at)}",
+        f"pose = {_toml(list(model.pose))}",
+    ]
+    size = float(np.linalg.norm(model.gravity))
+    if size > 0:
+        lines += ["", "[gravity]", f"acceleration = {_number(size)}", f"direction = {_vector(model.gravity / size)}"]
+    at_home = [_number(value) for value in _home(model)]
+    lines += ["", "[poses]", f"home = [{', '.join(at_home)}]", ""]
+    return "\n".join(lines)
+
+
+def _body_lines(body: ModelBody, joints: Iterable[ModelJoint]) -> Iterator[str]:
+    yield f"[bodies.{_key(body.name)}]"
+    if body.mass:
+        yield f"mass = {_number(body.mass)}"
+        yield f"centre = {_vector(body.centre)}"
+        i = body.inertia
+        if np.abs(i).max() > 1e-14:
+            yield f"inertia = {_vector(np.array([i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]]))}"
+    for joint in joints:
+        if body.name in {joint.first, joint.second}:
+            yield f"# {joint.name} stands at {_vector(joint.at)}"
+
+
+def _joint_lines(joint: ModelJoint, drives: dict[str, str]) -> Iterator[str]:
+    yield f"[joints.{_key(joint.name)}]" + (f"   # {joint.note}" if joint.note else "")
+    yield f"between = {_toml([joint.first, joint.second])}"
+    yield f"type = {_toml(joint.kind)}"
+    yield f"at = {_vector(joint.at)}"
+    for key in ("axis", "axis2"):
+        direction = getattr(joint, key)
+        if direction is not None:
+            yield f"{key} = {_vector(direction)}"
+    if joint.kind in _DRIVABLE:
+        limits = "" if joint.range is None else f", range = [{', '.join(_number(each) for each in joint.range)}]"
+        if joint.name in drives:
+            yield f"drive = {{ stiffness = {drives[joint.name]}{limits} }}"
+        else:
+            yield f'# drive = {{ stiffness = "... {_DRIVABLE[joint.kind].unit}"{limits} }}   # if it is driven'
+
+
+def _home(model: SimulatorModel) -> list[float]:
+    values = dict(zip("xyz", map(float, model.tool_at), strict=True))
+    return [values.get(coordinate, 0.0) for coordinate in model.pose]
+
+
+def _key(name: str) -> str:
+    return name if name.replace("_", "").replace("-", "").isalnum() and name.isascii() else _toml(name)
+
+
+def _toml(value: object) -> str:
+    """A text, number or list of texts as TOML, which writes them as JSON does."""
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _number(value: float) -> str:
+    return f"{value + 0.0:.12g}"
+
+
+def _vector(values: np.ndarray) -> str:
+    least = 1e-13 * float(np.abs(values).max())
+    return f"[{', '.join(_number(0.0 if abs(value) <= least else float(value)) for value in values)}]"

@@ -1,0 +1,234 @@
+"""Results kept by the hash of everything that determines them: files in folders, checksummed, never trusted blindly.
+
+An entry is a folder `<root>/<kind>/<key>/` with the files and an `entry.json` that lists their checksums. It is
+written aside and moved into place in one step; on reading, what is torn, foreign or of another format is
+thrown away and counts as absent. Nothing is unpickled. A cache that cannot be written is done without.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import logging
+import os
+import shutil
+import sys
+import tempfile
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module, metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from stiffscope.errors import InputError
+from stiffscope.runtime.files import file_digest, scratch_folder
+from stiffscope.runtime.reading import read_bytes
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterable, Mapping
+
+log = logging.getLogger(__name__)
+
+FORMAT = 1
+_INDEX = "entry.json"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A result that is kept: its kind, key, size in bytes, and when it was made, in seconds since 1970."""
+
+    kind: str
+    key: str
+    bytes: int
+    made: float
+
+
+@dataclass(frozen=True)
+class Cache:
+    """A store of results under one folder.
+
+    Attributes
+    ----------
+    root
+        The folder.
+    spare
+        Where results go that it cannot hold; by default to the system's temporary folder, for good.
+
+    """
+
+    root: Path
+    spare: Path | None = None
+
+    def get(self, kind: str, key: str) -> Path | None:
+        """Folder of a complete and intact entry, or None."""
+        folder = self.root / kind / key
+        if not os.path.lexists(folder):
+            return None
+        reason = _flaw(folder, kind, key)
+        if reason is None:
+            return folder
+        log.info("cache entry %s/%s is not used: %s", kind, key[:12], reason)
+        self._discard(folder)
+        return None
+
+    def put(self, kind: str, key: str, write: Callable[[Path], object]) -> Path:
+        """Let `write(folder)` make a result and keep it.
+
+        Returns the folder of the entry, or one in `spare` where the cache cannot be written. What `write` itself
+        raises is passed on. When another process stored the same key meanwhile, either one stays.
+        """
+        made = Path(tempfile.mkdtemp(prefix=f"{kind}-", dir=self.spare))
+        try:
+            write(made)
+        except BaseException:
+            shutil.rmtree(made, ignore_errors=True)
+            raise
+        held = self._stored(made, kind, key)
+        if held is None:
+            return made
+        shutil.rmtree(made, ignore_errors=True)
+        return held
+
+    def entries(self, kinds: Collection[str] = ()) -> list[Entry]:
+        """What we keep there, of the kinds asked for, by default of all; whether it is intact is not looked at."""
+        folders = sorted(self.root.glob(f"*/*/{_INDEX}")) if self.root.is_dir() else []
+        found = (_entry(index.parent) for index in folders)
+        return [entry for entry in found if entry is not None and (not kinds or entry.kind in kinds)]
+
+    def clear(self, kinds: Collection[str] = ()) -> list[Entry]:
+        """Remove our entries, of the kinds asked for, and return them; nothing else in the folder is touched."""
+        gone = self.entries(kinds)
+        for entry in gone:
+            self._discard(self.root / entry.kind / entry.key)
+        return [entry for entry in gone if not os.path.lexists(self.root / entry.kind / entry.key)]
+
+    def _stored(self, made: Path, kind: str, key: str) -> Path | None:
+        """Copy a result aside, list its checksums and move it into place; None where the cache cannot be written."""
+        folder = self.root / kind / key
+        try:
+            (self.root / "aside").mkdir(parents=True, exist_ok=True)
+            with scratch_folder(self.root / "aside") as scratch:
+                aside = scratch / key
+                shutil.copytree(made, aside)
+                files = {name: file_digest(aside / name) for name in sorted(kept_files(aside))}
+                (aside / _INDEX).write_text(json.dumps({"format": FORMAT, "kind": kind, "key": key, "files": files}))
+                folder.parent.mkdir(parents=True, exist_ok=True)
+                for _ in range(3):
+                    try:
+                        aside.rename(folder)
+                        return folder
+                    except OSError:
+                        if self.get(kind, key) is not None:
+                            return folder
+        except (OSError, shutil.Error) as error:
+            log.warning("results are not kept: the cache %s cannot be written (%s)", self.root, _reason(error))
+        return None
+
+    def _discard(self, folder: Path) -> None:
+        """Move a bad entry away first, so that nobody meets it half deleted."""
+        with contextlib.suppress(OSError):
+            (self.root / "aside").mkdir(parents=True, exist_ok=True)
+            with scratch_folder(self.root / "aside") as scratch:
+                folder.rename(scratch / folder.name)
+
+
+def _reason(error: OSError) -> str:
+    """Why something cannot be written; of several files, why the first of them."""
+    if isinstance(error, shutil.Error) and error.args and error.args[0]:
+        return str(error.args[0][0][2])
+    return error.strerror or str(error)
+
+
+def cache_folder() -> Path:
+    """Folder of this user's cache; the environment variable STIFFSCOPE_CACHE puts it elsewhere."""
+    chosen = os.environ.get("STIFFSCOPE_CACHE")
+    if chosen:
+        return Path(chosen).expanduser().absolute()
+    import platformdirs
+
+    return Path(platformdirs.user_cache_dir("stiffscope", appauthor=False))
+
+
+def digest(determined_by: Mapping[str, Any]) -> str:
+    """Key of a result: SHA-256 over everything that determines it (numbers by their exact value)."""
+    canonical = json.dumps(determined_by, sort_keys=True, separators=(",", ":"), allow_nan=False, default=_plain)
+    return hashlib.sha256(canonical.encode()).hexdigest()
+
+
+@cache
+def code_version(packages: tuple[str, ...], libraries: tuple[str, ...]) -> str:
+    """Hash of the packages' source and of the libraries' versions: other code makes other results."""
+    found = hashlib.sha256(f"{sys.version_info[:2]} {FORMAT}".encode())
+    for package in packages:
+        folder = Path(str(import_module(package).__file__)).parent
+        for source in sorted(folder.rglob("*.py")):
+            found.update(f"{package}/{source.relative_to(folder).as_posix()}".encode())
+            found.update(source.read_bytes())
+    for library in libraries:
+        found.update(f"{library} {library_version(library)}".encode())
+    return found.hexdigest()
+
+
+def library_version(library: str) -> str:
+    """Version of an installed distribution, or "none"."""
+    try:
+        return metadata.version(library)
+    except metadata.PackageNotFoundError:
+        return "none"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, frozenset | set):
+        return sorted(value)
+    if isinstance(value, Path):
+        return value.as_posix()
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} cannot be part of a cache key")
+
+
+def totals(entries: Iterable[Entry]) -> dict[str, tuple[int, int]]:
+    """Number and size in bytes of entries by kind."""
+    found: dict[str, tuple[int, int]] = {}
+    for entry in entries:
+        count, size = found.get(entry.kind, (0, 0))
+        found[entry.kind] = count + 1, size + entry.bytes
+    return found
+
+
+def _entry(folder: Path) -> Entry | None:
+    """An entry as its index names it; None for a folder that is none of ours."""
+    kind, key = folder.parent.name, folder.name
+    try:
+        index = json.loads(read_bytes(folder / _INDEX))
+        if (index["kind"], index["key"]) != (kind, key) or folder.is_symlink() or folder.parent.is_symlink():
+            return None
+        size = sum(path.lstat().st_size for path in folder.rglob("*") if path.is_file())
+        return Entry(kind, key, size, (folder / _INDEX).stat().st_mtime)
+    except (InputError, OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
+
+
+def _flaw(folder: Path, kind: str, key: str) -> str | None:
+    """Why an entry is not to be trusted, or None."""
+    try:
+        index = json.loads(read_bytes(folder / _INDEX))
+        if (index["format"], index["kind"], index["key"]) != (FORMAT, kind, key):
+            return "it is of another format or another key"
+        listed = index["files"]
+        if sorted(listed) != sorted(kept_files(folder)):
+            return "its files are not those that were written"
+        torn = [name for name, checksum in listed.items() if file_digest(folder / name) != checksum]
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        return f"it cannot be read ({type(error).__name__})"
+    return f"{torn[0]} is damaged" if torn else None
+
+
+def kept_files(folder: Path) -> Iterable[str]:
+    """Names of an entry's files, relative to its folder."""
+    for path in folder.rglob("*"):
+        if path.is_symlink():
+            raise OSError(f"{path} is a link")
+        if path.is_file() and path.name != _INDEX:
+            yield path.relative_to(folder).as_posix()
