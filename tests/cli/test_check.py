@@ -5,7 +5,7 @@ import json
 import pytest
 
 from stiffscope.cli.main import _guarded
-from tests.jobs.one_part import MATRIX, ROD, STEP, one_part
+from tests.experiments.one_part import MATRIX, ROD, STEP, one_part
 
 
 def run(*words):

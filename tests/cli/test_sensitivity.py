@@ -9,7 +9,7 @@ from stiffscope.cli.main import _guarded
 from stiffscope.experiments.assembly import at_named_poses, condense_robot
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.workshop import workshop
-from tests.jobs.one_part import DEPTH, LENGTH, STEP, WIDTH, one_part, write_bar
+from tests.experiments.one_part import DEPTH, LENGTH, STEP, WIDTH, one_part, write_bar
 
 CHANGE = 0.02
 VOLUME = LENGTH * WIDTH * DEPTH

@@ -9,7 +9,7 @@ import pytest
 
 from stiffscope.cli.main import _guarded
 from stiffscope.experiments.watching import changes, differences, sources
-from tests.jobs.one_part import MATRIX, ROD, STEP, one_part
+from tests.experiments.one_part import MATRIX, ROD, STEP, one_part
 
 
 def test_content_decides_what_has_changed(tmp_path):

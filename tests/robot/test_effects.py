@@ -7,7 +7,7 @@ from stiffscope.robot.effects import NominalRobot, mechanical_effects
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import read_robot
-from tests.jobs.one_part import MATRIX, ROBOT
+from tests.experiments.one_part import MATRIX, ROBOT
 from tests.robots import nominal_robot
 
 

@@ -19,7 +19,7 @@ from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.workshop import workshop
 from stiffscope.vjm.statics import stiffness
 from stiffscope.vjm.yielding import deflection
-from tests.jobs.one_part import DEPTH, DRIVE, LENGTH, MATRIX, PLATE, ROD, STEP, WIDTH, one_part, write_bar
+from tests.experiments.one_part import DEPTH, DRIVE, LENGTH, MATRIX, PLATE, ROD, STEP, WIDTH, one_part, write_bar
 
 NAME = "bar 1"
 DRIVEN = np.diag([1 / DRIVE, 0, 0, 0, 0, 0])

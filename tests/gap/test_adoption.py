@@ -13,7 +13,7 @@ from stiffscope.robot.effects import NominalRobot
 from stiffscope.robot.library import find_robot
 from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.statics import stiffness
-from tests.jobs.one_part import STEP, one_part
+from tests.experiments.one_part import STEP, one_part
 
 SOFT = Effect("actuator-stiffness", "limb1", 0.98765, 0.1, {"factor": Parameter(0.8, 0.0123456, "1")})
 SCALE = Effect("force-scale", "instrument", 0.9, 0.1, {"factor": Parameter(1.1, 0.01, "1")})

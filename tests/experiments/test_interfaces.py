@@ -10,7 +10,7 @@ from stiffscope.errors import InputError
 from stiffscope.experiments.interfaces import choices, compare_interfaces, interfaces_csv, interfaces_json
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.workshop import workshop
-from tests.jobs.one_part import MATRIX, PLATE, ROD, STEP, one_part, write_bar
+from tests.experiments.one_part import MATRIX, PLATE, ROD, STEP, one_part, write_bar
 
 NAME = "bar 1"
 RATE = 5.0  # N/mm³

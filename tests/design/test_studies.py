@@ -21,7 +21,7 @@ from stiffscope.design.study_file import Goal, Limit, Variable, load_study
 from stiffscope.errors import InputError
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.processors import processors
-from tests.jobs.one_part import PLATE, ROD, one_part
+from tests.experiments.one_part import PLATE, ROD, one_part
 
 E, RHO = 211e9, 7850.0  # of the built-in steel
 BEAM = '\ncompliance = "beam"'

@@ -15,7 +15,7 @@ from stiffscope.experiments.watching import keep_meshed
 from stiffscope.robot.part_matrices import beam_compliance
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.workshop import workshop
-from tests.jobs.one_part import MATRIX, PLATE, ROD, STEP, one_part, write_bar
+from tests.experiments.one_part import MATRIX, PLATE, ROD, STEP, one_part, write_bar
 
 NAME = "bar 1"
 
