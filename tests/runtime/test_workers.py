@@ -83,7 +83,7 @@ def test_a_job_that_takes_too_long_is_ended():
 
 
 def test_a_killed_parent_takes_its_children_along(tmp_path):
-    code = "from tests.experiments.test_workers import wait_long, work_together as w; "
+    code = "from tests.runtime.test_workers import wait_long, work_together as w; "
     code += f"w(wait_long, {{'one': ({str(tmp_path)!r},)}}, {{'one': print}})"
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
     parent = subprocess.Popen([sys.executable, "-c", code], env=environment, cwd=Path(__file__).parents[2])
