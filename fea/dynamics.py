@@ -119,7 +119,7 @@ def vibration_of(levels: TwoLevel) -> _Vibration:
     return _Vibration(levels.system, loads, levels.quadratic @ np.linalg.inv(loads.T @ levels.quadratic))
 
 
-def dynamics(levels: TwoLevel, settings: Settings) -> Dynamics:
+def compute_dynamics(levels: TwoLevel, settings: Settings) -> Dynamics:
     """Return what the mass of a part does: modes, own weight, and the mass condensed on interfaces and modes.
 
     Parameters
@@ -140,7 +140,7 @@ def dynamics(levels: TwoLevel, settings: Settings) -> Dynamics:
         softer = (clamped_squares / (2 * np.pi * frequencies) ** 2 - 1).mean() / known.mean()
         wide = (2 * frequency_error / frequencies).max() / known.mean()  # bounds of squares, too, in parts of the gain
         return Dynamics(
-            condensed_mass=condensed_mass(levels, fixed),
+            condensed_mass=condense_mass(levels, fixed),
             mode_squares=squares / (1 + softer * gain),
             mode_squares_error=squares * wide * gain,
             self_weight=weight,
@@ -206,7 +206,7 @@ def _gain_on_cubics(vibration: _Vibration, squares: Floats, modes: Floats) -> Fl
     return np.einsum("ij,ij->j", residual, cubic.precondition(residual)) / squares
 
 
-def condensed_mass(levels: TwoLevel, fixed: Floats | None = None) -> Floats:
+def condense_mass(levels: TwoLevel, fixed: Floats | None = None) -> Floats:
     """Return (6(1+n)+k, 6(1+n)+k) the mass on the clamp's twist, the interfaces' twists, and modes (c, k) if given."""
     system = levels.system
     mesh, specimen = system.mesh, system.specimen

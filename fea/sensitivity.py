@@ -28,9 +28,9 @@ from stiffscope.fea.couplings import carried, rigid_modes, unit_loads
 from stiffscope.fea.cubic import cubic_loads, expand
 from stiffscope.fea.design_velocity import DesignVelocity
 from stiffscope.fea.elasticity import tensor
-from stiffscope.fea.experiment import specimen_of
 from stiffscope.fea.foundation import springs
 from stiffscope.fea.mass import times
+from stiffscope.fea.run import specimen_of
 from stiffscope.fea.solution import respond, solve_two_levels
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ class Derivative:
     Attributes
     ----------
     value, unit : of the parameter.
-    flexibility, flexibility_error : (6n, 6n) of the compliance of all n loaded interfaces together, each at its
+    full_compliance, full_error : (6n, 6n) of the compliance of all n loaded interfaces together, each at its
         reference point, which moves with the part; and its 95 % bounds.
     self_weight, self_weight_error : (3, 6) of the twist of the first interface for 1 m/s² along x, y, z; its bounds.
     mass, centre : kg; (3,) of the centre of mass, m.
@@ -78,8 +78,8 @@ class Derivative:
 
     value: float
     unit: str
-    flexibility: Floats
-    flexibility_error: Floats
+    full_compliance: Floats
+    full_error: Floats
     self_weight: Floats
     self_weight_error: Floats
     mass: float
@@ -91,12 +91,12 @@ class Derivative:
     @property
     def compliance(self) -> Floats:
         """(6, 6) of the compliance of the first interface."""
-        return self.flexibility[:6, :6]
+        return self.full_compliance[:6, :6]
 
     @property
     def error(self) -> Floats:
         """(6, 6) 95 % bounds of ``compliance``."""
-        return self.flexibility_error[:6, :6]
+        return self.full_error[:6, :6]
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,7 +230,7 @@ class _Forms:
 
     @property
     def wrenches(self) -> int:
-        return len(self.experiment.flexibility)
+        return len(self.experiment.full_compliance)
 
     @cached_property
     def lumped(self) -> Floats:
@@ -335,8 +335,8 @@ class _Forms:
         return Derivative(
             value=value,
             unit=unit,
-            flexibility=whole[:w, :w],
-            flexibility_error=error[:w, :w],
+            full_compliance=whole[:w, :w],
+            full_error=error[:w, :w],
             self_weight=whole[:6, w:].T,
             self_weight_error=error[:6, w:].T,
             mass=0.0,

@@ -62,7 +62,7 @@ if TYPE_CHECKING:
     from stiffscope.experiments.orders import build_part as build_part
     from stiffscope.fea.experiment import Experiment as Experiment
     from stiffscope.fea.experiment import load_experiment as load_experiment
-    from stiffscope.fea.experiment import run_experiment as run_experiment
+    from stiffscope.fea.run import run_experiment as run_experiment
     from stiffscope.fea.settings import Settings as Settings
     from stiffscope.gap.campaigns import diagnose as diagnose
     from stiffscope.gap.inference.diagnosis import Diagnosis as Diagnosis
@@ -91,7 +91,8 @@ _MODULES = {
     "cad.materials": ("material",),
     "cad.step": ("read_step",),
     "errors": ("InputError", "StiffscopeError"),
-    "fea.experiment": ("Experiment", "load_experiment", "run_experiment"),
+    "fea.experiment": ("Experiment", "load_experiment"),
+    "fea.run": ("run_experiment",),
     "fea.settings": ("Settings",),
     "gap.inference.diagnosis": ("Diagnosis",),
     "experiments.assembly": ("assemble",),

@@ -24,7 +24,7 @@ sys.path.insert(0, str(ROOT))  # the tests' exact solutions and independent mode
 
 def parts() -> tuple[Figure, str]:
     """Exact compliances of bars and plates beside ours, with the error bars."""
-    from stiffscope.fea.experiment import run_experiment
+    from stiffscope.fea.run import run_experiment
     from tests.validation.parts import STEEL, bar, plate
 
     solids = {"bar": bar(), "tube": bar(bore=0.015, length=0.1), "steel bar": bar(material=STEEL), "plate": plate()}

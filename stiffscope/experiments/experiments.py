@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from stiffscope.cad.part import Part
     from stiffscope.experiments.orders import PartOrder
-    from stiffscope.fea.experiment import Condensed
+    from stiffscope.fea.experiment import Experiment
     from stiffscope.runtime.cache import Cache
     from stiffscope.runtime.workshop import Workshop
 
@@ -145,10 +145,12 @@ def _whole(order: PartOrder, folder: Path, seconds: float, reused: bool) -> Part
 
 
 def _condensed(order: PartOrder, folder: Path, seconds: float, reused: bool) -> CondensedPart:
-    from stiffscope.fea.experiment import load_condensed
+    from stiffscope.fea.experiment import load_experiment
 
     solid = json.loads((folder / SOLID).read_text())
-    return CondensedPart(order, order.key(), folder, load_condensed(folder / EXPERIMENT), solid, reused, seconds)
+    return CondensedPart(
+        order, order.key(), folder, load_experiment(folder / EXPERIMENT, fields=False), solid, reused, seconds
+    )
 
 
 def make_part(order: PartOrder, cache: Cache, report: Report) -> tuple[Path, float]:
@@ -190,12 +192,13 @@ def _named(order: PartOrder) -> Iterator[None]:
 
 def _write(order: PartOrder, folder: Path, report: Report, held: Path | None) -> None:
     from stiffscope.cad.step import write_step, write_stl
-    from stiffscope.fea.experiment import load_condensed, run_experiment
+    from stiffscope.fea.experiment import load_experiment
     from stiffscope.fea.export import write_vtu
+    from stiffscope.fea.run import run_experiment
 
     part, stage, built = _built(order, report)
-    former = None if held is None else load_condensed(held / EXPERIMENT)
-    experiment = run_experiment(part, order.settings, stage, former)
+    former = None if held is None else load_experiment(held / EXPERIMENT, fields=False)
+    experiment = run_experiment(part, order.settings, stage, former=former)
     experiment.seconds["cad"] += built
     report("files", 0.97)
     experiment.save(folder / EXPERIMENT)
@@ -205,17 +208,17 @@ def _write(order: PartOrder, folder: Path, report: Report, held: Path | None) ->
     (folder / SOLID).write_text(json.dumps(_solid(part)))
 
 
-def _condense(order: PartOrder, report: Report, former: CondensedPart | None) -> tuple[Part, Condensed]:
-    from stiffscope.fea.experiment import condense
+def _condense(order: PartOrder, report: Report, former: CondensedPart | None) -> tuple[Part, Experiment]:
+    from stiffscope.fea.run import run_experiment
 
     part, stage, built = _built(order, report)
     near = None if former is None else (former.order.build(), former.experiment.mesh)
-    condensed = condense(part, order.settings, stage, near)
+    condensed = run_experiment(part, order.settings, stage, near=near, whole=False)
     condensed.seconds["cad"] += built
     return part, condensed
 
 
-def _write_condensed(part: Part, condensed: Condensed, folder: Path) -> None:
+def _write_condensed(part: Part, condensed: Experiment, folder: Path) -> None:
     condensed.save(folder / EXPERIMENT)
     (folder / SOLID).write_text(json.dumps(_solid(part)))
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from stiffscope.experiments.orders import PartOrder
-    from stiffscope.fea.experiment import Condensed, Experiment
+    from stiffscope.fea.experiment import Experiment
     from stiffscope.robot.file.description import RobotFile
 
 DYNAMICS = (
@@ -52,7 +52,7 @@ class CondensedPart:
     order: PartOrder
     key: str
     folder: Path
-    experiment: Condensed
+    experiment: Experiment
     solid: dict[str, Any]
     reused: bool
     seconds: float
@@ -108,20 +108,22 @@ class CondensedPart:
 class PartResult(CondensedPart):
     """The same with the whole experiment: fields, own weight, natural frequencies."""
 
-    experiment: Experiment
-
     @property
     def facts(self) -> dict[str, Any]:
         """What is told of a part besides its fields: plain numbers, SI."""
         experiment, order = self.experiment, self.order
         several = len(experiment.reference_points) > 1
-        together = ("reference_points", "flexibility", "flexibility_error") if several else ()
+        together = {
+            "reference_points": experiment.reference_points,
+            "flexibility": experiment.full_compliance,
+            "flexibility_error": experiment.full_error,
+        }
         return {
             "part": self.name,
             "compliance": experiment.compliance,
             "error": experiment.error,
             "reference_point": experiment.reference_point,
-            **{name: getattr(experiment, name) for name in together},
+            **(together if several else {}),
             "interface": experiment.interface,
             "foundation": order.settings.foundation,
             **self.accuracy,

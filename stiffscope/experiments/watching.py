@@ -25,7 +25,7 @@ PERIOD = 0.05  # s between two looks at the files
 HEAVY = (
     "build123d",
     "stiffscope.cad.step",
-    "stiffscope.fea.experiment",
+    "stiffscope.fea.run",
     "stiffscope.fea.adapt",
     "stiffscope.fea.design_velocity",
     "stiffscope.fea.dynamics",

@@ -33,12 +33,14 @@ MOST_BARS = 15
 def part_json(found: PartSensitivity, result: PartResult) -> dict[str, Any]:
     """What scripts read of a part, SI: derivatives per unit of each parameter."""
     several = len(result.experiment.reference_points) > 1
-    together = ("flexibility", "flexibility_error") if several else ()
-    keys = ("value", "unit", "compliance", "error", "self_weight", "self_weight_error", "mass", "centre", *together)
+    together = {"flexibility": "full_compliance", "flexibility_error": "full_error"} if several else {}
+    keys = ("value", "unit", "compliance", "error", "self_weight", "self_weight_error", "mass", "centre")
     return {
         "part": found.part,
         "parameters": {
-            name: {key: getattr(each, key) for key in keys} | {"condensed_mass": each.condensed_mass}
+            name: {key: getattr(each, key) for key in keys}
+            | {key: getattr(each, held) for key, held in together.items()}
+            | {"condensed_mass": each.condensed_mass}
             for name, each in found.derivatives.items()
         },
         "notes": found.notes,

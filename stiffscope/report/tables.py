@@ -242,16 +242,15 @@ def show_experiment(experiment: Experiment) -> None:
 
 def show_each_interface(result: PartResult) -> None:
     """The compliance at each of a part's loaded interfaces, and where to find what couples them."""
-    points, flexibility, error = (
-        np.asarray(result.facts[key]) for key in ("reference_points", "flexibility", "flexibility_error")
-    )
+    tested = result.experiment
+    points, compliance, error = tested.reference_points, tested.full_compliance, tested.full_error
     rows: list[Sequence[str]] = []
     for k, place in enumerate(points):
         own = slice(6 * k, 6 * k + 6)
         title = f"Compliance of the {result.name} at its interface {k + 1}, ({point(place, 5)}) mm, loaded alone; SI"
-        rows += _show_matrix(title, flexibility[own, own], error[own, own])
+        rows += _show_matrix(title, compliance[own, own], error[own, own])
     _explain_zeros(rows)
-    size = len(flexibility)
+    size = len(compliance)
     show_line(f"All {len(points)} interfaces together: {size} x {size}, with --json or --superelement\n")
 
 

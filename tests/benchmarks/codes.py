@@ -74,8 +74,8 @@ def build(name):
 def meshed(name, factor=1.0, layers=1):
     """From the CAD to a Problem, as ours does."""
     from stiffscope.cad.part import mass_properties
-    from stiffscope.fea.experiment import specimen_of
     from stiffscope.fea.mesh import default_size
+    from stiffscope.fea.run import specimen_of
     from stiffscope.fea.settings import Settings
     from stiffscope.fea.specimen import mesh_specimen
 
@@ -172,7 +172,7 @@ def command(job):
 def solved(job):
     """What a job finds: compliance and degrees of freedom, and of a whole experiment its bound."""
     if job["code"] == "experiment":
-        from stiffscope.fea.experiment import run_experiment
+        from stiffscope.fea.run import run_experiment
         from stiffscope.fea.settings import Settings
 
         done = run_experiment(build(job["part"]), Settings(**job.get("settings", {})))

@@ -23,8 +23,8 @@ import numpy as np
 from scipy.optimize import nnls
 
 from stiffscope.fea import solution
-from stiffscope.fea.experiment import run_experiment, specimen_of
 from stiffscope.fea.mesh import MeshError
+from stiffscope.fea.run import run_experiment, specimen_of
 from stiffscope.fea.settings import Settings
 from tests.benchmarks.random_parts import draw
 

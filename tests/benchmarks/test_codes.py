@@ -112,7 +112,7 @@ def test_robot_beside_one_solid(tmp_path):
 
     from stiffscope.cad.materials import STEEL
     from stiffscope.cad.step import read_step
-    from stiffscope.fea.experiment import specimen_of
+    from stiffscope.fea.run import specimen_of
     from stiffscope.fea.settings import Settings
     from stiffscope.fea.specimen import mesh_specimen
 
@@ -143,8 +143,8 @@ def test_exudyn_takes_the_superelement(name, tmp_path, monkeypatch):
     import exudyn
     from exudyn.utilities import NodeGenericODE2, ObjectGenericODE2
 
-    from stiffscope.fea.experiment import run_experiment
     from stiffscope.fea.export import write_superelement
+    from stiffscope.fea.run import run_experiment
 
     experiment = run_experiment(build(name))
     monkeypatch.chdir(tmp_path)  # EXUDYN writes its solution into the working folder

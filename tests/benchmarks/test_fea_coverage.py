@@ -18,8 +18,8 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 
-from stiffscope.fea.experiment import run_experiment
 from stiffscope.fea.mesh import MeshError
+from stiffscope.fea.run import run_experiment
 from stiffscope.fea.settings import Settings
 from stiffscope.fea.significance import SIGNIFICANT
 from tests.benchmarks.random_parts import draw

@@ -11,8 +11,8 @@ import pytest
 
 from stiffscope.cad import link, slider
 from stiffscope.cad.materials import STEEL
-from stiffscope.fea.experiment import examine, specimen_of
 from stiffscope.fea.mesh import default_size
+from stiffscope.fea.run import run_experiment, specimen_of
 from stiffscope.fea.sensitivity import part_sensitivity
 from stiffscope.fea.settings import Settings
 from stiffscope.fea.solution import solve_specimen
@@ -56,7 +56,7 @@ def table(name, only=(), settings=None):
     settings = settings or Settings()
     module, parameters = PARTS[name]
     part = module.build(parameters)
-    experiment = examine(specimen_of(part, settings), settings)
+    experiment = run_experiment(specimen_of(part, settings), settings)
 
     def variant(key):
         return lambda value: module.build(dataclasses.replace(parameters, **{key: value}))
@@ -129,7 +129,7 @@ def test_derivatives_agree_within_their_bars_with_those_on_a_mesh_twice_as_fine(
     found = []
     for length in (None, 0.55 * size):
         settings = Settings(size=length, modes=0)
-        experiment = examine(specimen_of(part, settings), settings)
+        experiment = run_experiment(specimen_of(part, settings), settings)
         found.append(part_sensitivity(experiment, part, settings, dimensions).derivatives)
     scale = experiment.compliance.diagonal()
     offs, bars = [], []

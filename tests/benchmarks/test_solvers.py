@@ -20,7 +20,7 @@ from tests.benchmarks.codes import meshed
 pytestmark = pytest.mark.benchmark
 LARGE = """
 import json, resource, sys, time
-from stiffscope.fea.experiment import run_experiment
+from stiffscope.fea.run import run_experiment
 from stiffscope.fea.settings import Settings
 from tests.benchmarks.codes import build
 e = run_experiment(build("slider"), Settings(size=float(sys.argv[1]), time_limit=600))

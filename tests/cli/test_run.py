@@ -81,7 +81,7 @@ def test_beam_theory_is_beside_the_own_shape_alone(tmp_path, capsys, solid):
     order = order_part(robot, "slider", None if own else tmp_path / solid)
     empty = np.zeros((0, 3))
     made = {field.name: empty for field in fields(Experiment)} | {
-        "part": "slider", "interface": "rigid", "flexibility": beam, "flexibility_error": 0.01 * abs(beam),
+        "part": "slider", "interface": "rigid", "full_compliance": beam, "full_error": 0.01 * abs(beam),
         "reference_points": np.zeros((1, 3)), "mesh": SimpleNamespace(points=empty, cells=empty), "note": "",
     }  # fmt: skip
     experiment = Experiment(**made)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from stiffscope.fea.experiment import examine
+from stiffscope.fea.run import run_experiment
 from stiffscope.fea.settings import Settings
 from stiffscope.fea.specimen import mesh_specimen
 from tests.fea.shapes import box, cylinder
@@ -11,12 +11,12 @@ LINK, PLATE = cylinder(0.5, 0.0125), box(0.085, 0.32, 0.02)
 
 @pytest.fixture(scope="session")
 def link():
-    return examine(LINK, Settings())
+    return run_experiment(LINK, Settings())
 
 
 @pytest.fixture(scope="session")
 def plate():
-    return examine(PLATE, Settings())
+    return run_experiment(PLATE, Settings())
 
 
 @pytest.fixture(scope="session")

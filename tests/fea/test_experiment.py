@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.fea.experiment import condense_specimen, examine, load_experiment
+from stiffscope.fea.experiment import load_experiment
 from stiffscope.fea.export import write_vtu
+from stiffscope.fea.run import run_experiment
 from stiffscope.fea.settings import Settings
 from tests.fea.conftest import PLATE
 from tests.fea.shapes import box
@@ -35,7 +36,7 @@ def test_every_entry_is_within_its_tolerance_and_its_bound(name, allowed, reques
 
 
 def test_a_distributed_face_twists_three_times_as_much():
-    experiment = condense_specimen(PLATE, Settings(interface="distributed"))
+    experiment = run_experiment(PLATE, Settings(interface="distributed"), whole=False)
     assert pick(experiment.compliance) == pytest.approx(REFERENCE["plate, distributed"], rel=2e-3)
     assert experiment.imbalance < 1e-4
 
@@ -108,6 +109,6 @@ def test_settings_refuse_what_cannot_be(wrong):
 
 def test_progress_names_the_stages():
     seen = []
-    examine(box(0.1, 0.03, 0.02), Settings(size=0.02), lambda stage, fraction: seen.append((stage, fraction)))
-    assert [stage for stage, _ in seen] == ["mesh", "solve", "modes", "solve"]
+    run_experiment(box(0.1, 0.03, 0.02), Settings(size=0.02), lambda stage, fraction: seen.append((stage, fraction)))
+    assert [stage for stage, _ in seen] == ["cad", "mesh", "solve", "modes", "solve"]
     assert seen[-1][1] == 1.0

@@ -12,12 +12,13 @@ import stiffscope.fea.dynamics
 from stiffscope.errors import InputError
 from stiffscope.fea.beam import rectangle, timoshenko
 from stiffscope.fea.couplings import carried
-from stiffscope.fea.dynamics import dynamics, vibration_of
+from stiffscope.fea.dynamics import compute_dynamics, vibration_of
 from stiffscope.fea.elasticity import isotropic
-from stiffscope.fea.experiment import examine, load_experiment
+from stiffscope.fea.experiment import load_experiment
 from stiffscope.fea.export import free_superelement
 from stiffscope.fea.mass import Mass, rigid_mass, times
 from stiffscope.fea.modes import lowest_modes, ritz
+from stiffscope.fea.run import run_experiment
 from stiffscope.fea.settings import Settings
 from stiffscope.fea.solution import respond, solve_two_levels
 from stiffscope.fea.solvers import factorized
@@ -121,7 +122,7 @@ def test_directions_that_depend_on_others_are_left_out(rng):
 def test_a_uniform_bar_rings_as_waves_say():
     """Quarter waves of torsion and of stretch: c / 4L; without contraction a bar's stretch is that of its fibres."""
     length = 0.1
-    found = examine(cylinder(length, 0.0125, NO_CONTRACTION), Settings(size=0.01, interface="distributed"))
+    found = run_experiment(cylinder(length, 0.0125, NO_CONTRACTION), Settings(size=0.01, interface="distributed"))
     twist, stretch = np.sqrt(np.array([E_MODULUS / 2, E_MODULUS]) / DENSITY) / (4 * length)
     for exact in (twist, stretch):
         near = np.abs(found.frequencies - exact).argmin()
@@ -145,7 +146,7 @@ def test_frequencies_are_within_a_thousandth_and_their_bounds(plate, link):
 @pytest.mark.slow
 def test_a_needle_rings_as_a_slender_beam():
     """A thousand times as long as thick: products of its stiffness with its modes are nothing but rounding."""
-    found = examine(box(0.5, 5e-4, 5e-4), Settings(size=0.01))
+    found = run_experiment(box(0.5, 5e-4, 5e-4), Settings(size=0.01))
     radius = 5e-4 / np.sqrt(12)
     exact = np.array([1.8751041, 4.6940911]) ** 2 / (2 * np.pi * 0.5**2) * np.sqrt(E_MODULUS / DENSITY) * radius
     off = np.abs(found.frequencies[:4] / np.repeat(exact, 2) - 1)
@@ -156,7 +157,7 @@ def test_a_needle_rings_as_a_slender_beam():
 @pytest.mark.parametrize("part", [box(0.1, 0.03, 0.02), pytest.param(cylinder(0.12, 0.01), marks=pytest.mark.slow)])
 def test_modes_between_held_ends_are_within_their_bounds(part):
     """Against a mesh of half the size."""
-    coarse, fine = (examine(part, Settings(size=size, modes=6)) for size in (0.02, 0.01))
+    coarse, fine = (run_experiment(part, Settings(size=size, modes=6)) for size in (0.02, 0.01))
     off = np.abs(coarse.mode_squares - fine.mode_squares)
     assert (off <= coarse.mode_squares_error + fine.mode_squares_error).all()
     assert (coarse.mode_squares_error < 0.02 * coarse.mode_squares).all()
@@ -176,7 +177,7 @@ def test_the_condensed_model_has_the_clamped_frequencies(plate, link):
 
 @pytest.fixture(scope="module")
 def cantilever():
-    return examine(box(0.5, 0.02, 0.03, NO_CONTRACTION), Settings(size=0.015))
+    return run_experiment(box(0.5, 0.02, 0.03, NO_CONTRACTION), Settings(size=0.015))
 
 
 def test_a_cantilever_sags_under_its_own_weight_as_the_textbook_says(cantilever):
@@ -227,7 +228,7 @@ def test_whatever_holds_the_part_its_mass_is_the_same(settings):
     if "interface" in settings:
         side = frozenset({5}), np.array([0.05, 0.0, 0.01])
         specimen = replace(specimen, loaded=(*specimen.loaded, side))
-    found = examine(specimen, Settings(size=0.02, **settings))
+    found = run_experiment(specimen, Settings(size=0.02, **settings))
     both = motions(found).T @ found.condensed_mass @ motions(found)
     assert both[:3, :3] == pytest.approx(found.mass * np.eye(3), abs=1e-10)
     assert found.mass == pytest.approx(DENSITY * specimen.volume, rel=1e-6)
@@ -239,13 +240,13 @@ def test_whatever_holds_the_part_its_mass_is_the_same(settings):
 def test_the_number_of_modes_is_chosen_directly_or_by_a_frequency(stub, monkeypatch):
     monkeypatch.setattr(stiffscope.fea.dynamics, "MOST_MODES", 16)
     levels = levels_of(stub)
-    some = dynamics(levels, Settings(modes=14)).mode_squares
+    some = compute_dynamics(levels, Settings(modes=14)).mode_squares
     assert len(some) == 14
     limit = np.sqrt(some[9] * some[8]) ** 0.5 / (2 * np.pi)
-    assert len(dynamics(levels, Settings(highest_frequency=limit)).mode_squares) == 9
-    assert len(dynamics(levels, Settings(highest_frequency=1.0)).mode_squares) == 0
+    assert len(compute_dynamics(levels, Settings(highest_frequency=limit)).mode_squares) == 9
+    assert len(compute_dynamics(levels, Settings(highest_frequency=1.0)).mode_squares) == 0
     with pytest.raises(InputError, match=r"mesh.highest_frequency: expected at most 16 modes below it, that is less"):
-        dynamics(levels, Settings(highest_frequency=1e9))
+        compute_dynamics(levels, Settings(highest_frequency=1e9))
 
 
 @pytest.mark.parametrize(

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from stiffscope.cad import slider
-from stiffscope.fea.experiment import run_experiment, specimen_of
 from stiffscope.fea.geometry import centroid, jacobian_range, volume
 from stiffscope.fea.mesh import MeshError, boundary_facets, tetrahedralize
 from stiffscope.fea.refine import bisect, grade
+from stiffscope.fea.run import run_experiment, specimen_of
 from stiffscope.fea.settings import Settings
 from stiffscope.fea.singular import fixed_exponent, free_exponent, singular_edges
 from stiffscope.fea.specimen import face_areas, interface_error, mesh_specimen

@@ -12,10 +12,11 @@ from stiffscope.errors import InputError
 from stiffscope.fea.couplings import carried, rigid_modes
 from stiffscope.fea.cubic import solve_cubic
 from stiffscope.fea.elasticity import isotropic
-from stiffscope.fea.experiment import condense_specimen, load_condensed
+from stiffscope.fea.experiment import load_experiment
 from stiffscope.fea.export import free_superelement, write_superelement
 from stiffscope.fea.geometry import volume
 from stiffscope.fea.mesh import MeshError
+from stiffscope.fea.run import run_experiment
 from stiffscope.fea.settings import Settings
 from stiffscope.fea.singular import singular_edges
 from tests.fea.conftest import PLATE
@@ -25,7 +26,7 @@ from tests.fea.test_experiment import REFERENCE, pick
 
 @pytest.fixture(scope="module")
 def tight():
-    return condense_specimen(PLATE, Settings(tolerance=1e-3))
+    return run_experiment(PLATE, Settings(tolerance=1e-3), whole=False)
 
 
 @pytest.mark.slow
@@ -44,11 +45,11 @@ def test_refinement_is_local_and_keeps_the_shape(tight, plate):
 
 
 def test_what_cannot_be_met_is_said_and_saved(tmp_path):
-    experiment = condense_specimen(PLATE, Settings(tolerance=1e-4, most_unknowns=60_000))
+    experiment = run_experiment(PLATE, Settings(tolerance=1e-4, most_unknowns=60_000), whole=False)
     assert "not met" in experiment.note
     assert "60000 unknowns" in experiment.note
     experiment.save(tmp_path / "plate.npz")
-    assert load_condensed(tmp_path / "plate.npz").note == experiment.note
+    assert load_experiment(tmp_path / "plate.npz").note == experiment.note
 
 
 def test_a_refined_mesh_that_cannot_be_solved_leaves_the_last_one(monkeypatch):
@@ -60,7 +61,7 @@ def test_a_refined_mesh_that_cannot_be_solved_leaves_the_last_one(monkeypatch):
 
     meshes = []
     monkeypatch.setattr(stiffscope.fea.adapt, "solve_specimen", solve)
-    experiment = condense_specimen(PLATE, Settings(tolerance=1e-4))
+    experiment = run_experiment(PLATE, Settings(tolerance=1e-4), whole=False)
     assert experiment.mesh is meshes[0]
     assert experiment.note.endswith("at the last mesh that could be solved; solve: broken")
 
@@ -69,7 +70,7 @@ def test_a_soft_foundation_adds_the_springs_of_statics():
     """Far softer than the bar, the foundation's traction is linear: 1 / kA, 1 / kJ and 1 / kI, carried to the tip."""
     k, radius, length = 1e10, 0.0125, 0.1
     bar = cylinder(length, radius)
-    held, springy = (condense_specimen(bar, Settings(size=0.01, foundation=value)) for value in (None, k))
+    held, springy = (run_experiment(bar, Settings(size=0.01, foundation=value), whole=False) for value in (None, k))
     area, second = np.pi * radius**2, np.pi * radius**4 / 4
     expected = np.diag(1 / (k * np.array([area] * 3 + [2 * second, second, second])))
     carry = np.eye(6)
@@ -81,13 +82,13 @@ def test_a_soft_foundation_adds_the_springs_of_statics():
 
 def test_a_stiff_foundation_is_a_clamp():
     bar = box(0.1, 0.03, 0.02)
-    held, founded = (condense_specimen(bar, Settings(size=0.015, foundation=value)) for value in (None, 1e18))
+    held, founded = (run_experiment(bar, Settings(size=0.015, foundation=value), whole=False) for value in (None, 1e18))
     assert pick(founded.compliance) == pytest.approx(pick(held.compliance), rel=2e-3)
 
 
 def test_a_foundation_too_soft_to_hold_is_refused():
     with pytest.raises(InputError, match=r"foundation: 50 N/m³ is too soft to hold box; expected at least 7\.\de\+08"):
-        condense_specimen(box(0.1, 0.03, 0.02), Settings(size=0.015, foundation=50.0))
+        run_experiment(box(0.1, 0.03, 0.02), Settings(size=0.015, foundation=50.0), whole=False)
 
 
 @pytest.mark.slow
@@ -95,7 +96,7 @@ def test_no_bound_without_convergence(monkeypatch):
     rubber = box(0.06, 0.03, 0.02, isotropic(3e6, 3e6 / 2 / (1 + 0.49999)))
     monkeypatch.setattr(stiffscope.fea.solution, "solve_cubic", partial(solve_cubic, limit=20))
     with pytest.raises(MeshError, match="did not converge in 20 steps"):
-        condense_specimen(rubber, Settings(size=0.03))
+        run_experiment(rubber, Settings(size=0.03), whole=False)
 
 
 def test_superelement_is_free_and_is_the_part_when_held(plate):

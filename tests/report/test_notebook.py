@@ -51,7 +51,7 @@ def objects(machine):
     poses = list(robot.poses.values())
     zeros = np.zeros((6, 6))
     tested = ss.Experiment(**dict.fromkeys(field.name for field in fields(ss.Experiment)) | {
-        "part": "plate", "interface": "rigid", "flexibility": np.eye(6), "flexibility_error": zeros,
+        "part": "plate", "interface": "rigid", "full_compliance": np.eye(6), "full_error": zeros,
         "reference_points": np.zeros((1, 3)), "mass": 2.5, "note": "", "unknowns": 6,
         "imbalance": 0.0, "volume": 1.0, "cad_volume": 1.0,
     })  # fmt: skip

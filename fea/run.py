@@ -1,0 +1,183 @@
+"""Run a virtual experiment: mesh a part, clamp it, load its interfaces by unit wrenches, and condense it on them."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.cad.part import Part, mass_properties, project, surface
+from stiffscope.fea.adapt import solve_on, solve_within
+from stiffscope.fea.dynamics import compute_dynamics, condense_mass
+from stiffscope.fea.experiment import Experiment
+from stiffscope.fea.geometry import centroid, volume
+from stiffscope.fea.mass import rigid_mass
+from stiffscope.fea.mesh import check_lengths, check_time, default_size, flatness_of
+from stiffscope.fea.settings import Settings
+from stiffscope.fea.specimen import GOOD_SHAPE, Specimen, cure_of, mesh_specimen, shape_error
+from stiffscope.runtime.listening import LISTENERS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from stiffscope.fea.mesh import TetMesh
+    from stiffscope.fea.solution import Solution
+
+    Progress = Callable[[str, float], None]
+
+# A coarse tessellation suffices, since nodes are projected on the solid afterwards, and a fine one is expensive: a
+# circle of 16 sides instead of 12 takes four times the elements and twice the time.
+CHORD, TURN = 0.15, 1.1  # distance to the surface in element sizes, angle between adjacent triangles in rad
+
+
+def run_experiment(
+    part: Part | Specimen,
+    settings: Settings | None = None,
+    progress: Progress | None = None,
+    *,
+    former: Experiment | None = None,
+    near: tuple[Part, TetMesh] | None = None,
+    whole: bool = True,
+) -> Experiment:
+    """Mesh a part, clamp it, load it by unit wrenches and return its compliance with error bounds.
+
+    Parameters
+    ----------
+    part
+        A solid with a material, clamped faces and loaded interfaces.
+    settings
+        How to mesh and solve.
+    progress
+        Called with a stage's name and the fraction done.
+    former
+        Of the same part and settings; its mesh is taken, so that its compliance is the same.
+    near
+        A part of slightly other dimensions and its mesh for the same settings, which is moved along if it can be.
+    whole
+        Whether fields, own weight, modes and frequencies are wanted. Without them it takes half of the time, and the
+        compliance is the same.
+
+    Returns
+    -------
+    Experiment
+        Compliance (6n, 6n) of n loaded interfaces in m/N, rad/N, m/(N m), rad/(N m), its bounds, mesh and fields.
+
+    Raises
+    ------
+    InputError
+        A length out of range, interfaces that overlap, or a foundation that is too soft.
+    MeshError
+        The part cannot be meshed or solved.
+
+    """
+    started, settings = time.perf_counter(), settings or Settings()
+    progress = progress or LISTENERS.open_line(part.name)
+    progress("cad", 0.0)
+    specimen = part if isinstance(part, Specimen) else specimen_of(part, settings)
+    moved = _moved_mesh(specimen, part, *near) if near and isinstance(part, Part) else None
+    seconds = {"cad": time.perf_counter() - started}
+    progress("mesh", 0.05)
+    mesh = former.mesh if former else moved or _mesh(specimen, settings, settings.time_limit - seconds["cad"])
+    seconds["mesh"] = former.seconds["mesh"] if former else time.perf_counter() - started - seconds["cad"]
+    solving = time.perf_counter()
+    progress("solve", 0.5)
+    if former:
+        solution, note = solve_on(specimen, mesh, settings), former.note
+    else:
+        left = max(settings.time_limit - (solving - started), 1.0)
+        check_time(len(mesh.cells), left, cure_of(specimen, settings.size), meshed=True)
+        mesh, solution, note = solve_within(
+            specimen, mesh, settings, lambda stage, done: progress(stage, 0.5 + 0.35 * done), left, modes=whole
+        )
+    experiment = replace(_statics(specimen, settings, mesh, solution), note=note, moved=moved is not None)
+    if whole:
+        progress("modes", 0.85)
+        experiment = _with_fields(experiment, solution, settings)
+    seconds["solve"] = time.perf_counter() - solving
+    progress("solve", 1.0)
+    return replace(experiment, seconds=seconds)
+
+
+def specimen_of(part: Part, settings: Settings) -> Specimen:
+    """Return the part as plain numbers, its surface triangulated for the element size of the settings.
+
+    Raises
+    ------
+    MeshError : a length of the settings is out of range for this part.
+    """
+    from stiffscope.cad import kernel
+
+    solid = mass_properties(part).volume
+    check_lengths(part.name, (solid, kernel.diagonal(part.solid) * 1e-3), settings.size, settings.envelope)
+    area, flatness = sum(face.area for face in part.faces), flatness_of(solid, part.faces)
+    size = settings.size or default_size(solid, area, flatness)
+    return Specimen(
+        name=part.name,
+        surface=surface(part, deflection=CHORD * size, angle=TURN),
+        project=lambda place, points: project(part, place, points),
+        elasticity=part.material.elasticity(),
+        clamped=part.clamped,
+        loaded=tuple((face.faces, np.asarray(face.reference_point, dtype=float)) for face in part.loaded),
+        volume=float(solid),
+        density=float(part.material.density),
+    )
+
+
+def _moved_mesh(specimen: Specimen, part: Part, former: Part, mesh: TetMesh) -> TetMesh | None:
+    """Return the mesh of a former part moved along, None where that has not the shape of this one."""
+    from stiffscope.fea.design_velocity import moved_along
+
+    moved = moved_along(mesh, former, part)
+    return moved if moved and shape_error(specimen, moved) < GOOD_SHAPE else None
+
+
+def _mesh(specimen: Specimen, settings: Settings, left: float) -> TetMesh:
+    return mesh_specimen(
+        specimen,
+        size=settings.size,
+        envelope=settings.envelope,
+        layers=settings.layers,
+        rigid=settings.interface == "rigid",
+        time_limit=max(left, 1.0),
+        threads=settings.threads,
+        tolerance=settings.tolerance,
+    )
+
+
+def _statics(specimen: Specimen, settings: Settings, mesh: TetMesh, solution: Solution) -> Experiment:
+    rigid = rigid_mass(mesh.points, solution.levels.system.mass.nodes)
+    return Experiment(
+        part=specimen.name,
+        interface=settings.interface,
+        full_compliance=solution.compliance,
+        full_error=solution.error,
+        reference_points=np.array([point for _, point in specimen.loaded]),
+        clamp_point=centroid(mesh.points[mesh.facets_of(specimen.clamped)]),
+        mesh=mesh,
+        imbalance=solution.imbalance,
+        volume=volume(mesh.points, mesh.cells),
+        cad_volume=specimen.volume,
+        unknowns=solution.unknowns,
+        mass=rigid.mass,
+        centre=rigid.centre,
+        inertia=rigid.inertia,
+        condensed_mass=condense_mass(solution.levels),
+    )
+
+
+def _with_fields(experiment: Experiment, solution: Solution, settings: Settings) -> Experiment:
+    found = compute_dynamics(solution.levels, settings)
+    return replace(
+        experiment,
+        condensed_mass=found.condensed_mass,
+        mode_squares=found.mode_squares,
+        mode_squares_error=found.mode_squares_error,
+        self_weight=found.self_weight,
+        self_weight_error=found.self_weight_error,
+        frequencies=found.frequencies,
+        frequency_error=found.frequency_error,
+        displacement=solution.displacement,
+        von_mises=solution.von_mises,
+    )
