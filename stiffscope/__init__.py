@@ -72,13 +72,13 @@ if TYPE_CHECKING:
     from stiffscope.report.notebook import view as view
     from stiffscope.robot.part_matrices import beam_compliance as beam_compliance
     from stiffscope.robot.reader import load_robot as load_robot
+    from stiffscope.vjm.bodies import Body as Body
+    from stiffscope.vjm.bodies import member as member
+    from stiffscope.vjm.joints import Drive as Drive
+    from stiffscope.vjm.joints import Joint as Joint
     from stiffscope.vjm.kinematics import configure as configure
-    from stiffscope.vjm.mechanism import Body as Body
-    from stiffscope.vjm.mechanism import Drive as Drive
-    from stiffscope.vjm.mechanism import Joint as Joint
     from stiffscope.vjm.mechanism import Mechanism as Mechanism
     from stiffscope.vjm.mechanism import Tool as Tool
-    from stiffscope.vjm.mechanism import member as member
     from stiffscope.vjm.modes import modes as modes
     from stiffscope.vjm.statics import analyse as analyse
     from stiffscope.vjm.statics import sag as sag
@@ -105,7 +105,9 @@ _MODULES = {
     "robot.part_matrices": ("beam_compliance",),
     "robot.reader": ("load_robot",),
     "vjm.kinematics": ("configure",),
-    "vjm.mechanism": ("Body", "Drive", "Joint", "Mechanism", "Tool", "member"),
+    "vjm.bodies": ("Body", "member"),
+    "vjm.joints": ("Drive", "Joint"),
+    "vjm.mechanism": ("Mechanism", "Tool"),
     "vjm.modes": ("modes",),
     "vjm.statics": ("analyse", "sag", "stiffness"),
     "vjm.yielding": ("deflection",),

@@ -1,7 +1,8 @@
-"""Checks of what is handed to the mechanics: shape, finiteness, symmetry, definiteness."""
+"""Checks of what is handed to the mechanics: names, shape, finiteness, symmetry, definiteness."""
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,39 +10,106 @@ import numpy as np
 from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import ArrayLike
 
     from stiffscope.vjm.screws import Array
 
+GROUND = "ground"
+BASE = "<base>"
+TOOL = "<tool>"
 _SYMMETRY = 1e-6  # relative; published matrices are rounded
 _INDEFINITE = -1e-9
+_PARALLEL = 1e-6
 
 
-def checked_compliance(matrix: ArrayLike, name: str, *, semidefinite: bool = False) -> Array:
-    """A compliance (6, 6), made exactly symmetric. Raises InputError on another shape, asymmetry or indefiniteness."""
-    c = np.asarray(matrix, dtype=float)
-    if c.shape != (6, 6):
-        msg = f"{name}: expected a 6x6 compliance matrix, got shape {c.shape}"
-        raise InputError(msg)
+def check_compliance(matrix: ArrayLike, name: str, *, semidefinite: bool = False, ends: int = 1) -> Array:
+    """A compliance (6, 6), or (6m, 6m) of m ``ends``, made exactly symmetric.
+
+    Raises InputError on another shape, asymmetry or indefiniteness.
+    """
+    c, size = np.asarray(matrix, dtype=float), 6 * ends
+    if c.shape != (size, size):
+        raise InputError(f"{name}: expected a {size}x{size} compliance matrix, got shape {c.shape}")
     if not np.isfinite(c).all():
-        msg = f"{name}: every entry must be a finite number"
-        raise InputError(msg)
+        raise InputError(f"{name}: every entry must be a finite number")
     if (np.diagonal(c) < 0.0).any():
-        msg = f"{name}: diagonal entries must not be negative, got {np.diagonal(c).min():.6g}"
-        raise InputError(msg)
+        raise InputError(f"{name}: diagonal entries must not be negative, got {np.diagonal(c).min():.6g}")
     scale = np.sqrt(np.outer(np.diagonal(c), np.diagonal(c)))
-    worst = np.unravel_index(np.argmax(np.abs(c - c.T) - _SYMMETRY * scale), (6, 6))
+    worst = np.unravel_index(np.argmax(np.abs(c - c.T) - _SYMMETRY * scale), c.shape)
     if abs(c[worst] - c[worst[::-1]]) > _SYMMETRY * scale[worst]:
         i, j = int(worst[0]) + 1, int(worst[1]) + 1
-        msg = f"{name}: not symmetric, C{i}{j} = {c[worst]:.6g} but C{j}{i} = {c[worst[::-1]]:.6g}"
-        raise InputError(msg)
+        raise InputError(f"{name}: not symmetric, C{i}{j} = {c[worst]:.6g} but C{j}{i} = {c[worst[::-1]]:.6g}")
     c = 0.5 * (c + c.T)
-    largest = np.repeat([np.diagonal(c)[:3].max(), np.diagonal(c)[3:].max()], 3)
+    by_kind = np.diagonal(c).reshape(ends, 2, 3).max(axis=(0, 2))
+    largest = np.tile(np.repeat(by_kind, 3), ends)
     if ((scale == 0.0) & (np.abs(c) > _SYMMETRY * np.sqrt(np.outer(largest, largest)))).any():
         raise InputError(f"{name}: not positive definite (an entry couples with a direction that does not yield)")
     unit = np.where(scale > 0.0, c, 0.0) / np.where(scale > 0.0, scale, 1.0)
     smallest = float(np.linalg.eigvalsh(unit)[0])
     if smallest < _INDEFINITE or (not semidefinite and smallest <= 0.0):
-        msg = f"{name}: not positive definite (smallest eigenvalue of the scaled matrix {smallest:.3g})"
-        raise InputError(msg)
+        raise InputError(f"{name}: not positive definite (smallest eigenvalue of the scaled matrix {smallest:.3g})")
     return c
+
+
+def spell_name(table: str, name: str) -> str:
+    """A body or joint as a robot file spells it, such as ``joints."leg1.motor"``."""
+    return f"{table}.{name}" if re.fullmatch(r"[A-Za-z0-9_-]+", name) else f'{table}."{name}"'
+
+
+def list_names(names: Sequence[str]) -> str:
+    """Names as a sentence lists them."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def check_name(table: str, name: str) -> str:
+    """Refuse a body's or joint's name that is taken; return how a robot file spells it."""
+    here = spell_name(table, name)
+    if not name or name in {GROUND, BASE, TOOL}:
+        raise InputError(f"{here}: expected a name of its own, got {name!r}")
+    return here
+
+
+def check_array(value: ArrayLike, shape: tuple[int, ...], here: str, what: str) -> Array:
+    """Finite numbers of a given shape."""
+    array = np.asarray(value, dtype=float)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise InputError(f"{here}: expected {what} of finite numbers, shape {shape}, got {np.asarray(value).tolist()}")
+    return array
+
+
+def check_vector(value: ArrayLike, here: str, what: str) -> Array:
+    """Three finite numbers."""
+    return check_array(value, (3,), here, what)
+
+
+def check_direction(value: ArrayLike, here: str) -> Array:
+    """A unit vector (3,) along a direction."""
+    vector = check_vector(value, here, "a direction")
+    length = float(np.linalg.norm(vector))
+    if not length > 0.0:
+        raise InputError(f"{here}: expected a direction, got {vector.tolist()}")
+    return vector / length
+
+
+def axes_along(
+    x: ArrayLike, y: ArrayLike | None = None, name: str = "axes", keys: tuple[str, str] = ("x", "y")
+) -> Array:
+    """Axes (3, 3) as columns: x along ``x`` (3,), y as near to ``y`` (3,) as can be, z = x × y.
+
+    ``y`` is by default the base axis after the one that ``x`` is nearest to; ``name`` and ``keys`` are for messages.
+    """
+    along = check_direction(x, f"{name}.{keys[0]}")
+    following = np.eye(3)[(int(np.argmax(np.abs(along))) + 1) % 3]
+    side = following if y is None else check_direction(y, f"{name}.{keys[1]}")
+    normal = np.cross(along, side)
+    if np.linalg.norm(normal) < _PARALLEL:
+        raise InputError(f"{name}.{keys[1]}: expected a direction other than {keys[0]}, got {side.tolist()}")
+    normal = normal / np.linalg.norm(normal)
+    return np.column_stack([along, np.cross(normal, along), normal])
+
+
+def assign(owner: object, key: str, value: object) -> None:
+    """Set a field of a frozen dataclass while it is made."""
+    object.__setattr__(owner, key, value)

@@ -9,12 +9,13 @@ it does not leave free is a spring between two nodes. Elastic bodies with dynami
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from stiffscope.vjm.dynamics import root
-from stiffscope.vjm.mechanism import GROUND
+from stiffscope.vjm.checks import GROUND
+from stiffscope.vjm.dynamics import factor_semidefinite
 from stiffscope.vjm.network import elements_of, free_directions, nodes_of
 from stiffscope.vjm.screws import Frame
 
@@ -23,7 +24,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from stiffscope.vjm.mechanism import Body, Mechanism
+    from stiffscope.vjm.bodies import Body
+    from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.network import Element, Places
     from stiffscope.vjm.screws import Array
 
@@ -263,15 +265,16 @@ def _add_inertia(out: Coordinates, body: Body) -> None:
         if body.inertia is not None:
             whole[3:, 3:] = 0.5 * (body.inertia + body.inertia.T)
         if whole.any():
-            out.inertias.append(seen(body.name, centre, np.eye(3)).after(root(whole, body.name)))
+            out.inertias.append(seen(body.name, centre, np.eye(3)).after(factor_semidefinite(whole, body.name)))
         return
-    ends = [seen(node, at, elastic.axes) for node, at in zip(body.nodes, (elastic.base, elastic.tip), strict=True)]
+    ends = [seen(node, at, elastic.axes) for node, at in zip(body.nodes, elastic.places, strict=True)]
     if elastic.dynamics is None:
         if body.mass:
-            out.inertias += [end.after(np.sqrt(0.5 * body.mass) * np.eye(6)[:3]) for end in ends]
+            out.inertias += [end.after(np.sqrt(body.mass / len(ends)) * np.eye(6)[:3]) for end in ends]
         return
     squares = elastic.dynamics.squares
     modal = Rows(out.more(len(squares)), np.eye(len(squares))[None])
-    out.inertias.append(ends[0].below(ends[1]).below(modal).after(elastic.dynamics.factor))
+    whole = reduce(Rows.below, [*ends, modal])
+    out.inertias.append(whole.after(elastic.dynamics.factor))
     if len(squares):
         out.strains.setdefault(body.name, []).append(modal.after(np.diag(np.sqrt(squares))))

@@ -1,4 +1,4 @@
-"""Mass of an elastic body condensed on its two ends and a few modes between them (Craig and Bampton)."""
+"""Mass of an elastic body condensed on its ends and a few modes between them (Craig and Bampton)."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ _INDEFINITE = -1e-6  # relative eigenvalue of a condensed mass that is more than
 
 @dataclass(frozen=True, eq=False)
 class Dynamics:
-    """Inertia of an elastic body: ``mass`` (12 + k, 12 + k), ``squares`` (k,), and bounds ``error`` (k,) of these.
+    """Inertia of an elastic body: ``mass`` (6n + k, 6n + k), ``squares`` (k,), and bounds ``error`` (k,) of these.
 
-    Coordinates are the twist of its base at the base, the twist of its tip at the tip, and k mass-normalized
-    fixed-interface modes, part axes; ``squares`` are those modes' squared angular frequencies in rad²/s². Its
-    stiffness has no coupling between the ends and the modes.
+    Coordinates are the twists of its n ends, each at its place, and k mass-normalized fixed-interface modes, part axes;
+    ``squares`` are those modes' squared angular frequencies in rad²/s². Its stiffness has no coupling between the ends
+    and the modes.
 
     References
     ----------
@@ -39,7 +39,8 @@ class Dynamics:
 
     def __post_init__(self) -> None:
         m, squares = np.asarray(self.mass, dtype=float), np.asarray(self.squares, dtype=float)
-        size = 12 + squares.size
+        ends = max(2, (len(m) - squares.size) // 6) if m.ndim else 2
+        size = 6 * ends + squares.size
         if squares.ndim != 1 or m.shape != (size, size) or not (np.isfinite(m).all() and np.isfinite(squares).all()):
             raise InputError(f"dynamics: expected finite ({size}, {size}) and ({squares.size},), got {m.shape}")
         if not (squares > 0.0).all():
@@ -55,33 +56,40 @@ class Dynamics:
 
     @cached_property
     def factor(self) -> Array:
-        """Γ (r, 12 + k) with ``ΓᵀΓ`` the mass; InputError where that is indefinite."""
-        return root(self.mass, "dynamics: expected a positive semidefinite condensed mass")
+        """Γ (r, 6n + k) with ``ΓᵀΓ`` the mass; InputError where that is indefinite."""
+        return factor_semidefinite(self.mass, "dynamics: expected a positive semidefinite condensed mass")
 
     @cached_property
     def load(self) -> Array:
-        """Wrenches (12, 3) at base and tip for unit accelerations along the part's x, y, z, that act on all of it."""
-        return self.mass[:12, :3] + self.mass[:12, 6:9]
+        """Wrenches (6n, 3) at the ends for unit accelerations along the part's x, y, z, that act on all of it."""
+        size = self.ends_size
+        return sum((self.mass[:size, k : k + 3] for k in range(0, size, 6)), np.zeros((size, 3)))
 
     @property
     def total(self) -> float:
         """Mass in kg."""
-        return float(np.trace(self.load[:3] + self.load[6:9]) / 3.0)
+        return float(sum(np.trace(self.load[k : k + 3]) for k in range(0, self.ends_size, 6)) / 3.0)
 
-    def moved(self, base: ArrayLike, tip: ArrayLike) -> Dynamics:
-        """The same for ends at other points, ``base`` (3,) and ``tip`` (3,) from the present ones, part axes."""
-        carry = np.eye(12 + self.squares.size)
-        carry[:6, :6], carry[6:12, 6:12] = (shift(-np.asarray(r, dtype=float)) for r in (base, tip))
+    @property
+    def ends_size(self) -> int:
+        """6n: how many coordinates are its ends' twists."""
+        return len(self.mass) - self.squares.size
+
+    def moved(self, *ways: ArrayLike) -> Dynamics:
+        """The same for ends at other points, each (3,) from its present one, part axes."""
+        carry = np.eye(len(self.mass))
+        for k, way in enumerate(ways):
+            carry[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] = shift(-np.asarray(way, dtype=float))
         return Dynamics(carry.T @ self.mass @ carry, self.squares, self.error)
 
     def scaled(self, factor: float) -> Dynamics:
         """The same of a material ``factor`` times as dense; modes are normalized anew."""
-        unit = np.repeat([np.sqrt(factor), 1.0], [12, self.squares.size])
+        unit = np.repeat([np.sqrt(factor), 1.0], [self.ends_size, self.squares.size])
         error = None if self.error is None else self.error / factor
         return Dynamics(self.mass * np.outer(unit, unit), self.squares / factor, error)
 
 
-def root(matrix: Array, message: str) -> Array:
+def factor_semidefinite(matrix: Array, message: str) -> Array:
     """Γ (r, m) with ``ΓᵀΓ`` a positive semidefinite matrix (m, m); InputError with the message where it is not."""
     diagonal = np.sqrt(np.diagonal(matrix).clip(min=0.0))
     unit = np.where(diagonal > 0.0, diagonal, 1.0)
@@ -92,7 +100,7 @@ def root(matrix: Array, message: str) -> Array:
     return (vectors[:, keep] * np.sqrt(values[keep])).T * unit
 
 
-def lever(moments: Array) -> tuple[Array, Array]:
+def split_moments(moments: Array) -> tuple[Array, Array]:
     """First moment a (3,) of the mass that best gives moments (3, 3) for unit accelerations, and what it leaves.
 
     ``moments @ g = a × g + rest @ g``.

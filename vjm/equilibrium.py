@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.condensation import condensed
 from stiffscope.vjm.loading import carried, recovered, yielded
-from stiffscope.vjm.mechanism import GROUND
 from stiffscope.vjm.network import END
 from stiffscope.vjm.saddle import saddle_held, saddle_response, saddle_unit
 

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.vjm.loops import loops, tree
-from stiffscope.vjm.mechanism import FREE, GROUND
+from stiffscope.vjm.checks import GROUND
+from stiffscope.vjm.joints import FREE
 from stiffscope.vjm.screws import skew
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
+    from stiffscope.vjm.joints import Joint
     from stiffscope.vjm.kinematics import Configurations
-    from stiffscope.vjm.mechanism import Joint, Mechanism
+    from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.screws import Array
 
-_COUNT = {"fixed": 0, "revolute": 1, "prismatic": 1, "cylindrical": 2, "universal": 2, "spherical": 3, "planar": 3}
+    Way = list[tuple[int, float]]
+    Edges = Sequence[tuple[str, str]]
 
 
 class JointRates:
@@ -35,11 +38,11 @@ class JointRates:
         points = np.array([*self.at, self.tool])
         self.middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
         self.length = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
-        self.starts = np.cumsum([0, *(_COUNT[j.kind] for j in self.joints)])
+        self.starts = np.cumsum([0, *(len(FREE[j.kind]) for j in self.joints)])
         self.screws = [self._screws(j, at) for j, at in zip(self.joints, self.at, strict=True)]
         self.edges = [(mechanism.carrier(j.first), mechanism.carrier(j.second)) for j in self.joints]
-        self.paths, chords = tree(self.edges)
-        self.loops = loops(self.edges, self.paths, chords)
+        self.paths, chords = span_tree(self.edges)
+        self.loops = close_loops(self.edges, self.paths, chords)
 
     def _moved(self, node: str, home: Array) -> Array:
         rotation, position = self.place[node]
@@ -50,13 +53,13 @@ class JointRates:
         first, second = self.place[joint.first][0], self.place[joint.second][0]
         arm = (at - self.middle) / self.length
         out: list[Array] = []
-        for word, (kind, axis) in zip(FREE[joint.kind].split(), joint.motions, strict=True):
+        for kind, axis in joint.motions:
             if kind == "S":
                 out += [_rotation(arm, e) for e in np.eye(3)]
             elif kind == "P":
                 out.append(np.concatenate([first @ axis, np.zeros(3)]))
             else:
-                rides = second if joint.kind == "universal" and word == "R1" else first
+                rides = second if joint.kind == "universal" and out else first
                 out.append(_rotation(arm, rides @ axis))
         return np.array(out).T if out else np.zeros((6, 0))
 
@@ -99,3 +102,49 @@ def _placed(configurations: Configurations | None, index: int, node: str) -> tup
 
 def _rotation(arm: Array, axis: Array) -> Array:
     return np.concatenate([skew(arm) @ axis, axis])
+
+
+def span_tree(edges: Edges) -> tuple[dict[str, Way], list[int]]:
+    """Ways from the ground to every body, breadth first, and the joints outside of this tree.
+
+    ``edges``: the two bodies of each joint. A way is joints by number, -1 beside one that is gone backwards.
+    """
+    paths: dict[str, Way] = {GROUND: []}
+    queue, used = deque([GROUND]), set[int]()
+    while queue:
+        here = queue.popleft()
+        for k, (first, second) in enumerate(edges):
+            there = second if here == first else first if here == second else None
+            if there is not None and there not in paths:
+                paths[there] = [*paths[here], (k, 1.0 if here == first else -1.0)]
+                used.add(k)
+                queue.append(there)
+    return paths, [k for k in range(len(edges)) if k not in used]
+
+
+def close_loops(edges: Edges, paths: dict[str, Way], chords: list[int]) -> list[Way]:
+    """One loop for each chord, the shortest first, through the tree and chords that were taken before it."""
+    open_edges = {k for path in paths.values() for k, _ in path}
+    out: list[Way] = []
+    left = list(chords)
+    while left:
+        found = {k: [(k, 1.0), *_shortest(edges, open_edges, edges[k][1], edges[k][0])] for k in left}
+        best = min(left, key=lambda k: len(found[k]))
+        out.append(found[best])
+        open_edges.add(best)
+        left.remove(best)
+    return out
+
+
+def _shortest(edges: Edges, some: set[int], start: str, end: str) -> Way:
+    ways: dict[str, Way] = {start: []}
+    queue = deque([start])
+    while end not in ways:
+        here = queue.popleft()
+        for k in sorted(some):
+            first, second = edges[k]
+            there = second if here == first else first if here == second else None
+            if there is not None and there not in ways:
+                ways[there] = [*ways[here], (k, 1.0 if here == first else -1.0)]
+                queue.append(there)
+    return ways[end]

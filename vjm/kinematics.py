@@ -19,17 +19,19 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from stiffscope.errors import InputError
+from stiffscope.vjm.checks import spell_name
 from stiffscope.vjm.closure import CLOSED, Closure
 from stiffscope.vjm.linkage import Linkage, rotation_vector
-from stiffscope.vjm.mechanism import COORDINATES, spelled
+from stiffscope.vjm.mechanism import COORDINATES
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from numpy.typing import ArrayLike, NDArray
 
+    from stiffscope.vjm.joints import Joint
     from stiffscope.vjm.linkage import Given, Placed
-    from stiffscope.vjm.mechanism import Joint, Mechanism
+    from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.screws import Array
 
 CHUNK = 1024  # poses; what is at work stays within the processor's cache
@@ -89,7 +91,7 @@ class Configurations:
         rotation, position = self.link_frame(link)
         body = next((b for b in self.mechanism.bodies if node in b.nodes), None)
         if body is not None and body.elastic is not None:
-            end = body.elastic.base if node == body.nodes[0] else body.elastic.tip
+            end = body.elastic.places[body.nodes.index(node)]
             rotation, position = rotation @ body.elastic.axes, rotation @ end + position
         n = len(self)
         return np.broadcast_to(rotation, (n, 3, 3)), np.broadcast_to(position, (n, 3))
@@ -119,7 +121,7 @@ class Configurations:
             found = solver.closure.solve(q, 50, patient=True)
             if not (found.error[:, 0] < CLOSED).all():
                 worst = np.nan_to_num(found.error[:, 0], nan=np.inf).argmax()
-                name = spelled("joints", self.linkage.cuts[int(worst)].joint.name)
+                name = spell_name("joints", self.linkage.cuts[int(worst)].joint.name)
                 return f"out of reach: the loop through {name} does not close"
         return "on another branch, or too close to one: no way leads there from home without passing a singular pose"
 
@@ -183,7 +185,7 @@ def _range_text(joint: Joint, value: float) -> str:
     turns = joint.kind == "revolute"
     factor, unit = (180.0 / np.pi, "deg") if turns else (1.0, "m")
     low, high = (joint.drive.low, joint.drive.high) if joint.drive else (-np.inf, np.inf)
-    here = spelled("joints", joint.name)
+    here = spell_name("joints", joint.name)
     ends = f"{low * factor:.6g} to {high * factor:.6g}"
     return f"{here}: {value * factor:.6g} {unit} is outside its range {ends} {unit}"
 

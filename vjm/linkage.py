@@ -14,26 +14,18 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from stiffscope.vjm.mechanism import GROUND, Joint
+from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.screws import rotation_of, skew
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from stiffscope.vjm.joints import Joint
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.screws import Array
 
 Given = Literal["tool", "drives"]
 TOOL_MOTIONS = (*((("P", axis)) for axis in np.eye(3)), ("S", np.zeros(3)))
-HELD = {  # components along the joint's axes that it holds: of translation, of rotation
-    "fixed": ((0, 1, 2), (0, 1, 2)),
-    "revolute": ((0, 1, 2), (1, 2)),
-    "prismatic": ((1, 2), (0, 1, 2)),
-    "cylindrical": ((1, 2), (1, 2)),
-    "universal": ((0, 1, 2), (0,)),
-    "spherical": ((0, 1, 2), ()),
-    "planar": ((0,), (1, 2)),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +54,7 @@ class Cut:
     @property
     def size(self) -> int:
         """Number of its equations."""
-        return sum(len(part) for part in HELD[self.joint.kind])
+        return sum(len(part) for part in self.joint.held)
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,7 +225,7 @@ class Linkage:
     def errors(self, cut: Cut, placed: Placed) -> Array:
         """Errors (h, n) of a cut joint: lengths over the mechanism's own, and what its held rotations are off."""
         joint = cut.joint
-        held, turns = HELD[joint.kind]
+        held, turns = joint.held
         axes = np.matmul(joint.axes.T, placed.rotation[cut.first])  # (3, 3, n): component, axis
         gap = placed.point(cut.second, joint.at) - placed.point(cut.first, joint.at)
         out = [(axes[:, k] * gap).sum(axis=0) / self.length for k in held]
@@ -256,7 +248,7 @@ class Linkage:
         Times a twist it gives the error's rate.
         """
         joint = cut.joint
-        held, turns = HELD[joint.kind]
+        held, turns = joint.held
         carrier = placed.rotation[cut.first]
         if row < len(held):
             force = joint.axes[:, held[row]] @ carrier / self.length

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.condensation import Eliminated, Folded, Stiff
-from stiffscope.vjm.mechanism import GROUND
 from stiffscope.vjm.network import END, free_directions
 from stiffscope.vjm.order import stacked
 from stiffscope.vjm.semidefinite import inverse, pivoted

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.vjm.checks import list_names
 from stiffscope.vjm.joint_rates import JointRates
 from stiffscope.vjm.mechanism import COORDINATES
 from stiffscope.vjm.screws import shift
@@ -51,8 +52,8 @@ class Redundancy:
     def __str__(self) -> str:
         many = f"{self.count} redundant constraint{'s' * (self.count > 1)}"
         if self.loops == 1:
-            return f"the loop through {joined(self.bodies)} has {many}: {', '.join(map(str, self.directions))}"
-        return f"the {self.loops} loops through {joined(self.bodies)} share {many}"
+            return f"the loop through {list_names(self.bodies)} has {many}: {', '.join(map(str, self.directions))}"
+        return f"the {self.loops} loops through {list_names(self.bodies)} share {many}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +67,7 @@ class Idle:
     """The motion of the bodies where it is one and they all have the same."""
 
     def __str__(self) -> str:
-        who, where = joined(self.bodies), joined(self.joints)
+        who, where = list_names(self.bodies), list_names(self.joints)
         one = len(self.bodies) == 1
         if self.direction is None:
             ways = "" if self.count == 1 else f" in {self.count} independent ways"
@@ -163,11 +164,6 @@ def mobility(mechanism: Mechanism, configurations: Configurations | None = None,
         *values,
         _conditioning(rates, drives, tool, motions),
     )
-
-
-def joined(names: Sequence[str]) -> str:
-    """Names as a sentence lists them."""
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def _in_short(names: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:

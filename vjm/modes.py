@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.vjm.checks import GROUND, list_names, spell_name
 from stiffscope.vjm.coordinates import coordinates
 from stiffscope.vjm.kinematics import Configurations, configure
-from stiffscope.vjm.mechanism import GROUND, spelled
-from stiffscope.vjm.mobility import joined, mobility
+from stiffscope.vjm.mobility import mobility
 from stiffscope.vjm.network import END, places
 from stiffscope.vjm.semidefinite import half_inverse
 from stiffscope.vjm.subspaces import RANK
@@ -301,8 +301,8 @@ def _check_empty(pencil: Pencil) -> bool:
     seen = turned[: (values > _IDLE).sum()].T
     if seen.shape[1]:
         size = {b.name: np.abs(system.twists[b.nodes[-1]].of(vectors @ seen)).max() for b in system.mechanism.bodies}
-        moving = [spelled("bodies", name) for name, moved in size.items() if moved > _IDLE * max(size.values())]
-        raise InputError(f"{joined(moving)}: expected a mass and inertia to move freely, got none")
+        moving = [spell_name("bodies", name) for name, moved in size.items() if moved > _IDLE * max(size.values())]
+        raise InputError(f"{list_names(moving)}: expected a mass and inertia to move freely, got none")
     return True
 
 
@@ -345,11 +345,11 @@ def _idle_text(mechanism: Mechanism, found: Configurations, index: int) -> str:
 def _say_few(mechanism: Mechanism, most: int, count: int, remarks: dict[str, None]) -> None:
     """Say why there are fewer modes than asked for. InputError where there is none."""
     plain = [b for b in mechanism.bodies if b.inertia is None and (b.elastic is None or b.elastic.dynamics is None)]
-    bare, points = ([spelled("bodies", b.name) for b in plain if bool(b.mass) is heavy] for heavy in (False, True))
+    bare, points = ([spell_name("bodies", b.name) for b in plain if bool(b.mass) is heavy] for heavy in (False, True))
     if most == 0:
-        raise InputError(f"{joined(bare or ['bodies'])}: expected a mass on a body that can move, got none")
-    why = [f"without mass: {joined(bare)}"] if bare else []
-    why += [f"without inertia: {joined(points)}"] if points else []
+        raise InputError(f"{list_names(bare or ['bodies'])}: expected a mass on a body that can move, got none")
+    why = [f"without mass: {list_names(bare)}"] if bare else []
+    why += [f"without inertia: {list_names(points)}"] if points else []
     remarks[f"{most} modes, not {count}: nothing else has inertia" + (f" ({'; '.join(why)})" if why else "")] = None
 
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.vjm.dynamics import lever
-from stiffscope.vjm.mechanism import BASE, GROUND, TOOL
+from stiffscope.vjm.checks import BASE, GROUND, TOOL
+from stiffscope.vjm.dynamics import split_moments
 from stiffscope.vjm.screws import Frame, rotation
 
 if TYPE_CHECKING:
@@ -20,10 +20,12 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from stiffscope.vjm.bodies import Elastic
     from stiffscope.vjm.dynamics import Dynamics
+    from stiffscope.vjm.joints import Joint
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.linkage import Linkage
-    from stiffscope.vjm.mechanism import Change, Elastic, Joint, Mechanism
+    from stiffscope.vjm.mechanism import Change, Mechanism
     from stiffscope.vjm.screws import Array
 
 FOOT = "<base>"  # the node that stands on the base
@@ -277,8 +279,8 @@ def masses(mechanism: Mechanism, where: Places) -> dict[str, Masses]:
         elif body.mass == 0.0:
             continue
         elif body.elastic is not None:
-            ends = zip(body.nodes, (body.elastic.base, body.elastic.tip), strict=True)
-            found = [(node, _point_mass(0.5 * body.mass, node, at, where)) for node, at in ends]
+            ends = list(zip(body.nodes, body.elastic.places, strict=True))
+            found = [(node, _point_mass(body.mass / len(ends), node, at, where)) for node, at in ends]
         else:
             centre = body.centre if body.centre is not None else np.zeros(3)
             found = [(body.name, _point_mass(body.mass, body.name, centre, where))]
@@ -295,9 +297,10 @@ def _condensed(
     nodes: tuple[str, ...], elastic: Elastic, dynamics: Dynamics, where: Places
 ) -> Iterator[tuple[str, Masses]]:
     """An elastic body's weight at its ends: at each the mass on a lever that gives it, and the rest."""
-    for node, at, load in zip(nodes, (elastic.base, elastic.tip), np.split(dynamics.load, 2), strict=True):
+    loads = np.split(dynamics.load, len(nodes))
+    for node, at, load in zip(nodes, elastic.places, loads, strict=True):
         mass = float(np.trace(load[:3])) / 3.0
-        moment, more = lever(load[3:])
+        moment, more = split_moments(load[3:])
         axes = where.rotation[node] @ elastic.axes
         away = where.point(node, at) - where.tool
         frame = Frame(axes, away)

@@ -14,7 +14,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from stiffscope.vjm.mechanism import GROUND
+from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.network import END, Element, Places, elements_of, free_directions, link_of, moves_with, nodes_of
 from stiffscope.vjm.screws import Frame
 from stiffscope.vjm.semidefinite import pivoted, projector

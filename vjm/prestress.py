@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.condensation import condensed
 from stiffscope.vjm.equilibrium import held, loaded, tool_stiffness
 from stiffscope.vjm.loading import Loads, carried, recovered, yielded
-from stiffscope.vjm.mechanism import GROUND
 from stiffscope.vjm.network import END, Places, free_directions, masses
 from stiffscope.vjm.saddle import loaded_unit
 from stiffscope.vjm.screws import rotation_of, skew

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.vjm.checks import list_names
 from stiffscope.vjm.kinematics import drive_sign, solver_of
-from stiffscope.vjm.mobility import joined
 
 if TYPE_CHECKING:
     from stiffscope.vjm.closure import Solution
@@ -88,7 +88,7 @@ def _faults(solver: Solver, found: Solution) -> list[str]:
                 outside[i].append(joint.name)
     for i, names in enumerate(outside):
         if names:
-            out[i] = f"{joined(names)} at the end of {'its' if len(names) == 1 else 'their'} range"
+            out[i] = f"{list_names(names)} at the end of {'its' if len(names) == 1 else 'their'} range"
     for i in np.flatnonzero(~found.closed):
         worst = int(np.argmax(np.nan_to_num(found.error[:, i], nan=np.inf)))
         out[i] = f"out of reach or singular: the loop through {linkage.cuts[worst].joint.name} does not close"

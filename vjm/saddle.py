@@ -17,9 +17,9 @@ import numpy as np
 from scipy.linalg import qr
 
 from stiffscope.errors import InputError
+from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.condensation import condensed
 from stiffscope.vjm.loading import chain, pulled
-from stiffscope.vjm.mechanism import GROUND
 from stiffscope.vjm.network import END
 from stiffscope.vjm.order import home, stacked
 

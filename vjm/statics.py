@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.condensation import condensed
 from stiffscope.vjm.equilibrium import equilibrium, loaded, tool_stiffness
 from stiffscope.vjm.kinematics import CHUNK, Configurations, checked_poses, configure, configured
 from stiffscope.vjm.loading import Loads, Response
-from stiffscope.vjm.mechanism import GROUND
 from stiffscope.vjm.network import END, FOOT, masses, places
 from stiffscope.vjm.order import order_of
 from stiffscope.vjm.prestress import internal_loads, loaded_stiffness

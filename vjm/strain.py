@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.vjm.linkage import HELD
 from stiffscope.vjm.network import euler_angles, euler_axes
 
 if TYPE_CHECKING:
-    from stiffscope.vjm.mechanism import Joint
+    from stiffscope.vjm.joints import Joint
     from stiffscope.vjm.network import Element, Places
     from stiffscope.vjm.order import Order
     from stiffscope.vjm.screws import Array
@@ -42,7 +41,7 @@ def _strain(e: Element, where: Places, rest: Places) -> Array:
     if joint is None:
         out[:, :3], out[:, 3:] = gap, euler_angles(turn)
         return out
-    held, turns = HELD[joint.kind]
+    held, turns = joint.held
     out[:, held] = gap[:, held]
     if joint.kind == "universal":
         out[:, 3:] = _universal(joint, turn)

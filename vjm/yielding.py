@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from stiffscope.vjm.mechanism import Joint, Mechanism
+    from stiffscope.vjm.joints import Joint
+    from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.screws import Array
 
 _STEPS = 100

@@ -93,7 +93,9 @@ def former() -> tuple[Figure, str]:
 def frequencies() -> tuple[Figure, str]:
     """A clamped slender rod beside its textbook frequencies."""
     from stiffscope.robot.beam_dynamics import beam_dynamics
-    from stiffscope.vjm.mechanism import Drive, Joint, Mechanism, Tool, member
+    from stiffscope.vjm.bodies import member
+    from stiffscope.vjm.joints import Drive, Joint
+    from stiffscope.vjm.mechanism import Mechanism, Tool
     from stiffscope.vjm.modes import modes
     from tests.vjm.test_modes import circle, timoshenko
 

@@ -12,7 +12,8 @@ from stiffscope.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from stiffscope.vjm.mechanism import Body, Mechanism
+    from stiffscope.vjm.bodies import Body
+    from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.screws import Array
 
 LIMBS = {f"limb{i}": tuple(f"limb{i}.link{j}" for j in (1, 2, 3)) for i in (1, 2)}
@@ -49,5 +50,5 @@ def _at_tool(mechanism: Mechanism, force: Array) -> Behind:
 
 
 def _at_middle(link: Body, gravity: Array) -> Behind:
-    ends = () if link.elastic is None else (link.elastic.base, link.elastic.tip)
+    ends = () if link.elastic is None else link.elastic.places
     return Behind(link.mass * gravity, link.nodes[0], np.mean(ends, axis=0))

@@ -186,7 +186,7 @@ def _place(mechanism: Mechanism, node: str) -> np.ndarray:
     """A point of a node's body at home, for what belongs to all of it."""
     body = next((b for b in mechanism.bodies if node in b.nodes), None)
     if body is not None and body.elastic is not None:
-        return body.elastic.base if node == body.nodes[0] else body.elastic.tip
+        return body.elastic.places[body.nodes.index(node)]
     if mechanism.tool.body == node or body is None or body.centre is None:
         return mechanism.tool.at
     return body.centre

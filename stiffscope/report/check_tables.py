@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.report.terminal import show_facts, show_line, show_list, show_table
-from stiffscope.vjm.mobility import joined
+from stiffscope.vjm.checks import list_names
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Sequence
 
     from stiffscope.robot.inspection import Inspection
-    from stiffscope.vjm.mechanism import Joint
+    from stiffscope.vjm.joints import Joint
     from stiffscope.vjm.mobility import Mobility
 
 _SHOWN = 8  # lines of a list, beyond which the rest is counted
@@ -82,7 +82,7 @@ def _actuation(found: Inspection) -> str:
     if m.loose:
         return f"{drives}: {len(m.loose)} too few for the tool"
     if m.redundant_drives:
-        return f"{drives}: {m.redundant_drives} more than independent ({joined(m.dependent_drives)})"
+        return f"{drives}: {m.redundant_drives} more than independent ({list_names(m.dependent_drives)})"
     return f"{drives}: as many as needed"
 
 

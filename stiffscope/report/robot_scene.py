@@ -15,8 +15,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from stiffscope.robot.file.description import RobotFile
+    from stiffscope.vjm.bodies import Body
+    from stiffscope.vjm.joints import Joint
     from stiffscope.vjm.kinematics import Configurations
-    from stiffscope.vjm.mechanism import Body, Joint, Mechanism
+    from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.screws import Array
 
     Moves = dict[str, tuple[Array, Array]]

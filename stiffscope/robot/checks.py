@@ -18,6 +18,7 @@ from stiffscope.robot.file.sections import Bearing, ElasticBody, RigidBody
 from stiffscope.robot.file.validate import one_of
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import PartMatrix
+from stiffscope.vjm.joints import DRIVEN
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -135,7 +136,7 @@ def _check_bearing(key: tuple[str, ...], joint: JointSection) -> None:
     """A bearing yields along what it holds; a drive's own direction has the drive's stiffness."""
     if getattr(joint, "drive", None) is None or joint.compliance is None:
         return
-    along = joint.FREE[0]
+    along = DRIVEN[joint.type]
     given = joint.compliance
     free = (given.axial if along == 0 else 0.0) if isinstance(given, Bearing) else given[along]
     if free:

@@ -22,8 +22,8 @@ from stiffscope.robot.file.description import RobotFile
 from stiffscope.robot.file.sections import ElasticBody
 from stiffscope.robot.part_dimensions import beam_dimensions, is_beam
 from stiffscope.robot.vocabulary import COUPLED, EFFECTS
-from stiffscope.vjm.linkage import HELD
-from stiffscope.vjm.mechanism import BASE, TOOL, Change, Mechanism
+from stiffscope.vjm.checks import BASE, TOOL
+from stiffscope.vjm.mechanism import Change, Mechanism
 from stiffscope.vjm.network import elements_of
 from stiffscope.vjm.screws import shift
 
@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from stiffscope.robot.part_dimensions import PartDimension
-    from stiffscope.vjm.mechanism import Elastic, Joint
+    from stiffscope.vjm.bodies import Elastic
+    from stiffscope.vjm.joints import Joint
 
     Array = NDArray[np.floating[Any]]
     Map = Callable[[Array], Array]
@@ -267,13 +268,9 @@ def moved(directions: Mapping[str, Array], values: Array) -> Changes:
 
 def held_patterns(joint: Joint) -> dict[str, Array]:
     """What a joint's bearing yields along, (6,) in the joint's axes, by the words of `joint-compliance`."""
-    held, turns = HELD[joint.kind]
+    held, turns = joint.held
     mask = np.zeros(6)
-    mask[list(held)] = 1.0
-    if joint.kind == "universal":
-        mask[5] = 1.0  # across both axes, where these are square
-    else:
-        mask[[3 + k for k in turns]] = 1.0
+    mask[[*held, *(3 + k for k in turns)]] = 1.0
     axial = ALONG if joint.axis is not None else 0.0 * ALONG
     words = {"radial": _RADIAL + (ALONG - axial), "axial": axial, "tilting": _ROTATIONS}
     return {word: pattern * mask for word, pattern in words.items() if (pattern * mask).any()}

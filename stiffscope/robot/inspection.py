@@ -12,9 +12,10 @@ from stiffscope.robot.file.part_sections import solid_length
 from stiffscope.robot.file.sections import ElasticBody
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import PartMatrix, known_mass, source_of, used_parts
+from stiffscope.vjm.checks import list_names
 from stiffscope.vjm.kinematics import configure, solver_of
 from stiffscope.vjm.linkage import Linkage
-from stiffscope.vjm.mobility import NEAR, joined, mobility
+from stiffscope.vjm.mobility import NEAR, mobility
 from stiffscope.vjm.reach import reach
 
 if TYPE_CHECKING:
@@ -195,7 +196,7 @@ def _of_mobility(found: Mobility) -> Iterator[str]:
         more = len(found.loose)
         yield f"too few drives: with all held the tool still moves ({left}); {more} more needed"
     if found.redundant_drives:
-        names = joined(found.dependent_drives)
+        names = list_names(found.dependent_drives)
         yield f"drives that others or the loops determine: {names}; {found.redundant_drives} too many"
     if found.rounding > RANK_GAP or found.constraint_margin < NEAR:
         size = found.rounding if found.rounding > RANK_GAP else found.constraint_margin
@@ -214,7 +215,7 @@ def _of_choice(found: Mobility, mechanism: Mechanism) -> Iterator[str]:
     still = [j.name for j in mechanism.drives if set(columns.get(j.name, ())) & set(solver.closure.held)]
     if ways > 0 and still:
         verb = "stays" if len(still) == 1 else "stay"
-        yield f"[tool] pose leaves {ways} of {motions} motions open: {joined(still)} {verb} as at home"
+        yield f"[tool] pose leaves {ways} of {motions} motions open: {list_names(still)} {verb} as at home"
 
 
 def _of_home(found: Mobility, mechanism: Mechanism) -> Iterator[str]:
@@ -249,7 +250,7 @@ def _of_masses(robot: RobotFile, masses: Mapping[str, float | None]) -> Iterator
         return
     without = [name for name, mass in masses.items() if mass == 0.0]
     if without:
-        names = joined(without) if len(without) <= 4 else f"{', '.join(without[:3])} and {len(without) - 3} more"
+        names = list_names(without) if len(without) <= 4 else f"{', '.join(without[:3])} and {len(without) - 3} more"
         yield f"no mass, and so no weight: {names}"
 
 

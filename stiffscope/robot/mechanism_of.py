@@ -8,7 +8,10 @@ import numpy as np
 
 from stiffscope.robot.file.copies import tensor
 from stiffscope.robot.file.sections import ElasticBody
-from stiffscope.vjm.mechanism import Body, Drive, Joint, Mechanism, Tool, axes_along, member
+from stiffscope.vjm.bodies import Body, member
+from stiffscope.vjm.checks import axes_along
+from stiffscope.vjm.joints import Drive, Joint
+from stiffscope.vjm.mechanism import Mechanism, Tool
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

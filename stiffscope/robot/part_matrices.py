@@ -14,7 +14,7 @@ from stiffscope.errors import InputError
 from stiffscope.fea.beam import circle, euler_bernoulli, rectangle, timoshenko
 from stiffscope.robot.beam_dynamics import beam_dynamics
 from stiffscope.robot.file.part_sections import MatrixPart, ParametricPart, PartSection, SolidPart, Source, StepPart
-from stiffscope.vjm.checks import checked_compliance
+from stiffscope.vjm.checks import check_compliance
 from stiffscope.vjm.dynamics import Dynamics
 from stiffscope.vjm.screws import shift
 
@@ -106,7 +106,7 @@ def _source(part: PartSection, name: str, given: str | ArrayLike | None, word: s
     if given is None:
         return source_of(part, word)
     if not isinstance(given, str):
-        return checked_compliance(given, f"components: {name}", semidefinite=True)
+        return check_compliance(given, f"components: {name}", semidefinite=True)
     if isinstance(part, ParametricPart) or (isinstance(part, StepPart) and given == "fea"):
         return source_of(part, given)
     able = "fea or a matrix" if isinstance(part, StepPart) else "a matrix"

@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
+from stiffscope.vjm.bodies import Body, member
+from stiffscope.vjm.joints import Joint
 from stiffscope.vjm.kinematics import configure
-from stiffscope.vjm.mechanism import Body, Joint, Mechanism, Tool, member
+from stiffscope.vjm.mechanism import Mechanism, Tool
 from stiffscope.vjm.statics import analyse, stiffness
 from tests.robots import DRIVE, GEOMETRY, euler_bernoulli, pose_at, random_poses
 from tests.vjm.files import biglide, read

@@ -16,7 +16,7 @@ from stiffscope.gap.lab.faults import inject
 from stiffscope.gap.lab.measuring import Noise
 from stiffscope.robot.effects import adopted, carried
 from stiffscope.robot.file.sections import Effect
-from stiffscope.vjm.mechanism import TOOL
+from stiffscope.vjm.checks import TOOL
 from stiffscope.vjm.statics import stiffness
 from tests.labs import FEA_SLIDER, biglide, default_plan, measure, with_slider
 from tests.labs import PLACES as FORMER_PLACES

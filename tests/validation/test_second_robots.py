@@ -7,8 +7,10 @@ from stiffscope.errors import InputError
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
+from stiffscope.vjm.bodies import Body
+from stiffscope.vjm.joints import Drive, Joint
 from stiffscope.vjm.kinematics import configure
-from stiffscope.vjm.mechanism import Body, Drive, Joint, Mechanism, Tool
+from stiffscope.vjm.mechanism import Mechanism, Tool
 from stiffscope.vjm.singularity import mobility
 from stiffscope.vjm.statics import respond, stiffness
 

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from stiffscope.vjm.mechanism import Body, Drive, Elastic, Joint, Mechanism, Tool, member
+from stiffscope.vjm.bodies import Body, Elastic, member
+from stiffscope.vjm.joints import Drive, Joint
+from stiffscope.vjm.mechanism import Mechanism, Tool
 from stiffscope.vjm.screws import HALF_TURN, rotation
 from tests.robots import DRIVE, GEOMETRY, euler_bernoulli, published_slider
 
@@ -64,7 +66,7 @@ def biglide(link=None, slider=None, drive=DRIVE, link_mass=1.95, platform_mass=7
         here = g.l + g.L * np.cos(q)
         ends = (g.a_min - here, g.a_max - here) if i == 2 else (here - g.a_max, here - g.a_min)
         assert ends[0] < 0 < ends[1] or slide
-        bodies += [Body(f"{limb}.carriage"), Body(f"{limb}.slider", elastic=Elastic(slider, a, a, axes))]
+        bodies += [Body(f"{limb}.carriage"), Body(f"{limb}.slider", elastic=Elastic(slider, np.array([a, a]), axes))]
         joints += [
             Joint(
                 f"{limb}.actuator", "stage", f"{limb}.carriage", "prismatic", a - g.l1 * z, x, drive=Drive(drive, *ends)

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
+from stiffscope.vjm.bodies import Body
 from stiffscope.vjm.frequency_response import Port, frequency_response
+from stiffscope.vjm.joints import Drive, Joint
 from stiffscope.vjm.kinematics import configure
-from stiffscope.vjm.mechanism import Body, Drive, Joint, Mechanism, Tool
+from stiffscope.vjm.mechanism import Mechanism, Tool
 from stiffscope.vjm.statics import stiffness
 from tests.robots import GEOMETRY, pose_at
 from tests.vjm import dense_modes

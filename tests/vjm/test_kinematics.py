@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
+from stiffscope.vjm.bodies import Body
 from stiffscope.vjm.closure import Closure
+from stiffscope.vjm.joints import Drive, Joint
 from stiffscope.vjm.kinematics import configure, configure_drives
 from stiffscope.vjm.linkage import Linkage, left_jacobian, rotation_vector
-from stiffscope.vjm.mechanism import Body, Drive, Joint, Mechanism, Tool
+from stiffscope.vjm.mechanism import Mechanism, Tool
 from stiffscope.vjm.screws import rotation_of
 from stiffscope.vjm.statics import stiffness
 from tests.robots import GEOMETRY, random_poses, reachable, slides

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from stiffscope.vjm.bodies import Body
+from stiffscope.vjm.joints import Drive, Joint
 from stiffscope.vjm.kinematics import configure
-from stiffscope.vjm.mechanism import Body, Drive, Joint, Mechanism, Tool
+from stiffscope.vjm.mechanism import Mechanism, Tool
 from stiffscope.vjm.mobility import mobility
 from stiffscope.vjm.reach import reach
 from tests.vjm.files import biglide, read

@@ -8,8 +8,10 @@ import pytest
 from stiffscope.errors import InputError
 from stiffscope.fea.beam import circle, timoshenko
 from stiffscope.robot.beam_dynamics import beam_dynamics
+from stiffscope.vjm.bodies import Body, member
 from stiffscope.vjm.dynamics import Dynamics
-from stiffscope.vjm.mechanism import Body, Drive, Joint, Mechanism, Tool, member
+from stiffscope.vjm.joints import Drive, Joint
+from stiffscope.vjm.mechanism import Mechanism, Tool
 from stiffscope.vjm.modes import frequencies, modes
 from tests.robots import GEOMETRY, euler_bernoulli, pose_at, random_poses
 from tests.vjm import dense_modes

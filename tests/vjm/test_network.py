@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
+from stiffscope.vjm.bodies import Body, member
+from stiffscope.vjm.checks import TOOL
 from stiffscope.vjm.condensation import condensed
 from stiffscope.vjm.equilibrium import loaded, tool_stiffness
+from stiffscope.vjm.joints import Drive, Joint
 from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.linkage import Linkage
-from stiffscope.vjm.mechanism import TOOL, Body, Change, Drive, Joint, Mechanism, Tool, member
+from stiffscope.vjm.mechanism import Change, Mechanism, Tool
 from stiffscope.vjm.order import home, order_of
 from stiffscope.vjm.prestress import internal_loads
 from stiffscope.vjm.singularity import free_twists, mobility
@@ -226,8 +229,7 @@ def test_where_the_base_stands_does_not_matter(rng):
             b,
             elastic=replace(
                 b.elastic,
-                base=turn @ b.elastic.base + move,
-                tip=turn @ b.elastic.tip + move,
+                places=b.elastic.places @ turn.T + move,
                 axes=turn @ b.elastic.axes,
             ),
         )

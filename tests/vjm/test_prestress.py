@@ -9,8 +9,10 @@ from stiffscope.biglide.literal import Behind, literal_stiffness, load_hessian
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
+from stiffscope.vjm.bodies import Body, member
 from stiffscope.vjm.dynamics import Dynamics
-from stiffscope.vjm.mechanism import Body, Change, Drive, Joint, Mechanism, Tool, member
+from stiffscope.vjm.joints import Drive, Joint
+from stiffscope.vjm.mechanism import Change, Mechanism, Tool
 from stiffscope.vjm.screws import rotation
 from stiffscope.vjm.statics import analyse, sag, stiffness
 from tests.robots import GEOMETRY, euler_bernoulli, pose_at, published_slider, random_compliance
@@ -172,7 +174,7 @@ def test_a_tight_string_is_stiff_sideways():
         Joint("hold.foot", "ground", "hold.base", "fixed", [0, 0, 0]),
         Joint("hold.end", "hold.tip", "knot", "fixed", [0, 0, 0]),
     ]
-    bodies[-1] = replace(bodies[-1], elastic=replace(bodies[-1].elastic, tip=np.zeros(3)))
+    bodies[-1] = replace(bodies[-1], elastic=replace(bodies[-1].elastic, places=np.zeros((2, 3))))
     m = Mechanism(tuple(bodies), tuple(joints), Tool("knot", [0, 0, 0], ("x",))).changed(off)
     from stiffscope.vjm.linkage import Linkage
     from stiffscope.vjm.order import home, order_of

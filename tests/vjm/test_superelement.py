@@ -5,8 +5,10 @@ import pytest
 import scipy.linalg
 
 from stiffscope.errors import InputError
+from stiffscope.vjm.bodies import Body
+from stiffscope.vjm.joints import Drive, Joint
 from stiffscope.vjm.kinematics import configure
-from stiffscope.vjm.mechanism import Body, Drive, Joint, Mechanism, Tool
+from stiffscope.vjm.mechanism import Mechanism, Tool
 from stiffscope.vjm.statics import stiffness
 from stiffscope.vjm.superelement import superelement
 from tests.vjm import dense_modes

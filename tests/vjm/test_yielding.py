@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.mechanism import Body, Drive, Joint, Mechanism, Tool, member
+from stiffscope.vjm.bodies import Body, member
+from stiffscope.vjm.joints import Drive, Joint
+from stiffscope.vjm.mechanism import Mechanism, Tool
 from stiffscope.vjm.statics import stiffness
 from stiffscope.vjm.yielding import deflection, deflection_with_backlash, load_deflection
 from tests.robots import random_poses

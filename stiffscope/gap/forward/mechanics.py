@@ -17,12 +17,12 @@ import numpy as np
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.quantities import AXES, DEVIATION, FIRST_FREQUENCY, FREQUENCY, JOINT
 from stiffscope.robot.effects import changed, without_ranges
+from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.condensation import condensed
 from stiffscope.vjm.equilibrium import equilibrium, loaded
 from stiffscope.vjm.kinematics import configure, configure_drives
 from stiffscope.vjm.linkage import rotation_vector
 from stiffscope.vjm.loading import Loads
-from stiffscope.vjm.mechanism import GROUND
 from stiffscope.vjm.modes import modes
 from stiffscope.vjm.network import END, FOOT, elements_of, masses, places
 from stiffscope.vjm.order import order_of
@@ -550,14 +550,14 @@ def inertial_forces(mechanism: Mechanism, where: Places, shapes: Mapping[str, Ar
                 add(body.name, np.swapaxes(back, -1, -2) @ (whole @ twist))
             continue
         elastic = body.elastic
-        ends = [moved(n, at, elastic.axes) for n, at in zip(body.nodes, (elastic.base, elastic.tip), strict=True)]
+        ends = [moved(n, at, elastic.axes) for n, at in zip(body.nodes, elastic.places, strict=True)]
         if elastic.dynamics is None:
-            mass = np.kron(np.eye(2), np.kron(np.diag([0.5 * body.mass, 0.0]), np.eye(3)))
+            mass = np.kron(np.eye(len(ends)), np.kron(np.diag([body.mass / len(ends), 0.0]), np.eye(3)))
         else:
-            factor = elastic.dynamics.factor[:, :12]
+            factor = elastic.dynamics.factor[:, : 6 * len(ends)]
             mass = factor.T @ factor
         forces = mass @ np.concatenate(np.broadcast_arrays(*(twist for _, twist in ends)), axis=1)
-        for node, (back, _), force in zip(body.nodes, ends, np.split(forces, 2, axis=1), strict=True):
+        for node, (back, _), force in zip(body.nodes, ends, np.split(forces, len(ends), axis=1), strict=True):
             add(node, np.swapaxes(back, -1, -2) @ force)
     return out
 

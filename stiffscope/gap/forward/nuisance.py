@@ -15,7 +15,6 @@ from stiffscope.gap.campaign.quantities import AXES, DEFLECTION, DEVIATION
 from stiffscope.gap.forward.forward_model import UNNAMED, Candidate
 from stiffscope.gap.forward.robot_prediction import Pattern
 from stiffscope.robot.effects import Change, MechanicalEffect, added_diagonal, along_drive
-from stiffscope.vjm.linkage import HELD
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
     from stiffscope.gap.forward.mechanics import RobotAtPoses
     from stiffscope.gap.forward.robot_prediction import RobotPrediction
     from stiffscope.robot.effects import Changes
-    from stiffscope.vjm.mechanism import Joint
+    from stiffscope.vjm.joints import Joint
 
     Array = NDArray[np.floating[Any]]
 
@@ -141,7 +140,7 @@ def _passive(at: RobotAtPoses) -> dict[str, Array]:
 def _across(joint: Joint) -> Array:
     """Which translations, of its coordinates (6,), a joint holds across its axis; a ball has none, and holds all."""
     held = np.zeros(6)
-    held[[k for k in HELD[joint.kind][0] if k > 0 or joint.axis is None]] = 1.0
+    held[[k for k in joint.held[0] if k > 0 or joint.axis is None]] = 1.0
     return held
 
 

@@ -40,7 +40,7 @@ from stiffscope.robot.file.values import (
     Tolerance,
     whole,
 )
-from stiffscope.vjm.checks import checked_compliance
+from stiffscope.vjm.checks import check_compliance
 
 Source = Literal["fea", "beam", "published"]
 MaterialName = Annotated[str, Says('a material such as "steel"')]
@@ -233,7 +233,7 @@ class MatrixPart(PartSection):
     @classmethod
     def _possible(cls, value: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
         try:
-            sound = checked_compliance(np.array(value), "matrix", semidefinite=True)
+            sound = check_compliance(np.array(value), "matrix", semidefinite=True)
         except ValueError as error:
             what = "a symmetric, positive semidefinite compliance"
             raise ValueError(f"expected {what}, got one that is {str(error).partition(': ')[2]}") from error

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
@@ -25,6 +25,7 @@ from stiffscope.robot.file.values import (
     Tilting,
     Torsion,
 )
+from stiffscope.vjm.joints import FREE
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 Name = Annotated[str, Says("a name")]
@@ -96,9 +97,7 @@ AnyBearing = Annotated[
 
 
 class JointSection(Section):
-    """A joint between two bodies or ends of bodies; what it leaves free is said by `FREE`, x along `axis`."""
-
-    FREE: ClassVar[tuple[int, ...]] = ()
+    """A joint between two bodies or ends of bodies; x along `axis`."""
 
     between: tuple[str, str]
     type: str
@@ -120,7 +119,7 @@ class JointSection(Section):
         if isinstance(given, Bearing):
             along = given.axial if getattr(self, "axis", None) is not None else given.radial
             given = (along, given.radial, given.radial, given.tilting, given.tilting, given.tilting)
-        return tuple(0.0 if i in self.FREE else value for i, value in enumerate(given))
+        return tuple(0.0 if i in FREE[self.type] else value for i, value in enumerate(given))
 
 
 class FixedJoint(JointSection):
@@ -130,16 +129,12 @@ class FixedJoint(JointSection):
 class RevoluteJoint(JointSection):
     """Turns about its axis."""
 
-    FREE: ClassVar[tuple[int, ...]] = (3,)
-
     axis: Direction
     drive: RotaryDrive | None = None
 
 
 class PrismaticJoint(JointSection):
     """Slides along its axis."""
-
-    FREE: ClassVar[tuple[int, ...]] = (0,)
 
     axis: Direction
     drive: LinearDrive | None = None
@@ -148,16 +143,12 @@ class PrismaticJoint(JointSection):
 class CylindricalJoint(JointSection):
     """Slides along and turns about its axis; a drive acts along the slide."""
 
-    FREE: ClassVar[tuple[int, ...]] = (0, 3)
-
     axis: Direction
     drive: LinearDrive | None = None
 
 
 class UniversalJoint(JointSection):
     """Turns about `axis`, which rides on the first body, and `axis2`, which rides on the second."""
-
-    FREE: ClassVar[tuple[int, ...]] = (3, 4)
 
     axis: Direction
     axis2: Direction
@@ -166,15 +157,11 @@ class UniversalJoint(JointSection):
 class SphericalJoint(JointSection):
     """Turns about every axis; `axis` only says along which its bearing is axial."""
 
-    FREE: ClassVar[tuple[int, ...]] = (3, 4, 5)
-
     axis: Direction | None = None
 
 
 class PlanarJoint(JointSection):
     """Slides in the plane across its axis and turns about it."""
-
-    FREE: ClassVar[tuple[int, ...]] = (1, 2, 3)
 
     axis: Direction
 

@@ -1,0 +1,231 @@
+"""Rigid and elastic bodies; an elastic one has two or more ends, each a node of the mechanism."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.vjm.checks import (
+    assign,
+    axes_along,
+    check_array,
+    check_compliance,
+    check_name,
+    check_vector,
+    spell_name,
+)
+from stiffscope.vjm.dynamics import Dynamics, factor_semidefinite
+from stiffscope.vjm.screws import shift
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import ArrayLike
+
+    from stiffscope.vjm.screws import Array
+
+_ORTHONORMAL = 1e-9
+_BALANCED = 1e-6  # of a stiffness: what a rigid motion may cost, and how unsymmetric it may be
+
+
+@dataclass(frozen=True, eq=False)
+class Elastic:
+    """What makes a body elastic: its compliance, and the places of its n ends.
+
+    ``compliance`` (6m, 6m), m = n - 1: of all ends but the first, which is clamped, in part axes at each end, in their
+    order; ``error`` (6m, 6m): bounds on its entries; ``places`` (n, 3) of the ends in m; ``axes`` (3, 3): columns are
+    the part's x, y, z in base axes; ``ends``: their names; ``offset`` (6m,): twists of the unloaded ends against the
+    first (lack of fit, heat). ``dynamics``: its inertia; without it, the ends share the body's mass alike.
+    """
+
+    compliance: Array
+    places: Array
+    axes: Array
+    error: Array | None = None
+    offset: Array | None = None
+    dynamics: Dynamics | None = None
+    ends: tuple[str, ...] = ("base", "tip")
+
+    @property
+    def base(self) -> Array:
+        """Place (3,) of the first end."""
+        return self.places[0]
+
+    @property
+    def tip(self) -> Array:
+        """Place (3,) of the last end."""
+        return self.places[-1]
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A rigid body, or an elastic one between its ends.
+
+    ``mass`` in kg; a rigid body's acts at its ``centre`` (3,), an elastic one's as its ``dynamics`` say.
+    ``inertia`` (3, 3) about the centre, base axes, kg·m².
+    """
+
+    name: str
+    mass: float = 0.0
+    centre: Array | None = None
+    inertia: Array | None = None
+    elastic: Elastic | None = None
+
+    def __post_init__(self) -> None:
+        here = check_name("bodies", self.name)
+        if not 0.0 <= self.mass < np.inf:
+            raise InputError(f"{here}.mass: expected a mass of at least 0 kg, got {self.mass}")
+        if self.centre is not None:
+            assign(self, "centre", check_vector(self.centre, f"{here}.centre", "a position in m"))
+        elif self.mass > 0.0 and self.elastic is None:
+            raise InputError(f"{here}.centre: expected the centre of mass of a body with a mass, got none")
+        if self.inertia is not None:
+            inertia = check_array(self.inertia, (3, 3), f"{here}.inertia", "an inertia")
+            message = f"{here}.inertia: expected a positive semidefinite inertia"
+            _ = factor_semidefinite(0.5 * (inertia + inertia.T), message)
+            assign(self, "inertia", inertia)
+        if self.elastic is not None:
+            assign(self, "elastic", _check_elastic(self.elastic, here))
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """What a joint can be attached to."""
+        return (self.name,) if self.elastic is None else tuple(f"{self.name}.{end}" for end in self.elastic.ends)
+
+
+def member(
+    name: str,
+    base: ArrayLike,
+    tip: ArrayLike,
+    compliance: ArrayLike,
+    *,
+    y: ArrayLike | None = None,
+    mass: float = 0.0,
+    error: ArrayLike | None = None,
+    dynamics: Dynamics | None = None,
+) -> Body:
+    """An elastic body between two ends, ``NAME.base`` and ``NAME.tip``.
+
+    Parameters
+    ----------
+    name
+        Its own, unlike that of any other body.
+    base, tip
+        Places (3,) in m of its ends at home, base axes. Part axes have x from base to tip.
+    compliance
+        (6, 6) of its tip, clamped at its base, in part axes at the tip; larger values yield more.
+    y
+        Direction (3,) that the part's y is as near to as can be; by default the base axis after the one nearest to x.
+    mass
+        In kg; half of it acts at either end where there are no ``dynamics``.
+    error
+        Bounds (6, 6) on the entries of the compliance; by default none.
+    dynamics
+        Its inertia between these ends.
+
+    Returns
+    -------
+    Body
+        The body; raises InputError for what is not a compliance.
+    """
+    here = spell_name("bodies", name)
+    start = check_vector(base, f"{here}.base", "a position in m")
+    end = check_vector(tip, f"{here}.tip", "a position in m")
+    axes = axes_along(end - start, y, here)
+    bound = None if error is None else np.asarray(error, dtype=float)
+    elastic = Elastic(np.asarray(compliance, dtype=float), np.array([start, end]), axes, bound, dynamics=dynamics)
+    return Body(name, mass, elastic=elastic)
+
+
+def superelement_body(
+    name: str,
+    interfaces: Mapping[str, ArrayLike],
+    stiffness: ArrayLike,
+    *,
+    at: ArrayLike = (0.0, 0.0, 0.0),
+    axes: ArrayLike | None = None,
+    mass: float = 0.0,
+    mass_matrix: ArrayLike | None = None,
+) -> Body:
+    """An elastic body of two or more interfaces, each a node ``NAME.INTERFACE``, from its unsupported stiffness.
+
+    Parameters
+    ----------
+    name
+        Its own, unlike that of any other body.
+    interfaces
+        Places (3,) in m of its n interfaces in part axes, by name, in the matrix's order.
+    stiffness
+        (6n, 6n), N/m, N, N·m/rad: wrenches on the interfaces for their twists, part axes; rigid motions cost nothing.
+    at, axes
+        Place (3,) of the part's origin at home, and its axes x, y, z as columns (3, 3); by default the base's.
+    mass
+        In kg; the interfaces share it alike where there is no ``mass_matrix``.
+    mass_matrix
+        (6n, 6n) in the same order, kg, kg·m, kg·m².
+
+    Returns
+    -------
+    Body
+        The body; raises InputError for a matrix of another shape, or one that is no unsupported stiffness.
+    """
+    here = spell_name("bodies", name)
+    names = tuple(interfaces)
+    if len(names) < 2:
+        raise InputError(f"{here}.interfaces: expected two or more, got {list(names)}")
+    local = np.array([check_vector(p, f"{here}.interfaces.{end}", "a position in m") for end, p in interfaces.items()])
+    size = 6 * len(names)
+    k = check_array(stiffness, (size, size), f"{here}.stiffness", "a stiffness")
+    compliance = _clamp_first(k, local, f"{here}.stiffness")
+    turn = np.eye(3) if axes is None else check_array(axes, (3, 3), f"{here}.axes", "axes")
+    dynamics = None
+    if mass_matrix is not None:
+        inertia = check_array(mass_matrix, (size, size), f"{here}.mass_matrix", "a mass matrix")
+        dynamics = Dynamics(inertia, np.zeros(0))
+        mass = dynamics.total
+    places = local @ turn.T + check_vector(at, f"{here}.at", "a position in m")
+    return Body(name, mass, elastic=Elastic(compliance, places, turn, dynamics=dynamics, ends=names))
+
+
+def rigid_motions(places: Array) -> Array:
+    """Twists (6n, 6) of points (n, 3) that a body's rigid motions at the first give."""
+    return np.vstack([shift(place - places[0]) for place in places])
+
+
+def _clamp_first(stiffness: Array, places: Array, here: str) -> Array:
+    """Compliance (6m, 6m) of all interfaces but the first from an unsupported stiffness (6n, 6n)."""
+    scale = np.sqrt(np.diagonal(stiffness).clip(min=0.0))
+    size = np.outer(scale, scale)
+    if not (scale > 0.0).all():
+        raise InputError(f"{here}: expected diagonal entries above 0, got {np.diagonal(stiffness).min():.6g}")
+    if (np.abs(stiffness - stiffness.T) > _BALANCED * size).any():
+        raise InputError(f"{here}: expected a symmetric matrix")
+    cost = np.abs(stiffness @ rigid_motions(places)) / (size @ np.abs(rigid_motions(places)))
+    if cost.max() > _BALANCED:
+        raise InputError(
+            f"{here}: expected one whose rigid motions cost nothing, got a relative cost of {cost.max():.2g}"
+        )
+    unit = (stiffness / size)[6:, 6:]
+    try:
+        root = np.linalg.inv(np.linalg.cholesky(0.5 * (unit + unit.T)))
+    except np.linalg.LinAlgError:
+        raise InputError(f"{here}: expected one that only rigid motions leave unloaded") from None
+    return (root.T @ root) / size[6:, 6:]
+
+
+def _check_elastic(elastic: Elastic, here: str) -> Elastic:
+    axes = check_array(elastic.axes, (3, 3), f"{here}.axes", "axes")
+    if not np.allclose(axes.T @ axes, np.eye(3), rtol=0.0, atol=_ORTHONORMAL) or np.linalg.det(axes) < 0.0:
+        raise InputError(f"{here}.axes: expected three orthonormal columns x, y, z, got {axes.tolist()}")
+    m = len(elastic.ends) - 1
+    compliance = check_compliance(elastic.compliance, f"{here}.compliance", semidefinite=True, ends=m)
+    places = check_array(elastic.places, (m + 1, 3), f"{here}.places", "positions in m")
+    error, offset = elastic.error, elastic.offset
+    if error is not None:
+        error = check_array(error, (6 * m, 6 * m), f"{here}.error", "error")
+    if offset is not None:
+        offset = check_array(offset, (6 * m,), f"{here}.offset", "offset")
+    return Elastic(compliance, places, axes, error, offset, elastic.dynamics, elastic.ends)
