@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.fea.extrusion import flat_mesh, slender_extrusion, thin_walled
+from stiffscope.fea.extrusion import find_extrusion, has_thin_walls, mesh_extrusion
 from stiffscope.fea.geometry import area_elements, centroid, jacobian_range, volume
 from stiffscope.fea.mesh import (
     ENERGY,
@@ -69,7 +69,7 @@ class Specimen:
     @cached_property
     def extrusion(self) -> Extrusion | None:
         """The solid as a sheet, a needle or a bar with thin walls, if it is one; see ``stiffscope.fea.extrusion``."""
-        return slender_extrusion(self.surface, self.held)
+        return find_extrusion(self.surface, self.held)
 
     @property
     def slender(self) -> bool:
@@ -88,7 +88,7 @@ class Specimen:
 
     def flatness_on(self, mesh: TetMesh) -> float:
         """How flat a mesh's elements are, up to 2, but 1 where they are no larger than walls are thick."""
-        walled = self.extrusion is not None and thin_walled(self.surface, self.extrusion)
+        walled = self.extrusion is not None and has_thin_walls(self.surface, self.extrusion)
         most = 2.0 if walled else self.flatness
         return float(np.clip(edge_length(mesh) / default_size(self.volume, self.area), 1.0, most))
 
@@ -139,7 +139,7 @@ def mesh_specimen(
         check_time(elements, time_limit, cure_of(specimen, size), meshed=True)
 
     found = None if envelope else specimen.extrusion
-    flat = flat_mesh(specimen.surface, found, specimen.held, specimen.project, size, check) if found else None
+    flat = mesh_extrusion(specimen.surface, found, specimen.held, specimen.project, size, check) if found else None
     if flat is not None:
         mesh = snap(flat.points, flat.cells, specimen.surface, specimen.project, flat.size, flat.tags)
         _check(specimen, mesh)

@@ -7,7 +7,7 @@ import pytest
 from build123d import Axis, Box, Cylinder, Pos, Rot, fillet
 
 from stiffscope.cad.solid import part_of
-from stiffscope.fea.extrusion import flat_mesh
+from stiffscope.fea.extrusion import mesh_extrusion
 from stiffscope.fea.mesh import MeshError, default_size, expected_elements, tet_volumes
 from stiffscope.fea.run import run_experiment, specimen_of
 from stiffscope.fea.settings import Settings
@@ -19,7 +19,7 @@ def whole(solid):
 
 
 def filled(specimen):
-    return flat_mesh(specimen.surface, specimen.extrusion, specimen.held, specimen.project)
+    return mesh_extrusion(specimen.surface, specimen.extrusion, specimen.held, specimen.project)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,170 @@
+"""Fill a section with triangles: as small as asked for at some of its border, larger with the distance from there."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial import Delaunay, QhullError
+
+from stiffscope.fea.mesh import MeshError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from stiffscope.fea.mesh import Floats, Ints
+
+GROWTH = 0.5  # of the size with the distance from the finer border
+ROUNDS = 12
+CHUNK = 2_000_000  # pairs at once
+SEEDS, POINTS, DEPTH = 400, 400_000, 20  # on one piece, in the section, and levels of the quadtree, at most
+UNFILLED = "mesh: the section of this sheet cannot be filled"
+
+
+def fill_section(corners: Floats, borders: Ints, walls: Ints, sizes: Floats, coarse: float) -> tuple[Floats, Ints]:
+    """Return points (n, 2), the corners first, and anticlockwise triangles (k, 3) that fill a section.
+
+    Parameters
+    ----------
+    corners
+        (p, 2) m.
+    borders
+        (s, 2) straight pieces of the border, and of lines inside that triangles must not cross.
+    walls
+        (s,) whether a piece belongs to the border.
+    sizes
+        (s,) length of triangles at each piece, m.
+    coarse
+        Largest length of triangles, m.
+
+    Raises
+    ------
+    MeshError
+        The section is too fine or cannot be filled.
+
+    """
+    outline = corners[borders[walls]]
+    points, borders, seeds = _cut_borders(corners, borders, sizes, coarse)
+    own = _lengths(points, borders)
+    inner = _place_inside(outline, points[borders].mean(axis=1), own, lambda at: np.minimum(coarse, seeds(at)), coarse)
+    for _ in range(ROUNDS):
+        both = np.vstack([points, inner])
+        triangles = _triangulate(both, outline)
+        sides = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        missing = ~np.isin(np.sort(borders, axis=1) @ [len(both), 1], sides @ [len(both), 1])
+        if not missing.any():
+            area = abs(np.linalg.det(outline).sum()) / 2
+            if abs(_areas(both, triangles).sum() / area - 1) < 1e-6:
+                return both, triangles
+            break
+        middle, length = points[borders[missing]].mean(axis=1), _lengths(points, borders[missing])
+        inner = inner[_clearance(inner, middle, length) > 0.5]
+        points, borders = _halve(points, borders, missing)
+    raise MeshError(f"{UNFILLED}; remove the smallest of its holes and edges")
+
+
+def _cut_borders(
+    corners: Floats, borders: Ints, sizes: Floats, coarse: float
+) -> tuple[Floats, Ints, Callable[[Floats], Floats]]:
+    """Cut the border's pieces until none is longer than the size there; return the size as a function, too."""
+    ends, own = corners[borders], _lengths(corners, borders)
+    apart = np.minimum(sizes, np.maximum(own, sizes.min()))
+    piece, share = subdivide(np.clip(np.ceil(own / apart), 1, SEEDS).astype(int))
+    share = (share + 0.5 / np.bincount(piece)[piece])[:, None]
+    places, near = (1 - share) * ends[piece, 0] + share * ends[piece, 1], apart[piece]
+
+    def size_at(points: Floats) -> Floats:
+        return _over_chunks(points, lambda at: (near + GROWTH * _distances(at, places)).min(axis=1), len(places))
+
+    points = corners
+    while True:
+        wanted = np.minimum(coarse, size_at(points[borders].mean(axis=1)))
+        long = _lengths(points, borders) > 1.01 * wanted
+        if not long.any():
+            return points, borders, size_at
+        points, borders = _halve(points, borders, long)
+
+
+def subdivide(parts: Ints) -> tuple[Ints, Floats]:
+    """Return, for pieces cut into parts (s,), the piece of each part and where in the piece it begins, 0 to 1."""
+    piece = np.repeat(np.arange(len(parts)), parts)
+    step = np.arange(len(piece)) - np.repeat(np.cumsum(parts) - parts, parts)
+    return piece, step / parts[piece]
+
+
+def _halve(points: Floats, borders: Ints, some: NDArray[np.bool_]) -> tuple[Floats, Ints]:
+    new = len(points) + np.arange(some.sum())
+    halves = np.column_stack([borders[some, 0], new]), np.column_stack([new, borders[some, 1]])
+    return np.vstack([points, points[borders[some]].mean(axis=1)]), np.vstack([borders[~some], *halves])
+
+
+def _place_inside(
+    outline: Floats, seeds: Floats, own: Floats, size_at: Callable[[Floats], Floats], coarse: float
+) -> Floats:
+    """Return the centres (n, 2) of a quadtree's cells, as fine as the size, inside and not close to pieces."""
+    low, high = outline.min(axis=(0, 1)), outline.max(axis=(0, 1))
+    shape = np.maximum(1, np.ceil((high - low) / coarse)).astype(int)
+    cell = (high - low) / shape
+    centres, done = low + (np.stack(np.indices(shape), axis=-1).reshape(-1, 2) + 0.5) * cell, []
+    for _ in range(DEPTH):
+        large = cell.max() > 1.4 * size_at(centres)
+        done.append(centres[~large])
+        if not large.any():
+            break
+        cell = cell / 2
+        turns = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]]) * cell / 2
+        centres = (centres[large][:, None] + turns).reshape(-1, 2)
+        if len(centres) > POINTS:
+            raise MeshError("mesh: the section of this sheet has edges too fine for its size; remove the smallest ones")
+    points = np.vstack(done)
+    return points[(_clearance(points, seeds, own) > 0.6) & _inside(points, outline)]
+
+
+def _triangulate(points: Floats, outline: Floats) -> Ints:
+    """Return Delaunay's triangles (k, 3) inside the section, anticlockwise."""
+    try:
+        triangles = Delaunay(points).simplices.astype(np.int64)
+    except QhullError as error:
+        raise MeshError(UNFILLED) from error
+    edge = np.linalg.norm(points[triangles] - points[np.roll(triangles, 1, axis=1)], axis=2).max(axis=1)
+    triangles = triangles[_areas(points, triangles) > 1e-7 * edge**2]
+    return triangles[_inside(points[triangles].mean(axis=1), outline)]
+
+
+def _inside(points: Floats, outline: Floats) -> NDArray[np.bool_]:
+    """Whether points (n, 2) are inside the pieces (s, 2, 2) of closed borders, by crossings of a ray."""
+    a, b = outline[:, 0], outline[:, 1]
+    slope = (b[:, 0] - a[:, 0]) / np.where(a[:, 1] == b[:, 1], np.inf, b[:, 1] - a[:, 1])
+
+    def odd(at: Floats) -> NDArray[np.bool_]:
+        x, y = at[:, :1], at[:, 1:]
+        across = (a[:, 1] > y) != (b[:, 1] > y)
+        return (across & (x < a[:, 0] + (y - a[:, 1]) * slope)).sum(axis=1) % 2 == 1
+
+    return _over_chunks(points, odd, len(outline)) > 0
+
+
+def _clearance(points: Floats, others: Floats, lengths: Floats) -> Floats:
+    """Return (n,) the least distance of points (n, 2) to others (m, 2), each over its length (m,)."""
+    return _over_chunks(points, lambda at: (_distances(at, others) / lengths).min(axis=1), len(others))
+
+
+def _over_chunks(points: Floats, function: Callable[[Floats], np.ndarray], width: int) -> Floats:
+    """Return a function's values (n,) at points (n, 2), called with as many as ``CHUNK`` allows for its width."""
+    step = max(1, CHUNK // max(1, width))
+    return np.concatenate([function(points[k : k + step]) for k in range(0, len(points), step)] or [np.zeros(0)])
+
+
+def _distances(points: Floats, others: Floats) -> Floats:
+    return np.linalg.norm(points[:, None] - others[None], axis=2)
+
+
+def _lengths(points: Floats, borders: Ints) -> Floats:
+    return np.linalg.norm(points[borders[:, 1]] - points[borders[:, 0]], axis=1)
+
+
+def _areas(points: Floats, triangles: Ints) -> Floats:
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    return 0.5 * np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
