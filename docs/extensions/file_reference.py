@@ -16,7 +16,7 @@ from pydantic_core import PydanticUndefined
 
 import stiffscope
 from stiffscope.design.study_file import SECTIONS
-from stiffscope.gap.campaign.campaign_header import _KEYS, _LOAD, _SENSOR
+from stiffscope.gap.campaign.campaign_header import FRAME_KEYS, KEYS, LOAD_KEYS, SENSOR_KEYS
 from stiffscope.gap.campaign.quantities import DEFLECTIONS, DEVIATIONS, FREQUENCIES, PUSHES, STIFFNESSES
 from stiffscope.robot.file import part_sections, sections
 from stiffscope.robot.file.values import Reads, Says
@@ -55,16 +55,25 @@ CAMPAIGN = {
     "readings": "a file of readings or a list of such: .csv (comma or semicolon, decimal comma too), .tsv, .xlsx",
     "units": 'units by column, such as `{ value = "um", fx = "N" }`; SI without it',
     "ignore": "columns that are not read",
+    "frames": "axes of instruments that stand anywhere, by name, see below",
     "sensors": "instruments by name, see below",
     "loads": "points where loads act, by name, see below",
 }
 SENSOR = {
-    "measures": "`displacement` (m) or `rotation` (rad)",
+    "measures": "`displacement` (m), `rotation` (rad), or of a target that an instrument sees `position` "
+    "(three readings `NAME.x`, `NAME.y`, `NAME.z`, m) or `distance` (from the origin of its frame, m)",
     "body": "a body, or an end of an elastic one (`leg1.arm.tip`)",
     "at": 'where it touches, at home, base axes, such as `["75 mm", 0, "-15 mm"]`; not for a rotation',
-    "direction": "sensitive direction, or axis of rotation, base axes",
-    "against": "the body that its foot stands on; `ground` by default",
+    "at_sigma": 'of a target: how well its place is known, such as `"20 mm"`; without it: known',
+    "direction": "sensitive direction, or axis of rotation, base axes; not of a target",
+    "against": "the body that its foot stands on; `ground` by default; not of a target",
+    "frame": "of a target: the frame in which it is seen, a name of `[frames]`",
     "zero": "`none` (default), or `session`: its zero is unknown, one constant for each session",
+}
+FRAME = {
+    "pose": '`"unknown"`, found with everything else, or `[x, y, z, rx, ry, rz]` in {O}',
+    "sigma": "standard uncertainties of a pose's six values; without it: exact",
+    "per": "`campaign` (default), or `session`: set up anew with each session",
 }
 LOAD = {"body": "a body, or an end of an elastic one", "at": "where the load acts, at home, base axes"}
 QUANTITIES_READ = {
@@ -74,6 +83,10 @@ QUANTITIES_READ = {
     "px … prz": ("force over deflection of a push along that axis, all other motions free: 1/C_ii", "N/m, N·m/rad"),
     "f1 …": ("natural frequencies at the pose, drives held, from below", "Hz"),
 }
+
+SECTIONS_READ = (
+    ("campaign.toml", CAMPAIGN), ("[frames.NAME]", FRAME), ("[sensors.NAME]", SENSOR), ("[loads.NAME]", LOAD)
+)  # fmt: skip
 
 
 class RobotFileKeys(Directive):
@@ -105,12 +118,20 @@ class CampaignKeys(Directive):
 
     def run(self) -> list[nodes.Node]:
         """Return the tables; what is described here and what the code reads must be the same."""
-        described = [tuple(CAMPAIGN), tuple(SENSOR), tuple(LOAD), tuple(k.split()[0] for k in QUANTITIES_READ)]
+        described = [
+            tuple(CAMPAIGN),
+            tuple(FRAME),
+            tuple(SENSOR),
+            tuple(LOAD),
+            tuple(k.split()[0] for k in QUANTITIES_READ),
+        ]
         firsts = tuple(kind[0] for kind in (DEFLECTIONS, DEVIATIONS, STIFFNESSES, PUSHES, FREQUENCIES))
-        if [set(each) for each in described] != [set(_KEYS), set(_SENSOR), set(_LOAD), set(firsts)]:
+        if [set(each) for each in described] != [
+            set(each) for each in (KEYS, FRAME_KEYS, SENSOR_KEYS, LOAD_KEYS, firsts)
+        ]:
             raise self.error("campaign.toml has other keys than are described")
         lines: list[str] = []
-        for title, keys in (("campaign.toml", CAMPAIGN), ("[sensors.NAME]", SENSOR), ("[loads.NAME]", LOAD)):
+        for title, keys in SECTIONS_READ:
             lines += [f"### {title}", "", "| key | takes |", "|---|---|"]
             lines += [f"| `{key}` | {takes} |" for key, takes in keys.items()] + [""]
         lines += ["### Quantities at M", "", "| quantity | is | unit |", "|---|---|---|"]

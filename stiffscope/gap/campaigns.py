@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
+from stiffscope.gap.campaign.on_robot import match_robot
+from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.robot.file.quantities import shown
 from stiffscope.robot.library import find_robot, robot_names
 from stiffscope.robot.reader import load_robot
@@ -18,7 +20,7 @@ from stiffscope.runtime.workshop import workshop
 
 if TYPE_CHECKING:
     from stiffscope.experiments.assembly import Assembled
-    from stiffscope.gap.campaign.readings import Campaign
+    from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.inference.diagnosis import Diagnosis
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.runtime.workshop import Workshop
@@ -74,6 +76,10 @@ def diagnose_case(case: Case, nominal: Assembled | None, shop: Workshop) -> Diag
     from stiffscope.gap.diagnose import diagnose
     from stiffscope.robot.effects import NominalRobot
 
+    absolute = next((sensor for sensor in case.campaign.sensors if sensor.absolute), None)
+    if absolute is not None:
+        message = f"expected displacement or rotation for a diagnosis, got {absolute.measures}"
+        raise case.campaign.refuse(("sensors", absolute.target, "measures"), message)
     if nominal is None:
         return diagnose(case.campaign)
     carrying = NominalRobot(nominal.mechanism, nominal.robot, tested_dimensions(nominal, shop))
@@ -85,14 +91,12 @@ def open_case(name: str | Path, *, planned: bool = False) -> Case:
 
     ``planned``: values may be missing. Raises InputError for poses, sensors and loads that are none of the robot's.
     """
-    from stiffscope.gap.campaign.readings import load_campaign, on_robot
-
     folder = find_campaign(name)
     campaign = load_campaign(folder, planned=planned)
     if campaign.robot is None:
         return Case(folder.resolve().name, folder, campaign, None)
     robot = load_robot(_robot_of(folder, campaign, campaign.robot))
-    campaign = on_robot(campaign, robot)
+    campaign = match_robot(campaign, robot)
     if robot.carries("gravity") and "gravity" not in campaign.modelled:
         campaign = dataclasses.replace(campaign, modelled=(*campaign.modelled, "gravity"))
     return Case(folder.resolve().name, folder, campaign, robot)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.gap.campaign.quantities import DEFLECTION, DEVIATION, FREQUENCY, KINDS, WRENCH
+from stiffscope.gap.campaign.quantities import DEFLECTION, DEVIATION, FREQUENCY, KINDS, POSITION, WRENCH
 from stiffscope.gap.inference.findings import copies
 from stiffscope.report import page
 from stiffscope.report.robot_scene import moves, picture, pose_text, scene
@@ -62,6 +62,8 @@ def _sensor(c: Campaign, k: int) -> dict[str, Any]:
     s = c.sensors[k]
     at = {} if s.rotates else {"at": list(s.at)}
     rest = {"measures": s.measures, "body": s.body, "direction": list(s.direction), "against": s.against}
+    if s.absolute:
+        rest |= {"frame": s.frame, "at_sigma": s.at_sigma}
     return {**rest, **at, "zero": s.zero, "readings": int((c.sensor == k).sum())}
 
 
@@ -83,7 +85,7 @@ def _unit(c: Campaign, reading: int) -> str:
     kind, turns = c.kind[reading], c.direction[reading] >= 3
     if kind == FREQUENCY:
         return "Hz"
-    if kind in (DEFLECTION, DEVIATION):
+    if kind in (DEFLECTION, DEVIATION, POSITION):
         return "rad" if turns else "m"
     return "N·m/rad" if turns else "N/m"
 
@@ -108,10 +110,18 @@ def show_campaign(facts: Mapping[str, Any], name: str) -> None:
     show_table("Readings, SI", [["reads"], ["kind", "count", "unit", "least", "greatest", "sigma"]], rows)
     if facts["sensors"]:
         rows = [
-            [key, s["measures"], s["body"], _three(s.get("at")), _three(s["direction"]), s["against"], s["zero"]]
+            [
+                key,
+                s["measures"],
+                s["body"],
+                _three(s.get("at")),
+                _three(s["direction"]),
+                s.get("frame", s["against"]),
+                s["zero"],
+            ]
             for key, s in facts["sensors"].items()
         ]
-        columns = ["measures", "body", "at, m", "direction", "against", "zero"]
+        columns = ["measures", "body", "at, m", "direction", "against or frame", "zero"]
         show_table("Sensors", [["sensor"], columns], rows)
     if facts["loads"]:
         rows = [[key, s["body"], _three(s["at"]), str(s["readings"])] for key, s in facts["loads"].items()]

@@ -2,15 +2,15 @@
 
 import os
 import zipfile
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.gap.campaign.campaign_io import write_campaign
+from stiffscope.gap.campaign.quantities import KINDS
 from stiffscope.gap.campaign.readings import load_campaign
+from stiffscope.gap.campaign.writing import number_cells, write_campaign
 from stiffscope.robot.reader import load_robot
 
 DATA = Path(__file__).parents[2] / "data" / "campaigns"
@@ -179,19 +179,18 @@ def test_predictions_answer_every_reading(tmp_path, model, expected):
         load_campaign(tmp_path)
 
 
-def test_eight_thousand_rows_come_back_unchanged(tmp_path):
-    rows = [f"{k % 7 / 100},0,0.35,{k},0,0,0,0,0,dx,{k * 1e-9!r},1e-6,s" for k in range(8000)]
-    first = load_campaign(folder(tmp_path, rows))
-    write_campaign(first, tmp_path / "again", comment="two\nlines")
-    again = load_campaign(tmp_path / "again")
-    for name in ("poses", "pose", "wrench", "quantity", "value", "sigma", "session"):
-        assert np.array_equal(getattr(first, name), getattr(again, name))
-    published = load_campaign(DATA / "published")
-    write_campaign(published, tmp_path / "bare")
-    back = load_campaign(tmp_path / "bare")
-    assert back.pose_names == published.pose_names
-    assert np.array_equal(back.predictions["with_gravity"], published.predictions["with_gravity"])
-    assert replace(back, robot=None).modelled == ()
+def test_what_is_written_is_read_to_the_last_digit(tmp_path):
+    """Eight thousand rows, and a header with sections and names that TOML quotes."""
+    value = np.random.default_rng(1).standard_normal(8000) * 1e-5
+    columns = {"x": ["0"] * 8000, "y": ["0"] * 8000, "z": ["0.35"] * 8000, "fz": ["-10"] * 8000}
+    columns |= {"sensor": ["gauge 1"] * 8000, "value": number_cells(value), "sigma": [""] * 8000}
+    gauge = {"measures": "displacement", "body": "platform", "at": [0.1, 0.0, 1 / 3], "direction": [0, 0, 1]}
+    header = {"robot": 'a "robot"', "sensors": {"gauge 1": gauge}, "loads": {}}
+    write_campaign(tmp_path, header, columns, comment="two\nlines")
+    c = load_campaign(tmp_path)
+    assert np.array_equal(c.value, value)
+    assert np.isnan(c.sigma).all()
+    assert (c.robot, c.sensors[0].name, c.sensors[0].at) == ('a "robot"', "gauge 1", (0.1, 0.0, 1 / 3))
 
 
 SENSORS = """
@@ -233,11 +232,65 @@ def test_reads_sensors_loads_units_and_decimal_commas(tmp_path):
     assert c.sensors[0].direction == (0.0, 0.0, 1.0)
     assert c.sensors[0].at == pytest.approx((0.075, 0.0, 0.33))
     assert c.sensors[1].zero == "session"
-    write_campaign(c, tmp_path / "again")
-    again = load_campaign(tmp_path / "again")
-    for name in ("poses", "wrench", "quantity", "value", "sigma", "sensor", "load"):
-        assert np.array_equal(getattr(c, name), getattr(again, name), equal_nan=True), name
-    assert (again.sensors, again.loads) == (c.sensors, c.loads)
+
+
+FRAMES = """
+[frames.tracker]
+pose = "unknown"
+per = "session"
+
+[frames.arm]
+pose = ["2 m", 0, 1, 0, 0, "90 deg"]
+sigma = ["1 mm", "1 mm", "1 mm", 0, 0, 0]
+
+[sensors.smr]
+measures = "position"
+frame = "tracker"
+body = "platform"
+at = ["75 mm", 0, 0.33]
+at_sigma = "20 mm"
+
+[sensors.wire]
+measures = "distance"
+frame = "arm"
+body = "platform"
+at = [0, 0, 0]
+"""
+
+
+def test_reads_targets_in_the_frames_of_their_instruments(tmp_path):
+    text = "x,y,z,fz,sensor,value,sigma\n0,0,0.35,,smr.x,-2000,\n0,0,0.35,-10,smr.z,0,0.1\n0,0,0.35,,wire,2200,0.1\n"
+    toml = BIGLIDE + 'units = { value = "mm", sigma = "mm" }\n' + FRAMES
+    c = load_campaign(folder(tmp_path, text, toml=toml), load_robot("biglide"))
+    assert [KINDS[k] for k in c.kind] == ["position"] * 3
+    assert c.direction.tolist() == [0, 2, 0]
+    assert c.value == pytest.approx([-2.0, 0.0, 2.2])
+    assert c.wrench[:, 2].tolist() == [0.0, -10.0, 0.0]
+    assert [s.name for s in c.sensors] == ["smr.x", "smr.y", "smr.z", "wire"]
+    assert {(s.target, s.frame, s.at_sigma) for s in c.sensors} == {("smr", "tracker", 0.02), ("wire", "arm", 0.0)}
+    tracker, arm = c.frames
+    assert (tracker.pose, tracker.per) == (None, "session")
+    assert arm.pose == pytest.approx((2, 0, 1, 0, 0, np.pi / 2))
+    assert arm.sigma == pytest.approx((0.001, 0.001, 0.001, 0, 0, 0))
+    assert not c.relative.any()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ('pose = "unknown"', 'pose = "somewhere"', 'frames.tracker.pose: expected "unknown" or six values'),
+        ('pose = "unknown"', 'pose = "unknown"\nsigma = 1', "frames.tracker.sigma: expected none for a pose that"),
+        ('frame = "tracker"', 'frame = "camera"', "sensors.smr.frame: expected one of tracker, arm, got"),
+        ('frame = "tracker"', "", "sensors.smr.frame: expected one of tracker, arm, got nothing"),
+        ('"20 mm"', '"-20 mm"', "sensors.smr.at_sigma: expected a length .* must not be negative"),
+        ('at_sigma = "20 mm"', "direction = [0, 0, 1]", "sensors.smr.direction: expected none for a position"),
+        ("[sensors.wire]", '[sensors."smr.x"]', "sensors.smr: expected another name than smr.x"),
+    ],
+)
+def test_names_what_is_wrong_with_a_target(tmp_path, old, new, expected):
+    toml = (BIGLIDE + FRAMES).replace(old, new, 1)
+    with pytest.raises(InputError, match=rf"^campaign.toml:\d+: {expected}"):
+        load_campaign(folder(tmp_path, toml=toml))
 
 
 @pytest.mark.parametrize("suffix", [".tsv", ".xlsx"])
@@ -283,7 +336,11 @@ def test_names_what_is_wrong_with_sensors(tmp_path, old, new, expected):
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ('"displacement"', '"force"', 'sensors.gauge.measures: expected one of displacement, rotation, got "force"'),
+        (
+            '"displacement"',
+            '"force"',
+            'sensors.gauge.measures: expected one of displacement, rotation, position, distance, got "force"',
+        ),
         ("direction = [0, 0, 2]", "direction = [0, 0, 0]", "sensors.gauge.direction: expected a direction"),
         ('at = ["75 mm", 0, 0.33]', 'at = ["75 N", 0, 0]', "sensors.gauge.at: expected a displacement|a length"),
         ("zero =", "nought =", "sensors.level.nought: expected one of measures"),
@@ -383,7 +440,7 @@ def test_a_packed_workbook_is_bounded(tmp_path, monkeypatch):
 
 
 def test_a_campaign_is_bounded_in_poses(tmp_path, monkeypatch):
-    monkeypatch.setattr("stiffscope.gap.campaign.readings.MOST_POSES", 1)
+    monkeypatch.setattr("stiffscope.gap.campaign.on_robot.MOST_POSES", 1)
     with pytest.raises(
         InputError, match=r"^readings.csv:4: x: expected at most 1 different poses, got more; leave some"
     ):

@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.gap.campaign.quantities import AXES, DEVIATION, FREQUENCY, QUANTITIES, STIFFNESS
+from stiffscope.gap.campaign.quantities import (
+    AXES,
+    DEVIATION,
+    FREQUENCY,
+    POSITION,
+    QUANTITIES,
+    STIFFNESS,
+    kind_of,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,17 +26,8 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Codes = NDArray[np.int64]
 
-POSITION = ("x", "y", "z")
 AT_TOOL = -1
 """Code of no sensor, a quantity at M; and of no load point, a wrench at M."""
-
-
-def _no_sensors() -> tuple[Sensor, ...]:
-    return ()
-
-
-def _no_loads() -> tuple[LoadPoint, ...]:
-    return ()
 
 
 def _read_only(array: Any) -> Any:
@@ -36,33 +35,57 @@ def _read_only(array: Any) -> Any:
     return array
 
 
-def _no_models() -> dict[str, Array]:
-    return {}
-
-
 def _no_codes() -> Codes:
     return np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True)
+class InstrumentFrame:
+    """Axes of an instrument that stands anywhere, such as a laser tracker or cameras."""
+
+    name: str
+    pose: tuple[float, ...] | None = None
+    """(x, y, z, rx, ry, rz) in {O}, m and rad (rotation vector); None: unknown, found with everything else."""
+    sigma: tuple[float, ...] | None = None
+    """Standard uncertainty of each component of `pose`; None: the pose is exact, or unknown."""
+    per: str = "campaign"
+    """"session": set up anew with each session."""
+
+
+@dataclass(frozen=True)
 class Sensor:
-    """An instrument that stands on one body and looks at another; base axes, SI."""
+    """One channel of an instrument that stands on one body and looks at another; base axes, SI.
+
+    A target whose position is measured has three of them: `smr.x`, `smr.y`, `smr.z`, along the axes of its frame.
+    """
 
     name: str
     body: str
     direction: tuple[float, float, float]
-    """Unit vector: sensitive direction, or axis of rotation."""
+    """Unit vector: sensitive direction, or axis of rotation; of a position in the axes of its frame."""
     at: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Where it touches, home coordinates, m."""
+    """Where it touches, or the target sits, home coordinates, m."""
     measures: str = "displacement"
+    """"displacement", "rotation", "position" or "distance" (from the origin of its frame)."""
     against: str = "ground"
     zero: str = "none"
     """"session": one unknown constant a session."""
+    frame: str = ""
+    """Name of the `InstrumentFrame` of a position or distance."""
+    target: str = ""
+    """Name of the target, which channels of one position share."""
+    at_sigma: float = 0.0
+    """Standard uncertainty of each component of `at`, m; 0: known."""
 
     @property
     def rotates(self) -> bool:
         """Whether it measures a rotation."""
         return self.measures == "rotation"
+
+    @property
+    def absolute(self) -> bool:
+        """Whether it reads where a target is, not how far it moved."""
+        return self.measures in {"position", "distance"}
 
     @property
     def axis(self) -> int:
@@ -93,7 +116,7 @@ class Campaign:
     pose: Codes
     """(n,) which pose."""
     wrench: Array
-    """(n, 6) stated wrench at M or at its load's point; NaN for stiffnesses and frequencies, zero for deviations."""
+    """(n, 6) stated wrench at M or at its load's point; NaN for stiffnesses and frequencies, zero where unloaded."""
     quantity: Codes
     """(n,) position in `QUANTITIES`; of a sensor's reading that of its kind and of the axis nearest to it."""
     value: Array
@@ -107,16 +130,18 @@ class Campaign:
     """(n,) which file a reading came from."""
     line: Codes
     """(n,) on which line it stands."""
-    predictions: dict[str, Array] = field(default_factory=_no_models)
+    predictions: dict[str, Array] = field(default_factory=dict[str, "Array"])
     """Predicted values (n,): the model under test under `value`, its rivals under their columns' names."""
-    coordinates: tuple[str, ...] = POSITION
+    coordinates: tuple[str, ...] = AXES[:3]
     """Names of the k commanded coordinates: those of the tool pose, or `q:JOINT`."""
-    sensors: tuple[Sensor, ...] = field(default_factory=_no_sensors)
+    sensors: tuple[Sensor, ...] = field(default_factory=tuple[Sensor, ...])
     sensor: Codes = field(default_factory=_no_codes)
     """(n,) position in `sensors`; `AT_TOOL` for quantities at M."""
-    loads: tuple[LoadPoint, ...] = field(default_factory=_no_loads)
+    loads: tuple[LoadPoint, ...] = field(default_factory=tuple[LoadPoint, ...])
     load: Codes = field(default_factory=_no_codes)
     """(n,) position in `loads`; `AT_TOOL` for a wrench at M."""
+    frames: tuple[InstrumentFrame, ...] = field(default_factory=tuple[InstrumentFrame, ...])
+    """Those that the sensors name."""
     source: Source | None = None
     """Text of the campaign.toml, by which refusals name the line of a key; None where nothing was read."""
 
@@ -138,8 +163,8 @@ class Campaign:
 
     @property
     def kind(self) -> Codes:
-        """(n,) 0 deflection, 1 deviation, 2 stiffness, 3 push, 4 frequency."""
-        return np.minimum(self.quantity // 6, FREQUENCY)
+        """(n,) position in `KINDS`."""
+        return kind_of(self.quantity)
 
     @property
     def direction(self) -> Codes:
@@ -149,7 +174,7 @@ class Campaign:
     @property
     def relative(self) -> NDArray[np.bool_]:
         """(n,) whether a reading's error is judged by its own size: stiffnesses, pushes, frequencies."""
-        return self.kind >= STIFFNESS
+        return (self.kind >= STIFFNESS) & (self.kind < POSITION)
 
     @property
     def still(self) -> NDArray[np.bool_]:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.gap.campaign.campaign import LoadPoint, Sensor
-from stiffscope.robot.file.quantities import LENGTH, shown, to_si
+from stiffscope.gap.campaign.campaign import InstrumentFrame, LoadPoint, Sensor
+from stiffscope.robot.file.quantities import LENGTH, NUMBER, Dimension, shown, to_si
 from stiffscope.robot.file.source import Source, parse_text
 from stiffscope.robot.vocabulary import EFFECTS
 from stiffscope.runtime.reading import read_text
@@ -22,14 +22,17 @@ if TYPE_CHECKING:
 
 NAME = "campaign.toml"
 COMPONENTS = ("fea", "beam", "published")
-MEASURES = ("displacement", "rotation")
-ZEROS = ("none", "session")
-_KEYS = (
+MEASURES = ("displacement", "rotation", "position", "distance")
+KEYS = (
     *("robot", "modelled", "components", "readings", "predictions"),
-    *("units", "ignore", "sensors", "loads"),
+    *("units", "ignore", "frames", "sensors", "loads"),
 )
-_SENSOR = ("measures", "body", "at", "direction", "against", "zero")
-_LOAD = ("body", "at")
+ZEROS = ("none", "session")
+SENSOR_KEYS = ("measures", "body", "at", "at_sigma", "direction", "against", "frame", "zero")
+FRAME_KEYS = ("pose", "sigma", "per")
+LOAD_KEYS = ("body", "at")
+_ANGLE = Dimension("an angle", "rad", "90 deg", most=1e4)
+_POSE = (*(LENGTH,) * 3, *(_ANGLE,) * 3)
 
 
 @dataclass(frozen=True)
@@ -43,11 +46,12 @@ class Header:
     predictions: str | None
     source: Source
     """Its text, by which refusals name the line of a key."""
-    units: Mapping[str, str] = field(default_factory=dict[str, str])
+    units: Mapping[str, str]
     """Unit of each column that is not SI."""
-    ignore: tuple[str, ...] = ()
-    sensors: tuple[Sensor, ...] = ()
-    loads: tuple[LoadPoint, ...] = ()
+    ignore: tuple[str, ...]
+    frames: tuple[InstrumentFrame, ...]
+    sensors: tuple[Sensor, ...]
+    loads: tuple[LoadPoint, ...]
 
 
 def load_header(folder: Path) -> Header:
@@ -57,46 +61,101 @@ def load_header(folder: Path) -> Header:
     text = read_text(folder / NAME, "a campaign.toml")
     source = Source(Path(NAME), text)
     top = _Table(source, (), parse_text(source.path, text, "a campaign.toml"))
-    top.check_keys(_KEYS)
+    top.check_keys(KEYS)
     robot, predictions = top.text("robot"), top.text("predictions")
     if (robot is None) == (predictions is None):
-        raise top.refuse("predictions" if robot else "robot", "expected either robot or predictions, one of the two")
-    components = top.choice("components", COMPONENTS, "fea")
+        key, message = "predictions" if robot else "robot", "expected either robot or predictions, one of the two"
+        raise top.refuse(key, message)
     modelled = top.texts("modelled", ())
     strange = [name for name in modelled if name not in EFFECTS]
     if strange:
-        raise top.refuse("modelled", f"expected effects among {', '.join(EFFECTS)}, got {shown(strange[0])}")
+        message = f"expected effects among {', '.join(EFFECTS)}, got {shown(strange[0])}"
+        raise top.refuse("modelled", message)
     readings = top.texts("readings")
     if not readings or len(set(readings)) < len(readings):
         raise top.refuse("readings", "expected one file name or a list of different ones")
-    units = {column: unit for column in top.table("units").data if (unit := top.table("units").text(column))}
-    sensors = tuple(_sensor(name, section) for name, section in top.sections("sensors"))
-    loads = tuple(_load(name, section) for name, section in top.sections("loads"))
+    units = top.table("units")
+    frames = tuple(_read_frame(name, section) for name, section in top.sections("frames"))
+    known = tuple(frame.name for frame in frames)
+    channels = [_read_sensor(name, section, known) for name, section in top.sections("sensors")]
     return Header(
-        robot, modelled, components, readings, predictions, source, units, top.texts("ignore", ()), sensors, loads
+        robot=robot,
+        modelled=modelled,
+        components=top.choice("components", COMPONENTS, "fea"),
+        readings=readings,
+        predictions=predictions,
+        source=source,
+        units={column: unit for column in units.data if (unit := units.text(column))},
+        ignore=top.texts("ignore", ()),
+        frames=frames,
+        sensors=_check_names(top, [channel for each in channels for channel in each]),
+        loads=tuple(_read_load(name, section) for name, section in top.sections("loads")),
     )
 
 
-def _sensor(name: str, section: _Table) -> Sensor:
-    section.check_keys(_SENSOR)
+def _read_frame(name: str, section: _Table) -> InstrumentFrame:
+    section.check_keys(FRAME_KEYS)
+    per = section.choice("per", ("campaign", "session"), "campaign")
+    if section.data.get("pose") == "unknown":
+        if "sigma" in section.data:
+            raise section.refuse("sigma", "expected none for a pose that is unknown")
+        return InstrumentFrame(name, per=per)
+    example = 'expected "unknown" or six values such as ["2 m", 0, "1 m", 0, 0, "90 deg"]'
+    pose = section.values("pose", _POSE, example)
+    sigma = None
+    if "sigma" in section.data:
+        sigma = section.values("sigma", _POSE, "expected six standard uncertainties", sign="non-negative")
+    return InstrumentFrame(name, pose, sigma, per)
+
+
+def _read_sensor(name: str, section: _Table, frames: tuple[str, ...]) -> tuple[Sensor, ...]:
+    """Channels of an instrument: three of a position, else one."""
+    section.check_keys(SENSOR_KEYS)
     measures = section.choice("measures", MEASURES)
-    body = section.body()
-    direction = np.array(section.three("direction", lengths=False))
-    size = float(np.linalg.norm(direction))
-    if not size > 0.0:
-        raise section.refuse("direction", f"expected a direction, got {shown(section.data['direction'])}")
-    unit = tuple(float(v) for v in direction / size)
-    if measures == "rotation" and "at" in section.data:
-        raise section.refuse("at", "expected no point for a rotation, which is the whole body's")
-    at = (0.0, 0.0, 0.0) if measures == "rotation" else section.three("at")
+    if measures in {"position", "distance"}:
+        return _read_target(name, section, frames)
+    section.refuse_others(("frame", "at_sigma"), f"expected none for a {measures}")
+    body, direction = section.body(), section.direction("direction")
     against = section.text("against") or "ground"
     zero = section.choice("zero", ZEROS, "none")
-    return Sensor(name, body, (unit[0], unit[1], unit[2]), at, measures, against, zero)
+    if measures == "rotation":
+        section.refuse_others(("at",), "expected no point for a rotation, which is the whole body's")
+        return (Sensor(name, body, direction, measures=measures, against=against, zero=zero),)
+    return (Sensor(name, body, direction, section.point("at"), measures, against, zero),)
 
 
-def _load(name: str, section: _Table) -> LoadPoint:
-    section.check_keys(_LOAD)
-    return LoadPoint(name, section.body(), section.three("at"))
+def _read_target(name: str, section: _Table, frames: tuple[str, ...]) -> tuple[Sensor, ...]:
+    """Channels of a target that an instrument sees."""
+    measures = section.text("measures") or ""
+    section.refuse_others(("direction", "against"), f"expected none for a {measures}, which a frame sees")
+    sigma = 0.0
+    if "at_sigma" in section.data:
+        try:
+            sigma = to_si(section.data["at_sigma"], LENGTH, sign="non-negative")
+        except ValueError as error:
+            raise section.refuse("at_sigma", str(error)) from None
+    body, at, frame = section.body(), section.point("at"), section.choice("frame", frames)
+    zero = section.choice("zero", ZEROS, "none")
+    along = ("x", (1.0, 0.0, 0.0)), ("y", (0.0, 1.0, 0.0)), ("z", (0.0, 0.0, 1.0))
+    listed = [(name, along[0][1])] if measures == "distance" else [(f"{name}.{axis}", way) for axis, way in along]
+    return tuple(
+        Sensor(channel, body, way, at, measures, zero=zero, frame=frame, target=name, at_sigma=sigma)
+        for channel, way in listed
+    )
+
+
+def _check_names(top: _Table, sensors: list[Sensor]) -> tuple[Sensor, ...]:
+    """The channels, no two of one name."""
+    names = [sensor.name for sensor in sensors]
+    for sensor in sensors:
+        if names.count(sensor.name) > 1:
+            raise top.table("sensors").refuse(sensor.target or sensor.name, f"expected another name than {sensor.name}")
+    return tuple(sensors)
+
+
+def _read_load(name: str, section: _Table) -> LoadPoint:
+    section.check_keys(LOAD_KEYS)
+    return LoadPoint(name, section.body(), section.point("at"))
 
 
 @dataclass(frozen=True)
@@ -114,6 +173,12 @@ class _Table:
         unknown = [key for key in self.data if key not in keys]
         if unknown:
             raise self.refuse(unknown[0], f"expected one of {', '.join(keys)}")
+
+    def refuse_others(self, keys: tuple[str, ...], message: str) -> None:
+        """Refuse keys that mean nothing here."""
+        for key in keys:
+            if key in self.data:
+                raise self.refuse(key, message)
 
     def text(self, key: str) -> str | None:
         value = self.data.get(key)
@@ -133,8 +198,9 @@ class _Table:
 
     def choice(self, key: str, choices: tuple[str, ...], default: str | None = None) -> str:
         value = self.text(key) if key in self.data or default is None else default
-        if value not in choices:
-            raise self.refuse(key, f"expected one of {', '.join(choices)}, got {shown(value)}")
+        if value is None or value not in choices:
+            listed = ", ".join(choices) or f"a name of [{key}s], of which there are none"
+            raise self.refuse(key, f"expected one of {listed}, got {'nothing' if value is None else shown(value)}")
         return value
 
     def body(self) -> str:
@@ -143,20 +209,37 @@ class _Table:
             raise self.refuse("body", "expected the name of a body, got nothing")
         return value
 
-    def three(self, key: str, *, lengths: bool = True) -> tuple[float, float, float]:
+    def values(
+        self, key: str, dimensions: tuple[Dimension, ...], example: str, *, sign: str = "any"
+    ) -> tuple[float, ...]:
+        """A list of values in SI, one for each dimension."""
         value: Any = self.data.get(key)
-        what = 'three lengths such as ["75 mm", 0, "-15 mm"]' if lengths else "three numbers such as [0, 0, 1]"
-        if not isinstance(value, list) or len(cast("list[Any]", value)) != 3:
-            raise self.refuse(key, f"expected {what}, got {shown(value)}")
-        out: list[float] = []
-        for each in cast("list[Any]", value):
-            if not lengths and not isinstance(each, int | float):
-                raise self.refuse(key, f"expected {what}, got {shown(value)}")
-            try:
-                out.append(to_si(each, LENGTH, sign="any"))
-            except ValueError as error:
-                raise self.refuse(key, str(error)) from None
-        return out[0], out[1], out[2]
+        if not isinstance(value, list) or len(cast("list[Any]", value)) != len(dimensions):
+            raise self.refuse(key, f"{example}, got {shown(value)}")
+        try:
+            pairs = zip(cast("list[Any]", value), dimensions, strict=True)
+            return tuple(to_si(each, dimension, sign=sign) for each, dimension in pairs)
+        except ValueError as error:
+            raise self.refuse(key, str(error)) from None
+
+    def point(self, key: str) -> tuple[float, float, float]:
+        """Three lengths, m."""
+        example = 'expected three lengths such as ["75 mm", 0, "-15 mm"]'
+        x, y, z = self.values(key, (LENGTH,) * 3, example)
+        return x, y, z
+
+    def direction(self, key: str) -> tuple[float, float, float]:
+        """A unit vector."""
+        value: Any = self.data.get(key)
+        given = cast("list[Any]", value) if isinstance(value, list) else []
+        if len(given) != 3 or not all(isinstance(v, int | float) for v in given):
+            raise self.refuse(key, f"expected three numbers such as [0, 0, 1], got {shown(value)}")
+        along = np.array(self.values(key, (NUMBER,) * 3, ""))
+        size = float(np.linalg.norm(along))
+        if not size > 0.0:
+            raise self.refuse(key, f"expected a direction, got {shown(value)}")
+        x, y, z = (along / size).tolist()
+        return x, y, z
 
     def table(self, key: str) -> _Table:
         value = self.data.get(key, {})

@@ -2,6 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Codes = NDArray[np.int64]
+
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 DEFLECTIONS = tuple(f"d{axis}" for axis in AXES)
@@ -11,9 +20,16 @@ PUSHES = tuple(f"p{axis}" for axis in AXES)
 MOST_MODES = 30
 FREQUENCIES = tuple(f"f{k + 1}" for k in range(MOST_MODES))
 QUANTITIES = DEFLECTIONS + DEVIATIONS + STIFFNESSES + PUSHES + FREQUENCIES
-"""A quantity's code is its position here: code // 6 is its kind (frequencies: 4 and above), code % 6 its direction."""
-DEFLECTION, DEVIATION, STIFFNESS, PUSH, FREQUENCY = range(5)
+"""A quantity's code is its position here; `kind_of` and code % 6, its direction, follow from it."""
+DEFLECTION, DEVIATION, STIFFNESS, PUSH, FREQUENCY, POSITION = range(6)
+KINDS = ("deflection", "deviation", "stiffness", "push", "frequency", "position")
 JOINT = "q:"
 """What the name of a coordinate begins with that is a driven joint's displacement from home."""
-KINDS = ("deflection", "deviation", "stiffness", "push", "frequency")
 FIRST_FREQUENCY = QUANTITIES.index("f1")
+FIRST_POSITION = len(QUANTITIES)
+"""Code of a position along x in an instrument's own frame, or of a distance; it has no word, only a sensor."""
+
+
+def kind_of(quantity: Codes) -> Codes:
+    """Position in `KINDS` of quantities by their codes (n,)."""
+    return np.where(quantity >= FIRST_POSITION, POSITION, np.minimum(quantity // 6, FREQUENCY))

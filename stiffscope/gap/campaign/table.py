@@ -17,13 +17,15 @@ from stiffscope.errors import InputError
 from stiffscope.runtime.reading import MOST_BYTES, open_file, read_text
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection
+    from collections.abc import Callable, Collection, Sequence
     from pathlib import Path
     from typing import BinaryIO
 
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
+    Codes = NDArray[np.int64]
+    Flags = NDArray[np.bool_]
 
 
 MOST_ROWS = 200_000  # of one table
@@ -43,6 +45,22 @@ class Table:
         found = self.columns[column][row] if column in self.columns else ""
         shown = "an empty cell" if not found.strip() else repr(found[:40])
         return InputError(f"{self.name}:{self.lines[row]}: {column}: expected {expected}, got {shown}")
+
+    def column(self, name: str) -> tuple[str, ...]:
+        """Cells of a column; empty ones where there is no such column."""
+        return self.columns.get(name) or ("",) * len(self.lines)
+
+    def refuse_where(self, wrong: Flags, column: str, expected: str) -> None:
+        """Raise the error that names the first of the rows (n,) where something is wrong."""
+        if wrong.any():
+            raise self.fail(int(np.argmax(wrong)), column, expected)
+
+    def codes(self, column: str, known: Sequence[str], expected: str) -> Codes:
+        """Positions (n,) of a column's cells among known names; -1 for empty cells. Raises InputError."""
+        code = {"": -1, **{name: k for k, name in enumerate(known)}}
+        out = np.array([code.get(cell, -2) for cell in self.column(column)], dtype=np.int64)
+        self.refuse_where(out == -2, column, expected)
+        return out
 
 
 def read_table(path: Path, check: Callable[[str, list[str]], None], ignore: Collection[str] = ()) -> Table:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stiffscope.gap.campaign.campaign import LoadPoint, Sensor
-from stiffscope.gap.campaign.campaign_io import section_lines, table_text
 from stiffscope.gap.campaign.quantities import WRENCH
+from stiffscope.gap.campaign.writing import write_campaign
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import PartMatrix, used_parts
 from stiffscope.runtime import files
@@ -53,9 +52,15 @@ def write_template(robot: RobotFile, name: str, folder: Path) -> tuple[int, int]
         sensors, hook = example_sensors(robot), LoadPoint("hook", robot.tool.body, _tuple(robot.tool.at))
         poses = planned_poses(robot)
         columns = _plan(robot, poses, sensors, hook)
-        text = "\n".join([*_header(robot, name), *section_lines(sensors, [hook])]) + "\n"
-        (aside / "campaign.toml").write_bytes(text.encode())
-        (aside / "readings.csv").write_bytes(table_text(columns).encode())
+        header: dict[str, Any] = {
+            "robot": name,
+            "modelled": ["gravity"] if robot.gravity else [],
+            "components": "fea",
+            "ignore": ["remark"],
+            "sensors": {sensor.name: _section(sensor) for sensor in sensors},
+            "loads": {hook.name: {"body": hook.body, "at": list(hook.at)}},
+        }
+        write_campaign(aside, header, columns, comment=_advice(robot))
     return len(poses), len(columns["value"])
 
 
@@ -110,24 +115,23 @@ def _plan(robot: RobotFile, poses: Array, sensors: tuple[Sensor, ...], hook: Loa
     return out
 
 
-def _header(robot: RobotFile, name: str) -> list[str]:
-    bodies = ", ".join(robot.bodies)
-    return [
-        f"# A campaign on {robot.name}. Fill in the column value of readings.csv, a reading a row; delete rows",
-        "# that you do not take; then: stiffscope campaign check FOLDER, and stiffscope diagnose FOLDER --out OUT.",
-        "# Instead of a sensor a row may have a quantity at M in a column quantity: dx dy dz drx dry drz, deflections",
-        "# by the wrench; ex ey ez erx ery erz, deviations of the unloaded tool; kx..., px..., stiffness with other",
-        "# motions held or free; f1 f2 ..., natural frequencies in Hz.",
-        f"robot      = {json.dumps(name)}",
-        'modelled   = ["gravity"]  # what the nominal model already carries' if robot.gravity else "modelled   = []",
-        'components = "fea"        # the parts\' matrices: "fea", "beam" or "published"',
-        'readings   = "readings.csv"',
-        'ignore     = ["remark"]',
-        '# units    = { value = "um", sigma = "um" }  # by column; SI without it',
-        "",
-        f"# Bodies: {bodies}; an elastic one has two ends, NAME.base and NAME.tip. Positions at home, base axes.",
-        '# zero = "session": the sensor\'s zero is one unknown constant a session.',
-    ]
+def _section(sensor: Sensor) -> dict[str, Any]:
+    at = {} if sensor.rotates else {"at": list(sensor.at)}
+    rest = {"direction": list(sensor.direction), "against": sensor.against, "zero": sensor.zero}
+    return {"measures": sensor.measures, "body": sensor.body, **at, **rest}
+
+
+def _advice(robot: RobotFile) -> str:
+    return f"""A campaign on {robot.name}. Fill in the column value of readings.csv, a reading a row; delete rows
+that you do not take; then: stiffscope campaign check FOLDER, and stiffscope diagnose FOLDER --out OUT.
+Instead of a sensor a row may have a quantity at M in a column quantity: dx dy dz drx dry drz, deflections
+by the wrench; ex ey ez erx ery erz, deviations of the unloaded tool; kx..., px..., stiffness with other
+motions held or free; f1 f2 ..., natural frequencies in Hz.
+
+modelled: what the nominal model already carries; components: the parts' matrices, fea, beam or published.
+units = {{ value = "um", sigma = "um" }}: units by column; SI without it.
+Bodies: {", ".join(robot.bodies)}; an elastic one has two ends, NAME.base and NAME.tip. Positions at home, base axes.
+zero = "session": the sensor's zero is one unknown constant a session."""
 
 
 def _tuple(values: object) -> tuple[float, float, float]:

@@ -10,8 +10,8 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.campaign import AT_TOOL
+from stiffscope.gap.campaign.on_robot import match_robot
 from stiffscope.gap.campaign.quantities import AXES, DEFLECTION, DEVIATION, PUSH, STIFFNESS
-from stiffscope.gap.campaign.readings import on_robot
 from stiffscope.gap.forward.forward_model import Candidate, Trial
 from stiffscope.gap.forward.mechanics import RobotAtPoses, configured
 from stiffscope.gap.forward.noise import noise_of
@@ -261,7 +261,7 @@ class RobotModel:
 
     def __post_init__(self) -> None:
         """Look up poses by name, and check poses, sensors and loads against the robot. Raises InputError."""
-        object.__setattr__(self, "campaign", on_robot(self.campaign, self.nominal.robot))
+        object.__setattr__(self, "campaign", match_robot(self.campaign, self.nominal.robot))
 
     @property
     def library(self) -> tuple[Candidate, ...]:

@@ -1,0 +1,87 @@
+"""A campaign checked against its robot: poses, coordinates, and the bodies of its sensors and loads."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.gap.campaign.quantities import JOINT
+from stiffscope.robot.file.description import GROUND, nodes
+from stiffscope.robot.file.quantities import shown
+
+if TYPE_CHECKING:
+    from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.robot.file.description import RobotFile
+
+MOST_POSES = 2_000  # a diagnosis evaluates the robot anew at each: 0.02 s and 0.1 MB
+
+
+def match_robot(campaign: Campaign, robot: RobotFile) -> Campaign:
+    """The campaign with poses by name looked up in the robot's file, all of it checked against the robot.
+
+    Raises
+    ------
+    InputError
+        Too many poses, poses that are none of the robot's, columns that are not its coordinates, sensors and loads on
+        no body of it.
+
+    """
+    _check_bodies(campaign, robot)
+    if len(campaign.poses) > MOST_POSES:
+        row = int(np.argmax(campaign.pose >= MOST_POSES))
+        raise InputError(
+            f"{campaign.where(row)}: {campaign.coordinates[0]}: expected at most {MOST_POSES:,} different poses, "
+            "got more; leave some out, a few dozen tell as much"
+        )
+    return _look_up(campaign, robot) if np.isnan(campaign.poses).any() else _order_columns(campaign, robot)
+
+
+def _look_up(campaign: Campaign, robot: RobotFile) -> Campaign:
+    """Coordinates of poses by name."""
+    for k, name in enumerate(campaign.pose_names):
+        if name not in robot.poses:
+            where = campaign.where(int(np.argmax(campaign.pose == k)))
+            known = ", ".join(robot.poses) or "(none)"
+            raise InputError(f"{where}: pose: expected one of {robot.name}'s [poses] {known}, got {name!r}")
+    poses = np.array([robot.poses[name] for name in campaign.pose_names])
+    return replace(campaign, poses=poses, coordinates=tuple(robot.tool.pose))
+
+
+def _order_columns(campaign: Campaign, robot: RobotFile) -> Campaign:
+    """Coordinates in the robot's order."""
+    given, pose = campaign.coordinates, tuple(robot.tool.pose)
+    joints = tuple(f"{JOINT}{name}" for name in robot.drives())
+    wanted = next((names for names in (pose, joints) if names and set(names) == set(given)), None)
+    if wanted is None:
+        strange = [name for name in given if name not in {*pose, *joints}]
+        valid = joints if given[0].startswith(JOINT) else pose
+        lacking = [*strange, *(name for name in valid if name not in given)]
+        raise InputError(
+            f"{campaign.files[0]}:1: {lacking[0]}: expected the coordinates that command {robot.name}: "
+            f"{' '.join(pose)}, or {' '.join(joints)}, got {' '.join(given)}"
+        )
+    order = [given.index(name) for name in wanted]
+    return campaign if given == wanted else replace(campaign, poses=campaign.poses[:, order], coordinates=wanted)
+
+
+def _check_bodies(campaign: Campaign, robot: RobotFile) -> None:
+    """Refuse sensors and loads on what is no body, and a sensor that stands on the body that it looks at."""
+    known = nodes(robot.bodies)
+
+    def check(name: str, *key: str, moves: bool) -> None:
+        if name not in known or (moves and name == GROUND):
+            valid = ", ".join(node for node in known if not (moves and node == GROUND))
+            raise campaign.refuse(key, f"expected a body or an end of one ({valid}), got {shown(name)}")
+
+    for sensor in campaign.sensors:
+        section = sensor.target or sensor.name
+        check(sensor.body, "sensors", section, "body", moves=False)
+        check(sensor.against, "sensors", section, "against", moves=False)
+        if sensor.body == sensor.against:
+            key = "sensors", section, "against"
+            raise campaign.refuse(key, f"expected another body than {sensor.body}, got the same")
+    for load in campaign.loads:
+        check(load.body, "loads", load.name, "body", moves=True)
