@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from stiffscope.experiments.assembly import Assembled, CondensedRobot
+    from stiffscope.experiments.assembly import Assembled
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.statics import Stiffness
 
@@ -205,7 +205,7 @@ def _warn_of_singular(names: Sequence[str], state: Stiffness) -> None:
             log.warning("%s: its weight moves the tool too far for a linear answer; the stiffness is without it", pose)
 
 
-def made_of(assembled: CondensedRobot) -> str:
+def made_of(assembled: Assembled) -> str:
     """Where the parts' matrices come from, in a few words."""
     return ", ".join(f"{part} {source}" for part, source in assembled.sources.items()) or "rigid parts"
 

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from concurrent.futures import Future
     from pathlib import Path
 
-    from stiffscope.experiments.assembly import Assembled, CondensedRobot
+    from stiffscope.experiments.assembly import Assembled
     from stiffscope.experiments.manifest import Manifest
-    from stiffscope.experiments.results import CondensedPart
+    from stiffscope.experiments.results import PartResult
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.runtime.workshop import Workshop
     from stiffscope.vjm.statics import Stiffness
@@ -107,7 +107,7 @@ def _watch(
     """Run, and again when a file changes, in this process, which keeps the CAD kernel; the page follows behind."""
     from concurrent.futures import ThreadPoolExecutor
 
-    from stiffscope.experiments.assembly import at_named_poses, condense_robot
+    from stiffscope.experiments.assembly import assemble_robots, at_named_poses
     from stiffscope.experiments.watching import changes, keep_meshed, keep_warm, sources
     from stiffscope.report import tables
     from stiffscope.robot.library import find_robot
@@ -115,8 +115,8 @@ def _watch(
 
     files.check_output(out)
     watched = [find_robot(name)]
-    before: tuple[CondensedRobot, Stiffness] | None = None
-    meshed: dict[str, CondensedPart] = {}
+    before: tuple[Assembled, Stiffness] | None = None
+    meshed: dict[str, PartResult] = {}
     page: Future[None] | None = None
     with workshop() as shop, ThreadPoolExecutor(1) as pool, _ending() as over:
         for _ in changes(watched):
@@ -124,7 +124,7 @@ def _watch(
                 robot = _checked(name, overrides, tolerance)
                 watched[:] = sources(robot)
                 manifest = manifest_of(robot)
-                now = condense_robot(robot, components, shop, meshed)
+                now = assemble_robots({"now": robot}, components, shop, whole=False, near=meshed)["now"]
                 state = at_named_poses(now, robot.poses)
             except InputError as error:
                 click.echo(f"stiffscope: {error}", err=True)
@@ -170,7 +170,7 @@ def _write_behind(robot: RobotFile, components: Any, out: Path, manifest: Manife
             click.echo(f"stiffscope: {error}", err=True)
 
 
-def _show_step(now: CondensedRobot, state: Stiffness, before: tuple[CondensedRobot, Stiffness] | None) -> None:
+def _show_step(now: Assembled, state: Stiffness, before: tuple[Assembled, Stiffness] | None) -> None:
     """The stiffness, beside the one before where there was one at the same poses."""
     from stiffscope.experiments.watching import differences
     from stiffscope.report import tables

@@ -18,7 +18,7 @@ from stiffscope.design.responses import mass_of_solids, of_modes, quantities
 from stiffscope.design.search import Outcome, Point, front, search
 from stiffscope.design.study_file import StudyFile, Value, load_study
 from stiffscope.errors import InputError
-from stiffscope.experiments.assembly import assemble_robots, condense_robot
+from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.experiments.orders import LIBRARIES
 from stiffscope.robot.file.part_sections import StepPart
 from stiffscope.runtime import files
@@ -328,10 +328,8 @@ def _responses(file: StudyFile, values: Values) -> tuple[float, ...]:
     robot = file.design(values)
     names = dict.fromkeys(name for response in file.responses for name in response.expression.names)
     with workshop() as shop:
-        if any(of_modes(name) for name in names):
-            made = assemble_robots({"design": robot}, file.components, shop)["design"]
-        else:
-            made = condense_robot(robot, file.components, shop)
+        whole = any(of_modes(name) for name in names)
+        made = assemble_robots({"design": robot}, file.components, shop, whole=whole)["design"]
         found = configure(made.mechanism, file.poses_of(robot)).required()
         mass = mass_of_solids(robot, file.components, made.results) if "mass" in names else 0.0
         known = quantities(names, made.mechanism, found, made.matrices, mass)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stiffscope.cad.checks import mm
 from stiffscope.errors import InputError
-from stiffscope.experiments.experiments import condense_parts, solve_parts
+from stiffscope.experiments.experiments import solve_parts
 from stiffscope.experiments.orders import order_part
 from stiffscope.robot.checks import SAME_LENGTH
 from stiffscope.robot.file.part_sections import StepPart
@@ -26,19 +26,17 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from stiffscope.experiments.orders import PartOrder
-    from stiffscope.experiments.results import CondensedPart, PartResult
+    from stiffscope.experiments.results import PartResult
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.part_matrices import Components, PartMatrix
     from stiffscope.runtime.workshop import Workshop
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.statics import Stiffness
 
-    Robot = TypeVar("Robot", bound="CondensedRobot")
-
 
 @dataclass(frozen=True)
-class CondensedRobot:
-    """A robot file with the sources and matrices of its parts, and the mechanism of them: all but its modes.
+class Assembled:
+    """A robot file with the sources and matrices of its parts, and the mechanism of them.
 
     Attributes
     ----------
@@ -50,17 +48,10 @@ class CondensedRobot:
 
     robot: RobotFile
     sources: dict[str, str]
-    results: Mapping[str, CondensedPart]
+    results: dict[str, PartResult]
     matrices: dict[str, PartMatrix]
     mechanism: Mechanism
     bare: Mechanism
-
-
-@dataclass(frozen=True)
-class Assembled(CondensedRobot):
-    """The same with the whole virtual experiments of its parts."""
-
-    results: dict[str, PartResult]
 
 
 def assemble(robot: RobotFile, components: Components = None) -> Mechanism:
@@ -90,33 +81,37 @@ def assemble(robot: RobotFile, components: Components = None) -> Mechanism:
         return assemble_robots({"robot": robot}, components, shop)["robot"].mechanism
 
 
-def assemble_robots(robots: Mapping[str, RobotFile], components: Components, shop: Workshop) -> dict[str, Assembled]:
-    """Assemble robots, by label; the parts that several share are made once."""
+def assemble_robots(
+    robots: Mapping[str, RobotFile],
+    components: Components,
+    shop: Workshop,
+    *,
+    whole: bool = True,
+    near: Mapping[str, PartResult] | None = None,
+) -> dict[str, Assembled]:
+    """Assemble robots, by label; the parts that several share are made once.
+
+    Parameters
+    ----------
+    robots
+        By label; parts of those after the first have it in their messages.
+    components
+        As `assemble` takes them.
+    shop
+        Where experiments are made.
+    whole, near
+        As `solve_parts` takes them, by name of the part; not whole: all but the robot's modes, in half of the time.
+
+    """
     orders: dict[tuple[str, str], PartOrder] = {}
     for i, (label, robot) in enumerate(robots.items()):
         for name, order in _orders(robot, components).items():
             orders[label, name] = order if i == 0 else dataclasses.replace(order, label=f"{name} ({label})")
-    solved = dict(zip(orders, solve_parts(list(orders.values()), shop), strict=True))
+    solved = dict(zip(orders, solve_parts(list(orders.values()), shop, whole=whole, near=near), strict=True))
     return {
-        label: _assembled(Assembled, robot, components, {name: solved[at, name] for at, name in solved if at == label})
+        label: _assembled(robot, components, {name: solved[at, name] for at, name in solved if at == label})
         for label, robot in robots.items()
     }
-
-
-def condense_robot(
-    robot: RobotFile, components: Components, shop: Workshop, near: Mapping[str, CondensedPart] | None = None
-) -> CondensedRobot:
-    """Assemble a robot of parts that are condensed only: in half of the time, the same but for its modes.
-
-    Parameters
-    ----------
-    near
-        By name, parts of slightly other dimensions whose meshes are moved along where they can be.
-
-    """
-    orders = _orders(robot, components)
-    results = dict(zip(orders, condense_parts(list(orders.values()), shop, near), strict=True))
-    return _assembled(CondensedRobot, robot, components, results)
 
 
 def _orders(robot: RobotFile, components: Components) -> dict[str, PartOrder]:
@@ -147,16 +142,14 @@ def check_reach(robot: RobotFile, poses: Mapping[str, Sequence[float]]) -> None:
             raise InputError(f"{name}: {found.reason(index)}")
 
 
-def _assembled(
-    kind: type[Robot], robot: RobotFile, components: Components, results: Mapping[str, CondensedPart]
-) -> Robot:
+def _assembled(robot: RobotFile, components: Components, results: dict[str, PartResult]) -> Assembled:
     sources = {
         name: source if isinstance(source, str) else "given" for name, source in part_sources(robot, components).items()
     }
     _check_lengths(robot, (results[name] for name, source in sources.items() if source == "step"))
     matrices = part_matrices(robot, components, results)
     bare = mechanism_of(robot, matrices)
-    return kind(robot, sources, dict(results), matrices, _with_effects(bare, robot), bare)
+    return Assembled(robot, sources, results, matrices, _with_effects(bare, robot), bare)
 
 
 def _with_effects(bare: Mechanism, robot: RobotFile) -> Mechanism:
@@ -167,7 +160,7 @@ def _with_effects(bare: Mechanism, robot: RobotFile) -> Mechanism:
     return carried(bare, robot)
 
 
-def _check_lengths(robot: RobotFile, results: Iterable[CondensedPart]) -> None:
+def _check_lengths(robot: RobotFile, results: Iterable[PartResult]) -> None:
     """Raise InputError for a body that is not as long as the STEP file's solid that it is made of."""
     for result in results:
         for name in robot.bodies_of(result.name):
@@ -183,7 +176,7 @@ def _check_lengths(robot: RobotFile, results: Iterable[CondensedPart]) -> None:
                 )
 
 
-def at_named_poses(assembled: CondensedRobot, poses: Mapping[str, Sequence[float]]) -> Stiffness:
+def at_named_poses(assembled: Assembled, poses: Mapping[str, Sequence[float]]) -> Stiffness:
     """Stiffness without gravity, and sag with it; NaN where the tool moves freely."""
     found = statics.analyse(assembled.mechanism, np.array(list(poses.values())))
     firm = found.valid & (found.mobility == 0)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.experiments.experiments import condense_parts
+from stiffscope.experiments.experiments import solve_parts
 from stiffscope.experiments.orders import order_part
 from stiffscope.robot.file.part_sections import ParametricPart, SolidPart
 from stiffscope.robot.part_matrices import entry_name
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from stiffscope.cad.slider import SliderParameters
     from stiffscope.experiments.orders import PartOrder
-    from stiffscope.experiments.results import CondensedPart
+    from stiffscope.experiments.results import PartResult
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.runtime.workshop import Workshop
 
@@ -60,7 +60,7 @@ class Tested:
     """A part under a choice: its compliance (6, 6) and 95 % bounds, SI, at the own choice's reference point."""
 
     choice: Choice
-    result: CondensedPart
+    result: PartResult
     compliance: np.ndarray
     error: np.ndarray
 
@@ -116,9 +116,9 @@ def compare_interfaces(robot: RobotFile, part: str, shop: Workshop) -> Compariso
     own = order_part(base, part, label=OWN)
     orders, names, left_out = _orders(base, part, own)
     wanted = {Choice(", ".join(names) or OWN, OWN): own, **orders}
-    found: list[CondensedPart] = []
+    found: list[PartResult] = []
     for start in range(0, len(wanted), AT_ONCE):
-        found += condense_parts(list(wanted.values())[start : start + AT_ONCE], shop)
+        found += solve_parts(list(wanted.values())[start : start + AT_ONCE], shop, whole=False)
     return _compared(part, dict(zip(wanted, found, strict=True)), [APART] * apart + left_out)
 
 
@@ -222,7 +222,7 @@ def _orders(robot: RobotFile, part: str, own: PartOrder) -> tuple[dict[Choice, P
     return orders, same, left_out
 
 
-def _compared(part: str, found: Mapping[Choice, CondensedPart], left_out: Sequence[str]) -> Comparison:
+def _compared(part: str, found: Mapping[Choice, PartResult], left_out: Sequence[str]) -> Comparison:
     from stiffscope.fea.significance import SIGNIFICANT
 
     point = next(iter(found.values())).experiment.reference_point
@@ -233,7 +233,7 @@ def _compared(part: str, found: Mapping[Choice, CondensedPart], left_out: Sequen
     return Comparison(part, own, tuple(others), tuple(entries), tuple(left_out))
 
 
-def _at(result: CondensedPart, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _at(result: PartResult, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Compliance and bounds (6, 6) at another reference point: pads stand out from the face that they load."""
     from stiffscope.vjm.screws import shift
 

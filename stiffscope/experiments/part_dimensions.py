@@ -10,7 +10,7 @@ import numpy as np
 
 from stiffscope.cad.materials import Material
 from stiffscope.errors import InputError
-from stiffscope.experiments.experiments import try_parts
+from stiffscope.experiments.experiments import solve_parts
 from stiffscope.experiments.orders import order_part
 from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.part_dimensions import (
@@ -118,9 +118,10 @@ def _tried(
                 changed = with_parameter(nominal.robot, name, key, value)
                 orders[key, value] = order_part(changed, name, label=f"{name}, {key} {value:.9g}")
     near = {order.label: nominal.results[name] for order in orders.values()}
-    results = zip(orders, try_parts(list(orders.values()), shop, near), strict=True)
+    made = solve_parts(list(orders.values()), shop, whole=False, near=near, skip=True)
+    results = {result.order: result for result in made}
     found: dict[str, dict[float, Array]] = {key: {} for key in values}
-    for (key, value), result in results:
-        if result is not None:
-            found[key][value] = result.compliance
+    for (key, value), order in orders.items():
+        if order in results:
+            found[key][value] = results[order].compliance
     return found

@@ -36,14 +36,14 @@ AXES = {
 
 
 @dataclass(frozen=True)
-class CondensedPart:
-    """A part condensed on its interfaces by a virtual experiment, and the files of it that the cache holds.
+class PartResult:
+    """A part's virtual experiment, and the files of it that the cache holds.
 
     Attributes
     ----------
     order, key : what was asked for, and its cache key.
     folder : where its files are: the experiment (npz); of a whole one the fields (vtu) and the solid (STEP, STL).
-    experiment : what the unit wrenches did.
+    experiment : what the unit wrenches did; without fields and modes where only the compliance was wanted.
     solid : what cad tells of the solid: mass in kg, mass_centre in m, inertia in kg·m², clamped_centre (of the clamped
         faces) in m, numbers of its faces.
     reused, seconds : whether the cache had it, and the time that it took now.
@@ -103,14 +103,9 @@ class CondensedPart:
         """From the clamped faces to the reference point along the part's x, m."""
         return float(self.experiment.reference_point[0] - self.solid["clamped_centre"][0])
 
-
-@dataclass(frozen=True)
-class PartResult(CondensedPart):
-    """The same with the whole experiment: fields, own weight, natural frequencies."""
-
     @property
     def facts(self) -> dict[str, Any]:
-        """What is told of a part besides its fields: plain numbers, SI."""
+        """What is told of a part of a whole experiment besides its fields: plain numbers, SI."""
         experiment, order = self.experiment, self.order
         several = len(experiment.reference_points) > 1
         together = {

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from stiffscope.experiments.results import CondensedPart
+    from stiffscope.experiments.results import PartResult
     from stiffscope.robot.file.description import RobotFile
 
 PERIOD = 0.05  # s between two looks at the files
@@ -84,7 +84,7 @@ def keep_warm() -> None:
     threading.Thread(target=load, daemon=True).start()
 
 
-def keep_meshed(held: dict[str, CondensedPart], results: Mapping[str, CondensedPart]) -> None:
+def keep_meshed(held: dict[str, PartResult], results: Mapping[str, PartResult]) -> None:
     """Keep, by name, the parts that were meshed last: one whose mesh was moved along is no start of another move."""
     held.update({name: part for name, part in results.items() if not part.experiment.moved})
 

@@ -22,7 +22,7 @@ import pytest
 from stiffscope.errors import InputError
 from stiffscope.experiments import part_dimensions
 from stiffscope.experiments.assembly import assemble_robots
-from stiffscope.experiments.experiments import condense_parts
+from stiffscope.experiments.experiments import solve_parts
 from stiffscope.experiments.orders import order_part
 from stiffscope.gap.blind.cases import BlindRobot, Lab
 from stiffscope.gap.blind.scores import EVIDENT
@@ -82,7 +82,7 @@ def answered(name, number, lab, folder, shop):
     robot, style = lab.robot.nominal.robot, STYLES[number % 2]
     part, key, value, rng = planted(number, robot)
     label = f"{part}.{key}"
-    (tested,) = condense_parts([order_part(with_parameter(robot, part, key, value), part, label=label)], shop)
+    (tested,) = solve_parts([order_part(with_parameter(robot, part, key, value), part, label=label)], shop, whole=False)
     compliance = tested.experiment.compliance
     entries = {entry: float(compliance[int(entry[1]) - 1, int(entry[2]) - 1]) for entry in ENTRIES}
     machine = inject(lab.sound, "part-dimension", label, entries)

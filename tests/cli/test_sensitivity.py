@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stiffscope.cli.main import _guarded
-from stiffscope.experiments.assembly import at_named_poses, condense_robot
+from stiffscope.experiments.assembly import assemble_robots, at_named_poses
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.workshop import workshop
 from tests.experiments.one_part import DEPTH, LENGTH, STEP, WIDTH, one_part, write_bar
@@ -48,7 +48,7 @@ def test_a_step_part_has_derivatives_by_the_constants_of_its_material_only(file)
         for name, value in CONSTANTS.items():
             for sign in (1, -1):
                 changed = load_robot(file, [f"materials.iron.{name}={value * (1 + sign * CHANGE)!r}"])
-                made = condense_robot(changed, None, shop)
+                made = assemble_robots({"now": changed}, None, shop, whole=False)["now"]
                 states[name, sign] = made.results["bar 1"], at_named_poses(made, changed.poses)
     for name, value in CONSTANTS.items():
         (up, above), (down, below) = states[name, 1], states[name, -1]

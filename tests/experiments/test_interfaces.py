@@ -51,7 +51,7 @@ def test_a_plate_has_pads_and_holes_besides_wherever_it_stands(tmp_path):
 def test_choices_that_a_part_cannot_take_are_left_out_with_the_reason(tmp_path, monkeypatch):
     from stiffscope.experiments import interfaces
 
-    monkeypatch.setattr(interfaces, "condense_parts", lambda orders, _shop: list(orders))
+    monkeypatch.setattr(interfaces, "solve_parts", lambda orders, _shop, **_: list(orders))
     monkeypatch.setattr(interfaces, "_compared", lambda _part, found, left_out: (list(found), left_out))
     _, left_out = compare_interfaces(one_part(tmp_path, PLATE), NAME, None)
     assert left_out == [next(line for line in left_out if line.startswith("three pads: left out; "))]

@@ -8,7 +8,7 @@ import pytest
 
 from stiffscope.cad.link import LinkParameters
 from stiffscope.errors import InputError
-from stiffscope.experiments.experiments import condense_parts, solve_parts
+from stiffscope.experiments.experiments import solve_parts
 from stiffscope.experiments.orders import build_part, order_part
 from stiffscope.experiments.results import compliance_json
 from stiffscope.experiments.watching import keep_meshed
@@ -96,7 +96,7 @@ def test_the_mesh_of_a_former_part_is_moved_along_where_it_can_be(tmp_path, monk
     with workshop() as shop:
         held, meshes = {}, []
         for order in orders:
-            (part,) = condense_parts([order], shop, held)
+            (part,) = solve_parts([order], shop, whole=False, near=held)
             keep_meshed(held, {NAME: part})
             meshes.append(part.experiment.mesh)
     same = [np.array_equal(mesh.cells, meshes[0].cells) for mesh in meshes]
@@ -112,10 +112,10 @@ def test_what_scripts_read_of_a_rod_and_of_a_step_file_in_its_place(tmp_path, mo
     with workshop() as shop:
         with monkeypatch.context() as patch:
             patch.setattr("stiffscope.fea.dynamics.dynamics", None)
-            (condensed,) = condense_parts(orders[:1], shop)
+            (condensed,) = solve_parts(orders[:1], shop, whole=False)
         rod, bar = solve_parts(orders, shop)
         again = solve_parts(orders[:1], shop)[0]
-        held = condense_parts(orders, shop)
+        held = solve_parts(orders, shop, whole=False)
     same = rod.experiment  # on the mesh of the condensed one
     np.testing.assert_allclose(condensed.compliance, same.compliance, rtol=1e-10)
     np.testing.assert_allclose(condensed.error, same.error, rtol=1e-10)
