@@ -111,7 +111,7 @@ def test_what_scripts_read_of_a_rod_and_of_a_step_file_in_its_place(tmp_path, mo
     orders = [order_part(robot, NAME), order_part(robot, NAME, tmp_path / "given.step", label="given")]
     with workshop() as shop:
         with monkeypatch.context() as patch:
-            patch.setattr("stiffscope.fea.dynamics.dynamics", None)
+            patch.setattr("stiffscope.fea.run.compute_dynamics", None)
             (condensed,) = solve_parts(orders[:1], shop, whole=False)
         rod, bar = solve_parts(orders, shop)
         again = solve_parts(orders[:1], shop)[0]
