@@ -14,10 +14,9 @@ from pydantic import field_validator
 from stiffscope.design.responses import Response, known_units, worst_of
 from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
-from stiffscope.robot.file.evaluate import FieldError
 from stiffscope.robot.file.expressions import parse
-from stiffscope.robot.file.source import Source, parse_text
-from stiffscope.robot.file.validate import one_of, section, unknown_key
+from stiffscope.robot.file.parse import FieldError, Source, parse_text
+from stiffscope.robot.file.tables import one_of, read_table, unknown_key
 from stiffscope.robot.file.values import Reads, Says, Section, any_quantity, unit_of, whole
 from stiffscope.robot.inspection import configured_poses, rigid_mechanism
 from stiffscope.robot.library import robot_names
@@ -214,7 +213,7 @@ def load_study(path: str | Path) -> StudyFile:
     path = Path(path)
     source = Source(path, reading.read_text(path, "a study's file in TOML"))
     try:
-        return _read(section(StudySection, _known(parse_text(path, source.text, "a study's file")), ()), source)
+        return _read(read_table(StudySection, _known(parse_text(path, source.text, "a study's file")), ()), source)
     except FieldError as error:
         raise source.refuse(error.key, str(error)) from error
 
@@ -275,7 +274,7 @@ def _robot(top: StudySection, path: Path) -> RobotFile:
 
 def _variable(key: Key, name: str, given: Any, robot: RobotFile, top: StudySection) -> Variable:
     table = given if isinstance(given, dict) else {"range": given}
-    found = section(RangeSection, table, key)
+    found = read_table(RangeSection, table, key)
     if (found.range is None) == (found.values is None):
         raise FieldError(key, f"expected {_RANGE}, or a table with range or values, got {q.shown(given)}")
     known = {each.name: each for each in parameters(robot, top.components)}
@@ -336,7 +335,7 @@ def _check_takes(name: str, texts: list[Any], robot: RobotFile, also: tuple[str,
 
 
 def _response(key: Key, name: str, given: Any, robot: RobotFile, poses: dict[Pose, int]) -> Response:
-    found = section(ResponseSection, {"of": given} if isinstance(given, str) else given, key)
+    found = read_table(ResponseSection, {"of": given} if isinstance(given, str) else given, key)
     where = (*key, "of") if isinstance(given, dict) else key
     units = known_units(robot)
     try:

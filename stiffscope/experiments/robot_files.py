@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stiffscope.robot.file.overrides import Override, assign, split
+from stiffscope.robot.file.override import assign, split
 from stiffscope.robot.file.part_sections import ParametricPart, StepPart
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def robot_document(robot: RobotFile, target: Path, components: str | None = None
     document: Any = tomlkit.parse(robot.source.text)
     for key, text in robot.source.changed.items():
         if text.startswith("--set "):
-            assign(document, Override(tuple(map(str, key)), split(text.removeprefix("--set "))[1], text))
+            assign(document, key, split(text.removeprefix("--set "))[1], text)
     for name, part in robot.parts.items():
         if isinstance(part, ParametricPart) and components and part.compliance != components:
             document["parts"][name]["compliance"] = components

@@ -98,7 +98,7 @@ def differences(before: RobotFile, after: RobotFile) -> list[str]:
 
 
 def _plain(robot: RobotFile) -> dict[str, Any]:
-    from stiffscope.robot.file.source import parse_text
+    from stiffscope.robot.file.parse import parse_text
 
     return parse_text(robot.path, robot.source.text)
 

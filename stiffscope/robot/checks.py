@@ -12,10 +12,10 @@ from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.copies import tensor
 from stiffscope.robot.file.description import ENDS, GROUND, nodes
-from stiffscope.robot.file.evaluate import FieldError
+from stiffscope.robot.file.parse import FieldError, blame
 from stiffscope.robot.file.part_sections import ParametricPart, solid_length
 from stiffscope.robot.file.sections import Bearing, ElasticBody, RigidBody
-from stiffscope.robot.file.validate import one_of
+from stiffscope.robot.file.tables import one_of
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import PartMatrix
 from stiffscope.vjm.joints import DRIVEN
@@ -76,10 +76,8 @@ def _check_file_name(key: Key, name: str) -> None:
 
 def _check_elastic(robot: RobotFile, name: str, body: ElasticBody) -> None:
     key = ("bodies", name)
-    try:
+    with blame(*key, "part"):
         one_of(body.part, robot.parts, "a part")
-    except ValueError as error:
-        raise FieldError((*key, "part"), str(error)) from error
     part = robot.parts[body.part]
     along = np.subtract(body.tip, body.base)
     size = float(np.linalg.norm(along))
@@ -155,10 +153,8 @@ def _check_node(key: Key, name: str, known: Mapping[str, str], robot: RobotFile)
         body = name.removesuffix(f".{end}")
         if body != name and isinstance(robot.bodies.get(body), RigidBody):
             raise FieldError(key, f'expected "{body}", which is rigid and has no ends, got {q.shown(name)}')
-    try:
+    with blame(*key):
         one_of(name, known, "a body or an end of one")
-    except ValueError as error:
-        raise FieldError(key, str(error)) from error
 
 
 def _check_mechanism(robot: RobotFile) -> None:

@@ -6,11 +6,11 @@ import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from stiffscope.robot.file.expressions import is_expression, normal
-from stiffscope.robot.file.overrides import split
+from stiffscope.robot.file.expressions import is_expression, normalize
+from stiffscope.robot.file.override import split
+from stiffscope.robot.file.parse import parse_text
 from stiffscope.robot.file.part_sections import ParametricPart, SolidPart
 from stiffscope.robot.file.sections import RigidBody
-from stiffscope.robot.file.source import parse_text
 from stiffscope.robot.file.values import unit_of
 from stiffscope.robot.part_matrices import part_sources
 from stiffscope.robot.reader import read_robot
@@ -71,7 +71,7 @@ def parameters(robot: RobotFile, components: Components = None) -> tuple[Paramet
 
 def _candidates(robot: RobotFile, written: dict[str, Any], components: Components) -> Iterator[tuple[Any, ...]]:
     for name, value in written.get("parameters", {}).items():
-        yield ("parameters", name), robot.parameters[normal(name)], unit_of(value)
+        yield ("parameters", name), robot.parameters[normalize(name)], unit_of(value)
     yield from _of_parts(robot, components)
     for name, joint in robot.joints.items():
         if name not in robot.copied:

@@ -21,7 +21,7 @@ from stiffscope.gap.campaign.quantities import (
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from stiffscope.robot.file.source import Source
+    from stiffscope.robot.file.parse import Source
 
     Array = NDArray[np.float64]
     Codes = NDArray[np.int64]

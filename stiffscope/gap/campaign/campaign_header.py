@@ -10,8 +10,8 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.campaign import InstrumentFrame, LoadPoint, Sensor
+from stiffscope.robot.file.parse import Source, parse_text
 from stiffscope.robot.file.quantities import LENGTH, NUMBER, Dimension, shown, to_si
-from stiffscope.robot.file.source import Source, parse_text
 from stiffscope.robot.vocabulary import EFFECTS
 from stiffscope.runtime.reading import read_text
 

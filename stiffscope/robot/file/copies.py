@@ -2,120 +2,160 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import copy
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.description import Turned
-from stiffscope.robot.file.evaluate import FieldError
+from stiffscope.robot.file.parse import FieldError
+from stiffscope.robot.file.sections import Copies
+from stiffscope.robot.file.tables import read_table
+from stiffscope.robot.file.values import INERTIA
 from stiffscope.vjm.screws import rotation
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from stiffscope.robot.file.sections import BodySection, Copies, JointSection
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 MOST = 2_000  # bodies and joints of a robot; copies of copies of copies are soon more than any memory holds
-_VECTORS = ("base", "tip", "y", "centre", "at", "axis", "axis2")
+_VECTORS = {
+    **dict.fromkeys(("base", "tip", "centre", "at"), q.LENGTH),
+    **dict.fromkeys(("x", "y", "axis", "axis2"), q.NUMBER),
+}
 
 
-@dataclass
-class Written:
-    """Bodies and joints so far, and where the copies among them come from."""
+def make_copies(data: dict[str, Any]) -> dict[str, Turned]:
+    """Add the copies to the tables of bodies and joints, whose expressions are evaluated.
 
-    bodies: dict[str, BodySection]
-    joints: dict[str, JointSection]
-    copied: dict[str, Turned]
+    Parameters
+    ----------
+    data
+        The file's content; changed in place.
 
-    def in_set(self, name: str) -> list[str]:
-        """Names of a set: the name itself, and all that begin with it and a dot."""
-        return [each for each in (*self.bodies, *self.joints) if belongs(each, name)]
+    Returns
+    -------
+    dict
+        Names of the copies, each with what it is a copy of.
 
+    Raises
+    ------
+    FieldError
+        A set is not there, a name is taken, or there are too many.
 
-def belongs(name: str, of: str) -> bool:
-    """Whether a name is of the set."""
-    return name == of or name.startswith(f"{of}.")
-
-
-def ordered(copies: Sequence[Copies]) -> list[int]:
-    """Order in which entries can be made: after those that add to their sets. Raises FieldError for a circle."""
-    left, order = dict(enumerate(copies)), []
-    while left:
-        ready = [
-            number
-            for number, entry in left.items()
-            if not any(belongs(new, entry.of) for other, each in left.items() if other != number for new in each.as_)
-        ]
-        if not ready:
-            number = next(iter(left))
-            raise FieldError(
-                ("copies", number, "of"), f'expected a set that is no copy of its copy, got "{left[number].of}"'
-            )
-        order.append(ready[0])
-        del left[ready[0]]
-    return order
-
-
-def check(written: Written, entry: Copies, number: int) -> None:
-    """Raise FieldError for a set that is not there, for names that are taken, and for more copies than a robot has."""
-    key = ("copies", number)
-    count = len(written.bodies) + len(written.joints) + len(written.in_set(entry.of)) * len(entry.as_)
-    if count > MOST:
-        raise FieldError(
-            (*key, "as"), f"expected copies to a robot of at most {MOST:,} bodies and joints, got {count:,}"
-        )
-    if not written.in_set(entry.of):
-        known = dict.fromkeys(prefix for name in (*written.bodies, *written.joints) for prefix in _prefixes(name))
-        shown = ", ".join(list(known)[:12]) + (", …" if len(known) > 12 else "")
-        raise FieldError((*key, "of"), f'expected a set of bodies and joints ({shown or "none"}), got "{entry.of}"')
-    if len(entry.as_) != len(entry.angles) or not entry.as_:
-        raise FieldError(
-            (*key, "angles"), f"expected an angle for each of {len(entry.as_)} names, got {len(entry.angles)}"
-        )
-    for position, new in enumerate(entry.as_):
-        if new in entry.as_[:position] or written.in_set(new) or not all(new.split(".")):
-            taken = written.in_set(new)
-            why = f', which "{taken[0]}" has' if taken else ""
-            raise FieldError((*key, "as", position), f'expected a name that is new, got "{new}"{why}')
+    """
+    tables: list[dict[str, Any]] = [data.setdefault(key, {}) for key in ("bodies", "joints")]
+    listed = data.get("copies", [])
+    entries = [read_table(Copies, each, ("copies", i)) for i, each in enumerate(listed)]
+    copied: dict[str, Turned] = {}
+    for number in _order(entries):
+        entry = entries[number]
+        _check(tables, entry, number)
+        for new, angle in zip(entry.as_, entry.angles, strict=True):
+            turn = rotation(np.array(entry.axis) / np.linalg.norm(entry.axis), angle)
+            for table in tables:
+                for name in _within(table, entry.of):
+                    made = renamed(name, entry.of, new)
+                    origin = copied.get(name, Turned(name, np.eye(3)))
+                    copied[made] = Turned(origin.name, turn @ origin.rotation)
+                    table[made] = _turned(table[name], entry.of, new, turn)
+    return copied
 
 
-def _prefixes(name: str) -> Iterable[str]:
-    parts = name.split(".")
-    return (".".join(parts[:length]) for length in range(1, len(parts) + 1))
+def copied_names(data: Mapping[str, Any], written: Iterable[str]) -> Iterator[str]:
+    """Names that `[[copies]]` will make, found before anything is checked."""
+    names = list(written)
+    listed = data.get("copies", [])
+    entries = [each for each in listed if isinstance(each, dict)]
+    for _ in entries:  # a copy of a copy needs another round
+        for entry in entries:
+            new = entry.get("as", [])
+            for name in _within(names, str(entry.get("of"))):
+                for made in new if isinstance(new, list) else []:
+                    copied = renamed(name, str(entry["of"]), str(made))
+                    if copied not in names:
+                        names.append(copied)
+                        yield copied
 
 
-def turned(section: BodySection | JointSection, of: str, new: str, turn: np.ndarray) -> dict[str, Any]:
-    """A body or joint as a table once more: turned by a rotation (3, 3), names within the set following."""
-    table = section.model_dump(exclude_unset=True)
-    for key in _VECTORS:
-        if table.get(key) is not None:
-            table[key] = (turn @ np.array(table[key])).tolist()
-    if table.get("inertia") is not None:
-        table["inertia"] = _six(turn @ tensor(table["inertia"]) @ turn.T)
-    if "between" in table:
-        table["between"] = [renamed(name, of, new) for name in table["between"]]
-    return table
+def _within(names: Iterable[str], of: str) -> list[str]:
+    """Names of a set: the name itself, and all that begin with it and a dot."""
+    return [name for name in names if name == of or name.startswith(f"{of}.")]
 
 
 def renamed(name: str, of: str, new: str) -> str:
     """A name within the set follows, any other stays."""
-    return new + name[len(of) :] if belongs(name, of) else name
+    return new + name[len(of) :] if _within([name], of) else name
 
 
-def turn_of(entry: Copies, position: int) -> np.ndarray:
-    """Rotation (3, 3) of one of an entry's copies."""
-    axis = np.array(entry.axis) / np.linalg.norm(entry.axis)
-    return rotation(axis, entry.angles[position])
+def _order(copies: Sequence[Copies]) -> list[int]:
+    """Order in which entries can be made: after those that add to their sets."""
+    left, order = dict(enumerate(copies)), []
+    while left:
+        ready = (
+            number
+            for number, entry in left.items()
+            if not any(_within(each.as_, entry.of) for other, each in left.items() if other != number)
+        )
+        number = next(ready, None)
+        if number is None:
+            number, entry = next(iter(left.items()))
+            message = f'expected a set that is no copy of its copy, got "{entry.of}"'
+            raise FieldError(("copies", number, "of"), message)
+        order.append(number)
+        del left[number]
+    return order
 
 
-def origin(copied: Mapping[str, Turned], name: str, turn: np.ndarray) -> Turned:
-    """Where a copy comes from in the end: a copy of a copy is one of what is written, turned by both."""
-    before = copied.get(name)
-    return Turned(name, turn) if before is None else Turned(before.name, turn @ before.rotation)
+def _check(tables: Sequence[Mapping[str, Any]], entry: Copies, number: int) -> None:
+    key = ("copies", number)
+    names = [name for table in tables for name in table]
+    count = len(names) + len(_within(names, entry.of)) * len(entry.as_)
+    if count > MOST:
+        message = f"expected copies to a robot of at most {MOST:,} bodies and joints, got {count:,}"
+        raise FieldError((*key, "as"), message)
+    if not _within(names, entry.of):
+        split = (name.split(".") for name in names)
+        known = list(dict.fromkeys(".".join(each[: n + 1]) for each in split for n in range(len(each))))
+        shown = ", ".join(known[:12]) + (", …" if len(known) > 12 else "")
+        message = f'expected a set of bodies and joints ({shown or "none"}), got "{entry.of}"'
+        raise FieldError((*key, "of"), message)
+    if len(entry.as_) != len(entry.angles) or not entry.as_:
+        message = f"expected an angle for each of {len(entry.as_)} names, got {len(entry.angles)}"
+        raise FieldError((*key, "angles"), message)
+    for position, new in enumerate(entry.as_):
+        taken = _within(names, new)
+        if new in entry.as_[:position] or taken or not all(new.split(".")):
+            why = f', which "{taken[0]}" has' if taken else ""
+            message = f'expected a name that is new, got "{new}"{why}'
+            raise FieldError((*key, "as", position), message)
 
 
-def tensor(six: Sequence[float]) -> np.ndarray:
+def _turned(table: Any, of: str, new: str, turn: np.ndarray) -> Any:
+    """A body's or joint's table turned by a rotation (3, 3); what is no vector stays, and is refused later."""
+    if not isinstance(table, dict):
+        return table
+    made = copy.deepcopy(table)
+    for key in table:
+        try:
+            if key in _VECTORS:
+                made[key] = (turn @ _numbers(table[key], _VECTORS[key], 3)).tolist()
+            elif key == "inertia":
+                made[key] = _six(turn @ tensor(_numbers(table[key], INERTIA, 6)) @ turn.T)
+            elif key == "between":
+                made[key] = [renamed(name, of, new) for name in table[key]]
+        except (TypeError, ValueError, AttributeError):
+            continue
+    return made
+
+
+def _numbers(values: Any, dimension: q.Dimension, count: int) -> np.ndarray:
+    if len(values) != count:
+        raise ValueError
+    return np.array([q.to_si(each, dimension, sign="any") for each in values])
+
+
+def tensor(six: Sequence[float] | np.ndarray) -> np.ndarray:
     """Inertia tensor (3, 3) of Ixx Iyy Izz Ixy Ixz Iyz, entries of the tensor itself."""
     xx, yy, zz, xy, xz, yz = six
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

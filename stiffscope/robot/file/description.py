@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stiffscope.cad.materials import AnyMaterial, material
+from stiffscope.robot.file.parse import Source
 from stiffscope.robot.file.part_sections import ParametricPart, PartSection
 from stiffscope.robot.file.sections import (
     BodySection,
@@ -17,7 +18,6 @@ from stiffscope.robot.file.sections import (
     MapSection,
     ToolSection,
 )
-from stiffscope.robot.file.source import Source
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -1,34 +1,46 @@
-"""The expressions of a robot file, evaluated: parameters in the order of their dependence, then all other values."""
+"""Third pass over a robot file: tolerances set aside, expressions evaluated in the order of their dependence."""
 
 from __future__ import annotations
 
+import re
 from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING, Any
 
-from stiffscope.robot.file.expressions import Expression, check_names, is_expression, normal, parse, refusal_of_name
+from stiffscope.robot.file import quantities as q
+from stiffscope.robot.file.expressions import check_names, is_expression, normalize, parse, refuse_name
+from stiffscope.robot.file.parse import FieldError, blame
 from stiffscope.robot.file.part_sections import PARTS
-from stiffscope.robot.file.values import Reads, any_quantity
+from stiffscope.robot.file.values import ANY, Reads, any_quantity
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Callable, Mapping
 
     from pydantic.fields import FieldInfo
 
+    from stiffscope.robot.file.expressions import Expression
     from stiffscope.robot.file.positions import Key
 
-TEXTS = {"name", "source", "file"}  # free text, whatever it begins with
+_TEXTS = {"name", "source", "file"}  # free text, whatever it begins with
+_MARK = re.compile(r"\s*(?:±|\+/-|\+-)\s*")
+_EXAMPLE = '"20 mm ± 0.1 mm" or "20 mm ± 0.5 %"'
 
 
-class FieldError(ValueError):
-    """What is wrong with the value of a key; the reader adds file and line."""
+def evaluate(data: dict[str, Any]) -> tuple[dict[str, Any], dict[str, float], dict[Key, float]]:
+    """Evaluate a file's content.
 
-    def __init__(self, key: Key, message: str) -> None:
-        super().__init__(message)
-        self.key = key
+    Parameters
+    ----------
+    data
+        As parsed, with its overrides.
 
-
-def parameter_values(data: Mapping[str, Any]) -> dict[str, float]:
-    """Values, SI, of all names that expressions may use: "a" of `[parameters]`, "arm.length" of `[parts.arm]`.
+    Returns
+    -------
+    data
+        The content without its parameters: numbers for expressions, nominal values for those with a tolerance.
+    values
+        Numbers, SI, of all names that expressions may use: "a" of `[parameters]`, "arm.length" of `[parts.arm]`.
+    tolerances
+        Widths of the values that are written with one ("20 mm ± 0.1 mm"), SI, by key.
 
     Raises
     ------
@@ -36,64 +48,111 @@ def parameter_values(data: Mapping[str, Any]) -> dict[str, float]:
         A value is none, a name is not known, or parameters depend on one another in a circle.
 
     """
+    tolerances: dict[Key, float] = {}
+    data = _map_texts(data, lambda text, key: _nominal(text, key, tolerances))
+    values = _parameter_values(data)
+    rest = {key: value for key, value in data.items() if key != "parameters"}
+    return evaluate_value(rest, values), values, tolerances
+
+
+def evaluate_value(data: Any, values: Mapping[str, float], key: Key = ()) -> Any:
+    """A value, list or table at a key, with every expression in it evaluated. Raises FieldError."""
+
+    def number(text: str, here: Key) -> Any:
+        return _evaluate(here, _parse(here, text, values), values) if is_expression(text) else text
+
+    return _map_texts(data, number, key)
+
+
+def _map_texts(data: Any, change: Callable[[str, Key], Any], key: Key = ()) -> Any:
+    """The data with every text changed that is no free text."""
+    if isinstance(data, dict):
+        return {
+            name: value
+            if (name in _TEXTS and isinstance(value, str)) or name == "provenance"
+            else _map_texts(value, change, (*key, name))
+            for name, value in data.items()
+        }
+    if isinstance(data, list):
+        return [_map_texts(value, change, (*key, number)) for number, value in enumerate(data)]
+    return change(data, key) if isinstance(data, str) else data
+
+
+def _nominal(text: str, key: Key, tolerances: dict[Key, float]) -> str:
+    """Text of the nominal value; its tolerance, SI, is put among the others."""
+    if is_expression(text) or not _MARK.search(text):
+        return text
+    value, _, width = (each.strip() for each in _MARK.sub("\0", text, count=1).partition("\0"))
+    if not re.search(r"[^\d.eE+\-\s]", value):  # "20 ± 0.1 mm"
+        value += " " + re.sub(r"^[\d.eE+\-\s]*", "", width) * (not width.endswith("%"))
+    value = value.strip()
+    for dimension in ANY:
+        try:
+            nominal = q.to_si(value, dimension, sign="any")
+            share = width.endswith("%")
+            tolerances[key] = abs(nominal) * q.to_si(width, q.SHARE) if share else q.to_si(width, dimension)
+        except ValueError:
+            continue
+        return value
+    raise FieldError(key, f"expected a quantity with its tolerance such as {_EXAMPLE}, got {q.shown(text)}")
+
+
+def _parameter_values(data: Mapping[str, Any]) -> dict[str, float]:
     given = _given(data)
-    known = {normal(name) for name in given}
     expressions: dict[str, Expression] = {}
     values: dict[str, float] = {}
-    for name, (key, value) in given.items():
+    for name, (key, value, field) in given.items():
         if is_expression(value):
-            expressions[name] = parsed(key, value, known)
+            expressions[name] = _parse(key, value, given)
         elif key[0] == "parameters":
-            values[name] = _checked(key, any_quantity, value)
-        elif (number := _number_of_part(value)) is not None:
+            with blame(*key):
+                values[name] = any_quantity(value)
+        elif (number := _number(value)) is not None:
             values[name] = number
         else:
-            _check_field(data["parts"][key[1]], key, value)
+            _check_field(field, key, value)
     order = TopologicalSorter({name: expression.names for name, expression in expressions.items()})
     try:
         ordered = list(order.static_order())
     except CycleError as error:
         circle = error.args[1][::-1]
-        key = given[circle[0]][0]
-        raise FieldError(key, f"expected no parameter that depends on itself, got {' -> '.join(circle)}") from error
+        message = f"expected no parameter that depends on itself, got {' -> '.join(circle)}"
+        raise FieldError(given[circle[0]][0], message) from error
     for name in ordered:
         if name in expressions:
-            values[name] = evaluated(given[name][0], expressions[name], values)
+            values[name] = _evaluate(given[name][0], expressions[name], values)
     return values
 
 
-def _given(data: Mapping[str, Any]) -> dict[str, tuple[Key, Any]]:
-    """Every name with the key where its value stands; what a part leaves out has its default."""
-    found: dict[str, tuple[Key, Any]] = {}
+def _given(data: Mapping[str, Any]) -> dict[str, tuple[Key, Any, FieldInfo | None]]:
+    """Every name with its key, value and field of its part; what a part leaves out has its default."""
+    found: dict[str, tuple[Key, Any, FieldInfo | None]] = {}
     for name, value in data.get("parameters", {}).items():
-        why = refusal_of_name(name)
-        if why:
-            raise FieldError(("parameters", name), why)
-        found[normal(name)] = (("parameters", name), value)
+        key = ("parameters", name)
+        with blame(*key):
+            refuse_name(name)
+        if normalize(name) in found:
+            other = found[normalize(name)][0][1]
+            raise FieldError(key, f'expected a name of its own, got "{name}", one letter with "{other}"')
+        found[normalize(name)] = (key, value, None)
     for part, section in data.get("parts", {}).items():
-        if isinstance(section, dict):
-            defaults = {key: field.default for key, field in _fields(section).items() if not field.is_required()}
-            for key, value in {**defaults, **section}.items():
-                found[normal(f"{part}.{key}")] = (("parts", part, key), value)
+        shape = section.get("shape") if isinstance(section, dict) else None
+        fields = PARTS[shape].model_fields if isinstance(shape, str) and shape in PARTS else {}
+        defaults = {key: field.default for key, field in fields.items() if not field.is_required()}
+        for key, value in {**defaults, **(section if isinstance(section, dict) else {})}.items():
+            found[normalize(f"{part}.{key}")] = (("parts", part, key), value, fields.get(key))
     return found
 
 
-def _fields(section: Mapping[str, Any]) -> dict[str, FieldInfo]:
-    """What a part of its shape has; nothing where the shape is unknown."""
-    shape = section.get("shape")
-    model = PARTS.get(shape) if isinstance(shape, str) else None
-    return model.model_fields if model else {}
-
-
-def _check_field(section: Mapping[str, Any], key: Key, value: Any) -> None:
-    """Raise FieldError for a text that is not what its own field takes, before an expression is blamed that uses it."""
-    field = _fields(section).get(str(key[-1])) if isinstance(value, str) else None
-    for reads in field.metadata if field else ():
+def _check_field(field: FieldInfo | None, key: Key, value: Any) -> None:
+    """Raise FieldError for what its own field does not take, before an expression is blamed that uses it."""
+    for reads in field.metadata if field and isinstance(value, str | int | float) else ():
         if isinstance(reads, Reads):
-            _checked(key, reads.func, value)
+            with blame(*key):
+                reads.func(value)  # type: ignore[call-arg]
 
 
-def _number_of_part(value: Any) -> float | None:
+def _number(value: Any) -> float | None:
     """A part's number, or None for what is none; whether it measures what it should is checked later."""
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         return None
@@ -103,41 +162,16 @@ def _number_of_part(value: Any) -> float | None:
         return None
 
 
-def parsed(key: Key, text: str, known: Collection[str]) -> Expression:
-    """An expression whose names are all known. Raises FieldError."""
-    expression = _checked(key, parse, text)
-    _checked(key, lambda each: check_names(each, known), expression)
-    return expression
+def _parse(key: Key, text: str, known: Mapping[str, Any]) -> Expression:
+    with blame(*key):
+        expression = parse(text)
+        check_names(expression, known)
+        return expression
 
 
-def evaluated(key: Key, expression: Expression, values: Mapping[str, float]) -> float:
-    """Value of an expression. Raises FieldError."""
+def _evaluate(key: Key, expression: Expression, values: Mapping[str, float]) -> float:
     for name in expression.names:
         if name not in values:
             raise FieldError(key, f'expected names of numbers, got "{name}", which is none')
-    return _checked(key, lambda each: each.value(values), expression)
-
-
-def _checked(key: Key, function: Any, value: Any) -> Any:
-    try:
-        return function(value)
-    except ValueError as error:
-        raise FieldError(key, str(error)) from error
-
-
-def with_values(data: Any, values: Mapping[str, float], key: Key = ()) -> Any:
-    """The data with every expression replaced by its value. Raises FieldError."""
-    if isinstance(data, dict):
-        return {
-            name: value if _free(name, value) else with_values(value, values, (*key, name))
-            for name, value in data.items()
-        }
-    if isinstance(data, list):
-        return [with_values(value, values, (*key, number)) for number, value in enumerate(data)]
-    if is_expression(data):
-        return evaluated(key, parsed(key, data, values), values)
-    return data
-
-
-def _free(name: str, value: Any) -> bool:
-    return (name in TEXTS and isinstance(value, str)) or name == "provenance"
+    with blame(*key):
+        return expression.value(values)

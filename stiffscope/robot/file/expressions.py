@@ -16,21 +16,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Mapping
+    from collections.abc import Callable, Collection, Iterator, Mapping
+
+    Operation = Callable[..., Any]
 
 MOST_CHARACTERS, MOST_LEVELS = 500, 100
-FUNCTIONS: dict[str, tuple[Callable[..., float], int]] = {
-    "sqrt": (math.sqrt, 1),
-    "sin": (math.sin, 1),
-    "cos": (math.cos, 1),
-    "tan": (math.tan, 1),
-    "asin": (math.asin, 1),
-    "acos": (math.acos, 1),
-    "atan": (math.atan, 1),
+FUNCTIONS: dict[str, tuple[Operation, int]] = {
+    **{name: (getattr(math, name), 1) for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan")},
     "atan2": (math.atan2, 2),
 }
 CONSTANTS = {"pi": math.pi}
-_OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
+_OPERATORS: dict[type[ast.AST], Operation] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
     ast.Mult: operator.mul,
@@ -40,20 +36,6 @@ _OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
     ast.USub: operator.neg,
 }
 _WHAT = f"+ - * / ** ( ), {' '.join(FUNCTIONS)} pi, and names of [parameters] or part.parameter"
-
-
-def is_expression(value: Any) -> bool:
-    """Whether a value of the file is an expression: a string that begins with "="."""
-    return isinstance(value, str) and value.lstrip().startswith("=")
-
-
-def refusal_of_name(name: str) -> str | None:
-    """Why an expression could not use a parameter of this name, or None."""
-    if name in FUNCTIONS or name in CONSTANTS:
-        return f'expected another name, got "{name}", which expressions already have'
-    if not name.isidentifier() or keyword.iskeyword(name):
-        return f'expected a name that expressions can use (letters, digits, _; no keyword of Python), got "{name}"'
-    return None
 
 
 @dataclass(frozen=True)
@@ -66,10 +48,29 @@ class Expression:
 
     def value(self, values: Mapping[str, float]) -> float:
         """Its value, SI, from those of its names. Raises ValueError where it is no finite real number."""
-        found = _value(self.tree, self.text, values)
+        found = _evaluate(self.tree, self.text, values)
         if not math.isfinite(found):
             raise ValueError("expected an expression of finite value, got one that is too large")
         return found
+
+
+def is_expression(value: Any) -> bool:
+    """Whether a value of the file is an expression: a string that begins with "="."""
+    return isinstance(value, str) and value.lstrip().startswith("=")
+
+
+def refuse_name(name: str) -> None:
+    """Raise ValueError for a parameter's name that expressions cannot use."""
+    if name in FUNCTIONS or name in CONSTANTS:
+        raise ValueError(f'expected another name, got "{name}", which expressions already have')
+    if not name.isidentifier() or keyword.iskeyword(name):
+        what = "a name that expressions can use (letters, digits, _; no keyword of Python)"
+        raise ValueError(f'expected {what}, got "{name}"')
+
+
+def normalize(name: str) -> str:
+    """A name as Python's parser spells it (micro sign and Greek mu are one letter there)."""
+    return unicodedata.normalize("NFKC", name)
 
 
 def parse(text: str) -> Expression:
@@ -98,35 +99,55 @@ def check_names(expression: Expression, known: Collection[str]) -> None:
             raise ValueError(f'expected a name of [parameters] or part.parameter ({listed}), got "{name}"{guess}')
 
 
-def _names(node: ast.expr, text: str) -> Iterable[str]:
+def _levels(tree: ast.expr) -> int:
+    """Depth of an expression's tree."""
+    level, count = [tree], 0
+    while level and count <= MOST_LEVELS:
+        level, count = [child for node in level for child in ast.iter_child_nodes(node)], count + 1
+    return count
+
+
+def _names(node: ast.expr, text: str) -> Iterator[str]:
     """Names in an expression; ValueError for what is no arithmetic."""
-    match node:
-        case ast.Name(id=name) if name in FUNCTIONS:
-            raise ValueError(f"expected {name}(…), got {name} without its argument")
-        case ast.Name() | ast.Attribute():
-            name = _dotted(node, text)
-            if name not in CONSTANTS:
-                yield name
-        case _:
-            for each in _operands(node, text):
-                yield from _names(each, text)
+    if isinstance(node, ast.Name) and node.id in FUNCTIONS:
+        raise ValueError(f"expected {node.id}(…), got {node.id} without its argument")
+    if isinstance(node, ast.Name | ast.Attribute):
+        name = _dotted(node, text)
+        if name not in CONSTANTS:
+            yield name
+    elif not _is_number(node):
+        for each in _operation(node, text)[1]:
+            yield from _names(each, text)
 
 
-def _operands(node: ast.expr, text: str) -> list[ast.expr]:
-    """What a node computes with; none for a number. ValueError for a node that is not of the whitelist."""
+def _evaluate(node: ast.expr, text: str, values: Mapping[str, float]) -> float:
+    if isinstance(node, ast.Constant):
+        return _float(node.value)
+    if isinstance(node, ast.Name | ast.Attribute):
+        name = _dotted(node, text)
+        return CONSTANTS[name] if name in CONSTANTS else values[name]
+    operation, operands = _operation(node, text)
+    return _apply(operation, [_evaluate(each, text, values) for each in operands], _piece(node, text))
+
+
+def _operation(node: ast.expr, text: str) -> tuple[Operation, list[ast.expr]]:
+    """What a node does, and with what. ValueError for a node that is not of the whitelist."""
     match node:
-        case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
-            return []
         case ast.UnaryOp(op=op, operand=operand) if type(op) in _OPERATORS:
-            return [operand]
+            return _OPERATORS[type(op)], [operand]
         case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
-            return [left, right]
+            return _OPERATORS[type(op)], [left, right]
         case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if name in FUNCTIONS:
-            if len(args) != FUNCTIONS[name][1]:
-                raise ValueError(f"expected {FUNCTIONS[name][1]} argument(s) of {name}, got {len(args)}")
-            return args
+            function, count = FUNCTIONS[name]
+            if len(args) != count:
+                raise ValueError(f"expected {count} argument(s) of {name}, got {len(args)}")
+            return function, args
     hint = "; a power is **" if any(isinstance(each, ast.BitXor) for each in ast.walk(node)) else ""
     raise ValueError(f"expected only {_WHAT}, got {_piece(node, text)}{hint}")
+
+
+def _is_number(node: ast.expr) -> bool:
+    return isinstance(node, ast.Constant) and type(node.value) in {int, float}
 
 
 def _dotted(node: ast.expr, text: str) -> str:
@@ -138,46 +159,19 @@ def _dotted(node: ast.expr, text: str) -> str:
     raise ValueError(f"expected only {_WHAT}, got {_piece(node, text)}")
 
 
-def _value(node: ast.expr, text: str, values: Mapping[str, float]) -> float:
-    match node:
-        case ast.Constant(value=int() | float() as number):
-            return _float(number)
-        case ast.Name(id=name):
-            return CONSTANTS[name] if name in CONSTANTS else values[name]
-        case ast.Attribute():
-            return values[_dotted(node, text)]
-        case ast.UnaryOp(op=op, operand=operand):
-            return _OPERATORS[type(op)](_value(operand, text, values))
-        case ast.BinOp(left=left, op=op, right=right):
-            return _applied(
-                _piece(node, text), _OPERATORS[type(op)], _value(left, text, values), _value(right, text, values)
-            )
-        case ast.Call(func=ast.Name(id=name), args=args):
-            return _applied(_piece(node, text), FUNCTIONS[name][0], *(_value(each, text, values) for each in args))
-    raise ValueError(f"expected only {_WHAT}, got {_piece(node, text)}")
-
-
-def _levels(tree: ast.expr) -> int:
-    """Depth of an expression's tree."""
-    level, count = [tree], 0
-    while level and count <= MOST_LEVELS:
-        level, count = [child for node in level for child in ast.iter_child_nodes(node)], count + 1
-    return count
-
-
 def _piece(node: ast.expr, text: str) -> str:
     """The text that a node stands for."""
     return _cut(ast.get_source_segment(text, node) or text)
 
 
-def _float(number: float) -> float:
+def _float(number: Any) -> float:
     try:
         return float(number)
     except OverflowError as error:
         raise ValueError("expected numbers up to 1e308, got a larger one") from error
 
 
-def _applied(piece: str, function: Callable[..., Any], *values: float) -> float:
+def _apply(function: Operation, values: list[float], piece: str) -> float:
     """A function of numbers; what has no finite real value is named with its operands."""
     shown = f"{piece} of {', '.join(f'{value:.6g}' for value in values)}"
     try:
@@ -191,11 +185,6 @@ def _applied(piece: str, function: Callable[..., Any], *values: float) -> float:
     if isinstance(result, complex):
         raise ValueError(f"expected an expression of real value, got {shown}, which has none")
     return result
-
-
-def normal(name: str) -> str:
-    """A name as Python's parser spells it (micro sign and Greek mu are one letter there)."""
-    return unicodedata.normalize("NFKC", name)
 
 
 def _cut(text: str) -> str:

@@ -1,23 +1,59 @@
-"""Lines of the keys of a TOML file, found in one pass over its text; the parser of the standard library keeps none."""
+"""Lines of the keys of a TOML file, found in one pass over its text: no parser for Python keeps them."""
 
 from __future__ import annotations
 
 import re
-from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 Key = tuple[str | int, ...]
 
 _STRING = r'"""(?:\\.|[^\\])*?"{3,5}|\'\'\'.*?\'{3,5}|"(?:\\.|[^"\\])*"|\'[^\']*\''
 _TOKEN = re.compile(
-    rf"[ \t\r]+|\#[^\n]*|(?P<string>{_STRING})|(?P<bare>[^\s\"'\#=,.\[\]{{}}]+)|(?P<mark>.|\n)", re.DOTALL
+    rf"[ \t\r]+|\#[^\n]*|(?P<string>{_STRING})|(?P<bare>[^\s\"'\#=,.\[\]{{}}]+)|(?P<mark>.|\n)",
+    re.DOTALL,
 )
 _ESCAPE = re.compile(r'\\(u[0-9a-fA-F]{4}|U[0-9a-fA-F]{8}|[btnfre"\\])')
-_ESCAPED = {"b": "\b", "t": "\t", "n": "\n", "f": "\f", "r": "\r", "e": "\x1b", '"': '"', "\\": "\\"}
+_ESCAPED = {
+    "b": "\b",
+    "t": "\t",
+    "n": "\n",
+    "f": "\f",
+    "r": "\r",
+    "e": "\x1b",
+    '"': '"',
+    "\\": "\\",
+}
 
 
 def positions(text: str) -> dict[Key, int]:
     """Line of every table, key and list item of a valid TOML text, counted from 1."""
-    return _Scanner(text).run()
+    scanner, table = _Scanner(text), ()
+    while scanner.kind != "end":
+        if scanner.mark == "\n":
+            scanner.step()
+        elif scanner.mark == "[":
+            table = scanner.read_header()
+        else:
+            scanner.read_pair(table)
+    return scanner.lines
+
+
+def line_of(lines: dict[Key, int], key: Key) -> int:
+    """Line of a key, or of the nearest table around it that the file has."""
+    return next((lines[key[:n]] for n in range(len(key), 0, -1) if key[:n] in lines), 1)
+
+
+def _tokens(text: str) -> Iterator[tuple[str, str, int]]:
+    """Kind, text and line of every token that is no space and no comment."""
+    line = 1
+    for match in _TOKEN.finditer(text):
+        if match.lastgroup is not None:
+            yield match.lastgroup, match.group(), line
+        line += match.group().count("\n")
+    yield "end", "", line
 
 
 class _Scanner:
@@ -26,39 +62,13 @@ class _Scanner:
     def __init__(self, text: str) -> None:
         self.lines: dict[Key, int] = {}
         self.tables: dict[Key, int] = {}  # lists of tables: how many there are so far
-        self.tokens: list[tuple[str, str, int]] = []  # kind, text, line
-        line = 1
-        for match in _TOKEN.finditer(text):
-            if match.lastgroup is not None:
-                self.tokens.append((match.lastgroup, match.group(), line))
-            line += match.group().count("\n")
-        self.tokens.append(("end", "", line))
-        self.at = 0
+        self.tokens = _tokens(text)
+        self.step()
 
-    def run(self) -> dict[Key, int]:
-        table: Key = ()
-        while self.kind != "end":
-            if self.mark == "\n":
-                self.at += 1
-            elif self.mark == "[":
-                table = self.header()
-            else:
-                self.pair(table)
-        return self.lines
-
-    @property
-    def kind(self) -> str:
-        return self.tokens[self.at][0]
-
-    @property
-    def mark(self) -> str:
-        """The mark that stands here, or nothing."""
-        kind, text, _ = self.tokens[self.at]
-        return text if kind == "mark" else ""
-
-    @property
-    def line(self) -> int:
-        return self.tokens[self.at][2]
+    def step(self, count: int = 1) -> None:
+        for _ in range(count):
+            self.kind, self.text, self.line = next(self.tokens)
+            self.mark = self.text if self.kind == "mark" else ""
 
     def note(self, key: Key, line: int) -> None:
         """Keep the line of a key, and of the tables that it opens on its way."""
@@ -66,15 +76,17 @@ class _Scanner:
             if self.lines.setdefault(key[:length], line) != line:
                 return
 
-    def header(self) -> Key:
-        line, many = self.line, self.tokens[self.at + 1][1] == "["
-        self.at += 2 if many else 1
-        names = self.key()
-        self.at += 2 if many else 1
+    def read_header(self) -> Key:
+        line = self.line
+        self.step()
+        many = self.mark == "["
+        self.step(many)
+        *names, last = self.read_key()
+        self.step(1 + many)
         key: Key = ()
-        for name in names[:-1]:
+        for name in names:
             key = self.inside((*key, name))
-        key = (*key, names[-1])
+        key = (*key, last)
         if many:
             self.note(key, line)
             self.tables[key] = self.tables.get(key, 0) + 1
@@ -87,69 +99,48 @@ class _Scanner:
         """A list of tables stands for its last one."""
         return (*key, self.tables[key] - 1) if key in self.tables else key
 
-    def key(self) -> list[str]:
+    def read_key(self) -> list[str]:
         """A dotted key; stands behind it afterwards."""
-        names = [self.name()]
+        names = [self.read_name()]
         while self.mark == ".":
-            self.at += 1
-            names.append(self.name())
+            self.step()
+            names.append(self.read_name())
         return names
 
-    def name(self) -> str:
-        kind, text, _ = self.tokens[self.at]
-        self.at += 1
-        if kind == "string":
-            return _ESCAPE.sub(_unescaped, text[1:-1]) if text[0] == '"' else text[1:-1]
-        return text
+    def read_name(self) -> str:
+        name = self.text[1:-1] if self.kind == "string" else self.text
+        name = _ESCAPE.sub(_unescape, name) if self.text[:1] == '"' else name
+        self.step()
+        return name
 
-    def pair(self, table: Key) -> None:
+    def read_pair(self, table: Key) -> None:
         """`key = value`, and all that is in the value."""
         line = self.line
-        key = (*table, *self.key())
+        key = (*table, *self.read_key())
         self.note(key, line)
-        self.at += 1  # =
-        self.value(key)
+        self.step()  # =
+        self.read_value(key)
 
-    def value(self, key: Key) -> None:
-        if self.mark == "[":
-            self.items(key)
-        elif self.mark == "{":
-            self.pairs(key)
-        else:
+    def read_value(self, key: Key) -> None:
+        end = {"[": "]", "{": "}"}.get(self.mark)
+        if end is None:
             while self.kind != "end" and self.mark not in {"\n", ",", "]", "}"}:
-                self.at += 1
-
-    def items(self, key: Key) -> None:
-        self.at += 1
+                self.step()
+            return
+        self.step()
         number = 0
-        while self.mark != "]":
+        while self.mark != end:
             if self.mark in {"\n", ","}:
-                self.at += 1
+                self.step()
+            elif end == "}":
+                self.read_pair(key)
             else:
                 self.note((*key, number), self.line)
-                self.value((*key, number))
+                self.read_value((*key, number))
                 number += 1
-        self.at += 1
-
-    def pairs(self, key: Key) -> None:
-        self.at += 1
-        while self.mark != "}":
-            if self.mark in {"\n", ","}:
-                self.at += 1
-            else:
-                self.pair(key)
-        self.at += 1
+        self.step()
 
 
-def _unescaped(match: re.Match[str]) -> Any:
+def _unescape(match: re.Match[str]) -> str:
     code = match[1]
     return _ESCAPED[code] if code in _ESCAPED else chr(int(code[1:], 16))
-
-
-def line_of(lines: dict[Key, int], key: Key) -> int:
-    """Line of a key, or of the nearest table around it that the file has."""
-    while key:
-        if key in lines:
-            return lines[key]
-        key = key[:-1]
-    return 1

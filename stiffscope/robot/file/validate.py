@@ -1,108 +1,213 @@
-"""Tables of the robot file to sections: what pydantic finds wrong, in the words of the file."""
+"""Fourth pass over a robot file: evaluated tables to sections, each valid by itself (`robot.checks` follows)."""
 
 from __future__ import annotations
 
-import difflib
-import typing
-from typing import TYPE_CHECKING, Any, TypeVar
-
-from pydantic import BaseModel, ValidationError
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
-from stiffscope.robot.file.evaluate import FieldError
-from stiffscope.robot.file.values import Reads, Says
+from stiffscope.robot.file.description import RobotFile
+from stiffscope.robot.file.parse import FieldError, blame
+from stiffscope.robot.file.part_sections import PARTS, Fibrous, Isotropic
+from stiffscope.robot.file.sections import (
+    AXES,
+    JOINTS,
+    BodySection,
+    Effect,
+    ElasticBody,
+    GravitySection,
+    JointSection,
+    MapSection,
+    RigidBody,
+    ToolSection,
+)
+from stiffscope.robot.file.tables import keys_of, one_of, read_table, unknown_key
+from stiffscope.robot.file.values import ANGLE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 
+    from stiffscope.cad.materials import AnyMaterial
+    from stiffscope.robot.file.description import Turned
+    from stiffscope.robot.file.parse import Source
+    from stiffscope.robot.file.part_sections import PartSection
     from stiffscope.robot.file.positions import Key
 
-Model = TypeVar("Model", bound=BaseModel)
+LISTS = ("copies", "effects")
+TOP = (
+    *("name", "parameters", "parts", "bodies", "joints", "copies", "groups", "tool", "gravity", "poses"),
+    *("map", "materials", "effects"),
+)
 
 
-def section(model: type[Model], value: Any, key: Key) -> Model:
-    """A table as a section. Raises FieldError for the first thing that is wrong in it."""
-    if not isinstance(value, dict):
-        raise FieldError(key, f"expected a table of {', '.join(keys_of(model))}, got {q.shown(value)}")
-    try:
-        return model.model_validate(value)
-    except ValidationError as error:
-        inner, message = _first(error, model)
-        raise FieldError((*key, *inner), message) from error
+def check_top(data: Mapping[str, Any]) -> None:
+    """Raise FieldError for an unknown section, and for one that is no table or no list of tables."""
+    for key in data:
+        if key not in TOP:
+            raise FieldError((key,), unknown_key(key, TOP))
+    for key in TOP:
+        if key in LISTS and not isinstance(data.get(key, []), list):
+            raise FieldError((key,), f"expected [[{key}]], a list of tables, got {q.shown(data[key])}")
+        if key not in {*LISTS, "name"} and not isinstance(data.get(key, {}), dict):
+            raise FieldError((key,), f"expected a table, got {q.shown(data[key])}")
 
 
-def one_of(word: Any, valid: Iterable[str], what: str) -> str:
-    """A word, if it is a valid one. Raises ValueError with the one that was probably meant."""
-    valid = list(valid)
-    if isinstance(word, str) and word in valid:
-        return word
-    listed = ", ".join(valid[:20]) + (", …" if len(valid) > 20 else "")
-    raise ValueError(f"expected {what} ({listed or 'none'}), got {q.shown(word)}{_meant(word, valid)}")
+def validate(
+    data: Mapping[str, Any],
+    source: Source,
+    values: Mapping[str, float],
+    tolerances: Mapping[Key, float],
+    copied: Mapping[str, Turned],
+) -> RobotFile:
+    """Make a robot of evaluated tables.
 
+    Parameters
+    ----------
+    data
+        The file's content, copies made.
+    source
+        Where it comes from.
+    values, tolerances
+        As `evaluate` gives them.
+    copied
+        As `make_copies` gives them.
 
-def unknown_key(word: str, valid: Sequence[str]) -> str:
-    """Message for a key that a table cannot have."""
-    return f'expected a known key ({", ".join(valid)}), got "{word}"{_meant(word, valid)}'
+    Returns
+    -------
+    RobotFile
+        Each of its sections valid by itself.
 
+    Raises
+    ------
+    FieldError
+        The first thing that is wrong.
 
-def _meant(word: Any, valid: Iterable[str]) -> str:
-    close = difflib.get_close_matches(word, list(valid), n=1, cutoff=0.6) if isinstance(word, str) else []
-    return f'; did you mean "{close[0]}"?' if close else ""
+    """
 
+    def read(key: str, function: Callable[[str, Any], Any]) -> Mapping[str, Any]:
+        return MappingProxyType({name: function(name, table) for name, table in data.get(key, {}).items()})
 
-def keys_of(model: type[BaseModel]) -> list[str]:
-    """Keys that a section may have, as the file spells them."""
-    return [field.alias or name for name, field in model.model_fields.items()]
-
-
-def _first(error: ValidationError, model: type[BaseModel]) -> tuple[Key, str]:
-    """Key and message of the first error; an unknown key comes before what it leaves missing."""
-    errors = error.errors(include_url=False)
-    item = next((each for each in errors if each["type"] == "extra_forbidden"), errors[0])
-    key: Key = tuple(part for part in item["loc"] if not str(part).startswith(("function-", "tagged-")))
-    value = item.get("input")
-    plain = {
-        "missing": lambda: f"expected {_wanted(_model_at(model, key[:-1]), str(key[-1]))}, got nothing",
-        "extra_forbidden": lambda: unknown_key(str(key[-1]), keys_of(_model_at(model, key[:-1]))),
-        "literal_error": lambda: f"expected {item.get('ctx', {}).get('expected')}, got {q.shown(value)}",
-        "model_type": lambda: f"expected a table of {', '.join(keys_of(_model_at(model, key)))}, got {q.shown(value)}",
-        "dict_type": lambda: f"expected a table, got {q.shown(value)}",
-        "tuple_type": lambda: f"expected a list, got {q.shown(value)}",
-        "list_type": lambda: f"expected a list, got {q.shown(value)}",
-        "string_type": lambda: f"expected a text in quotes, got {q.shown(value)}",
-    }
-    if item["type"] in plain:
-        return key, plain[item["type"]]()
-    named, message = "", item["msg"].removeprefix("Value error, ")
-    if isinstance(item.get("ctx", {}).get("error"), InputError):  # cad names the field: "frame.x: ..."
-        named, _, message = message.partition(": ")
-    return (*key, *named.split(".")[1:]), message
-
-
-def _wanted(model: type[BaseModel], key: str) -> str:
-    """What a missing key should have held."""
-    field = next((field for name, field in model.model_fields.items() if key in {name, field.alias}), None)
-    said = (
-        [note.says if isinstance(note, Reads) else note for note in field.metadata if isinstance(note, Reads | Says)]
-        if field
-        else []
+    parts, bodies, joints = read("parts", _read_part), read("bodies", _read_body), read("joints", _read_joint)
+    if "tool" not in data:
+        raise FieldError(("tool",), "expected a table of body, at, pose, got nothing")
+    tool = read_table(ToolSection, data["tool"], ("tool",))
+    return RobotFile(
+        name=_read_name(data.get("name", source.path.stem)),
+        parts=parts,
+        bodies=bodies,
+        joints=joints,
+        tool=tool,
+        parameters=MappingProxyType({name: value for name, value in values.items() if "." not in name}),
+        groups=MappingProxyType(_read_groups(data.get("groups", {}), {**bodies, **joints})),
+        gravity=read_table(GravitySection, data["gravity"], ("gravity",)) if "gravity" in data else None,
+        poses=read("poses", lambda name, pose: read_pose(pose, tool, ("poses", name))),
+        map=_read_map(data["map"], tool) if "map" in data else None,
+        materials=read("materials", _read_material),
+        effects=tuple(read_table(Effect, each, ("effects", i)) for i, each in enumerate(data.get("effects", []))),
+        copied=MappingProxyType(copied),
+        tolerances=MappingProxyType(tolerances),
+        source=source,
     )
-    return said[-1] if said else "a value"
 
 
-def _model_at(model: type[BaseModel], key: Key) -> type[BaseModel]:
-    """Model of the section that a key leads to."""
-    for part in key:
-        field = None if isinstance(part, int) else model.model_fields.get(part)
-        if field is not None:
-            model = next(iter(_models(field.annotation)), model)
-    return model
+def _read_name(name: Any) -> str:
+    if not isinstance(name, str) or not name.strip() or not name.isprintable():
+        raise FieldError(("name",), f"expected a name in quotes, one printable line, got {q.shown(name)}")
+    return name
 
 
-def _models(annotation: Any) -> Iterable[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        yield annotation
-    else:
-        for inner in typing.get_args(annotation):
-            yield from _models(inner)
+def _read_part(name: str, table: Any) -> PartSection:
+    key = ("parts", name)
+    return read_table(PARTS[_choose(table, "shape", PARTS, key, "a shape")], table, key)
+
+
+def _choose(table: Any, word: str, valid: Iterable[str], key: tuple[str, ...], what: str) -> str:
+    """Which of several kinds a table is. Raises FieldError."""
+    if not isinstance(table, dict):
+        raise FieldError(key, f"expected a table, got {q.shown(table)}")
+    if word not in table:
+        raise FieldError((*key, word), f"expected {what} ({', '.join(valid)}), got nothing")
+    with blame(*key, word):
+        return one_of(table[word], valid, what)
+
+
+def _read_body(name: str, table: Any) -> BodySection:
+    """An elastic body where a part is named or an end is given, else a rigid one."""
+    key = ("bodies", name)
+    if isinstance(table, dict):
+        elastic = [each for each in table if each in keys_of(ElasticBody)]
+        rigid = [each for each in table if each in keys_of(RigidBody)]
+        if "part" in elastic and rigid:
+            got = q.shown(table[rigid[0]])
+            message = f"expected no {rigid[0]} of a body with a part, which has its part's, got {got}"
+            raise FieldError((*key, rigid[0]), message)
+        if elastic and not rigid:
+            return read_table(ElasticBody, table, key)
+        if elastic:
+            raise FieldError((*key, elastic[0]), f"expected no {elastic[0]} of a rigid body, which has no part")
+    return read_table(RigidBody, table, key)
+
+
+def _read_joint(name: str, table: Any) -> JointSection:
+    key = ("joints", name)
+    kind = _choose(table, "type", JOINTS, key, "a type")
+    if "drive" in table and "drive" not in JOINTS[kind].model_fields:
+        driven = ", ".join(each for each, model in JOINTS.items() if "drive" in model.model_fields)
+        raise FieldError((*key, "drive"), f"expected a joint that a drive can move ({driven}), got a {kind} one")
+    return read_table(JOINTS[kind], table, key)
+
+
+def _read_material(name: str, table: Any) -> AnyMaterial:
+    key = ("materials", name)
+    model = Fibrous if isinstance(table, dict) and "axial_modulus" in table else Isotropic
+    made = read_table(model, table, key)
+    try:
+        return made.build(name)
+    except InputError as error:  # "materials.steel.density: expected ..."
+        where, _, message = str(error).removeprefix(f"materials.{name}.").partition(": ")
+        raise FieldError((*key, where), message) from error
+
+
+def _read_groups(table: Mapping[str, Any], elements: Collection[str]) -> dict[str, tuple[str, ...]]:
+    """The sets, those that name other sets resolved."""
+    for name, listed in table.items():
+        key = ("groups", name)
+        if name in elements:
+            raise FieldError(key, f'expected a name that no body or joint has, got "{name}"')
+        if not isinstance(listed, list):
+            raise FieldError(key, f"expected a list of bodies and joints, got {q.shown(listed)}")
+        for number, each in enumerate(listed):
+            with blame(*key, number):
+                one_of(each, [*elements, *(other for other in table if other != name)], "a body, a joint or a group")
+
+    def members(name: str, above: tuple[str, ...]) -> Iterator[str]:
+        if name in above:
+            raise FieldError(("groups", name), f"expected no group within itself, got {' -> '.join((*above, name))}")
+        for each in table[name]:
+            yield from members(each, (*above, name)) if each in table else (each,)
+
+    return {name: tuple(dict.fromkeys(members(name, ()))) for name in table}
+
+
+def read_pose(value: Any, tool: ToolSection, key: Key) -> tuple[float, ...]:
+    """A tool pose: as many numbers as `[tool] pose` names. Raises FieldError."""
+    if not isinstance(value, list | tuple) or len(value) != len(tool.pose):
+        raise FieldError(key, f"expected a pose of {len(tool.pose)}, {' '.join(tool.pose)}, got {q.shown(value)}")
+    found = []
+    for number, (name, each) in enumerate(zip(tool.pose, value, strict=True)):
+        with blame(*key, number):
+            found.append(q.to_si(each, q.LENGTH if name in AXES[:3] else ANGLE, sign="any"))
+    return tuple(found)
+
+
+def _read_map(table: Any, tool: ToolSection) -> MapSection:
+    found = read_table(MapSection, table, ("map",))
+    for name in found.ranges():
+        if name not in tool.pose:
+            raise FieldError(("map", name), f"expected coordinates of the pose ({' '.join(tool.pose)}), got {name}")
+    if len(found.ranges()) != min(2, len(tool.pose)):
+        raise FieldError(("map",), f"expected two coordinates to sweep, got {' '.join(found.ranges()) or 'none'}")
+    if found.at is None:
+        return found
+    return found.model_copy(update={"at": read_pose(found.at, tool, ("map", "at"))})

@@ -1,0 +1,137 @@
+"""Second pass over a robot file: `--set NAME.KEY=VALUE` puts values in their places."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from stiffscope.errors import InputError
+from stiffscope.robot.file.copies import copied_names
+from stiffscope.robot.file.part_sections import PARTS
+from stiffscope.robot.file.sections import JOINTS, ElasticBody, RigidBody
+from stiffscope.robot.file.tables import keys_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from stiffscope.robot.file.parse import Source
+    from stiffscope.robot.file.positions import Key
+
+# sections whose names may be given alone, and the keys of their tables: where two share a name, the key decides
+NAMED = {
+    section: {key for model in models for key in keys_of(model)}
+    for section, models in (
+        ("parts", PARTS.values()),
+        ("joints", JOINTS.values()),
+        ("bodies", (ElasticBody, RigidBody)),
+    )
+}
+_NESTED = (*NAMED, "materials", "poses", "groups", "parameters")  # sections that hold names
+TABLES = (*NAMED, "parameters", "tool", "gravity", "poses", "map", "materials", "groups")
+MOST_CHARACTERS = 5_000  # a matrix takes a thousand
+_EXAMPLE = "slider.thickness=25mm"
+
+
+@dataclass(frozen=True)
+class Override:
+    """A value for a key, and the text that asked for it."""
+
+    key: tuple[str, ...]
+    value: Any
+    text: str
+
+
+def apply_overrides(data: dict[str, Any], source: Source, tolerance: str | None = None) -> list[Override]:
+    """Change what is written, in place.
+
+    Parameters
+    ----------
+    data
+        The file as parsed.
+    source
+        Its overrides; `changed` gets their keys.
+    tolerance
+        For the meshes of all parts that are solids; None: as the file has them.
+
+    Returns
+    -------
+    list of Override
+        Those of copies, which are not there yet.
+
+    """
+    names = {key: list(value) for key, value in data.items() if isinstance(value, dict)}
+    copied = {key: list(copied_names(data, names.get(key, []))) for key in ("bodies", "joints")}
+    names |= {key: [*names.get(key, []), *more] for key, more in copied.items()}
+    changes = [locate(text, names) for text in source.overrides]
+    for name, table in data.get("parts", {}).items() if tolerance is not None else ():
+        if isinstance(table, dict) and table.get("shape") != "matrix":
+            key = ("parts", name, "mesh", "tolerance")
+            changes.append(Override(key, tolerance, f"--tolerance {tolerance}"))
+    later = []
+    for change in changes:
+        if change.key[1] in copied.get(change.key[0], ()):
+            later.append(change)
+        else:
+            assign(data, change.key, change.value, change.text)
+        source.changed[change.key] = change.text
+    return later
+
+
+def split(text: str) -> tuple[str, Any]:
+    """Split "slider.thickness=25mm"; the value is TOML where it reads as such, else a string. Raises InputError."""
+    if len(text) > MOST_CHARACTERS:
+        raise InputError(f"--set {text[:60]}…: expected at most {MOST_CHARACTERS:,} characters, got {len(text):,}")
+    name, equals, value = text.partition("=")
+    name = name.strip().replace('"', "")
+    if not equals or not value.strip() or not all(name.split(".")) or "." not in name:
+        raise InputError(f'--set {text}: expected NAME.KEY=VALUE such as {_EXAMPLE}, got "{text}"')
+    try:
+        return name, tomllib.loads(f"value = {value.strip()}")["value"]
+    except (KeyError, ValueError, RecursionError):  # a text without quotes, most often
+        return name, value.strip()
+
+
+def locate(text: str, names: Mapping[str, Sequence[str]]) -> Override:
+    """Find what a text such as "slider.thickness=25mm" means among the names that each section holds."""
+    name, value = split(text)
+    found: list[tuple[str, ...]] = [
+        (section, *rest) for section in NAMED for rest in _ways(name, names.get(section, ()))
+    ]
+    section, _, rest = name.partition(".")
+    if section in TABLES:
+        inside = next(iter(_ways(rest, names.get(section, ()))), None) if section in _NESTED else None
+        found.append((section, *(inside or rest.split("."))))
+    if not found:
+        known = [each for section in NAMED for each in names.get(section, ())]
+        close = difflib.get_close_matches(section, [*known, *TABLES], n=1, cutoff=0.6)
+        guess = f'; did you mean "{close[0]}"?' if close else ""
+        shown = ", ".join(known[:12]) + (", …" if len(known) > 12 else "")
+        raise InputError(
+            f'--set {text}: expected NAME.KEY=VALUE with a NAME of {shown} or {", ".join(TABLES)}, got "{name}"{guess}'
+        )
+    fitting = [key for key in found if len(key) > 2 and key[2] in NAMED.get(key[0], ())]
+    return Override((fitting or found)[0], value, f"--set {text}")
+
+
+def _ways(name: str, known: Iterable[str]) -> list[tuple[str, ...]]:
+    """A known name and the keys after it, longest name first."""
+    fitting = sorted((each for each in known if name.startswith(f"{each}.")), key=len, reverse=True)
+    return [(each, *name[len(each) + 1 :].split(".")) for each in fitting]
+
+
+def assign(data: dict[str, Any], key: Key, value: Any, text: str) -> None:
+    """Put a value at a key. Raises InputError, with the text that asked for it, where a number stands on the way."""
+    table: Any = data
+    for part in key[:-1]:
+        if not isinstance(table, dict):
+            break
+        table = table.setdefault(part, {})
+    last = key[-1]
+    if isinstance(table, list) and str(last).isdigit() and int(last) < len(table):
+        table[int(last)] = value
+    elif isinstance(table, dict):
+        table[last] = value
+    else:
+        raise InputError(f'{text}: expected a key of a table, got "{last}" of a value that is none')

@@ -1,0 +1,108 @@
+"""Tables of the robot file to sections: what pydantic finds wrong, in the words of the file."""
+
+from __future__ import annotations
+
+import difflib
+import typing
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from stiffscope.errors import InputError
+from stiffscope.robot.file import quantities as q
+from stiffscope.robot.file.parse import FieldError
+from stiffscope.robot.file.values import Reads, Says
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from stiffscope.robot.file.positions import Key
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def read_table(model: type[Model], value: Any, key: Key) -> Model:
+    """A table as a section. Raises FieldError for the first thing that is wrong in it."""
+    if not isinstance(value, dict):
+        raise FieldError(key, f"expected a table of {', '.join(keys_of(model))}, got {q.shown(value)}")
+    try:
+        return model.model_validate(value)
+    except ValidationError as error:
+        inner, message = _first(error, model)
+        raise FieldError((*key, *inner), message) from error
+
+
+def one_of(word: Any, valid: Iterable[str], what: str) -> str:
+    """A word, if it is a valid one. Raises ValueError with the one that was probably meant."""
+    valid = list(valid)
+    if isinstance(word, str) and word in valid:
+        return word
+    listed = ", ".join(valid[:20]) + (", …" if len(valid) > 20 else "")
+    raise ValueError(f"expected {what} ({listed or 'none'}), got {q.shown(word)}{_meant(word, valid)}")
+
+
+def unknown_key(word: str, valid: Sequence[str]) -> str:
+    """Message for a key that a table cannot have."""
+    return f'expected a known key ({", ".join(valid)}), got "{word}"{_meant(word, valid)}'
+
+
+def _meant(word: Any, valid: Iterable[str]) -> str:
+    close = difflib.get_close_matches(word, list(valid), n=1, cutoff=0.6) if isinstance(word, str) else []
+    return f'; did you mean "{close[0]}"?' if close else ""
+
+
+def keys_of(model: type[BaseModel]) -> list[str]:
+    """Keys that a section may have, as the file spells them."""
+    return [field.alias or name for name, field in model.model_fields.items()]
+
+
+def _first(error: ValidationError, model: type[BaseModel]) -> tuple[Key, str]:
+    """Key and message of the first error; an unknown key comes before what it leaves missing."""
+    errors = error.errors(include_url=False)
+    item = next((each for each in errors if each["type"] == "extra_forbidden"), errors[0])
+    key: Key = tuple(part for part in item["loc"] if not str(part).startswith(("function-", "tagged-")))
+    value = item.get("input")
+    plain = {
+        "missing": lambda: f"expected {_wanted(_model_at(model, key[:-1]), str(key[-1]))}, got nothing",
+        "extra_forbidden": lambda: unknown_key(str(key[-1]), keys_of(_model_at(model, key[:-1]))),
+        "literal_error": lambda: f"expected {item.get('ctx', {}).get('expected')}, got {q.shown(value)}",
+        "model_type": lambda: f"expected a table of {', '.join(keys_of(_model_at(model, key)))}, got {q.shown(value)}",
+        "dict_type": lambda: f"expected a table, got {q.shown(value)}",
+        "tuple_type": lambda: f"expected a list, got {q.shown(value)}",
+        "list_type": lambda: f"expected a list, got {q.shown(value)}",
+        "string_type": lambda: f"expected a text in quotes, got {q.shown(value)}",
+    }
+    if item["type"] in plain:
+        return key, plain[item["type"]]()
+    named, message = "", item["msg"].removeprefix("Value error, ")
+    if isinstance(item.get("ctx", {}).get("error"), InputError):  # cad names the field: "frame.x: ..."
+        named, _, message = message.partition(": ")
+    return (*key, *named.split(".")[1:]), message
+
+
+def _wanted(model: type[BaseModel], key: str) -> str:
+    """What a missing key should have held."""
+    field = next((field for name, field in model.model_fields.items() if key in {name, field.alias}), None)
+    said = (
+        [note.says if isinstance(note, Reads) else note for note in field.metadata if isinstance(note, Reads | Says)]
+        if field
+        else []
+    )
+    return said[-1] if said else "a value"
+
+
+def _model_at(model: type[BaseModel], key: Key) -> type[BaseModel]:
+    """Model of the section that a key leads to."""
+    for part in key:
+        field = None if isinstance(part, int) else model.model_fields.get(part)
+        if field is not None:
+            model = next(iter(_models(field.annotation)), model)
+    return model
+
+
+def _models(annotation: Any) -> Iterable[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    else:
+        for inner in typing.get_args(annotation):
+            yield from _models(inner)
