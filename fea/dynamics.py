@@ -22,7 +22,7 @@ from stiffscope.fea.geometry import centroid
 from stiffscope.fea.mass import times
 from stiffscope.fea.modes import lowest_modes, ritz
 from stiffscope.fea.settings import MOST_MODES
-from stiffscope.fea.solution import respond
+from stiffscope.fea.solution import accelerate
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -39,7 +39,6 @@ MODE, EXACT = 1e-5, 1e-8  # relative errors of the squared frequencies of fixed-
 # Remaining error of the cubic solution away from singular edges, in parts of the quadratic-to-cubic difference. Half of
 # that in statics: a mode's waves are smooth, and cubic functions lack little that quadratic ones lack.
 ELSEWHERE = 0.04
-CUBIC = 3e-2  # relative error of the difference between quadratic and cubic solution
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,14 +224,8 @@ def _extrapolated(levels: TwoLevel, modes: Floats) -> tuple[Floats, Floats, Floa
     """Return ``self_weight`` and ``frequencies``, each with its error, from clamped modes (c, 6)."""
     system, mass = levels.system, levels.system.mass
     nodes, count = system.cubic.space.base, modes.shape[1]
-    accelerated = np.hstack([np.tile(np.eye(3), (nodes, 1)), system.supports.expand(modes)])
-    rows = system.cubic_rows
-    force = np.vstack([
-        system.supports.restrict(times(mass.nodes, accelerated)),
-        times(mass.cubics, accelerated)[rows],
-    ])  # fmt: skip
-    split = len(levels.quadratic)
-    both = respond(system, force, system.solver.solve(force[:split]), levels, tolerance=CUBIC)
+    rows, split = system.cubic_rows, len(levels.quadratic)
+    both = accelerate(levels, np.hstack([np.tile(np.eye(3), (nodes, 1)), system.supports.expand(modes)]))
     found, vibration, wrenches = both.extrapolated(), both.extrapolated(ELSEWHERE), levels.force.shape[1]
     weights, vibrating = slice(wrenches, wrenches + 3), slice(wrenches + 3, None)
 

@@ -14,7 +14,7 @@ from stiffscope.fea.couplings import Coupling, dofs_of, imbalance, support, unit
 from stiffscope.fea.cubic import cubic_loads, cubic_problem, element_energies, enrich, solve_cubic, work
 from stiffscope.fea.elasticity import assemble, nodal_stresses, von_mises
 from stiffscope.fea.foundation import on_nodes, springs
-from stiffscope.fea.mass import Mass
+from stiffscope.fea.mass import Mass, times
 from stiffscope.fea.mesh import MeshError
 from stiffscope.fea.multigrid import prepare
 from stiffscope.fea.singular import remaining_at_edges
@@ -38,6 +38,7 @@ AT_EDGES, SPREAD_AT_EDGES = 1.6, 0.5
 ELSEWHERE, SPREAD_ELSEWHERE = 0.1, 0.1
 CROSS_TERMS = 0.12
 SOLVER, ROUNDING = 1e-8, 5e-14
+INERTIA = 3e-2  # relative error of the quadratic-to-cubic difference for inertia forces
 SOFTEST = 1e-4  # foundation, in parts of the part's modulus over its size
 
 
@@ -265,6 +266,14 @@ def respond(
     gained[:split] -= quadratic
     energies, at_edges = element_energies(system.cubic, gained, system.edge_weights)
     return TwoLevel(system, force, motion, quadratic, cubic, gain, at_edges, energies)
+
+
+def accelerate(levels: TwoLevel, motion: Floats) -> TwoLevel:
+    """Return the solutions for the loads solved already, then for the inertia of accelerations (3n, k), m/s²."""
+    system, mass = levels.system, levels.system.mass
+    nodal = system.supports.restrict(times(mass.nodes, motion))
+    force = np.vstack([nodal, times(mass.cubics, motion)[system.cubic_rows]])
+    return respond(system, force, system.solver.solve(nodal), levels, tolerance=INERTIA)
 
 
 def rounding_of(specimen: Specimen) -> float:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from stiffscope.cad.part import Part
     from stiffscope.design.sensitivity import Sensitivity
     from stiffscope.experiments.orders import PartOrder
-    from stiffscope.fea.sensitivity import PartSensitivity
+    from stiffscope.fea.derivatives import PartSensitivity
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.part_matrices import Components
     from stiffscope.runtime.cache import Cache
@@ -110,7 +110,7 @@ def _arrays(fields: dict[str, Any]) -> dict[str, Any]:
 
 def read_sensitivity(folder: Path) -> PartSensitivity:
     """The derivatives that a folder of the cache holds."""
-    from stiffscope.fea.sensitivity import Derivative, PartSensitivity
+    from stiffscope.fea.derivatives import Derivative, PartSensitivity
 
     held = json.loads((folder / FILE).read_text())
     derivatives = {name: Derivative(**_arrays(fields)) for name, fields in held["derivatives"].items()}

@@ -42,7 +42,7 @@ OWN_MODES = (
 
 
 class Derivative(Protocol):
-    """What is known of a part by one of its parameters; see ``stiffscope.fea.sensitivity.Derivative``."""
+    """What is known of a part by one of its parameters; see ``stiffscope.fea.derivatives.Derivative``."""
 
     @property
     def compliance(self) -> np.ndarray:

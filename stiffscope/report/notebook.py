@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from stiffscope.cad.part import Part
     from stiffscope.design.sensitivity import Sensitivity
     from stiffscope.design.studies import Study
+    from stiffscope.fea.derivatives import PartSensitivity
     from stiffscope.fea.experiment import Experiment
-    from stiffscope.fea.sensitivity import PartSensitivity
     from stiffscope.gap.inference.diagnosis import Diagnosis
     from stiffscope.report.page import Figure
     from stiffscope.robot.file.description import RobotFile
@@ -370,7 +370,7 @@ SHOWN: dict[str, Callable[[Any], Sequence[Figure] | None]] = {
     "cad.materials.TransverselyIsotropic": _fields,
     "cad.part.Part": _part,
     "fea.experiment.Experiment": tables.show_experiment,
-    "fea.sensitivity.PartSensitivity": _part_sensitivity,
+    "fea.derivatives.PartSensitivity": _part_sensitivity,
     "fea.settings.Settings": _fields,
     "gap.inference.diagnosis.Diagnosis": _diagnosis,
     "design.studies.Study": _study,

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from stiffscope.design.sensitivity import Row, Sensitivity
     from stiffscope.experiments.results import PartResult
-    from stiffscope.fea.sensitivity import Derivative, PartSensitivity
+    from stiffscope.fea.derivatives import Derivative, PartSensitivity
     from stiffscope.report.terminal import Shown
 
 COMPLIANCES = ("C11", "C22", "C33", "C44", "C55", "C66")

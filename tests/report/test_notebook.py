@@ -11,7 +11,7 @@ from IPython.core.interactiveshell import InteractiveShell
 from IPython.utils.capture import capture_output
 
 import stiffscope as ss
-from stiffscope.fea.sensitivity import Derivative, PartSensitivity
+from stiffscope.fea.derivatives import Derivative, PartSensitivity
 from stiffscope.report import tables
 from stiffscope.report.compare import Comparison, Entry
 from stiffscope.report.notebook import SHOWN, as_html, open_bar, register

@@ -1,0 +1,319 @@
+"""The forms behind a part's derivatives: of a solved part's compliance, own weight and condensed mass by one parameter.
+
+See ``stiffscope.fea.sensitivity`` for the theory.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.fea.configurational import integrals, products
+from stiffscope.fea.couplings import carried, rigid_modes, unit_loads
+from stiffscope.fea.cubic import cubic_loads, expand
+from stiffscope.fea.derivatives import Derivative
+from stiffscope.fea.elasticity import tensor
+from stiffscope.fea.foundation import springs
+from stiffscope.fea.mass import times
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from scipy.sparse import csr_array
+
+    from stiffscope.fea.configurational import Integrals
+    from stiffscope.fea.experiment import Experiment
+    from stiffscope.fea.mesh import Floats
+    from stiffscope.fea.settings import Settings
+    from stiffscope.fea.solution import TwoLevel
+
+STILL = 1e-9  # velocity of nodes that do not move relative to their reference point
+SURFACE_STEP = 1e-4  # of the part's size per unit of velocity: central difference of integrals over faces
+# 95 % bounds: in parts of the correction that is extrapolated and of the quadratic-to-cubic difference of a derivative;
+# in parts of the geometric mean of two loads' derivatives off the diagonal, where entries may cancel; and relative, for
+# the step in CAD and the shape of the mesh.
+SPREAD_REMAINING, SPREAD_GAIN, CROSS_TERMS, GEOMETRY = 0.5, 0.15, 2e-3, 5e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Move:
+    """How a part moves with a dimension: velocities of nodes (n, 3), reference points (m, 3) and clamp point (3,)."""
+
+    nodes: Floats
+    reference_points: Floats
+    clamp_point: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Forms:
+    """The derivatives of a solved part's quantities; loads are w unit wrenches and 3 accelerations, k in all."""
+
+    levels: TwoLevel
+    experiment: Experiment
+    settings: Settings
+    moves: tuple[Move, ...]
+
+    @cached_property
+    def velocity(self) -> Floats:
+        """(n, 3, p) the design velocities."""
+        nodes = len(self.levels.system.mesh.points)
+        return np.array([move.nodes for move in self.moves]).reshape(-1, nodes, 3).transpose(1, 2, 0)
+
+    @property
+    def wrenches(self) -> int:
+        """Number of unit wrenches."""
+        return len(self.experiment.full_compliance)
+
+    @cached_property
+    def lumped(self) -> Floats:
+        """(n,) ∫ ρ N of each node's function, kg."""
+        return np.asarray(self.levels.system.mass.nodes.sum(axis=1)).reshape(-1)
+
+    @cached_property
+    def fields(self) -> tuple[Integrals, Integrals]:
+        """Integrals of the cubic and of the quadratic solution."""
+        system, k = self.levels.system, self.levels.force.shape[1]
+        space = system.cubic.space
+        cubic = expand(space, system.supports, system.cubic.free, self.levels.motion)
+        quadratic = np.zeros_like(cubic)
+        quadratic[: 3 * space.base] = system.supports.expand(self.levels.quadratic)
+        return self._integrals(cubic.reshape(-1, 3, k)), self._integrals(quadratic.reshape(-1, 3, k))
+
+    def _integrals(self, motion: Floats) -> Integrals:
+        system = self.levels.system
+        return integrals(system.mesh, system.cubic.space, system.specimen.elasticity, motion, self.velocity)
+
+    @cached_property
+    def ratio(self) -> Floats:
+        """(k, k) the extrapolated correction in parts of the quadratic-to-cubic difference."""
+        gain = self.levels.gain.diagonal()
+        remaining = (self.levels.extrapolated().compliance - self.levels.cubic).diagonal()
+        parts = np.clip(remaining / np.maximum(gain, 1e-12 * self.levels.cubic.diagonal()), 0, 2)
+        return np.sqrt(np.outer(parts, parts))
+
+    @cached_property
+    def shapes(self) -> _Shapes:
+        """The static fields of unit twists of clamp and interfaces, in the quadratic solution."""
+        w, system, experiment = self.wrenches, self.levels.system, self.experiment
+        space, supports = system.cubic.space, system.supports
+        loads, unit = self.levels.force[: len(self.levels.quadratic), :w], self.levels.quadratic[:, :w]
+        coordinates = unit @ np.linalg.inv(loads.T @ unit)
+        loaded = supports.expand(coordinates)
+        moved = carried(experiment.reference_points, experiment.clamp_point)
+        whole = rigid_modes(system.mesh.points, experiment.clamp_point).reshape(-1, 6)
+        fields = np.hstack([whole - loaded @ moved, loaded])
+        inertia = supports.restrict(times(self.levels.system.mass.nodes, fields))
+        quasistatic = system.solver.solve(inertia)
+        quasistatic -= coordinates @ (loads.T @ quasistatic)
+        both = np.zeros((3 * space.count, 6 + 2 * w))
+        both[: 3 * space.base] = np.hstack([loaded, supports.expand(quasistatic)])
+        kinetic = system.specimen.density * products(system.mesh, space, fields.reshape(-1, 3, 6 + w), self.velocity)
+        return _Shapes(fields, coordinates, moved, self._integrals(both.reshape(-1, 3, 6 + 2 * w)), kinetic)
+
+    def of_elasticity(self, change: Floats, value: float, unit: str) -> Derivative:
+        """Derivative by a material constant that changes the elasticity matrix by (6, 6) per unit."""
+        law = tensor(change).transpose(1, 0, 3, 2).reshape(9, 9)
+        cubic, quadratic = (-np.einsum("ab,aibj->ij", law, level.gradients) for level in self.fields)
+        energy = np.einsum("ab,aibj->ij", law, self.shapes.integrals.gradients)
+        made = self._derivative(value, unit, cubic, quadratic)
+        return dataclasses.replace(made, condensed_mass=self.shapes.followed(energy))
+
+    def of_foundation(self) -> Derivative:
+        """Derivative by the stiffness per area of the foundation under the clamp."""
+        unit = springs(self.levels.system.mesh, self.levels.system.specimen.clamped, 1.0)
+        cubic, quadratic = (-_squared(level.motion, unit) for level in self.fields)
+        return self._derivative(self.settings.foundation or 0.0, "N/m^3", cubic, quadratic)
+
+    def of_density(self, density: float) -> Derivative:
+        """Derivative by the density: mass and weight are in proportion to it."""
+        w, size = self.wrenches, 6 + self.wrenches
+        share = np.zeros_like(self.ratio)
+        share[:w, w:] = share[w:, :w] = 1 / density
+        share[w:, w:] = 2 / density
+        cubic, quadratic = share * self.levels.cubic, share * (self.levels.cubic - self.levels.gain)
+        condensed = self.experiment.condensed_mass[:size, :size] / density
+        made = self._derivative(density, "kg/m^3", cubic, quadratic)
+        return dataclasses.replace(made, mass=self.experiment.mass / density, condensed_mass=condensed)
+
+    def of_dimension(self, number: int, value: float) -> Derivative:
+        """Derivative by the dimension of a move."""
+        move = self.moves[number]
+        slide = self._slide(move)
+        motions = self.levels.motion, self.levels.quadratic
+        found = [
+            self._compliance(level, number, self._turned(slide, motion))
+            for level, motion in zip(self.fields, motions, strict=True)
+        ]
+        for level, on_faces in enumerate(self._on_faces(move)):
+            found[level] = found[level] + on_faces
+        made = self._derivative(value, "m", found[0], found[1])
+        rate, moment = self.mass_rates[number, 0], self.mass_rates[number, 1:] + self.lumped @ move.nodes
+        return dataclasses.replace(
+            made,
+            mass=float(rate),
+            centre=(moment - rate * self.experiment.centre) / self.experiment.mass,
+            condensed_mass=self._condensed_mass(number, slide),
+            reference_points=move.reference_points,
+            clamp_point=move.clamp_point,
+        )
+
+    def _derivative(self, value: float, unit: str, cubic: Floats, quadratic: Floats) -> Derivative:
+        """Extrapolate the derivatives (k, k) of both levels' compliance; of the masses there is none yet."""
+        w, gain = self.wrenches, cubic - quadratic
+        whole = cubic + self.ratio * gain
+        size = np.sqrt(np.abs(np.outer(whole.diagonal(), whole.diagonal())))
+        error = (SPREAD_REMAINING * self.ratio + SPREAD_GAIN) * np.abs(gain) + GEOMETRY * np.abs(whole)
+        error += CROSS_TERMS * (size - np.diag(size.diagonal()))
+        return Derivative(
+            value=value,
+            unit=unit,
+            full_compliance=whole[:w, :w],
+            full_error=error[:w, :w],
+            self_weight=whole[:6, w:].T,
+            self_weight_error=error[:6, w:].T,
+            mass=0.0,
+            centre=np.zeros(3),
+            condensed_mass=np.zeros((6 + w, 6 + w)),
+            reference_points=np.zeros((w // 6, 3)),
+            clamp_point=np.zeros(3),
+        )
+
+    def _compliance(self, level: Integrals, number: int, turned: Floats) -> Floats:
+        """Return (k, k) the derivative of one level's compliance, less what integrals over faces add.
+
+        Parameters
+        ----------
+        turned : (t, 3, k) change of the tied nodes' displacements, the interfaces' twists held.
+        """
+        tied, w = self.levels.system.supports.tied, self.wrenches
+        at_ties = np.einsum("nai,naj->ij", level.forces[tied], turned)
+        out = -level.energy[number] - at_ties - at_ties.T
+        weight = self.levels.system.specimen.density * level.displacement[number].T
+        weight += np.einsum("n,nyi->iy", self.lumped[tied], turned)
+        out[:, w:] += weight
+        out[w:, :] += weight.T
+        return out
+
+    def _slide(self, move: Move) -> Floats:
+        """Return (3t, 6r) the derivative of the tie: its nodes' velocity relative to their reference points."""
+        system = self.levels.system
+        supports, out = system.supports, np.zeros((len(move.nodes), 3, system.supports.tie.shape[1]))
+        couplings = zip(system.couplings, move.reference_points, strict=True)
+        for slot, (coupling, at) in enumerate(each for each in couplings if each[0].kind == "rigid"):
+            nodes = system.mesh.nodes_of(coupling.faces)
+            out[nodes, :, 6 * slot + 3 : 6 * slot + 6] = rigid_modes(move.nodes[nodes], at)[:, :, 3:]
+        return out[supports.tied].reshape(3 * len(supports.tied), out.shape[2])
+
+    def _turned(self, slide: Floats, motion: Floats) -> Floats:
+        """Return (t, 3, k) change of the tied nodes' displacements for coordinates of k loads."""
+        split = 3 * len(self.levels.system.supports.free)
+        return (slide @ motion[split : split + slide.shape[1]]).reshape(len(slide) // 3, 3, motion.shape[1])
+
+    def _on_faces(self, move: Move) -> Iterator[Floats]:
+        """Yield (k, k) for either level what foundation and distributed couplings add, where their faces deform.
+
+        By central differences of the integrals over the faces, displacements held.
+        """
+        system, specimen = self.levels.system, self.levels.system.specimen
+        mesh, modulus = system.mesh, self.settings.foundation
+        velocity, reference = move.nodes, move.reference_points
+        loaded = [
+            np.abs(velocity[mesh.nodes_of(coupling.faces)] - at).max()
+            for coupling, at in zip(system.couplings, reference, strict=True)
+            if coupling.kind == "distributed"
+        ]
+        bedded = modulus is not None and np.ptp(velocity[mesh.nodes_of(specimen.clamped)], axis=0).max() > STILL
+        if not bedded and not any(slip > STILL for slip in loaded):
+            return
+        split, above = len(self.levels.quadratic), system.cubic.free
+        found = [np.zeros_like(self.ratio), np.zeros_like(self.ratio)]
+        step = SURFACE_STEP * specimen.volume ** (1 / 3)
+        for sign in (step, -step):
+            moved = dataclasses.replace(mesh, points=mesh.points + sign * velocity)
+            if bedded and modulus is not None:
+                bedding = springs(moved, specimen.clamped, modulus)
+                for number, level in enumerate(self.fields):
+                    found[number] -= _squared(level.motion, bedding) / (2 * sign)
+            if loaded:
+                couplings = tuple(
+                    dataclasses.replace(coupling, reference_point=coupling.reference_point + sign * at)
+                    for coupling, at in zip(system.couplings, reference, strict=True)
+                )
+                nodal = unit_loads(moved, system.supports, couplings)
+                cubic = cubic_loads(moved, system.cubic.space, couplings)[above].reshape(-1, nodal.shape[1])
+                first = nodal.T @ self.levels.motion[:split] + cubic.T @ self.levels.motion[split:]
+                for each, work in zip(found, (first, nodal.T @ self.levels.quadratic), strict=True):
+                    each[: self.wrenches] += work / (2 * sign)
+                    each[:, : self.wrenches] += work.T / (2 * sign)
+        yield from found
+
+    @cached_property
+    def mass_rates(self) -> Floats:
+        """(p, 4) derivatives of the mass, and of ∫ ρ x dV with x held."""
+        system, velocity = self.levels.system, self.velocity
+        unit = np.zeros((len(velocity), 3, 4))
+        unit[:, 0, 0], unit[:, range(3), range(1, 4)] = 1.0, 1.0
+        position = np.zeros_like(unit)
+        position[:, 0, 0], position[:, range(3), range(1, 4)] = 1.0, system.mesh.points
+        both = np.concatenate([unit, position], axis=2)
+        found = system.specimen.density * products(system.mesh, system.cubic.space, both, velocity)
+        return np.einsum("pii->pi", found[:, :4, 4:])
+
+    def _condensed_mass(self, number: int, slide: Floats) -> Floats:
+        """Return (6 + w, 6 + w) the derivative of the condensed mass."""
+        move, shapes, w = self.moves[number], self.shapes, self.wrenches
+        tied = self.levels.system.supports.tied
+        turned = np.zeros((len(move.nodes), 3, w))
+        turned[tied] = self._turned(slide, shapes.coordinates)
+        energy = shapes.integrals.energy[number].copy()
+        energy[:w, w:] += np.einsum("nai,naj->ij", turned[tied], shapes.integrals.forces[tied][..., w:])
+        turned = turned.reshape(-1, w)
+        whole = rigid_modes(move.nodes, move.clamp_point)
+        farther = carried(move.reference_points, move.clamp_point).reshape(-1, 6, 6)
+        whole[:, :, :3] = 0.0
+        farther[:, :, :3], farther[:, 3:, 3:] = 0.0, 0.0
+        back = shapes.fields[:, 6:] @ farther.reshape(-1, 6) + turned @ shapes.moved
+        rates = np.hstack([whole.reshape(-1, 6) - back, turned])
+        cross = rates.T @ times(self.levels.system.mass.nodes, shapes.fields)
+        return shapes.kinetic[number] + cross + cross.T + shapes.followed(energy)
+
+
+@dataclass(frozen=True, eq=False)
+class _Shapes:
+    """Static fields of unit twists of clamp (6) and interfaces (w), and what their change does to the condensed mass.
+
+    Attributes
+    ----------
+    fields : (3n, 6 + w).
+    coordinates : (c, w) of those of the interfaces.
+    moved : (w, 6) twists of the interfaces when the part moves with the clamp as a rigid body.
+    integrals : of the fields of the interfaces, then of the (6 + w) that the inertia forces of all fields cause with
+        the interfaces held.
+    kinetic : (p, 6 + w, 6 + w) derivatives of the condensed mass, the nodes' displacements held.
+    """
+
+    fields: Floats
+    coordinates: Floats
+    moved: Floats
+    integrals: Integrals
+    kinetic: Floats
+
+    def followed(self, energy: Floats) -> Floats:
+        """(6 + w, 6 + w) change of the condensed mass as the fields follow a change of energy (6 + 2w, 6 + 2w).
+
+        The fields of the interfaces change by −A⁻¹ dA, the interfaces held; those of the clamp by −``moved`` of that.
+        """
+        w = len(self.moved)
+        change = np.hstack([-self.moved, np.eye(w)]).T @ -energy[:w, w:]
+        return change + change.T
+
+
+def _squared(motion: Floats, matrix: csr_array) -> Floats:
+    """Return (k, k) Σ u_iᵀ S u_j of coefficients (count, 3, k) and a matrix (count, count) of one direction."""
+    count, _, k = motion.shape
+    flat = motion.reshape(3 * count, k)
+    return flat.T @ (matrix @ motion.reshape(count, 3 * k)).reshape(3 * count, k)
