@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.vjm.checks import list_names
-from stiffscope.vjm.kinematics import drive_sign, solver_of
+from stiffscope.vjm.continuation import drive_sign, find_solver
 
 if TYPE_CHECKING:
     from stiffscope.vjm.closure import Solution
-    from stiffscope.vjm.kinematics import Solver
+    from stiffscope.vjm.continuation import Solver
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.screws import Array
 
@@ -40,7 +40,7 @@ def reach(mechanism: Mechanism) -> tuple[Reach, ...]:
     Raises InputError where the mechanism cannot move as its poses say.
     """
     home, names = mechanism.tool.home, mechanism.tool.pose
-    solver = solver_of(mechanism, "tool")
+    solver = find_solver(mechanism, "tool")
     turns = [name.startswith("r") for name in names for _ in (0, 1)]
     ways = np.where(turns, _WAYS[1], _WAYS[0] * solver.linkage.length) * np.tile([-1.0, 1.0], len(names))
     shares, reasons = _march(solver, ways[:, None] * np.repeat(np.eye(len(names)), 2, axis=0))

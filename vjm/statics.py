@@ -15,7 +15,7 @@ from stiffscope.errors import InputError
 from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.condensation import condensed
 from stiffscope.vjm.equilibrium import equilibrium, loaded, tool_stiffness
-from stiffscope.vjm.kinematics import CHUNK, Configurations, checked_poses, configure, configured
+from stiffscope.vjm.kinematics import CHUNK, Configurations, check_poses, configure, configure_chunks
 from stiffscope.vjm.loading import Loads, Response
 from stiffscope.vjm.network import END, FOOT, masses, places
 from stiffscope.vjm.order import order_of
@@ -100,7 +100,7 @@ def batches(
     mechanism: Mechanism, poses: ArrayLike, *, gravity: Gravity = "none", size: int = 65536
 ) -> Iterator[tuple[slice, Array]]:
     """Yield which poses (n, k) and their stiffness (m, 6, 6), ``size`` at a time: for more than memory should hold."""
-    points = checked_poses(mechanism, poses)
+    points = check_poses(mechanism, poses)
     for start in range(0, len(points), size):
         some = slice(start, start + size)
         yield some, stiffness(mechanism, points[some], gravity=gravity)
@@ -248,8 +248,8 @@ def _over(
         n = len(poses)
         chunks = (poses[i : i + CHUNK] if n > CHUNK else poses for i in range(0, max(n, 1), CHUNK))
     else:
-        points = checked_poses(mechanism, poses)
-        n, chunks = len(points), configured(mechanism, points)
+        points = check_poses(mechanism, poses)
+        n, chunks = len(points), configure_chunks(mechanism, points)
     out = np.full((n, *entries), np.nan)
     at = 0
     for found in chunks:

@@ -13,7 +13,8 @@ from stiffscope.robot.file.sections import ElasticBody
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import PartMatrix, known_mass, source_of, used_parts
 from stiffscope.vjm.checks import list_names
-from stiffscope.vjm.kinematics import configure, solver_of
+from stiffscope.vjm.continuation import find_solver
+from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.linkage import Linkage
 from stiffscope.vjm.mobility import NEAR, mobility
 from stiffscope.vjm.reach import reach
@@ -210,7 +211,7 @@ def _of_choice(found: Mobility, mechanism: Mechanism) -> Iterator[str]:
     """Which drives stay where they are, where a pose can be reached in more than one way."""
     motions = found.dof - found.idle_count
     ways = motions - len(mechanism.tool.pose)
-    solver = solver_of(mechanism, "tool")
+    solver = find_solver(mechanism, "tool")
     columns = solver.linkage.columns
     still = [j.name for j in mechanism.drives if set(columns.get(j.name, ())) & set(solver.closure.held)]
     if ways > 0 and still:
