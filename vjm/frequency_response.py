@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.modes import pencils
 from stiffscope.vjm.network import END
+from stiffscope.vjm.pencil import form_pencils
 from stiffscope.vjm.screws import shift
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from stiffscope.vjm.coordinates import Coordinates
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.mechanism import Mechanism
-    from stiffscope.vjm.modes import Drives
+    from stiffscope.vjm.pencil import Drives
     from stiffscope.vjm.screws import Array
 
 _FREELY = 1e-6  # of a motion without stiffness and inertia, that a port takes part in
@@ -80,7 +80,7 @@ def frequency_response(
         raise InputError("frequencies: expected numbers above 0 Hz")
     if not 0.0 <= damping < 1.0:
         raise InputError(f"damping: expected a ratio of at least 0 and below 1, got {damping}")
-    ((pencil, _),) = pencils(mechanism, found.required()[:1], drives)
+    ((pencil, _),) = form_pencils(mechanism, found.required()[:1], drives)
     vectors = pencil.all_vectors()[1][None]
     idle = pencil.empty.shape[1]
     spread = pencil.basis @ (pencil.scale[:, None] * np.concatenate([vectors, pencil.empty[None]], axis=2))

@@ -1,26 +1,23 @@
-"""Natural frequencies and mode shapes of any mechanism at many poses: ``K v = ω² M v`` about the unloaded robot.
+"""Natural frequencies and mode shapes of any mechanism at many poses.
 
-With a shift s the problem is ``M v = μ (K + s M) v``, ``ω² = 1/μ - s``: directions without inertia have μ = 0 and
-follow statically, free motions have ω = 0, and neither needs a rank of its own. Loops are closed by a basis of the null
-space of their constraints. The lowest modes of many poses are found by subspace iteration from those of the first.
+The lowest modes of many poses are found by subspace iteration from those of the first.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.vjm.checks import GROUND, list_names, spell_name
-from stiffscope.vjm.coordinates import coordinates
 from stiffscope.vjm.kinematics import Configurations, configure
 from stiffscope.vjm.mobility import mobility
-from stiffscope.vjm.network import END, places
+from stiffscope.vjm.network import END
+from stiffscope.vjm.pencil import NOTHING, form_pencils
 from stiffscope.vjm.semidefinite import half_inverse
-from stiffscope.vjm.subspaces import RANK
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -29,13 +26,12 @@ if TYPE_CHECKING:
 
     from stiffscope.vjm.coordinates import Coordinates, Rows
     from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.pencil import Drives, Pencil
     from stiffscope.vjm.screws import Array
 
-Drives = Literal["held", "free"]
 _CHUNK = 256  # poses
 _FEW = 4  # poses, up to which every one is solved in full
 _FREE = 1e-9  # of the shift: squared angular frequency of a free motion, apart from rounding
-_NOTHING = 1e-12  # of a scaled matrix's diagonal: neither stiffness nor inertia
 _IDLE = 1e-6  # of a free motion's size, that it moves tool and drives where it does not
 _GUARDS = 6  # vectors more than wanted, of the modes and at random
 _ROUNDS, _POWERS = 20, 4
@@ -65,57 +61,6 @@ class Modes:
     def tool(self) -> Array:
         """Twist (n, 6, c) of the tool at M in base axes."""
         return self.shapes[END]
-
-
-@dataclass(eq=False)
-class Pencil:
-    """``K v = ω² M v`` of n poses in independent coordinates: ``basis`` (n or 1, size, d) gives those of ``system``."""
-
-    system: Coordinates
-    basis: Array
-    stiffness: Array
-    mass: Array
-
-    @cached_property
-    def shift(self) -> float:
-        """A squared angular frequency of the size of the lowest, (rad/s)²."""
-        k, m = (np.einsum("nii->ni", a)[0] for a in (self.stiffness, self.mass))
-        both = (k > 0.0) & (m > 0.0)
-        return float((k[both] / m[both]).min()) if both.any() else 1.0
-
-    @cached_property
-    def scale(self) -> Array:
-        """Units (d,) in which the diagonal of K + s M is one at the first pose."""
-        diagonal = np.einsum("nii->ni", self.shifted)[0]
-        return 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-
-    @property
-    def shifted(self) -> Array:
-        """K + s M (n, d, d)."""
-        return self.stiffness + self.shift * self.mass
-
-    @cached_property
-    def empty(self) -> Array:
-        """Motions (d, k) of the first pose that have neither stiffness nor inertia, scaled units."""
-        matrix = self.shifted[0] * np.outer(self.scale, self.scale)
-        values, vectors = np.linalg.eigh(matrix)
-        return vectors[:, values < _NOTHING]
-
-    def regular(self) -> Array:
-        """K + s M (n, d, d) in scaled units, with a stiffness put where there is neither stiffness nor inertia."""
-        return self.shifted * np.outer(self.scale, self.scale) + self.empty @ self.empty.T
-
-    def all_vectors(self) -> tuple[Array, Array]:
-        """Every μ (d,) of the first pose, the largest first, and its vectors (d, d) in scaled units."""
-        lower = np.asarray(np.linalg.cholesky(self.regular()[0]), dtype=float)
-        half = np.linalg.inv(lower)
-        values, turned = np.linalg.eigh(half @ (self.mass[0] * np.outer(self.scale, self.scale)) @ np.transpose(half))
-        return values[::-1], np.transpose(half) @ turned[:, ::-1]
-
-    def some(self, index: NDArray[np.intp]) -> Pencil:
-        """Some of the poses, with shift and units of the first of them."""
-        basis = self.basis if len(self.basis) == 1 else self.basis[index]
-        return Pencil(self.system.some(index), basis, self.stiffness[index], self.mass[index])
 
 
 def modes(mechanism: Mechanism, poses: ArrayLike | Configurations, count: int = 6, *, drives: Drives = "held") -> Modes:
@@ -173,32 +118,6 @@ def frequencies(
 
     _over(mechanism, found, count, drives, put, {})
     return out
-
-
-def pencils(
-    mechanism: Mechanism, found: Configurations, drives: Drives = "held"
-) -> Iterator[tuple[Pencil, NDArray[np.intp]]]:
-    """Pencils of configurations that are within reach, and which of these each is of."""
-    free = [j.name for j in mechanism.drives] if drives == "free" else []
-    shaken = mechanism
-    if free:
-        shaken = replace(mechanism, joints=tuple(replace(j, drive=None) for j in mechanism.joints))
-    system = coordinates(shaken, places(found), found.linkage.length, free)
-    stiffness, mass = system.stiffness, system.mass
-    everything = np.arange(len(found))
-    if not system.constraints:
-        yield Pencil(system, np.eye(system.size)[None], stiffness, mass), everything
-        return
-    jacobian = system.jacobian()
-    size = np.linalg.norm(jacobian[0], axis=0)
-    unit = 1.0 / np.where(size > 0.0, size, 1.0)
-    _, values, rows = np.linalg.svd(jacobian * unit)
-    ranks = (values > RANK * values[:, :1]).sum(axis=1)
-    for rank in np.unique(ranks):
-        some = np.flatnonzero(ranks == rank)
-        basis = unit[:, None] * np.swapaxes(rows[some, rank:], -1, -2)
-        reduced = [np.swapaxes(basis, -1, -2) @ a[some] @ basis for a in (stiffness, mass)]
-        yield Pencil(system.some(some), basis, *reduced), some
 
 
 @dataclass(eq=False)
@@ -276,7 +195,7 @@ def _over(
     most = 0
     for start in range(0, len(reached), _CHUNK):
         chunk = reached[start : start + _CHUNK]
-        for pencil, some in pencils(mechanism, found[chunk], drives):
+        for pencil, some in form_pencils(mechanism, found[chunk], drives):
             idle = _check_empty(pencil)
             for solved, which in _solved(pencil, count):
                 part, more = _without_idle(solved, count)
@@ -411,7 +330,7 @@ def _firm(matrix: Array) -> NDArray[np.bool_]:
     except np.linalg.LinAlgError:
         return np.zeros(len(matrix), dtype=bool)
     pivots = np.square(np.einsum("nii->ni", lower))
-    return (pivots > _NOTHING * np.einsum("nii->ni", matrix)).all(axis=1)
+    return (pivots > NOTHING * np.einsum("nii->ni", matrix)).all(axis=1)
 
 
 def _densely(pencil: Pencil, index: NDArray[np.intp]) -> Iterator[tuple[_Part, NDArray[np.intp]]]:
@@ -419,7 +338,7 @@ def _densely(pencil: Pencil, index: NDArray[np.intp]) -> Iterator[tuple[_Part, N
     for k in range(len(index)):
         one = pencil.some(np.array([k]))
         values, vectors = one.all_vectors()
-        inert = values > _NOTHING * max(values[0], 1e-300)
+        inert = values > NOTHING * max(values[0], 1e-300)
         yield _part(one, vectors[None][..., inert], one), index[k : k + 1]
 
 

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.modes import pencils
 from stiffscope.vjm.network import END
+from stiffscope.vjm.pencil import form_pencils
 from stiffscope.vjm.subspaces import RANK
 
 if TYPE_CHECKING:
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.mechanism import Mechanism
-    from stiffscope.vjm.modes import Drives
+    from stiffscope.vjm.pencil import Drives
     from stiffscope.vjm.screws import Array
 
 _NOTHING = 1e-12  # of a scaled matrix's largest eigenvalue: neither stiffness nor inertia
@@ -56,7 +56,7 @@ def superelement(
     R. R. Craig, M. C. C. Bampton, Coupling of substructures for dynamic analyses, AIAA Journal 6, 1968; docs/theory.md,
     section 11.
     """
-    (pencil, _), *_ = pencils(mechanism, configuration, drives)
+    (pencil, _), *_ = form_pencils(mechanism, configuration, drives)
     unit = pencil.scale
     stiffness, mass = (a[0] * np.outer(unit, unit) for a in (pencil.stiffness, pencil.mass))
     size = np.repeat([pencil.system.length, 1.0], 3)

@@ -1,0 +1,108 @@
+"""The eigenvalue problem of a mechanism's vibration, ``K v = ω² M v`` about the unloaded robot.
+
+With a shift s the problem is ``M v = μ (K + s M) v``, ``ω² = 1/μ - s``: directions without inertia have μ = 0 and
+follow statically, free motions have ω = 0, and neither needs a rank of its own. Loops are closed by a basis of the null
+space of their constraints.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from stiffscope.vjm.coordinates import coordinates
+from stiffscope.vjm.network import places
+from stiffscope.vjm.subspaces import RANK
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from stiffscope.vjm.coordinates import Coordinates
+    from stiffscope.vjm.kinematics import Configurations
+    from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.screws import Array
+
+Drives = Literal["held", "free"]
+NOTHING = 1e-12  # of a scaled matrix's diagonal: neither stiffness nor inertia
+
+
+@dataclass(eq=False)
+class Pencil:
+    """``K v = ω² M v`` of n poses in independent coordinates: ``basis`` (n or 1, size, d) gives those of ``system``."""
+
+    system: Coordinates
+    basis: Array
+    stiffness: Array
+    mass: Array
+
+    @cached_property
+    def shift(self) -> float:
+        """A squared angular frequency of the size of the lowest, (rad/s)²."""
+        k, m = (np.einsum("nii->ni", a)[0] for a in (self.stiffness, self.mass))
+        both = (k > 0.0) & (m > 0.0)
+        return float((k[both] / m[both]).min()) if both.any() else 1.0
+
+    @cached_property
+    def scale(self) -> Array:
+        """Units (d,) in which the diagonal of K + s M is one at the first pose."""
+        diagonal = np.einsum("nii->ni", self.shifted)[0]
+        return 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+
+    @property
+    def shifted(self) -> Array:
+        """K + s M (n, d, d)."""
+        return self.stiffness + self.shift * self.mass
+
+    @cached_property
+    def empty(self) -> Array:
+        """Motions (d, k) of the first pose that have neither stiffness nor inertia, scaled units."""
+        matrix = self.shifted[0] * np.outer(self.scale, self.scale)
+        values, vectors = np.linalg.eigh(matrix)
+        return vectors[:, values < NOTHING]
+
+    def regular(self) -> Array:
+        """K + s M (n, d, d) in scaled units, with a stiffness put where there is neither stiffness nor inertia."""
+        return self.shifted * np.outer(self.scale, self.scale) + self.empty @ self.empty.T
+
+    def all_vectors(self) -> tuple[Array, Array]:
+        """Every μ (d,) of the first pose, the largest first, and its vectors (d, d) in scaled units."""
+        lower = np.asarray(np.linalg.cholesky(self.regular()[0]), dtype=float)
+        half = np.linalg.inv(lower)
+        values, turned = np.linalg.eigh(half @ (self.mass[0] * np.outer(self.scale, self.scale)) @ np.transpose(half))
+        return values[::-1], np.transpose(half) @ turned[:, ::-1]
+
+    def some(self, index: NDArray[np.intp]) -> Pencil:
+        """Some of the poses, with shift and units of the first of them."""
+        basis = self.basis if len(self.basis) == 1 else self.basis[index]
+        return Pencil(self.system.some(index), basis, self.stiffness[index], self.mass[index])
+
+
+def form_pencils(
+    mechanism: Mechanism, found: Configurations, drives: Drives = "held"
+) -> Iterator[tuple[Pencil, NDArray[np.intp]]]:
+    """Pencils of configurations that are within reach, and which of these each is of."""
+    free = [j.name for j in mechanism.drives] if drives == "free" else []
+    shaken = mechanism
+    if free:
+        shaken = replace(mechanism, joints=tuple(replace(j, drive=None) for j in mechanism.joints))
+    system = coordinates(shaken, places(found), found.linkage.length, free)
+    stiffness, mass = system.stiffness, system.mass
+    everything = np.arange(len(found))
+    if not system.constraints:
+        yield Pencil(system, np.eye(system.size)[None], stiffness, mass), everything
+        return
+    jacobian = system.jacobian()
+    size = np.linalg.norm(jacobian[0], axis=0)
+    unit = 1.0 / np.where(size > 0.0, size, 1.0)
+    _, values, rows = np.linalg.svd(jacobian * unit)
+    ranks = (values > RANK * values[:, :1]).sum(axis=1)
+    for rank in np.unique(ranks):
+        some = np.flatnonzero(ranks == rank)
+        basis = unit[:, None] * np.swapaxes(rows[some, rank:], -1, -2)
+        reduced = [np.swapaxes(basis, -1, -2) @ a[some] @ basis for a in (stiffness, mass)]
+        yield Pencil(system.some(some), basis, *reduced), some
