@@ -57,7 +57,7 @@ class Closure:
         unknown = [c for c in range(linkage.size) if c not in linkage.known]
         self.columns = self._independent_columns(whole, unknown)
         self.held = [c for c in unknown if c not in set(self.columns)]
-        self.rows = _independent(whole[:, self.columns].T)
+        self.rows = _find_independent(whole[:, self.columns].T)
         self.redundant = int(self.starts[-1]) - len(self.rows)
         self.whole = whole
         self._order(q)
@@ -93,7 +93,7 @@ class Closure:
             for linkage_column in [self.linkage.columns[j.name][j.driven]]
         }
         weight = np.array([_PASSIVE_FIRST if c in driven else 1.0 for c in unknown])
-        return [unknown[k] for k in _independent(whole[:, unknown] * weight)]
+        return [unknown[k] for k in _find_independent(whole[:, unknown] * weight)]
 
     def _order(self, q: Array) -> None:
         """Pivots by Markowitz's rule, and the fill of the factors."""
@@ -232,7 +232,7 @@ class Closure:
         return out
 
 
-def _independent(matrix: Array) -> list[int]:
+def _find_independent(matrix: Array) -> list[int]:
     """Columns that span the range of a matrix, by QR with pivoting."""
     if not matrix.size:
         return []

@@ -16,7 +16,7 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.vjm.network import free_directions
-from stiffscope.vjm.order import Eliminate, Fold, Stiffen, stacked, stiffened
+from stiffscope.vjm.order import Eliminate, Fold, Stiffen, form_stiffness, stack_columns
 from stiffscope.vjm.semidefinite import half_inverse
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ class Condensed:
             self.pairs.pop((c, node), None)
 
 
-def condensed(order: Order, where: Places) -> Condensed:
+def condense_network(order: Order, where: Places) -> Condensed:
     """Condense a network. Raises InputError where a connection has infinite stiffness."""
     state = Condensed(order, where)
     for step in order.steps:
@@ -127,7 +127,7 @@ def _stiffen(state: Condensed, connection: Connection) -> Stiff:
     where = state.where
     own = connection.constant if where.rigid else None
     if own is None:
-        own, finite = stiffened(*connection.flexible(where), state.order.length)
+        own, finite = form_stiffness(*connection.flexible(where), state.order.length)
         if not finite:
             names = ", ".join(e.name for e, _ in connection.members)
             raise InputError(f"{names}: infinite stiffness in a constrained direction; expected a compliance there")
@@ -152,7 +152,7 @@ def _eliminate(state: Condensed, step: Eliminate) -> Eliminated:
 def _fold(state: Condensed, step: Fold) -> Folded:
     connection, start = step.connection, step.connection.start
     factor, free = connection.flexible(state.where)
-    columns = connection.frame(state.where).adjoint() @ stacked([factor, free])
+    columns = connection.frame(state.where).adjoint() @ stack_columns([factor, free])
     columns_t = np.swapaxes(columns, -1, -2)
     around = {c: state.pair(step.node, c) for c in step.neighbours}
     own = sum(around.values(), np.zeros((1, 6, 6)))

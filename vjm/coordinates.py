@@ -16,7 +16,7 @@ import numpy as np
 
 from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.dynamics import factor_semidefinite
-from stiffscope.vjm.network import elements_of, free_directions, nodes_of
+from stiffscope.vjm.network import free_directions, list_elements, list_nodes
 from stiffscope.vjm.screws import Frame
 
 if TYPE_CHECKING:
@@ -112,7 +112,9 @@ class Coordinates:
     def some(self, index: NDArray[np.intp]) -> Coordinates:
         """The same at some of the poses."""
         keys = ("twists", "strains", "inertias", "rates", "constraints")
-        return replace(self, where=self.where.some(index), **{key: _some(getattr(self, key), index) for key in keys})
+        return replace(
+            self, where=self.where.some(index), **{key: _pick_rows(getattr(self, key), index) for key in keys}
+        )
 
     def jacobian(self) -> Array:
         """All constraints (n, 6 m, size)."""
@@ -122,16 +124,16 @@ class Coordinates:
         return out
 
 
-def _some(rows: Any, index: NDArray[np.intp]) -> Any:
+def _pick_rows(rows: Any, index: NDArray[np.intp]) -> Any:
     """Rows of some poses, in whatever holds them."""
     if isinstance(rows, Rows):
         return rows if len(rows.matrix) == 1 else replace(rows, matrix=rows.matrix[index])
     if isinstance(rows, list):
-        return [_some(each, index) for each in cast("list[Any]", rows)]
-    return {key: _some(each, index) for key, each in cast("dict[str, Any]", rows).items()}
+        return [_pick_rows(each, index) for each in cast("list[Any]", rows)]
+    return {key: _pick_rows(each, index) for key, each in cast("dict[str, Any]", rows).items()}
 
 
-def coordinates(mechanism: Mechanism, where: Places, length: float, drives: Iterable[str] = ()) -> Coordinates:
+def form_coordinates(mechanism: Mechanism, where: Places, length: float, drives: Iterable[str] = ()) -> Coordinates:
     """Coordinates of a mechanism whose bodies are not bent.
 
     Parameters
@@ -147,20 +149,20 @@ def coordinates(mechanism: Mechanism, where: Places, length: float, drives: Iter
     """
     out = Coordinates(mechanism, where, length)
     unit = np.repeat([1.0 / length, 1.0], 3)
-    elements = elements_of(mechanism)
-    spanning = {e.name: inverse for e in elements if (inverse := _spanning(e, unit)) is not None}
-    tree, chords = _forest([e for e in elements if e.name not in spanning])
+    elements = list_elements(mechanism)
+    spanning = {e.name: inverse for e in elements if (inverse := _invert_columns(e, unit)) is not None}
+    tree, chords = _grow_forest([e for e in elements if e.name not in spanning])
     own: dict[str, Rows] = {}
-    _place(out, tree, own)
+    _place_nodes(out, tree, own)
     for e in chords:
-        own[e.name] = _own(out, e)
-        gap = _across(out, e).plus(own[e.name].after(_columns(e, where)), -1.0)
+        own[e.name] = _own_rows(out, e)
+        gap = _relate_ends(out, e).plus(own[e.name].after(_columns(e, where)), -1.0)
         out.constraints.append(gap.after(np.diag(unit)))
     for e in elements:
         r = e.factor.shape[1]
         if e.name in spanning:
             back = spanning[e.name] @ where.frame(e).inverse_adjoint()
-            own[e.name] = _across(out, e).after(back)
+            own[e.name] = _relate_ends(out, e).after(back)
             out.springs[e.name] = spanning[e.name][:r].T
         elif r:
             out.springs[e.name] = np.linalg.pinv(e.factor).T
@@ -178,12 +180,12 @@ def coordinates(mechanism: Mechanism, where: Places, length: float, drives: Iter
     return out
 
 
-def _across(out: Coordinates, e: Element) -> Rows:
+def _relate_ends(out: Coordinates, e: Element) -> Rows:
     """Twist of an element's second node against its first, at M in base axes."""
     return out.twists[e.second].plus(out.twists[e.first], -1.0)
 
 
-def _spanning(e: Element, unit: Array) -> Array | None:
+def _invert_columns(e: Element, unit: Array) -> Array | None:
     """Inverse (6, 6) of ``[F N]`` where that is square and regular at every pose, else None."""
     if (e.joint is not None and e.joint.kind == "universal") or e.factor.shape[1] + e.free.shape[1] != 6:
         return None
@@ -193,7 +195,7 @@ def _spanning(e: Element, unit: Array) -> Array | None:
     return np.linalg.inv(both) if np.linalg.cond(scaled) < _SPANNING else None
 
 
-def _forest(elements: list[Element]) -> tuple[list[Element], list[Element]]:
+def _grow_forest(elements: list[Element]) -> tuple[list[Element], list[Element]]:
     """Elements of a spanning forest, those with few coordinates first, and those that close loops within a tree."""
     parent: dict[str, str] = {}
 
@@ -211,7 +213,7 @@ def _forest(elements: list[Element]) -> tuple[list[Element], list[Element]]:
     return tree, chords
 
 
-def _own(out: Coordinates, e: Element) -> Rows:
+def _own_rows(out: Coordinates, e: Element) -> Rows:
     """Coordinates of an element's own: its springs, then its free motions."""
     count = e.factor.shape[1] + e.free.shape[1]
     return Rows(out.more(count), np.eye(count)[None])
@@ -224,13 +226,13 @@ def _columns(e: Element, where: Places) -> Array:
     return where.adjoint(e) @ np.concatenate([factor, free], axis=2)
 
 
-def _place(out: Coordinates, tree: list[Element], own: dict[str, Rows]) -> None:
+def _place_nodes(out: Coordinates, tree: list[Element], own: dict[str, Rows]) -> None:
     """Twists of all nodes, outward from the ground and from roots of their own."""
     at: dict[str, list[Element]] = {}
     for e in tree:
         at.setdefault(e.first, []).append(e)
         at.setdefault(e.second, []).append(e)
-    for start in nodes_of(out.mechanism):
+    for start in list_nodes(out.mechanism):
         if start in out.twists:
             continue
         still = start == GROUND
@@ -243,7 +245,7 @@ def _place(out: Coordinates, tree: list[Element], own: dict[str, Rows]) -> None:
                 there = e.second if e.first == here else e.first
                 if there in out.twists:
                     continue
-                own[e.name] = _own(out, e)
+                own[e.name] = _own_rows(out, e)
                 step = own[e.name].after(_columns(e, out.where))
                 sign = 1.0 if there == e.second else -1.0
                 out.twists[there] = out.twists[here].plus(step, sign)

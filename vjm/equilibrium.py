@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.vjm.checks import GROUND
-from stiffscope.vjm.condensation import condensed
-from stiffscope.vjm.loading import carried, recovered, yielded
+from stiffscope.vjm.condensation import condense_network
+from stiffscope.vjm.loading import condense_loads, recover_response, solve_tool
 from stiffscope.vjm.network import END
 from stiffscope.vjm.saddle import saddle_held, saddle_response, saddle_unit
 
@@ -32,27 +32,27 @@ def tool_stiffness(state: Condensed) -> Array:
     return np.zeros((1, 6, 6))
 
 
-def loaded(order: Order, where: Places, loads: Loads) -> Response:
+def solve_loads(order: Order, where: Places, loads: Loads) -> Response:
     """Equilibrium under loads on nodes (the tool is one) and offsets.
 
     Raises InputError where something moves freely under its load.
     """
-    return equilibrium(condensed(order, where), loads)
+    return solve_condensed(condense_network(order, where), loads)
 
 
-def equilibrium(state: Condensed, loads: Loads) -> Response:
+def solve_condensed(state: Condensed, loads: Loads) -> Response:
     """``loaded`` of a network that was condensed before."""
-    load = carried(state, loads)
+    load = condense_loads(state, loads)
     if state.order.left:
-        return recovered(state, load, *saddle_response(state, load))
-    ends = {GROUND: np.zeros((1, 6, loads.cases)), END: yielded(tool_stiffness(state), load.force(END))}
-    return recovered(state, load, ends)
+        return recover_response(state, load, *saddle_response(state, load))
+    ends = {GROUND: np.zeros((1, 6, loads.cases)), END: solve_tool(tool_stiffness(state), load.force(END))}
+    return recover_response(state, load, ends)
 
 
-def held(state: Condensed, loads: Loads) -> Response:
+def solve_held(state: Condensed, loads: Loads) -> Response:
     """``equilibrium`` with the tool held."""
-    load = carried(state, loads)
+    load = condense_loads(state, loads)
     still = np.zeros((1, 6, loads.cases))
     if state.order.left:
-        return recovered(state, load, *saddle_held(state, load))
-    return recovered(state, load, {GROUND: still, END: still})
+        return recover_response(state, load, *saddle_held(state, load))
+    return recover_response(state, load, {GROUND: still, END: still})

@@ -32,7 +32,7 @@ class JointRates:
     def __init__(self, mechanism: Mechanism, configurations: Configurations | None, index: int) -> None:
         self.mechanism = mechanism
         self.joints = mechanism.joints
-        self.place = {node: _placed(configurations, index, node) for node in _nodes(mechanism)}
+        self.place = {node: _place_node(configurations, index, node) for node in _nodes(mechanism)}
         self.at = [self._moved(j.second, j.at) for j in self.joints]
         self.tool = self._moved(mechanism.tool.body, mechanism.tool.at)
         points = np.array([*self.at, self.tool])
@@ -91,7 +91,7 @@ def _nodes(mechanism: Mechanism) -> tuple[str, ...]:
     return (GROUND, *(node for body in mechanism.bodies for node in body.nodes))
 
 
-def _placed(configurations: Configurations | None, index: int, node: str) -> tuple[Array, Array]:
+def _place_node(configurations: Configurations | None, index: int, node: str) -> tuple[Array, Array]:
     """Displacement of a node since home, ``x = R x_home + p``."""
     if configurations is None:
         return np.eye(3), np.zeros(3)

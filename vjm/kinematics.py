@@ -131,7 +131,7 @@ def configure(mechanism: Mechanism, poses: ArrayLike) -> Configurations:
     """
     points = check_poses(mechanism, poses)
     parts = list(configure_chunks(mechanism, points))
-    return parts[0] if len(parts) == 1 else _joined(mechanism, parts)
+    return parts[0] if len(parts) == 1 else _join(mechanism, parts)
 
 
 def configure_chunks(mechanism: Mechanism, points: Array, size: int = CHUNK) -> Iterator[Configurations]:
@@ -147,18 +147,18 @@ def configure_drives(mechanism: Mechanism, displacements: ArrayLike) -> Configur
     Raises InputError for an array of another shape or a number that is not finite.
     """
     names = [j.name for j in mechanism.drives]
-    values = _checked(displacements, names, "drives")
+    values = _check_rows(displacements, names, "drives")
     solver = find_solver(mechanism, "drives")
     parts = [_configurations(solver, each) for each in follow_paths(solver, values, CHUNK)]
-    return parts[0] if len(parts) == 1 else _joined(mechanism, parts)
+    return parts[0] if len(parts) == 1 else _join(mechanism, parts)
 
 
 def check_poses(mechanism: Mechanism, poses: ArrayLike) -> Array:
     """Poses as a stack (n, k). Raises InputError on another shape or what is not finite."""
-    return _checked(poses, list(mechanism.tool.pose), "poses")
+    return _check_rows(poses, list(mechanism.tool.pose), "poses")
 
 
-def _checked(values: ArrayLike, names: list[str], what: str) -> Array:
+def _check_rows(values: ArrayLike, names: list[str], what: str) -> Array:
     array = np.atleast_2d(np.asarray(values, dtype=float))
     if array.ndim != 2 or array.shape[1] != len(names):
         raise InputError(f"{what}: expected (n, {len(names)}) numbers {', '.join(names)}, got shape {np.shape(values)}")
@@ -177,7 +177,7 @@ def _range_text(joint: Joint, value: float) -> str:
     return f"{here}: {value * factor:.6g} {unit} is outside its range {ends} {unit}"
 
 
-def _joined(mechanism: Mechanism, parts: list[Configurations]) -> Configurations:
+def _join(mechanism: Mechanism, parts: list[Configurations]) -> Configurations:
     keys = ("poses", "tool", "valid", "failure", "culprit")
     poses, tool, valid, failure, culprit = (np.concatenate([getattr(p, key) for p in parts]) for key in keys)
     q = np.concatenate([p.q for p in parts], axis=1)

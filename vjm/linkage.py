@@ -104,8 +104,8 @@ class Linkage:
     def __init__(self, mechanism: Mechanism, given: Given) -> None:
         self.mechanism = mechanism
         self.given: Given = given
-        self.link_of, links = _clusters(mechanism)
-        self.length = _size(mechanism)
+        self.link_of, links = _find_links(mechanism)
+        self.length = _measure_length(mechanism)
         joints = [j for j in mechanism.joints if self.link_of[j.first] != self.link_of[j.second]]
         self.idle = [j for j in mechanism.joints if j.kind != "fixed" and j not in joints]
         tree = self._tree(joints, links)
@@ -310,7 +310,7 @@ def _free_coordinates(joint: Joint, across: Array, gap: Array) -> Array:
     return np.stack(np.broadcast_arrays(*found), axis=-1)
 
 
-def _clusters(mechanism: Mechanism) -> tuple[dict[str, int], int]:
+def _find_links(mechanism: Mechanism) -> tuple[dict[str, int], int]:
     """Rigid link of every node: bodies that fixed joints connect are one, and so are the ends of an elastic one."""
     names = [GROUND, *(b.name for b in mechanism.bodies)]
     group = {name: k for k, name in enumerate(names)}
@@ -324,13 +324,13 @@ def _clusters(mechanism: Mechanism) -> tuple[dict[str, int], int]:
     return nodes, len(order)
 
 
-def _size(mechanism: Mechanism) -> float:
+def _measure_length(mechanism: Mechanism) -> float:
     """Characteristic length in m: of the box about joints and tool."""
     points = np.array([mechanism.tool.at, *(j.at for j in mechanism.joints)])
     return float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
 
 
-def turned(rotation: Array) -> Array:
+def rotation_sine(rotation: Array) -> Array:
     """Sine of the angle times the axis (..., 3) of rotations (..., 3, 3)."""
     r = rotation
     return 0.5 * np.stack([r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]], -1)
@@ -338,7 +338,7 @@ def turned(rotation: Array) -> Array:
 
 def rotation_vector(rotation: Array) -> Array:
     """Rotation vector (..., 3) in rad, no longer than π, of rotations (..., 3, 3)."""
-    s = turned(rotation)
+    s = rotation_sine(rotation)
     sine: Array = np.linalg.norm(s, axis=-1)
     cosine = 0.5 * (np.einsum("...ii->...", rotation) - 1.0)
     angle = np.arctan2(sine, cosine)

@@ -12,8 +12,8 @@ from stiffscope.errors import InputError
 from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.condensation import Eliminated, Folded, Stiff
 from stiffscope.vjm.network import END, free_directions
-from stiffscope.vjm.order import stacked
-from stiffscope.vjm.semidefinite import inverse, pivoted
+from stiffscope.vjm.order import stack_columns
+from stiffscope.vjm.semidefinite import inverse, pivot
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,7 +42,7 @@ class Loads:
 
 
 @dataclass(eq=False)
-class Chain:
+class ChainLoads:
     """Loads along a connection: at M in base axes."""
 
     connection: Connection
@@ -55,7 +55,7 @@ class Chain:
 
 
 @dataclass(eq=False)
-class Carried:
+class CondensedLoads:
     """Loads that were carried to the nodes left: ``forces`` (n or 1, 6, c) on them, and what each step has kept."""
 
     loads: Loads
@@ -116,25 +116,25 @@ class Response:
     elements: dict[str, ElementState] = field(default_factory=dict[Any, Any])
 
 
-def carried(state: Condensed, loads: Loads) -> Carried:
+def condense_loads(state: Condensed, loads: Loads) -> CondensedLoads:
     """Carry loads through every step of the condensation."""
-    out = Carried(loads, {node: w for node, w in loads.nodes.items() if node != GROUND})
+    out = CondensedLoads(loads, {node: w for node, w in loads.nodes.items() if node != GROUND})
     for gone in state.gone:
         match gone:
             case Stiff():
-                out.kept.append(_through_stiff(state, gone, out))
+                out.kept.append(_load_stiff(state, gone, out))
             case Eliminated():
-                out.kept.append(_through_eliminated(gone, out))
+                out.kept.append(_load_eliminated(gone, out))
             case Folded():
-                out.kept.append(_through_folded(state, gone, out))
+                out.kept.append(_load_folded(state, gone, out))
     return out
 
 
-def recovered(
+def recover_response(
     state: Condensed,
-    load: Carried | None,
+    load: CondensedLoads | None,
     ends: dict[str, Array],
-    left: Sequence[tuple[Connection, Chain | None, Array, Array, Array]] = (),
+    left: Sequence[tuple[Connection, ChainLoads | None, Array, Array, Array]] = (),
     mix: Array | None = None,
 ) -> Response:
     """Twists (n, 6, c) of all nodes and states of all elements from those of the nodes that were not condensed.
@@ -166,12 +166,12 @@ def recovered(
     return out
 
 
-def yielded(stiffness: Array, wrench: Array) -> Array:
+def solve_tool(stiffness: Array, wrench: Array) -> Array:
     """Twist (n, 6, c) of a stiffness (n or 1, 6, 6) under wrenches (n or 1, 6, c).
 
     Raises InputError where a wrench acts along a free direction.
     """
-    half, pivots = pivoted(stiffness, _FREE)
+    half, pivots = pivot(stiffness, _FREE)
     twist = np.swapaxes(half, -1, -2) @ (half @ wrench)
     if (pivots <= _FREE).any():
         left = np.abs(stiffness @ twist - wrench)
@@ -183,7 +183,7 @@ def yielded(stiffness: Array, wrench: Array) -> Array:
     return twist
 
 
-def chain(state: Condensed, load: Carried, connection: Connection) -> Chain:
+def chain_loads(state: Condensed, load: CondensedLoads, connection: Connection) -> ChainLoads:
     """Loads and offsets along a connection."""
     total: Array = np.zeros((1, 6, load.loads.cases))
     each: list[Array] = [total]
@@ -195,10 +195,10 @@ def chain(state: Condensed, load: Carried, connection: Connection) -> Chain:
     for e, sign in connection.members:
         if e.name in load.loads.offsets:
             offset = offset + state.where.adjoint(e) @ (sign * load.loads.offsets[e.name])
-    return Chain(connection, each, total, offset)
+    return ChainLoads(connection, each, total, offset)
 
 
-def regained(free: Array, length: float) -> Array:
+def fit_free_motions(free: Array, length: float) -> Array:
     """Coordinates (n, k, 6) of the free directions (n, 6, k) nearest to a twist, lengths scaled."""
     scale = np.array([1.0 / length] * 3 + [1.0] * 3)
     unit = free * scale[:, None]
@@ -206,20 +206,20 @@ def regained(free: Array, length: float) -> Array:
     return inverse(unit_t @ unit) @ unit_t * scale
 
 
-def _through_stiff(state: Condensed, gone: Stiff, load: Carried) -> tuple[Chain, Array]:
+def _load_stiff(state: Condensed, gone: Stiff, load: CondensedLoads) -> tuple[ChainLoads, Array]:
     c = gone.connection
-    along = chain(state, load, c)
+    along = chain_loads(state, load, c)
     preload: Array = np.zeros((1, 6, load.loads.cases))
     if along.offset.any():
         preload = preload - gone.stiffness @ along.offset
     if any(w.any() for w in along.carried):
-        preload = preload + np.swapaxes(gone.back, -1, -2) @ _holding(state, gone, along, load.loads.balanced)
+        preload = preload + np.swapaxes(gone.back, -1, -2) @ _hold_end(state, gone, along, load.loads.balanced)
     load.add(c.end, -preload)
     load.add(c.start, preload + along.total)
     return along, preload
 
 
-def _holding(state: Condensed, gone: Stiff, along: Chain, balanced: float) -> Array:
+def _hold_end(state: Condensed, gone: Stiff, along: ChainLoads, balanced: float) -> Array:
     """Wrench (n, 6, c) that holds the end of a connection under the loads on its inner nodes, in its own axes.
 
     ``w = w₀ - K (τ + C w₀)`` with Nᵀ w₀ = -ν, what the loads would do along the free directions.
@@ -237,8 +237,8 @@ def _holding(state: Condensed, gone: Stiff, along: Chain, balanced: float) -> Ar
             nu.append(np.swapaxes(directions, -1, -2) @ here)
     if not nu:
         return -gone.own @ tau
-    directions, work = stacked(free), _rows(nu)
-    hold = -np.swapaxes(regained(directions, state.order.length), -1, -2) @ work
+    directions, work = stack_columns(free), _rows(nu)
+    hold = -np.swapaxes(fit_free_motions(directions, state.order.length), -1, -2) @ work
     left = np.abs(np.swapaxes(directions, -1, -2) @ hold + work)
     if (left > balanced * np.abs(work).max(axis=(1, 2), keepdims=True)).any():
         _refuse([e.name for e, _ in gone.connection.members])
@@ -248,7 +248,7 @@ def _holding(state: Condensed, gone: Stiff, along: Chain, balanced: float) -> Ar
     return hold - gone.own @ tau
 
 
-def _through_eliminated(gone: Eliminated, load: Carried) -> Array | None:
+def _load_eliminated(gone: Eliminated, load: CondensedLoads) -> Array | None:
     force = load.forces.pop(gone.step.node, None)
     if force is None:
         return None
@@ -259,13 +259,13 @@ def _through_eliminated(gone: Eliminated, load: Carried) -> Array | None:
     return push
 
 
-def _through_folded(state: Condensed, gone: Folded, load: Carried) -> tuple[Chain, Array, Array]:
+def _load_folded(state: Condensed, gone: Folded, load: CondensedLoads) -> tuple[ChainLoads, Array, Array]:
     connection = gone.step.connection
-    along = chain(state, load, connection)
+    along = chain_loads(state, load, connection)
     force = load.force(gone.step.node)
     drive = np.swapaxes(gone.columns, -1, -2) @ (force - gone.own @ along.offset)
     if any(w.any() for w in along.carried):
-        drive = drive + pulled(state, along, gone.columns)
+        drive = drive + project_loads(state, along, gone.columns)
     y = np.swapaxes(gone.half, -1, -2) @ (gone.half @ drive)
     names = [e.name for e, _ in connection.members]
     _check_balance(names, gone.half, gone.core, drive, load.loads.balanced)
@@ -278,7 +278,7 @@ def _through_folded(state: Condensed, gone: Folded, load: Carried) -> tuple[Chai
     return along, y, force
 
 
-def pulled(state: Condensed, along: Chain, columns: Array) -> Array:
+def project_loads(state: Condensed, along: ChainLoads, columns: Array) -> Array:
     """What the loads on a connection's inner nodes do along its coordinates, (n, m, c)."""
     out: list[Array] = []
     at = 0
@@ -308,7 +308,7 @@ def _refuse(names: Sequence[str]) -> None:
     raise InputError(f"{', '.join(names)}: moves freely under its load, there is no equilibrium")
 
 
-def _recover_folded(gone: Folded, own: tuple[Chain, Array, Array] | None, walk: _Walk) -> None:
+def _recover_folded(gone: Folded, own: tuple[ChainLoads, Array, Array] | None, walk: _Walk) -> None:
     nodes, connection = walk.out.nodes, gone.step.connection
     start = nodes[connection.start]
     y: Array = walk.mixed(own[1]) if own else np.zeros((1, gone.columns.shape[2], 1))
@@ -331,7 +331,7 @@ class _Walk:
     """Carries wrenches and twists along connections into a response."""
 
     state: Condensed
-    load: Carried | None
+    load: CondensedLoads | None
     out: Response
     mix: Array | None
 
@@ -340,7 +340,7 @@ class _Walk:
         return cases if self.mix is None else cases @ self.mix
 
     def along(
-        self, connection: Connection, loads: Chain | None, wrench: Array, span: Array, rates: Array | None
+        self, connection: Connection, loads: ChainLoads | None, wrench: Array, span: Array, rates: Array | None
     ) -> None:
         """Members and nodes of a connection whose end, moved by ``span``, carries ``wrench``."""
         where = self.state.where
@@ -364,7 +364,7 @@ class _Walk:
             columns.append(where.adjoint(e) @ free_directions(e, where) if e.free.shape[1] else np.zeros((1, 6, 0)))
         if rates is None and any(n.shape[2] for n in columns):
             rest = span - sum(part for part in elastic if part is not None)
-            rates = regained(stacked(columns), self.state.order.length) @ rest
+            rates = fit_free_motions(stack_columns(columns), self.state.order.length) @ rest
         node, at = self.out.nodes[connection.start], 0
         inner = connection.inner
         for k, ((e, sign), w, part, free) in enumerate(

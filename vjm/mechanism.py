@@ -165,12 +165,13 @@ class Mechanism:
         bodies, joints = list(self.bodies), list(self.joints)
         for k, body in enumerate(bodies):
             if body.name in changes and body.elastic is not None:
-                bodies[k] = replace(body, elastic=_added(body.elastic, changes[body.name]))
+                bodies[k] = replace(body, elastic=_apply_change(body.elastic, changes[body.name]))
         for k, joint in enumerate(joints):
             if joint.name in changes:
-                joints[k] = _added(joint, changes[joint.name])
+                joints[k] = _apply_change(joint, changes[joint.name])
         base, grip = (
-            _added(at, changes[name]) if name in changes else at for name, at in ((BASE, self.base), (TOOL, self.grip))
+            _apply_change(at, changes[name]) if name in changes else at
+            for name, at in ((BASE, self.base), (TOOL, self.grip))
         )
         for name, change in (("base", base), ("tool", grip)):
             if change.compliance is not None:
@@ -181,7 +182,7 @@ class Mechanism:
         return out
 
 
-def _added(element: Any, change: Change) -> Any:
+def _apply_change(element: Any, change: Change) -> Any:
     compliance, offset = element.compliance, element.offset
     if change.compliance is not None:
         compliance = change.compliance if compliance is None else compliance + change.compliance

@@ -21,7 +21,16 @@ from stiffscope.vjm.checks import list_names
 from stiffscope.vjm.joint_rates import JointRates
 from stiffscope.vjm.mechanism import COORDINATES
 from stiffscope.vjm.screws import shift
-from stiffscope.vjm.subspaces import RANK, ZERO, blocks, named, null_space, range_space, rank, spaces
+from stiffscope.vjm.subspaces import (
+    RANK,
+    ZERO,
+    find_blocks,
+    name_directions,
+    null_space,
+    range_space,
+    rank,
+    split_spaces,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -145,7 +154,7 @@ def mobility(mechanism: Mechanism, configurations: Configurations | None = None,
     size = int(rates.starts[-1])
     equations = [rates.along(loop) for loop in rates.loops]
     whole = np.vstack(equations) if equations else np.zeros((0, size))
-    left, values, motions = spaces(whole)
+    left, values, motions = split_spaces(whole)
     drives = _drives(rates)
     to_tool = shift((rates.tool - rates.middle) / rates.length)
     tool = to_tool @ rates.of_body(mechanism.carrier(mechanism.tool.body))
@@ -158,7 +167,7 @@ def mobility(mechanism: Mechanism, configurations: Configurations | None = None,
         _twists(rates, tool @ motions),
         _coordinates(rates, tool @ motions),
         _twists(rates, tool @ held),
-        *_dependent(rates, drives @ motions),
+        *_find_dependent(rates, drives @ motions),
         _redundancies(rates, equations, left),
         _idle(rates, idle),
         *values,
@@ -166,7 +175,7 @@ def mobility(mechanism: Mechanism, configurations: Configurations | None = None,
     )
 
 
-def _in_short(names: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
+def _shorten_names(names: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
     """Names, those of a whole set ("leg1.…") by the set's."""
     out: list[str] = []
     for name in names:
@@ -185,7 +194,7 @@ def _drives(rates: JointRates) -> Array:
     return np.array(rows).reshape(-1, int(rates.starts[-1]))
 
 
-def _dependent(rates: JointRates, drives: Array) -> tuple[int, tuple[str, ...]]:
+def _find_dependent(rates: JointRates, drives: Array) -> tuple[int, tuple[str, ...]]:
     """How many drives depend on others, and which take part in that."""
     left = null_space(drives.T)
     names = [j.name for j in rates.mechanism.drives]
@@ -196,7 +205,7 @@ def _dependent(rates: JointRates, drives: Array) -> tuple[int, tuple[str, ...]]:
 def _twists(rates: JointRates, twists: Array) -> tuple[Direction, ...]:
     """The space of twists (6, k) at M, its directions by name."""
     basis = range_space(twists)
-    return tuple(named(np.vstack([basis[3:], basis[:3]]), "rotation", "translation", rates.length))
+    return tuple(name_directions(np.vstack([basis[3:], basis[:3]]), "rotation", "translation", rates.length))
 
 
 def _coordinates(rates: JointRates, tool: Array) -> dict[str, str]:
@@ -248,17 +257,17 @@ def _redundancies(rates: JointRates, equations: list[Array], left: Array) -> tup
             out.append(_redundancy(rates, group, fresh))
             known = np.hstack([known, fresh])
     rest = left @ null_space(known.T @ left)
-    return (*out, *(_redundancy(rates, group, rest[:, :n]) for group, n in blocks(rest, [6] * len(equations))))
+    return (*out, *(_redundancy(rates, group, rest[:, :n]) for group, n in find_blocks(rest, [6] * len(equations))))
 
 
 def _redundancy(rates: JointRates, group: Sequence[int], wrenches: Array) -> Redundancy:
     loops = [rates.loops[k] for k in group]
     names = rates.names(dict.fromkeys(j for loop in loops for j, _ in loop))
     own = wrenches[6 * group[0] : 6 * group[0] + 6] if len(group) == 1 else np.zeros((6, 0))
-    directions = tuple(named(own, "translation", "rotation", rates.length))
+    directions = tuple(name_directions(own, "translation", "rotation", rates.length))
     bodies = tuple(dict.fromkeys(name for loop in loops for name in rates.bodies(loop)))
     if len(loops) > 1:
-        bodies = _in_short(bodies, [b.name for b in rates.mechanism.bodies])
+        bodies = _shorten_names(bodies, [b.name for b in rates.mechanism.bodies])
     return Redundancy(len(loops), bodies, names, wrenches.shape[1], directions)
 
 
@@ -282,7 +291,7 @@ def _neighbours(rates: JointRates) -> Iterable[tuple[int, ...]]:
 def _idle(rates: JointRates, idle: Array) -> tuple[Idle, ...]:
     """Idle motions (m, k) apart from one another: those that share no joint."""
     out: list[Idle] = []
-    for group, count in blocks(idle, np.diff(rates.starts).astype(int).tolist()):
+    for group, count in find_blocks(idle, np.diff(rates.starts).astype(int).tolist()):
         own = np.zeros_like(idle)
         for j in group:
             own[rates.columns(j)] = idle[rates.columns(j)]
@@ -292,6 +301,8 @@ def _idle(rates: JointRates, idle: Array) -> tuple[Idle, ...]:
         together = range_space(np.hstack(list(moving.values())))
         direction = None
         if count == 1 and together.shape[1] == 1:
-            direction = named(np.vstack([together[3:], together[:3]]), "rotation", "translation", rates.length)[0]
+            direction = name_directions(
+                np.vstack([together[3:], together[:3]]), "rotation", "translation", rates.length
+            )[0]
         out.append(Idle(tuple(moving), rates.names(group), count, direction))
     return tuple(out)

@@ -102,7 +102,7 @@ def modes(mechanism: Mechanism, poses: ArrayLike | Configurations, count: int = 
                 whole = into.setdefault(name, np.full((n, *values.shape[1:-1], count), np.nan))
                 whole[some, ..., :c] = values
 
-    _over(mechanism, found, count, drives, put, remarks)
+    _solve_chunks(mechanism, found, count, drives, put, remarks)
     return replace(out, remarks=tuple(remarks))
 
 
@@ -116,7 +116,7 @@ def frequencies(
     def put(part: _Part, some: NDArray[np.intp]) -> None:
         out[some, : part.squares.shape[1]] = part.frequencies
 
-    _over(mechanism, found, count, drives, put, {})
+    _solve_chunks(mechanism, found, count, drives, put, {})
     return out
 
 
@@ -180,7 +180,7 @@ class _Part:
         return np.where(self.squares > 0.0, lower, 0.0)
 
 
-def _over(
+def _solve_chunks(
     mechanism: Mechanism,
     found: Configurations,
     count: int,
@@ -197,8 +197,8 @@ def _over(
         chunk = reached[start : start + _CHUNK]
         for pencil, some in form_pencils(mechanism, found[chunk], drives):
             idle = _check_empty(pencil)
-            for solved, which in _solved(pencil, count):
-                part, more = _without_idle(solved, count)
+            for solved, which in _solve(pencil, count):
+                part, more = _drop_idle(solved, count)
                 idle = idle or more
                 most = max(most, part.squares.shape[1])
                 put(part, chunk[some[which]])
@@ -216,7 +216,7 @@ def _check_empty(pencil: Pencil) -> bool:
     system = pencil.system.some(np.array([0]))
     vectors = (pencil.basis[0] @ (pencil.scale[:, None] * empty))[None]
     vectors = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-    _, values, turned = np.linalg.svd(_useful(system, vectors)[0])
+    _, values, turned = np.linalg.svd(_move_tool_and_drives(system, vectors)[0])
     seen = turned[: (values > _IDLE).sum()].T
     if seen.shape[1]:
         size = {b.name: np.abs(system.twists[b.nodes[-1]].of(vectors @ seen)).max() for b in system.mechanism.bodies}
@@ -225,20 +225,20 @@ def _check_empty(pencil: Pencil) -> bool:
     return True
 
 
-def _useful(system: Coordinates, vectors: Array) -> Array:
+def _move_tool_and_drives(system: Coordinates, vectors: Array) -> Array:
     """Motion (n, 6 + drives, c) of the tool and of free drives, lengths over the mechanism's own."""
     tool = system.twists[END].of(vectors) / np.repeat([system.length, 1.0], 3)[:, None]
     return np.concatenate([tool, *(r.of(vectors) for r in system.rates)], axis=1)
 
 
-def _without_idle(part: _Part, count: int) -> tuple[_Part, bool]:
+def _drop_idle(part: _Part, count: int) -> tuple[_Part, bool]:
     """The lowest modes without free motions that move neither tool nor drives, and whether there were any."""
     free = (part.squares == 0.0).sum(axis=1)
     if not free.any():
         return _Part(part.pencil, part.squares[:, :count], part.vectors[..., :count]), False
     squares, vectors = np.full_like(part.squares, np.nan), np.full_like(part.vectors, np.nan)
     most, idle = 0, False
-    useful = _useful(part.pencil.system, part.vectors)
+    useful = _move_tool_and_drives(part.pencil.system, part.vectors)
     for k, zeros in enumerate(free):
         _, values, turned = np.linalg.svd(useful[k, :, :zeros])
         kept = int((values > _IDLE * np.abs(useful[k]).max()).sum())
@@ -272,34 +272,34 @@ def _say_few(mechanism: Mechanism, most: int, count: int, remarks: dict[str, Non
     remarks[f"{most} modes, not {count}: nothing else has inertia" + (f" ({'; '.join(why)})" if why else "")] = None
 
 
-def _solved(pencil: Pencil, count: int) -> Iterator[tuple[_Part, NDArray[np.intp]]]:
+def _solve(pencil: Pencil, count: int) -> Iterator[tuple[_Part, NDArray[np.intp]]]:
     """Modes of a pencil, at least ``count`` besides free ones, by groups of poses."""
     n = len(pencil.stiffness)
     everything = np.arange(n)
     if n <= _FEW or len(pencil.scale) <= 2 * (count + _GUARDS):
-        yield from _densely(pencil, everything)
+        yield from _solve_densely(pencil, everything)
         return
     first = pencil.some(everything[:1])
-    (start, _), *_ = _densely(first, everything[:1])
+    (start, _), *_ = _solve_densely(first, everything[:1])
     free = int((start.squares[0] == 0.0).sum())
     matrix = pencil.regular()
-    if not _firm(matrix).all():
+    if not _find_definite(matrix).all():
         for k in everything:
-            yield from _densely(pencil.some(everything[k : k + 1]), everything[k : k + 1])
+            yield from _solve_densely(pencil.some(everything[k : k + 1]), everything[k : k + 1])
         return
     wanted = min(free + count, start.squares.shape[1])
     back = start.pencil.basis[0] * pencil.scale
     inverse: Array = np.asarray(np.linalg.pinv(back))  # pyright: ignore[reportUnknownArgumentType]
     begin = inverse @ start.vectors[0, :, : wanted + _GUARDS // 2]
-    vectors, good = _iterated(pencil, matrix, begin, wanted)
+    vectors, good = _iterate_subspace(pencil, matrix, begin, wanted)
     if good.any():
         some = everything[good]
-        yield _part(pencil.some(some) if not good.all() else pencil, vectors[good], pencil), some
+        yield _normalize(pencil.some(some) if not good.all() else pencil, vectors[good], pencil), some
     if not good.all():
-        yield from _densely(pencil.some(everything[~good]), everything[~good])
+        yield from _solve_densely(pencil.some(everything[~good]), everything[~good])
 
 
-def _iterated(pencil: Pencil, matrix: Array, begin: Array, wanted: int) -> tuple[Array, NDArray[np.bool_]]:
+def _iterate_subspace(pencil: Pencil, matrix: Array, begin: Array, wanted: int) -> tuple[Array, NDArray[np.bool_]]:
     """Lowest modes (n, d, wanted), scaled units, by subspace iteration, and where (n,) it has converged."""
     n, d = len(matrix), matrix.shape[-1]
     mass = pencil.mass * np.outer(pencil.scale, pencil.scale)
@@ -323,7 +323,7 @@ def _iterated(pencil: Pencil, matrix: Array, begin: Array, wanted: int) -> tuple
     return x[..., :wanted], done
 
 
-def _firm(matrix: Array) -> NDArray[np.bool_]:
+def _find_definite(matrix: Array) -> NDArray[np.bool_]:
     """Where (n,) positive definite matrices (n, d, d) are so beyond rounding."""
     try:
         lower: Array = np.linalg.cholesky(matrix)
@@ -333,16 +333,16 @@ def _firm(matrix: Array) -> NDArray[np.bool_]:
     return (pivots > NOTHING * np.einsum("nii->ni", matrix)).all(axis=1)
 
 
-def _densely(pencil: Pencil, index: NDArray[np.intp]) -> Iterator[tuple[_Part, NDArray[np.intp]]]:
+def _solve_densely(pencil: Pencil, index: NDArray[np.intp]) -> Iterator[tuple[_Part, NDArray[np.intp]]]:
     """All modes with inertia, every pose by itself."""
     for k in range(len(index)):
         one = pencil.some(np.array([k]))
         values, vectors = one.all_vectors()
         inert = values > NOTHING * max(values[0], 1e-300)
-        yield _part(one, vectors[None][..., inert], one), index[k : k + 1]
+        yield _normalize(one, vectors[None][..., inert], one), index[k : k + 1]
 
 
-def _part(pencil: Pencil, vectors: Array, scaled: Pencil) -> _Part:
+def _normalize(pencil: Pencil, vectors: Array, scaled: Pencil) -> _Part:
     """Modes of vectors (n, d, c) in the scaled units of a pencil: normalized, frequencies by Rayleigh's quotient."""
     full = pencil.basis @ (scaled.scale[:, None] * vectors)
     system = pencil.system

@@ -121,7 +121,7 @@ class Places:
         return self.rotation[node] @ home + self.position[node]
 
 
-def elements_of(mechanism: Mechanism) -> tuple[Element, ...]:
+def list_elements(mechanism: Mechanism) -> tuple[Element, ...]:
     """Every element of a mechanism."""
     origin = np.zeros(3)
     out = [_change(BASE, GROUND, FOOT, origin, mechanism.base)]
@@ -137,21 +137,21 @@ def elements_of(mechanism: Mechanism) -> tuple[Element, ...]:
     return tuple(out)
 
 
-def nodes_of(mechanism: Mechanism) -> tuple[str, ...]:
+def list_nodes(mechanism: Mechanism) -> tuple[str, ...]:
     """Every node, the ground first and the tool last."""
     return (GROUND, FOOT, *(node for body in mechanism.bodies for node in body.nodes), END)
 
 
-def places(configurations: Configurations) -> Places:
+def place_nodes(configurations: Configurations) -> Places:
     """Nodes of the unloaded mechanism, whose links are rigid."""
     linkage = configurations.linkage
-    link = link_of(linkage)
+    link = map_links(linkage)
     known = {k: configurations.link_frame(linkage.frame[k]) for k in set(link.values())}
     rotation, position = ({node: known[k][i] for node, k in link.items()} for i in (0, 1))
     return Places(rotation, position, configurations.tool[:, :3])
 
 
-def link_of(linkage: Linkage) -> dict[str, int]:
+def map_links(linkage: Linkage) -> dict[str, int]:
     """Rigid link of every node of the network."""
     mechanism = linkage.mechanism
     return linkage.link_of | {FOOT: linkage.link_of[GROUND], END: linkage.link_of[mechanism.tool.body]}
@@ -270,12 +270,12 @@ class Masses:
         return Masses(self.mass + other.mass, self.moment + other.moment, self.rest + other.rest)
 
 
-def masses(mechanism: Mechanism, where: Places) -> dict[str, Masses]:
+def lump_masses(mechanism: Mechanism, where: Places) -> dict[str, Masses]:
     """Masses of every node that has any; an elastic body's acts at its ends, as its dynamics say or half at either."""
     out: dict[str, Masses] = {}
     for body in mechanism.bodies:
         if body.elastic is not None and body.elastic.dynamics is not None:
-            found = list(_condensed(body.nodes, body.elastic, body.elastic.dynamics, where))
+            found = list(_split_weight(body.nodes, body.elastic, body.elastic.dynamics, where))
         elif body.mass == 0.0:
             continue
         elif body.elastic is not None:
@@ -293,7 +293,7 @@ def _point_mass(mass: float, node: str, at: Array, where: Places) -> Masses:
     return Masses(mass, mass * (where.point(node, at) - where.tool), np.zeros((1, 6, 3)))
 
 
-def _condensed(
+def _split_weight(
     nodes: tuple[str, ...], elastic: Elastic, dynamics: Dynamics, where: Places
 ) -> Iterator[tuple[str, Masses]]:
     """An elastic body's weight at its ends: at each the mass on a lever that gives it, and the rest."""

@@ -15,9 +15,18 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from stiffscope.vjm.checks import GROUND
-from stiffscope.vjm.network import END, Element, Places, elements_of, free_directions, link_of, moves_with, nodes_of
+from stiffscope.vjm.network import (
+    END,
+    Element,
+    Places,
+    free_directions,
+    list_elements,
+    list_nodes,
+    map_links,
+    moves_with,
+)
 from stiffscope.vjm.screws import Frame
-from stiffscope.vjm.semidefinite import pivoted, projector
+from stiffscope.vjm.semidefinite import pivot, projector
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -86,7 +95,7 @@ class Connection:
                 factors.append(carry @ where.factor(e))
             if e.free.shape[1]:
                 free.append(carry @ free_directions(e, where))
-        return stacked(factors), stacked(free)
+        return stack_columns(factors), stack_columns(free)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,16 +149,16 @@ class Order:
 _orders: WeakKeyDictionary[Mechanism, Order] = WeakKeyDictionary()
 
 
-def order_of(mechanism: Mechanism, linkage: Linkage) -> Order:
+def find_order(mechanism: Mechanism, linkage: Linkage) -> Order:
     """The order of a mechanism, found once."""
     if mechanism not in _orders:
         _orders[mechanism] = _Planner(mechanism, linkage).order()
     return _orders[mechanism]
 
 
-def home(mechanism: Mechanism) -> Places:
+def places_at_home(mechanism: Mechanism) -> Places:
     """Every node as it is at home."""
-    nodes = nodes_of(mechanism)
+    nodes = list_nodes(mechanism)
     return Places(
         dict.fromkeys(nodes, np.eye(3)[None]), dict.fromkeys(nodes, np.zeros((1, 3))), mechanism.tool.at[None]
     )
@@ -159,12 +168,12 @@ class _Planner:
     def __init__(self, mechanism: Mechanism, linkage: Linkage) -> None:
         self.mechanism = mechanism
         self.length = linkage.length
-        self.links = link_of(linkage)
-        self.home = home(mechanism)
-        self.elements = elements_of(mechanism)
+        self.links = map_links(linkage)
+        self.home = places_at_home(mechanism)
+        self.elements = list_elements(mechanism)
         self.flexible = [_connection(e.first, e.second, ((e, 1.0),)) for e in self.elements]
         self.stiff: dict[frozenset[str], None] = {}  # in order, so that every run rounds alike
-        self.nodes = [n for n in nodes_of(mechanism) if n not in {GROUND, END}]
+        self.nodes = [n for n in list_nodes(mechanism) if n not in {GROUND, END}]
         self.steps: list[Step] = []
 
     def order(self) -> Order:
@@ -233,7 +242,7 @@ class _Planner:
         factor, free = c.flexible(self.home)
         if factor.shape[2] + free.shape[2] < 6:
             return replace(c, formable=False)
-        k, formable = stiffened(factor, free, self.length)
+        k, formable = form_stiffness(factor, free, self.length)
         if formable and all(moves_with(e, self.links[c.anchor], self.links) for e, _ in c.members):
             return replace(c, constant=k, formable=True, still=tuple(c.adjoints(self.home)))
         return replace(c, formable=formable)
@@ -245,14 +254,14 @@ def _connection(start: str, end: str, members: Members) -> Connection:
     return Connection(start, end, members, body.carrier, body.at)
 
 
-def stacked(blocks: Iterable[Array]) -> Array:
+def stack_columns(blocks: Iterable[Array]) -> Array:
     """Concatenate columns (n or 1, 6, r) of blocks."""
     parts = list(blocks)
     n = max(len(b) for b in parts)
     return np.concatenate([np.broadcast_to(b, (n, *b.shape[1:])) for b in parts], axis=-1)
 
 
-def stiffened(factor: Array, free: Array, length: float) -> tuple[Array, bool]:
+def form_stiffness(factor: Array, free: Array, length: float) -> tuple[Array, bool]:
     """Stiffness (n, 6, 6) of a compliance F Fᵀ with free directions N, and whether it is finite everywhere.
 
     With P the projector onto the wrenches that N leaves, ``K = P (P C P + s (I - P))⁻¹ P``, lengths scaled.
@@ -269,6 +278,6 @@ def stiffened(factor: Array, free: Array, length: float) -> tuple[Array, bool]:
     core = f @ np.swapaxes(f, -1, -2)
     mean = np.where(rank < 6.0, np.einsum("nii->n", core) / np.maximum(6.0 - rank, 1.0), 1.0)
     core = core + mean[:, None, None] * (np.eye(6) - p)
-    half, pivots = pivoted(core, RIGID)
+    half, pivots = pivot(core, RIGID)
     half = half @ p * scale[:, 0]
     return np.swapaxes(half, -1, -2) @ half, bool((pivots > RIGID).all())

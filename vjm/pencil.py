@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from stiffscope.vjm.coordinates import coordinates
-from stiffscope.vjm.network import places
+from stiffscope.vjm.coordinates import form_coordinates
+from stiffscope.vjm.network import place_nodes
 from stiffscope.vjm.subspaces import RANK
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def form_pencils(
     shaken = mechanism
     if free:
         shaken = replace(mechanism, joints=tuple(replace(j, drive=None) for j in mechanism.joints))
-    system = coordinates(shaken, places(found), found.linkage.length, free)
+    system = form_coordinates(shaken, place_nodes(found), found.linkage.length, free)
     stiffness, mass = system.stiffness, system.mass
     everything = np.arange(len(found))
     if not system.constraints:

@@ -19,13 +19,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.vjm.checks import GROUND
-from stiffscope.vjm.condensation import condensed
-from stiffscope.vjm.equilibrium import held, loaded, tool_stiffness
-from stiffscope.vjm.loading import Loads, carried, recovered, yielded
-from stiffscope.vjm.network import END, Places, free_directions, masses
-from stiffscope.vjm.saddle import loaded_unit
+from stiffscope.vjm.condensation import condense_network
+from stiffscope.vjm.equilibrium import solve_held, solve_loads, tool_stiffness
+from stiffscope.vjm.loading import Loads, condense_loads, recover_response, solve_tool
+from stiffscope.vjm.network import END, Places, free_directions, lump_masses
+from stiffscope.vjm.saddle import saddle_loaded_unit
 from stiffscope.vjm.screws import rotation_of, skew
-from stiffscope.vjm.strain import remaining_offsets
+from stiffscope.vjm.strain import find_remaining_offsets
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -43,9 +43,11 @@ _BENT = 1e-2  # of a load, that may be left along a free motion once nodes are b
 _SLIGHT = 1e-2  # of the motions, that they change by second-order work; one step gives that to 1e-6
 
 
-def internal_loads(order: Order, where: Places, gravity: Array) -> Loads:
+def own_loads(order: Order, where: Places, gravity: Array) -> Loads:
     """The mechanism's own weight under ``gravity`` (3,), and its offsets: one case."""
-    nodes = {node: m.weight(gravity) for node, m in masses(order.mechanism, where).items()} if gravity.any() else {}
+    nodes = (
+        {node: m.weight(gravity) for node, m in lump_masses(order.mechanism, where).items()} if gravity.any() else {}
+    )
     return Loads(1, nodes, {e.name: e.offset[None, :, None] for e in order.elements if e.offset is not None})
 
 
@@ -66,25 +68,25 @@ def _tangent(order: Order, where: Places, gravity: Array, *, thorough: bool) -> 
 
     ``thorough``: the equilibrium of finite displacements, and internal motions to convergence, not to first order.
     """
-    moved = loaded(order, where, internal_loads(order, where, gravity))
-    sag, there = moved.twist[..., 0], bent(where, moved)
+    moved = solve_loads(order, where, own_loads(order, where, gravity))
+    sag, there = moved.twist[..., 0], bend_places(where, moved)
     size = _size(moved, order.length)
     for _ in range(_STEPS if thorough else 0):
-        moved = loaded(order, there, _remaining(order, there, where, gravity))
-        there, size = bent(there, moved), _size(moved, order.length)
+        moved = solve_loads(order, there, _remaining_loads(order, there, where, gravity))
+        there, size = bend_places(there, moved), _size(moved, order.length)
         if not (size > _SETTLED).any():
             break
-    state = condensed(order, there)
-    load = carried(state, _remaining(order, there, where, gravity))
+    state = condense_network(order, there)
+    load = condense_loads(state, _remaining_loads(order, there, where, gravity))
     if order.left:
-        stiffness, ends, left = loaded_unit(state, load)
+        stiffness, ends, left = saddle_loaded_unit(state, load)
     else:
         stiffness, left = tool_stiffness(state), []
         unit = np.broadcast_to(np.eye(6), (len(stiffness), 6, 6))
-        end = np.concatenate([yielded(stiffness, load.force(END)), unit], axis=2)
+        end = np.concatenate([solve_tool(stiffness, load.force(END)), unit], axis=2)
         ends = {GROUND: np.zeros((1, 6, 7)), END: end}
-    work = SecondOrder(recovered(state, load, ends, left, mix=np.eye(1, 7)), order.mechanism, gravity)
-    change, share = _relaxed(state, work, thorough=thorough)
+    work = SecondOrder(recover_response(state, load, ends, left, mix=np.eye(1, 7)), order.mechanism, gravity)
+    change, share = _relax(state, work, thorough=thorough)
     n = len(where.tool)
     matrix = np.array(np.broadcast_to(stiffness + change, (n, 6, 6)))
     if thorough:
@@ -92,7 +94,7 @@ def _tangent(order: Order, where: Places, gravity: Array, *, thorough: bool) -> 
     return matrix, np.broadcast_to(sag, (n, 6)), np.broadcast_to((size > _SMALL) | (share > _SLIGHT), n)
 
 
-def _relaxed(state: Condensed, work: SecondOrder, *, thorough: bool) -> tuple[Array, Array]:
+def _relax(state: Condensed, work: SecondOrder, *, thorough: bool) -> tuple[Array, Array]:
     """Change (n, 6, 6) of the stiffness by the second-order work, and the share (n,) by which internal motions change.
 
     With H the Hessian of that work and X the motions for unit twists of the tool, these change by δ where
@@ -100,22 +102,22 @@ def _relaxed(state: Condensed, work: SecondOrder, *, thorough: bool) -> tuple[Ar
     ``Xᵀ H (X + δ)`` for the last.
     """
     unit = Motion.of(work.response, slice(1, 7))
-    relaxed = Motion.of(held(state, Loads(6, work.loads(unit), balanced=_BENT)), slice(0, 6))
+    relaxed = Motion.of(solve_held(state, Loads(6, work.loads(unit), balanced=_BENT)), slice(0, 6))
     share = relaxed.size / unit.size
     last = 0.75
     for _ in range(_STEPS if thorough else 0):
         last = -0.25
         loads = Loads(6, work.loads(unit.plus(relaxed, 1.0)), balanced=_BENT)
-        before, relaxed = relaxed, Motion.of(held(state, loads), slice(0, 6))
+        before, relaxed = relaxed, Motion.of(solve_held(state, loads), slice(0, 6))
         if (relaxed.plus(before, -1.0).size < _SETTLED * unit.size).all():
             break
     half = work.half(unit.plus(relaxed, 0.5)) + last * work.half(relaxed)
     return half + np.swapaxes(half, -1, -2), share
 
 
-def _remaining(order: Order, there: Places, rest: Places, gravity: Array) -> Loads:
-    nodes = internal_loads(order, there, gravity).nodes
-    return Loads(1, nodes, remaining_offsets(order, there, rest), balanced=_BENT)
+def _remaining_loads(order: Order, there: Places, rest: Places, gravity: Array) -> Loads:
+    nodes = own_loads(order, there, gravity).nodes
+    return Loads(1, nodes, find_remaining_offsets(order, there, rest), balanced=_BENT)
 
 
 def _size(moved: Response, length: float) -> Array:
@@ -126,7 +128,7 @@ def _size(moved: Response, length: float) -> Array:
     return np.max([np.broadcast_to(size, n) for size in sizes], axis=0)
 
 
-def bent(where: Places, response: Response) -> Places:
+def bend_places(where: Places, response: Response) -> Places:
     """Every node moved by its own twist of the first case."""
     rotation, position = dict(where.rotation), dict(where.position)
     for node, twist in response.nodes.items():
@@ -198,7 +200,7 @@ class SecondOrder:
     def _weights(self) -> dict[str, tuple[Array, Array]]:
         """For every node with mass the matrices of ``f·(ω × v)`` (3, 3) and of ``f·(ω × (ω × r))`` (n, 3, 3)."""
         out: dict[str, tuple[Array, Array]] = {}
-        for node, m in masses(self.mechanism, self.response.where).items() if self.gravity.any() else ():
+        for node, m in lump_masses(self.mechanism, self.response.where).items() if self.gravity.any() else ():
             lever = m.moment[:, :, None] * self.gravity
             block = 0.5 * (lever + _t(lever)) - np.einsum("nii->n", lever)[:, None, None] * np.eye(3)
             out[node] = skew(m.mass * self.gravity), block

@@ -18,10 +18,10 @@ from scipy.linalg import qr
 
 from stiffscope.errors import InputError
 from stiffscope.vjm.checks import GROUND
-from stiffscope.vjm.condensation import condensed
-from stiffscope.vjm.loading import chain, pulled
+from stiffscope.vjm.condensation import condense_network
+from stiffscope.vjm.loading import chain_loads, project_loads
 from stiffscope.vjm.network import END
-from stiffscope.vjm.order import home, stacked
+from stiffscope.vjm.order import places_at_home, stack_columns
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from stiffscope.vjm.condensation import Condensed
-    from stiffscope.vjm.loading import Carried, Chain
+    from stiffscope.vjm.loading import ChainLoads, CondensedLoads
     from stiffscope.vjm.order import Connection
     from stiffscope.vjm.screws import Array
 
@@ -48,7 +48,7 @@ class System:
     columns: list[Array]  # B (n or 1, 6, m) of each connection at M in base axes
 
 
-Left: TypeAlias = "list[tuple[Connection, Chain | None, Array, Array, Array]]"
+Left: TypeAlias = "list[tuple[Connection, ChainLoads | None, Array, Array, Array]]"
 """Connections left: their loads, wrench, twist across and rates."""
 
 
@@ -57,12 +57,12 @@ def saddle_unit(state: Condensed) -> tuple[Array, dict[str, Array], Left]:
 
     Raises InputError where the stiffness would be infinite.
     """
-    system = _system(state)
+    system = _assemble(state)
     tool = system.nodes[END]
     inner = np.r_[tool.stop : system.matrix.shape[-1]]
     m = system.matrix
     coupling = m[:, inner, tool]
-    moved, good = _solved(state, m[:, inner[:, None], inner], -coupling, "held")
+    moved, good = _solve(state, m[:, inner[:, None], inner], -coupling, "held")
     if not good:
         names = ", ".join(e.name for c in state.order.left for e, _ in c.members)
         raise InputError(
@@ -71,33 +71,33 @@ def saddle_unit(state: Condensed) -> tuple[Array, dict[str, Array], Left]:
     k = m[:, tool, tool] + np.swapaxes(coupling, -1, -2) @ moved
     unit = np.concatenate([np.broadcast_to(np.eye(6), (len(moved), 6, 6)), moved], axis=1)
     nothing = [None] * len(state.order.left)
-    return 0.5 * (k + np.swapaxes(k, -1, -2)), *_recovered(state, system, nothing, unit)
+    return 0.5 * (k + np.swapaxes(k, -1, -2)), *_recover(state, system, nothing, unit)
 
 
-def saddle_response(state: Condensed, load: Carried) -> tuple[dict[str, Array], Left]:
+def saddle_response(state: Condensed, load: CondensedLoads) -> tuple[dict[str, Array], Left]:
     """Twists of the kept nodes and connections under the loads. Raises InputError where something moves freely."""
-    system = _system(state)
-    chains, right = _right(state, system, load)
-    found, good = _solved(state, system.matrix, right, "response")
+    system = _assemble(state)
+    chains, right = _form_right_side(state, system, load)
+    found, good = _solve(state, system.matrix, right, "response")
     if not good:
         raise InputError("the tool, or a body, moves freely under its load: ask for its mobility, not its deflection")
-    return _recovered(state, system, chains, found)
+    return _recover(state, system, chains, found)
 
 
-def saddle_held(state: Condensed, load: Carried) -> tuple[dict[str, Array], Left]:
+def saddle_held(state: Condensed, load: CondensedLoads) -> tuple[dict[str, Array], Left]:
     """``saddle_response`` with the tool held."""
-    system = _system(state)
-    chains, right = _right(state, system, load)
+    system = _assemble(state)
+    chains, right = _form_right_side(state, system, load)
     tool = system.nodes[END]
     inner = np.r_[tool.stop : system.matrix.shape[-1]]
-    found, good = _solved(state, system.matrix[:, inner[:, None], inner], right[:, inner], "held")
+    found, good = _solve(state, system.matrix[:, inner[:, None], inner], right[:, inner], "held")
     if not good:
         raise InputError("a body moves freely under its load: there is no equilibrium")
     whole = np.concatenate([np.zeros((len(found), 6, found.shape[2])), found], axis=1)
-    return _recovered(state, system, chains, whole)
+    return _recover(state, system, chains, whole)
 
 
-def loaded_unit(state: Condensed, load: Carried) -> tuple[Array, dict[str, Array], Left]:
+def saddle_loaded_unit(state: Condensed, load: CondensedLoads) -> tuple[Array, dict[str, Array], Left]:
     """``saddle_unit`` with one case more, before the unit twists: the equilibrium under the loads."""
     stiffness, unit, across = saddle_unit(state)
     moved, under = saddle_response(state, load)
@@ -114,9 +114,9 @@ def loaded_unit(state: Condensed, load: Carried) -> tuple[Array, dict[str, Array
     return stiffness, ends, left
 
 
-def _right(state: Condensed, system: System, load: Carried) -> tuple[list[Chain], Array]:
+def _form_right_side(state: Condensed, system: System, load: CondensedLoads) -> tuple[list[ChainLoads], Array]:
     """Loads along the connections, and the right-hand side (n, s, c)."""
-    chains = [chain(state, load, c) for c in state.order.left]
+    chains = [chain_loads(state, load, c) for c in state.order.left]
     n = max([len(system.matrix), *(len(f) for f in load.forces.values()), *(len(c.total) for c in chains)])
     right = np.zeros((n, system.matrix.shape[-1], load.loads.cases))
     for node, place in system.nodes.items():
@@ -126,12 +126,12 @@ def _right(state: Condensed, system: System, load: Carried) -> tuple[list[Chain]
         if c.start in system.nodes:
             right[:, system.nodes[c.start]] += along.total
         right[:, w] += along.offset
-        right[:, y] += pulled(state, along, b)
+        right[:, y] += project_loads(state, along, b)
     return chains, right
 
 
-def _recovered(
-    state: Condensed, system: System, chains: Sequence[Chain | None], found: Array
+def _recover(
+    state: Condensed, system: System, chains: Sequence[ChainLoads | None], found: Array
 ) -> tuple[dict[str, Array], Left]:
     moved = {node: found[:, place] for node, place in system.nodes.items()}
     moved[GROUND] = np.zeros((1, 6, found.shape[2]))
@@ -142,7 +142,7 @@ def _recovered(
     return moved, states
 
 
-def _system(state: Condensed) -> System:
+def _assemble(state: Condensed) -> System:
     """Assemble the matrix; the tool's twist comes first."""
     order, where = state.order, state.where
     nodes: dict[str, slice] = {}
@@ -156,7 +156,7 @@ def _system(state: Condensed) -> System:
     counts: list[int] = []
     for c in order.left:
         factor, free = c.flexible(where)
-        columns.append(c.frame(where).adjoint() @ stacked([factor, free]))
+        columns.append(c.frame(where).adjoint() @ stack_columns([factor, free]))
         counts.append(factor.shape[2])
         coordinates.append(slice(at, at + columns[-1].shape[2]))
         at += columns[-1].shape[2]
@@ -185,9 +185,9 @@ def _add_stiffnesses(matrix: Array, state: Condensed, nodes: dict[str, slice]) -
                     matrix[:, nodes[i], nodes[j]] -= part
 
 
-def _solved(state: Condensed, matrix: Array, right: Array, use: str) -> tuple[Array, bool]:
+def _solve(state: Condensed, matrix: Array, right: Array, use: str) -> tuple[Array, bool]:
     """Solution (n, s, c) of a symmetric system that may be singular, and whether all of it holds."""
-    scale, keep = _independent(state, use)
+    scale, keep = _find_independent(state, use)
     m = matrix * (scale[:, None] * scale)
     b = right * scale[:, None]
     n = max(len(m), len(b))
@@ -212,12 +212,12 @@ def _solved(state: Condensed, matrix: Array, right: Array, use: str) -> tuple[Ar
     return out * scale[:, None], True
 
 
-def _independent(state: Condensed, use: str) -> tuple[Array, NDArray[np.intp]]:
+def _find_independent(state: Condensed, use: str) -> tuple[Array, NDArray[np.intp]]:
     """Scale of rows and columns at home, and which of them are independent there."""
     cache = state.order.independent
     if use not in cache:
-        at_home = condensed(state.order, home(state.order.mechanism))
-        system = _system(at_home)
+        at_home = condense_network(state.order, places_at_home(state.order.mechanism))
+        system = _assemble(at_home)
         scale = _scale(at_home, system)
         m = system.matrix[0]
         if use == "held":

@@ -86,25 +86,10 @@ class Frame:
         moment = None if self.translation is None else -(rt @ skew(self.translation))
         return _blocks(rt, moment)
 
-    def then(self, child: Frame) -> Frame:
-        """Place a grandchild: the frame of ``child`` seen from this frame's parent."""
-        if self.rotation is None or child.rotation is None:
-            rotation = self.rotation if child.rotation is None else child.rotation
-        else:
-            rotation = self.rotation @ child.rotation
-        if child.translation is None:
-            return Frame(rotation, self.translation)
-        return Frame(rotation, self.point(child.translation))
-
     def point(self, p: Array) -> Array:
         """A point (..., 3) of the child, in the parent's coordinates."""
         turned = p if self.rotation is None else (self.rotation @ p[..., None])[..., 0]
         return turned if self.translation is None else turned + self.translation
-
-    def moved(self, twist: Array) -> Frame:
-        """Carry the frame along with a body whose twist (..., 6) at the parent's origin is small but finite."""
-        rotate = rotation_of(twist[..., 3:])
-        return Frame(rotate, twist[..., :3]).then(self)
 
 
 def rotation_of(vector: Array) -> Array:
@@ -113,14 +98,6 @@ def rotation_of(vector: Array) -> Array:
     s = skew(vector)
     half = np.sinc(angle / (2.0 * np.pi))
     return np.eye(3) + np.sinc(angle / np.pi) * s + 0.5 * half**2 * (s @ s)
-
-
-def carried(frame: Frame, matrix: Array) -> Array:
-    """Stiffness of a child (..., 6, 6) at its parent's origin in its parent's axes: ``Ad⁻ᵀ K Ad⁻¹``."""
-    if frame.identity:
-        return matrix
-    back = frame.inverse_adjoint()
-    return np.swapaxes(back, -1, -2) @ matrix @ back
 
 
 def _blocks(diagonal: Array, corner: Array | None) -> Array:

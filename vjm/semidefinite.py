@@ -18,10 +18,10 @@ DROPPED = 1e-9  # relative pivot below which a direction is free
 
 def half_inverse(matrix: Array, tolerance: float = DROPPED) -> Array:
     """Lower triangular W (n, m, m) with ``WᵀW`` a generalized inverse of semidefinite matrices (n, m, m)."""
-    return pivoted(matrix, tolerance)[0]
+    return pivot(matrix, tolerance)[0]
 
 
-def pivoted(matrix: Array, tolerance: float = DROPPED) -> tuple[Array, Array]:
+def pivot(matrix: Array, tolerance: float = DROPPED) -> tuple[Array, Array]:
     """``half_inverse`` and the relative pivots (n, m) that it met."""
     n, m = matrix.shape[0], matrix.shape[-1]
     a = matrix.transpose(1, 2, 0).copy(order="C")

@@ -35,7 +35,7 @@ def characteristic_length(matrix: Array) -> Array:
     return np.sqrt(moment.clip(min=0.0) / np.where(force > 0.0, force, 1.0)).clip(*_LENGTHS)
 
 
-def mobility(matrix: Array) -> tuple[NDArray[np.int_], Array]:
+def count_freedoms(matrix: Array) -> tuple[NDArray[np.int_], Array]:
     """Free directions (...,) of stiffnesses (..., 6, 6), and their inverse condition number (0 is singular)."""
     values, _ = principal(matrix)
     ratio = values / np.where(values[..., -1:] > 0.0, values[..., -1:], 1.0)
@@ -55,7 +55,7 @@ def softest(matrix: Array) -> Array:
 
 def singular_note(matrix: Array) -> str | None:
     """What to tell of a pose at or near a singularity, or None; for one stiffness (6, 6)."""
-    count, inverse_condition = mobility(matrix)
+    count, inverse_condition = count_freedoms(matrix)
     if not count and inverse_condition > _NEAR:
         return None
     twist = softest(matrix)

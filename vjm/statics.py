@@ -13,14 +13,14 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.vjm.checks import GROUND
-from stiffscope.vjm.condensation import condensed
-from stiffscope.vjm.equilibrium import equilibrium, loaded, tool_stiffness
+from stiffscope.vjm.condensation import condense_network
+from stiffscope.vjm.equilibrium import solve_condensed, solve_loads, tool_stiffness
 from stiffscope.vjm.kinematics import CHUNK, Configurations, check_poses, configure, configure_chunks
 from stiffscope.vjm.loading import Loads, Response
-from stiffscope.vjm.network import END, FOOT, masses, places
-from stiffscope.vjm.order import order_of
-from stiffscope.vjm.prestress import internal_loads, loaded_stiffness
-from stiffscope.vjm.singularity import characteristic_length, mobility
+from stiffscope.vjm.network import END, FOOT, lump_masses, place_nodes
+from stiffscope.vjm.order import find_order
+from stiffscope.vjm.prestress import loaded_stiffness, own_loads
+from stiffscope.vjm.singularity import characteristic_length, count_freedoms
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -93,7 +93,7 @@ def stiffness(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravit
         For poses of another shape, and for infinite stiffness.
     """
     work = _plain if gravity == "none" else _exact
-    return _over(mechanism, poses, (6, 6), work)
+    return _map_chunks(mechanism, poses, (6, 6), work)
 
 
 def batches(
@@ -113,9 +113,9 @@ def sag(mechanism: Mechanism, poses: ArrayLike | Configurations) -> Array:
     """
 
     def work(order: Order, where: Places) -> Array:
-        return loaded(order, where, internal_loads(order, where, mechanism.gravity)).twist[..., 0]
+        return solve_loads(order, where, own_loads(order, where, mechanism.gravity)).twist[..., 0]
 
-    return _over(mechanism, poses, (6,), work)
+    return _map_chunks(mechanism, poses, (6,), work)
 
 
 def analyse(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravity: Gravity = "none") -> Stiffness:
@@ -126,14 +126,14 @@ def analyse(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravity:
     found = poses if isinstance(poses, Configurations) else configure(mechanism, poses)
     matrix, sagged = stiffness(mechanism, found), np.zeros((len(found), 6))
     if gravity != "none":
-        bent, sagged = under_weight(mechanism, found, matrix)
+        bent, sagged = analyse_weight(mechanism, found, matrix)
         matrix = np.where(np.isnan(sagged[:, :1, None]), matrix, bent)
     free, inverse_condition = np.full(len(found), 6), np.full(len(found), np.nan)
-    free[found.valid], inverse_condition[found.valid] = mobility(matrix[found.valid])
+    free[found.valid], inverse_condition[found.valid] = count_freedoms(matrix[found.valid])
     return Stiffness(found, matrix, sagged, free, inverse_condition)
 
 
-def under_weight(mechanism: Mechanism, found: Configurations, unloaded: Array) -> tuple[Array, Array]:
+def analyse_weight(mechanism: Mechanism, found: Configurations, unloaded: Array) -> tuple[Array, Array]:
     """Stiffness (n, 6, 6) and sag (n, 6) under weights where the ``unloaded`` stiffness (n, 6, 6) is known.
 
     Both are NaN where the tool moves freely, and where the weights would turn it by more than a tenth of a radian or
@@ -141,8 +141,8 @@ def under_weight(mechanism: Mechanism, found: Configurations, unloaded: Array) -
     """
     matrix, sagged = np.full_like(unloaded, np.nan), np.full((len(unloaded), 6), np.nan)
     firm = np.flatnonzero(found.valid)
-    firm = firm[mobility(unloaded[firm])[0] == 0]
-    both = _over(mechanism, found[firm], (6, 7), _exact_and_sag)
+    firm = firm[count_freedoms(unloaded[firm])[0] == 0]
+    both = _map_chunks(mechanism, found[firm], (6, 7), _exact_and_sag)
     size = np.ones((len(firm), 6))
     size[:, :3] = characteristic_length(unloaded[firm])[:, None]
     small = (np.abs(both[..., 6]) < _FAR * size).all(axis=1)
@@ -179,11 +179,11 @@ def respond(
     cases = applied.shape[2]
     if applied.shape[1] != 6 or len(applied) not in {1, len(found)} or not np.isfinite(applied).all():
         raise InputError(f"wrench: expected finite (6,), (6, c) or ({len(found)}, 6, c), got shape {np.shape(wrench)}")
-    order, where = order_of(mechanism, found.linkage), places(found)
+    order, where = find_order(mechanism, found.linkage), place_nodes(found)
     all_loads = Loads(cases)
     weight = np.broadcast_to(np.asarray(gravity, dtype=float), (cases,))
     if weight.any():
-        for node, m in masses(mechanism, where).items():
+        for node, m in lump_masses(mechanism, where).items():
             all_loads.nodes[node] = m.weight(mechanism.gravity) * weight
     times = np.broadcast_to(np.asarray(misfit, dtype=float), (cases,))
     for e in order.elements:
@@ -200,7 +200,7 @@ def respond(
         whole = np.concatenate([force, moment], axis=1)[..., None] * np.ones(cases)
         all_loads.nodes[node] = all_loads.nodes.get(node, np.zeros((1, 6, 1))) + whole
     all_loads.nodes[END] = all_loads.nodes.get(END, np.zeros((1, 6, 1))) + applied
-    return loaded(order, where, all_loads)
+    return solve_loads(order, where, all_loads)
 
 
 def stiffness_error(mechanism: Mechanism, poses: ArrayLike | Configurations) -> Array:
@@ -212,20 +212,20 @@ def stiffness_error(mechanism: Mechanism, poses: ArrayLike | Configurations) -> 
     bars = {b.name: b.elastic.error for b in mechanism.bodies if b.elastic is not None and b.elastic.error is not None}
 
     def work(order: Order, where: Places) -> Array:
-        state = condensed(order, where)
+        state = condense_network(order, where)
         matrix = tool_stiffness(state)
-        elements = equilibrium(state, Loads(6, {END: matrix})).elements
+        elements = solve_condensed(state, Loads(6, {END: matrix})).elements
         out = np.zeros_like(matrix)
         for name, bar in bars.items():
             carried = np.abs(elements[name].wrench)
             out = out + np.swapaxes(carried, -1, -2) @ bar @ carried
         return out
 
-    return _over(mechanism, poses, (6, 6), work)
+    return _map_chunks(mechanism, poses, (6, 6), work)
 
 
 def _plain(order: Order, where: Places) -> Array:
-    return tool_stiffness(condensed(order, where))
+    return tool_stiffness(condense_network(order, where))
 
 
 def _exact(order: Order, where: Places) -> Array:
@@ -237,7 +237,7 @@ def _exact_and_sag(order: Order, where: Places) -> Array:
     return np.concatenate([matrix, sagged[..., None]], axis=2)
 
 
-def _over(
+def _map_chunks(
     mechanism: Mechanism,
     poses: ArrayLike | Configurations,
     entries: tuple[int, ...],
@@ -257,8 +257,8 @@ def _over(
         at += len(found)
         if found.valid.all():
             if len(found):
-                out[some] = work(order_of(mechanism, found.linkage), places(found))
+                out[some] = work(find_order(mechanism, found.linkage), place_nodes(found))
         elif found.valid.any():
             good = found[found.valid]
-            out[some][found.valid] = work(order_of(mechanism, good.linkage), places(good))
+            out[some][found.valid] = work(find_order(mechanism, good.linkage), place_nodes(good))
     return out

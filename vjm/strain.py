@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from stiffscope.vjm.screws import Array
 
 
-def remaining_offsets(order: Order, where: Places, rest: Places) -> dict[str, Array]:
+def find_remaining_offsets(order: Order, where: Places, rest: Places) -> dict[str, Array]:
     """Offsets (n, 6, 1) that make a linear step from bent places obey each element's law, own axes at its own point.
 
     ``rest``: where the unloaded mechanism is. A spring that has strained by θ of its t₀ still lacks t₀ - θ.

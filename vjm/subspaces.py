@@ -40,7 +40,7 @@ def axis_name(axis: Array) -> str:
     return f"({', '.join(f'{c:.3g}' for c in np.where(np.abs(axis) < 1e-6, 0.0, axis))})"
 
 
-def spaces(matrix: Array) -> tuple[Array, tuple[float, float], Array]:
+def split_spaces(matrix: Array) -> tuple[Array, tuple[float, float], Array]:
     """Left null space, smallest singular value that counts and largest that does not (relative), null space."""
     if not matrix.size:
         return np.eye(len(matrix)), (1.0, 0.0), np.eye(matrix.shape[1])
@@ -72,7 +72,7 @@ def rank(matrix: Array) -> int:
     return int(np.sum(values > RANK * max(values[0], 1e-300))) if values.size else 0
 
 
-def blocks(basis: Array, sizes: list[int]) -> list[tuple[list[int], int]]:
+def find_blocks(basis: Array, sizes: list[int]) -> list[tuple[list[int], int]]:
     """Groups of row blocks that the space of ``basis`` (n, k) does not mix, each with its dimension.
 
     The orthogonal projector on the space is block diagonal exactly where the space is a direct sum.
@@ -105,17 +105,17 @@ def blocks(basis: Array, sizes: list[int]) -> list[tuple[list[int], int]]:
     return out
 
 
-def named(basis: Array, bound: str, free: str, length: float) -> list[Direction]:
+def name_directions(basis: Array, bound: str, free: str, length: float) -> list[Direction]:
     """Directions of a space of screws (6, k): line part first (force, or angular velocity), couple part second.
 
     First what has no line part (a couple: ``free``), then lines (``bound``) with the least pitch that the couples
     leave.
     """
     couples = basis[3:] @ null_space(basis[:3])
-    out = [Direction(free, axis) for axis in _aligned(couples)]
+    out = [Direction(free, axis) for axis in _align(couples)]
     lines = range_space(basis[:3])
     off = np.eye(3) - range_space(couples) @ range_space(couples).T
-    for axis in _aligned(lines):
+    for axis in _align(lines):
         screw = basis @ np.linalg.lstsq(basis[:3], axis, rcond=None)[0]
         pitch = float((off @ screw[3:]) @ (off @ axis)) if couples.shape[1] else float(screw[3:] @ axis)
         if couples.shape[1] and np.linalg.norm(couples.T @ axis) > ZERO:
@@ -125,7 +125,7 @@ def named(basis: Array, bound: str, free: str, length: float) -> list[Direction]
     return out
 
 
-def _aligned(space: Array) -> list[Array]:
+def _align(space: Array) -> list[Array]:
     """Orthonormal basis of a space (3, k), along x, y, z where it can be."""
     basis = range_space(space)
     out: list[Array] = []

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.equilibrium import loaded
+from stiffscope.vjm.equilibrium import solve_loads
 from stiffscope.vjm.kinematics import Configurations, configure
 from stiffscope.vjm.loading import Loads
-from stiffscope.vjm.network import END, places
-from stiffscope.vjm.order import order_of
+from stiffscope.vjm.network import END, place_nodes
+from stiffscope.vjm.order import find_order
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -43,10 +43,10 @@ def deflection(mechanism: Mechanism, poses: ArrayLike | Configurations, wrench: 
 
     Raises InputError for a pose out of reach, a wrench of another shape, or a tool that moves freely.
     """
-    found = _found(mechanism, poses)
-    load = _checked_wrench(wrench, len(found))
-    order = order_of(mechanism, found.linkage)
-    response = loaded(order, places(found), Loads(1, {END: load[..., None]}))
+    found = _find(mechanism, poses)
+    load = _check_wrench(wrench, len(found))
+    order = find_order(mechanism, found.linkage)
+    response = solve_loads(order, place_nodes(found), Loads(1, {END: load[..., None]}))
     twist = np.broadcast_to(response.twist[..., 0], (len(found), 6))
     energy = 0.5 * np.einsum("ni,ni->n", load, twist)
     shares: dict[str, Array] = {
@@ -66,9 +66,9 @@ def deflection_with_backlash(
     carries; where the others would take its force off it before that, it hangs free inside its gap. Raises as
     ``deflection``, and for a name that is no drive's.
     """
-    found = _found(mechanism, poses)
+    found = _find(mechanism, poses)
     n = len(found)
-    load = _checked_wrench(wrench, n)
+    load = _check_wrench(wrench, n)
     drives = [_drive(mechanism, name) for name in gaps]
     half = np.array([gaps[j.name] for j in drives], dtype=float)
     if not ((half >= 0.0) & np.isfinite(half)).all():
@@ -83,7 +83,7 @@ def deflection_with_backlash(
         shift[0, along[j.name], k + 1] = 1.0
         loads.offsets[j.name] = shift
     loads.nodes[END] = applied
-    state = loaded(order_of(mechanism, found.linkage), places(found), loads)
+    state = solve_loads(find_order(mechanism, found.linkage), place_nodes(found), loads)
     twist = np.broadcast_to(state.twist, (n, 6, cases))
     if not drives:
         return twist[..., 0]
@@ -91,25 +91,15 @@ def deflection_with_backlash(
         [np.broadcast_to(state.elements[j.name].wrench[:, along[j.name]], (n, cases)) for j in drives], axis=1
     )
     stiff = np.array([1.0 / _along(j, along[j.name]) for j in drives])
-    shift = _settled(forces[..., 0], forces[..., 1:], half, stiff)
+    shift = _settle(forces[..., 0], forces[..., 1:], half, stiff)
     return twist[..., 0] + np.einsum("nij,nj->ni", twist[..., 1:], shift)
 
 
-def load_deflection(
-    mechanism: Mechanism, pose: ArrayLike, wrench: ArrayLike, factors: ArrayLike, gaps: Mapping[str, float]
-) -> Array:
-    """Twists (m, 6) at one pose under ``factors`` (m,) times a wrench (6,): the curve that a load test records."""
-    scale = np.asarray(factors, dtype=float)
-    one = configure(mechanism, np.atleast_2d(np.asarray(pose, dtype=float))[:1])
-    found = one[np.zeros(len(scale), dtype=np.intp)]
-    return deflection_with_backlash(mechanism, found, scale[:, None] * np.asarray(wrench, dtype=float), gaps)
-
-
-def _found(mechanism: Mechanism, poses: ArrayLike | Configurations) -> Configurations:
+def _find(mechanism: Mechanism, poses: ArrayLike | Configurations) -> Configurations:
     return (poses if isinstance(poses, Configurations) else configure(mechanism, poses)).required()
 
 
-def _checked_wrench(wrench: ArrayLike, n: int) -> Array:
+def _check_wrench(wrench: ArrayLike, n: int) -> Array:
     load = np.asarray(wrench, dtype=float)
     if load.shape not in ((6,), (n, 6)) or not (np.abs(load) < _LARGEST).all():
         raise InputError(f"wrench: expected finite (6,) or ({n}, 6) forces and moments in N, N·m, got {load.tolist()}")
@@ -129,7 +119,7 @@ def _along(joint: Joint, component: int) -> float:
     return bearing + (1.0 / joint.drive.stiffness if joint.drive is not None else 0.0)
 
 
-def _settled(force: Array, influence: Array, half: Array, stiffness: Array) -> Array:
+def _settle(force: Array, influence: Array, half: Array, stiffness: Array) -> Array:
     """Shifts (n, k) with ``|s| ≤ half`` that stand at the end of the gap towards the force left, or leave none.
 
     The box-constrained minimum of ``½ sᵀ(-H)s - fᵀs`` by active sets, in units of the gaps; H is negative semidefinite,

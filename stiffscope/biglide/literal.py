@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.vjm.condensation import condensed
+from stiffscope.vjm.condensation import condense_network
 from stiffscope.vjm.equilibrium import tool_stiffness
 from stiffscope.vjm.kinematics import configure
-from stiffscope.vjm.network import places
-from stiffscope.vjm.order import order_of
+from stiffscope.vjm.network import place_nodes
+from stiffscope.vjm.order import find_order
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -40,7 +40,7 @@ def literal_stiffness(mechanism: Mechanism, poses: ArrayLike, behind: Mapping[st
     Raises InputError for a pose out of reach.
     """
     found = configure(mechanism, poses).required()
-    order, where = order_of(mechanism, found.linkage), places(found)
+    order, where = find_order(mechanism, found.linkage), place_nodes(found)
     softened: dict[str, Array] = {}
     for e in order.elements:
         if e.name not in behind:
@@ -54,7 +54,7 @@ def literal_stiffness(mechanism: Mechanism, poses: ArrayLike, behind: Mapping[st
             hessian = hessian + load_hessian(to_own @ load.force, lever)
         c = np.linalg.solve(np.eye(6) - e.compliance @ hessian, e.compliance)
         softened[e.name] = np.linalg.cholesky(0.5 * (c + np.swapaxes(c, -1, -2)))
-    return tool_stiffness(condensed(order, replace(where, rigid=False, softened=softened)))
+    return tool_stiffness(condense_network(order, replace(where, rigid=False, softened=softened)))
 
 
 def load_hessian(force: Array, lever: Array) -> Array:

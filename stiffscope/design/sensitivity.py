@@ -24,7 +24,7 @@ from stiffscope.vjm import statics
 from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.modes import frequencies, modes
 from stiffscope.vjm.semidefinite import inverse
-from stiffscope.vjm.singularity import mobility
+from stiffscope.vjm.singularity import count_freedoms
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
@@ -196,7 +196,7 @@ class _Model:
         mechanism, found = self._assembled(robot, varied)
         stiffness = statics.stiffness(mechanism, found)
         sag = np.full((len(found), 6), np.nan)
-        firm = mobility(stiffness)[0] == 0
+        firm = count_freedoms(stiffness)[0] == 0
         if firm.any():
             sag[firm] = statics.sag(mechanism, found[firm])
         frequency = _first(frequencies(mechanism, found, MOST_MODES))

@@ -115,7 +115,7 @@ def stiffness_map(
     """
     from stiffscope.vjm.kinematics import configure
     from stiffscope.vjm.modes import frequencies as natural
-    from stiffscope.vjm.statics import stiffness, under_weight
+    from stiffscope.vjm.statics import analyse_weight, stiffness
 
     pose = mechanism.tool.pose
     if len(ranges) != 2 or not set(ranges) <= set(pose):
@@ -130,7 +130,7 @@ def stiffness_map(
     plain = loaded = stiffness(mechanism, found)
     sag = np.where(found.valid[:, None], np.zeros((len(grid), 6)), np.nan)
     if gravity != "none":
-        loaded, sag = under_weight(mechanism, found, plain)
+        loaded, sag = analyse_weight(mechanism, found, plain)
     diagonals = (np.diagonal(matrix, axis1=1, axis2=2) for matrix in (plain, loaded))
     values = (value.reshape(points, points, 6) for value in (*diagonals, sag))
     others = {name: float(v) for name, v in zip(pose, fixed, strict=True) if name not in ranges}

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.robot.file.part_sections import ParametricPart
-from stiffscope.vjm.network import places
+from stiffscope.vjm.network import place_nodes
 from stiffscope.vjm.screws import skew
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def scene(
 
 def moves(mechanism: Mechanism, configurations: Configurations, index: int = 0) -> Moves:
     """Displacement of every node since home at one of the configurations, ``x = R x_home + p``: (3, 3) and (3,)."""
-    where = places(configurations)
+    where = place_nodes(configurations)
     out = {}
     for node in (node for body in mechanism.bodies for node in body.nodes):
         rotation, position = where.rotation[node], where.position[node]

@@ -24,7 +24,7 @@ from stiffscope.robot.part_dimensions import beam_dimensions, is_beam
 from stiffscope.robot.vocabulary import COUPLED, EFFECTS
 from stiffscope.vjm.checks import BASE, TOOL
 from stiffscope.vjm.mechanism import Change, Mechanism
-from stiffscope.vjm.network import elements_of
+from stiffscope.vjm.network import list_elements
 from stiffscope.vjm.screws import shift
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ class NominalRobot:
     @cached_property
     def compliances(self) -> Mapping[str, Array]:
         """Compliance (6, 6) of every element, in its own axes at its own point."""
-        return {element.name: element.compliance for element in elements_of(self.mechanism)}
+        return {element.name: element.compliance for element in list_elements(self.mechanism)}
 
     @cached_property
     def elastic(self) -> Mapping[str, Elastic]:

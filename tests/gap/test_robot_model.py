@@ -24,7 +24,7 @@ from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.kinematics import configure, configure_drives
 from stiffscope.vjm.mechanism import Change
 from stiffscope.vjm.modes import frequencies
-from stiffscope.vjm.network import places
+from stiffscope.vjm.network import place_nodes
 from stiffscope.vjm.statics import Load, respond, stiffness
 
 LINEAR_DELTA = Path(__file__).parents[1] / "vjm" / "robots" / "linear-delta.toml"
@@ -91,7 +91,7 @@ def motion(response, where, node, home, pose):
 def read(robot, mechanism, c):
     """Every reading (n,) by an equilibrium of its own."""
     found = configure(robot.mechanism, c.poses)
-    where = places(found)
+    where = place_nodes(found)
     matrix = stiffness(mechanism, found)
     out = np.zeros(len(c))
     for i in range(len(c)):

@@ -11,7 +11,7 @@ from stiffscope.vjm.bodies import Body
 from stiffscope.vjm.joints import Drive, Joint
 from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.mechanism import Mechanism, Tool
-from stiffscope.vjm.singularity import mobility
+from stiffscope.vjm.singularity import count_freedoms
 from stiffscope.vjm.statics import respond, stiffness
 
 
@@ -52,7 +52,7 @@ def test_delta_agrees_with_direct_stiffness():
     ours = stiffness(delta, poses)
     for pose, matrix in zip(poses, ours, strict=True):
         assert np.allclose(matrix, direct(robot, delta, pose), rtol=1e-8, atol=1e-9 * np.abs(matrix).max())
-    assert mobility(ours)[0].tolist() == [0, 0]
+    assert count_freedoms(ours)[0].tolist() == [0, 0]
 
 
 def elbow_of(shoulder, wrist, out, arm, rod):

@@ -11,15 +11,15 @@ import pytest
 from stiffscope.errors import InputError
 from stiffscope.vjm.bodies import Body, member
 from stiffscope.vjm.checks import TOOL
-from stiffscope.vjm.condensation import condensed
-from stiffscope.vjm.equilibrium import loaded, tool_stiffness
+from stiffscope.vjm.condensation import condense_network
+from stiffscope.vjm.equilibrium import solve_loads, tool_stiffness
 from stiffscope.vjm.joints import Drive, Joint
 from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.linkage import Linkage
 from stiffscope.vjm.mechanism import Change, Mechanism, Tool
-from stiffscope.vjm.order import home, order_of
-from stiffscope.vjm.prestress import internal_loads
-from stiffscope.vjm.singularity import free_twists, mobility
+from stiffscope.vjm.order import find_order, places_at_home
+from stiffscope.vjm.prestress import own_loads
+from stiffscope.vjm.singularity import count_freedoms, free_twists
 from stiffscope.vjm.statics import Load, batches, respond, sag, stiffness, stiffness_error
 from tests.robots import GEOMETRY, euler_bernoulli, published_slider, random_compliance, random_poses
 from tests.vjm import direct_stiffness, oracle
@@ -35,7 +35,7 @@ def off(a, b):
 
 
 def at_home(m):
-    return tool_stiffness(condensed(order_of(m, Linkage(m, "drives")), home(m)))[0]
+    return tool_stiffness(condense_network(find_order(m, Linkage(m, "drives")), places_at_home(m)))[0]
 
 
 @pytest.mark.parametrize("name", CHECKED)
@@ -186,20 +186,20 @@ def test_random_mechanisms_against_the_dense_oracle(block):
     compared = sagged = 0
     for seed in range(60 * block, 60 * block + 60):
         m = random_mechanism(seed)
-        order = order_of(m, Linkage(m, "drives"))
+        order = find_order(m, Linkage(m, "drives"))
         bodies = oracle.Bodies(m)
         try:
-            k = tool_stiffness(condensed(order, home(m)))[0]
+            k = tool_stiffness(condense_network(order, places_at_home(m)))[0]
         except InputError:  # infinite stiffness
             continue
         expected, twist, _ = oracle.solve(bodies, oracle.weights(bodies), offsets=True)
         size = np.sqrt(np.abs(np.diagonal(expected)) + 1e-6 * np.abs(np.diagonal(expected)).max() + 1.0)
         assert np.abs((k - expected) / np.outer(size, size)).max() < 1e-6, seed
         compared += 1
-        if mobility(expected)[0] > 0:
+        if count_freedoms(expected)[0] > 0:
             continue
         try:
-            response = loaded(order, home(m), internal_loads(order, home(m), m.gravity))
+            response = solve_loads(order, places_at_home(m), own_loads(order, places_at_home(m), m.gravity))
         except InputError:  # something moves freely under its weight
             assert np.isnan(twist).all(), seed
             continue
@@ -306,7 +306,7 @@ def test_a_free_tool_has_a_mobility_and_no_deflection():
     ball = Joint("ball", "ground", "rod.base", "spherical", [0, 0, 0])
     m = Mechanism((rod,), (ball,), Tool("rod.tip", [1, 0, 0], ("rx", "ry", "rz")))
     k = at_home(m)
-    assert mobility(k)[0] == 3
+    assert count_freedoms(k)[0] == 3
     for twist in free_twists(k):
         assert np.allclose(twist[:3], np.cross(twist[3:], [1, 0, 0]), atol=1e-9)
     with pytest.raises(InputError, match="moves freely in 3 direction"):
@@ -356,9 +356,9 @@ def test_wrenches_carry_the_offsets_through_indeterminate_loops():
 def test_every_run_condenses_in_the_same_order():
     """Whatever the seed of Python's hashes: else the last digits of a result change from run to run."""
     code = (
-        "from tests.vjm.files import biglide; from stiffscope.vjm.order import order_of\n"
+        "from tests.vjm.files import biglide; from stiffscope.vjm.order import find_order\n"
         "from stiffscope.vjm.linkage import Linkage\n"
-        "m = biglide(); o = order_of(m, Linkage(m, 'drives'))\n"
+        "m = biglide(); o = find_order(m, Linkage(m, 'drives'))\n"
         "print([(type(s).__name__, getattr(s, 'node', ''), getattr(s, 'neighbours', '')) for s in o.steps])"
     )
     said = {

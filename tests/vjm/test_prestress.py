@@ -177,10 +177,10 @@ def test_a_tight_string_is_stiff_sideways():
     bodies[-1] = replace(bodies[-1], elastic=replace(bodies[-1].elastic, places=np.zeros((2, 3))))
     m = Mechanism(tuple(bodies), tuple(joints), Tool("knot", [0, 0, 0], ("x",))).changed(off)
     from stiffscope.vjm.linkage import Linkage
-    from stiffscope.vjm.order import home, order_of
+    from stiffscope.vjm.order import find_order, places_at_home
     from stiffscope.vjm.prestress import loaded_stiffness
 
-    k = loaded_stiffness(order_of(m, Linkage(m, "drives")), home(m), np.zeros(3))[0][0]
+    k = loaded_stiffness(find_order(m, Linkage(m, "drives")), places_at_home(m), np.zeros(3))[0][0]
     across = 2 * tension / length
     assert np.diagonal(k) == pytest.approx([2 * axial + 1, across + 1, across + 1, 1e6, 1e6, 1e6], rel=2e-4)
 

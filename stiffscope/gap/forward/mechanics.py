@@ -18,18 +18,18 @@ from stiffscope.errors import InputError
 from stiffscope.gap.campaign.quantities import AXES, DEVIATION, FIRST_FREQUENCY, FREQUENCY, JOINT
 from stiffscope.robot.effects import changed, without_ranges
 from stiffscope.vjm.checks import GROUND
-from stiffscope.vjm.condensation import condensed
-from stiffscope.vjm.equilibrium import equilibrium, loaded
+from stiffscope.vjm.condensation import condense_network
+from stiffscope.vjm.equilibrium import solve_condensed, solve_loads
 from stiffscope.vjm.kinematics import configure, configure_drives
 from stiffscope.vjm.linkage import rotation_vector
 from stiffscope.vjm.loading import Loads
 from stiffscope.vjm.modes import modes
-from stiffscope.vjm.network import END, FOOT, elements_of, masses, places
-from stiffscope.vjm.order import order_of
-from stiffscope.vjm.prestress import bent
+from stiffscope.vjm.network import END, FOOT, list_elements, lump_masses, place_nodes
+from stiffscope.vjm.order import find_order
+from stiffscope.vjm.prestress import bend_places
 from stiffscope.vjm.screws import Frame
 from stiffscope.vjm.statics import stiffness
-from stiffscope.vjm.strain import remaining_offsets
+from stiffscope.vjm.strain import find_remaining_offsets
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -87,27 +87,27 @@ class RobotAtPoses:
     @cached_property
     def displaced(self) -> bool:
         """Whether errors of the geometry are in the model itself."""
-        return any(element.offset is not None for element in elements_of(self.mechanism))
+        return any(element.offset is not None for element in list_elements(self.mechanism))
 
     @cached_property
     def rest(self) -> Places:
         """Nodes at its poses."""
-        return places(self.configurations)
+        return place_nodes(self.configurations)
 
     @cached_property
     def _condensed(self) -> Condensed:
-        return condensed(order_of(self.mechanism, self.configurations.linkage), self.rest)
+        return condense_network(find_order(self.mechanism, self.configurations.linkage), self.rest)
 
     def under_loads(self) -> Response:
         """Equilibrium under all terminals' unit loads."""
-        return equilibrium(self._condensed, self.unit_loads(self.rest, self.mechanism, ()))
+        return solve_condensed(self._condensed, self.unit_loads(self.rest, self.mechanism, ()))
 
     def cut(self, name: str) -> Response:
         """Equilibrium where an element's ends lie apart by each of six unit twists, in its own axes; unloaded."""
         if name not in self._cuts:
             while len(self._cuts) >= max(_FEW, _CUTS // len(self.campaign.poses)):
                 del self._cuts[next(iter(self._cuts))]
-            self._cuts[name] = equilibrium(self._condensed, Loads(6, {}, {name: np.eye(6)[None]}))
+            self._cuts[name] = solve_condensed(self._condensed, Loads(6, {}, {name: np.eye(6)[None]}))
         return self._cuts[name]
 
     @cached_property
@@ -208,7 +208,7 @@ class RobotAtPoses:
         """Whether the tool holds every wrench at M."""
         found = self.configurations[:1]
         try:
-            loaded(order_of(self.mechanism, found.linkage), places(found), Loads(6, {END: np.eye(6)[None]}))
+            solve_loads(find_order(self.mechanism, found.linkage), place_nodes(found), Loads(6, {END: np.eye(6)[None]}))
         except InputError:
             return False
         return True
@@ -235,7 +235,7 @@ class RobotAtPoses:
             if sensor.against != GROUND:
                 add(sensor.against, -push, self.sensor_case(k))
         per_unit = mechanism.gravity / (self.robot.acceleration or np.inf)
-        for node, mass in masses(mechanism, where).items() if per_unit.any() else ():
+        for node, mass in lump_masses(mechanism, where).items() if per_unit.any() else ():
             add(node, mass.weight(per_unit)[..., 0], self.weight_case)
         for payload in payloads:
             add(payload.body, _weight_of(payload, where, mechanism.gravity), self.weight_case + 1)
@@ -282,7 +282,7 @@ class ElasticState:
         return mechanism
 
     @cached_property
-    def places(self) -> Places:
+    def place_nodes(self) -> Places:
         """Nodes where errors of the geometry have moved them to: loops closed by Newton steps of the elastic network.
 
         Raises InputError where they do not close.
@@ -290,15 +290,15 @@ class ElasticState:
         rest = self.at.rest
         if not self._displacing:
             return rest
-        order = order_of(self.mechanism, self.at.configurations.linkage)
+        order = find_order(self.mechanism, self.at.configurations.linkage)
         offsets = {e.name: e.offset[None, :, None] for e in order.elements if e.offset is not None}
-        response = loaded(order, rest, Loads(1, {}, offsets))
-        there, size = bent(rest, response), _size(response, order.length)
+        response = solve_loads(order, rest, Loads(1, {}, offsets))
+        there, size = bend_places(rest, response), _size(response, order.length)
         for _ in range(_NEWTON_STEPS):
             if size < _CLOSED:
                 return there
-            response = loaded(order, there, Loads(1, {}, remaining_offsets(order, there, rest), balanced=1.0))
-            there, size = bent(there, response), _size(response, order.length)
+            response = solve_loads(order, there, Loads(1, {}, find_remaining_offsets(order, there, rest), balanced=1.0))
+            there, size = bend_places(there, response), _size(response, order.length)
         if not size < _CLOSED:
             raise InputError("loop closure: no solution for these geometric errors")
         return there
@@ -314,8 +314,8 @@ class ElasticState:
         where = self.places
         if self is self.at.sound and where is self.at.rest:
             return self.at.under_loads()
-        order = order_of(self.mechanism, self.at.configurations.linkage)
-        return loaded(order, where, self.at.unit_loads(where, self.mechanism, self.payloads))
+        order = find_order(self.mechanism, self.at.configurations.linkage)
+        return solve_loads(order, where, self.at.unit_loads(where, self.mechanism, self.payloads))
 
     @cached_property
     def _response(self) -> Response | Softened:
@@ -440,11 +440,11 @@ class ElasticState:
     @cached_property
     def _swinging(self) -> Response:
         """Equilibrium under the inertial loads ``ω² M v`` of each mode v: what its elements carry at their largest."""
-        found, where = self._modes.configurations, places(self._modes.configurations)
+        found, where = self._modes.configurations, place_nodes(self._modes.configurations)
         squares = np.square(2.0 * np.pi * self.frequencies)[:, None]
         forces = inertial_forces(self._laden, where, self._modes.shapes)
         loads = Loads(squares.shape[2], {node: force * squares for node, force in forces.items()}, balanced=1.0)
-        return loaded(order_of(self.mechanism, found.linkage), where, loads)
+        return solve_loads(find_order(self.mechanism, found.linkage), where, loads)
 
     def swung(self, name: str) -> Array:
         """Wrench (s, 6, c) on an element in each mode of a modal mass of 1 kg, in its own axes."""
@@ -453,7 +453,7 @@ class ElasticState:
 
     def swing(self, node: str, home: Array) -> Array:
         """Twist (s, 6, c) of a point of a body in each mode of a modal mass of 1 kg, base axes."""
-        where = places(self._modes.configurations)
+        where = place_nodes(self._modes.configurations)
         return np.swapaxes(_at(where, node, home), -1, -2) @ self._modes.shapes[node]
 
 
