@@ -282,7 +282,7 @@ class ElasticState:
         return mechanism
 
     @cached_property
-    def place_nodes(self) -> Places:
+    def places(self) -> Places:
         """Nodes where errors of the geometry have moved them to: loops closed by Newton steps of the elastic network.
 
         Raises InputError where they do not close.
