@@ -79,10 +79,10 @@ ARM = """<robot name="arm">
 
 @pytest.fixture
 def imported(tmp_path):
-    def from_text(text, suffix, **options):
+    def from_text(text, suffix, path="robot.toml", **options):
         (tmp_path / f"model{suffix}").write_text(text, encoding="utf-8")
-        model = import_model(tmp_path / f"model{suffix}", tmp_path / "robot.toml", **options)
-        return model, load_robot(tmp_path / "robot.toml"), (tmp_path / "robot.toml").read_text()
+        model = import_model(tmp_path / f"model{suffix}", tmp_path / path, **options)
+        return model, load_robot(tmp_path / path), (tmp_path / path).read_text()
 
     return from_text
 
@@ -106,8 +106,10 @@ def test_a_four_bar_with_two_connects_on_a_line(imported):
     told = " ".join(model.notes)
     assert "without its meshes" in told
     assert "not active" in told
-    assert "couples coordinates" in told
+    assert "couples the coordinates of joints motor and pivot (mimic)" in told
+    assert "stiffness of motor, elbow, pivot is not taken" in told
     assert 'actuator "servo"' in text
+    assert "# the source has stiffness 11, damping 7 here (SI), not taken" in text
     for number in ("1234", "11 ", "7 ", "0.02 1"):  # gains, springs, damping, solver
         assert number not in " ".join(line for line in text.splitlines() if not line.startswith("#"))
 
@@ -142,6 +144,33 @@ def test_an_arm_in_urdf(imported):
     assert any("meshes" in note for note in model.notes) or "package" not in text
 
 
+def test_a_mimic_joint_is_told_and_moves_freely(imported):
+    mimic = ARM.replace('<limit lower="-0.1"', '<mimic joint="shoulder" multiplier="0.5"/><limit lower="-0.1"')
+    model, robot, _ = imported(mimic, ".urdf")
+    assert any("joints slide and shoulder (mimic)" in note for note in model.notes)
+    assert robot.tool.body == "carriage"
+    assert len(robot.tool.pose) == at_home.motions(robot, driven=False).shape[1] == 2
+
+
+def test_gains_and_masses_that_are_not_taken_are_told(imported):
+    fixed = '<mass value="7"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    model, _, text = imported(
+        ARM.replace('<link name="base_link"/>', f'<link name="base_link"><inertial>{fixed}</inertial></link>'), ".urdf"
+    )
+    assert "bodies fixed to the ground have no mass here: base_link 7 kg" in model.notes
+    _, robot, text = imported(FOUR_BAR.replace("<joint name", '<joint armature="0.3" name'), ".xml", path="servo.toml")
+    assert '# drive = { stiffness = "1234 N*m/rad"' in text
+    assert "armature 0.3" in text
+    assert robot.joints["motor"].drive is None
+
+
+def test_a_name_cannot_write_into_the_robot_file(imported):
+    evil = "up&#10;per = 3&#10;[x]&#27;"
+    _, robot, text = imported(ARM.replace('"upper"', f'"{evil}"').replace('"shoulder"', f'"{evil}"'), ".urdf")
+    assert set(robot.bodies) == {"up_per = 3_[x]_", "carriage"}
+    assert "\x1b" not in text
+
+
 def test_another_home(imported):
     _, robot, _ = imported(
         ARM, ".urdf", drives=["slide=2e7"], tool="carriage", home=["slide=50 mm", "shoulder=-90 deg"]
@@ -171,6 +200,7 @@ def test_a_platform_that_hangs_on_closures_and_two_hinges_of_one_body(imported):
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [
+        (FOUR_BAR.replace('mass="2"', 'mass="-2"'), {}, 'expected no mass below zero, got -2 kg of body "crank"'),
         ("<mujoco>", {}, "model.xml: expected a model in URDF or MJCF, got: "),
         ("", {}, "model.xml: expected a model in URDF or MJCF, got: "),
         (FOUR_BAR, {"drives": ["moter=1"]}, r'--drive moter=1: expected a joint .*did you mean "motor"'),
@@ -185,7 +215,8 @@ def test_a_platform_that_hangs_on_closures_and_two_hinges_of_one_body(imported):
             '<connect name="pin" site1="tcp" site2="far"/>').replace(
             '<joint name="pivot"/>', '<joint name="pivot"/><site name="far" pos="3 0 0"/>'),
          {}, "expected loops that close, got a gap of"),
-        (FOUR_BAR.replace('mass="2"', 'mass="1e308"'), {}, r"model\.xml: .*toml:\d+: bodies\.\w+\.mass: expected"),
+        (FOUR_BAR.replace("mass=\"2\"", "mass=\"1e308\""), {},
+         r"model\.xml: expected the model of a robot, got one with bodies\.crank\.mass: expected"),
     ],
 )  # fmt: skip
 def test_refusals(imported, tmp_path, text, options, message):

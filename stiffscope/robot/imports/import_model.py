@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ import numpy as np
 from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.values import TORSION, any_quantity
+from stiffscope.robot.imports.compiled_model import print_safely
 from stiffscope.robot.imports.simulator_model import read_model
 from stiffscope.robot.reader import read_robot
 from stiffscope.runtime.files import check_new, write_new
@@ -27,7 +29,7 @@ _HEAD = """# Imported from {file}: geometry, masses, joints and their ranges at 
 #
 # Fill in what a simulator's model does not say:
 #   - drives: give each driven joint a stiffness, by hand below or with --drive JOINT=STIFFNESS; a joint without one
-#     moves freely. Damping, springs and contact numbers of the source are not stiffness, none is taken.
+#     moves freely. Gains, springs and damping of the source stand beside its joints as comments, none is taken.
 #   - elastic bodies: all bodies are rigid here. To let one bend, describe it as a part ([parts.NAME], shape "rod",
 #     "plate", "step" or "matrix"), replace its mass and centre by part, base, tip and y, and let its joints stand on
 #     its ends, "BODY.base" and "BODY.tip". The points where a body's joints stand are written beside it.
@@ -68,13 +70,12 @@ def import_model(
     """
     check_new(out)
     model = read_model(path, tool, dict(_position(text) for text in home))
-    text = robot_text(model, Path(path).name, driven(model, drives))
+    text = robot_text(model, print_safely(Path(path).name), driven(model, drives))
     try:
         read_robot(Path(out), text)
     except InputError as error:
-        raise InputError(
-            f"{shown(path)}: expected the model of a robot, got one whose robot file has {error}"
-        ) from error
+        what = re.sub(rf"^{re.escape(str(out))}:\d+: ", "", str(error))
+        raise InputError(f"{shown(path)}: expected the model of a robot, got one with {what}") from error
     write_new(Path(out), text.encode())
     return model
 
@@ -165,10 +166,16 @@ def _joint_lines(joint: ModelJoint, drives: dict[str, str]) -> Iterator[str]:
             yield f"{key} = {_vector(direction)}"
     if joint.kind in _DRIVABLE:
         limits = "" if joint.range is None else f", range = [{', '.join(_number(each) for each in joint.range)}]"
+        unit = _DRIVABLE[joint.kind].unit
         if joint.name in drives:
             yield f"drive = {{ stiffness = {drives[joint.name]}{limits} }}"
+        elif joint.gain:
+            yield f'# drive = {{ stiffness = "{_number(joint.gain)} {unit}"{limits} }}   # gain kp of the source'
         else:
-            yield f'# drive = {{ stiffness = "... {_DRIVABLE[joint.kind].unit}"{limits} }}   # if it is driven'
+            yield f'# drive = {{ stiffness = "... {unit}"{limits} }}   # if it is driven'
+    if joint.dynamics:
+        listed = ", ".join(f"{word} {_number(value)}" for word, value in joint.dynamics.items())
+        yield f"# the source has {listed} here (SI), not taken"
 
 
 def _home(model: SimulatorModel) -> list[float]:

@@ -1,0 +1,216 @@
+"""A simulator's model, URDF or MJCF, compiled by MuJoCo's own parser and put at its home, with every loop closed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.runtime.reading import open_file
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.floating[Any]]
+
+GROUND = "ground"
+CLOSED = 1e-10  # m, rad: largest gap of a loop that counts as closed
+_ROUNDS = 100
+
+
+@dataclass
+class CompiledModel:
+    """MuJoCo's form of a model and its state at home; ``notes``: what was left out or guessed so far."""
+
+    mj: Any
+    path: Path
+    model: Any
+    data: Any
+    notes: list[str] = field(default_factory=list)
+
+    @cached_property
+    def movers(self) -> dict[int, str]:
+        """Bodies that move by themselves, by their numbers, and the ground; what is welded to one is part of it."""
+        taken: dict[str, int] = {}
+        for body in range(1, self.model.nbody):
+            if self.model.body_weldid[body] == body:
+                name = self.label("body", body)
+                taken[f"{name}_body" if name == GROUND or name in taken else name] = body
+        return {0: GROUND} | {body: name for name, body in taken.items()}
+
+    def label(self, kind: str, number: int) -> str:
+        """Name of an object of the model in one printable line, or a made one."""
+        name = self.mj.mj_id2name(self.model, getattr(self.mj.mjtObj, f"mjOBJ_{kind.upper()}"), number)
+        return print_safely(name or f"{kind}{number}").replace('"', "'")
+
+    def labels(self, kind: str, count: int, first: int = 0) -> dict[str, int]:
+        """Numbers of all objects of a kind by their names."""
+        return {self.label(kind, each): each for each in range(first, count)}
+
+    def mover(self, body: int) -> str:
+        """Name of the body that a body moves with."""
+        return self.movers[int(self.model.body_weldid[body])]
+
+    def is_a(self, value: int, enum: str, *names: str) -> bool:
+        """Whether a number of the model means one of some words of MuJoCo's enumerations."""
+        return value in {int(getattr(getattr(self.mj, enum), name)) for name in names}
+
+    def closure_ends(self, number: int) -> tuple[str, str, Array]:
+        """Bodies and point (3,) of an equality that connects or welds."""
+        m, d = self.model, self.data
+        ends = int(m.eq_obj1id[number]), int(m.eq_obj2id[number])
+        if self.is_a(m.eq_objtype[number], "mjtObj", "mjOBJ_SITE"):
+            first, second = (self.mover(int(m.site_bodyid[site])) for site in ends)
+            return first, second, d.site_xpos[ends[0]].copy()
+        body = ends[self.is_a(m.eq_type[number], "mjtEq", "mjEQ_WELD")]
+        at = d.xpos[body] + d.xmat[body].reshape(3, 3) @ m.eq_data[number, :3]
+        return self.mover(ends[0]), self.mover(ends[1]), at
+
+    def closures(self) -> list[int]:
+        """Numbers of the equalities that connect or weld bodies."""
+        m = self.model
+        return [n for n in range(m.neq) if self.is_a(m.eq_type[n], "mjtEq", "mjEQ_CONNECT", "mjEQ_WELD")]
+
+    def equality_rows(self, closures_only: bool = False) -> tuple[Array, Array]:
+        """Gap (m,) and Jacobian (m, nv) of the active equalities, of all or only of those that close loops."""
+        m, d = self.model, self.data
+        rows = d.efc_type == self.mj.mjtConstraint.mjCNSTR_EQUALITY
+        if closures_only:
+            rows &= np.isin(d.efc_id, self.closures())
+        if self.mj.mj_isSparse(m):
+            dense = np.zeros((d.nefc, m.nv))
+            self.mj.mju_sparse2dense(dense, d.efc_J, d.efc_J_rownnz, d.efc_J_rowadr, d.efc_J_colind)
+        else:
+            dense = d.efc_J.reshape(d.nefc, m.nv)
+        return d.efc_pos[rows].copy(), dense[rows].copy()
+
+
+def print_safely(text: str) -> str:
+    """A text of the model on one line, for a file and a terminal."""
+    return "".join(each if each.isprintable() else "_" for each in text)
+
+
+def compile_at_home(path: Path, home: Mapping[str, float]) -> CompiledModel:
+    """Compile a model and go to its home.
+
+    Parameters
+    ----------
+    path
+        The file; meshes that it names need not be there.
+    home
+        Positions of hinges (rad) and slides (m); the others are as the keyframe "home" or the zero pose has them.
+
+    Returns
+    -------
+    CompiledModel
+        Its kinematics evaluated at home.
+
+    Raises
+    ------
+    InputError
+        MuJoCo is not installed, the file is no model, or its loops do not close.
+
+    """
+    try:
+        import mujoco
+    except ImportError as error:
+        raise InputError(
+            "import: expected the package mujoco, which reads URDF and MJCF, got none; "
+            "install it by: python -m pip install mujoco"
+        ) from error
+    open_file(path, "a model in URDF or MJCF").close()
+    library: Any = mujoco
+    warnings: list[str] = []
+    library.set_mju_user_warning(warnings.append)  # else it writes them to MUJOCO_LOG.TXT in the working folder
+    try:
+        model, notes = _compile(library, path)
+        _check_finite(path, model)
+        compiled = CompiledModel(library, path, model, library.MjData(model), notes)
+        _go_home(compiled, home)
+    finally:
+        library.set_mju_user_warning(None)
+    if any("'NaN'" in each for each in warnings):
+        raise InputError(f"{path}: expected a model in URDF or MJCF whose numbers are finite, got NaN")
+    compiled.notes += [print_safely(each) for each in dict.fromkeys(warnings)]
+    return compiled
+
+
+def _compile(mj: Any, path: Path) -> tuple[Any, list[str]]:
+    """The compiled model and what was left out of it."""
+    try:
+        spec = mj.MjSpec.from_file(str(path))
+        spec.compiler.fusestatic = 0
+        _check_masses(path, spec)
+        try:
+            return spec.copy().compile(), []
+        except ValueError as error:
+            first = _reason(error)
+        kinds = mj.mjtGeom.mjGEOM_MESH, mj.mjtGeom.mjGEOM_HFIELD, mj.mjtGeom.mjGEOM_SDF
+        for assets in (spec.geoms, spec.meshes, spec.textures, spec.materials, spec.hfields, spec.skins):
+            for each in list(assets):
+                if assets is not spec.geoms or each.type in kinds:
+                    spec.delete(each)
+        spec.compiler.boundmass, spec.compiler.boundinertia = 1e-9, 1e-15
+        spec.compiler.balanceinertia = 1
+        model = spec.compile()
+    except InputError:
+        raise
+    except (ValueError, OSError, RuntimeError) as error:
+        raise InputError(f"{path}: expected a model in URDF or MJCF, got: {_reason(error)}") from error
+    return model, [f"read without its meshes ({first})", "a body whose mass would come from a mesh has none here"]
+
+
+def _check_masses(path: Path, spec: Any) -> None:
+    for what, of in (("body", spec.bodies), ("geom", spec.geoms)):
+        for each in of:
+            if each.mass < 0:
+                name = print_safely(each.name)
+                raise InputError(f'{path}: expected no mass below zero, got {each.mass:g} kg of {what} "{name}"')
+
+
+def _reason(error: Exception) -> str:
+    return print_safely(" ".join(str(error).removeprefix("Error: ").split()))
+
+
+def _check_finite(path: Path, m: Any) -> None:
+    bodies = m.body_pos, m.body_quat, m.body_ipos, m.body_iquat, m.body_mass, m.body_inertia
+    if not all(np.isfinite(each).all() for each in (*bodies, m.jnt_pos, m.jnt_axis, m.opt.gravity)):
+        raise InputError(f"{path}: expected a model in URDF or MJCF whose numbers are finite, got others")
+
+
+def _go_home(compiled: CompiledModel, wanted: Mapping[str, float]) -> None:
+    """Keyframe "home" or the zero pose and the joints wanted, with every loop closed by Gauss-Newton steps."""
+    m, d, mj = compiled.model, compiled.data, compiled.mj
+    key = mj.mj_name2id(m, mj.mjtObj.mjOBJ_KEY, "home")
+    if key >= 0:
+        mj.mj_resetDataKeyframe(m, d, key)
+        compiled.notes.append('home is the keyframe "home" of the source')
+    joints = {
+        name: each
+        for name, each in compiled.labels("joint", m.njnt).items()
+        if compiled.is_a(m.jnt_type[each], "mjtJoint", "mjJNT_HINGE", "mjJNT_SLIDE")
+    }
+    for name, value in wanted.items():
+        if name not in joints:
+            able = ", ".join(joints)
+            raise InputError(f'--home {name}: expected a joint that turns or slides ({able}), got "{name}"')
+        d.qpos[m.jnt_qposadr[joints[name]]] = value
+    open_by = np.inf
+    for _ in range(_ROUNDS):
+        mj.mj_forward(m, d)
+        gap, jacobian = compiled.equality_rows()
+        open_by = float(np.abs(gap).max(initial=0.0))
+        if open_by < CLOSED:
+            return
+        step = -np.linalg.lstsq(jacobian, gap, rcond=1e-9)[0]
+        mj.mj_integratePos(m, d.qpos, step, 1.0)
+    raise InputError(
+        f"{compiled.path}: expected loops that close, got a gap of {open_by:.3g} (m or rad); "
+        "choose another home with --home"
+    )

@@ -1,0 +1,85 @@
+"""The tool of a simulator's model: which body and point, and the coordinates that its mechanism moves."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.robot.imports.compiled_model import GROUND
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from stiffscope.robot.imports.compiled_model import CompiledModel
+
+    Array = NDArray[np.floating[Any]]
+
+_SITES = ("attachment_site", "tcp", "tool", "tool0", "ee", "ee_site", "end_effector", "pinch", "grip_site")
+
+
+def find_tool(source: CompiledModel, wanted: str | None) -> tuple[int, Array, str]:
+    """Body, point (3,) and description of the tool: what is wanted, else a site of a usual name, else a last body."""
+    m, d = source.model, source.data
+    sites, bodies = source.labels("site", m.nsite), source.labels("body", m.nbody, 1)
+    if wanted is not None and wanted not in sites and wanted not in bodies:
+        known = ", ".join([*sites, *bodies])
+        raise InputError(f'--tool {wanted}: expected a body or site of {source.path} ({known}), got "{wanted}"')
+    for name in (wanted,) if wanted else _SITES:
+        if name in sites and source.mover(int(m.site_bodyid[sites[name]])) != GROUND:
+            body = int(m.site_bodyid[sites[name]])
+            return body, d.site_xpos[sites[name]].copy(), f'site "{name}" of the source'
+    body = bodies[wanted] if wanted in bodies else _last_body(source)
+    if source.mover(body) == GROUND:
+        got = wanted or "a model whose bodies are all fixed"
+        raise InputError(f"{source.path}: expected a tool that moves, got {got}")
+    return body, d.xpos[body].copy(), f'body "{source.label("body", body)}" of the source'
+
+
+def _last_body(source: CompiledModel) -> int:
+    """Where most chains end: the body with most closures, else the deepest one."""
+    m = source.model
+    depth = np.zeros(m.nbody, dtype=int)
+    for body in range(1, m.nbody):
+        depth[body] = depth[m.body_parentid[body]] + 1
+    ends = [each for number in source.closures() for each in source.closure_ends(number)[:2]]
+    bodies = range(1, m.nbody)
+    return max(bodies, key=lambda body: (ends.count(source.mover(body)) > 1, depth[body], -body), default=0)
+
+
+def movable_coordinates(source: CompiledModel, body: int, at: Array) -> tuple[str, ...]:
+    """Coordinates of a body's point (3,) that the mechanism moves, translations first."""
+    m, d = source.model, source.data
+    jacobian = _jacobian(source, d, body, at)
+    _, closures = source.equality_rows(closures_only=True)
+    basis = np.eye(m.nv)
+    if closures.size:
+        _, sizes, rows = np.linalg.svd(closures)
+        basis = rows[(sizes > 1e-9 * sizes[0]).sum() :].T
+    motions = jacobian @ basis
+    chosen: list[int] = []
+    for coordinate in range(6):
+        rows = motions[[*chosen, coordinate]]
+        if motions.size and np.linalg.svd(rows)[1].min(initial=np.inf) > 1e-6 and len(rows) <= motions.shape[1]:
+            chosen.append(coordinate)
+    if not closures.size and len(chosen) < min(6, m.nv) and _nearby_rank(source, body, at) > len(chosen):
+        source.notes.append("home is singular: the tool moves in more directions elsewhere; choose another with --home")
+    return tuple(("x", "y", "z", "rx", "ry", "rz")[each] for each in chosen)
+
+
+def _jacobian(source: CompiledModel, data: Any, body: int, at: Array) -> Array:
+    jacobian = np.zeros((6, source.model.nv))
+    source.mj.mj_jac(source.model, data, jacobian[:3], jacobian[3:], at, body)
+    return jacobian
+
+
+def _nearby_rank(source: CompiledModel, body: int, at: Array) -> int:
+    """Directions in which the tool of an open chain moves at a pose near home."""
+    m, here, near = source.model, source.data, source.mj.MjData(source.model)
+    near.qpos[:] = here.qpos
+    source.mj.mj_integratePos(m, near.qpos, np.random.default_rng(0).normal(0.0, 0.1, m.nv), 1.0)
+    source.mj.mj_forward(m, near)
+    turn = near.xmat[body].reshape(3, 3) @ here.xmat[body].reshape(3, 3).T
+    point = near.xpos[body] + turn @ (at - here.xpos[body])
+    return int(np.linalg.matrix_rank(_jacobian(source, near, body, point), tol=1e-6))
