@@ -78,7 +78,7 @@ PLACES = {
     "joint-compliance": ("joints",),
     "link-stiffness": ("links", *LINKS),
     "rigid-ends": ("links",),
-    "slider-compliance": ("sliders",),
+    "part-compliance": ("sliders",),
     "guide-compliance": ("carriages",),
     "base-compliance": ("base",),
     "platform-compliance": ("platform",),

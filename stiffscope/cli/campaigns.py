@@ -52,7 +52,7 @@ def diagnose(name: str, out: Path, *, target: str | None, adopt: Path | None, qu
     """
     from stiffscope.cli.showing import shown_workshop
     from stiffscope.gap.adoption import check_target
-    from stiffscope.gap.campaigns import assembled_nominal, diagnose_case, open_case
+    from stiffscope.gap.campaigns import assemble_nominal, diagnose_case, open_case
     from stiffscope.gap.inference.diagnosis import to_json
     from stiffscope.gap.inference.posterior_samples import write_posterior
     from stiffscope.report import gap_tables, tables
@@ -64,7 +64,7 @@ def diagnose(name: str, out: Path, *, target: str | None, adopt: Path | None, qu
     if adopt is not None:
         check_target(adopt, case.robot)
     with shown_workshop(quiet=quiet) as shop, ExitStack() as stack:
-        nominal = assembled_nominal(case, shop)
+        nominal = assemble_nominal(case, shop)
         ahead = nominal and stack.enter_context(shares_ahead(nominal, manifest.sources["inputs"], shop.cache))
         diagnosis = diagnose_case(case, nominal, shop)
         with files.staged_folder(out) as folder:
@@ -87,7 +87,7 @@ def _write_report(
     ahead: SharesPicture | None,
 ) -> None:  # fmt: skip
     """Figures, manifest, and the report that shows them."""
-    from stiffscope.gap.campaigns import reached
+    from stiffscope.gap.campaigns import configure_case
     from stiffscope.report.diagnosis_report import share_view, write_diagnosis_report
     from stiffscope.report.kept_pictures import order_shares, write_diagnosis_pictures
 
@@ -100,7 +100,7 @@ def _write_report(
         made_of = ", ".join(f"{part} {source}" for part, source in nominal.sources.items())
         modelled = ", ".join(case.campaign.modelled) or "no effect"
         facts.append(f"nominal robot {nominal.robot.name} ({made_of}; modelled: {modelled})")
-        found = reached(case, nominal)
+        found = configure_case(case, nominal)
         robot = order_shares(nominal, diagnosis, found, folder, ahead) if found and ahead else None
         write_diagnosis_pictures(diagnosis, folder, cache, manifest, robot)
         view = share_view(folder, nominal, diagnosis, found) if found else None
@@ -153,14 +153,14 @@ def new_campaign(name: str, out: Path, *, target: str | None, quiet: bool) -> No
 )
 def check_campaign(name: str, out: Path | None, *, target: str | None, quiet: bool) -> None:
     """What was understood of a campaign: counts, units, poses, sensors and loads; no experiment is made."""
-    from stiffscope.gap.campaigns import open_case, reached
+    from stiffscope.gap.campaigns import configure_case, open_case
     from stiffscope.report.campaign_check import campaign_json, draw_sensors, show_campaign, write_page
     from stiffscope.report.pictures import PictureError
 
     if out is not None:
         files.check_output(out, target)
     case = open_case(name, planned=True)
-    found, facts = reached(case), campaign_json(case.campaign)
+    found, facts = configure_case(case), campaign_json(case.campaign)
     if not quiet and target != "-":
         show_campaign(facts, case.name)
     if out is not None:

@@ -60,10 +60,10 @@ def diagnose(campaign: str | Path) -> Diagnosis:
     """
     with workshop() as shop:
         case = open_case(campaign)
-        return diagnose_case(case, assembled_nominal(case, shop), shop)
+        return diagnose_case(case, assemble_nominal(case, shop), shop)
 
 
-def assembled_nominal(case: Case, shop: Workshop) -> Assembled | None:
+def assemble_nominal(case: Case, shop: Workshop) -> Assembled | None:
     """The nominal robot of a campaign with its parts, where there is one."""
     if case.robot is None:
         return None
@@ -102,7 +102,7 @@ def open_case(name: str | Path, *, planned: bool = False) -> Case:
     return Case(folder.resolve().name, folder, campaign, robot)
 
 
-def reached(case: Case, nominal: Assembled | None = None) -> Configurations | None:
+def configure_case(case: Case, nominal: Assembled | None = None) -> Configurations | None:
     """The robot, by default with rigid parts, at the campaign's poses; None without a robot.
 
     Raises InputError for a pose out of reach.

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiffscope.gap.blind.cases import Lab
+from stiffscope.gap.blind.laboratory import Lab
 from stiffscope.gap.campaign.campaign import template as campaign_template
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.campaigns import open_case

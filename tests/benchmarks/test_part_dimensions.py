@@ -24,7 +24,7 @@ from stiffscope.experiments import part_dimensions
 from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.experiments.experiments import solve_parts
 from stiffscope.experiments.orders import order_part
-from stiffscope.gap.blind.cases import BlindRobot, Lab
+from stiffscope.gap.blind.laboratory import BlindRobot, Lab
 from stiffscope.gap.blind.scores import EVIDENT
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.diagnose import conclude

@@ -16,9 +16,11 @@ import pytest
 from distributed import LocalCluster
 
 from stiffscope.errors import InputError
-from stiffscope.gap.blind.cases import BlindCase, BlindRobot, Fault, Lab, draw, imitated, prepared, unseal, write_case
+from stiffscope.gap.blind.cases import BlindCase, Fault, unseal
 from stiffscope.gap.blind.check import check as blind
 from stiffscope.gap.blind.check import run_blind
+from stiffscope.gap.blind.drawing import draw_case, is_imitated, prepare_case, write_case
+from stiffscope.gap.blind.laboratory import BlindRobot, Lab
 from stiffscope.gap.blind.scores import Outcome, outcome_of, score
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.diagnose import diagnose
@@ -88,9 +90,9 @@ def test_cases_of_any_robot_are_written_and_named(name, labs, tmp_path):
     lab = labs(name)
     robot = lab.robot.nominal.robot
     for number, style in ((3, "tool"), (15, "gauges"), (58, "sag"), (9, "tool")):
-        case = draw(number, 4, lab)
+        case = draw_case(number, 4, lab)
         assert case.style == style
-        assert case == draw(number, 4, lab) != draw(number, 5, lab)
+        assert case == draw_case(number, 4, lab) != draw_case(number, 5, lab)
         for fault in case.faults:
             assert (
                 robot.members(fault.place)
@@ -122,7 +124,7 @@ def test_a_joint_without_an_axis_yields_alike_as_the_model_has_it(labs, tmp_path
     """Ball joints of a Delta's rods, in the laboratory and in the model of the diagnosis."""
     lab = labs("delta")
     sound = BlindCase("single", 7, (), "gauges")
-    machine, plan, located, rng = prepared(sound, 0, lab)
+    machine, plan, located, rng = prepare_case(sound, 0, lab)
     readings = measure(machine, plan, Noise(), rng, located)
     write_readings(readings, tmp_path, robot="delta", pose=machine.pose, components="beam")
     model = RobotModel(load_campaign(tmp_path), lab.robot.nominal)
@@ -138,9 +140,9 @@ def test_a_joint_without_an_axis_yields_alike_as_the_model_has_it(labs, tmp_path
 def test_what_is_drawn_shows_beside_whatever_the_others_do(number, style, labs):
     """By least squares on the laboratory's own readings, with steps of the others' parameters."""
     lab = labs("five-bar")
-    case = draw(number, 11, lab)
+    case = draw_case(number, 11, lab)
     assert case.style == style
-    sound, plan, located, _ = prepared(replace(case, faults=()), number, lab)
+    sound, plan, located, _ = prepare_case(replace(case, faults=()), number, lab)
     rows = true_readings(sound, plan, located)
     sigma = sigma_of(rows, Noise())
 
@@ -299,14 +301,14 @@ def test_a_longer_rail_is_imitated_by_its_drives_and_cross_talk_by_nothing():
     def case(*fault):
         return BlindCase("outside", 5, (Fault(*fault),), "tool")
 
-    assert imitated(case("larger-body", "rail", {"relative": 2e-3}), 49, lab)
-    assert not imitated(case("cross-talk", "ry->y", {"share": 0.05}), 28, lab)
-    assert not imitated(case("coarse-converter", "instrument", {"displacement": 4e-6, "rotation": 1e-5}), 28, lab)
+    assert is_imitated(case("larger-body", "rail", {"relative": 2e-3}), 49, lab)
+    assert not is_imitated(case("cross-talk", "ry->y", {"share": 0.05}), 28, lab)
+    assert not is_imitated(case("coarse-converter", "instrument", {"displacement": 4e-6, "rotation": 1e-5}), 28, lab)
 
 
 def read_in_the_laboratory(robot, fault, folder, lab, style="tool"):
     """The model of a campaign of the sound machine, and what a fault changes in its readings (n,)."""
-    machine, plan, located, rng = prepared(BlindCase("single", 7, (), style), 0, lab)
+    machine, plan, located, rng = prepare_case(BlindCase("single", 7, (), style), 0, lab)
     readings = measure(machine, plan, Noise(), rng, located)
     write_readings(readings, folder, robot=robot, pose=machine.pose, components="beam")
     faulty = lab.with_faults([fault])
@@ -368,7 +370,7 @@ def test_patterns_follow_what_the_laboratory_reads(robot, style, fault, pattern,
 
 def test_many_patterns_leave_outliers_to_be_seen(labs, tmp_path):
     lab = labs("orthoglide")
-    machine, plan, located, rng = prepared(BlindCase("none", 7, (), "gauges"), 0, lab)
+    machine, plan, located, rng = prepare_case(BlindCase("none", 7, (), "gauges"), 0, lab)
     readings = measure(machine, plan, Noise(outliers=0.01), rng, located)
     write_readings(readings, tmp_path, robot="orthoglide", pose=machine.pose, components="beam")
     model = RobotModel(load_campaign(tmp_path), lab.robot.nominal)
@@ -381,7 +383,7 @@ def test_many_patterns_leave_outliers_to_be_seen(labs, tmp_path):
 def test_the_signature_of_backlash_is_what_the_laboratory_reads(robot, drive, style, labs):
     """A drive that no weight loads has none in sag."""
     lab = labs(robot)
-    machine, plan, located, _ = prepared(BlindCase("single", 7, (), style), 0, lab)
+    machine, plan, located, _ = prepare_case(BlindCase("single", 7, (), style), 0, lab)
     rows = true_readings(machine, plan, located)
     signatures = Signatures(machine, plan, located, rows, Noise())
     faulty = lab.with_faults([Fault("backlash", drive, {"half_width": 1e-7})])

@@ -3,7 +3,7 @@
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.gap.campaigns import open_case, reached
+from stiffscope.gap.campaigns import configure_case, open_case
 from stiffscope.robot.library import find_robot
 
 READINGS = "x,y,z,fx,fy,fz,mx,my,mz,quantity,value,sigma\n0,0,0.4,100,0,0,0,0,0,dx,1e-5,1e-7\n"
@@ -44,4 +44,4 @@ def test_a_pose_out_of_reach_is_named_by_line_and_column(tmp_path, robot, column
     (tmp_path / "campaign.toml").write_text(f'robot = "{robot}"\nreadings = "r.csv"\n')
     (tmp_path / "r.csv").write_text(f"{columns},quantity,value,sigma\n{row},ez,1e-5,\n")
     with pytest.raises(InputError, match=f"r.csv:2: {expected}"):
-        reached(open_case(tmp_path))
+        configure_case(open_case(tmp_path))

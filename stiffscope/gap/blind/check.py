@@ -9,7 +9,9 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from stiffscope.errors import InputError
-from stiffscope.gap.blind.cases import SEAL, Lab, draw, imitated, seal, unseal, write_case
+from stiffscope.gap.blind.cases import SEAL, seal, unseal
+from stiffscope.gap.blind.drawing import draw_case, is_imitated, write_case
+from stiffscope.gap.blind.laboratory import Lab
 from stiffscope.gap.blind.scores import Outcome, outcome_of, score
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.diagnose import conclude
@@ -24,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from stiffscope.gap.blind.cases import BlindRobot
+    from stiffscope.gap.blind.laboratory import BlindRobot
     from stiffscope.gap.blind.scores import Scores
 
     Progress = Callable[[str, float], None]
@@ -204,7 +206,7 @@ def solve(robot: BlindRobot, task: Task) -> Files:
     lab = _labs.get(robot.name)
     if lab is None or lab.robot is not robot:
         lab = _labs[robot.name] = Lab(robot)
-    case = draw(task.number, task.seed, lab)
+    case = draw_case(task.number, task.seed, lab)
     with scratch_folder() as folder:
         write_case(folder, task.number, case, lab)
         found = {"": _diagnose(robot, folder, "")}
@@ -212,7 +214,7 @@ def solve(robot: BlindRobot, task: Task) -> Files:
             effect = case.faults[0].effect
             found[effect] = _diagnose(robot, folder, effect)
         same = lab.canonical
-        alike = case.kind == "outside" and imitated(case, task.number, lab)
+        alike = case.kind == "outside" and is_imitated(case, task.number, lab)
         outcomes = [
             outcome_of(task.number, case, data, same, left_out=effect, robot=robot.name, imitated=alike)
             for effect, data in found.items()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from stiffscope.experiments.assembly import assemble_robots
-from stiffscope.gap.blind.cases import BlindRobot
+from stiffscope.gap.blind.laboratory import BlindRobot
 from stiffscope.robot.effects import NominalRobot
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.gap.lab.machine import DRIVEN, GROUND
-from stiffscope.gap.lab.rotations import about_x, lever, rates_of_vector, turn, vector_of
+from stiffscope.gap.lab.rotations import about_x, lever, rates_of_vector, transform_to, turn, vector_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -44,7 +44,7 @@ class Frames:
             {name: r[mask] for name, r in self.rotation.items()}, {name: p[mask] for name, p in self.position.items()}
         )
 
-    def moved(self, twists: dict[str, Array]) -> Frames:
+    def move(self, twists: dict[str, Array]) -> Frames:
         """After twists (n, 6) about the origin of some of them."""
         rotation, position = dict(self.rotation), dict(self.position)
         for name, t in twists.items():
@@ -54,7 +54,7 @@ class Frames:
         return Frames(rotation, position)
 
 
-def at_home(names: Sequence[str], count: int) -> Frames:
+def frames_at_home(names: Sequence[str], count: int) -> Frames:
     """Frames of nodes at home, `count` times."""
     rotation = {name: np.broadcast_to(np.eye(3), (count, 3, 3)).copy() for name in (*names, GROUND)}
     return Frames(rotation, {name: np.zeros((count, 3)) for name in (*names, GROUND)})
@@ -107,9 +107,7 @@ def joint_state(joint: Joint, frames: Frames, first: str, second: str, commanded
     misfit = np.concatenate([apart, around], axis=1)
     if joint.drive is not None:
         misfit[:, DRIVEN[joint.kind]] = displacement - commanded
-    turned = np.zeros((n, 6, 6))
-    turned[:, :3, :3] = turned[:, 3:, 3:] = back
-    return JointState(misfit, turned @ lever(point), held, displacement)
+    return JointState(misfit, transform_to(axes, point), held, displacement)
 
 
 @dataclass(frozen=True)
@@ -128,11 +126,16 @@ class Located:
         return Located(self.frames.some(mask), drives, self.closed[mask])
 
 
+def home_of(machine: Machine) -> Array:
+    """Return the commanded coordinates (k,) of M at home."""
+    return np.concatenate([machine.at, np.zeros(3)])[[COORDINATES.index(name) for name in machine.pose]]
+
+
 def locate(machine: Machine, poses: Array) -> Located:
     """Return where the bodies stand as drawn and rigid when M is at poses (n, k), reached straight from home."""
     n = len(poses)
-    home = np.concatenate([machine.at, np.zeros(3)])[[COORDINATES.index(name) for name in machine.pose]]
-    frames = at_home(tuple(machine.bodies), n)
+    home = home_of(machine)
+    frames = frames_at_home(tuple(machine.bodies), n)
     residual = np.full(n, np.inf)
     for share in np.arange(1, _STEPS + 1) / _STEPS:
         target = home + share * (poses - home)
@@ -141,7 +144,7 @@ def locate(machine: Machine, poses: Array) -> Located:
             before, residual = residual, np.abs(errors).max(axis=1)
             if ((residual < 1e-2 * CLOSED) | (share == 1.0) & (residual < CLOSED) & (residual >= 0.5 * before)).all():
                 break
-            frames = frames.moved(_step(machine, rows, errors))
+            frames = frames.move(_step(machine, rows, errors))
     drives: dict[str, Array] = {}
     closed = residual < CLOSED
     for name, joint in machine.joints.items():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -156,7 +156,7 @@ def _part_compliance(body: Body, parameters: Parameters) -> Body:
     return replace(body, compliance=full)
 
 
-def _longer(body: Body, error: float) -> Body:
+def _lengthen(body: Body, error: float) -> Body:
     return replace(body, offset=body.offset + error * np.eye(6)[0])
 
 
@@ -168,16 +168,16 @@ def _payload(machine: Machine, place: str, parameters: Parameters) -> Machine:
     return replace(machine, payloads=(*machine.payloads, load))
 
 
-def _slots(law: str, parameter: str) -> Injector:
+def _on_drives(law: str, parameter: str) -> Injector:
     """A law on the force of every drive of a place."""
 
     def injector(machine: Machine, place: str, parameters: Parameters) -> Machine:
-        more = tuple(
+        found = _drives(machine, place).items()
+        return machine.with_slots(
             Slot(name, DRIVEN[joint.kind], law, parameters[parameter], joint.drive.stiffness)
-            for name, joint in _drives(machine, place).items()
+            for name, joint in found
             if joint.drive is not None
         )
-        return replace(machine, slots=(*machine.slots, *more))
 
     return injector
 
@@ -187,35 +187,26 @@ def _held_across(joint: Joint) -> tuple[int, ...]:
     return tuple(i for i in range(3) if i in joint.held and (i > 0 or not joint.directed))
 
 
-def _play(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    more = tuple(
-        Slot(name, i, "play", parameters["radial"])
-        for name, joint in _joints(machine, place).items()
-        for i in _held_across(joint)
-    )
-    return replace(machine, slots=(*machine.slots, *more))
+def _opening(joint: Joint) -> tuple[int, ...]:
+    """The axis along which a joint opens where it is pulled, and is closed where it is pressed."""
+    return tuple(i for i in joint.held[:1] if i < 3)
 
 
-def _stiffening(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    more = tuple(
-        Slot(name, i, "stiffening", parameters["radial"], knee=parameters["knee"])
-        for name, joint in _joints(machine, place).items()
-        for i in _held_across(joint)
-    )
-    return replace(machine, slots=(*machine.slots, *more))
+def _in_joints(law: str, parameter: str, directions: Callable[[Joint], tuple[int, ...]]) -> Injector:
+    """A law on forces that every joint of a place holds along some directions."""
+
+    def injector(machine: Machine, place: str, parameters: Parameters) -> Machine:
+        knee = parameters.get("knee", np.inf)
+        return machine.with_slots(
+            Slot(name, i, law, parameters[parameter], knee=knee)
+            for name, joint in _joints(machine, place).items()
+            for i in directions(joint)
+        )
+
+    return injector
 
 
-def _loose_bolt(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    """A joint that opens where it is pulled along an axis that it holds, and is closed where it is pressed."""
-    more = tuple(
-        Slot(name, joint.held[0], "one-sided", parameters["opening"])
-        for name, joint in _joints(machine, place).items()
-        if joint.held[0] < 3
-    )
-    return replace(machine, slots=(*machine.slots, *more))
-
-
-def _bowed(body: Body, parameters: Parameters) -> Body:
+def _bow(body: Body, parameters: Parameters) -> Body:
     """A uniform curvature 1/m: its tip rises by κL²/2 and turns by κL."""
     kappa, length = parameters["curvature"], body.length
     return replace(body, offset=body.offset + kappa * np.array([0, 0, length**2 / 2, 0, -length, 0]))
@@ -238,13 +229,13 @@ def _instrument(machine: Machine, **changes: Any) -> Machine:
     return replace(machine, instrument=replace(machine.instrument, **changes))
 
 
-def _scaled(machine: Machine, place: str, parameters: Parameters) -> Machine:
+def _scale_instrument(machine: Machine, place: str, parameters: Parameters) -> Machine:
     if place == "instrument":
         return _instrument(machine, scale=machine.instrument.scale * parameters["factor"])
     return _instrument(machine, scales={**machine.instrument.scales, place: parameters["factor"]})
 
 
-def _turned(machine: Machine, place: str, parameters: Parameters) -> Machine:
+def _turn_instrument(machine: Machine, place: str, parameters: Parameters) -> Machine:
     rotation = _named(parameters, *_ROTATIONS)
     if place == "instrument":
         return _instrument(machine, rotation=machine.instrument.rotation + rotation)
@@ -260,103 +251,131 @@ def _both(parameters: Parameters) -> tuple[float, float]:
     return parameters.get("displacement", 0.0), parameters.get("rotation", 0.0)
 
 
-KNOWN: dict[str, tuple[tuple[str, ...], Injector]] = {
-    "gravity": ((), lambda m, _, _v: replace(m, weighted=True)),
-    "payload": (("mass", "x", "y", "z"), _payload),
-    "actuator-stiffness": (("factor",), _driven(lambda d, v: replace(d, stiffness=d.stiffness * v), "factor")),
-    "backlash": (("half_width",), _slots("play", "half_width")),
-    "encoder-offset": (("offset",), _driven(lambda d, v: replace(d, offset=d.offset + v), "offset")),
-    "joint-compliance": (("radial", "axial", "tilting"), _joint_compliance),
-    "guide-compliance": (("lateral", "vertical", "angular"), _guide_compliance),
-    "link-stiffness": (("factor",), _bodies(lambda b, v: replace(b, compliance=b.compliance / v["factor"]))),
-    "part-compliance": (("factor", *ENTRIES), _bodies(_part_compliance)),
-    "slider-compliance": (("factor", *ENTRIES), _bodies(_part_compliance)),
-    "part-dimension": (ENTRIES, _bodies(_part_compliance)),
-    "rigid-ends": (("length",), _bodies(_rigid_ends)),
-    "link-length": (("error",), _bodies(lambda b, v: _longer(b, v["error"]))),
-    "thermal": (("temperature",), _bodies(lambda b, v: _longer(b, b.expansion * v["temperature"] * b.length))),
-    "base-compliance": (_YIELDING, lambda m, _, v: replace(m, base=m.base + _support(v))),
-    "platform-compliance": (_YIELDING, lambda m, _, v: replace(m, platform=m.platform + _support(v))),
-    "instrument-misalignment": (_ROTATIONS, _turned),
-    "displacement-scale": (("factor",), _scaled),
-    "force-scale": (("factor",), lambda m, _, v: _instrument(m, force=m.instrument.force * v["factor"])),
-}
-"""Parameters and injector of every word of the vocabulary; a part's dimension comes as the entries of its new 6x6."""
+def _is_rigid(machine: Machine, place: str) -> bool:
+    return place in machine.bodies and len(machine.bodies[place].nodes) == 1
 
-OUTSIDE: dict[str, tuple[tuple[str, ...], Injector]] = {
-    "hardening-drive": (("cubic",), _slots("hardening", "cubic")),
-    "drive-friction": (("force",), _slots("friction", "force")),
-    "stiffening-joint": (("radial", "knee"), _stiffening),
-    "joint-play": (("radial",), _play),
-    "loose-bolt": (("opening",), _loose_bolt),
-    "cable-chain": (("x", "y", "z"), lambda m, _, v: replace(m, cable=m.cable + _named(v, "x", "y", "z"))),
-    "screw-pitch": (("relative",), _driven(lambda d, v: replace(d, pitch=d.pitch + v), "relative")),
-    "larger-body": (("relative",), _larger_body),
-    "bowed-link": (("curvature",), _bodies(_bowed)),
-    "drifting-sensor": (("displacement", "rotation"), lambda m, _, v: _instrument(m, drift=_both(v))),
-    "gain-drift": (("relative",), lambda m, _, v: _instrument(m, gain_drift=v["relative"])),
-    "cross-talk": (("share",), _crosstalk),
-    "coarse-converter": (("displacement", "rotation"), lambda m, _, v: _instrument(m, quantum=_both(v))),
-    "wrench-off-centre": (("x", "y", "z"), lambda m, _, v: _instrument(m, application=_named(v, "x", "y", "z"))),
-    "bad-session": (("relative",), lambda m, _, v: _instrument(m, bad_session=v["relative"])),
-}
-"""Faults that the vocabulary has no word for: parameters, and how each is injected."""
 
-_ON_DRIVES = {"actuator-stiffness", "backlash", "encoder-offset", "hardening-drive", "drive-friction", "screw-pitch"}
-_ON_JOINTS = {"joint-compliance", "joint-play", "stiffening-joint", "loose-bolt"}
-_ACROSS = {"joint-play", "stiffening-joint"}
-_ON_BODIES = {
-    "link-stiffness", "part-compliance", "slider-compliance", "part-dimension", "rigid-ends", "link-length", "thermal",
-    "bowed-link",
-}  # fmt: skip
-_ELSEWHERE = {
-    "gravity": ("robot",), "base-compliance": ("base",), "platform-compliance": ("tool", "platform"),
-    "force-scale": ("instrument",), "cable-chain": ("tool",),
-}  # fmt: skip
+def _only(*places: str) -> Callable[[Machine, str], bool]:
+    return lambda _, place: place in places
+
+
+def _any_joint(holds: Callable[[Joint], Any]) -> Callable[[Machine, str], bool]:
+    return lambda machine, place: any(holds(joint) for joint in _joints(machine, place).values())
+
+
+@dataclass(frozen=True)
+class Word:
+    """A kind of fault: its parameters, how it is injected, and whether it has anything to act on at a place."""
+
+    names: tuple[str, ...]
+    inject: Injector
+    acts_on: Callable[[Machine, str], Any] = lambda _machine, _place: True
+
+
+KNOWN: dict[str, Word] = {
+    "gravity": Word((), lambda m, _, _v: replace(m, weighted=True), _only("robot")),
+    "payload": Word(("mass", "x", "y", "z"), _payload, lambda m, place: place == "tool" or _is_rigid(m, place)),
+    "actuator-stiffness": Word(
+        ("factor",), _driven(lambda d, v: replace(d, stiffness=d.stiffness * v), "factor"), _drives
+    ),
+    "backlash": Word(("half_width",), _on_drives("play", "half_width"), _drives),
+    "encoder-offset": Word(("offset",), _driven(lambda d, v: replace(d, offset=d.offset + v), "offset"), _drives),
+    "joint-compliance": Word(("radial", "axial", "tilting"), _joint_compliance, _joints),
+    "guide-compliance": Word(
+        ("lateral", "vertical", "angular"), _guide_compliance, _any_joint(lambda joint: joint.kind == "prismatic")
+    ),
+    "link-stiffness": Word(
+        ("factor",), _bodies(lambda b, v: replace(b, compliance=b.compliance / v["factor"])), _elastic
+    ),
+    "part-compliance": Word(("factor", *ENTRIES), _bodies(_part_compliance), _elastic),
+    "part-dimension": Word(ENTRIES, _bodies(_part_compliance), lambda m, place: _elastic(m, place.rsplit(".", 1)[0])),
+    "rigid-ends": Word(("length",), _bodies(_rigid_ends), _elastic),
+    "link-length": Word(("error",), _bodies(lambda b, v: _lengthen(b, v["error"])), _elastic),
+    "thermal": Word(
+        ("temperature",), _bodies(lambda b, v: _lengthen(b, b.expansion * v["temperature"] * b.length)), _elastic
+    ),
+    "base-compliance": Word(_YIELDING, lambda m, _, v: replace(m, base=m.base + _support(v)), _only("base")),
+    "platform-compliance": Word(
+        _YIELDING, lambda m, _, v: replace(m, platform=m.platform + _support(v)), _only("tool", "platform")
+    ),
+    "instrument-misalignment": Word(_ROTATIONS, _turn_instrument),
+    "displacement-scale": Word(("factor",), _scale_instrument),
+    "force-scale": Word(
+        ("factor",), lambda m, _, v: _instrument(m, force=m.instrument.force * v["factor"]), _only("instrument")
+    ),
+}
+"""Every word of the vocabulary; a part's dimension comes as the entries of its new 6x6."""
+
+OUTSIDE: dict[str, Word] = {
+    "hardening-drive": Word(("cubic",), _on_drives("hardening", "cubic"), _drives),
+    "drive-friction": Word(("force",), _on_drives("friction", "force"), _drives),
+    "stiffening-joint": Word(
+        ("radial", "knee"), _in_joints("stiffening", "radial", _held_across), _any_joint(_held_across)
+    ),
+    "joint-play": Word(("radial",), _in_joints("play", "radial", _held_across), _any_joint(_held_across)),
+    "loose-bolt": Word(("opening",), _in_joints("one-sided", "opening", _opening), _joints),
+    "cable-chain": Word(
+        ("x", "y", "z"), lambda m, _, v: replace(m, cable=m.cable + _named(v, "x", "y", "z")), _only("tool")
+    ),
+    "screw-pitch": Word(("relative",), _driven(lambda d, v: replace(d, pitch=d.pitch + v), "relative"), _drives),
+    "larger-body": Word(("relative",), _larger_body, _is_rigid),
+    "bowed-link": Word(("curvature",), _bodies(_bow), _elastic),
+    "drifting-sensor": Word(("displacement", "rotation"), lambda m, _, v: _instrument(m, drift=_both(v))),
+    "gain-drift": Word(("relative",), lambda m, _, v: _instrument(m, gain_drift=v["relative"])),
+    "cross-talk": Word(("share",), _crosstalk),
+    "coarse-converter": Word(("displacement", "rotation"), lambda m, _, v: _instrument(m, quantum=_both(v))),
+    "wrench-off-centre": Word(("x", "y", "z"), lambda m, _, v: _instrument(m, application=_named(v, "x", "y", "z"))),
+    "bad-session": Word(("relative",), lambda m, _, v: _instrument(m, bad_session=v["relative"])),
+}
+"""Faults that the vocabulary has no word for."""
 
 
 def acts_on(machine: Machine, effect: str, place: str) -> bool:
-    """Whether an effect has anything to act on at a place; sensors and channels are taken as they are."""
-    if effect in _ELSEWHERE:
-        return place in _ELSEWHERE[effect]
-    return _acts_on_elements(machine, effect, place)
+    """Return whether an effect has anything to act on at a place; sensors and channels are taken as they are.
 
+    Parameters
+    ----------
+    machine
+        In which it would act.
+    effect
+        A word of `KNOWN` or `OUTSIDE`.
+    place
+        An element, a set of them, or what the effect's own places are.
 
-def _acts_on_elements(machine: Machine, effect: str, place: str) -> bool:
-    if effect in _ON_DRIVES:
-        return bool(_drives(machine, place))
-    if effect == "guide-compliance":
-        return any(joint.kind == "prismatic" for joint in _joints(machine, place).values())
-    if effect in _ON_JOINTS:
-        joints = _joints(machine, place).values()
-        return any(_held_across(joint) for joint in joints) if effect in _ACROSS else bool(joints)
-    if effect in _ON_BODIES:
-        return bool(_elastic(machine, place.rsplit(".", 1)[0] if effect == "part-dimension" else place))
-    if effect in {"payload", "larger-body"}:
-        return (place in machine.bodies and len(machine.bodies[place].nodes) == 1) or (effect, place) == (
-            "payload",
-            "tool",
-        )
-    return True
+    """
+    return bool({**KNOWN, **OUTSIDE}[effect].acts_on(machine, place))
 
 
 def inject(machine: Machine, effect: str, place: str, parameters: Parameters) -> Machine:
-    """Return the machine with one effect more; parameters that are left out of a group are zero.
+    """Return the machine with one effect more.
 
-    Raises InputError for a name that neither the vocabulary nor `OUTSIDE` has, listing what would be valid.
+    Parameters
+    ----------
+    machine
+        As it is.
+    effect, place
+        A word of `KNOWN` or `OUTSIDE`, and where it acts.
+    parameters
+        By name, SI; those that are left out of a group are zero.
+
+    Raises
+    ------
+    InputError
+        For a name that neither `KNOWN` nor `OUTSIDE` has, listing what would be valid.
+
     """
     words = {**KNOWN, **OUTSIDE}
     if effect not in words:
         raise InputError(f"effect: expected one of {', '.join(words)}, got {effect!r}")
-    names, injector = words[effect]
-    if not acts_on(machine, effect, place):
+    word = words[effect]
+    if not word.acts_on(machine, place):
         raise InputError(f"{effect}, place: expected what it can act on in {machine.robot.name}, got {place!r}")
-    strange = [name for name in parameters if name not in names]
+    strange = [name for name in parameters if name not in word.names]
     if strange:
-        raise InputError(f"{effect}, {strange[0]}: expected one of {', '.join(names) or 'no parameters'}")
-    if len(names) == 1 and names[0] not in parameters:
-        raise InputError(f"{effect}, {names[0]}: expected this parameter")
+        raise InputError(f"{effect}, {strange[0]}: expected one of {', '.join(word.names) or 'no parameters'}")
+    if len(word.names) == 1 and word.names[0] not in parameters:
+        raise InputError(f"{effect}, {word.names[0]}: expected this parameter")
     bad = [name for name, value in parameters.items() if not np.isfinite(value)]
-    if bad or any(parameters.get(name, 1.0) <= 0 for name in ("factor",)):
+    if bad or parameters.get("factor", 1.0) <= 0:
         raise InputError(f"{effect}, {(bad or ['factor'])[0]}: expected a finite number, a factor above 0")
-    return injector(machine, place.rsplit(".", 1)[0] if effect == "part-dimension" else place, parameters)
+    return word.inject(machine, place.rsplit(".", 1)[0] if effect == "part-dimension" else place, parameters)

@@ -11,7 +11,7 @@ from stiffscope.gap.lab.rotations import axes_along, skew
 from stiffscope.robot.file.sections import ElasticBody
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
     from stiffscope.gap.lab.rotations import Array
     from stiffscope.robot.file.description import RobotFile
@@ -208,6 +208,10 @@ class Machine:
     def with_joints(self, changed: Mapping[str, Joint]) -> Machine:
         """The machine with some joints replaced."""
         return replace(self, joints={**self.joints, **changed})
+
+    def with_slots(self, more: Iterable[Slot]) -> Machine:
+        """The machine with more nonlinear faults."""
+        return replace(self, slots=(*self.slots, *more))
 
 
 class PartData(Protocol):

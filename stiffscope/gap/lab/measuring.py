@@ -125,33 +125,23 @@ def true_readings(machine: Machine, plan: Plan, located: Located | None = None) 
     response = respond(machine, plan.poses if located is None else located, spots)
     seen = _gains(machine, response, channels)
     p, m, c = len(plan.poses), len(plan.loads), len(channels)
-    blocks: list[tuple[Codes, Codes, int, Codes, Array]] = []
-    every = np.arange(p)
-    read = np.arange(c) if plan.sensors else np.array(plan.directions, dtype=np.int64)
-
-    def block(kind: int, pose: Codes, load: Codes, shown: Array) -> None:
-        count = len(read)
-        values = shown[:, read].ravel()
-        blocks.append((np.repeat(pose, count), np.repeat(load, count), kind, np.tile(read, len(pose)), values))
-
-    if m:
-        moved = _deflections(machine, plan, response, seen).reshape(p * m, c)
-        block(0, np.repeat(every, m), np.tile(np.arange(m), p), moved)
+    blocks: list[tuple[int, Array]] = [(0, _deflections(machine, plan, response, seen))] if m else []
     if plan.deviations:
-        block(1, every, np.full(p, -1), _deviations(machine, response, channels, seen))
+        blocks.append((1, _deviations(machine, response, channels, seen)[:, None]))
     if plan.stiffness:
-        block(2, every, np.full(p, -1), _stiffnesses(machine, plan, seen))
-    pose, load, _, channel, value = (
-        np.concatenate(parts) for parts in zip(*((b[0], b[1], b[0], b[3], b[4]) for b in blocks), strict=True)
-    )
-    kind = np.concatenate([np.full(len(b[0]), b[2]) for b in blocks])
+        blocks.append((2, _stiffnesses(machine, plan, seen)[:, None]))
+    read = np.arange(c) if plan.sensors else np.array(plan.directions, dtype=np.int64)
+    keys: list[Codes] = []
+    for kind, shown in blocks:  # (p, loads, channels)
+        every = np.meshgrid(np.arange(p), np.arange(shown.shape[1]) if kind == 0 else -1, kind, read, indexing="ij")
+        keys.append(np.stack([each.ravel() for each in every]))
+    value = np.concatenate([shown[:, :, read].ravel() for _, shown in blocks])
+    pose, load, kinds, channel = np.concatenate(keys, axis=1)
     order = np.tile(np.argsort(pose, kind="stable"), plan.repeats)
-    n = len(order)
-    session = (np.arange(n) * plan.sessions) // n
-    rows = Readings(plan, channels, pose, load, kind, channel, value, np.full(len(value), np.nan), np.zeros_like(pose))
-    rows = rows.some(order)
-    shown = _through_time(machine.instrument, rows, session)
-    return Readings(plan, channels, rows.pose, rows.load, rows.kind, rows.channel, shown, rows.sigma, session)
+    session = (np.arange(len(order)) * plan.sessions) // len(order)
+    unknown = np.full(len(value), np.nan)
+    rows = Readings(plan, channels, pose, load, kinds, channel, value, unknown, np.zeros_like(pose)).some(order)
+    return replace(rows, value=_drift(machine.instrument, rows, session), session=session)
 
 
 def _gains(machine: Machine, response: Response, channels: tuple[Sensor, ...]) -> Array:
@@ -160,11 +150,11 @@ def _gains(machine: Machine, response: Response, channels: tuple[Sensor, ...]) -
     for sensor in channels:
         there = lever(response.true.point(sensor.node, sensor.at))
         relative = there @ (response.twists[sensor.node] - response.twists[sensor.against])
-        rows.append(_looking(machine.instrument, sensor, relative))
-    return _crossed(machine.instrument, channels) @ np.stack(rows, axis=1)
+        rows.append(_read_channel(machine.instrument, sensor, relative))
+    return _mixing(machine.instrument, channels) @ np.stack(rows, axis=1)
 
 
-def _looking(instrument: Instrument, sensor: Sensor, twist: Array) -> Array:
+def _read_channel(instrument: Instrument, sensor: Sensor, twist: Array) -> Array:
     """Return what a sensor shows (n, …) of twists (n, 6, …) at its point."""
     rotation = instrument.rotation + instrument.rotations.get(sensor.name, np.zeros(3))
     scale = instrument.scale * instrument.scales.get(sensor.name, 1.0)
@@ -173,7 +163,7 @@ def _looking(instrument: Instrument, sensor: Sensor, twist: Array) -> Array:
     return scale * np.einsum("i,ni...->n...", along, part)
 
 
-def _crossed(instrument: Instrument, channels: tuple[Sensor, ...]) -> Array:
+def _mixing(instrument: Instrument, channels: tuple[Sensor, ...]) -> Array:
     """Return what mixes the channels' signals (c, c)."""
     names = [sensor.name for sensor in channels]
     out = np.eye(len(names))
@@ -218,10 +208,10 @@ def _deviations(machine: Machine, response: Response, channels: tuple[Sensor, ..
     coupling = response.force[:, :, response.dead + 1 :]
     cases[:, response.dead + 1 :] = settle(machine.slots, coupling, response.force[:, :, response.dead], gaps=True)
     rigid = [
-        _looking(machine.instrument, s, response.shift(Spot(s.node, s.at)) - response.shift(Spot(s.against, s.at)))
+        _read_channel(machine.instrument, s, response.shift(Spot(s.node, s.at)) - response.shift(Spot(s.against, s.at)))
         for s in channels
     ]
-    shift = np.stack(rigid, axis=1) @ _crossed(machine.instrument, channels).T
+    shift = np.stack(rigid, axis=1) @ _mixing(machine.instrument, channels).T
     return shift + np.einsum("nkc,nc->nk", seen, cases)
 
 
@@ -233,22 +223,22 @@ def _stiffnesses(machine: Machine, plan: Plan, seen: Array) -> Array:
     return np.einsum("nii->ni", np.linalg.inv(shown))
 
 
-def _turns(readings: Readings) -> NDArray[np.bool_]:
+def _is_rotation(readings: Readings) -> NDArray[np.bool_]:
     """Return which readings are of rotations."""
     return np.array([sensor.measures == "rotation" for sensor in readings.channels])[readings.channel]
 
 
-def _through_time(instrument: Instrument, rows: Readings, session: Codes) -> Array:
+def _drift(instrument: Instrument, rows: Readings, session: Codes) -> Array:
     """Return the values as an instrument shows them that changes while the campaign goes on."""
     time = np.linspace(0.0, 1.0, len(rows.value))
     gain = (1 + instrument.gain_drift * time) * np.where(session == session.max(), 1 + instrument.bad_session, 1.0)
-    drift = np.array(instrument.drift)[_turns(rows).astype(int)]
+    drift = np.array(instrument.drift)[_is_rotation(rows).astype(int)]
     return np.where(rows.kind == 2, rows.value / gain, rows.value * gain + drift * time)
 
 
 def sigma_of(rows: Readings, noise: Noise) -> Array:
     """Return the standard deviation (n,) of every reading."""
-    sigma = np.where(_turns(rows), noise.rotation, noise.displacement)
+    sigma = np.where(_is_rotation(rows), noise.rotation, noise.displacement)
     return np.where(rows.kind == 2, noise.stiffness * np.abs(rows.value), sigma)
 
 
@@ -257,7 +247,7 @@ def with_noise(rows: Readings, instrument: Instrument, noise: Noise, rng: np.ran
     n = len(rows.value)
     sigma = sigma_of(rows, noise) * np.exp(noise.spread * rng.standard_normal(n))
     value = rows.value + sigma * rng.standard_normal(n)
-    step = np.array(instrument.quantum)[_turns(rows).astype(int)]
+    step = np.array(instrument.quantum)[_is_rotation(rows).astype(int)]
     coarse = (step > 0) & (rows.kind != 2)
     value = np.where(coarse, np.round(value / np.where(coarse, step, 1.0)) * step, value)
     wild = rng.random(n) < noise.outliers
@@ -267,10 +257,7 @@ def with_noise(rows: Readings, instrument: Instrument, noise: Noise, rng: np.ran
     kept = np.flatnonzero(rng.random(n) >= noise.missing)
     if noise.shuffle:
         kept = rng.permutation(kept)
-    noisy = Readings(
-        rows.plan, rows.channels, rows.pose, rows.load, rows.kind, rows.channel, value, stated, rows.session
-    )
-    return noisy.some(kept)
+    return replace(rows, value=value, sigma=stated).some(kept)
 
 
 def measure(

@@ -40,7 +40,7 @@ def settle(slots: Sequence[Slot], coupling: Array, force: Array, *, gaps: bool) 
     if not slots:
         return out
     own = np.minimum(np.einsum("nkk->nk", coupling), 0.0)
-    none = rounding(force)
+    none = rounding_force(force)
     for iteration in range(_ITERATIONS):
         carried = force + np.einsum("nkl,nl->nk", coupling, out)
         carried[np.abs(carried) < none] = 0.0
@@ -50,7 +50,7 @@ def settle(slots: Sequence[Slot], coupling: Array, force: Array, *, gaps: bool) 
                 if gaps:
                     following[:, k] = _in_gap(slot, out[:, k], carried[:, k], own[:, k])
             else:
-                value, slope = lost(slot, carried[:, k])
+                value, slope = lost_motion(slot, carried[:, k])
                 following[:, k] = out[:, k] + (value - out[:, k]) / (1.0 - slope * own[:, k])
         step = following - out
         if float(np.abs(step).max()) < 1e-15:
@@ -59,7 +59,7 @@ def settle(slots: Sequence[Slot], coupling: Array, force: Array, *, gaps: bool) 
     return out
 
 
-def rounding(force: Array) -> float:
+def rounding_force(force: Array) -> float:
     """Return the force, N or N·m, below which one of these is no more than rounding."""
     return _NO_FORCE * max(1.0, float(np.abs(force).max(initial=0.0)))
 
@@ -71,7 +71,7 @@ def _in_gap(slot: Slot, shift: Array, force: Array, own: Array) -> Array:
     return np.clip(shift + free, -slot.size, slot.size)
 
 
-def lost(slot: Slot, force: Array) -> tuple[Array, Array]:
+def lost_motion(slot: Slot, force: Array) -> tuple[Array, Array]:
     """Return what a slot's law yields beyond its linear stiffness at a force (n,), and the derivative by the force."""
     k = slot.stiffness
     match slot.law:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.gap.lab.closure import COORDINATES, locate
+from stiffscope.gap.lab.closure import home_of, locate
 from stiffscope.gap.lab.measuring import Plan, Sensor
 from stiffscope.gap.lab.response import Spot, respond, tool_spot
 
@@ -41,34 +41,30 @@ class Scale:
     @property
     def force(self) -> float:
         """Force that a lab applies, N."""
-        return min(FORCE * max(1.0, _rounded(_STIFF[0] / self.linear)), _rounded(_DEFLECTION[0] / self.linear))
+        return min(FORCE * max(1.0, _round(_STIFF[0] / self.linear)), _round(_DEFLECTION[0] / self.linear))
 
     @property
     def moment(self) -> float:
         """Moment that a lab applies, N·m."""
-        return min(MOMENT * max(1.0, _rounded(_STIFF[1] / self.angular)), _rounded(_DEFLECTION[1] / self.angular))
+        return min(MOMENT * max(1.0, _round(_STIFF[1] / self.angular)), _round(_DEFLECTION[1] / self.angular))
 
 
-def _rounded(value: float) -> float:
+def _round(value: float) -> float:
     """To two digits."""
     digits = int(np.floor(np.log10(value))) - 1
     return float(np.round(value, -digits))
 
 
-def _home(machine: Machine) -> Array:
-    return np.concatenate([machine.at, np.zeros(3)])[[COORDINATES.index(name) for name in machine.pose]]
-
-
 def scale_of(machine: Machine) -> Scale:
     """Return the sizes of a robot: medians of its compliances at home."""
     tool = tool_spot(machine)
-    c = np.diagonal(respond(machine, _home(machine)[None], [tool]).at(tool)[0, :, :6])
+    c = np.diagonal(respond(machine, home_of(machine)[None], [tool]).at(tool)[0, :, :6])
     return Scale(float(np.median(c[:3])), float(np.median(c[3:])))
 
 
 def ranges(machine: Machine) -> Array:
     """Return the lowest and highest value (k, 2) of each commanded coordinate: the file's map, else like the others."""
-    home = _home(machine)
+    home = home_of(machine)
     known = {} if machine.robot.map is None else machine.robot.map.ranges()
     spans = [high - low for name, (low, high) in known.items() if not name.startswith("r")]
     like = 0.5 * float(np.mean(spans)) if spans else 0.1
@@ -103,7 +99,7 @@ def workspace(machine: Machine, count: int, rng: np.random.Generator) -> Workspa
     Raises InputError where hardly any are.
     """
     tool, box = tool_spot(machine), ranges(machine)
-    limit = _SOFT * respond(machine, _home(machine)[None], [tool]).at(tool)[0, :, :6].diagonal()
+    limit = _SOFT * respond(machine, home_of(machine)[None], [tool]).at(tool)[0, :, :6].diagonal()
     limit = limit.reshape(2, 3).max(axis=1).repeat(3)
     found = np.empty((0, len(box)))
     for _ in range(_GIVEN_UP):

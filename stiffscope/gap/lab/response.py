@@ -10,7 +10,7 @@ import numpy as np
 from stiffscope.errors import InputError
 from stiffscope.gap.lab.closure import Frames, joint_state, locate
 from stiffscope.gap.lab.machine import BASE, GROUND, TOOL
-from stiffscope.gap.lab.rotations import lever, turn, vector_of
+from stiffscope.gap.lab.rotations import both_parts, lever, transform_to, turn, vector_of
 from stiffscope.gap.lab.structure import Element, Structure
 
 if TYPE_CHECKING:
@@ -101,11 +101,11 @@ def respond(machine: Machine, poses: Array | Located, spots: Sequence[Spot]) -> 
     nodes = [BASE, *(node for body in machine.bodies.values() for node in body.nodes), TOOL]
     index = {name: k for k, name in enumerate(nodes)} | {GROUND: -1}
     nominal = _frames_of_nodes(machine, located.frames)
-    true, structure = _settled(machine, located, nominal, index)
+    true, structure = _find_equilibrium(machine, located, nominal, index)
     right = [
         structure.load(index[spot.node], true.point(spot.node, spot.at), unit) for spot in spots for unit in np.eye(6)
     ]
-    right.append(_always(machine, structure, true, index))
+    right.append(_apply_weights(machine, structure, true, index))
     right += [structure.rest(slot.element, np.eye(6)[slot.direction]) for slot in machine.slots]
     solution = structure.solve(np.stack(right, axis=2))
     slots = [structure.wrench(solution, slot.element)[:, slot.direction] for slot in machine.slots]
@@ -124,11 +124,13 @@ def _frames_of_nodes(machine: Machine, bodies: Frames) -> Frames:
     )
 
 
-def _settled(machine: Machine, located: Located, nominal: Frames, index: dict[str, int]) -> tuple[Frames, Structure]:
+def _find_equilibrium(
+    machine: Machine, located: Located, nominal: Frames, index: dict[str, int]
+) -> tuple[Frames, Structure]:
     """Return where the nodes stand with all errors of geometry in equilibrium, and the structure there."""
     frames = nominal
     structure = Structure(len(index) - 1, _elements(machine, located, frames, index))
-    if not _distorted(machine):
+    if not _is_distorted(machine):
         return frames, structure
     points = {TOOL: machine.at}  # a rod may spin between two balls: its ends stand still
     for body in machine.bodies.values():
@@ -137,14 +139,14 @@ def _settled(machine: Machine, located: Located, nominal: Frames, index: dict[st
         solution = structure.solve(structure.misfits()[..., None])
         steps = {name: structure.twist(solution, k)[..., 0] for name, k in index.items() if k >= 0}
         moved = [np.abs(lever(frames.point(name, at)) @ steps[name][..., None])[:, :3] for name, at in points.items()]
-        frames = frames.moved(steps)
+        frames = frames.move(steps)
         structure = Structure(len(index) - 1, _elements(machine, located, frames, index))
         if max(float(step.max()) for step in moved) < _SETTLED:
             return frames, structure
     raise InputError("pose: expected errors of the geometry with which the loops still close")
 
 
-def _distorted(machine: Machine) -> bool:
+def _is_distorted(machine: Machine) -> bool:
     """Whether anything of its geometry is not as drawn."""
     return (
         any(body.offset.any() for body in machine.bodies.values())
@@ -158,7 +160,7 @@ def _elements(machine: Machine, located: Located, frames: Frames, index: dict[st
     n = len(located.closed)
     everything = np.broadcast_to(np.eye(6), (n, 6, 6))
     world, origin = np.eye(3), np.zeros(3)
-    misfit = _apart(frames, GROUND, BASE, origin, world)
+    misfit = _offset_between(frames, GROUND, BASE, origin, world)
     out = [Element(BASE, -1, index[BASE], everything, everything, machine.base, misfit)]
     for joint in machine.joints.values():
         first, second = (BASE if node == GROUND else node for node in (joint.first, joint.second))
@@ -175,14 +177,14 @@ def _elements(machine: Machine, located: Located, frames: Frames, index: dict[st
         base, tip = body.nodes
         axes = frames.rotation[base] @ body.axes
         point = frames.point(tip, body.tip)
-        misfit = _apart(frames, base, tip, body.tip, body.axes)
+        misfit = _offset_between(frames, base, tip, body.tip, body.axes)
         misfit[:, :3] -= body.offset[:3]
         misfit[:, 3:] = vector_of(turn(-body.offset[3:]) @ turn(misfit[:, 3:]))
-        carry = _carry(axes, point)
+        carry = transform_to(axes, point)
         out.append(Element(body.name, index[base], index[tip], carry, everything, body.compliance, misfit))
     node, end = machine.tool, frames.point(TOOL, machine.at)
     axes = frames.rotation[node]
-    carry, misfit = _carry(axes, end), _apart(frames, node, TOOL, machine.at, world)
+    carry, misfit = transform_to(axes, end), _offset_between(frames, node, TOOL, machine.at, world)
     out.append(Element(TOOL, index[node], index[TOOL], carry, everything, machine.platform, misfit))
     if machine.cable.any():
         held = np.flatnonzero(machine.cable)
@@ -190,44 +192,36 @@ def _elements(machine: Machine, located: Located, frames: Frames, index: dict[st
         yields[held] = 1.0 / machine.cable[held]
         misfit = np.zeros((n, 6))
         misfit[:, :3] = end - machine.at
-        carry = _carry(np.broadcast_to(np.eye(3), (n, 3, 3)), end)
+        carry = transform_to(np.broadcast_to(np.eye(3), (n, 3, 3)), end)
         rows = np.broadcast_to(np.eye(6)[held], (n, len(held), 6))
         out.append(Element(CABLE, -1, index[node], carry, rows, np.diag(yields), misfit))
     return out
 
 
-def _apart(frames: Frames, first: str, second: str, at: Array, axes: Array) -> Array:
+def _offset_between(frames: Frames, first: str, second: str, at: Array, axes: Array) -> Array:
     """Return how far (n, 6) a point (3,) of one node stands off another node, in axes (3, 3) that ride on that."""
     back = np.swapaxes(frames.rotation[first] @ axes, -1, -2)
     moved = frames.point(second, at) - frames.point(first, at)
     return np.concatenate([(back @ moved[..., None])[..., 0], vector_of(back @ frames.rotation[second] @ axes)], axis=1)
 
 
-def _carry(axes: Array, points: Array) -> Array:
-    turned = np.zeros((len(points), 6, 6))
-    turned[:, :3, :3] = turned[:, 3:, 3:] = np.swapaxes(axes, -1, -2)
-    return turned @ lever(points)
-
-
-def _always(machine: Machine, structure: Structure, true: Frames, index: dict[str, int]) -> Array:
+def _apply_weights(machine: Machine, structure: Structure, true: Frames, index: dict[str, int]) -> Array:
     """Return the right-hand side (n, size) of weights: of a body with two nodes, that of its mass at either end."""
     out = np.zeros(structure.size)
     for body in machine.bodies.values() if machine.weighted else ():
         if len(body.nodes) == 1:
-            out += _hung(structure, true, index, body.name, body.centre, body.mass * machine.gravity)
+            out += _hang(structure, true, index, body.name, body.centre, body.mass * machine.gravity)
             continue
         for node, at, end in zip(body.nodes, (body.base, body.tip), body.ends, strict=True):
             axes = true.rotation[node] @ body.axes
-            both = np.zeros((len(axes), 6, 6))
-            both[:, :3, :3] = both[:, 3:, 3:] = axes
-            wrench = both @ end @ np.swapaxes(axes, -1, -2) @ machine.gravity
+            wrench = both_parts(axes) @ end @ np.swapaxes(axes, -1, -2) @ machine.gravity
             out += structure.load(index[node], true.point(node, at), wrench)
     for payload in machine.payloads:
-        out += _hung(structure, true, index, payload.node, payload.centre, payload.mass * machine.gravity)
+        out += _hang(structure, true, index, payload.node, payload.centre, payload.mass * machine.gravity)
     return out
 
 
-def _hung(structure: Structure, true: Frames, index: dict[str, int], node: str, at: Array, force: Array) -> Array:
+def _hang(structure: Structure, true: Frames, index: dict[str, int], node: str, at: Array, force: Array) -> Array:
     return structure.load(index[node], true.point(node, at), np.concatenate([force, np.zeros(3)]))
 
 

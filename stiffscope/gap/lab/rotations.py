@@ -57,6 +57,18 @@ def lever(points: Array) -> Array:
     return out
 
 
+def transform_to(axes: Array, points: Array) -> Array:
+    """Return what carries a twist about the origin to axes (..., 3, 3) at points (..., 3); (..., 6, 6)."""
+    return both_parts(np.swapaxes(axes, -1, -2)) @ lever(points)
+
+
+def both_parts(rotation: Array) -> Array:
+    """Return what rotates both vectors of a twist or wrench (..., 6, 6)."""
+    out = np.zeros((*rotation.shape[:-2], 6, 6))
+    out[..., :3, :3] = out[..., 3:, 3:] = rotation
+    return out
+
+
 def about_x(angle: Array) -> Array:
     """Return rotations (..., 3, 3) about x by angles (...)."""
     return turn(angle[..., None] * np.eye(3)[0])

@@ -9,7 +9,7 @@ import numpy as np
 
 from stiffscope.gap.lab.machine import BASE, DRIVEN, FREE, TOOL
 from stiffscope.gap.lab.measuring import sigma_of
-from stiffscope.gap.lab.nonlinear import rounding
+from stiffscope.gap.lab.nonlinear import rounding_force
 from stiffscope.gap.lab.response import Spot, respond, tool_spot
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ class Signatures:
         joints, bodies = self._machine.joints, self._machine.bodies
         shapes = {"joint-compliance": _JOINT, "guide-compliance": _GUIDE}
         added = {"base-compliance": BASE, "platform-compliance": TOOL}
-        of_drives = {"actuator-stiffness": self._softened, "encoder-offset": self._moved, "backlash": self._lost}
+        of_drives = {"actuator-stiffness": self._soften, "encoder-offset": self._move, "backlash": self._lose_motion}
         if effect in of_drives:
             return of_drives[effect]({name: np.eye(6)[DRIVEN[joints[name].kind]] for name in members})
         if effect == "part-compliance":
@@ -73,10 +73,10 @@ class Signatures:
             held = {} if effect in added else {
                 n: [self._held(n, np.array(shape)) for shape in shapes[effect]] for n in members
             }  # fmt: skip
-            return self._added(held or {added[effect]: list(np.eye(6))})
+            return self._add_compliance(held or {added[effect]: list(np.eye(6))})
         if effect in {"link-length", "thermal"}:
             grown = {n: bodies[n].expansion * bodies[n].length if effect == "thermal" else 1.0 for n in members}
-            return self._moved({name: size * _ALONG for name, size in grown.items()})
+            return self._move({name: size * _ALONG for name, size in grown.items()})
         return self._spread(softer) if softer else None
 
     def _entries(self, members: Sequence[str]) -> Array:
@@ -95,14 +95,14 @@ class Signatures:
         free = () if joint.kind == "universal" else FREE[joint.kind]
         return np.array([0.0 if i in free else value for i, value in enumerate(diagonal)])
 
-    def _added(self, diagonals: Mapping[str, list[Array]]) -> Array:
+    def _add_compliance(self, diagonals: Mapping[str, list[Array]]) -> Array:
         """Columns of compliances (6,) on the diagonal, a column for each in the list."""
         count = len(next(iter(diagonals.values())))
         return np.hstack([self._spread({n: np.diag(d[k]) for n, d in diagonals.items()}) for k in range(count)])
 
-    def _softened(self, along: Mapping[str, Array]) -> Array:
+    def _soften(self, along: Mapping[str, Array]) -> Array:
         """A column (r, 1) of elements that yield along a direction (6,) each."""
-        return self._added({name: [direction] for name, direction in along.items()})
+        return self._add_compliance({name: [direction] for name, direction in along.items()})
 
     def _spread(self, compliances: Mapping[str, Array]) -> Array:
         out = np.zeros((len(self._plan.poses), len(self._looks), len(self._pulls)))
@@ -114,21 +114,21 @@ class Signatures:
             out += np.swapaxes(carried @ self._looks.T, 1, 2) @ compliance @ pulls
         return self._column(out)
 
-    def _moved(self, offsets: Mapping[str, Array]) -> Array:
+    def _move(self, offsets: Mapping[str, Array]) -> Array:
         out = np.zeros((len(self._plan.poses), len(self._looks), len(self._pulls)))
         for name, twist in offsets.items():
             carried = self._response.wrench(name)[:, :, : self._looks.shape[1]]
             out[:, :, -1] += np.einsum("nic,kc,i->nk", carried, self._looks, twist)
         return self._column(out)
 
-    def _lost(self, along: Mapping[str, Array]) -> Array:
+    def _lose_motion(self, along: Mapping[str, Array]) -> Array:
         """Play: each element moves along its direction (6,) towards the force that it carries there."""
         out = np.zeros((len(self._plan.poses), len(self._looks), len(self._pulls)))
         for name, direction in along.items():
             carried = direction @ self._response.wrench(name)[:, :, : self._looks.shape[1]]
             force = carried @ self._pulls.T
             for kind in (slice(0, -1), slice(-1, None)):  # rounding is judged beside loads, or beside weights
-                none = rounding(force[:, kind])
+                none = rounding_force(force[:, kind])
                 sign = np.where(np.abs(force[:, kind]) > none, np.sign(force[:, kind]), 0.0)
                 out[:, :, kind] += (carried @ self._looks.T)[:, :, None] * sign[:, None]
         return self._column(out)
@@ -139,19 +139,19 @@ class Signatures:
         return (shown[rows.pose, rows.channel, rows.load] / self.sigma)[:, None]  # load -1: the last
 
 
-def spanned(columns: Array) -> Array:
+def orthonormal_basis(columns: Array) -> Array:
     """Return an orthonormal basis (r, m) of what columns (r, k) span."""
     size = np.linalg.norm(columns, axis=0)
     basis, values, _ = np.linalg.svd(columns[:, size > 0] / size[size > 0], full_matrices=False)
     return basis[:, values > _DEPENDENT * values.max(initial=0.0)]
 
 
-def apart(columns: Array, basis: Array) -> Array:
+def project_out(columns: Array, basis: Array) -> Array:
     """Return what an orthonormal basis (r, m) does not span of columns (r, k)."""
     return columns - basis @ (basis.T @ columns)
 
 
-def closest(signature: Array, columns: Array, most: int) -> float:
+def fit_residual(signature: Array, columns: Array, most: int) -> float:
     """Norm of what is left of a signature (r,) when at most so many of the columns (r, k) are fitted to it."""
     size = np.linalg.norm(columns, axis=0)
     unit = columns[:, size > 0.0] / size[size > 0.0]

@@ -1,0 +1,138 @@
+"""Whether readings without noise distinguish the faults of a case from everything else that could be named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.gap.blind.cases import Fault
+from stiffscope.gap.forward.forward_model import word_of
+from stiffscope.gap.lab.measuring import Noise, true_readings
+from stiffscope.gap.lab.signatures import Signatures, fit_residual, orthonormal_basis, project_out
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from stiffscope.gap.blind.laboratory import Lab
+    from stiffscope.gap.lab.closure import Located
+    from stiffscope.gap.lab.measuring import Plan, Readings
+    from stiffscope.gap.lab.rotations import Array
+
+VISIBLE = 8.0  # standard deviations, of all readings together, by which a fault must stand out
+_ALIKE = 4.0  # standard deviations, of all readings together, that nobody tells apart
+_SAME = 1e-4  # of a signature, that may be left when another is fitted to it that no readings tell apart
+_TURN = 1e-3  # rad, or of a scale: for derivatives
+_IMITATORS = 3  # effects of the vocabulary that together may do what one outside of it does
+_TWINS = 2  # other effects that the named group of a true one has room for
+_OF_INSTRUMENTS = {
+    "instrument-misalignment": tuple({axis: _TURN} for axis in ("rx", "ry", "rz")),
+    "displacement-scale": ({"factor": 1.0 + _TURN},),
+    "force-scale": ({"factor": 1.0 + _TURN},),
+}
+"""Small steps of their parameters."""
+
+
+class Judge:
+    """Whether readings without noise tell the faults of a case from all else that could be named."""
+
+    def __init__(self, lab: Lab, plan: Plan, located: Located) -> None:
+        self.lab, self._plan, self._located = lab, plan, located
+        self._sound = self._read(())
+        self._elements = Signatures(lab.sound, self._plan, self._located, self._sound, Noise())
+        self.sensors = tuple(sensor.name for sensor in self._plan.sensors)
+        self._own: dict[str, Array] = {}
+        self._spans: dict[str, Array] = {}
+        self._vain: dict[str, bool] = {}
+
+    def _read(self, faults: Sequence[Fault]) -> Readings:
+        return true_readings(self.lab.with_faults(faults), self._plan, self._located)
+
+    def _signature(self, fault: Fault) -> Array:
+        """What a fault alone changes in the readings (r,), over their noise."""
+        key = repr(fault)
+        if key not in self._own:
+            self._own[key] = (self._read((fault,)).value - self._sound.value) / self._elements.sigma
+        return self._own[key]
+
+    def _columns(self, fault: Fault) -> Array:
+        """What a fault's effect can do to the readings (r, k), whatever its parameters."""
+        columns = self._alone(fault.effect, fault.place)
+        if columns is not None:
+            return np.hstack([columns, self._signature(fault)[:, None]])
+        if fault.name not in self._spans:
+            kept = {"mass": fault.parameters["mass"]}  # of a payload, whose centre shows by it
+            each = [replace(fault, parameters=kept | {name: value}) for name, value in fault.parameters.items()]
+            self._spans[fault.name] = np.stack([self._signature(one) for one in each], axis=1)
+        return self._spans[fault.name]
+
+    def _alone(self, effect: str, place: str) -> Array | None:
+        if effect in _OF_INSTRUMENTS:
+            return np.stack([self._signature(Fault(effect, place, step)) for step in _OF_INSTRUMENTS[effect]], axis=1)
+        return self._elements.of(effect, place, self.lab.softer(effect, place))
+
+    @cached_property
+    def _everything(self) -> dict[str, Array]:
+        """Columns (r, k) of all effects of the vocabulary, at all places where they have some."""
+        found: dict[str, Array] = {}
+        for name, (effect, place) in self.lab.everywhere(self.sensors).items():
+            if (columns := self._alone(effect, place)) is not None:
+                found[name] = columns
+        return found
+
+    def can_decide(self, faults: Sequence[Fault]) -> bool:
+        """Whether every one of the faults shows beside the others, and has few others like it; see `draw_case`."""
+        if any(self._is_hopeless(fault) for fault in faults):
+            return False
+        for fault in reversed(faults):  # the last is the one that is new
+            signature = self._signature(fault)
+            others = [self._columns(other) for other in faults if other is not fault]
+            beside = orthonormal_basis(np.hstack([np.zeros((len(signature), 0)), *others]))
+            left = project_out(signature[:, None], beside)[:, 0]
+            if np.linalg.norm(left) < VISIBLE or len(self._alike(fault, left, beside)) > _TWINS:
+                return False
+        return True
+
+    def distance(self, fault: Fault) -> tuple[float, float]:
+        """Norms of a fault's signature, and of what the closest effects of the vocabulary leave of it, one by one."""
+        left = self._signature(fault)
+        size, basis = float(np.linalg.norm(left)), np.zeros((len(left), 0))
+        columns = list(self._everything.values())
+        for _ in range(_IMITATORS):
+            if not columns or not np.linalg.norm(left) >= VISIBLE:
+                break
+            spans = [orthonormal_basis(project_out(each, basis)) for each in columns]
+            best = max(spans, key=lambda span: float(np.linalg.norm(span.T @ left)))
+            basis = np.hstack([basis, best])
+            left = project_out(left[:, None], best)[:, 0]
+        return size, float(np.linalg.norm(left))
+
+    def _is_hopeless(self, fault: Fault) -> bool:
+        """Whether no readings of this kind show a fault, or tell it from others, whatever its size."""
+        if fault.name not in self._vain:
+            columns = self._alone(fault.effect, fault.place)
+            vain = columns is not None and not columns.any()
+            if columns is not None and not vain and columns.shape[1] == 1:
+                large = columns[:, 0] * (_ALIKE / _SAME / np.linalg.norm(columns))
+                vain = len(self._alike(fault, large, np.zeros((len(large), 0)))) > _TWINS
+            self._vain[fault.name] = vain
+        return self._vain[fault.name]
+
+    def _alike(self, fault: Fault, left: Array, beside: Array) -> set[str]:
+        """Other effects that do the same to readings as a fault, with no more parameters at work than it has.
+
+        left: (r,) what the other faults of its campaign leave of its signature; beside: (r, k) an orthonormal basis of
+        what these can do.
+        """
+        found: set[str] = set()
+        own = self.lab.canonical(fault.name)
+        for name, columns in self._everything.items():
+            if name == own:
+                continue
+            if word_of(name) == "part-compliance" and fault.effect != "part-compliance":  # entries follow a stiffness
+                continue
+            if fit_residual(left, project_out(columns, beside), len(fault.parameters)) < _ALIKE:
+                found.add(name)
+        return found

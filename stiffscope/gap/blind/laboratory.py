@@ -1,0 +1,214 @@
+"""A robot in the virtual laboratory: its sound machine, what can be wrong with it, and where it can be measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.gap.blind.cases import Fault
+from stiffscope.gap.forward.forward_model import word_of
+from stiffscope.gap.lab.faults import ENTRIES, KNOWN, acts_on, inject, is_uniform
+from stiffscope.gap.lab.machine import machine_of
+from stiffscope.gap.lab.plans import Workspace, workspace
+from stiffscope.robot.library import robot_names
+from stiffscope.robot.part_dimensions import part_parameters, vanishing, with_parameter
+from stiffscope.robot.part_matrices import part_matrices, part_sources
+from stiffscope.robot.reader import load_robot
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from stiffscope.gap.lab.machine import Machine
+    from stiffscope.gap.lab.rotations import Array
+    from stiffscope.robot.effects import NominalRobot
+
+_POOL = 72  # poses of a robot from which a campaign takes its own
+_SEED = 20  # of that pool
+_ALL_DRIVES, _ALL_JOINTS, _ALL_BODIES = "drives", "joints", "robot"
+INSTRUMENT = "instrument"
+_OF_SENSORS = {"instrument-misalignment", "displacement-scale"}
+
+
+@dataclass(frozen=True)
+class BlindRobot:
+    """A robot whose campaigns are drawn.
+
+    Attributes
+    ----------
+    nominal : the model that is diagnosed with, and its file.
+    parts : matrix and mass of every part that is used, as `PartMatrix`.
+    components : source of these matrices, as a campaign's header names it.
+    """
+
+    nominal: NominalRobot
+    parts: Mapping[str, Any]
+    components: str
+
+    @property
+    def name(self) -> str:
+        """As its file has it."""
+        return self.nominal.robot.name
+
+    @property
+    def reference(self) -> str:
+        """How a campaign names it: a robot that comes along, or the path of its file."""
+        path = self.nominal.robot.path
+        return path.stem if path.stem in robot_names() and load_robot(path.stem).path == path else str(path.resolve())
+
+
+class Lab:
+    """A robot in the virtual lab: its sound machine, and where it can be measured."""
+
+    def __init__(self, robot: BlindRobot, poses: int = _POOL) -> None:
+        self.robot = robot
+        file = robot.nominal.robot
+        machine = machine_of(file, robot.parts)
+        for effect in file.effects:  # which the model carries, and so does the machine
+            machine = inject(machine, word_of(effect.effect), effect.place, effect.parameters)
+        self.sound = machine
+        self._steps: dict[str, dict[str, Array]] = {}
+        self._words: dict[tuple[str, ...], dict[str, tuple[str, str]]] = {}
+        self.workspace: Workspace = workspace(machine, poses, np.random.default_rng(_SEED))
+
+    def with_faults(self, faults: Sequence[Fault]) -> Machine:
+        """The machine with faults."""
+        machine = self.sound
+        for fault in faults:
+            parameters = fault.parameters
+            if fault.effect == "part-dimension":
+                parameters = self._part_of(fault.place, parameters["value"])
+            machine = inject(machine, fault.effect, fault.place, parameters)
+        return machine
+
+    def _part_of(self, place: str, value: float) -> dict[str, float]:
+        """Entries of a part's compliance where one of its dimensions has another value."""
+        part, key = place.rsplit(".", 1)
+        other = with_parameter(self.robot.nominal.robot, part, key, value)
+        compliance = part_matrices(other, self.robot.components)[part].compliance
+        return entries_of(compliance)
+
+    def places(self, effect: str, sensors: Sequence[str] = ()) -> tuple[str, ...]:
+        """Where an effect may act: elements and sets of them, each set once, or the instrument and its sensors."""
+        file, machine = self.robot.nominal.robot, self.sound
+        fixed = {
+            "base-compliance": ("base",), "platform-compliance": ("tool",), "cable-chain": ("tool",),
+            "force-scale": (INSTRUMENT,), **dict.fromkeys(_OF_SENSORS, (INSTRUMENT, *sensors)),
+        }  # fmt: skip
+        if effect in fixed:
+            return fixed[effect]
+        if effect == "part-dimension":
+            return self._dimensions()
+        if effect in {"payload", "larger-body"}:
+            rigid = [name for name, body in machine.bodies.items() if len(body.nodes) == 1]
+            return tuple(name for name in rigid if acts_on(machine, effect, name))
+        sets = [] if effect == "backlash" else [*file.groups, *file.parts, _ALL_DRIVES, _ALL_JOINTS]
+        warm = [_ALL_BODIES] if effect == "thermal" else []
+        found: dict[frozenset[str], str] = {}
+        for place in [*machine.joints, *machine.bodies, *sets, *warm]:
+            members = machine.members(place)
+            if members and all(self._takes(effect, name) for name in members):
+                found.setdefault(frozenset(members), place)
+        places = tuple(found.values())
+        if effect == "part-compliance":  # one matrix for bodies of one part
+            places = tuple(p for p in places if len({machine.bodies[n].part for n in machine.members(p)}) == 1)
+        return places
+
+    def _takes(self, effect: str, name: str) -> bool:
+        """Whether an effect may act on an element."""
+        if not acts_on(self.sound, effect, name):
+            return False
+        joint, body = self.sound.joints.get(name), self.sound.bodies.get(name)
+        if joint is not None and effect in {"joint-play", "stiffening-joint", "loose-bolt"}:
+            return joint.drive is None
+        if joint is not None and effect == "joint-compliance":  # that of a driven slide is its guide's
+            return joint.drive is None or joint.kind != "prismatic"
+        if body is not None and effect == "rigid-ends":
+            return is_uniform(body)
+        if body is not None and effect == "thermal":
+            return body.expansion != 0.0
+        return True
+
+    def _dimensions(self) -> tuple[str, ...]:
+        """Dimensions and constants of the material of parts whose matrix follows from them by beam theory."""
+        file = self.robot.nominal.robot
+        sources = part_sources(file, self.robot.components)
+        return tuple(
+            f"{part}.{key}"
+            for part, source in sources.items()
+            if isinstance(source, str) and source == "beam"
+            for key in part_parameters(file, part)
+        )
+
+    def words(self) -> tuple[str, ...]:
+        """Effects of the vocabulary that this robot can have."""
+        foreign = {"gravity"} if self.sound.gravity.any() else {"gravity", "payload"}
+        return tuple(effect for effect in KNOWN if effect not in foreign and self.places(effect))
+
+    def everywhere(self, sensors: tuple[str, ...] = ()) -> dict[str, tuple[str, str]]:
+        """All effects of the vocabulary at all their places, by their canonical names."""
+        if sensors not in self._words:
+            listed = [(effect, place) for effect in self.words() for place in self.places(effect, sensors)]
+            self._words[sensors] = {self.canonical(f"{effect} @ {place}"): (effect, place) for effect, place in listed}
+        return self._words[sensors]
+
+    def softer(self, effect: str, place: str) -> dict[str, Array]:
+        """Compliance that a small step of an effect's parameter adds to each body at a place."""
+        if effect not in {"part-dimension", "link-stiffness", "rigid-ends"}:
+            return {}
+        name = f"{effect} @ {place}"
+        if name not in self._steps:
+            members = self.sound.members(place.rsplit(".", 1)[0] if effect == "part-dimension" else place)
+            step = {
+                "part-dimension": lambda: {"value": other_dimension(self, place, 0.1)},
+                "link-stiffness": lambda: {"factor": 0.99},
+                "rigid-ends": lambda: {"length": 0.01 * self._shortest(members)},
+            }[effect]()
+            changed = self.with_faults([Fault(effect, place, step)]).bodies
+            sound = self.sound.bodies
+            self._steps[name] = {n: changed[n].compliance - sound[n].compliance for n in members}
+        return self._steps[name]
+
+    def _shortest(self, members: Sequence[str]) -> float:
+        return min(self.sound.bodies[name].length for name in members)
+
+    def canonical(self, name: str) -> str:
+        """One name for all names of an effect at a place: groups, parts and elements may mean the same set."""
+        effect, place = word_of(name), name.partition(" @ ")[2]
+        if effect == "platform-compliance":
+            place = "tool"
+        members = self.sound.members(place)
+        return f"{effect} @ {', '.join(sorted(members)) or place}"
+
+    def drive_lever(self, drive: str) -> float:
+        """Lever by which a drive moves the tool, m per rad; one for a sliding drive."""
+        joint = self.sound.joints[drive]
+        if joint.kind != "revolute":
+            return 1.0
+        away = self.sound.at - joint.at_first
+        return max(0.05, float(np.linalg.norm(np.cross(joint.axes[:, 0], away))))
+
+
+def entries_of(compliance: Array) -> dict[str, float]:
+    """A compliance (6, 6) by the names of its entries."""
+    return {name: float(compliance[int(name[1]) - 1, int(name[2]) - 1]) for name in ENTRIES}
+
+
+def other_dimension(lab: Lab, place: str, size: float) -> float:
+    """Another value of a dimension: of a tube's radius or bore, one that makes its wall thinner or thicker.
+
+    A modulus that no material has with the other one is turned to the other side of the nominal.
+    """
+    part, key = place.rsplit(".", 1)
+    robot = lab.robot.nominal.robot
+    nominal, unit = part_parameters(robot, part)[key]
+    beyond = vanishing(robot, part, key)
+    usual = 0.04 if unit == "m" and not beyond else 0.12
+    value, other = (round(beyond + (nominal - beyond) * (1 + usual * s), 7) for s in (size, -size))
+    try:
+        with_parameter(robot, part, key, value)
+    except InputError:
+        return other
+    return value

@@ -1,0 +1,165 @@
+"""Faults drawn: a place by chance, a size between small and large as the robot goes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.gap.blind.cases import Fault
+from stiffscope.gap.blind.laboratory import INSTRUMENT, entries_of, other_dimension
+from stiffscope.gap.lab.closure import COORDINATES
+from stiffscope.gap.lab.faults import bearing_words
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from stiffscope.gap.blind.laboratory import Lab
+    from stiffscope.gap.lab.plans import Style
+
+_LIKE = (8.075e-8, 1.346e-6)  # m/N, rad/(N·m): the scale of the robot at which these sizes hold
+_SOFTER = {"actuator-stiffness": 0.2, "link-stiffness": 0.15}  # relative compliance that size one adds
+_SCALES = {"displacement-scale", "force-scale"}
+
+
+def choose(rng: np.random.Generator, choices: Sequence[str]) -> str:
+    """One of some choices by chance."""
+    return choices[int(rng.integers(0, len(choices)))]
+
+
+def _draw_size(rng: np.random.Generator, low: float, high: float) -> float:
+    """A size between two, its logarithm uniform."""
+    return low * (high / low) ** rng.random()
+
+
+def draw_known(effect: str, rng: np.random.Generator, lab: Lab, sensors: Sequence[str]) -> Fault:
+    """Draw a fault of the vocabulary.
+
+    Parameters
+    ----------
+    effect
+        A word of the vocabulary that the robot can have.
+    rng
+        Place, size and sign follow from it.
+    lab
+        The robot in the laboratory; a softer or larger one gets larger faults.
+    sensors
+        Names of the sensors that may be at fault themselves.
+
+    Returns
+    -------
+    Fault
+        With its parameters, SI.
+
+    """
+    place = choose(rng, lab.places(effect, sensors))
+    size = _draw_size(rng, 0.3, 3.0)
+    sign = 1.0 if rng.random() < 0.5 else -1.0
+    members = lab.sound.members(place)
+    soft, bend = lab.workspace.scale.linear / _LIKE[0], lab.workspace.scale.angular / _LIKE[1]
+    if effect in _SOFTER:
+        return Fault(effect, place, {"factor": 1 / (1 + _SOFTER[effect] * size)})
+    if effect in _SCALES:
+        return Fault(effect, place, {"factor": 1 + sign * 0.02 * size})
+    if effect == "part-compliance":
+        return Fault(effect, place, _draw_matrix(lab, members[0], size, rng))
+    if effect == "part-dimension":
+        return Fault(effect, place, {"value": other_dimension(lab, place, sign * min(size, 2.0))})
+    if effect == "payload":
+        offset = {k: float(rng.uniform(-0.1, 0.1)) for k in COORDINATES[:3]}
+        return Fault(effect, place, {"mass": 3.0 * size / max(1.0, soft), **offset})
+    one = _sizes_of_one(effect, lab, members, sign, soft, bend)
+    return Fault(effect, place, {name: s * float(rng.uniform(0.2, 1.0)) * size for name, s in one.items()})
+
+
+def _sizes_of_one(
+    effect: str, lab: Lab, members: Sequence[str], sign: float, soft: float, bend: float
+) -> dict[str, float]:
+    """Parameters of an effect at size one."""
+    if effect == "joint-compliance":
+        words = bearing_words([lab.sound.joints[name] for name in members])
+        return {word: 1e-6 * bend if word == "tilting" else 3e-9 * soft for word in words}
+    if effect == "rigid-ends":
+        return {"length": 0.04 * float(np.mean([lab.sound.bodies[n].length for n in members]))}
+    lever = max((lab.drive_lever(name) for name in members), default=1.0) if effect in _OF_DRIVES else 1.0
+    support = dict(zip(COORDINATES, [8e-9 * soft] * 3 + [8e-8 * bend] * 3, strict=True))
+    return {
+        "guide-compliance": {"lateral": 4e-9 * soft, "vertical": 4e-9 * soft, "angular": 8e-8 * bend},
+        "base-compliance": support, "platform-compliance": support,
+        "backlash": {"half_width": 8e-6 / lever}, "encoder-offset": {"offset": sign * 5e-5 / lever},
+        "link-length": {"error": sign * 3e-5}, "thermal": {"temperature": sign * 4.0},
+        "instrument-misalignment": dict.fromkeys(COORDINATES[3:], 0.015),
+    }[effect]  # fmt: skip
+
+
+_OF_DRIVES = {"backlash", "encoder-offset"}
+
+
+def _draw_matrix(lab: Lab, body: str, size: float, rng: np.random.Generator) -> dict[str, float]:
+    """Entries of a part that is softer, and more so in some directions than in others."""
+    stretch = np.diag(np.sqrt(1.0 + 0.8 * size * rng.uniform(0.2, 1.0, 6)))
+    return entries_of(stretch @ lab.sound.bodies[body].compliance @ stretch)
+
+
+_OF_INSTRUMENT = {"drifting-sensor", "gain-drift", "coarse-converter", "wrench-off-centre", "bad-session"}
+
+
+def _outside_places(lab: Lab, effect: str, channels: Sequence[str]) -> tuple[str, ...]:
+    if effect == "cross-talk":
+        return tuple(f"{a}->{b}" for a in channels for b in channels if a != b)
+    return (INSTRUMENT,) if effect in _OF_INSTRUMENT else lab.places(effect)
+
+
+def can_have(lab: Lab, effect: str) -> bool:
+    """Whether a robot can have a fault outside the vocabulary that readings may show."""
+    if effect == "screw-pitch":
+        members = [name for place in lab.places(effect) for name in lab.sound.members(place)]
+        return any(lab.sound.joints[name].kind == "prismatic" for name in members)
+    return effect != "bowed-link" and bool(_outside_places(lab, effect, ("x", "y")))
+
+
+def draw_outside(effect: str, rng: np.random.Generator, lab: Lab, style: Style) -> Fault:
+    """Draw a fault that the vocabulary has no word for.
+
+    Parameters
+    ----------
+    effect
+        A name of `OUTSIDE` that the robot can have.
+    rng
+        Place and size follow from it.
+    lab
+        The robot in the laboratory.
+    style
+        What is measured, which says what channels there are.
+
+    Returns
+    -------
+    Fault
+        With its parameters, SI.
+
+    """
+    channels = [f"gauge{k + 1}" for k in range(5)] if style == "gauges" else COORDINATES
+    place = choose(rng, _outside_places(lab, effect, channels))
+    size = _draw_size(rng, 0.5, 3.0)
+    scale, joints = lab.workspace.scale, lab.sound.joints
+    soft = scale.linear / _LIKE[0]
+    members = [name for name in lab.sound.members(place) if name in joints]
+    stiffest = max((drive.stiffness for n in members if (drive := joints[n].drive)), default=1.0)
+    lever = max((lab.drive_lever(name) for name in members), default=1.0)
+    bearing = 1e-8 * soft
+    one = {
+        # at the force that a lab applies a hardening drive has lost about a tenth of its deflection, as at 3e16 N/m³
+        "hardening-drive": {"cubic": 2.4 * size * stiffest**3 / (10.0 * (scale.force * lever) ** 2)},
+        "drive-friction": {"force": 0.08 * size * scale.force * lever},
+        "stiffening-joint": {"radial": bearing * size, "knee": 0.2 * bearing * size * scale.force},
+        "joint-play": {"radial": 4e-6 * size}, "loose-bolt": {"opening": bearing * size},
+        "screw-pitch": {"relative": 1e-4 * size}, "larger-body": {"relative": 1e-3 * size},
+        "gain-drift": {"relative": 0.05 * size}, "cross-talk": {"share": 0.03 * size},
+        "bad-session": {"relative": 0.03 * size},
+        "drifting-sensor": {"displacement": 4e-6 * size, "rotation": 1.5e-5 * size},
+        "coarse-converter": {"displacement": 4e-6 * size, "rotation": 1.5e-5 * size},
+    }  # fmt: skip
+    if effect in one:
+        return Fault(effect, place, one[effect])
+    largest = {"cable-chain": 3e4 / soft, "wrench-off-centre": 0.004}[effect]
+    return Fault(effect, place, {n: float(rng.uniform(0.3, 1.0)) * size * largest for n in COORDINATES[:3]})
