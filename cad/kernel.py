@@ -14,7 +14,7 @@ from OCP.Bnd import Bnd_Box
 from OCP.BOPAlgo import BOPAlgo_ArgumentAnalyzer
 from OCP.BOPTools import BOPTools_AlgoTools3D
 from OCP.BRep import BRep_Builder, BRep_Tool
-from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Surface
+from OCP.BRepAdaptor import BRepAdaptor_Surface
 from OCP.BRepBndLib import BRepBndLib
 from OCP.BRepBuilderAPI import (
     BRepBuilderAPI_MakeVertex,
@@ -207,12 +207,6 @@ def closest_under(face: Face, points: Floats) -> Floats:
 def distance(shape: Shape, point: Floats) -> float:
     """Return the distance from `point` (3,) to the shape."""
     return float(np.linalg.norm(closest(shape, point) - point))
-
-
-def middle(edge: Edge) -> Floats:
-    """(3,) the point at half the edge's parameter range."""
-    curve = BRepAdaptor_Curve(edge)
-    return xyz(curve.Value((curve.FirstParameter() + curve.LastParameter()) / 2))
 
 
 def in_axes(solid: Solid, origin: Floats, x: Floats, z: Floats) -> Solid:

@@ -3,9 +3,7 @@
 The coordinates of a part are its reference axes. What this package hands out is in SI and plain numpy.
 """
 
-import hashlib
-from collections.abc import Iterator
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -262,47 +260,3 @@ def mass_properties(part: Part) -> MassProperties:
     volume = properties.Mass() * 1e-9
     centre = kernel.xyz(properties.CentreOfMass()) * 1e-3
     return MassProperties(volume, volume * density, centre, kernel.inertia(properties) * 1e-15 * density)
-
-
-def geometry_digest(part: Part) -> str:
-    """Return a hash (hex) of everything that determines the part's compliance: shape, selected faces, material.
-
-    It is the same in every process and does not contain the part's name. Lengths are rounded to 1e-6 mm, moments to
-    nine digits.
-    """
-    digest = hashlib.sha256()
-    for line in _description(part):
-        digest.update(line.encode() + b"\n")
-    return digest.hexdigest()
-
-
-def _description(part: Part) -> Iterator[str]:
-    from stiffscope.cad import kernel
-
-    properties = kernel.volume_properties(part.solid)
-    yield _digits(properties.Mass(), *kernel.inertia(properties).flat)
-    yield _lengths(kernel.xyz(properties.CentreOfMass()))
-    for geometry, face in zip(part.faces, kernel.faces(part.solid), strict=True):
-        yield geometry.kind
-        yield _lengths(*(1e3 * v for v in (geometry.origin, geometry.centroid)), geometry.axis)
-        yield _digits(geometry.area, geometry.radius, geometry.half_angle, geometry.minor_radius)
-        yield _digits(*kernel.inertia(kernel.area_properties(face)).flat)
-    for edge in kernel.edges(part.solid):
-        yield _lengths(kernel.middle(edge))
-    for vertex in kernel.vertices(part.solid):
-        yield _lengths(kernel.position(vertex))
-    yield f"{sorted(part.clamped)}"
-    for interface in part.loaded:
-        yield f"{interface.name} {sorted(interface.faces)} {_lengths(interface.reference_point * 1e3)}"
-    values = (value for value in astuple(part.material)[1:] if not isinstance(value, str))
-    yield type(part.material).__name__ + _digits(*values)
-
-
-def _lengths(*vectors: Floats) -> str:
-    return " ".join(f"{value:.6f}" for value in np.round(np.concatenate(vectors), 6) + 0.0)
-
-
-def _digits(*values: float) -> str:
-    """Format each value with nine digits; values up to 1e-12 of the largest are rounding errors and count as zero."""
-    least = 1e-12 * max(map(abs, values), default=0)
-    return " ".join(f"{value:.8e}" if abs(value) > least else "0" for value in values)

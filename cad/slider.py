@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from stiffscope.cad.kernel import Shape, Solid
 
 _TOLERANCE = 1e-6  # mm
+OPTIONAL = ("rib_pitch", "fillet", "hole_pitch", "pad_height")  # 0 leaves them out
 
 
 @dataclass(frozen=True)
@@ -82,16 +83,12 @@ class SliderParameters:
 
     def __post_init__(self) -> None:
         """Check the dimensions."""
-        for name in ("depth", "width", "thickness"):
-            length(f"slider.{name}", getattr(self, name))
-        for name in ("rib_pitch", "fillet", "hole_pitch", "pad_height"):
-            optional_length(f"slider.{name}", getattr(self, name))
         for name in ("rib_count", "hole_count"):
             count(f"slider.{name}", getattr(self, name))
-        for name in ("rib_thickness", "rib_height", "rib_length", "hole_diameter", "hole_offset"):
-            length(f"slider.{name}", getattr(self, name))
-        for name in ("pad_width", "pad_spacing"):
-            length(f"slider.{name}", getattr(self, name))
+        for field in fields(self):
+            if field.type is float:
+                check = optional_length if field.name in OPTIONAL else length
+                check(f"slider.{field.name}", getattr(self, field.name))
         choice("slider.clamp", self.clamp, ("face", "holes"))
         choice("slider.pads", self.pads, ("together", "apart"))
         _check_ribs(self)

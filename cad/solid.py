@@ -59,6 +59,7 @@ def part_of(
     loaded: Selectors | Mapping[str, Selectors] = GREATEST_X,
     placement: Placement | None = None,
     reference_point: Vector | None = None,
+    valid: bool = False,
 ) -> Part:
     """Make a part from a solid.
 
@@ -78,36 +79,20 @@ def part_of(
         The part's axes; by default those of the solid.
     reference_point
         (3,) m, of a single interface; by default the centroid of its faces.
+    valid
+        Whether the solid is known to be valid.
 
     Raises
     ------
     InputError
         An invalid solid, or selectors that match no face or every face.
     """
-    return part_from_valid(
-        valid_solid(getattr(solid, "wrapped", solid), name),
-        name=name,
-        material=material,
-        clamped=clamped,
-        loaded=loaded,
-        placement=placement or Placement(),
-        reference_point=reference_point,
-    )
-
-
-def part_from_valid(
-    solid: Any,
-    *,
-    name: str,
-    material: AnyMaterial,
-    clamped: Selectors,
-    loaded: Selectors | Mapping[str, Selectors],
-    placement: Placement,
-    reference_point: Vector | None,
-) -> Part:
-    """Make a part from a kernel solid known to be valid; see `part_of`."""
     from stiffscope.cad import kernel
 
+    placement = placement or Placement()
+    solid = getattr(solid, "wrapped", solid)
+    if not valid:
+        solid = valid_solid(solid, name)
     clamped_faces = select(solid, clamped, f"{name}.clamped")
     named = loaded if isinstance(loaded, Mapping) else {"loaded": loaded}
     if reference_point is not None and len(named) > 1:

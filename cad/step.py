@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from stiffscope.cad.materials import STEEL, AnyMaterial
 from stiffscope.cad.part import Part
-from stiffscope.cad.solid import GREATEST_X, LEAST_X, Placement, Selectors, Vector, part_from_valid
+from stiffscope.cad.solid import GREATEST_X, LEAST_X, Placement, Selectors, Vector, part_of
 from stiffscope.errors import InputError
 from stiffscope.runtime.children import run_module
 from stiffscope.runtime.files import scratch_folder
@@ -58,15 +58,10 @@ def read_step(
         The file holds no valid solid; the message names the file, what was found and what is expected.
     """
     solid = read_solid(path, time_limit)
-    return part_from_valid(
-        solid,
-        name=name or Path(path).stem,
-        material=material,
-        clamped=clamped,
-        loaded=loaded,
-        placement=placement or Placement(),
-        reference_point=reference_point,
-    )
+    return part_of(
+        solid, name=name or Path(path).stem, material=material, clamped=clamped, loaded=loaded,
+        placement=placement, reference_point=reference_point, valid=True,
+    )  # fmt: skip
 
 
 def read_solid(path: str | Path, time_limit: float = 60.0) -> "Solid":

@@ -9,8 +9,8 @@ from build123d import Box
 
 from stiffscope.cad import link, slider
 from stiffscope.cad.link import LinkParameters
-from stiffscope.cad.materials import CFRP_TUBE, MATERIALS, STEEL, Material, TransverselyIsotropic, material
-from stiffscope.cad.part import Interface, Part, geometry_digest, mass_properties, project, surface
+from stiffscope.cad.materials import CFRP_TUBE, MATERIALS, Material, TransverselyIsotropic, material
+from stiffscope.cad.part import Part, mass_properties, project, surface
 from stiffscope.cad.slider import SliderParameters
 from stiffscope.errors import InputError
 
@@ -104,20 +104,6 @@ def test_projection_in_closed_form_is_the_kernels() -> None:
         assert again == pytest.approx(exact, abs=1e-9)
 
 
-def test_digest_tells_shape_faces_and_material_and_nothing_else() -> None:
-    plain = slider.build(SliderParameters())
-    same = slider.build(SliderParameters(rib_height=0.02), name="other")  # unused without ribs
-    assert geometry_digest(plain) == geometry_digest(same)
-    free = next(i for i in range(6) if i not in plain.clamped | plain.loaded[0].faces)
-    others = [
-        slider.build(SliderParameters(thickness=0.020000002)),
-        slider.build(SliderParameters(), MATERIALS["titanium"]),
-        Part("slider", plain.solid, STEEL, frozenset([free]), plain.loaded),
-        Part("slider", plain.solid, STEEL, plain.clamped, (Interface("a", plain.loaded[0].faces, np.zeros(3)),)),
-    ]
-    assert len({geometry_digest(part) for part in (plain, *others)}) == 5
-
-
 @pytest.mark.parametrize(
     ("there", "unused"),
     [
@@ -128,7 +114,8 @@ def test_digest_tells_shape_faces_and_material_and_nothing_else() -> None:
 )
 def test_numbers_of_absent_features_do_not_count(there: LinkParameters | SliderParameters, unused: dict) -> None:
     other = dataclasses.replace(there, **unused)
-    assert geometry_digest(made(there)) == geometry_digest(made(other))
+    volumes = [mass_properties(made(one)).volume for one in (there, other)]
+    assert volumes[0] == pytest.approx(volumes[1], rel=1e-12)
     assert there.present() == other.present() == there
 
 

@@ -11,7 +11,7 @@ from build123d import Align, Box, Cylinder, Pos
 from stiffscope.cad import kernel, kernel_files, link, slider
 from stiffscope.cad.faces import FaceSelector, describe, face_geometries, select
 from stiffscope.cad.link import LinkParameters
-from stiffscope.cad.part import Part, geometry_digest, mass_properties
+from stiffscope.cad.part import Part, mass_properties
 from stiffscope.cad.slider import SliderParameters
 from stiffscope.cad.solid import Placement, part_of
 from stiffscope.cad.step import read_solid, read_step, write_step, write_stl
@@ -39,7 +39,8 @@ def test_round_trip_keeps_the_part(holed: Part, step: Path) -> None:
     assert mass_properties(part).volume == pytest.approx(mass_properties(holed).volume, rel=1e-9)
     assert part.loaded[0].reference_point == pytest.approx([0.085, 0, 0], abs=1e-9)
     assert [face.kind for face in part.faces].count("torus") == 2
-    assert geometry_digest(part) == geometry_digest(read_step(step, name="again"))
+    again = read_step(step, name="again")
+    assert [face.area for face in again.faces] == [face.area for face in part.faces]
 
 
 def test_units_of_the_file_count(holed: Part, step: Path, tmp_path: Path) -> None:
@@ -200,14 +201,10 @@ def test_a_build123d_solid_is_a_part() -> None:
         part_of(build123d.sweep((bent ^ 0) * build123d.Circle(3), bent).solid())
 
 
-def test_digest_and_silence_hold_in_another_process(holed: Part) -> None:
-    code = (
-        "from stiffscope.cad.slider import SliderParameters as P, build\n"
-        "from stiffscope.cad.part import geometry_digest\n"
-        "print(geometry_digest(build(P(rib_count=2, fillet=0.003, hole_count=3))))"
-    )
-    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert printed.strip() == geometry_digest(holed)
+def test_building_writes_nothing_to_standard_output() -> None:
+    code = "from stiffscope.cad.slider import SliderParameters as P, build\nbuild(P(rib_count=2, fillet=0.003))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not done.stdout
 
 
 @pytest.mark.parametrize("gone", ["LENGTH_UNIT", "GLOBAL_UNIT_ASSIGNED_CONTEXT"])
