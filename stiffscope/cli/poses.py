@@ -44,7 +44,9 @@ def asked_poses(robot: RobotFile, at: Sequence[str], joints: Sequence[str]) -> A
         found = configured_poses(robot, mechanism, [_coordinates(robot, text) for text in names])
     for index, name in enumerate(names):
         if not found.valid[index]:
-            raise InputError(f"{name}: {found.reason(index)}")
+            named = name in robot.poses and not (at or joints)
+            reason = found.reason(index)
+            raise robot.refuse(("poses", name), reason) if named else InputError(f"{name}: {reason}")
     return Asked(names, found)
 
 

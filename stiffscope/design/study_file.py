@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import field_validator
 
-from stiffscope.design.responses import Response, known_units, worst_of
+from stiffscope.design.responses import Response, known_units, measured_dimension, worst_of
 from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.expressions import parse
@@ -348,6 +348,11 @@ def _response(key: Key, name: str, given: Any, robot: RobotFile, poses: dict[Pos
     unit, take = (units[alone] if alone else found.unit), found.take or (worst_of(alone) if alone else None)
     if unit is None:
         raise FieldError((*key, "unit"), 'expected the SI unit of the expression such as "N/m/kg", got nothing')
+    given, measured = q.exponents_of(unit), measured_dimension(expression, units)
+    if unit != "1" and given is not None and measured is not None and not np.allclose(given, measured):
+        powers = " ".join(f"{base}^{power:g}" for base, power in zip(("m", "kg", "s"), measured, strict=True) if power)
+        message = f'expected a unit of {powers or "a plain number"}, which {expression.text} measures, got "{unit}"'
+        raise FieldError((*key, "unit"), message)
     at = [poses.setdefault(pose, len(poses)) for pose in _poses(found, robot, key)]
     if take is None and len(at) > 1:
         raise FieldError((*key, "take"), "expected least, greatest or mean: which of several poses counts, got nothing")

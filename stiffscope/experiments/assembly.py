@@ -139,7 +139,8 @@ def check_reach(robot: RobotFile, poses: Mapping[str, Sequence[float]]) -> None:
     found = configured_poses(robot, rigid_mechanism(robot), list(poses.values()))
     for index, name in enumerate(poses):
         if not found.valid[index]:
-            raise InputError(f"{name}: {found.reason(index)}")
+            reason = found.reason(index)
+            raise robot.refuse(("poses", name), reason) if name in robot.poses else InputError(f"{name}: {reason}")
 
 
 def _assembled(robot: RobotFile, components: Components, results: dict[str, PartResult]) -> Assembled:

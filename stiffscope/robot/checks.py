@@ -28,6 +28,18 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.sections import JointSection
 
 SAME_LENGTH = 1e-4  # relative; coordinates are often rounded to a hundredth of a millimetre
+_ROUNDED = 1e-9  # relative, of moments of inertia
+MESHES = (
+    ".stl",
+    ".obj",
+    ".ply",
+    ".vtp",
+    ".vtk",
+    ".vtu",
+    ".glb",
+    ".gltf",
+)
+"""Files for pictures: what PyVista reads without further packages."""
 _PARALLEL = 1e-6  # sine of the angle below which two directions are one
 _FILE_NAME = re.compile(r"[^/\\\x00-\x1f]{0,100}")
 _PATH = re.compile(r'(?:(?:[A-Za-z0-9_-]+|"[^"]*")(?:\.|(?=: )))+')
@@ -103,16 +115,26 @@ def _check_rigid(robot: RobotFile, name: str, body: RigidBody) -> None:
     owner, _, end = name.rpartition(".")
     if end in ENDS and isinstance(robot.bodies.get(owner), ElasticBody):
         raise FieldError(key, f'expected another name, got "{name}", which is an end of the elastic body "{owner}"')
-    if body.mesh is not None and not (robot.path.parent / body.mesh).is_file():
-        raise FieldError((*key, "mesh"), f"expected a file for pictures, got none at {robot.path.parent / body.mesh}")
+    if body.mesh is not None:
+        file = robot.path.parent / body.mesh
+        if file.suffix.lower() not in MESHES:
+            raise FieldError(
+                (*key, "mesh"), f"expected a file for pictures ({', '.join(MESHES)}), got {q.shown(body.mesh)}"
+            )
+        if not file.is_file():
+            raise FieldError((*key, "mesh"), f"expected a file for pictures, got none at {file}")
     if body.mass and body.centre is None:
         raise FieldError((*key, "centre"), f"expected a point where the mass of {body.mass:g} kg acts, got nothing")
     if body.inertia is not None:
         if not body.mass:
             raise FieldError((*key, "mass"), "expected a mass above 0 kg beside an inertia, got none")
-        least = float(np.linalg.eigvalsh(tensor(body.inertia))[0])
-        if least < -1e-9 * max(map(abs, body.inertia)):
+        least, middle, most = map(float, np.linalg.eigvalsh(tensor(body.inertia)))
+        if least < -_ROUNDED * max(map(abs, body.inertia)):
             raise FieldError((*key, "inertia"), f"expected no negative principal moment, got {least:.6g} kg·m²")
+        if most > (least + middle) * (1.0 + 1e-3):  # of rounded numbers too
+            got = f"{least:.6g}, {middle:.6g}, {most:.6g}"
+            message = f"expected principal moments of which none exceeds the sum of the others, got {got} kg·m²"
+            raise FieldError((*key, "inertia"), message)
 
 
 def _check_joint(robot: RobotFile, name: str, joint: JointSection, known: Mapping[str, str]) -> None:

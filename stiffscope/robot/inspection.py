@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.cad.checks import mm
 from stiffscope.errors import InputError
-from stiffscope.robot.file.part_sections import solid_length
+from stiffscope.robot.file.part_sections import MatrixPart, solid_length
 from stiffscope.robot.file.sections import ElasticBody
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import PartMatrix, known_mass, source_of, used_parts
@@ -34,6 +36,8 @@ HOME = "home"
 ILL_CONDITIONED = 1e-2  # inverse condition number of pose by drives below which a pose is nearly singular
 RANK_GAP = 1e-12  # of singular values that do not count: what rounding to double precision leaves
 _NEARBY = 0.01  # of the mechanism's own length, and rad
+_CONTRADICTED = 1.5, 5.0  # how many times shorter or longer a part may be than its bending makes it
+_APART = 1e-5  # m
 _GRID = 9  # points along each coordinate of the map
 
 
@@ -113,6 +117,8 @@ def inspect_robot(robot: RobotFile) -> Inspection:
         *_of_home(found, mechanism),
         *_of_poses(poses),
         *([] if mapped in {None, 1.0} else [f"{100 * (mapped or 0):.0f} % of the map's points are reached"]),
+        *_of_matrices(robot),
+        *_of_places(robot, mechanism),
         *_of_masses(robot, masses),
     )
     return Inspection(
@@ -243,6 +249,54 @@ def _of_poses(poses: Iterable[Pose]) -> Iterator[str]:
         elif pose.conditioning is not None and pose.conditioning < ILL_CONDITIONED:
             word = "singular" if pose.conditioning == 0.0 else "nearly singular"
             yield f"pose {pose.name} is {word}: 1/condition number of pose by drives is {pose.conditioning:.2g}"
+
+
+def _of_matrices(robot: RobotFile) -> Iterator[str]:
+    """Given matrices whose bending contradicts the length of their bodies: √(3·C22/C66) is that of a slender part."""
+    for name in used_parts(robot):
+        part = robot.parts[name]
+        if not isinstance(part, MatrixPart):
+            continue
+        given = np.array(part.matrix)
+        length = float(np.linalg.norm(np.subtract(*_ends(robot, robot.bodies_of(name)[0]))))
+        for lateral, turning in ((1, 5), (2, 4)):
+            if not (given[lateral, lateral] > 0.0 and given[turning, turning] > 0.0):
+                continue
+            slender = float(np.sqrt(3.0 * given[lateral, lateral] / given[turning, turning]))
+            if not length / _CONTRADICTED[0] < slender < length * _CONTRADICTED[1]:
+                entries = f"C{lateral + 1}{lateral + 1}/C{turning + 1}{turning + 1}"
+                yield (
+                    f"part {name}: √(3·{entries}) = {slender:.3g} m, the length of a slender part, contradicts its "
+                    f"length {length:.3g} m; are its numbers SI, and of a compliance rather than a stiffness?"
+                )
+                break
+
+
+def _ends(robot: RobotFile, name: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    body = robot.elastic_bodies()[name]
+    return body.base, body.tip
+
+
+def _of_places(robot: RobotFile, mechanism: Mechanism) -> Iterator[str]:
+    """Joints that turn, but not where the end is that they alone hold."""
+    held = Counter(node for joint in mechanism.joints for node in (joint.first, joint.second))
+    ends = {
+        node: place
+        for body in mechanism.bodies
+        if body.elastic is not None
+        for node, place in zip(body.nodes, body.elastic.places, strict=True)
+        if held[node] == 1
+    }
+    for joint in mechanism.joints:
+        if joint.name in robot.copied or joint.kind not in {"revolute", "universal", "spherical", "cylindrical"}:
+            continue
+        for node in (joint.first, joint.second):
+            away = ends.get(node, joint.at) - joint.at
+            if joint.kind in {"revolute", "cylindrical"} and joint.axis is not None:
+                axis = joint.axis / np.linalg.norm(joint.axis)
+                away = away - (away @ axis) * axis
+            if (distance := float(np.linalg.norm(away))) > _APART:
+                yield f"joint {joint.name} stands {mm(distance)} from {node}, which it holds: as if by a rigid arm"
 
 
 def _of_masses(robot: RobotFile, masses: Mapping[str, float | None]) -> Iterator[str]:

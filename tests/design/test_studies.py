@@ -223,6 +223,10 @@ REFUSED = {
     ("[responses]", "[response]"): r"study.toml:8: response: expected a known key",
     ('"home"', '"away"'): r"study.toml:10: responses.f.at: expected a pose \(home\), got \"away\"",
     ('"f1/K_tx"', '"f1/"'): r"study.toml:10: responses.f.of: expected an expression",
+    (
+        'unit = "1"',
+        'unit = "kg"',
+    ): r'responses.f.unit: expected a unit of kg\^-1 s\^1, which f1/K_tx measures, got "kg"',
     (', unit = "1"', ""): r"study.toml:10: responses.f.unit: expected the SI unit",
 }
 

@@ -11,6 +11,7 @@ from stiffscope.data import FOLDER
 from stiffscope.robot.inspection import inspect_robot, inspection_json
 from stiffscope.robot.reader import load_robot, read_robot
 from stiffscope.runtime.files import to_json
+from tests.robot.test_reader import TEXT
 
 ROBOTS = FOLDER / "robots"
 SHIPPED = {  # degrees of freedom of mechanism and tool, redundant constraints, idle motions
@@ -54,6 +55,24 @@ def test_shipped_robot(name):
     written = json.loads(to_json(inspection_json(found)))
     assert written["degrees_of_freedom"]["tool"] == SHIPPED[name][1]
     assert list(written["reach"]) == list(found.mechanism.tool.pose)
+
+
+@pytest.mark.parametrize(
+    ("edits", "remark"),
+    [
+        ({'type = "universal"\nat = ["= 0.18': 'type = "universal"\nat = ["= 0.19'},
+         r"joint leg1.elbow stands 10 mm from leg1.arm.tip, which it holds"),
+        ({"6e-6": "6e-9", "3e-5": "3e-11"},
+         r"part strut: √\(3·C22/C66\) = 447 m, the length of a slender part, contradicts its length 0.52"),
+    ],
+)  # fmt: skip
+def test_places_and_matrices_that_contradict_lengths_are_remarked(tmp_path, edits, remark):
+    text = TEXT
+    for old, new in edits.items():
+        text = text.replace(old, new)
+    found, before = (inspect_robot(read_robot(tmp_path / "a.toml", each)).remarks for each in (text, TEXT))
+    assert any(re.search(remark, each) for each in found)
+    assert not any("stands" in each or "contradicts" in each for each in before)
 
 
 def test_biglide_reaches_as_its_carriages_allow():

@@ -239,6 +239,18 @@ class MatrixPart(PartSection):
             raise ValueError(f"expected {what}, got one that is {str(error).partition(': ')[2]}") from error
         return tuple(tuple(map(float, row)) for row in sound)
 
+    @field_validator("error")
+    @classmethod
+    def _bounding(cls, value: tuple[tuple[float, ...], ...] | None) -> tuple[tuple[float, ...], ...] | None:
+        bounds = np.array(value or np.zeros((6, 6)))
+        if bounds.min() < 0.0:
+            raise ValueError(f"expected bounds of at least 0, got {bounds.min():g}")
+        if not np.allclose(bounds, bounds.T, rtol=1e-6, atol=0.0):
+            i, j = np.unravel_index(np.abs(bounds - bounds.T).argmax(), (6, 6))
+            got = f"{bounds[i, j]:g} and {bounds[j, i]:g}"
+            raise ValueError(f"expected symmetric bounds, got {got} for entries {i + 1}{j + 1} and {j + 1}{i + 1}")
+        return value
+
 
 PARTS: dict[str, type[PartSection]] = {"rod": RodPart, "plate": PlatePart, "step": StepPart, "matrix": MatrixPart}
 

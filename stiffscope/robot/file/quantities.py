@@ -195,6 +195,17 @@ def _why(unit: str) -> str:
     return f", which is {other.noun}" if other else f", which measures {found.dimensionality}"
 
 
+def exponents_of(unit: str) -> tuple[float, float, float] | None:
+    """Exponents of metre, kilogram and second in a unit; None for what is no unit, or measures something else too."""
+    try:
+        _check_unit(unit)
+        found = dict(_registry().parse_units(unit).dimensionality)
+    except Exception:  # noqa: BLE001 (as above)
+        return None
+    length, mass, time = (float(found.pop(f"[{each}]", 0.0)) for each in ("length", "mass", "time"))
+    return None if found else (length, mass, time)
+
+
 def shown(value: Any) -> str:
     """A value as a message shows it: quoted if it was text, cut if long."""
     text = f'"{value}"' if isinstance(value, str) else str(value).lower() if isinstance(value, bool) else repr(value)
