@@ -11,7 +11,6 @@ from stiffscope.cad.checks import GAP, length, mm, optional_length, require
 from stiffscope.cad.faces import FaceSelector, select
 from stiffscope.cad.materials import STEEL, AnyMaterial
 from stiffscope.cad.part import Interface, Part
-from stiffscope.cad.validity import valid_solid
 
 
 @dataclass(frozen=True)
@@ -102,6 +101,8 @@ def build(parameters: LinkParameters, material: AnyMaterial = STEEL, name: str =
         Clamped at x = 0, with the interface ``end`` at the far end.
     """
     from build123d import Axis, Polygon, revolve
+
+    from stiffscope.cad.validity import valid_solid
 
     section = Polygon(*((1e3 * x, 1e3 * r) for x, r in _profile(parameters)), align=None)
     solid = valid_solid(revolve(section.face(), Axis.X).wrapped, name)

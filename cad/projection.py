@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from stiffscope.cad import kernel
 from stiffscope.cad.faces import FaceGeometry
 
 if TYPE_CHECKING:
@@ -24,15 +25,11 @@ def projected(solid: "Solid", face: FaceGeometry, points: Floats) -> Floats:
         return face.origin + face.radius * _directions(points - face.origin, np.array([0.0, 0.0, 1.0]))
     if face.kind in {"cylinder", "cone", "torus"}:
         return _on_round(face, points)
-    from stiffscope.cad import kernel
-
     return kernel.closest_under(kernel.faces(solid)[face.index], points * 1e3) * 1e-3
 
 
 def on_shape(shape: "Shape", points: Floats) -> Floats:
     """Return the points (n, 3) of a shape that are closest to `points` (n, 3), in m."""
-    from stiffscope.cad import kernel
-
     return np.array([kernel.closest(shape, point) for point in points * 1e3]).reshape(-1, 3) * 1e-3
 
 

@@ -13,7 +13,6 @@ from stiffscope.cad.checks import FINEST, GAP, choice, count, length, mm, option
 from stiffscope.cad.faces import FaceSelector, face_geometries, select
 from stiffscope.cad.materials import STEEL, AnyMaterial
 from stiffscope.cad.part import Interface, Part
-from stiffscope.cad.validity import valid_solid
 from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
@@ -252,6 +251,8 @@ def build(parameters: SliderParameters, material: AnyMaterial = STEEL, name: str
     InputError
         The CAD kernel cannot make the fillet.
     """
+    from stiffscope.cad.validity import valid_solid
+
     solid = valid_solid(_shape(parameters), name)
     return Part(name, solid, material, _clamped(parameters, solid), _loaded(parameters, solid))
 

@@ -11,7 +11,6 @@ from stiffscope.cad.checks import POINT, direction, is_point, require
 from stiffscope.cad.faces import FaceGeometry, FaceSelector, face_geometries, select
 from stiffscope.cad.materials import STEEL, AnyMaterial
 from stiffscope.cad.part import Interface, Part
-from stiffscope.cad.validity import valid_solid
 from stiffscope.errors import InputError
 
 Vector = Sequence[float]
@@ -88,6 +87,7 @@ def part_of(
         An invalid solid, or selectors that match no face or every face.
     """
     from stiffscope.cad import kernel
+    from stiffscope.cad.validity import valid_solid
 
     placement = placement or Placement()
     solid = getattr(solid, "wrapped", solid)

@@ -1,18 +1,16 @@
 """Validity of a solid for meshing: one closed solid, of positive volume, without self-intersection."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from stiffscope.cad import kernel
+from stiffscope.cad.kernel import Shape, Solid
+from stiffscope.cad.part import open_edges, tessellated
 from stiffscope.errors import InputError
-
-if TYPE_CHECKING:
-    from stiffscope.cad.kernel import Shape, Solid
 
 SMALLEST, LARGEST = 1.0, 40e3  # mm: a bounding box with a diagonal outside this range is most likely in the wrong unit
 
 
-def valid_solid(shape: "Shape", name: str) -> "Solid":
+def valid_solid(shape: Shape, name: str) -> Solid:
     """Return the single solid of a shape, with outward normals.
 
     Valid is exactly one solid without loose faces, whose faces meet only at their borders, consistent to the kernel,
@@ -42,9 +40,7 @@ def _invalid(name: str, found: str, valid: str = "one closed solid") -> InputErr
     return InputError(f"{name}: expected {valid}, found {found}")
 
 
-def _only_solid(shape: "Shape", name: str) -> "Solid":
-    from stiffscope.cad import kernel
-
+def _only_solid(shape: Shape, name: str) -> Solid:
     found, faces = kernel.solids(shape), kernel.faces(shape)
     if len(found) > 1:
         raise _invalid(name, f"an assembly of {len(found)} solids", "one solid (fuse them or export one of them)")
@@ -58,9 +54,7 @@ def _only_solid(shape: "Shape", name: str) -> "Solid":
     return found[0]
 
 
-def _check_coordinates(solid: "Solid", name: str) -> None:
-    from stiffscope.cad import kernel
-
+def _check_coordinates(solid: Solid, name: str) -> None:
     if not all(np.isfinite(kernel.position(vertex)).all() for vertex in kernel.vertices(solid)):
         raise _invalid(name, "coordinates that are not finite", "a solid whose coordinates are numbers")
     size = kernel.diagonal(solid)
@@ -68,17 +62,12 @@ def _check_coordinates(solid: "Solid", name: str) -> None:
         raise _invalid(name, f"{size:.3g} mm", f"a solid {SMALLEST:g} to {LARGEST:g} mm large (check its units)")
 
 
-def _check_self_intersection(solid: "Solid", name: str) -> None:
-    from stiffscope.cad import kernel
-
+def _check_self_intersection(solid: Solid, name: str) -> None:
     if kernel.self_intersects(solid):
         raise _invalid(name, "a self-intersecting solid", "a solid whose faces meet only at their edges")
 
 
-def _check_closed(solid: "Solid", name: str) -> None:
-    from stiffscope.cad import kernel
-    from stiffscope.cad.part import open_edges, tessellated
-
+def _check_closed(solid: Solid, name: str) -> None:
     if not kernel.is_valid(solid):
         raise _invalid(name, "a solid that the CAD kernel finds invalid (repair it, or export it again)")
     gaps = open_edges(tessellated(solid, 5e-4, 0.8)[1])
@@ -86,9 +75,7 @@ def _check_closed(solid: "Solid", name: str) -> None:
         raise _invalid(name, f"a solid that is not watertight ({gaps} open edges)")
 
 
-def _outward(solid: "Solid", name: str) -> "Solid":
-    from stiffscope.cad import kernel
-
+def _outward(solid: Solid, name: str) -> Solid:
     solid = kernel.oriented(solid)
     volume = kernel.volume_properties(solid).Mass()
     if not (np.isfinite(volume) and volume > 1e-9 * kernel.diagonal(solid) ** 3):

@@ -19,6 +19,7 @@ from skfem import ElementTetP2, ElementVector, LinearForm
 from skfem.helpers import dot
 
 from stiffscope.errors import InputError
+from stiffscope.fea.rigid import rigid_modes
 from stiffscope.fea.solvers import factorized
 from stiffscope.fea.spaces import face_basis
 
@@ -80,24 +81,6 @@ class Supports:
 def dofs_of(nodes: Ints) -> Ints:
     """Return the three degrees of freedom of each node, in order."""
     return (3 * nodes[:, None] + np.arange(3)).reshape(-1)
-
-
-def rigid_modes(points: Floats, reference: Floats) -> Floats:
-    """Return (n, 3, 6) the displacement of each point for each unit twist component at the reference point."""
-    r = points - reference
-    modes = np.zeros((len(points), 3, 6))
-    modes[:, :, :3] = np.eye(3)
-    modes[:, 0, 4], modes[:, 0, 5] = r[:, 2], -r[:, 1]
-    modes[:, 1, 5], modes[:, 1, 3] = r[:, 0], -r[:, 2]
-    modes[:, 2, 3], modes[:, 2, 4] = r[:, 1], -r[:, 0]
-    return modes
-
-
-def carried(points: Floats, origin: Floats) -> Floats:
-    """Return (6n, 6) the twists at n points (n, 3) of a rigid body for its unit twists at the origin (3,)."""
-    twists = np.zeros((len(points), 6, 6))
-    twists[:, :3], twists[:, 3:, 3:] = rigid_modes(points, origin), np.eye(3)
-    return twists.reshape(-1, 6)
 
 
 def support(mesh: TetMesh, clamped: Ints, couplings: tuple[Coupling, ...]) -> Supports:

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.sparse import bsr_array, csr_array
 from skfem import Dofs, ElementTetP2
 from skfem.mapping import MappingAffine
 from skfem.quadrature import get_quadrature
@@ -30,8 +31,6 @@ from stiffscope.fea.solvers import conjugate_gradients, on_all_cores
 from stiffscope.fea.spaces import ElementTetCubic
 
 if TYPE_CHECKING:
-    from scipy.sparse import bsr_array, csr_array
-
     from stiffscope.fea.couplings import Coupling, Supports
     from stiffscope.fea.mesh import Floats, Ints, TetMesh
     from stiffscope.fea.solvers import Solve, Solver
@@ -202,8 +201,6 @@ def work(apply: Solve, force: Floats, motion: Floats) -> Floats:
 
 def _operator(space: Cubic, supports: Supports, free: Ints, springs: csr_array | None) -> tuple[Solve, bsr_array]:
     """Return the product with the enlarged stiffness, element by element, and the inverse of its 3 x 3 blocks."""
-    from scipy.sparse import bsr_array, csr_array
-
     batches, scatters, diagonal = space.batches(), [], np.zeros((space.count, 9))
     for batch in batches:
         cells = space.cells[np.concatenate([chunk.elements for chunk in batch])].reshape(-1)

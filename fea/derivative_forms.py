@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.fea.configurational import integrals, products
-from stiffscope.fea.couplings import carried, rigid_modes, unit_loads
+from stiffscope.fea.couplings import unit_loads
 from stiffscope.fea.cubic import cubic_loads, expand
 from stiffscope.fea.derivatives import Derivative
 from stiffscope.fea.elasticity import tensor
 from stiffscope.fea.foundation import springs
 from stiffscope.fea.mass import times
+from stiffscope.fea.rigid import rigid_modes, rigid_twists
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -103,7 +104,7 @@ class Forms:
         loads, unit = self.levels.force[: len(self.levels.quadratic), :w], self.levels.quadratic[:, :w]
         coordinates = unit @ np.linalg.inv(loads.T @ unit)
         loaded = supports.expand(coordinates)
-        moved = carried(experiment.reference_points, experiment.clamp_point)
+        moved = rigid_twists(experiment.reference_points, experiment.clamp_point)
         whole = rigid_modes(system.mesh.points, experiment.clamp_point).reshape(-1, 6)
         fields = np.hstack([whole - loaded @ moved, loaded])
         inertia = supports.restrict(times(self.levels.system.mass.nodes, fields))
@@ -273,7 +274,7 @@ class Forms:
         energy[:w, w:] += np.einsum("nai,naj->ij", turned[tied], shapes.integrals.forces[tied][..., w:])
         turned = turned.reshape(-1, w)
         whole = rigid_modes(move.nodes, move.clamp_point)
-        farther = carried(move.reference_points, move.clamp_point).reshape(-1, 6, 6)
+        farther = rigid_twists(move.reference_points, move.clamp_point).reshape(-1, 6, 6)
         whole[:, :, :3] = 0.0
         farther[:, :, :3], farther[:, 3:, 3:] = 0.0, 0.0
         back = shapes.fields[:, 6:] @ farther.reshape(-1, 6) + turned @ shapes.moved

@@ -17,10 +17,10 @@ from scipy.linalg import eigh
 from threadpoolctl import threadpool_limits
 
 from stiffscope.errors import InputError
-from stiffscope.fea.couplings import carried, rigid_modes
 from stiffscope.fea.geometry import centroid
 from stiffscope.fea.mass import times
 from stiffscope.fea.modes import lowest_modes, ritz
+from stiffscope.fea.rigid import rigid_modes, rigid_twists
 from stiffscope.fea.settings import MOST_MODES
 from stiffscope.fea.solution import accelerate
 
@@ -211,7 +211,7 @@ def condense_mass(levels: TwoLevel, fixed: Floats | None = None) -> Floats:
     mesh, specimen = system.mesh, system.specimen
     clamp = centroid(mesh.points[mesh.facets_of(specimen.clamped)])
     whole = rigid_modes(mesh.points, clamp).reshape(-1, 6)
-    moved = carried(np.array([point for _, point in specimen.loaded]), clamp)
+    moved = rigid_twists(np.array([point for _, point in specimen.loaded]), clamp)
     twists = levels.force.T @ levels.motion
     loaded = levels.displacement @ np.linalg.inv(twists)
     modes = [] if fixed is None else [system.supports.expand(fixed)]

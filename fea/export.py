@@ -8,6 +8,10 @@ from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import escape
 
 import numpy as np
+from scipy.io import mmwrite
+
+from stiffscope.fea.dmig import dmig_text
+from stiffscope.fea.rigid import rigid_twists
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -90,10 +94,10 @@ def free_superelement(experiment: Experiment) -> Superelement:
     The clamp moves with node 0 as one body and only relative motion strains the part, so its stiffness is exact. Node 0
     is ``clamp_point``; with an elastic foundation it is the ground under it.
     """
-    from stiffscope.fea.couplings import carried
-
     points, centre = experiment.reference_points, experiment.clamp_point
-    relative = np.hstack([-carried(points, centre), np.eye(6 * len(points))])  # twists relative to the clamp's body
+    relative = np.hstack(
+        [-rigid_twists(points, centre), np.eye(6 * len(points))]
+    )  # twists relative to the clamp's body
     stiffness = np.zeros_like(experiment.condensed_mass)
     count = relative.shape[1]
     stiffness[:count, :count] = relative.T @ experiment.superelement @ relative
@@ -131,10 +135,6 @@ def write_matrices(found: Superelement, path: Path | str, text: str, **arrays: F
     the units, which is a comment of the others too: ``path.stiffness.mtx`` and ``path.mass.mtx`` (Matrix Market),
     ``path.bdf`` (Nastran's DMIG). None needs this package to be read.
     """
-    from scipy.io import mmwrite
-
-    from stiffscope.fea.dmig import dmig_text
-
     base = Path(path)
     base = base.with_suffix("") if base.suffix in (".npz", ".mtx") else base
     archive, bulk = base.with_name(base.name + ".npz"), base.with_name(base.name + ".bdf")

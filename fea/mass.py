@@ -13,7 +13,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from skfem import BilinearForm, ElementTetP2
 
-from stiffscope.fea.couplings import rigid_modes
+from stiffscope.fea.rigid import rigid_modes
 from stiffscope.fea.spaces import ElementTetCubic, cell_bases
 
 if TYPE_CHECKING:

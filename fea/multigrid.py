@@ -15,6 +15,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.sparse import bsr_array, coo_array, csr_array, eye_array, kron, vstack
+from scipy.sparse.linalg import LinearOperator, eigsh
 
 from stiffscope.errors import InputError
 from stiffscope.fea.couplings import factorize
@@ -22,8 +24,6 @@ from stiffscope.fea.settings import SOLVERS
 from stiffscope.fea.solvers import Solver, conjugate_gradients, product
 
 if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
     from stiffscope.fea.couplings import Supports
     from stiffscope.fea.mesh import Floats, TetMesh
     from stiffscope.fea.solvers import Solve
@@ -88,8 +88,6 @@ def two_levels(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> Solve
 
 def _linear_level(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> Solve:
     """Return the correction of all coordinates by the solution for linear displacements between the vertices."""
-    from scipy.sparse import coo_array, csr_array, eye_array, kron, vstack
-
     count, edges = int(mesh.grid.nvertices), mesh.grid.edges
     halves = coo_array((np.full(edges.size, 0.5), (np.tile(np.arange(edges.shape[1]), 2), edges.ravel())))
     between = vstack([eye_array(count), halves])  # nodes are numbered vertices first
@@ -119,8 +117,6 @@ def _linear_level(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> So
 
 def _root_of_inverse_blocks(stiffness: csr_array, supports: Supports) -> csr_array:
     """Return L of L Lᵀ, the inverses of the 3 x 3 diagonal blocks of the free nodes, as one sparse matrix."""
-    from scipy.sparse import bsr_array
-
     free = supports.free_dofs.reshape(-1, 3)
     blocks = np.empty((len(free), 3, 3))
     for i in range(3):
@@ -136,8 +132,6 @@ def largest_eigenvalue(symmetric: Solve, size: int) -> float:
     By Lanczos's method: a nearly flat element has an isolated largest eigenvalue, which power iteration finds slowly;
     a smoother for a spectrum that ends an eighth below it is not positive definite.
     """
-    from scipy.sparse.linalg import LinearOperator, eigsh
-
     start = np.random.default_rng(0).normal(size=size)
     operator = LinearOperator((size, size), matvec=symmetric, dtype=float)  # type: ignore[call-arg]
     options = {"v0": start, "ncv": min(20, size), "tol": 0.01}

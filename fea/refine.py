@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from stiffscope.fea.geometry import shapes
 from stiffscope.fea.mesh import EDGES, FACE_MIDS, FACES, TetMesh, boundary_facets, compact, unique_edges
@@ -156,8 +157,6 @@ def grade(mesh: TetMesh, edges: Ints, layers: int, ratio: float) -> TetMesh:
 
 def _finder(position: Floats) -> Callable[[Floats], np.ndarray]:
     """Return a function that tells which points coincide with the given ones (nodes are renumbered)."""
-    from scipy.spatial import KDTree
-
     tree = KDTree(position)
     reach = 1e-9 * float(np.linalg.norm(np.ptp(position, axis=0)))
 

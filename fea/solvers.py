@@ -9,13 +9,13 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.linalg import splu
 
 from stiffscope.runtime.processors import processors
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
-
-    from scipy.sparse import csr_array
 
     from stiffscope.fea.mesh import Floats
 
@@ -43,8 +43,6 @@ def on_all_cores(work: Callable[..., Any], *items: Iterable[Any]) -> list[Any]:
 
 def product(matrix: csr_array) -> Solve:
     """Return ``x -> matrix @ x`` of a square matrix with its rows distributed to the cores."""
-    from scipy.sparse import csr_array
-
     cores = processors()
     data, columns, starts = (np.asarray(part) for part in (matrix.data, matrix.indices, matrix.indptr))
     size = len(starts) - 1
@@ -59,8 +57,6 @@ def product(matrix: csr_array) -> Solve:
 
 def factorized(matrix: csr_array) -> Solve:
     """Factorize a symmetric positive definite matrix with SuperLU: symmetric ordering, diagonal pivots."""
-    from scipy.sparse.linalg import splu
-
     factors = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     return factors.solve
 

@@ -5,11 +5,12 @@ from skfem import Basis, ElementTetP2, ElementVector, InteriorFacetBasis
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from stiffscope.errors import InputError
-from stiffscope.fea.couplings import Coupling, rigid_modes, support, unit_loads
+from stiffscope.fea.couplings import Coupling, support, unit_loads
 from stiffscope.fea.cubic import cubic_loads, cubic_problem, element_energies, element_forces, enrich, solve_cubic, work
 from stiffscope.fea.elasticity import assemble, isotropic, nodal_stresses
 from stiffscope.fea.geometry import quadrature, volume
 from stiffscope.fea.multigrid import largest_eigenvalue, prepare
+from stiffscope.fea.rigid import rigid_modes
 from stiffscope.fea.settings import KINDS
 from stiffscope.fea.spaces import ElementTetCubic, cell_bases
 from tests.fea.shapes import CLAMPED, LOADED, STEEL

@@ -8,8 +8,8 @@ from build123d import Box
 
 from stiffscope.cad.materials import Material
 from stiffscope.cad.solid import part_of
-from stiffscope.fea.couplings import rigid_modes
 from stiffscope.fea.mesh import TetMesh
+from stiffscope.fea.rigid import rigid_modes
 from stiffscope.fea.run import run_experiment
 from stiffscope.fea.settings import Settings
 from stiffscope.fea.solution import solve_specimen

@@ -11,13 +11,13 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 import stiffscope.fea.dynamics
 from stiffscope.errors import InputError
 from stiffscope.fea.beam import rectangle, timoshenko
-from stiffscope.fea.couplings import carried
 from stiffscope.fea.dynamics import compute_dynamics, vibration_of
 from stiffscope.fea.elasticity import isotropic
 from stiffscope.fea.experiment import load_experiment
 from stiffscope.fea.export import free_superelement
 from stiffscope.fea.mass import Mass, rigid_mass, times
 from stiffscope.fea.modes import lowest_modes, ritz
+from stiffscope.fea.rigid import rigid_twists
 from stiffscope.fea.run import run_experiment
 from stiffscope.fea.settings import Settings
 from stiffscope.fea.solution import respond, solve_two_levels
@@ -33,7 +33,7 @@ def motions(experiment):
     """(6(1+n)+k, 6) a rigid body's unit twists at the clamp, on the coordinates of the condensed model."""
     points = np.vstack([experiment.clamp_point, experiment.reference_points])
     rest = np.zeros((len(experiment.mode_squares), 6))
-    return np.vstack([carried(points, experiment.clamp_point), rest])
+    return np.vstack([rigid_twists(points, experiment.clamp_point), rest])
 
 
 def clamped_frequencies(experiment, modes=None):

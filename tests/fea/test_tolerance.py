@@ -9,13 +9,13 @@ from scipy.io import mmread
 import stiffscope.fea.adapt
 import stiffscope.fea.solution
 from stiffscope.errors import InputError
-from stiffscope.fea.couplings import carried, rigid_modes
 from stiffscope.fea.cubic import solve_cubic
 from stiffscope.fea.elasticity import isotropic
 from stiffscope.fea.experiment import load_experiment
 from stiffscope.fea.export import free_superelement, write_superelement
 from stiffscope.fea.geometry import volume
 from stiffscope.fea.mesh import MeshError
+from stiffscope.fea.rigid import rigid_modes, rigid_twists
 from stiffscope.fea.run import run_experiment
 from stiffscope.fea.settings import Settings
 from stiffscope.fea.singular import singular_edges
@@ -102,7 +102,7 @@ def test_no_bound_without_convergence(monkeypatch):
 def test_superelement_is_free_and_is_the_part_when_held(plate):
     found = free_superelement(plate)
     modes = np.zeros((len(found.stiffness), 6))
-    modes[:12] = carried(found.nodes, np.zeros(3))
+    modes[:12] = rigid_twists(found.nodes, np.zeros(3))
     assert np.abs(found.stiffness @ modes).max() < 1e-8 * np.abs(found.stiffness).max()
     assert np.allclose(np.linalg.inv(found.stiffness[6:12, 6:12]), plate.compliance, rtol=1e-7, atol=1e-18)
     assert found.stiffness[12:, 12:] == pytest.approx(np.diag(plate.mode_squares))
