@@ -113,8 +113,10 @@ def _place() -> Iterator[Path]:
 
 def _commands(group: click.Group, before: str = "") -> Iterator[str]:
     """Every command that has `--json`, by its words."""
-    for name, command in group.commands.items():
-        if any(option.name in ("target", "json_target") and option.opts == ["--json"] for option in command.params):
+    context = click.Context(group)
+    for name in group.list_commands(context):
+        command = group.get_command(context, name)
+        if any(option.opts == ["--json"] for option in getattr(command, "params", ())):
             yield before + name
         if isinstance(command, click.Group):
             yield from _commands(command, f"{before}{name} ")

@@ -1,51 +1,52 @@
-"""The robots that come along, a copy to start from, and robot files made from a simulator's model."""
+"""The bundled robots, a copy to start from, and robot files made from a simulator's model."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
-from stiffscope.runtime import files
+from stiffscope.cli.output import emit
+from stiffscope.report.terminal import show_line
+from stiffscope.robot.imports.import_model import import_model
+from stiffscope.robot.library import copy_robot, robot_names
+
+if TYPE_CHECKING:
+    from stiffscope.cli.output import Output
 
 
 @click.command()
-@takes(options.target)
-def robots(*, target: str | None, quiet: bool) -> None:
-    """The robots that come along, by the names that every command takes."""
-    from stiffscope.report import tables
-    from stiffscope.robot.library import robot_names
-
+@takes(options.json)
+def robots(*, output: Output) -> None:
+    """List the bundled robots."""
     names = robot_names()
-    if target is not None:
-        files.write_json(target, names)
-    if not quiet and target != "-":
-        width = max(map(len, names))
+    width = max(map(len, names))
+
+    def show() -> None:
         for name, line in names.items():
-            tables.show_line(f"{name:{width}}  {line.partition(': ')[2] or line}")
+            show_line(f"{name:{width}}  {line.partition(': ')[2] or line}")
+
+    emit(output, names, show)
 
 
 @click.command()
-@takes(click.argument("name", metavar="NAME"), click.argument("goal", metavar="FILE"), options.target)
-def new(name: str, goal: str, *, target: str | None, quiet: bool) -> None:
-    """Copy a robot that comes along, to start from: stiffscope new delta mine.toml."""
-    from stiffscope.report import tables
-    from stiffscope.robot.library import copy_robot
-
+@takes(click.argument("name", metavar="NAME"), click.argument("goal", metavar="FILE"), options.json)
+def new(name: str, goal: str, *, output: Output) -> None:
+    """Copy a bundled robot to start from: stiffscope new delta mine.toml."""
     written = copy_robot(name, goal)
-    if target:
-        files.write_json(target, {"file": str(written)})
-    if not quiet and target != "-":
-        tables.show_line(f"Written: {written}. Next: stiffscope check {written}")
+    line = f"Written: {written}. Next: stiffscope check {written}"
+    emit(output, {"file": str(written)}, lambda: show_line(line))
 
 
 @click.command("import")
 @takes(
     click.argument("model", metavar="FILE.urdf|FILE.xml", type=click.Path(path_type=Path)),
     click.option(
-        "--out", required=True, metavar="ROBOT.toml", type=click.Path(path_type=Path), help="Robot file to write."
+        "--out", "goal", required=True, metavar="ROBOT.toml", type=click.Path(path_type=Path),
+        help="Robot file to write.",
     ),
     click.option(
         "--drive", "drives", multiple=True, metavar="JOINT=STIFFNESS",
@@ -56,27 +57,24 @@ def new(name: str, goal: str, *, target: str | None, quiet: bool) -> None:
         "--home", multiple=True, metavar="JOINT=POSITION",
         help='Another home than the model\'s: "elbow=90 deg". May be repeated.',
     ),
-    options.target,
+    options.json,
 )  # fmt: skip
 def import_(
-    model: Path, out: Path, *, drives: tuple[str, ...], tool: str | None, home: tuple[str, ...], target: str | None,
-    quiet: bool,
-) -> None:  # fmt: skip
-    """A robot file from a simulator's model, URDF or MJCF: bodies, masses, joints, ranges.
+    model: Path, goal: Path, *, drives: tuple[str, ...], tool: str | None, home: tuple[str, ...], output: Output
+) -> None:
+    """Convert a URDF or MJCF model to a robot file.
 
-    What such a model does not say (stiffness of drives, elastic parts) is left to fill in; the file says where.
+    Bodies, masses, joints and ranges are converted. The stiffness of drives and elastic parts are not in such a model;
+    comments in the file mark where to add them.
     """
-    from stiffscope.report import tables
-    from stiffscope.robot.imports.import_model import import_model
+    read = import_model(model, goal, drives, tool, home)
 
-    read = import_model(model, out, drives, tool, home)
-    if target:
-        counted = {"bodies": len(read.bodies), "joints": len(read.joints), "notes": list(read.notes)}
-        files.write_json(target, {"file": str(out), **counted})
-    if quiet or target == "-":
-        return
-    for note in read.notes:
-        tables.show_line(f"Note: {note}.")
-    driven = ", ".join(each.partition("=")[0].strip() for each in drives) or "none"
-    counts = f"{len(read.bodies)} bodies, {len(read.joints)} joints (driven: {driven})"
-    tables.show_line(f"Written: {out}, {counts}. Next: stiffscope check {out}")
+    def show() -> None:
+        for note in read.notes:
+            show_line(f"Note: {note}.")
+        driven = ", ".join(each.partition("=")[0].strip() for each in drives) or "none"
+        counts = f"{len(read.bodies)} bodies, {len(read.joints)} joints (driven: {driven})"
+        show_line(f"Written: {goal}, {counts}. Next: stiffscope check {goal}")
+
+    counted = {"bodies": len(read.bodies), "joints": len(read.joints), "notes": list(read.notes)}
+    emit(output, {"file": str(goal), **counted}, show)

@@ -8,13 +8,13 @@ import logging
 import os
 import signal
 import sys
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn
 
 import click
 from click.exceptions import NoArgsIsHelpError
 
-from stiffscope.cli import campaigns, check, design, library, parts, robots, running, store, vibration
 from stiffscope.errors import InputError, StiffscopeError
 from stiffscope.runtime.children import STOPS
 from stiffscope.runtime.reading import shown, why
@@ -27,22 +27,71 @@ class Stopped(BaseException):
     """The process was asked to end."""
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+COMMANDS = {
+    "A robot": {
+        "run": ("running", "From CAD to report: parts, robot, tables, pictures."),
+        "check": ("check", "Report what a robot file describes; no virtual experiment is made."),
+        "stiffness": ("robots", "6x6 stiffness and sag of the robot at tool poses."),
+        "deflection": ("robots", "Deflection of the tool under a wrench, and each element's share of it."),
+        "map": ("robots", "Stiffness over the workspace: figures, numbers, a report."),
+        "modes": ("vibration", "Natural frequencies and mode shapes of the robot at tool poses."),
+        "frf": ("vibration", "Frequency response from a force at one point to the displacement at another."),
+    },
+    "A part": {
+        "compliance": ("parts", "6x6 compliance of a part, with error bars."),
+        "compare": ("parts", "Compare FEA, beam theory and published values entry by entry."),
+        "interfaces": ("parts", "Effect of clamping and loading on a part's compliance."),
+        "faces": ("parts", "List the faces of a STEP file."),
+    },
+    "A design": {
+        "sensitivity": ("design", "Rank the parameters by what they change of the stiffness."),
+        "study": ("design", "Evaluate many designs: a sweep, an optimum under constraints, a Pareto front."),
+    },
+    "A machine": {
+        "diagnose": ("campaigns", "Find the effects that explain the gap between model and measurements."),
+        "campaign": ("campaigns", "Create or check a campaign of measurements."),
+        "blind": ("campaigns", "Test the diagnosis on campaigns whose effects are withheld."),
+        "audit": ("campaigns", "Recompute the paper's numbers, each with a verdict."),
+    },
+    "Files": {
+        "robots": ("library", "List the bundled robots."),
+        "new": ("library", "Copy a bundled robot to start from: stiffscope new delta mine.toml."),
+        "import": ("library", "Convert a URDF or MJCF model to a robot file."),
+        "cache": ("store", "Show, list or clear the results of earlier runs."),
+    },
+}
+"""Commands by subject: module of `stiffscope.cli`, and the first sentence of the command's own help."""
+_HOME = {name: module for group in COMMANDS.values() for name, (module, _) in group.items()}
+
+
+class LazyGroup(click.Group):
+    """A group whose commands are imported when they are asked for; its help needs none of them."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 (click's own signature)
+        """Names of all commands, sorted."""
+        return sorted(_HOME)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
+        """Import a command."""
+        if cmd_name not in _HOME:
+            return None
+        there = vars(import_module(f"stiffscope.cli.{_HOME[cmd_name]}")).values()
+        return next(each for each in there if isinstance(each, click.Command) and each.name == cmd_name)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+        """List the commands by subject."""
+        for subject, commands in COMMANDS.items():
+            with formatter.section(subject):
+                formatter.write_dl([(name, words) for name, (_, words) in commands.items()])
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(package_name="stiffscope", prog_name="stiffscope", message="%(prog)s %(version)s")
 def cli() -> None:
     """Stiffness of a robot: virtual experiments on its parts, the whole robot, the gap to the real machine.
 
-    ROBOT is a robot file, or the name of a robot that comes along (biglide, delta; stiffscope robots lists them).
+    ROBOT is a robot file, or the name of a bundled robot (biglide, delta; stiffscope robots lists them).
     """
-
-
-for command in (
-    *(running.run, robots.stiffness, robots.deflection, robots.map_, vibration.modes, vibration.frf),
-    *(parts.compliance, parts.compare, parts.interfaces, parts.faces),
-    *(design.sensitivity, design.study, check.check, library.robots, library.new, library.import_),
-    *(campaigns.diagnose, campaigns.campaign, campaigns.blind, campaigns.audit, store.cache),
-):
-    cli.add_command(command)
 
 
 def main(arguments: list[str] | None = None) -> NoReturn:

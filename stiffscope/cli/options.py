@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+
+from stiffscope.cli.output import Output
+from stiffscope.runtime.files import check_json
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -16,12 +20,21 @@ GRAVITY = ("none", "literal", "exact")
 
 
 def takes(*options: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command these options, in this order in its help, and those that every command has."""
+    """Give a command these options, in this order in its help, and those that every command has.
+
+    The command gets `--json`, `--out` and `--quiet` as one argument, `output`; its folder is checked before it begins.
+    """
 
     def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
+        @functools.wraps(command)
+        def work(*given: Any, json: str | None = None, out: Path | None = None, quiet: bool, **more: Any) -> Any:
+            output = Output(json, out, quiet)
+            output.check_folder(out)
+            return command(*given, output=output, **more)
+
         for option in reversed((*options, quiet, debug)):
-            command = option(command)
-        return command
+            work = option(work)
+        return work
 
     return decorate
 
@@ -35,8 +48,6 @@ def _note_debug(_context: click.Context, _option: click.Parameter, wanted: bool)
 
 def check_file(_context: click.Context, _option: click.Parameter, target: str | None) -> str | None:
     """Refuse a file that cannot be written before anything is computed."""
-    from stiffscope.runtime.files import check_json
-
     if target not in (None, "-"):
         check_json(Path(target))
     return target
@@ -61,36 +72,38 @@ def folder(name: str, text: str, *, required: bool = False) -> Callable[..., Any
 robot = click.argument("name", metavar="ROBOT")
 overrides = click.option(
     "--set", "overrides", multiple=True, metavar="NAME.KEY=VALUE",
-    help="Change a value of a part, parameter, body or joint of the robot file, such as slider.thickness=25mm. "
+    help="Override a value of a part, parameter, body or joint of the robot file, such as slider.thickness=25mm. "
     "May be repeated.",
 )  # fmt: skip
 tolerance = click.option(
-    "--tolerance", metavar="SHARE", help="Error bar wanted of every entry of the parts' matrices, such as 0.1% or 1e-3."
+    "--tolerance", metavar="SHARE", help="Relative error bar required of the parts' matrices, such as 0.1% or 1e-3."
 )
 components = click.option(
     "--components",
     type=click.Choice(SOURCES),
-    help="Source of the parts' matrices, instead of what the robot file says.",
+    help="Source of the parts' matrices, instead of that in the robot file.",
 )
 quiet = click.option("--quiet", is_flag=True, help="No progress bars and no tables.")
 debug = click.option(
     "--debug", is_flag=True, expose_value=False, callback=_note_debug, help="Show where an unexpected error came from."
 )
-out = folder("--out", "Folder to write: complete or absent.", required=True)
-JSON_HELP = 'Write JSON ("-": standard output, nothing else there).'
-target = click.option("--json", "target", metavar="FILE", callback=check_file, help=JSON_HELP)
+OUT = "Folder to write: complete or absent."
+out = folder("--out", OUT, required=True)
+json = click.option(
+    "--json", "json", metavar="FILE", callback=check_file, help='Write JSON ("-": standard output, nothing else there).'
+)
 scheduler = click.option(
     "--scheduler", metavar="ADDRESS", help="A Dask scheduler, such as tcp://host:8786; default: this machine."
 )
 poses = click.option(
     "--at", "poses", multiple=True, metavar="X,Y,Z",
-    help='Tool pose: as many numbers as [tool] pose of the file names, SI or with units ("0,0,350 mm"), or a pose by '
-    "its name in the file. May be repeated.",
+    help='Tool pose: the coordinates of [tool] pose, SI or with units ("0,0,350 mm"), or the name of a pose in the '
+    "robot file. May be repeated.",
 )  # fmt: skip
 joints = click.option(
     "--joints", "joints", multiple=True, metavar="DRIVE=POSITION,…",
-    help='Displacements of drives from home instead of a tool pose ("leg1.motor=10 deg,leg2.motor=5 deg"); drives that '
-    "are not named stay at home. May be repeated.",
+    help='Displacements of drives from home instead of a tool pose ("leg1.motor=10 deg,leg2.motor=5 deg"); other '
+    "drives stay at home. May be repeated.",
 )  # fmt: skip
 part = click.option("--part", metavar="PART", help="A part of the robot file.")
 required_part = click.option("--part", required=True, metavar="PART", help="A part of the robot file.")

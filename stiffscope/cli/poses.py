@@ -7,6 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from stiffscope.errors import InputError
+from stiffscope.robot.file import quantities as q
+from stiffscope.robot.file.values import ANGLE
+from stiffscope.robot.inspection import configured_poses, rigid_mechanism
+from stiffscope.vjm.kinematics import configure_drives
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,14 +27,11 @@ class Asked:
     configurations: Configurations
 
 
-def asked_poses(robot: RobotFile, at: Sequence[str], joints: Sequence[str]) -> Asked:
+def find_poses(robot: RobotFile, at: Sequence[str], joints: Sequence[str]) -> Asked:
     """Find the poses of `--at` or `--joints`; without either, those of the robot file.
 
     Needs no matrix of any part. Raises InputError for what is no pose of this robot, and for one out of reach.
     """
-    from stiffscope.robot.inspection import configured_poses, rigid_mechanism
-    from stiffscope.vjm.kinematics import configure_drives
-
     if at and joints:
         raise InputError("--joints: expected either poses with --at or drives with --joints, got both")
     names = tuple(joints or at or robot.poses)
@@ -52,9 +53,6 @@ def asked_poses(robot: RobotFile, at: Sequence[str], joints: Sequence[str]) -> A
 
 def _coordinates(robot: RobotFile, text: str) -> tuple[float, ...]:
     """A pose by its name or its coordinates, m and rad."""
-    from stiffscope.robot.file import quantities as q
-    from stiffscope.robot.file.values import ANGLE
-
     if text in robot.poses:
         return robot.poses[text]
     pose = robot.tool.pose
@@ -70,9 +68,6 @@ def _coordinates(robot: RobotFile, text: str) -> tuple[float, ...]:
 
 def _displacements(robot: RobotFile, text: str) -> list[float]:
     """Displacements of all drives from home, m and rad; those that the text does not name are at home."""
-    from stiffscope.robot.file import quantities as q
-    from stiffscope.robot.file.values import ANGLE
-
     drives = robot.drives()
     given: dict[str, float] = {}
     for word in text.split(","):

@@ -5,46 +5,59 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import shutil
+from concurrent.futures import ThreadPoolExecutor
 from threading import Event
 from typing import TYPE_CHECKING, Any
 
 import click
+import numpy as np
 
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
-from stiffscope.cli.robots import made_of
+from stiffscope.cli.output import emit, open_workshop, warn_of, write_folder
 from stiffscope.errors import InputError, StiffscopeError
+from stiffscope.experiments.assembly import (
+    assemble_robots,
+    at_named_poses,
+    check_reach,
+    stiffness_bars,
+    stiffness_json,
+)
 from stiffscope.experiments.manifest import manifest_of
+from stiffscope.experiments.results import EXPERIMENT, FIELDS, compliance_json
+from stiffscope.experiments.watching import changes, differences, keep_meshed, keep_warm, sources
+from stiffscope.report import tables
+from stiffscope.report.kept_pictures import plain_robot, write_run_pictures
+from stiffscope.report.run_report import write_run_report
+from stiffscope.report.terminal import recorded
+from stiffscope.robot.library import find_robot
+from stiffscope.robot.reader import load_robot
 from stiffscope.runtime import files
+from stiffscope.runtime.workers import WorkerError
+from stiffscope.runtime.workshop import workshop
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from concurrent.futures import Future
     from pathlib import Path
 
+    from stiffscope.cli.output import Output
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.experiments.manifest import Manifest
     from stiffscope.experiments.results import PartResult
+    from stiffscope.report.terminal import Shown
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.runtime.workshop import Workshop
     from stiffscope.vjm.statics import Stiffness
 
 
 @click.command()
-@takes(options.robot, options.out, options.components, options.tolerance, options.overrides, options.target)
+@takes(options.robot, options.out, options.components, options.tolerance, options.overrides, options.json)
 @click.option("--watch", is_flag=True, help="Go on: run again what a saved file changes, until Ctrl-C.")
 def run(
-    name: str,
-    out: Path,
-    *,
-    components: Any,
-    tolerance: str | None,
-    overrides: tuple[str, ...],
-    target: str | None,
-    watch: bool,
-    quiet: bool,
+    name: str, *, components: Any, tolerance: str | None, overrides: tuple[str, ...], watch: bool, output: Output
 ) -> None:
-    """The whole chain: parts, robot, tables, pictures.
+    """From CAD to report: parts, robot, tables, pictures.
 
     Builds the parts in CAD, meshes them, runs their virtual experiments, assembles the robot, and writes
     report.html, pictures, fields, matrices and a manifest to DIR. What was computed before is reused.
@@ -52,47 +65,38 @@ def run(
     With --watch, the stiffness before and after is shown whenever the robot file or a file that it names is saved, and
     report.html, open in a browser, shows the new robot, matrices and pictures as soon as they are drawn.
     """
-    from stiffscope.cli.showing import shown_workshop, warn_of
-    from stiffscope.experiments.assembly import assemble_robots, at_named_poses
-    from stiffscope.experiments.results import compliance_json
-    from stiffscope.report import tables
-    from stiffscope.robot.reader import load_robot
-
-    if watch and target:
+    if watch and output.json:
         raise InputError("--json: --watch writes no JSON but DIR/stiffness.json; leave one of the two out")
     if watch:
-        _watch(name, out, components, tolerance, overrides, quiet=quiet)
+        _watch(name, components, tolerance, overrides, output)
         return
     robot = _checked(name, overrides, tolerance)
-    files.check_output(out, target)
     robots = {"now": robot} | ({"before": load_robot(name, (), tolerance)} if overrides else {})
     manifest = manifest_of(robot)
-    with shown_workshop(quiet=quiet) as shop:
+    with open_workshop(output) as shop:
         solved = assemble_robots(robots, components, shop)
         manifest.seconds["parts"] = manifest.elapsed()
         report = shop.open_line("robot")
         report("assembling", 0.2)
         states = {label: at_named_poses(each, robot.poses) for label, each in solved.items()}
         report("pictures", 0.5)
-        _write(solved["now"], states, out, shop, manifest)
-        report("done", 1.0)
-    now = solved["now"]
-    if target:
+        now = solved["now"]
+        fill, page = _folder_of(now, states, shop, manifest)
+
+        def show() -> None:
+            _show_parts(now)
+            _show_robot(now, states)
+
         tested = {part: compliance_json(robot, result) for part, result in now.results.items()}
-        files.write_json(target, {"parts": tested, **_stiffness(now, states["now"])})
-    if quiet or target == "-":
+        answer = {"parts": tested, **_stiffness(now, states["now"])}
+        emit(output, answer, show, manifest=manifest, fill=fill, page=page)
+        report("done", 1.0)
+    if not output.loud:
         warn_of(now.results.values())
-    else:
-        _show_parts(now)
-        _show_robot(now, states)
-        tables.show_line(f"Written to {out} in {manifest.elapsed():.1f} s")
 
 
 def _checked(name: str, overrides: Sequence[str], tolerance: str | None) -> RobotFile:
     """The robot, which has poses and reaches them. Raises InputError."""
-    from stiffscope.experiments.assembly import check_reach
-    from stiffscope.robot.reader import load_robot
-
     robot = load_robot(name, overrides, tolerance)
     if not robot.poses:
         pose = ", ".join("0" if name.startswith("r") else '"0 mm"' for name in robot.tool.pose)
@@ -101,19 +105,9 @@ def _checked(name: str, overrides: Sequence[str], tolerance: str | None) -> Robo
     return robot
 
 
-def _watch(
-    name: str, out: Path, components: Any, tolerance: str | None, overrides: Sequence[str], *, quiet: bool
-) -> None:
+def _watch(name: str, components: Any, tolerance: str | None, overrides: Sequence[str], output: Output) -> None:
     """Run, and again when a file changes, in this process, which keeps the CAD kernel; the page follows behind."""
-    from concurrent.futures import ThreadPoolExecutor
-
-    from stiffscope.experiments.assembly import assemble_robots, at_named_poses
-    from stiffscope.experiments.watching import changes, keep_meshed, keep_warm, sources
-    from stiffscope.report import tables
-    from stiffscope.robot.library import find_robot
-    from stiffscope.runtime.workshop import workshop
-
-    files.check_output(out)
+    out = output.required_folder()
     watched = [find_robot(name)]
     before: tuple[Assembled, Stiffness] | None = None
     meshed: dict[str, PartResult] = {}
@@ -129,7 +123,7 @@ def _watch(
             except InputError as error:
                 click.echo(f"stiffscope: {error}", err=True)
                 continue
-            if not quiet:
+            if output.loud:
                 _show_step(now, state, before)
                 tables.show_line(f"{manifest.elapsed():.2f} s; {out / 'report.html'} follows; Ctrl-C ends")
             if page is not None:
@@ -156,15 +150,12 @@ def _ending() -> Iterator[Event]:
 
 def _write_behind(robot: RobotFile, components: Any, out: Path, manifest: Manifest, over: Event) -> None:
     """Write a run's folder while the next change is waited for; what goes wrong is said, the watch goes on."""
-    from stiffscope.experiments.assembly import assemble_robots, at_named_poses
-    from stiffscope.runtime.workers import WorkerError
-    from stiffscope.runtime.workshop import workshop
-
     try:
         with workshop(together=True) as shop:  # in processes of its own: this one is for the next change
             now = assemble_robots({"now": robot}, components, shop)["now"]
             states = {"now": at_named_poses(now, robot.poses)}
-            _write(now, states, out, shop, manifest, watched=manifest.started.isoformat())
+            fill, page = _folder_of(now, states, shop, manifest, watched=manifest.started.isoformat())
+            write_folder(out, manifest, fill, page)
     except (StiffscopeError, WorkerError, OSError) as error:
         if not over.is_set():
             click.echo(f"stiffscope: {error}", err=True)
@@ -172,42 +163,37 @@ def _write_behind(robot: RobotFile, components: Any, out: Path, manifest: Manife
 
 def _show_step(now: Assembled, state: Stiffness, before: tuple[Assembled, Stiffness] | None) -> None:
     """The stiffness, beside the one before where there was one at the same poses."""
-    from stiffscope.experiments.watching import differences
-    from stiffscope.report import tables
-
     names = list(now.robot.poses)
     if before is None or list(before[0].robot.poses) != names:
-        tables.show_stiffness(names, state, title=f"Stiffness at M ({made_of(now)})")
+        tables.show_stiffness(names, state, title=f"Stiffness at M ({tables.sources(now)})")
         return
     changed = differences(before[0].robot, now.robot)
     tables.show_change(names, before[1].matrix, state.matrix, changed or ["nothing that counts"])
 
 
-def _write(
-    now: Assembled, states: Mapping[str, Stiffness], out: Path, shop: Workshop, manifest: Manifest, *, watched: str = ""
-) -> None:
-    """Write the output folder of a run; with ``watched`` its page loads itself anew when another takes its place."""
-    from stiffscope.report.kept_pictures import write_run_pictures
-    from stiffscope.report.run_report import write_run_report
-    from stiffscope.report.terminal import recorded
+def _folder_of(
+    now: Assembled, states: Mapping[str, Stiffness], shop: Workshop, manifest: Manifest, *, watched: str = ""
+) -> tuple[Callable[[Path], None], Callable[[Path, Sequence[Shown]], None]]:
+    """What fills the output folder of a run, and writes its page; with ``watched`` the page loads itself anew."""
 
-    with files.staged_folder(out) as folder:
+    def fill(folder: Path) -> None:
         _write_parts(now, folder, manifest)
         _write_robot(now, states["now"], folder)
         write_run_pictures(now, folder, shop.cache, manifest)
         manifest.seconds["robot"] = manifest.elapsed() - manifest.seconds.get("parts", 0.0)
-        manifest.write(folder)
+
+    def page(folder: Path, _: Sequence[Shown]) -> None:
         with recorded() as parts:
             _show_parts(now)
         with recorded() as shown:
             _show_robot(now, states)
         write_run_report(folder, now, parts, shown, watched=watched)
 
+    return fill, page
+
 
 def _write_parts(assembled: Assembled, folder: Path, manifest: Manifest) -> None:
     """A folder for each part that was tested: numbers, fields, solid."""
-    from stiffscope.experiments.results import EXPERIMENT, FIELDS, compliance_json
-
     for name, result in assembled.results.items():
         place = folder / name
         place.mkdir()
@@ -220,10 +206,6 @@ def _write_parts(assembled: Assembled, folder: Path, manifest: Manifest) -> None
 
 def _write_robot(assembled: Assembled, state: Stiffness, folder: Path) -> None:
     """Matrices as JSON and npz, and the robot file as it was used."""
-    import numpy as np
-
-    from stiffscope.report.kept_pictures import plain_robot
-
     files.write_json(folder / "stiffness.json", _stiffness(assembled, state))
     matrices: dict[str, Any] = {f"{name}_compliance": part.compliance for name, part in assembled.matrices.items()}
     matrices |= {"poses": state.poses, "tool": state.tool, "stiffness": state.matrix, "sag": state.sag}
@@ -233,29 +215,22 @@ def _write_robot(assembled: Assembled, state: Stiffness, folder: Path) -> None:
 
 def _stiffness(assembled: Assembled, state: Stiffness) -> dict[str, Any]:
     """The robot at its named poses as scripts read it."""
-    from stiffscope.experiments.assembly import stiffness_bars, stiffness_json
-
     names = {"names": list(assembled.robot.poses), "components": assembled.sources}
     return {**stiffness_json(state, stiffness_bars(assembled, state.configurations)), **names}
 
 
 def _show_parts(now: Assembled) -> None:
     """The tables of the parts at the end of a run."""
-    from stiffscope.cli.showing import show_compliance
-    from stiffscope.report import tables
-
     if now.results:
         tables.show_parts(list(now.results.values()))
     for name, result in now.results.items():
         if now.sources[name] == "fea":
-            show_compliance(now.robot, result)
+            tables.show_compliance(now.robot, result)
 
 
 def _show_robot(now: Assembled, states: Mapping[str, Stiffness]) -> None:
     """The tables of the robot at the end of a run."""
-    from stiffscope.report import tables
-
     names, state = list(now.robot.poses), states["now"]
-    tables.show_stiffness(names, state, title=f"Stiffness at M ({made_of(now)})")
+    tables.show_stiffness(names, state, title=f"Stiffness at M ({tables.sources(now)})")
     if "before" in states:
         tables.show_change(names, states["before"].matrix, state.matrix, now.robot.source.overrides)

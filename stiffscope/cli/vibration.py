@@ -5,20 +5,30 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import click
+import numpy as np
 
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
+from stiffscope.cli.output import emit
+from stiffscope.cli.poses import find_poses
+from stiffscope.cli.robots import assemble
 from stiffscope.errors import InputError
 from stiffscope.experiments.manifest import manifest_of
-from stiffscope.runtime import files
+from stiffscope.report import frequency_response as report
+from stiffscope.report.mode_pictures import draw_modes, modes_json
+from stiffscope.report.run_report import write_modes_report
+from stiffscope.report.tables import show_modes
+from stiffscope.robot.file import quantities as q
+from stiffscope.robot.file.quantities import FREQUENCY
+from stiffscope.robot.reader import load_robot
+from stiffscope.vjm.frequency_response import Port, frequency_response
+from stiffscope.vjm.mechanism import COORDINATES
+from stiffscope.vjm.modes import frequencies
+from stiffscope.vjm.modes import modes as find_modes
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from stiffscope.vjm.frequency_response import Port
+    from stiffscope.cli.output import Output
     from stiffscope.vjm.mechanism import Mechanism
-    from stiffscope.vjm.modes import Modes
 
 drives = click.option(
     "--drives", type=click.Choice(("held", "free")), default="held", show_default=True,
@@ -27,7 +37,7 @@ drives = click.option(
 
 
 @click.command()
-@takes(options.robot, options.poses, options.joints, options.components, drives, options.overrides, options.target)
+@takes(options.robot, options.poses, options.joints, options.components, drives, options.overrides, options.json)
 @click.option(
     "--count", default=6, show_default=True, type=click.IntRange(1, 200),
     help="How many modes, free motions of the tool or of drives (0 Hz) among them.",
@@ -35,48 +45,29 @@ drives = click.option(
 @options.folder("--out", "Folder to write: report, pictures and animations of the shapes, complete or absent.")
 def modes(
     name: str, *, poses: tuple[str, ...], joints: tuple[str, ...], components: Any, drives: Any,
-    overrides: tuple[str, ...], target: str | None, count: int, out: Path | None, quiet: bool,
+    overrides: tuple[str, ...], count: int, output: Output,
 ) -> None:  # fmt: skip
-    """Natural frequencies of the robot at tool poses, with error bars, shapes and energy by element.
+    """Natural frequencies and mode shapes of the robot at tool poses.
 
-    Without --at and --joints, at the poses of the robot file. Weight is not counted: it changes stiffness by far less.
+    With error bars and each element's share of the energy. Without --at and --joints, at the poses of the robot file.
+    Weight is neglected: its effect on the stiffness is far smaller than the error bars.
     """
-    from stiffscope.cli.poses import asked_poses
-    from stiffscope.cli.showing import shown_assembly
-    from stiffscope.report import tables
-    from stiffscope.report.mode_pictures import draw_modes, modes_json
-    from stiffscope.report.run_report import write_modes_report
-    from stiffscope.report.terminal import recorded
-    from stiffscope.robot.reader import load_robot
-    from stiffscope.vjm.modes import modes as modes_of
-
     robot = load_robot(name, overrides)
-    asked = asked_poses(robot, poses, joints)
-    if out is not None:
-        files.check_output(out, target)
+    asked = find_poses(robot, poses, joints)
     manifest = manifest_of(robot)
-    made = shown_assembly(robot, components, quiet=quiet)
-    found = modes_of(made.mechanism, asked.configurations, count, drives=drives)
-    if out is not None:
-        with files.staged_folder(out) as folder:
-            draw_modes(made, asked.names, found, folder)
-            files.write_json(folder / "modes.json", modes_json(found))
-            manifest.write(folder)
-            with recorded() as shown:
-                _show_modes(asked.names, found, drives)
-            write_modes_report(folder, made, asked.names, found, shown)
-    if target:
-        files.write_json(target, modes_json(found))
-    if not quiet and target != "-":
-        _show_modes(asked.names, found, drives)
-        if out is not None:
-            tables.show_line(f"Written to {out}")
+    made = assemble(robot, components, output)
+    found = find_modes(made.mechanism, asked.configurations, count, drives=drives)
+    emit(
+        output, modes_json(found), lambda: show_modes(asked.names, found, f"Natural frequencies, drives {drives}"),
+        manifest=manifest, fill=lambda folder: draw_modes(made, asked.names, found, folder),
+        page=lambda folder, shown: write_modes_report(folder, made, asked.names, found, shown), kept="modes.json",
+    )  # fmt: skip
 
 
 @click.command()
 @takes(
     *(options.robot, options.poses, options.joints, options.components, drives, options.overrides, options.out),
-    click.option("--json", "json_target", metavar="FILE", callback=options.check_file, help=options.JSON_HELP),
+    options.json,
 )
 @click.option(
     "--from", "source", required=True, metavar="BODY:POINT:DIRECTION",
@@ -96,31 +87,20 @@ def modes(
 )  # fmt: skip
 def frf(
     name: str, *, poses: tuple[str, ...], joints: tuple[str, ...], components: Any, drives: Any,
-    overrides: tuple[str, ...], out: Path, json_target: str | None, source: str, target: str, band: str | None,
-    points: int, damping: float, quiet: bool,
+    overrides: tuple[str, ...], source: str, target: str, band: str | None, points: int, damping: float,
+    output: Output,
 ) -> None:  # fmt: skip
-    """Frequency response of the robot from a force at one place to the displacement at another, by modes.
+    """Frequency response from a force at one point to the displacement at another.
 
-    Writes a report, a figure, a table (CSV) and a netCDF file to DIR, a line or variable for each pose.
+    By superposition of modes. Writes a report, a figure, a table (CSV) and a netCDF file to DIR.
     """
-    import numpy as np
-
-    from stiffscope.cli.poses import asked_poses
-    from stiffscope.cli.showing import shown_assembly
-    from stiffscope.report import frequency_response as report
-    from stiffscope.report import tables
-    from stiffscope.robot.reader import load_robot
-    from stiffscope.vjm.frequency_response import frequency_response
-    from stiffscope.vjm.modes import frequencies
-
     robot = load_robot(name, overrides)
-    asked = asked_poses(robot, poses, joints)
+    asked = find_poses(robot, poses, joints)
     mechanism = asked.configurations.mechanism
     shaken, read = _port(mechanism, "--from", source), _port(mechanism, "--to", target)
     given = _band(band)
-    files.check_output(out, json_target)
     manifest = manifest_of(robot)
-    made = shown_assembly(robot, components, quiet=quiet)
+    made = assemble(robot, components, output)
     if given is None:
         found = frequencies(made.mechanism, asked.configurations, 6 + len(mechanism.drives), drives=drives)
         found = found[found > 0.0]
@@ -131,27 +111,14 @@ def frf(
         frequency_response(made.mechanism, one, shaken, read, hertz, damping=damping, drives=drives) for one in each
     ])  # fmt: skip
     response = report.Response(asked.names, hertz, curves, source, target, damping, asked.configurations.tool)
-    with files.staged_folder(out) as folder:
-        report.write(response, folder, f"{robot.name}: response at {target} to {source}")
-        manifest.write(folder)
-        report.write_page(response, folder, robot.name)
-    if json_target:
-        files.write_json(json_target, report.as_dataset(response, f"{robot.name}: frequency response").to_dict())
-    if not quiet and json_target != "-":
-        tables.show_line(f"Written to {out}")
-
-
-def _show_modes(names: Sequence[str], found: Modes, drives: str) -> None:
-    from stiffscope.report import tables
-
-    tables.show_modes(names, found, f"Natural frequencies, drives {drives}")
-    for remark in found.remarks:
-        tables.show_line(remark)
+    emit(
+        output, report.as_dataset(response, f"{robot.name}: frequency response").to_dict(), manifest=manifest,
+        fill=lambda folder: report.write(response, folder, f"{robot.name}: response at {target} to {source}"),
+        page=lambda folder, _: report.write_page(response, folder, robot.name),
+    )  # fmt: skip
 
 
 def _band(text: str | None) -> tuple[float, float] | None:
-    from stiffscope.robot.file.quantities import FREQUENCY
-
     if text is None:
         return None
     try:
@@ -165,12 +132,6 @@ def _band(text: str | None) -> tuple[float, float] | None:
 
 def _port(mechanism: Mechanism, option: str, text: str) -> Port:
     """A place and direction of ``BODY:POINT:DIRECTION``."""
-    import numpy as np
-
-    from stiffscope.robot.file import quantities as q
-    from stiffscope.vjm.frequency_response import Port
-    from stiffscope.vjm.mechanism import COORDINATES
-
     words = [word.strip() for word in text.split(":")]
     if len(words) != 3:
         raise InputError(f"{option} {text}: expected BODY:POINT:DIRECTION such as platform:M:z")

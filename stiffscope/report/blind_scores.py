@@ -10,14 +10,16 @@ from stiffscope.report import page
 from stiffscope.report.figures import AFTER, BEFORE, EFFECT, name_columns, name_rows, new_figure, save_figures
 from stiffscope.report.page import Section
 from stiffscope.report.run_report import REPORT, origin
-from stiffscope.report.terminal import recorded, show_table
+from stiffscope.report.terminal import show_table
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from matplotlib.figure import Figure
 
     from stiffscope.gap.blind.scores import Scores
+    from stiffscope.report.terminal import Shown
 
 MEASURES = (
     ("singles", "single effects with ln-odds above 10: right", "≥ 97 %", 0.97, 1.0),
@@ -161,10 +163,8 @@ def draw_scores(scores: Scores, folder: Path) -> None:
     )
 
 
-def write_blind_report(scores: Scores, folder: Path, title: str) -> None:
+def write_blind_report(scores: Scores, folder: Path, title: str, shown: Sequence[Shown]) -> None:
     """Write ``report.html`` of a blind check to its output folder: tables as shown, the figures there, the manifest."""
-    with recorded() as shown:
-        show_scores(scores)
     figures = [page.figure(folder / f"{stem}.svg", *words) for stem, words in FIGURES.items()]
     facts = [f"robots: {', '.join(scores.by_robot()) or 'none'}", f"{len(scores.outcomes)} campaigns"]
     sections = [Section("Scores", shown), Section("Figures", (), figures), origin(folder)]

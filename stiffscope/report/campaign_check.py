@@ -9,15 +9,17 @@ import numpy as np
 from stiffscope.gap.campaign.quantities import DEFLECTION, DEVIATION, FREQUENCY, KINDS, POSITION, WRENCH
 from stiffscope.gap.inference.findings import copies
 from stiffscope.report import page
+from stiffscope.report.pictures import draw, optional_pictures
 from stiffscope.report.robot_scene import moves, picture, pose_text, scene
 from stiffscope.report.run_report import write_tables_report
-from stiffscope.report.terminal import recorded, show_line, show_table
+from stiffscope.report.terminal import show_line, show_table
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.report.terminal import Shown
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.mechanism import Mechanism
@@ -134,10 +136,8 @@ def show_campaign(facts: Mapping[str, Any], name: str) -> None:
         show_line(f"and {len(poses) - _SHOWN} more: see --json")
 
 
-def write_page(facts: Mapping[str, Any], name: str, folder: Path) -> None:
-    """Write ``report.html`` of what was understood, of `campaign_json`: tables as shown, pictures in the folder."""
-    with recorded() as shown:
-        show_campaign(facts, name)
+def write_page(name: str, folder: Path, shown: Sequence[Shown]) -> None:
+    """Write ``report.html`` of what was understood: tables as shown, pictures in the folder."""
     drawn = [
         page.figure(folder / file, caption, "the robot, with arrows where sensors touch and loads act")
         for file, caption in PICTURES.items()
@@ -158,9 +158,7 @@ def _three(values: list[float] | None) -> str:
 def draw_sensors(
     robot: RobotFile, mechanism: Mechanism, found: Configurations, campaign: Campaign, folder: Path
 ) -> None:
-    """`PICTURES`: the robot at the first and the last of its poses, marks as arrows. Raises PictureError."""
-    from stiffscope.report.pictures import draw
-
+    """`PICTURES`: the robot at the first and the last of its poses, marks as arrows; where it can be drawn."""
     arrows, shown = marks(campaign, mechanism), []
     for file, k in zip(PICTURES, (0, 0, len(found) - 1), strict=True):
         place = pose_text(mechanism, found.tool[k, mechanism.tool.commanded].tolist())
@@ -168,7 +166,8 @@ def draw_sensors(
     close, first, last = shown
     close["close"] = True
     pictures = [*([close] if arrows else []), first, *([last] if len(found) > 1 else [])]
-    draw("robot", folder, pictures=pictures, marks=arrows, **scene(robot, mechanism))
+    with optional_pictures():
+        draw("robot", folder, pictures=pictures, marks=arrows, **scene(robot, mechanism))
 
 
 def marks(campaign: Campaign, mechanism: Mechanism) -> list[dict[str, Any]]:

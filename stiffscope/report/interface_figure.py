@@ -7,18 +7,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.report import page, tables
+from stiffscope.report import page
 from stiffscope.report.drawing.sheet import power
 from stiffscope.report.figures import AFTER, BEFORE, EFFECT, STYLE, new_figure, save_figure
 from stiffscope.report.run_report import write_tables_report
-from stiffscope.report.terminal import recorded
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
 
     from stiffscope.experiments.interfaces import Comparison, Tested
+    from stiffscope.report.terminal import Shown
 
 PLATE = "#dfe4e8"
 LINEAR = 10.0  # % below which the scale of changes is linear
@@ -29,11 +30,11 @@ CAPTION = (
 SLENDER = (0.16, 0.4)  # width and depth of the sketch of a link or of a STEP file's solid: not to scale
 
 
-def draw(compared: Comparison, title: str, target: Path) -> None:
+def draw(compared: Comparison, robot: str, target: Path) -> None:
     """Draw the entries under the choice of the robot file and their changes under the others, as PNG."""
     import matplotlib as mpl
 
-    count = len(compared.others)
+    count, title = len(compared.others), _title(compared, robot)
     with mpl.rc_context(STYLE):
         figure = new_figure(3.6 + 2.75 * count, 2.9 + 0.42 * len(compared.entries), title)
         grid = figure.subplots(2, count + 1, height_ratios=[1.3, 2.9], squeeze=False)
@@ -46,18 +47,19 @@ def draw(compared: Comparison, title: str, target: Path) -> None:
         save_figure(figure, target, dpi=130)
 
 
-def write_page(compared: Comparison, folder: Path, robot: str) -> None:
+def _title(compared: Comparison, robot: str) -> str:
+    return f"{robot}: effect of the interfaces on the {compared.part}'s compliance"
+
+
+def write_page(compared: Comparison, folder: Path, robot: str, shown: Sequence[Shown]) -> None:
     """Write ``report.html`` of the table as shown and of the figure in the folder."""
-    with recorded() as shown:
-        tables.show_interfaces(compared)
     words = "a sketch of each choice of interface, below it the change of every entry, with its bound"
     drawn = page.figure(folder / "interfaces.png", CAPTION, words)
     facts = [
         f"the {compared.part}'s 6×6 compliance, SI, at the reference point of the robot file's own choice",
         "bounds hold with 95 %",
     ]
-    title = f"{robot}: effect of the interfaces on the {compared.part}'s compliance"
-    write_tables_report(folder, title, facts, "Compliance by interface", shown, [drawn])
+    write_tables_report(folder, _title(compared, robot), facts, "Compliance by interface", shown, [drawn])
 
 
 def _values(axes: Axes, compared: Comparison) -> None:

@@ -18,7 +18,7 @@ from stiffscope.experiments.results import EXPERIMENT
 from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.report import maps
 from stiffscope.report.gap_figures import draw_figures
-from stiffscope.report.pictures import PictureError, draw, drawing
+from stiffscope.report.pictures import PictureError, draw, drawing, optional_pictures
 from stiffscope.report.robot_scene import deformed, exaggeration, moves, picture, pose_text, scene
 from stiffscope.report.run_report import GEOMETRY
 from stiffscope.report.text import shares
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from stiffscope.gap.inference.diagnosis import Diagnosis
     from stiffscope.report.robot_view import Case
     from stiffscope.robot.file.description import RobotFile
+    from stiffscope.robot.inspection import Inspection
     from stiffscope.runtime.cache import Cache
     from stiffscope.vjm.kinematics import Configurations
 
@@ -122,10 +123,22 @@ def order_shares(
 
 def draw_named_poses(assembled: Assembled, folder: Path) -> None:
     """The robot at its poses, else at home; where this machine cannot draw, say so and leave it out."""
-    try:
+    with optional_pictures():
         _draw_poses(assembled, folder)
-    except PictureError as error:
-        log.warning("%s", error)
+
+
+def draw_inspection(found: Inspection, folder: Path) -> None:
+    """The robot at home and at every named pose that it reaches, bodies rigid; where it can be drawn."""
+    if found.configurations is None:
+        return
+    pictures = []
+    for k, pose in enumerate(found.poses):
+        if pose.reached:
+            title = f"{found.robot.name} at {pose.name}: {pose_text(found.mechanism, pose.tool)}"
+            pictures.append(picture(f"robot_{pose.name}.png", title, moves(found.mechanism, found.configurations, k)))
+    if pictures:
+        with optional_pictures():
+            draw("robot", folder, pictures=pictures, geometry=GEOMETRY, **scene(found.robot, found.mechanism))
 
 
 def draw_deflection(
@@ -140,10 +153,8 @@ def draw_deflection(
         bent = picture(f"deflection_{k + 1}.png", title, deformed(moved, case.twists, at, factor), moved)
         shown.append({**bent, "shares": case.shares})
     arguments = scene(assembled.robot, mechanism, _experiments(assembled))
-    try:
+    with optional_pictures():
         draw("robot", folder, pictures=shown, scale="share of the strain energy", geometry=GEOMETRY, **arguments)
-    except PictureError as error:
-        log.warning("%s", error)
 
 
 def plain_robot(robot: RobotFile) -> dict[str, Any]:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import logging
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stiffscope.experiments.results import EXPERIMENT
-from stiffscope.report.pictures import PictureError, draw
+from stiffscope.report.pictures import draw, optional_pictures
 from stiffscope.report.robot_scene import deformed, exaggeration, moves, picture, scene
 from stiffscope.report.run_report import GEOMETRY
 from stiffscope.vjm.network import END, FOOT
@@ -21,8 +20,6 @@ if TYPE_CHECKING:
 
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.vjm.modes import Modes
-
-log = logging.getLogger(__name__)
 
 _STEPS = 16  # of a vibration
 _TOGETHER = 6  # pictures that one process draws
@@ -85,12 +82,9 @@ def draw_modes(assembled: Assembled, names: Sequence[str], found: Modes, folder:
             )
             for k, (what, shown) in enumerate(jobs)
         ]
-    for each in drawn:
-        try:
+    with optional_pictures():
+        for each in drawn:
             each.result()
-        except PictureError as error:
-            log.warning("%s", error)
-            return
 
 
 def _plain(name: str, number: int) -> str:

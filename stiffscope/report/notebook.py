@@ -305,8 +305,6 @@ def _deflection(shown: Deflection) -> None:
 
 def _modes(shown: Modes) -> None:
     tables.show_modes(_names(shown.configurations), shown, "Natural frequencies")
-    for remark in shown.remarks:
-        show_line(remark)
 
 
 def _sensitivity(shown: Sensitivity) -> None:

@@ -30,6 +30,15 @@ class PictureError(StiffscopeError, RuntimeError):
     """Pictures cannot be drawn on this machine; the message names what is missing."""
 
 
+@contextmanager
+def optional_pictures() -> Iterator[None]:
+    """Draw what a result can do without: where this machine cannot, say so."""
+    try:
+        yield
+    except PictureError as error:
+        log.warning("%s", error)
+
+
 def draw(picture: str, target: Path, **arguments: Any) -> None:
     """Draw one picture in a child process.
 

@@ -11,6 +11,7 @@ from stiffscope.report import page
 from stiffscope.report.page import RobotView, Section
 from stiffscope.report.robot_scene import pose_text
 from stiffscope.report.robot_view import mode_cases, robot_view, unit_wrenches
+from stiffscope.report.tables import sources
 from stiffscope.report.terminal import Shown
 from stiffscope.runtime import files
 from stiffscope.vjm.kinematics import configure
@@ -236,7 +237,10 @@ def origin(folder: Path) -> Section:
 
 def _write(folder: Path, assembled: Assembled, what: str, sections: list[Section], watched: str = "") -> None:
     robot = assembled.robot
-    sources = ", ".join(f"{part}: {source}" for part, source in assembled.sources.items()) or "rigid parts"
     weight = ", ".join(f"{g:z.4g}" for g in assembled.mechanism.gravity)
-    facts = [f"parts: {sources}", "SI units at the tool point M in base axes {O}", f"gravity ({weight}) m/s²"]
+    facts = [
+        f"parts: {sources(assembled)}",
+        "SI units at the tool point M in base axes {O}",
+        f"gravity ({weight}) m/s²",
+    ]
     page.write_page(folder / REPORT, f"{robot.name}: {what}", facts, sections, watched=watched)

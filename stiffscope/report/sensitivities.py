@@ -10,7 +10,7 @@ from stiffscope.report import page
 from stiffscope.report.figures import new_figure, save_figures
 from stiffscope.report.numbers import DIAGONAL
 from stiffscope.report.run_report import write_tables_report
-from stiffscope.report.terminal import recorded, show_line, show_table
+from stiffscope.report.terminal import show_line, show_table
 from stiffscope.vjm.screws import CONVENTION
 
 if TYPE_CHECKING:
@@ -221,18 +221,14 @@ def write_part_chart(found: PartSensitivity, result: PartResult, folder: Path) -
     return save_figures(folder, {"sensitivity": lambda: _part_chart(found, result)})
 
 
-def write_page(found: Sensitivity, names: Sequence[str], folder: Path) -> None:
+def write_page(found: Sensitivity, names: Sequence[str], folder: Path, shown: Sequence[Shown]) -> None:
     """Write ``report.html`` of a robot's tables as shown and of its chart in the folder."""
-    with recorded() as shown:
-        show_sensitivity(found, names)
     words = f"bars of what changes K_tx at {names[0]}, in % per % and in % per kilogram, with bounds"
     _write_page(folder, f"{found.robot.name}: what changes its stiffness", shown, words)
 
 
-def write_part_page(found: PartSensitivity, result: PartResult, folder: Path, robot: str) -> None:
+def write_part_page(found: PartSensitivity, folder: Path, robot: str, shown: Sequence[Shown]) -> None:
     """Write ``report.html`` of a part's tables as shown and of its chart in the folder."""
-    with recorded() as shown:
-        show_part_sensitivity(found, result)
     words = "bars of what changes each diagonal entry of the compliance, in % per %, with bounds"
     _write_page(folder, f"{robot}: what changes the {found.part}'s compliance", shown, words)
 

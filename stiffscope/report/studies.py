@@ -13,15 +13,17 @@ from stiffscope.report.figures import AFTER, BEFORE, EFFECT, NOISE, new_figure, 
 from stiffscope.report.page import Section
 from stiffscope.report.run_report import REPORT, origin
 from stiffscope.report.sensitivities import quantity
-from stiffscope.report.terminal import recorded, show_line, show_table
+from stiffscope.report.terminal import show_line, show_table
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from stiffscope.design.studies import Study
+    from stiffscope.report.terminal import Shown
 
 TABLE = "designs"
 MOST_ROWS = 20  # of the best that are shown; the table has all
@@ -44,10 +46,8 @@ def write_study(study: Study, folder: Path) -> None:
     )
 
 
-def write_study_page(study: Study, folder: Path) -> None:
-    """Write the page, of the pictures and the manifest in the folder."""
-    with recorded() as shown:
-        show_study(study)
+def write_study_page(study: Study, folder: Path, shown: Sequence[Shown]) -> None:
+    """Write the page, of the tables as shown and the pictures and the manifest in the folder."""
     figures = [
         page.figure(folder / f"{stem}.png", caption, caption)
         for stem, caption in CAPTIONS.items()

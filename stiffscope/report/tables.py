@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.report.compare import compare
 from stiffscope.report.numbers import (
     DIAGONAL,
     NEGLIGIBLE,
@@ -28,10 +29,12 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from stiffscope.biglide.audit import Finding
+    from stiffscope.experiments.assembly import Assembled
     from stiffscope.experiments.interfaces import Comparison as Interfaces
     from stiffscope.experiments.results import PartResult
     from stiffscope.fea.experiment import Experiment
     from stiffscope.report.compare import Comparison
+    from stiffscope.robot.file.description import RobotFile
     from stiffscope.vjm.modes import Modes
     from stiffscope.vjm.statics import Stiffness
 
@@ -69,6 +72,22 @@ def show_parts(results: Sequence[PartResult]) -> None:
     for result in results:
         if result.note:
             show_line(f"{result.name}: {result.note}\n")
+
+
+def sources(assembled: Assembled) -> str:
+    """Return where the parts' matrices come from, in a few words."""
+    return ", ".join(f"{part}: {source}" for part, source in assembled.sources.items()) or "rigid parts"
+
+
+def show_compliance(robot: RobotFile, result: PartResult) -> None:
+    """A part's compliance beside beam theory and the published one; a STEP file's solid has nothing beside it."""
+    if len(result.experiment.reference_points) > 1:
+        show_each_interface(result)
+    elif result.own_shape:
+        show_comparison(compare(robot, result.name, result))
+    else:
+        show_matrix(f"Compliance of the {result.name}, SI", result.compliance, result.error)
+        show_line("No beam theory beside it: it is a STEP file's solid, not the robot file's own shape\n")
 
 
 def show_comparison(comparison: Comparison) -> None:
@@ -195,6 +214,8 @@ def show_modes(names: Sequence[str], found: Modes, title: str) -> None:
             rows.append(("" if k else name, str(k + 1), f"{hertz:.5g}", spread, said or "moves freely"))
     groups = (("pose",), ("mode", "Hz", "± 95 %"), ("strain energy",))
     show_table(title, groups, rows, prose=("strain energy",))
+    for remark in found.remarks:
+        show_line(remark)
 
 
 def show_change(names: Sequence[str], old: Any, new: Any, overrides: Sequence[str]) -> None:

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from stiffscope.cli.main import _guarded
-from stiffscope.cli.showing import show_compliance
 from stiffscope.experiments.orders import order_part
 from stiffscope.experiments.results import PartResult, compliance_json
 from stiffscope.fea.experiment import Experiment
+from stiffscope.report.tables import show_compliance
 from stiffscope.robot.part_matrices import beam_compliance
 from stiffscope.robot.reader import load_robot
 

@@ -8,7 +8,7 @@ import sys
 import click
 import pytest
 
-from stiffscope.cli.main import _guarded, cli
+from stiffscope.cli.main import COMMANDS, _guarded, cli
 from stiffscope.runtime.cache import Cache, digest
 
 
@@ -66,11 +66,18 @@ def test_an_absent_cache_is_empty(tmp_path, monkeypatch, capsys):
 
 
 def commands(group=cli, words=()):
-    for name, command in group.commands.items():
+    context = click.Context(group)
+    for name in group.list_commands(context):
+        command = group.get_command(context, name)
         if isinstance(command, click.Group):
             yield from commands(command, (*words, name))
         if not isinstance(command, click.Group) or command.invoke_without_command:
             yield (*words, name), command
+
+
+def test_the_help_of_all_commands_is_that_of_each():
+    said = {name: words for group in COMMANDS.values() for name, (_, words) in group.items()}
+    assert {name: cli.get_command(None, name).help.partition("\n\n")[0] for name in said} == said
 
 
 def test_every_command_has_json():

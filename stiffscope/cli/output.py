@@ -1,0 +1,139 @@
+"""Where a command's answer goes: JSON, an output folder with its report, tables; and progress while it works."""
+
+from __future__ import annotations
+
+import logging
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from stiffscope.errors import InputError
+from stiffscope.report.progress import progress
+from stiffscope.report.terminal import recorded, show_line
+from stiffscope.runtime import files
+from stiffscope.runtime.workshop import workshop
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from pathlib import Path
+
+    from stiffscope.experiments.manifest import Manifest
+    from stiffscope.experiments.results import PartResult
+    from stiffscope.report.terminal import Shown
+    from stiffscope.runtime.workshop import Workshop
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Output:
+    """What `--json`, `--out` and `--quiet` say."""
+
+    json: str | None = None
+    folder: Path | None = None
+    quiet: bool = False
+
+    @property
+    def loud(self) -> bool:
+        """Whether tables go to standard output."""
+        return not self.quiet and self.json != "-"
+
+    def required_folder(self) -> Path:
+        """The folder, of a command that cannot do without."""
+        if self.folder is None:
+            raise InputError("--out: expected a folder to write, got none")
+        return self.folder
+
+    def check_folder(self, folder: Path | None, *others: Path | None) -> None:
+        """Refuse a folder that cannot be written, or that would swallow another output."""
+        if folder is not None:
+            files.check_output(folder, None if self.json == "-" else self.json, *others)
+
+
+def emit(
+    output: Output,
+    answer: Any,
+    show: Callable[[], None] | None = None,
+    *,
+    manifest: Manifest | None = None,
+    fill: Callable[[Path], None] | None = None,
+    page: Callable[[Path, Sequence[Shown]], None] | None = None,
+    kept: str = "",
+) -> None:
+    """Hand over what a command found: output folder, then JSON, then tables.
+
+    Parameters
+    ----------
+    output
+        Where to.
+    answer
+        What `--json` writes.
+    show
+        Prints the tables.
+    manifest, fill, page, kept
+        As for `write_folder`; without a folder in `output` they are not used.
+
+    """
+    if output.folder is not None and manifest is not None:
+        write_folder(output.folder, manifest, fill, page, show, answers={kept: answer} if kept else None)
+    if output.json:
+        files.write_json(output.json, answer)
+    if output.loud:
+        if show is not None:
+            show()
+        if output.folder is not None and manifest is not None:
+            show_line(f"Written to {output.folder} in {manifest.elapsed():.1f} s")
+
+
+def write_folder(
+    out: Path,
+    manifest: Manifest,
+    fill: Callable[[Path], None] | None = None,
+    page: Callable[[Path, Sequence[Shown]], None] | None = None,
+    show: Callable[[], None] | None = None,
+    *,
+    answers: dict[str, Any] | None = None,
+) -> None:
+    """Write an output folder, complete or not at all.
+
+    Parameters
+    ----------
+    out
+        The folder.
+    manifest
+        What made it; written after the files, so that the page can show it.
+    fill
+        Writes numbers and pictures into the folder that it is given.
+    page
+        Writes ``report.html`` of the folder's content and of the tables of `show`.
+    show
+        Prints the tables.
+    answers
+        JSON files by name.
+
+    """
+    with files.staged_folder(out) as folder:
+        for name, answer in (answers or {}).items():
+            files.write_json(folder / name, answer)
+        if fill is not None:
+            fill(folder)
+        manifest.write(folder)
+        if page is not None:
+            with recorded() as shown:
+                if show is not None:
+                    show()
+            page(folder, shown)
+
+
+@contextmanager
+def open_workshop(output: Output) -> Iterator[Workshop]:
+    """A workshop whose jobs run side by side and whose progress is on standard error."""
+    with progress(quiet=output.quiet) as open_line, workshop(open_line, together=True) as shop:
+        yield shop
+
+
+def warn_of(results: Iterable[PartResult]) -> None:
+    """Say on standard error of each part whose tolerance was not met how far it came."""
+    for result in results:
+        if result.note:
+            log.warning("%s: %s", result.name, result.note)
