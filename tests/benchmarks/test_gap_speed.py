@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from stiffscope.gap.blind.laboratory import Lab
-from stiffscope.gap.campaign.campaign import template as campaign_template
+from stiffscope.gap.campaign import template as campaign_template
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.campaigns import open_case
 from stiffscope.gap.diagnose import conclude, diagnose

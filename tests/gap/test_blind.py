@@ -16,8 +16,8 @@ import pytest
 from distributed import LocalCluster
 
 from stiffscope.errors import InputError
+from stiffscope.gap.blind import check as blind
 from stiffscope.gap.blind.cases import BlindCase, Fault, unseal
-from stiffscope.gap.blind.check import check as blind
 from stiffscope.gap.blind.check import run_blind
 from stiffscope.gap.blind.drawing import draw_case, is_imitated, prepare_case, write_case
 from stiffscope.gap.blind.laboratory import BlindRobot, Lab
