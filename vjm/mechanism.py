@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from stiffscope.vjm.screws import Array
 
 COORDINATES = ("x", "y", "z", "rx", "ry", "rz")
+DIAGONAL = ("K_tx", "K_ty", "K_tz", "K_rx", "K_ry", "K_rz")  # of a stiffness matrix
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ from stiffscope.biglide.published_model import published_model
 from stiffscope.fea.beam import euler_bernoulli, polar
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import beam_compliance, part_matrices, published
+from stiffscope.vjm.mechanism import DIAGONAL
 from stiffscope.vjm.statics import stiffness
 
 if TYPE_CHECKING:
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from stiffscope.biglide.published_model import PublishedModel
     from stiffscope.robot.file.description import RobotFile
 
-DIAGONAL = ("K_tx", "K_ty", "K_tz", "K_rx", "K_ry", "K_rz")
 _EXPLAINED = 5e-3  # relative; the reading explains K_ty, K_tz and K_rz to 0.3 %
 _LAST_DIGIT = 500.0  # N/m, N·m/rad: half of the last digit printed of stiffnesses (K_tz: 1e3 times that)
 _LAST_COMPLIANCE_DIGIT = 5e-13  # and of compliances

@@ -15,6 +15,7 @@ from stiffscope.cli import options
 from stiffscope.cli.options import takes
 from stiffscope.cli.output import emit, open_workshop, warn_of
 from stiffscope.cli.poses import find_poses
+from stiffscope.design.maps import map_robot, require_map, to_dataset, write_map
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots, deflection_bars, stiffness_bars, stiffness_json
 from stiffscope.experiments.manifest import manifest_of
@@ -155,24 +156,24 @@ def map_(
     robot = load_robot(name, overrides)
     if gravity == "literal":
         raise InputError("--gravity literal: expected none or exact for a map, got literal, which is for single poses")
-    maps.swept(robot)
+    require_map(robot)
     moving = rigid_mechanism(robot)
     configured_poses(robot, moving, moving.tool.home)  # before any experiment
     manifest = manifest_of(robot)
     made = assemble(robot, components, output)
-    found = maps.robot_map(robot, made.mechanism, points, gravity, count)
+    found = map_robot(robot, made.mechanism, points, gravity, count)
     figures = _figures(gravity, maps.held_text(found), frequencies=bool(count))
 
     def fill(folder: Path) -> None:
         with ThreadPoolExecutor(1) as pool:
             drawn = pool.submit(draw_named_poses, made, folder)  # in a process of its own
-            maps.write_map(found, folder, f"{robot.name}: stiffness over the workspace, gravity {gravity}")
+            write_map(found, folder, f"{robot.name}: stiffness over the workspace, gravity {gravity}")
             for title, stem, draw in figures:
                 draw(found, robot.poses, f"{robot.name}: {title}", folder / f"{stem}.png", folder / f"{stem}.svg")
             drawn.result()
 
     emit(
-        output, maps.as_dataset(found).to_dict(), manifest=manifest, fill=fill,
+        output, to_dataset(found).to_dict(), manifest=manifest, fill=fill,
         page=lambda folder, _: write_map_report(folder, made, {stem: title for title, stem, _ in figures}),
     )  # fmt: skip
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.design.maps import map_robot, write_map
 from stiffscope.experiments.results import EXPERIMENT
 from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.report import maps
@@ -256,8 +257,8 @@ def _drawing_code() -> str:
 
 def _draw_map(assembled: Assembled, folder: Path) -> None:
     robot = assembled.robot
-    found = maps.robot_map(robot, assembled.mechanism, MAP_POINTS, "exact")
-    maps.write_map(found, folder)
+    found = map_robot(robot, assembled.mechanism, MAP_POINTS, "exact")
+    write_map(found, folder)
     held = maps.held_text(found)
     title = f"{robot.name}: stiffness at M (diagonal of K)" + (held and f", {held}")
     maps.draw_stiffness(found, robot.poses, title, folder / "map.png")

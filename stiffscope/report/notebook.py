@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.design.maps import map_stiffness
 from stiffscope.errors import InputError
-from stiffscope.report import page, tables
+from stiffscope.report import maps, page, tables
 from stiffscope.report.numbers import coordinates, point, pose_values
 from stiffscope.report.pictures import draw
 from stiffscope.report.run_report import ENERGY, GEOMETRY, turning
@@ -170,9 +171,7 @@ def stiffness_map(
         Not two coordinates of the tool, or no pose is within reach.
 
     """
-    from stiffscope.report import maps
-
-    found = maps.stiffness_map(mechanism, ranges, points, at=at)
+    found = map_stiffness(mechanism, ranges, points, at=at)
     with scratch_folder() as folder:
         target = folder / "map.png"
         held = maps.held_text(found)

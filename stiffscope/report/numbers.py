@@ -12,7 +12,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-DIAGONAL = ("K_tx", "K_ty", "K_tz", "K_rx", "K_ry", "K_rz")
 TWIST = ("vx", "vy", "vz", "ωx", "ωy", "ωz")
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 NEGLIGIBLE = 1e-6

@@ -8,9 +8,9 @@ import numpy as np
 
 from stiffscope.report import page
 from stiffscope.report.figures import new_figure, save_figures
-from stiffscope.report.numbers import DIAGONAL
 from stiffscope.report.run_report import write_tables_report
 from stiffscope.report.terminal import show_line, show_table
+from stiffscope.vjm.mechanism import DIAGONAL
 from stiffscope.vjm.screws import CONVENTION
 
 if TYPE_CHECKING:

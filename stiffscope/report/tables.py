@@ -8,7 +8,6 @@ import numpy as np
 
 from stiffscope.report.compare import compare
 from stiffscope.report.numbers import (
-    DIAGONAL,
     NEGLIGIBLE,
     TWIST,
     WRENCH,
@@ -24,6 +23,7 @@ from stiffscope.report.numbers import (
     with_bound,
 )
 from stiffscope.report.terminal import show_line, show_table
+from stiffscope.vjm.mechanism import DIAGONAL
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

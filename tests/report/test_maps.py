@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from stiffscope.design.maps import map_robot, map_stiffness, to_dataset, write_map
 from stiffscope.errors import InputError
-from stiffscope.report.maps import _limits, as_dataset, held_text, robot_map, stiffness_map, write_map
+from stiffscope.report.maps import _limits, held_text
 from stiffscope.report.notebook import stiffness_map as picture
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import part_matrices
@@ -24,7 +25,7 @@ def stewart():
 def test_netcdf_is_what_the_robot_says(tmp_path):
     robot = load_robot("biglide")
     mechanism = mechanism_of(robot, part_matrices(robot, "published"))
-    found = robot_map(robot, mechanism, 9, "exact")
+    found = map_robot(robot, mechanism, 9, "exact")
     write_map(found, tmp_path, "the title")
     with xr.open_dataset(tmp_path / "map.nc") as file:
         assert (file.title, set(file.coords)) == ("the title", {"x", "y", "z"})
@@ -38,13 +39,13 @@ def test_netcdf_is_what_the_robot_says(tmp_path):
         for end, matrix in (("", stiffness(mechanism, pose)), ("_loaded", stiffness(mechanism, pose, gravity="exact"))):
             assert [float(here[name + end]) for name in NAMES] == pytest.approx(np.diag(matrix[0]), rel=1e-9)
         assert float(here["sag_z"]) == pytest.approx(sag(mechanism, pose)[0, 2], rel=1e-3)
-        assert xr.Dataset.identical(file.load(), as_dataset(found, "the title"))
+        assert xr.Dataset.identical(file.load(), to_dataset(found, "the title"))
 
 
 def test_an_angle_against_a_length_at_another_pose(stewart, tmp_path):
     robot, mechanism = stewart
     at = (0.01, 0.0, robot.poses["home"][2], 0.0, 0.0, 0.1)
-    found = stiffness_map(mechanism, {"z": (0.27, 0.3), "ry": (-0.1, 0.1)}, 4, at=at)
+    found = map_stiffness(mechanism, {"z": (0.27, 0.3), "ry": (-0.1, 0.1)}, 4, at=at)
     write_map(found, tmp_path)
     assert held_text(found) == "x = 10 mm, y = 0 mm, rz = 5.7296 deg"
     with xr.open_dataset(tmp_path / "map.nc") as file:
@@ -66,7 +67,7 @@ def test_an_angle_against_a_length_at_another_pose(stewart, tmp_path):
 )
 def test_what_cannot_be_mapped_is_refused(stewart, ranges, message):
     with pytest.raises(InputError, match=message):
-        stiffness_map(stewart[1], ranges, 3)
+        map_stiffness(stewart[1], ranges, 3)
 
 
 def test_a_few_stiff_poses_do_not_swallow_the_colours():

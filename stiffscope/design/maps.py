@@ -1,0 +1,192 @@
+"""Maps of the stiffness over two coordinates of the tool: evaluated, and written as numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.vjm.kinematics import configure
+from stiffscope.vjm.mechanism import COORDINATES, DIAGONAL
+from stiffscope.vjm.modes import frequencies as frequencies_at
+from stiffscope.vjm.statics import analyse_weight, stiffness
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    import xarray as xr
+
+    from stiffscope.robot.file.description import RobotFile
+    from stiffscope.robot.file.sections import MapSection
+    from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.statics import Gravity
+
+    Ranges = Mapping[str, tuple[float, float]]
+
+IN_PLANE = 1e-6  # m or rad that a pose may be off the map and is still marked on it
+
+
+@dataclass(frozen=True, eq=False)
+class StiffnessMap:
+    """Maps over a grid of tool poses; NaN where the robot does not reach or weights find no equilibrium.
+
+    ``across`` and ``up`` name the two coordinates swept, ``columns`` (na,) and ``rows`` (nu,) are their values, ``at``
+    those of the others, m and rad. ``stiffness`` and ``loaded`` (nu, na, 6): diagonals of the stiffness at M without
+    and with the robot's own weight, N/m and N·m/rad; ``sag`` (nu, na, 6) in m, rad. ``down``: rows grow downwards.
+    ``frequencies`` (nu, na, c): the first natural frequencies in Hz, drives held, where they were asked for.
+    """
+
+    across: str
+    up: str
+    columns: np.ndarray
+    rows: np.ndarray
+    at: dict[str, float]
+    stiffness: np.ndarray
+    loaded: np.ndarray
+    sag: np.ndarray
+    down: bool = False
+    frequencies: np.ndarray | None = None
+
+    def holds(self, coordinates: Mapping[str, float]) -> bool:
+        """Whether a pose lies in what is swept."""
+        return all(abs(coordinates[name] - value) < IN_PLANE for name, value in self.at.items())
+
+
+def map_robot(
+    robot: RobotFile, mechanism: Mechanism, points: int, gravity: Gravity, frequencies: int = 0
+) -> StiffnessMap:
+    """Evaluate what `[map]` of a robot file sweeps. Raises InputError where it has none, or nothing is reached."""
+    section = require_map(robot)
+    return map_stiffness(mechanism, section.ranges(), points, gravity=gravity, at=section.at, frequencies=frequencies)
+
+
+def require_map(robot: RobotFile) -> MapSection:
+    """What `[map]` of a robot file says. Raises InputError where it has none."""
+    if robot.map is None:
+        example = 'such as x = ["-150 mm", "150 mm"] and z = ["380 mm", "520 mm"]'
+        raise InputError(f"{robot.path}: map: expected a table of two coordinates to sweep, {example}, got none")
+    return robot.map
+
+
+def map_stiffness(
+    mechanism: Mechanism,
+    ranges: Ranges,
+    points: int,
+    *,
+    gravity: Gravity = "none",
+    at: Sequence[float] | None = None,
+    frequencies: int = 0,
+) -> StiffnessMap:
+    """Evaluate the stiffness over two coordinates of the tool.
+
+    Parameters
+    ----------
+    mechanism
+        Any mechanism whose tool has at least two coordinates.
+    ranges
+        Two coordinates of `mechanism.tool.pose` and the ends of each, m and rad; the first is drawn across.
+    points
+        Poses along either.
+    gravity
+        "exact" for the stiffness under the mechanism's own weight and the sag, beside those without.
+    at : (k,)
+        Pose that gives the other coordinates, by default home.
+    frequencies
+        How many natural frequencies besides, drives held.
+
+    Raises
+    ------
+    InputError
+        Not two coordinates of the tool, or no pose is reached.
+
+    """
+    pose = mechanism.tool.pose
+    if len(ranges) != 2 or not set(ranges) <= set(pose):
+        raise InputError(f"map: expected two of {', '.join(pose)}, got {', '.join(ranges) or 'none'}")
+    (across, columns), (up, rows) = ((name, np.linspace(*ends, points)) for name, ends in ranges.items())
+    fixed = mechanism.tool.home if at is None else np.asarray(at, dtype=float)
+    grid = np.tile(fixed, (points * points, 1))
+    grid[:, pose.index(across)], grid[:, pose.index(up)] = np.tile(columns, points), np.repeat(rows, points)
+    found = configure(mechanism, grid)
+    if not found.valid.any():
+        raise InputError(f"map: no pose is within reach; the first is not: {found.reason(0)}")
+    plain = loaded = stiffness(mechanism, found)
+    sag = np.where(found.valid[:, None], np.zeros((len(grid), 6)), np.nan)
+    if gravity != "none":
+        loaded, sag = analyse_weight(mechanism, found, plain)
+    diagonals = (np.diagonal(matrix, axis1=1, axis2=2) for matrix in (plain, loaded))
+    values = (value.reshape(points, points, 6) for value in (*diagonals, sag))
+    others = {name: float(v) for name, v in zip(pose, fixed, strict=True) if name not in ranges}
+    weight = mechanism.gravity[COORDINATES.index(up)] if up in COORDINATES[:3] else 0.0
+    sounds = frequencies_at(mechanism, found, frequencies).reshape(points, points, frequencies) if frequencies else None
+    return StiffnessMap(across, up, columns, rows, others, *values, down=bool(weight > 0.0), frequencies=sounds)
+
+
+def write_map(found: StiffnessMap, folder: Path, title: str = "") -> None:
+    """Write the numbers, SI: map.csv, a line for each reachable pose; map.npz, arrays (row, column, direction); map.nc.
+
+    The netCDF file is the dataset of `to_dataset`.
+    """
+    at = np.column_stack([np.tile(found.columns, len(found.rows)), np.repeat(found.rows, len(found.columns))])
+    fields = {"stiffness": found.stiffness, "stiffness_loaded": found.loaded, "sag": found.sag}
+    fields |= {} if found.frequencies is None else {"frequencies": found.frequencies}
+    rows = np.column_stack([at, *(values.reshape(len(at), -1) for values in fields.values())])
+    words = [name.lower().replace("_", "") for name in DIAGONAL]
+    names = [
+        found.across,
+        found.up,
+        *words,
+        *(f"{word}_loaded" for word in words),
+        *(f"sag_{axis}" for axis in COORDINATES),
+    ]
+    names += [] if found.frequencies is None else [f"f{k + 1}" for k in range(found.frequencies.shape[2])]
+    reached = np.isfinite(rows[:, 2])
+    np.savetxt(folder / "map.csv", rows[reached], delimiter=",", header=",".join(names), comments="", fmt="%.9g")
+    arrays = {found.across: found.columns, found.up: found.rows, "direction": np.array(DIAGONAL)}
+    arrays |= {name: np.float64(value) for name, value in found.at.items()}
+    with (folder / "map.npz").open("wb") as stream:
+        np.savez_compressed(stream, **arrays, **fields)  # type: ignore[arg-type]
+    to_dataset(found, title).to_netcdf(folder / "map.nc", engine="scipy", format="NETCDF3_64BIT")
+
+
+def to_dataset(found: StiffnessMap, title: str = "") -> xr.Dataset:
+    """Return a map as a dataset over its two coordinates with names and units, SI; NaN where nothing is reached.
+
+    Variables are `K_tx` to `K_rz`, the same with `_loaded` (under the robot's own weight), `sag_x` to `sag_rz`, and
+    `f1` and so on where the map has frequencies.
+    """
+    import xarray as xr
+
+    forces, lengths = ("N m-1",) * 3 + ("N m rad-1",) * 3, ("m",) * 3 + ("rad",) * 3
+    sags = [f"sag_{axis}" for axis in COORDINATES]
+    kinds = (
+        (DIAGONAL, found.stiffness, forces, "stiffness at M without gravity"),
+        ([f"{name}_loaded" for name in DIAGONAL], found.loaded, forces, "stiffness at M with the robot's own weight"),
+        (sags, found.sag, lengths, "twist of the tool under the robot's own weight"),
+    )
+    variables = {
+        name: ((found.up, found.across), values[..., k], {"units": units[k], "long_name": f"{words}, {COORDINATES[k]}"})
+        for names, values, units, words in kinds
+        for k, name in enumerate(names)
+    }
+    sounds = np.zeros((0, 0, 0)) if found.frequencies is None else found.frequencies
+    for k in range(sounds.shape[2]):
+        about = {"units": "Hz", "long_name": f"natural frequency {k + 1}, drives held"}
+        variables[f"f{k + 1}"] = ((found.up, found.across), sounds[..., k], about)
+    swept = {found.across: (found.across, found.columns), found.up: (found.up, found.rows)}
+    places: dict[str, Any] = {
+        name: (*value, {"units": lengths[COORDINATES.index(name)], "long_name": _long_name(name)})
+        for name, value in (swept | {name: ((), value) for name, value in found.at.items()}).items()
+    }
+    if found.down:
+        places[found.up][2]["positive"] = "down"
+    about = {"title": title or "stiffness map", "Conventions": "CF-1.8", "source": "stiffscope"}
+    return xr.Dataset(variables, places, about)
+
+
+def _long_name(coordinate: str) -> str:
+    turned = f"rotation vector of the tool from home, {coordinate[-1]}"
+    return turned if coordinate.startswith("r") else f"tool point M, {coordinate}"
