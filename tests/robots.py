@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stiffscope.robot.effects import NominalRobot
 from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_matrices import PartMatrix, part_matrices
 from stiffscope.robot.reader import load_robot
 

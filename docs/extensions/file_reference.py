@@ -16,11 +16,11 @@ from pydantic_core import PydanticUndefined
 
 import stiffscope
 from stiffscope.design.study_file import SECTIONS
+from stiffscope.effects.vocabulary import EFFECTS
 from stiffscope.gap.campaign.campaign_header import FRAME_KEYS, KEYS, LOAD_KEYS, SENSOR_KEYS
 from stiffscope.gap.campaign.quantities import DEFLECTIONS, DEVIATIONS, FREQUENCIES, PUSHES, STIFFNESSES
 from stiffscope.robot.file import part_sections, sections
 from stiffscope.robot.file.values import Reads, Says
-from stiffscope.robot.vocabulary import EFFECTS
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.effects.elements import without_ranges
 from stiffscope.errors import InputError
-from stiffscope.robot.effects import without_ranges
 from stiffscope.vjm.mechanism import Change
 from stiffscope.vjm.screws import Frame, rotation, shift
 from stiffscope.vjm.statics import stiffness

@@ -29,8 +29,8 @@ from stiffscope.gap.inference.posterior_samples import write_posterior
 from stiffscope.report import blind_scores, campaign_check, gap_tables, tables
 from stiffscope.report.diagnosis_report import share_view, write_diagnosis_report
 from stiffscope.report.kept_pictures import order_shares, shares_ahead, write_diagnosis_pictures
-from stiffscope.robot.effects import NominalRobot
 from stiffscope.robot.library import robot_names
+from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime import files
 from stiffscope.runtime.processors import processors

@@ -156,9 +156,9 @@ def _assembled(robot: RobotFile, components: Components, results: dict[str, Part
 def _with_effects(bare: Mechanism, robot: RobotFile) -> Mechanism:
     if not robot.effects:
         return bare
-    from stiffscope.robot.effects import carried
+    from stiffscope.effects.vocabulary import apply_effects
 
-    return carried(bare, robot)
+    return apply_effects(bare, robot)
 
 
 def _check_lengths(robot: RobotFile, results: Iterable[PartResult]) -> None:

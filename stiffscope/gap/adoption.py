@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from stiffscope.gap.inference.diagnosis import Diagnosis, Effect
-    from stiffscope.robot.effects import NominalRobot
     from stiffscope.robot.file.description import RobotFile
+    from stiffscope.robot.nominal import NominalRobot
 
 
 def check_target(target: Path, robot: RobotFile | None) -> None:
@@ -67,13 +67,13 @@ def adopt(
 
 
 def _carried(bare: NominalRobot, diagnosis: Diagnosis) -> tuple[list[Effect], list[str]]:
-    from stiffscope.robot.effects import adopted
+    from stiffscope.effects.vocabulary import apply_effect
 
     carried: list[Effect] = []
     left: list[str] = []
     for effect in diagnosis.effects:
         try:
-            adopted(bare, effect.effect, effect.place, {name: p.value for name, p in effect.parameters.items()})
+            apply_effect(bare, effect.effect, effect.place, {name: p.value for name, p in effect.parameters.items()})
             carried.append(effect)
         except InputError as error:
             left.append(str(error))

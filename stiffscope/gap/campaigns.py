@@ -74,7 +74,7 @@ def diagnose_case(case: Case, nominal: Assembled | None, shop: Workshop) -> Diag
     """The diagnosis of a campaign on its nominal robot, where there is one."""
     from stiffscope.experiments.part_dimensions import tested_dimensions
     from stiffscope.gap.diagnose import diagnose
-    from stiffscope.robot.effects import NominalRobot
+    from stiffscope.robot.nominal import NominalRobot
 
     absolute = next((sensor for sensor in case.campaign.sensors if sensor.absolute), None)
     if absolute is not None:
@@ -109,9 +109,9 @@ def configure_case(case: Case, nominal: Assembled | None = None) -> Configuratio
     """
     if case.robot is None:
         return None
-    from stiffscope.gap.forward.mechanics import RobotAtPoses
-    from stiffscope.robot.effects import NominalRobot
+    from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
     from stiffscope.robot.inspection import rigid_mechanism
+    from stiffscope.robot.nominal import NominalRobot
 
     mechanism = nominal.mechanism if nominal else rigid_mechanism(case.robot)
     return RobotAtPoses(NominalRobot(mechanism, case.robot), case.campaign).configurations

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from stiffscope.gap.inference.findings import Findings
     from stiffscope.gap.inference.hypothesis import Hypothesis
     from stiffscope.gap.inference.verdict import Judgement
-    from stiffscope.robot.effects import NominalRobot
+    from stiffscope.robot.nominal import NominalRobot
 
     Array = NDArray[np.floating[Any]]
     Progress = Callable[[str, float], None]

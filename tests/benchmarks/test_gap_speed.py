@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stiffscope.effects.vocabulary import apply_effect
 from stiffscope.gap.blind.laboratory import Lab
 from stiffscope.gap.campaign import template as campaign_template
 from stiffscope.gap.campaign.readings import load_campaign
@@ -21,7 +22,7 @@ from stiffscope.gap.lab.faults import inject
 from stiffscope.gap.lab.measuring import Noise, measure, true_readings
 from stiffscope.gap.lab.plans import draw_plan
 from stiffscope.gap.lab.writing import write_readings
-from stiffscope.robot.effects import NominalRobot, adopted
+from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.reader import load_robot
 from tests.gap.synthetic import linear_model
 from tests.gap.test_blind import blind_robot
@@ -89,7 +90,7 @@ def test_a_template_filled_in(robot, tmp_path, monkeypatch):
         header.write_text(header.read_text().replace('= "fea"', '= "beam"'))
     case, blind = open_case(folder, planned=True), blind_robot(robot)
     drive = next(iter(blind.nominal.driven))
-    soft = adopted(NominalRobot(blind.nominal.mechanism, file), "actuator-stiffness", drive, {"factor": 0.7})
+    soft = apply_effect(NominalRobot(blind.nominal.mechanism, file), "actuator-stiffness", drive, {"factor": 0.7})
     empty = replace(case.campaign, value=np.zeros(len(case.campaign)))  # an inclinometer's zero is what it reads
     values = RobotModel(empty, soft).predict().values
     values = values + case.campaign.sigma * np.random.default_rng(1).standard_normal(len(values))

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from stiffscope.effects.part_dimension import find_dimensions
 from stiffscope.errors import InputError
 from stiffscope.experiments import part_dimensions
 from stiffscope.experiments.assembly import assemble_robots
@@ -28,13 +29,13 @@ from stiffscope.gap.blind.laboratory import BlindRobot, Lab
 from stiffscope.gap.blind.scores import EVIDENT
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.diagnose import conclude
-from stiffscope.gap.forward.robot_model import RobotModel, dimension_candidates
+from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.inference.findings import find
 from stiffscope.gap.lab.faults import ENTRIES, inject
 from stiffscope.gap.lab.measuring import Noise, measure
 from stiffscope.gap.lab.plans import draw_plan
 from stiffscope.gap.lab.writing import write_readings
-from stiffscope.robot.effects import NominalRobot
+from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_dimensions import FOUNDATION, part_parameters, with_parameter
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.workshop import workshop
@@ -121,7 +122,7 @@ def _odds(found, nominal, truth):
     own, *rest = truth
     candidates = [c for c in found.model.library if c.name in rest or set(rest) & {*c.aliases, *c.twins}]
     part = own.split(" @ ")[1].split(".")[0]
-    new = next(c for c in dimension_candidates(nominal, part) if c.name == own)
+    new = next(c for c in find_dimensions(nominal, part) if c.name == own)
     start = np.array([v for c in candidates for v in c.internal(np.array(list(truth[rest[0]].values())))])
     without = found.problem.fit(candidates, start)
     both = np.concatenate([start, new.internal(np.array([truth[own]["value"]]))])

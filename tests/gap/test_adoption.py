@@ -9,8 +9,8 @@ from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble
 from stiffscope.gap.adoption import adopt, check_target
 from stiffscope.gap.inference.diagnosis import Diagnosis, Effect, Gap, Parameter, Where
-from stiffscope.robot.effects import NominalRobot
 from stiffscope.robot.library import find_robot
+from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.statics import stiffness
 from tests.experiments.one_part import STEP, one_part

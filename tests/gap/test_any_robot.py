@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from stiffscope.data import FOLDER
+from stiffscope.effects.vocabulary import apply_effect
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.diagnose import diagnose
 from stiffscope.gap.forward.robot_model import RobotModel
@@ -14,7 +15,6 @@ from stiffscope.gap.lab.faults import inject
 from stiffscope.gap.lab.measuring import Noise, Plan, Sensor
 from stiffscope.gap.lab.measuring import measure as taken
 from stiffscope.gap.lab.response import Spot
-from stiffscope.robot.effects import adopted
 from tests.gap.test_robot_model import nominal, readings
 from tests.labs import machine
 
@@ -35,7 +35,7 @@ def measured(robot, true, quantities, spread, seed=1):
 )
 def test_gauges_and_a_hook_name_a_soft_element(name, effect, place, size, spread):
     robot = nominal(name)
-    c = measured(robot, adopted(robot, effect, place, size), ("dx", "dy", "dz", "ex"), spread)
+    c = measured(robot, apply_effect(robot, effect, place, size), ("dx", "dy", "dz", "ex"), spread)
     found = diagnose(c, robot)
     assert found.verdict == "identified"
     (named,) = found.effects

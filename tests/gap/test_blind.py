@@ -29,8 +29,8 @@ from stiffscope.gap.lab.faults import bearing_words
 from stiffscope.gap.lab.measuring import Noise, measure, sigma_of, true_readings
 from stiffscope.gap.lab.signatures import Signatures
 from stiffscope.gap.lab.writing import write_readings
-from stiffscope.robot.effects import NominalRobot
 from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
 from tests.robots import nominal_robot

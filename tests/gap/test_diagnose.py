@@ -6,15 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stiffscope.effects.vocabulary import apply_effect, apply_effects, find_candidates
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.diagnose import diagnose
-from stiffscope.gap.forward.mechanics import RobotAtPoses
-from stiffscope.gap.forward.robot_model import RobotModel, robot_candidates
+from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.gap.lab.faults import inject
 from stiffscope.gap.lab.measuring import Noise
-from stiffscope.robot.effects import adopted, carried
 from stiffscope.robot.file.sections import Effect
 from stiffscope.vjm.checks import TOOL
 from stiffscope.vjm.statics import stiffness
@@ -54,7 +53,7 @@ def predicted(readings, robot, effect, place, parameters):
     """What the forward model says that these readings are, with one effect."""
     model = RobotModel(readings, robot)
     word = f"{effect} @ {place}"
-    known = robot_candidates(RobotAtPoses(robot, model.campaign))
+    known = find_candidates(model.setting)
     fitting = (c for c in known if word in (*c.signature_of, *c.aliases) and set(parameters) <= set(c.names))
     candidate = min(fitting, key=lambda c: len(c.names))
     given = np.array([parameters.get(name, 0.0) for name in candidate.names])
@@ -214,21 +213,21 @@ def test_fea_against_beam_is_found_as_the_slider_entry_by_entry():
 
 
 def test_an_adopted_effect_is_an_ordinary_robot():
-    robot = adopted(ROBOT, "actuator-stiffness", "limb1", {"factor": 0.8})
+    robot = apply_effect(ROBOT, "actuator-stiffness", "limb1", {"factor": 0.8})
     softer = stiffness(robot.mechanism, [0, 0, 0.35])[0]
     assert softer[0, 0] < stiffness(ROBOT.mechanism, [0, 0, 0.35])[0][0, 0]
     healed = diagnose(campaign(SOFT), robot)
     assert healed.verdict == "no-gap"
     with pytest.raises(InputError, match="no part of the robot"):
-        adopted(ROBOT, "force-scale", "instrument", {"factor": 1.1})
+        apply_effect(ROBOT, "force-scale", "instrument", {"factor": 1.1})
     with pytest.raises(InputError, match="expected one of stage, limb1"):
-        adopted(ROBOT, "actuator-stiffness", "limb3", {"factor": 1.1})
+        apply_effect(ROBOT, "actuator-stiffness", "limb3", {"factor": 1.1})
 
 
 @pytest.mark.parametrize("factor", [0.8, 1.25])
 def test_an_adopted_drive_is_as_stiff_as_it_says(factor):
     """A stage alone in series: 1/K_ty changes by what its drive's compliance does."""
-    stage = adopted(ROBOT, "actuator-stiffness", "stage", {"factor": factor})
+    stage = apply_effect(ROBOT, "actuator-stiffness", "stage", {"factor": factor})
     before, after = (np.linalg.inv(stiffness(r.mechanism, [0, 0, 0.35])[0])[1, 1] for r in (ROBOT, stage))
     assert after - before == pytest.approx((1.0 / factor - 1.0) / 1.27e7, rel=1e-9)
 
@@ -236,13 +235,13 @@ def test_an_adopted_drive_is_as_stiff_as_it_says(factor):
 def test_a_file_carries_its_effects_in_their_order():
     soft = Effect(effect="platform-compliance", place="platform", parameters={"x": 1e-8})
     stiff = Effect(effect="actuator-stiffness", place="stage", parameters={"factor": 1.25})
-    both = carried(ROBOT.mechanism, replace(ROBOT.robot, effects=(soft, stiff)))
+    both = apply_effects(ROBOT.mechanism, replace(ROBOT.robot, effects=(soft, stiff)))
     assert both.grip.compliance[0, 0] == pytest.approx(1e-8)
     assert both.joint("stage.actuator").drive.stiffness == pytest.approx(1.25 * 1.27e7)
     assert set(both.elements) == set(ROBOT.mechanism.elements) >= {TOOL}
     wrong = Effect(effect="backlash", place="stage", parameters={"half_width": 1e-5})
     with pytest.raises(InputError, match=r"biglide\.toml:\d+: effects\[1\]: backlash @ stage: no part of the robot"):
-        carried(ROBOT.mechanism, replace(ROBOT.robot, effects=(soft, wrong)))
+        apply_effects(ROBOT.mechanism, replace(ROBOT.robot, effects=(soft, wrong)))
 
 
 def test_the_nominal_robot_crosses_to_a_worker():
@@ -266,7 +265,7 @@ def test_a_group_that_is_certain_is_identified_with_a_measurement_that_separates
 def test_what_would_widen_the_gap_is_not_named(tmp_path):
     """A soft drive under an unknown cause as large: sets that follow details of it are far from the readings."""
     rng, nominal = np.random.default_rng(12), ROBOT
-    soft = adopted(nominal, "actuator-stiffness", "limb1.actuator", {"factor": 0.7}).mechanism
+    soft = apply_effect(nominal, "actuator-stiffness", "limb1.actuator", {"factor": 0.7}).mechanism
     sigma = np.repeat([3e-7, 2e-6], 3)
     lines = ["x,y,z,fx,fy,fz,mx,my,mz,quantity,value,sigma"]
     poses = rng.uniform([-0.15, -0.1, 0.34], [0.15, 0.1, 0.52], (24, 3)).round(4)

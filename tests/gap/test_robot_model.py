@@ -6,18 +6,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stiffscope.effects.elements import ElementEffect, change_elements
+from stiffscope.effects.vocabulary import apply_effect, find_candidates
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.campaign import Campaign, LoadPoint, Sensor
 from stiffscope.gap.campaign.quantities import QUANTITIES
 from stiffscope.gap.campaigns import open_case
-from stiffscope.gap.forward import mechanics
-from stiffscope.gap.forward.mechanics import RobotAtPoses
-from stiffscope.gap.forward.robot_model import RobotModel, robot_candidates
+from stiffscope.gap.forward import robot_at_poses
+from stiffscope.gap.forward.elastic_state import Softened
+from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.forward.robot_prediction import Pattern
 from stiffscope.gap.inference.fitting import Problem
 from stiffscope.gap.inference.plausibility import plausible
-from stiffscope.robot.effects import MechanicalEffect, NominalRobot, adopted, changed
 from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_dimensions import beam_dimensions
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
@@ -140,17 +142,17 @@ def test_derivatives_are_those_of_full_reassembly(name):
     pose = next(iter(reversed(robot.robot.poses.values())))
     c = readings(robot, ("dx", "ey", "kz", "prx"), [pose])
     prediction = RobotModel(c, robot).predict()
-    known = robot_candidates(RobotAtPoses(robot, c))
-    candidates = [k for k in known if isinstance(k.action, MechanicalEffect)]
+    known = find_candidates(RobotModel(c, robot).setting)
+    candidates = [k for k in known if isinstance(k.action, ElementEffect) and k.effect != "part-dimension"]
     seen = 0
     for candidate in candidates[:: max(1, len(candidates) // 12)]:
         column = prediction.columns(candidate)
         k = len(candidate.scale) // 2
         step = np.zeros(len(candidate.scale))
         step[k] = 1e-2 * candidate.scale[k]
-        ahead = read(robot, changed(robot.mechanism, candidate.action.changes(step)), c)
+        ahead = read(robot, change_elements(robot.mechanism, candidate.action.changes(step)), c)
         start = np.zeros(len(step)) if candidate.positive else -step
-        behind = read(robot, changed(robot.mechanism, candidate.action.changes(start)), c)
+        behind = read(robot, change_elements(robot.mechanism, candidate.action.changes(start)), c)
         change = ahead - behind
         rounding = 1e-8 * np.abs(ahead) + 1e-15
         error = np.abs(column[:, k] * (step[k] - start[k]) - change)
@@ -167,7 +169,7 @@ def test_errors_of_the_drives_move_the_tool_as_kinematics_says(name):
     drive = robot.mechanism.drives[0]
     candidate = next(
         k for k in RobotModel(c, robot).library
-        if any(w.startswith("encoder-offset") and (k.action.members == (drive.name,)) for w in k.signature_of)
+        if any(w.startswith("encoder-offset") and (k.members == (drive.name,)) for w in k.signature_of)
     )  # fmt: skip
     values = RobotModel(c, robot).predict(((candidate, (2e-3,)),)).values
     found = configure(robot.mechanism, c.poses)
@@ -284,9 +286,9 @@ def test_a_softened_robot_is_that_condensed_anew(name, monkeypatch):
     soft = [k for k in library if k.effect in {"actuator-stiffness", "joint-compliance", "base-compliance"}]
     pair = tuple((k, tuple(2.0 * s for s in k.scale)) for k in (soft[0], soft[-1]))
     quick = RobotModel(c, robot).predict(pair)
-    monkeypatch.setattr(mechanics, "_FEW", 0)
+    monkeypatch.setattr(robot_at_poses, "FEW", 0)
     slow = RobotModel(c, robot).predict(pair)
-    assert not isinstance(slow.elastic._response, mechanics.Softened)
+    assert not isinstance(slow.elastic._response, Softened)
     assert quick.values == pytest.approx(slow.values, rel=1e-8, abs=1e-9 * np.abs(slow.values).max())
     assert quick.columns(soft[1]) == pytest.approx(slow.columns(soft[1]), rel=1e-6, abs=1e-12)
 
@@ -296,7 +298,9 @@ def test_a_matrix_with_fewer_entries_stands_beside_the_one_with_all(counts):
     """Derivatives by one of two forms of an effect where the other is at work: those of the changed robot."""
     robot = nominal("five-bar")
     c = readings(robot, ("dx", "ex"))
-    forms = {len(k.scale): k for k in robot_candidates(RobotAtPoses(robot, c)) if k.flexible and k.place == "inner"}
+    forms = {
+        len(k.scale): k for k in find_candidates(RobotModel(c, robot).setting) if k.flexible and k.place == "inner"
+    }
     acting, other = (forms[count] for count in counts)
     assert acting.name == other.name
     at_work = ((acting, tuple(np.linspace(0.1, 0.3, counts[0]).tolist())),)
@@ -326,10 +330,10 @@ def test_what_is_tried_for_the_next_reading_is_within_reach_by_itself(monkeypatc
     whole = model.trial(np.ones(len(model.campaign))).model.campaign.poses
 
     def beside_others(mechanism, coordinates, poses):
-        found = mechanics.configured(mechanism, coordinates, poses)
+        found = robot_at_poses.configured(mechanism, coordinates, poses)
         return replace(found, valid=found.valid & ((poses[:, 0] < whole[:, 0].max()) | (len(poses) != len(whole))))
 
-    monkeypatch.setattr("stiffscope.gap.forward.robot_model.configured", beside_others)
+    monkeypatch.setattr("stiffscope.gap.forward.trial.configured", beside_others)
     poses = model.trial(np.ones(len(model.campaign))).model.campaign.poses
     assert len(whole) - 9 < len(poses) < len(whole)
     assert beside_others(robot.mechanism, model.campaign.coordinates, poses).valid.all()
@@ -366,11 +370,11 @@ def test_experiments_are_made_on_a_part_at_fault(factor):
         part: lambda part=part: made.append(part) or beam_dimensions(robot.robot, part) for part in robot.robot.parts
     }
     campaign = readings(robot, ("dx", "dy", "dz", "drx", "dry", "ex", "ey", "ez"))
-    softer = adopted(robot, "actuator-stiffness", "left.motor", {"factor": factor})
+    softer = apply_effect(robot, "actuator-stiffness", "left.motor", {"factor": factor})
     rng = np.random.default_rng(3)
     values = {}
     for share in (1.0, 0.9):
-        other = adopted(softer, "part-dimension", "inner.shear_modulus", {"value": share * 26.9e9})
+        other = apply_effect(softer, "part-dimension", "inner.shear_modulus", {"value": share * 26.9e9})
         values[share] = RobotModel(campaign, other).predict().values
     change = float(np.sqrt(np.sum((values[0.9] - values[1.0]) ** 2)))
     sigma = np.full(len(campaign), change / 12.0)

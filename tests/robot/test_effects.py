@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
-from stiffscope.robot.effects import NominalRobot, mechanical_effects
+from stiffscope.effects.effect import Setting
+from stiffscope.effects.vocabulary import find_candidates
 from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import read_robot
 from tests.experiments.one_part import MATRIX, ROBOT
@@ -15,14 +17,14 @@ def test_a_part_with_any_entries_stays_positive_definite():
     """Laws of C = L phi(E) L': no change at zero, the entries round trip, and no parameters make energy."""
     robot = nominal_robot()
     rng = np.random.default_rng(4)
-    matrices = [e for e in mechanical_effects(robot) if e.names[0] == "c11"]
+    matrices = [e for e in find_candidates(Setting(robot)) if e.flexible]
     assert {len(e.names) for e in matrices} == {8, 21}
     for effect in matrices:
         here = robot.compliances[effect.members[0]]
-        assert not effect.changes(np.zeros(len(effect.names)))[effect.members[0]].compliance.any()
+        assert not effect.action.changes(np.zeros(len(effect.names)))[effect.members[0]].compliance.any()
         for size in (0.1, 3.0, 30.0):
             values = size * rng.standard_normal(len(effect.names))
-            added = effect.changes(values)[effect.members[0]].compliance
+            added = effect.action.changes(values)[effect.members[0]].compliance
             root = np.sqrt(np.diagonal(here))
             assert np.linalg.eigvalsh((here + added) / np.outer(root, root)).min() > 0.0
             assert effect.internal(effect.physical(values)) == pytest.approx(values, rel=1e-5, abs=1e-6 * size)
@@ -46,7 +48,7 @@ axis = [0, 0, 1]
 """
     robot = read_robot(tmp_path / "robot.toml", ROBOT.format(part=MATRIX, length=60.0) + more)
     nominal = NominalRobot(mechanism_of(robot, part_matrices(robot, "beam")), robot)
-    effects = mechanical_effects(nominal)
+    effects = find_candidates(Setting(nominal))
     found = {(e.effect, e.place): (e.members, e.names) for e in effects}
     ram = ("ram",)
     assert found["guide-compliance", "ram"] == (ram, ("lateral", "vertical", "angular"))

@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stiffscope.effects.part_dimension import find_dimensions
+from stiffscope.effects.vocabulary import apply_effect
 from stiffscope.errors import InputError
-from stiffscope.robot.effects import NominalRobot, adopted, dimension_effects
 from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_dimensions import (
     PartDimension,
     beam_dimensions,
@@ -86,19 +88,19 @@ def test_a_thinner_part_is_carried_by_the_robot():
     bare = NominalRobot(mechanism_of(robot, part_matrices(robot, "beam")), robot)
     thinner = with_parameter(robot, "slider", "thickness", 0.018)
     expected = stiffness(mechanism_of(thinner, part_matrices(thinner, "beam")), [0, 0, 0.35])
-    found = adopted(bare, "part-dimension", "slider.thickness", {"value": 0.018})
+    found = apply_effect(bare, "part-dimension", "slider.thickness", {"value": 0.018})
     assert stiffness(found.mechanism, [0, 0, 0.35]) == pytest.approx(expected, rel=1e-9, abs=1e-3)
     with pytest.raises(InputError, match=r"part-dimension, place: expected one of link\.radius"):
-        adopted(bare, "part-dimension", "slider.height", {"value": 0.018})
+        apply_effect(bare, "part-dimension", "slider.height", {"value": 0.018})
     rigid = beam_compliance(robot, "slider")
     soft = np.diag([1e-9] * 6)
     foundation = PartDimension("slider", "foundation", np.inf, "N/m^3", lambda k: rigid + soft * (1e10 / k))
     tested = replace(bare, tested={"slider": lambda: (foundation,)})
-    (effect,) = dimension_effects(tested, "slider")
+    (effect,) = find_dimensions(tested, "slider")
     assert effect.physical(effect.internal(np.array([5e10])))[0] == pytest.approx(5e10)
-    change = effect.changes(effect.internal(np.array([5e10])))["limb1.slider"].compliance
+    change = effect.action.changes(effect.internal(np.array([5e10])))["limb1.slider"].compliance
     assert change == pytest.approx(0.2 * soft, abs=1e-18)
-    assert effect.changes(np.zeros(1))["limb1.slider"].compliance == pytest.approx(0.0 * soft, abs=1e-20)
+    assert effect.action.changes(np.zeros(1))["limb1.slider"].compliance == pytest.approx(0.0 * soft, abs=1e-20)
 
 
 def test_moduli_without_a_material_are_refused_and_far_ones_follow_a_power():
@@ -123,4 +125,4 @@ def test_a_radius_within_the_bore_is_refused_in_its_own_words():
     with pytest.raises(
         InputError, match=r"^inner\.radius: expected a value to the other side of 0\.013 m, .* got 0\.01 m"
     ):
-        adopted(bare, "part-dimension", "inner.radius", {"value": 0.01})
+        apply_effect(bare, "part-dimension", "inner.radius", {"value": 0.01})

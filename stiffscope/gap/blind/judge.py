@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.effects.vocabulary import word_of
 from stiffscope.gap.blind.cases import Fault
-from stiffscope.gap.forward.forward_model import word_of
 from stiffscope.gap.lab.measuring import Noise, true_readings
 from stiffscope.gap.lab.signatures import Signatures, fit_residual, orthonormal_basis, project_out
 

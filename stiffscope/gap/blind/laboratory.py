@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.effects.vocabulary import word_of
 from stiffscope.errors import InputError
 from stiffscope.gap.blind.cases import Fault
-from stiffscope.gap.forward.forward_model import word_of
 from stiffscope.gap.lab.faults import ENTRIES, KNOWN, acts_on, inject, is_uniform
 from stiffscope.gap.lab.machine import machine_of
 from stiffscope.gap.lab.plans import Workspace, workspace
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from stiffscope.gap.lab.machine import Machine
     from stiffscope.gap.lab.rotations import Array
-    from stiffscope.robot.effects import NominalRobot
+    from stiffscope.robot.nominal import NominalRobot
 
 _POOL = 72  # poses of a robot from which a campaign takes its own
 _SEED = 20  # of that pool

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.gap.blind.laboratory import BlindRobot
-from stiffscope.robot.effects import NominalRobot
+from stiffscope.robot.nominal import NominalRobot
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

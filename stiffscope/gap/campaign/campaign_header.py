@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from stiffscope.effects.vocabulary import EFFECTS
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.campaign import InstrumentFrame, LoadPoint, Sensor
 from stiffscope.robot.file.parse import Source, parse_text
 from stiffscope.robot.file.quantities import LENGTH, NUMBER, Dimension, shown, to_si
-from stiffscope.robot.vocabulary import EFFECTS
 from stiffscope.runtime.reading import read_text
 
 if TYPE_CHECKING:

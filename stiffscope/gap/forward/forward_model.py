@@ -7,106 +7,19 @@ that the campaign brings along). Inference knows nothing else of either.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from stiffscope.robot.vocabulary import FORMER_WORDS
+from stiffscope.effects.effect import UNNAMED, Candidate
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from numpy.typing import NDArray
+    from collections.abc import Sequence
 
     from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.runtime.types import Array, Flags, Indices
 
-    Array = NDArray[np.floating[Any]]
-    Flags = NDArray[np.bool_]
-
-UNNAMED = "unknown"
-"""Effect of a nuisance pattern, for which the vocabulary has no word."""
-
-
-def word_of(name: str) -> str:
-    """The effect of an `effect @ place`, by its present word."""
-    effect = name.partition(" @ ")[0]
-    return FORMER_WORDS.get(effect, effect)
-
-
-def _same(values: Array) -> Array:
-    return values
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """An effect at a place that may explain a gap, with k parameters and what is known of them before the data.
-
-    Internal parameters (k,) are those of the fit, zero without the effect; physical ones are those of the vocabulary.
-    """
-
-    effect: str
-    place: str
-    names: tuple[str, ...] = ()
-    units: tuple[str, ...] = ()
-    scale: tuple[float, ...] = ()
-    """Prior size of the internal parameters."""
-    plausible: tuple[tuple[float, float], ...] = ()
-    """Plausible range of each physical parameter."""
-    bounds: tuple[float, float] = (-np.inf, np.inf)
-    """Range of every internal parameter that can be computed."""
-    physical: Callable[[Array], Array] = _same
-    """Physical parameters (k,) of internal ones."""
-    internal: Callable[[Array], Array] = _same
-    """Internal parameters (k,) of physical ones."""
-    component: str = ""
-    """Part of the machine that it blames, if it is one."""
-    aliases: tuple[str, ...] = ()
-    """Other names, as `effect @ place`, for this effect at this place."""
-    twins: tuple[str, ...] = ()
-    """Other effects, as `effect @ place`, with the very same signature in the readings."""
-    couplings: int = 0
-    """How many of the last internal parameters couple the others: these have either sign."""
-    flexible: bool = False
-    """True where it can follow almost anything, so that it says nothing about noise."""
-    pattern: str = ""
-    """Of a nuisance pattern: what it is, wherever it acts."""
-    like: str = ""
-    """Of a nuisance pattern: the word whose fault it is, at a place where the word cannot be."""
-    swarming: bool = False
-    """True for patterns of which there are so many that together they would follow noise."""
-    action: object = None
-    """What it does; only the forward model that made it looks inside."""
-
-    @property
-    def name(self) -> str:
-        """`effect @ place`."""
-        return f"{self.effect} @ {self.place}"
-
-    @property
-    def signature_of(self) -> tuple[str, ...]:
-        """All effects with its signature, itself first."""
-        return (self.name, *self.twins)
-
-    @property
-    def positive(self) -> bool:
-        """Whether no internal parameter but couplings can be negative: an added compliance, a dead zone."""
-        return self.bounds[0] == 0.0
-
-    @property
-    def one_sided(self) -> tuple[bool, ...]:
-        """Which internal parameters cannot be negative."""
-        return tuple(self.positive and k < len(self.scale) - self.couplings for k in range(len(self.scale)))
-
-    @property
-    def unnamed(self) -> bool:
-        """Whether it is a nuisance pattern."""
-        return self.effect == UNNAMED
-
-    @property
-    def simple(self) -> bool:
-        """Whether it has a word, and can do little else than what the word says."""
-        return not (self.unnamed or self.flexible or self.couplings)
-
+__all__ = ["UNNAMED", "Candidate", "ForwardModel", "Noise", "Parameters", "Prediction", "Trial"]
 
 Parameters = tuple[tuple[Candidate, tuple[float, ...]], ...]
 """A set of effects with their internal parameters."""
@@ -158,7 +71,7 @@ class Trial:
     model: ForwardModel
     sigma: Array
     """(n,) expected noise."""
-    group: NDArray[np.int64]
+    group: Indices
     """(n,) which measurement a reading belongs to."""
 
 

@@ -11,19 +11,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.effects.effect import UNNAMED, Candidate
+from stiffscope.effects.elements import ElementEffect, add_diagonal, along_drive
 from stiffscope.gap.campaign.quantities import AXES, DEFLECTION, DEVIATION
-from stiffscope.gap.forward.forward_model import UNNAMED, Candidate
 from stiffscope.gap.forward.robot_prediction import Pattern
-from stiffscope.robot.effects import Change, MechanicalEffect, added_diagonal, along_drive
+from stiffscope.vjm.mechanism import Change
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from stiffscope.gap.forward.mechanics import RobotAtPoses
-    from stiffscope.gap.forward.robot_prediction import RobotPrediction
-    from stiffscope.robot.effects import Changes
+    from stiffscope.effects.effect import Changes
+    from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
+    from stiffscope.gap.forward.robot_readings import RobotReadings
     from stiffscope.vjm.joints import Joint
 
     Array = NDArray[np.floating[Any]]
@@ -35,7 +36,7 @@ _MOST_SESSIONS = 6
 _MOST_CROSSED = 12  # instruments and directions
 
 
-def nuisance_patterns(nominal: RobotPrediction) -> tuple[Candidate, ...]:
+def nuisance_patterns(nominal: RobotReadings) -> tuple[Candidate, ...]:
     """Unnamed faults of parts, of the surroundings, of joints, and of the instruments in time."""
     at = nominal.at
     swarm = (replace(pattern, swarming=True) for pattern in (*_play_of(at), *_stiffening_of(nominal)))
@@ -48,7 +49,7 @@ def _parts(at: RobotAtPoses) -> Iterator[Candidate]:
     guides = [j.name for j in at.mechanism.joints if j.kind == "prismatic" and j.drive is not None]
     for name in guides:
         yield _part(f"the whole guide of {name}", (1e-8,) * 3 + (1e-7,) * 3,
-                    partial(added_diagonal, {name: np.eye(6)}), "guide")  # fmt: skip
+                    partial(add_diagonal, {name: np.eye(6)}), "guide")  # fmt: skip
     rods = {part: nominal.robot.bodies_of(part) for part in nominal.robot.parts}
     for part, bodies in rods.items():
         for names in ([*bodies], *([name] for name in bodies if len(bodies) > 1)):
@@ -113,7 +114,7 @@ def _play_of(at: RobotAtPoses) -> Iterator[Candidate]:
         yield replace(play, like="backlash")
 
 
-def _stiffening_of(nominal: RobotPrediction) -> Iterator[Candidate]:
+def _stiffening_of(nominal: RobotReadings) -> Iterator[Candidate]:
     """Passive joints, across their axes, and drives that yield less and less beside what is in proportion to forces."""
     at, known = nominal.at, nominal.campaign.sigma
     weight = 1.0 / np.where(np.isnan(known), 1.0, known)[:, None]
@@ -145,7 +146,7 @@ def _across(joint: Joint) -> Array:
 
 
 def _part(place: str, scale: tuple[float, ...], changes: Callable[[Array], Changes], pattern: str) -> Candidate:
-    return _unnamed(place, scale, MechanicalEffect(UNNAMED, place, (), (), changes), pattern)
+    return _unnamed(place, scale, ElementEffect(changes), pattern)
 
 
 def _unnamed(place: str, scale: tuple[float, ...], action: object, pattern: str = "") -> Candidate:
@@ -162,7 +163,7 @@ def _bowed(lengths: Mapping[str, float], values: Array) -> Changes:
     }
 
 
-def _stretched(body: str, middle: Array, held: Sequence[Joint], prediction: RobotPrediction) -> Array:
+def _stretched(body: str, middle: Array, held: Sequence[Joint], prediction: RobotReadings) -> Array:
     """A rigid body that is larger than drawn along x, y, z of home: its joints stand further from its middle (3,)."""
     where, pose, still = prediction.at.rest, prediction.campaign.pose, prediction.campaign.still
     columns = np.zeros((len(pose), 3))
@@ -174,13 +175,13 @@ def _stretched(body: str, middle: Array, held: Sequence[Joint], prediction: Robo
     return np.where(still[:, None], columns, 0.0)
 
 
-def _by_channel(read: NDArray[np.int64], prediction: RobotPrediction, size: Array) -> Array:
+def _by_channel(read: NDArray[np.int64], prediction: RobotReadings, size: Array) -> Array:
     """Columns (n, k): ``size`` (n,) in each of the instruments and directions read (k,)."""
     c = prediction.campaign
     return np.where(c.kind <= DEVIATION, size, 0.0)[:, None] * (c.channel[:, None] == read)
 
 
-def _time(prediction: RobotPrediction) -> Array:
+def _time(prediction: RobotReadings) -> Array:
     """0 at the first reading of the campaign, 1 at the last."""
     c = prediction.campaign
     order = np.lexsort((c.line, c.file))
@@ -189,27 +190,27 @@ def _time(prediction: RobotPrediction) -> Array:
     return time
 
 
-def _drift(read: NDArray[np.int64], prediction: RobotPrediction) -> Array:
+def _drift(read: NDArray[np.int64], prediction: RobotReadings) -> Array:
     return _by_channel(read, prediction, _time(prediction))
 
 
-def _zero(read: NDArray[np.int64], prediction: RobotPrediction) -> Array:
+def _zero(read: NDArray[np.int64], prediction: RobotReadings) -> Array:
     return _by_channel(read, prediction, np.ones(len(prediction.campaign)))
 
 
-def _gain_drift(prediction: RobotPrediction) -> Array:
+def _gain_drift(prediction: RobotReadings) -> Array:
     return (_time(prediction) * prediction.plain)[:, None]
 
 
-def _gains(read: NDArray[np.int64], prediction: RobotPrediction) -> Array:
+def _gains(read: NDArray[np.int64], prediction: RobotReadings) -> Array:
     return _by_channel(read, prediction, prediction.plain)
 
 
-def _session_gain(last: float, prediction: RobotPrediction) -> Array:
+def _session_gain(last: float, prediction: RobotReadings) -> Array:
     return ((prediction.campaign.session == last) * prediction.plain)[:, None]
 
 
-def _hysteresis(prediction: RobotPrediction) -> Array:
+def _hysteresis(prediction: RobotReadings) -> Array:
     """Rayleigh's loop: ``(a² - x²)/a`` towards the load, a the largest reading of its like at the pose, by session."""
     c, x = prediction.campaign, prediction.plain
     loaded = c.kind == DEFLECTION
@@ -222,7 +223,7 @@ def _hysteresis(prediction: RobotPrediction) -> Array:
     return loop[:, None] * np.eye(len(c.session_names))[c.session]
 
 
-def _crosstalk(sink: int, source: int, prediction: RobotPrediction) -> Array:
+def _crosstalk(sink: int, source: int, prediction: RobotReadings) -> Array:
     """A share of what another instrument or direction would show in what one shows."""
     c = prediction.campaign
     rows = np.flatnonzero((c.channel == sink) & (c.kind <= DEVIATION))
@@ -231,13 +232,13 @@ def _crosstalk(sink: int, source: int, prediction: RobotPrediction) -> Array:
     return column
 
 
-def _off_centre(prediction: RobotPrediction) -> Array:
+def _off_centre(prediction: RobotReadings) -> Array:
     """The wrench acts beside its point: its force has moments about it."""
     force = np.nan_to_num(prediction.campaign.wrench[:, :3])
     return np.stack([prediction.applied_motion(np.cross(axis, force)) for axis in np.eye(3)], axis=1)
 
 
-def _pitch(start: Array, prediction: RobotPrediction) -> Array:
+def _pitch(start: Array, prediction: RobotReadings) -> Array:
     """Pitch errors of the drives: each grows from where the campaign's readings have their middle (d,)."""
     c = prediction.campaign
     still, away = c.still, prediction.at.configurations.drives - start
@@ -247,7 +248,7 @@ def _pitch(start: Array, prediction: RobotPrediction) -> Array:
     return np.stack(columns, axis=1)
 
 
-def _tether(middle: Array, prediction: RobotPrediction) -> Array:
+def _tether(middle: Array, prediction: RobotReadings) -> Array:
     """Springs from the frame to the tool, slack in the middle (3,): they stiffen, and pull back, along x, y, z."""
     c = prediction.campaign
     columns: list[Array] = []
@@ -260,7 +261,7 @@ def _tether(middle: Array, prediction: RobotPrediction) -> Array:
     return np.stack(columns, axis=1)
 
 
-def _play(across: Mapping[str, Array], prediction: RobotPrediction) -> Array:
+def _play(across: Mapping[str, Array], prediction: RobotReadings) -> Array:
     """Motion lost towards the force: in every direction alike, and along either axis of its own."""
     columns = np.zeros((len(prediction.campaign), 2))
     for name, axes in across.items():
@@ -272,13 +273,13 @@ def _play(across: Mapping[str, Array], prediction: RobotPrediction) -> Array:
     return columns
 
 
-def _stiffening(across: Mapping[str, Array], shares: Array, prediction: RobotPrediction) -> Array:
+def _stiffening(across: Mapping[str, Array], shares: Array, prediction: RobotReadings) -> Array:
     """Yielding out of proportion to the force, less shares (1, 2) of yielding in proportion, which has a word."""
     straight, curved = np.split(_yielding(across, prediction), [1], axis=1)
     return curved - straight @ shares
 
 
-def _yielding(across: Mapping[str, Array], prediction: RobotPrediction) -> Array:
+def _yielding(across: Mapping[str, Array], prediction: RobotReadings) -> Array:
     """Columns (n, 3): what joints yield by their force, by its cube root, and by its square, beyond that at rest."""
     c = prediction.campaign
     columns = np.zeros((len(c), 3))
@@ -291,7 +292,7 @@ def _yielding(across: Mapping[str, Array], prediction: RobotPrediction) -> Array
     return np.where((c.kind <= DEVIATION)[:, None], columns, 0.0)
 
 
-def _friction(prediction: RobotPrediction) -> Array:
+def _friction(prediction: RobotReadings) -> Array:
     """Drives that lose a fixed force to their guides: less motion, by a fixed amount towards the force."""
     deflected = prediction.campaign.kind == DEFLECTION
     columns: list[Array] = []

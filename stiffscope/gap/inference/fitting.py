@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.effects.vocabulary import word_of
 from stiffscope.errors import InputError
-from stiffscope.gap.forward.forward_model import word_of
 from stiffscope.gap.inference.evidence import constrained_minima, errors_of, posterior
 from stiffscope.gap.inference.hypothesis import Hypothesis, bounded, owner_of, positive_of, scale_of, split
 from stiffscope.gap.inference.plausibility import implausible

@@ -1,0 +1,28 @@
+"""Drives softer or stiffer than stated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+from stiffscope.effects.effect import FACTOR, STIFFNESS_FACTOR, Candidates, Parameter, Setting
+from stiffscope.effects.elements import ElementEffect, soften
+
+
+@dataclass(frozen=True)
+class ActuatorStiffness(ElementEffect):
+    """Drives yield along what they drive by more, or less."""
+
+    word = "actuator-stiffness"
+    precedence = 30
+    parameters = (Parameter("factor", "1", 0.2, 0.2, 2.0),)
+    conversion = STIFFNESS_FACTOR
+    bounds = FACTOR
+    blames = True
+
+    @classmethod
+    def candidates(cls, setting: Setting) -> Candidates:
+        """At driven joints."""
+        robot = setting.robot
+        for place in robot.places(robot.driven):
+            yield cls(partial(soften, robot, place.members)).at(place)

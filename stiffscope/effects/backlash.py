@@ -1,0 +1,33 @@
+"""Dead zones of drives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from stiffscope.effects.effect import ADDED, Array, Candidates, Effect, Influence, Parameter, Setting
+
+
+@dataclass(frozen=True)
+class Backlash(Effect):
+    """A drive starts each reading from the middle of its gap and shifts towards the force that it carries."""
+
+    word = "backlash"
+    precedence = 140
+    parameters = (Parameter("half_width", "m", 1e-5, 0.0, 1e-3),)
+    bounds = ADDED
+    blames = True
+
+    drive: str
+
+    @classmethod
+    def candidates(cls, setting: Setting) -> Candidates:
+        """At single drives."""
+        driven = setting.robot.driven
+        for place in setting.robot.places(driven):
+            if place.sole:
+                unit = "rad" if driven[place.sole].kind == "revolute" else "m"
+                yield cls(place.sole).at(place, units=(unit,))
+
+    def influence(self, values: Array) -> Influence:
+        """Its drive has a dead zone."""
+        return Influence(dead_zones={self.drive: float(values[0])})

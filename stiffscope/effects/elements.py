@@ -1,0 +1,100 @@
+"""Effects on elements of the robot: compliance that they add, motion of their unloaded ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.effects.effect import Array, Changes, Effect, Influence, NominalRobot
+from stiffscope.errors import InputError
+from stiffscope.vjm.mechanism import Change
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from stiffscope.vjm.joints import Joint
+    from stiffscope.vjm.mechanism import Mechanism
+
+
+ALONG = np.eye(6)[0]
+"""Along an elastic body, or along the axis of a joint."""
+ABOUT = np.eye(6)[3]
+"""About the axis of a joint."""
+ROTATIONS = np.array([0.0, 0, 0, 1, 1, 1])
+
+
+@dataclass(frozen=True)
+class ElementEffect(Effect):
+    """An effect that changes elements alone, and that a robot file can therefore carry."""
+
+    changes: Callable[[Array], Changes]
+    """Changes of elements for internal parameters (k,)."""
+
+    def influence(self, values: Array) -> Influence:
+        """What it changes, by internal parameters (k,)."""
+        return Influence(elements=self.changes(values))
+
+    @classmethod
+    def refusal(cls, robot: NominalRobot, place: str) -> str:
+        """Nothing: a robot file can carry it."""
+        del robot, place
+        return ""
+
+
+def along_drive(joint: Joint) -> Array:
+    """Direction (6,) in a driven joint's axes that its drive acts along: a slide, or a turn about its axis."""
+    return ABOUT if joint.kind == "revolute" else ALONG
+
+
+def soften(nominal: NominalRobot, names: Sequence[str], u: Array) -> Changes:
+    """Compliances of bodies grow by ``u[0]`` times their nominal, those of driven joints along their drives alone."""
+    out: Changes = {}
+    for name in names:
+        compliance = nominal.compliances[name]
+        if name in nominal.driven:
+            axis = along_drive(nominal.driven[name])
+            compliance = np.outer(axis, axis) * float(axis @ compliance @ axis)
+        out[name] = Change(compliance * u[0])
+    return out
+
+
+def add_diagonal(patterns: Mapping[str, Array], values: Array) -> Changes:
+    """Diagonal compliances, each element's pattern (k, 6) times the parameters (k,), are added."""
+    return {name: Change(np.diag(values @ pattern)) for name, pattern in patterns.items()}
+
+
+def move_ends(directions: Mapping[str, Array], values: Array) -> Changes:
+    """Unloaded ends of elements move along their own twists (6,) times the parameter."""
+    return {name: Change(offset=direction * values[0]) for name, direction in directions.items()}
+
+
+def change_elements(mechanism: Mechanism, changes: Changes) -> Mechanism:
+    """The mechanism with elements changed. Raises InputError for an unknown element, or one that ends up indefinite.
+
+    A drive that becomes stiffer takes its change itself: what is added to a joint's bearing must not be negative.
+    """
+    joints, bearings = list(mechanism.joints), dict(changes)
+    for k, joint in enumerate(joints):
+        change = changes.get(joint.name)
+        along = 3 if joint.kind == "revolute" else 0
+        if joint.drive is None or change is None or change.compliance is None or change.compliance[along, along] >= 0.0:
+            continue
+        left = 1.0 / joint.drive.stiffness + float(change.compliance[along, along])
+        if left <= 0.0:
+            raise InputError(f"{joint.name}: expected a drive that yields, got a compliance of {left:.6g}")
+        joints[k] = replace(joint, drive=replace(joint.drive, stiffness=1.0 / left))
+        rest = change.compliance.copy()
+        rest[along, along] = 0.0
+        bearings[joint.name] = replace(change, compliance=rest)
+    stiffer = any(joint is not before for joint, before in zip(joints, mechanism.joints, strict=True))
+    return (replace(mechanism, joints=tuple(joints)) if stiffer else mechanism).changed(bearings)
+
+
+def without_ranges(mechanism: Mechanism) -> Mechanism:
+    """The mechanism with drives that never come to an end."""
+    joints = (
+        j if j.drive is None else replace(j, drive=replace(j.drive, low=-np.inf, high=np.inf)) for j in mechanism.joints
+    )
+    return replace(mechanism, joints=tuple(joints))

@@ -1,0 +1,28 @@
+"""Zeros of drives that are off."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+from stiffscope.effects.effect import Candidates, Parameter, Setting
+from stiffscope.effects.elements import ElementEffect, along_drive, move_ends
+
+
+@dataclass(frozen=True)
+class EncoderOffset(ElementEffect):
+    """Drives stand further along their joints' axes than commanded, all by as much."""
+
+    word = "encoder-offset"
+    precedence = 110
+    parameters = (Parameter("offset", "m", 2e-4, -5e-3, 5e-3),)
+
+    @classmethod
+    def candidates(cls, setting: Setting) -> Candidates:
+        """At driven joints."""
+        driven = setting.robot.driven
+        for place in setting.robot.places(driven):
+            directions = {name: along_drive(driven[name]) for name in place.members}
+            turns = all(driven[name].kind == "revolute" for name in place.members)
+            effect = cls(partial(move_ends, directions))
+            yield effect.at(place, units=("rad",)) if turns else effect.at(place)

@@ -1,0 +1,36 @@
+"""Guides of slides that yield across the slide and about all axes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from stiffscope.effects.effect import ADDED, Candidates, Parameter, Setting
+from stiffscope.effects.elements import ROTATIONS, ElementEffect, add_diagonal
+
+_PATTERNS = np.array([np.eye(6)[1], np.eye(6)[2], ROTATIONS])
+
+
+@dataclass(frozen=True)
+class GuideCompliance(ElementEffect):
+    """Guides yield sideways, up and down, and about all axes alike."""
+
+    word = "guide-compliance"
+    precedence = 80
+    parameters = (
+        Parameter("lateral", "m/N", 5e-9, 0.0, 1e-6),
+        Parameter("vertical", "m/N", 5e-9, 0.0, 1e-6),
+        Parameter("angular", "rad/(N·m)", 1e-7, 0.0, 1e-4),
+    )
+    bounds = ADDED
+    blames = True
+
+    @classmethod
+    def candidates(cls, setting: Setting) -> Candidates:
+        """At slides."""
+        slides = [joint.name for joint in setting.robot.mechanism.joints if joint.kind == "prismatic"]
+        for place in setting.robot.places(slides):
+            effect = cls(partial(add_diagonal, dict.fromkeys(place.members, _PATTERNS)))
+            yield effect.at(place, setting.soften(cls.parameters))

@@ -1,0 +1,54 @@
+"""Bearings of joints that yield along and about what they hold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.effects.effect import ADDED, Array, Candidates, Parameter, Setting
+from stiffscope.effects.elements import ALONG, ROTATIONS, ElementEffect, add_diagonal
+
+if TYPE_CHECKING:
+    from stiffscope.vjm.joints import Joint
+
+
+_RADIAL = np.array([0.0, 1, 1, 0, 0, 0])
+
+
+@dataclass(frozen=True)
+class JointCompliance(ElementEffect):
+    """Bearings yield across, along and about the axes of their joints; those of driven slides are guides."""
+
+    word = "joint-compliance"
+    precedence = 40
+    parameters = (
+        Parameter("radial", "m/N", 2e-9, 0.0, 1e-6),
+        Parameter("axial", "m/N", 2e-9, 0.0, 1e-6),
+        Parameter("tilting", "rad/(N·m)", 1e-6, 0.0, 1e-3),
+    )
+    bounds = ADDED
+    blames = True
+
+    @classmethod
+    def candidates(cls, setting: Setting) -> Candidates:
+        """At all joints but driven slides, with what some of them hold."""
+        joints = {j.name: j for j in setting.robot.mechanism.joints}
+        bearings = {n: held_patterns(j) for n, j in joints.items() if j.kind != "prismatic" or j.drive is None}
+        for place in setting.robot.places(bearings):
+            held = [p for p in cls.parameters if any(p.name in bearings[m] for m in place.members)]
+            patterns = {m: np.array([bearings[m].get(p.name, np.zeros(6)) for p in held]) for m in place.members}
+            effect = cls(partial(add_diagonal, patterns))
+            yield effect.at(place, setting.soften(held))
+
+
+def held_patterns(joint: Joint) -> dict[str, Array]:
+    """What a joint's bearing yields along, (6,) in the joint's axes, by the words of `joint-compliance`."""
+    held, turns = joint.held
+    mask = np.zeros(6)
+    mask[[*held, *(3 + k for k in turns)]] = 1.0
+    axial = ALONG if joint.axis is not None else 0.0 * ALONG
+    words = {"radial": _RADIAL + (ALONG - axial), "axial": axial, "tilting": ROTATIONS}
+    return {word: pattern * mask for word, pattern in words.items() if (pattern * mask).any()}

@@ -1,0 +1,24 @@
+"""Elastic bodies longer than drawn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+from stiffscope.effects.effect import Candidates, Parameter, Setting
+from stiffscope.effects.elements import ALONG, ElementEffect, move_ends
+
+
+@dataclass(frozen=True)
+class LinkLength(ElementEffect):
+    """Bodies are longer by an error, each along its own axis."""
+
+    word = "link-length"
+    precedence = 120
+    parameters = (Parameter("error", "m", 1e-4, -3e-3, 3e-3),)
+
+    @classmethod
+    def candidates(cls, setting: Setting) -> Candidates:
+        """At elastic bodies."""
+        for place in setting.robot.places(setting.robot.elastic):
+            yield cls(partial(move_ends, dict.fromkeys(place.members, ALONG))).at(place)

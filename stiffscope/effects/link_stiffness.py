@@ -1,0 +1,34 @@
+"""Elastic bodies softer or stiffer than modelled, in all directions alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+from stiffscope.effects.effect import FACTOR, STIFFNESS_FACTOR, Candidates, Parameter, Setting
+from stiffscope.effects.elements import ElementEffect, soften
+from stiffscope.effects.part_compliance import PartCompliance, yielding_bodies
+
+
+@dataclass(frozen=True)
+class LinkStiffness(ElementEffect):
+    """The whole compliance of bodies grows; `part-compliance` has a factor on the compliance instead."""
+
+    word = "link-stiffness"
+    precedence = 50
+    parameters = (Parameter("factor", "1", 0.2, 0.2, 2.0),)
+    conversion = STIFFNESS_FACTOR
+    bounds = FACTOR
+    blames = True
+    of_matrix = True
+
+    @classmethod
+    def candidates(cls, setting: Setting) -> Candidates:
+        """At elastic bodies, but where the factor goes by the word of `part-compliance`."""
+        robot = setting.robot
+        for place in robot.places(yielding_bodies(robot)):
+            if place.name not in PartCompliance.named:
+                names = (place.name, *place.others)
+                aliases = (*(f"{cls.word} @ {n}" for n in names[1:]), f"{PartCompliance.word} @ {place.name}")
+                effect = cls(partial(soften, robot, place.members))
+                yield effect.at(place, aliases=aliases)

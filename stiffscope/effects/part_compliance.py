@@ -1,0 +1,144 @@
+"""The whole 6x6 of a part, entry by entry or by one factor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from stiffscope.effects.effect import (
+    FACTOR,
+    GROWTH,
+    Array,
+    Candidates,
+    Changes,
+    NominalRobot,
+    Parameter,
+    Place,
+    Setting,
+)
+from stiffscope.effects.elements import ElementEffect, soften
+from stiffscope.vjm.mechanism import Change
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+
+ENTRIES = tuple(f"c{i}{j}" for i in range(1, 7) for j in range(i, 7))
+_ALL = tuple((i, j) for i in range(6) for j in range(i, 6))
+_SYMMETRIC_PLATE = ((0, 0), (1, 1), (1, 5), (2, 2), (2, 4), (3, 3), (4, 4), (5, 5))  # a part with two symmetry planes
+_UNITS = ("m/N", "m/(N·m)", "rad/(N·m)")
+_RIDGE = 1e-9  # relative, by which a compliance is kept positive definite
+_NO_COMPLIANCE = 1e-30  # m/N, rad/(N·m): of a direction that does not yield
+_MOST_COMPLIANT = 100.0  # times its nominal compliance that a part may yield
+
+
+@dataclass(frozen=True)
+class PartCompliance(ElementEffect):
+    """Bodies of one part have another compliance."""
+
+    word = "part-compliance"
+    also = ("slider-compliance",)
+    named: ClassVar[Mapping[str, str]] = {"sliders": "slider-compliance"}
+    """Word by the name of a place (the Biglide's) where it goes by another."""
+    precedence = 45
+    parameters = (Parameter("factor", "1", 0.5, 0.2, 20.0), *(Parameter(entry, "SI") for entry in ENTRIES))
+    conversion = GROWTH
+    of_matrix = True
+
+    @classmethod
+    def candidates(cls, setting: Setting) -> Candidates:
+        """At elastic bodies of one part; a factor only where it goes by this word, as it is `link-stiffness` else."""
+        robot = setting.robot
+        for place in robot.places(yielding_bodies(robot)):
+            word, others = cls.named.get(place.name, cls.word), _other_names(cls, place)
+            if word != cls.word:
+                effect = cls(partial(soften, robot, place.members))
+                aliases = (f"link-stiffness @ {place.name}", *others)
+                factor = {"component": place.sole, "bounds": FACTOR}
+                yield effect.at(place, cls.parameters[:1], aliases=aliases, effect=word, **factor)
+            if len({robot.part_of(name) for name in place.members}) == 1:
+                for pairs in (_SYMMETRIC_PLATE, _ALL) if len(place.members) > 1 else (_SYMMETRIC_PLATE,):
+                    matrix = _Matrix.of(robot.compliances[place.members[0]], pairs)
+                    yield cls(partial(matrix.changes, place.members)).at(
+                        place, matrix.parameters, physical=matrix.physical, internal=matrix.internal,
+                        aliases=others, effect=word, flexible=True,
+                    )  # fmt: skip
+
+
+def yielding_bodies(robot: NominalRobot) -> list[str]:
+    """Elastic bodies that are not rigid in their own model."""
+    return [name for name in robot.elastic if robot.compliances[name].any()]
+
+
+def _other_names(kind: type[PartCompliance], place: Place) -> tuple[str, ...]:
+    names = (place.name, *place.others) if place.name in kind.named else place.others
+    return tuple(f"{kind.word} @ {name}" for name in names)
+
+
+@dataclass(frozen=True)
+class _Matrix:
+    """Entries of a part's compliance C = L Lᵀ, which becomes L φ(E) Lᵀ: internal parameters are entries of E.
+
+    φ of E's eigenvalues is 1 + e for more compliance and 1/(1 - e) for less, so that no parameters make a part that
+    yields energy.
+    """
+
+    compliance: Array
+    pairs: Sequence[tuple[int, int]]
+    root: Array
+    """L (6, 6)."""
+    back: Array
+    """Its inverse."""
+
+    @classmethod
+    def of(cls, compliance: Array, pairs: Sequence[tuple[int, int]]) -> _Matrix:
+        """Those entries of a compliance (6, 6) that are free."""
+        rows, columns = np.array(pairs).T
+        pattern = np.zeros((6, 6))
+        pattern[rows, columns] = pattern[columns, rows] = 1.0
+        diagonal = np.diagonal(compliance)
+        root = np.linalg.cholesky(pattern * compliance + np.diag(_RIDGE * diagonal + _NO_COMPLIANCE))
+        return cls(compliance, pairs, root, np.linalg.inv(root))
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Entries: those on the diagonal are not negative, none is many times the nominal."""
+        diagonal = np.diagonal(self.compliance)
+        high = {(i, j): float(_MOST_COMPLIANT * np.sqrt(diagonal[i] * diagonal[j])) for i, j in self.pairs}
+        return tuple(
+            Parameter(f"c{i + 1}{j + 1}", _UNITS[(i > 2) + (j > 2)], 1.0, 0.0 if i == j else -most, most)
+            for (i, j), most in high.items()
+        )
+
+    def physical(self, values: Array) -> Array:
+        """Entries (k,) of the compliance with internal parameters."""
+        return self._picked(self.compliance) + self._picked(self._added(values))
+
+    def internal(self, entries: Array) -> Array:
+        """Internal parameters (k,) of entries."""
+        change = self._filled(entries - self._picked(self.compliance))
+        growth, vectors = np.linalg.eigh(self.back @ change @ self.back.T)
+        e = np.where(growth < 0.0, growth / np.maximum(1.0 + growth, _RIDGE), growth)
+        return self._picked((vectors * e) @ vectors.T)
+
+    def changes(self, members: Sequence[str], values: Array) -> Changes:
+        """The same compliance is added to each of some bodies."""
+        return dict.fromkeys(members, Change(self._added(values)))
+
+    def _added(self, values: Array) -> Array:
+        e, vectors = np.linalg.eigh(self._filled(values))
+        growth = np.where(e < 0.0, e / (1.0 - np.minimum(e, 0.0)), e)  # φ - 1
+        return self.root @ (vectors * growth) @ vectors.T @ self.root.T
+
+    def _filled(self, values: Array) -> Array:
+        rows, columns = np.array(self.pairs).T
+        out = np.zeros((6, 6))
+        out[rows, columns] = out[columns, rows] = values
+        return out
+
+    def _picked(self, matrix: Array) -> Array:
+        rows, columns = np.array(self.pairs).T
+        return matrix[rows, columns]

@@ -1,0 +1,89 @@
+"""A mass on a rigid body that its model lacks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.effects.effect import (
+    Array,
+    Candidates,
+    Effect,
+    Influence,
+    NominalRobot,
+    Parameter,
+    Payload,
+    Place,
+    Setting,
+)
+
+if TYPE_CHECKING:
+    from stiffscope.vjm.bodies import Body
+    from stiffscope.vjm.mechanism import Mechanism
+
+
+_LEAST = 1e-9  # kg: of a mass whose centre is asked for
+
+
+@dataclass(frozen=True)
+class AddedMass(Effect):
+    """A mass with its first moments along some axes: along others its centre is not in the readings."""
+
+    word = "payload"
+    precedence = 20
+    parameters = (Parameter("mass", "kg", 3.0, 0.0, 50.0), *(Parameter(x, "m", 0.3, -0.5, 0.5) for x in "xyz"))
+
+    body: str
+    point: Array
+    """(3,) home, m."""
+    axes: Array
+    """Which of x, y, z of home its centre may lie off the point along."""
+
+    @classmethod
+    def candidates(cls, setting: Setting) -> Candidates:
+        """On each rigid body: with its first moments, and at a point alone; none where nothing is heavy."""
+        mechanism = setting.robot.mechanism
+        level = np.sort(np.argsort(np.abs(mechanism.gravity), kind="stable")[:2])
+        for body in mechanism.bodies if mechanism.gravity.any() else ():
+            if body.elastic is None:
+                axes = np.arange(3) if setting.turning.get(body.name, True) else level
+                heavy = cls(body.name, _find_point(mechanism, body), axes)
+                scale = (cls.parameters[0].size, *(cls.parameters[1 + a].size for a in axes))
+                place = Place(body.name)
+                yield heavy.at(place, scale=scale, physical=heavy.physical, internal=heavy.internal)
+                yield heavy.at(place, cls.parameters[:1])
+
+    def influence(self, values: Array) -> Influence:
+        """Its mass, and its first moments where there are any."""
+        moments = np.zeros(3)
+        moments[self.axes[: len(values) - 1]] = values[1:]
+        return Influence(payload=Payload(self.body, self.point, float(values[0]), moments))
+
+    def physical(self, values: Array) -> Array:
+        """Mass and centre of mass (4,) of internal parameters."""
+        out = np.zeros(4)
+        out[0] = values[0]
+        out[1 + self.axes] = values[1:] / (values[0] if abs(values[0]) > _LEAST else _LEAST)
+        return out
+
+    def internal(self, values: Array) -> Array:
+        """Mass and first moments of physical parameters (4,)."""
+        return np.array([values[0], *(values[0] * values[1 + self.axes])])
+
+    @classmethod
+    def refusal(cls, robot: NominalRobot, place: str) -> str:
+        """The robot file has masses of its own."""
+        del robot
+        return f"payload: add its mass to bodies.{place}.mass of the robot file"
+
+
+def _find_point(mechanism: Mechanism, body: Body) -> Array:
+    """Where a mass on a body is at home (3,): at M on the tool's, else at its centre, else amid its joints."""
+    if mechanism.tool.body == body.name:
+        return mechanism.tool.at
+    if body.centre is not None:
+        return body.centre
+    joints = [j.at for j in mechanism.joints if body.name in (j.first, j.second)]
+    return np.mean(joints, axis=0) if joints else np.zeros(3)

@@ -1,0 +1,76 @@
+"""Uniform bodies whose ends are clamped over a length that does not bend."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.effects.effect import ADDED, Array, Candidates, Changes, NominalRobot, Parameter, Setting
+from stiffscope.effects.elements import ElementEffect
+from stiffscope.effects.part_compliance import yielding_bodies
+from stiffscope.vjm.mechanism import Change
+from stiffscope.vjm.screws import shift
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+
+_UNIFORM = 0.02  # relative, to which a uniform beam's entries agree
+_LENGTHS = (-0.2, 0.45)  # of a body, that its ends may be clamped over
+
+
+@dataclass(frozen=True)
+class RigidEnds(ElementEffect):
+    """Bodies bend over what their ends leave of their length."""
+
+    word = "rigid-ends"
+    precedence = 70
+    parameters = (Parameter("length", "m", 0.02, 0.0, 0.15),)
+    bounds = ADDED
+    of_matrix = True
+
+    @classmethod
+    def candidates(cls, setting: Setting) -> Candidates:
+        """At uniform elastic bodies."""
+        robot = setting.robot
+        uniform = [n for n in yielding_bodies(robot) if _is_uniform(robot.compliances[n], robot.length(n))]
+        for place in robot.places(uniform):
+            yield cls(partial(_clamp_ends, robot, place.members)).at(place)
+
+
+def _is_uniform(c: Array, length: float) -> bool:
+    """Whether a compliance (6, 6) is that of a uniform beam of this length, clamped at its base."""
+    bent = (c[5, 5] * length / 2.0, -c[4, 4] * length / 2.0)
+    near = all(
+        abs(c[i, j] - b) <= _UNIFORM * abs(b) and abs(b) > 0.0 for (i, j), b in zip(((1, 5), (2, 4)), bent, strict=True)
+    )
+    sheared = (c[1, 1] - c[5, 5] * length**2 / 3.0, c[2, 2] - c[4, 4] * length**2 / 3.0)
+    return near and min(sheared) >= -_UNIFORM * min(c[1, 1], c[2, 2])
+
+
+def _clamp_ends(nominal: NominalRobot, names: Sequence[str], values: Array) -> Changes:
+    """Uniform bodies whose ends are clamped over a length: the section bends over the rest, seen from the tip."""
+    changes: Changes = {}
+    for name in names:
+        c, length = nominal.compliances[name], nominal.length(name)
+        clamped = float(np.clip(values[0], *(share * length for share in _LENGTHS)))
+        to_end = shift([clamped, 0.0, 0.0])
+        rates = np.diagonal(c) / length  # of the nominal uniform section: axial, shear y, z, torsion, bending y, z
+        rates[1] -= c[5, 5] * length / 3.0
+        rates[2] -= c[4, 4] * length / 3.0
+        short, full = _cantilever(length - 2.0 * clamped, rates), _cantilever(length, rates)
+        changes[name] = Change(to_end @ short @ to_end.T - full)
+    return changes
+
+
+def _cantilever(length: float, rates: Array) -> Array:
+    """Compliance (6, 6) at the free end of a uniform beam with these compliances per metre (6,)."""
+    c = np.diag(rates * length)
+    c[1, 1] += rates[5] * length**3 / 3.0
+    c[2, 2] += rates[4] * length**3 / 3.0
+    c[1, 5] = c[5, 1] = rates[5] * length**2 / 2.0
+    c[2, 4] = c[4, 2] = -rates[4] * length**2 / 2.0
+    return c

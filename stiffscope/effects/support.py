@@ -1,0 +1,61 @@
+"""What carries the robot, and what the robot carries: one elastic support, whose rotations may be coupled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from itertools import combinations
+
+import numpy as np
+
+from stiffscope.effects.effect import ADDED, Array, Candidates, Changes, Parameter, Place, Setting
+from stiffscope.effects.elements import ElementEffect
+from stiffscope.vjm.mechanism import Change
+
+_ROUNDING = 1e-8  # of the largest yield of a support: what one that does not turn about some axis is given
+_PAIRS = tuple(np.array(list(combinations((3, 4, 5), 2))).T)  # rows and columns of the couplings of rotations
+_PER_MOMENT = "rad/(N·m)"
+
+
+@dataclass(frozen=True)
+class Support(ElementEffect):
+    """A support yields by six diagonal terms; with nine a moment about one axis turns it about others, too."""
+
+    parameters = (
+        *(Parameter(name, "m/N", 1e-8, 0.0, 1e-6) for name in ("x", "y", "z")),
+        *(Parameter(name, _PER_MOMENT, 1e-7, 0.0, 1e-5) for name in ("rx", "ry", "rz")),
+        *(Parameter(name, _PER_MOMENT, 1e-7, -1e-5, 1e-5) for name in ("rxry", "rxrz", "ryrz")),
+    )
+    bounds = ADDED
+
+    @classmethod
+    def supports(cls, setting: Setting, place: Place) -> Candidates:
+        """The effect at its place, without and with coupled rotations."""
+        effect, parameters = cls(partial(yield_support, place.sole)), setting.soften(cls.parameters)
+        yield effect.at(place, parameters[:6], component=place.name)
+        yield effect.at(place, parameters, component=place.name, couplings=3, physical=find_possible)
+
+
+def find_compliance(values: Array) -> Array:
+    """Compliance (6, 6) of a support: its diagonal (6,), and its rotations' couplings where there are nine values."""
+    compliance = np.diag(values[:6])
+    if len(values) > 6:
+        compliance[_PAIRS] = compliance[_PAIRS[::-1]] = values[6:]
+    return compliance
+
+
+def find_possible(values: Array) -> Array:
+    """The nearest values (9,) of which a support can be: none of its rotations is negative, about whatever axis.
+
+    A support that turns about a single axis is at the edge of these: readings put it beyond as often as not.
+    """
+    size, axes = np.linalg.eigh(find_compliance(values)[3:, 3:])
+    turned = np.zeros((6, 6))
+    turned[3:, 3:] = (axes * np.maximum(size, _ROUNDING * max(size[-1], 0.0))) @ axes.T
+    return np.concatenate([values[:3], turned.diagonal()[3:], turned[_PAIRS]])
+
+
+def yield_support(element: str, values: Array) -> Changes:
+    """A support yields by six or nine values."""
+    possible = find_possible(values) if len(values) > 6 else values
+    return {element: Change(find_compliance(possible))}

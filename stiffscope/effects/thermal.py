@@ -1,0 +1,44 @@
+"""Elastic bodies warmer than where they were measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+from stiffscope.effects.effect import Candidates, NominalRobot, Parameter, Place, Setting
+from stiffscope.effects.elements import ALONG, ElementEffect, move_ends
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+_ALL = "robot"
+
+
+@dataclass(frozen=True)
+class Thermal(ElementEffect):
+    """Bodies grow by a rise of temperature, each by its own material's expansion."""
+
+    word = "thermal"
+    precedence = 130
+    parameters = (Parameter("temperature", "K", 10.0, -60.0, 100.0),)
+
+    @classmethod
+    def candidates(cls, setting: Setting) -> Candidates:
+        """At elastic bodies whose material is known; at the whole robot, all of these."""
+        robot = setting.robot
+        growth = {name: (robot.expansion(name) or 0.0) * robot.length(name) for name in robot.elastic}
+        for place in _places(robot, [name for name in growth if growth[name]]):
+            grown = {name: growth[name] * ALONG for name in place.members}
+            yield cls(partial(move_ends, grown)).at(place)
+
+
+def _places(robot: NominalRobot, warm: list[str]) -> Iterator[Place]:
+    """Places of warm bodies; that of all of them is the robot's, too."""
+    places = robot.places(warm)
+    if len(warm) > 1 and not any(set(place.members) == set(warm) for place in places):
+        yield Place(_ALL, tuple(warm))
+    for place in places:
+        whole = set(place.members) == set(warm) and place.name != _ALL
+        yield replace(place, others=(*place.others, _ALL)) if whole else place

@@ -1,0 +1,126 @@
+"""The effects that robot files, campaigns, the virtual lab and diagnoses know, and robots that have adopted some.
+
+Every module of this room with a class that has a word of its own is an effect. Where one may act is said by the
+robot's file: its elements, groups and parts.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import stiffscope.effects
+from stiffscope.effects.effect import Effect, Setting
+from stiffscope.effects.elements import change_elements
+from stiffscope.errors import InputError
+from stiffscope.robot.nominal import NominalRobot
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator, Mapping
+
+    from stiffscope.effects.effect import Candidate
+    from stiffscope.robot.file.description import RobotFile
+    from stiffscope.vjm.mechanism import Mechanism
+
+
+def _find_kinds() -> tuple[type[Effect], ...]:
+    """Classes of effects, by precedence."""
+    found: dict[str, type[Effect]] = {}
+    for module in pkgutil.iter_modules(stiffscope.effects.__path__):
+        if module.name != "vocabulary":
+            for each in vars(importlib.import_module(f"stiffscope.effects.{module.name}")).values():
+                if isinstance(each, type) and issubclass(each, Effect) and "word" in vars(each):
+                    found[each.word] = each
+    return tuple(sorted(found.values(), key=lambda kind: kind.precedence))
+
+
+KINDS = _find_kinds()
+EFFECTS: dict[str, tuple[tuple[str, str], ...]] = {
+    word: tuple((p.name, p.unit) for p in kind.parameters) for kind in KINDS for word in (kind.word, *kind.also)
+}
+"""Parameters of every effect as pairs (name, SI unit)."""
+_KIND_OF = {word: kind for kind in KINDS for word in (kind.word, *kind.also)}
+
+
+def word_of(name: str) -> str:
+    """The effect of an `effect @ place`, by the first of its words."""
+    effect = name.partition(" @ ")[0]
+    return _KIND_OF[effect].word if effect in _KIND_OF else effect
+
+
+def find_candidates(setting: Setting, without: Collection[str] = ()) -> Iterator[Candidate]:
+    """Every effect at every place of a robot and of its instruments, but for some words."""
+    for kind in KINDS:
+        if kind.word not in without:
+            yield from (c for c in kind.candidates(setting) if c.effect not in without)
+
+
+def apply_effect(robot: NominalRobot, effect: str, place: str, parameters: Mapping[str, float]) -> NominalRobot:
+    """Return the robot that has an effect from now on.
+
+    Parameters
+    ----------
+    robot
+        The robot so far; effects that it has adopted before stay.
+    effect, place, parameters
+        In the words of `EFFECTS`, SI; parameters that are left out keep their nominal values.
+
+    Raises
+    ------
+    InputError
+        For words that are not in the vocabulary, and for an effect that is none of the robot's.
+
+    """
+    if effect not in EFFECTS:
+        raise InputError(f"effect: expected one of {', '.join(EFFECTS)}, got {effect!r}")
+    reason = _KIND_OF[effect].refusal(robot, place)
+    if reason:
+        raise InputError(reason)
+    if not EFFECTS[effect]:
+        return robot
+    known = _find_candidate(robot, effect, place, parameters)
+    if not parameters:
+        raise InputError(f"{effect} @ {place}: expected parameters {', '.join(known.names)}, got none")
+    if not parameters.get("factor", 1.0) > 0.0:
+        raise InputError(f"{effect} @ {place}, factor: expected more than 0, got {parameters['factor']:g}")
+    nominal = known.physical(np.zeros(len(known.names)))
+    given = np.array([float(parameters.get(name, value)) for name, value in zip(known.names, nominal, strict=True)])
+    changes = known.action.influence(known.internal(given)).elements
+    return replace(robot, mechanism=change_elements(robot.mechanism, changes))
+
+
+def _find_candidate(robot: NominalRobot, effect: str, place: str, parameters: Mapping[str, float]) -> Candidate:
+    """The effect with the fewest parameters that has these; in terms of its word where it goes by several."""
+    name = f"{effect} @ {place}"
+    known = tuple(find_candidates(Setting(robot)))
+    placed = [c for c in known if name in (c.name, *c.aliases)]
+    if not placed:
+        places = dict.fromkeys(c.place for c in known if c.effect == effect)
+        raise InputError(f"{effect}, place: expected one of {', '.join(places)}, got {place!r}")
+    fitting = [c for c in placed if set(parameters) <= set(c.names)]
+    if not fitting:
+        raise InputError(
+            f"{effect}: expected parameters {', '.join(placed[0].names) or 'none'}, got {', '.join(parameters)}"
+        )
+    found, kind = min(fitting, key=lambda c: len(c.names)), _KIND_OF[effect]
+    if isinstance(found.action, kind) or kind.conversion is None:
+        return found
+    return replace(found, physical=kind.conversion[0], internal=kind.conversion[1])
+
+
+def apply_effects(mechanism: Mechanism, robot: RobotFile) -> Mechanism:
+    """The mechanism with the effects that its file has adopted, in their order.
+
+    Raises InputError, with the effect's line in the file, for what is no part of the robot.
+    """
+    nominal = NominalRobot(mechanism, robot)
+    for number, effect in enumerate(robot.effects):
+        try:
+            nominal = apply_effect(nominal, effect.effect, effect.place, effect.parameters)
+        except InputError as error:
+            raise robot.refuse(("effects", number), str(error)) from error
+    return nominal.mechanism

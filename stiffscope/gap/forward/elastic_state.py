@@ -1,0 +1,286 @@
+"""The elastic robot with effects at a campaign's poses: motions and element wrenches per unit load at the terminals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.effects.elements import change_elements
+from stiffscope.errors import InputError
+from stiffscope.gap.campaign.quantities import FIRST_FREQUENCY, FREQUENCY
+from stiffscope.gap.forward import robot_at_poses
+from stiffscope.gap.forward.terminals import add_payloads, find_inertial_forces, find_weight, wrenches_at
+from stiffscope.vjm.checks import GROUND
+from stiffscope.vjm.equilibrium import solve_loads
+from stiffscope.vjm.linkage import rotation_vector
+from stiffscope.vjm.loading import Loads
+from stiffscope.vjm.modes import modes
+from stiffscope.vjm.network import END, FOOT, place_nodes
+from stiffscope.vjm.order import find_order
+from stiffscope.vjm.prestress import bend_places
+from stiffscope.vjm.strain import find_remaining_offsets
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from stiffscope.effects.effect import Changes, Payload
+    from stiffscope.gap.campaign.campaign import Sensor
+    from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
+    from stiffscope.runtime.types import Array
+    from stiffscope.vjm.loading import Response
+    from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.modes import Modes
+    from stiffscope.vjm.network import Places
+
+_TOOL = slice(0, 6)
+_NEWTON_STEPS = 12
+_CLOSED = 1e-5  # rad, or of the mechanism's length: a Newton step after which the next, its square, is nothing
+
+
+@dataclass(frozen=True)
+class ElasticState:
+    """A robot with changed elements; everything is evaluated where it is asked for."""
+
+    at: RobotAtPoses
+    changes: tuple[Changes, ...] = ()
+    payloads: tuple[Payload, ...] = ()
+    _known: dict[str, Array] = field(default_factory=dict[str, Any], compare=False)
+
+    def changed(self, changes: Sequence[Changes], payloads: Sequence[Payload]) -> ElasticState:
+        """The sound robot with changed elements and payloads; itself where there are none."""
+        return ElasticState(self.at, tuple(changes), tuple(payloads)) if changes or payloads else self
+
+    @cached_property
+    def mechanism(self) -> Mechanism:
+        """The robot with its changes. Raises InputError for an element that ends up indefinite."""
+        mechanism = self.at.mechanism
+        for change in self.changes:
+            mechanism = change_elements(mechanism, change)
+        return mechanism
+
+    @cached_property
+    def places(self) -> Places:
+        """Nodes where errors of the geometry have moved them to: loops closed by Newton steps of the elastic network.
+
+        Raises InputError where they do not close.
+        """
+        rest = self.at.rest
+        if not self._displacing:
+            return rest
+        order = find_order(self.mechanism, self.at.configurations.linkage)
+        offsets = {e.name: e.offset[None, :, None] for e in order.elements if e.offset is not None}
+        response = solve_loads(order, rest, Loads(1, {}, offsets))
+        there, size = bend_places(rest, response), _size(response, order.length)
+        for _ in range(_NEWTON_STEPS):
+            if size < _CLOSED:
+                return there
+            response = solve_loads(order, there, Loads(1, {}, find_remaining_offsets(order, there, rest), balanced=1.0))
+            there, size = bend_places(there, response), _size(response, order.length)
+        if not size < _CLOSED:
+            raise InputError("loop closure: no solution for these geometric errors")
+        return there
+
+    @property
+    def _displacing(self) -> bool:
+        """Whether errors move anything of the unloaded robot."""
+        return self.at.displaced or any(c.offset is not None for each in self.changes for c in each.values())
+
+    @cached_property
+    def response(self) -> Response:
+        """Equilibrium under all terminals' unit loads, of the whole network."""
+        where = self.places
+        if not self.changes and not self.payloads and where is self.at.rest:
+            return self.at.response
+        order = find_order(self.mechanism, self.at.configurations.linkage)
+        return solve_loads(order, where, self.at.unit_loads(where, self.mechanism, self.payloads))
+
+    @cached_property
+    def _response(self) -> Response | Softened:
+        return self.response if self._added is None else softened(self.at, self._added)
+
+    @cached_property
+    def _added(self) -> dict[str, Array] | None:
+        """What few elements yield more than in the sound robot; None where something else is changed too."""
+        if not self.changes or self.payloads or self._displacing:
+            return None
+        added: dict[str, Array] = {}
+        for each in self.changes:
+            for name, change in each.items():
+                if change.compliance is not None and change.compliance.any():
+                    added[name] = added.get(name, 0.0) + change.compliance
+        if len(added) > robot_at_poses.FEW:
+            return None
+        return added if self.mechanism else None  # which checks that every element yields as it must
+
+    def _at_every_pose(self, value: Array) -> Array:
+        return np.broadcast_to(value, (len(self.at.campaign.poses), *value.shape[1:]))
+
+    @cached_property
+    def tool(self) -> Array:
+        """Twist (p, 6, cases) of the tool at M."""
+        return self._at_every_pose(self._node(END))
+
+    def _node(self, name: str) -> Array:
+        """Twist (n, 6, cases) of a node at M in base axes."""
+        known = self._response
+        if not isinstance(known, Softened):
+            return known.nodes[name]
+        if name not in self._nodes:
+            self._nodes[name] = known.node(name)
+        return self._nodes[name]
+
+    @cached_property
+    def _nodes(self) -> dict[str, Array]:
+        return {}
+
+    @property
+    def compliance(self) -> Array:
+        """Compliance (p, 6, 6) at M."""
+        return self.tool[..., _TOOL]
+
+    def sensed(self, sensor: Sensor) -> Array:
+        """Motion (p, 6, cases) of a sensor's point, and rotation, against the body that it stands on; base axes."""
+        where = self.places
+
+        def motion(node: str) -> Array:
+            back = np.swapaxes(wrenches_at(where, sensor.body, sensor.at), -1, -2)
+            return back @ self._node(FOOT if node == GROUND else node)
+
+        across = motion(sensor.body)
+        if sensor.against != GROUND:
+            across = across - motion(sensor.against)
+        return self._at_every_pose(across)
+
+    def weights(self, payloads: Sequence[Payload]) -> Array:
+        """Wrenches (p or 1, 6, k) of the weights of payloads, at M in base axes."""
+        where, gravity = self.places, self.at.mechanism.gravity
+        return np.stack([find_weight(payload, where, gravity) for payload in payloads], axis=2)
+
+    def moved(self, node: str, wrenches: Array) -> Array:
+        """Work (p, cases, k) of wrenches (p or 1, 6, k) on a node along its motion under every terminal's load."""
+        return self._at_every_pose(np.swapaxes(self._node(node), -1, -2) @ wrenches)
+
+    def transmitted(self, name: str) -> Array:
+        """Wrench (p, 6, cases) on an element for every terminal's unit load, in its own axes."""
+        if name not in self._known:
+            response = self._response
+            wrench = response.wrench(name) if isinstance(response, Softened) else response.elements[name].wrench
+            self._known[name] = self._at_every_pose(wrench)
+        return self._known[name]
+
+    def displaced(self, sensor: Sensor | None) -> Array:
+        """Displacement (p, 6) by errors of the geometry, exactly: translation and rotation vector of M or a sensor."""
+        if self.places is self.at.rest:
+            return np.zeros((len(self.at.campaign.poses), 6))
+        if sensor is None:
+            tool = self.at.mechanism.tool
+            return self._at_every_pose(self._gone(END, tool.at))
+        across = self._gone(sensor.body, np.array(sensor.at))
+        if sensor.against == GROUND:
+            return self._at_every_pose(across)
+        rest, there = self.at.rest, self.places  # the point as it would move with the body that the sensor stands on
+        point = rest.point(sensor.body, np.array(sensor.at))
+        r0, r1 = rest.rotation[sensor.against], there.rotation[sensor.against]
+        home = (np.swapaxes(r0, -1, -2) @ (point - rest.position[sensor.against])[..., None])[..., 0]
+        carried = (r1 @ home[..., None])[..., 0] + there.position[sensor.against] - point
+        turned = rotation_vector(r1 @ np.swapaxes(r0, -1, -2))
+        return self._at_every_pose(across - np.concatenate(np.broadcast_arrays(carried, turned), axis=-1))
+
+    def _gone(self, node: str, home: Array) -> Array:
+        """Translation of a point of a node's body and its rotation vector (n, 6), since the nominal pose."""
+        rest, there = self.at.rest, self.places
+        away = there.point(node, home) - rest.point(node, home)
+        turned = rotation_vector(there.rotation[node] @ np.swapaxes(rest.rotation[node], -1, -2))
+        n = max(len(away), len(turned))
+        return np.concatenate([np.broadcast_to(away, (n, 3)), np.broadcast_to(turned, (n, 3))], axis=1)
+
+    @cached_property
+    def _modes(self) -> Modes:
+        """Lowest modes at the poses where natural frequencies were read, drives held."""
+        at, c = self.at, self.at.campaign
+        count = int((c.quantity[c.kind == FREQUENCY] - FIRST_FREQUENCY).max()) + 1
+        found = modes(self._loaded_mechanism, at.configurations[at.shaken], count)
+        if found.frequencies.shape[1] < count or np.isnan(found.frequencies).any():
+            row = int(np.argmax(c.kind == FREQUENCY))
+            raise InputError(f"{c.where(row)}: quantity: expected one of the modes that the robot has, got f{count}")
+        return found
+
+    @cached_property
+    def _loaded_mechanism(self) -> Mechanism:
+        return add_payloads(self.mechanism, self.payloads)
+
+    @property
+    def frequencies(self) -> Array:
+        """Natural frequencies (s, c) in Hz at the poses where some were read; drives held."""
+        return self._modes.frequencies
+
+    @cached_property
+    def _swinging(self) -> Response:
+        """Equilibrium under the inertial loads ``ω² M v`` of each mode v: what its elements carry at their largest."""
+        found, where = self._modes.configurations, place_nodes(self._modes.configurations)
+        squares = np.square(2.0 * np.pi * self.frequencies)[:, None]
+        forces = find_inertial_forces(self._loaded_mechanism, where, self._modes.shapes)
+        loads = Loads(squares.shape[2], {node: force * squares for node, force in forces.items()}, balanced=1.0)
+        return solve_loads(find_order(self.mechanism, found.linkage), where, loads)
+
+    def swung(self, name: str) -> Array:
+        """Wrench (s, 6, c) on an element in each mode of a modal mass of 1 kg, in its own axes."""
+        wrench = self._swinging.elements[name].wrench
+        return np.broadcast_to(wrench, (len(self.at.shaken), *wrench.shape[1:]))
+
+    def swing(self, node: str, home: Array) -> Array:
+        """Twist (s, 6, c) of a point of a body in each mode of a modal mass of 1 kg, base axes."""
+        where = place_nodes(self._modes.configurations)
+        return np.swapaxes(wrenches_at(where, node, home), -1, -2) @ self._modes.shapes[node]
+
+
+@dataclass(frozen=True)
+class Softened:
+    """Response of a robot some of whose elements yield more than in another, by that other one's responses."""
+
+    sound: Response
+    cuts: tuple[Response, ...]
+    """Of the elements that yield more, each to unit twists between its ends."""
+    slips: tuple[Array, ...]
+    """How much more (n, 6, cases) each of them yields."""
+
+    def node(self, name: str) -> Array:
+        """Twist (n, 6, cases) of a node at M in base axes."""
+        out = self.sound.nodes[name]
+        for cut, slip in zip(self.cuts, self.slips, strict=True):
+            out = out + cut.nodes[name] @ slip
+        return out
+
+    def wrench(self, name: str) -> Array:
+        """Wrench (n, 6, cases) that an element carries, at its own point in its own axes."""
+        out = self.sound.elements[name].wrench
+        for cut, slip in zip(self.cuts, self.slips, strict=True):
+            out = out + cut.elements[name].wrench @ slip
+        return out
+
+
+def softened(at: RobotAtPoses, added: Mapping[str, Array]) -> Softened:
+    """Response of the sound robot with compliance (6, 6) added to elements.
+
+    An element that carries w and yields ΔC w more acts on the rest as if its ends lay apart by as much:
+    ``w = w₀ + K ΔC w`` with the wrenches K by unit twists between its ends (Woodbury's identity).
+    """
+    sound, names = at.response, list(added)
+    if not names:
+        return Softened(sound, (), ())
+    cuts = tuple(at.cut(name) for name in names)
+    before = np.concatenate([sound.elements[name].wrench for name in names], axis=1)
+    gains = [np.concatenate([cut.elements[name].wrench for name in names], axis=1) @ added[own]
+             for cut, own in zip(cuts, names, strict=True)]  # fmt: skip
+    carried = np.linalg.solve(np.eye(6 * len(names)) - np.concatenate(np.broadcast_arrays(*gains), axis=2), before)
+    slips = (added[name] @ part for name, part in zip(names, np.split(carried, len(names), axis=1), strict=True))
+    return Softened(sound, cuts, tuple(slips))
+
+
+def _size(response: Response, length: float) -> float:
+    """Largest rotation, or translation over a length, of any node."""
+    unit = np.repeat([1.0 / length, 1.0], 3)
+    return max(float(np.abs(twist[..., 0] * unit).max()) for twist in response.nodes.values())

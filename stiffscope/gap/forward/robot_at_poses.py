@@ -1,0 +1,233 @@
+"""The nominal robot at a campaign's poses, and what is read and applied there, as loads of one equilibrium.
+
+What is read and what is applied are columns of one table of terminals: six unit wrenches at M, six at the point of
+every load, one unit load at every sensor (opposite on the body that it stands on), the robot's own weight, payloads.
+One equilibrium under all of them gives the generalized compliance between any two, and the wrenches by which every
+element answers to each: the adjoint of whatever happens to that element.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.effects.elements import without_ranges
+from stiffscope.errors import InputError
+from stiffscope.gap.campaign.quantities import AXES, DEVIATION, FREQUENCY, JOINT
+from stiffscope.gap.forward.terminals import find_weight, unit_wrench, wrenches_at
+from stiffscope.vjm.checks import GROUND
+from stiffscope.vjm.condensation import condense_network
+from stiffscope.vjm.equilibrium import solve_condensed, solve_loads
+from stiffscope.vjm.kinematics import configure, configure_drives
+from stiffscope.vjm.loading import Loads
+from stiffscope.vjm.network import END, FOOT, list_elements, lump_masses, place_nodes
+from stiffscope.vjm.order import find_order
+from stiffscope.vjm.statics import stiffness
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from stiffscope.effects.effect import Payload
+    from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.robot.nominal import NominalRobot
+    from stiffscope.runtime.types import Array, Flags, Indices
+    from stiffscope.vjm.condensation import Condensed
+    from stiffscope.vjm.kinematics import Configurations
+    from stiffscope.vjm.loading import Response
+    from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.network import Places
+
+_TOOL = slice(0, 6)
+FEW = 8  # changed elements, up to which a robot is not condensed anew
+_CUTS = 2000  # poses times elements whose responses are kept
+
+
+@dataclass(frozen=True)
+class RobotAtPoses:
+    """The nominal robot at a campaign's poses (p, k), with its sensors and loads."""
+
+    robot: NominalRobot
+    campaign: Campaign
+
+    @cached_property
+    def displaced(self) -> bool:
+        """Whether errors of the geometry are in the model itself."""
+        return any(element.offset is not None for element in list_elements(self.mechanism))
+
+    @cached_property
+    def rest(self) -> Places:
+        """Nodes at its poses."""
+        return place_nodes(self.configurations)
+
+    @cached_property
+    def _condensed(self) -> Condensed:
+        return condense_network(find_order(self.mechanism, self.configurations.linkage), self.rest)
+
+    @cached_property
+    def response(self) -> Response:
+        """Equilibrium under all terminals' unit loads."""
+        return solve_condensed(self._condensed, self.unit_loads(self.rest, self.mechanism, ()))
+
+    def cut(self, name: str) -> Response:
+        """Equilibrium where an element's ends lie apart by each of six unit twists, in its own axes; unloaded."""
+        if name not in self._cuts:
+            while len(self._cuts) >= max(FEW, _CUTS // len(self.campaign.poses)):
+                del self._cuts[next(iter(self._cuts))]
+            self._cuts[name] = solve_condensed(self._condensed, Loads(6, {}, {name: np.eye(6)[None]}))
+        return self._cuts[name]
+
+    @cached_property
+    def _cuts(self) -> dict[str, Response]:
+        return {}
+
+    @cached_property
+    def mechanism(self) -> Mechanism:
+        """The robot wherever its drives stand: errors may lead out of their ranges."""
+        return without_ranges(self.robot.mechanism)
+
+    @cached_property
+    def configurations(self) -> Configurations:
+        """The robot at its poses. Raises InputError for one that it cannot reach."""
+        c = self.campaign
+        found = configured(self.mechanism, c.coordinates, c.poses)
+        bad = np.flatnonzero(~found.valid)
+        if bad.size:
+            raise self._out_of_reach(int(bad[0]), found)
+        return found
+
+    def _out_of_reach(self, pose: int, found: Configurations) -> InputError:
+        """Error that names line and column of a pose, and a unit that was probably meant."""
+        c = self.campaign
+        where = c.where(int(np.argmax(c.pose == pose)))
+        points = np.array([joint.at for joint in self.mechanism.joints])
+        size = float(np.ptp(points, axis=0).max() + np.abs(points).max())
+        beyond: dict[str, tuple[float, float, str, str]] = {}
+        for name, value in zip(c.coordinates, c.poses[pose].tolist(), strict=True):
+            turns = name in AXES[3:] or (
+                name.startswith(JOINT) and self.mechanism.joint(name.removeprefix(JOINT)).kind == "revolute"
+            )
+            limit, units = (2.0 * np.pi, ("rad", "deg")) if turns else (5.0 * size, ("m", "mm"))
+            beyond[name] = abs(value) / limit, value, *units
+        name = max(beyond, key=lambda each: beyond[each][0])
+        times, value, unit, other = beyond[name]
+        if times > 1.0:
+            meant = f'in {other}, as `units = {{ "{name}" = "{other}" }}` of campaign.toml would say?'
+            return InputError(f"{where}: {name}: expected {unit}, got {value:g}: {meant}")
+        field = ", ".join(c.coordinates) if c.pose_names[pose].startswith("(") else "pose"
+        message = f"expected a pose that the robot reaches, got {c.pose_names[pose]}: {found.reason(pose)}"
+        return InputError(f"{where}: {field}: {message}")
+
+    @cached_property
+    def cases(self) -> int:
+        """Number of terminals: M, loads, sensors, weight, payloads."""
+        return 6 + 6 * len(self.campaign.loads) + len(self.campaign.sensors) + 2
+
+    def load_cases(self, load: int) -> slice:
+        """Columns of a load's six wrench components."""
+        return slice(6 + 6 * load, 12 + 6 * load)
+
+    @cached_property
+    def distinct(self) -> tuple[tuple[Indices, Indices], ...]:
+        """Readings (m,) that stand for all with the same sense, and the same drive, at the same pose; (n,) which."""
+        c = self.campaign
+        moving = c.kind <= DEVIATION
+        large = np.where(moving, 0, 1 + c.quantity)
+        senses = np.stack([c.pose, c.channel, np.where(moving, c.direction, 0), large], axis=1)
+        wrench = np.unique(np.nan_to_num(c.wrench), axis=0, return_inverse=True)[1].ravel()
+        drives = np.stack([c.pose, c.kind, c.load, wrench, large], axis=1)
+        out: list[tuple[Indices, Indices]] = []
+        for key in (senses, drives):
+            _, first, which = np.unique(key, axis=0, return_index=True, return_inverse=True)
+            out.append((first, which.ravel()))
+        return tuple(out)
+
+    def sensor_case(self, sensor: int) -> int:
+        """Column of a sensor."""
+        return 6 + 6 * len(self.campaign.loads) + sensor
+
+    @property
+    def weight_case(self) -> int:
+        """Column of one m/s² of gravity on the robot's weight; that of the payloads follows."""
+        return self.cases - 2
+
+    @cached_property
+    def used(self) -> Flags:
+        """Which unit loads (cases,) act: those of M that hold the tool, of loads what some reading applies.
+
+        Of loads on the tool's body also the moments that their forces have where they act a little beside their points.
+        """
+        c = self.campaign
+        out = np.ones(self.cases, dtype=np.bool_)
+        for k, load in enumerate(c.loads):
+            acts = (np.nan_to_num(c.wrench[c.load == k]) != 0.0).any(axis=0)
+            if self._firm and load.body == self.mechanism.tool.body:
+                acts[3:] |= [acts[:3][np.arange(3) != axis].any() for axis in range(3)]
+            out[self.load_cases(k)] = acts
+        if not self._firm:
+            read = np.unique(c.direction[(c.sensor < 0) & (c.kind <= DEVIATION)])
+            applied = (np.nan_to_num(c.wrench[c.load < 0]) != 0.0).any(axis=0)
+            out[_TOOL] = np.isin(np.arange(6) // 3, read // 3) | applied
+        return out
+
+    @cached_property
+    def _firm(self) -> bool:
+        """Whether the tool holds every wrench at M."""
+        found = self.configurations[:1]
+        try:
+            solve_loads(find_order(self.mechanism, found.linkage), place_nodes(found), Loads(6, {END: np.eye(6)[None]}))
+        except InputError:
+            return False
+        return True
+
+    def unit_loads(self, where: Places, mechanism: Mechanism, payloads: Sequence[Payload]) -> Loads:
+        """All terminals as loads (n or 1, 6, cases) on nodes at M in base axes."""
+        c = self.campaign
+        nodes: dict[str, Array] = {}
+
+        def add(node: str, wrench: Array, case: int | slice) -> None:
+            node = FOOT if node == GROUND else node
+            if node not in nodes or len(nodes[node]) < len(wrench):
+                known = nodes.get(node, np.zeros((1, 6, self.cases)))
+                nodes[node] = np.array(np.broadcast_to(known, (len(wrench), 6, self.cases)))
+            nodes[node][..., case] += wrench
+
+        add(END, np.eye(6)[None], _TOOL)
+        for k, load in enumerate(c.loads):
+            add(load.body, wrenches_at(where, load.body, load.at), self.load_cases(k))
+        for k, sensor in enumerate(c.sensors):
+            unit = unit_wrench(sensor)
+            push = wrenches_at(where, sensor.body, sensor.at) @ unit
+            add(sensor.body, push, self.sensor_case(k))
+            if sensor.against != GROUND:
+                add(sensor.against, -push, self.sensor_case(k))
+        per_unit = mechanism.gravity / (self.robot.acceleration or np.inf)
+        for node, mass in lump_masses(mechanism, where).items() if per_unit.any() else ():
+            add(node, mass.weight(per_unit)[..., 0], self.weight_case)
+        for payload in payloads:
+            add(payload.body, find_weight(payload, where, mechanism.gravity), self.weight_case + 1)
+        for wrench in nodes.values():
+            wrench[..., ~self.used] = 0.0
+        return Loads(self.cases, nodes)
+
+    @cached_property
+    def weight_stiffness(self) -> Array:
+        """Change (p, 6, 6) of the stiffness at M when the robot's own weight acts."""
+        found = self.configurations
+        return stiffness(self.mechanism, found, gravity="exact") - stiffness(self.mechanism, found)
+
+    @cached_property
+    def shaken(self) -> Indices:
+        """Poses at which natural frequencies were read."""
+        c = self.campaign
+        return np.unique(c.pose[c.kind == FREQUENCY])
+
+
+def configured(mechanism: Mechanism, coordinates: Sequence[str], poses: Array) -> Configurations:
+    """Configurations at poses (p, k) by tool coordinates, or by displacements of driven joints, `q:JOINT`."""
+    if tuple(coordinates) == tuple(mechanism.tool.pose):
+        return configure(mechanism, poses)
+    order = [list(coordinates).index(f"{JOINT}{joint.name}") for joint in mechanism.drives]
+    return configure_drives(mechanism, poses[:, order])

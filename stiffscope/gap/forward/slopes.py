@@ -1,0 +1,107 @@
+"""Derivatives of readings by what an effect changes: elements, loads, dead zones, instruments.
+
+An element whose compliance changes by δC changes a reading by ``(W a) · δC (W b)``, one whose unloaded end moves by t
+by ``(W a) · t``; a load by its work along what is read (see `robot_readings`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.effects.effect import Payload
+from stiffscope.gap.campaign.quantities import FREQUENCY, PUSH, STIFFNESS
+
+if TYPE_CHECKING:
+    from stiffscope.effects.effect import Changes, Influence
+    from stiffscope.gap.forward.robot_readings import RobotReadings
+    from stiffscope.runtime.types import Array
+
+_SIGNS = np.array([1.0, 1.0, -1.0, -1.0, 0.0])  # of a gain of displacements, by the kind of a reading
+_FORCE_SIGNS = np.array([1.0, 0.0, -1.0, -1.0, 0.0])  # of a gain of applied forces
+
+
+def find_slope(prediction: RobotReadings, ahead: Influence, behind: Influence, width: float) -> Array:
+    """Derivative of every reading along one parameter.
+
+    Parameters
+    ----------
+    prediction
+        The robot with the effects that it has.
+    ahead, behind
+        What an effect changes a little further and a little less far.
+    width
+        Distance of the two.
+
+    Returns
+    -------
+    Array
+        (n,) per unit of the parameter.
+
+    """
+    c = prediction.campaign
+    out = _of_elements(prediction, ahead.elements, behind.elements, width)
+    if ahead.payload is not None and behind.payload is not None:
+        mass = (ahead.payload.mass - behind.payload.mass) / width
+        moments = (ahead.payload.moments - behind.payload.moments) / width
+        out += _of_payload(prediction, Payload(ahead.payload.body, ahead.payload.at, mass, moments))
+    for drive, size in ahead.dead_zones.items():
+        out += (size - behind.dead_zones[drive]) / width * prediction.dead_zone(drive)
+    for name, turn in ahead.turns.items():
+        out += _of_turn(prediction, name, (turn - behind.turns[name]) / width)
+    for name, gain in ahead.gains.items():
+        rate = (gain - behind.gains[name]) / width / prediction.gain_of(name)
+        out += rate * _SIGNS[c.kind] * prediction.plain * prediction.shown_by(name)
+    if ahead.force_gain != behind.force_gain:
+        rate = (ahead.force_gain - behind.force_gain) / width / prediction.force_scale
+        out += rate * _FORCE_SIGNS[c.kind] * prediction.plain
+    return out
+
+
+def _of_elements(prediction: RobotReadings, ahead: Changes, behind: Changes, width: float) -> Array:
+    """By the wrenches that the changed elements carry."""
+    out = np.zeros(len(prediction.campaign))
+    for name, change in ahead.items():
+        read, applied = prediction.felt(name)
+        before = behind[name]
+        if change.compliance is not None and before.compliance is not None:
+            slope = (change.compliance - before.compliance) / width
+            out += np.einsum("ni,ni->n", read @ slope, applied)
+        if change.offset is not None and before.offset is not None:
+            slope = (change.offset - before.offset) / width
+            out += np.where(prediction.campaign.still, read @ slope, 0.0)
+    return out
+
+
+def _of_payload(prediction: RobotReadings, payload: Payload) -> Array:
+    """A payload's weight along what is read; its inertia in the modes."""
+    c, elastic, at = prediction.campaign, prediction.elastic, prediction.at
+    along = elastic.moved(payload.body, elastic.weights([payload]))[..., 0]  # (p, cases)
+    out = np.where(c.still, np.einsum("nc,nc->n", prediction.sense, along[c.pose]), 0.0)
+    if (c.kind == FREQUENCY).any():
+        v, w = np.split(elastic.swing(payload.body, payload.at), 2, axis=1)
+        arm = at.configurations.frame(payload.body)[0][at.shaken] @ payload.moments
+        turned = np.cross(w, arm[..., None], axis=1)
+        rate = payload.mass * np.square(v).sum(axis=1) + 2.0 * (v * turned).sum(axis=1)
+        out += prediction.at_modes(-0.5 * elastic.frequencies * rate)
+    return out
+
+
+def _of_turn(prediction: RobotReadings, name: str, rate: Array) -> Array:
+    """A turn (3,) of the instrument of a name."""
+    c, shown = prediction.campaign, prediction.shown_by(name)
+    turn = np.kron(np.eye(2), np.cross(rate, np.eye(3)).T)
+    out = np.zeros(len(c))
+    for k in range(-1, len(c.sensors)):
+        mine = np.flatnonzero(shown & prediction.moving & (c.sensor == k))
+        if mine.size:
+            looked = np.einsum("ni,ij,nj->n", prediction.axis[mine], turn, prediction.twist[mine])
+            out[mine] = prediction.gain(k) * looked
+    back = turn @ np.linalg.inv(prediction.instrument(-1)) * prediction.gain(-1)
+    if shown[c.kind == STIFFNESS].any():
+        out = np.where(c.kind == STIFFNESS, prediction.entries(-prediction.shown_stiffness @ back), out)
+    if shown[c.kind == PUSH].any():
+        change = np.einsum("pii->pi", back @ prediction.shown_compliance)[c.pose, c.direction]
+        out = np.where(c.kind == PUSH, -(prediction.entries(prediction.pushes) ** 2) * change, out)
+    return out

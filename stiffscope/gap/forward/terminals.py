@@ -1,0 +1,107 @@
+"""What acts at the terminals: wrenches of loads, sensors, weights and inertia on nodes, at M in base axes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.vjm.checks import GROUND
+from stiffscope.vjm.network import FOOT
+from stiffscope.vjm.screws import Frame
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from stiffscope.effects.effect import Payload
+    from stiffscope.gap.campaign.campaign import Sensor
+    from stiffscope.runtime.types import Array
+    from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.network import Places
+
+_HELD_MOMENT = 1e-9  # relative: what rounding leaves of a moment
+
+
+def unit_wrench(sensor: Sensor) -> Array:
+    """Unit wrench (6,) that a sensor's reading is the work of."""
+    direction = np.array(sensor.direction)
+    return np.concatenate([np.zeros(3), direction] if sensor.rotates else [direction, np.zeros(3)])
+
+
+def wrenches_at(where: Places, node: str, home: Sequence[float] | Array) -> Array:
+    """Wrench (n or 1, 6, 6) at M for unit wrenches at a point of a body, base axes: ``[[I, 0], [S(r), I]]``."""
+    node = FOOT if node == GROUND else node
+    lever = where.point(node, np.array(home)) - where.tool
+    out = np.zeros((len(lever), 6, 6))
+    out[:] = np.eye(6)
+    out[:, 3, 1], out[:, 3, 2] = -lever[:, 2], lever[:, 1]
+    out[:, 4, 0], out[:, 4, 2] = lever[:, 2], -lever[:, 0]
+    out[:, 5, 0], out[:, 5, 1] = -lever[:, 1], lever[:, 0]
+    return out
+
+
+def find_weight(payload: Payload, where: Places, gravity: Array) -> Array:
+    """Wrench (n, 6) of a payload's weight at M in base axes."""
+    arm = where.rotation[payload.body] @ payload.moments
+    push = np.concatenate([np.broadcast_to(payload.mass * gravity, arm.shape), np.cross(arm, gravity)], axis=1)
+    return (wrenches_at(where, payload.body, payload.at) @ push[..., None])[..., 0]
+
+
+def find_inertial_forces(mechanism: Mechanism, where: Places, shapes: Mapping[str, Array]) -> dict[str, Array]:
+    """Wrenches ``M v`` (n, 6, c) on nodes at M in base axes for twists v (n, 6, c) of the nodes.
+
+    Of elastic bodies the condensed mass, without that of their own modes.
+    """
+    out: dict[str, Array] = {}
+
+    def add(node: str, wrench: Array) -> None:
+        out[node] = out[node] + wrench if node in out else wrench
+
+    def moved(node: str, at: Array, axes: Array) -> tuple[Array, Array]:
+        """Adjoint (n, 6, 6) of a node's own axes at a point, and its twist there (n, 6, c)."""
+        frame = Frame(where.rotation[node] @ axes, where.point(node, at) - where.tool)
+        back = frame.inverse_adjoint()
+        return back, back @ shapes[node]
+
+    for body in mechanism.bodies:
+        if body.elastic is None:
+            whole = np.kron(np.diag([1.0, 0.0]), body.mass * np.eye(3))
+            whole[3:, 3:] = 0.0 if body.inertia is None else 0.5 * (body.inertia + body.inertia.T)
+            if whole.any():
+                centre = np.zeros(3) if body.centre is None else body.centre
+                back, twist = moved(body.name, centre, np.eye(3))
+                add(body.name, np.swapaxes(back, -1, -2) @ (whole @ twist))
+            continue
+        elastic = body.elastic
+        ends = [moved(n, at, elastic.axes) for n, at in zip(body.nodes, elastic.places, strict=True)]
+        if elastic.dynamics is None:
+            mass = np.kron(np.eye(len(ends)), np.kron(np.diag([body.mass / len(ends), 0.0]), np.eye(3)))
+        else:
+            factor = elastic.dynamics.factor[:, : 6 * len(ends)]
+            mass = factor.T @ factor
+        forces = mass @ np.concatenate(np.broadcast_arrays(*(twist for _, twist in ends)), axis=1)
+        for node, (back, _), force in zip(body.nodes, ends, np.split(forces, len(ends), axis=1), strict=True):
+            add(node, np.swapaxes(back, -1, -2) @ force)
+    return out
+
+
+def add_payloads(mechanism: Mechanism, payloads: Sequence[Payload]) -> Mechanism:
+    """The mechanism whose bodies have the payloads' masses too, each at a point."""
+    bodies = {body.name: body for body in mechanism.bodies}
+    for payload in payloads:
+        body = bodies[payload.body]
+        centre = np.zeros(3) if body.centre is None else body.centre
+        whole = body.mass + payload.mass
+        if not whole > 0.0:
+            raise InputError(f"{payload.body}: expected a mass above 0 kg, got {whole:g}")
+        offset = payload.moments / payload.mass if payload.mass else np.zeros(3)
+        away = payload.at + offset - centre
+        middle = centre + away * (payload.mass / whole)
+        own = np.zeros((3, 3)) if body.inertia is None else body.inertia
+        reduced = body.mass * payload.mass / whole
+        inertia = own + reduced * (away @ away * np.eye(3) - np.outer(away, away))
+        heavy = np.linalg.eigvalsh(inertia)[0] > _HELD_MOMENT * np.abs(inertia).max() if inertia.any() else False
+        bodies[payload.body] = replace(body, mass=whole, centre=middle, inertia=inertia if heavy else body.inertia)
+    return replace(mechanism, bodies=tuple(bodies.values()))

@@ -1,0 +1,146 @@
+"""Readings that could be taken next: what a lab can read and apply, at poses all over the workspace."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.gap.campaign.campaign import AT_TOOL
+from stiffscope.gap.campaign.quantities import DEFLECTION, DEVIATION
+from stiffscope.gap.forward.robot_at_poses import configured
+
+if TYPE_CHECKING:
+    from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.robot.nominal import NominalRobot
+    from stiffscope.runtime.types import Array, Flags, Indices
+
+FORCE, MOMENT = 500.0, 100.0  # N, N·m: the range of loads where the campaign shows none
+DISPLACEMENT, ROTATION = 1e-6, 5e-6  # m, rad: the instrument where the campaign shows none
+_TRIALS = 128  # poses that are looked at for what to measure next
+_HALVINGS = 6  # between two such poses to the rim of what is within reach
+_MARGIN = 0.15  # of what the campaign and the map sweep, on either side, for such poses
+
+
+def plan_trial(c: Campaign, nominal: NominalRobot, sigma: Array) -> tuple[Campaign, Array, Indices]:
+    """Every load and axis at its largest, and none, read by what the lab has, at poses all over the workspace.
+
+    Parameters
+    ----------
+    c
+        The campaign.
+    nominal
+        Its nominal robot.
+    sigma
+        (n,) noise of its readings.
+
+    Returns
+    -------
+    tuple
+        Readings (t,) that could be taken next, their expected noise (t,), and which measurement (t,) each belongs to.
+
+    """
+    poses, cases = _trial_poses(c, nominal), _trial_loads(c)
+    channels = np.unique(c.channel[c.kind <= DEVIATION])
+    at_tool = channels >= len(c.sensors)
+    if at_tool.any() or not len(channels):
+        channels = np.concatenate([channels[~at_tool], len(c.sensors) + np.arange(6)])
+    sensor = np.where(channels < len(c.sensors), channels, AT_TOOL)
+    axes = np.array([s.axis for s in c.sensors] + list(range(6)))
+    per, rows = len(channels), len(cases) * len(channels)
+    n = len(poses) * rows
+    load = np.tile(np.repeat([k for k, _ in cases], per), len(poses))
+    wrench = np.tile(np.repeat([w for _, w in cases], per, axis=0), (len(poses), 1))
+    still = ~wrench.any(axis=1)
+    direction = np.tile(axes[channels], n // per)
+    trial = replace(
+        c,
+        pose_names=tuple(f"({', '.join(f'{v:g}' for v in pose)})" for pose in poses),
+        poses=poses,
+        pose=np.repeat(np.arange(len(poses)), rows),
+        wrench=wrench,
+        quantity=6 * np.where(still, DEVIATION, DEFLECTION) + direction,
+        value=np.zeros(n),
+        sigma=np.ones(n),
+        session=np.zeros(n),
+        file=np.zeros(n),
+        line=np.arange(n),
+        sensors=tuple(replace(s, zero="none") for s in c.sensors),
+        sensor=np.tile(sensor, n // per),
+        load=load,
+    )
+    noise = _displacement_noise(c, sigma)[np.tile(channels, n // per)]
+    return trial, noise, np.arange(n) // per
+
+
+def _trial_poses(c: Campaign, nominal: NominalRobot) -> Array:
+    """Poses (k, d) within reach, evenly over the campaign's own and what the robot's map sweeps."""
+    low, high = c.poses.min(axis=0), c.poses.max(axis=0)
+    sweep = nominal.robot.map
+    for k, name in enumerate(c.coordinates):
+        span = getattr(sweep, name, None) if sweep is not None else None
+        if span is not None and not isinstance(span, float):
+            low[k], high[k] = min(low[k], *span), max(high[k], *span)
+    margin = _MARGIN * (high - low)
+    low, high = low - margin, high + margin
+    from scipy.stats.qmc import Halton  # whose import takes a good part of a diagnosis
+
+    free = np.flatnonzero(high > low)
+    points = np.repeat(np.median(c.poses, axis=0)[None], _TRIALS, axis=0)
+    points[:, free] = low[free] + Halton(len(free), scramble=False).random(_TRIALS) * (high - low)[free]
+    middle = np.median(c.poses, axis=0)
+    home = nominal.mechanism.tool.home if c.coordinates == nominal.mechanism.tool.pose else 0.0 * middle
+    lines = [_along(start, int(k), low[k], high[k]) for start in (home, middle) for k in free]
+    reached = np.vstack([*lines, points, c.poses[: _TRIALS // 8]])
+    reaches = partial(_reaches, c, nominal)
+    valid = reaches(reached)
+    pairs = [(i, i + 1) for k in range(len(lines)) for i in range(k * len(lines[0]), (k + 1) * len(lines[0]) - 1)]
+    ends = [(i, j) if valid[i] else (j, i) for i, j in pairs if valid[i] != valid[j]]
+    inside, outside = (reached[[end[side] for end in ends]] for side in (0, 1))
+    for _ in range(_HALVINGS if ends else 0):
+        half = 0.5 * (inside + outside)
+        good = reaches(half)[:, None]
+        inside, outside = np.where(good, half, inside), np.where(good, outside, half)
+    found = np.vstack([inside, reached[valid]])
+    while not (valid := reaches(found)).all():  # all but singular poses may be reached beside others alone
+        found = found[valid]
+    return found
+
+
+def _reaches(c: Campaign, nominal: NominalRobot, poses: Array) -> Flags:
+    """Which poses (k, d) are within reach, (k,)."""
+    return configured(nominal.mechanism, c.coordinates, poses).valid
+
+
+def _trial_loads(c: Campaign) -> list[tuple[int, Array]]:
+    """Loads and their wrenches (6,): none, and every axis that the campaign loads at its largest."""
+    out: list[tuple[int, Array]] = [(AT_TOOL, np.zeros(6))]
+    for load in range(AT_TOOL, len(c.loads)):
+        wrench = np.nan_to_num(c.wrench[(c.kind == DEFLECTION) & (c.load == load)])
+        largest = np.abs(wrench).max(axis=0) if len(wrench) else np.zeros(6)
+        out += [(load, row) for row in np.diag(largest) if row.any()]
+    if len(out) == 1:
+        out += [(AT_TOOL, row) for row in np.diag([FORCE] * 3 + [MOMENT] * 3)]
+    return out
+
+
+def _displacement_noise(c: Campaign, sigma: Array) -> Array:
+    """Noise of a displacement by each channel, as the campaign's own readings have it."""
+    moving = c.kind <= DEVIATION
+    out = np.array([ROTATION if s.rotates else DISPLACEMENT for s in c.sensors] + [DISPLACEMENT] * 3 + [ROTATION] * 3)
+    for channel in range(len(out)):
+        mine = moving & (c.channel == channel)
+        if channel >= len(c.sensors):
+            mine = moving & (c.sensor < 0) & (c.direction // 3 == (channel - len(c.sensors)) // 3)
+        if mine.any():
+            out[channel] = np.median(sigma[mine])
+    return out
+
+
+def _along(start: Array, axis: int, low: float, high: float) -> Array:
+    """Poses (k, d) from a start along one coordinate, from end to end of its range."""
+    out = np.repeat(start[None], _TRIALS // 4, axis=0)
+    out[:, axis] = np.linspace(low, high, len(out))
+    return out

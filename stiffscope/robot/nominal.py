@@ -1,0 +1,132 @@
+"""The nominal robot of a diagnosis: its mechanism, its file, and the places at which effects may act."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.robot.file.description import RobotFile
+from stiffscope.robot.file.sections import ElasticBody
+from stiffscope.robot.part_dimensions import is_beam
+from stiffscope.vjm.network import list_elements
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from stiffscope.robot.part_dimensions import PartDimension
+    from stiffscope.runtime.types import Array
+    from stiffscope.vjm.bodies import Elastic
+    from stiffscope.vjm.joints import Joint
+    from stiffscope.vjm.mechanism import Mechanism
+
+
+def _no_experiments() -> dict[str, Callable[[], tuple[PartDimension, ...]]]:
+    return {}
+
+
+@dataclass(frozen=True)
+class Place:
+    """A name for one or more elements, and the other names for the very same."""
+
+    name: str
+    members: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()
+
+    @property
+    def sole(self) -> str:
+        """Its only element; nothing where it has several."""
+        return self.members[0] if len(self.members) == 1 else ""
+
+
+@dataclass(frozen=True)
+class NominalRobot:
+    """A mechanism, and the robot file that it is made of, where effects look up places and materials."""
+
+    mechanism: Mechanism
+    robot: RobotFile
+    tested: Mapping[str, Callable[[], tuple[PartDimension, ...]]] = field(default_factory=_no_experiments)
+    """By part, what gives its parameters by virtual experiments: made where they are asked for."""
+
+    @cached_property
+    def beams(self) -> tuple[str, ...]:
+        """Parts whose matrix is that of beam theory."""
+        found = {part: self.robot.bodies_of(part) for part in self.robot.parts}
+        return tuple(
+            p for p, bodies in found.items() if bodies and is_beam(self.robot, p, self.elastic[bodies[0]].compliance)
+        )
+
+    @property
+    def acceleration(self) -> float:
+        """Of gravity, m/s²."""
+        return float(np.linalg.norm(self.mechanism.gravity))
+
+    @cached_property
+    def compliances(self) -> Mapping[str, Array]:
+        """Compliance (6, 6) of every element, in its own axes at its own point."""
+        return {element.name: element.compliance for element in list_elements(self.mechanism)}
+
+    @cached_property
+    def elastic(self) -> Mapping[str, Elastic]:
+        """What makes each elastic body elastic."""
+        return {body.name: body.elastic for body in self.mechanism.bodies if body.elastic is not None}
+
+    def length(self, body: str) -> float:
+        """Length of an elastic body, m."""
+        elastic = self.elastic[body]
+        return float(np.linalg.norm(elastic.tip - elastic.base))
+
+    def part_of(self, body: str) -> str:
+        """The part that an elastic body is made of; its own name where it has a matrix of its own."""
+        section = self.robot.bodies.get(body)
+        return section.part if isinstance(section, ElasticBody) else body
+
+    def expansion(self, body: str) -> float | None:
+        """Linear thermal expansion of an elastic body's material, 1/K; None where its part has no material."""
+        section = self.robot.bodies.get(body)
+        material = self.robot.material(section.part) if isinstance(section, ElasticBody) else None
+        return None if material is None else material.expansion
+
+    @cached_property
+    def driven(self) -> Mapping[str, Joint]:
+        """Joints with a drive."""
+        return {joint.name: joint for joint in self.mechanism.drives}
+
+    def places(self, fit: Iterable[str]) -> tuple[Place, ...]:
+        """Sets and single elements, all of whose members are among those that fit; sets come first.
+
+        Of `drives` and `joints`, those members that fit. Several names for the same elements make one place: by a
+        group's name, else a part's, else the element's own, which a single one of several drives or joints has first.
+        """
+        able = dict.fromkeys(fit)
+        named: list[tuple[str, tuple[str, ...]]] = []
+        for name in (*self.robot.groups, *self.robot.parts):
+            members = self.robot.members(name)
+            if members and all(each in able for each in members):
+                named.append((name, members))
+        whole = {name: self.robot.members(name) for name in ("drives", "joints") if name not in self.robot.groups}
+        fitting = {name: tuple(each for each in members if each in able) for name, members in whole.items()}
+        lone = [name for name, members in fitting.items() if len(members) == 1 < len(whole[name])]
+        named += [(name, members) for name, members in fitting.items() if name not in lone]
+        named += [(name, (name,)) for name in able]
+        named += [(name, fitting[name]) for name in lone]
+        by_members: dict[frozenset[str], list[tuple[str, tuple[str, ...]]]] = {}
+        for name, members in named:
+            if members:
+                by_members.setdefault(frozenset(members), []).append((name, members))
+        return tuple(
+            Place(names[0][0], names[0][1], tuple(dict.fromkeys(n for n, _ in names[1:] if n != names[0][0])))
+            for names in by_members.values()
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        plain = {f.name: getattr(self.robot, f.name) for f in fields(self.robot)}  # read-only mappings do not pickle
+        plain = {name: dict(value) if isinstance(value, Mapping) else value for name, value in plain.items()}
+        return _restored, (self.mechanism, plain)  # without experiments, which belong to this process
+
+
+def _restored(mechanism: Mechanism, robot: dict[str, Any]) -> NominalRobot:
+    return NominalRobot(mechanism, RobotFile(**robot))
