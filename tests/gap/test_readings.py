@@ -413,6 +413,13 @@ def test_refuses_nothing_but_zeros(tmp_path):
     assert len(load_campaign(folder(tmp_path, [*zeros, GOOD[1]]))) == 3
 
 
+def test_refuses_deflections_that_nothing_causes(tmp_path):
+    unloaded = [row.replace("100,0", "0,0") for row in GOOD]
+    with pytest.raises(InputError, match=r"readings.csv:2: fx: expected a wrench other than zero, got none in 2 defl"):
+        load_campaign(folder(tmp_path, [unloaded[0], *unloaded]))
+    assert len(load_campaign(folder(tmp_path, [unloaded[0], *GOOD]))) == 5
+
+
 @pytest.mark.parametrize("name", ["readings.csv", "campaign.toml"])
 def test_pipes_devices_and_loops_are_no_files(tmp_path, name):
     file = folder(tmp_path) / name

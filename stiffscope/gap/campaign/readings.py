@@ -20,7 +20,7 @@ from stiffscope.gap.campaign.keys import (
     read_keys,
 )
 from stiffscope.gap.campaign.on_robot import match_robot
-from stiffscope.gap.campaign.quantities import AXES, FREQUENCY, STIFFNESS, WRENCH, kind_of
+from stiffscope.gap.campaign.quantities import AXES, DEFLECTION, FREQUENCY, STIFFNESS, WRENCH, kind_of
 from stiffscope.gap.campaign.table import numbers, read_table
 from stiffscope.gap.campaign.units import MOVED, check_units, readings_in_si
 from stiffscope.runtime.reading import open_file
@@ -119,7 +119,11 @@ def _check_files(folder: Path, header: Header) -> None:
 
 
 def _check_some(c: Campaign) -> None:
-    """Refuse readings that are all zero: a gap in percent of them is none."""
+    """Refuse readings that are all zero, of which no gap in percent can be told, and deflections without any load."""
+    moved = c.kind == DEFLECTION
+    if c.robot is not None and moved.any() and not c.wrench[moved].any():
+        where, count = c.where(int(np.argmax(moved))), int(moved.sum())
+        raise InputError(f"{where}: fx: expected a wrench other than zero, got none in {count:,} deflections")
     none = (np.abs(c.value) < MOVED.least) & ~c.relative
     if len(c) and none.all():
         raise InputError(f"{c.where(0)}: value: expected readings other than zero, got none in {len(c):,} rows")

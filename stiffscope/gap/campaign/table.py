@@ -8,16 +8,15 @@ import math
 import re
 import zipfile
 from dataclasses import dataclass
-from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.runtime.reading import MOST_BYTES, open_file, read_text
+from stiffscope.runtime.reading import open_file, read_text
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Sequence
+    from collections.abc import Callable, Collection, Iterable, Sequence
     from pathlib import Path
     from typing import BinaryIO
 
@@ -29,6 +28,12 @@ if TYPE_CHECKING:
 
 
 MOST_ROWS = 200_000  # of one table
+MOST_COLUMNS = 1_000
+MOST_CELLS = 20_000_000  # of a sheet, empty ones too: two seconds
+_LAST_ROW = 1 << 20  # of a sheet
+_MOST_LINES = 1 << 20  # of a text, blank ones too
+_LONGEST = 1 << 16  # of what is looked at to find the separator
+MOST_BYTES = 1 << 26  # of a table, unpacked: 200,000 rows of 20 numbers
 
 
 @dataclass(frozen=True)
@@ -67,7 +72,7 @@ def read_table(path: Path, check: Callable[[str, list[str]], None], ignore: Coll
     """Return a table's columns, with surrounding blanks removed; blank lines are passed over.
 
     Columns of text are separated by commas, semicolons or tabs, as the header has them; with the latter two a number
-    may have a decimal comma. Of an .xlsx file the first sheet counts.
+    may have a decimal comma. Of an .xlsx file the first sheet that is not hidden counts.
 
     Parameters
     ----------
@@ -110,46 +115,68 @@ def read_table(path: Path, check: Callable[[str, list[str]], None], ignore: Coll
 def _lines(path: Path) -> tuple[list[list[str]], list[int], bool]:
     """Rows of a text file with their lines, and whether its numbers may have a decimal comma."""
     text = read_text(path, "a table in CSV", MOST_BYTES)
-    first = next((line for line in text.splitlines() if line.strip()), "")
-    mark = "\t" if "\t" in first else ";" if ";" in first else ","
+    start = text.lstrip()[:_LONGEST].partition("\n")[0]
+    mark = "\t" if "\t" in start else ";" if ";" in start else ","
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=mark, strict=True, skipinitialspace=mark != "\t")
     rows: list[list[str]] = []
     lines: list[int] = []
     before = 0
     try:
         for row in reader:
-            if row and not (len(row) == 1 and not row[0].strip()):
+            blank = not row or (len(row) == 1 and not row[0].strip())
+            if not blank and (
+                mark == "," or any(cell.strip() for cell in row)
+            ):  # spreadsheets write rows of separators
                 rows.append(row)
                 lines.append(before + 1)
-                if len(rows) > MOST_ROWS + 1:
+                if len(rows) > MOST_ROWS + 1 or len(row) > MOST_COLUMNS:
                     break
             before = reader.line_num
+            if before > _MOST_LINES:
+                raise InputError(f"{path.name}:{before}: expected at most {_MOST_LINES:,} lines, got more")
     except csv.Error as error:
         raise InputError(f"{path.name}:{reader.line_num}: expected a CSV row, got {error}") from None
-    if mark != ",":  # spreadsheets write rows of separators alone
-        kept = [k for k, row in enumerate(rows) if any(cell.strip() for cell in row)]
-        rows, lines = [rows[k] for k in kept], [lines[k] for k in kept]
     return rows, lines, mark != ","
 
 
 def _sheet(path: Path) -> tuple[list[list[str]], list[int], bool]:
-    """Rows of the first sheet of an .xlsx file with their numbers."""
+    """Rows of the first visible sheet of an .xlsx file with their numbers."""
     import openpyxl
 
     try:
         with open_file(path, "an .xlsx workbook") as stream:
             _check_unpacked(path, stream)
             book = openpyxl.load_workbook(stream, read_only=True, data_only=True)
-            found = [list(row) for row in islice(book.worksheets[0].iter_rows(values_only=True), MOST_ROWS + 2)]
+            sheet = next(each for each in book.worksheets if each.sheet_state == "visible")
+            sheet.reset_dimensions()  # what a file says of its size may be anything
+            rows, lines = _filled_rows(path, sheet.iter_rows(values_only=True))
     except InputError:
         raise
+    except StopIteration:
+        raise InputError(f"{path}: expected an .xlsx workbook with a sheet that is not hidden") from None
     except Exception as error:  # noqa: BLE001 (whatever zip and XML parsers raise for no workbook)
         raise InputError(f"{path}: expected an .xlsx workbook, got {' '.join(str(error).split())}") from None
-    whole = [[_cell(value) for value in row] for row in found]
-    kept = [k for k, row in enumerate(whole) if any(row)]
-    width = max((j + 1 for j, cell in enumerate(whole[kept[0]]) if cell), default=0) if kept else 0
-    rows = [row[: max(width, *(j + 1 for j, cell in enumerate(row) if cell))] for row in (whole[k] for k in kept)]
-    return [row + [""] * (width - len(row)) for row in rows], [k + 1 for k in kept], True
+    width = len(rows[0]) if rows else 0
+    return [row + [""] * (width - len(row)) for row in rows], lines, True
+
+
+def _filled_rows(path: Path, rows: Iterable[Sequence[object]]) -> tuple[list[list[str]], list[int]]:
+    """Rows that have a value with their numbers, each up to its last value; bounded in time and memory."""
+    found: list[list[str]] = []
+    lines: list[int] = []
+    cells = 0
+    for line, row in enumerate(rows, 1):
+        cells += 1 + len(row)
+        if cells > MOST_CELLS or line > _LAST_ROW:
+            message = f"expected at most {_LAST_ROW:,} rows and {MOST_CELLS:,} cells, got more"
+            raise InputError(f"{path.name}:{line}: {message}")
+        last = next((k for k in range(len(row), 0, -1) if row[k - 1] not in {None, ""}), 0)
+        if last:
+            found.append([_cell(value) for value in row[: min(last, MOST_COLUMNS + 1)]])
+            lines.append(line)
+            if len(found) > MOST_ROWS + 1 or last > MOST_COLUMNS:
+                break
+    return found, lines
 
 
 def _check_unpacked(path: Path, stream: BinaryIO) -> None:
@@ -177,11 +204,16 @@ def _with_point(cell: str) -> str:
 
 def _header(name: str, row: list[str], line: int) -> list[str]:
     header = [cell.strip() for cell in row]
+    if len(header) > MOST_COLUMNS:
+        message = f"expected at most {MOST_COLUMNS:,} columns, got more"
+        raise InputError(f"{name}:{line}: column {MOST_COLUMNS + 1}: {message}")
+    seen: set[str] = set()
     for position, cell in enumerate(header):
         if not cell:
             raise InputError(f"{name}:{line}: column {position + 1}: expected a name in the header")
-        if cell in header[:position]:
+        if cell in seen:
             raise InputError(f"{name}:{line}: {cell}: expected each name once, got it twice")
+        seen.add(cell)
     return header
 
 

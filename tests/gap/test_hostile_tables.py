@@ -1,0 +1,189 @@
+"""Malformed tables of a campaign: each is refused by file and place, or read right, soon and in little memory."""
+
+import resource
+import signal
+import time
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from stiffscope.errors import InputError
+from stiffscope.gap.campaign.readings import load_campaign
+from stiffscope.gap.campaign.table import MOST_BYTES
+
+openpyxl = pytest.importorskip("openpyxl")
+COLUMNS = ("x", "y", "z", "quantity", "value", "sigma")
+ROW = (0, 0, 0.35, "ez", 1e-5, 1e-6)
+SECONDS = 10
+NAMESPACE = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
+
+
+def load(folder, name):
+    (folder / "campaign.toml").write_text(f'robot = "biglide"\nreadings = "{name}"\n')
+    return load_campaign(folder)
+
+
+@pytest.fixture(autouse=True)
+def _bounded():
+    """An alarm after ten seconds, and two gigabytes more than is in use."""
+
+    def late(*_):
+        raise TimeoutError(f"no answer within {SECONDS} s")
+
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (used + (2 << 30), before[1]))
+    signal.signal(signal.SIGALRM, late)
+    signal.alarm(SECONDS)
+    yield
+    signal.alarm(0)
+    resource.setrlimit(resource.RLIMIT_AS, before)
+
+
+def workbook(folder, *sheets):
+    """A workbook of sheets (title, state, rows); a row is a list of cells or a dict of cells by name."""
+    book = openpyxl.Workbook()
+    book.remove(book.active)
+    for title, state, rows in sheets:
+        sheet = book.create_sheet(title)
+        sheet.sheet_state = state
+        for row in rows:
+            if isinstance(row, dict):
+                for place, value in row.items():
+                    sheet[place] = value
+            else:
+                sheet.append(row)
+    book.save(folder / "r.xlsx")
+
+
+def rewritten(folder, sheet):
+    """The workbook with another text of its first sheet."""
+    with zipfile.ZipFile(folder / "r.xlsx") as book:
+        content = {name: book.read(name) for name in book.namelist()}
+    content["xl/worksheets/sheet1.xml"] = sheet.encode()
+    with zipfile.ZipFile(folder / "r.xlsx", "w", zipfile.ZIP_DEFLATED) as book:
+        for name, data in content.items():
+            book.writestr(name, data)
+
+
+@pytest.mark.parametrize(
+    ("place", "expected"),
+    [
+        ("XFD1048576", r"r.xlsx:1048576: column 7: expected 6 cells, got 1001"),
+        ("XFD1", r"r.xlsx:1: column 1001: expected at most 1,000 columns"),
+        ("XFD3", r"r.xlsx:3: column 7: expected 6 cells, got 1001"),
+        ("A1048576", r"r.xlsx:1048576: quantity: expected"),
+        ("G3", r"r.xlsx:3: column 7: expected 6 cells, got 7"),
+    ],
+)
+def test_a_far_off_cell_is_named(tmp_path, place, expected):
+    workbook(tmp_path, ("one", "visible", [COLUMNS, ROW, {place: 1}]))
+    with pytest.raises(InputError, match=expected):
+        load(tmp_path, "r.xlsx")
+
+
+def test_a_hidden_sheet_is_not_read(tmp_path):
+    old = [*ROW[:4], 7e-5, 1e-6]
+    workbook(tmp_path, ("old", "hidden", [COLUMNS, old]), ("new", "visible", [COLUMNS, ROW]))
+    assert load(tmp_path, "r.xlsx").value.tolist() == [1e-5]
+    (tmp_path / "r.xlsx").unlink()
+    workbook(tmp_path, ("a", "visible", []), ("b", "veryHidden", [COLUMNS, ROW]))
+    with pytest.raises(InputError, match=r"r\.xlsx: expected a header line"):
+        load(tmp_path, "r.xlsx")
+
+
+def _sheet_of(rows, dimension="A1:F2"):
+    return f'<worksheet xmlns="{NAMESPACE}"><dimension ref="{dimension}"/><sheetData>{rows}</sheetData></worksheet>'
+
+
+WIDE = '<row r="{0}"><c r="XFD{0}"/></row>'
+SHEETS = {
+    "a lying dimension": _sheet_of('<row r="1"><c r="A1" t="inlineStr"><is><t>x</t></is></c></row>', "A1:XFD1048576"),
+    "a row without end": _sheet_of('<row r="999999999999"><c r="A9"><v>1</v></c></row>'),
+    "a negative row": _sheet_of('<row r="-5"><c r="A1"><v>1</v></c></row>'),
+    "rows backwards": _sheet_of('<row r="5"><c r="A5"><v>1</v></c></row><row r="1"><c r="A1"><v>1</v></c></row>'),
+    "a column beyond the last": _sheet_of('<row r="1"><c r="ZZZZ1"><v>1</v></c></row>'),
+    "wide empty rows": _sheet_of("".join(WIDE.format(k) for k in range(1, 100_000))),
+    "no rows": _sheet_of(""),
+    "no such string": _sheet_of('<row r="1"><c r="A1" t="s"><v>99</v></c></row>'),
+    "an error in a cell": _sheet_of('<row r="1"><c r="A1" t="e"><v>#REF!</v></c></row>'),
+    "an entity": f'<!DOCTYPE w [<!ENTITY a "b">]>{_sheet_of("<row>&a;</row>")}',
+    "no XML": "nothing",
+    "an end too early": _sheet_of("")[:-30],
+    "deep": _sheet_of("<row>" * 20_000 + "</row>" * 20_000),
+    "another root": f'<chartsheet xmlns="{NAMESPACE}"/>',
+    "many empty rows": _sheet_of("<row/>" * 1_100_000),
+}
+
+
+@pytest.mark.parametrize("name", SHEETS)
+def test_a_malformed_sheet_is_refused(tmp_path, name):
+    workbook(tmp_path, ("one", "visible", [COLUMNS, ROW]))
+    rewritten(tmp_path, SHEETS[name])
+    with pytest.raises(InputError, match=r"^.*r\.xlsx"):
+        load(tmp_path, "r.xlsx")
+
+
+HEADER = ",".join(COLUMNS)
+LINE = ",".join(map(str, ROW))
+TEXTS = {
+    "only newlines": b"\n" * (MOST_BYTES - 1),
+    "a header and newlines": HEADER.encode() + b"\n" * (MOST_BYTES - 100),
+    "only carriage returns": b"\r" * (MOST_BYTES // 8),
+    "only separators": b"," * (MOST_BYTES // 4),
+    "only semicolons": (b";" * 1000 + b"\n") * (MOST_BYTES // 4004),
+    "too large": b"," * (MOST_BYTES + 1),
+    "one long cell": b"x" * (MOST_BYTES - 1),
+    "one long quoted cell": b'"' + b"x" * (1 << 20),
+    "quotes": b'"' * 1_000_001,
+    "many columns": b",".join(b"c%d" % k for k in range(500_000)),
+    "many rows of one cell": HEADER.encode() + b"\n1" * 10_000_000,
+    "a long row": HEADER.encode() + b"\n" + b"1," * 1_000_000,
+    "zeros": b"\0" * 1000,
+    "UTF-16": f"{HEADER}\n{LINE}\n".encode("utf-16"),
+    "a picture": b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 100,
+    "a workbook by another name": b"PK\x03\x04" + bytes(range(256)),
+    "a line of blanks": b" " * 1_000_000,
+    "blanks and newlines": b" \n" * 10_000_000,
+}
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_a_malformed_text_is_refused(tmp_path, name):
+    (tmp_path / "r.csv").write_bytes(TEXTS[name])
+    began = time.monotonic()
+    with pytest.raises(InputError, match=r"^(.*/)?r\.csv"):
+        load(tmp_path, "r.csv")
+    assert time.monotonic() - began < SECONDS
+
+
+CELLS = {
+    "x": [
+        "",
+        "nan",
+        "inf",
+        "-inf",
+        "1e999",
+        "0x10",
+        "1_0",
+        "1.0.0",
+        "+-1",
+        "--",
+        "1e5",
+        "0 0",
+        "=A1",
+        "'0",
+    ],
+    "quantity": ["", "EZ", "e z", "ezz", "f0", "f31", "f", "f1.0", "f-1", "d", "dx;", "smr.x", "=1"],
+    "value": ["", "nan", "inf", "1e308", "1e-5 m", "1e-5m", "10um", "1e-5;", "true", "None", "#N/A", "#REF!", "-"],
+    "sigma": ["0", "-1e-6", "nan", "inf", "1e-400", "1e-15", "11", "1e-6 m", "±1e-6", "?", "1E", "e-6", "0.0"],
+}
+
+
+@pytest.mark.parametrize(("column", "cell"), [(c, cell) for c, cells in CELLS.items() for cell in cells])
+def test_a_malformed_cell_is_named(tmp_path, column, cell):
+    row = [cell if name == column else str(value) for name, value in zip(COLUMNS, ROW, strict=True)]
+    (tmp_path / "r.csv").write_text("\t".join(COLUMNS) + "\n" + "\t".join(row) + "\n")
+    with pytest.raises(InputError, match=rf"^r\.csv:2: {column}: expected "):
+        load(tmp_path, "r.csv")
