@@ -2,6 +2,9 @@
 
 import importlib
 import re
+import subprocess
+import sys
+import tomllib
 from functools import reduce
 from pathlib import Path
 
@@ -52,6 +55,27 @@ def test_every_cited_section_exists() -> None:
     cited = {number: path for path in [*sources, *PAGES] for number in CITED.findall(path.read_text(encoding="utf-8"))}
     assert cited
     assert {number: path for number, path in cited.items() if number not in there} == {}
+
+
+def test_no_numbered_equation_has_lines() -> None:
+    """Sphinx splits such ones, and MathJax refuses a number within a split; matrices have \\cr."""
+    shown = re.findall(r"\$\$.*?\$\$", (ROOT / "docs/theory.md").read_text(encoding="utf-8"), re.DOTALL)
+    assert [each for each in shown if r"\tag" in each and r"\\" in each] == []
+
+
+def test_the_pages_need_nothing_but_their_extra() -> None:
+    """No extension imports what only tests have, at any depth."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extra = project["optional-dependencies"]
+    only = {re.split("[<>=]", each)[0] for each in extra["dev"]} - {
+        re.split("[<>=]", each)[0] for each in extra["docs"]
+    }
+    names = sorted(name.replace("-", "_") for name in only if "[" not in name and name not in {"ipython", "setuptools"})
+    extensions = sorted(path.stem for path in (ROOT / "docs/extensions").glob("*.py"))
+    code = f"import sys; sys.modules.update(dict.fromkeys({names})); sys.path.insert(0, 'docs/extensions')"
+    command = [sys.executable, "-c", f"{code}; import {', '.join(extensions)}"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
 
 
 def test_equations_are_numbered_once_and_in_order() -> None:

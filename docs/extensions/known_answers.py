@@ -12,21 +12,28 @@ import numpy as np
 from docutils import nodes
 from docutils.parsers.rst import Directive
 
+from stiffscope.fea.beam import circle, timoshenko
+from stiffscope.fea.run import run_experiment
 from stiffscope.report.figures import AFTER, BEFORE, EFFECT, STYLE, new_figure
+from stiffscope.robot.beam_dynamics import beam_dynamics
+from stiffscope.vjm.bodies import member
+from stiffscope.vjm.joints import Drive, Joint
+from stiffscope.vjm.mechanism import Mechanism, Tool
+from stiffscope.vjm.modes import modes
+from stiffscope.vjm.statics import stiffness
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT))  # the tests' exact solutions and independent models, which need none of the tests' tools
+from tests.robots import cubic_hexapod, robot_of  # noqa: E402
+from tests.validation.parts import STEEL, bar, plate  # noqa: E402
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from sphinx.application import Sphinx
 
-ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT))  # the tests' exact solutions and independent models
-
 
 def parts() -> tuple[Figure, str]:
     """Exact compliances of bars and plates beside ours, with the error bars."""
-    from stiffscope.fea.run import run_experiment
-    from tests.validation.parts import STEEL, bar, plate
-
     solids = {"bar": bar(), "tube": bar(bore=0.015, length=0.1), "steel bar": bar(material=STEEL), "plate": plate()}
     labels, off, bounds = [], [], []
     for name, (part, exact) in solids.items():
@@ -47,9 +54,6 @@ def parts() -> tuple[Figure, str]:
 
 def hexapod() -> tuple[Figure, str]:
     """Closed form of the cubic Gough-Stewart platform over the height of the tool point."""
-    from stiffscope.vjm.statics import stiffness
-    from tests.validation.test_second_robots import cubic_hexapod
-
     k, size, heights = 2.5e6, 0.3, np.linspace(0.0, 0.4, 41)
     ours = []
     for height in heights:
@@ -74,9 +78,6 @@ def hexapod() -> tuple[Figure, str]:
 
 def former() -> tuple[Figure, str]:
     """The Biglide from its file beside its former closed-form assembler, over the workspace."""
-    from stiffscope.vjm.statics import stiffness
-    from tests.robots import robot_of
-
     held = np.load(ROOT / "tests" / "validation" / "former_assembler.npz")
     ours, theirs = (
         stiffness(robot_of(held["published_link"], held["published_slider"]), held["poses"]), held["published_K"],
@@ -92,13 +93,6 @@ def former() -> tuple[Figure, str]:
 
 def frequencies() -> tuple[Figure, str]:
     """A clamped slender rod beside its textbook frequencies."""
-    from stiffscope.robot.beam_dynamics import beam_dynamics
-    from stiffscope.vjm.bodies import member
-    from stiffscope.vjm.joints import Drive, Joint
-    from stiffscope.vjm.mechanism import Mechanism, Tool
-    from stiffscope.vjm.modes import modes
-    from tests.vjm.test_modes import circle, timoshenko
-
     e, g, density, section = 211e9, 81e9, 7850.0, circle(0.002)
     dynamics = beam_dynamics([(0.4, section), (0.6, section)], e, g, density, 14)
     rod = member("rod", [0, 0, 0], [1, 0, 0], timoshenko(1.0, section, e, g), dynamics=dynamics)

@@ -7,31 +7,10 @@ from stiffscope.errors import InputError
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
-from stiffscope.vjm.bodies import Body
-from stiffscope.vjm.joints import Drive, Joint
 from stiffscope.vjm.kinematics import configure
-from stiffscope.vjm.mechanism import Mechanism, Tool
 from stiffscope.vjm.singularity import count_freedoms
 from stiffscope.vjm.statics import respond, stiffness
-
-
-def cubic_hexapod(size, strut, height):
-    """Six driven struts along edges of a cube on its corner, each ``size`` high; M at a height above its centre."""
-    corners = np.sqrt(3.0) * size * (np.array([[0, 0, 1], [0, 1, 1], [0, 1, 0], [1, 1, 0], [1, 0, 0], [1, 0, 1]]) - 0.5)
-    x, y = np.array([1, -1, 0]) / np.sqrt(2), np.array([1, 1, -2]) / np.sqrt(6)
-    points = corners @ np.stack([x, y, np.cross(x, y)]).T  # the cube's diagonal along z
-    bodies, joints = [Body("platform")], []
-    for k, ends in enumerate([(0, 1), (2, 1), (2, 3), (4, 3), (4, 5), (0, 5)]):
-        foot, head = sorted(points[list(ends)], key=lambda p: p[2])
-        first, second = np.linalg.svd((head - foot)[None])[2][1:]
-        bodies += [Body(f"lower{k}"), Body(f"upper{k}")]
-        joints += [
-            Joint(f"foot{k}", "ground", f"lower{k}", "universal", foot, first, second),
-            Joint(f"drive{k}", f"lower{k}", f"upper{k}", "prismatic", foot, head - foot, drive=Drive(strut)),
-            Joint(f"head{k}", f"upper{k}", "platform", "spherical", head),
-        ]
-    tool = Tool("platform", np.array([0.0, 0.0, height]), ("x", "y", "z", "rx", "ry", "rz"))
-    return Mechanism(tuple(bodies), tuple(joints), tool)
+from tests.robots import cubic_hexapod
 
 
 @pytest.mark.parametrize("height", [0.0, 0.11])
