@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import TYPE_CHECKING
 
 import click
@@ -10,6 +11,7 @@ from stiffscope.cli import options
 from stiffscope.cli.options import takes
 from stiffscope.cli.output import emit
 from stiffscope.errors import InputError
+from stiffscope.experiments.assembly import check_solids
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.report.check_tables import show_check
 from stiffscope.report.kept_pictures import draw_inspection
@@ -36,6 +38,10 @@ def check(name: str, *, overrides: tuple[str, ...], output: Output) -> None:
     """
     robot = load_robot(name, overrides)
     found = inspect_robot(robot)
+    try:
+        check_solids(robot)
+    except InputError as error:
+        found = dataclasses.replace(found, error=found.error or str(error))
     emit(
         output, inspection_json(found), lambda: show_check(found), manifest=manifest_of(robot),
         fill=lambda folder: draw_inspection(found, folder),

@@ -18,7 +18,7 @@ from stiffscope.experiments.assembly import check_one_interface
 from stiffscope.experiments.experiments import solve_parts
 from stiffscope.experiments.interfaces import compare_interfaces, interfaces_csv, interfaces_json
 from stiffscope.experiments.manifest import manifest_of
-from stiffscope.experiments.orders import order_part
+from stiffscope.experiments.orders import name_lines, order_part
 from stiffscope.experiments.results import compliance_json
 from stiffscope.experiments.superelements import write_part
 from stiffscope.report import compare as comparison
@@ -54,7 +54,9 @@ def compliance(
     output.check_folder(superelement)
     manifest = manifest_of(robot)
     with open_workshop(output) as shop:
-        (result,) = solve_parts([order_part(robot, part, step)], shop)
+        order = order_part(robot, part, step)
+        with name_lines(robot):
+            (result,) = solve_parts([order], shop)
     if superelement:
         write_part(result, superelement, manifest)
 

@@ -19,7 +19,7 @@ from stiffscope.errors import InputError
 from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.parameters import parameters
-from stiffscope.robot.part_matrices import part_matrices
+from stiffscope.robot.part_matrices import part_matrices, part_sources
 from stiffscope.vjm import statics
 from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.modes import frequencies, modes
@@ -186,6 +186,7 @@ class _Model:
     def row(self, parameter: Parameter, middle: Responses) -> Row:
         step = STEP * parameter.value
         changed = [parameter.set_to(self.robot, parameter.value + sign * step) for sign in (1, -1)]
+        _check_lengths(self.robot, changed[0], self.components)
         above, below = (self.responses(each) for each in changed)
         names = [f.name for f in fields(Responses)]
         by = Responses(*((getattr(above, name) - getattr(below, name)) / (2 * step) for name in names))
@@ -253,6 +254,19 @@ class _Model:
                 reference_point=one.reference_point + (np.zeros((1, 3)) + sums["reference_points"])[0],
             ),
         )
+
+
+def _check_lengths(before: RobotFile, after: RobotFile, components: Components) -> None:
+    """Raise InputError for a number that changes how long a STEP file's solid would have to be."""
+    for name, source in part_sources(before, components).items():
+        for body in before.bodies_of(name) if source == "step" else ():
+            own, other = (
+                np.linalg.norm(np.subtract(each.elastic_bodies()[body].tip, each.elastic_bodies()[body].base))
+                for each in (before, after)
+            )
+            if abs(own - other) > 1e-9 * own:
+                file = getattr(before.parts[name], "file", name)
+                raise before.refuse(("bodies", body, "tip"), f"expected the length of {file}, got another")
 
 
 def _changes(before: RobotFile, after: RobotFile, name: str) -> dict[str, float]:

@@ -10,20 +10,20 @@ import numpy as np
 
 from stiffscope.cad.checks import mm
 from stiffscope.errors import InputError
-from stiffscope.experiments.experiments import solve_parts
-from stiffscope.experiments.orders import order_part
+from stiffscope.experiments.experiments import describe_solid, solve_parts
+from stiffscope.experiments.orders import build_part, name_lines, order_part
 from stiffscope.robot.checks import SAME_LENGTH
 from stiffscope.robot.file.part_sections import StepPart
 from stiffscope.robot.inspection import configured_poses, rigid_mechanism
 from stiffscope.robot.mechanism_of import mechanism_of
-from stiffscope.robot.part_matrices import needed_experiments, part_matrices, part_sources
+from stiffscope.robot.part_matrices import needed_experiments, part_matrices, part_sources, used_parts
 from stiffscope.runtime.workshop import workshop
 from stiffscope.vjm import statics
 from stiffscope.vjm.screws import CONVENTION
 from stiffscope.vjm.semidefinite import inverse
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from stiffscope.experiments.orders import PartOrder
     from stiffscope.experiments.results import PartResult
@@ -107,7 +107,8 @@ def assemble_robots(
     for i, (label, robot) in enumerate(robots.items()):
         for name, order in _orders(robot, components).items():
             orders[label, name] = order if i == 0 else dataclasses.replace(order, label=f"{name} ({label})")
-    solved = dict(zip(orders, solve_parts(list(orders.values()), shop, whole=whole, near=near), strict=True))
+    with name_lines(next(iter(robots.values()))):
+        solved = dict(zip(orders, solve_parts(list(orders.values()), shop, whole=whole, near=near), strict=True))
     return {
         label: _assembled(robot, components, {name: solved[at, name] for at, name in solved if at == label})
         for label, robot in robots.items()
@@ -147,7 +148,9 @@ def _assembled(robot: RobotFile, components: Components, results: dict[str, Part
     sources = {
         name: source if isinstance(source, str) else "given" for name, source in part_sources(robot, components).items()
     }
-    _check_lengths(robot, (results[name] for name, source in sources.items() if source == "step"))
+    for name, source in sources.items():
+        if source == "step":
+            _check_length(robot, name, results[name].length)
     matrices = part_matrices(robot, components, results)
     bare = mechanism_of(robot, matrices)
     return Assembled(robot, sources, results, matrices, _with_effects(bare, robot), bare)
@@ -161,20 +164,26 @@ def _with_effects(bare: Mechanism, robot: RobotFile) -> Mechanism:
     return apply_effects(bare, robot)
 
 
-def _check_lengths(robot: RobotFile, results: Iterable[PartResult]) -> None:
+def check_solids(robot: RobotFile) -> None:
+    """Raise InputError for a STEP file's solid that cannot be the part that it is to be; nothing is tested."""
+    for name in used_parts(robot):
+        if isinstance(robot.part(name), StepPart):
+            part = build_part(robot, name)
+            clamped = describe_solid(part)["clamped_centre"]
+            _check_length(robot, name, float(part.loaded[0].reference_point[0] - clamped[0]))
+
+
+def _check_length(robot: RobotFile, name: str, length: float) -> None:
     """Raise InputError for a body that is not as long as the STEP file's solid that it is made of."""
-    for result in results:
-        for name in robot.bodies_of(result.name):
-            body = robot.elastic_bodies()[name]
-            length, given = result.length, float(np.linalg.norm(np.subtract(body.tip, body.base)))
-            if abs(length - given) > SAME_LENGTH * given:
-                part = robot.part(result.name)
-                file = part.file if isinstance(part, StepPart) else ""
-                raise robot.refuse(
-                    ("bodies", name, "tip"),
-                    f"expected a tip {mm(length)} from the base, as the reference point of {file} is from its clamped "
-                    f"faces along x, got {mm(given)}",
-                )
+    for body in robot.bodies_of(name):
+        given = float(np.linalg.norm(np.subtract(robot.elastic_bodies()[body].tip, robot.elastic_bodies()[body].base)))
+        if abs(length - given) > SAME_LENGTH * given:
+            part = robot.part(name)
+            file = part.file if isinstance(part, StepPart) else ""
+            what = f"as the reference point of {file} is from its clamped faces along x"
+            raise robot.refuse(
+                ("bodies", body, "tip"), f"expected a tip {mm(length)} from the base, {what}, got {mm(given)}"
+            )
 
 
 def at_named_poses(assembled: Assembled, poses: Mapping[str, Sequence[float]]) -> Stiffness:

@@ -173,15 +173,15 @@ def _write(part: Part, experiment: Experiment, folder: Path, *, whole: bool) -> 
     from stiffscope.fea.export import write_vtu
 
     experiment.save(folder / EXPERIMENT)
-    (folder / SOLID).write_text(json.dumps(_solid(part)))
+    (folder / SOLID).write_text(json.dumps(describe_solid(part)))
     if whole:
         write_vtu(experiment, folder / FIELDS)
         write_step(part, folder / f"{part.name}.step")
         write_stl(part, folder / f"{part.name}.stl")
 
 
-def _solid(part: Part) -> dict[str, Any]:
-    """What cad tells of a part's solid, SI."""
+def describe_solid(part: Part) -> dict[str, Any]:
+    """What cad tells of a part's solid, SI: mass, inertia, its clamped faces and their centre."""
     from stiffscope.cad.faces import face_geometries
     from stiffscope.cad.part import mass_properties
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +16,8 @@ from stiffscope.runtime.files import file_digest
 from stiffscope.runtime.reading import MOST_BYTES
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from stiffscope.cad.faces import FaceSelector
     from stiffscope.cad.link import LinkParameters
     from stiffscope.cad.materials import AnyMaterial
@@ -124,6 +127,19 @@ def order_part(robot: RobotFile, name: str, step: str | Path | None = None, *, l
     return PartOrder(name, solid, material, settings, label or name)
 
 
+@contextmanager
+def name_lines(robot: RobotFile) -> Iterator[None]:
+    """Name file and line in errors of parts, such as "arm.clamped: no face has …"."""
+    try:
+        yield
+    except InputError as error:
+        where, _, message = str(error).partition(": ")
+        name = next((each for each in sorted(robot.parts, key=len)[::-1] if where.startswith(f"{each}.")), None)
+        if name is None:
+            raise
+        raise robot.refuse(("parts", name, *where[len(name) + 1 :].split(".")), message) from error
+
+
 def build_part(robot: RobotFile, name: str) -> Part:
     """Build a part of a robot: the robot file's own shape of it, or the STEP file that it names.
 
@@ -145,7 +161,8 @@ def build_part(robot: RobotFile, name: str) -> Part:
         There is no such part, or its solid cannot be built or read.
 
     """
-    return order_part(robot, name).build()
+    with name_lines(robot):
+        return order_part(robot, name).build()
 
 
 def _dimensions(robot: RobotFile, name: str) -> LinkParameters | SliderParameters:

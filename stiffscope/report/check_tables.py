@@ -29,7 +29,7 @@ def show_check(found: Inspection) -> None:
     _parts(found)
     _masses(found)
     _drives(found)
-    if not found.error:
+    if found.configurations is not None:
         _reach(found)
         _poses(found)
     _lines("Remarks", found.remarks or ["none"])

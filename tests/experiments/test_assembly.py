@@ -5,17 +5,19 @@ from shutil import copyfile
 import numpy as np
 import pytest
 
+from stiffscope.design.sensitivity import robot_sensitivity
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import (
     assemble,
     assemble_robots,
     at_named_poses,
     check_reach,
+    check_solids,
     deflection_bars,
     stiffness_bars,
     stiffness_json,
 )
-from stiffscope.robot.reader import load_robot
+from stiffscope.robot.reader import load_robot, read_robot
 from stiffscope.runtime.workshop import workshop
 from stiffscope.vjm.statics import stiffness
 from stiffscope.vjm.yielding import deflection
@@ -70,6 +72,28 @@ def test_a_body_is_as_long_as_its_step_file_s_solid(stepped, tmp_path):
     message = r"robot\.toml:13: bodies\.arm\.tip: expected a tip 60 mm from the base, .* of bar\.step .*, got 61 mm"
     with pytest.raises(InputError, match=message):
         assembled(one_part(tmp_path, STEP, length=61.0))
+    with pytest.raises(InputError, match=message):
+        check_solids(one_part(tmp_path, STEP, length=61.0))
+    check_solids(one_part(tmp_path, STEP))
+
+
+def test_faces_that_a_step_file_has_not_are_named_by_file_and_line(stepped, tmp_path):
+    copyfile(stepped.robot.path.with_name("bar.step"), tmp_path / "bar.step")
+    robot = one_part(tmp_path, f'{STEP}\nclamped = [{{ kind = "cylinder" }}]')
+    message = r'robot\.toml:9: parts\."bar 1"\.clamped: no face has kind = cylinder'
+    for refuse in (assembled, check_solids):
+        with pytest.raises(InputError, match=message):
+            refuse(robot)
+
+
+def test_a_parameter_that_changes_a_step_file_s_length_is_not_ranked(stepped):
+    found = robot_sensitivity(
+        read_robot(stepped.robot.path, stepped.robot.source.text.replace('["60.0 mm", 0, 0]\ny', '["= L", 0, 0]\ny')
+                   + '\n[parameters]\nL = "60 mm"\n'),
+        np.array([[LENGTH]]), None, stepped.results,
+    )  # fmt: skip
+    assert "parameters.L" not in [row.parameter.name for row in found.rows]
+    assert "expected the length of bar.step" in found.notes["parameters.L"]
 
 
 def test_a_mass_that_only_cad_knows_is_tested_for(tmp_path):
