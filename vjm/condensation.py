@@ -25,6 +25,10 @@ if TYPE_CHECKING:
     from stiffscope.vjm.screws import Array
 
 
+class InfiniteStiffnessError(InputError):
+    """A stiffness is infinite in some direction; the compliance still is what it is."""
+
+
 @dataclass(eq=False)
 class Stiff:
     """A stiffened connection: its stiffness (n or 1, 6, 6) in its ``own`` axes, and at M in base axes.
@@ -110,7 +114,7 @@ class Condensed:
 
 
 def condense_network(order: Order, where: Places) -> Condensed:
-    """Condense a network. Raises InputError where a connection has infinite stiffness."""
+    """Condense a network. Raises InfiniteStiffnessError where a connection has one."""
     state = Condensed(order, where)
     for step in order.steps:
         match step:
@@ -130,7 +134,9 @@ def _stiffen(state: Condensed, connection: Connection) -> Stiff:
         own, finite = form_stiffness(*connection.flexible(where), state.order.length)
         if not finite:
             names = ", ".join(e.name for e, _ in connection.members)
-            raise InputError(f"{names}: infinite stiffness in a constrained direction; expected a compliance there")
+            raise InfiniteStiffnessError(
+                f"{names}: infinite stiffness in a constrained direction; expected a compliance there"
+            )
     back = connection.frame(where).inverse_adjoint()
     stiffness = np.swapaxes(back, -1, -2) @ own @ back
     state.add(connection.start, connection.end, stiffness)

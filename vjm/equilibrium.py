@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.vjm.checks import GROUND
-from stiffscope.vjm.condensation import condense_network
+from stiffscope.vjm.condensation import InfiniteStiffnessError, condense_network
 from stiffscope.vjm.loading import condense_loads, recover_response, solve_tool
 from stiffscope.vjm.network import END
 from stiffscope.vjm.saddle import saddle_held, saddle_response, saddle_unit
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def tool_stiffness(state: Condensed) -> Array:
-    """Stiffness (n or 1, 6, 6) at M in base axes. Raises InputError where it would be infinite."""
+    """Stiffness (n or 1, 6, 6) at M in base axes. Raises InfiniteStiffnessError where it would be infinite."""
     if state.order.left:
         return saddle_unit(state)[0]
     if (GROUND, END) in state.pairs or (END, GROUND) in state.pairs:
@@ -37,7 +37,11 @@ def solve_loads(order: Order, where: Places, loads: Loads) -> Response:
 
     Raises InputError where something moves freely under its load.
     """
-    return solve_condensed(condense_network(order, where), loads)
+    try:
+        state = condense_network(order, where)
+    except InfiniteStiffnessError:
+        state = condense_network(order.unstiffened, where)
+    return solve_condensed(state, loads)
 
 
 def solve_condensed(state: Condensed, loads: Loads) -> Response:

@@ -8,6 +8,7 @@ are eliminated.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import combinations
 from typing import TYPE_CHECKING, Any, TypeAlias
 from weakref import WeakKeyDictionary
@@ -142,8 +143,14 @@ class Order:
     steps: tuple[Step, ...]
     left: tuple[Connection, ...]
     kept: tuple[str, ...]
+    linkage: Linkage
     independent: dict[str, tuple[Array, NDArray[np.intp]]] = field(default_factory=dict[Any, Any])
     """Of a saddle-point system its scale and independent rows at home, by what is solved for, once it has been."""
+
+    @cached_property
+    def unstiffened(self) -> Order:
+        """The same with no connection turned into a stiffness: it serves where one is infinite."""
+        return _Planner(self.mechanism, self.linkage).order(stiffen=False)
 
 
 _orders: WeakKeyDictionary[Mechanism, Order] = WeakKeyDictionary()
@@ -167,7 +174,7 @@ def places_at_home(mechanism: Mechanism) -> Places:
 class _Planner:
     def __init__(self, mechanism: Mechanism, linkage: Linkage) -> None:
         self.mechanism = mechanism
-        self.length = linkage.length
+        self.linkage, self.length = linkage, linkage.length
         self.links = map_links(linkage)
         self.home = places_at_home(mechanism)
         self.elements = list_elements(mechanism)
@@ -176,9 +183,11 @@ class _Planner:
         self.nodes = [n for n in list_nodes(mechanism) if n not in {GROUND, END}]
         self.steps: list[Step] = []
 
-    def order(self) -> Order:
+    def order(self, *, stiffen: bool = True) -> Order:
         while True:
             self._merge()
+            if not stiffen:
+                break
             tried = [c if c.formable is not None else self._tried(c) for c in self.flexible]
             self.flexible = [c for c in tried if not c.formable]
             for c in (c for c in tried if c.formable):
@@ -188,7 +197,7 @@ class _Planner:
                 break
         return Order(
             self.mechanism, self.elements, self.length, tuple(self.steps), tuple(self.flexible),
-            tuple(self.nodes),
+            tuple(self.nodes), self.linkage,
         )  # fmt: skip
 
     def _at(self, node: str) -> list[Connection]:

@@ -94,6 +94,39 @@ def _tangent(order: Order, where: Places, gravity: Array, *, thorough: bool) -> 
     return matrix, np.broadcast_to(sag, (n, 6)), np.broadcast_to((size > _SMALL) | (share > _SLIGHT), n)
 
 
+def loaded_compliance(order: Order, where: Places, gravity: Array) -> tuple[Array, Array]:
+    """Compliance (n, 6, 6) of the tool under own weight and offsets, and its sag (n, 6), as ``loaded_stiffness``.
+
+    It serves where the stiffness is infinite in some direction. With X the motions for unit wrenches on the tool and H
+    the Hessian of the second-order work, these change by δ where ``H₀ δ = -H (X + δ)``.
+    """
+    moved = solve_loads(order, where, own_loads(order, where, gravity))
+    sag, there = moved.twist[..., 0], bend_places(where, moved)
+    size = _size(moved, order.length)
+    for _ in range(_STEPS):
+        moved = solve_loads(order, there, _remaining_loads(order, there, where, gravity))
+        there, size = bend_places(there, moved), _size(moved, order.length)
+        if not (size > _SETTLED).any():
+            break
+    loads = _remaining_loads(order, there, where, gravity)
+    mix = np.eye(1, 7)
+    nodes = {node: wrench @ mix for node, wrench in loads.nodes.items()}
+    nodes[END] = nodes.get(END, np.zeros((1, 6, 7))) + np.eye(6, 7, 1)
+    offsets = {name: offset @ mix for name, offset in loads.offsets.items()}
+    response = solve_loads(order, there, Loads(7, nodes, offsets, balanced=_BENT))
+    work = SecondOrder(response, order.mechanism, gravity)
+    unit = whole = Motion.of(response, slice(1, 7))
+    for _ in range(_STEPS):
+        loads = Loads(6, work.loads(whole, held=False), balanced=_BENT)
+        before, whole = whole, unit.plus(Motion.of(solve_loads(order, there, loads), slice(0, 6)), 1.0)
+        if (whole.plus(before, -1.0).size <= _SETTLED * unit.size).all():
+            break
+    matrix = whole.nodes[END]
+    matrix = np.where((size > _SMALL)[:, None, None], np.nan, 0.5 * (matrix + _t(matrix)))
+    n = len(where.tool)
+    return np.broadcast_to(matrix, (n, 6, 6)), np.broadcast_to(sag, (n, 6))
+
+
 def _relax(state: Condensed, work: SecondOrder, *, thorough: bool) -> tuple[Array, Array]:
     """Change (n, 6, 6) of the stiffness by the second-order work, and the share (n,) by which internal motions change.
 
@@ -220,12 +253,16 @@ class SecondOrder:
             total = total + 0.5 * _t(spin) @ (force @ v - block @ spin)
         return total
 
-    def loads(self, motion: Motion) -> dict[str, Array]:
-        """Wrenches (n, 6, 6) on nodes that do what the second-order work does: minus its gradient at six motions."""
+    def loads(self, motion: Motion, *, held: bool = True) -> dict[str, Array]:
+        """Wrenches (n, 6, 6) on nodes that do what the second-order work does: minus its gradient at six motions.
+
+        ``held``: none on the tool.
+        """
         out: dict[str, Array] = {}
+        still = {GROUND, END} if held else {GROUND}
 
         def add(node: str, wrench: Array) -> None:
-            if node not in {GROUND, END}:
+            if node not in still:
                 out[node] = out[node] + wrench if node in out else wrench
 
         for state in self._moving:

@@ -18,7 +18,7 @@ from scipy.linalg import qr
 
 from stiffscope.errors import InputError
 from stiffscope.vjm.checks import GROUND
-from stiffscope.vjm.condensation import condense_network
+from stiffscope.vjm.condensation import InfiniteStiffnessError, condense_network
 from stiffscope.vjm.loading import chain_loads, project_loads
 from stiffscope.vjm.network import END
 from stiffscope.vjm.order import places_at_home, stack_columns
@@ -55,7 +55,7 @@ Left: TypeAlias = "list[tuple[Connection, ChainLoads | None, Array, Array, Array
 def saddle_unit(state: Condensed) -> tuple[Array, dict[str, Array], Left]:
     """Stiffness (n or 1, 6, 6) at M in base axes; twists of the kept nodes, and connections, under unit tool twists.
 
-    Raises InputError where the stiffness would be infinite.
+    Raises InfiniteStiffnessError where it would be infinite.
     """
     system = _assemble(state)
     tool = system.nodes[END]
@@ -65,7 +65,7 @@ def saddle_unit(state: Condensed) -> tuple[Array, dict[str, Array], Left]:
     moved, good = _solve(state, m[:, inner[:, None], inner], -coupling, "held")
     if not good:
         names = ", ".join(e.name for c in state.order.left for e, _ in c.members)
-        raise InputError(
+        raise InfiniteStiffnessError(
             f"the tool has infinite stiffness in a direction, through {names}: expected a compliance there"
         )
     k = m[:, tool, tool] + np.swapaxes(coupling, -1, -2) @ moved

@@ -1,10 +1,14 @@
 """Principal stiffness, free directions and nearness to a singular pose."""
 
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownMemberType=false
+# (scipy declares few types)
+
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.linalg import qr
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -12,6 +16,8 @@ if TYPE_CHECKING:
     from stiffscope.vjm.screws import Array
 
 _FREE = 1e-9  # relative principal stiffness below which a direction is free
+_RIGID = 1e-10  # relative principal compliance below which a direction is rigid
+_ROUNDING = 1e-9  # of a wrench's largest component
 _NEAR = 1e-6  # and below which the pose is near singular
 _LENGTHS = 1e-3, 10.0  # m, of a robot's characteristic length; beyond, its rotations or translations are rounding
 
@@ -42,10 +48,30 @@ def count_freedoms(matrix: Array) -> tuple[NDArray[np.int_], Array]:
     return np.sum(np.abs(ratio) < _FREE, axis=-1), np.clip(ratio[..., 0], 0.0, None)
 
 
-def free_twists(matrix: Array) -> Array:
-    """Twists (m, 6) of unit size along the free directions of one stiffness (6, 6)."""
-    values, vectors = principal(matrix)
-    return vectors[:, np.abs(values) < _FREE * max(float(values[-1]), 1e-300)].T
+def rigid_wrenches(compliance: Array, length: float) -> Array:
+    """Wrenches (k, 6) of unit size along which one compliance (6, 6) does not yield; ``length`` in m scales rotations.
+
+    Each has a component of its own, which the others lack.
+    """
+    scale = np.repeat([1.0 / length, 1.0], 3)
+    values, vectors = np.linalg.eigh(compliance * np.outer(scale, scale))
+    null = vectors[:, values <= _RIGID * max(float(values[-1]), 1e-300)]
+    if not null.shape[1]:
+        return np.zeros((0, 6))
+    _, _, order = qr(null.T, pivoting=True)  # pyright: ignore[reportAssignmentType]
+    rows = np.sort(np.asarray(order)[: null.shape[1]])
+    wrenches = (null @ np.linalg.inv(null[rows])).T * scale
+    wrenches = np.where(np.abs(wrenches) < _ROUNDING * np.abs(wrenches).max(axis=1, keepdims=True), 0.0, wrenches)
+    return wrenches / np.linalg.norm(wrenches, axis=1, keepdims=True)
+
+
+def invert_stiffness(matrix: Array) -> Array:
+    """Compliances of stiffnesses (n, 6, 6); NaN where the tool moves freely, or the stiffness is not known."""
+    out = np.full_like(matrix, np.nan)
+    known = np.isfinite(matrix).all(axis=(1, 2))
+    known[known] = count_freedoms(matrix[known])[0] == 0
+    out[known] = np.linalg.inv(matrix[known])
+    return 0.5 * (out + np.swapaxes(out, -1, -2))
 
 
 def softest(matrix: Array) -> Array:

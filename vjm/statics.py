@@ -13,14 +13,14 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.vjm.checks import GROUND
-from stiffscope.vjm.condensation import condense_network
+from stiffscope.vjm.condensation import InfiniteStiffnessError, condense_network
 from stiffscope.vjm.equilibrium import solve_condensed, solve_loads, tool_stiffness
 from stiffscope.vjm.kinematics import CHUNK, Configurations, check_poses, configure, configure_chunks
 from stiffscope.vjm.loading import Loads, Response
 from stiffscope.vjm.network import END, FOOT, lump_masses, place_nodes
 from stiffscope.vjm.order import find_order
-from stiffscope.vjm.prestress import loaded_stiffness, own_loads
-from stiffscope.vjm.singularity import characteristic_length, count_freedoms
+from stiffscope.vjm.prestress import loaded_compliance, loaded_stiffness, own_loads
+from stiffscope.vjm.singularity import characteristic_length, count_freedoms, invert_stiffness, rigid_wrenches
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -40,8 +40,10 @@ _FAR = 0.1  # rad, and of its own length, that weights may move the tool; beyond
 class Stiffness:
     """What a mechanism does at n poses, at M in base axes; NaN where a pose is out of reach.
 
-    ``matrix`` (n, 6, 6) in N/m, N, N·m/rad; ``sag`` (n, 6) in m, rad; ``mobility`` (n,): free directions left;
-    ``inverse_condition`` (n,): smallest over largest principal stiffness, lengths scaled (0 is singular).
+    ``matrix`` (n, 6, 6) in N/m, N, N·m/rad, NaN where it is infinite in some direction; ``compliance`` (n, 6, 6), its
+    inverse, NaN where the tool moves freely; ``rigid``: wrenches (k, 6) of unit size at each pose along which the tool
+    does not yield; ``sag`` (n, 6) in m, rad; ``mobility`` (n,): free directions left; ``inverse_condition`` (n,):
+    smallest over largest principal stiffness, lengths scaled (0 is singular, or rigid).
     """
 
     configurations: Configurations
@@ -49,6 +51,8 @@ class Stiffness:
     sag: Array
     mobility: NDArray[np.int_]
     inverse_condition: Array
+    compliance: Array
+    rigid: tuple[Array, ...]
 
     @property
     def poses(self) -> Array:
@@ -76,7 +80,7 @@ class Load:
 
 
 def stiffness(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravity: Gravity = "none") -> Array:
-    """Stiffness (n, 6, 6) at M in base axes, N/m, N, N·m/rad; NaN where a pose is out of reach.
+    """Stiffness of the tool at many poses.
 
     Parameters
     ----------
@@ -87,13 +91,33 @@ def stiffness(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravit
     gravity
         ``"exact"``: tangent stiffness under own weight and offsets; NaN where there is no equilibrium.
 
+    Returns
+    -------
+    Array
+        (n, 6, 6) at M in base axes, N/m, N, N·m/rad; NaN where a pose is out of reach.
+
     Raises
     ------
     InputError
-        For poses of another shape, and for infinite stiffness.
+        For poses of another shape, and for infinite stiffness, of which ``compliance`` is the finite side.
     """
-    work = _plain if gravity == "none" else _exact
-    return _map_chunks(mechanism, poses, (6, 6), work)
+    return _map_chunks(mechanism, poses, (6, 6), lambda order, where: _find_stiffness(order, where, gravity)[0])
+
+
+def compliance(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravity: Gravity = "none") -> Array:
+    """Compliance of the tool at many poses; that of an arm whose drives alone yield has a rank below six.
+
+    Parameters
+    ----------
+    mechanism, poses, gravity
+        As for ``stiffness``.
+
+    Returns
+    -------
+    Array
+        (n, 6, 6) at M in base axes, m/N, 1/N, rad/(N·m); NaN where a pose is out of reach or the tool moves freely.
+    """
+    return _map_chunks(mechanism, poses, (6, 6), lambda order, where: _find_matrices(order, where, gravity)[..., 6:12])
 
 
 def batches(
@@ -107,9 +131,22 @@ def batches(
 
 
 def sag(mechanism: Mechanism, poses: ArrayLike | Configurations) -> Array:
-    """Twist (n, 6) of the tool under the mechanism's own weight and offsets, small displacements, m and rad.
+    """Displacement of the tool under the mechanism's own weight and offsets, small displacements.
 
-    Raises InputError where the tool moves freely.
+    Parameters
+    ----------
+    mechanism, poses
+        As for ``stiffness``.
+
+    Returns
+    -------
+    Array
+        Twist (n, 6) at M in base axes, m and rad; NaN where a pose is out of reach.
+
+    Raises
+    ------
+    InputError
+        Where the tool moves freely.
     """
 
     def work(order: Order, where: Places) -> Array:
@@ -119,18 +156,40 @@ def sag(mechanism: Mechanism, poses: ArrayLike | Configurations) -> Array:
 
 
 def analyse(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravity: Gravity = "none") -> Stiffness:
-    """Stiffness, mobility and (with gravity) sag at tool poses (n, k).
+    """Stiffness, compliance, mobility and (with gravity) sag at tool poses.
 
-    Where weights find no equilibrium near by, the stiffness is the one without them, and the sag is NaN.
+    Parameters
+    ----------
+    mechanism, poses
+        As for ``stiffness``.
+    gravity
+        ``"exact"``: under own weight and offsets. Where weights find no equilibrium near by, the stiffness is the one
+        without them, and the sag is NaN.
+
+    Returns
+    -------
+    Stiffness
+        What the mechanism does at every pose; where its stiffness is infinite, its compliance and what is rigid.
     """
     found = poses if isinstance(poses, Configurations) else configure(mechanism, poses)
-    matrix, sagged = stiffness(mechanism, found), np.zeros((len(found), 6))
+    n = len(found)
+    both = _map_chunks(mechanism, found, (6, 13), lambda order, where: _find_matrices(order, where, "none"))
+    matrix, yielding = both[..., :6], both[..., 6:12]
+    sagged = np.zeros((n, 6))
     if gravity != "none":
-        bent, sagged = analyse_weight(mechanism, found, matrix)
-        matrix = np.where(np.isnan(sagged[:, :1, None]), matrix, bent)
-    free, inverse_condition = np.full(len(found), 6), np.full(len(found), np.nan)
-    free[found.valid], inverse_condition[found.valid] = count_freedoms(matrix[found.valid])
-    return Stiffness(found, matrix, sagged, free, inverse_condition)
+        loaded = _analyse_weight(mechanism, found, matrix, yielding)
+        sagged, still = loaded[..., 12], np.isnan(loaded[:, :1, 12:])
+        matrix, yielding = np.where(still, matrix, loaded[..., :6]), np.where(still, yielding, loaded[..., 6:12])
+    free, inverse_condition = np.full(n, 6), np.full(n, np.nan)
+    known = np.isfinite(matrix).all(axis=(1, 2))
+    free[known], inverse_condition[known] = count_freedoms(matrix[known])
+    stuck = found.valid & ~known
+    free[stuck], inverse_condition[stuck] = 0, 0.0
+    length = found.linkage.length
+    rigid = tuple(
+        rigid_wrenches(c, length) if out else np.zeros((0, 6)) for c, out in zip(yielding, stuck, strict=True)
+    )
+    return Stiffness(found, matrix, sagged, free, inverse_condition, yielding, rigid)
 
 
 def analyse_weight(mechanism: Mechanism, found: Configurations, unloaded: Array) -> tuple[Array, Array]:
@@ -139,15 +198,22 @@ def analyse_weight(mechanism: Mechanism, found: Configurations, unloaded: Array)
     Both are NaN where the tool moves freely, and where the weights would turn it by more than a tenth of a radian or
     move it by more than a tenth of its characteristic length.
     """
-    matrix, sagged = np.full_like(unloaded, np.nan), np.full((len(unloaded), 6), np.nan)
-    firm = np.flatnonzero(found.valid)
-    firm = firm[count_freedoms(unloaded[firm])[0] == 0]
-    both = _map_chunks(mechanism, found[firm], (6, 7), _exact_and_sag)
+    out = _analyse_weight(mechanism, found, unloaded, invert_stiffness(unloaded))
+    return out[..., :6], out[..., 12]
+
+
+def _analyse_weight(mechanism: Mechanism, found: Configurations, unloaded: Array, yielding: Array) -> Array:
+    """Stiffness, compliance and sag (n, 6, 13) under weights."""
+    out = np.full((len(unloaded), 6, 13), np.nan)
+    firm = np.flatnonzero(found.valid & np.isfinite(yielding).all(axis=(1, 2)))
+    both = _map_chunks(mechanism, found[firm], (6, 13), lambda order, where: _find_matrices(order, where, "exact"))
     size = np.ones((len(firm), 6))
-    size[:, :3] = characteristic_length(unloaded[firm])[:, None]
-    small = (np.abs(both[..., 6]) < _FAR * size).all(axis=1)
-    matrix[firm[small]], sagged[firm[small]] = both[small, :, :6], both[small, :, 6]
-    return matrix, sagged
+    size[:, :3] = found.linkage.length
+    known = np.isfinite(unloaded[firm]).all(axis=(1, 2))
+    size[known, :3] = characteristic_length(unloaded[firm[known]])[:, None]
+    small = (np.abs(both[..., 12]) < _FAR * size).all(axis=1)
+    out[firm[small]] = both[small]
+    return out
 
 
 def respond(
@@ -224,17 +290,32 @@ def stiffness_error(mechanism: Mechanism, poses: ArrayLike | Configurations) -> 
     return _map_chunks(mechanism, poses, (6, 6), work)
 
 
-def _plain(order: Order, where: Places) -> Array:
-    return tool_stiffness(condense_network(order, where))
+def _find_stiffness(order: Order, where: Places, gravity: Gravity) -> tuple[Array, Array]:
+    """Stiffness (n, 6, 6) and, with gravity, sag (n, 6)."""
+    if gravity == "exact":
+        return loaded_stiffness(order, where, order.mechanism.gravity)
+    return tool_stiffness(condense_network(order, where)), np.zeros((1, 6))
 
 
-def _exact(order: Order, where: Places) -> Array:
-    return loaded_stiffness(order, where, order.mechanism.gravity)[0]
-
-
-def _exact_and_sag(order: Order, where: Places) -> Array:
-    matrix, sagged = loaded_stiffness(order, where, order.mechanism.gravity)
-    return np.concatenate([matrix, sagged[..., None]], axis=2)
+def _find_matrices(order: Order, where: Places, gravity: Gravity) -> Array:
+    """Stiffness, compliance and sag (n, 6, 13); the stiffness is NaN where it is infinite."""
+    try:
+        matrix, sagged = _find_stiffness(order, where, gravity)
+        yielding = invert_stiffness(matrix)
+    except InfiniteStiffnessError:
+        if gravity == "exact":
+            yielding, sagged = loaded_compliance(order, where, order.mechanism.gravity)
+        else:
+            yielding = solve_loads(order, where, Loads(6, {END: np.eye(6)[None]})).twist
+            sagged = np.zeros((1, 6))
+        yielding = 0.5 * (yielding + np.swapaxes(yielding, -1, -2))
+        matrix = np.full_like(yielding, np.nan)
+        known = np.isfinite(yielding).all(axis=(1, 2))
+        firm = [bool(ok) and not len(rigid_wrenches(c, order.length)) for ok, c in zip(known, yielding, strict=True)]
+        matrix[firm] = np.linalg.inv(yielding[firm])
+    parts = (matrix, yielding, sagged[..., None])
+    n = max(len(part) for part in parts)
+    return np.concatenate([np.broadcast_to(part, (n, *part.shape[1:])) for part in parts], axis=2)
 
 
 def _map_chunks(

@@ -1,0 +1,148 @@
+"""Arms of fewer than six elastic directions: compliance is that of their Jacobian, and what is rigid is told."""
+
+import numpy as np
+import pytest
+
+from stiffscope.vjm.bodies import Body
+from stiffscope.vjm.joints import Drive, Joint
+from stiffscope.vjm.kinematics import configure, configure_drives
+from stiffscope.vjm.mechanism import Mechanism, Tool
+from stiffscope.vjm.screws import rotation
+from stiffscope.vjm.statics import analyse, compliance, sag, stiffness
+from stiffscope.vjm.yielding import deflection
+
+SIX = ("x", "y", "z", "rx", "ry", "rz")
+
+
+def arm(axes, places, tool, pose, gravity=(0, 0, 0), stiff=2e4):
+    """A serial arm of revolute drives; each link has its mass halfway to the next joint."""
+    bodies, joints, before = [], [], "ground"
+    ends = [*places[1:], tool]
+    for k, (axis, at, end) in enumerate(zip(axes, places, ends, strict=True)):
+        centre = 0.5 * (np.array(at, dtype=float) + end)
+        bodies.append(Body(f"link{k}", 2.0 + k, centre))
+        joints.append(Joint(f"j{k}", before, f"link{k}", "revolute", at, axis, drive=Drive(stiff * (1 + k))))
+        before = f"link{k}"
+    return Mechanism(tuple(bodies), tuple(joints), Tool(before, tool, pose), gravity)
+
+
+def moved(m, q):
+    """Axes, places and mass centres of the arm's joints at displacements q, and its tool: a product of exponentials."""
+    turn, shift = np.eye(3), np.zeros(3)
+    axes, places, centres = [], [], []
+    for j, b, angle in zip(m.joints, m.bodies, q, strict=True):
+        axes.append(turn @ j.axis)
+        places.append(turn @ j.at + shift)
+        r = rotation(j.axis, angle)
+        turn, shift = turn @ r, turn @ (j.at - r @ j.at) + shift
+        centres.append(turn @ b.centre + shift)
+    return np.array(axes), np.array(places), np.array(centres), turn @ m.tool.at + shift
+
+
+def jacobian(m, q):
+    axes, places, _, tool = moved(m, q)
+    return np.vstack([np.cross(axes, tool - places).T, axes.T])
+
+
+def own_compliance(m, q):
+    j = jacobian(m, q)
+    return j @ np.diag([1.0 / joint.drive.stiffness for joint in m.joints]) @ j.T
+
+
+def weight_torques(m, q):
+    axes, places, centres, _ = moved(m, q)
+    out = np.zeros(len(q))
+    for i, body in enumerate(m.bodies):
+        for k in range(i + 1):
+            out[k] += np.cross(axes[k], centres[i] - places[k]) @ (body.mass * m.gravity)
+    return out
+
+
+PLANAR_2R = arm([[0, 0, 1]] * 2, [[0, 0, 0], [0.3, 0, 0]], [0.3, 0.25, 0], ("x", "y"), gravity=(0, -9.81, 0))
+SPATIAL_3R = arm(
+    [[0, 0, 1], [0, 1, 0], [0, 1, 0]], [[0, 0, 0], [0, 0, 0.4], [0.35, 0, 0.6]], [0.6, 0, 0.3], ("x", "y", "z"),
+    gravity=(0, 0, -9.81),
+)  # fmt: skip
+WRISTED = arm(
+    [[0, 0, 1], [0, 1, 0], [0, 1, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0]],
+    [[0, 0, 0], [0, 0, 0.4], [0.35, 0, 0.6], [0.5, 0, 0.6], [0.7, 0, 0.6], [0.75, 0, 0.6]],
+    [0.85, 0, 0.6], SIX, gravity=(0, 0, -9.81),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(("m", "rank"), [(PLANAR_2R, 2), (SPATIAL_3R, 3)])
+def test_compliance_of_an_arm_of_drives(m, rank, rng):
+    q = rng.uniform(-0.4, 0.4, (4, len(m.joints)))
+    found = configure_drives(m, q)
+    known = np.array([own_compliance(m, each) for each in q])
+    assert np.allclose(compliance(m, found), known, rtol=1e-9, atol=1e-12 * np.abs(known).max())
+    state = analyse(m, found)
+    assert np.isnan(state.matrix).all()
+    assert np.allclose(state.compliance, known, rtol=1e-9, atol=1e-12 * np.abs(known).max())
+    assert state.mobility.tolist() == [0] * 4
+    for each, directions in zip(known, state.rigid, strict=True):
+        assert directions.shape == (6 - rank, 6)
+        assert np.abs(each @ directions.T).max() < 1e-12 * np.abs(each).max()
+        assert np.allclose(np.linalg.norm(directions, axis=1), 1.0)
+    wrench = rng.normal(size=6)
+    assert np.allclose(deflection(m, found, wrench).twist, known @ wrench, atol=1e-12 * np.abs(known).max())
+
+
+def test_rigid_directions_of_a_planar_arm_are_out_of_its_plane():
+    (rigid,) = analyse(PLANAR_2R, PLANAR_2R.tool.home[None]).rigid
+    for axis in np.eye(6)[2:5]:
+        assert np.abs(np.abs(rigid) - axis).max(axis=1).min() < 1e-12
+
+
+@pytest.mark.parametrize("m", [PLANAR_2R, SPATIAL_3R])
+def test_weight_on_an_arm_of_drives(m, rng):
+    """Sag to first order; the tangent compliance is that of the energy's Hessian by joint angles at equilibrium."""
+    q = rng.uniform(-0.4, 0.4, len(m.joints))
+    k = np.array([j.drive.stiffness for j in m.joints])
+    found = configure_drives(m, q)
+    assert np.allclose(sag(m, found)[0], jacobian(m, q) @ (weight_torques(m, q) / k), rtol=1e-9, atol=1e-14)
+    bent = q.copy()
+    for _ in range(50):
+        bent = q + weight_torques(m, bent) / k
+    step = 1e-5
+    slope = [weight_torques(m, bent + step * e) - weight_torques(m, bent - step * e) for e in np.eye(len(q))]
+    hessian = np.diag(k) - np.transpose(slope) / (2 * step)
+    j = jacobian(m, bent)
+    known = j @ np.linalg.solve(hessian, j.T)
+    exact = compliance(m, found, gravity="exact")[0]
+    plain = compliance(m, found)[0]
+    assert np.abs(exact - known).max() < 1e-4 * np.abs(exact - plain).max()
+    state = analyse(m, found, gravity="exact")
+    assert np.allclose(state.compliance[0], exact, rtol=1e-12)
+    assert np.allclose(state.sag[0], sag(m, found)[0])
+
+
+def test_a_straight_wrist_is_rigid_in_one_direction_and_regular_elsewhere(rng):
+    q = np.vstack([np.zeros(6), rng.uniform(0.2, 0.5, (3, 6))])
+    found = configure_drives(WRISTED, q)
+    state = analyse(WRISTED, found)
+    for each, c, k, rigid in zip(q, state.compliance, state.matrix, state.rigid, strict=True):
+        known = own_compliance(WRISTED, each)
+        assert np.allclose(c, known, rtol=1e-9, atol=1e-12 * np.abs(known).max())
+        if each.any():
+            assert np.allclose(k @ known, np.eye(6), atol=1e-8)
+            assert rigid.shape == (0, 6)
+        else:
+            assert np.isnan(k).all()
+            assert rigid.shape[0] == 1
+
+
+def test_stiffness_alone_is_still_refused_where_it_is_infinite():
+    with pytest.raises(Exception, match="infinite stiffness in a direction"):
+        stiffness(PLANAR_2R, PLANAR_2R.tool.home[None])
+
+
+def test_compliance_of_a_regular_robot_is_the_inverse_of_its_stiffness(rng):
+    from tests.robots import random_poses
+    from tests.vjm.files import biglide
+
+    m, poses = biglide(), random_poses(rng, 3)
+    state = analyse(m, poses)
+    assert np.allclose(state.compliance @ state.matrix, np.eye(6), atol=1e-8)
+    assert [len(r) for r in state.rigid] == [0, 0, 0]
+    assert configure(m, poses).valid.all()
