@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.linalg import qr
 
+from stiffscope.vjm.subspaces import name_directions
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -79,8 +81,19 @@ def softest(matrix: Array) -> Array:
     return principal(matrix)[1][..., :, 0]
 
 
+def rigid_note(rigid: Array) -> str | None:
+    """What to tell of wrenches (k, 6) along which the tool does not yield, or None."""
+    if not len(rigid):
+        return None
+    space = np.linalg.qr(rigid.T)[0]
+    names = ", ".join(str(each) for each in name_directions(space, "force", "moment", 1.0))
+    return f"the tool is rigid in {len(rigid)} direction(s): {names}; its stiffness is infinite, see its compliance"
+
+
 def singular_note(matrix: Array) -> str | None:
     """What to tell of a pose at or near a singularity, or None; for one stiffness (6, 6)."""
+    if not np.isfinite(matrix).all():
+        return None
     count, inverse_condition = count_freedoms(matrix)
     if not count and inverse_condition > _NEAR:
         return None

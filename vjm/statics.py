@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from stiffscope.vjm.screws import Array
 
 Gravity = Literal["none", "exact"]
+_ROUNDING = 1e-12  # of the largest compliance
 _FAR = 0.1  # rad, and of its own length, that weights may move the tool; beyond this, linearization is invalid
 
 
@@ -63,6 +64,16 @@ class Stiffness:
     def tool(self) -> Array:
         """Tool poses (n, 6): x y z in m, rotation vector from home in rad."""
         return self.configurations.tool
+
+    @property
+    def finite(self) -> Array:
+        """The stiffness (n, 6, 6), or where that is infinite 1/C_ii, of each direction with all others free."""
+        alone = np.einsum("nii->ni", self.compliance)
+        yielding = alone > _ROUNDING * np.where(np.isnan(alone), 0.0, alone).max(axis=1, keepdims=True)
+        single = np.where(yielding, 1.0 / np.where(yielding, alone, 1.0), np.nan)
+        diagonal = np.where(np.eye(6, dtype=bool), single[:, None], np.nan)
+        infinite = np.array([len(each) > 0 for each in self.rigid], dtype=bool)
+        return np.where(infinite[:, None, None], diagonal, self.matrix)
 
     @property
     def valid(self) -> NDArray[np.bool_]:
@@ -192,18 +203,12 @@ def analyse(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravity:
     return Stiffness(found, matrix, sagged, free, inverse_condition, yielding, rigid)
 
 
-def analyse_weight(mechanism: Mechanism, found: Configurations, unloaded: Array) -> tuple[Array, Array]:
-    """Stiffness (n, 6, 6) and sag (n, 6) under weights where the ``unloaded`` stiffness (n, 6, 6) is known.
+def _analyse_weight(mechanism: Mechanism, found: Configurations, unloaded: Array, yielding: Array) -> Array:
+    """Stiffness, compliance and sag (n, 6, 13) under weights, where they are known without.
 
-    Both are NaN where the tool moves freely, and where the weights would turn it by more than a tenth of a radian or
+    All are NaN where the tool moves freely, and where the weights would turn it by more than a tenth of a radian or
     move it by more than a tenth of its characteristic length.
     """
-    out = _analyse_weight(mechanism, found, unloaded, invert_stiffness(unloaded))
-    return out[..., :6], out[..., 12]
-
-
-def _analyse_weight(mechanism: Mechanism, found: Configurations, unloaded: Array, yielding: Array) -> Array:
-    """Stiffness, compliance and sag (n, 6, 13) under weights."""
     out = np.full((len(unloaded), 6, 13), np.nan)
     firm = np.flatnonzero(found.valid & np.isfinite(yielding).all(axis=(1, 2)))
     both = _map_chunks(mechanism, found[firm], (6, 13), lambda order, where: _find_matrices(order, where, "exact"))
@@ -273,13 +278,16 @@ def stiffness_error(mechanism: Mechanism, poses: ArrayLike | Configurations) -> 
     """Bound (n, 6, 6) on the error of the stiffness at M from the bounds on the compliances of its elastic bodies.
 
     To first order ``δK = -Σ (A K)ᵀ δC (A K)`` with A the wrench on a body under unit wrenches at M. Equal parts are off
-    together: absolute values add.
+    together: absolute values add. NaN where the stiffness is infinite.
     """
     bars = {b.name: b.elastic.error for b in mechanism.bodies if b.elastic is not None and b.elastic.error is not None}
 
     def work(order: Order, where: Places) -> Array:
-        state = condense_network(order, where)
-        matrix = tool_stiffness(state)
+        try:
+            state = condense_network(order, where)
+            matrix = tool_stiffness(state)
+        except InfiniteStiffnessError:
+            return np.full((1, 6, 6), np.nan)
         elements = solve_condensed(state, Loads(6, {END: matrix})).elements
         out = np.zeros_like(matrix)
         for name, bar in bars.items():

@@ -29,7 +29,7 @@ class Direction:
         along = axis_name(self.axis)
         if self.kind == "screw":
             return f"screw about {along}, {1e3 * self.pitch:.3g} mm/rad"
-        return f"{self.kind} {'along' if self.kind == 'translation' else 'about'} {along}"
+        return f"{self.kind} {'along' if self.kind in {'translation', 'force'} else 'about'} {along}"
 
 
 def axis_name(axis: Array) -> str:

@@ -28,7 +28,7 @@ from stiffscope.robot.file import quantities as q
 from stiffscope.robot.inspection import configured_poses, rigid_mechanism
 from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.screws import CONVENTION
-from stiffscope.vjm.singularity import singular_note
+from stiffscope.vjm.singularity import rigid_note, singular_note
 from stiffscope.vjm.statics import analyse, sag
 from stiffscope.vjm.yielding import deflection as deflect
 
@@ -187,8 +187,8 @@ def _analyse(assembled: Assembled, found: Configurations, gravity: str) -> Stiff
 
 
 def _warn_of_singular(names: Sequence[str], state: Stiffness) -> None:
-    for pose, matrix, sunk in zip(names, state.matrix, state.sag, strict=True):
-        if note := singular_note(matrix):
+    for pose, matrix, rigid, sunk in zip(names, state.matrix, state.rigid, state.sag, strict=True):
+        if note := rigid_note(rigid) or singular_note(matrix):
             log.warning("%s: %s", pose, note)
         elif any(value != value for value in sunk):  # noqa: PLR0124 (NaN)
             log.warning("%s: its weight moves the tool too far for a linear answer; the stiffness is without it", pose)

@@ -11,7 +11,7 @@ from stiffscope.errors import InputError
 from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.mechanism import COORDINATES, DIAGONAL
 from stiffscope.vjm.modes import frequencies as frequencies_at
-from stiffscope.vjm.statics import analyse_weight, stiffness
+from stiffscope.vjm.statics import analyse
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -113,10 +113,13 @@ def map_stiffness(
     found = configure(mechanism, grid)
     if not found.valid.any():
         raise InputError(f"map: no pose is within reach; the first is not: {found.reason(0)}")
-    plain = loaded = stiffness(mechanism, found)
+    state = analyse(mechanism, found)
+    plain = loaded = state.finite
     sag = np.where(found.valid[:, None], np.zeros((len(grid), 6)), np.nan)
     if gravity != "none":
-        loaded, sag = analyse_weight(mechanism, found, plain)
+        state = analyse(mechanism, found, gravity="exact")
+        sag = state.sag
+        loaded = np.where(np.isnan(sag)[:, :1, None], np.nan, state.finite)
     diagonals = (np.diagonal(matrix, axis1=1, axis2=2) for matrix in (plain, loaded))
     values = (value.reshape(points, points, 6) for value in (*diagonals, sag))
     others = {name: float(v) for name, v in zip(pose, fixed, strict=True) if name not in ranges}

@@ -16,7 +16,6 @@ from stiffscope.robot.file.sections import RigidBody
 from stiffscope.robot.part_matrices import beam_segments, part_sources
 from stiffscope.vjm import statics
 from stiffscope.vjm.modes import frequencies
-from stiffscope.vjm.semidefinite import inverse
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping
@@ -137,7 +136,9 @@ def quantities(
     """Values (n,) of quantities by their names of `known_units`, at n configurations; only these are computed."""
     n = len(found)
     out: dict[str, np.ndarray] = {}
-    stiffness = statics.stiffness(mechanism, found) if any(name in ENTRIES for name in names) else None
+    wanted = {ENTRIES[name][0] for name in names if name in ENTRIES}
+    matrices = {"K": statics.stiffness, "C": statics.compliance}
+    tool = {kind: matrices[kind](mechanism, found) for kind in wanted}
     sag = statics.sag(mechanism, found) if any(name.startswith("sag") for name in names) else None
     modes = real_frequencies(mechanism, found) if any(map(of_modes, names)) else None
     for name in names:
@@ -147,9 +148,9 @@ def quantities(
         elif part:
             _, i, j, _ = ENTRIES[entry]
             out[name] = np.full(n, parts[part].compliance[i, j])
-        elif name in ENTRIES and stiffness is not None:
-            matrix, i, j, _ = ENTRIES[name]
-            out[name] = (stiffness if matrix == "K" else inverse(stiffness))[:, i, j]
+        elif name in ENTRIES:
+            kind, i, j, _ = ENTRIES[name]
+            out[name] = tool[kind][:, i, j]
         elif name == "mass":
             out[name] = np.full(n, mass)
         elif sag is not None and name.startswith("sag"):

@@ -23,8 +23,6 @@ from stiffscope.robot.part_matrices import part_matrices, part_sources
 from stiffscope.vjm import statics
 from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.modes import frequencies, modes
-from stiffscope.vjm.semidefinite import inverse
-from stiffscope.vjm.singularity import count_freedoms
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
@@ -79,8 +77,8 @@ class Derivative(Protocol):
 class Responses:
     """Stiffness (n, 6, 6) at M, sag (n, 6), first natural frequency (n,) in Hz, and mass of the robot's solids, kg.
 
-    The sag is NaN where the tool moves freely. The mass is that of the parts' materials and of rigid bodies, whatever
-    mass the file gives its parts.
+    Where K is infinite, the stiffness has 1/C_ii on its diagonal. The sag is NaN where the tool moves freely. The
+    mass is that of the parts' materials and of rigid bodies, whatever mass the file gives its parts.
     """
 
     stiffness: np.ndarray
@@ -195,13 +193,13 @@ class _Model:
     def responses(self, robot: RobotFile) -> Responses:
         varied = self._varied(robot)
         mechanism, found = self._assembled(robot, varied)
-        stiffness = statics.stiffness(mechanism, found)
+        state = statics.analyse(mechanism, found)
         sag = np.full((len(found), 6), np.nan)
-        firm = count_freedoms(stiffness)[0] == 0
+        firm = np.isfinite(state.compliance).all(axis=(1, 2))
         if firm.any():
             sag[firm] = statics.sag(mechanism, found[firm])
         frequency = _first(frequencies(mechanism, found, MOST_MODES))
-        return Responses(stiffness, sag, frequency, mass_of_solids(robot, self.components, varied))
+        return Responses(state.finite, sag, frequency, mass_of_solids(robot, self.components, varied))
 
     def _assembled(self, robot: RobotFile, varied: Mapping[str, Any]) -> tuple[Mechanism, Configurations]:
         mechanism = mechanism_of(robot, part_matrices(robot, self.components, varied))
@@ -215,7 +213,7 @@ class _Model:
             return Responses(none[0], none[1], none[2], 0.0)
         mechanism, found = self._assembled(robot, varied)
         bars = statics.stiffness_error(mechanism, found) / step
-        sag = (np.abs(inverse(middle.stiffness)) @ bars @ np.abs(middle.sag)[..., None])[..., 0]
+        sag = (np.abs(statics.compliance(mechanism, found)) @ bars @ np.abs(middle.sag)[..., None])[..., 0]
         shaken = modes(mechanism, found, MOST_MODES)
         frequency = _first(shaken.frequencies, shaken.error) / step + OWN_MODES * np.abs(by.frequency)
         return Responses(bars, sag, frequency, 0.0)

@@ -20,7 +20,6 @@ from stiffscope.robot.part_matrices import needed_experiments, part_matrices, pa
 from stiffscope.runtime.workshop import workshop
 from stiffscope.vjm import statics
 from stiffscope.vjm.screws import CONVENTION
-from stiffscope.vjm.semidefinite import inverse
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -189,7 +188,7 @@ def _check_length(robot: RobotFile, name: str, length: float) -> None:
 def at_named_poses(assembled: Assembled, poses: Mapping[str, Sequence[float]]) -> Stiffness:
     """Stiffness without gravity, and sag with it; NaN where the tool moves freely."""
     found = statics.analyse(assembled.mechanism, np.array(list(poses.values())))
-    firm = found.valid & (found.mobility == 0)
+    firm = found.valid & np.isfinite(found.compliance).all(axis=(1, 2))
     sag = np.full_like(found.sag, np.nan)
     sag[firm] = statics.sag(assembled.mechanism, found.configurations[firm])
     return dataclasses.replace(found, sag=sag)
@@ -207,14 +206,16 @@ def deflection_bars(assembled: Assembled, poses: Any, twist: np.ndarray) -> np.n
     bars = stiffness_bars(assembled, poses)
     if bars is None:
         return 0.0
-    compliance = inverse(statics.stiffness(assembled.mechanism, poses))
+    compliance = statics.compliance(assembled.mechanism, poses)
     return (np.abs(compliance) @ bars @ np.abs(twist)[..., None])[..., 0]
 
 
 def stiffness_json(state: Stiffness, error: np.ndarray | None = None) -> dict[str, Any]:
     """What scripts read of the robot."""
     bars = {} if error is None else {"error": error}
+    known = np.isfinite(state.matrix).all(axis=(1, 2))
+    matrices = [k if ok else None for k, ok in zip(state.matrix, known, strict=True)]
     return {
-        "poses": state.poses, "tool": state.tool, "stiffness": state.matrix, "sag": state.sag,
-        "mobility": state.mobility, **bars, "convention": CONVENTION,
+        "poses": state.poses, "tool": state.tool, "stiffness": matrices, "compliance": state.compliance,
+        "rigid": state.rigid, "sag": state.sag, "mobility": state.mobility, **bars, "convention": CONVENTION,
     }  # fmt: skip

@@ -153,8 +153,10 @@ def show_stiffness(
         shown = np.where(resolved(matrix, bound), matrix, np.nan) / factor
         sunk = [] if sag is None else [f"{1e6 * np.linalg.norm(sag[i][:3]):.2f}", f"{1e6 * sag[i][2]:z.2f}"]
         place = pose_values(state.poses[i])
-        rows.append((name, place, *_cells(_diagonal_and_couplings(shown), ".4f"), *sunk))
-        if bars is not None:
+        infinite = np.isnan(matrix).all()
+        cells = ["-"] * 8 if infinite else _cells(_diagonal_and_couplings(shown), ".4f")
+        rows.append((name, place, *cells, *sunk))
+        if bars is not None and not infinite:
             spread = (f"{v:.2g}" for v in _diagonal_and_couplings(bound / factor))
             rows.append(("", "± 95 %", *spread, *("" for _ in sunk)))
     where = coordinates(pose)
