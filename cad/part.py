@@ -61,6 +61,8 @@ class Part:
         Indices of the faces that do not move.
     loaded
         Interfaces through which wrenches enter.
+    rest
+        Name of the interface at rest, that of the clamped faces.
 
     Raises
     ------
@@ -73,11 +75,12 @@ class Part:
     material: AnyMaterial
     clamped: frozenset[int]
     loaded: tuple[Interface, ...]
+    rest: str = "clamped"
 
     def __post_init__(self) -> None:
         """Check the sets of faces."""
         taken: dict[int, str] = {}
-        for name, chosen in (("clamped", self.clamped), *((one.name, one.faces) for one in self.loaded)):
+        for name, chosen in ((self.rest, self.clamped), *((one.name, one.faces) for one in self.loaded)):
             if not chosen:
                 raise InputError(f"{self.name}.{name}: expected at least one face, got none")
             for index in sorted(chosen):
@@ -91,6 +94,11 @@ class Part:
                 taken[index] = name
         if not self.loaded:
             raise InputError(f"{self.name}.loaded: expected at least one loaded interface, got none")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all interfaces, the one at rest first."""
+        return self.rest, *(interface.name for interface in self.loaded)
 
     @cached_property
     def faces(self) -> tuple[FaceGeometry, ...]:

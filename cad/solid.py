@@ -56,6 +56,7 @@ def part_of(
     material: AnyMaterial = STEEL,
     clamped: Selectors = LEAST_X,
     loaded: Selectors | Mapping[str, Selectors] = GREATEST_X,
+    interfaces: Mapping[str, Selectors] | None = None,
     placement: Placement | None = None,
     reference_point: Vector | None = None,
     valid: bool = False,
@@ -74,6 +75,8 @@ def part_of(
         Selectors of the clamped faces, in the coordinates of the solid, as are the next three.
     loaded
         Selectors of the loaded interface, or of several interfaces by name.
+    interfaces
+        In place of ``clamped`` and ``loaded``: selectors of two or more interfaces by name; the first is at rest.
     placement
         The part's axes; by default those of the solid.
     reference_point
@@ -93,8 +96,14 @@ def part_of(
     solid = getattr(solid, "wrapped", solid)
     if not valid:
         solid = valid_solid(solid, name)
-    clamped_faces = select(solid, clamped, f"{name}.clamped")
-    named = loaded if isinstance(loaded, Mapping) else {"loaded": loaded}
+    named = dict(loaded) if isinstance(loaded, Mapping) else {"loaded": loaded}
+    rest = "clamped"
+    if interfaces is not None:
+        if len(interfaces) < 2:
+            raise InputError(f"{name}.interfaces: expected two or more, got {list(interfaces)}")
+        (rest, clamped), *others = interfaces.items()
+        named = dict(others)
+    at_rest = select(solid, clamped, f"{name}.{rest}")
     if reference_point is not None and len(named) > 1:
         raise InputError(f"{name}.reference_point: expected none with {len(named)} interfaces, got one")
     if reference_point is not None:
@@ -104,11 +113,11 @@ def part_of(
     moved = kernel.in_axes(solid, origin * 1e3, x, z)
     point = None if reference_point is None else _axes(x, z) @ (np.asarray(reference_point, dtype=float) - origin)
     geometries = face_geometries(moved)
-    interfaces = (
+    ends = (
         Interface(key, faces, _centroid([geometries[index] for index in sorted(faces)]) if point is None else point)
         for key, faces in selected.items()
     )
-    return Part(name, moved, material, clamped_faces, tuple(interfaces))
+    return Part(name, moved, material, at_rest, tuple(ends), rest)
 
 
 def _check_near(solid: Any, point: Vector, field: str) -> None:

@@ -34,6 +34,7 @@ def read_step(
     material: AnyMaterial = STEEL,
     clamped: Selectors = LEAST_X,
     loaded: Selectors | Mapping[str, Selectors] = GREATEST_X,
+    interfaces: Mapping[str, Selectors] | None = None,
     placement: Placement | None = None,
     reference_point: Vector | None = None,
     time_limit: float = 60.0,
@@ -48,7 +49,7 @@ def read_step(
         Name of the part; by default the file's name without its suffix.
     time_limit
         Seconds allowed to read and check the file.
-    material, clamped, loaded, placement, reference_point
+    material, clamped, loaded, interfaces, placement, reference_point
         As for `stiffscope.cad.solid.part_of`; by default the part
         is clamped at its plane face of least x and loaded at that of greatest x.
 
@@ -60,7 +61,7 @@ def read_step(
     solid = read_solid(path, time_limit)
     return part_of(
         solid, name=name or Path(path).stem, material=material, clamped=clamped, loaded=loaded,
-        placement=placement, reference_point=reference_point, valid=True,
+        interfaces=interfaces, placement=placement, reference_point=reference_point, valid=True,
     )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.fea.mesh import TetMesh
+from stiffscope.fea.rigid import relative_twists
 from stiffscope.fea.significance import largest_relative_bound
 
 if TYPE_CHECKING:
@@ -33,10 +34,12 @@ class Experiment:
     Attributes
     ----------
     part, interface : names of the part and of the coupling of its loaded faces.
+    interfaces : names of the interfaces, the one at rest (the clamp) first.
     full_compliance : (6n, 6n) of the n loaded interfaces together.
     full_error : (6n, 6n) 95 % bounds of its distance to linear elasticity on the exact shape.
     reference_points : (n, 3) m.
     clamp_point : (3,) m, centre of the clamped area.
+    stiffness_error : (6(1+n), 6(1+n)) 95 % bounds of ``stiffness``.
     mesh : the quadratic mesh.
     imbalance : residual of the equilibrium between clamp and wrenches, relative.
     volume, cad_volume : of the mesh and of the solid, m³.
@@ -58,10 +61,12 @@ class Experiment:
 
     part: str
     interface: str
+    interfaces: tuple[str, ...]
     full_compliance: Floats
     full_error: Floats
     reference_points: Floats
     clamp_point: Floats
+    stiffness_error: Floats
     mesh: TetMesh
     imbalance: float
     volume: float
@@ -97,6 +102,24 @@ class Experiment:
     def reference_point(self) -> Floats:
         """(3,) the first interface's reference point, m."""
         return self.reference_points[0]
+
+    @property
+    def places(self) -> Floats:
+        """(1 + n, 3) m, where the twists and wrenches of all ``interfaces`` act, the clamp's first."""
+        return np.vstack([self.clamp_point, self.reference_points])
+
+    @property
+    def stiffness(self) -> Floats:
+        """(6(1+n), 6(1+n)) stiffness of the unsupported part on all ``interfaces``: rigid motions cost nothing."""
+        free = relative_twists(self.reference_points, self.clamp_point)
+        found = free.T @ np.linalg.solve(self.full_compliance, free)
+        return (found + found.T) / 2
+
+    @property
+    def mass_matrix(self) -> Floats:
+        """(6(1+n), 6(1+n)) mass condensed on all ``interfaces``, in the order of ``stiffness``."""
+        size = 6 * len(self.places)
+        return self.condensed_mass[:size, :size]
 
     @property
     def superelement(self) -> Floats:
@@ -148,6 +171,7 @@ def load_experiment(path: Path | str, *, fields: bool = True) -> Experiment:
             plain = {name: _read(held[name]) for name in names}
             mesh = TetMesh(**{name: _read(held[f"mesh_{name}"]) for name in _MESH_NAMES})
             keys, values = held["seconds_names"].tolist(), held["seconds_values"].tolist()
+        plain["interfaces"] = tuple(plain["interfaces"].tolist())
         return Experiment(**plain, mesh=mesh, seconds=dict(zip(keys, values, strict=True)))
     except (zipfile.BadZipFile, zlib.error) as problem:
         raise InputError(f"{path}: the file is damaged ({problem})") from problem

@@ -9,9 +9,9 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 from scipy.io import mmwrite
+from scipy.linalg import block_diag
 
 from stiffscope.fea.dmig import dmig_text
-from stiffscope.fea.rigid import rigid_twists
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -94,17 +94,8 @@ def free_superelement(experiment: Experiment) -> Superelement:
     The clamp moves with node 0 as one body and only relative motion strains the part, so its stiffness is exact. Node 0
     is ``clamp_point``; with an elastic foundation it is the ground under it.
     """
-    points, centre = experiment.reference_points, experiment.clamp_point
-    relative = np.hstack(
-        [-rigid_twists(points, centre), np.eye(6 * len(points))]
-    )  # twists relative to the clamp's body
-    stiffness = np.zeros_like(experiment.condensed_mass)
-    count = relative.shape[1]
-    stiffness[:count, :count] = relative.T @ experiment.superelement @ relative
-    stiffness[range(count, len(stiffness)), range(count, len(stiffness))] = experiment.mode_squares
-    return Superelement(
-        (stiffness + stiffness.T) / 2, experiment.condensed_mass, np.vstack([centre, experiment.reference_points])
-    )
+    stiffness = block_diag(experiment.stiffness, np.diag(experiment.mode_squares))
+    return Superelement(stiffness, experiment.condensed_mass, experiment.places)
 
 
 def write_superelement(experiment: Experiment, path: Path | str) -> list[Path]:
@@ -117,7 +108,7 @@ def write_superelement(experiment: Experiment, path: Path | str) -> list[Path]:
         part=experiment.part,
         interface=experiment.interface,
         modes=len(experiment.mode_squares),
-        nodes=node_lines(found.nodes, ["clamped", *["loaded"] * (len(found.nodes) - 1)]),
+        nodes=node_lines(found.nodes, experiment.interfaces),
     )
     return write_matrices(found, path, text, mode_squares=experiment.mode_squares)
 

@@ -26,3 +26,8 @@ def rigid_twists(points: Floats, origin: Floats) -> Floats:
     twists = np.zeros((len(points), 6, 6))
     twists[:, :3], twists[:, 3:, 3:] = rigid_modes(points, origin), np.eye(3)
     return twists.reshape(-1, 6)
+
+
+def relative_twists(points: Floats, origin: Floats) -> Floats:
+    """Return (6n, 6(1+n)) the twists at n points (n, 3), seen from a body at the origin (3,), for its and their own."""
+    return np.hstack([-rigid_twists(points, origin), np.eye(6 * len(points))])

@@ -15,6 +15,7 @@ from stiffscope.fea.experiment import Experiment
 from stiffscope.fea.geometry import centroid, volume
 from stiffscope.fea.mass import rigid_mass
 from stiffscope.fea.mesh import check_lengths, check_time, default_size, flatness_of
+from stiffscope.fea.rigid import relative_twists
 from stiffscope.fea.settings import Settings
 from stiffscope.fea.specimen import GOOD_SHAPE, Specimen, cure_of, mesh_specimen, shape_error
 from stiffscope.runtime.listening import LISTENERS
@@ -115,6 +116,7 @@ def specimen_of(part: Part, settings: Settings) -> Specimen:
     size = settings.size or default_size(solid, area, flatness)
     return Specimen(
         name=part.name,
+        names=part.names,
         surface=surface(part, deflection=CHORD * size, angle=TURN),
         project=lambda place, points: project(part, place, points),
         elasticity=part.material.elasticity(),
@@ -148,13 +150,17 @@ def _mesh(specimen: Specimen, settings: Settings, left: float) -> TetMesh:
 
 def _statics(specimen: Specimen, settings: Settings, mesh: TetMesh, solution: Solution) -> Experiment:
     rigid = rigid_mass(mesh.points, solution.levels.system.mass.nodes)
+    places, clamp = np.array([point for _, point in specimen.loaded]), mesh.facets_of(specimen.clamped)
+    clamp_point = centroid(mesh.points[clamp])
     return Experiment(
         part=specimen.name,
         interface=settings.interface,
+        interfaces=specimen.names,
         full_compliance=solution.compliance,
         full_error=solution.error,
-        reference_points=np.array([point for _, point in specimen.loaded]),
-        clamp_point=centroid(mesh.points[mesh.facets_of(specimen.clamped)]),
+        reference_points=places,
+        clamp_point=clamp_point,
+        stiffness_error=solution.stiffness_error(relative_twists(places, clamp_point)),
         mesh=mesh,
         imbalance=solution.imbalance,
         volume=volume(mesh.points, mesh.cells),

@@ -74,6 +74,10 @@ class Solution:
         """(6n, 6n) 95 % bound of ``compliance``."""
         return self.extrapolated.error
 
+    def stiffness_error(self, free: Floats) -> Floats:
+        """Return (m, m) 95 % bounds of the stiffness ``freeᵀ C⁻¹ free`` (6n, m), by those of the wrenches behind it."""
+        return self.levels.extrapolated(loads=np.linalg.solve(self.compliance, free)).error
+
     @property
     def unknowns(self) -> int:
         """Degrees of freedom of the cubic solution."""
@@ -162,21 +166,25 @@ class TwoLevel:
         """(3 nodes, k) m, of the cubic solution."""
         return self.system.supports.expand(self.motion[: len(self.quadratic)])
 
-    def extrapolated(self, elsewhere: float = ELSEWHERE) -> Extrapolated:
+    def extrapolated(self, elsewhere: float = ELSEWHERE, loads: Floats | None = None) -> Extrapolated:
         """Return the compliance with the remaining discretization error extrapolated, and its bounds.
 
         Parameters
         ----------
         elsewhere : error of the cubic solution in parts of the gain, away from singular edges.
+        loads : (k, m) combinations of the loads in their place.
         """
-        remaining = AT_EDGES * self.at_edges + elsewhere * self.gain
-        spread = SPREAD_AT_EDGES * np.abs(self.at_edges) + SPREAD_ELSEWHERE * np.abs(self.gain)
+        combine = np.eye(len(self.cubic)) if loads is None else loads
+        cubic, gain, at_edges = (combine.T @ each @ combine for each in (self.cubic, self.gain, self.at_edges))
+        remaining = AT_EDGES * at_edges + elsewhere * gain
+        spread = SPREAD_AT_EDGES * np.abs(at_edges) + SPREAD_ELSEWHERE * np.abs(gain)
         spread *= self.system.specimen.flatness_on(
             self.system.mesh
         )  # the factors were fitted to elements that are no larger than walls
-        compliance = self.cubic + remaining
+        compliance = cubic + remaining
         geometry = _geometry_bound(self.system.specimen, self.system.mesh, compliance)
-        rounding = rounding_of(self.system.specimen) * np.sqrt(np.outer(self.cubic.diagonal(), self.cubic.diagonal()))
+        scale = np.abs(combine).T @ np.sqrt(self.cubic.diagonal())
+        rounding = rounding_of(self.system.specimen) * np.outer(scale, scale)
         return Extrapolated(compliance, spread + _cross_terms(remaining) + rounding + geometry, geometry)
 
 

@@ -55,6 +55,7 @@ class Specimen:
     clamped : CAD faces that are fixed.
     loaded : (CAD faces, reference point) of each loaded interface.
     volume, density : m³, kg/m³.
+    names : of the clamp and of the loaded interfaces.
     """
 
     name: str
@@ -65,6 +66,7 @@ class Specimen:
     loaded: tuple[tuple[frozenset[int], Floats], ...]
     volume: float
     density: float
+    names: tuple[str, ...] = ("base", "tip")
 
     @cached_property
     def extrusion(self) -> Extrusion | None:

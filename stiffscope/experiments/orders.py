@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.description import RobotFile
 
 LIBRARIES = ("build123d", "cadquery-ocp-novtk", "pytetwild", "scikit-fem", "numpy", "scipy")
-FORM = 7  # of the files of an experiment in the cache; other code reads other forms
+FORM = 8  # of the files of an experiment in the cache; other code reads other forms
 
 
 @dataclass(frozen=True)
