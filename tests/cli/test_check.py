@@ -5,7 +5,7 @@ import json
 import pytest
 
 from stiffscope.cli.main import _guarded
-from tests.experiments.one_part import MATRIX, ROD, STEP, one_part
+from tests.experiments.one_part import MATRIX, ROD, STEP, one_part, write_bar
 
 
 def run(*words):
@@ -74,5 +74,17 @@ def test_list_and_copy(tmp_path, capsys):
 @pytest.mark.parametrize(("part", "words"), [(STEP, "on a STEP file"), (MATRIX, "the file"), (ROD, "FEA")])
 def test_every_kind_of_part_is_told(tmp_path, capsys, part, words):
     one_part(tmp_path, part)
+    write_bar(tmp_path / "bar.step")
     assert run("check", tmp_path / "robot.toml") == 0
     assert words in capsys.readouterr().out
+
+
+def test_a_step_file_that_does_not_fit_is_refused_as_a_run_refuses_it(tmp_path, capsys):
+    one_part(tmp_path, STEP)
+    assert run("check", tmp_path / "robot.toml") == 2
+    write_bar(tmp_path / "bar.step")
+    assert run("check", tmp_path / "robot.toml", "--set", 'arm.tip=["61 mm", 0, 0]', "--json", "-") == 2
+    told, said = capsys.readouterr()
+    assert "file: expected a STEP file, got no file" in said
+    assert "expected a tip 60 mm from the base" in said.splitlines()[-1]
+    assert '"usable": false' in told
