@@ -72,6 +72,7 @@ def _displacements(robot: RobotFile, text: str) -> list[float]:
     given: dict[str, float] = {}
     for word in text.split(","):
         name, equals, value = (each.strip() for each in word.partition("="))
+        name = next((each for each in (name, f"joints.{name}", name.removeprefix("joints.")) if each in drives), name)
         if not equals:
             raise InputError(f'--joints {text}: expected DRIVE=POSITION,… such as "{drives[0]}=10 mm", got "{word}"')
         if name not in drives or name in given:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from stiffscope.robot.file.expressions import is_expression, normalize
 from stiffscope.robot.file.override import split
-from stiffscope.robot.file.parse import parse_text
+from stiffscope.robot.file.parse import as_written, parse_text
 from stiffscope.robot.file.part_sections import ParametricPart, SolidPart
 from stiffscope.robot.file.sections import RigidBody
 from stiffscope.robot.file.values import unit_of
@@ -104,10 +104,14 @@ def _of_parts(robot: RobotFile, components: Components) -> Iterator[tuple[Any, .
 def _of_joint(name: str, joint: JointSection) -> Iterator[tuple[Any, ...]]:
     drive, bearing = getattr(joint, "drive", None), joint.compliance
     if drive is not None:
-        yield ("joints", name, "drive", "stiffness"), drive.stiffness, "N*m/rad" if joint.type == "revolute" else "N/m"
+        yield (
+            as_written(("joints", name, "drive", "stiffness")),
+            drive.stiffness,
+            "N*m/rad" if joint.type == "revolute" else "N/m",
+        )
     for key, value in enumerate(bearing) if isinstance(bearing, tuple) else bearing or ():
         turning = key == "tilting" or (isinstance(key, int) and key > 2)
-        yield ("joints", name, "compliance", key), value, "rad/(N*m)" if turning else "m/N"
+        yield as_written(("joints", name, "compliance", key)), value, "rad/(N*m)" if turning else "m/N"
 
 
 def _constants(robot: RobotFile, material: AnyMaterial) -> Iterator[tuple[Any, ...]]:

@@ -7,6 +7,7 @@ from stiffscope.errors import InputError
 from stiffscope.robot.file.sections import AXES
 from stiffscope.robot.library import copy_robot, find_robot, robot_names
 from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.parameters import parameters
 from stiffscope.robot.part_matrices import PartMatrix, needed_experiments, part_matrices
 from stiffscope.robot.reader import load_robot, pose_of
 from tests.robot import at_home
@@ -182,6 +183,28 @@ axis = [1, 0, 0]
     np.testing.assert_allclose(mechanism.joint("leg2.hold").compliance, turn @ written @ turn.T, atol=1e-18)
 
 
+def test_a_joint_may_have_a_body_s_name(read, tmp_path):
+    text = TEXT.replace('joints."leg1.motor"', 'joints."leg1.arm"').replace('"leg1.motor"]', '"joints.leg1.arm"]')
+    robot = read(
+        text.replace('["leg1.arm", ', '["bodies.leg1.arm", ').replace('"leg2.arm", "leg3.arm"]', '"bodies.leg2.arm"]')
+    )
+    assert robot.joints["joints.leg2.arm"].between == ("ground", "leg2.arm.base")
+    assert robot.drives() == ("joints.leg1.arm", "joints.leg2.arm", "joints.leg3.arm")
+    assert robot.members("all") == ("leg1.arm", "leg2.arm", "joints.leg1.arm")
+    assert robot.members("bodies.leg1.arm") == ("leg1.arm",)
+    with pytest.raises(InputError, match=r'expected bodies.leg1.arm or joints.leg1.arm, got "leg1.arm", which both'):
+        robot.members("leg1.arm")
+    mechanism = mechanism_of(robot, part_matrices(robot))
+    assert len(mechanism.joints) == 9
+    found = {each.name: each for each in parameters(robot)}
+    stiffer = found["leg1.arm.drive.stiffness"].set_to(robot, 5e4)
+    assert [joint.drive.stiffness for joint in stiffer.joints.values() if getattr(joint, "drive", None)] == [5e4] * 3
+    with pytest.raises(InputError, match=rf'robot.toml:{line_with("drive", text)}: joints."leg1.arm".drive.stiffness'):
+        read(text.replace("24 kN*m/rad", "24 kg"))
+    with pytest.raises(InputError, match=r"groups.arms\[0\]: expected bodies.leg1.arm or joints.leg1.arm"):
+        read(text)
+
+
 def test_a_six_number_bearing_turns_with_its_copy(read):
     six = "[1e-9, 2e-9, 3e-9, 0, 2e-6, 3e-6]"
     robot = read(TEXT.replace('{ radial = "0.01 um/N", axial = "0.02 um/N", tilting = "1e-6 rad/(N*m)" }', six))
@@ -321,8 +344,6 @@ def test_nothing_changes_after_reading(read):
          "bodies.loose: expected joints that connect it with the ground, got none"),
         ("[bodies.platform]", "[bodies.ground]\n[bodies.platform]", "[bodies.ground]",
          "bodies.ground: expected a name"),
-        ("[bodies.platform]", '[bodies."leg1.motor"]\n[bodies.platform]', '[joints."leg1.motor"]',
-         'joints."leg1.motor": expected a name of its own'),
         ('["leg1.arm", "leg2.arm", "leg3.arm"]', '["leg1.arm", "leg4.arm"]', "arms",
          r'groups.arms\[1\]: expected a body, a joint or a group .*got "leg4.arm"; did you mean "leg'),
         ("[bodies.platform]", '[bodies."leg1.arm.tip"]\n[bodies.platform]', '[bodies."leg1.arm.tip"]',

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stiffscope.cad.materials import AnyMaterial, material
+from stiffscope.errors import InputError
 from stiffscope.robot.file.parse import Source
 from stiffscope.robot.file.part_sections import ParametricPart, PartSection
 from stiffscope.robot.file.sections import (
@@ -20,13 +21,12 @@ from stiffscope.robot.file.sections import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Collection, Mapping
 
     import numpy as np
 
     from stiffscope.cad.link import LinkParameters
     from stiffscope.cad.slider import SliderParameters
-    from stiffscope.errors import InputError
     from stiffscope.robot.file.positions import Key
 
 GROUND = "ground"
@@ -43,7 +43,9 @@ class Turned:
 
 @dataclass(frozen=True)
 class RobotFile:
-    """A robot file's content. Names are unique among bodies and joints; `copied` holds those of `[[copies]]`.
+    """A robot file's content. Names are unique among bodies and joints (a joint with a body's name is "joints.NAME").
+
+    `copied` holds those of `[[copies]]`.
 
     `tolerances`, SI, by key: of the values that are written with one ("20 mm ± 0.1 mm").
     """
@@ -109,17 +111,31 @@ class RobotFile:
         """Names of the bodies and joints that a place means.
 
         A place is a body or joint, a `[groups]` name, a part (all bodies made of it), "drives" or "joints" (all that
-        are not driven); the file's own groups come first.
+        are not driven); the file's own groups come first. Raises InputError for a name that a body and a joint share.
         """
         if place in self.groups:
             return self.groups[place]
-        if place in self.bodies or place in self.joints:
-            return (place,)
+        element = find_element(place, self.bodies, self.joints)
+        if element is not None:
+            return (element,)
         if place in self.parts:
             return self.bodies_of(place)
         driven = self.drives()
         known = {"drives": driven, "joints": tuple(name for name in self.joints if name not in driven)}
         return known.get(place, ())
+
+
+def find_element(place: str, bodies: Collection[str], joints: Collection[str]) -> str | None:
+    """Body or joint that a place spells, by its name or as "bodies.NAME" or "joints.NAME"; None for neither.
+
+    A joint whose name a body has too is "joints.NAME" throughout. Raises InputError where a place could be either.
+    """
+    if place in bodies and f"joints.{place}" in joints:
+        raise InputError(f'expected bodies.{place} or joints.{place}, got "{place}", which both have')
+    if place in bodies or place in joints:
+        return place
+    section, _, name = place.partition(".")
+    return name if name in {"bodies": bodies, "joints": joints}.get(section, ()) else None
 
 
 def nodes(bodies: Mapping[str, BodySection]) -> dict[str, str]:

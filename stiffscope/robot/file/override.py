@@ -112,6 +112,8 @@ def locate(text: str, names: Mapping[str, Sequence[str]]) -> Override:
             f'--set {text}: expected NAME.KEY=VALUE with a NAME of {shown} or {", ".join(TABLES)}, got "{name}"{guess}'
         )
     fitting = [key for key in found if len(key) > 2 and key[2] in NAMED.get(key[0], ())]
+    if len({key[0] for key in fitting} & {"bodies", "joints"}) > 1 and fitting[0][0] != "parts":
+        raise InputError(f"--set {text}: expected bodies.{name} or joints.{name}, got {name}, which both have")
     return Override((fitting or found)[0], value, f"--set {text}")
 
 

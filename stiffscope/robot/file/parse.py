@@ -64,11 +64,19 @@ class Source:
 
     def refuse(self, key: Key, message: str) -> InputError:
         """Error for a key: names the `--set` that brought it, else file and line."""
+        key = as_written(key)
         by = next((self.changed[key[:n]] for n in range(len(key), 0, -1) if key[:n] in self.changed), None)
         if by is None and len(key) > 1 and key[:-1] not in self.lines:
             table = key[:-1]
             by = next((text for each, text in self.changed.items() if each[: len(table)] == table), None)
         return InputError(f"{by or f'{self.path}:{self.line(key)}'}: {field_name(key)}: {message}")
+
+
+def as_written(key: Key) -> Key:
+    """The key of a joint that has a body's name, and so is "joints.NAME" itself."""
+    if len(key) > 1 and key[0] == "joints" and str(key[1]).startswith("joints."):
+        return ("joints", str(key[1]).removeprefix("joints."), *key[2:])
+    return key
 
 
 def field_name(key: Key) -> str:

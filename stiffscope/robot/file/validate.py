@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
-from stiffscope.robot.file.description import RobotFile
+from stiffscope.robot.file.description import RobotFile, find_element
 from stiffscope.robot.file.parse import FieldError, blame
 from stiffscope.robot.file.part_sections import PARTS, Fibrous, Isotropic
 from stiffscope.robot.file.sections import (
@@ -58,7 +58,7 @@ def validate(
     source: Source,
     values: Mapping[str, float],
     tolerances: Mapping[Key, float],
-    copied: Mapping[str, Turned],
+    copied: dict[str, Turned],
 ) -> RobotFile:
     """Make a robot of evaluated tables.
 
@@ -89,6 +89,9 @@ def validate(
         return MappingProxyType({name: function(name, table) for name, table in data.get(key, {}).items()})
 
     parts, bodies, joints = read("parts", _read_part), read("bodies", _read_body), read("joints", _read_joint)
+    shared = {name: f"joints.{name}" for name in joints if name in bodies}
+    joints = MappingProxyType({shared.get(name, name): joint for name, joint in joints.items()})
+    copied = copied | {joint: copied[name] for name, joint in shared.items() if name in copied}
     if "tool" not in data:
         raise FieldError(("tool",), "expected a table of body, at, pose, got nothing")
     tool = read_table(ToolSection, data["tool"], ("tool",))
@@ -99,7 +102,7 @@ def validate(
         joints=joints,
         tool=tool,
         parameters=MappingProxyType({name: value for name, value in values.items() if "." not in name}),
-        groups=MappingProxyType(_read_groups(data.get("groups", {}), {**bodies, **joints})),
+        groups=MappingProxyType(_read_groups(data.get("groups", {}), bodies, joints)),
         gravity=read_table(GravitySection, data["gravity"], ("gravity",)) if "gravity" in data else None,
         poses=read("poses", lambda name, pose: read_pose(pose, tool, ("poses", name))),
         map=_read_map(data["map"], tool) if "map" in data else None,
@@ -169,8 +172,11 @@ def _read_material(name: str, table: Any) -> AnyMaterial:
         raise FieldError((*key, where), message) from error
 
 
-def _read_groups(table: Mapping[str, Any], elements: Collection[str]) -> dict[str, tuple[str, ...]]:
+def _read_groups(
+    table: Mapping[str, Any], bodies: Collection[str], joints: Collection[str]
+) -> dict[str, tuple[str, ...]]:
     """The sets, those that name other sets resolved."""
+    elements = [*bodies, *joints]
     for name, listed in table.items():
         key = ("groups", name)
         if name in elements:
@@ -179,13 +185,15 @@ def _read_groups(table: Mapping[str, Any], elements: Collection[str]) -> dict[st
             raise FieldError(key, f"expected a list of bodies and joints, got {q.shown(listed)}")
         for number, each in enumerate(listed):
             with blame(*key, number):
-                one_of(each, [*elements, *(other for other in table if other != name)], "a body, a joint or a group")
+                if not isinstance(each, str) or not find_element(each, bodies, joints):
+                    others = [other for other in table if other != name]
+                    one_of(each, [*elements, *others], "a body, a joint or a group")
 
     def members(name: str, above: tuple[str, ...]) -> Iterator[str]:
         if name in above:
             raise FieldError(("groups", name), f"expected no group within itself, got {' -> '.join((*above, name))}")
         for each in table[name]:
-            yield from members(each, (*above, name)) if each in table else (each,)
+            yield from members(each, (*above, name)) if each in table else (find_element(each, bodies, joints) or each,)
 
     return {name: tuple(dict.fromkeys(members(name, ()))) for name in table}
 

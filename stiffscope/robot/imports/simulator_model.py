@@ -98,7 +98,7 @@ def read_model(path: str | Path, tool: str | None = None, home: Mapping[str, flo
 
     """
     source = compile_at_home(Path(path), home or {})
-    joints = _name_apart([*_tree_joints(source), *_closing_joints(source)], set(source.movers.values()))
+    joints = _name_apart([*_tree_joints(source), *_closing_joints(source)])
     bodies = [_merge(source, number, name) for number, name in source.movers.items() if number]
     ends = {name for joint in joints for name in (joint.first, joint.second)}
     between = sorted(ends - {body.name for body in bodies} - {GROUND})  # between two joints of one body
@@ -268,9 +268,9 @@ def _closing_joint(first: str, second: str, points: list[tuple[str, Array]]) -> 
     return ModelJoint(name, first, second, "fixed", at, note=f"{len(points)} connects of the source")
 
 
-def _name_apart(joints: Iterable[ModelJoint], taken: set[str]) -> list[ModelJoint]:
-    """The joints with names that no other joint or body has."""
-    found = []
+def _name_apart(joints: Iterable[ModelJoint]) -> list[ModelJoint]:
+    """The joints with names that no other joint has."""
+    found, taken = [], set[str]()
     for joint in joints:
         name = joint.name
         while name in taken or name == GROUND:
