@@ -22,8 +22,9 @@ from stiffscope.gap.adoption import adopt as adopt_effects
 from stiffscope.gap.adoption import check_target
 from stiffscope.gap.blind.check import case_files, check_cases, run_blind
 from stiffscope.gap.blind.robots import blind_robots
+from stiffscope.gap.campaign.sanity import inspect_readings
 from stiffscope.gap.campaign.template import write_template
-from stiffscope.gap.campaigns import assemble_nominal, configure_case, diagnose_case, open_case
+from stiffscope.gap.campaigns import assemble_nominal, configure_case, diagnose_case, open_case, predict_roughly
 from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.gap.inference.posterior_samples import write_posterior
 from stiffscope.report import blind_scores, campaign_check, gap_tables, tables
@@ -162,9 +163,11 @@ def new_campaign(name: str, goal: Path, *, output: Output) -> None:
     options.json,
 )
 def check_campaign(name: str, *, output: Output) -> None:
-    """Report how a campaign was read: counts, units, poses, sensors, loads; no experiment is made."""
+    """Report how a campaign was read: counts, units, poses, sensors, loads, doubts; no experiment is made."""
     case = open_case(name, planned=True)
-    found, facts = configure_case(case), campaign_check.campaign_json(case.campaign)
+    found = configure_case(case)
+    remarks = inspect_readings(case.campaign, predict_roughly(case))
+    facts = campaign_check.campaign_json(case.campaign, remarks)
 
     def fill(folder: Path) -> None:
         if case.robot is not None and found is not None:

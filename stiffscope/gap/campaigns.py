@@ -2,25 +2,34 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.gap.campaign.on_robot import match_robot
 from stiffscope.gap.campaign.readings import load_campaign
+from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
+from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.robot.file.quantities import shown
+from stiffscope.robot.inspection import rigid_mechanism
 from stiffscope.robot.library import find_robot, robot_names
+from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.nominal import NominalRobot
+from stiffscope.robot.part_matrices import PartMatrix, known_mass, needed_experiments, part_matrices, part_sources
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.workshop import workshop
 
 if TYPE_CHECKING:
     from stiffscope.experiments.assembly import Assembled
-    from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.gap.campaign.campaign import Array, Campaign
     from stiffscope.gap.inference.diagnosis import Diagnosis
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.runtime.workshop import Workshop
@@ -74,7 +83,6 @@ def diagnose_case(case: Case, nominal: Assembled | None, shop: Workshop) -> Diag
     """The diagnosis of a campaign on its nominal robot, where there is one."""
     from stiffscope.experiments.part_dimensions import tested_dimensions
     from stiffscope.gap.diagnose import diagnose
-    from stiffscope.robot.nominal import NominalRobot
 
     absolute = next((sensor for sensor in case.campaign.sensors if sensor.absolute), None)
     if absolute is not None:
@@ -109,12 +117,35 @@ def configure_case(case: Case, nominal: Assembled | None = None) -> Configuratio
     """
     if case.robot is None:
         return None
-    from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
-    from stiffscope.robot.inspection import rigid_mechanism
-    from stiffscope.robot.nominal import NominalRobot
-
     mechanism = nominal.mechanism if nominal else rigid_mechanism(case.robot)
     return RobotAtPoses(NominalRobot(mechanism, case.robot), case.campaign).configurations
+
+
+def predict_roughly(case: Case) -> Array:
+    """Readings (n,) by the nominal robot without any virtual experiment; NaN where nothing is predicted.
+
+    Rods and plates follow beam theory; parts that only an experiment would tell are rigid.
+    """
+    campaign = case.campaign
+    if case.robot is None:
+        return campaign.predictions["value"]
+    seen = ~np.array([s.absolute for s in campaign.sensors] or [False])[np.maximum(campaign.sensor, 0)]
+    rows = np.flatnonzero(seen | (campaign.sensor < 0))
+    out = np.full(len(campaign), np.nan)
+    if len(rows):
+        nominal = NominalRobot(mechanism_of(case.robot, _rough_matrices(case.robot)), case.robot)
+        with contextlib.suppress(InputError):  # which a diagnosis tells, with the parts as they are
+            out[rows] = RobotModel(campaign.select(rows), nominal).predict().values
+    return out
+
+
+def _rough_matrices(robot: RobotFile) -> dict[str, PartMatrix]:
+    """Matrices of parts by beam theory, as given, or rigid."""
+    sources = part_sources(robot, "beam")
+    rigid = {name: np.zeros((6, 6)) for name in needed_experiments(robot, "beam") if sources[name] == "step"}
+    weightless = {name: PartMatrix(np.zeros((6, 6))) for name in sources if known_mass(robot, name) is None}
+    beams = {name: "beam" for name, source in sources.items() if source == "beam"}
+    return part_matrices(robot, beams | rigid, weightless)
 
 
 def find_campaign(name: str | Path) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,10 +16,11 @@ from stiffscope.report.run_report import write_tables_report
 from stiffscope.report.terminal import show_line, show_table
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.gap.campaign.sanity import ReadingRemark
     from stiffscope.report.terminal import Shown
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.vjm.kinematics import Configurations
@@ -30,10 +32,11 @@ PICTURES = {
     "last_pose.png": "The robot at the last pose",
 }
 """Files that `draw_sensors` writes, with their captions."""
+_PLURAL = {"frequency": "frequencies", "stiffness": "stiffnesses", "push": "pushes"}
 _SHOWN = 24  # rows of a table, beyond which the rest is counted
 
 
-def campaign_json(campaign: Campaign) -> dict[str, Any]:
+def campaign_json(campaign: Campaign, remarks: Iterable[ReadingRemark] = ()) -> dict[str, Any]:
     """What was understood, as plain data, SI."""
     c = campaign
     return {
@@ -46,6 +49,7 @@ def campaign_json(campaign: Campaign) -> dict[str, Any]:
         "sessions": {name: int((c.session == k).sum()) for k, name in enumerate(c.session_names)},
         "without_sigma": int(np.isnan(c.sigma).sum()),
         "copies": copies(c)[1] or None,
+        "remarks": [asdict(remark) for remark in remarks],
         "channels": _channels(c),
         "sensors": {s.name: _sensor(c, k) for k, s in enumerate(c.sensors)},
         "loads": {
@@ -94,12 +98,14 @@ def _unit(c: Campaign, reading: int) -> str:
 
 def show_campaign(facts: Mapping[str, Any], name: str) -> None:
     """Print what was understood, of `campaign_json`."""
-    kinds = ", ".join(f"{count} {kind}s" for kind, count in facts["kinds"].items()).replace("frequencys", "frequencies")
+    kinds = ", ".join(f"{count} {_PLURAL.get(kind, kind + 's')}" for kind, count in facts["kinds"].items())
     show_line(f"{name}: {facts['readings']} readings ({kinds}) at {len(facts['poses'])} poses", "bold")
     if facts["empty"]:
         show_line(f"  {facts['empty']} of them have no value yet")
     if facts["copies"]:
         show_line(f"  {facts['copies']}")
+    for remark in facts["remarks"]:
+        show_line(f"  {remark['text']}", "yellow")
     if facts["without_sigma"]:
         show_line(f"  {facts['without_sigma']} state no uncertainty: it will be estimated")
     sessions = ", ".join(f"{label or '(no name)'} {count}" for label, count in facts["sessions"].items())

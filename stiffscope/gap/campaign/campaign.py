@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
     Codes = NDArray[np.int64]
+    Flags = NDArray[np.bool_]
 
 AT_TOOL = -1
 """Code of no sensor, a quantity at M; and of no load point, a wrench at M."""
@@ -160,6 +161,12 @@ class Campaign:
     def __len__(self) -> int:
         """Return the number of readings."""
         return len(self.value)
+
+    def select(self, rows: Codes) -> Campaign:
+        """The campaign with some of its readings (r,)."""
+        each = ("pose", "wrench", "quantity", "value", "sigma", "session", "file", "line", "sensor", "load")
+        predictions = {name: values[rows] for name, values in self.predictions.items()}
+        return replace(self, predictions=predictions, **{name: getattr(self, name)[rows] for name in each})
 
     @property
     def kind(self) -> Codes:

@@ -1,0 +1,184 @@
+"""Sanity of readings beside a rough prediction: units, signs, steps, constant and copied channels, outliers by row."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.gap.campaign.quantities import DEFLECTION, DEVIATION, FREQUENCY, KINDS, STIFFNESS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from stiffscope.gap.campaign.campaign import Array, Campaign, Codes, Flags
+
+LEAST = 4  # readings of a channel, below which nothing is said of it
+UNIT = 100.0  # times the model, or below it: no machine is that far from its model, but a unit is
+_AGREE = 0.8  # net share of readings with the model's sign, or correlation
+_SIZED = 0.1  # of the largest prediction: below it a reading says nothing of unit and sign
+_SHOWN = 5  # rows of a remark
+_JUMP = 8.0  # standard deviations of the scatter by which a step or an outlier stands out
+_CLEARED = 3.0  # times by which a step's removal must lessen the scatter
+_RARE = 0.1  # share of a channel's readings that may be called outliers
+_SIDE = 3  # readings on either side of a step
+
+
+@dataclass(frozen=True)
+class ReadingRemark:
+    """What is doubtful in the readings of one instrument."""
+
+    doubt: str
+    """"unit", "sensor-sign", "sensor-step", "constant", "copied" or "outlier"."""
+    instrument: str
+    where: tuple[str, ...]
+    """Files and lines."""
+    text: str
+
+
+def inspect_readings(campaign: Campaign, predicted: Array) -> tuple[ReadingRemark, ...]:
+    """Compare readings with a rough prediction and with each other.
+
+    Parameters
+    ----------
+    campaign
+        With n readings; empty values are passed over.
+    predicted
+        (n,) what the nominal model says of each, SI, right within a factor of ten; NaN where nothing is predicted.
+
+    Returns
+    -------
+    tuple of ReadingRemark
+        Channel by channel; empty where nothing is doubtful.
+
+    """
+    channels = list(_channels(campaign))
+    found: list[ReadingRemark] = []
+    for name, rows in channels:
+        found += _inspect_channel(campaign, predicted, name, rows)
+    return (*found, *_find_copied(campaign, channels))
+
+
+def _channels(c: Campaign) -> Iterator[tuple[str, Codes]]:
+    """Names of instruments with their rows of one kind that have a value."""
+    key = np.column_stack([c.channel, c.kind])
+    for channel, kind in np.unique(key, axis=0).tolist():
+        rows = np.flatnonzero((key == (channel, kind)).all(axis=1) & ~np.isnan(c.value))
+        if len(rows) >= LEAST:
+            yield c.what(int(rows[0])) if kind != FREQUENCY else "frequencies", rows
+
+
+def _inspect_channel(c: Campaign, predicted: Array, name: str, rows: Codes) -> Iterator[ReadingRemark]:
+    kind = int(c.kind[rows[0]])
+    value, model = c.value[rows], predicted[rows]
+    known = bool(np.isfinite(model).all())
+    if not np.ptp(value) and (not known or np.ptp(model) > _SIZED * np.abs(model).max()) and kind != FREQUENCY:
+        text = f"{name} reads {value[0]:g} in all {len(rows)} {KINDS[kind]}s: is it stuck?"
+        yield ReadingRemark("constant", name, (c.where(int(rows[0])),), text)
+        return
+    if not known or not model.any():
+        return
+    yield from _compare(c, name, rows, value, model)
+    if kind in (DEFLECTION, DEVIATION):
+        yield from _find_breaks(c, name, rows, _scatter(c, rows, value, model))
+    elif (model > 0).all():
+        yield from _name_outliers(c, name, rows, _centred(np.log(value / model)))
+
+
+def _compare(c: Campaign, name: str, rows: Codes, value: Array, model: Array) -> Iterator[ReadingRemark]:
+    """Remarks on unit and sign: of deflections by themselves, of deviations by how they vary over the poses."""
+    kind, where = int(c.kind[rows[0]]), (c.where(int(rows[0])),)
+    if kind == DEVIATION:
+        value, model = value - np.median(value), model - np.median(model)
+    sized = np.abs(model) > _SIZED * np.abs(model).max()
+    if sized.sum() < LEAST:
+        return
+    agree = float(np.mean(np.sign(value[sized] * model[sized])))
+    ratio = float(np.median(np.abs(value[sized] / model[sized])))
+    comparable = kind >= STIFFNESS or (abs(agree) > _AGREE and kind == DEFLECTION)
+    if comparable and ratio > 0.0 and not 1.0 / UNIT < ratio < UNIT:
+        text = f"{name} reads about 1e{round(np.log10(ratio))} times the model: is its unit another one?"
+        yield ReadingRemark("unit", name, where, text)
+    if kind <= DEVIATION and agree < -_AGREE and (kind == DEFLECTION or _varies_as_much(value, model)):
+        text = f"{name} reads against the model in {np.mean(value[sized] * model[sized] < 0):.0%} of its {KINDS[kind]}s"
+        yield ReadingRemark("sensor-sign", name, where, f"{text}: is it reversed?")
+
+
+def _varies_as_much(value: Array, model: Array) -> bool:
+    """Whether values (n,) without their median vary as the model's do, with either sign."""
+    size = np.linalg.norm(value) * np.linalg.norm(model)
+    return len(value) >= 2 * LEAST and abs(float(value @ model)) > _AGREE * size
+
+
+def _scatter(c: Campaign, rows: Codes, value: Array, model: Array) -> Array:
+    """What a robust fit by prediction, wrench and a constant leaves of readings (r,)."""
+    columns = np.column_stack([model, np.nan_to_num(c.wrench[rows]), np.ones(len(rows))])
+    columns = columns[:, np.abs(columns).max(axis=0) > 0]
+    columns = columns / np.abs(columns).max(axis=0)
+    weight = np.ones(len(rows))
+    left = value
+    for _ in range(30):
+        fit = np.linalg.lstsq(columns * weight[:, None], value * weight, rcond=1e-9)[0]
+        left = value - columns @ fit
+        weight = np.sqrt(1.0 / (1.0 + (left / max(2.0 * _spread(left), 1e-300)) ** 2))
+    return left
+
+
+def _spread(values: Array) -> float:
+    """Standard deviation of what is normal among values (n,)."""
+    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
+
+
+def _centred(values: Array) -> Array:
+    return values - np.median(values)
+
+
+def _find_breaks(c: Campaign, name: str, rows: Codes, left: Array) -> Iterator[ReadingRemark]:
+    """Remarks on a step from one row on, and on single rows beside it."""
+    place = _find_step(left)
+    if place:
+        jump = float(np.median(left[place:]) - np.median(left[:place]))
+        after = np.where(np.arange(len(left)) >= place, left - jump, left)
+        if abs(jump) > _JUMP * _spread(after) and _spread(left) > _CLEARED * _spread(after):
+            where, unit = c.where(int(rows[place])), "rad" if c.direction[rows[0]] >= 3 else "m"
+            text = f"{name} jumps by {jump:.2g} {unit} at {where} and stays there: has it slipped?"
+            yield ReadingRemark("sensor-step", name, (where,), text)
+            left = after
+    yield from _name_outliers(c, name, rows, _centred(left))
+
+
+def _find_step(values: Array) -> int:
+    """Where values (n,) are best parted into two levels; 0 where they are too few."""
+    count = len(values)
+    if count < 2 * (_SIDE + 1):
+        return 0
+    clipped = np.clip(_centred(values), -10 * _spread(values), 10 * _spread(values))
+    total = np.cumsum(clipped)[_SIDE - 1 : count - _SIDE]
+    before = np.arange(_SIDE, count - _SIDE + 1)
+    gain = total**2 / before + (clipped.sum() - total) ** 2 / (count - before)
+    return int(before[np.argmax(gain)])
+
+
+def _name_outliers(c: Campaign, name: str, rows: Codes, left: Array) -> Iterator[ReadingRemark]:
+    """A remark on the few rows that stand far out of a scatter (r,) about zero."""
+    sigma = np.nan_to_num(c.sigma[rows]) / np.where(c.relative[rows], np.abs(c.value[rows]), 1.0)
+    far: Flags = np.abs(left) > _JUMP * np.maximum(_spread(left), sigma)
+    if not 0 < far.sum() <= max(1, _RARE * len(rows)) or len(rows) < 3 * LEAST:
+        return
+    order = np.flatnonzero(far)[np.argsort(-np.abs(left[far]))]
+    where = tuple(c.where(int(row)) for row in rows[order])
+    more = f" and {len(where) - _SHOWN} more" if len(where) > _SHOWN else ""
+    text = f"{name} stands far out of its other readings at {', '.join(where[:_SHOWN])}{more}"
+    yield ReadingRemark("outlier", name, where, text)
+
+
+def _find_copied(c: Campaign, channels: list[tuple[str, Codes]]) -> Iterator[ReadingRemark]:
+    """Remarks on channels whose readings are those of another, to the last digit."""
+    known: dict[bytes, str] = {}
+    for name, rows in channels:
+        key = c.value[rows].tobytes()
+        other = known.setdefault(key, name)
+        if other != name and np.ptp(c.value[rows]):
+            text = f"{name} has the readings of {other} to the last digit: is it a copy?"
+            yield ReadingRemark("copied", name, (c.where(int(rows[0])),), text)

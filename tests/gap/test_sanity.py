@@ -1,0 +1,106 @@
+"""Doubtful readings are named by instrument and row, and sound ones are not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stiffscope.gap.blind.cases import BlindCase
+from stiffscope.gap.blind.drawing import draw_case, prepare_case
+from stiffscope.gap.blind.laboratory import BlindRobot, Lab
+from stiffscope.gap.campaign.readings import load_campaign
+from stiffscope.gap.campaign.sanity import inspect_readings
+from stiffscope.gap.campaigns import Case, predict_roughly
+from stiffscope.gap.lab.measuring import Noise, measure
+from stiffscope.gap.lab.writing import write_readings
+from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.nominal import NominalRobot
+from stiffscope.robot.part_matrices import part_matrices
+from stiffscope.robot.reader import load_robot
+
+
+@pytest.fixture(scope="module")
+def labs():
+    found = {}
+
+    def lab(name):
+        if name not in found:
+            robot = load_robot(name)
+            parts = part_matrices(robot, "beam")
+            found[name] = Lab(BlindRobot(NominalRobot(mechanism_of(robot, parts), robot), parts, "beam"), 12)
+        return found[name]
+
+    return lab
+
+
+def read(lab, case, number, folder, noise=None):
+    """A campaign of the laboratory, and what is roughly predicted."""
+    machine, plan, located, rng = prepare_case(case, number, lab)
+    readings = measure(machine, plan, noise or Noise(), rng, located)
+    robot = lab.robot.nominal.robot
+    write_readings(readings, folder, robot=lab.robot.reference, pose=machine.pose, components="beam")
+    campaign = load_campaign(folder, robot)
+    return campaign, predict_roughly(Case("case", folder, campaign, robot))
+
+
+def doubts(campaign, predicted):
+    return {(r.doubt, r.instrument) for r in inspect_readings(campaign, predicted)}
+
+
+def channel(campaign, name, kind=0):
+    return np.flatnonzero([campaign.what(k) == name and campaign.kind[k] == kind for k in range(len(campaign))])
+
+
+@pytest.mark.parametrize(("robot", "style", "name"), [("five-bar", "tool", "dx"), ("delta", "gauges", "gauge4")])
+def test_what_is_wrong_with_one_instrument_is_named(robot, style, name, labs, tmp_path):
+    sound, predicted = read(labs(robot), BlindCase("none", 3, (), style), 0, tmp_path)
+    assert doubts(sound, predicted) == set()
+    rows = channel(sound, name)
+
+    def changed(change):
+        value = np.array(sound.value)
+        value[rows] = change(value[rows])
+        return inspect_readings(replace(sound, value=value), predicted)
+
+    def one(doubt, change):
+        (remark,) = changed(change)
+        assert (remark.doubt, remark.instrument) == (doubt, name)
+        return remark.where
+
+    one("unit", lambda v: v * 1e3)
+    one("unit", lambda v: v * 1e-3)
+    one("sensor-sign", lambda v: -v)
+    one("constant", lambda v: np.full(len(v), v[0]))
+    half = len(rows) // 2
+    where = one("sensor-step", lambda v: v + 3e-4 * (np.arange(len(v)) >= half))
+    assert where == (sound.where(int(rows[half])),)
+    bad = [7, 30]
+    where = one("outlier", lambda v: v + np.where(np.isin(np.arange(len(v)), bad), 3e-4, 0.0))
+    assert set(where) == {sound.where(int(rows[k])) for k in bad}
+
+
+def test_a_copied_channel_is_named(labs, tmp_path):
+    sound, predicted = read(labs("delta"), BlindCase("none", 3, (), "gauges"), 0, tmp_path)
+    value = np.array(sound.value)
+    value[channel(sound, "gauge2")] = value[channel(sound, "gauge1")]
+    copied = [r for r in inspect_readings(replace(sound, value=value), predicted) if r.doubt == "copied"]
+    assert ["gauge2 has the readings of gauge1" in r.text for r in copied] == [True]
+
+
+def test_a_stuck_or_empty_plan_is_no_doubt(labs, tmp_path):
+    sound, predicted = read(labs("five-bar"), BlindCase("none", 3), 0, tmp_path)
+    assert inspect_readings(replace(sound, value=np.full(len(sound), np.nan)), predicted) == ()
+
+
+def test_faults_of_the_robot_raise_no_doubts_of_its_instruments(labs, tmp_path):
+    """Forty drawn faults: at most one channel in a hundred is doubted, never for its unit, sign or constancy."""
+    seen, raised = 0, []
+    for name in ("five-bar", "delta"):
+        for number in range(20):
+            case = draw_case(number, 8, labs(name))
+            campaign, predicted = read(labs(name), case, number, tmp_path / f"{name}{number}")
+            seen += len(np.unique(np.column_stack([campaign.channel, campaign.kind]), axis=0))
+            if case.kind != "outside":
+                raised += [(name, number, case.faults, r) for r in inspect_readings(campaign, predicted)]
+    assert not [each for each in raised if each[3].doubt in {"unit", "sensor-sign", "constant", "copied"}]
+    assert len(raised) <= 0.01 * seen, [(each[:3], each[3].text) for each in raised]
