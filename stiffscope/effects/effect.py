@@ -86,8 +86,8 @@ class Candidate:
     """True for patterns of which there are so many that together they would follow noise."""
     members: tuple[str, ...] = ()
     """The elements that it changes."""
-    action: object = None
-    """What it does; only the forward model looks inside."""
+    action: Any = None
+    """What it does (an `Effect` on robots); only the forward model looks inside."""
 
     @property
     def name(self) -> str:

@@ -20,6 +20,7 @@ from stiffscope.effects.effect import (
 )
 
 if TYPE_CHECKING:
+    from stiffscope.runtime.types import Indices
     from stiffscope.vjm.bodies import Body
     from stiffscope.vjm.mechanism import Mechanism
 
@@ -38,7 +39,7 @@ class AddedMass(Effect):
     body: str
     point: Array
     """(3,) home, m."""
-    axes: Array
+    axes: Indices
     """Which of x, y, z of home its centre may lie off the point along."""
 
     @classmethod

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 _UNIFORM = 0.02  # relative, to which a uniform beam's entries agree
-_LENGTHS = (-0.2, 0.45)  # of a body, that its ends may be clamped over
+_LEAST, _MOST = -0.2, 0.45  # of a body's length, that its ends may be clamped over
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def _clamp_ends(nominal: NominalRobot, names: Sequence[str], values: Array) -> C
     changes: Changes = {}
     for name in names:
         c, length = nominal.compliances[name], nominal.length(name)
-        clamped = float(np.clip(values[0], *(share * length for share in _LENGTHS)))
+        clamped = float(np.clip(values[0], _LEAST * length, _MOST * length))
         to_end = shift([clamped, 0.0, 0.0])
         rates = np.diagonal(c) / length  # of the nominal uniform section: axial, shear y, z, torsion, bending y, z
         rates[1] -= c[5, 5] * length / 3.0

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.effects.actuator_stiffness import ActuatorStiffness
-from stiffscope.effects.effect import Effect, Place, Setting
+from stiffscope.effects.effect import Place, Setting
 from stiffscope.effects.gravity import Gravity
 from stiffscope.effects.part_compliance import PartCompliance
 from stiffscope.effects.vocabulary import find_candidates
@@ -121,11 +121,7 @@ class RobotModel:
         if len({c.name for c in candidates}) < len(candidates):
             return False
         matrices = [c.members for c in candidates if c.flexible]
-        return not any(
-            c.action.of_matrix and not c.flexible and c.members in matrices
-            for c in candidates
-            if isinstance(c.action, Effect)
-        )
+        return not any(c.action.of_matrix and not c.flexible and c.members in matrices for c in candidates)
 
     def predict(self, parameters: Parameters = ()) -> RobotPrediction:
         """Readings with these effects. Raises InputError where the parameters leave what can be assembled."""

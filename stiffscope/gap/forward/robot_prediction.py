@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.effects.effect import Effect, Influence
-from stiffscope.gap.forward.robot_readings import RobotReadings, effect_of
+from stiffscope.gap.forward.robot_readings import RobotReadings
 from stiffscope.gap.forward.slopes import find_slope
 from stiffscope.gap.forward.zeros import SharedZeros
 
@@ -68,7 +68,7 @@ class RobotPrediction(RobotReadings):
         return {}
 
     def _derivatives(self, candidate: Candidate) -> Array:
-        effect = effect_of(candidate)
+        effect: Effect = candidate.action
         if isinstance(effect, Pattern):
             return self._zeros.without(effect.columns(self))
         here = next((np.array(v) for c, v in self.parameters if c.name == candidate.name), np.zeros(0))
@@ -81,6 +81,6 @@ class RobotPrediction(RobotReadings):
 
     def step(self, candidate: Candidate) -> Array:
         """Change (n,) of the readings where a candidate without parameters acts: the robot's own weight."""
-        if not effect_of(candidate).influence(np.zeros(0)).weight:
+        if not candidate.action.influence(np.zeros(0)).weight:
             return np.zeros(len(self.campaign))
         return self.weight - self._zeros.share(self.weight)

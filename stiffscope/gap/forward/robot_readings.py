@@ -15,13 +15,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.effects.effect import Effect
 from stiffscope.effects.elements import along_drive
 from stiffscope.effects.instruments import INSTRUMENT
 from stiffscope.gap.campaign.quantities import DEFLECTION, DEVIATION, FIRST_FREQUENCY, FREQUENCY, PUSH, STIFFNESS
 
 if TYPE_CHECKING:
-    from stiffscope.effects.effect import Candidate, Influence
+    from stiffscope.effects.effect import Influence
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.forward.elastic_state import ElasticState
     from stiffscope.gap.forward.forward_model import Parameters
@@ -49,7 +48,7 @@ class RobotReadings:
 
     @cached_property
     def _influences(self) -> tuple[Influence, ...]:
-        return tuple(effect_of(candidate).influence(np.array(values)) for candidate, values in self.parameters)
+        return tuple(candidate.action.influence(np.array(values)) for candidate, values in self.parameters)
 
     @cached_property
     def heavier(self) -> bool:
@@ -375,10 +374,3 @@ class RobotReadings:
 def _sign(force: Array) -> Array:
     largest = max(float(np.abs(force).max(initial=0.0)), 1e-6)
     return np.where(np.abs(force) > _ZERO_FORCE * largest, np.sign(force), 0.0)
-
-
-def effect_of(candidate: Candidate) -> Effect:
-    """What a candidate does. Raises TypeError for one that no robot model has made."""
-    if not isinstance(candidate.action, Effect):
-        raise TypeError(f"{candidate.name}: no effect on a robot")
-    return candidate.action

@@ -85,7 +85,7 @@ def _trial_poses(c: Campaign, nominal: NominalRobot) -> Array:
             low[k], high[k] = min(low[k], *span), max(high[k], *span)
     margin = _MARGIN * (high - low)
     low, high = low - margin, high + margin
-    from scipy.stats.qmc import Halton  # whose import takes a good part of a diagnosis
+    from scipy.stats.qmc import Halton  # type: ignore[reportMissingTypeStubs]  # imported late: it is slow
 
     free = np.flatnonzero(high > low)
     points = np.repeat(np.median(c.poses, axis=0)[None], _TRIALS, axis=0)
