@@ -4,8 +4,6 @@ A file is read and checked in a subprocess with a time limit, because the kernel
 """
 
 import re
-import signal
-import subprocess
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,8 +12,8 @@ from stiffscope.cad.materials import STEEL, AnyMaterial
 from stiffscope.cad.part import Part
 from stiffscope.cad.solid import GREATEST_X, LEAST_X, Placement, Selectors, Vector, part_of
 from stiffscope.errors import InputError
-from stiffscope.runtime.children import run_module
-from stiffscope.runtime.files import scratch_folder
+from stiffscope.runtime.executor import KILLED, LateError, WorkerError, do_alone
+from stiffscope.runtime.output import scratch_folder
 from stiffscope.runtime.reading import read_bytes
 
 if TYPE_CHECKING:
@@ -24,7 +22,6 @@ if TYPE_CHECKING:
 START, END = b"ISO-10303-21", b"END-ISO-10303-21"
 _UNIT, _NAME = re.compile(rb"\bLENGTH_UNIT\b"), re.compile(rb"(#\d+)\s*=")
 _CONTEXT = re.compile(rb"\bGLOBAL_UNIT_ASSIGNED_CONTEXT\s*\(\s*\(([^()]*)\)")
-REFUSED = 2  # exit code of the subprocess for invalid input; the reason is the last line of its standard error
 
 
 def read_step(
@@ -70,7 +67,7 @@ def read_solid(path: str | Path, time_limit: float = 60.0) -> "Solid":
     content = _check_file(Path(path))
     with scratch_folder() as folder:
         brep = folder / "solid.brep"
-        _convert_in_subprocess(Path(path), brep, time_limit)
+        _convert_alone(Path(path), brep, time_limit)
         _check_unit(Path(path), content)
         from stiffscope.cad import kernel_files
 
@@ -100,22 +97,30 @@ def _check_unit(path: Path, content: bytes) -> None:
         raise InputError(f"{path}: expected a STEP file with a unit of length, found no {missing}; export it again")
 
 
-def _convert_in_subprocess(path: Path, brep: Path, time_limit: float) -> None:
-    words = str(path.absolute()), str(path), str(brep)
+def _write_valid(path: Path, shown: str, brep: Path) -> None:
+    """Read a file, called `shown` in messages, check its solid and write that in the kernel's format."""
+    from stiffscope.cad import kernel_files
+    from stiffscope.cad.validity import valid_solid
+
+    kernel_files.write_binary(valid_solid(kernel_files.read_step(path), shown), brep)
+
+
+def _convert_alone(path: Path, brep: Path, time_limit: float) -> None:
+    """Read and check a file in a process of its own: the kernel may crash or hang on it."""
     try:
-        done = run_module("stiffscope.cad.step_reader", *words, time_limit=time_limit, folder=str(brep.parent))
-    except subprocess.TimeoutExpired as error:
+        do_alone(_write_valid, path.absolute(), str(path), brep, name=str(path), limit=time_limit)
+    except LateError as error:
         raise InputError(
             f"{path}: expected a solid that is read and checked within {time_limit:g} s, got none; "
             "remove threads, engravings and tiny fillets"
         ) from error
-    lines = done.stderr.decode(errors="replace").strip().splitlines()
-    if done.returncode == REFUSED and lines:
-        raise InputError(lines[-1])
-    if done.returncode or not brep.is_file():
-        code = done.returncode
-        why = signal.Signals(-code).name if code < 0 else (lines[-1] if lines else f"exit code {code}")
-        raise InputError(f"{path}: expected a STEP file with one closed solid, the CAD kernel failed on it ({why})")
+    except WorkerError as error:
+        if error.code in KILLED:
+            raise
+        why = str(error).removeprefix(f"{path}: ")
+        raise InputError(
+            f"{path}: expected a STEP file with one closed solid, the CAD kernel failed ({why})"
+        ) from error
 
 
 def write_step(part: Part, path: str | Path) -> None:

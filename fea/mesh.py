@@ -6,21 +6,18 @@
 from __future__ import annotations
 
 import logging
-import subprocess
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.runtime.children import run_module
-from stiffscope.runtime.files import scratch_folder
+from stiffscope.runtime.executor import LateError, WorkerError, do_alone
 from stiffscope.runtime.processors import processors
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
-    from pathlib import Path
 
     from numpy.typing import NDArray
     from skfem import MeshTet2
@@ -240,20 +237,23 @@ def tetrahedralize(
     check_surface(surface, size, envelope)
     vertices, triangles = _with_fins(surface, min(max(FIN * size, 3 * envelope), 0.3 * thickness(surface)))
     scale = float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
-    with scratch_folder() as folder:
-        source, target = folder / "surface.npz", folder / "tets.npz"
-        np.savez(
-            source,
-            vertices=vertices * 1e3,  # fTetWild's tolerances suit millimetres
-            triangles=triangles.astype(np.int32),
-            size=size * 1e3,
-            envelope=envelope / scale,
-            threads=threads or processors(),
-            energy=energy,
-        )
-        _run_worker(source, target, time_limit)
-        with np.load(target, allow_pickle=False) as made:
-            points, cells = made["points"] * 1e-3, made["cells"].astype(np.int64)
+    work = (
+        vertices * 1e3,  # fTetWild's tolerances suit millimetres
+        triangles.astype(np.int32),
+        size * 1e3,
+        envelope / scale,
+        threads or processors(),
+        energy,
+    )
+    try:  # a crash or an endless loop stays in the child
+        points, cells = do_alone(_run_ftetwild, *work, name="mesh", limit=time_limit)
+    except LateError:
+        raise MeshError(
+            f"mesh: not finished within {time_limit:.3g} s; choose a larger size or envelope, or a longer limit"
+        ) from None
+    except WorkerError as error:
+        raise MeshError(f"mesh: the mesher failed: {str(error).removeprefix('mesh: ')}") from error
+    points, cells = points * 1e-3, cells.astype(np.int64)
     return _checked_tets(points, cells, surface_volume(surface))
 
 
@@ -301,17 +301,11 @@ def _with_fins(surface: Surface, depth: float) -> tuple[Floats, Ints]:
     return np.vstack([vertices, foot]), np.vstack([triangles, first, second])
 
 
-def _run_worker(source: Path, target: Path, time_limit: float) -> None:
-    words = str(source), str(target)
-    try:  # a crash or an endless loop stays in the child
-        done = run_module("stiffscope.fea.worker", *words, time_limit=time_limit, folder=str(source.parent))
-    except subprocess.TimeoutExpired:
-        raise MeshError(
-            f"mesh: not finished within {time_limit:.3g} s; choose a larger size or envelope, or a longer limit"
-        ) from None
-    if done.returncode or not target.exists():
-        last = (done.stderr.decode(errors="replace").strip().splitlines() or ["no message"])[-1]
-        raise MeshError(f"mesh: the mesher failed (exit {done.returncode}): {last}")
+def _run_ftetwild(*work: Any) -> tuple[Floats, Ints]:
+    """Import the mesher where it works."""
+    from stiffscope.fea.worker import run_ftetwild
+
+    return run_ftetwild(*work)
 
 
 def _checked_tets(points: Floats, cells: Ints, volume: float) -> tuple[Floats, Ints]:

@@ -18,7 +18,7 @@ from stiffscope.fea.mesh import check_lengths, check_time, default_size, flatnes
 from stiffscope.fea.rigid import relative_twists
 from stiffscope.fea.settings import Settings
 from stiffscope.fea.specimen import GOOD_SHAPE, Specimen, cure_of, mesh_specimen, shape_error
-from stiffscope.runtime.listening import LISTENERS
+from stiffscope.runtime.progress import LISTENERS
 
 if TYPE_CHECKING:
     from collections.abc import Callable

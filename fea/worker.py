@@ -1,34 +1,35 @@
-"""The meshing subprocess: read a surface, run fTetWild, write tetrahedra.
+"""What is done in a process of its own: fTetWild can crash or never end, and drops a file into its working folder."""
 
-Run as ``python -m stiffscope.fea.worker surface.npz tets.npz``. It stands alone because fTetWild can crash or
-never end, and because it drops a file into the working folder: its parent gives it a folder and a time limit.
-"""
+from __future__ import annotations
 
-import sys
+from typing import TYPE_CHECKING
 
-import numpy as np
+import pytetwild
 
-from stiffscope.runtime.children import end_with_parent, leave_out
-
-
-def main(source: str, target: str) -> None:
-    """Mesh the surface in ``source`` (keys: vertices, triangles, size, envelope, threads, energy) into ``target``."""
-    leave_out("pytetwild._accessor")  # brings all of PyVista, twice the time of a small mesh
-    from pytetwild.pytetwild import tetrahedralize
-
-    with np.load(source, allow_pickle=False) as given:
-        points, cells = tetrahedralize(
-            given["vertices"],
-            given["triangles"],
-            edge_length_abs=float(given["size"]),
-            epsilon=float(given["envelope"]),
-            num_threads=int(given["threads"]),
-            stop_energy=float(given["energy"]),
-            vtk_ordering=True,
-        )
-    np.savez(target, points=points, cells=cells)
+if TYPE_CHECKING:
+    from stiffscope.fea.mesh import Floats, Ints
 
 
-if __name__ == "__main__":
-    end_with_parent()
-    main(sys.argv[1], sys.argv[2])
+def run_ftetwild(
+    vertices: Floats, triangles: Ints, size: float, envelope: float, threads: int, energy: float
+) -> tuple[Floats, Ints]:
+    """Mesh a surface: points (n, 3) in the unit of its vertices and cells (m, 4).
+
+    Parameters
+    ----------
+    vertices, triangles
+        (k, 3) and (l, 3) of a watertight surface.
+    size
+        Target edge length.
+    envelope
+        Allowed distance to the surface, over the diagonal of its bounding box.
+    threads
+        Of the mesher.
+    energy
+        Of the most distorted element that may remain.
+
+    """
+    return pytetwild.tetrahedralize(
+        vertices, triangles, edge_length_abs=size, epsilon=envelope, num_threads=threads, stop_energy=energy,
+        vtk_ordering=True,
+    )  # fmt: skip

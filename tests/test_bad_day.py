@@ -25,6 +25,7 @@ from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
 from stiffscope.gap.campaigns import configure_case, open_case
 from stiffscope.robot.reader import read_robot
+from stiffscope.runtime.executor import LateError, WorkerError
 
 ROBOTS = {path.name: path.read_text(encoding="utf-8") for path in sorted((FOLDER / "robots").glob("*.toml"))}
 HOSTILE = (
@@ -421,34 +422,39 @@ def test_a_mutated_step_file_is_read_or_refused_in_one_line(tmp_path, box):
         step_obeys(tmp_path / "mutant.step", box, random.Random(number))  # noqa: S311
 
 
-def read_in_fork(_module: str, *words: str, time_limit: float, folder: str) -> subprocess.CompletedProcess[bytes]:
-    """As `run_module` with the reader of STEP files, whose imports take most of its time."""
-    from stiffscope.cad import kernel_files, part, step_reader, validity
+def do_in_fork(function, *arguments, name: str, limit: float) -> None:
+    """As `do_alone` with the reader of STEP files, whose imports take most of its time."""
+    from stiffscope.cad import kernel_files, part, validity
 
     assert kernel_files
     assert validity
     assert part
-    said = Path(folder) / "said"
+    said = arguments[-1].with_name("said")
     child = os.fork()
     if not child:
         code = 1
         try:
-            sys.stderr = said.open("w")
-            signal.alarm(math.ceil(time_limit))
-            code = step_reader.main(*words)
-            sys.stderr.flush()
+            signal.alarm(math.ceil(limit))
+            function(*arguments)
+            code = 0
+        except InputError as error:
+            said.write_text(str(error))
+            code = 2
         finally:
             os._exit(code)
     ended = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     if ended == -signal.SIGALRM:
-        raise subprocess.TimeoutExpired("step_reader", time_limit)
-    return subprocess.CompletedProcess(words, ended, b"", said.read_bytes())
+        raise LateError(name, "", limit)
+    if ended == 2:
+        raise InputError(said.read_text())
+    if ended:
+        raise WorkerError(f"{name}: its process ended without an answer", ended)
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
 @pytest.mark.slow
 def test_thousands_of_mutated_step_files(tmp_path, box, monkeypatch):
-    monkeypatch.setattr("stiffscope.cad.step.run_module", read_in_fork)
+    monkeypatch.setattr("stiffscope.cad.step.do_alone", do_in_fork)
     chances = map(random.Random, range(2000))
     counts = Counter(step_obeys(tmp_path / "mutant.step", box, chance) for chance in chances)
     assert sorted(each.name for each in tmp_path.iterdir()) == ["mutant.step"]

@@ -15,7 +15,7 @@ from stiffscope.cad.step import write_step
 from stiffscope.cli.main import _guarded
 from stiffscope.report.notebook import as_html
 from stiffscope.robot.reader import load_robot
-from stiffscope.runtime.workers import work_here
+from stiffscope.runtime.executor import Here
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -82,7 +82,7 @@ def place(tmp_path_factory):
     (folder / "mine.toml").write_text((ROOT / "data" / "robots" / "delta.toml").read_text())
     (folder / "arm.urdf").write_text(ARM)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("stiffscope.runtime.workshop.work_together", work_here)
+        patch.setattr("stiffscope.runtime.workshop.Processes", Here)
         for room in ("campaigns", "design"):  # one process for blind cases and designs
             patch.setattr(f"stiffscope.cli.{room}.processors", lambda: 1)
         yield folder

@@ -21,8 +21,8 @@ from stiffscope.cli.main import _guarded, cli
 from stiffscope.gap.blind.scores import Outcome, score
 from stiffscope.report.blind_scores import scores_json
 from stiffscope.robot.reader import load_robot
-from stiffscope.runtime.files import to_json
-from stiffscope.runtime.workers import work_here
+from stiffscope.runtime.executor import Here
+from stiffscope.runtime.output import to_json
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -103,7 +103,7 @@ class Answers(Directive):
 def _place() -> Iterator[Path]:
     """A folder with what the commands read; experiments are made in this process, so that CAD is imported once."""
     robot = load_robot("biglide")
-    with tempfile.TemporaryDirectory() as folder, mock.patch("stiffscope.runtime.workshop.work_together", work_here):
+    with tempfile.TemporaryDirectory() as folder, mock.patch("stiffscope.runtime.workshop.Processes", Here):
         place = Path(folder)
         write_step(build(robot.dimensions("slider"), robot.material("slider")), place / "PART.step")
         (place / "ARM.urdf").write_text(URDF)

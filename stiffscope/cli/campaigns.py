@@ -33,7 +33,7 @@ from stiffscope.report.kept_pictures import order_shares, shares_ahead, write_di
 from stiffscope.robot.library import robot_names
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.reader import load_robot
-from stiffscope.runtime import files
+from stiffscope.runtime.output import copy_files, remove_copied
 from stiffscope.runtime.processors import processors
 
 if TYPE_CHECKING:
@@ -209,7 +209,7 @@ def blind(
         report("figures", 1.0)
 
     def fill(folder: Path) -> None:
-        files.copy_files(cases, folder, case_files(cases, drawn, campaigns, seed))
+        copy_files(cases, folder, case_files(cases, drawn, campaigns, seed))
         blind_scores.draw_scores(scores, folder)
 
     def page(folder: Path, shown: Sequence[Shown]) -> None:
@@ -220,7 +220,7 @@ def blind(
         output, blind_scores.scores_json(scores, campaigns, seed, manifest.elapsed()),
         lambda: blind_scores.show_scores(scores), manifest=manifest, fill=fill, page=page, kept="scores.json",
     )  # fmt: skip
-    if not files.remove_copied(cases, out):
+    if not remove_copied(cases, out):
         log.warning("%s: holds files that are no cases of this check; they stay there", cases)
 
 

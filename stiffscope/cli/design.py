@@ -27,7 +27,7 @@ from stiffscope.report import sensitivities as report
 from stiffscope.report import studies as study_report
 from stiffscope.report.progress import progress
 from stiffscope.robot.reader import load_robot
-from stiffscope.runtime import files
+from stiffscope.runtime.output import copy_files, remove_copied
 from stiffscope.runtime.processors import processors
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def study(name: Path, *, scheduler: str | None, output: Output) -> None:
         made = run_study(file, store, open_line("study"), workers=processors(), scheduler=scheduler)
 
     def fill(folder: Path) -> None:
-        files.copy_files(store, folder / DESIGNS, [each.name for each in sorted(store.glob("*.parquet"))])
+        copy_files(store, folder / DESIGNS, [each.name for each in sorted(store.glob("*.parquet"))])
         study_report.write_study(made, folder)
         _write_robots(made, folder, out)
 
@@ -115,7 +115,7 @@ def study(name: Path, *, scheduler: str | None, output: Output) -> None:
         output, study_report.study_json(made), lambda: study_report.show_study(made), manifest=manifest, fill=fill,
         page=lambda folder, shown: study_report.write_study_page(made, folder, shown),
     )  # fmt: skip
-    if not files.remove_copied(store, out, f"{DESIGNS}/"):
+    if not remove_copied(store, out, f"{DESIGNS}/"):
         log.warning("%s: holds files that are no designs of this study; they stay there", store)
 
 

@@ -16,8 +16,9 @@ import click
 from click.exceptions import NoArgsIsHelpError
 
 from stiffscope.errors import InputError, StiffscopeError
-from stiffscope.runtime.children import STOPS
+from stiffscope.runtime.output import FULL
 from stiffscope.runtime.reading import shown, why
+from stiffscope.runtime.signals import STOPS
 
 _FOR_DEVELOPERS = {"py.warnings", "asyncio"}  # only --debug shows these: an event loop that is stopped complains
 MOST_CHARACTERS = 100_000  # of a word of the command line
@@ -135,17 +136,23 @@ def _guarded(arguments: list[str]) -> int:  # noqa: PLR0911 (one for each way to
         _drop_output()
         file = str(error.filename) if isinstance(error.filename, str | os.PathLike) else ""
         _say(f"{shown(file) if file else 'standard output or a disk'}: cannot be used ({why(error, file or '-')})")
-        return 2
+        return 1 if error.errno in FULL else 2
     except UnicodeEncodeError as error:
         _say(f"{shown(str(error.object)[:60])}: expected text in UTF-8, got bytes that are none")
         return 2
     except Exception as error:
         if "--debug" in arguments:
             raise
-        known = isinstance(error, StiffscopeError)
-        _say(str(error) if known else f"unexpected {type(error).__name__}: {error} (use --debug for the traceback)")
+        _say(_described(error))
         return 1
     return 0
+
+
+def _described(error: Exception) -> str:
+    if isinstance(error, MemoryError):
+        return "not enough memory; choose a larger mesh.size, or a machine with more"
+    known = isinstance(error, StiffscopeError)
+    return str(error) if known else f"unexpected {type(error).__name__}: {error} (use --debug for the traceback)"
 
 
 def _check_surroundings(arguments: list[str]) -> None:

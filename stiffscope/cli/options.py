@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from stiffscope.cli.output import Output
-from stiffscope.runtime.files import check_json
+from stiffscope.runtime.output import check_json, overwrite
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -32,7 +32,7 @@ def takes(*options: Callable[..., Any]) -> Callable[..., Any]:
             output.check_folder(out)
             return command(*given, output=output, **more)
 
-        for option in reversed((*options, quiet, debug)):
+        for option in reversed((*options, force, quiet, debug)):
             work = option(work)
         return work
 
@@ -44,6 +44,10 @@ def _note_debug(_context: click.Context, _option: click.Parameter, wanted: bool)
         logging.getLogger().setLevel(logging.DEBUG)
         for chatty in ("matplotlib", "PIL", "pint", "numba"):
             logging.getLogger(chatty).setLevel(logging.WARNING)
+
+
+def _force(_context: click.Context, _option: click.Parameter, wanted: bool) -> None:
+    overwrite(wanted)
 
 
 def check_file(_context: click.Context, _option: click.Parameter, target: str | None) -> str | None:
@@ -88,6 +92,10 @@ debug = click.option(
     "--debug", is_flag=True, expose_value=False, callback=_note_debug, help="Show where an unexpected error came from."
 )
 OUT = "Folder to write: complete or absent."
+force = click.option(
+    "--force", is_flag=True, is_eager=True, expose_value=False, callback=_force,
+    help="Write over JSON and output folders that stiffscope did not write; other files in a folder stay.",
+)  # fmt: skip
 out = folder("--out", OUT, required=True)
 json = click.option(
     "--json", "json", metavar="FILE", callback=check_file, help='Write JSON ("-": standard output, nothing else there).'

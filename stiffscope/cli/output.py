@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from stiffscope.errors import InputError
 from stiffscope.report.progress import progress
 from stiffscope.report.terminal import recorded, show_line
-from stiffscope.runtime import files
+from stiffscope.runtime.output import check_output, staged_folder, write_json
 from stiffscope.runtime.workshop import workshop
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ class Output:
     def check_folder(self, folder: Path | None, *others: Path | None) -> None:
         """Refuse a folder that cannot be written, or that would swallow another output."""
         if folder is not None:
-            files.check_output(folder, None if self.json == "-" else self.json, *others)
+            check_output(folder, None if self.json == "-" else self.json, *others)
 
 
 def emit(
@@ -77,7 +77,7 @@ def emit(
     if output.folder is not None and manifest is not None:
         write_folder(output.folder, manifest, fill, page, show, answers={kept: answer} if kept else None)
     if output.json:
-        files.write_json(output.json, answer)
+        write_json(output.json, answer)
     if output.loud:
         if show is not None:
             show()
@@ -112,9 +112,9 @@ def write_folder(
         JSON files by name.
 
     """
-    with files.staged_folder(out) as folder:
+    with staged_folder(out) as folder:
         for name, answer in (answers or {}).items():
-            files.write_json(folder / name, answer)
+            write_json(folder / name, answer)
         if fill is not None:
             fill(folder)
         manifest.write(folder)

@@ -25,7 +25,7 @@ from stiffscope.report import compare as comparison
 from stiffscope.report import interface_figure, tables
 from stiffscope.robot.part_matrices import used_parts
 from stiffscope.robot.reader import load_robot
-from stiffscope.runtime.files import write_bytes
+from stiffscope.runtime.output import write_bytes
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
-import multiprocessing
 import shutil
 from concurrent.futures import ThreadPoolExecutor
-from threading import Event
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -32,8 +29,7 @@ from stiffscope.report.run_report import write_run_report
 from stiffscope.report.terminal import recorded
 from stiffscope.robot.library import find_robot
 from stiffscope.robot.reader import load_robot
-from stiffscope.runtime import files
-from stiffscope.runtime.workers import WorkerError
+from stiffscope.runtime.output import write_json
 from stiffscope.runtime.workshop import workshop
 
 if TYPE_CHECKING:
@@ -112,8 +108,8 @@ def _watch(name: str, components: Any, tolerance: str | None, overrides: Sequenc
     before: tuple[Assembled, Stiffness] | None = None
     meshed: dict[str, PartResult] = {}
     page: Future[None] | None = None
-    with workshop() as shop, ThreadPoolExecutor(1) as pool, _ending() as over:
-        for _ in changes(watched):
+    with workshop() as shop, workshop(together=True) as behind, ThreadPoolExecutor(1) as pool:
+        for _ in _until_stopped(changes(watched), behind):
             try:
                 robot = _checked(name, overrides, tolerance)
                 watched[:] = sources(robot)
@@ -128,7 +124,7 @@ def _watch(name: str, components: Any, tolerance: str | None, overrides: Sequenc
                 tables.show_line(f"{manifest.elapsed():.2f} s; {out / 'report.html'} follows; Ctrl-C ends")
             if page is not None:
                 page.cancel()
-            page = pool.submit(_write_behind, robot, components, out, manifest, over)
+            page = pool.submit(_write_behind, robot, components, out, manifest, behind)
             before = now, state
             keep_meshed(meshed, now.results)
             keep_warm()
@@ -136,28 +132,23 @@ def _watch(name: str, components: Any, tolerance: str | None, overrides: Sequenc
             page.result()
 
 
-@contextlib.contextmanager
-def _ending() -> Iterator[Event]:
-    """On Ctrl-C set the event and end the experiments that a page still waits for; what is being drawn is finished."""
-    over = Event()
+def _until_stopped(changed: Iterator[None], behind: Workshop) -> Iterator[None]:
+    """Go on until Ctrl-C, which ends the experiments that a page waits for; what is being drawn is finished."""
     try:
-        yield over
+        yield from changed
     except KeyboardInterrupt:
-        over.set()
-        for process in multiprocessing.active_children():
-            process.kill()
+        behind.executor.end()
 
 
-def _write_behind(robot: RobotFile, components: Any, out: Path, manifest: Manifest, over: Event) -> None:
+def _write_behind(robot: RobotFile, components: Any, out: Path, manifest: Manifest, shop: Workshop) -> None:
     """Write a run's folder while the next change is waited for; what goes wrong is said, the watch goes on."""
     try:
-        with workshop(together=True) as shop:  # in processes of its own: this one is for the next change
-            now = assemble_robots({"now": robot}, components, shop)["now"]
-            states = {"now": at_named_poses(now, robot.poses)}
-            fill, page = _folder_of(now, states, shop, manifest, watched=manifest.started.isoformat())
-            write_folder(out, manifest, fill, page)
-    except (StiffscopeError, WorkerError, OSError) as error:
-        if not over.is_set():
+        now = assemble_robots({"now": robot}, components, shop)["now"]
+        states = {"now": at_named_poses(now, robot.poses)}
+        fill, page = _folder_of(now, states, shop, manifest, watched=manifest.started.isoformat())
+        write_folder(out, manifest, fill, page)
+    except (StiffscopeError, OSError, RuntimeError) as error:
+        if not shop.executor.ended:
             click.echo(f"stiffscope: {error}", err=True)
 
 
@@ -197,7 +188,7 @@ def _write_parts(assembled: Assembled, folder: Path, manifest: Manifest) -> None
     for name, result in assembled.results.items():
         place = folder / name
         place.mkdir()
-        files.write_json(place / "compliance.json", compliance_json(assembled.robot, result))
+        write_json(place / "compliance.json", compliance_json(assembled.robot, result))
         for file in (EXPERIMENT, FIELDS, f"{name}.step", f"{name}.stl"):
             shutil.copyfile(result.folder / file, place / file)
         stages = result.experiment.seconds
@@ -206,11 +197,11 @@ def _write_parts(assembled: Assembled, folder: Path, manifest: Manifest) -> None
 
 def _write_robot(assembled: Assembled, state: Stiffness, folder: Path) -> None:
     """Matrices as JSON and npz, and the robot file as it was used."""
-    files.write_json(folder / "stiffness.json", _stiffness(assembled, state))
+    write_json(folder / "stiffness.json", _stiffness(assembled, state))
     matrices: dict[str, Any] = {f"{name}_compliance": part.compliance for name, part in assembled.matrices.items()}
     matrices |= {"poses": state.poses, "tool": state.tool, "stiffness": state.matrix, "sag": state.sag}
     np.savez_compressed(folder / "matrices.npz", **matrices)
-    files.write_json(folder / "robot.json", plain_robot(assembled.robot))
+    write_json(folder / "robot.json", plain_robot(assembled.robot))
 
 
 def _stiffness(assembled: Assembled, state: Stiffness) -> dict[str, Any]:

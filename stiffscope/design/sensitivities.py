@@ -57,7 +57,7 @@ def part_sensitivities(orders: Sequence[PartOrder], shop: Workshop) -> list[Part
     if missing:
         solved = {result.order: result.folder for result in solve_parts(missing, shop)}
         jobs = {order.label: (order, solved[order], shop.cache) for order in missing}
-        made = shop.work(make_sensitivity, jobs, {label: shop.open_line(label) for label in jobs})
+        made = shop.work(make_sensitivity, jobs)
         folders = {order: made[order.label] for order in missing}
     return [read_sensitivity(folders.get(order) or _held(shop, order)) for order in orders]
 

@@ -8,7 +8,6 @@ import threading
 import time
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,15 +20,16 @@ from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.experiments.orders import LIBRARIES
 from stiffscope.robot.file.part_sections import StepPart
-from stiffscope.runtime import files
+from stiffscope.runtime import output
 from stiffscope.runtime.cache import code_version, digest
-from stiffscope.runtime.cluster import cluster, finished
-from stiffscope.runtime.processors import processors, use_processors
+from stiffscope.runtime.executor import Here, Shared, WorkerError, work_through, workers
+from stiffscope.runtime.reading import file_digest
 from stiffscope.runtime.workshop import workshop
 from stiffscope.vjm.kinematics import configure
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
+    from concurrent.futures import Future
 
     import pandas as pd
 
@@ -201,7 +201,7 @@ class _Desk:
     def _keep(self, design: Design) -> None:
         if self.folder is not None and not design.again:
             self.folder.mkdir(parents=True, exist_ok=True)
-            files.write_bytes(self.folder / self._name(design.values), _parquet(self.file, design))
+            output.write_bytes(self.folder / self._name(design.values), _parquet(self.file, design))
         with self.lock:
             self.known[design.values] = design
         self._tell()
@@ -244,7 +244,7 @@ def _identity(file: StudyFile) -> str:
         for r in file.responses
     ]
     solids = {
-        name: files.file_digest(source.path.parent / part.file)
+        name: file_digest(source.path.parent / part.file)
         for name, part in file.robot.parts.items()
         if isinstance(part, StepPart)
     }
@@ -271,39 +271,30 @@ def _parquet(file: StudyFile, design: Design) -> bytes:
 
 
 @contextmanager
-def _makers(file: StudyFile, workers: int, scheduler: str | None) -> Iterator[Make]:
-    """What makes designs: this process, or the workers of a cluster."""
-    if not workers and scheduler is None:
-        yield lambda missing: (make_design(file, values) for values in missing)
-        return
-    workers = max(1, min(workers, file.designs))
-    with cluster(scheduler, workers, max(1, processors() // workers)) as client:
-        known = client.scatter(file, broadcast=True, hash=False)
+def _makers(file: StudyFile, count: int, scheduler: str | None) -> Iterator[Make]:
+    """What makes designs: this process, or others."""
+    known = Shared(file)
+    here = not count and scheduler is None
+    with Here() if here else workers(scheduler, min(count, file.designs)) as executor:
 
-        def made(missing: Sequence[Values]) -> Iterator[Design]:
-            start = partial(client.submit, make_on_worker, known, pure=False, retries=1)
-            running = {start(values): values for values in missing}
-            for values, future in finished(client, running):
+        def made(missing: Iterable[Values]) -> Iterator[Design]:
+            for values, future in work_through(executor, _make, ((each, (known, each)) for each in missing)):
                 yield _answer(values, future, len(file.responses))
 
         yield made
 
 
-def _answer(values: Values, future: Any, count: int) -> Design:
-    from distributed import KilledWorker
+def _make(file: Shared, values: Values) -> Design:
+    return make_design(file.value, values)
 
-    try:
+
+def _answer(values: Values, future: Future[Design], count: int) -> Design:
+    error = future.exception()
+    if error is None:
         return future.result()
-    except KilledWorker:
+    if isinstance(error, WorkerError) or type(error).__name__ == "KilledWorker":
         return Design(values, (math.nan,) * count, _ENDED, again=True)
-
-
-def make_on_worker(file: StudyFile, values: Values) -> Design:
-    """As `make_design`, on a worker of Dask: with no more processors than it has threads."""
-    from distributed import get_worker
-
-    use_processors(get_worker().state.nthreads)
-    return make_design(file, values)
+    raise error
 
 
 def make_design(file: StudyFile, values: Values) -> Design:

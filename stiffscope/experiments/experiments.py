@@ -13,7 +13,7 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.experiments.results import EXPERIMENT, FIELDS, SOLID, PartResult
-from stiffscope.runtime.workers import LateError
+from stiffscope.runtime.executor import LateError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -93,7 +93,7 @@ def _made(missing: Sequence[PartOrder], shop: Workshop, make: Callable[..., Any]
         raise ValueError("experiments that differ have the same label")
     limits = {each.label: _limit(each) for each in missing}
     try:
-        made = shop.work(make, jobs, {label: shop.open_line(label) for label in jobs}, limits)
+        made = shop.work(make, jobs, limits)
     except LateError as late:
         cure = "choose a larger mesh.size, or a longer mesh.time_limit"
         raise InputError(f"{late.job}.mesh.time_limit: {str(late).partition(': ')[2]}; {cure}") from late

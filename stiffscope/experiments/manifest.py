@@ -9,8 +9,9 @@ import sys
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from stiffscope.runtime import files
+from stiffscope.runtime import output
 from stiffscope.runtime.cache import library_version
+from stiffscope.runtime.reading import file_digest
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -44,7 +45,7 @@ class Manifest:
     def write(self, folder: Path) -> None:
         """Write manifest.json into a folder; the staging of the folder adds the list of its files."""
         content = {
-            "made_by": files.MAKER,
+            "made_by": output.MAKER,
             "version": library_version("stiffscope"),
             "command": sys.argv[1:],
             "started": self.started.isoformat(timespec="seconds"),
@@ -54,7 +55,7 @@ class Manifest:
             "versions": {"python": sys.version.split()[0], **{name: library_version(name) for name in LIBRARIES}},
             "machine": {"system": platform.system(), "processor": platform.machine()},
         }
-        (folder / files.MANIFEST).write_text(files.to_json(content), encoding="utf-8")
+        (folder / output.MANIFEST).write_text(output.to_json(content), encoding="utf-8")
 
 
 def manifest_of(robot: RobotFile | None, *inputs: Path) -> Manifest:
@@ -62,9 +63,9 @@ def manifest_of(robot: RobotFile | None, *inputs: Path) -> Manifest:
     sources: dict[str, Any] = {}
     if robot is not None:
         changed = list(robot.source.overrides)
-        sources["robot"] = {"file": str(robot.path), "sha256": files.file_digest(robot.path), "set": changed}
+        sources["robot"] = {"file": str(robot.path), "sha256": file_digest(robot.path), "set": changed}
     if inputs:
         whole = [path.absolute() for path in inputs]
         folder = os.path.commonpath([path.parent for path in whole])
-        sources["inputs"] = {path.relative_to(folder).as_posix(): files.file_digest(path) for path in whole}
+        sources["inputs"] = {path.relative_to(folder).as_posix(): file_digest(path) for path in whole}
     return Manifest(sources)

@@ -12,8 +12,7 @@ from stiffscope.cad.solid import GREATEST_X, LEAST_X
 from stiffscope.errors import InputError
 from stiffscope.robot.file.part_sections import ParametricPart, SolidPart, StepPart
 from stiffscope.runtime.cache import code_version, digest
-from stiffscope.runtime.files import file_digest
-from stiffscope.runtime.reading import MOST_BYTES
+from stiffscope.runtime.reading import MOST_BYTES, file_digest
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.runtime import files
+from stiffscope.runtime import output
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,7 +30,7 @@ def write_part(result: PartResult, out: Path, manifest: Manifest) -> None:
     """A folder with the part condensed on its interfaces and modes: see `stiffscope.fea.export`."""
     from stiffscope.fea.export import write_superelement
 
-    with files.staged_folder(out) as folder:
+    with output.staged_folder(out) as folder:
         write_superelement(result.experiment, folder / result.name)
         manifest.note(result.name, key=result.key, reused=result.reused, seconds=result.seconds)
         manifest.write(folder)
@@ -47,7 +47,7 @@ def write_robot(
     from stiffscope.vjm.superelement import superelement
 
     mechanism = assembled.mechanism
-    with files.staged_folder(out) as folder:
+    with output.staged_folder(out) as folder:
         for k, name in enumerate(names):
             held = superelement(mechanism, found[np.array([k])])
             nodes, stiffness, mass = (np.asarray(a, dtype=float) for a in (held.tool[None], held.stiffness, held.mass))

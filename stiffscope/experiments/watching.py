@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from stiffscope.errors import InputError
 from stiffscope.robot.file.part_sections import StepPart
 from stiffscope.robot.file.sections import RigidBody
-from stiffscope.runtime.files import file_digest
+from stiffscope.runtime.reading import file_digest
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

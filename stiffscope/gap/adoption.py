@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from stiffscope.errors import InputError
 from stiffscope.experiments.robot_files import robot_document
-from stiffscope.runtime import files
+from stiffscope.runtime import output
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -21,7 +21,7 @@ def check_target(target: Path, robot: RobotFile | None) -> None:
     if robot is None:
         raise InputError("--adopt: this campaign has predictions instead of a robot; only a robot can carry an effect")
     try:
-        files.check_new(target)
+        output.check_new(target)
     except InputError as error:
         raise InputError(f"--adopt {error}") from error
 
@@ -62,7 +62,7 @@ def adopt(
     carried, left = _carried(bare, diagnosis)
     if not carried:
         raise InputError(f"--adopt: nothing is adopted: {'; '.join(left)}")
-    files.write_new(target, _text(target, robot, carried, diagnosis, campaign, components).encode())
+    output.write_new(target, _text(target, robot, carried, diagnosis, campaign, components).encode())
     return left
 
 

@@ -24,7 +24,7 @@ from stiffscope.report.robot_scene import deformed, exaggeration, moves, picture
 from stiffscope.report.run_report import GEOMETRY
 from stiffscope.report.text import shares
 from stiffscope.runtime.cache import code_version, digest, kept_files
-from stiffscope.runtime.files import file_digest
+from stiffscope.runtime.reading import file_digest
 from stiffscope.vjm.kinematics import configure
 
 if TYPE_CHECKING:

@@ -22,9 +22,9 @@ from stiffscope.report.numbers import coordinates, point, pose_values
 from stiffscope.report.pictures import draw
 from stiffscope.report.run_report import ENERGY, GEOMETRY, turning
 from stiffscope.report.terminal import recorded, show_line, show_table
-from stiffscope.runtime import files
-from stiffscope.runtime.files import scratch_folder
-from stiffscope.runtime.listening import LISTENERS
+from stiffscope.runtime import output
+from stiffscope.runtime.output import scratch_folder
+from stiffscope.runtime.progress import LISTENERS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from stiffscope.gap.inference.diagnosis import Diagnosis
     from stiffscope.report.page import Figure
     from stiffscope.robot.file.description import RobotFile
-    from stiffscope.runtime.listening import Report
+    from stiffscope.runtime.progress import Report
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.modes import Modes
@@ -61,7 +61,7 @@ class Picture:
 
     def save(self, path: str | Path) -> None:
         """Write the PNG to a file."""
-        files.write_bytes(Path(path), self.png)
+        output.write_bytes(Path(path), self.png)
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class View:
 
     def save(self, path: str | Path) -> None:
         """Write the page to a file, which needs nothing else."""
-        files.write_bytes(Path(path), self.html.encode())
+        output.write_bytes(Path(path), self.html.encode())
 
 
 def register() -> None:

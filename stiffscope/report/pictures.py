@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import logging
-import os
-import signal
-import subprocess
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from stiffscope.errors import StiffscopeError
-from stiffscope.runtime.children import start_module
-from stiffscope.runtime.files import scratch_folder
+from stiffscope.errors import InputError, StiffscopeError
+from stiffscope.runtime.executor import KILLED, LateError, Processes, WorkerError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -23,7 +18,6 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 TIME_LIMIT = 300.0
-_CRASHES = {"SIGSEGV", "SIGABRT", "SIGBUS", "SIGILL", "SIGFPE", "SIGTRAP"}  # how a graphics library ends a process
 
 
 class PictureError(StiffscopeError, RuntimeError):
@@ -65,45 +59,52 @@ def draw(picture: str, target: Path, **arguments: Any) -> None:
 
 @contextmanager
 def drawing(*, ahead: bool = False) -> Iterator[Callable[..., None]]:
-    """Start a child process that draws one picture; gives what is then called once, like `draw`.
+    """Start a child process that draws; gives what is then called like `draw`.
 
     ``ahead``: the picture is known in some seconds only, which the process takes to load what it needs.
     """
-    words = ("ahead",) if ahead else ()
-    with (
-        scratch_folder() as folder,
-        start_module("stiffscope.report.drawing", *words, folder=str(folder)) as process,
-    ):
-        try:
-            yield partial(_draw, process, folder / "order.json")
-        finally:
-            process.kill()
+    with Processes(1) as executor:
+        if ahead:
+            executor.submit(_warm_up, name="no pictures")
+        yield partial(_draw, executor)
 
 
-def _draw(process: subprocess.Popen[bytes], order: Path, picture: str, target: Path, **arguments: Any) -> None:
-    asked = {"picture": picture, "target": target, "arguments": arguments}
-    order.write_text(json.dumps(asked, default=_plain))
+def _draw(executor: Processes, picture: str, target: Path, **arguments: Any) -> None:
+    asked = json.loads(json.dumps(arguments, default=_plain))
     try:
-        errors = process.communicate(str(order).encode(), TIME_LIMIT)[1].decode(errors="replace")
-    except subprocess.TimeoutExpired as error:
+        executor.submit(_draw_now, picture, target.absolute(), asked, name="no pictures", limit=TIME_LIMIT).result()
+    except LateError as error:
         raise PictureError(f"no pictures: drawing took more than {TIME_LIMIT:.0f} s") from error
-    if process.returncode != 0:
-        log.debug("drawing %s failed:\n%s", picture, errors)
-        full = os.strerror(errno.ENOSPC)
-        if full in errors:
-            raise OSError(errno.ENOSPC, full, str(target))
-        raise PictureError(_cause(process.returncode, errors))
+    except InputError as error:
+        raise PictureError(f"no pictures: {error}") from error
+    except WorkerError as error:
+        log.debug("drawing %s failed:\n%s", picture, error.output)
+        raise PictureError(_cause(error)) from error
 
 
-def _cause(code: int, errors: str) -> str:
+def _warm_up() -> None:
+    """Load what drawing needs."""
+    from stiffscope.report.drawing.camera import warm_up
+
+    warm_up()
+
+
+def _draw_now(picture: str, target: Path, arguments: dict[str, Any]) -> None:
+    """Draw in this process."""
+    from stiffscope.report.drawing.part import part_pictures
+    from stiffscope.report.drawing.robot import animation, robot
+
+    {"part_pictures": part_pictures, "robot": robot, "animation": animation}[picture](target, **arguments)
+
+
+def _cause(error: WorkerError) -> str:
     """One line on why there is no picture."""
-    ended = signal.Signals(-code).name if -code in set(signal.Signals) else ""
-    if ended and ended not in _CRASHES:
-        return f"no pictures: the process that draws them was killed from outside ({ended}); is there enough memory?"
-    lines = [line for line in errors.splitlines() if line.strip()]
-    last = lines[-1].strip() if lines else f"the process ended with code {code}"
+    if error.code in KILLED:
+        return str(error)
+    lines = [line for line in error.output.splitlines() if line.strip()]
+    last = lines[-1].strip() if lines else f"the process ended with code {error.code}"
     graphics = ("libGL", "libEGL", "libOSMesa", "OpenGL", "libX", "RenderWindow", "cannot open shared object")
-    if code < 0 or any(word in errors for word in graphics):
+    if (error.code or 0) < 0 or any(word in error.output for word in graphics):
         return (
             "no pictures: OpenGL does not work here; on Debian or Ubuntu install libegl1 and libgl1-mesa-dri "
             f"(or libosmesa6) [{last[:160]}]"

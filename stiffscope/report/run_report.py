@@ -13,7 +13,7 @@ from stiffscope.report.robot_scene import pose_text
 from stiffscope.report.robot_view import mode_cases, robot_view, unit_wrenches
 from stiffscope.report.tables import sources
 from stiffscope.report.terminal import Shown
-from stiffscope.runtime import files
+from stiffscope.runtime import output
 from stiffscope.vjm.kinematics import configure
 
 if TYPE_CHECKING:
@@ -211,7 +211,7 @@ def _part_figures(folder: Path, assembled: Assembled) -> Iterator[Figure]:
 
 def origin(folder: Path) -> Section:
     """The manifest in a folder as tables: command, robot file, keys and times of results, versions."""
-    held = json.loads((folder / files.MANIFEST).read_text(encoding="utf-8"))
+    held = json.loads((folder / output.MANIFEST).read_text(encoding="utf-8"))
     robot: dict[str, Any] = held.get("robot", {})
     facts = {
         "command": "stiffscope " + " ".join(held["command"]),

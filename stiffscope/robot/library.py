@@ -9,7 +9,7 @@ from pathlib import Path
 from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
 from stiffscope.runtime import reading
-from stiffscope.runtime.files import write_new
+from stiffscope.runtime.output import write_new
 
 ROBOTS = FOLDER / "robots"
 

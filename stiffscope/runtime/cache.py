@@ -22,8 +22,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stiffscope.errors import InputError
-from stiffscope.runtime.files import file_digest, scratch_folder
-from stiffscope.runtime.reading import read_bytes
+from stiffscope.runtime.output import scratch_folder
+from stiffscope.runtime.reading import file_digest, read_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping

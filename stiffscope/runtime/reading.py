@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import os
 import stat
 from typing import TYPE_CHECKING
@@ -68,6 +69,12 @@ def read_bytes(path: str | Path, what: str = "a file", most: int = MOST_BYTES) -
     if len(content) > most:
         raise InputError(f"{shown(path)}: expected {what} of at most {_size(most)}, got a larger one")
     return content
+
+
+def file_digest(path: Path, what: str = "a file", most: int = 1 << 40) -> str:
+    """SHA-256 of a file's bytes. Raises InputError for what is no file, as `open_file` does."""
+    with open_file(path, what, most) as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()  # pyright: ignore[reportArgumentType]
 
 
 def read_text(path: str | Path, what: str = "a text file", most: int = MOST_TEXT) -> str:

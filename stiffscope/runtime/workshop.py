@@ -1,4 +1,4 @@
-"""Where jobs are done: the cache, how several jobs run, and who is told of their progress."""
+"""Where jobs are done: the cache, the executor, and who is told of their progress."""
 
 from __future__ import annotations
 
@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from stiffscope.runtime.cache import Cache, cache_folder
-from stiffscope.runtime.files import scratch_folder
-from stiffscope.runtime.listening import LISTENERS
-from stiffscope.runtime.workers import work_here, work_together
+from stiffscope.runtime.executor import Here, Processes, work_through
+from stiffscope.runtime.output import scratch_folder
+from stiffscope.runtime.progress import LISTENERS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Mapping
 
-    from stiffscope.runtime.listening import Report
-
-    Work = Callable[..., dict[Any, Any]]
+    from stiffscope.runtime.progress import Report
 
 
 @dataclass(frozen=True)
@@ -26,13 +24,43 @@ class Workshop:
     Attributes
     ----------
     cache : results of earlier jobs.
-    work : `work_together` or `work_here` of `stiffscope.runtime.workers`.
+    executor : how several jobs are done.
     open_line : gives a function `report(stage, fraction)` for the progress of a job of some name.
     """
 
     cache: Cache
-    work: Work
+    executor: Here | Processes
     open_line: Callable[[str], Report]
+
+    def work(
+        self,
+        function: Callable[..., Any],
+        jobs: Mapping[Any, tuple[Any, ...]],
+        limits: Mapping[Any, float] | None = None,
+    ) -> dict[Any, Any]:
+        """Call ``function(*arguments, report)`` once for each job.
+
+        Parameters
+        ----------
+        function
+            Importable by name; its last argument is `report(stage, fraction)`.
+        jobs
+            Name of each job and its arguments.
+        limits
+            By job, seconds that it may take.
+
+        Raises
+        ------
+        InputError
+            What a job refused. The other jobs are ended.
+        WorkerError
+            A job crashed.
+        LateError
+            A job took longer than it may.
+
+        """
+        done = work_through(self.executor, function, jobs.items(), self.open_line, limits)
+        return {name: future.result() for name, future in done}
 
 
 @contextmanager
@@ -44,10 +72,8 @@ def workshop(open_line: Callable[[str], Report] | None = None, *, together: bool
     open_line
         Where progress goes; by default nowhere, in a notebook to bars.
     together
-        Whether several jobs run at once, in processes of their own. These import the main module of the program
-        anew, so that a notebook or a script without `if __name__ == "__main__"` had better not.
+        Whether several jobs run at once, in processes of their own.
 
     """
-    with scratch_folder() as spare:
-        cache = Cache(cache_folder(), spare)
-        yield Workshop(cache, work_together if together else work_here, open_line or LISTENERS.open_line)
+    with scratch_folder() as spare, Processes() if together else Here() as executor:
+        yield Workshop(Cache(cache_folder(), spare), executor, open_line or LISTENERS.open_line)

@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import math
-import os
 import re
 import shutil
 from pathlib import Path
@@ -20,7 +19,6 @@ from stiffscope.design.studies import study
 from stiffscope.design.study_file import Goal, Limit, Variable, load_study
 from stiffscope.errors import InputError
 from stiffscope.robot.reader import load_robot
-from stiffscope.runtime.processors import processors
 from tests.experiments.one_part import PLATE, ROD, one_part
 
 E, RHO = 211e9, 7850.0  # of the built-in steel
@@ -102,23 +100,14 @@ def test_finished_designs_are_stored_and_not_made_again(rod, tmp_path, monkeypat
     assert len(made) == 14  # another study's designs are not this one's
 
 
-def test_a_worker_uses_no_more_processors_than_it_has_threads(rod, monkeypatch):
-    monkeypatch.setattr("distributed.get_worker", lambda: SimpleNamespace(state=SimpleNamespace(nthreads=1)))
-    monkeypatch.setattr("stiffscope.runtime.processors._shares", [])
-    whole = processors()
-    one = studies.make_on_worker(load_study(rod(GRID)), (0.006, 0.0))
-    assert not one.reason
-    assert (processors(), whole) == (1, len(os.sched_getaffinity(0)))
-
-
 @pytest.mark.parametrize(("count", "designs", "wanted"), [(8, 3, (3, 2)), (2, 40, (2, 1)), (2, 1, (1, 2))])
 def test_a_few_designs_share_all_processors(rod, monkeypatch, count, designs, wanted):
-    def cluster(_scheduler, workers, threads):
-        assert (workers, threads) == wanted
+    def begin(*given):
+        assert given == wanted
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(studies, "processors", lambda: count)
-    monkeypatch.setattr(studies, "cluster", cluster)
+    monkeypatch.setattr("stiffscope.runtime.executor.processors", lambda: count)
+    monkeypatch.setattr("stiffscope.runtime.executor.Processes", begin)
     with pytest.raises(KeyboardInterrupt):
         studies.run_study(dataclasses.replace(load_study(rod(GRID)), designs=designs), None, workers=count)
 

@@ -1,7 +1,7 @@
 """What a manifest says went in."""
 
 from stiffscope.experiments.manifest import manifest_of
-from stiffscope.runtime.files import file_digest
+from stiffscope.runtime.reading import file_digest
 
 
 def test_files_of_one_name_in_two_folders_both_go_in(tmp_path):

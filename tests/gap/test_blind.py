@@ -486,11 +486,11 @@ def test_no_worker_outlives_a_killed_parent(tmp_path):
     script = tmp_path / "parent.py"
     script.write_text(
         "import os, time\n"
-        "from stiffscope.runtime.cluster import cluster\n"
+        "from stiffscope.runtime.executor import Processes\n"
         "if __name__ == '__main__':\n"
-        "    with cluster(workers=1) as client:\n"
-        "        print(client.submit(os.getpid).result(), flush=True)\n"
-        "        future = client.submit(time.sleep, 600)\n"
+        "    with Processes(1) as executor:\n"
+        "        print(executor.submit(os.getpid).result(), flush=True)\n"
+        "        future = executor.submit(time.sleep, 600)\n"
         "        time.sleep(600)\n"
     )
     with subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True, cwd=tmp_path) as parent:
@@ -509,7 +509,7 @@ def test_no_worker_outlives_a_killed_parent(tmp_path):
 
 
 def test_a_scheduler_that_does_not_answer_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr("stiffscope.runtime.cluster._CONNECT", "1s")
+    monkeypatch.setattr("stiffscope.runtime.executor.CONNECT", "1s")
     with pytest.raises(InputError, match="--scheduler: expected the address of a Dask scheduler that answers"):
         run_blind(tmp_path, [blind_robot("five-bar")], 1, 1, scheduler="tcp://127.0.0.1:9")
 

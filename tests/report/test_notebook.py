@@ -15,7 +15,7 @@ from stiffscope.fea.derivatives import Derivative, PartSensitivity
 from stiffscope.report import tables
 from stiffscope.report.compare import Comparison, Entry
 from stiffscope.report.notebook import SHOWN, as_html, open_bar, register
-from stiffscope.runtime.listening import LISTENERS, silence
+from stiffscope.runtime.progress import LISTENERS, silence
 from tests.report.browser import CHROMIUM, browser
 from tests.report.test_diagnosis_report import HOSTILE, Page
 from tests.report.test_terminal import diagnosed, state

@@ -18,8 +18,8 @@ from stiffscope.gap.diagnose import conclude
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.gap.inference.findings import find
-from stiffscope.runtime.cluster import cluster, finished
-from stiffscope.runtime.files import scratch_folder, write_bytes
+from stiffscope.runtime.executor import Shared, work_through, workers
+from stiffscope.runtime.output import scratch_folder, write_bytes
 from stiffscope.runtime.reading import read_text, why
 
 if TYPE_CHECKING:
@@ -154,13 +154,13 @@ def case_files(folder: Path, robots: Sequence[BlindRobot], campaigns: int, seed:
 
 def _work(
     folder: Path, robots: Sequence[BlindRobot], tasks: list[Task], check: str, progress: Progress | None,
-    workers: int, scheduler: str | None,
+    count: int, scheduler: str | None,
 ) -> None:  # fmt: skip
-    with cluster(scheduler, min(workers, len(tasks))) as client:
+    with workers(scheduler, min(count, len(tasks))) as executor:
         _begin(folder, check)
-        known = {robot.name: client.scatter(robot, broadcast=True, hash=False) for robot in robots}
-        running = {client.submit(solve, known[task.robot], task, pure=False, retries=1): task for task in tasks}
-        for done, (task, future) in enumerate(finished(client, running), 1):
+        known = {robot.name: Shared(robot) for robot in robots}
+        jobs = ((task, (known[task.robot], task)) for task in tasks)
+        for done, (task, future) in enumerate(work_through(executor, _solve, jobs), 1):
             _store(folder, task, future.result())
             if progress:
                 progress(f"cases, {done} of {len(tasks)}", done / len(tasks))
@@ -199,6 +199,10 @@ def _stored(folder: Path) -> list[Outcome]:
         message = "expected the outcome of a case, got something else; delete its folder to work it out anew"
         raise InputError(f"{file}: {message}") from error
     return out
+
+
+def _solve(robot: Shared, task: Task) -> Files:
+    return solve(robot.value, task)
 
 
 def solve(robot: BlindRobot, task: Task) -> Files:

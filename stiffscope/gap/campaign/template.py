@@ -11,7 +11,7 @@ from stiffscope.gap.campaign.quantities import WRENCH
 from stiffscope.gap.campaign.writing import write_campaign
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import PartMatrix, used_parts
-from stiffscope.runtime import files
+from stiffscope.runtime import output
 from stiffscope.vjm.kinematics import configure
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def write_template(robot: RobotFile, name: str, folder: Path) -> tuple[int, int]
         The folder is there, or cannot be written.
 
     """
-    with files.new_folder(folder) as aside:
+    with output.new_folder(folder) as aside:
         sensors, hook = example_sensors(robot), LoadPoint("hook", robot.tool.body, _tuple(robot.tool.at))
         poses = planned_poses(robot)
         columns = _plan(robot, poses, sensors, hook)

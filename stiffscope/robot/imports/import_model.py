@@ -16,7 +16,7 @@ from stiffscope.robot.file.values import TORSION, any_quantity
 from stiffscope.robot.imports.compiled_model import print_safely
 from stiffscope.robot.imports.simulator_model import read_model
 from stiffscope.robot.reader import read_robot
-from stiffscope.runtime.files import check_new, write_new
+from stiffscope.runtime.output import check_new, write_new
 from stiffscope.runtime.reading import shown
 
 if TYPE_CHECKING:

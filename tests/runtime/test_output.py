@@ -1,7 +1,6 @@
 """An output folder is complete or absent, and only ours is replaced."""
 
 import errno
-import hashlib
 import json
 import os
 import subprocess
@@ -9,18 +8,22 @@ from pathlib import Path
 
 import pytest
 
-from stiffscope.errors import InputError
-from stiffscope.runtime.files import (
+from stiffscope.errors import InputError, StiffscopeError
+from stiffscope.runtime.output import (
     check_json,
     check_output,
     copy_files,
     new_folder,
+    overwrite,
+    owner,
     remove_copied,
     scratch_folder,
     staged_folder,
     to_json,
     write_json,
 )
+
+DEAD = f"999999999-{owner().partition('-')[2]}"
 
 
 def fill(target, **contents) -> None:
@@ -47,10 +50,11 @@ def test_failure_leaves_what_was_there(tmp_path):
 
 
 def test_what_a_killed_run_left_is_cleared(tmp_path):
-    (tmp_path / ".out.partial-999999999-abc").mkdir()
-    (tmp_path / f".out.partial-{os.getpid()}-abc").mkdir()
+    ours = owner()
+    (tmp_path / f".out.partial-{DEAD}").mkdir()
+    (tmp_path / f".out.partial-{ours}").mkdir()
     fill(tmp_path / "out", done="1")
-    assert sorted(os.listdir(tmp_path)) == [f".out.partial-{os.getpid()}-abc", "out"]
+    assert sorted(os.listdir(tmp_path)) == [f".out.partial-{ours}", "out"]
 
 
 @pytest.mark.parametrize("foreign", [True, False])
@@ -123,13 +127,13 @@ def test_a_link_is_followed_and_a_pipe_is_written_to(tmp_path):
     (tmp_path / "link.json").symlink_to(tmp_path / "real.json")
     write_json(tmp_path / "link.json", {"a": 1})
     assert (tmp_path / "link.json").is_symlink()
-    assert json.loads((tmp_path / "real.json").read_text()) == {"a": 1}
+    assert json.loads((tmp_path / "real.json").read_text()) == {"made_by": "stiffscope", "a": 1}
     ours, theirs = os.pipe()
     write_json(f"/dev/fd/{theirs}", {"a": 2})
-    assert json.loads(os.read(ours, 100)) == {"a": 2}
+    assert json.loads(os.read(ours, 100))["a"] == 2
 
 
-@pytest.mark.parametrize("change", ["saved", "edited", "folder", "link", "forged"])
+@pytest.mark.parametrize("change", ["saved", "edited", "folder", "link"])
 def test_what_the_user_does_while_we_work_is_kept(tmp_path, change):
     out = tmp_path / "out"
     fill(out, page="1", other="1")
@@ -142,37 +146,16 @@ def test_what_the_user_does_while_we_work_is_kept(tmp_path, change):
                 (out / "page").write_text("1 and mine")
             elif change == "folder":
                 (out / "empty").mkdir()
-            elif change == "link":
+            else:
                 (out / "page").rename(tmp_path / "page")
                 (out / "page").symlink_to(tmp_path / "page")
-            else:
-                manifest = json.loads((out / "manifest.json").read_text())
-                (out / "notes.txt").write_text("mine")
-                manifest["files"].append("notes.txt")
-                manifest["sha256"]["notes.txt"] = hashlib.sha256(b"mine").hexdigest()
-                (out / "manifest.json").write_text(json.dumps(manifest))
     assert (out / "other").read_text() == "1"
-    kept = {"saved": "notes.txt", "edited": "page", "folder": "empty", "link": "page", "forged": "notes.txt"}[change]
+    kept = {"saved": "notes.txt", "edited": "page", "folder": "empty", "link": "page"}[change]
     assert os.path.lexists(out / kept)
     assert change != "edited" or (out / "page").read_text() == "1 and mine"
     assert (tmp_path / "out.new" / "page").read_text() == "2"
     fill(tmp_path / "out.new", page="3")  # it is a whole output itself
     assert not [name for name in os.listdir(tmp_path) if name.startswith(".")]
-
-
-@pytest.mark.parametrize("name", ["../notes.txt", "sub/../../notes.txt", "ABSOLUTE"])
-def test_a_manifest_that_names_files_elsewhere_is_none_of_ours(tmp_path, name):
-    out, notes = tmp_path / "out", tmp_path / "notes.txt"
-    fill(out, page="1")
-    notes.write_text("mine")
-    manifest = json.loads((out / "manifest.json").read_text())
-    del manifest["seal"]
-    manifest["sha256"][str(notes) if name == "ABSOLUTE" else name] = hashlib.sha256(b"mine").hexdigest()
-    seal = hashlib.sha256(json.dumps(manifest, sort_keys=True).encode()).hexdigest()
-    (out / "manifest.json").write_text(json.dumps({**manifest, "seal": seal}))
-    with pytest.raises(InputError, match="which stiffscope did not write"):
-        fill(out, page="2")
-    assert notes.read_text() == "mine"
 
 
 def test_a_file_saved_between_the_looks_brings_the_old_folder_back(tmp_path, monkeypatch):
@@ -196,7 +179,7 @@ def test_a_file_saved_between_the_looks_brings_the_old_folder_back(tmp_path, mon
 
 
 def test_what_a_run_killed_in_the_exchange_left_is_put_right(tmp_path):
-    out, left = tmp_path / "out", tmp_path / ".out.replaced-999999999-abc"
+    out, left = tmp_path / "out", tmp_path / f".out.replaced-{DEAD}"
     fill(out, page="1")
     out.rename(left)
     fill(out, page="2")
@@ -209,7 +192,7 @@ def test_what_a_run_killed_in_the_exchange_left_is_put_right(tmp_path):
 
 
 def test_scratch_folders_of_dead_processes_are_removed_and_no_others(tmp_path):
-    dead, ours = tmp_path / ".stiffscope-scratch-999999999-0a", tmp_path / f".stiffscope-scratch-{os.getpid()}-0a"
+    dead, ours = tmp_path / f".stiffscope-scratch-{DEAD}", tmp_path / f".stiffscope-scratch-{owner()}"
     other = tmp_path / ".stiffscope-scratch-mine"
     for folder in (dead, ours, other):
         folder.mkdir()
@@ -225,18 +208,18 @@ def test_a_full_disk_is_one_line_and_nothing_is_left(tmp_path):
     if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", disk], check=False).returncode:
         pytest.skip("no small disk can be mounted")
     try:
-        with pytest.raises(InputError, match=r"\(No space left on device\); make room on its disk"):  # noqa: SIM117
+        with pytest.raises(StiffscopeError, match=r"\(No space left on device\); make room on its disk"):  # noqa: SIM117
             with staged_folder(disk / "out") as folder:
                 (folder / "large").write_bytes(bytes(1 << 20))
-        with pytest.raises(InputError, match="No space left on device"):
+        with pytest.raises(StiffscopeError, match="No space left on device"):
             write_json(disk / "a.json", list(range(100_000)))
-        with pytest.raises(InputError, match=r"disk/out: the output folder cannot be written \(No space"):  # noqa: SIM117
+        with pytest.raises(StiffscopeError, match=r"disk/out: the output folder cannot be written \(No space"):  # noqa: SIM117
             with staged_folder(disk / "out") as folder:
                 write_json(folder / "a.json", list(range(100_000)))
-        with pytest.raises(InputError, match=r"disk/new: the output folder cannot be written \(No space"):  # noqa: SIM117
+        with pytest.raises(StiffscopeError, match=r"disk/new: the output folder cannot be written \(No space"):  # noqa: SIM117
             with new_folder(disk / "new") as folder:
                 (folder / "large").write_bytes(bytes(1 << 20))
-        with pytest.raises(InputError, match=r"disk/out: the output folder cannot be written \(No space"):  # noqa: SIM117
+        with pytest.raises(StiffscopeError, match=r"disk/out: the output folder cannot be written \(No space"):  # noqa: SIM117
             with staged_folder(disk / "out"):
                 raise OSError(errno.ENOSPC, "Can't write data (time = Mon Nov 23\n, filename = ...)")  # of HDF5
         assert os.listdir(disk) == []
@@ -263,16 +246,39 @@ def test_what_is_no_copy_stays(tmp_path):
     assert not cases.exists()
 
 
-def test_only_json_is_replaced_by_json(tmp_path):
-    for name, text in {"readings.csv": "x,y\n1,2\n", "robot.toml": "[tool]\npose = []\n", "part.step": "ISO"}.items():
+def test_only_json_of_ours_is_replaced_by_json(tmp_path):
+    others = {"readings.csv": "x,y\n1,2\n", "robot.toml": "[tool]\npose = []\n", "package.json": '{"a": 1}'}
+    for name, text in others.items():
         (tmp_path / name).write_text(text)
-        with pytest.raises(InputError, match=rf"{name}: expected a new file or one with JSON to replace"):
+        with pytest.raises(InputError, match=rf"{name}: expected a new file or JSON that stiffscope wrote"):
             check_json(tmp_path / name)
         assert (tmp_path / name).read_text() == text
-    for text in ("", '{"a": 1}'):
-        (tmp_path / "a.json").write_text(text)
+    (tmp_path / "a.json").touch()
+    for _ in range(2):
         check_json(tmp_path / "a.json")
-    check_json(tmp_path / "b.json")
+        write_json(tmp_path / "a.json", {"a": 1})
+    overwrite(True)
+    check_json(tmp_path / "readings.csv")
+    overwrite(False)
+
+
+def test_what_is_forced_keeps_the_other_files(tmp_path):
+    out = tmp_path / "out"
+    fill(out, page="1", old="1")
+    (out / "deep").mkdir()
+    (out / "deep" / "notes.txt").write_text("mine")
+    (out / "page").write_text("mine")
+    with pytest.raises(InputError, match="--force, which keeps that file"):
+        check_output(out)
+    overwrite(True)
+    fill(out, page="2")
+    overwrite(False)
+    assert {name.name: name.read_text() for name in out.rglob("*") if name.name in ("page", "notes.txt")} == {
+        "page": "2",
+        "notes.txt": "mine",
+    }
+    assert not (out / "old").exists()
+    assert os.listdir(tmp_path) == ["out"]
 
 
 def test_a_new_folder_is_never_one_that_is_there(tmp_path):

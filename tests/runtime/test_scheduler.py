@@ -9,7 +9,7 @@ import time
 import pytest
 
 from stiffscope.errors import StiffscopeError
-from stiffscope.runtime.cluster import cluster, finished
+from stiffscope.runtime.executor import Scheduler, work_through
 
 SCHEDULER = """\
 from distributed import LocalCluster
@@ -28,12 +28,11 @@ def test_a_scheduler_that_goes_is_told_in_one_line(caplog):
     )
     try:
         with (
-            pytest.raises(StiffscopeError, match=r"the scheduler has gone .*; what is finished is kept"),
-            cluster(elsewhere.stdout.readline().strip()) as client,
+            pytest.raises(StiffscopeError, match=r"the scheduler has gone; what is finished is kept"),
+            Scheduler(elsewhere.stdout.readline().strip()) as executor,
         ):
-            futures = {client.submit(time.sleep, wait, pure=False): wait for wait in (0, 60)}
-            for wait, future in finished(client, futures):
-                assert (wait, future.result()) == (0, None)
+            for name, future in work_through(executor, time.sleep, [("one", (0,)), ("two", (60,))]):
+                assert (name, future.result()) == ("one", None)
                 threading.Timer(0.2, elsewhere.kill).start()
     finally:
         elsewhere.kill()

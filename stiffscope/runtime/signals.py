@@ -1,0 +1,47 @@
+"""Signals that wait until what is begun is done."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+STOPS = ("SIGINT", "SIGTERM", "SIGHUP")
+"""Signals by which a user stops a command."""
+
+
+def block(*names: str) -> set[signal.Signals]:
+    """Let this thread, and processes that it starts, not see signals; returns those that it has not seen before."""
+    if not hasattr(signal, "pthread_sigmask"):
+        return set()
+    return set(signal.pthread_sigmask(signal.SIG_BLOCK, [getattr(signal, name) for name in names]))
+
+
+@contextlib.contextmanager
+def deaf_to(*names: str) -> Iterator[None]:
+    """Let signals wait until the block is done; threads and processes that it starts never see them.
+
+    ``names``: "SIGINT" (Ctrl-C), "SIGTERM"; those that this system has count. Threads that are there already may take a
+    signal for the main one, which then only notes it.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    noted: list[int] = []
+    main = threading.current_thread() is threading.main_thread()
+    handlers = {getattr(signal, name): signal.getsignal(getattr(signal, name)) for name in names if main}
+    for number in handlers:
+        signal.signal(number, lambda number, _frame: noted.append(number))
+    former = block(*names)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, former)
+        for number, handler in handlers.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+        if noted:
+            signal.raise_signal(noted[0])
