@@ -66,7 +66,10 @@ def drawing(*, ahead: bool = False) -> Iterator[Callable[..., None]]:
     with Processes(1) as executor:
         if ahead:
             executor.submit(_warm_up, name="no pictures")
-        yield partial(_draw, executor)
+        try:
+            yield partial(_draw, executor)
+        finally:
+            executor.end()
 
 
 def _draw(executor: Processes, picture: str, target: Path, **arguments: Any) -> None:

@@ -301,7 +301,9 @@ class Shared:
     """Something large that many jobs are given: it is pickled once, and each process unpickles it once."""
 
     def __init__(self, value: Any) -> None:
-        self._content = pickle.dumps(value)
+        import cloudpickle  # which knows read-only mappings
+
+        self._content = cloudpickle.dumps(value)
 
     @property
     def value(self) -> Any:

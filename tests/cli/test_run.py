@@ -48,7 +48,7 @@ def test_without_graphics_the_run_is_done_and_says_what_to_install(tmp_path, mon
     broken.parent.mkdir()
     broken.write_text("raise ImportError('libGL.so.1: cannot open shared object file: No such file or directory')")
     monkeypatch.setenv("STIFFSCOPE_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setenv("PYTHONPATH", str(broken.parent))  # of the process that draws
+    monkeypatch.syspath_prepend(broken.parent)
     words = ["run", "biglide", "--components", "published", "--quiet", "--out", str(tmp_path / "out")]
     assert _guarded(words) == 0
     assert len(caplog.messages) == 1
