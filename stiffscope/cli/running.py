@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -108,8 +109,8 @@ def _watch(name: str, components: Any, tolerance: str | None, overrides: Sequenc
     before: tuple[Assembled, Stiffness] | None = None
     meshed: dict[str, PartResult] = {}
     page: Future[None] | None = None
-    with workshop() as shop, workshop(together=True) as behind, ThreadPoolExecutor(1) as pool:
-        for _ in _until_stopped(changes(watched), behind):
+    with workshop() as shop, workshop(together=True) as behind, ThreadPoolExecutor(1) as pool, _ending(behind):
+        for _ in changes(watched):
             try:
                 robot = _checked(name, overrides, tolerance)
                 watched[:] = sources(robot)
@@ -132,10 +133,11 @@ def _watch(name: str, components: Any, tolerance: str | None, overrides: Sequenc
             page.result()
 
 
-def _until_stopped(changed: Iterator[None], behind: Workshop) -> Iterator[None]:
-    """Go on until Ctrl-C, which ends the experiments that a page waits for; what is being drawn is finished."""
+@contextmanager
+def _ending(behind: Workshop) -> Iterator[None]:
+    """On Ctrl-C end the experiments that a page waits for; what is being drawn is finished."""
     try:
-        yield from changed
+        yield
     except KeyboardInterrupt:
         behind.executor.end()
 
