@@ -36,7 +36,8 @@ def delta(arm=None, angle=0.35):
             bodies.append(ss.member(name, top, low, rod, y=turn[:, 1]))
             joints.append(ss.Joint(f"{name}.top", f"leg{k}.arm.tip", f"{name}.base", "spherical", top))
             joints.append(ss.Joint(f"{name}.end", f"{name}.tip", "platform", "spherical", low))
-    return ss.Mechanism(bodies, joints, ss.Tool("platform", np.array([0.0, 0.0, height]), ("x", "y", "z")))
+    tool = ss.Tool("platform", np.array([0.0, 0.0, height]), ("x", "y", "z"))
+    return ss.Mechanism(bodies, joints, tool, np.array([0.0, 0.0, 9.81]))
 
 
 def vertical_stiffness(angle=0.35):

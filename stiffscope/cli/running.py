@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -23,7 +24,7 @@ from stiffscope.experiments.assembly import (
 )
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.experiments.results import EXPERIMENT, FIELDS, compliance_json
-from stiffscope.experiments.watching import changes, differences, keep_meshed, keep_warm, sources
+from stiffscope.experiments.watching import changes, differences, digest_sources, keep_meshed, keep_warm, sources
 from stiffscope.report import tables
 from stiffscope.report.kept_pictures import plain_robot, write_run_pictures
 from stiffscope.report.run_report import write_run_report
@@ -46,6 +47,15 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.runtime.workshop import Workshop
     from stiffscope.vjm.statics import Stiffness
+
+
+@dataclass(frozen=True)
+class _Step:
+    """A robot that is watched, its stiffness, and the checksums of the files that it names."""
+
+    robot: Assembled
+    state: Stiffness
+    files: dict[str, str]
 
 
 @click.command()
@@ -106,7 +116,7 @@ def _watch(name: str, components: Any, tolerance: str | None, overrides: Sequenc
     """Run, and again when a file changes, in this process, which keeps the CAD kernel; the page follows behind."""
     out = output.required_folder()
     watched = [find_robot(name)]
-    before: tuple[Assembled, Stiffness] | None = None
+    before: _Step | None = None
     meshed: dict[str, PartResult] = {}
     page: Future[None] | None = None
     with workshop() as shop, workshop(together=True) as behind, ThreadPoolExecutor(1) as pool, _ending(behind):
@@ -116,17 +126,17 @@ def _watch(name: str, components: Any, tolerance: str | None, overrides: Sequenc
                 watched[:] = sources(robot)
                 manifest = manifest_of(robot)
                 now = assemble_robots({"now": robot}, components, shop, whole=False, near=meshed)["now"]
-                state = at_named_poses(now, robot.poses)
+                step = _Step(now, at_named_poses(now, robot.poses), digest_sources(robot))
             except InputError as error:
                 click.echo(f"stiffscope: {error}", err=True)
                 continue
             if output.loud:
-                _show_step(now, state, before)
+                _show_step(step, before)
                 tables.show_line(f"{manifest.elapsed():.2f} s; {out / 'report.html'} follows; Ctrl-C ends")
             if page is not None:
                 page.cancel()
             page = pool.submit(_write_behind, robot, components, out, manifest, behind)
-            before = now, state
+            before = step
             keep_meshed(meshed, now.results)
             keep_warm()
         if page is not None:
@@ -154,14 +164,14 @@ def _write_behind(robot: RobotFile, components: Any, out: Path, manifest: Manife
             click.echo(f"stiffscope: {error}", err=True)
 
 
-def _show_step(now: Assembled, state: Stiffness, before: tuple[Assembled, Stiffness] | None) -> None:
+def _show_step(step: _Step, before: _Step | None) -> None:
     """The stiffness, beside the one before where there was one at the same poses."""
-    names = list(now.robot.poses)
-    if before is None or list(before[0].robot.poses) != names:
-        tables.show_stiffness(names, state, title=f"Stiffness at M ({tables.sources(now)})")
+    names = list(step.robot.robot.poses)
+    if before is None or list(before.robot.robot.poses) != names:
+        tables.show_stiffness(names, step.state, title=f"Stiffness at M ({tables.sources(step.robot)})")
         return
-    changed = differences(before[0].robot, now.robot)
-    tables.show_change(names, before[1].matrix, state.matrix, changed or ["nothing that counts"])
+    changed = differences(before.robot.robot, step.robot.robot, before.files, step.files)
+    tables.show_change(names, before.state.matrix, step.state.matrix, changed or ["no value"])
 
 
 def _folder_of(
@@ -224,6 +234,7 @@ def _show_parts(now: Assembled) -> None:
 def _show_robot(now: Assembled, states: Mapping[str, Stiffness]) -> None:
     """The tables of the robot at the end of a run."""
     names, state = list(now.robot.poses), states["now"]
-    tables.show_stiffness(names, state, title=f"Stiffness at M ({tables.sources(now)})")
+    bars = stiffness_bars(now, state.configurations)
+    tables.show_stiffness(names, state, bars, title=f"Stiffness at M ({tables.sources(now)})")
     if "before" in states:
         tables.show_change(names, states["before"].matrix, state.matrix, now.robot.source.overrides)

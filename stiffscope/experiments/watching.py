@@ -89,12 +89,32 @@ def keep_meshed(held: dict[str, PartResult], results: Mapping[str, PartResult]) 
     held.update({name: part for name, part in results.items() if not part.experiment.moved})
 
 
-def differences(before: RobotFile, after: RobotFile) -> list[str]:
-    """What of the numbers and words of a robot is another: "slider.thickness 0.02 -> 0.025", SI; a few of them."""
+def digest_sources(robot: RobotFile) -> dict[str, str]:
+    """Return the checksum of every file that the robot file names, by its name."""
+    return {path.name: file_digest(path) for path in sources(robot)[1:]}
+
+
+def differences(
+    before: RobotFile,
+    after: RobotFile,
+    former: Mapping[str, str] | None = None,
+    present: Mapping[str, str] | None = None,
+) -> list[str]:
+    """Return what differs between two versions of a robot: "slider.thickness 20 mm → 25 mm"; a few of them.
+
+    Parameters
+    ----------
+    before, after
+        The robot, read before and after a file was saved.
+    former, present
+        Checksums of the files that it names, then and now, by `digest_sources`.
+
+    """
+    files = [f"content of {name}" for name, now in (present or {}).items() if (former or {}).get(name, now) != now]
     old, new = (_leaves(_plain(robot)) for robot in (before, after))
     names = [name for name in dict.fromkeys([*new, *old]) if old.get(name) != new.get(name)]
     shown = [f"{name} {_word(old.get(name))} → {_word(new.get(name))}" for name in names[:4]]
-    return [*shown, f"{len(names) - 4} more"] if len(names) > 4 else shown
+    return files + ([*shown, f"{len(names) - 4} more"] if len(names) > 4 else shown)
 
 
 def _plain(robot: RobotFile) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import numpy as np
 from stiffscope.gap.campaign.quantities import DEFLECTION, DEVIATION, FREQUENCY, KINDS, POSITION, WRENCH
 from stiffscope.gap.inference.findings import copies
 from stiffscope.report import page
+from stiffscope.report.numbers import pose_values
 from stiffscope.report.pictures import draw, optional_pictures
 from stiffscope.report.robot_scene import moves, picture, pose_text, scene
 from stiffscope.report.run_report import write_tables_report
@@ -136,8 +137,11 @@ def show_campaign(facts: Mapping[str, Any], name: str) -> None:
         show_table("Loads", [["load"], ["body", "at, m", "readings"]], rows)
     largest = ", ".join(f"{key} {value:g}" for key, value in facts["largest_wrench"].items() if value)
     show_line(f"Largest wrench: {largest or 'none'} (N, N·m)")
-    poses = [[key, *(f"{v:.6g}" for v in pose)] for key, pose in facts["poses"].items()]
-    show_table("Poses, m and rad", [["pose"], list(facts["coordinates"])], poses[:_SHOWN])
+    names = facts["coordinates"]
+    poses = [[key, *(pose_values([v], [name], 6) for v, name in zip(pose, names, strict=True))]
+             for key, pose in facts["poses"].items()]  # fmt: skip
+    columns = [f"{name} {'deg' if name.startswith('r') else 'mm'}" for name in names]
+    show_table("Poses", [["pose"], columns], poses[:_SHOWN])
     if len(poses) > _SHOWN:
         show_line(f"and {len(poses) - _SHOWN} more: see --json")
 

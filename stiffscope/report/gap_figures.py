@@ -31,6 +31,10 @@ CORNERS = 10  # parameters at most in a corner plot
 NAMED = 40  # poses that a map has room to name,
 NUMBERED = 24  # and rows that have room for numbers to be read
 ALIKE = (0.3, 0.9)  # correlations that are written where there are few effects, and where there are many
+EXCEEDS = (
+    "A bar longer than the first: an effect alone can enlarge the gap where it offsets another effect; at poses held\n"
+    "out, the gap also contains the error of parameters fitted elsewhere."
+)
 STEPS = {
     "nominal": ("the model as it is", BEFORE),
     "together": ("with all of them", AFTER),
@@ -67,6 +71,8 @@ def waterfall(diagnosis: Diagnosis) -> Figure:
     axes.set_xlim(0, 1.12 * max(values, default=1.0) or 1.0)
     axes.tick_params(left=False)
     axes.spines[["top", "right", "left"]].set_visible(False)
+    if any(value > 1.001 * diagnosis.gap.nominal for value in values):
+        figure.supxlabel(EXCEEDS, x=0.01, ha="left", fontsize=8, color=BEFORE)
     return figure
 
 

@@ -153,7 +153,5 @@ def _mark(axes: Axes, found: StiffnessMap, poses: Poses) -> None:
 
 
 def held_text(found: StiffnessMap) -> str:
-    """The other coordinates as a title has them: "y = 0 mm"; angles of zero are left out."""
-    said = {name: (_factor(name) * value, _unit(name)) for name, value in found.at.items()}
-    shown = {name: each for name, each in said.items() if each[0] or not name.startswith("r")}
-    return ", ".join(f"{name} = {value:z.5g} {unit}" for name, (value, unit) in shown.items())
+    """The other coordinates as a title has them: "y = 0 mm"."""
+    return ", ".join(f"{name} = {_factor(name) * value:z.5g} {_unit(name)}" for name, value in found.at.items())

@@ -18,7 +18,7 @@ import numpy as np
 from stiffscope.design.maps import map_stiffness
 from stiffscope.errors import InputError
 from stiffscope.report import maps, page, tables
-from stiffscope.report.numbers import coordinates, point, pose_values
+from stiffscope.report.numbers import coordinates, name_pose, point, pose_values, vector
 from stiffscope.report.pictures import draw
 from stiffscope.report.run_report import ENERGY, GEOMETRY, turning
 from stiffscope.report.terminal import recorded, show_line, show_table
@@ -226,7 +226,7 @@ def view(shown: Mechanism | Configurations | Stiffness | Modes, robot: RobotFile
 
 
 def _names(found: Configurations) -> list[str]:
-    return [pose_values(pose) for pose in found.poses]
+    return [name_pose(pose, found.mechanism.tool.pose) for pose in found.poses]
 
 
 def _part(shown: Part) -> None:
@@ -273,13 +273,13 @@ def _mechanism(shown: Mechanism) -> None:
     columns = ("joint", "kind", "between", "and", "at home mm", "drive N/m or N·m/rad")
     show_table("Joints", (columns,), joints)
     place = f"tool: {shown.tool.body}, M at ({point(shown.tool.at)}) mm, commanded: {', '.join(shown.tool.pose)}"
-    show_line(f"{place}; gravity ({pose_values(shown.gravity)}) m/s²")
+    show_line(f"{place}; gravity ({vector(shown.gravity)}) m/s²")
 
 
 def _configurations(shown: Configurations) -> None:
     place = coordinates(shown.mechanism.tool.pose)
     rows = [
-        (pose_values(pose), "yes" if ok else "no", shown.reason(k))
+        (pose_values(pose, shown.mechanism.tool.pose), "yes" if ok else "no", shown.reason(k))
         for k, (pose, ok) in enumerate(zip(shown.poses[:MOST], shown.valid[:MOST], strict=True))
     ]
     show_table("Configurations", ((place, "reached", "why not"),), rows, prose=("why not",))
@@ -290,6 +290,7 @@ def _stiffness(shown: Stiffness) -> None:
     first = dataclasses.replace(
         shown, configurations=shown.configurations[:MOST], matrix=shown.matrix[:MOST], sag=shown.sag[:MOST],
         mobility=shown.mobility[:MOST], inverse_condition=shown.inverse_condition[:MOST],
+        compliance=shown.compliance[:MOST], rigid=shown.rigid[:MOST],
     )  # fmt: skip
     tables.show_stiffness([str(k + 1) for k in range(len(first.matrix))], first)
     _omitted(len(shown.matrix))
@@ -309,7 +310,7 @@ def _modes(shown: Modes) -> None:
 def _sensitivity(shown: Sensitivity) -> None:
     from stiffscope.report.sensitivities import show_sensitivity
 
-    show_sensitivity(shown, [pose_values(pose) for pose in shown.poses])
+    show_sensitivity(shown, [name_pose(pose, shown.robot.tool.pose) for pose in shown.poses])
 
 
 def _part_sensitivity(shown: PartSensitivity) -> None:
@@ -349,7 +350,7 @@ def _fields(shown: Any) -> None:
 def _text(value: Any) -> str:
     if isinstance(value, np.ndarray):
         listed = value.ndim == 1 and value.size <= SMALL
-        return f"({pose_values(value, 6)})" if listed else f"{' × '.join(map(str, value.shape))} numbers"
+        return f"({vector(value, 6)})" if listed else f"{' × '.join(map(str, value.shape))} numbers"
     if dataclasses.is_dataclass(value):
         return ", ".join(f"{each.name} {_text(getattr(value, each.name))}" for each in dataclasses.fields(value))
     if isinstance(value, tuple):

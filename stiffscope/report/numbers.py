@@ -52,13 +52,24 @@ def point(position: Any, digits: int = 4) -> str:
     return ", ".join(f"{1e3 * c:z.{digits}g}" for c in position)
 
 
-def pose_values(pose: Any, digits: int = 4) -> str:
-    """Return a pose's values, SI, without rounding errors: "0, 0, 0.3475"."""
-    return ", ".join(f"{round(float(c), 9):z.{digits}g}" for c in pose)
+def vector(values: Any, digits: int = 4) -> str:
+    """Return numbers without rounding errors: "0, 0, 9.81"."""
+    return ", ".join(f"{round(float(c), 9):z.{digits}g}" for c in values)
 
 
-def coordinates(pose: Sequence[str]) -> str:
-    """Return the heading of a column of tool poses, which are shown in SI: "x, y, z (m)"."""
-    turns = sum(name.startswith("r") for name in pose)
-    unit = "m" if not turns else "rad" if turns == len(pose) else "m, rad"
-    return f"{', '.join(pose)} ({unit})"
+def pose_values(pose: Any, names: Sequence[str], digits: int = 5) -> str:
+    """Return a pose in mm and degrees, without rounding errors: "0, 0, 347.5"."""
+    given = zip(names, pose, strict=True)
+    return vector([math.degrees(c) if name.startswith("r") else 1e3 * c for name, c in given], digits)
+
+
+def coordinates(names: Sequence[str]) -> str:
+    """Return the heading of a column of tool poses: "x, y, z (mm)"."""
+    turns = sum(name.startswith("r") for name in names)
+    unit = "mm" if not turns else "deg" if turns == len(names) else "mm, deg"
+    return f"{', '.join(names)} ({unit})"
+
+
+def name_pose(pose: Any, names: Sequence[str]) -> str:
+    """Return a pose with its coordinates: "x, y, z (mm) = 0, 0, 347.5"."""
+    return f"{coordinates(names)} = {pose_values(pose, names)}"

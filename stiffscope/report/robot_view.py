@@ -137,7 +137,7 @@ def mode_cases(found: Modes) -> list[list[Case]]:
         cases.append([])
         for i, hertz in enumerate(found.frequencies[k]):
             if np.isfinite(hertz):
-                bound = f" ± {found.error[k, i]:.2g}" if found.error[k, i] else ""
+                bound = f" Hz, mesh error ± {found.error[k, i]:.2g}" if found.error[k, i] else ""
                 note = f"{hertz:.5g}{bound} Hz" if hertz else "moves freely"
                 twists = {node: shape[k, :, i] for node, shape in found.shapes.items()}
                 shares = {name: float(share[k, i]) for name, share in found.energy.items()} if hertz else {}

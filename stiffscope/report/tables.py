@@ -152,7 +152,7 @@ def show_stiffness(
         bound = np.zeros((6, 6)) if bars is None else np.asarray(bars[i])
         shown = np.where(resolved(matrix, bound), matrix, np.nan) / factor
         sunk = [] if sag is None else [f"{1e6 * np.linalg.norm(sag[i][:3]):.2f}", f"{1e6 * sag[i][2]:z.2f}"]
-        place = pose_values(state.poses[i])
+        place = pose_values(state.poses[i], pose)
         infinite = np.isnan(matrix).all()
         cells = ["-"] * 8 if infinite else _cells(_diagonal_and_couplings(shown), ".4f")
         rows.append((name, place, *cells, *sunk))
@@ -214,7 +214,7 @@ def show_modes(names: Sequence[str], found: Modes, title: str) -> None:
             said = ", ".join(f"{element} {100 * shares[element]:.0f} %" for element in most if shares[element] > 0.005)
             spread = f"{bound:.2g}" if bound else ""
             rows.append(("" if k else name, str(k + 1), f"{hertz:.5g}", spread, said or "moves freely"))
-    groups = (("pose",), ("mode", "Hz", "± 95 %"), ("strain energy",))
+    groups = (("pose",), ("mode", "Hz", "± mesh error"), ("strain energy",))
     show_table(title, groups, rows, prose=("strain energy",))
     for remark in found.remarks:
         show_line(remark)

@@ -99,7 +99,13 @@ def show_table(
     prose
         Columns of words: left-aligned, and folded instead of widening the table.
 
+    Columns without any entry are left out.
     """
+    count = sum(map(len, groups))
+    kept = [k == 0 or not rows or any(row[k] for row in rows) for k in range(count)]
+    rows = [[cell for cell, keep in zip(row, kept, strict=True) if keep] for row in rows]
+    flags = iter(kept)
+    groups = [[name for name in group if next(flags)] for group in groups]
     recorder = _recorder.get()
     if recorder is not None:
         columns = tuple(name for group in groups for name in group)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from stiffscope.gap.forward.forward_model import UNNAMED
-from stiffscope.report.numbers import WRENCH, coordinates, percent, pose_values
+from stiffscope.report.numbers import WRENCH, name_pose, percent
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,13 +38,35 @@ def sentence(diagnosis: Diagnosis) -> str:
     named = " and ".join(_with_size(effect) for effect in diagnosis.effects) or "no effect"
     if diagnosis.verdict == "ambiguous":
         rivals = _rivals(diagnosis)
-        return f"Ambiguous: {named} fits, but these readings cannot distinguish it from {rivals}; with it {shrinks}."
+        return (
+            f"Ambiguous: {named} fits, but these readings cannot distinguish it from {rivals}; with it {shrinks}."
+            f"{_proposal(diagnosis)}"
+        )
     if diagnosis.verdict == "partly":
         rest = _largest(diagnosis.where.left or diagnosis.where.direction)
         size = f"{percent(gap.left)} rms beyond the noise" if gap.left > 0.0 else "something within the noise"
         left = f"{size} is left, mostly in {rest}, that nothing known explains"
-        return f"Partly: {named}; {shrinks}; {left}."
-    return f"Identified: {named}; {shrinks}."
+        return f"Partly: {named}; {shrinks}; {left}.{_group(diagnosis)}"
+    return f"Identified: {named}; {shrinks}.{_group(diagnosis)}"
+
+
+def _group(diagnosis: Diagnosis) -> str:
+    """What the named effects cannot be distinguished from, and the reading that would."""
+    groups = [
+        f" These readings cannot distinguish {name(e.effect, e.place)} from {_listed(e.confused_with)}."
+        for e in diagnosis.effects
+        if e.confused_with
+    ]
+    return "".join(groups) + (_proposal(diagnosis) if groups else "")
+
+
+def _proposal(diagnosis: Diagnosis) -> str:
+    step = diagnosis.next_measurement
+    return f" Next: {what_next(step)}." if step else ""
+
+
+def _listed(keys: Sequence[str], most: int = 4) -> str:
+    return ", ".join(map(label, keys[:most])) + (" and others" if len(keys) > most else "")
 
 
 def name(effect: str, place: str) -> str:
@@ -73,7 +95,7 @@ def _rivals(diagnosis: Diagnosis) -> str:
     confused = dict.fromkeys(other for effect in diagnosis.effects for other in effect.confused_with)
     near = [f"{a.effect} @ {a.place}" for a in diagnosis.alternatives if a.probability > 0.02]
     others = [other for other in (confused or dict.fromkeys(near)) if other not in named]
-    return ", ".join(map(label, others[:4])) + (" and others" if len(others) > 4 else "") or "no effect at all"
+    return _listed(others) or "no effect at all"
 
 
 def _largest(share: dict[str, float]) -> str:
@@ -192,7 +214,7 @@ def what_next(step: NextMeasurement) -> str:
     """Return the next measurement as an instruction."""
     place = f"at pose {step.pose}" if step.pose else ""
     if step.position is not None:
-        place = f"at {coordinates(tuple(step.position))} = {pose_values(step.position.values())}"
+        place = f"at {name_pose(step.position.values(), tuple(step.position))}"
     action = f"read {step.quantity} {place}" if step.quantity else f"measure {place}"
     if step.sensors:
         action = f"read {', '.join(step.sensors)} ({step.quantity}) {place}"
@@ -208,8 +230,9 @@ def what_next(step: NextMeasurement) -> str:
 def shares(robot: RobotFile, diagnosis: Diagnosis) -> dict[str, float]:
     """Return the share of the gap by element: that of a place which means several counts on each of them."""
     out: dict[str, float] = {}
+    solids = {"base": ("ground",), "tool": (robot.tool.body,)}
     for component, share in diagnosis.where.component.items():
-        for element in robot.members(component) or (component,):
+        for element in robot.members(component) or solids.get(component, (component,)):
             out[element] = out.get(element, 0.0) + share
     return out
 

@@ -8,7 +8,7 @@ import time
 import pytest
 
 from stiffscope.cli.main import _guarded
-from stiffscope.experiments.watching import changes, differences, sources
+from stiffscope.experiments.watching import changes, differences, digest_sources, sources
 from tests.experiments.one_part import MATRIX, ROD, STEP, one_part
 
 
@@ -39,14 +39,19 @@ def test_sources_and_differences(tmp_path):
     before = one_part(tmp_path, ROD)
     after = one_part(tmp_path, ROD.replace('"6 mm"', '"7 mm"').replace("8 mm", "9 mm"))
     assert differences(before, before) == []
+    (tmp_path / "bar.step").write_text("a solid")
+    held = digest_sources(robot)
+    (tmp_path / "bar.step").write_text("another solid")
+    assert differences(robot, robot, held, digest_sources(robot)) == ["content of bar.step"]
+    assert differences(robot, robot, held, held) == []
     assert differences(before, after) == ["bar 1.radius 6 mm → 7 mm", "bar 1.mesh.size 8 mm → 9 mm"]
 
 
 @pytest.fixture
 def undrawn(monkeypatch):
     """Pictures take processes of their own, which this does not try."""
-    monkeypatch.setattr("stiffscope.report.kept_pictures.write_run_pictures", lambda *_: None)
-    monkeypatch.setattr("stiffscope.experiments.watching.keep_warm", lambda: None)
+    monkeypatch.setattr("stiffscope.cli.running.write_run_pictures", lambda *_: None)
+    monkeypatch.setattr("stiffscope.cli.running.keep_warm", lambda: None)
 
 
 def test_each_saved_file_is_run_and_a_bad_one_is_told(tmp_path, monkeypatch, capsys, undrawn):
@@ -64,7 +69,7 @@ def test_each_saved_file_is_run_and_a_bad_one_is_told(tmp_path, monkeypatch, cap
             states.append(capsys.readouterr())
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("stiffscope.experiments.watching.changes", edited)
+    monkeypatch.setattr("stiffscope.cli.running.changes", edited)
     assert _guarded(["run", str(file), "--out", str(out), "--watch"]) == 0
     changed, bad, back = states
     assert "slide.drive.stiffness 10000000.0 → 20000000.0" in changed.out

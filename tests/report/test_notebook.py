@@ -67,7 +67,7 @@ def objects(machine):
     yield ss.study(Path(__file__).parents[2] / "examples" / "rod-study.toml"), ("rod.radius", "designs")
     yield Comparison("slider", (entry,), ("a finding",)), ("C35", "Timoshenko", "a finding")
     yield robot, ("degrees of freedom", "limb1.actuator")
-    yield ss.sensitivity(robot, components="published"), ("Sensitivity at 0, 0, 0.3475", "link.length")
+    yield ss.sensitivity(robot, components="published"), ("Sensitivity at x, y, z (mm) = 0, 0, 347.48", "link.length")
     yield ss.configure(machine, [poses[0], (0.0, 0.0, 9.0)]), ("yes", "no", "out of reach")
     yield machine.bodies[0], (f"Body {machine.bodies[0].name}", "mass")
     yield drive.drive, ("Drive, SI", "stiffness", "1.27e+07")
@@ -114,7 +114,7 @@ def test_a_stack_shows_its_first_poses():
     page = Page(as_html(many))
     assert page.tags.count("tr") == 21
     assert "and 10 more poses" in page.words
-    assert {"x, rz (m, rad)", "|sag| µm", "5.20"} <= set(page.words)
+    assert {"x, rz (mm, deg)", "|sag| µm", "5.20"} <= set(page.words)
 
 
 def test_a_job_is_a_bar_until_it_is_done(shell):

@@ -1,6 +1,7 @@
 """Pictures of robots: what is given to the drawing process, and what it draws."""
 
 import time
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,13 +10,17 @@ import pytest
 import pyvista as pv
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+from examples.delta import delta as hanging_delta
+from stiffscope.gap.inference.diagnosis import Where
 from stiffscope.report.drawing.robot import framed
 from stiffscope.report.drawing.solids import solids_of
 from stiffscope.report.pictures import PictureError, draw, drawing
 from stiffscope.report.robot_scene import deformed, exaggeration, moves, picture, scene
+from stiffscope.report.text import shares
 from stiffscope.robot.inspection import rigid_mechanism
 from stiffscope.robot.reader import load_robot, read_robot
 from stiffscope.vjm.kinematics import configure
+from tests.report.test_terminal import diagnosed
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +52,20 @@ def test_a_title_is_within_its_picture(length):
     figure = framed(np.ones((80, 1200, 3)), SimpleNamespace(size=(1200, 80)), title)
     drawn = FigureCanvasAgg(figure).get_renderer()
     assert figure.texts[0].get_window_extent(drawn).x1 < figure.bbox.width
+
+
+def test_a_robot_made_in_python_stands_upright():
+    assert scene(None, hanging_delta())["up"].tolist() == [0.0, 0.0, -1.0]
+
+
+def test_base_and_tool_have_their_shares(delta):
+    """The ground's solids show what the base has of the gap, the tool's body what the tool has."""
+    robot, mechanism, _ = delta
+    found = shares(robot, replace(diagnosed(), where=Where({}, {"base": 0.9, "tool": 0.1})))
+    assert found == {"ground": 0.9, "platform": 0.1}
+    drawn = scene(robot, mechanism)
+    solids = solids_of(drawn["bodies"], drawn["joints"], drawn["tool"], drawn["up"])
+    assert set(found) <= {solid.element for solid in solids}
 
 
 def test_deformed_nodes(delta):

@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from types import SimpleNamespace as Stub
 
 import numpy as np
@@ -17,6 +18,7 @@ from stiffscope.report.compare import Comparison, Entry
 from stiffscope.report.gap_tables import show_diagnosis
 from stiffscope.report.numbers import resolved
 from stiffscope.report.terminal import in_encoding, show_line, show_table
+from stiffscope.report.text import sentence
 from stiffscope.vjm.statics import Stiffness
 
 PAIR = "actuator-stiffness + slider-compliance", "limb1 + sliders"
@@ -55,7 +57,9 @@ def state(poses, matrix, sag, pose=("x", "y", "z")):
     """What a robot does at tool poses (n, k)."""
     poses = np.asarray(poses, dtype=float)
     found = Stub(poses=poses, tool=np.zeros((len(poses), 6)), mechanism=Stub(tool=Stub(pose=pose)))
-    return Stiffness(found, np.asarray(matrix), np.asarray(sag), np.zeros(len(poses), dtype=int), np.ones(len(poses)))
+    n, k = len(poses), np.asarray(matrix)
+    rigid = (np.zeros((0, 6)),) * n
+    return Stiffness(found, k, np.asarray(sag), np.zeros(n, dtype=int), np.ones(n), np.linalg.pinv(k), rigid)
 
 
 def stiffness():
@@ -100,6 +104,16 @@ def diagnosed(**more):
     return Diagnosis("identified", gap, (effect, effect), (alternative,), where, **facts)
 
 
+def test_the_headline_names_the_group_and_the_reading_that_would_tell():
+    found = diagnosed(next_measurement=NextMeasurement(("a", "b"), 3.2, pose="A", quantity="dx"))
+    alike = replace(found.effects[0], confused_with=("column-compliance @ column",))
+    said = sentence(replace(found, effects=(alike,)))
+    assert "cannot distinguish" in said
+    assert "from column compliance (column)" in said
+    assert "Next: read dx at pose A: distinguishes a from b" in said
+    assert "Next" not in sentence(found)  # nothing is confused with it
+
+
 def diagnosis():
     show_diagnosis(diagnosed())
 
@@ -137,7 +151,7 @@ def test_no_zero_has_a_sign(show, capsys):
     assert not re.search(r"-0(\.0*)?(?![\d.])", capsys.readouterr().out)
 
 
-def test_the_first_columns_are_repeated(capsys, monkeypatch):
+def test_the_first_columns_are_repeated_and_empty_ones_left_out(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "30")
     show_table("Title", (("pose",), ("one", "two"), ("three", "four")), [("Q1", "1" * 8, "2" * 8, "3" * 8, "")])
     lines = [line.split() for line in capsys.readouterr().out.splitlines() if line.strip("─ ")]
@@ -145,7 +159,7 @@ def test_the_first_columns_are_repeated(capsys, monkeypatch):
         ["Title"],
         ["pose", "one", "two"],
         ["Q1", "1" * 8, "2" * 8],
-        ["pose", "three", "four"],
+        ["pose", "three"],
         ["Q1", "3" * 8],
     ]
 
