@@ -145,7 +145,7 @@ def show_stiffness(
     """
     pose = state.configurations.mechanism.tool.pose
     sag = state.sag if np.any(state.sag) else None
-    factor, units = _scale(state.matrix)
+    factor, units = _scale(state.finite)
     rows: list[Sequence[str]] = []
     for i, name in enumerate(names):
         matrix = np.asarray(state.matrix[i])
@@ -153,15 +153,20 @@ def show_stiffness(
         shown = np.where(resolved(matrix, bound), matrix, np.nan) / factor
         sunk = [] if sag is None else [f"{1e6 * np.linalg.norm(sag[i][:3]):.2f}", f"{1e6 * sag[i][2]:z.2f}"]
         place = pose_values(state.poses[i], pose)
-        infinite = np.isnan(matrix).all()
-        cells = ["-"] * 8 if infinite else _cells(_diagonal_and_couplings(shown), ".4f")
-        rows.append((name, place, *cells, *sunk))
-        if bars is not None and not infinite:
+        if len(state.rigid[i]):  # of each direction with all others free, where the tool yields at all
+            alone = np.diag(np.asarray(state.finite[i]) / factor)
+            cells = [*("rigid" if np.isnan(v) else f"{v:.4f}" for v in alone), "", ""]
+            rows.append((name, place, *cells, *sunk))
+            continue
+        rows.append((name, place, *_cells(_diagonal_and_couplings(shown), ".4f"), *sunk))
+        if bars is not None:
             spread = (f"{v:.2g}" for v in _diagonal_and_couplings(bound / factor))
             rows.append(("", "± 95 %", *spread, *("" for _ in sunk)))
     where = coordinates(pose)
     groups = (("pose", where), *SIX, COUPLINGS if sag is None else (*COUPLINGS, *SAG))
     show_table(f"{title} ({units})", groups, rows, prose=(where,) if len(pose) > 3 else ())
+    if any(len(each) for each in state.rigid):
+        show_line("  rigid: K is infinite there, and the others are 1/C_ii, of each direction with all others free\n")
     _explain_zeros(rows)
 
 

@@ -59,7 +59,9 @@ def state(poses, matrix, sag, pose=("x", "y", "z")):
     found = Stub(poses=poses, tool=np.zeros((len(poses), 6)), mechanism=Stub(tool=Stub(pose=pose)))
     n, k = len(poses), np.asarray(matrix)
     rigid = (np.zeros((0, 6)),) * n
-    return Stiffness(found, k, np.asarray(sag), np.zeros(n, dtype=int), np.ones(n), np.linalg.pinv(k), rigid)
+    return Stiffness(
+        found, k, np.asarray(sag), np.zeros(n, dtype=int), np.ones(n), np.linalg.pinv(np.nan_to_num(k)), rigid
+    )
 
 
 def stiffness():
@@ -102,6 +104,16 @@ def diagnosed(**more):
     where = Where({"x": 0.5, "y": 0.5}, {}, ("A", "B"), ((1.0,) * 6, (2.0,) * 6), ((1.0,) * 6, (1.0,) * 6))
     facts = {"next_measurement": NextMeasurement(("a", "b"), 3.2, pose="A"), "remarks": ("12 readings",)} | more
     return Diagnosis("identified", gap, (effect, effect), (alternative,), where, **facts)
+
+
+def test_where_the_stiffness_is_infinite_the_compliance_is_shown(capsys):
+    """A plane arm yields along x and y and about z alone."""
+    found = state([[0.3, 0.2]], np.full((1, 6, 6), np.nan), np.zeros((1, 6)), ("x", "y"))
+    yields = np.diag([1e-6, 2e-6, 0.0, 0.0, 0.0, 1e-4])
+    tables.show_stiffness(["A"], replace(found, compliance=yields[None], rigid=(np.eye(6)[2:5],)))
+    words = capsys.readouterr().out.split()
+    assert words.count("rigid") == 3
+    assert {"1000.0000", "500.0000", "10.0000"} <= set(words)
 
 
 def test_the_headline_names_the_group_and_the_reading_that_would_tell():
