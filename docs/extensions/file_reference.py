@@ -47,7 +47,7 @@ TABLES = (
     ("[[effects]]", sections.Effect),
 )
 CAMPAIGN = {
-    "robot": "the name of a robot that comes along, or the path of a robot file, seen from this folder",
+    "robot": "the name of a bundled robot, or the path of a robot file, seen from this folder",
     "predictions": "instead of `robot`: a table with the columns of the readings and `value`, the model under test; "
     "further columns are rival models",
     "modelled": 'effects that the model already carries, such as `["gravity"]`',
