@@ -17,6 +17,8 @@ from stiffscope.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+CORNER = 0.559  # squares of a wall that a sharp corner counts for in the flow around it, by conformal mapping
+
 
 @dataclass(frozen=True)
 class Section:
@@ -28,6 +30,8 @@ class Section:
     bending_y, bending_z : second moments of area about y and z, m⁴.
     torsion : torsion constant J, m⁴; the torque is G J times the twist a metre.
     shear_y, shear_z : shear coefficients κ for forces along y and z.
+    shear_centre : its y from the centroid, m; on the y axis, by symmetry.
+    warping : constant C_w, m⁶, of open sections; see ``restrained_torsion``.
     """
 
     area: float
@@ -36,6 +40,8 @@ class Section:
     torsion: float
     shear_y: float
     shear_z: float
+    shear_centre: float = 0.0
+    warping: float = 0.0
 
 
 def circle(radius: float, bore: float = 0.0, poisson: float = 0.3) -> Section:
@@ -74,6 +80,114 @@ def rectangle(width: float, height: float, poisson: float = 0.3) -> Section:
     )
 
 
+def box(width: float, height: float, wall: float, poisson: float = 0.3) -> Section:
+    """Return a rectangular tube of outer width along y and height along z (m): Bredt's torsion, Cowper's shear.
+
+    Raises
+    ------
+    InputError : a wall that leaves no hole.
+    """
+    _check_walls(min(width, height) / 2, wall)
+    inner_width, inner_height = width - 2 * wall, height - 2 * wall
+    middle = width - wall, height - wall
+    around = 2 * sum(middle) / wall - 4 * (1 - CORNER)
+    bredt = 4 * (middle[0] * middle[1]) ** 2 / around
+    return Section(
+        area=width * height - inner_width * inner_height,
+        bending_y=(width * height**3 - inner_width * inner_height**3) / 12,
+        bending_z=(height * width**3 - inner_height * inner_width**3) / 12,
+        torsion=bredt + 2 * sum(middle) * wall**3 / 3,  # the walls' own twist across their thickness
+        shear_y=_cowper(middle[1] / middle[0], middle[1] / middle[0], 10, 3 + poisson, 3.0, poisson),
+        shear_z=_cowper(middle[0] / middle[1], middle[0] / middle[1], 10, 3 + poisson, 3.0, poisson),
+    )
+
+
+def i_section(width: float, height: float, flange: float, web: float, poisson: float = 0.3) -> Section:
+    """Return an I with flanges of a width along y and a height over both along z (m).
+
+    Cowper's shear along the web, that of the flanges as rectangles across; torsion after El Darwish and Johnston.
+
+    Raises
+    ------
+    InputError : a flange or a web that leaves no room.
+    """
+    _check_walls(height / 2, flange)
+    _check_walls(width, web)
+    inside, middle = height - 2 * flange, height - flange
+    area = 2 * width * flange + inside * web
+    bending_z = (2 * flange * width**3 + inside * web**3) / 12
+    ratio, flanges = web / flange, 10 * (1 + poisson) / (12 + 11 * poisson)
+    disc = flange + web**2 / (4 * flange)
+    torsion = (2 * width * flange**3 + inside * web**3) / 3 - 0.42 * flange**4
+    return Section(
+        area=area,
+        bending_y=(width * height**3 - (width - web) * inside**3) / 12,
+        bending_z=bending_z,
+        torsion=torsion + 2 * (-0.042 + 0.2204 * ratio - 0.0725 * ratio**2) * disc**4,
+        shear_y=flanges * 2 * width * flange / area,
+        shear_z=_cowper(2 * width * flange / (middle * web), width / middle, 30, 1 + 8 * poisson / 6, 1 + 1.5 * poisson,
+                        poisson),
+        warping=bending_z * middle**2 / 4,
+    )  # fmt: skip
+
+
+def channel(width: float, height: float, flange: float, web: float) -> Section:
+    """Return a channel, the flanges' width along +y from the web's outer side, its height along z (m).
+
+    Shear by the energy of the shear flow in the walls' middle lines (Jourawski), torsion after El Darwish and
+    Johnston.
+
+    Raises
+    ------
+    InputError : a flange or a web that leaves no room.
+    """
+    _check_walls(height / 2, flange)
+    _check_walls(width, web)
+    inside, h, b = height - 2 * flange, height - flange, width - web / 2
+    area = 2 * width * flange + inside * web
+    back = (2 * width**2 * flange + inside * web**2) / (2 * area)
+    bending_y = (width * height**3 - (width - web) * inside**3) / 12
+    bending_z = (2 * flange * width**3 + inside * web**3) / 3 - area * back**2
+    thin = 2 * flange * b + web * h  # area of the middle lines
+    c = b**2 * flange / thin  # from the web's middle line to the centroid of the middle lines
+    corner = flange * b * h / 2
+    along_web = flange * h**2 * b**3 / 6 + (corner**2 * h + corner * web * h**3 / 6 + web**2 * h**5 / 120) / web
+    a, turn = b - c, flange * b * (b / 2 - c)
+    across = 2 * flange * (a**2 * b**3 / 3 - a * b**4 / 4 + b**5 / 20) + turn**2 * h / (3 * web)
+    about_y = web * h**3 / 12 + flange * b * h**2 / 2
+    about_z = flange * b**3 / 6 + 2 * flange * b * (b / 2 - c) ** 2 + web * h * c**2
+    eccentricity = 3 * b**2 * flange / (6 * b * flange + h * web)
+    ratio, disc = web / flange, 2 * (web + flange - (2 * web * flange) ** 0.5)
+    torsion = (2 * width * flange**3 + inside * web**3) / 3 - 0.42 * flange**4
+    return Section(
+        area=area,
+        bending_y=bending_y,
+        bending_z=bending_z,
+        torsion=torsion + 2 * (-0.0908 + 0.2621 * ratio - 0.0945 * ratio**2) * disc**4,
+        shear_y=about_z**2 / (across * area),
+        shear_z=about_y**2 / (along_web * area),
+        shear_centre=-(back - web / 2 + eccentricity),
+        warping=flange * b**3 * h**2 / 12 * (3 * b * flange + 2 * h * web) / (6 * b * flange + h * web),
+    )
+
+
+def _check_walls(room: float, wall: float) -> None:
+    if not 0 < wall < room < np.inf:
+        raise InputError(f"section: expected walls thinner than {room} m, got {wall} m")
+
+
+def _cowper(m: float, n: float, width: float, first: float, second: float, poisson: float) -> float:
+    """Return Cowper's coefficient (J. Appl. Mech. 33, 1966, 335) of a thin-walled box or I for forces along its webs.
+
+    Parameters
+    ----------
+    m, n : area of the flanges over that of the webs, and width over height, of the middle lines.
+    width, first, second : of the term n² (first m + second m²).
+    """
+    shape = 12 + 72 * m + 150 * m**2 + 90 * m**3 + poisson * (11 + 66 * m + 135 * m**2 + 90 * m**3)
+    return 10 * (1 + poisson) * (1 + 3 * m) ** 2 / (shape + width * n**2 * (first * m + second * m**2))
+
+
 def saint_venant_torsion(width: float, height: float) -> float:
     """Return the torsion constant (m⁴) of a rectangle (Timoshenko and Goodier, Theory of Elasticity, art. 109)."""
     a, b = max(width, height), min(width, height)
@@ -101,9 +215,10 @@ def euler_bernoulli(
     about_y, about_z = youngs_modulus * section.bending_y, youngs_modulus * section.bending_z
     compliance = np.zeros((6, 6))
     compliance[0, 0] = length / (youngs_modulus * section.area)
-    compliance[1, 1] = length**3 / (3 * about_z)
-    compliance[2, 2] = length**3 / (3 * about_y)
-    compliance[3, 3] = length / (shear_modulus * section.torsion)
+    compliance[1, 1] += length**3 / (3 * about_z)
+    compliance[2, 2] += length**3 / (3 * about_y)
+    turned = np.array([0.0, 0.0, section.shear_centre, -1.0, 0.0, 0.0])  # about the shear centre
+    compliance += length / (shear_modulus * section.torsion) * np.outer(turned, turned)
     compliance[4, 4] = length / about_y
     compliance[5, 5] = length / about_z
     compliance[1, 5] = compliance[5, 1] = length**2 / (2 * about_z)
@@ -122,3 +237,15 @@ def timoshenko(length: float, section: Section, youngs_modulus: float, shear_mod
     compliance[1, 1] += length / (section.shear_y * shear_modulus * section.area)
     compliance[2, 2] += length / (section.shear_z * shear_modulus * section.area)
     return compliance
+
+
+def restrained_torsion(length: float, section: Section, youngs_modulus: float, shear_modulus: float) -> float:
+    """Return the twist per torque (rad/(N m)) of a beam whose ends cannot warp, as between rigid interfaces.
+
+    Vlasov's: L / GJ (1 - tanh(λ) / λ) with λ = L / 2 √(GJ / E C_w). Saint-Venant's is L / GJ.
+    """
+    plain = length / (shear_modulus * section.torsion)
+    if not section.warping:
+        return plain
+    reach = length / 2 * (shear_modulus * section.torsion / (youngs_modulus * section.warping)) ** 0.5
+    return plain * (1 - tanh(reach) / reach)
