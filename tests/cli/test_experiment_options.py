@@ -12,6 +12,7 @@ from stiffscope.experiments.interfaces import choices
 from stiffscope.experiments.orders import order_part
 from stiffscope.robot.library import find_robot
 from stiffscope.robot.reader import load_robot
+from stiffscope.runtime.executor import Here
 
 COARSE = (
     "slider.mesh.size=40mm",
@@ -30,10 +31,11 @@ def kitchen(tmp_path_factory):
         patch.setenv("STIFFSCOPE_CACHE", str(tmp_path_factory.mktemp("cache")))
         stages: list[str] = []
 
-        def here(function, jobs, reports, _limits=None):
-            return {name: function(*words, lambda stage, _: stages.append(stage)) for name, words in jobs.items()}
+        class Told(Here):
+            def submit(self, function, /, *words, **more):
+                return super().submit(function, *words, **more | {"report": lambda stage, _: stages.append(stage)})
 
-        patch.setattr("stiffscope.runtime.workshop.work_together", here)
+        patch.setattr("stiffscope.runtime.workshop.Processes", Told)
         yield stages
 
 
