@@ -94,7 +94,7 @@ def free_superelement(experiment: Experiment) -> Superelement:
     The clamp moves with node 0 as one body and only relative motion strains the part, so its stiffness is exact. Node 0
     is ``clamp_point``; with an elastic foundation it is the ground under it.
     """
-    stiffness = block_diag(experiment.stiffness, np.diag(experiment.mode_squares))
+    stiffness = np.asarray(block_diag(experiment.stiffness, np.diag(experiment.mode_squares)), dtype=np.float64)
     return Superelement(stiffness, experiment.condensed_mass, experiment.places)
 
 

@@ -265,7 +265,7 @@ def _find_along(surface: Surface, normal: Floats, interfaces: frozenset[int]) ->
     ends, left, right, at_wall = ends[on_cap], tags[left[on_cap]], tags[right[on_cap]], at_wall[on_cap]
     first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     first /= np.linalg.norm(first)
-    axes = np.stack([first, np.cross(normal, first), normal])
+    axes = np.stack([first, np.cross(normal, first), normal]).astype(np.float64)
     flat = (vertices @ axes[:2].T)[ends].reshape(-1, 2)
     _, which, number = np.unique(np.round(flat / near).astype(np.int64), axis=0, return_index=True, return_inverse=True)
     pieces, where = np.unique(np.sort(number.reshape(-1, 2), axis=1), axis=0, return_inverse=True)

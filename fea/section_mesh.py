@@ -23,7 +23,9 @@ SEEDS, POINTS, DEPTH = 400, 400_000, 20  # on one piece, in the section, and lev
 UNFILLED = "mesh: the section of this sheet cannot be filled"
 
 
-def fill_section(corners: Floats, borders: Ints, walls: Ints, sizes: Floats, coarse: float) -> tuple[Floats, Ints]:
+def fill_section(
+    corners: Floats, borders: Ints, walls: NDArray[np.bool_], sizes: Floats, coarse: float
+) -> tuple[Floats, Ints]:
     """Return points (n, 2), the corners first, and anticlockwise triangles (k, 3) that fill a section.
 
     Parameters

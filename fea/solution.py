@@ -76,7 +76,9 @@ class Solution:
 
     def stiffness_error(self, free: Floats) -> Floats:
         """Return (m, m) 95 % bounds of the stiffness ``freeᵀ C⁻¹ free`` (6n, m), by those of the wrenches behind it."""
-        return self.levels.extrapolated(loads=np.linalg.solve(self.compliance, free)).error
+        return self.levels.extrapolated(
+            loads=np.asarray(np.linalg.solve(self.compliance, free), dtype=np.float64)
+        ).error
 
     @property
     def unknowns(self) -> int:

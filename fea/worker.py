@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytetwild
 
 if TYPE_CHECKING:
-    from stiffscope.fea.mesh import Floats, Ints
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Ints = NDArray[np.int64]
 
 
 def run_ftetwild(
@@ -29,7 +33,8 @@ def run_ftetwild(
         Of the most distorted element that may remain.
 
     """
-    return pytetwild.tetrahedralize(
-        vertices, triangles, edge_length_abs=size, epsilon=envelope, num_threads=threads, stop_energy=energy,
-        vtk_ordering=True,
+    points, cells = pytetwild.tetrahedralize(  # pyright: ignore[reportPrivateImportUsage]
+        vertices, triangles.astype(np.int32), edge_length_abs=size, epsilon=envelope, num_threads=threads,
+        stop_energy=energy, vtk_ordering=True,
     )  # fmt: skip
+    return points, cells.astype(np.int64)

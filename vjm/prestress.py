@@ -110,9 +110,9 @@ def loaded_compliance(order: Order, where: Places, gravity: Array) -> tuple[Arra
             break
     loads = _remaining_loads(order, there, where, gravity)
     mix = np.eye(1, 7)
-    nodes = {node: wrench @ mix for node, wrench in loads.nodes.items()}
+    nodes: dict[str, Array] = {node: wrench @ mix for node, wrench in loads.nodes.items()}
     nodes[END] = nodes.get(END, np.zeros((1, 6, 7))) + np.eye(6, 7, 1)
-    offsets = {name: offset @ mix for name, offset in loads.offsets.items()}
+    offsets: dict[str, Array] = {name: offset @ mix for name, offset in loads.offsets.items()}
     response = solve_loads(order, there, Loads(7, nodes, offsets, balanced=_BENT))
     work = SecondOrder(response, order.mechanism, gravity)
     unit = whole = Motion.of(response, slice(1, 7))

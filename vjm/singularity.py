@@ -60,8 +60,8 @@ def rigid_wrenches(compliance: Array, length: float) -> Array:
     null = vectors[:, values <= _RIGID * max(float(values[-1]), 1e-300)]
     if not null.shape[1]:
         return np.zeros((0, 6))
-    _, _, order = qr(null.T, pivoting=True)  # pyright: ignore[reportAssignmentType]
-    rows = np.sort(np.asarray(order)[: null.shape[1]])
+    order: NDArray[np.int64] = qr(null.T, mode="r", pivoting=True)[-1]  # pyright: ignore[reportAssignmentType]
+    rows = np.sort(order[: null.shape[1]])
     wrenches = (null @ np.linalg.inv(null[rows])).T * scale
     wrenches = np.where(np.abs(wrenches) < _ROUNDING * np.abs(wrenches).max(axis=1, keepdims=True), 0.0, wrenches)
     return wrenches / np.linalg.norm(wrenches, axis=1, keepdims=True)
@@ -70,7 +70,7 @@ def rigid_wrenches(compliance: Array, length: float) -> Array:
 def invert_stiffness(matrix: Array) -> Array:
     """Compliances of stiffnesses (n, 6, 6); NaN where the tool moves freely, or the stiffness is not known."""
     out = np.full_like(matrix, np.nan)
-    known = np.isfinite(matrix).all(axis=(1, 2))
+    known = np.asarray(np.isfinite(matrix).all(axis=(1, 2)))
     known[known] = count_freedoms(matrix[known])[0] == 0
     out[known] = np.linalg.inv(matrix[known])
     return 0.5 * (out + np.swapaxes(out, -1, -2))

@@ -318,8 +318,7 @@ def _find_matrices(order: Order, where: Places, gravity: Gravity) -> Array:
             sagged = np.zeros((1, 6))
         yielding = 0.5 * (yielding + np.swapaxes(yielding, -1, -2))
         matrix = np.full_like(yielding, np.nan)
-        known = np.isfinite(yielding).all(axis=(1, 2))
-        firm = [bool(ok) and not len(rigid_wrenches(c, order.length)) for ok, c in zip(known, yielding, strict=True)]
+        firm = [k for k, c in enumerate(yielding) if np.isfinite(c).all() and not len(rigid_wrenches(c, order.length))]
         matrix[firm] = np.linalg.inv(yielding[firm])
     parts = (matrix, yielding, sagged[..., None])
     n = max(len(part) for part in parts)

@@ -56,7 +56,7 @@ def emit(
     show: Callable[[], None] | None = None,
     *,
     manifest: Manifest | None = None,
-    fill: Callable[[Path], None] | None = None,
+    fill: Callable[[Path], object] | None = None,
     page: Callable[[Path, Sequence[Shown]], None] | None = None,
     kept: str = "",
 ) -> None:
@@ -88,7 +88,7 @@ def emit(
 def write_folder(
     out: Path,
     manifest: Manifest,
-    fill: Callable[[Path], None] | None = None,
+    fill: Callable[[Path], object] | None = None,
     page: Callable[[Path, Sequence[Shown]], None] | None = None,
     show: Callable[[], None] | None = None,
     *,

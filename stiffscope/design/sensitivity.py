@@ -195,7 +195,7 @@ class _Model:
         mechanism, found = self._assembled(robot, varied)
         state = statics.analyse(mechanism, found)
         sag = np.full((len(found), 6), np.nan)
-        firm = np.isfinite(state.compliance).all(axis=(1, 2))
+        firm = np.asarray(np.isfinite(state.compliance).all(axis=(1, 2)))
         if firm.any():
             sag[firm] = statics.sag(mechanism, found[firm])
         frequency = _first(frequencies(mechanism, found, MOST_MODES))

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
 from stiffscope.effects.effect import Candidates, Parameter, Setting
 from stiffscope.effects.elements import ALONG, ElementEffect, move_ends
+
+if TYPE_CHECKING:
+    from stiffscope.runtime.types import Array
 
 
 @dataclass(frozen=True)
@@ -21,4 +25,5 @@ class LinkLength(ElementEffect):
     def candidates(cls, setting: Setting) -> Candidates:
         """At elastic bodies."""
         for place in setting.robot.places(setting.robot.elastic):
-            yield cls(partial(move_ends, dict.fromkeys(place.members, ALONG))).at(place)
+            directions: dict[str, Array] = dict.fromkeys(place.members, ALONG)
+            yield cls(partial(move_ends, directions)).at(place)

@@ -33,6 +33,7 @@ _UNITS = ("m/N", "m/(N·m)", "rad/(N·m)")
 _RIDGE = 1e-9  # relative, by which a compliance is kept positive definite
 _NO_COMPLIANCE = 1e-30  # m/N, rad/(N·m): of a direction that does not yield
 _MOST_COMPLIANT = 100.0  # times its nominal compliance that a part may yield
+FACTOR_OF_PART = Parameter("factor", "1", 0.5, 0.2, 20.0)
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class PartCompliance(ElementEffect):
     named: ClassVar[Mapping[str, str]] = {"sliders": "slider-compliance"}
     """Word by the name of a place (the Biglide's) where it goes by another."""
     precedence = 45
-    parameters = (Parameter("factor", "1", 0.5, 0.2, 20.0), *(Parameter(entry, "SI") for entry in ENTRIES))
+    parameters = (FACTOR_OF_PART, *(Parameter(entry, "SI") for entry in ENTRIES))
     conversion = GROWTH
     of_matrix = True
 
@@ -58,10 +59,11 @@ class PartCompliance(ElementEffect):
                 effect = cls(partial(soften, robot, place.members))
                 aliases = (f"link-stiffness @ {place.name}", *others)
                 factor = {"component": place.sole, "bounds": FACTOR}
-                yield effect.at(place, cls.parameters[:1], aliases=aliases, effect=word, **factor)
+                yield effect.at(place, (FACTOR_OF_PART,), aliases=aliases, effect=word, **factor)
             if len({robot.part_of(name) for name in place.members}) == 1:
+                here = robot.compliances[next(iter(place.members))]
                 for pairs in (_SYMMETRIC_PLATE, _ALL) if len(place.members) > 1 else (_SYMMETRIC_PLATE,):
-                    matrix = _Matrix.of(robot.compliances[place.members[0]], pairs)
+                    matrix = _Matrix.of(here, pairs)
                     yield cls(partial(matrix.changes, place.members)).at(
                         place, matrix.parameters, physical=matrix.physical, internal=matrix.internal,
                         aliases=others, effect=word, flexible=True,

@@ -213,8 +213,8 @@ def deflection_bars(assembled: Assembled, poses: Any, twist: np.ndarray) -> np.n
 def stiffness_json(state: Stiffness, error: np.ndarray | None = None) -> dict[str, Any]:
     """What scripts read of the robot."""
     bars = {} if error is None else {"error": error}
-    known = np.isfinite(state.matrix).all(axis=(1, 2))
-    matrices = [k if ok else None for k, ok in zip(state.matrix, known, strict=True)]
+    known = np.asarray(np.isfinite(state.matrix).all(axis=(1, 2)))
+    matrices = [k if ok else None for k, ok in zip(state.matrix, known.tolist(), strict=True)]
     return {
         "poses": state.poses, "tool": state.tool, "stiffness": matrices, "compliance": state.compliance,
         "rigid": state.rigid, "sag": state.sag, "mobility": state.mobility, **bars, "convention": CONVENTION,

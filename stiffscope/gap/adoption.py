@@ -86,12 +86,13 @@ def _text(
     import tomlkit
 
     document = robot_document(robot, target, components)
-    former = document.pop("effects").unwrap() if "effects" in document else []
+    former: list[dict[str, Any]] = document.pop("effects").unwrap() if "effects" in document else []
     if not former:
         document.add(tomlkit.nl())
-    document["effects"] = effects = tomlkit.aot()
+    effects: Any = tomlkit.aot()
+    document["effects"] = effects
     for entry in [*former, *(_entry(effect, diagnosis, campaign) for effect in carried)]:
-        table = tomlkit.table()
+        table: Any = tomlkit.table()
         for key, value in entry.items():
             table.add(key, _inline(value) if isinstance(value, dict) else value)
         effects.append(table)
@@ -121,9 +122,9 @@ def _rounded(value: float) -> float:
     return float(f"{value:.4g}")
 
 
-def _inline(values: dict[str, Any]) -> Any:
+def _inline(values: Any) -> Any:
     import tomlkit
 
-    table = tomlkit.inline_table()
+    table: Any = tomlkit.inline_table()
     table.update(values)
     return table

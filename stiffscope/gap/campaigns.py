@@ -7,7 +7,7 @@ import dataclasses
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -143,7 +143,9 @@ def _rough_matrices(robot: RobotFile) -> dict[str, PartMatrix]:
     """Matrices of parts by beam theory, as given, or rigid."""
     sources = part_sources(robot, "beam")
     rigid = {name: np.zeros((6, 6)) for name in needed_experiments(robot, "beam") if sources[name] == "step"}
-    weightless = {name: PartMatrix(np.zeros((6, 6))) for name in sources if known_mass(robot, name) is None}
+    weightless: dict[str, Any] = {
+        name: PartMatrix(np.zeros((6, 6))) for name in sources if known_mass(robot, name) is None
+    }
     beams = {name: "beam" for name, source in sources.items() if source == "beam"}
     return part_matrices(robot, beams | rigid, weightless)
 

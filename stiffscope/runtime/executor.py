@@ -65,7 +65,7 @@ class Here(Executor):
 
     width, ended = 1, False
 
-    def submit(  # noqa: D102
+    def submit(  # noqa: D102  # pyright: ignore[reportIncompatibleMethodOverride]
         self, function: Callable[..., Any], /, *arguments: Any, name: Any = "", report: Report | None = None,
         limit: float | None = None,
     ) -> Future[Any]:  # fmt: skip
@@ -76,6 +76,9 @@ class Here(Executor):
         except Exception as error:  # noqa: BLE001 (whoever asks for the result gets it)
             future.set_exception(error)
         return future
+
+    def end(self) -> None:
+        """Nothing is under way when this is called."""
 
 
 class Processes(Executor):
@@ -100,7 +103,7 @@ class Processes(Executor):
         self._folder = self._stack.enter_context(scratch_folder())
         self._threads = ThreadPoolExecutor(self.width, initializer=block, initargs=STOPS)
 
-    def submit(
+    def submit(  # pyright: ignore[reportIncompatibleMethodOverride]
         self, function: Callable[..., Any], /, *arguments: Any, name: Any = "", report: Report | None = None,
         limit: float | None = None,
     ) -> Future[Any]:  # fmt: skip

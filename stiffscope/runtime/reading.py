@@ -93,7 +93,7 @@ def read_text(path: str | Path, what: str = "a text file", most: int = MOST_TEXT
     return text
 
 
-def why(error: Exception, path: str | Path = "") -> str:
+def why(error: BaseException, path: str | Path = "") -> str:
     """What an error of the system says of a path, in a few words."""
     if isinstance(error, ValueError):  # "embedded null byte"
         return "a name that no file can have"

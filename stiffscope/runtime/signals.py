@@ -18,7 +18,10 @@ def block(*names: str) -> set[signal.Signals]:
     """Let this thread, and processes that it starts, not see signals; returns those that it has not seen before."""
     if not hasattr(signal, "pthread_sigmask"):
         return set()
-    return set(signal.pthread_sigmask(signal.SIG_BLOCK, [getattr(signal, name) for name in names]))
+    return {
+        signal.Signals(each)
+        for each in signal.pthread_sigmask(signal.SIG_BLOCK, [getattr(signal, name) for name in names])
+    }
 
 
 @contextlib.contextmanager

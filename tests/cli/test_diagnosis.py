@@ -35,7 +35,7 @@ def test_the_published_experiment(tmp_path, capsys):
     out = tmp_path / "out"
     assert _guarded(["diagnose", "published", "--out", str(out), "--json", "-"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert found == json.loads((out / "diagnosis.json").read_text())
+    assert found | {"made_by": "stiffscope"} == json.loads((out / "diagnosis.json").read_text())
     assert found["verdict"] == "identified"
     page = (out / "report.html").read_text()
     assert page.count('<img alt="') == page.count('src="data:image/') == page.count("src=") == 5

@@ -52,7 +52,16 @@ def test_a_step_file_s_solid_yields_and_weighs(stepped):
     hanging = -9.81 * result.experiment.self_weight[2].reshape(2, 3)
     size = np.abs(hanging).max(axis=1, keepdims=True)  # what is zero by symmetry is so but for the mesh's
     np.testing.assert_allclose(state.sag[0].reshape(2, 3) / size, hanging / size, rtol=0, atol=2e-3)
-    assert set(stiffness_json(state)) == {"poses", "tool", "stiffness", "sag", "mobility", "convention"}
+    assert set(stiffness_json(state)) == {
+        "poses",
+        "tool",
+        "stiffness",
+        "compliance",
+        "rigid",
+        "sag",
+        "mobility",
+        "convention",
+    }
 
 
 def test_bounds_of_the_part_are_bounds_of_the_robot(stepped):

@@ -255,7 +255,7 @@ def test_a_page_shows_what_the_terminal_shows(tmp_path, capsys):
         show_line("  a note")
     assert capsys.readouterr().out == ""
     assert shown == [
-        Shown("T <b>", ("pose", "", "K", "why"), (("Q<1>", "", "1.5", "words"),), frozenset({"why"})),
+        Shown("T <b>", ("pose", "K", "why"), (("Q<1>", "1.5", "words"),), frozenset({"why"})),
         Shown("a note"),
     ]
     page.write_page(tmp_path / "page.html", "a <script>", ["f & g"], [Section("H", shown)])

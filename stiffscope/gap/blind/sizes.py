@@ -82,13 +82,14 @@ def _sizes_of_one(
     if effect == "rigid-ends":
         return {"length": 0.04 * float(np.mean([lab.sound.bodies[n].length for n in members]))}
     lever = max((lab.drive_lever(name) for name in members), default=1.0) if effect in _OF_DRIVES else 1.0
-    support = dict(zip(COORDINATES, [8e-9 * soft] * 3 + [8e-8 * bend] * 3, strict=True))
+    support: dict[str, float] = dict(zip(COORDINATES, [8e-9 * soft] * 3 + [8e-8 * bend] * 3, strict=True))
+    turns: dict[str, float] = dict.fromkeys(COORDINATES[3:], 0.015)
     return {
         "guide-compliance": {"lateral": 4e-9 * soft, "vertical": 4e-9 * soft, "angular": 8e-8 * bend},
         "base-compliance": support, "platform-compliance": support,
         "backlash": {"half_width": 8e-6 / lever}, "encoder-offset": {"offset": sign * 5e-5 / lever},
         "link-length": {"error": sign * 3e-5}, "thermal": {"temperature": sign * 4.0},
-        "instrument-misalignment": dict.fromkeys(COORDINATES[3:], 0.015),
+        "instrument-misalignment": turns,
     }[effect]  # fmt: skip
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -108,7 +108,7 @@ def _compare(c: Campaign, name: str, rows: Codes, value: Array, model: Array) ->
 def _varies_as_much(value: Array, model: Array) -> bool:
     """Whether values (n,) without their median vary as the model's do, with either sign."""
     size = np.linalg.norm(value) * np.linalg.norm(model)
-    return len(value) >= 2 * LEAST and abs(float(value @ model)) > _AGREE * size
+    return len(value) >= 2 * LEAST and bool(abs(float(value @ model)) > _AGREE * size)
 
 
 def _scatter(c: Campaign, rows: Codes, value: Array, model: Array) -> Array:
@@ -117,10 +117,10 @@ def _scatter(c: Campaign, rows: Codes, value: Array, model: Array) -> Array:
     columns = columns[:, np.abs(columns).max(axis=0) > 0]
     columns = columns / np.abs(columns).max(axis=0)
     weight = np.ones(len(rows))
-    left = value
+    left = np.asarray(value, dtype=float)
     for _ in range(30):
-        fit = np.linalg.lstsq(columns * weight[:, None], value * weight, rcond=1e-9)[0]
-        left = value - columns @ fit
+        fit: Any = np.linalg.lstsq(columns * weight[:, None], value * weight, rcond=1e-9)[0]
+        left = np.asarray(value - columns @ fit, dtype=float)
         weight = np.sqrt(1.0 / (1.0 + (left / max(2.0 * _spread(left), 1e-300)) ** 2))
     return left
 

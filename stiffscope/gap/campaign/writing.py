@@ -34,7 +34,7 @@ def write_campaign(
     folder.mkdir(parents=True, exist_ok=True)
     lines = "".join(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
     plain = {key: value for key, value in header.items() if not isinstance(value, Mapping)}
-    sections = {key: value for key, value in header.items() if isinstance(value, Mapping) and value}
+    sections: dict[str, Any] = {key: value for key, value in header.items() if isinstance(value, Mapping) and value}
     text = tomlkit.dumps({**plain, "readings": "readings.csv", **sections})
     (folder / "campaign.toml").write_text(lines + text, encoding="utf-8", newline="")
     out = io.StringIO(newline="")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -133,8 +133,10 @@ def true_readings(machine: Machine, plan: Plan, located: Located | None = None) 
     read = np.arange(c) if plan.sensors else np.array(plan.directions, dtype=np.int64)
     keys: list[Codes] = []
     for kind, shown in blocks:  # (p, loads, channels)
-        every = np.meshgrid(np.arange(p), np.arange(shown.shape[1]) if kind == 0 else -1, kind, read, indexing="ij")
-        keys.append(np.stack([each.ravel() for each in every]))
+        every: Any = np.meshgrid(
+            np.arange(p), np.arange(shown.shape[1]) if kind == 0 else -1, kind, read, indexing="ij"
+        )
+        keys.append(np.stack(every).reshape(4, -1))
     value = np.concatenate([shown[:, :, read].ravel() for _, shown in blocks])
     pose, load, kinds, channel = np.concatenate(keys, axis=1)
     order = np.tile(np.argsort(pose, kind="stable"), plan.repeats)

@@ -202,7 +202,7 @@ def exponents_of(unit: str) -> tuple[float, float, float] | None:
         found = dict(_registry().parse_units(unit).dimensionality)
     except Exception:  # noqa: BLE001 (as above)
         return None
-    length, mass, time = (float(found.pop(f"[{each}]", 0.0)) for each in ("length", "mass", "time"))
+    length, mass, time = (float(str(found.pop(f"[{each}]", 0.0))) for each in ("length", "mass", "time"))
     return None if found else (length, mass, time)
 
 
