@@ -1,0 +1,160 @@
+"""Arms as their authors give them: a robot file from Denavit-Hartenberg rows, and a campaign of tracked positions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import tomlkit
+
+from stiffscope.gap.campaign.writing import number_cells, write_campaign
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Row = tuple[float, float, float, float]
+
+
+def transform(row: Row, angle: float = 0.0) -> Array:
+    """A row (a, d, α, θ₀) of the standard convention as a matrix (4, 4), its joint turned by an angle, rad."""
+    a, d, alpha, start = row
+    c, s, ca, sa = np.cos(start + angle), np.sin(start + angle), np.cos(alpha), np.sin(alpha)
+    return np.array([[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1.0]])
+
+
+@dataclass(frozen=True)
+class Arm:
+    """An arm of n revolute joints; SI, base axes {O} with z up."""
+
+    name: str
+    base: Row
+    """Of what is fixed before the first joint."""
+    rows: tuple[Row, ...]
+    """(a, d, α, θ₀) behind each joint, which turns about z of the frame before its row."""
+    target: Row
+    """From the last frame to what the instrument sees."""
+    masses: tuple[float, ...]
+    drives: tuple[float, ...]
+    """N·m/rad."""
+    source: str = ""
+    """Where these come from."""
+    gravity: tuple[float, float, float] = field(default=(0.0, 0.0, -1.0))
+
+    def frames(self, angles: Array) -> Array:
+        """Frames (n + 1, 4, 4) before each joint and behind the last at joint angles (n,)."""
+        out = [transform(self.base)]
+        for row, angle in zip(self.rows, angles, strict=True):
+            out.append(out[-1] @ transform(row, angle))
+        return np.array(out)
+
+    def target_at(self, angles: Array) -> Array:
+        """Where the target is (3,) at joint angles (n,)."""
+        return (self.frames(angles)[-1] @ transform(self.target))[:3, 3]
+
+
+def write_robot(arm: Arm, home: Array, path: Path) -> None:
+    """Write an arm as a robot file.
+
+    Parameters
+    ----------
+    arm
+        Its nominal geometry, masses and drives.
+    home
+        (n,) joint angles of the home configuration, rad, away from a straight wrist.
+    path
+        The robot file.
+
+    """
+    frames = arm.frames(home)
+    points = [[round(float(v), 9) for v in frame[:3, 3]] for frame in frames]
+    data: dict[str, Any] = {"name": arm.name, "bodies": {}, "joints": {}}
+    for k, (mass, drive) in enumerate(zip(arm.masses, arm.drives, strict=True)):
+        centre = np.mean([points[k], points[k + 1]], axis=0).round(6).tolist()
+        data["bodies"][f"link{k + 1}"] = {"mass": mass, "centre": centre}
+        data["joints"][f"J{k + 1}"] = {
+            "between": [f"link{k}" if k else "ground", f"link{k + 1}"],
+            "type": "revolute",
+            "at": points[k],
+            "axis": [round(float(v), 12) for v in frames[k][:3, 2]],
+            "drive": {"stiffness": drive},
+        }
+    data["tool"] = {"body": f"link{len(arm.rows)}", "at": points[-1], "pose": ["x", "y", "z", "rx", "ry", "rz"]}
+    data["gravity"] = {"acceleration": 9.81, "direction": list(arm.gravity)}
+    head = "".join(f"# {line}\n" for line in arm.source.splitlines())
+    path.write_text(head + tomlkit.dumps(data), encoding="utf-8")
+
+
+def write_positions(
+    arm: Arm, folder: Path, home: Array, angles: Array, positions: Array, *, sigma: float, at_sigma: float
+) -> None:
+    """Write tracked positions as a campaign with its robot file.
+
+    Parameters
+    ----------
+    arm
+        The nominal arm.
+    folder
+        Made if absent.
+    home
+        (n,) joint angles of the home configuration, rad.
+    angles
+        (p, n) joint angles of each posture, rad.
+    positions
+        (p, 3) of the target in the instrument's axes, m, which may stand anywhere.
+    sigma
+        Standard uncertainty of a coordinate, m; a larger one lets the diagnosis leave more unexplained.
+    at_sigma
+        How well the target's place on the arm is known, m; a larger one leaves more of it to be found.
+
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    write_robot(arm, home, folder / "robot.toml")
+    target = {
+        "measures": "position", "frame": "tracker", "body": f"link{len(arm.rows)}",
+        "at": arm.target_at(home).round(9).tolist(), "at_sigma": at_sigma,
+    }  # fmt: skip
+    header = {
+        "robot": "robot.toml", "modelled": ["gravity"],
+        "frames": {"tracker": {"pose": "unknown"}}, "sensors": {"target": target},
+    }  # fmt: skip
+    each = np.repeat(angles - home, 3, axis=0)
+    columns = {f"q:J{k + 1}": number_cells(each[:, k]) for k in range(each.shape[1])}
+    columns["sensor"] = [f"target.{axis}" for _ in positions for axis in "xyz"]
+    columns |= {"value": number_cells(positions.ravel()), "sigma": number_cells([sigma] * positions.size)}
+    write_campaign(folder, header, columns, comment=arm.source)
+
+
+def place_instrument(seen: Array, nominal: Array) -> tuple[Array, Array, float]:
+    """Find where an instrument stands by least squares, at any rotation.
+
+    Parameters
+    ----------
+    seen
+        (p, 3) positions in the instrument's axes, m.
+    nominal
+        (p, 3) the same in base axes.
+
+    Returns
+    -------
+    rotation, origin
+        Of the instrument in {O}, (3, 3) and (3,).
+    rms
+        What is left a coordinate, m.
+
+    """
+    a, b = seen - seen.mean(axis=0), nominal - nominal.mean(axis=0)
+    u, _, v = np.linalg.svd(b.T @ a)
+    rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
+    left = b - a @ rotation.T
+    return rotation, nominal.mean(axis=0) - rotation @ seen.mean(axis=0), float(np.sqrt(np.mean(left**2)))
+
+
+def split_postures(count: int, every: int = 5) -> tuple[Sequence[int], Sequence[int]]:
+    """Postures to fit, and each ``every``-th one held out."""
+    numbers = range(count)
+    return [k for k in numbers if k % every != every - 1], [k for k in numbers if k % every == every - 1]
