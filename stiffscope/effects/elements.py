@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from stiffscope.vjm.mechanism import Mechanism
 
 
-ALONG = np.eye(6)[0]
+ALONG: Array = np.eye(6)[0]
 """Along an elastic body, or along the axis of a joint."""
 ABOUT = np.eye(6)[3]
 """About the axis of a joint."""

@@ -119,7 +119,7 @@ def _scatter(c: Campaign, rows: Codes, value: Array, model: Array) -> Array:
     weight = np.ones(len(rows))
     left = np.asarray(value, dtype=float)
     for _ in range(30):
-        fit: Any = np.linalg.lstsq(columns * weight[:, None], value * weight, rcond=1e-9)[0]
+        fit: Any = np.linalg.lstsq(columns * weight[:, None], value * weight, rcond=1e-9)[0]  # pyright: ignore[reportUnknownVariableType]
         left = np.asarray(value - columns @ fit, dtype=float)
         weight = np.sqrt(1.0 / (1.0 + (left / max(2.0 * _spread(left), 1e-300)) ** 2))
     return left

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal
+from itertools import product
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -133,10 +134,9 @@ def true_readings(machine: Machine, plan: Plan, located: Located | None = None) 
     read = np.arange(c) if plan.sensors else np.array(plan.directions, dtype=np.int64)
     keys: list[Codes] = []
     for kind, shown in blocks:  # (p, loads, channels)
-        every: Any = np.meshgrid(
-            np.arange(p), np.arange(shown.shape[1]) if kind == 0 else -1, kind, read, indexing="ij"
-        )
-        keys.append(np.stack(every).reshape(4, -1))
+        loads = range(shown.shape[1]) if kind == 0 else (-1,)
+        every = [*product(range(p), loads, (kind,), read.tolist())]
+        keys.append(np.array(every, dtype=np.int64).reshape(-1, 4).T)
     value = np.concatenate([shown[:, :, read].ravel() for _, shown in blocks])
     pose, load, kinds, channel = np.concatenate(keys, axis=1)
     order = np.tile(np.argsort(pose, kind="stable"), plan.repeats)
