@@ -15,7 +15,7 @@ class ActuatorStiffness(ElementEffect):
 
     word = "actuator-stiffness"
     precedence = 30
-    parameters = (Parameter("factor", "1", 0.2, 0.2, 2.0),)
+    parameters = (Parameter("factor", "1", 1.0, 0.02, 2.0),)
     conversion = STIFFNESS_FACTOR
     bounds = FACTOR
     blames = True

@@ -59,7 +59,7 @@ class Candidate:
     names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     scale: tuple[float, ...] = ()
-    """Prior size of the internal parameters."""
+    """Prior size of the internal parameters: a unit that follows from the robot, about which they have heavy tails."""
     plausible: tuple[tuple[float, float], ...] = ()
     """Plausible range of each physical parameter."""
     bounds: tuple[float, float] = (-np.inf, np.inf)
@@ -124,7 +124,7 @@ Candidates = Iterator[Candidate]
 
 
 class Parameter(NamedTuple):
-    """A physical parameter, SI, with the prior size of its internal one and its plausible range."""
+    """A physical parameter, SI, with the prior size of its internal one (see `Candidate`) and its plausible range."""
 
     name: str
     unit: str
@@ -171,8 +171,8 @@ class Setting:
     """Where effects may act: a robot, and how it is read. Without the latter, what can be adopted."""
 
     robot: NominalRobot
-    softness: tuple[float, float] = (1.0, 1.0)
-    """How many times softer than a machine tool's the robot is, in translation and rotation; at least 1."""
+    compliance: tuple[float, float] = (1.0, 1.0)
+    """The robot's own at M, m/N and rad/(N·m): the units of what is added elsewhere."""
     turning: Mapping[str, bool] = field(default_factory=dict[str, bool])
     """Whether a rigid body turns against gravity from pose to pose; by default it does."""
     tool_is_read: bool = True
@@ -182,12 +182,9 @@ class Setting:
     suspect: Callable[[str], bool] = _stiff
     """Whether virtual experiments on a part, which take time, are worth while."""
 
-    def soften(self, parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
-        """Added compliances, with sizes and ranges in proportion to the robot's own compliance."""
-        times = [self.softness[int(p.unit.startswith("rad"))] for p in parameters]
-        return tuple(
-            Parameter(p.name, p.unit, p.size * t, p.low * t, p.high * t) for p, t in zip(parameters, times, strict=True)
-        )
+    def in_robots_units(self, parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
+        """Added compliances, with the robot's own as their sizes."""
+        return tuple(p._replace(size=p.size * self.compliance[p.unit.startswith("rad")]) for p in parameters)
 
 
 class Effect:

@@ -20,9 +20,9 @@ class GuideCompliance(ElementEffect):
     word = "guide-compliance"
     precedence = 80
     parameters = (
-        Parameter("lateral", "m/N", 5e-9, 0.0, 1e-6),
-        Parameter("vertical", "m/N", 5e-9, 0.0, 1e-6),
-        Parameter("angular", "rad/(N·m)", 1e-7, 0.0, 1e-4),
+        Parameter("lateral", "m/N", low=0.0),
+        Parameter("vertical", "m/N", low=0.0),
+        Parameter("angular", "rad/(N·m)", low=0.0),
     )
     bounds = ADDED
     blames = True
@@ -33,4 +33,4 @@ class GuideCompliance(ElementEffect):
         slides = [joint.name for joint in setting.robot.mechanism.joints if joint.kind == "prismatic"]
         for place in setting.robot.places(slides):
             effect = cls(partial(add_diagonal, dict.fromkeys(place.members, _PATTERNS)))
-            yield effect.at(place, setting.soften(cls.parameters))
+            yield effect.at(place, setting.in_robots_units(cls.parameters))

@@ -25,9 +25,9 @@ class JointCompliance(ElementEffect):
     word = "joint-compliance"
     precedence = 40
     parameters = (
-        Parameter("radial", "m/N", 2e-9, 0.0, 1e-6),
-        Parameter("axial", "m/N", 2e-9, 0.0, 1e-6),
-        Parameter("tilting", "rad/(N·m)", 1e-6, 0.0, 1e-3),
+        Parameter("radial", "m/N", low=0.0),
+        Parameter("axial", "m/N", low=0.0),
+        Parameter("tilting", "rad/(N·m)", low=0.0),
     )
     bounds = ADDED
     blames = True
@@ -41,7 +41,7 @@ class JointCompliance(ElementEffect):
             held = [p for p in cls.parameters if any(p.name in bearings[m] for m in place.members)]
             patterns = {m: np.array([bearings[m].get(p.name, np.zeros(6)) for p in held]) for m in place.members}
             effect = cls(partial(add_diagonal, patterns))
-            yield effect.at(place, setting.soften(held))
+            yield effect.at(place, setting.in_robots_units(held))
 
 
 def held_patterns(joint: Joint) -> dict[str, Array]:

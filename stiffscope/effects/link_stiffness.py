@@ -16,7 +16,7 @@ class LinkStiffness(ElementEffect):
 
     word = "link-stiffness"
     precedence = 50
-    parameters = (Parameter("factor", "1", 0.2, 0.2, 2.0),)
+    parameters = (Parameter("factor", "1", 1.0, 0.02, 2.0),)
     conversion = STIFFNESS_FACTOR
     bounds = FACTOR
     blames = True

@@ -22,16 +22,16 @@ class Support(ElementEffect):
     """A support yields by six diagonal terms; with nine a moment about one axis turns it about others, too."""
 
     parameters = (
-        *(Parameter(name, "m/N", 1e-8, 0.0, 1e-6) for name in ("x", "y", "z")),
-        *(Parameter(name, _PER_MOMENT, 1e-7, 0.0, 1e-5) for name in ("rx", "ry", "rz")),
-        *(Parameter(name, _PER_MOMENT, 1e-7, -1e-5, 1e-5) for name in ("rxry", "rxrz", "ryrz")),
+        *(Parameter(name, "m/N", low=0.0) for name in ("x", "y", "z")),
+        *(Parameter(name, _PER_MOMENT, low=0.0) for name in ("rx", "ry", "rz")),
+        *(Parameter(name, _PER_MOMENT) for name in ("rxry", "rxrz", "ryrz")),
     )
     bounds = ADDED
 
     @classmethod
     def supports(cls, setting: Setting, place: Place) -> Candidates:
         """The effect at its place, without and with coupled rotations."""
-        effect, parameters = cls(partial(yield_support, place.sole)), setting.soften(cls.parameters)
+        effect, parameters = cls(partial(yield_support, place.sole)), setting.in_robots_units(cls.parameters)
         yield effect.at(place, parameters[:6], component=place.name)
         yield effect.at(place, parameters, component=place.name, couplings=3, physical=find_possible)
 

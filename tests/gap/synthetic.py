@@ -1,6 +1,6 @@
 """A forward model whose readings are linear in its effects: exact answers are at hand, and it costs nothing."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,7 +29,6 @@ class LinearModel:
     library: tuple
     most_effects: int = 5
     tried: tuple = ()
-    prior_sizes: np.ndarray = field(default_factory=lambda: np.geomspace(0.03, 10.0, 6))
 
     def admits(self, candidates):
         return len({c.name for c in candidates}) == len(candidates)

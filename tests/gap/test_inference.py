@@ -9,9 +9,17 @@ import pytest
 from stiffscope.gap.diagnose import conclude
 from stiffscope.gap.forward.forward_model import Noise
 from stiffscope.gap.inference.diagnosis import to_json
-from stiffscope.gap.inference.evidence import constrained_minima, errors_of, log_evidences, posterior
+from stiffscope.gap.inference.evidence import (
+    SPARSE,
+    Spreads,
+    constrained_minima,
+    errors_of,
+    log_evidences,
+    posterior,
+    spread_priors,
+)
 from stiffscope.gap.inference.findings import find
-from stiffscope.gap.inference.fitting import Problem
+from stiffscope.gap.inference.fitting import SIZES, Problem
 from stiffscope.gap.inference.lack_of_fit import lack_of_fit
 from stiffscope.gap.inference.posterior_samples import drawn, write_posterior
 from stiffscope.gap.inference.search import Search
@@ -25,6 +33,11 @@ def planted(model, **sizes):
     for key, u in sizes.items():
         value = value + model.signatures[f"effect-{key[1:]} @ place"] @ np.array(u)
     return replace(model, campaign=replace(model.campaign, value=value))
+
+
+def alone(scale):
+    """The prior of an effect whose size is known."""
+    return Spreads(np.atleast_2d(scale), np.zeros(1))
 
 
 def covariance_of(model, noise, size):
@@ -65,7 +78,7 @@ def test_evidence_with_a_discrepancy_is_that_of_the_joint_gaussian():
         whole = v + x @ np.diag(scale**2) @ x.T
         logs.append(prior - 0.5 * (np.linalg.slogdet(whole)[1] + y @ np.linalg.solve(whole, y)))
         means.append(np.diag(scale**2) @ x.T @ np.linalg.solve(whole, y))
-    found = posterior(errors, y, x, scale, np.repeat([0, 1], 2), np.zeros(4, bool), np.ones(1))
+    found = posterior(errors, y, x, [alone(scale[:2]), alone(scale[2:])], np.zeros(4, bool))
     assert found.log_evidence == pytest.approx(np.logaddexp.reduce(logs))
     assert found.plain == pytest.approx(logs[0])
     assert found.mean == pytest.approx(np.exp(logs - np.logaddexp.reduce(logs)) @ np.array(means))
@@ -83,8 +96,8 @@ def test_readings_far_more_certain_than_others_leave_inner_products_definite():
     for gram in errors.inner(made, made):
         values = np.linalg.eigvalsh(gram)
         assert values[0] > -1e-13 * values[-1]
-    scale = np.ones(x.shape[1])
-    found = posterior(errors, x[:, 0], x, scale, np.arange(len(scale)), np.zeros(len(scale), bool), model.prior_sizes)
+    priors = [spread_priors(np.ones(1), np.zeros(1, bool), SIZES)] * x.shape[1]
+    found = posterior(errors, x[:, 0], x, priors, np.zeros(len(priors), bool))
     assert np.linalg.eigvalsh(found.covariance)[0] > 0.0
 
 
@@ -94,17 +107,42 @@ def test_prior_sizes_are_averaged_effect_by_effect():
     noise = model.noise()
     x = np.hstack([model.signatures[c.name] for c in model.library]) / noise.sigma[:, None]
     y = (model.campaign.value - model.nominal) / noise.sigma + x @ [0.05, 1.0, 2.0]
-    sizes, owner = np.geomspace(0.03, 10.0, 6), np.array([0, 1, 1])
-    errors = errors_of(model.campaign, noise, -4.0)
+    errors, free = errors_of(model.campaign, noise, -4.0), np.zeros(3, bool)
+    priors = [spread_priors(np.ones(k), free[:k], SIZES) for k in (1, 2)]
     logs = [
-        posterior(errors, y, x, np.array([a, b, b]), owner, np.zeros(3, bool), np.ones(1)).log_evidence
-        for a in sizes
-        for b in sizes
+        posterior(errors, y, x, [alone(a), alone(b)], free).log_evidence + wa + wb
+        for a, wa in zip(priors[0].scales, priors[0].log_weight, strict=True)
+        for b, wb in zip(priors[1].scales, priors[1].log_weight, strict=True)
     ]
-    exact = np.logaddexp.reduce(logs) - 2 * np.log(6)
-    assert posterior(errors, y, x, np.ones(3), owner, np.zeros(3, bool), sizes).log_evidence == pytest.approx(
-        exact, abs=0.05
-    )
+    assert posterior(errors, y, x, priors, free).log_evidence == pytest.approx(np.logaddexp.reduce(logs), abs=0.05)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 6])
+def test_priors_have_a_weight_of_one_and_tails_in_proportion(count):
+    prior = spread_priors(np.full(count, 2.0), np.ones(count, bool), SIZES)
+    assert np.logaddexp.reduce(prior.log_weight) == pytest.approx(0.0)
+    whole = prior.scales[: len(SIZES)]
+    assert whole == pytest.approx(2.0 * np.repeat(SIZES[:, None], count, axis=1))
+    assert prior.log_weight[0] - prior.log_weight[2] == pytest.approx(np.log(SIZES[0] / SIZES[2]), abs=0.01)
+    few = prior.scales[len(SIZES) :] > 1e-3 * prior.scales[len(SIZES) :].max(axis=1, keepdims=True)
+    assert (count == 1) == (not len(few))
+    assert not few.all(axis=1).any()
+    shares = np.exp(prior.log_weight[len(SIZES) :])
+    per_size = [shares[few.sum(axis=1) == c].sum() for c in np.unique(few.sum(axis=1))]
+    assert per_size == pytest.approx([SPARSE / max(len(per_size), 1)] * len(per_size))
+
+
+def test_what_one_of_three_parameters_explains_costs_hardly_more_than_an_effect_of_one():
+    """A bearing that only tilts, of which two other parameters are zero, against a drive of the same signature."""
+    model = linear_model(np.random.default_rng(2), poses=6, effects=1, parameters=(3,))
+    errors, x = errors_of(model.campaign, model.noise(), -4.0), model.signatures["effect-0 @ place"] / 1e-6
+    y, up = (model.campaign.value - model.nominal) / 1e-6 + 3.0 * x[:, 0], np.ones(3, bool)
+    one = posterior(errors, y, x[:, :1], [spread_priors(np.ones(1), up[:1], SIZES)], up[:1])
+    three = posterior(errors, y, x, [spread_priors(np.ones(3), up, SIZES)], up)
+    whole = posterior(errors, y, x, [spread_priors(np.ones(3), ~up, SIZES)], up)
+    assert one.log_evidence - three.log_evidence < 4.0 < one.log_evidence - whole.log_evidence
+    assert np.abs(three.mean[1:]).max() < 1e-3
+    assert three.covariance[1, 1] > 1e-10  # that another parameter is exactly zero is not certain
 
 
 def test_scores_to_first_order_are_those_of_the_fit_where_the_model_is_linear():
@@ -346,9 +384,8 @@ def test_evidence_agrees_with_nested_sampling():
     model = planted(
         linear_model(np.random.default_rng(13), poses=4, loads=3, effects=2, parameters=(2,)), e0=(0.05, 0.0)
     )
-    model = replace(model, prior_sizes=np.ones(1))
     noise = model.noise()
-    problem = Problem(model, noise)
+    problem = Problem(model, noise, sizes=np.ones(1))
     errors = problem.errors
     x = model.signatures["effect-0 @ place"] / noise.sigma[:, None]
     y = (model.campaign.value - model.nominal) / noise.sigma

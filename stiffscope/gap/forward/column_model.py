@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -74,7 +74,6 @@ class ColumnModel:
 
     campaign: Campaign
     most_effects: int = len(AXES)
-    prior_sizes: Array = field(default_factory=lambda: np.ones(1))
 
     @property
     def library(self) -> tuple[Candidate, ...]:

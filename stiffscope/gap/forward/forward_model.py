@@ -89,11 +89,6 @@ class ForwardModel(Protocol):
         ...
 
     @property
-    def prior_sizes(self) -> Array:
-        """Multiples (s,) of the candidates' prior sizes, equally likely, ascending."""
-        ...
-
-    @property
     def most_effects(self) -> int:
         """Effects with parameters at most that a diagnosis may name: more can follow almost anything."""
         ...

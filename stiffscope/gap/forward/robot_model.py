@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -49,7 +49,6 @@ class RobotModel:
     """An effect that is left out of the library."""
     most_effects: int = 5
     tried: tuple[tuple[Candidate, ...], ...] = ()
-    prior_sizes: Array = field(default_factory=lambda: np.geomspace(0.03, 10.0, 6))
 
     def __post_init__(self) -> None:
         """Look up poses by name, and check poses, sensors and loads against the robot. Raises InputError."""

@@ -13,8 +13,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from stiffscope.gap.forward.elastic_state import ElasticState
+    from stiffscope.runtime.types import Array
 
-_SOFT = (2e-7, 2e-6)  # m/N, rad/(N·m): of a tool above which added compliances are expected to be larger in proportion
+_USUAL = (2e-7, 2e-6)  # m/N, rad/(N·m): of a tool whose translations, or rotations, nothing holds or reads
 _ROUNDING = 1e-9  # relative
 
 
@@ -30,18 +31,22 @@ def find_setting(sound: ElasticState, suspect: Callable[[str], bool] = lambda _p
 
     """
     at, c = sound.at, sound.at.campaign
-    diagonal = np.einsum("pii->pi", sound.compliance)
-    found = np.array([np.median(diagonal[:, :3]), np.median(diagonal[:, 3:])])
-    softness = np.maximum(1.0, np.nan_to_num(found) / np.array(_SOFT))
+    translation, rotation = np.split(np.einsum("pii->pi", sound.compliance), 2, axis=1)
     moving = c.sensor[c.kind <= DEVIATION]
     return Setting(
         at.robot,
-        (float(softness[0]), float(softness[1])),
+        (_median(translation, _USUAL[0]), _median(rotation, _USUAL[1])),
         {body.name: _turns(sound, body.name) for body in at.mechanism.bodies if body.elastic is None},
         bool(((c.sensor < 0) & (c.kind <= PUSH)).any()),
         {sensor.name: bool((moving == k).any()) for k, sensor in enumerate(c.sensors)},
         suspect,
     )
+
+
+def _median(compliances: Array, usual: float) -> float:
+    """Of those that are known and not zero."""
+    known = compliances[compliances > 0.0]
+    return float(np.median(known)) if known.size else usual
 
 
 def _turns(sound: ElasticState, body: str) -> bool:

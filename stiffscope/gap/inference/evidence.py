@@ -7,12 +7,16 @@ hypotheses; the discrepancy enters them by Woodbury's identity.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from scipy.special import erfc, erfcx  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
     from numpy.typing import NDArray
 
     from stiffscope.gap.campaign.campaign import Campaign
@@ -24,7 +28,10 @@ if TYPE_CHECKING:
 
 DISCREPANCIES = np.geomspace(1e-3, 0.1, 5)  # sizes relative to the readings
 _PARALLEL = 1e-12  # of the larger squared length, below which two features of a group are one
-_SWEEPS = 2  # over the effects, for their prior sizes
+_SWEEPS = 2  # over the effects, for their prior scales
+SPARSE = 1.0 / 3.0  # of an effect's weight, those of its parameters of which some are zero
+_ABSENT = 1e-6  # times its unit, what a parameter that is zero may still be
+_MOST_APART = 3  # parameters of which any may be zero
 
 
 @dataclass(frozen=True)
@@ -161,10 +168,10 @@ class Posterior:
     """(k,) of u."""
     covariance: Array
     """(k, k) of u."""
-    sizes: Array
-    """(k,) likeliest multiples of the prior sizes."""
+    scales: Array
+    """(k,) likeliest prior scales."""
     averaging: float
-    """What averaging over prior sizes adds to ``log_evidence``."""
+    """What averaging over prior scales adds to ``log_evidence``."""
     settings: Array
     """(q,) probabilities of the errors' settings."""
     plain: float
@@ -175,15 +182,64 @@ class Posterior:
     """Rms of the discrepancy's relative size."""
 
 
-def posterior(
-    errors: Errors, y: Array, x: Array, scale: Array, owner: Codes, positive: Flags, sizes: Array
-) -> Posterior:
+@dataclass(frozen=True)
+class Spreads:
+    """Prior of one effect's parameters: normal, of scales of which one holds."""
+
+    scales: Array
+    """(c, k)."""
+    log_weight: Array
+    """(c,) ln of how likely each is."""
+
+
+def spread_priors(scale: Array, positive: Flags, sizes: Array) -> Spreads:
+    """Scales of an effect's parameters: one unknown size in units of their own, with heavy tails.
+
+    The size is half-Cauchy: equally likely by its logarithm about one, and ever less likely in proportion beyond.
+    Where parameters cannot be negative, some of them may be exactly zero: a bearing that only tilts.
+
+    Parameters
+    ----------
+    scale
+        (k,) unit of each parameter.
+    positive
+        (k,) which of them cannot be negative: where all are, subsets of them may be zero.
+    sizes
+        (s,) sizes on a grid of equal ratios.
+    """
+    if not len(scale):
+        return Spreads(np.zeros((1, 0)), np.zeros(1))
+    weight = 1.0 / np.cosh(np.log(sizes))
+    log = np.log(weight / weight.sum())
+    whole = sizes[:, None] * scale
+    few = _subsets(len(scale)) if positive.all() else np.zeros((0, len(scale)), dtype=np.bool_)
+    if not len(few):
+        return Spreads(whole, log)
+    count = few.sum(axis=1)
+    alike = np.array([np.sum(count == c) for c in count])
+    share = np.log(SPARSE / len(np.unique(count)) / alike)
+    left = sizes[:, None] * np.where(few, scale, _ABSENT * scale)[:, None, :]
+    scales = np.concatenate([whole, left.reshape(-1, len(scale))])
+    return Spreads(scales, np.concatenate([np.log1p(-SPARSE) + log, (share[:, None] + log).ravel()]))
+
+
+@cache
+def _subsets(count: int) -> Flags:
+    """Subsets (m, count) of parameters that may be all that are not zero: of many, single ones and halves."""
+    if count > _MOST_APART:
+        halves = np.repeat([[True, False], [False, True]], [count // 2, count - count // 2], axis=1).reshape(2, count)
+        return np.concatenate([np.eye(count, dtype=np.bool_), halves])
+    codes = np.arange(1, 2**count - 1)
+    return (codes[:, None] >> np.arange(count) & 1).astype(np.bool_)
+
+
+def posterior(errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], positive: Flags) -> Posterior:
     """Posterior of u for a linear hypothesis, on the readings that are used.
 
-    The prior is ``u ~ N(0, diag(m scale)²)`` with a size m of its own for every effect from a grid, equally likely;
-    where u cannot be negative it is the half above zero. The errors' settings are summed over. Sizes are averaged
-    effect by effect about the likeliest, exact for one effect, and widen each effect's own uncertainties. Laplace's
-    approximation at the constrained optimum, exact without constraints.
+    The prior is normal with a scale of its own for every effect, of those that may be; where u cannot be negative it
+    is the half above zero. The errors' settings are summed over. Scales are averaged effect by effect about the
+    likeliest, exact for one effect, and widen each effect's own uncertainties. Laplace's approximation at the
+    constrained optimum, exact without constraints.
 
     Parameters
     ----------
@@ -193,10 +249,10 @@ def posterior(
         (n,) in units of sigma.
     x
         (n, k) in the same units.
-    scale, owner, positive
-        (k,) prior size, the number of the effect it belongs to, and whether negative values are impossible.
-    sizes
-        (s,) grid of m.
+    priors
+        Of each effect, in the order of its columns.
+    positive
+        (k,) whether negative values are impossible.
 
     References
     ----------
@@ -204,31 +260,29 @@ def posterior(
 
     """
     projected = errors.project(np.column_stack([x, y]))
-    inner, k = errors.inner(projected, projected), len(scale)
+    inner, k = errors.inner(projected, projected), x.shape[1]
     grams, pulls, totals = inner[:, :k, :k], inner[:, :k, k], inner[:, k, k]
+    ends = np.cumsum([0, *(prior.scales.shape[1] for prior in priors)])
+    own = [np.arange(start, end) for start, end in pairwise(ends.tolist())]
 
-    def logs_of(multiples: Array) -> Array:
-        """Ln evidence (q, s) for prior sizes (s, k)."""
-        return log_evidences(grams, pulls, totals, errors.log_weight, multiples * scale, positive)[0]
+    def logs_of(scales: Array) -> Array:
+        """Ln evidence (s,) for prior scales (s, k)."""
+        return _sum(log_evidences(grams, pulls, totals, errors.log_weight, scales, positive)[0], axis=0)
 
-    def moments_of(multiples: Array) -> tuple[Array, Array, Array]:
-        """Ln evidence (q, s), means (q, s, k) and covariances (q, s, k, k) for prior sizes (s, k)."""
-        log, means, cores = log_evidences(grams, pulls, totals, errors.log_weight, multiples * scale, positive)
-        spread = multiples * scale
-        return log, means, spread[:, :, None] * np.linalg.inv(cores) * spread[:, None, :]
+    def moments_of(scales: Array) -> tuple[Array, Array, Array]:
+        """Ln evidence (q, s), means (q, s, k) and covariances (q, s, k, k) for prior scales (s, k)."""
+        log, means, cores = log_evidences(grams, pulls, totals, errors.log_weight, scales, positive)
+        return log, means, scales[:, :, None] * np.linalg.inv(cores) * scales[:, None, :]
 
-    tried = np.repeat(sizes[:, None], k, axis=1)
-    logs = _sum(logs_of(tried), axis=0)
-    chosen = tried[int(np.argmax(logs))]
-    count = int(owner.max()) + 1 if k else 0
-    averaging = float(_sum(logs) - logs.max()) - np.log(len(sizes)) if count == 1 else 0.0
-    for _ in range(_SWEEPS if count > 1 and len(sizes) > 1 else 0):
+    chosen, averaging = _likeliest_together(priors, logs_of), 0.0
+    for _ in range(_SWEEPS if len(priors) > 1 else len(priors)):
         averaging, before = 0.0, chosen
-        for effect in range(count):
-            tried = np.where(owner == effect, sizes[:, None], chosen)
-            logs = _sum(logs_of(tried), axis=0)
-            chosen = tried[int(np.argmax(logs))]
-            averaging += float(_sum(logs) - logs.max()) - float(np.log(len(sizes)))
+        for prior, mine in zip(priors, own, strict=True):
+            tried = _with(chosen, mine, prior.scales)
+            logs = logs_of(tried)
+            best = int(np.argmax(logs + prior.log_weight))
+            chosen = tried[best]
+            averaging += float(_sum(logs + prior.log_weight) - logs[best])
         if np.array_equal(before, chosen):
             break
     log, means, covariances = moments_of(chosen[None])
@@ -236,10 +290,11 @@ def posterior(
     mean = share @ means[:, 0]
     covariance = _spread(share[:, None], means, covariances, mean)
     wider = np.ones(k)
-    for effect in range(count if len(sizes) > 1 else 0):  # by how much, as its prior size is not known either
-        logs, means, covariances = moments_of(np.where(owner == effect, sizes[:, None], chosen))
+    for prior, mine in zip(priors, own, strict=True):  # by how much, as its prior scale is not known either
+        logs, means, covariances = moments_of(_with(chosen, mine, prior.scales))
+        logs = logs + prior.log_weight
         variance = np.diagonal(_spread(np.exp(logs - _sum(logs)), means, covariances, mean))
-        wider = np.where(owner == effect, np.sqrt(variance / np.diagonal(covariance)).clip(min=1.0), wider)
+        wider[mine] = np.sqrt(variance / np.diagonal(covariance)).clip(min=1.0)[mine]
     covariance = wider[:, None] * covariance * wider
     return Posterior(
         float(_sum(log[:, 0])) + averaging,
@@ -252,6 +307,20 @@ def posterior(
         float(np.exp(share @ np.log(errors.factors))),
         float(np.sqrt(share @ errors.sizes**2)),
     )
+
+
+def _likeliest_together(priors: Sequence[Spreads], logs_of: Callable[[Array], Array]) -> Array:
+    """Prior scales (k,): the likeliest of those where all effects have a place in the order of their own."""
+    count = min((len(prior.scales) for prior in priors), default=1)
+    tried = np.concatenate([np.zeros((count, 0)), *(prior.scales[:count] for prior in priors)], axis=1)
+    return tried[int(np.argmax(logs_of(tried)))]
+
+
+def _with(chosen: Array, mine: Codes, scales: Array) -> Array:
+    """Prior scales (s, k): those chosen (k,), with some of them in turn from (s, m)."""
+    tried = np.repeat(chosen[None], len(scales), axis=0)
+    tried[:, mine] = scales
+    return tried
 
 
 def _spread(weight: Array, means: Array, covariances: Array, about: Array) -> Array:

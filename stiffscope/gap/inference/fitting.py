@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -12,8 +12,8 @@ import numpy as np
 
 from stiffscope.effects.vocabulary import word_of
 from stiffscope.errors import InputError
-from stiffscope.gap.inference.evidence import constrained_minima, errors_of, posterior
-from stiffscope.gap.inference.hypothesis import Hypothesis, bounded, owner_of, positive_of, scale_of, split
+from stiffscope.gap.inference.evidence import constrained_minima, errors_of, posterior, spread_priors
+from stiffscope.gap.inference.hypothesis import Hypothesis, bounded, positive_of, scale_of, split
 from stiffscope.gap.inference.plausibility import implausible
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from stiffscope.gap.forward.forward_model import Candidate, ForwardModel, Noise, Prediction
-    from stiffscope.gap.inference.evidence import Errors, Posterior, Projection
+    from stiffscope.gap.inference.evidence import Errors, Posterior, Projection, Spreads
 
     Array = NDArray[np.floating[Any]]
 
@@ -32,6 +32,7 @@ STRANGE = 0.01  # of an effect's odds, those of its parameters beyond what is pl
 MARGIN = 30.0  # ln-odds behind the best to first order up to which a set is fitted,
 DOUBT = 0.2  # or this share of the best one's gain, since first order errs by a share of it
 CURVED = 0.1  # error of the linear prediction, over the change predicted, from which derivatives are taken anew
+SIZES = np.geomspace(1e-3, 1e3, 9)  # of effects, in units of their own
 _STEPS = 12  # of Gauss-Newton
 _CONVERGED = 1e-3  # of the cost, χ² with the prior's: a step that lowers it by less is not taken,
 _SETTLED = 0.05  # and one by less than this is the last
@@ -71,6 +72,8 @@ class Problem:
     odds: float = PRIOR_ODDS
     widening: float = 1.0
     """Factor on all prior sizes."""
+    sizes: Array = field(default_factory=lambda: SIZES)
+    """(s,) of effects in units of their own, on a grid of equal ratios."""
 
     @cached_property
     def _known(self) -> Counter[str]:
@@ -97,10 +100,23 @@ class Problem:
         """Distribution of the readings about a hypothesis; a discrepancy is as likely as a kind of patterns."""
         return errors_of(self.model.campaign, self.noise, float(np.log(self._odds_of_pattern(""))))
 
+    def spreads_of(self, candidate: Candidate) -> Spreads:
+        """Prior of a candidate's parameters."""
+        known = self._spreads.get(id(candidate))
+        if known is None:
+            unit = self.widening * np.array(candidate.scale)
+            found = spread_priors(unit, np.array(candidate.one_sided, dtype=np.bool_), self.sizes)
+            known = self._spreads[id(candidate)] = candidate, found
+        return known[1]
+
+    def rough_spreads_of(self, candidate: Candidate) -> Spreads:
+        """The same on half as many sizes and without subsets of its parameters, which a score can do without."""
+        unit, free = self.widening * np.array(candidate.scale), np.zeros(len(candidate.scale), dtype=np.bool_)
+        return spread_priors(unit, free, self.sizes[::2])
+
     @cached_property
-    def sizes(self) -> Array:
-        """Multiples (s,) of the candidates' prior sizes."""
-        return self.widening * self.model.prior_sizes
+    def _spreads(self) -> dict[int, tuple[Candidate, Spreads]]:
+        return {}
 
     def log_prior(self, candidates: Sequence[Candidate]) -> float:
         """Ln prior odds of a set of effects against none."""
@@ -113,8 +129,8 @@ class Problem:
 
     def posterior(self, candidates: Sequence[Candidate], y: Array, x: Array) -> Posterior:
         """Posterior of the parameters of ``y = X u + errors``, without the prior odds of the set."""
-        scale, owner = scale_of(candidates), owner_of(candidates)
-        return posterior(self.errors, y, x, scale, owner, positive_of(candidates), self.sizes)
+        priors = [self.spreads_of(c) for c in candidates if c.scale]
+        return posterior(self.errors, y, x, priors, positive_of(candidates))
 
     def reweighted(self, hypothesis: Hypothesis) -> float:
         """Ln of evidence times prior odds of a hypothesis that was fitted under another prior."""
@@ -146,22 +162,22 @@ class Problem:
             return Hypothesis((*((c, ()) for c in candidates),), residual, slopes, log, known)
         if len(candidates) > 1 and log < target - MARGIN - DOUBT * abs(log - self._nominal_evidence):
             return Hypothesis(split(candidates, u), residual, slopes, log, known, converged=False)
-        setting, sizes = int(np.argmax(known.settings)), np.full(len(u), self.sizes[-1])
-        u, residual, slopes, short = self._descend(candidates, u, residual, slopes, setting, sizes)
+        setting, scales = int(np.argmax(known.settings)), self.widening * self.sizes[-1] * scale_of(candidates)
+        u, residual, slopes, short = self._descend(candidates, u, residual, slopes, setting, scales)
         if short > MARGIN:
             u_safe, there = self._start(candidates, safe, safe)
-            again = self._descend(candidates, u_safe, *there, setting, sizes)
+            again = self._descend(candidates, u_safe, *there, setting, scales)
             if again[3] < short:
                 u, residual, slopes, short = again
         known = self.posterior(candidates, residual + slopes @ u, slopes)
-        seen = {(setting, sizes.tobytes())}
+        seen = {(setting, scales.tobytes())}
         for _ in range(_REPEATED):  # what the start left may have looked like a discrepancy, or like a larger one
-            setting, sizes = int(np.argmax(known.settings)), known.sizes
+            setting, scales = int(np.argmax(known.settings)), known.scales
             behind = known.log_evidence + self.log_prior(candidates) < target - MARGIN
-            if behind or (setting, sizes.tobytes()) in seen:
+            if behind or (setting, scales.tobytes()) in seen:
                 break
-            seen.add((setting, sizes.tobytes()))
-            u, residual, slopes, short = self._descend(candidates, u, residual, slopes, setting, sizes)
+            seen.add((setting, scales.tobytes()))
+            u, residual, slopes, short = self._descend(candidates, u, residual, slopes, setting, scales)
             known = self.posterior(candidates, residual + slopes @ u, slopes)
         log = known.log_evidence - 0.5 * short
         found = Hypothesis(split(candidates, u), residual, slopes, log, known, stuck=short > MARGIN)
@@ -172,15 +188,15 @@ class Problem:
         return self.posterior((), self.nominal_residual, np.zeros((len(self.noise.sigma), 0))).log_evidence
 
     def _descend(
-        self, candidates: Sequence[Candidate], u: Array, residual: Array, slopes: Array, setting: int, sizes: Array
+        self, candidates: Sequence[Candidate], u: Array, residual: Array, slopes: Array, setting: int, scales: Array
     ) -> tuple[Array, Array, Array, float]:
         """Gauss-Newton steps in one setting of the errors, damped where the cost would grow.
 
-        sizes: (k,) of the prior, as multiples of the candidates' own. The last number that is returned is by how much
+        scales: (k,) of the prior. The last number that is returned is by how much
         the cost stays above what the last derivatives promise: where a fit comes to the end of what can be assembled,
         its evidence must not count what lies beyond.
         """
-        prior, positive, k = (sizes * scale_of(candidates)) ** -2.0, positive_of(candidates), len(u)
+        prior, positive, k = scales**-2.0, positive_of(candidates), len(u)
 
         def inner_of(residual: Array, slopes: Array) -> Array:
             return self.errors.inner_at(setting, np.column_stack([slopes, residual]))

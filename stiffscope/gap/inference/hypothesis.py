@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from stiffscope.gap.inference.evidence import Posterior
 
     Array = NDArray[np.floating[Any]]
-    Codes = NDArray[np.int64]
     Flags = NDArray[np.bool_]
 
 
@@ -70,8 +69,8 @@ class Hypothesis:
 
     @property
     def prior_precision(self) -> Array:
-        """(k,) of the internal parameters, in the likeliest prior sizes."""
-        return (self.known.sizes * scale_of(self.candidates)) ** -2.0
+        """(k,) of the internal parameters, in the likeliest prior scales."""
+        return self.known.scales**-2.0
 
     @property
     def covariance(self) -> Array:
@@ -101,12 +100,6 @@ def forms_of(candidates: Iterable[Candidate]) -> frozenset[tuple[str, int]]:
 def scale_of(candidates: Sequence[Candidate]) -> Array:
     """Prior sizes (k,) of the internal parameters of effects."""
     return joined(c.scale for c in candidates)
-
-
-def owner_of(candidates: Sequence[Candidate]) -> Codes:
-    """Number (k,) of the effect that each internal parameter belongs to, counting those that have any."""
-    counts = [len(c.scale) for c in candidates if c.scale]
-    return np.repeat(np.arange(len(counts)), counts).astype(np.int64)
 
 
 def joined(values: Iterable[Any]) -> Array:

@@ -201,7 +201,7 @@ class Search:
                 continue
             if self.problem.model.admits((*hypothesis.candidates, candidate)):
                 alike.setdefault(candidate.one_sided, []).append(number)
-        base = hypothesis.known.sizes * scale_of(hypothesis.candidates)
+        base = hypothesis.known.scales
         prior = hypothesis.known.averaging + self.problem.log_prior(hypothesis.candidates)
         for one_sided, numbers in alike.items():
             m = len(one_sided)
@@ -217,20 +217,18 @@ class Search:
                 else:
                     pulls[at] -= mixed[:, 0, :k]
                     totals[at] += block[:, 0, 0] - 2.0 * mixed[:, 0, k]
-            scales = np.empty((len(numbers), len(self.problem.sizes) if m else 1, k + m))
+            priors = [self.problem.rough_spreads_of(library.candidates[number]) for number in numbers]
+            scales = np.empty((len(numbers), len(priors[0].scales), k + m))
             scales[..., :k] = base
-            for at, number in enumerate(numbers):
-                scales[at, :, k:] = self.problem.sizes[: scales.shape[1], None] * np.array(
-                    library.candidates[number].scale
-                )
+            scales[..., k:] = [prior.scales for prior in priors]
             positive = np.append(positive_of(hypothesis.candidates), np.array(one_sided, dtype=np.bool_))
             logs, means, _ = log_evidences(grams, pulls, totals, self.problem.errors.log_weight, scales, positive)
-            for number, log, mean in zip(numbers, logs, means, strict=True):
-                candidate = library.candidates[number]
+            for number, prior_of, log, mean in zip(numbers, priors, logs, means, strict=True):
+                candidate, log = library.candidates[number], log + prior_of.log_weight  # noqa: PLW2901
                 best = np.unravel_index(np.argmax(log), log.shape)
                 if m and not mean[best][k:].any():  # a discrepancy took up all that a one-sided effect could explain
                     best = np.unravel_index(np.argmax(np.where(without[:, None], log, -np.inf)), log.shape)
-                odds = prior + self.problem.log_prior([candidate]) - float(np.log(log.shape[1]))
+                odds = prior + self.problem.log_prior([candidate])
                 total, plain = (float(np.logaddexp.reduce(part.ravel())) for part in (log, log[without]))
                 candidates = (*hypothesis.candidates, candidate)
                 heights = (total + odds, plain + odds)
