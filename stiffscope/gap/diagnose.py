@@ -28,7 +28,7 @@ from stiffscope.gap.inference.location import located, signature_correlation
 from stiffscope.gap.inference.plausibility import implausible, own_part, physical_sigma, plausible
 from stiffscope.gap.inference.posterior_samples import drawn
 from stiffscope.gap.inference.residuals import percent_noise
-from stiffscope.gap.inference.verdict import doubtful, judged, shares
+from stiffscope.gap.inference.verdict import doubtful, judged, settled, shares
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -87,7 +87,8 @@ def forward_model(campaign: Campaign, robot: NominalRobot | None) -> ForwardMode
 
 def conclude(found: Findings) -> Diagnosis:
     """The verdict on a search, with every number that goes with it."""
-    judgement = judged(found)
+    others = _under_other_priors(found)
+    judgement = settled(found, judged(found), others)
     reported = judgement.hypothesis
     joint = found.best if reported.names <= found.best.names else reported
     if judgement.verdict == "partly":  # what is left shows in the values, too
@@ -116,7 +117,10 @@ def conclude(found: Findings) -> Diagnosis:
         _steps(gap, effects),
         signature_correlation(found),
         _possible(found, judgement),
-        _sensitivity(found, judgement),
+        tuple(
+            Sensitivity(prior, judged(other).verdict, {c.name: other.stated(c.name) for c in judgement.effects})
+            for prior, other in others.items()
+        ),
         check,
         drawn(found, joint if effects else reported, judgement.effects, held_out),
     )
@@ -184,8 +188,8 @@ def _possible(found: Findings, judgement: Judgement) -> tuple[Possible, ...]:
     return tuple(Possible(*name.split(" @ ", 1), p) for name, p in rows if p >= POSSIBLE)  # type: ignore[arg-type]
 
 
-def _sensitivity(found: Findings, judgement: Judgement) -> tuple[Sensitivity, ...]:
-    """The verdict where the prior odds of an effect, or its prior sizes, are ten times as large or as small."""
+def _under_other_priors(found: Findings) -> dict[str, Findings]:
+    """The same hypotheses where prior odds of an effect, or prior sizes, are ten times as large or as small."""
     problem = found.problem
     others = {
         "odds of an effect × 10": replace(problem, odds=problem.odds * FACTOR),
@@ -193,12 +197,7 @@ def _sensitivity(found: Findings, judgement: Judgement) -> tuple[Sensitivity, ..
         "prior sizes × 10": replace(problem, widening=FACTOR),
         "prior sizes / 10": replace(problem, widening=1.0 / FACTOR),
     }
-    out: list[Sensitivity] = []
-    for prior, other in others.items():
-        under = found.under(other)
-        named = {c.name: under.stated(c.name) for c in judgement.effects}
-        out.append(Sensitivity(prior, judged(under).verdict, named))
-    return tuple(out)
+    return {prior: found.under(other) for prior, other in others.items()}
 
 
 def _held_out_check(found: Findings, hypothesis: Hypothesis, residual: Array) -> tuple[HeldOut | None, Array]:

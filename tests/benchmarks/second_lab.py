@@ -1,8 +1,8 @@
 """A second laboratory: single effects whose sizes follow the robot over decades, by mechanics of their own.
 
-Loops, joints and elements are those of ``tests.vjm.oracle`` (maximal coordinates, dense), nothing of the library but the
-description of the robot; effects are built into the network's elements, exactly. Sizes are drawn log-uniformly: of a
-drive and a link by their factors, of a bearing, the base and the tool from 0.02 to 3 times the robot's own compliance.
+Loops, joints and elements are those of ``tests.vjm.oracle`` (maximal coordinates, dense), nothing of the library but
+the description of the robot; effects are built into the network's elements, exactly. Sizes are drawn log-uniformly: of
+a drive and a link by their factors, of bearings, base and tool from 0.02 to 3 times the robot's own compliance.
 """
 
 import re
@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from stiffscope.gap.campaign.campaign import Campaign
-from stiffscope.gap.forward.robot_model import RobotModel
-from stiffscope.robot.effects import NominalRobot
+from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
@@ -198,8 +197,3 @@ def scored(diagnosis, names):
         return "right" if all(hit) and hit else "false"
     possible = any(f"{p.effect} @ {p.place}" in names for p in diagnosis.possible)
     return "honest" if diagnosis.verdict == "ambiguous" and (any(hit) or possible) else "missed"
-
-
-def model_of(campaign, robot):
-    """The forward model of a campaign."""
-    return RobotModel(campaign, robot)

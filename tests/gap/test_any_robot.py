@@ -8,15 +8,60 @@ import pytest
 from stiffscope.data import FOLDER
 from stiffscope.effects.vocabulary import apply_effect
 from stiffscope.gap.campaign.readings import load_campaign
-from stiffscope.gap.diagnose import diagnose
+from stiffscope.gap.diagnose import conclude, diagnose
 from stiffscope.gap.forward.robot_model import RobotModel
+from stiffscope.gap.inference.findings import find
 from stiffscope.gap.inference.residuals import by_sensor
 from stiffscope.gap.lab.faults import inject
 from stiffscope.gap.lab.measuring import Noise, Plan, Sensor
 from stiffscope.gap.lab.measuring import measure as taken
 from stiffscope.gap.lab.response import Spot
+from tests.benchmarks.second_lab import campaign_of
 from tests.gap.test_robot_model import nominal, readings
 from tests.labs import machine
+
+
+def resized(robot, length, stiffness):
+    """A robot so many times as large, and as stiff in N/m."""
+    twist = np.repeat([1.0, 1.0 / length], 3)
+    m = robot.mechanism
+
+    def soft(c):
+        return None if c is None else c * np.outer(twist, twist) / stiffness
+
+    def drive(joint):
+        turns = length**2 if joint.kind == "revolute" else 1.0
+        return joint.drive and replace(joint.drive, stiffness=joint.drive.stiffness * stiffness * turns)
+
+    bodies = tuple(
+        b if b.elastic is None else
+        replace(b, elastic=replace(b.elastic, places=length * b.elastic.places, compliance=soft(b.elastic.compliance)))
+        for b in m.bodies
+    )  # fmt: skip
+    joints = tuple(replace(j, at=length * j.at, compliance=soft(j.compliance), drive=drive(j)) for j in m.joints)
+    mechanism = replace(m, bodies=bodies, joints=joints, tool=replace(m.tool, at=length * m.tool.at))
+    return replace(robot, mechanism=mechanism)
+
+
+@pytest.mark.parametrize(("number", "seed"), [(0, 1), (1, 3), (3, 1), (5, 1), (6, 1)])
+def test_a_robot_of_another_size_and_stiffness_gets_the_same_answer(number, seed):
+    """Loads, readings and noise in proportion: no effect has a favourite size."""
+    campaign, planted, robot = campaign_of("five-bar", number, seed)
+    answers = []
+    for length, stiffness in ((1.0, 1.0), (4.0, 1e3), (0.3, 1e-3)):
+        c = replace(
+            campaign,
+            poses=length * campaign.poses,
+            wrench=campaign.wrench * length * stiffness * np.repeat([1.0, length], 3),
+            value=campaign.value * np.where(campaign.direction < 3, length, 1.0),
+            sigma=campaign.sigma * np.where(campaign.direction < 3, length, 1.0),
+        )
+        model = RobotModel(c, resized(robot, length, stiffness), without="part-dimension")  # the file has its own size
+        found = conclude(find(model))
+        answers.append((found.verdict, {f"{e.effect} @ {e.place}": e.probability for e in found.effects}))
+    for verdict, named in answers[1:]:
+        assert (verdict, named) == (answers[0][0], pytest.approx(answers[0][1], abs=0.1))
+    assert answers[0][0] == ("identified" if planted.name else "no-gap")
 
 
 def measured(robot, true, quantities, spread, seed=1):

@@ -149,9 +149,10 @@ class Findings:
         same = {self._same(each) for each in listed}
         aliases = [a for a in (*own.aliases, *self._canonical) if self._same(a) in same and a not in listed]
         competing = self._in_place_of.get(name, set())  # with more parameters, or fewer, under a name of its own
-        first = [alias for alias in aliases if alias in competing]
+        first = [alias for alias in aliases if alias in competing and self._same(alias) == self._same(name)]
         others = tuple(dict.fromkeys([*first, *listed[1:], *aliases]))[:CONFUSED]
-        return Group(others, self._at_work(listed), known, bool(elsewhere))
+        whole = self._at_work([name, *others])  # what there is no place for is not part of it
+        return Group(others, whole, min(known, whole), bool(elsewhere))
 
     @cached_property
     def imitating(self) -> dict[str, list[Candidate]]:

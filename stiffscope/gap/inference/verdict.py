@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,7 @@ from stiffscope.gap.inference.lack_of_fit import lack_of_fit, model_errors
 from stiffscope.gap.inference.plausibility import implausible
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -81,6 +81,27 @@ def judged(found: Findings) -> Judgement:
         return Judgement("no-gap", (), none, tuple(strange))
     known = found.of(best.words)
     return Judgement("ambiguous", known.words, known, tuple(few))
+
+
+def settled(found: Findings, judgement: Judgement, others: Mapping[str, Findings]) -> Judgement:
+    """A verdict that its own checks carry: "ambiguous" where under another prior an effect loses its place.
+
+    Parameters
+    ----------
+    found, judgement
+        A search and its verdict.
+    others
+        The same hypotheses under other priors, by what these are.
+
+    """
+    for prior, other in others.items() if judgement.verdict == "identified" else ():
+        names = [c.name for c in judgement.effects]
+        lost = [name for name in names if not other.best.names & {name, *found.group(name).others}]
+        if lost:
+            instead = " and ".join(sorted(other.best.names)) or "no effect"
+            text = f"not {' and '.join(lost)} but {instead} is likeliest with {prior}"
+            return replace(judgement, verdict="ambiguous", remarks=(*judgement.remarks, text))
+    return judgement
 
 
 def _named(found: Findings, kept: Hypothesis, strange: Sequence[str]) -> Judgement:
