@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from stiffscope.gap.campaign.campaign import Campaign
-from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
 from tests.vjm import oracle
