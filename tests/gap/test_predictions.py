@@ -13,7 +13,7 @@ from stiffscope.gap.diagnose import diagnose
 from stiffscope.gap.forward.column_model import ColumnModel
 from stiffscope.gap.forward.forward_model import Noise
 from stiffscope.gap.inference.diagnosis import to_json
-from stiffscope.gap.inference.evidence import Errors, posterior
+from stiffscope.gap.inference.evidence import Errors, Spreads, posterior
 from stiffscope.gap.inference.experiment_design import next_measurement
 from stiffscope.gap.inference.findings import find
 from stiffscope.gap.inference.fitting import Problem
@@ -174,9 +174,14 @@ def test_evidence_is_that_of_the_joint_gaussian():
     exact += 0.5 * 9 * np.log(2 * np.pi)  # which is the same for all hypotheses and left out
     for scaled in (none, all_of_it):
         noise = Noise(np.ones(9), all_of_it, scaled, np.ones(3))
-        found = posterior(plain(noise), y, X, prior, np.arange(2), np.zeros(2, dtype=bool), np.ones(1))
+        found = posterior(plain(noise), y, X, [known(prior[:1]), known(prior[1:])], np.zeros(2, dtype=bool))
         assert found.log_evidence == pytest.approx(exact)
         assert found.covariance == pytest.approx(np.linalg.inv(np.diag(prior**-2) + X.T @ X))
+
+
+def known(scale):
+    """The prior of an effect of one parameter whose size is known."""
+    return Spreads(np.reshape(scale, (1, 1)), np.zeros(1))
 
 
 def plain(noise):
@@ -198,7 +203,7 @@ def test_an_unknown_noise_factor_is_integrated_out():
         densities.append(np.exp(-0.5 * (np.linalg.slogdet(covariance)[1] + y @ np.linalg.solve(covariance, y))))
         means.append(float(0.25 * X[:, 0] @ np.linalg.solve(covariance, y)))
     noise = Noise(np.ones(8), np.ones(8, dtype=bool), scaled, factors)
-    found = posterior(plain(noise), y, X, np.array([0.5]), np.zeros(1, dtype=int), np.zeros(1, dtype=bool), np.ones(1))
+    found = posterior(plain(noise), y, X, [known(0.5)], np.zeros(1, dtype=bool))
     assert found.log_evidence == pytest.approx(np.log(np.mean(densities)))
     assert found.mean[0] == pytest.approx(np.average(means, weights=densities))
     assert np.log(found.noise_factor) == pytest.approx(np.average(np.log(factors), weights=densities))
