@@ -149,7 +149,7 @@ def test_derivatives_are_those_of_full_reassembly(name):
         column = prediction.columns(candidate)
         k = len(candidate.scale) // 2
         step = np.zeros(len(candidate.scale))
-        step[k] = 1e-2 * candidate.scale[k]
+        step[k] = 3e-4 * candidate.scale[k]
         ahead = read(robot, change_elements(robot.mechanism, candidate.action.changes(step)), c)
         start = np.zeros(len(step)) if candidate.positive else -step
         behind = read(robot, change_elements(robot.mechanism, candidate.action.changes(start)), c)
