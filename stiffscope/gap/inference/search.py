@@ -79,6 +79,7 @@ class Search:
             rivals = sorted(found.values(), key=lambda h: -h.evidence)[:RIVALS]
             starts = [s for h in rivals if h.evidence > best.evidence - CLOSE for s in self._exchanges(h)]
             base = _heights([none])  # what is exchanged may explain nearly all, and first order errs by a share of that
+            starts.sort(key=lambda start: -start.heights[0])  # before those that end where nothing can be assembled
             exchanged = fit(starts, base, "effects exchanged", len(starts))
             if not exchanged or exchanged[0].evidence < best.evidence + GAIN:
                 break
