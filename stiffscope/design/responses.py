@@ -11,8 +11,8 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
-from stiffscope.robot.file.part_sections import ParametricPart
-from stiffscope.robot.file.sections import RigidBody
+from stiffscope.robot.file.part_sections import InterfacePart, ParametricPart
+from stiffscope.robot.file.sections import InterfaceBody, RigidBody
 from stiffscope.robot.part_matrices import beam_segments, part_sources
 from stiffscope.vjm import statics
 from stiffscope.vjm.modes import frequencies
@@ -169,6 +169,8 @@ def real_frequencies(mechanism: Mechanism, found: Configurations) -> np.ndarray:
 def mass_of_solids(robot: RobotFile, components: Components, experiments: Mapping[str, Any]) -> float:
     """Mass of the parts' materials and of rigid bodies, kg, whatever mass the file gives its parts."""
     rigid = sum(body.mass for body in robot.bodies.values() if isinstance(body, RigidBody))
+    shared = (robot.parts[body.part] for body in robot.bodies.values() if isinstance(body, InterfaceBody))
+    rigid += sum(part.build("part").mass for part in shared if isinstance(part, InterfacePart))
     names: Iterable[str] = part_sources(robot, components)
     return rigid + sum(len(robot.bodies_of(name)) * solid_mass(robot, name, experiments) for name in names)
 

@@ -11,7 +11,7 @@ from stiffscope.cad.checks import mm
 from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.copies import tensor
-from stiffscope.robot.file.description import ENDS, GROUND, nodes
+from stiffscope.robot.file.description import ENDS, GROUND
 from stiffscope.robot.file.parse import FieldError, blame
 from stiffscope.robot.file.part_sections import ParametricPart, solid_length
 from stiffscope.robot.file.sections import Bearing, ElasticBody, RigidBody
@@ -56,9 +56,9 @@ def check_robot(robot: RobotFile) -> None:
     for name, body in robot.bodies.items():
         if isinstance(body, ElasticBody):
             _check_elastic(robot, name, body)
-        else:
+        elif isinstance(body, RigidBody):
             _check_rigid(robot, name, body)
-    known = nodes(robot.bodies)
+    known = robot.nodes()
     for name, joint in robot.joints.items():
         _check_joint(robot, name, joint, known)
     _check_node(("tool", "body"), robot.tool.body, {each: of for each, of in known.items() if of != GROUND}, robot)
@@ -113,7 +113,7 @@ def _check_elastic(robot: RobotFile, name: str, body: ElasticBody) -> None:
 def _check_rigid(robot: RobotFile, name: str, body: RigidBody) -> None:
     key = ("bodies", name)
     owner, _, end = name.rpartition(".")
-    if end in ENDS and isinstance(robot.bodies.get(owner), ElasticBody):
+    if end in robot.ends(owner):
         raise FieldError(key, f'expected another name, got "{name}", which is an end of the elastic body "{owner}"')
     if body.mesh is not None:
         file = robot.path.parent / body.mesh
@@ -169,8 +169,9 @@ def _check_node(key: Key, name: str, known: Mapping[str, str], robot: RobotFile)
     """Refuse what is no body or end of one; an elastic body has to say which end."""
     if name in known:
         return
-    if isinstance(robot.bodies.get(name), ElasticBody):
-        raise FieldError(key, f'expected an end of the elastic body, "{name}.base" or "{name}.tip", got "{name}"')
+    if ends := robot.ends(name):
+        listed = " or ".join(f'"{name}.{end}"' for end in ends)
+        raise FieldError(key, f'expected an end of the elastic body, {listed}, got "{name}"')
     for end in ENDS:
         body = name.removesuffix(f".{end}")
         if body != name and isinstance(robot.bodies.get(body), RigidBody):

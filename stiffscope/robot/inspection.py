@@ -101,7 +101,7 @@ def inspect_robot(robot: RobotFile) -> Inspection:
     found = mobility(mechanism)
     residual = _residual(mechanism)
     parts = tuple(_part(robot, name) for name in used_parts(robot))
-    masses = {name: _mass(robot, name) for name in robot.bodies}
+    masses = {name: _mass(robot, mechanism, name) for name in robot.bodies}
     named = _named_poses(robot, mechanism)
     try:
         configurations = configured_poses(robot, mechanism, list(named.values()))
@@ -158,9 +158,11 @@ def _part(robot: RobotFile, name: str) -> Part:
     return Part(name, part.shape, source_of(part), length, known_mass(robot, name), bodies)
 
 
-def _mass(robot: RobotFile, name: str) -> float | None:
+def _mass(robot: RobotFile, mechanism: Mechanism, name: str) -> float | None:
     body = robot.bodies[name]
-    return known_mass(robot, body.part) if isinstance(body, ElasticBody) else body.mass
+    if isinstance(body, ElasticBody):
+        return known_mass(robot, body.part)
+    return mechanism.body(name).mass
 
 
 def _pose(configurations: Configurations, k: int, name: str, tool: tuple[float, ...]) -> Pose:

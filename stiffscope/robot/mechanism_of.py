@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.robot.file.copies import tensor
-from stiffscope.robot.file.sections import ElasticBody
+from stiffscope.robot.file.part_sections import InterfacePart
+from stiffscope.robot.file.sections import ElasticBody, InterfaceBody
 from stiffscope.vjm.bodies import Body, member
 from stiffscope.vjm.checks import axes_along
 from stiffscope.vjm.joints import Drive, Joint
@@ -37,7 +38,7 @@ def mechanism_of(robot: RobotFile, matrices: Mapping[str, PartMatrix]) -> Mechan
         What does not make a mechanism, by the body or joint as the file spells it.
 
     """
-    bodies = tuple(_body(name, body, matrices) for name, body in robot.bodies.items())
+    bodies = tuple(_body(robot, name, body, matrices) for name, body in robot.bodies.items())
     joints = tuple(_joint(robot, name, joint) for name, joint in robot.joints.items())
     tool = Tool(robot.tool.body, np.array(robot.tool.at), robot.tool.pose)
     return Mechanism(bodies, joints, tool, gravity_of(robot))
@@ -51,7 +52,7 @@ def gravity_of(robot: RobotFile) -> np.ndarray:
     return robot.gravity.acceleration * direction / np.linalg.norm(direction)
 
 
-def _body(name: str, body: BodySection, matrices: Mapping[str, PartMatrix]) -> Body:
+def _body(robot: RobotFile, name: str, body: BodySection, matrices: Mapping[str, PartMatrix]) -> Body:
     if isinstance(body, ElasticBody):
         made_of = matrices[body.part]
         dynamics = made_of.dynamics
@@ -62,6 +63,11 @@ def _body(name: str, body: BodySection, matrices: Mapping[str, PartMatrix]) -> B
             name, body.base, body.tip, made_of.compliance, y=body.y, mass=made_of.mass, error=made_of.error,
             dynamics=dynamics,
         )  # fmt: skip
+    if isinstance(body, InterfaceBody):
+        part = robot.parts[body.part]
+        if not isinstance(part, InterfacePart):
+            raise TypeError(f"{body.part} has no interfaces")
+        return part.build(name, body.at, axes_along(body.x, body.y, f"bodies.{name}"))
     centre = None if body.centre is None else np.array(body.centre)
     return Body(name, body.mass, centre, None if body.inertia is None else tensor(body.inertia))
 
@@ -69,7 +75,7 @@ def _body(name: str, body: BodySection, matrices: Mapping[str, PartMatrix]) -> B
 def _joint(robot: RobotFile, name: str, joint: JointSection) -> Joint:
     axis, axis2 = getattr(joint, "axis", None), getattr(joint, "axis2", None)
     drive = getattr(joint, "drive", None)
-    spring = None if drive is None else Drive(drive.stiffness, *(drive.range or (-np.inf, np.inf)))
+    driven = None if drive is None else Drive(drive.stiffness, *(drive.range or (-np.inf, np.inf)))
     return Joint(
         name,
         *joint.between,
@@ -77,7 +83,7 @@ def _joint(robot: RobotFile, name: str, joint: JointSection) -> Joint:
         np.array(joint.at),
         None if axis is None else np.array(axis),
         None if axis2 is None else np.array(axis2),
-        spring,
+        driven,
         _bearing(robot, name, joint),
     )
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.quantities import JOINT
-from stiffscope.robot.file.description import GROUND, nodes
+from stiffscope.robot.file.description import GROUND
 from stiffscope.robot.file.quantities import shown
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def _order_columns(campaign: Campaign, robot: RobotFile) -> Campaign:
 
 def _check_bodies(campaign: Campaign, robot: RobotFile) -> None:
     """Refuse sensors and loads on what is no body, and a sensor that stands on the body that it looks at."""
-    known = nodes(robot.bodies)
+    known = robot.nodes()
 
     def check(name: str, *key: str, moves: bool) -> None:
         if name not in known or (moves and name == GROUND):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from stiffscope.gap.lab.rotations import axes_along, skew
-from stiffscope.robot.file.sections import ElasticBody
+from stiffscope.robot.file.sections import ElasticBody, InterfaceBody
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -262,6 +262,8 @@ def machine_of(robot: RobotFile, parts: Mapping[str, PartData]) -> Machine:
     for name, section in robot.bodies.items():
         if isinstance(section, ElasticBody):
             bodies[name] = _elastic(robot, name, section, parts[section.part])
+        elif isinstance(section, InterfaceBody):
+            raise robot.refuse(("bodies", name, "part"), "expected bodies of two ends in the virtual lab, got more")
         else:
             bodies[name] = _rigid(name, section)
     joints = {name: _joint(robot, name, section) for name, section in robot.joints.items()}

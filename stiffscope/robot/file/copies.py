@@ -136,10 +136,12 @@ def _turned(table: Any, of: str, new: str, turn: np.ndarray) -> Any:
     if not isinstance(table, dict):
         return table
     made = copy.deepcopy(table)
-    for key in table:
+    if "part" in table and not {"base", "tip"} & set(table):  # of a part with interfaces: its axes by default
+        made = {"x": [1.0, 0.0, 0.0], "y": [0.0, 1.0, 0.0]} | made
+    for key in list(made):
         try:
             if key in _VECTORS:
-                made[key] = (turn @ _numbers(table[key], _VECTORS[key], 3)).tolist()
+                made[key] = (turn @ _numbers(made[key], _VECTORS[key], 3)).tolist()
             elif key == "inertia":
                 made[key] = _six(turn @ tensor(_numbers(table[key], INERTIA, 6)) @ turn.T)
             elif key == "between":

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 from stiffscope.cad.materials import AnyMaterial, material
 from stiffscope.errors import InputError
 from stiffscope.robot.file.parse import Source
-from stiffscope.robot.file.part_sections import ParametricPart, PartSection
+from stiffscope.robot.file.part_sections import InterfacePart, ParametricPart, PartSection
 from stiffscope.robot.file.sections import (
     BodySection,
     Effect,
     ElasticBody,
     GravitySection,
+    InterfaceBody,
     JointSection,
     MapSection,
     ToolSection,
@@ -96,12 +97,27 @@ class RobotFile:
         return None if wanted is None else material(wanted, self.materials)
 
     def elastic_bodies(self) -> dict[str, ElasticBody]:
-        """The bodies that are made of parts."""
+        """The bodies that are made of parts with two ends."""
         return {name: body for name, body in self.bodies.items() if isinstance(body, ElasticBody)}
 
     def bodies_of(self, part: str) -> tuple[str, ...]:
         """Names of the bodies made of a part."""
         return tuple(name for name, body in self.elastic_bodies().items() if body.part == part)
+
+    def ends(self, body: str) -> tuple[str, ...]:
+        """Names of a body's ends; none of a rigid one."""
+        section = self.bodies.get(body)
+        if isinstance(section, ElasticBody):
+            return ENDS
+        part = self.parts.get(section.part) if isinstance(section, InterfaceBody) else None
+        return tuple(part.interfaces) if isinstance(part, InterfacePart) else ()
+
+    def nodes(self) -> dict[str, str]:
+        """What a joint may stand on: rigid bodies, ends of elastic ones and the ground, each with its body's name."""
+        found = {GROUND: GROUND}
+        for name in self.bodies:
+            found |= {f"{name}.{end}": name for end in self.ends(name)} or {name: name}
+        return found
 
     def drives(self) -> tuple[str, ...]:
         """Names of the driven joints."""
@@ -136,11 +152,3 @@ def find_element(place: str, bodies: Collection[str], joints: Collection[str]) -
         return place
     section, _, name = place.partition(".")
     return name if name in {"bodies": bodies, "joints": joints}.get(section, ()) else None
-
-
-def nodes(bodies: Mapping[str, BodySection]) -> dict[str, str]:
-    """What a joint may stand on: rigid bodies, ends of elastic ones and the ground, each with its body's name."""
-    found = {GROUND: GROUND}
-    for name, body in bodies.items():
-        found |= {f"{name}.{end}": name for end in ENDS} if isinstance(body, ElasticBody) else {name: name}
-    return found

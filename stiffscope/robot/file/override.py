@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from stiffscope.errors import InputError
 from stiffscope.robot.file.copies import copied_names
-from stiffscope.robot.file.part_sections import PARTS
-from stiffscope.robot.file.sections import JOINTS, ElasticBody, RigidBody
+from stiffscope.robot.file.part_sections import PARTS, InterfacePart
+from stiffscope.robot.file.sections import JOINTS, ElasticBody, InterfaceBody, RigidBody
 from stiffscope.robot.file.tables import keys_of
 
 if TYPE_CHECKING:
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 NAMED = {
     section: {key for model in models for key in keys_of(model)}
     for section, models in (
-        ("parts", PARTS.values()),
+        ("parts", (*PARTS.values(), InterfacePart)),
         ("joints", JOINTS.values()),
-        ("bodies", (ElasticBody, RigidBody)),
+        ("bodies", (ElasticBody, InterfaceBody, RigidBody)),
     )
 }
 _NESTED = (*NAMED, "materials", "poses", "groups", "parameters")  # sections that hold names

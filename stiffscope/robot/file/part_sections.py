@@ -17,6 +17,7 @@ from stiffscope.cad.link import LinkParameters
 from stiffscope.cad.materials import AnyMaterial, Material, TransverselyIsotropic
 from stiffscope.cad.slider import SliderParameters
 from stiffscope.cad.solid import Placement
+from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.values import (
     Count,
@@ -40,6 +41,7 @@ from stiffscope.robot.file.values import (
     Tolerance,
     whole,
 )
+from stiffscope.vjm.bodies import Body, superelement_body
 from stiffscope.vjm.checks import check_compliance
 
 Source = Literal["fea", "beam", "published"]
@@ -208,9 +210,18 @@ def _six_by_six(value: Any) -> tuple[tuple[float, ...], ...]:
     rows = value if isinstance(value, list | tuple) else []
     if len(rows) != 6 or any(not isinstance(row, list | tuple) or len(row) != 6 for row in rows):
         raise ValueError(f"expected six rows of six numbers (SI), got {q.shown(value)}")
+    return _rows(value)
+
+
+def _rows(value: Any) -> tuple[tuple[float, ...], ...]:
+    rows = value if isinstance(value, list | tuple) else []
+    if not rows or any(not isinstance(row, list | tuple) or len(row) != len(rows) for row in rows):
+        raise ValueError(f"expected as many rows of numbers (SI) as there are numbers in each, got {q.shown(value)}")
     return tuple(tuple(q.to_si(entry, q.NUMBER, sign="any") for entry in row) for row in rows)
 
 
+_SQUARE = "a square matrix of six rows for each interface (SI)"
+Square = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_rows), Says(_SQUARE)]
 Matrix = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_six_by_six), Says("six rows of six numbers (SI)")]
 
 
@@ -250,6 +261,36 @@ class MatrixPart(PartSection):
             got = f"{bounds[i, j]:g} and {bounds[j, i]:g}"
             raise ValueError(f"expected symmetric bounds, got {got} for entries {i + 1}{j + 1} and {j + 1}{i + 1}")
         return value
+
+
+class InterfacePart(PartSection):
+    """A solid with two or more named interfaces, by its unsupported stiffness: ux uy uz rx ry rz of each, part axes.
+
+    `interfaces` are their places, in the matrices' order; without `mass_matrix` they share the `mass` alike.
+    """
+
+    interfaces: dict[str, Point]
+    stiffness: Square
+    mass_matrix: Square | None = None
+    mass: MassOrCad = 0.0
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        if isinstance(self.mass, str):
+            raise ValueError('expected a mass such as "80 g", got "cad", which is for solids')
+        if self.mass_matrix is not None and self.mass:
+            raise ValueError("expected mass or mass_matrix, got both")
+        try:
+            _ = self.build("part")
+        except InputError as error:  # "bodies.part.stiffness: …"
+            raise InputError(str(error).removeprefix("bodies.")) from error
+        return self
+
+    def build(self, name: str, at: Any = (0.0, 0.0, 0.0), axes: Any = None) -> Body:
+        """A body made of it, its origin at a place (3,) and its axes (3, 3) as columns."""
+        mass = 0.0 if isinstance(self.mass, str) else self.mass
+        m = self.mass_matrix
+        return superelement_body(name, self.interfaces, self.stiffness, at=at, axes=axes, mass=mass, mass_matrix=m)
 
 
 PARTS: dict[str, type[PartSection]] = {"rod": RodPart, "plate": PlatePart, "step": StepPart, "matrix": MatrixPart}

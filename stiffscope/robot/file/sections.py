@@ -40,6 +40,15 @@ class ElasticBody(Section):
     y: Direction | None = None
 
 
+class InterfaceBody(Section):
+    """A body made of a part with named interfaces, its ends NAME.INTERFACE: where the part's origin and axes are."""
+
+    part: Name
+    at: Point = (0.0, 0.0, 0.0)
+    x: Direction = (1.0, 0.0, 0.0)
+    y: Direction = (0.0, 1.0, 0.0)
+
+
 class RigidBody(Section):
     """A rigid body: mass in kg, its centre, its inertia about the centre in base axes; `mesh` is for pictures."""
 
@@ -49,7 +58,7 @@ class RigidBody(Section):
     mesh: str | None = None
 
 
-BodySection = ElasticBody | RigidBody
+BodySection = ElasticBody | InterfaceBody | RigidBody
 
 
 class _Drive(Section):

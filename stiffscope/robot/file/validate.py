@@ -9,7 +9,7 @@ from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.description import RobotFile, find_element
 from stiffscope.robot.file.parse import FieldError, blame
-from stiffscope.robot.file.part_sections import PARTS, Fibrous, Isotropic
+from stiffscope.robot.file.part_sections import PARTS, Fibrous, InterfacePart, Isotropic, MatrixPart
 from stiffscope.robot.file.sections import (
     AXES,
     JOINTS,
@@ -17,6 +17,7 @@ from stiffscope.robot.file.sections import (
     Effect,
     ElasticBody,
     GravitySection,
+    InterfaceBody,
     JointSection,
     MapSection,
     RigidBody,
@@ -88,7 +89,8 @@ def validate(
     def read(key: str, function: Callable[[str, Any], Any]) -> Mapping[str, Any]:
         return MappingProxyType({name: function(name, table) for name, table in data.get(key, {}).items()})
 
-    parts, bodies, joints = read("parts", _read_part), read("bodies", _read_body), read("joints", _read_joint)
+    parts, joints = read("parts", _read_part), read("joints", _read_joint)
+    bodies = read("bodies", lambda name, table: _read_body(name, table, parts))
     shared = {name: f"joints.{name}" for name in joints if name in bodies}
     joints = MappingProxyType({shared.get(name, name): joint for name, joint in joints.items()})
     copied = copied | {joint: copied[name] for name, joint in shared.items() if name in copied}
@@ -122,7 +124,8 @@ def _read_name(name: Any) -> str:
 
 def _read_part(name: str, table: Any) -> PartSection:
     key = ("parts", name)
-    return read_table(PARTS[_choose(table, "shape", PARTS, key, "a shape")], table, key)
+    model = PARTS[_choose(table, "shape", PARTS, key, "a shape")]
+    return read_table(InterfacePart if model is MatrixPart and "interfaces" in table else model, table, key)
 
 
 def _choose(table: Any, word: str, valid: Iterable[str], key: tuple[str, ...], what: str) -> str:
@@ -135,10 +138,13 @@ def _choose(table: Any, word: str, valid: Iterable[str], key: tuple[str, ...], w
         return one_of(table[word], valid, what)
 
 
-def _read_body(name: str, table: Any) -> BodySection:
-    """An elastic body where a part is named or an end is given, else a rigid one."""
+def _read_body(name: str, table: Any, parts: Mapping[str, PartSection]) -> BodySection:
+    """A body of a part with interfaces, an elastic one where a part or an end is given, else a rigid one."""
     key = ("bodies", name)
     if isinstance(table, dict):
+        part = table.get("part")
+        if isinstance(part, str) and isinstance(parts.get(part), InterfacePart):
+            return read_table(InterfaceBody, table, key)
         elastic = [each for each in table if each in keys_of(ElasticBody)]
         rigid = [each for each in table if each in keys_of(RigidBody)]
         if "part" in elastic and rigid:
