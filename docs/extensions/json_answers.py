@@ -96,7 +96,9 @@ class Answers(Directive):
             shutil.rmtree(place / "DIR", ignore_errors=True)
         if _guarded([*filled, "--quiet", "--json", str(target)]) != 0:
             raise self.error(f"{' '.join(words)} failed")
-        return json.loads(target.read_text(encoding="utf-8"))
+        answer = json.loads(target.read_text(encoding="utf-8"))
+        (answer[0] if isinstance(answer, list) else answer).pop("made_by")
+        return answer
 
 
 @contextlib.contextmanager

@@ -24,7 +24,12 @@ AT = {
 }
 STIFFNESS = {
     **AT,
-    "stiffness": ("[pose][i][j]: component i of the wrench at M for a unit of component j of the twist", STIFF),
+    "stiffness": (
+        "[pose][i][j]: component i of the wrench at M for a unit of component j of the twist; null where it is rigid",
+        STIFF,
+    ),
+    "compliance": ("[pose][i][j]: component i of the twist at M for a unit of component j of the wrench", YIELDS),
+    "rigid": ("[pose]: wrenches of unit size along which the tool does not yield", "N, N·m"),
     "sag": ("[pose]: twist of the tool under the robot's own weight; zeros with `--gravity none`", TWIST),
     "mobility": ("[pose]: directions in which the tool moves freely; 0: stiff in all six", ""),
     "error?": ("95 % bounds on `stiffness`, where a part's matrix has bounds", STIFF),
@@ -377,6 +382,10 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             "sessions.*": ("number of readings in each session", ""),
             "without_sigma": ("readings whose uncertainty is unknown", ""),
             "copies": ("line that names readings which repeat others to the last digit; null: none do", ""),
+            "remarks": (
+                "readings to doubt by a rough prediction: `doubt`, `instrument`, `where` (files and lines) and `text` of each",
+                "",
+            ),
             "channels[].reads": ("what is read: a sensor, or a quantity at M", ""),
             "channels[].kind": ("kind of the readings", ""),
             "channels[].count": ("how many", ""),

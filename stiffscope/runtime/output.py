@@ -90,8 +90,9 @@ def check_json(path: Path) -> None:
     """Refuse a file that is there and is not empty, unless it is JSON of ours or all is forced."""
     if not _forced and os.path.isfile(path) and os.path.getsize(path):  # noqa: PTH113, PTH202
         try:
-            ours = json.loads(read_bytes(path))["made_by"] == MAKER
-        except (ValueError, KeyError, TypeError, RecursionError):
+            held = json.loads(read_bytes(path))
+            ours = (held[0] if isinstance(held, list) else held)["made_by"] == MAKER
+        except (ValueError, KeyError, IndexError, TypeError, RecursionError):
             ours = False
         if not ours:
             raise InputError(
@@ -113,13 +114,17 @@ def _unwritable_file(path: Path, error: Exception) -> StiffscopeError:
 
 
 def write_json(target: str | Path, value: Any) -> None:
-    """Write JSON to a file, where it says that it is ours, or to standard output where the target is "-"."""
+    """Write JSON to a file, marked as ours (a list in its first entry), or to standard output for "-"."""
     if str(target) == "-":
         sys.stdout.write(_encodable(to_json(value), sys.stdout.encoding or "ascii"))
         sys.stdout.flush()
     else:
-        content = {"made_by": MAKER, **value} if isinstance(value, dict) else value
+        content = [_mark(value[0]), *value[1:]] if isinstance(value, list | tuple) and value else _mark(value)
         write_bytes(Path(target), _encodable(to_json(content), "utf-8").encode())
+
+
+def _mark(value: Any) -> Any:
+    return {"made_by": MAKER, **value} if isinstance(value, dict) else value
 
 
 def _encodable(text: str, encoding: str) -> str:

@@ -254,9 +254,9 @@ def test_only_json_of_ours_is_replaced_by_json(tmp_path):
             check_json(tmp_path / name)
         assert (tmp_path / name).read_text() == text
     (tmp_path / "a.json").touch()
-    for _ in range(2):
+    for answer in ({"a": 1}, [{"a": 1}, {"b": 2}], {"a": 2}):
         check_json(tmp_path / "a.json")
-        write_json(tmp_path / "a.json", {"a": 1})
+        write_json(tmp_path / "a.json", answer)
     overwrite(True)
     check_json(tmp_path / "readings.csv")
     overwrite(False)
