@@ -10,18 +10,16 @@ from stiffscope.gap.diagnose import conclude
 from stiffscope.gap.forward.forward_model import Noise
 from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.gap.inference.evidence import (
-    SPARSE,
-    Spreads,
     constrained_minima,
     errors_of,
     log_evidences,
     posterior,
-    spread_priors,
 )
 from stiffscope.gap.inference.findings import find
 from stiffscope.gap.inference.fitting import SIZES, Problem
 from stiffscope.gap.inference.lack_of_fit import lack_of_fit
 from stiffscope.gap.inference.posterior_samples import drawn, write_posterior
+from stiffscope.gap.inference.priors import SPARSE, Spreads, spread_priors
 from stiffscope.gap.inference.search import Search
 from stiffscope.gap.inference.verdict import shares
 from tests.gap.synthetic import LinearModel, LinearPrediction, linear_model

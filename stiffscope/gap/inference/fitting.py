@@ -12,9 +12,10 @@ import numpy as np
 
 from stiffscope.effects.vocabulary import word_of
 from stiffscope.errors import InputError
-from stiffscope.gap.inference.evidence import constrained_minima, errors_of, posterior, spread_priors
+from stiffscope.gap.inference.evidence import constrained_minima, errors_of, posterior
 from stiffscope.gap.inference.hypothesis import Hypothesis, bounded, positive_of, scale_of, split
 from stiffscope.gap.inference.plausibility import implausible
+from stiffscope.gap.inference.priors import spread_priors
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,7 +23,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from stiffscope.gap.forward.forward_model import Candidate, ForwardModel, Noise, Prediction
-    from stiffscope.gap.inference.evidence import Errors, Posterior, Projection, Spreads
+    from stiffscope.gap.inference.evidence import Errors, Posterior, Projection
+    from stiffscope.gap.inference.priors import Spreads
 
     Array = NDArray[np.floating[Any]]
 

@@ -1,0 +1,67 @@
+"""Priors of effects' sizes: units that follow from the robot, heavy tails, parameters that may be zero."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from stiffscope.runtime.types import Array, Flags
+
+SPARSE = 1.0 / 3.0  # of an effect's weight, those of its parameters of which some are zero
+_ABSENT = 1e-6  # times its unit, what a parameter that is zero may still be
+_MOST_APART = 3  # parameters of which any may be zero
+
+
+@dataclass(frozen=True)
+class Spreads:
+    """Prior of one effect's parameters: normal, of scales of which one holds."""
+
+    scales: Array
+    """(c, k)."""
+    log_weight: Array
+    """(c,) ln of how likely each is."""
+
+
+def spread_priors(scale: Array, positive: Flags, sizes: Array) -> Spreads:
+    """Scales of an effect's parameters: one unknown size in units of their own, with heavy tails.
+
+    The size is half-Cauchy: equally likely by its logarithm about one, and ever less likely in proportion beyond.
+    Where parameters cannot be negative, some of them may be exactly zero: a bearing that only tilts.
+
+    Parameters
+    ----------
+    scale
+        (k,) unit of each parameter.
+    positive
+        (k,) which of them cannot be negative: where all are, subsets of them may be zero.
+    sizes
+        (s,) sizes on a grid of equal ratios.
+    """
+    if not len(scale):
+        return Spreads(np.zeros((1, 0)), np.zeros(1))
+    weight = 1.0 / np.cosh(np.log(sizes))
+    log = np.log(weight / weight.sum())
+    whole = sizes[:, None] * scale
+    few = _subsets(len(scale)) if positive.all() else np.zeros((0, len(scale)), dtype=np.bool_)
+    if not len(few):
+        return Spreads(whole, log)
+    count = few.sum(axis=1)
+    alike = np.array([np.sum(count == c) for c in count])
+    share = np.log(SPARSE / len(np.unique(count)) / alike)
+    left = sizes[:, None] * np.where(few, scale, _ABSENT * scale)[:, None, :]
+    scales = np.concatenate([whole, left.reshape(-1, len(scale))])
+    return Spreads(scales, np.concatenate([np.log1p(-SPARSE) + log, (share[:, None] + log).ravel()]))
+
+
+@cache
+def _subsets(count: int) -> Flags:
+    """Subsets (m, count) of parameters that may be all that are not zero: of many, single ones and halves."""
+    if count > _MOST_APART:
+        halves = np.repeat([[True, False], [False, True]], [count // 2, count - count // 2], axis=1).reshape(2, count)
+        return np.concatenate([np.eye(count, dtype=np.bool_), halves])
+    codes = np.arange(1, 2**count - 1)
+    return (codes[:, None] >> np.arange(count) & 1).astype(np.bool_)
