@@ -1,6 +1,7 @@
 """Fixtures that every room's tests may use."""
 
 import os
+from pathlib import Path
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # before NumPy is imported: beside other workers its threads only spin
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -9,6 +10,28 @@ import numpy as np
 import pytest
 
 from tests.robots import published_robot
+
+SLOW = (
+    "benchmarks", "cad", "cli", "design/test_studies.py", "experiments",
+    "fea/test_experiment.py", "fea/test_extrusion.py", "fea/test_interfaces.py",
+    "fea/test_laws.py", "fea/test_mass.py", "fea/test_mesh.py", "fea/test_sections.py",
+    "fea/test_sensitivity.py", "fea/test_tolerance.py", "gap/test_blind.py",
+    "gap/test_diagnose.py", "gap/test_hostile_tables.py", "gap/test_sanity.py",
+    "report/test_notebook.py", "report/test_robot_scene.py", "runtime/test_executor.py",
+    "runtime/test_scheduler.py", "test_bad_day.py", "test_readme.py", "test_tutorials.py",
+    "test_wheel.py", "validation/test_parts.py",
+)  # fmt: skip
+"""Folders and files whose tests mesh, build solids, start processes or diagnose at length: not of the fast half."""
+
+
+def pytest_collection_modifyitems(items):
+    """Mark what is not of the fast half; long tests and benchmarks are not, either."""
+    root = Path(__file__).parent
+    for item in items:
+        of = item.path.relative_to(root).as_posix()
+        marked = any(item.get_closest_marker(name) for name in ("long", "benchmark"))
+        if marked or any(of == each or of.startswith(f"{each}/") for each in SLOW):
+            item.add_marker(pytest.mark.slow)
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -87,7 +87,7 @@ def test_a_mutated_robot_file_is_read_or_refused_in_one_line(text):
     obeys(text)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @settings(LAW, max_examples=2000)
 @given(mutants())
 def test_thousands_of_mutated_robot_files(text):
@@ -186,7 +186,7 @@ def test_a_mutated_campaign_is_read_or_refused_in_one_line(tmp_path_factory, tex
     campaign_obeys(tmp_path_factory.mktemp("mutant"), *texts)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @settings(LAW, max_examples=2000)
 @given(mutated_campaigns())
 def test_thousands_of_mutated_campaigns(tmp_path_factory, texts):
@@ -318,7 +318,7 @@ def same(ours: dict[str, str], theirs: dict[str, str], close: float) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     "words", COMMANDS, ids=lambda words: "-".join(words[: 1 + (words[0] in {"campaign", "diagnose"})])
 )
@@ -416,7 +416,7 @@ def step_obeys(path: Path, content: bytes, chance: random.Random) -> str:
     return "read"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_mutated_step_file_is_read_or_refused_in_one_line(tmp_path, box):
     for number in range(3):
         step_obeys(tmp_path / "mutant.step", box, random.Random(number))  # noqa: S311
@@ -452,7 +452,7 @@ def do_in_fork(function, *arguments, name: str, limit: float) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
-@pytest.mark.slow
+@pytest.mark.long
 def test_thousands_of_mutated_step_files(tmp_path, box, monkeypatch):
     monkeypatch.setattr("stiffscope.cad.step.do_alone", do_in_fork)
     chances = map(random.Random, range(2000))

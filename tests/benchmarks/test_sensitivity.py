@@ -106,7 +106,7 @@ def table(name, only=(), settings=None):
     return rows
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", PARTS)
 def test_derivatives_agree_with_differences_of_experiments_on_new_meshes(name):
     rows = table(name)
@@ -115,7 +115,7 @@ def test_derivatives_agree_with_differences_of_experiments_on_new_meshes(name):
     assert np.sqrt(np.mean([(one - mean) ** 2 for _, _, one, _, mean, _ in rows])) < SCATTER
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_derivatives_agree_within_their_bars_with_those_on_a_mesh_twice_as_fine():
     """Sharper than differences, which have the scatter of two meshes in them."""
     module, parameters = PARTS["small"]

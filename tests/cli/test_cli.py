@@ -151,10 +151,10 @@ def foreign(tmp_path):
         ["faces", "part.step", "--json", "-"],
         ["compliance", "biglide", "--part", "link", "--set", "link.mesh.size=60mm", "--json", "-"],
         ["stiffness", "biglide", "--components", "published", "--json", "-"],
-        pytest.param(["diagnose", "published", "--out", "out", "--json", "-"], marks=pytest.mark.slow),
+        pytest.param(["diagnose", "published", "--out", "out", "--json", "-"], marks=pytest.mark.long),
         pytest.param(
             ["blind", "five-bar", "--components", "beam", "--campaigns", "1", "--out", "out", "--json", "-"],
-            marks=pytest.mark.slow,
+            marks=pytest.mark.long,
         ),
     ],
 )

@@ -92,7 +92,7 @@ def test_pictures_of_a_diagnosis_are_kept(soft_drive, tmp_path):
     )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_gravity_and_expansion_come_from_the_robot_file(tmp_path):
     machine = biglide("gravity.acceleration=3.71 m/s^2", "materials.steel.expansion=23.6e-6 1/K")
     folder = tmp_path / "mars"

@@ -139,7 +139,7 @@ def test_pads_apart_are_shown_one_by_one(kitchen, capfd, tmp_path):
     assert np.array(found["reference_points"]) == pytest.approx(np.array([[0.069, y, 0] for y in (0, 0.045, -0.045)]))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_interfaces_of_the_slider(kitchen, capfd, tmp_path):
     assert _guarded(["interfaces", "biglide", "--out", str(tmp_path / "out"), *WORDS]) == 0
     shown = capfd.readouterr().out

@@ -56,7 +56,7 @@ def test_without_graphics_the_run_is_done_and_says_what_to_install(tmp_path, mon
     assert (tmp_path / "out" / "map.png").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_change_of_the_slider_reruns_the_slider_alone(tmp_path):
     coarse = [word for name in ("link", "slider") for word in ("--set", f"{name}.mesh.size=20mm")]
     cold = run(tmp_path / "cache", tmp_path / "cold", *coarse, "--quiet")

@@ -37,7 +37,7 @@ def answer(file, *words):
     return json.loads(out.read_text())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_step_part_has_derivatives_by_the_constants_of_its_material_only(file):
     part = answer(file, "--part", "bar 1")["parameters"]
     assert set(part) == {*CONSTANTS, "density"}

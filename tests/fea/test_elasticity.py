@@ -119,7 +119,7 @@ def test_the_cubic_solution_is_softer_in_every_direction(stub, kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("poisson", [pytest.param(0.3, marks=pytest.mark.slow), 0.49])
+@pytest.mark.parametrize("poisson", [pytest.param(0.3, marks=pytest.mark.long), 0.49])
 def test_multigrid_agrees_with_a_factorization(stub, kind, poisson, caplog):
     specimen, mesh = stub
     elasticity = isotropic(2e11, 2e11 / (2 + 2 * poisson))

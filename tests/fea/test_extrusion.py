@@ -76,7 +76,7 @@ def test_a_tube_with_too_many_elements_is_refused_before_they_are_made():
     assert time.perf_counter() - begun < 30  # some seconds; minutes where all are made
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_thin_walled_tube_is_as_stiff_as_theory_says():
     """Within the bound and what both rigid ends add: no contraction over the length in which end effects decay."""
     part, (radius, inner, length) = part_of(tube(12.5, 1, 250)), (0.0125, 0.0115, 0.25)
@@ -90,7 +90,7 @@ def test_a_thin_walled_tube_is_as_stiff_as_theory_says():
     assert found.relative_bound < 0.005
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_tube_with_an_eccentric_bore_is_as_stiff_as_theory_says():
     radius, bore, offset, length = 0.0125, 0.011, 0.001, 0.25
     part = part_of(eccentric(12.5, 11, 1, 250))
@@ -133,7 +133,7 @@ def test_a_strip_bends_as_beam_theory_says():
     assert found.error[2, 2] < 0.01 * found.compliance[2, 2]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_bent_sheet_gets_flat_elements_and_bounds_that_hold():
     solid = Box(60, 20, 0.2) + Pos(-29.9, 0, 10) * Box(0.2, 20, 20)
     usual, coarse = (run_experiment(part_of(solid), Settings(size=size)) for size in (None, 3e-3))

@@ -44,7 +44,7 @@ def scaled(specimen, mesh, factor):
     return bigger, replace(mesh, points=mesh.points * factor)
 
 
-KINDS = pytest.param("rigid", marks=pytest.mark.slow), "distributed"  # whose constraints depend on the place too
+KINDS = pytest.param("rigid", marks=pytest.mark.long), "distributed"  # whose constraints depend on the place too
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -96,7 +96,7 @@ def test_areas_are_the_cads(stub):
 BONDED = {0.3: (2.4236e-11, 1e-14), 0.45: (1.458e-11, 3e-14), 0.499: (8.99e-12, 3e-14), 0.4999: (8.87e-12, 4e-14)}
 
 
-@pytest.mark.parametrize("poisson", [0.45, *(pytest.param(p, marks=pytest.mark.slow) for p in (0.3, 0.499, 0.4999))])
+@pytest.mark.parametrize("poisson", [0.45, *(pytest.param(p, marks=pytest.mark.long) for p in (0.3, 0.499, 0.4999))])
 def test_a_nearly_incompressible_block_is_within_its_bound(poisson):
     steel = Material("rubberlike", 211e9, 211e9 / 2 / (1 + poisson), 7850.0)
     found = run_experiment(part_of(Box(10, 40, 40), material=steel), Settings(), whole=False)

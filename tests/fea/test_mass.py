@@ -143,7 +143,7 @@ def test_frequencies_are_within_a_thousandth_and_their_bounds(plate, link):
         assert (experiment.frequency_error < 3e-3 * experiment.frequencies).all()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_needle_rings_as_a_slender_beam():
     """A thousand times as long as thick: products of its stiffness with its modes are nothing but rounding."""
     found = run_experiment(box(0.5, 5e-4, 5e-4), Settings(size=0.01))
@@ -154,7 +154,7 @@ def test_a_needle_rings_as_a_slender_beam():
     assert off.max() < 2e-3
 
 
-@pytest.mark.parametrize("part", [box(0.1, 0.03, 0.02), pytest.param(cylinder(0.12, 0.01), marks=pytest.mark.slow)])
+@pytest.mark.parametrize("part", [box(0.1, 0.03, 0.02), pytest.param(cylinder(0.12, 0.01), marks=pytest.mark.long)])
 def test_modes_between_held_ends_are_within_their_bounds(part):
     """Against a mesh of half the size."""
     coarse, fine = (run_experiment(part, Settings(size=size, modes=6)) for size in (0.02, 0.01))
@@ -220,7 +220,7 @@ def test_a_beams_weight_by_reciprocity_is_its_deflection_line(cantilever):
     [
         {"interface": "distributed"},
         {"solver": "multigrid", "modes": 0},
-        pytest.param({"foundation": 1e12}, marks=pytest.mark.slow),
+        pytest.param({"foundation": 1e12}, marks=pytest.mark.long),
     ],
 )
 def test_whatever_holds_the_part_its_mass_is_the_same(settings):

@@ -132,7 +132,7 @@ def test_lengths_that_are_no_meshs_are_refused_at_once(lengths, said):
         run_experiment(slider.build(slider.SliderParameters()), Settings(**lengths))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_pad_lower_than_the_first_envelope_keeps_its_area():
     part = slider.build(slider.SliderParameters(pad_height=2e-4))
     mesh = run_experiment(part).mesh

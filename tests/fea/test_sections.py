@@ -74,7 +74,7 @@ def test_closed_forms_are_those_of_the_warping_function(shape):
     assert shape == "box" or section.warping == pytest.approx(warping, rel=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("shape", list(SECTIONS))
 def test_a_solid_beam_is_as_stiff_as_the_closed_forms_say(shape):
     size, form = SECTIONS[shape]

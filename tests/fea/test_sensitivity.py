@@ -52,7 +52,7 @@ def test_rod_in_tension_torsion_and_bending_has_the_derivatives_of_the_closed_fo
     assert found.derivatives["length"].centre == pytest.approx([0.5, 0, 0], abs=1e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_laws_of_scale(rod):
     """C ~ 1/E at a fixed E/G; with all lengths 1/s, 1/s², 1/s³; weight's sag as s² and s, masses as s³ and s⁵."""
     _, experiment, found = rod
@@ -71,7 +71,7 @@ def test_laws_of_scale(rod):
     np.testing.assert_allclose(mass, [3, 3, 3, 5, 5, 5] * 2, rtol=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("settings", [Settings(interface="distributed", foundation=5e12), Settings()])
 def test_derivatives_are_differences_on_the_mesh_moved_along(settings):
     settings = dataclasses.replace(settings, size=0.02, layers=1)
@@ -108,7 +108,7 @@ def test_derivatives_are_differences_on_the_mesh_moved_along(settings):
         assert (np.abs(got - expected) < bound + 2e-3 * np.abs(expected) + 2e-5).all(), (name, got, expected, bound)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_features_that_meet_or_vanish_have_no_derivative(rod):
     part, experiment, _ = rod
     other = slider.build(slider.SliderParameters())
@@ -159,7 +159,7 @@ def test_the_mesh_of_a_filleted_slider_follows_its_cad_whatever_changes():
         assert shape_error(specimen_of(larger, settings), moved) < 2 * before + 1e-5, name
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_filleted_slider_is_subject_to_the_laws_of_scale():
     """Euler's theorem for a homogeneous function: Σ p ∂C/∂p over all lengths is less its order times C."""
     _, experiment, found = sensitivity(slider, FILLETED, Settings())

@@ -29,7 +29,7 @@ def tight():
     return run_experiment(PLATE, Settings(tolerance=1e-3), whole=False)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_refinement_meets_the_tolerance_and_tells_the_truth(tight, plate):
     assert plate.relative_bound > 1e-3 >= tight.relative_bound
     assert tight.note == ""
@@ -37,7 +37,7 @@ def test_refinement_meets_the_tolerance_and_tells_the_truth(tight, plate):
     assert (off <= pick(tight.error) + 3e-5 * np.abs(REFERENCE["plate"])).all()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_refinement_is_local_and_keeps_the_shape(tight, plate):
     assert volume(tight.mesh.points, tight.mesh.cells) == pytest.approx(PLATE.volume, rel=1e-5)
     assert len(singular_edges(tight.mesh, [CLAMPED])[0]) >= 4
@@ -91,7 +91,7 @@ def test_a_foundation_too_soft_to_hold_is_refused():
         run_experiment(box(0.1, 0.03, 0.02), Settings(size=0.015, foundation=50.0), whole=False)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_no_bound_without_convergence(monkeypatch):
     rubber = box(0.06, 0.03, 0.02, isotropic(3e6, 3e6 / 2 / (1 + 0.49999)))
     monkeypatch.setattr(stiffscope.fea.solution, "solve_cubic", partial(solve_cubic, limit=20))

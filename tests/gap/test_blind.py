@@ -66,7 +66,7 @@ def labs():
     return lab
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_withheld_campaigns_get_right_answers():
     cases = unseal(WITHHELD)
     right = 0
@@ -84,7 +84,7 @@ def test_the_withheld_campaigns_get_right_answers():
     assert right >= 7
 
 
-@pytest.mark.parametrize("name", ["five-bar", *(pytest.param(n, marks=pytest.mark.slow) for n in SLOWER)])
+@pytest.mark.parametrize("name", ["five-bar", *(pytest.param(n, marks=pytest.mark.long) for n in SLOWER)])
 def test_cases_of_any_robot_are_written_and_named(name, labs, tmp_path):
     """One of each kind and way of measuring: its columns, its sensors, places of the robot's own, finite readings."""
     lab = labs(name)
@@ -242,7 +242,7 @@ def test_a_folder_for_cases_with_other_files_is_refused(tmp_path):
     assert (tmp_path / "o.cases" / "notes.txt").read_text() == "mine"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_short_blind_check_scores_itself(tmp_path):
     scores = run_blind(tmp_path, [blind_robot("biglide", "published")], 3, 3, workers=1)
     first = [o for o in scores.outcomes if not o.left_out]

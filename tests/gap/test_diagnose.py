@@ -107,7 +107,7 @@ def test_a_pitch_error_grows_with_the_way_of_its_own_drive():
 @pytest.mark.parametrize(
     "effect",
     [
-        "actuator-stiffness", pytest.param("joint-compliance", marks=pytest.mark.slow), "backlash", "encoder-offset",
+        "actuator-stiffness", pytest.param("joint-compliance", marks=pytest.mark.long), "backlash", "encoder-offset",
         "thermal",
     ],
 )  # fmt: skip
@@ -128,7 +128,7 @@ def test_an_effect_is_named_with_its_size(effect):
             assert abs(fit.value - parameters[name]) < 4 * fit.sigma
 
 
-@pytest.mark.parametrize("seed", [11, *(pytest.param(k, marks=pytest.mark.slow) for k in (5, 6, 7, 8, 9, 10, 12))])
+@pytest.mark.parametrize("seed", [11, *(pytest.param(k, marks=pytest.mark.long) for k in (5, 6, 7, 8, 9, 10, 12))])
 def test_a_tool_that_turns_about_one_oblique_axis_blames_nothing_else(seed):
     """Its rotations' matrix is of rank one: at the edge of what can be."""
     planted = {"x": 1e-8, "y": 5e-9, "z": 1e-8, "rx": 1e-7, "ry": 1e-7, "rxry": 1e-7}
@@ -181,9 +181,9 @@ def test_no_gap_and_missing_gravity():
 @pytest.mark.parametrize(
     ("fault", "place", "parameters"),
     [
-        pytest.param("cable-chain", "tool", {"x": 3e4, "y": 3e4, "z": 2e4}, marks=pytest.mark.slow),
+        pytest.param("cable-chain", "tool", {"x": 3e4, "y": 3e4, "z": 2e4}, marks=pytest.mark.long),
         ("drifting-sensor", "instrument", {"displacement": 5e-6}),
-        pytest.param("drive-friction", "limbs", {"force": 60.0}, marks=pytest.mark.slow),
+        pytest.param("drive-friction", "limbs", {"force": 60.0}, marks=pytest.mark.long),
     ],
 )
 def test_a_fault_without_a_word_is_not_named(fault, place, parameters):

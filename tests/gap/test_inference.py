@@ -373,7 +373,7 @@ def test_the_posterior_opens_in_arviz(tmp_path):
     assert diagnosis.held_out_check.inside_95 == pytest.approx(0.95, abs=0.04)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_evidence_agrees_with_nested_sampling():
     """Of one effect of two parameters and of none, with a prior of one size: their ln-odds by dynesty."""
     dynesty = pytest.importorskip("dynesty")

@@ -126,7 +126,7 @@ def test_sixty_poses_are_drawn(tab, pages):
     assert tab.run("document.querySelectorAll('[data-is=pose] option').length") == 60
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @needs_chromium
 def test_time_to_open(report, pages):
     """Of a browser that has just been started: printed (-s)."""

@@ -151,7 +151,7 @@ def test_a_process_that_is_killed_is_not_taken_for_missing_graphics(delta, tmp_p
     assert (tmp_path / "again.png").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_process_without_a_home_leaves_nothing_when_it_is_killed(tmp_path, monkeypatch):
     """Matplotlib then makes a temporary folder for what it keeps."""
     monkeypatch.delenv("MPLCONFIGDIR", raising=False)

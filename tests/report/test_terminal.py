@@ -204,7 +204,7 @@ def test_deflection_below_its_bound_is_zero(capsys):
 
 
 @pytest.mark.parametrize(
-    "encoding", ["ascii", "utf-8", *(pytest.param(e, marks=pytest.mark.slow) for e in ("latin-1", "cp1252"))]
+    "encoding", ["ascii", "utf-8", *(pytest.param(e, marks=pytest.mark.long) for e in ("latin-1", "cp1252"))]
 )
 def test_every_terminal_can_show_the_tables(encoding):
     code = "from tests.report import test_terminal as t\nfor show in t.SHOWN: show()"

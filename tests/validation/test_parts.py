@@ -39,7 +39,7 @@ EXACT = {
 
 def all_but(kept, names):
     """All names, as slow ones but for one."""
-    return [name if name == kept else pytest.param(name, marks=pytest.mark.slow) for name in names]
+    return [name if name == kept else pytest.param(name, marks=pytest.mark.long) for name in names]
 
 
 @pytest.mark.parametrize("name", all_but("solid bar, no Poisson effect", EXACT))
@@ -99,7 +99,7 @@ def test_a_flanged_bar_stretches_as_its_half_section(flange):
 FINER = {"notched bar": parts.notched, "strip with a hole": parts.perforated, "stepped bar": lambda: parts.stepped()[0]}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", FINER)
 def test_bounds_hold_against_a_much_finer_solution(name):
     part = FINER[name]()

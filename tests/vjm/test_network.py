@@ -180,7 +180,7 @@ def random_mechanism(seed):
     return Mechanism(tuple(bodies), tuple(joints), tool, rng.normal(size=3), grip=grip)
 
 
-@pytest.mark.parametrize("block", [0, 1, 2, *(pytest.param(k, marks=pytest.mark.slow) for k in (3, 4))])
+@pytest.mark.parametrize("block", [0, 1, 2, *(pytest.param(k, marks=pytest.mark.long) for k in (3, 4))])
 def test_random_mechanisms_against_the_dense_oracle(block):
     """Stiffness, and the sag where nothing moves freely; unit-free comparison, singular stiffness included."""
     compared = sagged = 0

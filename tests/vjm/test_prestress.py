@@ -54,12 +54,12 @@ def shipped_delta():
     [
         (lambda: with_frames(serial_arm()), [0.85, 0.1, 1.1, 0.1, 0.05, -0.1], 10.0),
         pytest.param(
-            lambda: with_frames(read("linear-delta")), CHECKED["linear-delta"]["poses"][1], 3.0, marks=pytest.mark.slow
+            lambda: with_frames(read("linear-delta")), CHECKED["linear-delta"]["poses"][1], 3.0, marks=pytest.mark.long
         ),
         (serial_arm, [0.85, 0.1, 1.1, 0.1, 0.05, -0.1], 1.0),
-        pytest.param(lambda: read("linear-delta"), CHECKED["linear-delta"]["poses"][1], 1.0, marks=pytest.mark.slow),
+        pytest.param(lambda: read("linear-delta"), CHECKED["linear-delta"]["poses"][1], 1.0, marks=pytest.mark.long),
         (lambda: read("stewart"), CHECKED["stewart"]["poses"][1], 100.0),
-        pytest.param(shipped_delta, [0.0, 0.0, -0.9], 1.0, marks=pytest.mark.slow),
+        pytest.param(shipped_delta, [0.0, 0.0, -0.9], 1.0, marks=pytest.mark.long),
     ],
     ids=["serial arm of frames", "linear-delta of frames", "serial arm", "linear-delta", "stewart", "shipped delta"],
 )
@@ -127,7 +127,7 @@ def test_lack_of_fit_prestresses_as_the_potential_energy_says():
     assert left < 1e-4 * change
 
 
-@pytest.mark.parametrize("z", [pytest.param(0.30, marks=pytest.mark.slow), 0.50])
+@pytest.mark.parametrize("z", [pytest.param(0.30, marks=pytest.mark.long), 0.50])
 def test_biglide_is_the_hessian_of_its_own_potential(z, rng):
     """Weights at the tool alone: the energy of ``tests.vjm.energy`` puts a link's elsewhere."""
     link, slider = random_compliance(rng, euler_bernoulli()), random_compliance(rng, published_slider())
