@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 CLOSED = 1e-12  # errors over the mechanism's own length, and rad
 _ENOUGH = 2e-13  # below which another step gains nothing
 _RANK = 1e-9
+_LOCKED = 1e-7  # of the largest derivative
 _STRUCTURAL = 1e-13
 _PIVOT = 0.05  # of the largest in its row or column, for the sake of sparsity
 _STEPS = 8
@@ -47,13 +48,42 @@ class Solution:
     factors: dict[tuple[int, int], Array]
 
 
+def differentiate_closure(linkage: Linkage, q: Array) -> Array:
+    """Derivatives (rows, m, n) of all equations of a linkage's cut joints at coordinates (m, n)."""
+    starts = np.cumsum([0, *(c.size for c in linkage.cuts)])
+    placed = linkage.placed(q)
+    out = np.zeros((int(starts[-1]), linkage.size, q.shape[1]))
+    for k, cut in enumerate(linkage.cuts):
+        for row in range(cut.size):
+            rate = np.einsum("in,cin->cn", linkage.wrench(cut, row, placed), placed.twists[cut.columns])
+            out[starts[k] + row, cut.columns] = rate * cut.signs[:, None]
+    return out * linkage.scale[:, None]
+
+
+def find_locked(linkage: Linkage, q: Array) -> tuple[list[int], float]:
+    """Which of the known coordinates the loops lock at coordinates (m,), and how far the others are from that.
+
+    The latter is the smallest singular value that counts, relative to the largest.
+    """
+    known, whole = linkage.known, differentiate_closure(linkage, q[:, None])[..., 0]
+    if not known or not len(whole):
+        return [], 1.0
+    unknown = [c for c in range(linkage.size) if c not in known]
+    basis, values, _ = np.linalg.svd(whole[:, unknown], full_matrices=False)
+    counts = values > _RANK * values.max(initial=1e-300)
+    basis, part = basis[:, counts], whole[:, known]
+    rest = np.linalg.norm(part - basis @ (basis.T @ part), axis=0)
+    locked = [k for k in range(len(known)) if rest[k] >= _LOCKED * np.abs(whole).max()]
+    return locked, float(values[counts].min(initial=1.0) / values.max(initial=1e-300))
+
+
 class Closure:
     """The equations of a linkage's cut joints, ranked and ordered at coordinates ``q`` (m,)."""
 
     def __init__(self, linkage: Linkage, q: Array) -> None:
         self.linkage = linkage
         self.starts = np.cumsum([0, *(c.size for c in linkage.cuts)])
-        whole = self._whole(q[:, None])[..., 0]
+        whole = differentiate_closure(linkage, q[:, None])[..., 0]
         unknown = [c for c in range(linkage.size) if c not in linkage.known]
         self.columns = self._independent_columns(whole, unknown)
         self.held = [c for c in unknown if c not in set(self.columns)]
@@ -61,29 +91,6 @@ class Closure:
         self.redundant = int(self.starts[-1]) - len(self.rows)
         self.whole = whole
         self._order(q)
-
-    @property
-    def commanded(self) -> list[int]:
-        """Which of the known coordinates can be given any value; the others are locked by the loops."""
-        known = self.linkage.known
-        if not known or not len(self.whole):
-            return list(range(len(known)))
-        basis = np.linalg.qr(self.whole[:, [*self.columns]])[0] if self.columns else np.zeros((len(self.whole), 0))
-        part = self.whole[:, known]
-        rest = part - basis @ (basis.T @ part)
-        size = np.abs(self.whole).max()
-        return [k for k in range(len(known)) if np.linalg.norm(rest[:, k]) < 1e-7 * size]
-
-    def _whole(self, q: Array) -> Array:
-        """All equations' derivatives (rows, m, n) at coordinates (m, n)."""
-        linkage = self.linkage
-        placed = linkage.placed(q)
-        out = np.zeros((int(self.starts[-1]), linkage.size, q.shape[1]))
-        for k, cut in enumerate(linkage.cuts):
-            for row in range(cut.size):
-                rate = np.einsum("in,cin->cn", linkage.wrench(cut, row, placed), placed.twists[cut.columns])
-                out[self.starts[k] + row, cut.columns] = rate * cut.signs[:, None]
-        return out * linkage.scale[:, None]
 
     def _independent_columns(self, whole: Array, unknown: list[int]) -> list[int]:
         driven = {
@@ -99,7 +106,9 @@ class Closure:
         """Pivots by Markowitz's rule, and the fill of the factors."""
         rng = np.random.default_rng(0)
         spread = q[:, None] + 0.3 * rng.normal(size=(len(q), 3)) * self.linkage.scale[:, None]
-        everywhere: NDArray[np.bool_] = np.any(np.abs(self._whole(spread)) > _STRUCTURAL, axis=2)
+        everywhere: NDArray[np.bool_] = np.any(
+            np.abs(differentiate_closure(self.linkage, spread)) > _STRUCTURAL, axis=2
+        )
         used = everywhere[np.ix_(self.rows, self.columns)]
         pattern = used.copy()
         matrix = self.whole[np.ix_(self.rows, self.columns)].copy()

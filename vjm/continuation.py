@@ -9,7 +9,7 @@ Steps are such that Newton's method takes them without doubt, from home or from 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations_with_replacement
+from itertools import combinations, combinations_with_replacement
 from math import comb
 from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
@@ -19,14 +19,15 @@ from numpy.polynomial.chebyshev import chebvander
 from scipy.spatial import KDTree
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.closure import Closure
-from stiffscope.vjm.linkage import Linkage
+from stiffscope.vjm.closure import Closure, find_locked
+from stiffscope.vjm.linkage import Linkage, rotation_vector
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from numpy.typing import NDArray
 
+    from stiffscope.vjm.joints import Joint
     from stiffscope.vjm.linkage import Given, Placed
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.screws import Array
@@ -38,43 +39,104 @@ _CAREFUL = 1.0 / 16.0  # of the way from home, the longest step where longer one
 _NEIGHBOURS = 3.0  # distances between poses, within which one is reached from another
 _ROUNDS = 20
 _FIT = 0.05  # rad or own lengths that a predicted start may be off
+_ASIDE = 0.1  # rad, or own lengths, that drives are displaced from a singular home
+_TOGETHER = 3  # drives displaced at once, at most
+_SAME = 1e-12  # rad or own lengths: a pose that is home
 _DEGREE = 14  # of a polynomial that predicts starts, at most
 REACHED, OPEN, RANGE, BRANCH = range(4)
 
 
 @dataclass(eq=False)
 class Solver:
-    """The equations at home, and what was learned of them since."""
+    """The equations at the configuration that paths start from, and what was learned of them since.
+
+    ``start`` (m,): home, or the nearest regular configuration; ``displaced``: drives that are off home there.
+    """
 
     mechanism: Mechanism
     linkage: Linkage
     closure: Closure
-    home_sign: float
-    """Sign of the determinant of drives by commanded coordinates at home; 0 where it tells nothing."""
+    start: Array
+    displaced: dict[str, float]
+    home_sign: float = 0.0
+    """Sign of the determinant of drives by commanded coordinates at the start; 0 where it tells nothing."""
+
+    @property
+    def start_values(self) -> Array:
+        """Given values (k,) at the start, as displaced from home."""
+        return self.start[self.linkage.known]
 
 
 _solvers: WeakKeyDictionary[Mechanism, dict[Given, Solver]] = WeakKeyDictionary()
 
 
 def find_solver(mechanism: Mechanism, given: Given) -> Solver:
-    """The equations of a mechanism, ranked once."""
+    """The equations of a mechanism, ranked once.
+
+    Raises InputError where the tool cannot be moved along a commanded coordinate, at home or near by.
+    """
     known = _solvers.setdefault(mechanism, {})
     if given not in known:
         linkage = Linkage(mechanism, given)
-        home = np.zeros(linkage.size)
-        closure = Closure(linkage, home)
-        locked = set(range(len(linkage.known))) - set(closure.commanded)
-        if locked and given == "tool":
-            names = ", ".join(mechanism.tool.pose[k] for k in sorted(locked))
-            raise InputError(
-                f"tool.pose: expected coordinates that the mechanism can move in at home, got {names}, held there"
-            )
-        solver = Solver(mechanism, linkage, closure, 0.0)
+        start, displaced = np.zeros(linkage.size), dict[str, float]()
+        if given == "tool" and (locked := find_locked(linkage, start)[0]):
+            found = _find_regular(mechanism, linkage)
+            if found is None:
+                names = ", ".join(mechanism.tool.pose[k] for k in sorted(locked))
+                raise InputError(
+                    f"tool.pose: expected coordinates that the mechanism can move in at home, got {names}, held there"
+                )
+            start, displaced = found
+        solver = Solver(mechanism, linkage, Closure(linkage, start), start, displaced)
         if given == "tool":
-            placed = linkage.placed(home[:, None])
-            solver.home_sign = float(drive_sign(solver, placed, closure.rates(placed, {}))[0])
+            placed = linkage.placed(start[:, None])
+            solver.home_sign = float(drive_sign(solver, placed, solver.closure.rates(placed, {}))[0])
         known[given] = solver
     return known[given]
+
+
+def _find_regular(mechanism: Mechanism, linkage: Linkage) -> tuple[Array, dict[str, float]] | None:
+    """Coordinates (m,) of the nearest regular configuration, and the drives' displacements there; None without any.
+
+    It is found by displacing as few drives as can be, those with which it is farthest from a singular one.
+    """
+    solver, drives = find_solver(mechanism, "drives"), mechanism.drives
+    steps = [_step_of(joint, linkage.length) for joint in drives]
+    for count in range(1, min(_TOGETHER, len(drives)) + 1):
+        best = (0.0, np.zeros(0), dict[str, float]())
+        for some in combinations(range(len(drives)), count):
+            values = np.zeros((1, len(drives)))
+            values[0, list(some)] = [steps[k] for k in some]
+            (followed,) = follow_paths(solver, values, 1)
+            if followed.failure[0] != REACHED:
+                continue
+            q = _transfer(solver.linkage, linkage, followed)
+            locked, margin = find_locked(linkage, q)
+            if not locked and margin > best[0]:
+                best = (margin, q, {drives[k].name: steps[k] for k in some})
+        if best[0]:
+            return best[1:]
+    return None
+
+
+def _step_of(joint: Joint, length: float) -> float:
+    """Displacement of a drive towards a regular configuration, within its range."""
+    step = _ASIDE * (1.0 if joint.kind == "revolute" else length)
+    low, high = (joint.drive.low, joint.drive.high) if joint.drive else (-np.inf, np.inf)
+    return step if step <= high else -step if low <= -step else 0.5 * max(high, low, key=abs)
+
+
+def _transfer(source: Linkage, target: Linkage, followed: Followed) -> Array:
+    """Coordinates (m,) of one linkage's spanning tree from a configuration of another's."""
+    q, tool = np.zeros(target.size), target.mechanism.tool
+    for joint in target.mechanism.joints:
+        if joint.name in target.columns:
+            q[target.columns[joint.name]] = source.coordinates(joint, followed.q, followed.placed)[0]
+    frame = source.frame[source.link_of[tool.body]]
+    moved = followed.placed.point(frame, tool.at)[:, 0] - tool.at
+    turned = rotation_vector(np.moveaxis(followed.placed.rotation[frame], -1, 0))[0]
+    q[target.columns[""]] = np.concatenate([moved, turned])
+    return q
 
 
 def drive_sign(solver: Solver, placed: Placed, rates: Array) -> Array:
@@ -136,8 +198,8 @@ class _Reached:
         self.solver = solver
         linkage = solver.linkage
         self.unit = linkage.scale[linkage.known]
-        self.values: Array = np.zeros((1, len(linkage.known)))
-        self.q: Array = np.zeros((linkage.size, 1))
+        self.values: Array = solver.start_values[None]
+        self.q: Array = solver.start[:, None]
         self.near = np.inf
         self.predict: Callable[[Array], Array] | None = None
 
@@ -146,28 +208,35 @@ class _Reached:
         solver, linkage = self.solver, self.solver.linkage
         n = len(values)
         failure = np.zeros(n, dtype=np.int8)
+        home = self._at_singular_home(values)
         if self.predict is None:
-            q, done = np.zeros((linkage.size, n)), np.zeros(n, dtype=bool)
+            q, done = np.zeros((linkage.size, n)), home.copy()
             placed, factors = None, {}
         else:
             q = self.predict(values)
             q[linkage.known] = values.T
             found = solver.closure.solve(q)
             q, done, placed, factors = found.q, found.closed.copy(), found.placed, found.factors
+            if home.any():
+                q[:, home], done[home], placed = 0.0, True, None
         if placed is None or not done.all():
             self._follow(values, q, done)
             placed, factors = linkage.placed(q), {}
         failure[~done] = OPEN
-        crossed = self._crossed(placed, factors) & done
+        crossed = self._crossed(placed, factors) & done & ~home
         if crossed.any() and self.predict is None:  # a step may end on another branch near by, a short one does not
             again = np.flatnonzero(crossed)
-            home = np.zeros((len(again), len(linkage.known))), np.zeros((linkage.size, len(again)))
-            reached, at = self._walk(*home, values[again], _SHORTEST, _CAREFUL)
+            start = np.repeat(solver.start_values[None], len(again), 0), np.repeat(solver.start[:, None], len(again), 1)
+            reached, at = self._walk(*start, values[again], _SHORTEST, _CAREFUL)
             again, at = again[reached], at[:, reached]
             q[:, again], crossed[again] = at, self._crossed(linkage.placed(at), {})
             placed = linkage.placed(q)
         failure[crossed] = BRANCH
         return Followed(q, placed, failure)
+
+    def _at_singular_home(self, values: Array) -> NDArray[np.bool_]:
+        """Which values (n, k) are those of a home that paths do not start from; all coordinates are zero there."""
+        return (np.abs(values) < _SAME * self.unit).all(axis=1) & bool(self.solver.displaced)
 
     def _crossed(self, placed: Placed, factors: dict[tuple[int, int], Array]) -> NDArray[np.bool_]:
         """Which configurations (n,) are beyond a pose where the drives' rates by the commanded ones are singular."""

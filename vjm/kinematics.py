@@ -102,7 +102,7 @@ class Configurations:
             return _range_text(self.mechanism.drives[k], float(self.drives[index, k]))
         if int(self.failure[index]) == OPEN:
             solver = find_solver(self.mechanism, self.linkage.given)
-            q = np.zeros((self.linkage.size, 1))
+            q = solver.start[:, None].copy()
             q[self.linkage.known] = self.q[self.linkage.known, index, None]
             found = solver.closure.solve(q, 50, patient=True)
             if not (found.error[:, 0] < CLOSED).all():
@@ -124,14 +124,38 @@ class Configurations:
 
 
 def configure(mechanism: Mechanism, poses: ArrayLike) -> Configurations:
-    """Configurations at tool poses (n, k), one column for each coordinate of ``tool.pose``, m and rad.
+    """Configurations of a mechanism at tool poses, on the branch that is reached from home.
 
-    Raises InputError for an array of another shape, a number that is not finite, and a mechanism that cannot move as
-    its poses say. A pose out of reach is not valid.
+    Parameters
+    ----------
+    mechanism
+        Its joints' ranges bound where it can go; where home is singular, paths start from ``start_note``'s.
+    poses
+        (n, k), one column for each coordinate of ``tool.pose``, m and rad.
+
+    Returns
+    -------
+    Configurations
+        Where every body is; a pose out of reach is not valid, and its ``reason`` says why.
+
+    Raises
+    ------
+    InputError
+        For an array of another shape, a number that is not finite, and a mechanism that cannot move as its poses say.
     """
     points = check_poses(mechanism, poses)
     parts = list(configure_chunks(mechanism, points))
     return parts[0] if len(parts) == 1 else _join(mechanism, parts)
+
+
+def start_note(mechanism: Mechanism) -> str | None:
+    """Which configuration tool poses start from where home is singular; None where they start from home."""
+    displaced = find_solver(mechanism, "tool").displaced
+    if not displaced:
+        return None
+    values = (_value_text(mechanism.joint(name), value) for name, value in displaced.items())
+    where = ", ".join(f"{spell_name('joints', name)} = {text}" for name, text in zip(displaced, values, strict=True))
+    return f"home is singular: tool poses start from {where}, the nearest regular configuration"
 
 
 def configure_chunks(mechanism: Mechanism, points: Array, size: int = CHUNK) -> Iterator[Configurations]:
@@ -166,6 +190,10 @@ def _check_rows(values: ArrayLike, names: list[str], what: str) -> Array:
     if bad.size:
         raise InputError(f"{what}: row {int(bad[0])}: expected finite numbers, got {array[bad[0]].tolist()}")
     return array
+
+
+def _value_text(joint: Joint, value: float) -> str:
+    return f"{np.degrees(value):.6g} deg" if joint.kind == "revolute" else f"{value:.6g} m"
 
 
 def _range_text(joint: Joint, value: float) -> str:

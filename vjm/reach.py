@@ -22,7 +22,7 @@ _WAYS = 2.0, 0.95 * np.pi  # in the mechanism's own lengths, and rad: beyond, no
 
 @dataclass(frozen=True)
 class Reach:
-    """Pose from ``low`` to ``high`` in one ``coordinate``, m or rad, the others as at home.
+    """Pose from ``low`` to ``high`` in one ``coordinate``, m or rad, the others as at home, or where paths start.
 
     ``at_low`` and ``at_high``: what ends it there; empty where nothing did within twice the mechanism's own length.
     """
@@ -39,8 +39,9 @@ def reach(mechanism: Mechanism) -> tuple[Reach, ...]:
 
     Raises InputError where the mechanism cannot move as its poses say.
     """
-    home, names = mechanism.tool.home, mechanism.tool.pose
+    names = mechanism.tool.pose
     solver = find_solver(mechanism, "tool")
+    home = mechanism.tool.home + solver.start_values
     turns = [name.startswith("r") for name in names for _ in (0, 1)]
     ways = np.where(turns, _WAYS[1], _WAYS[0] * solver.linkage.length) * np.tile([-1.0, 1.0], len(names))
     shares, reasons = _march(solver, ways[:, None] * np.repeat(np.eye(len(names)), 2, axis=0))
@@ -54,13 +55,13 @@ def reach(mechanism: Mechanism) -> tuple[Reach, ...]:
 def _march(solver: Solver, ways: Array) -> tuple[Array, list[str]]:
     """Shares (n,) of ways (n, k) from home that can be gone, and what ends them."""
     linkage, n = solver.linkage, len(ways)
-    q = np.zeros((linkage.size, n))
+    q = np.repeat(solver.start[:, None], n, axis=1)
     share, step, beyond, steady = np.zeros(n), np.full(n, _LONGEST), np.full(n, np.inf), np.zeros(n, dtype=int)
     reasons = [""] * n
     while (going := np.flatnonzero((share < 1.0) & (step >= _SHORTEST))).size:
         ahead = np.minimum(share[going] + step[going], 1.0)
         trial = q[:, going]
-        trial[linkage.known] = (ahead[:, None] * ways[going]).T
+        trial[linkage.known] = (solver.start_values + ahead[:, None] * ways[going]).T
         found = solver.closure.solve(trial)
         faults = _faults(solver, found)
         for i, k in enumerate(going):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import logging
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,13 +11,16 @@ from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.values import ANGLE
 from stiffscope.robot.inspection import configured_poses, rigid_mechanism
-from stiffscope.vjm.kinematics import configure_drives
+from stiffscope.vjm.kinematics import configure_drives, start_note
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.vjm.kinematics import Configurations
+
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,8 @@ def find_poses(robot: RobotFile, at: Sequence[str], joints: Sequence[str]) -> As
         found = configure_drives(mechanism, [_displacements(robot, text) for text in joints])
     else:
         found = configured_poses(robot, mechanism, [_coordinates(robot, text) for text in names])
+        if note := start_note(mechanism):
+            log.warning("%s", note)
     for index, name in enumerate(names):
         if not found.valid[index]:
             named = name in robot.poses and not (at or joints)

@@ -16,7 +16,7 @@ from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import PartMatrix, known_mass, source_of, used_parts
 from stiffscope.vjm.checks import list_names
 from stiffscope.vjm.continuation import find_solver
-from stiffscope.vjm.kinematics import configure
+from stiffscope.vjm.kinematics import configure, start_note
 from stiffscope.vjm.linkage import Linkage
 from stiffscope.vjm.mobility import NEAR, mobility
 from stiffscope.vjm.reach import reach
@@ -112,7 +112,7 @@ def inspect_robot(robot: RobotFile) -> Inspection:
     poses = tuple(_pose(configurations, k, name, tool) for k, (name, tool) in enumerate(named.items()))
     mapped = None if robot.map is None else _mapped(robot, mechanism)
     remarks = (
-        *_of_mobility(found),
+        *_of_mobility(found, start_note(mechanism)),
         *_of_choice(found, mechanism),
         *_of_home(found, mechanism),
         *_of_poses(poses),
@@ -192,10 +192,12 @@ def _mapped(robot: RobotFile, mechanism: Mechanism) -> float:
     return float(configure(mechanism, points).valid.mean())
 
 
-def _of_mobility(found: Mobility) -> Iterator[str]:
-    """What is amiss with drives and coordinates."""
+def _of_mobility(found: Mobility, start: str | None = None) -> Iterator[str]:
+    """What is amiss with drives and coordinates; ``start`` tells where tool poses start, unless at home."""
     locked, free = ([name for name, what in found.coordinates.items() if what == word] for word in ("locked", "free"))
-    if locked:
+    if start:
+        yield start
+    elif locked:
         able = [str(each) for each in found.tool] or ["nothing"]
         yield f"[tool] pose commands {', '.join(locked)}, which the mechanism holds; the tool can do: {', '.join(able)}"
     if free:

@@ -160,3 +160,22 @@ def test_drives_that_a_pose_does_not_tell_are_named():
     still = [name for name, moved in zip(("j0", "j1", "j2"), found.poses[1].drives, strict=True) if moved == 0.0]
     assert told[0].endswith(f": {still[0]} stays as at home")
     assert not any("motions open" in each for each in inspect_robot(load_robot("stewart")).remarks)
+
+
+def test_a_singular_home_is_said_with_where_tool_poses_start(tmp_path):
+    """A spherical wrist that is straight at home."""
+    joints = "".join(
+        f'[bodies.b{k}]\n[joints.j{k}]\nbetween = ["{f"b{k - 1}" if k else "ground"}", "b{k}"]\ntype = "revolute"\n'
+        f"at = {at}\naxis = {axis}\ndrive = {{ stiffness = 20000 }}\n"
+        for k, (at, axis) in enumerate([
+            ([0, 0, 0], [0, 0, 1]), ([0, 0, 0.4], [0, 1, 0]), ([0.35, 0, 0.6], [0, 1, 0]),
+            ([0.5, 0, 0.6], [1, 0, 0]), ([0.7, 0, 0.6], [0, 1, 0]), ([0.75, 0, 0.6], [1, 0, 0]),
+        ])
+    )  # fmt: skip
+    tool = '[tool]\nbody = "b5"\nat = [0.85, 0, 0.6]\npose = ["x", "y", "z", "rx", "ry", "rz"]\n'
+    path = tmp_path / "wrist.toml"
+    path.write_text(f'name = "wrist"\n{joints}{tool}[poses]\nhome = [0.85, 0, 0.6, 0, 0, 0]\n')
+    found = inspect_robot(load_robot(path))
+    assert not found.error
+    assert any(r.startswith("home is singular: tool poses start from joints.") for r in found.remarks)
+    assert not any("which the mechanism holds" in r for r in found.remarks)
