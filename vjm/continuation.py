@@ -236,7 +236,8 @@ class _Reached:
 
     def _at_singular_home(self, values: Array) -> NDArray[np.bool_]:
         """Which values (n, k) are those of a home that paths do not start from; all coordinates are zero there."""
-        return (np.abs(values) < _SAME * self.unit).all(axis=1) & bool(self.solver.displaced)
+        home = (np.abs(values) < _SAME * self.unit).all(axis=1)
+        return np.asarray(home & bool(self.solver.displaced))
 
     def _crossed(self, placed: Placed, factors: dict[tuple[int, int], Array]) -> NDArray[np.bool_]:
         """Which configurations (n,) are beyond a pose where the drives' rates by the commanded ones are singular."""

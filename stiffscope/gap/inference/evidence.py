@@ -209,7 +209,7 @@ def posterior(errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], pos
     inner, k = errors.inner(projected, projected), x.shape[1]
     grams, pulls, totals = inner[:, :k, :k], inner[:, :k, k], inner[:, k, k]
     ends = np.cumsum([0, *(prior.scales.shape[1] for prior in priors)])
-    own = [np.arange(start, end) for start, end in pairwise(ends.tolist())]
+    own: list[Codes] = [np.arange(start, end) for start, end in pairwise(ends.tolist())]
 
     def logs_of(scales: Array) -> Array:
         """Ln evidence (s,) for prior scales (s, k)."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -63,5 +64,5 @@ def _subsets(count: int) -> Flags:
     if count > _MOST_APART:
         halves = np.repeat([[True, False], [False, True]], [count // 2, count - count // 2], axis=1).reshape(2, count)
         return np.concatenate([np.eye(count, dtype=np.bool_), halves])
-    codes = np.arange(1, 2**count - 1)
-    return (codes[:, None] >> np.arange(count) & 1).astype(np.bool_)
+    proper = [*product([False, True], repeat=count)][1:-1]
+    return np.array(proper, dtype=np.bool_).reshape(-1, count)[:, ::-1]
