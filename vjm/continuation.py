@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations, combinations_with_replacement
-from math import comb
+from math import comb, prod
 from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
@@ -320,11 +320,11 @@ class _Reached:
 
         def features(values: Array) -> Array:
             """Products (n, terms) of Chebyshev polynomials of the values."""
-            tables = chebvander((values - middle) / half, degree)
-            return np.stack(
-                [np.prod([tables[:, c, p.count(c)] for c in set(p)] or [np.ones(len(values))], axis=0) for p in powers],
-                axis=1,
-            )
+            tables = chebvander(((values - middle) / half).T, degree)
+            out = np.empty((len(powers), len(values)))
+            for row, power in enumerate(powers):
+                out[row] = prod(tables[c, :, power.count(c)] for c in set(power))
+            return out.T
 
         table = features(self.values)
         train = np.arange(count) % 4 > 0

@@ -67,11 +67,10 @@ def rigid_wrenches(compliance: Array, length: float) -> Array:
     return wrenches / np.linalg.norm(wrenches, axis=1, keepdims=True)
 
 
-def invert_stiffness(matrix: Array) -> Array:
-    """Compliances of stiffnesses (n, 6, 6); NaN where the tool moves freely, or the stiffness is not known."""
+def invert_stiffness(matrix: Array, free: NDArray[np.int_]) -> Array:
+    """Compliances of stiffnesses (n, 6, 6); NaN where some directions (n,) are free, or the stiffness is not known."""
     out = np.full_like(matrix, np.nan)
-    known = np.asarray(np.isfinite(matrix).all(axis=(1, 2)))
-    known[known] = count_freedoms(matrix[known])[0] == 0
+    known = np.isfinite(matrix).all(axis=(1, 2)) & (free == 0)
     out[known] = np.linalg.inv(matrix[known])
     return 0.5 * (out + np.swapaxes(out, -1, -2))
 

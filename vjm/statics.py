@@ -128,7 +128,8 @@ def compliance(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravi
     Array
         (n, 6, 6) at M in base axes, m/N, 1/N, rad/(N·m); NaN where a pose is out of reach or the tool moves freely.
     """
-    return _map_chunks(mechanism, poses, (6, 6), lambda order, where: _find_matrices(order, where, gravity)[..., 6:12])
+    both = _map_chunks(mechanism, poses, (6, 13), lambda order, where: _find_matrices(order, where, gravity))
+    return _complete_compliance(both[..., :6], both[..., 6:12])[0]
 
 
 def batches(
@@ -185,22 +186,29 @@ def analyse(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravity:
     found = poses if isinstance(poses, Configurations) else configure(mechanism, poses)
     n = len(found)
     both = _map_chunks(mechanism, found, (6, 13), lambda order, where: _find_matrices(order, where, "none"))
-    matrix, yielding = both[..., :6], both[..., 6:12]
+    matrix = both[..., :6]
+    yielding, free, inverse_condition = _complete_compliance(matrix, both[..., 6:12])
     sagged = np.zeros((n, 6))
     if gravity != "none":
         loaded = _analyse_weight(mechanism, found, matrix, yielding)
         sagged, still = loaded[..., 12], np.isnan(loaded[:, :1, 12:])
         matrix, yielding = np.where(still, matrix, loaded[..., :6]), np.where(still, yielding, loaded[..., 6:12])
-    free, inverse_condition = np.full(n, 6), np.full(n, np.nan)
-    known = np.isfinite(matrix).all(axis=(1, 2))
-    free[known], inverse_condition[known] = count_freedoms(matrix[known])
-    stuck = found.valid & ~known
+        yielding, free, inverse_condition = _complete_compliance(matrix, yielding)
+    stuck = found.valid & ~np.isfinite(matrix).all(axis=(1, 2))
     free[stuck], inverse_condition[stuck] = 0, 0.0
     length = found.linkage.length
     rigid = tuple(
         rigid_wrenches(c, length) if out else np.zeros((0, 6)) for c, out in zip(yielding, stuck, strict=True)
     )
     return Stiffness(found, matrix, sagged, free, inverse_condition, yielding, rigid)
+
+
+def _complete_compliance(matrix: Array, yielding: Array) -> tuple[Array, NDArray[np.int_], Array]:
+    """Compliance (n, 6, 6), also of known stiffnesses; number of free directions and inverse condition number (n,)."""
+    free, inverse_condition = np.full(len(matrix), 6), np.full(len(matrix), np.nan)
+    known = np.isfinite(matrix).all(axis=(1, 2))
+    free[known], inverse_condition[known] = count_freedoms(matrix[known])
+    return np.where(np.isnan(yielding), invert_stiffness(matrix, free), yielding), free, inverse_condition
 
 
 def _analyse_weight(mechanism: Mechanism, found: Configurations, unloaded: Array, yielding: Array) -> Array:
@@ -306,10 +314,10 @@ def _find_stiffness(order: Order, where: Places, gravity: Gravity) -> tuple[Arra
 
 
 def _find_matrices(order: Order, where: Places, gravity: Gravity) -> Array:
-    """Stiffness, compliance and sag (n, 6, 13); the stiffness is NaN where it is infinite."""
+    """Stiffness, compliance and sag (n, 6, 13); NaN where infinite, and where it is the stiffness's inverse to take."""
     try:
         matrix, sagged = _find_stiffness(order, where, gravity)
-        yielding = invert_stiffness(matrix)
+        yielding = np.full_like(matrix, np.nan)
     except InfiniteStiffnessError:
         if gravity == "exact":
             yielding, sagged = loaded_compliance(order, where, order.mechanism.gravity)
