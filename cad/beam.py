@@ -7,13 +7,10 @@ section's centroid, which at the loaded end is the reference point. A channel's 
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, ClassVar, cast
 
-import numpy as np
-
 from stiffscope.cad.checks import GAP, length, mm, require
-from stiffscope.cad.faces import select
 from stiffscope.cad.materials import STEEL, AnyMaterial
-from stiffscope.cad.part import Interface, Part
-from stiffscope.cad.solid import GREATEST_X, LEAST_X
+from stiffscope.cad.part import Part
+from stiffscope.cad.solid import span_part
 
 if TYPE_CHECKING:
     from build123d import Sketch
@@ -162,14 +159,10 @@ def build(parameters: BeamParameters, material: AnyMaterial = STEEL, name: str =
     """
     from build123d import Circle, Plane, Polygon, extrude
 
-    from stiffscope.cad.validity import valid_solid
-
     if isinstance(parameters, TubeParameters):
         section = Circle(1e3 * parameters.radius) - Circle(1e3 * (parameters.radius - parameters.wall))
     else:
         loops = [Polygon(*((1e3 * y, 1e3 * z) for y, z in loop), align=None) for loop in parameters.outline()]
         section = loops[0] - loops[1:] if len(loops) > 1 else loops[0]
-    solid = valid_solid(extrude(Plane.YZ * cast("Sketch", section), 1e3 * parameters.length).wrapped, name)
-    clamped, loaded = (select(solid, chosen) for chosen in (LEAST_X, GREATEST_X))
-    tip = np.array([parameters.length, 0.0, 0.0])
-    return Part(name, solid, material, clamped, (Interface("end", loaded, tip),))
+    shape = extrude(Plane.YZ * cast("Sketch", section), 1e3 * parameters.length)
+    return span_part(shape.wrapped, parameters.length, material, name)

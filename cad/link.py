@@ -5,12 +5,10 @@ Axes: x along the link, from the clamped end at x = 0 to the loaded end, whose c
 
 from dataclasses import dataclass, fields, replace
 
-import numpy as np
-
 from stiffscope.cad.checks import GAP, length, mm, optional_length, require
-from stiffscope.cad.faces import FaceSelector, select
 from stiffscope.cad.materials import STEEL, AnyMaterial
-from stiffscope.cad.part import Interface, Part
+from stiffscope.cad.part import Part
+from stiffscope.cad.solid import span_part
 
 
 @dataclass(frozen=True)
@@ -102,16 +100,8 @@ def build(parameters: LinkParameters, material: AnyMaterial = STEEL, name: str =
     """
     from build123d import Axis, Polygon, revolve
 
-    from stiffscope.cad.validity import valid_solid
-
     section = Polygon(*((1e3 * x, 1e3 * r) for x, r in _profile(parameters)), align=None)
-    solid = valid_solid(revolve(section.face(), Axis.X).wrapped, name)
-    ends = [
-        select(solid, [FaceSelector(kind="plane", normal=normal, position=position)])
-        for normal, position in (((-1, 0, 0), "min x"), ((1, 0, 0), "max x"))
-    ]
-    tip = np.array([parameters.length, 0.0, 0.0])
-    return Part(name, solid, material, ends[0], (Interface("end", ends[1], tip),))
+    return span_part(revolve(section.face(), Axis.X).wrapped, parameters.length, material, name)
 
 
 def _profile(link: LinkParameters) -> list[tuple[float, float]]:

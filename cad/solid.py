@@ -120,6 +120,15 @@ def part_of(
     return Part(name, moved, material, at_rest, tuple(ends), rest)
 
 
+def span_part(shape: Any, length: float, material: AnyMaterial, name: str) -> Part:
+    """Make a part along x, of a shape in mm: clamped at x = 0, with the interface ``end`` at ``length``, m."""
+    from stiffscope.cad.validity import valid_solid
+
+    solid = valid_solid(shape, name)
+    clamped, loaded = (select(solid, chosen) for chosen in (LEAST_X, GREATEST_X))
+    return Part(name, solid, material, clamped, (Interface("end", loaded, np.array([length, 0.0, 0.0])),))
+
+
 def _check_near(solid: Any, point: Vector, field: str) -> None:
     from stiffscope.cad import kernel
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from stiffscope.vjm.modes import frequencies, modes
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
+    from stiffscope.fea.derivatives import Derivative
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.parameters import Parameter
     from stiffscope.robot.part_matrices import Components, Experiment
@@ -34,43 +35,7 @@ if TYPE_CHECKING:
     from stiffscope.vjm.mechanism import Mechanism
 
 STEP = 1e-4  # of a number: central difference of the robot
-OWN_MODES = (
-    0.01  # of a frequency's derivative: 95 % bound of what the parts' modes between their ends, held, change of it
-)
-
-
-class Derivative(Protocol):
-    """What is known of a part by one of its parameters; see ``stiffscope.fea.derivatives.Derivative``."""
-
-    @property
-    def compliance(self) -> np.ndarray:
-        """(6, 6) of the compliance."""
-        ...
-
-    @property
-    def error(self) -> np.ndarray:
-        """(6, 6) 95 % bounds of it."""
-        ...
-
-    @property
-    def mass(self) -> float:
-        """Of the mass, kg."""
-        ...
-
-    @property
-    def condensed_mass(self) -> np.ndarray:
-        """(12, 12) of the mass on the twists of clamp and interface."""
-        ...
-
-    @property
-    def reference_points(self) -> np.ndarray:
-        """(1, 3) of the reference point, m."""
-        ...
-
-    @property
-    def clamp_point(self) -> np.ndarray:
-        """(3,) of the clamp point, m."""
-        ...
+OWN_MODES = 0.01  # of a frequency's derivative: 95 % bound of what a part's modes between its held ends change of it
 
 
 @dataclass(frozen=True, eq=False)
