@@ -67,13 +67,15 @@ def emit(
     output
         Where to.
     answer
-        What `--json` writes.
+        What `--json` writes, or a function that makes it where that takes a while.
     show
         Prints the tables.
     manifest, fill, page, kept
         As for `write_folder`; without a folder in `output` they are not used.
 
     """
+    if callable(answer) and (output.json or kept):
+        answer = answer()
     if output.folder is not None and manifest is not None:
         write_folder(output.folder, manifest, fill, page, show, answers={kept: answer} if kept else None)
     if output.json:

@@ -173,7 +173,7 @@ def map_(
             drawn.result()
 
     emit(
-        output, to_dataset(found).to_dict(), manifest=manifest, fill=fill,
+        output, lambda: to_dataset(found).to_dict(), manifest=manifest, fill=fill,
         page=lambda folder, _: write_map_report(folder, made, {stem: title for title, stem, _ in figures}),
     )  # fmt: skip
 

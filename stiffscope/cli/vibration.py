@@ -112,7 +112,7 @@ def frf(
     ])  # fmt: skip
     response = report.Response(asked.names, hertz, curves, source, target, damping, asked.configurations.tool)
     emit(
-        output, report.as_dataset(response, f"{robot.name}: frequency response").to_dict(), manifest=manifest,
+        output, lambda: report.as_dataset(response, f"{robot.name}: frequency response").to_dict(), manifest=manifest,
         fill=lambda folder: report.write(response, folder, f"{robot.name}: response at {target} to {source}"),
         page=lambda folder, _: report.write_page(response, folder, robot.name),
     )  # fmt: skip
