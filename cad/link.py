@@ -4,6 +4,7 @@ Axes: x along the link, from the clamped end at x = 0 to the loaded end, whose c
 """
 
 from dataclasses import dataclass, fields, replace
+from typing import ClassVar
 
 from stiffscope.cad.checks import GAP, length, mm, optional_length, require
 from stiffscope.cad.materials import STEEL, AnyMaterial
@@ -32,6 +33,7 @@ class LinkParameters:
         A value out of range, named as in the robot file (``link.bore``).
     """
 
+    shape: ClassVar[str] = "rod"
     length: float = 0.5
     radius: float = 0.0125
     bore: float = 0.0

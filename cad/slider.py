@@ -5,7 +5,7 @@ point is the centre of the loaded face, or of the middle pad if there are pads.
 """
 
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
@@ -61,6 +61,7 @@ class SliderParameters:
         A value out of range, named as in the robot file (``slider.rib_pitch``).
     """
 
+    shape: ClassVar[str] = "plate"
     depth: float = 0.085
     width: float = 0.320
     thickness: float = 0.020

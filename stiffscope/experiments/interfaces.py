@@ -166,9 +166,7 @@ def _bed(robot: RobotFile, part: str) -> float | None:
     given = getattr(section, "foundation", None)
     if given or material is None or not isinstance(section, ParametricPart):
         return given
-    length = section.lengths()
-    thickness = length["thickness"] if section.shape == "plate" else 2 * length["radius"]
-    return float(f"{material.youngs_modulus / thickness:.3g}")
+    return float(f"{material.youngs_modulus / section.across('z'):.3g}")
 
 
 def _with(robot: RobotFile, part: str, values: Mapping[str, Any]) -> RobotFile:

@@ -18,13 +18,12 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from stiffscope.cad.faces import FaceSelector
-    from stiffscope.cad.link import LinkParameters
     from stiffscope.cad.materials import AnyMaterial
     from stiffscope.cad.part import Part
-    from stiffscope.cad.slider import SliderParameters
     from stiffscope.cad.solid import Placement
     from stiffscope.fea.settings import Settings
     from stiffscope.robot.file.description import RobotFile
+    from stiffscope.robot.file.part_sections import Dimensions
 
 LIBRARIES = ("build123d", "cadquery-ocp-novtk", "pytetwild", "scikit-fem", "numpy", "scipy")
 FORM = 8  # of the files of an experiment in the cache; other code reads other forms
@@ -46,11 +45,11 @@ class StepOrder:
 class PartOrder:
     """Everything that determines a part's virtual experiment; the label names it in messages only.
 
-    The solid is that of dimensions, a rod's or a plate's, or of a STEP file.
+    The solid is that of dimensions (a rod, a plate, a beam), or of a STEP file.
     """
 
     name: str
-    solid: LinkParameters | SliderParameters | StepOrder
+    solid: Dimensions | StepOrder
     material: AnyMaterial
     settings: Settings
     label: str = field(default="", compare=False)
@@ -62,10 +61,8 @@ class PartOrder:
 
     @property
     def shape(self) -> str:
-        """The kind of solid: "rod", "plate" or "step"."""
-        from stiffscope.cad.link import LinkParameters
-
-        return "step" if self.step else "rod" if isinstance(self.solid, LinkParameters) else "plate"
+        """The kind of solid: "rod", "plate", "box", ... or "step"."""
+        return "step" if isinstance(self.solid, StepOrder) else self.solid.shape
 
     def key(self) -> str:
         """Cache key: shape, material, settings, a STEP file's content, and the code that works on them."""
@@ -93,7 +90,7 @@ class PartOrder:
 
     def build(self) -> Part:
         """The part itself: its own shape, or the solid of a STEP file."""
-        from stiffscope.cad import link, slider
+        from stiffscope.cad import beam, link, slider
         from stiffscope.cad.step import read_step
 
         if isinstance(self.solid, StepOrder):
@@ -103,7 +100,9 @@ class PartOrder:
             )  # fmt: skip
         if isinstance(self.solid, link.LinkParameters):
             return link.build(self.solid, self.material, self.name)
-        return slider.build(self.solid, self.material, self.name)
+        if isinstance(self.solid, slider.SliderParameters):
+            return slider.build(self.solid, self.material, self.name)
+        return beam.build(self.solid, self.material, self.name)
 
 
 def order_part(robot: RobotFile, name: str, step: str | Path | None = None, *, label: str = "") -> PartOrder:
@@ -164,12 +163,12 @@ def build_part(robot: RobotFile, name: str) -> Part:
         return order_part(robot, name).build()
 
 
-def _dimensions(robot: RobotFile, name: str) -> LinkParameters | SliderParameters:
-    """Shape of a rod or plate, without the parameters of absent features."""
+def _dimensions(robot: RobotFile, name: str) -> Dimensions:
+    """Shape of a parametric part, without the parameters of absent features."""
     part = robot.part(name)
     if not isinstance(part, ParametricPart):
         raise robot.refuse(
-            ("parts", name, "shape"), f'expected a rod, a plate or a STEP file, which are solids, got "{part.shape}"'
+            ("parts", name, "shape"), f'expected a shape that is a solid, such as "rod" or "step", got "{part.shape}"'
         )
     try:
         return robot.dimensions(name).present()

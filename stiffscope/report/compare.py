@@ -1,19 +1,23 @@
 """FEA beside beam theory beside the published matrix, entry by entry, and which assumption fails where.
 
-A rod or a plate of any robot; "published" is for robots whose file names a published matrix.
+A rod, a plate or a section of any robot; "published" is for robots whose file names a published matrix.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.fea.beam import euler_bernoulli, polar, restrained_torsion
 from stiffscope.robot import part_matrices as parts_of
+from stiffscope.robot.file.part_sections import ParametricPart
 
 if TYPE_CHECKING:
+    from stiffscope.cad.materials import AnyMaterial
     from stiffscope.experiments.results import PartResult
+    from stiffscope.fea.beam import Section
     from stiffscope.fea.experiment import Experiment
     from stiffscope.robot.file.description import RobotFile
 
@@ -41,9 +45,7 @@ class Comparison:
 
 
 def compare(robot: RobotFile, name: str, result: PartResult | Experiment) -> Comparison:
-    """Return the compliance of a rod or plate by FEA, beam theories and as published, entry by entry, with findings."""
-    from stiffscope.fea.beam import euler_bernoulli
-
+    """Return a parametric part's compliance by FEA, beam theories and as published, entry by entry, with findings."""
     simple = parts_of.beam_compliance(robot, name, euler_bernoulli)
     beam = parts_of.beam_compliance(robot, name)
     printed = _printed(robot, name)
@@ -72,16 +74,17 @@ def _findings(
     robot: RobotFile, name: str, fea: np.ndarray, simple: np.ndarray, beam: np.ndarray, printed: np.ndarray | None
 ) -> list[str]:
     """Which assumption fails where, a sentence each."""
-    from stiffscope.fea.beam import polar
-
-    plate = robot.part(name).shape == "plate"
+    part, material = robot.part(name), robot.material(name)
+    if not isinstance(part, ParametricPart) or material is None:
+        return []
+    plate = part.shape == "plate"
     segments = parts_of.beam_segments(robot, name)
     length, section = sum(length for length, _ in segments), segments[0][1]
     found = _not_in_beam_theory(robot, name)
     for i, axis in ((1, "y"), (2, "z")):
         share = 1 - simple[i, i] / beam[i, i]
         if share > 0.02:
-            slender = length / _depth(robot, name, axis)
+            slender = length / part.across(axis)
             found.append(
                 f"C{i + 1}{i + 1}: shear makes {100 * share:.0f} % of the deflection along {axis}, where the part is "
                 f"only {slender:.2g} times as long as deep; Euler-Bernoulli neglects it"
@@ -92,12 +95,7 @@ def _findings(
             f"C33, C35, C55: a wide plate bends {100 * narrowing:.0f} % less about y than a beam, whose section is "
             "free to contract and expand sideways"
         )
-    torsion = fea[3, 3] / beam[3, 3]
-    if abs(torsion - 1) > 0.02:
-        found.append(
-            f"C44: {torsion:.2f} times Saint-Venant's torsion, in which the ends warp freely; here they cannot, and "
-            "the part is too short for the end effect to decay (Saint-Venant)"
-        )
+    found += _torsion(section, material, length, fea[3, 3] / beam[3, 3])
     if printed is not None and printed[3, 3] < 0.5 * beam[3, 3]:
         found.append(
             f"C44 as published is {fea[3, 3] / printed[3, 3]:.1f} times too stiff: its torsion constant is "
@@ -115,15 +113,29 @@ def _findings(
     return found
 
 
+def _torsion(section: Section, material: AnyMaterial, length: float, torsion: float) -> list[str]:
+    """What torsion shows, of FEA over Saint-Venant's."""
+    found = []
+    if abs(torsion - 1) > 0.02:
+        effect = "the part is too short for the end effect to decay (Saint-Venant)"
+        if section.warping:
+            twist = restrained_torsion(length, section, material.youngs_modulus, material.shear_modulus)
+            held = twist * material.shear_modulus * section.torsion / length
+            effect = f"Vlasov's theory gives {held:.2f} times with warping restrained at both ends"
+        found.append(
+            f"C44: {torsion:.2f} times Saint-Venant's torsion, in which the ends warp freely; here they cannot, and "
+            + effect
+        )
+    if section.shear_centre:
+        found.append(
+            f"C34: the shear centre is {1e3 * abs(section.shear_centre):.3g} mm from the centroid, on the web's side: "
+            "a force along z through the centroid twists the beam"
+        )
+    return found
+
+
 def _not_in_beam_theory(robot: RobotFile, name: str) -> list[str]:
     part = robot.part(name)
     extras = {"ribs": "rib_count", "bolt holes": "hole_count", "joint pads": "pad_height"}
     present = [word for word, key in extras.items() if getattr(part, key, 0)]
     return [f"Beam theory models the bare plate: the {' and '.join(present)} are in the FEA only"] if present else []
-
-
-def _depth(robot: RobotFile, name: str, axis: str) -> float:
-    size: Any = robot.dimensions(name)
-    if robot.part(name).shape == "rod":
-        return 2 * size.radius
-    return size.width if axis == "y" else size.thickness

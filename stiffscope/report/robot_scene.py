@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.cad.beam import BeamParameters
 from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.vjm.network import place_nodes
 from stiffscope.vjm.screws import skew
@@ -124,12 +125,14 @@ def _body(robot: RobotFile | None, body: Body, experiments: Mapping[str, Path]) 
     }
 
 
-def _shape(robot: RobotFile, name: str) -> dict[str, float]:
+def _shape(robot: RobotFile, name: str) -> dict[str, Any]:
     """What a part without an experiment is drawn by."""
     part = robot.parts[name]
     if not isinstance(part, ParametricPart):
         return {}
     size = part.lengths()
+    if isinstance(solid := part.parameters(), BeamParameters) and part.shape != "tube":
+        return {"outline": solid.outline()}
     return {key: size[key] for key in ("radius", "width", "thickness", "depth") if key in size}
 
 

@@ -100,7 +100,7 @@ def _check_elastic(robot: RobotFile, name: str, body: ElasticBody) -> None:
         message = f"expected a tip {mm(length)} from the base, as part {body.part} is long, to {SAME_LENGTH:.2%}"
         raise FieldError((*key, "tip"), f"{message}, got {mm(size)}")
     if body.y is None:
-        if part.shape != "rod":
+        if part.shape not in {"rod", "tube"}:
             raise FieldError(
                 (*key, "y"), f"expected a direction across a {part.shape} part, such as [0, 1, 0], got nothing"
             )

@@ -11,7 +11,7 @@ import numpy as np
 
 from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
-from stiffscope.fea.beam import circle, euler_bernoulli, rectangle, timoshenko
+from stiffscope.fea.beam import box, channel, circle, euler_bernoulli, i_section, rectangle, timoshenko
 from stiffscope.robot.beam_dynamics import beam_dynamics
 from stiffscope.robot.file.part_sections import MatrixPart, ParametricPart, PartSection, SolidPart, Source, StepPart
 from stiffscope.vjm.checks import check_compliance
@@ -28,6 +28,13 @@ if TYPE_CHECKING:
 
     Theory = Callable[[float, Section, float, float], np.ndarray]
     Components = str | Mapping[str, str | ArrayLike] | None
+
+SECTIONS = {  # cross-section of a beam's own dimensions
+    "tube": lambda radius, wall, poisson: circle(radius, radius - wall, poisson),
+    "box": box,
+    "i": i_section,
+    "channel": lambda width, height, flange, web, **_: channel(width, height, flange, web),
+}
 
 
 @dataclass(frozen=True)
@@ -208,17 +215,21 @@ def known_mass(robot: RobotFile, name: str) -> float | None:
 
 
 def beam_segments(robot: RobotFile, name: str) -> list[tuple[float, Section]]:
-    """Lengths (m) and cross-sections of a rod or plate seen as a beam along its x, from the clamped end on.
+    """Lengths (m) and cross-sections of a parametric part seen as a beam along its x, from the clamped end on.
 
     A rod with fittings is three round bars; a plate is without its ribs, holes and pads.
     """
     poisson = getattr(robot.material(name), "poisson", 0.3)
     part = robot.parts[name]
     if not isinstance(part, ParametricPart):
-        raise robot.refuse(("parts", name, "shape"), f'expected a rod or plate for beam theory, got "{part.shape}"')
+        raise robot.refuse(
+            ("parts", name, "shape"), f'expected a rod, plate or section for beam theory, got "{part.shape}"'
+        )
     size = part.lengths()
     if part.shape == "plate":
         return [(size["depth"], rectangle(size["width"], size["thickness"], poisson))]
+    if part.shape in SECTIONS:
+        return [(size.pop("length"), SECTIONS[part.shape](poisson=poisson, **size))]
     shank = circle(size["radius"], size["bore"] / 2, poisson)
     if not size["fitting_radius"]:
         return [(size["length"], shank)]
@@ -227,7 +238,7 @@ def beam_segments(robot: RobotFile, name: str) -> list[tuple[float, Section]]:
 
 
 def beam_compliance(robot: RobotFile, name: str, theory: Theory = timoshenko) -> np.ndarray:
-    """Compliance of a rod or plate by beam theory.
+    """Compliance of a parametric part by beam theory.
 
     Parameters
     ----------
@@ -246,7 +257,7 @@ def beam_compliance(robot: RobotFile, name: str, theory: Theory = timoshenko) ->
     Raises
     ------
     InputError
-        The part is no rod or plate, or has no material.
+        The part has no dimensions, or no material.
 
     """
     material = robot.material(name)

@@ -5,11 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stiffscope.cad.materials import STEEL
 from stiffscope.effects.part_dimension import find_dimensions
 from stiffscope.effects.vocabulary import apply_effect
 from stiffscope.errors import InputError
+from stiffscope.fea.beam import box, channel, circle, i_section, timoshenko
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.nominal import NominalRobot
+from stiffscope.robot.parameters import parameters
 from stiffscope.robot.part_dimensions import (
     PartDimension,
     beam_dimensions,
@@ -19,9 +22,27 @@ from stiffscope.robot.part_dimensions import (
     vanishing,
     with_parameter,
 )
-from stiffscope.robot.part_matrices import beam_compliance, part_matrices
+from stiffscope.robot.part_matrices import beam_compliance, known_mass, part_matrices
 from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.statics import stiffness
+
+BEAM = """
+bodies.arm = {{ part = "beam", base = [0, 0, 0], tip = [0.3, 0, 0], y = [0, 1, 0] }}
+joints.root = {{ between = ["ground", "arm.base"], type = "fixed", at = [0, 0, 0] }}
+tool = {{ body = "arm.tip", at = [0.3, 0, 0], pose = ["x"] }}
+[parts.beam]
+shape = "{shape}"
+material = "steel"
+length = 0.3
+{dimensions}
+"""
+FLANGED = {"width": 0.04, "height": 0.06, "flange": 0.006, "web": 0.005}
+SECTIONS = {
+    "tube": (circle(0.02, 0.016, STEEL.poisson), {"radius": 0.02, "wall": 0.004}),
+    "box": (box(0.04, 0.06, 0.004, STEEL.poisson), {"width": 0.04, "height": 0.06, "wall": 0.004}),
+    "i": (i_section(**FLANGED, poisson=STEEL.poisson), FLANGED),
+    "channel": (channel(**FLANGED), FLANGED),
+}
 
 
 def test_parameters_are_those_that_the_part_has():
@@ -32,6 +53,23 @@ def test_parameters_are_those_that_the_part_has():
     ribbed = load_robot("biglide", ["slider.rib_count=4"])
     assert {"rib_thickness", "rib_height", "rib_length"} <= set(part_parameters(ribbed, "slider"))
     assert part_parameters(load_robot("biglide", ["link.bore=10mm"]), "link")["bore"] == (0.01, "m")
+
+
+@pytest.mark.parametrize("shape", SECTIONS)
+def test_a_section_of_a_file_is_its_closed_form(shape, tmp_path):
+    """Every dimension of it is a parameter too."""
+    section, size = SECTIONS[shape]
+    dimensions = "\n".join(f"{key} = {value}" for key, value in size.items())
+    file = tmp_path / "beam.toml"
+    file.write_text(BEAM.format(shape=shape, dimensions=dimensions))
+    robot = load_robot(file)
+    steel = robot.material("beam")
+    expected = timoshenko(0.3, section, steel.youngs_modulus, steel.shear_modulus)
+    assert np.array_equal(beam_compliance(robot, "beam"), expected)
+    assert {*size, "youngs_modulus", "shear_modulus"} == {each.parameter for each in beam_dimensions(robot, "beam")}
+    varied = {each.name for each in parameters(robot, "beam")}
+    assert {f"beam.{key}" for key in (*size, "length")} <= varied
+    assert known_mass(robot, "beam") == pytest.approx(steel.density * 0.3 * section.area, rel=1e-12)
 
 
 @pytest.mark.parametrize(("parameter", "entry", "power"), [("radius", (1, 1), -4), ("youngs_modulus", (0, 0), -1)])

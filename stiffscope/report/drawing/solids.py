@@ -113,9 +113,25 @@ def _skin(body: dict[str, Any], reach: float) -> pv.PolyData:
         curved = bulge(mesh) > _FLAT * reach
         return _triangles(surface(mesh, mesh.points, split=curved).clean())
     shape, length = body.get("shape") or {}, float(body["length"])
-    if "width" in shape:
+    if "outline" in shape:
+        return _extruded(shape["outline"], length)
+    if "thickness" in shape:
         return _plate(length, float(shape["width"]), float(shape["thickness"]))
     return _rod(np.zeros(3), np.array([length, 0, 0]), _radius(body, reach), _STATIONS)
+
+
+def _extruded(outline: list[list[tuple[float, float]]], length: float) -> pv.PolyData:
+    """A beam along x of the section that loops of corners (y, z) border."""
+    import pyvista as pv
+
+    loops = [[*loop, loop[0]] for loop in outline]
+    points = np.array([(0.0, y, z) for loop in loops for y, z in loop])
+    starts = np.cumsum([0, *map(len, loops)])
+    lines = np.concatenate(
+        [[len(loop), *range(start, start + len(loop))] for loop, start in zip(loops, starts, strict=False)]
+    )
+    border = pv.PolyData(points, lines=lines).clean()
+    return _triangles(border.triangulate_contours().extrude((length, 0.0, 0.0), capping=True).clean())
 
 
 def _radius(body: dict[str, Any], reach: float) -> float:

@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from stiffscope.cad.link import LinkParameters
-    from stiffscope.cad.slider import SliderParameters
+    from stiffscope.robot.file.part_sections import Dimensions
     from stiffscope.robot.file.positions import Key
 
 GROUND = "ground"
@@ -84,8 +83,8 @@ class RobotFile:
         """Section of a part."""
         return self.parts[name]
 
-    def dimensions(self, name: str) -> LinkParameters | SliderParameters:
-        """Shape of a rod or plate for cad."""
+    def dimensions(self, name: str) -> Dimensions:
+        """Shape of a parametric part for cad."""
         part = self.parts[name]
         if not isinstance(part, ParametricPart):
             raise TypeError(f"{name} is a {part.shape}, which has no parameters")

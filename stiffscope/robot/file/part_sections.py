@@ -1,6 +1,6 @@
 """What a robot file may say of a part: its shape, material, how it is held and loaded, its mesh.
 
-A rod and a plate have the keys of `LinkParameters` and `SliderParameters`: floats are lengths, whole numbers counts.
+A rod, a plate and a beam have the keys of their parameters in cad: floats are lengths, whole numbers counts.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import BeforeValidator, create_model, field_validator, model_validator
 
+from stiffscope.cad.beam import BEAMS, BeamParameters
 from stiffscope.cad.faces import ENDS, FaceSelector
 from stiffscope.cad.link import LinkParameters
 from stiffscope.cad.materials import AnyMaterial, Material, TransverselyIsotropic
@@ -44,6 +45,7 @@ from stiffscope.robot.file.values import (
 from stiffscope.vjm.bodies import Body, superelement_body
 from stiffscope.vjm.checks import check_compliance
 
+Dimensions = LinkParameters | SliderParameters | BeamParameters
 Source = Literal["fea", "beam", "published"]
 MaterialName = Annotated[str, Says('a material such as "steel"')]
 
@@ -128,7 +130,14 @@ class ParametricPart(SolidPart):
         """The lengths among them, m."""
         return {name: value for name, value in self.dimensions().items() if isinstance(value, float)}
 
-    def parameters(self) -> LinkParameters | SliderParameters:
+    def across(self, axis: str) -> float:
+        """Size across the part along its y or z, m."""
+        size = self.lengths()
+        if "radius" in size:
+            return 2.0 * size["radius"]
+        return size["width"] if axis == "y" else size.get("thickness") or size["height"]
+
+    def parameters(self) -> Dimensions:
         """The shape for cad, whose InputError names the parameter: "link.bore: …"."""
         return self.build(**self.dimensions())
 
@@ -139,23 +148,22 @@ def _with_shape(name: str, base: type[ParametricPart], parameters: type, *requir
     hints = typing.get_type_hints(parameters)
     fields: dict[str, Any] = {}
     for field in dataclasses.fields(parameters):
-        if field.name in required:
+        if field.name in required or field.default is dataclasses.MISSING:
             fields[field.name] = (Length, ...)
         else:
             fields[field.name] = (kinds.get(hints[field.name], hints[field.name]), field.default)
-    return create_model(name, __base__=base, __doc__=base.__doc__, **fields)
+    model = create_model(name, __base__=base, __doc__=base.__doc__, **fields)
+    model.build = parameters
+    return model
 
 
 class _Rod(ParametricPart):
     """A round bar or tube, with end fittings if wished; axes: x along it from the clamped end."""
 
-    build: ClassVar[type] = LinkParameters
-
 
 class _Plate(ParametricPart):
     """A plate with optional ribs, holes and pads; axes: x away from the clamped face, y across, z through it."""
 
-    build: ClassVar[type] = SliderParameters
     published: str | None = None  # a matrix of data/published, for the source "published"
 
 
@@ -163,12 +171,21 @@ RodPart = _with_shape("RodPart", _Rod, LinkParameters, "length", "radius")
 PlatePart = _with_shape("PlatePart", _Plate, SliderParameters, "depth", "width", "thickness")
 
 
+def _beam_part(shape: str, parameters: type[BeamParameters]) -> type[ParametricPart]:
+    part = _with_shape(f"{shape.capitalize()}Part", ParametricPart, parameters)
+    part.__doc__ = f"{parameters.__doc__} Axes: x along it from the clamped end, from the section's centroid."
+    return part
+
+
+BEAM_PARTS = {shape: _beam_part(shape, parameters) for shape, parameters in BEAMS.items()}
+
+
 def solid_length(part: PartSection) -> float | None:
     """Length from the clamped end to the reference point, m; None where only a STEP file or nothing tells."""
     if not isinstance(part, ParametricPart):
         return None
     lengths = part.lengths()
-    return lengths["length"] if part.shape == "rod" else lengths["depth"] + lengths["pad_height"]
+    return lengths["depth"] + lengths["pad_height"] if part.shape == "plate" else lengths["length"]
 
 
 class StepPart(SolidPart):
@@ -293,7 +310,9 @@ class InterfacePart(PartSection):
         return superelement_body(name, self.interfaces, self.stiffness, at=at, axes=axes, mass=mass, mass_matrix=m)
 
 
-PARTS: dict[str, type[PartSection]] = {"rod": RodPart, "plate": PlatePart, "step": StepPart, "matrix": MatrixPart}
+PARTS: dict[str, type[PartSection]] = {
+    "rod": RodPart, "plate": PlatePart, **BEAM_PARTS, "step": StepPart, "matrix": MatrixPart,
+}  # fmt: skip
 
 
 class Isotropic(Section):
