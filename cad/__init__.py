@@ -1,1 +1,21 @@
-"""Parts: parametric solids (link, slider), solids from STEP files, materials, mass properties."""
+"""Parts: parametric solids (link, slider), solids from STEP files, materials, mass properties.
+
+The modules below load the CAD kernel, which takes seconds: ``cad.kernel`` is loaded when it is first used.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from stiffscope.cad import kernel, kernel_files, projection, validity
+
+__all__ = ["kernel", "kernel_files", "projection", "validity"]
+
+
+def __getattr__(name: str) -> Any:
+    """Load a module of the CAD kernel when it is first used."""
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return import_module(f"{__name__}.{name}")

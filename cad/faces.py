@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stiffscope import cad
 from stiffscope.cad.checks import POINT, direction, is_point, mm
 from stiffscope.errors import InputError
 
@@ -59,32 +60,28 @@ class FaceGeometry:
 
 def face_geometries(shape: "Shape") -> tuple[FaceGeometry, ...]:
     """Return the geometry of each face of the shape, in order (SI)."""
-    from stiffscope.cad import kernel
-
-    return tuple(_geometry(index, face) for index, face in enumerate(kernel.faces(shape)))
+    return tuple(_geometry(index, face) for index, face in enumerate(cad.kernel.faces(shape)))
 
 
 def _geometry(index: int, face: "Face") -> FaceGeometry:
-    from stiffscope.cad import kernel
-
-    properties = kernel.area_properties(face)
-    kind, surface = kernel.surface_under(face)
+    properties = cad.kernel.area_properties(face)
+    kind, surface = cad.kernel.surface_under(face)
     origin, axis, sizes = np.zeros(3), np.zeros(3), {}
     if kind in KINDS:
         form = getattr(surface, kind.capitalize())()
-        origin = kernel.xyz(form.Location()) * 1e-3
+        origin = cad.kernel.xyz(form.Location()) * 1e-3
         if kind != "sphere":
-            axis = kernel.xyz(form.Axis().Direction())
+            axis = cad.kernel.xyz(form.Axis().Direction())
         sizes = _sizes(kind, form)
     if kind == "plane":
         form = surface.Plane()
         # a left-handed plane's natural normal is opposite to its main direction
-        axis = axis * (1 if form.Position().Direct() else -1) * (-1 if kernel.reversed_in_solid(face) else 1)
+        axis = axis * (1 if form.Position().Direct() else -1) * (-1 if cad.kernel.reversed_in_solid(face) else 1)
     return FaceGeometry(
         index=index,
         kind=kind if kind in KINDS else "other",
         area=properties.Mass() * 1e-6,
-        centroid=kernel.xyz(properties.CentreOfMass()) * 1e-3,
+        centroid=cad.kernel.xyz(properties.CentreOfMass()) * 1e-3,
         origin=origin,
         axis=axis,
         **sizes,
@@ -190,8 +187,6 @@ def select(shape: "Shape", selectors: Iterable[FaceSelector], field: str = "face
 
 
 def _matches(shape: "Shape", geometries: Sequence[FaceGeometry], selector: FaceSelector) -> set[int]:
-    from stiffscope.cad import kernel
-
     found = [face for face in geometries if _meets(face, selector)]
     position = selector.position
     if isinstance(position, str) and found:
@@ -201,8 +196,8 @@ def _matches(shape: "Shape", geometries: Sequence[FaceGeometry], selector: FaceS
         found = [face for face, x in zip(found, along, strict=True) if abs(x - furthest) < DISTANCE]
     elif position is not None and not isinstance(position, str):
         point = np.asarray(position, dtype=float)
-        faces = kernel.faces(shape)
-        on = [face for face in found if kernel.distance(faces[face.index], 1e3 * point) < 1e3 * DISTANCE]
+        faces = cad.kernel.faces(shape)
+        on = [face for face in found if cad.kernel.distance(faces[face.index], 1e3 * point) < 1e3 * DISTANCE]
         found = on or [face for face in found if np.linalg.norm(face.centroid - point) < DISTANCE]
     return {face.index for face in found}
 

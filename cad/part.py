@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from stiffscope import cad
 from stiffscope.cad.faces import FaceGeometry, face_geometries
 from stiffscope.cad.materials import AnyMaterial
 from stiffscope.errors import InputError
@@ -118,13 +119,11 @@ class Part:
         return self._smooth(lambda a, b: owner.get(a) != owner.get(b))
 
     def _smooth(self, wanted: "Callable[[int, int], bool]") -> dict[tuple[int, int], "Shape"]:
-        from stiffscope.cad import kernel
-
-        faces = kernel.faces(self.solid)
+        faces = cad.kernel.faces(self.solid)
         return {
-            (a, b): kernel.compound(*edges)
-            for (a, b), edges in kernel.borders(self.solid).items()
-            if wanted(a, b) and any(kernel.normal_angle(edge, faces[a], faces[b]) < SMOOTH for edge in edges)
+            (a, b): cad.kernel.compound(*edges)
+            for (a, b), edges in cad.kernel.borders(self.solid).items()
+            if wanted(a, b) and any(cad.kernel.normal_angle(edge, faces[a], faces[b]) < SMOOTH for edge in edges)
         }
 
 
@@ -179,9 +178,7 @@ def surface(part: Part, deflection: float = 5e-4, angle: float = 0.8) -> Surface
 
 def tessellated(solid: "Solid", deflection: float, angle: float) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
     """Return distinct vertices (nv, 3) in m, outward triangles (nt, 3) and the face of each triangle (nt,)."""
-    from stiffscope.cad import kernel
-
-    pieces = kernel.triangulated(solid, deflection * 1e3, angle)
+    pieces = cad.kernel.triangulated(solid, deflection * 1e3, angle)
     nodes = np.concatenate([nodes for nodes, _ in pieces])
     starts = np.cumsum([0] + [len(nodes) for nodes, _ in pieces[:-1]])
     triangles = np.concatenate([piece + start for (_, piece), start in zip(pieces, starts, strict=True)])
@@ -230,12 +227,10 @@ def project(part: Part, place: int, points: Floats) -> Floats:
     (n, 3)
         The closest points, m.
     """
-    from stiffscope.cad.projection import on_shape, projected
-
     points = np.asarray(points, dtype=float)
     if place >= len(part.faces):
-        return on_shape(list(part.seams.values())[place - len(part.faces)], points)
-    return projected(part.solid, part.faces[place], points)
+        return cad.projection.on_shape(list(part.seams.values())[place - len(part.faces)], points)
+    return cad.projection.projected(part.solid, part.faces[place], points)
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,9 +257,7 @@ class MassProperties:
 
 def mass_properties(part: Part) -> MassProperties:
     """Return the mass properties of the exact shape, not of a tessellation."""
-    from stiffscope.cad import kernel
-
-    properties, density = kernel.volume_properties(part.solid), part.material.density
+    properties, density = cad.kernel.volume_properties(part.solid), part.material.density
     volume = properties.Mass() * 1e-9
-    centre = kernel.xyz(properties.CentreOfMass()) * 1e-3
-    return MassProperties(volume, volume * density, centre, kernel.inertia(properties) * 1e-15 * density)
+    centre = cad.kernel.xyz(properties.CentreOfMass()) * 1e-3
+    return MassProperties(volume, volume * density, centre, cad.kernel.inertia(properties) * 1e-15 * density)

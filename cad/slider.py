@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
+from stiffscope import cad
 from stiffscope.cad.checks import FINEST, GAP, choice, count, length, mm, optional_length, require
 from stiffscope.cad.faces import FaceSelector, face_geometries, select
 from stiffscope.cad.materials import STEEL, AnyMaterial
@@ -252,9 +253,7 @@ def build(parameters: SliderParameters, material: AnyMaterial = STEEL, name: str
     InputError
         The CAD kernel cannot make the fillet.
     """
-    from stiffscope.cad.validity import valid_solid
-
-    solid = valid_solid(_shape(parameters), name)
+    solid = cad.validity.valid_solid(_shape(parameters), name)
     return Part(name, solid, material, _clamped(parameters, solid), _loaded(parameters, solid))
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from stiffscope import cad
 from stiffscope.cad.checks import POINT, direction, is_point, require
 from stiffscope.cad.faces import FaceGeometry, FaceSelector, face_geometries, select
 from stiffscope.cad.materials import STEEL, AnyMaterial
@@ -89,13 +90,10 @@ def part_of(
     InputError
         An invalid solid, or selectors that match no face or every face.
     """
-    from stiffscope.cad import kernel
-    from stiffscope.cad.validity import valid_solid
-
     placement = placement or Placement()
     solid = getattr(solid, "wrapped", solid)
     if not valid:
-        solid = valid_solid(solid, name)
+        solid = cad.validity.valid_solid(solid, name)
     named = dict(loaded) if isinstance(loaded, Mapping) else {"loaded": loaded}
     rest = "clamped"
     if interfaces is not None:
@@ -110,7 +108,7 @@ def part_of(
         _check_near(solid, reference_point, f"{name}.reference_point")
     selected = {key: select(solid, selectors, f"{name}.{key}") for key, selectors in named.items()}
     origin, x, z = (np.asarray(vector, dtype=float) for vector in (placement.origin, placement.x, placement.z))
-    moved = kernel.in_axes(solid, origin * 1e3, x, z)
+    moved = cad.kernel.in_axes(solid, origin * 1e3, x, z)
     point = None if reference_point is None else _axes(x, z) @ (np.asarray(reference_point, dtype=float) - origin)
     geometries = face_geometries(moved)
     ends = (
@@ -122,19 +120,15 @@ def part_of(
 
 def span_part(shape: Any, length: float, material: AnyMaterial, name: str) -> Part:
     """Make a part along x, of a shape in mm: clamped at x = 0, with the interface ``end`` at ``length``, m."""
-    from stiffscope.cad.validity import valid_solid
-
-    solid = valid_solid(shape, name)
+    solid = cad.validity.valid_solid(shape, name)
     clamped, loaded = (select(solid, chosen) for chosen in (LEAST_X, GREATEST_X))
     return Part(name, solid, material, clamped, (Interface("end", loaded, np.array([length, 0.0, 0.0])),))
 
 
 def _check_near(solid: Any, point: Vector, field: str) -> None:
-    from stiffscope.cad import kernel
-
     require(is_point(point), field, POINT, repr(point))
-    centre = kernel.xyz(kernel.volume_properties(solid).CentreOfMass()) * 1e-3
-    reach = kernel.diagonal(solid) * 1e-3 * 100
+    centre = cad.kernel.xyz(cad.kernel.volume_properties(solid).CentreOfMass()) * 1e-3
+    reach = cad.kernel.diagonal(solid) * 1e-3 * 100
     valid = f"a point within {reach:.3g} m of the solid's centre, 100 times its diagonal"
     require(math.dist(point, centre) <= reach, field, valid, f"{point} m")
 

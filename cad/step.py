@@ -8,8 +8,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import meshio
+
+from stiffscope import cad
 from stiffscope.cad.materials import STEEL, AnyMaterial
-from stiffscope.cad.part import Part
+from stiffscope.cad.part import Part, tessellated
 from stiffscope.cad.solid import GREATEST_X, LEAST_X, Placement, Selectors, Vector, part_of
 from stiffscope.errors import InputError
 from stiffscope.runtime.executor import KILLED, LateError, WorkerError, do_alone
@@ -69,9 +72,7 @@ def read_solid(path: str | Path, time_limit: float = 60.0) -> "Solid":
         brep = folder / "solid.brep"
         _convert_alone(Path(path), brep, time_limit)
         _check_unit(Path(path), content)
-        from stiffscope.cad import kernel_files
-
-        return kernel_files.read_binary(brep)
+        return cad.kernel_files.read_binary(brep)
 
 
 def _check_file(path: Path) -> bytes:
@@ -99,10 +100,7 @@ def _check_unit(path: Path, content: bytes) -> None:
 
 def _write_valid(path: Path, shown: str, brep: Path) -> None:
     """Read a file, called `shown` in messages, check its solid and write that in the kernel's format."""
-    from stiffscope.cad import kernel_files
-    from stiffscope.cad.validity import valid_solid
-
-    kernel_files.write_binary(valid_solid(kernel_files.read_step(path), shown), brep)
+    cad.kernel_files.write_binary(cad.validity.valid_solid(cad.kernel_files.read_step(path), shown), brep)
 
 
 def _convert_alone(path: Path, brep: Path, time_limit: float) -> None:
@@ -125,16 +123,10 @@ def _convert_alone(path: Path, brep: Path, time_limit: float) -> None:
 
 def write_step(part: Part, path: str | Path) -> None:
     """Write the part's solid as STEP (AP214), in mm and the part's axes. Raises OSError."""
-    from stiffscope.cad import kernel_files
-
-    kernel_files.write_step(part.solid, Path(path))
+    cad.kernel_files.write_step(part.solid, Path(path))
 
 
 def write_stl(part: Part, path: str | Path, deflection: float = 5e-5, angle: float = 0.2) -> None:
     """Write the part's surface as binary STL, in mm and the part's axes; tolerances as for `surface`."""
-    import meshio
-
-    from stiffscope.cad.part import tessellated
-
     vertices, triangles, _ = tessellated(part.solid, deflection, angle)
     meshio.Mesh(vertices * 1e3, [("triangle", triangles)]).write(path, file_format="stl", binary=True)

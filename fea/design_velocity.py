@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.sparse import coo_array, csr_array, eye_array
 
+from stiffscope import cad
 from stiffscope.cad.part import project
-from stiffscope.cad.projection import on_shape
 from stiffscope.errors import InputError
 from stiffscope.fea.geometry import jacobian_range
 from stiffscope.fea.mesh import EDGES, sides_between
@@ -108,7 +108,7 @@ class DesignVelocity:
         borders, count = list(part.smooth_borders.values()), len(part.faces)
 
         def closest(place: int, at: Floats) -> Floats:
-            return project(part, place, at) if place < count else on_shape(borders[place - count], at)
+            return project(part, place, at) if place < count else cad.projection.on_shape(borders[place - count], at)
 
         target = Target(closest, self._size, count, tuple(part.smooth_borders))
         node, place = places_of(self.mesh.facets, self.mesh.facet_face, target)

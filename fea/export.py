@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import escape
 
+import meshio
 import numpy as np
 from scipy.io import mmwrite
 from scipy.linalg import block_diag
@@ -33,8 +34,6 @@ def write_vtu(experiment: Experiment, path: Path | str) -> Path:
     The boundary triangles are a second block of cells; the cell field ``face`` is their CAD face, -1 for tetrahedra.
     The field data ``reference_points`` are where the wrenches act; a comment tells units, axes and loads.
     """
-    import meshio
-
     path = Path(path)
     mesh = experiment.mesh
     fields = {}

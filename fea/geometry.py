@@ -9,6 +9,9 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+from skfem import ElementTetP2, ElementTriP2
+from skfem.quadrature import get_quadrature
+from skfem.refdom import RefTet, RefTri
 
 if TYPE_CHECKING:
     from stiffscope.fea.mesh import Floats, Ints
@@ -17,9 +20,6 @@ if TYPE_CHECKING:
 @lru_cache(maxsize=8)
 def quadrature(order: int, *, triangle: bool = False) -> tuple[Floats, Floats]:
     """Return (3, q) or (2, q) points and (q,) weights on the reference tetrahedron or triangle."""
-    from skfem.quadrature import get_quadrature
-    from skfem.refdom import RefTet, RefTri
-
     return get_quadrature(RefTri if triangle else RefTet, order)
 
 
@@ -30,8 +30,6 @@ def shapes(points: Floats) -> tuple[Floats, Floats]:
     ----------
     points : (d, q) reference coordinates; d = 3 is the tetrahedron (n = 10), d = 2 the triangle (n = 6).
     """
-    from skfem import ElementTetP2, ElementTriP2
-
     element, count = (ElementTetP2(), 10) if len(points) == 3 else (ElementTriP2(), 6)
     values, gradients = zip(*(element.lbasis(points, node) for node in range(count)), strict=True)
     return np.stack(values), np.stack(gradients)
@@ -45,8 +43,6 @@ def jacobian_determinants(corners: Floats, at: Floats) -> Floats:
 
 def jacobian_range(corners: Floats) -> Floats:
     """Return (m,) the least Jacobian of each element with nodes (m, 10, 3) over its mean size; negative is inverted."""
-    from skfem import ElementTetP2
-
     values = jacobian_determinants(corners, np.hstack([ElementTetP2.doflocs.T, quadrature(4)[0]]))
     edges = corners[:, 1:4] - corners[:, :1]
     mean = np.abs(values).mean(axis=1) + 1e-6 * np.linalg.norm(edges, axis=2).prod(axis=1)

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope import cad
 from stiffscope.cad.part import Part, mass_properties, project, surface
 from stiffscope.fea.adapt import solve_on, solve_within
+from stiffscope.fea.design_velocity import moved_along
 from stiffscope.fea.dynamics import compute_dynamics, condense_mass
 from stiffscope.fea.experiment import Experiment
 from stiffscope.fea.geometry import centroid, volume
@@ -108,10 +110,8 @@ def specimen_of(part: Part, settings: Settings) -> Specimen:
     ------
     MeshError : a length of the settings is out of range for this part.
     """
-    from stiffscope.cad import kernel
-
     solid = mass_properties(part).volume
-    check_lengths(part.name, (solid, kernel.diagonal(part.solid) * 1e-3), settings.size, settings.envelope)
+    check_lengths(part.name, (solid, cad.kernel.diagonal(part.solid) * 1e-3), settings.size, settings.envelope)
     area, flatness = sum(face.area for face in part.faces), flatness_of(solid, part.faces)
     size = settings.size or default_size(solid, area, flatness)
     return Specimen(
@@ -129,8 +129,6 @@ def specimen_of(part: Part, settings: Settings) -> Specimen:
 
 def _moved_mesh(specimen: Specimen, part: Part, former: Part, mesh: TetMesh) -> TetMesh | None:
     """Return the mesh of a former part moved along, None where that has not the shape of this one."""
-    from stiffscope.fea.design_velocity import moved_along
-
     moved = moved_along(mesh, former, part)
     return moved if moved and shape_error(specimen, moved) < GOOD_SHAPE else None
 

@@ -10,11 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.design.sensitivity import poses_of, robot_sensitivity
 from stiffscope.errors import StiffscopeError
 from stiffscope.experiments.assembly import check_one_interface
 from stiffscope.experiments.experiments import solve_parts
 from stiffscope.experiments.orders import order_part
 from stiffscope.experiments.results import EXPERIMENT
+from stiffscope.fea.derivatives import Derivative, PartSensitivity
+from stiffscope.fea.experiment import load_experiment
 from stiffscope.robot.part_matrices import needed_experiments
 from stiffscope.runtime.workshop import workshop
 
@@ -25,7 +28,6 @@ if TYPE_CHECKING:
     from stiffscope.cad.part import Part
     from stiffscope.design.sensitivity import Sensitivity
     from stiffscope.experiments.orders import PartOrder
-    from stiffscope.fea.derivatives import PartSensitivity
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.part_matrices import Components
     from stiffscope.runtime.cache import Cache
@@ -71,7 +73,6 @@ def _held(shop: Workshop, order: PartOrder) -> Path:
 
 def make_sensitivity(order: PartOrder, experiment: Path, cache: Cache, report: Report) -> Path:
     """Make the derivatives of a part and keep them: their folder. May run in a child process."""
-    from stiffscope.fea.experiment import load_experiment
     from stiffscope.fea.sensitivity import part_sensitivity
 
     begun = time.perf_counter()
@@ -110,8 +111,6 @@ def _arrays(fields: dict[str, Any]) -> dict[str, Any]:
 
 def read_sensitivity(folder: Path) -> PartSensitivity:
     """The derivatives that a folder of the cache holds."""
-    from stiffscope.fea.derivatives import Derivative, PartSensitivity
-
     held = json.loads((folder / FILE).read_text())
     derivatives = {name: Derivative(**_arrays(fields)) for name, fields in held["derivatives"].items()}
     return PartSensitivity(held["part"], derivatives, held["notes"], held["seconds"])
@@ -149,8 +148,6 @@ def sensitivity(
         There is no such part, it is no solid, or a pose is out of reach.
 
     """
-    from stiffscope.design.sensitivity import poses_of
-
     with workshop() as shop:
         if part is not None:
             return part_sensitivities([order_part(robot, part)], shop)[0]
@@ -159,8 +156,6 @@ def sensitivity(
 
 def robot_sensitivities(robot: RobotFile, poses: np.ndarray, components: Components, shop: Workshop) -> Sensitivity:
     """Derivatives of a robot at commanded poses (n, k); those of its parts as jobs. See `sensitivity`."""
-    from stiffscope.design.sensitivity import robot_sensitivity
-
     names = needed_experiments(robot, components)
     for name in names:
         check_one_interface(robot, name)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from stiffscope.design.responses import mass_of_solids, of_modes, quantities
 from stiffscope.design.search import Outcome, Point, front, search
@@ -302,8 +303,6 @@ def make_design(file: StudyFile, values: Values) -> Design:
 
     Whatever goes wrong is the design's reason: one that cannot be is not to end the others.
     """
-    from threadpoolctl import threadpool_limits
-
     begun, again = time.perf_counter(), False
     with _alone, threadpool_limits(1):  # sums in one order, whatever the machine's threads
         try:

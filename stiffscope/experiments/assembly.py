@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.cad.checks import mm
+from stiffscope.effects.vocabulary import apply_effects
 from stiffscope.errors import InputError
 from stiffscope.experiments.experiments import describe_solid, solve_parts
 from stiffscope.experiments.orders import build_part, name_lines, order_part
@@ -158,8 +159,6 @@ def _assembled(robot: RobotFile, components: Components, results: dict[str, Part
 def _with_effects(bare: Mechanism, robot: RobotFile) -> Mechanism:
     if not robot.effects:
         return bare
-    from stiffscope.effects.vocabulary import apply_effects
-
     return apply_effects(bare, robot)
 
 

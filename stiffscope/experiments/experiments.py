@@ -11,8 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.cad.faces import face_geometries
+from stiffscope.cad.part import mass_properties
+from stiffscope.cad.step import write_step, write_stl
 from stiffscope.errors import InputError
 from stiffscope.experiments.results import EXPERIMENT, FIELDS, SOLID, PartResult
+from stiffscope.fea.experiment import load_experiment
+from stiffscope.fea.export import write_vtu
+from stiffscope.fea.mesh import MeshError
 from stiffscope.runtime.executor import LateError
 
 if TYPE_CHECKING:
@@ -106,8 +112,6 @@ def _limit(order: PartOrder) -> float:
 
 
 def _read(order: PartOrder, folder: Path, seconds: float, *, whole: bool, reused: bool) -> PartResult:
-    from stiffscope.fea.experiment import load_experiment
-
     solid = json.loads((folder / SOLID).read_text())
     experiment = load_experiment(folder / EXPERIMENT, fields=whole)
     return PartResult(order, order.key(), folder, experiment, solid, reused, seconds)
@@ -135,8 +139,6 @@ def _make_part(
 @contextmanager
 def _named(order: PartOrder) -> Iterator[None]:
     """Let every refusal of the mesh or the solution begin with its part's name, as those of fields do."""
-    from stiffscope.fea.mesh import MeshError
-
     try:
         yield
     except MeshError as error:
@@ -146,7 +148,6 @@ def _named(order: PartOrder) -> Iterator[None]:
 def _test(
     order: PartOrder, cache: Cache, report: Report, *, whole: bool, near: PartResult | None
 ) -> tuple[Part, Experiment]:
-    from stiffscope.fea.experiment import load_experiment
     from stiffscope.fea.run import run_experiment
 
     begun = time.perf_counter()
@@ -169,9 +170,6 @@ def _test(
 
 def _write(part: Part, experiment: Experiment, folder: Path, *, whole: bool) -> None:
     """The files of an experiment; of a whole one its fields and its solid too."""
-    from stiffscope.cad.step import write_step, write_stl
-    from stiffscope.fea.export import write_vtu
-
     experiment.save(folder / EXPERIMENT)
     (folder / SOLID).write_text(json.dumps(describe_solid(part)))
     if whole:
@@ -182,9 +180,6 @@ def _write(part: Part, experiment: Experiment, folder: Path, *, whole: bool) -> 
 
 def describe_solid(part: Part) -> dict[str, Any]:
     """What cad tells of a part's solid, SI: mass, inertia, its clamped faces and their centre."""
-    from stiffscope.cad.faces import face_geometries
-    from stiffscope.cad.part import mass_properties
-
     solid = mass_properties(part)
     held = [face for face in face_geometries(part.solid) if face.index in set(map(int, part.clamped))]
     return {

@@ -16,8 +16,10 @@ import numpy as np
 from stiffscope.errors import InputError
 from stiffscope.experiments.experiments import solve_parts
 from stiffscope.experiments.orders import order_part
+from stiffscope.fea.significance import SIGNIFICANT
 from stiffscope.robot.file.part_sections import ParametricPart, SolidPart
 from stiffscope.robot.part_matrices import entry_name
+from stiffscope.vjm.screws import shift
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -221,8 +223,6 @@ def _orders(robot: RobotFile, part: str, own: PartOrder) -> tuple[dict[Choice, P
 
 
 def _compared(part: str, found: Mapping[Choice, PartResult], left_out: Sequence[str]) -> Comparison:
-    from stiffscope.fea.significance import SIGNIFICANT
-
     point = next(iter(found.values())).experiment.reference_point
     own, *others = (Tested(choice, result, *_at(result, point)) for choice, result in found.items())
     scale = np.sqrt(np.diag(own.compliance))
@@ -233,8 +233,6 @@ def _compared(part: str, found: Mapping[Choice, PartResult], left_out: Sequence[
 
 def _at(result: PartResult, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Compliance and bounds (6, 6) at another reference point: pads stand out from the face that they load."""
-    from stiffscope.vjm.screws import shift
-
     carry = shift(point - result.experiment.reference_point)
     return carry @ result.compliance @ carry.T, np.abs(carry) @ result.error @ np.abs(carry.T)
 

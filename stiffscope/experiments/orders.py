@@ -8,8 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stiffscope.cad import beam, link, slider
 from stiffscope.cad.solid import GREATEST_X, LEAST_X
+from stiffscope.cad.step import read_step
 from stiffscope.errors import InputError
+from stiffscope.fea.settings import Settings
 from stiffscope.robot.file.part_sections import ParametricPart, SolidPart, StepPart
 from stiffscope.runtime.cache import code_version, digest
 from stiffscope.runtime.reading import MOST_BYTES, file_digest
@@ -21,7 +24,6 @@ if TYPE_CHECKING:
     from stiffscope.cad.materials import AnyMaterial
     from stiffscope.cad.part import Part
     from stiffscope.cad.solid import Placement
-    from stiffscope.fea.settings import Settings
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.file.part_sections import Dimensions
 
@@ -90,9 +92,6 @@ class PartOrder:
 
     def build(self) -> Part:
         """The part itself: its own shape, or the solid of a STEP file."""
-        from stiffscope.cad import beam, link, slider
-        from stiffscope.cad.step import read_step
-
         if isinstance(self.solid, StepOrder):
             return read_step(
                 self.solid.path, name=self.name, material=self.material, clamped=self.solid.clamped,
@@ -110,8 +109,6 @@ def order_part(robot: RobotFile, name: str, step: str | Path | None = None, *, l
 
     Raises InputError for a part that is none, has no solid, or whose solid cannot be.
     """
-    from stiffscope.fea.settings import Settings
-
     if name not in robot.parts:
         raise InputError(f"part: expected one of {', '.join(robot.parts) or '(none)'}, got {name!r}")
     part = robot.part(name)

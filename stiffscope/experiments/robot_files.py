@@ -6,6 +6,8 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import tomlkit
+
 from stiffscope.robot.file.override import assign, split
 from stiffscope.robot.file.part_sections import ParametricPart, StepPart
 
@@ -26,8 +28,6 @@ def robot_document(robot: RobotFile, target: Path, components: str | None = None
         Source of the matrices of rods and plates that the file is to say; None: what it says.
 
     """
-    import tomlkit
-
     document: Any = tomlkit.parse(robot.source.text)
     for key, text in robot.source.changed.items():
         if text.startswith("--set "):

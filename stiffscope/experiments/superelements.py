@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.fea.export import Superelement, node_lines, write_matrices, write_superelement
 from stiffscope.runtime import output
+from stiffscope.vjm.superelement import superelement
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,8 +30,6 @@ Nodes, x y z in m:
 
 def write_part(result: PartResult, out: Path, manifest: Manifest) -> None:
     """A folder with the part condensed on its interfaces and modes: see `stiffscope.fea.export`."""
-    from stiffscope.fea.export import write_superelement
-
     with output.staged_folder(out) as folder:
         write_superelement(result.experiment, folder / result.name)
         manifest.note(result.name, key=result.key, reused=result.reused, seconds=result.seconds)
@@ -43,9 +43,6 @@ def write_robot(
 
     Files have the names of the robot file's poses; others are ``pose1``, ``pose2``, ...
     """
-    from stiffscope.fea.export import Superelement, node_lines, write_matrices
-    from stiffscope.vjm.superelement import superelement
-
     mechanism = assembled.mechanism
     with output.staged_folder(out) as folder:
         for k, name in enumerate(names):

@@ -10,6 +10,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from stiffscope.errors import InputError
+from stiffscope.robot.file.parse import parse_text
 from stiffscope.robot.file.part_sections import StepPart
 from stiffscope.robot.file.sections import RigidBody
 from stiffscope.runtime.reading import file_digest
@@ -118,8 +119,6 @@ def differences(
 
 
 def _plain(robot: RobotFile) -> dict[str, Any]:
-    from stiffscope.robot.file.parse import parse_text
-
     return parse_text(robot.path, robot.source.text)
 
 

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import tomlkit
+
+from stiffscope.effects.vocabulary import apply_effect
 from stiffscope.errors import InputError
 from stiffscope.experiments.robot_files import robot_document
 from stiffscope.runtime import output
@@ -67,8 +70,6 @@ def adopt(
 
 
 def _carried(bare: NominalRobot, diagnosis: Diagnosis) -> tuple[list[Effect], list[str]]:
-    from stiffscope.effects.vocabulary import apply_effect
-
     carried: list[Effect] = []
     left: list[str] = []
     for effect in diagnosis.effects:
@@ -83,8 +84,6 @@ def _carried(bare: NominalRobot, diagnosis: Diagnosis) -> tuple[list[Effect], li
 def _text(
     target: Path, robot: RobotFile, carried: list[Effect], diagnosis: Diagnosis, campaign: str, components: str
 ) -> str:
-    import tomlkit
-
     document = robot_document(robot, target, components)
     former: list[dict[str, Any]] = document.pop("effects").unwrap() if "effects" in document else []
     if not former:
@@ -123,8 +122,6 @@ def _rounded(value: float) -> float:
 
 
 def _inline(values: Any) -> Any:
-    import tomlkit
-
     table: Any = tomlkit.inline_table()
     table.update(values)
     return table

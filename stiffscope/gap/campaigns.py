@@ -14,8 +14,10 @@ import numpy as np
 from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
+from stiffscope.experiments.part_dimensions import tested_dimensions
 from stiffscope.gap.campaign.on_robot import match_robot
 from stiffscope.gap.campaign.readings import load_campaign
+from stiffscope.gap.diagnose import diagnose_campaign
 from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.robot.file.quantities import shown
@@ -81,17 +83,14 @@ def assemble_nominal(case: Case, shop: Workshop) -> Assembled | None:
 
 def diagnose_case(case: Case, nominal: Assembled | None, shop: Workshop) -> Diagnosis:
     """The diagnosis of a campaign on its nominal robot, where there is one."""
-    from stiffscope.experiments.part_dimensions import tested_dimensions
-    from stiffscope.gap.diagnose import diagnose
-
     absolute = next((sensor for sensor in case.campaign.sensors if sensor.absolute), None)
     if absolute is not None:
         message = f"expected displacement or rotation for a diagnosis, got {absolute.measures}"
         raise case.campaign.refuse(("sensors", absolute.target, "measures"), message)
     if nominal is None:
-        return diagnose(case.campaign)
+        return diagnose_campaign(case.campaign)
     carrying = NominalRobot(nominal.mechanism, nominal.robot, tested_dimensions(nominal, shop))
-    return diagnose(case.campaign, carrying, shop.open_line("diagnosis"))
+    return diagnose_campaign(case.campaign, carrying, shop.open_line("diagnosis"))
 
 
 def open_case(name: str | Path, *, planned: bool = False) -> Case:

@@ -54,7 +54,9 @@ _LISTED = 12  # alternatives, possible effects
 _RIVALS = 4  # hypotheses that a further reading is to separate from the best
 
 
-def diagnose(campaign: Campaign, robot: NominalRobot | None = None, progress: Progress | None = None) -> Diagnosis:
+def diagnose_campaign(
+    campaign: Campaign, robot: NominalRobot | None = None, progress: Progress | None = None
+) -> Diagnosis:
     """Diagnose the gap between a campaign's readings and their model.
 
     Parameters

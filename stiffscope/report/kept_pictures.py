@@ -13,6 +13,7 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from pydantic_core import to_jsonable_python
 
 from stiffscope.design.maps import map_robot, write_map
 from stiffscope.experiments.results import EXPERIMENT
@@ -160,8 +161,6 @@ def draw_deflection(
 
 def plain_robot(robot: RobotFile) -> dict[str, Any]:
     """All that a robot file says, as plain data, SI, copies made: what determines its pictures."""
-    from pydantic_core import to_jsonable_python
-
     left = {"source", "copied"}
     content = {field.name: getattr(robot, field.name) for field in fields(robot) if field.name not in left}
     plain = {key: dict(value) if isinstance(value, Mapping) else value for key, value in content.items()}

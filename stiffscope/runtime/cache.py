@@ -21,6 +21,8 @@ from importlib import import_module, metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import platformdirs
+
 from stiffscope.errors import InputError
 from stiffscope.runtime.output import scratch_folder
 from stiffscope.runtime.reading import file_digest, read_bytes
@@ -145,8 +147,6 @@ def cache_folder() -> Path:
     chosen = os.environ.get("STIFFSCOPE_CACHE")
     if chosen:
         return Path(chosen).expanduser().absolute()
-    import platformdirs
-
     return Path(platformdirs.user_cache_dir("stiffscope", appauthor=False))
 
 

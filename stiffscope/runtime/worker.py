@@ -6,6 +6,7 @@ Started by `stiffscope.runtime.executor` as ``python -P -m stiffscope.runtime.wo
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import logging
 import logging.handlers
 import os
@@ -26,8 +27,6 @@ PERIOD = 0.5  # s between two looks at the parent, where the system does not tel
 def end_with_parent(parent: int) -> None:
     """Let this process end, at once and whatever it is doing, when its parent, of this process id, does."""
     if sys.platform == "linux":
-        import ctypes
-
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG; Python's handlers wait for C code to end
     else:
         threading.Thread(target=_watch, args=(parent,), daemon=True).start()

@@ -15,7 +15,7 @@ from stiffscope.gap.blind.laboratory import Lab
 from stiffscope.gap.campaign import template as campaign_template
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.campaigns import open_case
-from stiffscope.gap.diagnose import conclude, diagnose
+from stiffscope.gap.diagnose import conclude, diagnose_campaign
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.inference.findings import find
 from stiffscope.gap.lab.faults import inject
@@ -69,7 +69,7 @@ def test_eight_thousand_readings_of_a_hexapod(faults, tmp_path):
     before = now()
     campaign = load_campaign(tmp_path)
     after = now()
-    found = diagnose(campaign, lab.robot.nominal)
+    found = diagnose_campaign(campaign, lab.robot.nominal)
     read, taken = after - before, now() - after
     library = RobotModel(campaign, lab.robot.nominal).library
     print(f"{len(alike.value)} readings, {len(library)} effects and patterns: {taken[1]:.1f} s of processor "

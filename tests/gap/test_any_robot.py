@@ -8,7 +8,7 @@ import pytest
 from stiffscope.data import FOLDER
 from stiffscope.effects.vocabulary import apply_effect
 from stiffscope.gap.campaign.readings import load_campaign
-from stiffscope.gap.diagnose import conclude, diagnose
+from stiffscope.gap.diagnose import conclude, diagnose_campaign
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.inference.findings import find
 from stiffscope.gap.inference.residuals import by_sensor
@@ -81,7 +81,7 @@ def measured(robot, true, quantities, spread, seed=1):
 def test_gauges_and_a_hook_name_a_soft_element(name, effect, place, size, spread):
     robot = nominal(name)
     c = measured(robot, apply_effect(robot, effect, place, size), ("dx", "dy", "dz", "ex"), spread)
-    found = diagnose(c, robot)
+    found = diagnose_campaign(c, robot)
     assert found.verdict == "identified"
     (named,) = found.effects
     assert f"{effect} @ {place}" in {f"{named.effect} @ {named.place}", *named.confused_with}

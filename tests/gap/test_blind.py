@@ -23,7 +23,7 @@ from stiffscope.gap.blind.drawing import draw_case, is_imitated, prepare_case, w
 from stiffscope.gap.blind.laboratory import BlindRobot, Lab
 from stiffscope.gap.blind.scores import Outcome, outcome_of, score
 from stiffscope.gap.campaign.readings import load_campaign
-from stiffscope.gap.diagnose import diagnose
+from stiffscope.gap.diagnose import diagnose_campaign
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.lab.faults import bearing_words
 from stiffscope.gap.lab.measuring import Noise, measure, sigma_of, true_readings
@@ -71,7 +71,7 @@ def test_the_withheld_campaigns_get_right_answers():
     cases = unseal(WITHHELD)
     right = 0
     for number, case in enumerate(cases):
-        diagnosis = diagnose(load_campaign(WITHHELD / f"campaign-{number:03d}"), ROBOT)
+        diagnosis = diagnose_campaign(load_campaign(WITHHELD / f"campaign-{number:03d}"), ROBOT)
         truth = {p.name for p in case.faults}
         if case.kind == "none":
             right += diagnosis.verdict == "no-gap"
@@ -396,7 +396,7 @@ def test_a_joint_that_yields_in_proportion_does_not_stiffen(labs, tmp_path):
     lab = labs("five-bar")
     case = BlindCase("single", 31415, (Fault("joint-compliance", "wrist", {"radial": 2e-7}),), "gauges")
     write_case(tmp_path, 3, case, lab)
-    (effect,) = diagnose(load_campaign(tmp_path), lab.robot.nominal).effects
+    (effect,) = diagnose_campaign(load_campaign(tmp_path), lab.robot.nominal).effects
     assert "joint-compliance @ wrist" in {f"{effect.effect} @ {effect.place}", *effect.confused_with}
 
 
@@ -415,7 +415,7 @@ def test_effects_are_exchanged_in_sets_that_are_nearly_as_good(tmp_path):
     lab = Lab(blind_robot("five-bar"))
     case = BlindCase("triple", 90210, SOFT_AND_TURNED, "tool")
     write_case(tmp_path, 25, case, lab)
-    effects = diagnose(load_campaign(tmp_path), lab.robot.nominal).effects
+    effects = diagnose_campaign(load_campaign(tmp_path), lab.robot.nominal).effects
     assert {(e.effect, e.place) for e in effects} == {(fault.effect, fault.place) for fault in SOFT_AND_TURNED}
 
 
@@ -423,7 +423,7 @@ def test_play_in_a_passive_joint_is_no_backlash_of_a_drive(labs, tmp_path):
     lab = labs("five-bar")
     case = BlindCase("outside", 31415, (Fault("joint-play", "wrist", {"radial": 5e-6}),), "tool")
     write_case(tmp_path, 9, case, lab)
-    found = diagnose(load_campaign(tmp_path), lab.robot.nominal)
+    found = diagnose_campaign(load_campaign(tmp_path), lab.robot.nominal)
     assert found.verdict == "unexplained"
     assert any("play at wrist" in remark for remark in found.remarks)
 
@@ -441,7 +441,7 @@ def test_play_that_reads_as_backlash_of_a_drive_is_said_to_be_either(robot, faul
     lab = labs(robot)
     case = BlindCase("outside" if fault.effect == "joint-play" else "single", 31415, (fault,), "tool")
     write_case(tmp_path, 9, case, lab)
-    found = diagnose(load_campaign(tmp_path), lab.robot.nominal)
+    found = diagnose_campaign(load_campaign(tmp_path), lab.robot.nominal)
     (effect,) = found.effects
     assert (found.verdict, effect.effect, effect.place) == ("ambiguous", "backlash", drive)
     assert 0 < len(effect.confused_with) < 3
@@ -455,7 +455,7 @@ def test_an_offset_that_only_a_heavy_mass_would_bring_is_an_offset(labs, tmp_pat
     lab = labs(LINEAR_DELTA)
     fault = Fault("encoder-offset", "leg3.slide", {"offset": 3e-5})
     write_case(tmp_path, 10, BlindCase("single", 3, (fault,), "gauges"), lab)
-    found = diagnose(load_campaign(tmp_path), lab.robot.nominal)
+    found = diagnose_campaign(load_campaign(tmp_path), lab.robot.nominal)
     assert (found.verdict, [(e.effect, e.place) for e in found.effects]) == (
         "identified", [("encoder-offset", "leg3.slide")]
     )  # fmt: skip

@@ -9,7 +9,7 @@ import pytest
 from stiffscope.effects.vocabulary import apply_effect, apply_effects, find_candidates
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.readings import load_campaign
-from stiffscope.gap.diagnose import diagnose
+from stiffscope.gap.diagnose import diagnose_campaign
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.gap.lab.faults import inject
@@ -118,7 +118,7 @@ def test_an_effect_is_named_with_its_size(effect):
         else ("joints", "links")[effect == "thermal"]
     )
     parameters = SIZES.get(effect, {"factor": 0.8})
-    diagnosis = diagnose(campaign((effect, place, parameters)), ROBOT)
+    diagnosis = diagnose_campaign(campaign((effect, place, parameters)), ROBOT)
     found = diagnosis.effects[0]
     group = {f"{found.effect} @ {found.place}", *found.confused_with}
     assert f"{effect} @ {place}" in group
@@ -132,7 +132,7 @@ def test_an_effect_is_named_with_its_size(effect):
 def test_a_tool_that_turns_about_one_oblique_axis_blames_nothing_else(seed):
     """Its rotations' matrix is of rank one: at the edge of what can be."""
     planted = {"x": 1e-8, "y": 5e-9, "z": 1e-8, "rx": 1e-7, "ry": 1e-7, "rxry": 1e-7}
-    diagnosis = diagnose(campaign(("platform-compliance", "platform", planted), seed=seed), ROBOT)
+    diagnosis = diagnose_campaign(campaign(("platform-compliance", "platform", planted), seed=seed), ROBOT)
     (found,) = diagnosis.effects
     assert found.effect == "platform-compliance"
     values = {name: parameter.value for name, parameter in found.parameters.items()}
@@ -144,7 +144,7 @@ def test_a_tool_that_turns_about_one_oblique_axis_blames_nothing_else(seed):
 def test_rotations_are_coupled_where_the_readings_ask_for_it(coupled):
     """A tool that turns about axes of its own: nine values, of which two couplings are none; else six."""
     planted = {"x": 1e-8, "y": 5e-9, "z": 1e-8, "rx": 1e-7, "ry": 8e-8, "rz": 1e-7}
-    diagnosis = diagnose(campaign(("platform-compliance", "platform", planted | coupled)), ROBOT)
+    diagnosis = diagnose_campaign(campaign(("platform-compliance", "platform", planted | coupled)), ROBOT)
     assert diagnosis.verdict == "identified"
     (found,) = diagnosis.effects
     assert found.effect == "platform-compliance"
@@ -163,7 +163,7 @@ def test_the_same_answer_after_shuffling_rows_doubling_the_label_and_outliers():
         k: getattr(plain, k)[order] for k in ("pose", "wrench", "quantity", "value", "sigma", "session", "file", "line")
     }
     answers = [
-        diagnose(c, ROBOT)
+        diagnose_campaign(c, ROBOT)
         for c in (plain, replace(plain, **rows), replace(plain, sigma=2 * plain.sigma), campaign(SOFT, outliers=0.01))
     ]
     for answer in answers:
@@ -173,8 +173,8 @@ def test_the_same_answer_after_shuffling_rows_doubling_the_label_and_outliers():
 
 
 def test_no_gap_and_missing_gravity():
-    assert diagnose(campaign(), ROBOT).verdict == "no-gap"
-    without = diagnose(campaign(modelled=()), ROBOT)
+    assert diagnose_campaign(campaign(), ROBOT).verdict == "no-gap"
+    without = diagnose_campaign(campaign(modelled=()), ROBOT)
     assert (without.verdict, named(without)) == ("identified", {"gravity @ robot"})
 
 
@@ -187,14 +187,14 @@ def test_no_gap_and_missing_gravity():
     ],
 )
 def test_a_fault_without_a_word_is_not_named(fault, place, parameters):
-    diagnosis = diagnose(campaign((fault, place, parameters)), ROBOT)
+    diagnosis = diagnose_campaign(campaign((fault, place, parameters)), ROBOT)
     assert diagnosis.verdict != "identified"
     assert diagnosis.remarks
     assert sum(diagnosis.where.direction.values()) == pytest.approx(1.0)
 
 
 def test_a_single_part_has_a_name_of_its_own():
-    diagnosis = diagnose(campaign(("part-compliance", "limb1.slider", {"factor": 3.0})), ROBOT)
+    diagnosis = diagnose_campaign(campaign(("part-compliance", "limb1.slider", {"factor": 3.0})), ROBOT)
     found = diagnosis.effects[0]
     assert diagnosis.verdict == "identified"
     assert "part-compliance @ limb1.slider" in {f"{found.effect} @ {found.place}", *found.confused_with}
@@ -205,7 +205,7 @@ def test_fea_against_beam_is_found_as_the_slider_entry_by_entry():
     solid = FEA_SLIDER
     machine = with_slider(biglide(), solid)
     rng = np.random.default_rng(3)
-    diagnosis = diagnose(measure(machine, default_plan(machine, rng), Noise(), rng), ROBOT)
+    diagnosis = diagnose_campaign(measure(machine, default_plan(machine, rng), Noise(), rng), ROBOT)
     assert named(diagnosis) == {"slider-compliance @ sliders"}
     torsion = diagnosis.effects[0].parameters["c44"]
     assert torsion.value == pytest.approx(solid[3, 3], abs=4 * torsion.sigma)
@@ -216,7 +216,7 @@ def test_an_adopted_effect_is_an_ordinary_robot():
     robot = apply_effect(ROBOT, "actuator-stiffness", "limb1", {"factor": 0.8})
     softer = stiffness(robot.mechanism, [0, 0, 0.35])[0]
     assert softer[0, 0] < stiffness(ROBOT.mechanism, [0, 0, 0.35])[0][0, 0]
-    healed = diagnose(campaign(SOFT), robot)
+    healed = diagnose_campaign(campaign(SOFT), robot)
     assert healed.verdict == "no-gap"
     with pytest.raises(InputError, match="no part of the robot"):
         apply_effect(ROBOT, "force-scale", "instrument", {"factor": 1.1})
@@ -251,7 +251,7 @@ def test_the_nominal_robot_crosses_to_a_worker():
 
 
 def test_a_group_that_is_certain_is_identified_with_a_measurement_that_separates_it():
-    data = to_json(diagnose(campaign(("displacement-scale", "instrument", {"factor": 1.03})), ROBOT))
+    data = to_json(diagnose_campaign(campaign(("displacement-scale", "instrument", {"factor": 1.03})), ROBOT))
     (effect,) = data["effects"]
     assert data["verdict"] == "identified"
     assert effect["probability"] < 0.9 < effect["group_probability"]
@@ -279,6 +279,6 @@ def test_what_would_widen_the_gap_is_not_named(tmp_path):
                 lines.append(",".join([*map(str, pose), *map(str, wrench), name, str(value), str(s)]))
     (tmp_path / "readings.csv").write_text("\n".join(lines))
     (tmp_path / "campaign.toml").write_text('robot = "biglide"\ncomponents = "published"\nreadings = "readings.csv"\n')
-    found = diagnose(load_campaign(tmp_path), nominal)
+    found = diagnose_campaign(load_campaign(tmp_path), nominal)
     assert not found.effects or found.gap.explained < found.gap.nominal
     assert {f"{e.effect} @ {e.place}" for e in found.effects} <= {"actuator-stiffness @ limb1"}

@@ -9,7 +9,7 @@ import pytest
 
 from stiffscope.gap.campaign.campaign import Campaign
 from stiffscope.gap.campaign.readings import load_campaign
-from stiffscope.gap.diagnose import diagnose
+from stiffscope.gap.diagnose import diagnose_campaign
 from stiffscope.gap.forward.column_model import ColumnModel
 from stiffscope.gap.forward.forward_model import Noise
 from stiffscope.gap.inference.diagnosis import to_json
@@ -56,7 +56,7 @@ def found(diagnosis):
 
 def test_published_experiment_is_one_scale_not_gravity():
     """Tables 5 and 6: a factor of 1.10 on all stiffnesses explains them to 1.3 %; the weight model leaves 6.7 %."""
-    d = diagnose(PUBLISHED)
+    d = diagnose_campaign(PUBLISHED)
     assert d.verdict == "identified"
     assert found(d) == {("scale", "all")}
     factor = d.effects[0].parameters["factor"]
@@ -84,7 +84,7 @@ def test_published_experiment_is_one_scale_not_gravity():
     ],
 )
 def test_finds_what_was_put_in(options, truth, stated):
-    hits = [diagnose(campaign(**options, seed=seed, stated=stated)) for seed in range(5)]
+    hits = [diagnose_campaign(campaign(**options, seed=seed, stated=stated)) for seed in range(5)]
     assert sum(found(d) == truth for d in hits) >= 4
     assert {d.verdict for d in hits} <= ({"identified", "ambiguous"} if truth else {"no-gap", "ambiguous"})
     assert np.mean([d.gap.explained for d in hits]) == pytest.approx(1.0, abs=0.25)
@@ -95,7 +95,7 @@ def test_finds_what_was_put_in(options, truth, stated):
 def test_what_no_scale_explains_is_unexplained():
     c = campaign(seed=3)
     wavy = replace(c, value=c.value * (1 + 0.2 * np.sin(np.arange(len(c)) ** 2)))
-    assert diagnose(wavy).verdict == "unexplained"
+    assert diagnose_campaign(wavy).verdict == "unexplained"
 
 
 def test_answer_does_not_depend_on_the_order_of_rows_or_on_an_outlier():
@@ -104,11 +104,11 @@ def test_answer_does_not_depend_on_the_order_of_rows_or_on_an_outlier():
     names = ("pose", "wrench", "quantity", "value", "sigma", "session", "file", "line")
     models = {name: values[order] for name, values in c.predictions.items()}
     mixed = replace(c, predictions=models, **{name: getattr(c, name)[order] for name in names})
-    plain, shuffled = (diagnose(x) for x in (c, mixed))
+    plain, shuffled = (diagnose_campaign(x) for x in (c, mixed))
     assert shuffled.effects[0].parameters["factor"].value == pytest.approx(plain.effects[0].parameters["factor"].value)
     spoiled = c.value.copy()
     spoiled[7] *= 5
-    robust = diagnose(replace(c, value=spoiled))
+    robust = diagnose_campaign(replace(c, value=spoiled))
     assert found(robust) == found(plain)
     assert "left out as an outlier: readings.csv:9" in robust.remarks
 
@@ -118,13 +118,13 @@ def test_one_direction_only_leaves_its_names_confused():
     only = c.direction == 0
     names = ("pose", "wrench", "quantity", "value", "sigma", "session", "file", "line")
     models = {name: values[only] for name, values in c.predictions.items() if name == "value"}
-    d = diagnose(replace(c, predictions=models, **{name: getattr(c, name)[only] for name in names}))
+    d = diagnose_campaign(replace(c, predictions=models, **{name: getattr(c, name)[only] for name in names}))
     assert d.effects[0].place == "all"
     assert set(d.effects[0].confused_with) == {"scale @ translation", "scale @ x"}
 
 
 def test_six_directions_of_their_own_are_six_scales():
-    d = diagnose(campaign(factors=(0.8, 0.9, 1.1, 1.2, 1.3, 0.85), poses=12))
+    d = diagnose_campaign(campaign(factors=(0.8, 0.9, 1.1, 1.2, 1.3, 0.85), poses=12))
     assert d.verdict == "identified"
     assert found(d) == {("scale", axis) for axis in ("x", "y", "z", "rx", "ry", "rz")}
 
@@ -160,7 +160,7 @@ def test_a_measurement_is_suggested_only_where_it_helps(odds, worthwhile):
 
 
 def test_answer_is_json():
-    text = json.dumps(to_json(diagnose(PUBLISHED)), allow_nan=False)
+    text = json.dumps(to_json(diagnose_campaign(PUBLISHED)), allow_nan=False)
     assert json.loads(text)["gap"]["unit"] == "% rms"
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+import h5netcdf  # pyright: ignore[reportMissingTypeStubs]  # not xarray, whose import takes longer than a diagnosis
 import numpy as np
 
 from stiffscope.gap.inference.hypothesis import positive_of
@@ -127,8 +128,6 @@ def write_posterior(path: Path, samples: Samples) -> None:
     ArviZ, InferenceData schema specification.
 
     """
-    import h5netcdf  # pyright: ignore[reportMissingTypeStubs]  # not xarray, whose import takes longer than a diagnosis
-
     opened: Any = h5netcdf.File  # pyright: ignore[reportUnknownMemberType]
     chains: dict[str, NDArray[Any]] = {"chain": np.arange(CHAINS)}
     rows: dict[str, NDArray[Any]] = {"reading": np.arange(len(samples.observed))}
