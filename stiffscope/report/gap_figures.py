@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.cluster.hierarchy import leaves_list, linkage, optimal_leaf_ordering
+from scipy.spatial.distance import squareform
 
 from stiffscope.report.figures import (
     AFTER,
@@ -134,9 +136,6 @@ def signature_correlation(diagnosis: Diagnosis) -> Figure | None:
 
 def _clustered(correlation: np.ndarray) -> list[int]:
     """Order of the rows in which neighbours are similar."""
-    from scipy.cluster.hierarchy import leaves_list, linkage, optimal_leaf_ordering
-    from scipy.spatial.distance import squareform
-
     distance = np.clip(1.0 - np.nan_to_num(correlation), 0.0, 1.0)
     distance = 0.5 * (distance + distance.T)
     np.fill_diagonal(distance, 0.0)

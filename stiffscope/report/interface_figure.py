@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.report import page
-from stiffscope.report.drawing.sheet import power
 from stiffscope.report.figures import AFTER, BEFORE, EFFECT, STYLE, new_figure, save_figure
+from stiffscope.report.numbers import power
 from stiffscope.report.run_report import write_tables_report
 
 if TYPE_CHECKING:

@@ -15,9 +15,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.cad.part import mass_properties
 from stiffscope.design.maps import map_stiffness
 from stiffscope.errors import InputError
 from stiffscope.report import maps, page, tables
+from stiffscope.report.figures import save_figures
 from stiffscope.report.numbers import coordinates, name_pose, point, pose_values, vector
 from stiffscope.report.pictures import draw
 from stiffscope.report.run_report import ENERGY, GEOMETRY, turning
@@ -25,6 +27,9 @@ from stiffscope.report.terminal import recorded, show_line, show_table
 from stiffscope.runtime import output
 from stiffscope.runtime.output import scratch_folder
 from stiffscope.runtime.progress import LISTENERS
+from stiffscope.vjm.kinematics import Configurations, configure
+from stiffscope.vjm.mechanism import Mechanism
+from stiffscope.vjm.modes import Modes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -38,9 +43,6 @@ if TYPE_CHECKING:
     from stiffscope.report.page import Figure
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.runtime.progress import Report
-    from stiffscope.vjm.kinematics import Configurations
-    from stiffscope.vjm.mechanism import Mechanism
-    from stiffscope.vjm.modes import Modes
     from stiffscope.vjm.statics import Stiffness
     from stiffscope.vjm.yielding import Deflection
 
@@ -197,9 +199,6 @@ def view(shown: Mechanism | Configurations | Stiffness | Modes, robot: RobotFile
     """
     from stiffscope.report.robot_scene import scene
     from stiffscope.report.robot_view import mode_cases, unit_wrenches
-    from stiffscope.vjm.kinematics import Configurations, configure
-    from stiffscope.vjm.mechanism import Mechanism
-    from stiffscope.vjm.modes import Modes
 
     names: list[str] = []
     if isinstance(shown, Mechanism):
@@ -230,8 +229,6 @@ def _names(found: Configurations) -> list[str]:
 
 
 def _part(shown: Part) -> None:
-    from stiffscope.cad.part import mass_properties
-
     properties = mass_properties(shown)
     loaded = [
         (f"loaded: {each.name}", f"{_numbers(each.faces)}; reference point ({point(each.reference_point)}) mm")
@@ -326,7 +323,6 @@ def _part_sensitivity(shown: PartSensitivity) -> None:
 def _diagnosis(shown: Diagnosis) -> list[Figure]:
     from stiffscope.report import gap_figures, gap_tables
     from stiffscope.report.diagnosis_report import FIGURES
-    from stiffscope.report.figures import save_figures
 
     gap_tables.show_diagnosis(shown)
     with scratch_folder() as folder:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -73,3 +74,14 @@ def coordinates(names: Sequence[str]) -> str:
 def name_pose(pose: Any, names: Sequence[str]) -> str:
     """Return a pose with its coordinates: "x, y, z (mm) = 0, 0, 347.5"."""
     return f"{coordinates(names)} = {pose_values(pose, names)}"
+
+
+def power(number: float, decimals: int = 1) -> str:
+    """Return 2.3e6 as 2.3·10⁶, in matplotlib's notation; numbers of up to three digits as they are."""
+    mantissa, exponent = f"{number:.{decimals}e}".split("e")
+    return f"{number:.3g}" if abs(int(exponent)) < 3 else rf"${mantissa}\cdot10^{{{int(exponent)}}}$"
+
+
+def base64_of(values: Any, kind: str = "<f4") -> str:
+    """Return an array's numbers in base64, by default as float32."""
+    return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode()

@@ -13,11 +13,12 @@ import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from PIL import Image, WebPImagePlugin  # noqa: F401 (else saving imports all of its seventy formats)
+
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
-
-    from jinja2 import Environment
 
     from stiffscope.report.terminal import Shown
 
@@ -97,8 +98,6 @@ def figure(image: Path, caption: str, words: str) -> Figure:
     """Take a picture file, PNG or SVG, into a page; ``words`` is its text alternative."""
     if image.suffix == ".svg":
         return _drawing(image.read_bytes(), caption, words)
-    from PIL import Image, WebPImagePlugin  # noqa: F401 (else saving imports all of its seventy formats)
-
     out = io.BytesIO()
     with Image.open(image) as picture:
         picture.convert("RGB").save(out, "WEBP", quality=QUALITY, method=0)
@@ -137,8 +136,6 @@ def write_page(
 @functools.cache
 def templates() -> Environment:
     """Return the templates beside this file, which escape all text."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
     return Environment(
         loader=PackageLoader("stiffscope.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )

@@ -87,7 +87,7 @@ def _draw(executor: Processes, picture: str, target: Path, **arguments: Any) -> 
 
 def _warm_up() -> None:
     """Load what drawing needs."""
-    from stiffscope.report.drawing.camera import warm_up
+    from stiffscope.report.drawing.robot import warm_up
 
     warm_up()
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator
 
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
 Report = Callable[[str, float], None]
 Reporter = Callable[[str], Report]
 
@@ -16,14 +19,10 @@ def _silent(_stage: str, _fraction: float) -> None:
 @contextlib.contextmanager
 def progress(*, quiet: bool) -> Iterator[Reporter]:
     """Give a function that opens a line: `reporter("slider")` returns `report(stage, fraction)` for that line."""
-    from rich.console import Console
-
     console = Console(stderr=True)
     if quiet or not console.is_terminal:
         yield lambda _name: _silent
         return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-
     name, stage = TextColumn("{task.description:<9}"), TextColumn("{task.fields[stage]:<26}")
     times = (TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
     columns = (name, BarColumn(bar_width=28), stage, *times)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.report.drawing.geometry import base64_of
+from stiffscope.report.numbers import base64_of
 from stiffscope.report.robot_scene import exaggeration, moves, pose_text
 from stiffscope.vjm.statics import respond
 

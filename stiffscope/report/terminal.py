@@ -10,11 +10,15 @@ from dataclasses import dataclass
 from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING
 
+from rich import box
+from rich.cells import cell_len
+from rich.console import Console
+from rich.measure import Measurement
+from rich.table import Table
+
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
 
-    from rich.console import Console
-    from rich.table import Table
 
 FOLDED = 16  # least width of a column of prose, characters
 ASCII_BOX = "    \n    \n -- \n    \n    \n    \n    \n    \n"  # rich's SIMPLE_HEAD with a dashed line
@@ -145,14 +149,10 @@ def in_encoding(text: str, encoding: str) -> str:
 
 def _console() -> Console:
     """Without markup: brackets in a user's names are brackets."""
-    from rich.console import Console
-
     return Console(highlight=False, markup=False, emoji=False)
 
 
 def _least_width(out: Console, table: Table) -> int:
-    from rich.measure import Measurement
-
     return Measurement.get(out, out.options.update(width=10_000), table).minimum
 
 
@@ -160,10 +160,6 @@ def _table(
     names: Sequence[str], rows: Sequence[Sequence[str]], columns: Sequence[int], folded: set[int], *, ascii_only: bool
 ) -> Table:
     """First column and prose left, the others right."""
-    from rich import box
-    from rich.cells import cell_len
-    from rich.table import Table
-
     lines = box.Box(ASCII_BOX, ascii=True) if ascii_only else box.SIMPLE_HEAD
     table = Table(box=lines, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
     for k in columns:

@@ -22,6 +22,7 @@ from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
+import cloudpickle  # which knows read-only mappings
 import psutil
 
 from stiffscope.errors import InputError, StiffscopeError
@@ -304,8 +305,6 @@ class Shared:
     """Something large that many jobs are given: it is pickled once, and each process unpickles it once."""
 
     def __init__(self, value: Any) -> None:
-        import cloudpickle  # which knows read-only mappings
-
         self._content = cloudpickle.dumps(value)
 
     @property

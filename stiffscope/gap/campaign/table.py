@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import openpyxl
 
 from stiffscope.errors import InputError
 from stiffscope.runtime.reading import open_file, read_text
@@ -141,8 +142,6 @@ def _lines(path: Path) -> tuple[list[list[str]], list[int], bool]:
 
 def _sheet(path: Path) -> tuple[list[list[str]], list[int], bool]:
     """Rows of the first visible sheet of an .xlsx file with their numbers."""
-    import openpyxl
-
     try:
         with open_file(path, "an .xlsx workbook") as stream:
             _check_unpacked(path, stream)

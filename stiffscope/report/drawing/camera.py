@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyvista as pv
 
 if TYPE_CHECKING:
-    import pyvista as pv
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
@@ -69,8 +69,6 @@ def view_of(
 
 def new_plotter(view: View) -> pv.Plotter:
     """A white scene seen by the camera."""
-    import pyvista as pv
-
     plotter = pv.Plotter(off_screen=True, window_size=list(view.size), lighting="light kit")
     plotter.set_background("white")  # type: ignore[call-arg, arg-type]
     plotter.enable_anti_aliasing("ssaa")
@@ -90,13 +88,3 @@ def shot(plotter: pv.Plotter) -> Floats:
     if image is None:
         raise RuntimeError("the OpenGL window gave no picture")
     return image
-
-
-def warm_up() -> None:
-    """Load what the first picture of solids loads: VTK's graphics, OpenGL, hulls."""
-    import pyvista as pv
-    import scipy.spatial  # noqa: F401
-
-    plotter = new_plotter(View((1.0, 0.0, 0.0), np.zeros(3), 1.0, (16, 16), (0.0, 0.0, 1.0)))
-    plotter.add_mesh(pv.Sphere(), smooth_shading=True, split_sharp_edges=True, feature_angle=35)
-    shot(plotter)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import base64
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stiffscope.report.drawing.solids import upright
+from stiffscope.report.numbers import base64_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -51,11 +51,6 @@ def packed(solids: Sequence[Solid], up: Floats, reach: float) -> dict[str, Any]:
         "upright": upright(up).ravel().tolist(),
         "reach": reach,
     }
-
-
-def base64_of(values: Any, kind: str = "<f4") -> str:
-    """Return an array's numbers in base64, by default as float32."""
-    return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode()
 
 
 def _own_axes(solid: Solid) -> tuple[Floats, Floats, pv.PolyData]:

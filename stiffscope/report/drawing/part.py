@@ -8,9 +8,10 @@ import numpy as np
 
 from stiffscope.fea.experiment import load_experiment
 from stiffscope.report.drawing.camera import View, new_plotter, shot, view_of
-from stiffscope.report.drawing.sheet import fill, legend, power, scale_bar, sheet_of
+from stiffscope.report.drawing.sheet import fill, legend, scale_bar, sheet_of
 from stiffscope.report.drawing.surfaces import outline, sides, surface
 from stiffscope.report.figures import save_figure
+from stiffscope.report.numbers import power
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -10,8 +10,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyvista as pv
+from matplotlib import colormaps
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize, to_hex
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from PIL import Image
 
-from stiffscope.report.drawing.camera import new_plotter, shot, view_of
+from stiffscope.report.drawing.camera import View, new_plotter, shot, view_of
 from stiffscope.report.drawing.geometry import packed
 from stiffscope.report.drawing.solids import DRIVEN, PASSIVE, RIGID, extent, part_colours, solids_of, upright
 from stiffscope.report.figures import save_figure
@@ -20,11 +28,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    import pyvista as pv
-    from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from stiffscope.report.drawing.camera import View
     from stiffscope.report.drawing.solids import Moves, Solid
 
     Floats = NDArray[np.float64]
@@ -122,9 +127,6 @@ def animation(
     ``frames``: as ``moves`` of `robot`, ``order``: which of them follow one another, in a loop; the
     rest as for `robot`.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from PIL import Image
-
     upward, home = np.array(up, float), np.array(tool["at"], float)
     solids, reach = solids_of(bodies, joints, tool, upward), extent(bodies, joints, tool)
     for picture in pictures:
@@ -254,8 +256,6 @@ def _scene(
 
 def _draw_arrow(plotter: pv.Plotter, view: View, ends: Floats, colour: str) -> None:
     """An arrow in front of all solids, as a parallel projection allows."""
-    import pyvista as pv
-
     along = ends[1] - ends[0]
     arrow = pv.Arrow(
         start=ends[0] + 15.0 * view.half_height * view.direction, direction=along, scale=float(np.linalg.norm(along)),
@@ -266,8 +266,6 @@ def _draw_arrow(plotter: pv.Plotter, view: View, ends: Floats, colour: str) -> N
 
 def framed(image: Floats, view: View, title: str) -> Figure:
     """The picture under its title, with room below for what its colours mean."""
-    from matplotlib.figure import Figure
-
     width, height = view.size
     total = height + ABOVE + BELOW
     figure = Figure(figsize=(width / 100, total / 100), facecolor="white")
@@ -306,8 +304,6 @@ def _meanings(bodies: list[dict[str, Any]]) -> dict[str, str]:
 
 
 def _key(figure: Figure, entries: dict[str, str]) -> None:
-    from matplotlib.patches import Patch
-
     handles = [Patch(facecolor=colour, label=name) for name, colour in entries.items()]
     key = figure.legend(
         handles=handles, loc="lower left", ncols=len(handles), frameon=False, fontsize=10, handlelength=1.0,
@@ -318,9 +314,6 @@ def _key(figure: Figure, entries: dict[str, str]) -> None:
 
 
 def _share_bar(figure: Figure, scale: str, most: float) -> None:
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
     across, pixel = 1 / (100 * figure.get_size_inches()[0]), 1 / (100 * figure.get_size_inches()[1])
     left = 240 * across
     axes = figure.add_axes((left, 18 * pixel, min(0.30, 1 - left - 240 * across), 9 * pixel))
@@ -331,7 +324,11 @@ def _share_bar(figure: Figure, scale: str, most: float) -> None:
 
 def share_colour(share: float | None, most: float) -> str:
     """Colour of a share on a scale that ends at the largest; grey without one."""
-    from matplotlib import colormaps
-    from matplotlib.colors import to_hex
-
     return NO_SHARE if share is None else to_hex(colormaps[SHARES](share / most if most > 0.0 else 0.0))
+
+
+def warm_up() -> None:
+    """Load what the first picture of solids loads: VTK's graphics, OpenGL, hulls."""
+    plotter = new_plotter(View((1.0, 0.0, 0.0), np.zeros(3), 1.0, (16, 16), (0.0, 0.0, 1.0)))
+    plotter.add_mesh(pv.Sphere(), smooth_shading=True, split_sharp_edges=True, feature_angle=35)
+    shot(plotter)

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
 if TYPE_CHECKING:
     import numpy as np
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
@@ -22,8 +26,6 @@ def sheet_of(rows: int, columns: int, size: tuple[int, int], title: str) -> tupl
 
     Names of robots and parts in the title are never read as mathematics.
     """
-    from matplotlib.figure import Figure
-
     height = WIDTH * size[1] / size[0] + 0.78
     whole = rows * height + 0.5
     figure = Figure(figsize=(columns * WIDTH, whole), facecolor="white")
@@ -43,9 +45,6 @@ def fill(axes: Axes, image: Floats, heading: str, remark: str = "") -> None:
 
 def scale_bar(axes: Axes, limit: float, largest: float, unit: str, colours: str) -> None:
     """Draw the colour scale below a rendering, with the largest value."""
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
     factor, prefix = next((f, p) for f, p in PREFIXES if limit >= f or f == PREFIXES[-1][0])
     scale = ScalarMappable(Normalize(0, limit / factor), colours)
     extend = "max" if largest > 1.001 * limit else "neither"
@@ -58,15 +57,7 @@ def scale_bar(axes: Axes, limit: float, largest: float, unit: str, colours: str)
     bar.ax.annotate(text, (1.06, 0.5), xycoords="axes fraction", fontsize=9, va="center", color="#14181c")
 
 
-def power(number: float, decimals: int = 1) -> str:
-    """Return 2.3e6 as 2.3·10⁶, in matplotlib's notation; numbers of up to three digits as they are."""
-    mantissa, exponent = f"{number:.{decimals}e}".split("e")
-    return f"{number:.3g}" if abs(int(exponent)) < 3 else rf"${mantissa}\cdot10^{{{int(exponent)}}}$"
-
-
 def legend(figure: Figure, entries: tuple[tuple[str, str], ...]) -> None:
     """Draw colours and what they stand for, below left."""
-    from matplotlib.patches import Patch
-
     handles = [Patch(facecolor=colour, edgecolor="#3c4650", label=label) for colour, label in entries]
     figure.legend(handles=handles, loc="lower left", ncols=len(handles), frameon=False, fontsize=11)

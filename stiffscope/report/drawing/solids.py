@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyvista as pv
+from scipy.spatial import ConvexHull
 
 from stiffscope.fea.experiment import load_experiment
 from stiffscope.report.drawing.surfaces import bulge, surface
@@ -13,7 +15,6 @@ from stiffscope.report.drawing.surfaces import bulge, surface
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    import pyvista as pv
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
@@ -122,8 +123,6 @@ def _skin(body: dict[str, Any], reach: float) -> pv.PolyData:
 
 def _extruded(outline: list[list[tuple[float, float]]], length: float) -> pv.PolyData:
     """A beam along x of the section that loops of corners (y, z) border."""
-    import pyvista as pv
-
     loops = [[*loop, loop[0]] for loop in outline]
     points = np.array([(0.0, y, z) for loop in loops for y, z in loop])
     starts = np.cumsum([0, *map(len, loops)])
@@ -176,8 +175,6 @@ def _rigid(bodies: Tables, joints: Tables, tool: dict[str, Any], reach: float) -
             elif np.linalg.norm(at - middle) > 2 * _PLATE * reach:
                 yield Solid(name, _rod(middle, at, 0.7 * _PLATE * reach), RIGID, (name,))
         if body.get("mesh"):
-            import pyvista as pv
-
             yield Solid(name, _triangles(pv.read(body["mesh"])), RIGID, (name,))
         else:
             yield Solid(name, _hull(np.array(points), _PLATE * reach), RIGID, (name,))
@@ -273,31 +270,22 @@ def _range(joint: dict[str, Any], reach: float) -> tuple[float, float]:
 
 def _plate(length: float, width: float, thickness: float) -> pv.PolyData:
     """A plate with enough points along x to bend."""
-    import pyvista as pv
-
     sides = (0.0, length, -width / 2, width / 2, -thickness / 2, thickness / 2)
     return _triangles(pv.Box(sides, level=8))
 
 
 def _rod(start: Floats, end: Floats, radius: float, stations: int = 2) -> pv.PolyData:
     """A bar; one that bends has stations along it."""
-    import pyvista as pv
-
     along = np.linspace(start, end, stations)
     return _triangles(pv.Spline(along, stations).tube(radius=radius, n_sides=32, capping=True))
 
 
 def _ball(at: Floats, radius: float) -> pv.PolyData:
-    import pyvista as pv
-
     return _triangles(pv.Sphere(radius=radius, center=at, theta_resolution=24, phi_resolution=16))
 
 
 def _hull(points: Floats, radius: float) -> pv.PolyData:
     """Convex hull of balls about points."""
-    import pyvista as pv
-    from scipy.spatial import ConvexHull
-
     ball = np.asarray(pv.Icosphere(radius=radius, nsub=2).points, float)
     cloud = (points[:, None] + ball[None]).reshape(-1, 3)
     hull = ConvexHull(cloud)

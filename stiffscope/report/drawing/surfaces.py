@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyvista as pv
 
 if TYPE_CHECKING:
-    import pyvista as pv
     from numpy.typing import NDArray
 
     from stiffscope.fea.mesh import TetMesh
@@ -19,8 +19,6 @@ SPLIT = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])  # a triangle wit
 
 def surface(mesh: TetMesh, points: Floats, chosen: Any = slice(None), *, split: bool = True) -> pv.PolyData:
     """The boundary, or chosen triangles of it, each as four flat ones, or as one without its mid nodes."""
-    import pyvista as pv
-
     facets = mesh.facets[chosen]
     triangles = facets[:, SPLIT].reshape(-1, 3) if split else facets[:, :3]
     return pv.PolyData.from_regular_faces(points, triangles)
@@ -34,8 +32,6 @@ def bulge(mesh: TetMesh) -> float:
 
 def sides(mesh: TetMesh, points: Floats) -> pv.PolyData:
     """The sides of the boundary's triangles, curved as they are."""
-    import pyvista as pv
-
     halves = mesh.facets[:, [[0, 3], [3, 1], [1, 4], [4, 2], [2, 5], [5, 0]]].reshape(-1, 2)
     halves = np.unique(np.sort(halves, axis=1), axis=0)
     return pv.PolyData(points, lines=np.insert(halves, 0, 2, axis=1).ravel())
@@ -43,8 +39,6 @@ def sides(mesh: TetMesh, points: Floats) -> pv.PolyData:
 
 def outline(mesh: TetMesh, points: Floats) -> pv.PolyData:
     """Edges between CAD faces that meet at an angle, carried along with the points."""
-    import pyvista as pv
-
     halves = mesh.facets[:, [[0, 3], [3, 1], [1, 4], [4, 2], [2, 5], [5, 0]]].reshape(-1, 2)
     owner = np.repeat(np.arange(len(mesh.facets)), 6)
     order = np.lexsort(np.sort(halves, axis=1).T)
