@@ -255,13 +255,13 @@ def describe(shape: "Shape") -> list[dict[str, Any]]:
             "index": face.index,
             "kind": face.kind,
             "area_mm2": face.area * 1e6,
-            "centroid_mm": _rounded(face.centroid * 1e3),
-            "axis": _rounded(face.axis) if face.axis.any() else None,
+            "centroid_mm": _round_vector(face.centroid * 1e3),
+            "axis": _round_vector(face.axis) if face.axis.any() else None,
             "radius_mm": round((face.minor_radius or face.radius) * 1e3, 6) or None,
         }
         for face in face_geometries(shape)
     ]
 
 
-def _rounded(vector: NDArray[np.float64]) -> tuple[float, ...]:
+def _round_vector(vector: NDArray[np.float64]) -> tuple[float, ...]:
     return tuple(float(value) for value in np.round(vector, 6) + 0.0)

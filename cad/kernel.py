@@ -60,7 +60,7 @@ class _Numbering:
         self._by_hash: dict[int, list[tuple[int, Shape]]] = {}
         self.count = 0
 
-    def of(self, item: Shape) -> int:
+    def number_shape(self, item: Shape) -> int:
         """Return the number of a shape; a new shape gets the next one."""
         same_hash = self._by_hash.setdefault(hash(item.Oriented(TopAbs_Orientation.TopAbs_FORWARD)), [])
         for number, other in same_hash:
@@ -71,12 +71,12 @@ class _Numbering:
         return self.count - 1
 
 
-def _distinct(shape: Shape, kind: Any, cast_to: Any) -> list[Any]:
+def _list_distinct(shape: Shape, kind: Any, cast_to: Any) -> list[Any]:
     """Return the sub-shapes of a kind, each once, in the order of first occurrence."""
     explorer, found, numbers = TopExp_Explorer(shape, kind), [], _Numbering()
     while explorer.More():
         item = explorer.Current()
-        if numbers.of(item) == len(found):
+        if numbers.number_shape(item) == len(found):
             found.append(cast_to(item))
         explorer.Next()
     return found
@@ -84,22 +84,22 @@ def _distinct(shape: Shape, kind: Any, cast_to: Any) -> list[Any]:
 
 def faces(shape: Shape) -> list[Face]:
     """Return the faces; their order (that of build123d's `solid.faces()`) defines every face index."""
-    return _distinct(shape, TopAbs_ShapeEnum.TopAbs_FACE, TopoDS.Face)
+    return _list_distinct(shape, TopAbs_ShapeEnum.TopAbs_FACE, TopoDS.Face)
 
 
 def edges(shape: Shape) -> list[Edge]:
     """Return the distinct edges."""
-    return _distinct(shape, TopAbs_ShapeEnum.TopAbs_EDGE, TopoDS.Edge)
+    return _list_distinct(shape, TopAbs_ShapeEnum.TopAbs_EDGE, TopoDS.Edge)
 
 
 def vertices(shape: Shape) -> list[Vertex]:
     """Return the distinct vertices."""
-    return _distinct(shape, TopAbs_ShapeEnum.TopAbs_VERTEX, TopoDS.Vertex)
+    return _list_distinct(shape, TopAbs_ShapeEnum.TopAbs_VERTEX, TopoDS.Vertex)
 
 
 def solids(shape: Shape) -> list[Solid]:
     """Return the distinct solids."""
-    return _distinct(shape, TopAbs_ShapeEnum.TopAbs_SOLID, TopoDS.Solid)
+    return _list_distinct(shape, TopAbs_ShapeEnum.TopAbs_SOLID, TopoDS.Solid)
 
 
 def borders(shape: Shape) -> dict[tuple[int, int], list[Edge]]:
@@ -109,7 +109,7 @@ def borders(shape: Shape) -> dict[tuple[int, int], list[Edge]]:
     found: dict[tuple[int, int], list[Edge]] = {}
     for index, face in enumerate(faces(shape)):
         for edge in edges(face):
-            met = beside.setdefault(numbers.of(edge), [])
+            met = beside.setdefault(numbers.number_shape(edge), [])
             for other in met:
                 found.setdefault((other, index), []).append(edge)
             met.append(index)
@@ -140,7 +140,7 @@ def is_valid(shape: Shape) -> bool:
     return BRepCheck_Analyzer(shape).IsValid()
 
 
-def oriented(solid: Solid) -> Solid:
+def orient_solid(solid: Solid) -> Solid:
     """Return the solid with outward face normals."""
     turned = TopoDS.Solid(solid)
     BRepLib.OrientClosedSolid_s(turned)
@@ -236,7 +236,7 @@ def inertia(properties: GProp_GProps) -> Floats:
     return np.array([[matrix.Value(i, j) for j in (1, 2, 3)] for i in (1, 2, 3)])
 
 
-def triangulated(shape: Shape, deflection: float, angle: float) -> list[tuple[Floats, NDArray[np.int64]]]:
+def triangulate(shape: Shape, deflection: float, angle: float) -> list[tuple[Floats, NDArray[np.int64]]]:
     """Tessellate each face in order: return its nodes (n, 3) and outward triangles (t, 3)."""
     BRepTools.Clean_s(shape)
     BRepMesh_IncrementalMesh(shape, deflection, False, angle, False)

@@ -169,28 +169,28 @@ def surface(part: Part, deflection: float = 5e-4, angle: float = 0.8) -> Surface
     InputError
         The tessellation is not closed.
     """
-    vertices, triangles, face_of_triangle = tessellated(part.solid, deflection, angle)
+    vertices, triangles, face_of_triangle = tessellate(part.solid, deflection, angle)
     gaps = open_edges(triangles)
     if gaps:
         raise InputError(f"{part.name}: expected a closed surface, got {gaps} open edges in its tessellation")
     return Surface(vertices, triangles, face_of_triangle, part.faces, tuple(part.seams))
 
 
-def tessellated(solid: "Solid", deflection: float, angle: float) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
+def tessellate(solid: "Solid", deflection: float, angle: float) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
     """Return distinct vertices (nv, 3) in m, outward triangles (nt, 3) and the face of each triangle (nt,)."""
-    pieces = cad.kernel.triangulated(solid, deflection * 1e3, angle)
+    pieces = cad.kernel.triangulate(solid, deflection * 1e3, angle)
     nodes = np.concatenate([nodes for nodes, _ in pieces])
     starts = np.cumsum([0] + [len(nodes) for nodes, _ in pieces[:-1]])
     triangles = np.concatenate([piece + start for (_, piece), start in zip(pieces, starts, strict=True)])
     face_of_triangle = np.repeat(np.arange(len(pieces)), [len(piece) for _, piece in pieces])
-    vertices, number = _merged(nodes)
+    vertices, number = _merge_nodes(nodes)
     triangles = number[triangles]
     a, b, c = triangles.T
     kept = (a != b) & (b != c) & (c != a)
     return vertices * 1e-3, triangles[kept], face_of_triangle[kept]
 
 
-def _merged(nodes: Floats, step: float = 1e-5) -> tuple[Floats, NDArray[np.int64]]:
+def _merge_nodes(nodes: Floats, step: float = 1e-5) -> tuple[Floats, NDArray[np.int64]]:
     """Merge nodes (n, 3), in mm, that coincide up to rounding: return the distinct ones and the index of each node.
 
     Both faces at a border have its nodes, equal to 1e-13. Nodes are compared on a grid whose offset avoids round
@@ -229,8 +229,8 @@ def project(part: Part, place: int, points: Floats) -> Floats:
     """
     points = np.asarray(points, dtype=float)
     if place >= len(part.faces):
-        return cad.projection.on_shape(list(part.seams.values())[place - len(part.faces)], points)
-    return cad.projection.projected(part.solid, part.faces[place], points)
+        return cad.projection.project_on_shape(list(part.seams.values())[place - len(part.faces)], points)
+    return cad.projection.project_points(part.solid, part.faces[place], points)
 
 
 @dataclass(frozen=True, eq=False)

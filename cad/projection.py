@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 
-def projected(solid: "Solid", face: FaceGeometry, points: Floats) -> Floats:
+def project_points(solid: "Solid", face: FaceGeometry, points: Floats) -> Floats:
     """Return the points (n, 3) of the surface closest to `points` (n, 3), in m.
 
     Planes and round surfaces are taken as unbounded, others as bounded by the face's parameter range.
@@ -28,7 +28,7 @@ def projected(solid: "Solid", face: FaceGeometry, points: Floats) -> Floats:
     return kernel.closest_under(kernel.faces(solid)[face.index], points * 1e3) * 1e-3
 
 
-def on_shape(shape: "Shape", points: Floats) -> Floats:
+def project_on_shape(shape: "Shape", points: Floats) -> Floats:
     """Return the points (n, 3) of a shape that are closest to `points` (n, 3), in m."""
     return np.array([kernel.closest(shape, point) for point in points * 1e3]).reshape(-1, 3) * 1e-3
 

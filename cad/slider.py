@@ -254,7 +254,7 @@ def build(parameters: SliderParameters, material: AnyMaterial = STEEL, name: str
         The CAD kernel cannot make the fillet.
     """
     solid = cad.validity.valid_solid(_shape(parameters), name)
-    return Part(name, solid, material, _clamped(parameters, solid), _loaded(parameters, solid))
+    return Part(name, solid, material, _select_clamped(parameters, solid), _select_loaded(parameters, solid))
 
 
 def _shape(slider: SliderParameters) -> "Shape":
@@ -290,7 +290,7 @@ def _is_root(edge: "Edge", depth: float, width: float, thickness: float) -> bool
     return abs(middle.Z - thickness / 2) < _TOLERANCE and inside
 
 
-def _clamped(slider: SliderParameters, solid: "Solid") -> frozenset[int]:
+def _select_clamped(slider: SliderParameters, solid: "Solid") -> frozenset[int]:
     if slider.clamp == "face":
         return select(solid, [FaceSelector(kind="plane", normal=(-1, 0, 0), position="min x")])
     axes = [(slider.hole_offset, y) for y in slider.hole_positions]
@@ -301,7 +301,7 @@ def _clamped(slider: SliderParameters, solid: "Solid") -> frozenset[int]:
     )
 
 
-def _loaded(slider: SliderParameters, solid: "Solid") -> tuple[Interface, ...]:
+def _select_loaded(slider: SliderParameters, solid: "Solid") -> tuple[Interface, ...]:
     outer = slider.depth + slider.pad_height
     if slider.pads == "together":
         faces = select(solid, [FaceSelector(kind="plane", normal=(1, 0, 0), position="max x")])

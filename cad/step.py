@@ -12,7 +12,7 @@ import meshio
 
 from stiffscope import cad
 from stiffscope.cad.materials import STEEL, AnyMaterial
-from stiffscope.cad.part import Part, tessellated
+from stiffscope.cad.part import Part, tessellate
 from stiffscope.cad.solid import GREATEST_X, LEAST_X, Placement, Selectors, Vector, part_of
 from stiffscope.errors import InputError
 from stiffscope.runtime.executor import KILLED, LateError, WorkerError, do_alone
@@ -128,5 +128,5 @@ def write_step(part: Part, path: str | Path) -> None:
 
 def write_stl(part: Part, path: str | Path, deflection: float = 5e-5, angle: float = 0.2) -> None:
     """Write the part's surface as binary STL, in mm and the part's axes; tolerances as for `surface`."""
-    vertices, triangles, _ = tessellated(part.solid, deflection, angle)
+    vertices, triangles, _ = tessellate(part.solid, deflection, angle)
     meshio.Mesh(vertices * 1e3, [("triangle", triangles)]).write(path, file_format="stl", binary=True)

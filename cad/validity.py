@@ -4,7 +4,7 @@ import numpy as np
 
 from stiffscope.cad import kernel
 from stiffscope.cad.kernel import Shape, Solid
-from stiffscope.cad.part import open_edges, tessellated
+from stiffscope.cad.part import open_edges, tessellate
 from stiffscope.errors import InputError
 
 SMALLEST, LARGEST = 1.0, 40e3  # mm: a bounding box with a diagonal outside this range is most likely in the wrong unit
@@ -70,13 +70,13 @@ def _check_self_intersection(solid: Solid, name: str) -> None:
 def _check_closed(solid: Solid, name: str) -> None:
     if not kernel.is_valid(solid):
         raise _invalid(name, "a solid that the CAD kernel finds invalid (repair it, or export it again)")
-    gaps = open_edges(tessellated(solid, 5e-4, 0.8)[1])
+    gaps = open_edges(tessellate(solid, 5e-4, 0.8)[1])
     if gaps:
         raise _invalid(name, f"a solid that is not watertight ({gaps} open edges)")
 
 
 def _outward(solid: Solid, name: str) -> Solid:
-    solid = kernel.oriented(solid)
+    solid = kernel.orient_solid(solid)
     volume = kernel.volume_properties(solid).Mass()
     if not (np.isfinite(volume) and volume > 1e-9 * kernel.diagonal(solid) ** 3):
         raise _invalid(name, f"a solid without volume ({volume:.3g} mm3)", "a solid of positive volume")

@@ -55,7 +55,7 @@ def solve_within(
     the last mesh, its solution, and one line on why the tolerance is not met (empty if it is).
     """
 
-    def stopped(limit: str, why: str) -> tuple[TetMesh, Solution, str]:
+    def stop_at(limit: str, why: str) -> tuple[TetMesh, Solution, str]:
         return mesh, solution, _shortfall(specimen, mesh, solution, settings, limit, why)
 
     begun = time.perf_counter()
@@ -72,20 +72,20 @@ def solve_within(
             try:
                 finer = _finer_mesh(specimen, settings, size, left - (time.perf_counter() - begun))
             except MeshError as error:
-                return stopped("the mesher's limit", f"{why}; {str(error).partition(';')[0]}")
+                return stop_at("the mesher's limit", f"{why}; {str(error).partition(';')[0]}")
         else:
-            finer, why = refined(specimen, mesh, solution.indicator, settings, bound), ""
+            finer, why = refine_mesh(specimen, mesh, solution.indicator, settings, bound), ""
         growth = len(finer.cells) / len(mesh.cells)
         elapsed = time.perf_counter() - begun
         if growth * solution.unknowns > settings.most_unknowns:
-            return stopped(f"the limit of {settings.most_unknowns} unknowns", why)
+            return stop_at(f"the limit of {settings.most_unknowns} unknowns", why)
         if elapsed + (WITH_MODES if modes else 1.0) * 1.5 * growth * spent > left:
-            return stopped(f"the limit of {settings.time_limit:g} s", why)
+            return stop_at(f"the limit of {settings.time_limit:g} s", why)
         started = time.perf_counter()
         try:
             mesh, solution = finer, solve_on(specimen, finer, settings)
         except MeshError as error:
-            return stopped("the last mesh that could be solved", str(error))
+            return stop_at("the last mesh that could be solved", str(error))
         spent = time.perf_counter() - started
         logger.info("%s: round %d, %d tetrahedra, bound was %.3g", specimen.name, rounds, len(mesh.cells), bound)
     return mesh, solution, ""
@@ -113,11 +113,11 @@ def _finer_mesh(specimen: Specimen, settings: Settings, size: float, left: float
 def _on_singular_edges(specimen: Specimen, mesh: TetMesh, settings: Settings) -> np.ndarray:
     """Return (nodes,) which vertices are on singular edges."""
     on_chain: np.ndarray = np.zeros(len(mesh.points), dtype=bool)
-    on_chain[singular_edges(mesh, specimen.fixed(rigid=settings.interface == "rigid"))[0]] = True
+    on_chain[singular_edges(mesh, specimen.list_fixed(rigid=settings.interface == "rigid"))[0]] = True
     return on_chain
 
 
-def refined(specimen: Specimen, mesh: TetMesh, indicator: Floats, settings: Settings, bound: float) -> TetMesh:
+def refine_mesh(specimen: Specimen, mesh: TetMesh, indicator: Floats, settings: Settings, bound: float) -> TetMesh:
     """Return the mesh refined in the fewest elements whose refinement meets the tolerance.
 
     At a singular edge the element edges that leave it are cut near it; elsewhere the long edges are halved.

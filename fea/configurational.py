@@ -69,7 +69,7 @@ class _Chunk:
         spread = csr_array((np.ones(len(cells)), (cells, np.arange(len(cells)))), shape=(count, len(cells)))
         return (spread @ local.reshape(len(cells), -1)).reshape(count, *local.shape[2:])
 
-    def moved(self, velocity: Floats, density: Floats) -> Floats:
+    def move_integrals(self, velocity: Floats, density: Floats) -> Floats:
         """(p, m) change of the integrals of densities (c, q, m) with velocities (n, 3, p) of the nodes: ∫ s div V."""
         c, q = self.weights.shape
         flat = velocity[self.nodes].reshape(c, 10, 3, -1).transpose(0, 2, 1, 3).reshape(c, 30, -1)
@@ -79,7 +79,7 @@ class _Chunk:
 
 def _chunks(mesh: TetMesh, space: Cubic) -> Iterator[_Chunk]:
     grid = mesh.grid
-    groups = (~mesh.curved, MappingAffine(grid), STRAIGHT_ORDER), (mesh.curved, grid.mapping(), CURVED_ORDER)
+    groups = (~mesh.is_curved, MappingAffine(grid), STRAIGHT_ORDER), (mesh.is_curved, grid.mapping(), CURVED_ORDER)
     for mask, mapping, order in groups:
         chosen = np.flatnonzero(mask)
         at, weights = get_quadrature(RefTet, order)
@@ -122,8 +122,8 @@ def integrals(mesh: TetMesh, space: Cubic, elasticity: Floats, motion: Floats, v
             tilt = (turned @ pulls.reshape(c, 3 * q, 10 * k)).reshape(c, 3, k, 10, k)  # (c, 3, j, 10, i)
             tilt = np.einsum("cxjni,cnxp->pij", tilt, velocity[chunk.nodes], optimize=True)
             energy -= tilt + np.swapaxes(tilt, 1, 2)
-            energy += chunk.moved(velocity, np.swapaxes(stress, 2, 3) @ slope).reshape(p, k, k)
-            displacement += chunk.moved(velocity, (chunk.values @ flat).reshape(c, q, 3 * k))
+            energy += chunk.move_integrals(velocity, np.swapaxes(stress, 2, 3) @ slope).reshape(p, k, k)
+            displacement += chunk.move_integrals(velocity, (chunk.values @ flat).reshape(c, q, 3 * k))
     return Integrals(motion, energy, gradients.reshape(9, k, 9, k), forces, displacement.reshape(p, 3, k))
 
 
@@ -134,5 +134,5 @@ def products(mesh: TetMesh, space: Cubic, fields: Floats, velocity: Floats) -> F
     for chunk in _chunks(mesh, space):
         c, q = chunk.weights.shape
         values = (chunk.values[:, :10] @ fields[chunk.nodes].reshape(c, 10, 3 * b)).reshape(c, q, 3, b)
-        out += chunk.moved(velocity, np.swapaxes(values, 2, 3) @ values).reshape(p, b, b)
+        out += chunk.move_integrals(velocity, np.swapaxes(values, 2, 3) @ values).reshape(p, b, b)
     return out

@@ -20,7 +20,7 @@ from skfem.helpers import dot
 
 from stiffscope.errors import InputError
 from stiffscope.fea.rigid import rigid_modes
-from stiffscope.fea.solvers import factorized
+from stiffscope.fea.solvers import factorize_matrix
 from stiffscope.fea.spaces import face_basis
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def factorize(stiffness: csr_array, supports: Supports) -> Solve:
     """Return a function that solves for the coordinates of ``supports``; the twists by a Schur complement."""
     free = supports.free_dofs
     rows = stiffness[free]
-    solve = factorized(rows[:, free])
+    solve = factorize_matrix(rows[:, free])
     if not supports.tie.shape[1]:
         return solve
     tied = dofs_of(supports.tied)

@@ -93,8 +93,8 @@ def enrich(mesh: TetMesh, elasticity: Floats) -> Cubic:
     signs = np.stack([np.ones(len(cells), dtype=int)] * 10 + [element.orient(grid.mapping(), i) for i in range(10)], 1)
     groups = []
     for mask, mapping, rule in (
-        (~mesh.curved, MappingAffine(grid), _straight_rule()),
-        (mesh.curved, grid.mapping(), _curved_rule()),
+        (~mesh.is_curved, MappingAffine(grid), _straight_rule()),
+        (mesh.is_curved, grid.mapping(), _curved_rule()),
     ):
         elements, (table, at, weights) = np.flatnonzero(mask), rule
         if len(elements):

@@ -70,7 +70,7 @@ class Forms:
         return len(self.experiment.full_compliance)
 
     @cached_property
-    def lumped(self) -> Floats:
+    def lumped_mass(self) -> Floats:
         """(n,) ∫ ρ N of each node's function, kg."""
         return np.asarray(self.levels.system.mass.nodes.sum(axis=1)).reshape(-1)
 
@@ -92,7 +92,7 @@ class Forms:
     def ratio(self) -> Floats:
         """(k, k) the extrapolated correction in parts of the quadratic-to-cubic difference."""
         gain = self.levels.gain.diagonal()
-        remaining = (self.levels.extrapolated().compliance - self.levels.cubic).diagonal()
+        remaining = (self.levels.extrapolate().compliance - self.levels.cubic).diagonal()
         parts = np.clip(remaining / np.maximum(gain, 1e-12 * self.levels.cubic.diagonal()), 0, 2)
         return np.sqrt(np.outer(parts, parts))
 
@@ -121,12 +121,12 @@ class Forms:
         cubic, quadratic = (-np.einsum("ab,aibj->ij", law, level.gradients) for level in self.fields)
         energy = np.einsum("ab,aibj->ij", law, self.shapes.integrals.gradients)
         made = self._derivative(value, unit, cubic, quadratic)
-        return dataclasses.replace(made, condensed_mass=self.shapes.followed(energy))
+        return dataclasses.replace(made, condensed_mass=self.shapes.follow_fields(energy))
 
     def of_foundation(self) -> Derivative:
         """Derivative by the stiffness per area of the foundation under the clamp."""
         unit = springs(self.levels.system.mesh, self.levels.system.specimen.clamped, 1.0)
-        cubic, quadratic = (-_squared(level.motion, unit) for level in self.fields)
+        cubic, quadratic = (-_contract_squares(level.motion, unit) for level in self.fields)
         return self._derivative(self.settings.foundation or 0.0, "N/m^3", cubic, quadratic)
 
     def of_density(self, density: float) -> Derivative:
@@ -146,13 +146,13 @@ class Forms:
         slide = self._slide(move)
         motions = self.levels.motion, self.levels.quadratic
         found = [
-            self._compliance(level, number, self._turned(slide, motion))
+            self._compliance(level, number, self._turn_tied(slide, motion))
             for level, motion in zip(self.fields, motions, strict=True)
         ]
         for level, on_faces in enumerate(self._on_faces(move)):
             found[level] = found[level] + on_faces
         made = self._derivative(value, "m", found[0], found[1])
-        rate, moment = self.mass_rates[number, 0], self.mass_rates[number, 1:] + self.lumped @ move.nodes
+        rate, moment = self.mass_rates[number, 0], self.mass_rates[number, 1:] + self.lumped_mass @ move.nodes
         return dataclasses.replace(
             made,
             mass=float(rate),
@@ -194,7 +194,7 @@ class Forms:
         at_ties = np.einsum("nai,naj->ij", level.forces[tied], turned)
         out = -level.energy[number] - at_ties - at_ties.T
         weight = self.levels.system.specimen.density * level.displacement[number].T
-        weight += np.einsum("n,nyi->iy", self.lumped[tied], turned)
+        weight += np.einsum("n,nyi->iy", self.lumped_mass[tied], turned)
         out[:, w:] += weight
         out[w:, :] += weight.T
         return out
@@ -209,7 +209,7 @@ class Forms:
             out[nodes, :, 6 * slot + 3 : 6 * slot + 6] = rigid_modes(move.nodes[nodes], at)[:, :, 3:]
         return out[supports.tied].reshape(3 * len(supports.tied), out.shape[2])
 
-    def _turned(self, slide: Floats, motion: Floats) -> Floats:
+    def _turn_tied(self, slide: Floats, motion: Floats) -> Floats:
         """Return (t, 3, k) change of the tied nodes' displacements for coordinates of k loads."""
         split = 3 * len(self.levels.system.supports.free)
         return (slide @ motion[split : split + slide.shape[1]]).reshape(len(slide) // 3, 3, motion.shape[1])
@@ -238,7 +238,7 @@ class Forms:
             if bedded and modulus is not None:
                 bedding = springs(moved, specimen.clamped, modulus)
                 for number, level in enumerate(self.fields):
-                    found[number] -= _squared(level.motion, bedding) / (2 * sign)
+                    found[number] -= _contract_squares(level.motion, bedding) / (2 * sign)
             if loaded:
                 couplings = tuple(
                     dataclasses.replace(coupling, reference_point=coupling.reference_point + sign * at)
@@ -269,7 +269,7 @@ class Forms:
         move, shapes, w = self.moves[number], self.shapes, self.wrenches
         tied = self.levels.system.supports.tied
         turned = np.zeros((len(move.nodes), 3, w))
-        turned[tied] = self._turned(slide, shapes.coordinates)
+        turned[tied] = self._turn_tied(slide, shapes.coordinates)
         energy = shapes.integrals.energy[number].copy()
         energy[:w, w:] += np.einsum("nai,naj->ij", turned[tied], shapes.integrals.forces[tied][..., w:])
         turned = turned.reshape(-1, w)
@@ -280,7 +280,7 @@ class Forms:
         back = shapes.fields[:, 6:] @ farther.reshape(-1, 6) + turned @ shapes.moved
         rates = np.hstack([whole.reshape(-1, 6) - back, turned])
         cross = rates.T @ times(self.levels.system.mass.nodes, shapes.fields)
-        return shapes.kinetic[number] + cross + cross.T + shapes.followed(energy)
+        return shapes.kinetic[number] + cross + cross.T + shapes.follow_fields(energy)
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,7 +303,7 @@ class _Shapes:
     integrals: Integrals
     kinetic: Floats
 
-    def followed(self, energy: Floats) -> Floats:
+    def follow_fields(self, energy: Floats) -> Floats:
         """(6 + w, 6 + w) change of the condensed mass as the fields follow a change of energy (6 + 2w, 6 + 2w).
 
         The fields of the interfaces change by −A⁻¹ dA, the interfaces held; those of the clamp by −``moved`` of that.
@@ -313,7 +313,7 @@ class _Shapes:
         return change + change.T
 
 
-def _squared(motion: Floats, matrix: csr_array) -> Floats:
+def _contract_squares(motion: Floats, matrix: csr_array) -> Floats:
     """Return (k, k) Σ u_iᵀ S u_j of coefficients (count, 3, k) and a matrix (count, count) of one direction."""
     count, _, k = motion.shape
     flat = motion.reshape(3 * count, k)

@@ -24,7 +24,7 @@ from stiffscope.errors import InputError
 from stiffscope.fea.geometry import jacobian_range
 from stiffscope.fea.mesh import EDGES, sides_between
 from stiffscope.fea.snap import FLATTEST, ROUNDS, Target, alternate, places_of
-from stiffscope.fea.solvers import factorized
+from stiffscope.fea.solvers import factorize_matrix
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -79,9 +79,9 @@ class DesignVelocity:
         self._size = float(np.linalg.norm(np.ptp(points, axis=0)))
         round_faces = np.array([face.kind != "plane" for face in part.faces])[mesh.facet_face]
         self._round = np.unique(mesh.facets[round_faces, 3:])
-        self._base = self._on(part, points, np.unique(mesh.facets))
+        self._base = self._move_onto(part, points, np.unique(mesh.facets))
 
-    def of(self, changed: Part, step: float) -> Floats:
+    def measure_velocity(self, changed: Part, step: float) -> Floats:
         """Return (n, 3) the nodes' mean velocity with a parameter, from the part with that parameter ``step`` larger.
 
         Raises
@@ -92,15 +92,15 @@ class DesignVelocity:
         velocity = np.zeros_like(self._base)
         for level in self._levels:
             guess = level.extend(velocity)
-            moved = self._on(changed, self._base + step * guess, level.nodes)
+            moved = self._move_onto(changed, self._base + step * guess, level.nodes)
             velocity[level.nodes] = (moved - self._base)[level.nodes] / step
         velocity = self._inside(velocity)
         velocity[self._mids] = velocity[self._ends].mean(axis=1)
-        moved = self._on(changed, self._base + step * velocity, self._round)
+        moved = self._move_onto(changed, self._base + step * velocity, self._round)
         velocity[self._round] = (moved - self._base)[self._round] / step
         return velocity
 
-    def _on(self, part: Part, points: Floats, nodes: Ints) -> Floats:
+    def _move_onto(self, part: Part, points: Floats, nodes: Ints) -> Floats:
         """Return the points with some of them moved on all faces of a part that they belong to.
 
         Where two faces are tangent, on their common edge: projections on either in turn would hardly get there.
@@ -108,7 +108,11 @@ class DesignVelocity:
         borders, count = list(part.smooth_borders.values()), len(part.faces)
 
         def closest(place: int, at: Floats) -> Floats:
-            return project(part, place, at) if place < count else cad.projection.on_shape(borders[place - count], at)
+            return (
+                project(part, place, at)
+                if place < count
+                else cad.projection.project_on_shape(borders[place - count], at)
+            )
 
         target = Target(closest, self._size, count, tuple(part.smooth_borders))
         node, place = places_of(self.mesh.facets, self.mesh.facet_face, target)
@@ -125,7 +129,9 @@ def moved_along(mesh: TetMesh, part: Part, changed: Part) -> TetMesh | None:
     flat. Whether the mesh then has the shape of the changed part is left to the caller.
     """
     try:
-        points = mesh.points + DesignVelocity(mesh, part).of(changed, 1.0)  # a finite change is a step, too
+        points = mesh.points + DesignVelocity(mesh, part).measure_velocity(
+            changed, 1.0
+        )  # a finite change is a step, too
     except InputError:
         return None
     corners = [nodes[mesh.cells[:, 1:4]] - nodes[mesh.cells[:, :1]] for nodes in (mesh.points, points)]
@@ -164,15 +170,15 @@ def _extension(points: Floats, simplices: Ints, wanted: np.ndarray) -> Callable[
         return lambda given: given
     rows = laplacian[inner]
     matrix = rows[:, inner]
-    solve = factorized(csr_array(matrix + UNBOUNDED * matrix.diagonal().mean() * eye_array(len(inner))))
+    solve = factorize_matrix(csr_array(matrix + UNBOUNDED * matrix.diagonal().mean() * eye_array(len(inner))))
 
-    def filled(given: Floats) -> Floats:
+    def fill_inside(given: Floats) -> Floats:
         values = given.copy()
         values[inner] = 0.0
         values[inner] = solve(-(rows @ values))
         return values
 
-    return filled
+    return fill_inside
 
 
 def _laplacian(points: Floats, simplices: Ints) -> csr_array:

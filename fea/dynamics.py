@@ -75,7 +75,7 @@ class _Vibration:
         supports = self.system.supports
         return supports.restrict(times(self.system.mass.nodes, supports.expand(motion)))
 
-    def held(self, force: Floats) -> Floats:
+    def precondition(self, force: Floats) -> Floats:
         """Return the preconditioner's motion for forces, with no twist of any interface."""
         motion = self.system.solver.precondition(force - self.loads @ (self.constraint.T @ force))
         return motion - self.constraint @ (self.loads.T @ motion)
@@ -87,7 +87,7 @@ class _Vibration:
 
     def fixed_modes(self, start: Floats, count: int, tolerance: float) -> tuple[Floats, Floats, Floats]:
         """Return (b,) squares, (c, b) modes with the interfaces held, and the forces of these but for the reactions."""
-        return lowest_modes(self.stiffness, self.inertia, self.held, start, count, tolerance, exact=self.exact)
+        return lowest_modes(self.stiffness, self.inertia, self.precondition, start, count, tolerance, exact=self.exact)
 
     def orthogonal(self, basis: Floats, forces: Floats) -> tuple[Floats, Floats]:
         """Return (k,) squares and (c, k) mass-normalized combinations of motions that stiffness decouples.
@@ -133,7 +133,7 @@ def compute_dynamics(levels: TwoLevel, settings: Settings) -> Dynamics:
     with threadpool_limits(1):
         vibration = vibration_of(levels)
         squares, fixed, clamped_squares, clamped = _modes(vibration, settings)
-        weight, weight_error, frequencies, frequency_error = _extrapolated(levels, clamped)
+        weight, weight_error, frequencies, frequency_error = _extrapolate_modes(levels, clamped)
         both = _gain_on_cubics(vibration, np.append(squares, clamped_squares), np.hstack([fixed, clamped]))
         gain, known = both[: len(squares)], both[len(squares) :]
         softer = (clamped_squares / (2 * np.pi * frequencies) ** 2 - 1).mean() / known.mean()
@@ -159,7 +159,7 @@ def _modes(vibration: _Vibration, settings: Settings) -> tuple[Floats, Floats, F
     rng = np.random.default_rng(0)
 
     def some(count: int) -> Floats:
-        return vibration.held(rng.normal(size=(len(vibration.loads), count)))
+        return vibration.precondition(rng.normal(size=(len(vibration.loads), count)))
 
     if settings.highest_frequency is not None:
         highest = (2 * np.pi * settings.highest_frequency) ** 2
@@ -220,13 +220,13 @@ def condense_mass(levels: TwoLevel, fixed: Floats | None = None) -> Floats:
     return (condensed + condensed.T) / 2
 
 
-def _extrapolated(levels: TwoLevel, modes: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+def _extrapolate_modes(levels: TwoLevel, modes: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Return ``self_weight`` and ``frequencies``, each with its error, from clamped modes (c, 6)."""
     system, mass = levels.system, levels.system.mass
     nodes, count = system.cubic.space.base, modes.shape[1]
     rows, split = system.cubic_rows, len(levels.quadratic)
     both = accelerate(levels, np.hstack([np.tile(np.eye(3), (nodes, 1)), system.supports.expand(modes)]))
-    found, vibration, wrenches = both.extrapolated(), both.extrapolated(ELSEWHERE), levels.force.shape[1]
+    found, vibration, wrenches = both.extrapolate(), both.extrapolate(ELSEWHERE), levels.force.shape[1]
     weights, vibrating = slice(wrenches, wrenches + 3), slice(wrenches + 3, None)
 
     motion = both.motion[:, vibrating]

@@ -75,7 +75,7 @@ def assemble(mesh: TetMesh, elasticity: Floats) -> csr_array:
 def _slopes(mesh: TetMesh) -> Iterator[tuple[Ints, Floats, Floats]]:
     """Yield elements (c,), their functions' gradients (c, q, 3, 10) in 1/m and weights (c, q) in m³, in chunks."""
     grid = mesh.grid
-    groups = (~mesh.curved, MappingAffine(grid), STRAIGHT_ORDER), (mesh.curved, grid.mapping(), CURVED_ORDER)
+    groups = (~mesh.is_curved, MappingAffine(grid), STRAIGHT_ORDER), (mesh.is_curved, grid.mapping(), CURVED_ORDER)
     for mask, mapping, order in groups:
         at, weights = get_quadrature(RefTet, order)
         table = np.stack([ElementTetP2().lbasis(at, i)[1] for i in range(10)], axis=2)  # (3, q, 10)

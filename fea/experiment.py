@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 FIELDS = ("displacement", "von_mises")  # what pictures need: nearly all of a file
 
 
-def _empty() -> Floats:
+def _make_empty() -> Floats:
     return np.zeros(0)
 
 
@@ -79,14 +79,14 @@ class Experiment:
     seconds: dict[str, float] = field(default_factory=dict)
     note: str = ""
     moved: bool = False
-    mode_squares: Floats = field(default_factory=_empty)
-    mode_squares_error: Floats = field(default_factory=_empty)
-    self_weight: Floats = field(default_factory=_empty)
-    self_weight_error: Floats = field(default_factory=_empty)
-    frequencies: Floats = field(default_factory=_empty)
-    frequency_error: Floats = field(default_factory=_empty)
-    displacement: Floats = field(default_factory=_empty)
-    von_mises: Floats = field(default_factory=_empty)
+    mode_squares: Floats = field(default_factory=_make_empty)
+    mode_squares_error: Floats = field(default_factory=_make_empty)
+    self_weight: Floats = field(default_factory=_make_empty)
+    self_weight_error: Floats = field(default_factory=_make_empty)
+    frequencies: Floats = field(default_factory=_make_empty)
+    frequency_error: Floats = field(default_factory=_make_empty)
+    displacement: Floats = field(default_factory=_make_empty)
+    von_mises: Floats = field(default_factory=_make_empty)
 
     @property
     def compliance(self) -> Floats:

@@ -79,7 +79,7 @@ class TetMesh:
         return grid.with_boundaries({str(face): number[self.facet_face == face] for face in np.unique(self.facet_face)})
 
     @cached_property
-    def curved(self) -> NDArray[np.bool_]:
+    def is_curved(self) -> NDArray[np.bool_]:
         """(m,) whether sides of each tetrahedron are curved."""
         ends = self.points[self.cells[:, EDGES]]  # (m, 6, 2, 3)
         sag = np.linalg.norm(self.points[self.cells[:, 4:]] - ends.mean(axis=2), axis=2)

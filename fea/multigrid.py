@@ -61,14 +61,14 @@ def two_levels(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> Solve
     def apply(coordinates: Floats) -> Floats:
         return supports.restrict(multiply(supports.expand(coordinates)))
 
-    def scaled(residual: Floats) -> Floats:  # the linear level corrects the twists
+    def scale_twists(residual: Floats) -> Floats:  # the linear level corrects the twists
         split = len(residual) - width
         return np.vstack([inverse @ residual[:split], np.zeros_like(residual[split:])])
 
     def symmetric(motion: Floats) -> Floats:
         return root.T @ apply(np.vstack([root @ motion[:, None], np.zeros((width, 1))]))[: len(motion)]
 
-    smooth = _chebyshev(apply, scaled, largest_eigenvalue(symmetric, 3 * len(supports.free)))
+    smooth = _chebyshev(apply, scale_twists, largest_eigenvalue(symmetric, 3 * len(supports.free)))
 
     def cycle(force: Floats) -> Floats:
         motion = smooth(force)

@@ -61,7 +61,7 @@ def part_sensitivity(
     """
     began = time.perf_counter()
     with threadpool_limits(1):
-        levels = _solved(experiment, part, settings)
+        levels = _solve_levels(experiment, part, settings)
         solved = time.perf_counter()
         moves, notes = _moves(experiment.mesh, part, dimensions)
         moved = time.perf_counter()
@@ -74,7 +74,7 @@ def part_sensitivity(
     return PartSensitivity(part.name, found, notes, seconds)
 
 
-def _solved(experiment: Experiment, part: Part, settings: Settings) -> TwoLevel:
+def _solve_levels(experiment: Experiment, part: Part, settings: Settings) -> TwoLevel:
     """Return the two levels of the experiment for its unit wrenches, then for its own weight along x, y, z."""
     specimen, mesh = specimen_of(part, settings), experiment.mesh
     levels = solve_two_levels(specimen, mesh, settings.interface, settings.solver, settings.foundation)
@@ -91,14 +91,14 @@ def _moves(
     velocities = DesignVelocity(mesh, part)
     for name, (value, build) in dimensions.items():
         try:
-            changed, step = _changed(build, value)
-            moves[name] = Move(velocities.of(changed, step), *_points(part, changed, step))
+            changed, step = _change_dimension(build, value)
+            moves[name] = Move(velocities.measure_velocity(changed, step), *_points(part, changed, step))
         except InputError as error:
             notes[name] = str(error)
     return moves, notes
 
 
-def _changed(build: Build, value: float) -> tuple[Part, float]:
+def _change_dimension(build: Build, value: float) -> tuple[Part, float]:
     """Return the part with a dimension a step larger, or smaller at the end of its range, and that step."""
     try:
         return build(value * (1 + STEP)), value * STEP
@@ -109,12 +109,12 @@ def _changed(build: Build, value: float) -> tuple[Part, float]:
 def _points(part: Part, changed: Part, step: float) -> tuple[Floats, Floats]:
     """Return (n, 3) the velocities of the reference points and (3,) that of the clamped area's centre."""
 
-    def of(one: Part) -> tuple[Floats, Floats]:
+    def locate_faces(one: Part) -> tuple[Floats, Floats]:
         held = [one.faces[index] for index in sorted(one.clamped)]
         centre = np.average([face.centroid for face in held], axis=0, weights=[face.area for face in held])
         return np.array([face.reference_point for face in one.loaded]), centre
 
-    (points, centre), (moved, other) = of(part), of(changed)
+    (points, centre), (moved, other) = locate_faces(part), locate_faces(changed)
     return (moved - points) / step, (other - centre) / step
 
 

@@ -41,14 +41,14 @@ def snap(
         tags = smooth_tags(facets, tag_facets(surface, points[facets], size / 2))
     skin = _Skin(cells, facets, owner, local, tags)
     target = Target(project, size, len(surface.faces), surface.seams)
-    nodes, full, full_facets, edges = _curved(points, skin, target)
+    nodes, full, full_facets, edges = _curve_mesh(points, skin, target)
     for _ in range(3):
         inverted = jacobian_range(nodes[full]) < FLATTEST
         slivers = np.intersect1d(np.flatnonzero(inverted), _sliver_candidates(skin))
         if not len(slivers):
             break
         skin = _without(skin, slivers)
-        nodes, full, full_facets, edges = _curved(points, skin, target)
+        nodes, full, full_facets, edges = _curve_mesh(points, skin, target)
     nodes, pulled = _pull_back(nodes, full, points, edges)
     return compact(TetMesh(nodes, full, full_facets, skin.tags, pulled))
 
@@ -74,7 +74,7 @@ class _Skin:
     tags: Ints
 
 
-def _curved(points: Floats, skin: _Skin, target: Target) -> tuple[Floats, Ints, Ints, Ints]:
+def _curve_mesh(points: Floats, skin: _Skin, target: Target) -> tuple[Floats, Ints, Ints, Ints]:
     """Return nodes, (m, 10) cells and (k, 6) boundary triangles on the CAD faces, and (e, 2) the edges."""
     corners = _on_faces(points, skin.facets, skin.tags, target)
     edges, edge_of = unique_edges(skin.cells)

@@ -76,9 +76,7 @@ class Solution:
 
     def stiffness_error(self, free: Floats) -> Floats:
         """Return (m, m) 95 % bounds of the stiffness ``freeᵀ C⁻¹ free`` (6n, m), by those of the wrenches behind it."""
-        return self.levels.extrapolated(
-            loads=np.asarray(np.linalg.solve(self.compliance, free), dtype=np.float64)
-        ).error
+        return self.levels.extrapolate(loads=np.asarray(np.linalg.solve(self.compliance, free), dtype=np.float64)).error
 
     @property
     def unknowns(self) -> int:
@@ -168,7 +166,7 @@ class TwoLevel:
         """(3 nodes, k) m, of the cubic solution."""
         return self.system.supports.expand(self.motion[: len(self.quadratic)])
 
-    def extrapolated(self, elsewhere: float = ELSEWHERE, loads: Floats | None = None) -> Extrapolated:
+    def extrapolate(self, elsewhere: float = ELSEWHERE, loads: Floats | None = None) -> Extrapolated:
         """Return the compliance with the remaining discretization error extrapolated, and its bounds.
 
         Parameters
@@ -207,7 +205,7 @@ def solve_specimen(
     MeshError : the compliance is not positive definite, or the cubic solution does not converge.
     """
     levels = solve_two_levels(specimen, mesh, interface, solver, foundation)
-    return Solution(levels, levels.extrapolated())
+    return Solution(levels, levels.extrapolate())
 
 
 def solve_two_levels(
@@ -303,7 +301,7 @@ def _check_foundation(specimen: Specimen, foundation: float) -> None:
 
 def _edge_weights(specimen: Specimen, mesh: TetMesh, interface: str, foundation: float | None) -> Floats:
     """Return (m,) ``remaining_at_edges``; a foundation softer than the part acts on it as a traction."""
-    fixed = specimen.fixed(rigid=interface == "rigid")
+    fixed = specimen.list_fixed(rigid=interface == "rigid")
     if foundation is not None and foundation * specimen.volume ** (1 / 3) < specimen.elasticity[0, 0]:
         fixed = fixed[1:]
     return remaining_at_edges(mesh, fixed, [faces for faces in specimen.interfaces if faces not in fixed])

@@ -55,7 +55,7 @@ def product(matrix: csr_array) -> Solve:
     return lambda x: np.concatenate(on_all_cores(lambda block: block @ x, blocks))
 
 
-def factorized(matrix: csr_array) -> Solve:
+def factorize_matrix(matrix: csr_array) -> Solve:
     """Factorize a symmetric positive definite matrix with SuperLU: symmetric ordering, diagonal pivots."""
     factors = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     return factors.solve

@@ -73,7 +73,7 @@ class ElementTetCubic(ElementH1):
 
 def cell_bases(mesh: TetMesh, element: Element, straight: int, curved: int) -> list[Basis]:
     """Return the bases of the elements with straight and with curved sides, by quadrature of those orders."""
-    grid, bent = mesh.grid, mesh.curved
+    grid, bent = mesh.grid, mesh.is_curved
     groups = ((np.flatnonzero(~bent), MappingAffine(grid), straight), (np.flatnonzero(bent), grid.mapping(), curved))
     return [
         Basis(grid, element, mapping=mapping, intorder=order, elements=chosen, disable_doflocs=True)

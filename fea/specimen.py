@@ -71,7 +71,7 @@ class Specimen:
     @cached_property
     def extrusion(self) -> Extrusion | None:
         """The solid as a sheet, a needle or a bar with thin walls, if it is one; see ``stiffscope.fea.extrusion``."""
-        return find_extrusion(self.surface, self.held)
+        return find_extrusion(self.surface, self.held_faces)
 
     @property
     def slender(self) -> bool:
@@ -105,11 +105,11 @@ class Specimen:
         return self.clamped, *(faces for faces, _ in self.loaded)
 
     @property
-    def held(self) -> frozenset[int]:
+    def held_faces(self) -> frozenset[int]:
         """The faces of all interfaces."""
         return frozenset[int]().union(*self.interfaces)
 
-    def fixed(self, *, rigid: bool) -> tuple[frozenset[int], ...]:
+    def list_fixed(self, *, rigid: bool) -> tuple[frozenset[int], ...]:
         """The interfaces that cannot deform: the clamp, and loaded faces with rigid couplings."""
         return self.interfaces if rigid else self.interfaces[:1]
 
@@ -141,17 +141,19 @@ def mesh_specimen(
         check_time(elements, time_limit, cure_of(specimen, size), meshed=True)
 
     found = None if envelope else specimen.extrusion
-    flat = mesh_extrusion(specimen.surface, found, specimen.held, specimen.project, size, check) if found else None
+    flat = (
+        mesh_extrusion(specimen.surface, found, specimen.held_faces, specimen.project, size, check) if found else None
+    )
     if flat is not None:
         mesh = snap(flat.points, flat.cells, specimen.surface, specimen.project, flat.size, flat.tags)
         _check(specimen, mesh)
     else:
         usual = default_size(specimen.volume, specimen.area, specimen.flatness)
-        size = size or usual * _coarsening(tolerance)
+        size = size or usual * _choose_coarsening(tolerance)
         envelope = envelope or default_envelope(specimen.surface, size)
         check_time(expected_elements(specimen.surface, specimen.volume, size), time_limit, cure_of(specimen, size))
         mesh = _best_mesh(specimen, size, envelope, time_limit, threads, patience)
-    edges, _ = singular_edges(mesh, specimen.fixed(rigid=rigid))
+    edges, _ = singular_edges(mesh, specimen.list_fixed(rigid=rigid))
     graded = grade(mesh, edges, layers, GRADING_RATIO)
     logger.info("%s: %d nodes, %d tetrahedra", specimen.name, len(graded.points), len(graded.cells))
     return graded
@@ -166,7 +168,7 @@ def cure_of(specimen: Specimen, size: float | None = None) -> str:
     return "remove small holes, fillets and threads from the part"
 
 
-def _coarsening(tolerance: float | None) -> float:
+def _choose_coarsening(tolerance: float | None) -> float:
     """Return how many times the usual size serves a tolerance: the bound grows with the square of the size."""
     return min(COARSEST, max(1.0, (tolerance / USUAL_BOUND) ** 0.5)) if tolerance else 1.0
 

@@ -74,7 +74,7 @@ def test_a_robot_is_made_in_python():
         tool=ss.Tool("hand", [0.3, 0, 0], ("x",)),
         gravity=[0, 0, -9.81],
     )
-    found = ss.configure(machine, [[0.3], [0.35]]).required()
+    found = ss.configure(machine, [[0.3], [0.35]]).require_valid()
     expected = np.linalg.inv(beam + np.diag([1e-7, 0, 0, 0, 0, 0]))
     np.testing.assert_allclose(ss.stiffness(machine, found), [expected] * 2, rtol=1e-9, atol=1e-3)
     assert ss.sag(machine, found)[1, 2] == pytest.approx(-4e-8 * 2.0 * 9.81)

@@ -51,7 +51,7 @@ class Solution:
 def differentiate_closure(linkage: Linkage, q: Array) -> Array:
     """Derivatives (rows, m, n) of all equations of a linkage's cut joints at coordinates (m, n)."""
     starts = np.cumsum([0, *(c.size for c in linkage.cuts)])
-    placed = linkage.placed(q)
+    placed = linkage.place_links(q)
     out = np.zeros((int(starts[-1]), linkage.size, q.shape[1]))
     for k, cut in enumerate(linkage.cuts):
         for row in range(cut.size):
@@ -153,7 +153,7 @@ class Closure:
         factors: dict[tuple[int, int], Array] = {}
         with np.errstate(all="ignore"):
             for count in range(steps + 1):
-                placed = self.linkage.placed(q)
+                placed = self.linkage.place_links(q)
                 errors = [self.linkage.errors(cut, placed) for cut in self.linkage.cuts]
                 worst = np.zeros((len(errors), n))
                 for k, e in enumerate(errors):
@@ -168,11 +168,11 @@ class Closure:
                     late = self.solve(q[:, going], steps - count, patient=patient)
                     q[:, going], worst[:, going], closed = late.q, late.error, (most < CLOSED) & trusted
                     closed[going] = late.closed & trusted[going]
-                    return Solution(q, closed, self.linkage.placed(q), worst, factors)
+                    return Solution(q, closed, self.linkage.place_links(q), worst, factors)
                 if count != 1 or np.mean(first < _STILL) < 1.0 - _STRAGGLERS:  # else the same factors still serve
-                    factors = self.factored(self.matrix(placed))
+                    factors = self.factorize_entries(self.matrix(placed))
                 right = [errors[k][row - self.starts[k]] for row, k in zip(self.rows, self.cut_of, strict=True)]
-                step = self.substituted(factors, right)
+                step = self.substitute_back(factors, right)
                 size = np.abs(step).max(axis=0)
                 if count == 0:
                     first = size
@@ -200,7 +200,7 @@ class Closure:
                     entries[i, len(self.rows) + k_known] = rate * self.signs[k][c]
         return entries
 
-    def factored(self, entries: dict[tuple[int, int], Array]) -> dict[tuple[int, int], Array]:
+    def factorize_entries(self, entries: dict[tuple[int, int], Array]) -> dict[tuple[int, int], Array]:
         """Factors L and U in place of the entries."""
         a = dict(entries)
         for k, (below, right) in enumerate(zip(self.below, self.right, strict=True)):
@@ -213,7 +213,7 @@ class Closure:
                     a[i, j] = -factor * a[k, j] if known is None else known - factor * a[k, j]
         return a
 
-    def substituted(self, factors: dict[tuple[int, int], Array], right: list[Array]) -> Array:
+    def substitute_back(self, factors: dict[tuple[int, int], Array], right: list[Array]) -> Array:
         """Solution (columns, n) for one right-hand side."""
         y = list(right)
         for k, below in enumerate(self.below):
@@ -231,12 +231,12 @@ class Closure:
         n = placed.q.shape[1]
         out = np.zeros((linkage.size, len(linkage.known), n))
         with np.errstate(all="ignore"):
-            factors = factors or self.factored(self.matrix(placed))
+            factors = factors or self.factorize_entries(self.matrix(placed))
             size = len(self.rows)
             for k, column in enumerate(linkage.known):
                 right = [factors.get((i, size + k), np.zeros(n)) for i in range(size)]
                 if right:
-                    out[self.columns, k] = -self.substituted(factors, right) * linkage.scale[self.columns][:, None]
+                    out[self.columns, k] = -self.substitute_back(factors, right) * linkage.scale[self.columns][:, None]
                 out[column, k] = 1.0
         return out
 

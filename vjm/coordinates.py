@@ -61,7 +61,7 @@ class Rows:
         """A matrix (n or 1, k, r) times these."""
         return Rows(self.columns, matrix @ self.matrix)
 
-    def of(self, vectors: Array) -> Array:
+    def apply_to(self, vectors: Array) -> Array:
         """Values (n, r, c) for vectors (n, size, c) of all coordinates."""
         return self.matrix @ vectors[:, self.columns]
 
@@ -255,7 +255,7 @@ def _place_nodes(out: Coordinates, tree: list[Element], own: dict[str, Rows]) ->
 def _add_inertia(out: Coordinates, body: Body) -> None:
     where, elastic = out.where, body.elastic
 
-    def seen(node: str, home: Array, axes: Array) -> Rows:
+    def express_twist(node: str, home: Array, axes: Array) -> Rows:
         """Twist of a node at a point of its own, axes that ride on it."""
         frame = Frame(where.rotation[node] @ axes, where.point(node, home) - where.tool)
         return out.twists[node].after(frame.inverse_adjoint())
@@ -267,9 +267,11 @@ def _add_inertia(out: Coordinates, body: Body) -> None:
         if body.inertia is not None:
             whole[3:, 3:] = 0.5 * (body.inertia + body.inertia.T)
         if whole.any():
-            out.inertias.append(seen(body.name, centre, np.eye(3)).after(factor_semidefinite(whole, body.name)))
+            out.inertias.append(
+                express_twist(body.name, centre, np.eye(3)).after(factor_semidefinite(whole, body.name))
+            )
         return
-    ends = [seen(node, at, elastic.axes) for node, at in zip(body.nodes, elastic.places, strict=True)]
+    ends = [express_twist(node, at, elastic.axes) for node, at in zip(body.nodes, elastic.places, strict=True)]
     if elastic.dynamics is None:
         if body.mass:
             out.inertias += [end.after(np.sqrt(body.mass / len(ends)) * np.eye(6)[:3]) for end in ends]

@@ -75,14 +75,14 @@ class Dynamics:
         """6n: how many coordinates are its ends' twists."""
         return len(self.mass) - self.squares.size
 
-    def moved(self, *ways: ArrayLike) -> Dynamics:
+    def move_ends(self, *ways: ArrayLike) -> Dynamics:
         """The same for ends at other points, each (3,) from its present one, part axes."""
         carry = np.eye(len(self.mass))
         for k, way in enumerate(ways):
             carry[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] = shift(-np.asarray(way, dtype=float))
         return Dynamics(carry.T @ self.mass @ carry, self.squares, self.error)
 
-    def scaled(self, factor: float) -> Dynamics:
+    def scale_density(self, factor: float) -> Dynamics:
         """The same of a material ``factor`` times as dense; modes are normalized anew."""
         unit = np.repeat([np.sqrt(factor), 1.0], [self.ends_size, self.squares.size])
         error = None if self.error is None else self.error / factor

@@ -40,7 +40,7 @@ def solve_loads(order: Order, where: Places, loads: Loads) -> Response:
     try:
         state = condense_network(order, where)
     except InfiniteStiffnessError:
-        state = condense_network(order.unstiffened, where)
+        state = condense_network(order.unstiffened_order, where)
     return solve_condensed(state, loads)
 
 

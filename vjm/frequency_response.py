@@ -80,19 +80,19 @@ def frequency_response(
         raise InputError("frequencies: expected numbers above 0 Hz")
     if not 0.0 <= damping < 1.0:
         raise InputError(f"damping: expected a ratio of at least 0 and below 1, got {damping}")
-    ((pencil, _),) = form_pencils(mechanism, found.required()[:1], drives)
+    ((pencil, _),) = form_pencils(mechanism, found.require_valid()[:1], drives)
     vectors = pencil.all_vectors()[1][None]
-    idle = pencil.empty.shape[1]
-    spread = pencil.basis @ (pencil.scale[:, None] * np.concatenate([vectors, pencil.empty[None]], axis=2))
-    ends = [_along(pencil.system, port, spread)[0] for port in (source, target)]
+    idle = pencil.empty_motions.shape[1]
+    spread = pencil.basis @ (pencil.scale[:, None] * np.concatenate([vectors, pencil.empty_motions[None]], axis=2))
+    ends = [_displace_port(pencil.system, port, spread)[0] for port in (source, target)]
     for port, end in zip((source, target), ends, strict=True):
         if idle and np.abs(end[-idle:]).max() > _FREELY * np.abs(end).max():
             raise InputError(f"{port.node or 'tool'}: moves freely there, without stiffness and inertia")
     count = vectors.shape[2]
     full = spread[..., :count]
-    mass = sum((np.square(r.of(full)).sum(axis=1) for r in pencil.system.inertias), np.zeros((1, count)))[0]
+    mass = sum((np.square(r.apply_to(full)).sum(axis=1) for r in pencil.system.inertias), np.zeros((1, count)))[0]
     rows = (r for rows in pencil.system.strains.values() for r in rows)
-    stiffness = sum((np.square(r.of(full)).sum(axis=1) for r in rows), np.zeros((1, count)))[0]
+    stiffness = sum((np.square(r.apply_to(full)).sum(axis=1) for r in rows), np.zeros((1, count)))[0]
     inert = (mass > 0.0) | (stiffness > 0.0)
     part = (ends[0][:count] * ends[1][:count])[inert]
     mass, stiffness = mass[inert], stiffness[inert]
@@ -102,10 +102,12 @@ def frequency_response(
     return (part[used] / dynamic[:, used]).sum(axis=1)
 
 
-def _along(system: Coordinates, port: Port, vectors: Array) -> Array:
+def _displace_port(system: Coordinates, port: Port, vectors: Array) -> Array:
     """Displacement (n, c) of a port for vectors (n, size, c)."""
     node = END if port.node is None else port.node
     if node not in system.twists:
         raise InputError(f"expected a body or an end of one, {', '.join(system.twists)}, got {node!r}")
     carry = shift(system.where.point(node, np.asarray(port.at, dtype=float)) - system.where.tool)
-    return np.einsum("i,nij,njc->nc", np.asarray(port.direction, dtype=float), carry, system.twists[node].of(vectors))
+    return np.einsum(
+        "i,nij,njc->nc", np.asarray(port.direction, dtype=float), carry, system.twists[node].apply_to(vectors)
+    )

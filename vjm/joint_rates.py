@@ -33,8 +33,8 @@ class JointRates:
         self.mechanism = mechanism
         self.joints = mechanism.joints
         self.place = {node: _place_node(configurations, index, node) for node in _nodes(mechanism)}
-        self.at = [self._moved(j.second, j.at) for j in self.joints]
-        self.tool = self._moved(mechanism.tool.body, mechanism.tool.at)
+        self.at = [self._move_point(j.second, j.at) for j in self.joints]
+        self.tool = self._move_point(mechanism.tool.body, mechanism.tool.at)
         points = np.array([*self.at, self.tool])
         self.middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
         self.length = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
@@ -44,7 +44,7 @@ class JointRates:
         self.paths, chords = span_tree(self.edges)
         self.loops = close_loops(self.edges, self.paths, chords)
 
-    def _moved(self, node: str, home: Array) -> Array:
+    def _move_point(self, node: str, home: Array) -> Array:
         rotation, position = self.place[node]
         return rotation @ home + position
 
@@ -67,7 +67,7 @@ class JointRates:
         """Columns of a joint among all rates."""
         return slice(int(self.starts[k]), int(self.starts[k + 1]))
 
-    def along(self, way: Iterable[tuple[int, float]]) -> Array:
+    def add_twists(self, way: Iterable[tuple[int, float]]) -> Array:
         """Twist (6, m) of the end of a way through joints against its start."""
         out = np.zeros((6, int(self.starts[-1])))
         for k, sign in way:
@@ -76,7 +76,7 @@ class JointRates:
 
     def of_body(self, name: str) -> Array:
         """Twist (6, m) of a body against the ground."""
-        return self.along(self.paths[name])
+        return self.add_twists(self.paths[name])
 
     def bodies(self, loop: Sequence[tuple[int, float]]) -> tuple[str, ...]:
         """The bodies that a loop passes, in its order."""

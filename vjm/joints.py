@@ -137,7 +137,7 @@ class Joint:
         return None if self.drive is None else FREE[self.kind].index(DRIVEN[self.kind])
 
     @property
-    def held(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    def held_components(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Components along the joint's axes that it holds: of translation, of rotation (0, 1, 2).
 
         The rotation that a universal joint holds is the one across both of its axes.

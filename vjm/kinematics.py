@@ -59,14 +59,14 @@ class Configurations:
         return Configurations(self.mechanism, poses, tool, valid, q, self.linkage, failure, culprit)
 
     @cached_property
-    def placed(self) -> Placed:
+    def placed_links(self) -> Placed:
         """Links where they are."""
-        return self.linkage.placed(self.q)
+        return self.linkage.place_links(self.q)
 
     def link_frame(self, link: int) -> tuple[Array, Array]:
         """Displacement from home of a rigid link: rotation (n or 1, 3, 3) and position (n or 1, 3)."""
-        rotation = np.ascontiguousarray(np.moveaxis(self.placed.rotation[link], -1, 0))
-        return rotation, np.ascontiguousarray(self.placed.position[link].T)
+        rotation = np.ascontiguousarray(np.moveaxis(self.placed_links.rotation[link], -1, 0))
+        return rotation, np.ascontiguousarray(self.placed_links.position[link].T)
 
     def frame(self, node: str) -> tuple[Array, Array]:
         """Rotation (n, 3, 3) and position (n, 3) of a node.
@@ -84,7 +84,7 @@ class Configurations:
 
     def coordinates(self, joint: str) -> Array:
         """Coordinates (n, f) of a joint as displaced from home, rad and m, in the order of its free motions."""
-        return self.linkage.coordinates(self.mechanism.joint(joint), self.q, self.placed)
+        return self.linkage.coordinates(self.mechanism.joint(joint), self.q, self.placed_links)
 
     @property
     def drives(self) -> Array:
@@ -111,7 +111,7 @@ class Configurations:
                 return f"out of reach: the loop through {name} does not close"
         return "on another branch, or too close to one: no way leads there from home without passing a singular pose"
 
-    def required(self) -> Configurations:
+    def require_valid(self) -> Configurations:
         """Itself, where all are valid. Raises InputError with the first that is not."""
         bad = np.flatnonzero(~self.valid)
         if bad.size:
@@ -222,11 +222,11 @@ def _configurations(solver: Solver, followed: Followed) -> Configurations:
         tool[:, 3:] = q[linkage.columns[""][3:]].T
     else:
         tool[:, 3:] = rotation_vector(np.moveaxis(placed.rotation[link], -1, 0))
-    poses = tool[:, mechanism.tool.commanded]
+    poses = tool[:, mechanism.tool.commanded_axes]
     if "" in linkage.columns:
         poses = mechanism.tool.home + q[linkage.known].T
     out = Configurations(mechanism, poses, tool, failure == 0, q, linkage, failure, culprit)
-    out.__dict__["placed"] = placed
+    out.__dict__["placed_links"] = placed
     drives = out.drives
     for k, joint in enumerate(mechanism.drives):
         if joint.drive is None or not np.isfinite([joint.drive.low, joint.drive.high]).any():

@@ -54,7 +54,7 @@ class Cut:
     @property
     def size(self) -> int:
         """Number of its equations."""
-        return sum(len(part) for part in self.joint.held)
+        return sum(len(part) for part in self.joint.held_components)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +116,7 @@ class Linkage:
         self.size = sum(3 if m.kind == "S" else 1 for m in self.motions)
         paths = self._paths()
         self.cuts = [self._cut(j, paths) for j in joints if j.name not in tree]
-        self.known = self._known()
+        self.known = self._find_known()
         scale = np.ones(self.size)
         for m in self.motions:
             if m.kind == "P":
@@ -192,17 +192,17 @@ class Linkage:
         signs = np.array([1.0] * len(ahead) + [-1.0] * len(behind))
         return Cut(joint, first, second, np.array(ahead + behind, dtype=int), signs)
 
-    def _known(self) -> list[int]:
+    def _find_known(self) -> list[int]:
         """Columns whose values are given, in the order of the commanded coordinates or of the drives."""
         if self.given == "tool":
-            return [self.columns[""][k] for k in self.mechanism.tool.commanded]
+            return [self.columns[""][k] for k in self.mechanism.tool.commanded_axes]
         return [
             self.columns[j.name][j.driven]
             for j in self.mechanism.drives
             if j.name in self.columns and j.driven is not None
         ]
 
-    def placed(self, q: Array) -> Placed:
+    def place_links(self, q: Array) -> Placed:
         """Links and their motions at coordinates (m, n)."""
         rotation: list[Array] = [np.eye(3)[..., None]] * self.frames
         position: list[Array] = [np.zeros((3, 1))] * self.frames
@@ -225,7 +225,7 @@ class Linkage:
     def errors(self, cut: Cut, placed: Placed) -> Array:
         """Errors (h, n) of a cut joint: lengths over the mechanism's own, and what its held rotations are off."""
         joint = cut.joint
-        held, turns = joint.held
+        held, turns = joint.held_components
         axes = np.matmul(joint.axes.T, placed.rotation[cut.first])  # (3, 3, n): component, axis
         gap = placed.point(cut.second, joint.at) - placed.point(cut.first, joint.at)
         out = [(axes[:, k] * gap).sum(axis=0) / self.length for k in held]
@@ -248,7 +248,7 @@ class Linkage:
         Times a twist it gives the error's rate.
         """
         joint = cut.joint
-        held, turns = joint.held
+        held, turns = joint.held_components
         carrier = placed.rotation[cut.first]
         if row < len(held):
             force = joint.axes[:, held[row]] @ carrier / self.length

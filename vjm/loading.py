@@ -145,7 +145,7 @@ def recover_response(
     out = Response(state.where, ends[END], ends)
     walk = _Walk(state, load, out, mix)
     for connection, along, wrench, span, rates in left:
-        walk.along(connection, along, wrench, span, rates)
+        walk.follow_connection(connection, along, wrench, span, rates)
     kept = load.kept if load else [None] * len(state.gone)
     for gone, own in zip(reversed(state.gone), reversed(kept), strict=True):
         match gone:
@@ -154,10 +154,10 @@ def recover_response(
                 span = out.nodes[c.end] - out.nodes[c.start]
                 wrench = gone.stiffness @ span
                 if own:
-                    wrench = wrench + walk.mixed(own[1])
-                walk.along(c, own[0] if own else None, wrench, span, None)
+                    wrench = wrench + walk.mix_cases(own[1])
+                walk.follow_connection(c, own[0] if own else None, wrench, span, None)
             case Eliminated():
-                moved = walk.mixed(own) if own is not None else np.zeros((1, 6, 1))
+                moved = walk.mix_cases(own) if own is not None else np.zeros((1, 6, 1))
                 for c, reach in zip(gone.step.neighbours, gone.reach, strict=True):
                     moved = moved + reach @ out.nodes[c]
                 out.nodes[gone.step.node] = np.swapaxes(gone.half, -1, -2) @ moved
@@ -311,19 +311,19 @@ def _refuse(names: Sequence[str]) -> None:
 def _recover_folded(gone: Folded, own: tuple[ChainLoads, Array, Array] | None, walk: _Walk) -> None:
     nodes, connection = walk.out.nodes, gone.step.connection
     start = nodes[connection.start]
-    y: Array = walk.mixed(own[1]) if own else np.zeros((1, gone.columns.shape[2], 1))
+    y: Array = walk.mix_cases(own[1]) if own else np.zeros((1, gone.columns.shape[2], 1))
     for c, stiffness in gone.around.items():
         y = y + gone.share @ (stiffness @ (nodes[c] - start))
     span = gone.columns @ y
     if own:
-        span = span + walk.mixed(own[0].offset)
+        span = span + walk.mix_cases(own[0].offset)
     node = start + span
-    wrench: Array = walk.mixed(own[2]) if own else np.zeros_like(node)
+    wrench: Array = walk.mix_cases(own[2]) if own else np.zeros_like(node)
     for c, stiffness in gone.around.items():
         wrench = wrench + stiffness @ (nodes[c] - node)
     nodes[gone.step.node] = node
     count = sum(e.factor.shape[1] for e, _ in connection.members)
-    walk.along(connection, own[0] if own else None, wrench, span, y[:, count:])
+    walk.follow_connection(connection, own[0] if own else None, wrench, span, y[:, count:])
 
 
 @dataclass(eq=False)
@@ -335,11 +335,11 @@ class _Walk:
     out: Response
     mix: Array | None
 
-    def mixed(self, cases: Array) -> Array:
+    def mix_cases(self, cases: Array) -> Array:
         """The carried cases (n, k, c₀) as these cases have them."""
         return cases if self.mix is None else cases @ self.mix
 
-    def along(
+    def follow_connection(
         self, connection: Connection, loads: ChainLoads | None, wrench: Array, span: Array, rates: Array | None
     ) -> None:
         """Members and nodes of a connection whose end, moved by ``span``, carries ``wrench``."""
@@ -351,13 +351,13 @@ class _Walk:
         for k, (e, sign) in enumerate(connection.members):
             w = wrench
             if loads is not None and loads.carried[k].any():
-                w = wrench + self.mixed(loads.carried[k])
+                w = wrench + self.mix_cases(loads.carried[k])
             part = None
             if e.factor.shape[1]:
                 f = where.adjoint(e) @ where.factor(e)
                 part = f @ (np.swapaxes(f, -1, -2) @ w)
             if e.name in offsets:
-                offset = where.adjoint(e) @ self.mixed(sign * offsets[e.name])
+                offset = where.adjoint(e) @ self.mix_cases(sign * offsets[e.name])
                 part = offset if part is None else part + offset
             wrenches.append(w)
             elastic.append(part)

@@ -48,14 +48,14 @@ class Tool:
         assign(self, "pose", pose)
 
     @property
-    def commanded(self) -> list[int]:
+    def commanded_axes(self) -> list[int]:
         """Places of the commanded coordinates among x y z rx ry rz."""
         return [COORDINATES.index(name) for name in self.pose]
 
     @property
     def home(self) -> Array:
         """The commanded pose at home (k,)."""
-        return np.concatenate([self.at, np.zeros(3)])[self.commanded]
+        return np.concatenate([self.at, np.zeros(3)])[self.commanded_axes]
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +155,7 @@ class Mechanism:
         elastic = (b.name for b in self.bodies if b.elastic is not None)
         return (BASE, *(j.name for j in self.joints), *elastic, TOOL)
 
-    def changed(self, changes: Mapping[str, Change]) -> Mechanism:
+    def change_elements(self, changes: Mapping[str, Change]) -> Mechanism:
         """The mechanism with compliances added and unloaded ends moved, by the name of the element.
 
         Raises InputError for a name that is no element's and for a compliance that becomes indefinite.

@@ -152,7 +152,7 @@ def mobility(mechanism: Mechanism, configurations: Configurations | None = None,
     """Mobility at home, or at one of given configurations, which must be valid there."""
     rates = JointRates(mechanism, configurations, index)
     size = int(rates.starts[-1])
-    equations = [rates.along(loop) for loop in rates.loops]
+    equations = [rates.add_twists(loop) for loop in rates.loops]
     whole = np.vstack(equations) if equations else np.zeros((0, size))
     left, values, motions = split_spaces(whole)
     drives = _drives(rates)
@@ -171,7 +171,7 @@ def mobility(mechanism: Mechanism, configurations: Configurations | None = None,
         _redundancies(rates, equations, left),
         _idle(rates, idle),
         *values,
-        _conditioning(rates, drives, tool, motions),
+        _measure_conditioning(rates, drives, tool, motions),
     )
 
 
@@ -228,9 +228,9 @@ def _coordinates(rates: JointRates, tool: Array) -> dict[str, str]:
     return {name: out[name] for name in COORDINATES}
 
 
-def _conditioning(rates: JointRates, drives: Array, tool: Array, motions: Array) -> float | None:
+def _measure_conditioning(rates: JointRates, drives: Array, tool: Array, motions: Array) -> float | None:
     """Inverse condition number of commanded coordinates by drives."""
-    pose = tool[rates.mechanism.tool.commanded]
+    pose = tool[rates.mechanism.tool.commanded_axes]
     if len(drives) != len(pose):
         return None
     forward = pose @ motions @ np.linalg.pinv(drives @ motions, rcond=RANK)

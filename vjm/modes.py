@@ -136,7 +136,7 @@ class _Part:
     @cached_property
     def shapes(self) -> dict[str, Array]:
         """Twists (n, 6, c) of the nodes."""
-        return {node: rows.of(self.vectors) for node, rows in self.pencil.system.twists.items() if node != GROUND}
+        return {node: rows.apply_to(self.vectors) for node, rows in self.pencil.system.twists.items() if node != GROUND}
 
     @cached_property
     def energy(self) -> dict[str, Array]:
@@ -152,7 +152,7 @@ class _Part:
 
     def _share(self, rows: Iterable[Rows]) -> Array:
         whole = np.where(self.squares > 0.0, self.squares, np.inf)
-        return sum((np.square(r.of(self.vectors)).sum(axis=1) for r in rows), np.zeros(whole.shape)) / whole
+        return sum((np.square(r.apply_to(self.vectors)).sum(axis=1) for r in rows), np.zeros(whole.shape)) / whole
 
     @cached_property
     def error(self) -> Array:
@@ -167,11 +167,11 @@ class _Part:
             if body.elastic is None:
                 continue
             if body.elastic.error is not None and body.name in system.springs:
-                carried = np.abs(system.springs[body.name] @ system.strains[body.name][0].of(self.vectors))
+                carried = np.abs(system.springs[body.name] @ system.strains[body.name][0].apply_to(self.vectors))
                 mixed = mixed + np.swapaxes(carried, -1, -2) @ body.elastic.error @ carried
             inner = body.elastic.dynamics
             if inner is not None and inner.error is not None and len(inner.squares):
-                strained = np.abs(system.strains[body.name][-1].of(self.vectors))
+                strained = np.abs(system.strains[body.name][-1].apply_to(self.vectors))
                 mixed = mixed + np.swapaxes(strained, -1, -2) @ ((inner.error / inner.squares)[:, None] * strained)
         own = np.einsum("nii->ni", mixed)
         apart = np.abs(self.squares[:, :, None] - self.squares[:, None])
@@ -210,7 +210,7 @@ def _solve_chunks(
 
 def _check_empty(pencil: Pencil) -> bool:
     """Whether something moves idly without inertia. InputError where tool or drives move so."""
-    empty = pencil.empty
+    empty = pencil.empty_motions
     if not empty.shape[1]:
         return False
     system = pencil.system.some(np.array([0]))
@@ -219,7 +219,9 @@ def _check_empty(pencil: Pencil) -> bool:
     _, values, turned = np.linalg.svd(_move_tool_and_drives(system, vectors)[0])
     seen = turned[: (values > _IDLE).sum()].T
     if seen.shape[1]:
-        size = {b.name: np.abs(system.twists[b.nodes[-1]].of(vectors @ seen)).max() for b in system.mechanism.bodies}
+        size = {
+            b.name: np.abs(system.twists[b.nodes[-1]].apply_to(vectors @ seen)).max() for b in system.mechanism.bodies
+        }
         moving = [spell_name("bodies", name) for name, moved in size.items() if moved > _IDLE * max(size.values())]
         raise InputError(f"{list_names(moving)}: expected a mass and inertia to move freely, got none")
     return True
@@ -227,8 +229,8 @@ def _check_empty(pencil: Pencil) -> bool:
 
 def _move_tool_and_drives(system: Coordinates, vectors: Array) -> Array:
     """Motion (n, 6 + drives, c) of the tool and of free drives, lengths over the mechanism's own."""
-    tool = system.twists[END].of(vectors) / np.repeat([system.length, 1.0], 3)[:, None]
-    return np.concatenate([tool, *(r.of(vectors) for r in system.rates)], axis=1)
+    tool = system.twists[END].apply_to(vectors) / np.repeat([system.length, 1.0], 3)[:, None]
+    return np.concatenate([tool, *(r.apply_to(vectors) for r in system.rates)], axis=1)
 
 
 def _drop_idle(part: _Part, count: int) -> tuple[_Part, bool]:
@@ -347,14 +349,14 @@ def _normalize(pencil: Pencil, vectors: Array, scaled: Pencil) -> _Part:
     full = pencil.basis @ (scaled.scale[:, None] * vectors)
     system = pencil.system
     nothing = np.zeros((len(full), full.shape[2]))
-    kinetic = sum((np.square(r.of(full)).sum(axis=1) for r in system.inertias), nothing)
+    kinetic = sum((np.square(r.apply_to(full)).sum(axis=1) for r in system.inertias), nothing)
     full = full / np.sqrt(kinetic)[:, None]
     rows = (r for rows in system.strains.values() for r in rows)
-    squares = sum((np.square(r.of(full)).sum(axis=1) for r in rows), nothing)
+    squares = sum((np.square(r.apply_to(full)).sum(axis=1) for r in rows), nothing)
     squares = np.where(squares > _FREE * scaled.shift, squares, 0.0)
     order = np.argsort(squares, axis=1, kind="stable")
     squares, full = np.take_along_axis(squares, order, axis=1), np.take_along_axis(full, order[:, None], axis=2)
-    moved = system.twists[END].of(full)
+    moved = system.twists[END].apply_to(full)
     size = np.abs(moved) * np.repeat([1.0, system.length], 3)[:, None]
     largest = np.take_along_axis(moved, size.argmax(axis=1)[:, None], axis=1)
     return _Part(pencil, squares, full * np.where(largest < 0.0, -1.0, 1.0))

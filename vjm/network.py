@@ -59,11 +59,6 @@ class Element:
         """C (6, 6), symmetric, may be singular or zero."""
         return self.factor @ self.factor.T
 
-    @property
-    def rigid(self) -> bool:
-        """True where it has no compliance, no free direction and no offset."""
-        return not (self.factor.shape[1] or self.free.shape[1] or self.offset is not None)
-
 
 @dataclass(frozen=True, eq=False)
 class Places:
@@ -107,12 +102,12 @@ class Places:
             return self.softened[element.name]
         if self.rigid or element.joint is not None or not element.factor.shape[1]:
             return element.factor[None]
-        turn = element.axes.T @ self.across(element) @ element.axes
+        turn = element.axes.T @ self.rotation_across(element) @ element.axes
         out = np.repeat(element.factor[None], len(turn), axis=0)
         out[:, 3:] = euler_axes(turn) @ element.factor[3:]
         return out
 
-    def across(self, element: Element) -> Array:
+    def rotation_across(self, element: Element) -> Array:
         """Rotation (n or 1, 3, 3) of an element's second node against its first."""
         return np.swapaxes(self.rotation[element.first], -1, -2) @ self.rotation[element.second]
 
@@ -210,7 +205,7 @@ def free_directions(element: Element, where: Places) -> Array:
     turn = np.flatnonzero(element.free[3:].any(axis=0))  # the last rotation's axis rides on the second body
     if axis is None or not turn.size:
         return element.free[None]
-    second = (where.across(element) @ axis) @ element.axes
+    second = (where.rotation_across(element) @ axis) @ element.axes
     out = np.repeat(element.free[None], len(second), axis=0)
     out[:, 3:, turn[-1]] = second
     return out

@@ -62,7 +62,7 @@ class Connection:
     still: tuple[Array, ...] = ()
     """Adjoints of the members to the connection's own axes, where no pose changes them."""
 
-    def reversed(self) -> Connection:
+    def reverse(self) -> Connection:
         """The same from its end to its start."""
         turned = tuple((e, -s) for e, s in reversed(self.members))
         return replace(self, start=self.end, end=self.start, members=turned, still=self.still[::-1])
@@ -148,7 +148,7 @@ class Order:
     """Of a saddle-point system its scale and independent rows at home, by what is solved for, once it has been."""
 
     @cached_property
-    def unstiffened(self) -> Order:
+    def unstiffened_order(self) -> Order:
         """The same with no connection turned into a stiffness: it serves where one is infinite."""
         return _Planner(self.mechanism, self.linkage).order(stiffen=False)
 
@@ -188,7 +188,7 @@ class _Planner:
             self._merge()
             if not stiffen:
                 break
-            tried = [c if c.formable is not None else self._tried(c) for c in self.flexible]
+            tried = [c if c.formable is not None else self._try_connection(c) for c in self.flexible]
             self.flexible = [c for c in tried if not c.formable]
             for c in (c for c in tried if c.formable):
                 self.steps.append(Stiffen(c))
@@ -200,7 +200,7 @@ class _Planner:
             tuple(self.nodes), self.linkage,
         )  # fmt: skip
 
-    def _at(self, node: str) -> list[Connection]:
+    def _find_connections(self, node: str) -> list[Connection]:
         return [c for c in self.flexible if node in {c.start, c.end}]
 
     def _neighbours(self, node: str) -> list[str]:
@@ -209,12 +209,12 @@ class _Planner:
     def _merge(self) -> None:
         """Join two connections at a node where nothing else is."""
         for node in list(self.nodes):
-            here = self._at(node)
+            here = self._find_connections(node)
             if len(here) != 2 or self._neighbours(node):
                 continue
             a, b = here
-            a = a if a.end == node else a.reversed()
-            b = b if b.start == node else b.reversed()
+            a = a if a.end == node else a.reverse()
+            b = b if b.start == node else b.reverse()
             if a.start == b.end:  # side by side
                 continue
             self.flexible = [c for c in self.flexible if c not in here]
@@ -225,17 +225,17 @@ class _Planner:
         """Eliminate or fold the node with the fewest neighbours; False where none can go."""
         ready: list[tuple[int, int, str]] = []
         for k, node in enumerate(self.nodes):
-            if len(self._at(node)) <= 1:
+            if len(self._find_connections(node)) <= 1:
                 ready.append((len(self._neighbours(node)), k, node))
         if not ready:
             return False
         node = min(ready)[2]
         neighbours = self._neighbours(node)
-        here = self._at(node)
+        here = self._find_connections(node)
         around = neighbours
         if here:
             (c,) = here
-            c = c if c.end == node else c.reversed()
+            c = c if c.end == node else c.reverse()
             self.steps.append(Fold(c, tuple(neighbours)))
             self.flexible = [f for f in self.flexible if f not in here]
             around = list(dict.fromkeys([*around, c.start])) if neighbours else []
@@ -246,7 +246,7 @@ class _Planner:
         self.nodes.remove(node)
         return True
 
-    def _tried(self, c: Connection) -> Connection:
+    def _try_connection(self, c: Connection) -> Connection:
         """A connection of which it is known whether and how it can be stiffened."""
         factor, free = c.flexible(self.home)
         if factor.shape[2] + free.shape[2] < 6:

@@ -50,24 +50,24 @@ class Pencil:
     @cached_property
     def scale(self) -> Array:
         """Units (d,) in which the diagonal of K + s M is one at the first pose."""
-        diagonal = np.einsum("nii->ni", self.shifted)[0]
+        diagonal = np.einsum("nii->ni", self.shifted_stiffness)[0]
         return 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
 
     @property
-    def shifted(self) -> Array:
+    def shifted_stiffness(self) -> Array:
         """K + s M (n, d, d)."""
         return self.stiffness + self.shift * self.mass
 
     @cached_property
-    def empty(self) -> Array:
+    def empty_motions(self) -> Array:
         """Motions (d, k) of the first pose that have neither stiffness nor inertia, scaled units."""
-        matrix = self.shifted[0] * np.outer(self.scale, self.scale)
+        matrix = self.shifted_stiffness[0] * np.outer(self.scale, self.scale)
         values, vectors = np.linalg.eigh(matrix)
         return vectors[:, values < NOTHING]
 
     def regular(self) -> Array:
         """K + s M (n, d, d) in scaled units, with a stiffness put where there is neither stiffness nor inertia."""
-        return self.shifted * np.outer(self.scale, self.scale) + self.empty @ self.empty.T
+        return self.shifted_stiffness * np.outer(self.scale, self.scale) + self.empty_motions @ self.empty_motions.T
 
     def all_vectors(self) -> tuple[Array, Array]:
         """Every μ (d,) of the first pose, the largest first, and its vectors (d, d) in scaled units."""

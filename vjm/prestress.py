@@ -115,10 +115,10 @@ def loaded_compliance(order: Order, where: Places, gravity: Array) -> tuple[Arra
     offsets: dict[str, Array] = {name: offset @ mix for name, offset in loads.offsets.items()}
     response = solve_loads(order, there, Loads(7, nodes, offsets, balanced=_BENT))
     work = SecondOrder(response, order.mechanism, gravity)
-    unit = whole = Motion.of(response, slice(1, 7))
+    unit = whole = Motion.select_cases(response, slice(1, 7))
     for _ in range(_STEPS):
         loads = Loads(6, work.loads(whole, held=False), balanced=_BENT)
-        before, whole = whole, unit.plus(Motion.of(solve_loads(order, there, loads), slice(0, 6)), 1.0)
+        before, whole = whole, unit.plus(Motion.select_cases(solve_loads(order, there, loads), slice(0, 6)), 1.0)
         if (whole.plus(before, -1.0).size <= _SETTLED * unit.size).all():
             break
     matrix = whole.nodes[END]
@@ -134,14 +134,14 @@ def _relax(state: Condensed, work: SecondOrder, *, thorough: bool) -> tuple[Arra
     ``H₀ δ = -H (X + δ)``; the stiffness, being stationary, by ``Xᵀ H X + δᵀ H X + δᵀ H δ`` for the first such δ, and by
     ``Xᵀ H (X + δ)`` for the last.
     """
-    unit = Motion.of(work.response, slice(1, 7))
-    relaxed = Motion.of(solve_held(state, Loads(6, work.loads(unit), balanced=_BENT)), slice(0, 6))
+    unit = Motion.select_cases(work.response, slice(1, 7))
+    relaxed = Motion.select_cases(solve_held(state, Loads(6, work.loads(unit), balanced=_BENT)), slice(0, 6))
     share = relaxed.size / unit.size
     last = 0.75
     for _ in range(_STEPS if thorough else 0):
         last = -0.25
         loads = Loads(6, work.loads(unit.plus(relaxed, 1.0)), balanced=_BENT)
-        before, relaxed = relaxed, Motion.of(solve_held(state, loads), slice(0, 6))
+        before, relaxed = relaxed, Motion.select_cases(solve_held(state, loads), slice(0, 6))
         if (relaxed.plus(before, -1.0).size < _SETTLED * unit.size).all():
             break
     half = work.half(unit.plus(relaxed, 0.5)) + last * work.half(relaxed)
@@ -189,7 +189,7 @@ class Motion:
     rates: dict[str, Array]
 
     @classmethod
-    def of(cls, response: Response, some: slice) -> Motion:
+    def select_cases(cls, response: Response, some: slice) -> Motion:
         """The cases ``some`` of a response."""
         out = cls({node: u[..., some] for node, u in response.nodes.items()}, {}, {}, {})
         for name, state in response.elements.items():
@@ -224,7 +224,7 @@ class SecondOrder:
     gravity: Array
 
     @cached_property
-    def _moving(self) -> list[ElementState]:
+    def _moving_elements(self) -> list[ElementState]:
         """Elements whose nodes do not move as one."""
         states = self.response.elements.values()
         return [s for s in states if s.element.factor.shape[1] + s.element.free.shape[1]]
@@ -242,12 +242,12 @@ class SecondOrder:
     def half(self, motion: Motion) -> Array:
         """Half (n, 6, 6) of the second-order work over six motions, not symmetric."""
         total: Array = np.zeros((1, 6, 6))
-        for state in self._moving:
+        for state in self._moving_elements:
             e = state.element
             first, second = motion.nodes[e.first], motion.nodes[e.second]
             total = total + 0.5 * _t(first) @ (bracket(state.carried[..., 0]) @ second)
             if e.name in motion.twist:
-                total = total + self._ordered(state, motion)
+                total = total + self._sum_brackets(state, motion)
         for node, (force, block) in self._weights.items():
             v, spin = np.split(motion.nodes[node], 2, axis=1)
             total = total + 0.5 * _t(spin) @ (force @ v - block @ spin)
@@ -265,7 +265,7 @@ class SecondOrder:
             if node not in still:
                 out[node] = out[node] + wrench if node in out else wrench
 
-        for state in self._moving:
+        for state in self._moving_elements:
             e = state.element
             matrix = bracket(state.carried[..., 0])
             add(e.first, -0.5 * matrix @ motion.nodes[e.second])
@@ -297,7 +297,7 @@ class SecondOrder:
         axes += [free[:, 3:, k] for k in range(free.shape[2])]
         return parts, axes
 
-    def _ordered(self, state: ElementState, motion: Motion) -> Array:
+    def _sum_brackets(self, state: ElementState, motion: Motion) -> Array:
         """``-½ Σ_{a<b} w·[s_a, s_b] y_a y_b`` in the element's own axes: its slides, its spring, its rotations."""
         twist = motion.twist[state.element.name]
         force, moment = state.wrench[:, :3, 0], state.wrench[:, 3:, 0]

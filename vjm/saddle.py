@@ -102,13 +102,13 @@ def saddle_loaded_unit(state: Condensed, load: CondensedLoads) -> tuple[Array, d
     stiffness, unit, across = saddle_unit(state)
     moved, under = saddle_response(state, load)
 
-    def both(a: Array, b: Array) -> Array:
+    def join_cases(a: Array, b: Array) -> Array:
         n = max(len(a), len(b))
         return np.concatenate([np.broadcast_to(x, (n, *x.shape[1:])) for x in (a, b)], axis=2)
 
-    ends = {node: both(moved[node], unit[node]) for node in moved}
+    ends = {node: join_cases(moved[node], unit[node]) for node in moved}
     left: Left = [
-        (c, along, both(w, v[2]), both(t, v[3]), both(q, v[4]))
+        (c, along, join_cases(w, v[2]), join_cases(t, v[3]), join_cases(q, v[4]))
         for (c, along, w, t, q), v in zip(under, across, strict=True)
     ]
     return stiffness, ends, left

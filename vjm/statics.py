@@ -1,7 +1,7 @@
 """Stiffness, sag and deflection of any mechanism at many poses, a chunk at a time.
 
 Poses (n, k) have a column for each coordinate of ``tool.pose``; configurations that were found before serve as well.
-Where a pose is out of reach its numbers are NaN; ``configure(mechanism, poses).required()`` refuses it by name.
+Where a pose is out of reach its numbers are NaN; ``configure(mechanism, poses).require_valid()`` refuses it by name.
 """
 
 from __future__ import annotations
@@ -252,7 +252,7 @@ def respond(
     InputError
         For a pose out of reach, a load on no body, and where the tool moves freely under its load.
     """
-    found = (poses if isinstance(poses, Configurations) else configure(mechanism, poses)).required()
+    found = (poses if isinstance(poses, Configurations) else configure(mechanism, poses)).require_valid()
     applied = np.asarray(wrench, dtype=float)
     applied = applied[None, :, None] if applied.ndim == 1 else applied[None] if applied.ndim == 2 else applied
     cases = applied.shape[2]

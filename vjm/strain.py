@@ -25,7 +25,7 @@ def find_remaining_offsets(order: Order, where: Places, rest: Places) -> dict[st
         strain = _strain(e, where, rest)
         lack = -strain if e.offset is None else e.offset - strain
         if e.joint is None and lack.any():
-            turn = e.axes.T @ where.across(e) @ e.axes
+            turn = e.axes.T @ where.rotation_across(e) @ e.axes
             lack[:, 3:] = (euler_axes(turn) @ lack[:, 3:, None])[..., 0]
         if lack.any():
             out[e.name] = lack[..., None]
@@ -41,7 +41,7 @@ def _strain(e: Element, where: Places, rest: Places) -> Array:
     if joint is None:
         out[:, :3], out[:, 3:] = gap, euler_angles(turn)
         return out
-    held, turns = joint.held
+    held, turns = joint.held_components
     out[:, held] = gap[:, held]
     if joint.kind == "universal":
         out[:, 3:] = _universal(joint, turn)
@@ -63,7 +63,7 @@ def _relative(e: Element, where: Places) -> tuple[Array, Array]:
     axes = where.rotation[e.first] @ e.axes
     moved = where.point(e.second, e.at) - where.point(e.first, e.at)
     gap = (np.swapaxes(axes, -1, -2) @ moved[..., None])[..., 0]
-    return gap, e.axes.T @ where.across(e) @ e.axes
+    return gap, e.axes.T @ where.rotation_across(e) @ e.axes
 
 
 def _universal(joint: Joint, turn: Array) -> Array:

@@ -60,7 +60,7 @@ def superelement(
     unit = pencil.scale
     stiffness, mass = (a[0] * np.outer(unit, unit) for a in (pencil.stiffness, pencil.mass))
     size = np.repeat([pencil.system.length, 1.0], 3)
-    tool = pencil.system.twists[END].of(pencil.basis)[0] * unit / size[:, None]  # (6, d)
+    tool = pencil.system.twists[END].apply_to(pencil.basis)[0] * unit / size[:, None]  # (6, d)
     left, values, right = np.linalg.svd(tool)
     if len(values) < 6 or values[5] <= RANK * values[0]:
         raise InputError("tool: expected one that can move in all six directions, got one that something rigid holds")

@@ -90,13 +90,13 @@ def deflection_with_backlash(
     forces = np.stack(
         [np.broadcast_to(state.elements[j.name].wrench[:, along[j.name]], (n, cases)) for j in drives], axis=1
     )
-    stiff = np.array([1.0 / _along(j, along[j.name]) for j in drives])
+    stiff = np.array([1.0 / _find_drive_compliance(j, along[j.name]) for j in drives])
     shift = _settle(forces[..., 0], forces[..., 1:], half, stiff)
     return twist[..., 0] + np.einsum("nij,nj->ni", twist[..., 1:], shift)
 
 
 def _find(mechanism: Mechanism, poses: ArrayLike | Configurations) -> Configurations:
-    return (poses if isinstance(poses, Configurations) else configure(mechanism, poses)).required()
+    return (poses if isinstance(poses, Configurations) else configure(mechanism, poses)).require_valid()
 
 
 def _check_wrench(wrench: ArrayLike, n: int) -> Array:
@@ -113,7 +113,7 @@ def _drive(mechanism: Mechanism, name: str) -> Joint:
     return drives[name]
 
 
-def _along(joint: Joint, component: int) -> float:
+def _find_drive_compliance(joint: Joint, component: int) -> float:
     """Compliance of a driven joint along its drive."""
     bearing = 0.0 if joint.compliance is None else float(joint.compliance[component, component])
     return bearing + (1.0 / joint.drive.stiffness if joint.drive is not None else 0.0)

@@ -39,7 +39,7 @@ def literal_stiffness(mechanism: Mechanism, poses: ArrayLike, behind: Mapping[st
 
     Raises InputError for a pose out of reach.
     """
-    found = configure(mechanism, poses).required()
+    found = configure(mechanism, poses).require_valid()
     order, where = find_order(mechanism, found.linkage), place_nodes(found)
     softened: dict[str, Array] = {}
     for e in order.elements:

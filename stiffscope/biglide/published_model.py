@@ -135,7 +135,7 @@ class PublishedModel:
 
     def _with_rigid_sliders(self, q: Array) -> Array:
         sliders = [f"limb{i}.slider" for i in SIDES]
-        rigid = self.mechanism.changed({name: Change(-_elastic(self.mechanism, name)) for name in sliders})
+        rigid = self.mechanism.change_elements({name: Change(-_elastic(self.mechanism, name)) for name in sliders})
         return stiffness(rigid, self.dimensions.tool_point(q))
 
 

@@ -168,7 +168,7 @@ class _Model:
 
     def _assembled(self, robot: RobotFile, varied: Mapping[str, Any]) -> tuple[Mechanism, Configurations]:
         mechanism = mechanism_of(robot, part_matrices(robot, self.components, varied))
-        return mechanism, configure(mechanism, self.poses).required()
+        return mechanism, configure(mechanism, self.poses).require_valid()
 
     def _errors(self, robot: RobotFile, step: float, middle: Responses, by: Responses) -> Responses:
         """Bounds of the differences by those of the parts' derivatives; zeros where no part's experiment changes."""

@@ -320,7 +320,7 @@ def _responses(file: StudyFile, values: Values) -> tuple[float, ...]:
     with workshop() as shop:
         whole = any(of_modes(name) for name in names)
         made = assemble_robots({"design": robot}, file.components, shop, whole=whole)["design"]
-        found = configure(made.mechanism, file.poses_of(robot)).required()
+        found = configure(made.mechanism, file.poses_of(robot)).require_valid()
         mass = mass_of_solids(robot, file.components, made.results) if "mass" in names else 0.0
         known = quantities(names, made.mechanism, found, made.matrices, mass)
     answers = tuple(response.value(known) for response in file.responses)

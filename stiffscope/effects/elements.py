@@ -89,7 +89,7 @@ def change_elements(mechanism: Mechanism, changes: Changes) -> Mechanism:
         rest[along, along] = 0.0
         bearings[joint.name] = replace(change, compliance=rest)
     stiffer = any(joint is not before for joint, before in zip(joints, mechanism.joints, strict=True))
-    return (replace(mechanism, joints=tuple(joints)) if stiffer else mechanism).changed(bearings)
+    return (replace(mechanism, joints=tuple(joints)) if stiffer else mechanism).change_elements(bearings)
 
 
 def without_ranges(mechanism: Mechanism) -> Mechanism:

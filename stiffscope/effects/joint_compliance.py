@@ -46,7 +46,7 @@ class JointCompliance(ElementEffect):
 
 def held_patterns(joint: Joint) -> dict[str, Array]:
     """What a joint's bearing yields along, (6,) in the joint's axes, by the words of `joint-compliance`."""
-    held, turns = joint.held
+    held, turns = joint.held_components
     mask = np.zeros(6)
     mask[[*held, *(3 + k for k in turns)]] = 1.0
     axial = ALONG if joint.axis is not None else 0.0 * ALONG

@@ -171,7 +171,7 @@ def draw_sensors(
     """`PICTURES`: the robot at the first and the last of its poses, marks as arrows; where it can be drawn."""
     arrows, shown = marks(campaign, mechanism), []
     for file, k in zip(PICTURES, (0, 0, len(found) - 1), strict=True):
-        place = pose_text(mechanism, found.tool[k, mechanism.tool.commanded].tolist())
+        place = pose_text(mechanism, found.tool[k, mechanism.tool.commanded_axes].tolist())
         shown.append(picture(file, f"{robot.name}, sensors and loads at {place}", moves(mechanism, found, k)))
     close, first, last = shown
     close["close"] = True

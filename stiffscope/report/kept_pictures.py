@@ -112,7 +112,7 @@ def order_shares(
     if not where.component:
         return None
     worst = int(np.argmax([np.nansum(np.square(row)) for row in np.array(where.pose, dtype=float)]))
-    place = pose_text(mechanism, found.tool[worst, mechanism.tool.commanded].tolist())
+    place = pose_text(mechanism, found.tool[worst, mechanism.tool.commanded_axes].tolist())
     title = f"Share of the gap by component, at the pose of the largest residual, {place}"
     shown = [picture("robot.png", title, moves(mechanism, found, worst))]
     drawn = scene(assembled.robot, mechanism, _experiments(assembled), shares(assembled.robot, diagnosis))

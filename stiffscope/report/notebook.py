@@ -203,7 +203,7 @@ def view(shown: Mechanism | Configurations | Stiffness | Modes, robot: RobotFile
     names: list[str] = []
     if isinstance(shown, Mechanism):
         poses: Any = dict(robot.poses) if robot and robot.poses else {"home": shown.tool.home}
-        names, found = list(poses), configure(shown, list(poses.values())).required()
+        names, found = list(poses), configure(shown, list(poses.values())).require_valid()
     else:
         found = shown if isinstance(shown, Configurations) else getattr(shown, "configurations", None)
         if found is None:

@@ -175,7 +175,7 @@ def _pose(configurations: Configurations, k: int, name: str, tool: tuple[float, 
 def _residual(mechanism: Mechanism) -> float:
     """Largest error of a joint that closes a loop at home, m (angles times the mechanism's own length)."""
     linkage = Linkage(mechanism, "tool")
-    placed = linkage.placed(np.zeros((linkage.size, 1)))
+    placed = linkage.place_links(np.zeros((linkage.size, 1)))
     errors = [float(np.abs(linkage.errors(cut, placed)).max(initial=0.0)) for cut in linkage.cuts]
     return linkage.length * max(errors, default=0.0)
 

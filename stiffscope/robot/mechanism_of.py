@@ -58,7 +58,7 @@ def _body(robot: RobotFile, name: str, body: BodySection, matrices: Mapping[str,
         dynamics = made_of.dynamics
         if dynamics is not None and made_of.clamp is not None:
             length = float(np.linalg.norm(np.subtract(body.tip, body.base)))
-            dynamics = dynamics.moved(np.array([-length, 0.0, 0.0]) - made_of.clamp, np.zeros(3))
+            dynamics = dynamics.move_ends(np.array([-length, 0.0, 0.0]) - made_of.clamp, np.zeros(3))
         return member(
             name, body.base, body.tip, made_of.compliance, y=body.y, mass=made_of.mass, error=made_of.error,
             dynamics=dynamics,

@@ -183,7 +183,7 @@ def _dynamics(
         clamp = np.array([-sum(length for length, _ in segments), 0.0, 0.0])
     else:
         return None, None
-    return found.scaled(mass / found.total), clamp
+    return found.scale_density(mass / found.total), clamp
 
 
 def _matrix(

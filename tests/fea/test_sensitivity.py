@@ -88,7 +88,7 @@ def test_derivatives_are_differences_on_the_mesh_moved_along(settings):
         for sign in (1, -1):
             if name in parameters.lengths():
                 moved = link.build(dataclasses.replace(parameters, **{name: value * 1.001}), CFRP_TUBE)
-                velocity = velocities.of(moved, value * 1e-3)
+                velocity = velocities.measure_velocity(moved, value * 1e-3)
                 mesh = dataclasses.replace(experiment.mesh, points=experiment.mesh.points + sign * h * value * velocity)
                 tip = np.array([parameters.length + (name == "length") * sign * h * value, 0, 0])
                 yield compliance({"loaded": ((specimen.loaded[0][0], tip),)}, mesh)
@@ -113,7 +113,7 @@ def test_features_that_meet_or_vanish_have_no_derivative(rod):
     part, experiment, _ = rod
     other = slider.build(slider.SliderParameters())
     with pytest.raises(InputError, match="faces change"):
-        DesignVelocity(experiment.mesh, part).of(other, 1e-4)
+        DesignVelocity(experiment.mesh, part).measure_velocity(other, 1e-4)
 
 
 def test_a_mesh_moves_along_with_a_small_change_and_not_with_a_large_one(rod):
@@ -151,7 +151,7 @@ def test_the_mesh_of_a_filleted_slider_follows_its_cad_whatever_changes():
     before = shape_error(specimen_of(part, settings), mesh)
     for name, value in FILLETED.lengths().items():
         changed = slider.build(dataclasses.replace(FILLETED, **{name: value * 1.0003}))
-        velocity = velocities.of(changed, value * 3e-4)
+        velocity = velocities.measure_velocity(changed, value * 3e-4)
         assert np.linalg.norm(velocity, axis=1).max() < 2.5, name  # of a fillet's corner: √2 + 1
         larger = slider.build(dataclasses.replace(FILLETED, **{name: value * 1.02}))
         moved = moved_along(mesh, part, larger)

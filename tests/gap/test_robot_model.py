@@ -194,7 +194,7 @@ def test_natural_frequencies_are_those_of_the_modes():
     soft = next(k for k in model.library if k.name == "actuator-stiffness @ drives")
     column = model.predict().columns(soft)[shaken, 0]
     changes = {j.name: Change(np.diag([1e-4 / j.drive.stiffness, 0, 0, 0, 0, 0])) for j in robot.mechanism.drives}
-    softer = frequencies(robot.mechanism.changed(changes), configure(robot.mechanism, c.poses), 3)
+    softer = frequencies(robot.mechanism.change_elements(changes), configure(robot.mechanism, c.poses), 3)
     assert column == pytest.approx(((softer - expected) / 1e-4)[:, [0, 2]].ravel(), rel=5e-3)
 
 

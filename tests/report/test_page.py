@@ -100,7 +100,7 @@ def pages(tmp_path_factory):
     robot = load_robot("biglide")
     mechanism = assemble(robot, "published")
     heights = np.linspace(0.33, 0.5, 60)
-    found = configure(mechanism, [(0.0, 0.0, z) for z in heights]).required()
+    found = configure(mechanism, [(0.0, 0.0, z) for z in heights]).require_valid()
     plain = scene(robot, mechanism)
     solids = solids_of(plain["bodies"], plain["joints"], plain["tool"], plain["up"])
     at_tool = {"node": plain["tool"]["node"], "at": np.asarray(plain["tool"]["at"]).tolist()}

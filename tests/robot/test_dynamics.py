@@ -21,7 +21,7 @@ def test_an_experiment_is_as_good_as_the_beam_that_it_is():
     dynamics = beam_dynamics(beam_segments(robot, "link"), steel.youngs_modulus, steel.shear_modulus, 2 * steel.density)
     away = np.array([0.01, 0.02, -0.03])
     experiment = SimpleNamespace(
-        condensed_mass=dynamics.moved(away, np.zeros(3)).mass,
+        condensed_mass=dynamics.move_ends(away, np.zeros(3)).mass,
         mode_squares=dynamics.squares,
         mode_squares_error=None,
         clamp_point=np.array([0.1, 0.2, 0.3]) + away,

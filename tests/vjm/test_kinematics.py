@@ -35,8 +35,8 @@ def mechanism(name):
 def test_forward_kinematics_undoes_inverse(name, rng):
     m = mechanism(name)
     poses = m.tool.home + rng.uniform(-1.0, 1.0, (40, len(m.tool.home))) * SPANS[name]
-    found = configure(m, poses).required()
-    back = configure_drives(m, found.drives).required()
+    found = configure(m, poses).require_valid()
+    back = configure_drives(m, found.drives).require_valid()
     assert np.allclose(back.poses, poses, rtol=0.0, atol=1e-10)
     for j in m.joints:
         theirs = found.coordinates(j.name)
@@ -49,7 +49,7 @@ def test_every_joint_holds_to_rounding(name, rng):
     """Errors of all joints by the oracle's own equations, overconstrained loops included."""
     m = mechanism(name)
     pose = m.tool.home + rng.uniform(-1.0, 1.0, len(m.tool.home)) * SPANS[name]
-    found = configure(m, pose).required()
+    found = configure(m, pose).require_valid()
     bodies = oracle.Bodies(m)
     for b in m.bodies:
         r, p = found.frame(b.nodes[0])
@@ -63,7 +63,7 @@ def test_every_joint_holds_to_rounding(name, rng):
 
 def test_biglide_slides_as_its_closed_form_says(rng):
     m, poses = biglide(), random_poses(rng, 2000)
-    found = configure(m, poses).required()
+    found = configure(m, poses).require_valid()
     moved = slides(GEOMETRY, poses) - slides(GEOMETRY, m.tool.home)
     stage, left, right = found.drives.T
     assert np.allclose(np.column_stack([-left, right, stage]), moved, rtol=0.0, atol=1e-11)
@@ -83,12 +83,12 @@ def test_out_of_reach_is_told_and_never_taken(rng):
 
 def test_a_drive_outside_its_range_is_named():
     with pytest.raises(InputError, match=r'pose 1 .*joints\."limb2.actuator": 0.1\d* m is outside its range .* m'):
-        configure(biglide(), [[0.0, 0.0, 0.35], [0.17, 0.0, 0.35]]).required()
+        configure(biglide(), [[0.0, 0.0, 0.35], [0.17, 0.0, 0.35]]).require_valid()
 
 
 def test_a_loop_that_does_not_close_is_named():
     with pytest.raises(InputError, match=r"pose 0 \(x = 0, y = 0, z = 0.9\): out of reach: the loop through joints"):
-        configure(biglide(), [0.0, 0.0, 0.9]).required()
+        configure(biglide(), [0.0, 0.0, 0.9]).require_valid()
 
 
 def five_bar(sign=1.0):
@@ -153,7 +153,7 @@ def test_a_bennett_linkage_moves_though_counting_says_it_cannot():
     linkage = Linkage(m, "drives")
     closure = Closure(linkage, np.zeros(linkage.size))
     assert closure.redundant == 3
-    found = configure_drives(m, np.linspace(-0.3, 0.3, 7)[:, None]).required()
+    found = configure_drives(m, np.linspace(-0.3, 0.3, 7)[:, None]).require_valid()
     assert np.ptp(found.coordinates("j2")) > 0.3
 
 
@@ -164,7 +164,7 @@ def test_a_redundant_arm_takes_the_pose_with_what_it_needs():
     tool = Tool("hand", np.array([0.95, 0.05, 1.1]), m.tool.pose)
     m = Mechanism((*m.bodies, Body("hand")), (*m.joints, extra), tool, m.gravity)
     pose = m.tool.home + np.array([0.02, 0.03, -0.02, 0.1, 0.0, 0.1])
-    found = configure(m, pose).required()
+    found = configure(m, pose).require_valid()
     assert np.allclose(found.tool[0], pose, atol=1e-11)
     assert np.sum(np.abs(found.drives[0]) < 1e-12) == 1
 
@@ -181,7 +181,7 @@ def test_an_arm_reaches_to_where_it_is_all_but_straight(elbow):
     far = np.sqrt(upper**2 + fore**2 + 2 * upper * fore * np.cos(bent[1]))
     towards = [np.arctan2(fore * np.sin(b), upper + fore * np.cos(b)) for b in bent]
     for turned in np.linspace(-0.6, 0.6, 7):
-        found = configure(m, [far * np.cos(towards[0] + turned), far * np.sin(towards[0] + turned)]).required()
+        found = configure(m, [far * np.cos(towards[0] + turned), far * np.sin(towards[0] + turned)]).require_valid()
         expected = [towards[0] + turned - towards[1], bent[1] - bent[0]]
         np.testing.assert_allclose(found.drives[0], expected, atol=1e-9)
 
@@ -196,7 +196,7 @@ def test_coordinates_need_not_fit_a_polynomial(rng):
     """Many poses start from a fit, few from home: the same configurations."""
     m = read("linear-delta")
     poses = m.tool.home + rng.uniform(-1.0, 1.0, (3000, 3)) * SPANS["linear-delta"]
-    many, few = configure(m, poses).required(), configure(m, poses[::50]).required()
+    many, few = configure(m, poses).require_valid(), configure(m, poses[::50]).require_valid()
     assert np.allclose(many.drives[::50], few.drives, rtol=0.0, atol=1e-12)
 
 

@@ -96,20 +96,22 @@ def test_bodies_and_joints_may_be_called_base_and_tool():
     )
     both = {BASE: Change(C), TOOL: Change(2 * C)}
     assert np.array_equal(stiffness(named, [0.1]), stiffness(m, [0.1]))
-    assert np.array_equal(stiffness(named.changed(both), [0.1]), stiffness(m.changed(both), [0.1]))
+    assert np.array_equal(stiffness(named.change_elements(both), [0.1]), stiffness(m.change_elements(both), [0.1]))
 
 
 def test_changes_add_up_and_leave_the_original():
     m = arm()
-    soft = m.changed({"leg1.arm": Change(C), "wrist": Change(offset=np.ones(6)), BASE: Change(C), TOOL: Change(C)})
-    soft = soft.changed({"leg1.arm": Change(C), "wrist": Change(offset=np.ones(6))})
+    soft = m.change_elements(
+        {"leg1.arm": Change(C), "wrist": Change(offset=np.ones(6)), BASE: Change(C), TOOL: Change(C)}
+    )
+    soft = soft.change_elements({"leg1.arm": Change(C), "wrist": Change(offset=np.ones(6))})
     assert np.allclose(soft.body("leg1.arm").elastic.compliance, 3 * C)
     assert np.allclose(soft.joint("wrist").offset, 2.0)
     assert np.allclose(m.body("leg1.arm").elastic.compliance, C)
     with pytest.raises(InputError, match="no element 'arm'; it has <base>, leg1.motor"):  # noqa: RUF043
-        m.changed({"arm": Change(C)})
+        m.change_elements({"arm": Change(C)})
     with pytest.raises(InputError, match="tool: diagonal entries must not be negative"):
-        m.changed({TOOL: Change(-C)})
+        m.change_elements({TOOL: Change(-C)})
 
 
 def test_axes_follow_the_next_base_axis_by_default():

@@ -156,7 +156,7 @@ def test_more_mass_lowers_and_more_stiffness_raises_every_frequency(rng):
     m, pose = framed(serial_arm(), rng), [0.85, 0.1, 1.1, 0.1, 0.05, -0.1]
     before = frequencies(m, pose, 8)[0]
     link = m.body("link3")
-    heavier = replace(link, elastic=replace(link.elastic, dynamics=link.elastic.dynamics.scaled(1.3)))
+    heavier = replace(link, elastic=replace(link.elastic, dynamics=link.elastic.dynamics.scale_density(1.3)))
     softer = replace(link, elastic=replace(link.elastic, compliance=1.3 * link.elastic.compliance))
     for changed in (heavier, softer):
         after = frequencies(replace(m, bodies=tuple(changed if b is link else b for b in m.bodies)), pose, 8)[0]

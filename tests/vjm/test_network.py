@@ -91,7 +91,7 @@ def test_serial_arm_is_its_jacobian():
     """J C J^T with rigid links, axes carried by the joints before them."""
     m = serial_arm(elastic=False)
     pose = np.array([0.85, 0.1, 1.1, 0.1, 0.05, -0.1])
-    found = configure(m, pose).required()
+    found = configure(m, pose).require_valid()
     c = np.zeros((6, 6))
     for joint in m.joints:
         r, p = (np.eye(3), np.zeros(3)) if joint.first == "ground" else (a[0] for a in found.frame(joint.first))
@@ -280,7 +280,7 @@ def test_redundant_constraints_and_idle_motions_are_ordinary():
 
 def test_rigid_loops_are_constraints():
     """Parallelograms of rigid rods: the limit of ever stiffer ones."""
-    m = read("linear-delta").changed({TOOL: Change(np.diag([1e-8] * 3 + [1e-7] * 3))})
+    m = read("linear-delta").change_elements({TOOL: Change(np.diag([1e-8] * 3 + [1e-7] * 3))})
 
     def links(factor):
         bodies = tuple(
@@ -341,7 +341,7 @@ def test_batches_are_the_whole(rng):
 
 def test_wrenches_carry_the_offsets_through_indeterminate_loops():
     """Self-stress of a misfit: an overlong link of the Biglide, against the oracle, element by element."""
-    m = biglide().changed({"limb1.link2": Change(offset=np.array([1e-4, 0, 0, 0, 0, 0]))})
+    m = biglide().change_elements({"limb1.link2": Change(offset=np.array([1e-4, 0, 0, 0, 0, 0]))})
     pose = [0.02, 0.0, 0.38]
     bodies = oracle.Bodies(m).close(pose, 4)
     _, twist, wrenches = oracle.solve(bodies, offsets=True)

@@ -75,7 +75,7 @@ def test_exact_stiffness_is_the_hessian_of_the_potential_energy(robot, pose, wei
 def test_bearings_of_balls_yield_under_load_as_the_potential_energy_says():
     m = read("stewart")
     balls = {j.name: Change(np.diag([3e-8, 1e-8, 2e-8, 0, 0, 0])) for j in m.joints if j.kind == "spherical"}
-    m, pose = replace(m.changed(balls), gravity=100.0 * m.gravity), CHECKED["stewart"]["poses"][1]
+    m, pose = replace(m.change_elements(balls), gravity=100.0 * m.gravity), CHECKED["stewart"]["poses"][1]
     hessian, droop = Potential(oracle.Bodies(m).close(pose, 4)).tangent_stiffness()
     change, left = compared(m, hessian, droop, pose)
     assert change > 1e-5
@@ -119,7 +119,7 @@ def test_lack_of_fit_prestresses_as_the_potential_energy_says():
     off = {
         f"leg{k}.rod{j}": Change(offset=np.r_[5e-6 * (-1) ** (k + j), np.zeros(5)]) for k in (1, 2, 3) for j in (1, 2)
     }
-    m = replace(m.changed(off), gravity=np.zeros(3))
+    m = replace(m.change_elements(off), gravity=np.zeros(3))
     pose = CHECKED["linear-delta"]["poses"][1]
     hessian, droop = Potential(oracle.Bodies(m).close(pose, 4)).tangent_stiffness()
     change, left = compared(m, hessian, droop, pose)
@@ -175,7 +175,7 @@ def test_a_tight_string_is_stiff_sideways():
         Joint("hold.end", "hold.tip", "knot", "fixed", [0, 0, 0]),
     ]
     bodies[-1] = replace(bodies[-1], elastic=replace(bodies[-1].elastic, places=np.zeros((2, 3))))
-    m = Mechanism(tuple(bodies), tuple(joints), Tool("knot", [0, 0, 0], ("x",))).changed(off)
+    m = Mechanism(tuple(bodies), tuple(joints), Tool("knot", [0, 0, 0], ("x",))).change_elements(off)
     from stiffscope.vjm.linkage import Linkage
     from stiffscope.vjm.order import find_order, places_at_home
     from stiffscope.vjm.prestress import loaded_stiffness

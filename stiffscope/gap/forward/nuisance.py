@@ -141,7 +141,7 @@ def _passive(at: RobotAtPoses) -> dict[str, Array]:
 def _across(joint: Joint) -> Array:
     """Which translations, of its coordinates (6,), a joint holds across its axis; a ball has none, and holds all."""
     held = np.zeros(6)
-    held[[k for k in joint.held[0] if k > 0 or joint.axis is None]] = 1.0
+    held[[k for k in joint.held_components[0] if k > 0 or joint.axis is None]] = 1.0
     return held
 
 
