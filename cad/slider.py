@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from stiffscope.cad.kernel import Shape, Solid
 
 _TOLERANCE = 1e-6  # mm
+PADS = ("link1", "link2", "link3")  # interfaces of pads that are loaded apart
 OPTIONAL = ("rib_pitch", "fillet", "hole_pitch", "pad_height")  # 0 leaves them out
 
 
@@ -308,6 +309,6 @@ def _select_loaded(slider: SliderParameters, solid: "Solid") -> tuple[Interface,
         return (Interface("joints", faces, np.array([outer, 0.0, 0.0])),)
     points = [np.array([outer, y, 0.0]) for y in slider.pad_positions]
     return tuple(
-        Interface(f"link{i}", select(solid, [FaceSelector(normal=(1, 0, 0), position=tuple(point))]), point)
-        for i, point in enumerate(points, 1)
+        Interface(name, select(solid, [FaceSelector(normal=(1, 0, 0), position=tuple(point))]), point)
+        for name, point in zip(PADS, points, strict=True)
     )

@@ -152,10 +152,10 @@ def form_coordinates(mechanism: Mechanism, where: Places, length: float, drives:
     elements = list_elements(mechanism)
     spanning = {e.name: inverse for e in elements if (inverse := _invert_columns(e, unit)) is not None}
     tree, chords = _grow_forest([e for e in elements if e.name not in spanning])
-    own: dict[str, Rows] = {}
+    own: dict[str, Rows] = {}  # by element, and by body of those that share theirs
     _place_nodes(out, tree, own)
     for e in chords:
-        own[e.name] = _own_rows(out, e)
+        own[e.name] = _own_rows(out, e, own)
         gap = _relate_ends(out, e).plus(own[e.name].after(_columns(e, where)), -1.0)
         out.constraints.append(gap.after(np.diag(unit)))
     for e in elements:
@@ -164,9 +164,12 @@ def form_coordinates(mechanism: Mechanism, where: Places, length: float, drives:
             back = spanning[e.name] @ where.frame(e).inverse_adjoint()
             own[e.name] = _relate_ends(out, e).after(back)
             out.springs[e.name] = spanning[e.name][:r].T
-        elif r:
+        elif r and not e.group:
             out.springs[e.name] = np.linalg.pinv(e.factor).T
-        if r:
+        if e.group and e.group not in out.springs:
+            whole = np.vstack([other.factor for other in elements if other.group == e.group])
+            out.springs[e.group], out.strains[e.group] = np.linalg.pinv(whole).T, [own[e.group]]
+        elif r and not e.group:
             strain = own[e.name]
             if e.name in spanning:
                 out.strains[e.name] = [Rows(strain.columns, strain.matrix[:, :r])]
@@ -187,7 +190,7 @@ def _relate_ends(out: Coordinates, e: Element) -> Rows:
 
 def _invert_columns(e: Element, unit: Array) -> Array | None:
     """Inverse (6, 6) of ``[F N]`` where that is square and regular at every pose, else None."""
-    if (e.joint is not None and e.joint.kind == "universal") or e.factor.shape[1] + e.free.shape[1] != 6:
+    if e.group or (e.joint is not None and e.joint.kind == "universal") or e.factor.shape[1] + e.free.shape[1] != 6:
         return None
     both = np.hstack([e.factor, e.free])
     scaled = both * unit[:, None]
@@ -213,10 +216,15 @@ def _grow_forest(elements: list[Element]) -> tuple[list[Element], list[Element]]
     return tree, chords
 
 
-def _own_rows(out: Coordinates, e: Element) -> Rows:
-    """Coordinates of an element's own: its springs, then its free motions."""
+def _own_rows(out: Coordinates, e: Element, own: dict[str, Rows]) -> Rows:
+    """Coordinates of an element's own: its springs, then its free motions; its body's, where several share them."""
+    if e.group in own:
+        return own[e.group]
     count = e.factor.shape[1] + e.free.shape[1]
-    return Rows(out.more(count), np.eye(count)[None])
+    rows = Rows(out.more(count), np.eye(count)[None])
+    if e.group:
+        own[e.group] = rows
+    return rows
 
 
 def _columns(e: Element, where: Places) -> Array:
@@ -245,7 +253,7 @@ def _place_nodes(out: Coordinates, tree: list[Element], own: dict[str, Rows]) ->
                 there = e.second if e.first == here else e.first
                 if there in out.twists:
                     continue
-                own[e.name] = _own_rows(out, e)
+                own[e.name] = _own_rows(out, e, own)
                 step = own[e.name].after(_columns(e, out.where))
                 sign = 1.0 if there == e.second else -1.0
                 out.twists[there] = out.twists[here].plus(step, sign)

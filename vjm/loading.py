@@ -85,6 +85,8 @@ class ElementState:
     across: Array
     rates: Array
     """(n, k, c): motion along each of its free directions."""
+    strained: Array | None = None
+    """What of ``across`` is strain, where the element shares its coordinates and its own wrench alone does not tell."""
 
     @cached_property
     def wrench(self) -> Array:
@@ -98,7 +100,9 @@ class ElementState:
 
     @cached_property
     def energy(self) -> Array:
-        """Strain energy (n, c) in J."""
+        """Strain energy (n, c) in J; of elements that share theirs the sum of all is the body's."""
+        if self.strained is not None:
+            return 0.5 * np.einsum("nic,nic->nc", self.carried, self.strained)
         stress = self.element.factor.T @ self.wrench
         return 0.5 * np.einsum("nrc,nrc->nc", stress, stress)
 
@@ -114,6 +118,16 @@ class Response:
     twist: Array
     nodes: dict[str, Array] = field(default_factory=dict[Any, Any])
     elements: dict[str, ElementState] = field(default_factory=dict[Any, Any])
+
+    @property
+    def energies(self) -> dict[str, Array]:
+        """Strain energy (n, c) in J of every joint and body that yields."""
+        out: dict[str, Array] = {}
+        for name, state in self.elements.items():
+            if state.element.factor.shape[1]:
+                whole = state.element.group or name
+                out[whole] = out[whole] + state.energy if whole in out else state.energy
+        return out
 
 
 def condense_loads(state: Condensed, loads: Loads) -> CondensedLoads:
@@ -145,7 +159,10 @@ def recover_response(
     out = Response(state.where, ends[END], ends)
     walk = _Walk(state, load, out, mix)
     for connection, along, wrench, span, rates in left:
-        walk.follow_connection(connection, along, wrench, span, rates)
+        if connection.members[0][0].group:
+            walk.across(*connection.members[0], wrench, span)
+        else:
+            walk.along(connection, along, wrench, span, rates)
     kept = load.kept if load else [None] * len(state.gone)
     for gone, own in zip(reversed(state.gone), reversed(kept), strict=True):
         match gone:
@@ -237,7 +254,7 @@ def _hold_end(state: Condensed, gone: Stiff, along: ChainLoads, balanced: float)
             nu.append(np.swapaxes(directions, -1, -2) @ here)
     if not nu:
         return -gone.own @ tau
-    directions, work = stack_columns(free), _rows(nu)
+    directions, work = stack_columns(free), stack_rows(nu)
     hold = -np.swapaxes(fit_free_motions(directions, state.order.length), -1, -2) @ work
     left = np.abs(np.swapaxes(directions, -1, -2) @ hold + work)
     if (left > balanced * np.abs(work).max(axis=(1, 2), keepdims=True)).any():
@@ -287,10 +304,11 @@ def project_loads(state: Condensed, along: ChainLoads, columns: Array) -> Array:
     for size, wrench in zip(sizes, along.carried * 2, strict=True):
         out.append(np.swapaxes(columns[:, :, at : at + size], -1, -2) @ wrench)
         at += size
-    return _rows(out)
+    return stack_rows(out)
 
 
-def _rows(blocks: list[Array]) -> Array:
+def stack_rows(blocks: list[Array]) -> Array:
+    """Concatenate rows (n or 1, r, c) of blocks."""
     n = max(len(b) for b in blocks)
     return np.concatenate([np.broadcast_to(b, (n, *b.shape[1:])) for b in blocks], axis=1)
 
@@ -381,3 +399,11 @@ class _Walk:
                 node = node + across
             if k < len(inner):
                 self.out.nodes[inner[k]] = node
+
+    def across(self, e: Element, sign: float, wrench: Array, span: Array) -> None:
+        """An element whose own wrench alone does not tell how it strains: all of its twist but the offset."""
+        strained, offset = span, self.load.loads.offsets.get(e.name) if self.load else None
+        if offset is not None:
+            strained = span - self.state.where.adjoint(e) @ self.mix_cases(sign * offset)
+        none: Array = np.zeros((1, 0, wrench.shape[2]))
+        self.out.elements[e.name] = ElementState(e, self.state.where, sign * wrench, sign * span, none, sign * strained)

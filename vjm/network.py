@@ -1,7 +1,8 @@
 """The elastic network of a mechanism: its nodes, its elements, and where each of them is.
 
 Every joint, elastic body, the base and the tool's grip is an element between two nodes: ``t = C w + N q + t₀`` for the
-twist of its second node against its first, ``Nᵀ w = 0``, in the element's own axes at its own point.
+twist of its second node against its first, ``Nᵀ w = 0``, in the element's own axes at its own point. A body of more
+ends is an element from the first to each other, ``t_i = F_i y + t₀``, that share their coordinates ``y = Σ F_iᵀ w_i``.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ class Element:
     """``factor`` F (6, r) of its compliance F Fᵀ, ``free`` directions N (6, k), ``offset`` t₀ (6,) or None.
 
     ``axes`` (3, 3) ride on the node ``carrier``, the point ``at`` (3,) on ``second``, both as they are at home.
+    ``group``: the body with whose other elements it shares its coordinates; empty where it has its own.
     """
 
     name: str
@@ -53,6 +55,7 @@ class Element:
     free: Array = field(default_factory=_none)
     offset: Array | None = None
     joint: Joint | None = None
+    group: str = ""
 
     @property
     def compliance(self) -> Array:
@@ -125,9 +128,7 @@ def list_elements(mechanism: Mechanism) -> tuple[Element, ...]:
         out.append(_joint(j, first, second))
     for body in mechanism.bodies:
         if body.elastic is not None:
-            e = body.elastic
-            base, tip = body.nodes
-            out.append(Element(body.name, base, tip, e.axes, e.tip, base, _factor(e.compliance), offset=e.offset))
+            out += _body(body.name, body.nodes, body.elastic)
     out.append(_change(TOOL, mechanism.tool.body, END, mechanism.tool.at, mechanism.grip))
     return tuple(out)
 
@@ -171,6 +172,18 @@ def moves_with(element: Element, link: int, links: dict[str, int]) -> bool:
 def _change(name: str, first: str, second: str, at: Array, change: Change) -> Element:
     factor = _none() if change.compliance is None else _factor(change.compliance)
     return Element(name, first, second, np.eye(3), at, first, factor, offset=change.offset)
+
+
+def _body(name: str, nodes: tuple[str, ...], elastic: Elastic) -> Iterator[Element]:
+    """An element from the first end to each other; those of several share their coordinates."""
+    factor, several = _factor(elastic.compliance), len(nodes) > 2
+    for k, (node, at) in enumerate(zip(nodes[1:], elastic.places[1:], strict=True)):
+        own = slice(6 * k, 6 * k + 6)
+        yield Element(
+            node if several else name, nodes[0], node, elastic.axes, at, nodes[0], factor[own],
+            offset=None if elastic.offset is None else elastic.offset[own],
+            group=name if several and factor.shape[1] else "",
+        )  # fmt: skip
 
 
 def _joint(joint: Joint, first: str, second: str) -> Element:
@@ -231,15 +244,15 @@ def euler_angles(turn: Array) -> Array:
 
 
 def _factor(compliance: Array) -> Array:
-    """F (6, r) of a compliance F Fᵀ of rank r; lengths scaled so that no unit decides."""
+    """F (6m, r) of a compliance F Fᵀ of rank r; lengths scaled so that no unit decides."""
     diagonal = np.sqrt(np.diagonal(compliance).clip(min=0.0))
     used = diagonal > 0.0
     if not used.any():
-        return _none()
+        return np.zeros((len(diagonal), 0))
     unit = compliance[np.ix_(used, used)] / np.outer(diagonal[used], diagonal[used])
     values, vectors = np.linalg.eigh(unit)
     keep = values > 1e-14 * values[-1]
-    out = np.zeros((6, int(keep.sum())))
+    out = np.zeros((len(diagonal), int(keep.sum())))
     out[used] = diagonal[used, None] * (vectors[:, keep] * np.sqrt(values[keep]))
     return out
 

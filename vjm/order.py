@@ -2,7 +2,7 @@
 
 Chains without branches become one connection, of compliance C and free directions N. Where what N leaves has
 compliance, it is stiffened; else it is folded: the node at its end takes its coordinates. Nodes between stiffnesses
-are eliminated.
+are eliminated. Bodies of more than two ends are left as they are.
 """
 
 from __future__ import annotations
@@ -179,6 +179,7 @@ class _Planner:
         self.home = places_at_home(mechanism)
         self.elements = list_elements(mechanism)
         self.flexible = [_connection(e.first, e.second, ((e, 1.0),)) for e in self.elements]
+        self.shared = {node for e in self.elements if e.group for node in (e.first, e.second)}
         self.stiff: dict[frozenset[str], None] = {}  # in order, so that every run rounds alike
         self.nodes = [n for n in list_nodes(mechanism) if n not in {GROUND, END}]
         self.steps: list[Step] = []
@@ -210,7 +211,7 @@ class _Planner:
         """Join two connections at a node where nothing else is."""
         for node in list(self.nodes):
             here = self._find_connections(node)
-            if len(here) != 2 or self._neighbours(node):
+            if len(here) != 2 or node in self.shared or self._neighbours(node):
                 continue
             a, b = here
             a = a if a.end == node else a.reverse()
@@ -225,7 +226,7 @@ class _Planner:
         """Eliminate or fold the node with the fewest neighbours; False where none can go."""
         ready: list[tuple[int, int, str]] = []
         for k, node in enumerate(self.nodes):
-            if len(self._find_connections(node)) <= 1:
+            if len(self._find_connections(node)) <= 1 and node not in self.shared:
                 ready.append((len(self._neighbours(node)), k, node))
         if not ready:
             return False
@@ -260,7 +261,7 @@ class _Planner:
 def _connection(start: str, end: str, members: Members) -> Connection:
     """A connection whose own axes ride on its first elastic body."""
     body = next((e for e, _ in members if e.joint is None and e.factor.shape[1]), members[0][0])
-    return Connection(start, end, members, body.carrier, body.at)
+    return Connection(start, end, members, body.carrier, body.at, formable=False if body.group else None)
 
 
 def stack_columns(blocks: Iterable[Array]) -> Array:

@@ -196,9 +196,12 @@ class Motion:
             e = state.element
             if e.factor.shape[1] + e.free.shape[1] > 1:
                 out.twist[name] = state.twist[..., some]
-                factor = state.where.factor(e)
-                stress = np.swapaxes(factor, -1, -2) @ state.wrench[..., some]
-                out.sprung[name] = factor[:, 3:] @ stress
+                if e.group:  # no free motions: all of its twist is strain
+                    out.sprung[name] = out.twist[name][:, 3:]
+                else:
+                    factor = state.where.factor(e)
+                    stress = np.swapaxes(factor, -1, -2) @ state.wrench[..., some]
+                    out.sprung[name] = factor[:, 3:] @ stress
                 out.rates[name] = state.rates[..., some]
         return out
 

@@ -1,8 +1,9 @@
 """What no order of chains and eliminations takes: connections that are rigid in directions in which they close loops.
 
-Node twists u, coordinates y of the connections (unit springs and free motions, ``B = [F N]``) and their wrenches w as
-multipliers make one saddle-point system, ``[[K, 0, Aᵀ], [0, D, -Bᵀ], [A, -B, 0]]``. Redundant constraints and idle
-motions make it singular; what is independent at home is solved for, and the rest verified at every pose.
+Bodies of more than two ends are the others, whose connections share their coordinates. Node twists u, coordinates y of
+the connections (unit springs and free motions, ``B = [F N]``) and their wrenches w as multipliers make one saddle-point
+system, ``[[K, 0, Aᵀ], [0, D, -Bᵀ], [A, -B, 0]]``. Redundant constraints and idle motions make it singular; what is
+independent at home is solved for, and the rest verified at every pose.
 """
 
 # pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownMemberType=false, reportUnknownVariableType=false
@@ -154,12 +155,15 @@ def _assemble(state: Condensed) -> System:
     coordinates: list[slice] = []
     wrenches: list[slice] = []
     counts: list[int] = []
+    shared: dict[str, slice] = {}
     for c in order.left:
         factor, free = c.flexible(where)
         columns.append(c.frame(where).adjoint() @ stack_columns([factor, free]))
         counts.append(factor.shape[2])
-        coordinates.append(slice(at, at + columns[-1].shape[2]))
-        at += columns[-1].shape[2]
+        fresh = slice(at, at + columns[-1].shape[2])
+        group = c.members[0][0].group
+        coordinates.append(shared.setdefault(group, fresh) if group else fresh)
+        at = max(at, coordinates[-1].stop)
     for _ in order.left:
         wrenches.append(slice(at, at + 6))
         at += 6

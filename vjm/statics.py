@@ -16,7 +16,7 @@ from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.condensation import InfiniteStiffnessError, condense_network
 from stiffscope.vjm.equilibrium import solve_condensed, solve_loads, tool_stiffness
 from stiffscope.vjm.kinematics import CHUNK, Configurations, check_poses, configure, configure_chunks
-from stiffscope.vjm.loading import Loads, Response
+from stiffscope.vjm.loading import Loads, Response, stack_rows
 from stiffscope.vjm.network import END, FOOT, lump_masses, place_nodes
 from stiffscope.vjm.order import find_order
 from stiffscope.vjm.prestress import loaded_compliance, loaded_stiffness, own_loads
@@ -298,8 +298,11 @@ def stiffness_error(mechanism: Mechanism, poses: ArrayLike | Configurations) -> 
             return np.full((1, 6, 6), np.nan)
         elements = solve_condensed(state, Loads(6, {END: matrix})).elements
         out = np.zeros_like(matrix)
+        wrenches: dict[str, list[Array]] = {e.group or e.name: [] for e in order.elements}
+        for e in order.elements:
+            wrenches[e.group or e.name].append(elements[e.name].wrench)
         for name, bar in bars.items():
-            carried = np.abs(elements[name].wrench)
+            carried = np.abs(stack_rows(wrenches[name]))
             out = out + np.swapaxes(carried, -1, -2) @ bar @ carried
         return out
 

@@ -50,9 +50,8 @@ def deflection(mechanism: Mechanism, poses: ArrayLike | Configurations, wrench: 
     twist = np.broadcast_to(response.twist[..., 0], (len(found), 6))
     energy = 0.5 * np.einsum("ni,ni->n", load, twist)
     shares: dict[str, Array] = {
-        name: np.broadcast_to(e.energy[:, 0], (len(found),)) / np.where(energy > 0.0, energy, 1.0)
-        for name, e in response.elements.items()
-        if e.element.factor.shape[1]
+        name: np.broadcast_to(each[:, 0], (len(found),)) / np.where(energy > 0.0, energy, 1.0)
+        for name, each in response.energies.items()
     }
     return Deflection(twist, energy, shares)
 

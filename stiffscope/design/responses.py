@@ -11,9 +11,9 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
-from stiffscope.robot.file.part_sections import InterfacePart, ParametricPart
-from stiffscope.robot.file.sections import InterfaceBody, RigidBody
-from stiffscope.robot.part_matrices import beam_segments, part_sources
+from stiffscope.robot.file.part_sections import ParametricPart
+from stiffscope.robot.file.sections import RigidBody
+from stiffscope.robot.part_matrices import beam_segments, known_mass, part_sources
 from stiffscope.vjm import statics
 from stiffscope.vjm.modes import frequencies
 
@@ -169,8 +169,6 @@ def real_frequencies(mechanism: Mechanism, found: Configurations) -> np.ndarray:
 def mass_of_solids(robot: RobotFile, components: Components, experiments: Mapping[str, Any]) -> float:
     """Mass of the parts' materials and of rigid bodies, kg, whatever mass the file gives its parts."""
     rigid = sum(body.mass for body in robot.bodies.values() if isinstance(body, RigidBody))
-    shared = (robot.parts[body.part] for body in robot.bodies.values() if isinstance(body, InterfaceBody))
-    rigid += sum(part.build("part").mass for part in shared if isinstance(part, InterfacePart))
     names: Iterable[str] = part_sources(robot, components)
     return rigid + sum(len(robot.bodies_of(name)) * solid_mass(robot, name, experiments) for name in names)
 
@@ -182,4 +180,4 @@ def solid_mass(robot: RobotFile, name: str, experiments: Mapping[str, Any]) -> f
         return experiments[name].mass
     if isinstance(part, ParametricPart) and material is not None:
         return material.density * sum(length * section.area for length, section in beam_segments(robot, name))
-    return 0.0 if isinstance(part.mass, str) else part.mass
+    return known_mass(robot, name) or 0.0

@@ -195,26 +195,27 @@ class _Model:
                 raise InputError(f"{name}.{key}: expected a parameter with a derivative of the part's matrix, got none")
         sums = {
             field: sum(change * getattr(known[key], field) for key, change in changes.items())
-            for field in ("compliance", "mass", "condensed_mass", "reference_points", "clamp_point")
+            for field in ("full_compliance", "mass", "condensed_mass", "reference_points", "clamp_point")
         }
-        bounds = sum(abs(change) * known[key].error for key, change in changes.items())
+        bounds = sum(abs(change) * known[key].full_error for key, change in changes.items())
         one = held.experiment
         condensed, squares = np.array(one.condensed_mass), np.array(one.mode_squares)
         now, before = robot.material(name), self.robot.material(name)
         denser = now.density / before.density if "density" in changes and now and before else 1.0
-        condensed[12:, :12] *= np.sqrt(denser)
-        condensed[:12, 12:] *= np.sqrt(denser)
-        condensed[:12, :12] += sums["condensed_mass"]
+        ends = len(condensed) - len(squares)
+        condensed[ends:, :ends] *= np.sqrt(denser)
+        condensed[:ends, ends:] *= np.sqrt(denser)
+        condensed[:ends, :ends] += sums["condensed_mass"]
         return SimpleNamespace(
-            compliance=held.compliance + sums["compliance"],
-            error=np.zeros((6, 6)) + bounds,
+            compliance=held.compliance + sums["full_compliance"],
+            error=np.zeros_like(held.compliance) + bounds,
             mass=held.mass + sums["mass"],
             experiment=SimpleNamespace(
                 condensed_mass=condensed,
                 mode_squares=squares / denser,
                 mode_squares_error=None,
                 clamp_point=one.clamp_point + sums["clamp_point"],
-                reference_point=one.reference_point + (np.zeros((1, 3)) + sums["reference_points"])[0],
+                reference_points=one.reference_points + sums["reference_points"],
             ),
         )
 
@@ -222,7 +223,7 @@ class _Model:
 def _check_lengths(before: RobotFile, after: RobotFile, components: Components) -> None:
     """Raise InputError for a number that changes how long a STEP file's solid would have to be."""
     for name, source in part_sources(before, components).items():
-        for body in before.bodies_of(name) if source == "step" else ():
+        for body in before.bodies_of(name) if source == "step" and not before.parts[name].named else ():
             own, other = (
                 np.linalg.norm(np.subtract(each.elastic_bodies()[body].tip, each.elastic_bodies()[body].base))
                 for each in (before, after)

@@ -125,11 +125,12 @@ def _orders(robot: RobotFile, components: Components) -> dict[str, PartOrder]:
 
 def check_one_interface(robot: RobotFile, name: str) -> None:
     """Raise InputError where a part has more loaded interfaces, and so more matrices, than one."""
-    if getattr(robot.part(name), "pads", None) == "apart":
+    two_ended = any(body.part == name for body in robot.elastic_bodies().values())
+    if getattr(robot.part(name), "pads", None) == "apart" and two_ended:
         raise robot.refuse(
             ("parts", name, "pads"),
-            'expected "together", which makes one matrix, got "apart" (whose three interfaces '
-            "`stiffscope compliance` gives)",
+            'expected "together" for bodies between a base and a tip, got "apart", whose three interfaces stand apart '
+            "(a body with `at` instead of base and tip has them as ends)",
         )
 
 
@@ -149,7 +150,7 @@ def _assembled(robot: RobotFile, components: Components, results: dict[str, Part
         name: source if isinstance(source, str) else "given" for name, source in part_sources(robot, components).items()
     }
     for name, source in sources.items():
-        if source == "step":
+        if source == "step" and not robot.parts[name].named:
             _check_length(robot, name, results[name].length)
     matrices = part_matrices(robot, components, results)
     bare = mechanism_of(robot, matrices)
@@ -168,6 +169,8 @@ def check_solids(robot: RobotFile) -> None:
         if isinstance(robot.part(name), StepPart):
             part = build_part(robot, name)
             clamped = describe_solid(part)["clamped_centre"]
+            if robot.parts[name].named:
+                continue
             _check_length(robot, name, float(part.loaded[0].reference_point[0] - clamped[0]))
 
 

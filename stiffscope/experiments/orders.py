@@ -39,6 +39,7 @@ class StepOrder:
     sha256: str
     clamped: tuple[FaceSelector, ...] = LEAST_X
     loaded: tuple[FaceSelector, ...] = GREATEST_X
+    interfaces: tuple[tuple[str, tuple[FaceSelector, ...]], ...] = ()
     placement: Placement | None = None
     reference_point: tuple[float, float, float] | None = None
 
@@ -95,7 +96,8 @@ class PartOrder:
         if isinstance(self.solid, StepOrder):
             return read_step(
                 self.solid.path, name=self.name, material=self.material, clamped=self.solid.clamped,
-                loaded=self.solid.loaded, placement=self.solid.placement, reference_point=self.solid.reference_point,
+                loaded=self.solid.loaded, interfaces=dict(self.solid.interfaces) or None,
+                placement=self.solid.placement, reference_point=self.solid.reference_point,
             )  # fmt: skip
         if isinstance(self.solid, link.LinkParameters):
             return link.build(self.solid, self.material, self.name)
@@ -132,7 +134,9 @@ def name_lines(robot: RobotFile) -> Iterator[None]:
         name = next((each for each in sorted(robot.parts, key=len)[::-1] if where.startswith(f"{each}.")), None)
         if name is None:
             raise
-        raise robot.refuse(("parts", name, *where[len(name) + 1 :].split(".")), message) from error
+        key = where[len(name) + 1 :]
+        inner = ("interfaces", key) if key in robot.parts[name].named else key.split(".")
+        raise robot.refuse(("parts", name, *inner), message) from error
 
 
 def build_part(robot: RobotFile, name: str) -> Part:
@@ -194,6 +198,8 @@ def _step_order(robot: RobotFile, name: str, given: str | Path | None) -> StepOr
         return StepOrder(path.absolute(), content)
     tagged = ("clamped", section.clamped), ("loaded", section.loaded)
     chosen = {tag: tuple(face.selector() for face in faces) for tag, faces in tagged if faces is not None}
+    interfaces = (section.interfaces or {}).items()
     return StepOrder(
-        path.absolute(), content, **chosen, placement=section.placement(), reference_point=section.reference_point
-    )
+        path.absolute(), content, **chosen, placement=section.placement(), reference_point=section.reference_point,
+        interfaces=tuple((end, tuple(face.selector() for face in faces)) for end, faces in interfaces),
+    )  # fmt: skip

@@ -64,13 +64,13 @@ class PartResult:
 
     @property
     def compliance(self) -> np.ndarray:
-        """(6, 6) in the part's axes at its reference point."""
-        return self.experiment.compliance
+        """(6m, 6m) in the part's axes: of its m ends but the first, each at its reference point."""
+        return self.experiment.full_compliance
 
     @property
     def error(self) -> np.ndarray:
-        """(6, 6) 95 % bounds."""
-        return self.experiment.error
+        """(6m, 6m) 95 % bounds."""
+        return self.experiment.full_error
 
     @property
     def note(self) -> str:
@@ -109,9 +109,13 @@ class PartResult:
         experiment, order = self.experiment, self.order
         several = len(experiment.reference_points) > 1
         together = {
+            "interfaces": list(experiment.interfaces),
+            "places": experiment.places,
             "reference_points": experiment.reference_points,
             "flexibility": experiment.full_compliance,
             "flexibility_error": experiment.full_error,
+            "stiffness": experiment.stiffness,
+            "stiffness_error": experiment.stiffness_error,
         }
         return {
             "part": self.name,

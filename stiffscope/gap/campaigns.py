@@ -25,7 +25,7 @@ from stiffscope.robot.inspection import rigid_mechanism
 from stiffscope.robot.library import find_robot, robot_names
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.nominal import NominalRobot
-from stiffscope.robot.part_matrices import PartMatrix, known_mass, needed_experiments, part_matrices, part_sources
+from stiffscope.robot.part_matrices import PartMatrix, needed_experiments, part_matrices, part_sources, rigid_part
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.workshop import workshop
 
@@ -141,12 +141,8 @@ def predict_roughly(case: Case) -> Array:
 def _rough_matrices(robot: RobotFile) -> dict[str, PartMatrix]:
     """Matrices of parts by beam theory, as given, or rigid."""
     sources = part_sources(robot, "beam")
-    rigid = {name: np.zeros((6, 6)) for name in needed_experiments(robot, "beam") if sources[name] == "step"}
-    weightless: dict[str, Any] = {
-        name: PartMatrix(np.zeros((6, 6))) for name in sources if known_mass(robot, name) is None
-    }
-    beams = {name: "beam" for name, source in sources.items() if source == "beam"}
-    return part_matrices(robot, beams | rigid, weightless)
+    rigid: dict[str, Any] = {name: rigid_part(robot, name) for name in needed_experiments(robot, "beam")}
+    return part_matrices(robot, {name: "beam" for name, source in sources.items() if source == "beam"}, rigid)
 
 
 def find_campaign(name: str | Path) -> Path:

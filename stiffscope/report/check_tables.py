@@ -88,7 +88,7 @@ def _actuation(found: Inspection) -> str:
 
 def _parts(found: Inspection) -> None:
     rows = (
-        (p.name, _source(p.source), f"{1e3 * (p.length or 0):.4g}", _kg(p.mass), str(len(p.bodies)))
+        (p.name, _source(p.source), f"{1e3 * p.length:.4g}" if p.length else "", _kg(p.mass), str(len(p.bodies)))
         for p in found.parts
     )
     if found.parts:

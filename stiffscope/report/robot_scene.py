@@ -8,6 +8,7 @@ import numpy as np
 
 from stiffscope.cad.beam import BeamParameters
 from stiffscope.robot.file.part_sections import ParametricPart
+from stiffscope.robot.file.sections import InterfaceBody
 from stiffscope.vjm.network import place_nodes
 from stiffscope.vjm.screws import skew
 
@@ -121,7 +122,8 @@ def _body(robot: RobotFile | None, body: Body, experiments: Mapping[str, Path]) 
         "shape": _shape(robot, name) if robot else {},
         "axes": e.axes,
         "base": e.base,
-        "length": float(np.linalg.norm(e.tip - e.base)),
+        "length": 0.0 if isinstance(section, InterfaceBody) else float(np.linalg.norm(e.tip - e.base)),
+        "places": e.places,
     }
 
 

@@ -111,15 +111,14 @@ def _solved(mechanism: Mechanism, found: Configurations, loads: Mapping[str, np.
     """Wrenches (6,) at M at each pose."""
     done = respond(mechanism, found, np.column_stack(list(loads.values())))
     n = len(found)
-    yielding = [name for name, e in done.elements.items() if e.element.factor.shape[1]]
-    energies = [np.broadcast_to(done.elements[name].energy, (n, len(loads))) for name in yielding]
+    energies = {name: np.broadcast_to(each, (n, len(loads))) for name, each in done.energies.items()}
     moved = {node: np.broadcast_to(twist, (n, 6, len(loads))) for node, twist in done.nodes.items()}
     cases: list[list[Case]] = []
     for k in range(n):
         cases.append([])
         for column, label in enumerate(loads):
             tool = done.twist[k, :, column]
-            energy = {name: float(e[k, column]) for name, e in zip(yielding, energies, strict=True)}
+            energy = {name: float(e[k, column]) for name, e in energies.items()}
             total = sum(energy.values())
             sizes = np.array([np.linalg.norm(tool[:3]), np.linalg.norm(tool[3:])])
             sizes[sizes < UNSEEN * sizes.max()] = 0.0  # rounding, and what a mesh is not symmetric

@@ -275,11 +275,16 @@ def show_each_interface(result: PartResult) -> None:
     rows: list[Sequence[str]] = []
     for k, place in enumerate(points):
         own = slice(6 * k, 6 * k + 6)
-        title = f"Compliance of the {result.name} at its interface {k + 1}, ({point(place, 5)}) mm, loaded alone; SI"
+        title = (
+            f"Compliance of the {result.name} at {tested.interfaces[k + 1]}, ({point(place, 5)}) mm, loaded alone; SI"
+        )
         rows += _show_matrix(title, compliance[own, own], error[own, own])
     _explain_zeros(rows)
     size = len(compliance)
-    show_line(f"All {len(points)} interfaces together: {size} x {size}, with --json or --superelement\n")
+    show_line(
+        f"At rest: {tested.interfaces[0]}. All {len(points)} interfaces together: {size} x {size}, with --json or "
+        "--superelement\n"
+    )
 
 
 def show_faces(file: str, rows: Sequence[Mapping[str, Any]]) -> None:

@@ -17,7 +17,7 @@ from stiffscope.robot.file.part_sections import ParametricPart, solid_length
 from stiffscope.robot.file.sections import Bearing, ElasticBody, RigidBody
 from stiffscope.robot.file.tables import one_of
 from stiffscope.robot.mechanism_of import mechanism_of
-from stiffscope.robot.part_matrices import PartMatrix
+from stiffscope.robot.part_matrices import rigid_part
 from stiffscope.vjm.joints import DRIVEN
 
 if TYPE_CHECKING:
@@ -182,7 +182,7 @@ def _check_node(key: Key, name: str, known: Mapping[str, str], robot: RobotFile)
 
 def _check_mechanism(robot: RobotFile) -> None:
     """What `vjm` refuses of a mechanism with rigid parts: names that are taken, bodies that hang on nothing."""
-    rigid = {name: PartMatrix(np.zeros((6, 6))) for name in robot.parts}
+    rigid = {name: rigid_part(robot, name) for name in robot.parts}
     try:
         mechanism_of(robot, rigid)
     except InputError as error:

@@ -10,10 +10,10 @@ import numpy as np
 
 from stiffscope.cad.checks import mm
 from stiffscope.errors import InputError
-from stiffscope.robot.file.part_sections import MatrixPart, solid_length
-from stiffscope.robot.file.sections import ElasticBody
+from stiffscope.robot.file.part_sections import InterfacePart, MatrixPart, solid_length
+from stiffscope.robot.file.sections import ElasticBody, InterfaceBody, RigidBody
 from stiffscope.robot.mechanism_of import mechanism_of
-from stiffscope.robot.part_matrices import PartMatrix, known_mass, source_of, used_parts
+from stiffscope.robot.part_matrices import known_mass, rigid_part, source_of, used_parts
 from stiffscope.vjm.checks import list_names
 from stiffscope.vjm.continuation import find_solver
 from stiffscope.vjm.kinematics import configure, start_note
@@ -128,8 +128,7 @@ def inspect_robot(robot: RobotFile) -> Inspection:
 
 def rigid_mechanism(robot: RobotFile) -> Mechanism:
     """The mechanism of a robot file with rigid parts, for kinematics alone; masses where they are known."""
-    none = np.zeros((6, 6))
-    return mechanism_of(robot, {name: PartMatrix(none, None, known_mass(robot, name) or 0.0) for name in robot.parts})
+    return mechanism_of(robot, {name: rigid_part(robot, name) for name in robot.parts})
 
 
 def configured_poses(robot: RobotFile, mechanism: Mechanism, poses: ArrayLike) -> Configurations:
@@ -153,16 +152,15 @@ def _named_poses(robot: RobotFile, mechanism: Mechanism) -> dict[str, tuple[floa
 
 def _part(robot: RobotFile, name: str) -> Part:
     part, bodies = robot.parts[name], robot.bodies_of(name)
-    one = robot.elastic_bodies()[bodies[0]]
-    length = solid_length(part) or float(np.linalg.norm(np.subtract(one.tip, one.base)))
+    one = robot.bodies[bodies[0]]
+    length = float(np.linalg.norm(np.subtract(one.tip, one.base))) if isinstance(one, ElasticBody) else None
+    length = solid_length(part) or length
     return Part(name, part.shape, source_of(part), length, known_mass(robot, name), bodies)
 
 
 def _mass(robot: RobotFile, mechanism: Mechanism, name: str) -> float | None:
     body = robot.bodies[name]
-    if isinstance(body, ElasticBody):
-        return known_mass(robot, body.part)
-    return mechanism.body(name).mass
+    return mechanism.body(name).mass if isinstance(body, RigidBody) else known_mass(robot, body.part)
 
 
 def _pose(configurations: Configurations, k: int, name: str, tool: tuple[float, ...]) -> Pose:
@@ -287,7 +285,7 @@ def _of_places(robot: RobotFile, mechanism: Mechanism) -> Iterator[str]:
     ends = {
         node: place
         for body in mechanism.bodies
-        if body.elastic is not None
+        if body.elastic is not None and _knows_places(robot, body.name)
         for node, place in zip(body.nodes, body.elastic.places, strict=True)
         if held[node] == 1
     }
@@ -301,6 +299,12 @@ def _of_places(robot: RobotFile, mechanism: Mechanism) -> Iterator[str]:
                 away = away - (away @ axis) * axis
             if (distance := float(np.linalg.norm(away))) > _APART:
                 yield f"joint {joint.name} stands {mm(distance)} from {node}, which it holds: as if by a rigid arm"
+
+
+def _knows_places(robot: RobotFile, body: str) -> bool:
+    """Whether the file itself tells where the ends of an elastic body are."""
+    section = robot.bodies[body]
+    return not isinstance(section, InterfaceBody) or isinstance(robot.parts[section.part], InterfacePart)
 
 
 def _of_masses(robot: RobotFile, masses: Mapping[str, float | None]) -> Iterator[str]:

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.robot.file.copies import tensor
-from stiffscope.robot.file.part_sections import InterfacePart
-from stiffscope.robot.file.sections import ElasticBody, InterfaceBody
-from stiffscope.vjm.bodies import Body, member
-from stiffscope.vjm.checks import axes_along
+from stiffscope.robot.file.sections import ElasticBody, RigidBody
+from stiffscope.vjm.bodies import Body, Elastic
+from stiffscope.vjm.checks import axes_along, spell_name
 from stiffscope.vjm.joints import Drive, Joint
 from stiffscope.vjm.mechanism import Mechanism, Tool
 
@@ -53,23 +52,22 @@ def gravity_of(robot: RobotFile) -> np.ndarray:
 
 
 def _body(robot: RobotFile, name: str, body: BodySection, matrices: Mapping[str, PartMatrix]) -> Body:
+    if isinstance(body, RigidBody):
+        centre = None if body.centre is None else np.array(body.centre)
+        return Body(name, body.mass, centre, None if body.inertia is None else tensor(body.inertia))
+    made_of, here = matrices[body.part], spell_name("bodies", name)
+    dynamics = made_of.dynamics
     if isinstance(body, ElasticBody):
-        made_of = matrices[body.part]
-        dynamics = made_of.dynamics
-        if dynamics is not None and made_of.clamp is not None:
-            length = float(np.linalg.norm(np.subtract(body.tip, body.base)))
-            dynamics = dynamics.move_ends(np.array([-length, 0.0, 0.0]) - made_of.clamp, np.zeros(3))
-        return member(
-            name, body.base, body.tip, made_of.compliance, y=body.y, mass=made_of.mass, error=made_of.error,
-            dynamics=dynamics,
-        )  # fmt: skip
-    if isinstance(body, InterfaceBody):
-        part = robot.parts[body.part]
-        if not isinstance(part, InterfacePart):
-            raise TypeError(f"{body.part} has no interfaces")
-        return part.build(name, body.at, axes_along(body.x, body.y, f"bodies.{name}"))
-    centre = None if body.centre is None else np.array(body.centre)
-    return Body(name, body.mass, centre, None if body.inertia is None else tensor(body.inertia))
+        places = np.array([body.base, body.tip])
+        axes = axes_along(places[1] - places[0], body.y, here)
+    else:
+        axes = axes_along(body.x, body.y, here)
+        places = np.array(body.at) + np.asarray(made_of.places) @ axes.T
+    if dynamics is not None and made_of.places is not None:
+        ways = (places - places[-1]) @ axes - (made_of.places - made_of.places[-1])
+        dynamics = dynamics.move_ends(*ways)
+    elastic = Elastic(made_of.compliance, places, axes, made_of.error, dynamics=dynamics, ends=robot.ends(name))
+    return Body(name, made_of.mass, elastic=elastic)
 
 
 def _joint(robot: RobotFile, name: str, joint: JointSection) -> Joint:

@@ -56,7 +56,9 @@ class NominalRobot:
         """Parts whose matrix is that of beam theory."""
         found = {part: self.robot.bodies_of(part) for part in self.robot.parts}
         return tuple(
-            p for p, bodies in found.items() if bodies and is_beam(self.robot, p, self.elastic[bodies[0]].compliance)
+            p
+            for p, bodies in found.items()
+            if bodies and not self.robot.parts[p].named and is_beam(self.robot, p, self.elastic[bodies[0]].compliance)
         )
 
     @property
@@ -71,8 +73,9 @@ class NominalRobot:
 
     @cached_property
     def elastic(self) -> Mapping[str, Elastic]:
-        """What makes each elastic body elastic."""
-        return {body.name: body.elastic for body in self.mechanism.bodies if body.elastic is not None}
+        """What makes each elastic body of two ends elastic; effects act on no others."""
+        known = {body.name: body.elastic for body in self.mechanism.bodies if body.elastic is not None}
+        return {name: elastic for name, elastic in known.items() if len(elastic.ends) == 2}
 
     def length(self, body: str) -> float:
         """Length of an elastic body, m."""
@@ -82,7 +85,7 @@ class NominalRobot:
     def part_of(self, body: str) -> str:
         """The part that an elastic body is made of; its own name where it has a matrix of its own."""
         section = self.robot.bodies.get(body)
-        return section.part if isinstance(section, ElasticBody) else body
+        return getattr(section, "part", body)
 
     def expansion(self, body: str) -> float | None:
         """Linear thermal expansion of an elastic body's material, 1/K; None where its part has no material."""

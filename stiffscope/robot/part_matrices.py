@@ -13,7 +13,15 @@ from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
 from stiffscope.fea.beam import box, channel, circle, euler_bernoulli, i_section, rectangle, timoshenko
 from stiffscope.robot.beam_dynamics import beam_dynamics
-from stiffscope.robot.file.part_sections import MatrixPart, ParametricPart, PartSection, SolidPart, Source, StepPart
+from stiffscope.robot.file.part_sections import (
+    InterfacePart,
+    MatrixPart,
+    ParametricPart,
+    PartSection,
+    SolidPart,
+    Source,
+    StepPart,
+)  # fmt: skip
 from stiffscope.vjm.checks import check_compliance
 from stiffscope.vjm.dynamics import Dynamics
 from stiffscope.vjm.screws import shift
@@ -39,17 +47,17 @@ SECTIONS = {  # cross-section of a beam's own dimensions
 
 @dataclass(frozen=True)
 class PartMatrix:
-    """Compliance (6, 6) in the part's axes at its tip, bounds (6, 6) on its entries or None, and mass in kg.
+    """What is known of a part on its n ends, part axes; two of a part between a base and a tip.
 
-    ``dynamics``: the part's condensed mass, where its source knows it, on the twist of its tip and on that of its base
-    at ``clamp`` (3,), seen from the tip, part axes.
+    Compliance (6m, 6m), m = n - 1, of all ends but the first, which is clamped, bounds on its entries or None, and mass
+    in kg; ``dynamics``: its condensed mass, where its source knows it, on the twists of all ends at ``places`` (n, 3).
     """
 
     compliance: np.ndarray
     error: np.ndarray | None = None
     mass: float = 0.0
     dynamics: Dynamics | None = None
-    clamp: np.ndarray | None = None
+    places: np.ndarray | None = None
 
 
 class Experiment(Protocol):
@@ -57,12 +65,12 @@ class Experiment(Protocol):
 
     @property
     def compliance(self) -> np.ndarray:
-        """(6, 6) in the part's axes at its reference point."""
+        """(6m, 6m) in the part's axes at the reference points."""
         ...
 
     @property
     def error(self) -> np.ndarray:
-        """(6, 6) 95 % bounds."""
+        """(6m, 6m) 95 % bounds."""
         ...
 
     @property
@@ -88,8 +96,16 @@ def source_of(part: PartSection, components: str | None = None) -> str:
 
 def used_parts(robot: RobotFile) -> tuple[str, ...]:
     """Parts that bodies are made of, in the file's order."""
-    used = {body.part for body in robot.elastic_bodies().values()}
-    return tuple(name for name in robot.parts if name in used)
+    return tuple(name for name in robot.parts if robot.bodies_of(name))
+
+
+def rigid_part(robot: RobotFile, name: str) -> PartMatrix:
+    """A part that does not yield, of the known mass; interfaces that only CAD tells are all at its origin."""
+    part = robot.parts[name]
+    ends = max(2, len(part.named))
+    places = np.array(list(part.interfaces.values())) if isinstance(part, InterfacePart) else np.zeros((ends, 3))
+    none = np.zeros((6 * ends - 6, 6 * ends - 6))
+    return PartMatrix(none, None, known_mass(robot, name) or 0.0, None, places)
 
 
 def part_sources(robot: RobotFile, components: Components = None) -> dict[str, str | np.ndarray]:
@@ -146,7 +162,7 @@ def part_matrices(
         "fea", "beam" or "published" for all rods and plates, or by part one of these words or a matrix (6, 6) in SI
         and the part's axes; None: as the file says.
     experiments
-        Results of the virtual experiments that `needed_experiments` names.
+        Results of the virtual experiments that `needed_experiments` names, or what to take instead of them.
 
     Raises
     ------
@@ -157,33 +173,49 @@ def part_matrices(
     experiments = experiments or {}
     found = {}
     for name, source in part_sources(robot, components).items():
-        mass = known_mass(robot, name)
+        part, mass = robot.parts[name], known_mass(robot, name)
+        instead = experiments.get(name)
+        if isinstance(part, InterfacePart):
+            found[name] = _given_on_interfaces(part)
+            continue
+        if isinstance(instead, PartMatrix) and isinstance(source, str) and _tested(source):
+            found[name] = instead
+            continue
         mass = experiments[name].mass if mass is None else mass
         compliance, error = _matrix(robot, name, source, experiments)
-        dynamics, clamp = _dynamics(robot, name, source, experiments, mass)
-        found[name] = PartMatrix(compliance, error, mass, dynamics, clamp)
+        dynamics, places = _dynamics(robot, name, source, experiments, mass)
+        found[name] = PartMatrix(compliance, error, mass, dynamics, places)
     return found
+
+
+def _given_on_interfaces(part: InterfacePart) -> PartMatrix:
+    body = part.build("part")
+    if body.elastic is None:
+        raise TypeError(f"{body.name} is rigid")
+    return PartMatrix(body.elastic.compliance, None, body.mass, body.elastic.dynamics, body.elastic.places)
 
 
 def _dynamics(
     robot: RobotFile, name: str, source: str | np.ndarray, experiments: Mapping[str, Experiment], mass: float
 ) -> tuple[Dynamics | None, np.ndarray | None]:
-    """Condensed mass of a part whose source knows it, of the mass that the part has, and where its base is."""
-    if not isinstance(source, str) or not mass:
-        return None, None
-    if _tested(source):
+    """Condensed mass of a part whose source knows it, of the mass that the part has, and where its ends are."""
+    if isinstance(source, str) and _tested(source):
         experiment = experiments[name].experiment
+        places = np.vstack([experiment.clamp_point, experiment.reference_points])
+        if not mass:
+            return None, places
         found = Dynamics(experiment.condensed_mass, experiment.mode_squares, experiment.mode_squares_error)
-        clamp = experiment.clamp_point - experiment.reference_point
+    elif not isinstance(source, str) or not mass:
+        return None, None
     elif source == "beam":
         material, segments = robot.material(name), beam_segments(robot, name)
         if material is None:
             return None, None
         found = beam_dynamics(segments, material.youngs_modulus, material.shear_modulus, material.density)
-        clamp = np.array([-sum(length for length, _ in segments), 0.0, 0.0])
+        places = np.array([[-sum(length for length, _ in segments), 0.0, 0.0], np.zeros(3)])
     else:
         return None, None
-    return found.scale_density(mass / found.total), clamp
+    return found.scale_density(mass / found.total), places
 
 
 def _matrix(
@@ -203,6 +235,8 @@ def _matrix(
 def known_mass(robot: RobotFile, name: str) -> float | None:
     """Mass of a part in kg where the file or its plain shape tells it; None where only CAD does."""
     part = robot.parts[name]
+    if isinstance(part, InterfacePart):
+        return part.build("part").mass
     if not isinstance(part.mass, str):
         return part.mass
     plain = isinstance(part, ParametricPart) and not any(

@@ -25,7 +25,7 @@ def test_an_experiment_is_as_good_as_the_beam_that_it_is():
         mode_squares=dynamics.squares,
         mode_squares_error=None,
         clamp_point=np.array([0.1, 0.2, 0.3]) + away,
-        reference_point=np.array([0.6, 0.2, 0.3]),
+        reference_points=np.array([[0.6, 0.2, 0.3]]),
     )
     compliance = beam_compliance(robot, "link")
     results = {"link": SimpleNamespace(compliance=compliance, error=1e-5 * abs(compliance), experiment=experiment)}

@@ -80,7 +80,7 @@ class Beam:
         self.compliance, self.error, self.mass = beam_compliance(robot, name), np.zeros((6, 6)), made.total
         self.experiment = SimpleNamespace(
             condensed_mass=made.mass, mode_squares=made.squares, mode_squares_error=None, clamp_point=np.zeros(3),
-            reference_point=np.array([length, 0, 0]),
+            reference_points=np.array([[length, 0, 0]]),
         )  # fmt: skip
 
 
@@ -88,11 +88,11 @@ def derivative(name, key, value, override):
     up, down = (Beam(load_robot("biglide", [f"{override}={value * (1 + h)!r}"]), name) for h in (1e-5, -1e-5))
     step = 2e-5 * value
     return SimpleNamespace(
-        compliance=(up.compliance - down.compliance) / step,
-        error=0.01 * np.abs(up.compliance - down.compliance) / step,
+        full_compliance=(up.compliance - down.compliance) / step,
+        full_error=0.01 * np.abs(up.compliance - down.compliance) / step,
         mass=(up.mass - down.mass) / step,
         condensed_mass=(up.experiment.condensed_mass - down.experiment.condensed_mass)[:12, :12] / step,
-        reference_points=(up.experiment.reference_point - down.experiment.reference_point)[None] / step,
+        reference_points=(up.experiment.reference_points - down.experiment.reference_points) / step,
         clamp_point=np.zeros(3),
     )
 

@@ -10,7 +10,7 @@ from stiffscope.gap.campaign.campaign import LoadPoint, Sensor
 from stiffscope.gap.campaign.quantities import WRENCH
 from stiffscope.gap.campaign.writing import write_campaign
 from stiffscope.robot.mechanism_of import mechanism_of
-from stiffscope.robot.part_matrices import PartMatrix, used_parts
+from stiffscope.robot.part_matrices import rigid_part, used_parts
 from stiffscope.runtime import output
 from stiffscope.vjm.kinematics import configure
 
@@ -77,7 +77,7 @@ def planned_poses(robot: RobotFile) -> Array:
     """The robot's named poses, and others all over what its map sweeps, within reach, (p, k)."""
     from scipy.stats import qmc  # pyright: ignore[reportMissingTypeStubs]
 
-    mechanism = mechanism_of(robot, {name: PartMatrix(np.zeros((6, 6))) for name in used_parts(robot)})
+    mechanism = mechanism_of(robot, {name: rigid_part(robot, name) for name in used_parts(robot)})
     home = mechanism.tool.home
     ranges = robot.map.ranges() if robot.map is not None else {}
     size = float(np.ptp(np.array([joint.at for joint in mechanism.joints]), axis=0).max())

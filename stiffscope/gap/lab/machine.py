@@ -233,8 +233,8 @@ class PartData(Protocol):
         ...
 
     @property
-    def clamp(self) -> Array | None:
-        """Where the base's coordinates are taken, from the tip."""
+    def places(self) -> Array | None:
+        """(2, 3) where the coordinates of base and tip are taken."""
         ...
 
 
@@ -299,12 +299,12 @@ def _elastic(robot: RobotFile, name: str, section: ElasticBody, part: PartData) 
 def _ends(part: PartData, length: float) -> Array:
     """Wrenches (2, 6, 3) at base and tip for unit accelerations: half its mass at either, or as its mass is spread."""
     out = np.zeros((2, 6, 3))
-    if part.dynamics is None or part.clamp is None:
+    if part.dynamics is None or part.places is None:
         out[:, :3] = 0.5 * part.mass * np.eye(3)
         return out
     mass = part.dynamics.mass
     out[:] = (mass[:12, :3] + mass[:12, 6:9]).reshape(2, 6, 3)
-    away = np.asarray(part.clamp) - [-length, 0.0, 0.0]  # from the body's base to where the force acts
+    away = part.places[0] - part.places[-1] - [-length, 0.0, 0.0]  # from the body's base to where the force acts
     out[0, 3:] += skew(away) @ out[0, :3]
     return out
 

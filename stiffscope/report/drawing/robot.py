@@ -69,7 +69,7 @@ def robot(
         ``moves``: node to [R (3, 3), p (3,)] since home; ``before``, optional: the same, drawn in a light colour;
         ``close``, optional: true of a picture of the marks alone, with their names and what is near.
     bodies
-        {name, nodes, part, experiment, shape, mesh, axes, base, length}; a rigid body has one node. ``shape``:
+        {name, nodes, part, experiment, shape, mesh, axes, base, length, places}; a rigid body has one node. ``shape``:
         {radius} of a rod or {width, thickness} of a plate, for a part without an experiment; ``mesh``: a surface in m.
     joints
         {name, kind, first, second, at, axis, axis2, driven, low, high}, m and rad.

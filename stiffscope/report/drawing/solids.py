@@ -31,7 +31,10 @@ _STATIONS = 13  # along a bar that bends
 
 @dataclass(frozen=True)
 class Solid:
-    """A surface at home that belongs to an element, and the nodes it moves with; an elastic body bends between two."""
+    """A surface at home that belongs to an element, and the nodes it moves with; an elastic body bends between them.
+
+    One with a ``length`` is a bar along its part's x; else ``places`` (n, 3) are those of its n nodes at home.
+    """
 
     element: str
     surface: pv.PolyData
@@ -40,14 +43,24 @@ class Solid:
     axes: Floats | None = None  # part axes as columns, of an elastic body
     base: Floats | None = None
     length: float = 0.0
+    places: Floats | None = None
 
     def moved(self, moves: Moves) -> pv.PolyData:
         """The surface where its nodes have moved to."""
         home = np.asarray(self.surface.points, float)
         ends = [home @ np.asarray(r).T + p for r, p in (moves[node] for node in self.nodes)]
         out = self.surface.copy()
-        out.points = ends[0] if len(ends) == 1 else self._bent(home, ends, moves)
+        if len(ends) == 1:
+            out.points = ends[0]
+        else:
+            out.points = self._bent(home, ends, moves) if self.length else self._between(home, ends)
         return out
+
+    def _between(self, home: Floats, ends: list[Floats]) -> Floats:
+        """Between the rigid displacements of all ends: the nearer one is, the larger its share (Shepard)."""
+        away = np.linalg.norm(home[None] - np.asarray(self.places)[:, None], axis=2)
+        share = (away.max() * 1e-3 + away) ** -3.0
+        return np.einsum("kn,kni->ni", share / share.sum(axis=0), np.array(ends))
 
     def _bent(self, home: Floats, ends: list[Floats], moves: Moves) -> Floats:
         """Between the rigid displacements of both ends: Hermite's cubic, as a beam bends; linear along its axis."""
@@ -62,7 +75,7 @@ class Solid:
 
 def part_colours(bodies: Tables) -> dict[str, str]:
     """Colour of each part, in the order of the bodies."""
-    parts = dict.fromkeys(b["part"] for b in bodies if len(b["nodes"]) == 2)
+    parts = dict.fromkeys(b["part"] for b in bodies if len(b["nodes"]) > 1)
     return {part: PARTS[k % len(PARTS)] for k, part in enumerate(parts)}
 
 
@@ -99,21 +112,29 @@ def _elastic(bodies: Tables, reach: float) -> Iterable[Solid]:
     """Parts as their solids: the experiment's surface, else the shape's."""
     colours = part_colours(bodies)
     for body in bodies:
-        if len(body["nodes"]) == 2:
+        if len(body["nodes"]) > 1:
             axes, base = np.array(body["axes"], float), np.array(body["base"], float)
             skin = _skin(body, reach)
             skin.points = np.asarray(skin.points, float) @ axes.T + base
             colour, length = colours[body["part"]], float(body["length"])
-            yield Solid(body["name"], skin, colour, tuple(body["nodes"]), axes, base, length)
+            places = np.array(body["places"], float)
+            yield Solid(body["name"], skin, colour, tuple(body["nodes"]), axes, base, length, places)
 
 
 def _skin(body: dict[str, Any], reach: float) -> pv.PolyData:
-    """Surface of a part in its own axes, clamped at x = 0, in m."""
-    if body.get("experiment"):
-        mesh = load_experiment(body["experiment"]).mesh
-        curved = bulge(mesh) > _FLAT * reach
-        return _triangles(surface(mesh, mesh.points, split=curved).clean())
+    """Surface of a part in its own axes, seen from its first end, in m."""
     shape, length = body.get("shape") or {}, float(body["length"])
+    if body.get("experiment"):
+        tested = load_experiment(body["experiment"])
+        curved = bulge(tested.mesh) > _FLAT * reach
+        start = np.zeros(3) if length else tested.places[0]
+        return _triangles(surface(tested.mesh, tested.mesh.points - start, split=curved).clean())
+    if not length:
+        import pyvista as pv
+
+        ends = (np.array(body["places"], float) - body["base"]) @ np.array(body["axes"], float)
+        arms = [_rod(ends.mean(axis=0), end, 0.01 * reach, _STATIONS) for end in ends]
+        return _triangles(pv.merge(arms))
     if "outline" in shape:
         return _extruded(shape["outline"], length)
     if "thickness" in shape:
@@ -143,9 +164,8 @@ def _ends(bodies: Tables) -> dict[str, Floats]:
     """Where the ends of elastic bodies are."""
     out = {}
     for body in bodies:
-        if len(body["nodes"]) == 2:
-            base, along = np.array(body["base"], float), np.array(body["axes"], float)[:, 0]
-            out |= dict(zip(body["nodes"], (base, base + float(body["length"]) * along), strict=True))
+        if len(body["nodes"]) > 1:
+            out |= dict(zip(body["nodes"], np.array(body["places"], float), strict=True))
     return out
 
 
@@ -164,7 +184,7 @@ def _brackets(
 def _rigid(bodies: Tables, joints: Tables, tool: dict[str, Any], reach: float) -> Iterable[Solid]:
     """Rigid bodies as hulls of small balls where their joints are, or as the user's own surface; a post to the tool."""
     for body in bodies:
-        if len(body["nodes"]) == 2:
+        if len(body["nodes"]) > 1:
             continue
         name = body["name"]
         points = [np.array(j["at"], float) for j in joints if name in (j["first"], j["second"])]
@@ -201,7 +221,7 @@ def _feet(
 
 def _sizes(bodies: Tables, joints: Tables, reach: float) -> dict[str, tuple[float, float]]:
     """Radius and half the length of each joint: it stands out from the rods that it joins, and from joints there."""
-    rods = {node: _radius(b, reach) for b in bodies for node in b["nodes"] if len(b["nodes"]) == 2 and _is_rod(b)}
+    rods = {node: _radius(b, reach) for b in bodies for node in b["nodes"] if b.get("length") and _is_rod(b)}
     out: dict[str, tuple[float, float]] = {}
 
     def thickness(joint: dict[str, Any]) -> float:
@@ -230,7 +250,7 @@ def _sizes(bodies: Tables, joints: Tables, reach: float) -> dict[str, tuple[floa
 
 
 def _is_rod(body: dict[str, Any]) -> bool:
-    return "width" not in (body.get("shape") or {})
+    return not {"width", "outline"} & (body.get("shape") or {}).keys()
 
 
 def _joints(joints: Tables, sizes: dict[str, tuple[float, float]], reach: float) -> Iterable[Solid]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from stiffscope.cad.materials import AnyMaterial, material
 from stiffscope.errors import InputError
 from stiffscope.robot.file.parse import Source
-from stiffscope.robot.file.part_sections import InterfacePart, ParametricPart, PartSection
+from stiffscope.robot.file.part_sections import ParametricPart, PartSection
 from stiffscope.robot.file.sections import (
     BodySection,
     Effect,
@@ -101,15 +101,14 @@ class RobotFile:
 
     def bodies_of(self, part: str) -> tuple[str, ...]:
         """Names of the bodies made of a part."""
-        return tuple(name for name, body in self.elastic_bodies().items() if body.part == part)
+        return tuple(name for name, body in self.bodies.items() if getattr(body, "part", None) == part)
 
     def ends(self, body: str) -> tuple[str, ...]:
         """Names of a body's ends; none of a rigid one."""
         section = self.bodies.get(body)
         if isinstance(section, ElasticBody):
             return ENDS
-        part = self.parts.get(section.part) if isinstance(section, InterfaceBody) else None
-        return tuple(part.interfaces) if isinstance(part, InterfacePart) else ()
+        return self.parts[section.part].named if isinstance(section, InterfaceBody) else ()
 
     def nodes(self) -> dict[str, str]:
         """What a joint may stand on: rigid bodies, ends of elastic ones and the ground, each with its body's name."""

@@ -16,7 +16,7 @@ from stiffscope.cad.beam import BEAMS, BeamParameters
 from stiffscope.cad.faces import ENDS, FaceSelector
 from stiffscope.cad.link import LinkParameters
 from stiffscope.cad.materials import AnyMaterial, Material, TransverselyIsotropic
-from stiffscope.cad.slider import SliderParameters
+from stiffscope.cad.slider import PADS, SliderParameters
 from stiffscope.cad.solid import Placement
 from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
@@ -99,11 +99,26 @@ class Face(Section):
         return self
 
 
+def _some(value: Any) -> Any:
+    faces = [value] if isinstance(value, dict) else value
+    if isinstance(faces, list | tuple) and not faces:
+        raise ValueError("expected at least one face selector, got none")
+    return faces
+
+
+Faces = Annotated[tuple[Face, ...], BeforeValidator(_some)]
+
+
 class PartSection(Section):
     """What every part has: a shape, and a mass in kg ("cad": volume times density)."""
 
     shape: str
     mass: MassOrCad = "cad"
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """Names of its interfaces, the ends of bodies made of it; none of a part between a base and a tip."""
+        return ()
 
 
 class SolidPart(PartSection):
@@ -166,6 +181,12 @@ class _Plate(ParametricPart):
 
     published: str | None = None  # a matrix of data/published, for the source "published"
 
+    @property
+    def named(self) -> tuple[str, ...]:
+        """See `PartSection`."""
+        size = self.dimensions()
+        return ("clamped", *PADS) if size["pads"] == "apart" and size["pad_height"] else ()
+
 
 RodPart = _with_shape("RodPart", _Rod, LinkParameters, "length", "radius")
 PlatePart = _with_shape("PlatePart", _Plate, SliderParameters, "depth", "width", "thickness")
@@ -189,11 +210,16 @@ def solid_length(part: PartSection) -> float | None:
 
 
 class StepPart(SolidPart):
-    """A solid from a STEP file; its faces by geometry, its axes by a frame, x from base to tip."""
+    """A solid from a STEP file; its faces by geometry, its axes by a frame, x from base to tip.
+
+    With two or more named `interfaces` in place of `clamped` and `loaded`, each a choice of
+    faces, bodies made of it have these as ends, and stand by their `at`, `x` and `y`.
+    """
 
     file: Annotated[str, Says('a path such as "arm.step"')]
-    clamped: tuple[Face, ...] | None = None
-    loaded: tuple[Face, ...] | None = None
+    clamped: Faces | None = None
+    loaded: Faces | None = None
+    interfaces: dict[str, Faces] | None = None
     origin: Point = (0.0, 0.0, 0.0)
     x: Direction = (1.0, 0.0, 0.0)
     z: Direction = (0.0, 0.0, 1.0)
@@ -206,20 +232,25 @@ class StepPart(SolidPart):
             raise ValueError(f'expected "fea" for a solid of a STEP file, got "{value}"')
         return value
 
-    @field_validator("clamped", "loaded")
-    @classmethod
-    def _some(cls, value: tuple[Face, ...] | None) -> tuple[Face, ...] | None:
-        if value == ():
-            raise ValueError("expected at least one face selector, got none")
-        return value
+    @property
+    def named(self) -> tuple[str, ...]:
+        """See `PartSection`."""
+        return tuple(self.interfaces or ())
 
     def placement(self) -> Placement:
         """The part's axes for cad."""
         return Placement(self.origin, self.x, self.z)
 
     @model_validator(mode="after")
-    def _at_right_angles(self) -> Self:
+    def _possible(self) -> Self:
         self.placement()
+        if self.interfaces is None:
+            return self
+        if len(self.interfaces) < 2:
+            raise InputError(f"step.interfaces: expected two or more, got {list(self.interfaces)}")
+        for key in ("clamped", "loaded", "reference_point"):
+            if getattr(self, key) is not None:
+                raise InputError(f"step.{key}: expected none beside named interfaces, got one")
         return self
 
 
@@ -290,6 +321,11 @@ class InterfacePart(PartSection):
     stiffness: Square
     mass_matrix: Square | None = None
     mass: MassOrCad = 0.0
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """See `PartSection`."""
+        return tuple(self.interfaces)
 
     @model_validator(mode="after")
     def _possible(self) -> Self:

@@ -9,7 +9,7 @@ from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.description import RobotFile, find_element
 from stiffscope.robot.file.parse import FieldError, blame
-from stiffscope.robot.file.part_sections import PARTS, Fibrous, InterfacePart, Isotropic, MatrixPart
+from stiffscope.robot.file.part_sections import PARTS, Fibrous, InterfacePart, Isotropic, MatrixPart, ParametricPart
 from stiffscope.robot.file.sections import (
     AXES,
     JOINTS,
@@ -142,8 +142,9 @@ def _read_body(name: str, table: Any, parts: Mapping[str, PartSection]) -> BodyS
     """A body of a part with interfaces, an elastic one where a part or an end is given, else a rigid one."""
     key = ("bodies", name)
     if isinstance(table, dict):
-        part = table.get("part")
-        if isinstance(part, str) and isinstance(parts.get(part), InterfacePart):
+        part = parts.get(str(table.get("part")))
+        bare = isinstance(part, ParametricPart) and {"base", "tip"} & table.keys()
+        if part is not None and part.named and not bare:
             return read_table(InterfaceBody, table, key)
         elastic = [each for each in table if each in keys_of(ElasticBody)]
         rigid = [each for each in table if each in keys_of(RigidBody)]
