@@ -160,9 +160,9 @@ def recover_response(
     walk = _Walk(state, load, out, mix)
     for connection, along, wrench, span, rates in left:
         if connection.members[0][0].group:
-            walk.across(*connection.members[0], wrench, span)
+            walk.follow_shared(*connection.members[0], wrench, span)
         else:
-            walk.along(connection, along, wrench, span, rates)
+            walk.follow_connection(connection, along, wrench, span, rates)
     kept = load.kept if load else [None] * len(state.gone)
     for gone, own in zip(reversed(state.gone), reversed(kept), strict=True):
         match gone:
@@ -400,7 +400,7 @@ class _Walk:
             if k < len(inner):
                 self.out.nodes[inner[k]] = node
 
-    def across(self, e: Element, sign: float, wrench: Array, span: Array) -> None:
+    def follow_shared(self, e: Element, sign: float, wrench: Array, span: Array) -> None:
         """An element whose own wrench alone does not tell how it strains: all of its twist but the offset."""
         strained, offset = span, self.load.loads.offsets.get(e.name) if self.load else None
         if offset is not None:
