@@ -1,7 +1,7 @@
 """The faces of a solid: their geometry, a listing of them, and selection by geometry."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
@@ -45,6 +45,10 @@ class FaceGeometry:
         rad, of a cone; its radius grows along `axis`.
     minor_radius
         m, of a torus.
+    hollow
+        Whether the material of a round face lies outside, as around a bore.
+    extent
+        m; of a cylinder or cone, from `origin` along `axis`: its ends, in order.
     """
 
     index: int
@@ -56,6 +60,13 @@ class FaceGeometry:
     radius: float = 0.0
     half_angle: float = 0.0
     minor_radius: float = 0.0
+    hollow: bool = False
+    extent: tuple[float, float] = (0.0, 0.0)
+
+    def move(self, rotation: NDArray[np.floating[Any]], origin: NDArray[np.floating[Any]]) -> "FaceGeometry":
+        """The same face of a solid that stands elsewhere: turned by a rotation (3, 3), then moved by `origin` (3,)."""
+        places = {name: rotation @ getattr(self, name) + origin for name in ("centroid", "origin")}
+        return replace(self, **places, axis=rotation @ self.axis)
 
 
 def face_geometries(shape: "Shape") -> tuple[FaceGeometry, ...]:
@@ -66,13 +77,16 @@ def face_geometries(shape: "Shape") -> tuple[FaceGeometry, ...]:
 def _geometry(index: int, face: "Face") -> FaceGeometry:
     properties = cad.kernel.area_properties(face)
     kind, surface = cad.kernel.surface_under(face)
-    origin, axis, sizes = np.zeros(3), np.zeros(3), {}
+    origin, axis, sizes = np.zeros(3), np.zeros(3), dict[str, Any]()
     if kind in KINDS:
         form = getattr(surface, kind.capitalize())()
         origin = cad.kernel.xyz(form.Location()) * 1e-3
         if kind != "sphere":
             axis = cad.kernel.xyz(form.Axis().Direction())
         sizes = _sizes(kind, form)
+    if sizes:
+        hollow, ends = cad.kernel.round_extent(face, 1e3 * origin, axis)
+        sizes |= {"hollow": hollow, "extent": tuple(1e-3 * np.cos(sizes.get("half_angle", 0.0)) * np.array(ends))}
     if kind == "plane":
         form = surface.Plane()
         # a left-handed plane's natural normal is opposite to its main direction
@@ -88,7 +102,7 @@ def _geometry(index: int, face: "Face") -> FaceGeometry:
     )
 
 
-def _sizes(kind: str, form: Any) -> dict[str, float]:
+def _sizes(kind: str, form: Any) -> dict[str, Any]:
     if kind in {"cylinder", "sphere"}:
         return {"radius": form.Radius() * 1e-3}
     if kind == "cone":

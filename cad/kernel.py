@@ -15,24 +15,34 @@ from OCP.BOPAlgo import BOPAlgo_ArgumentAnalyzer
 from OCP.BOPTools import BOPTools_AlgoTools3D
 from OCP.BRep import BRep_Builder, BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Surface
+from OCP.BRepAlgoAPI import BRepAlgoAPI_Common
 from OCP.BRepBndLib import BRepBndLib
 from OCP.BRepBuilderAPI import (
     BRepBuilderAPI_MakeVertex,
 )
 from OCP.BRepCheck import BRepCheck_Analyzer
 from OCP.BRepExtrema import BRepExtrema_DistShapeShape
-from OCP.BRepGProp import BRepGProp
+from OCP.BRepGProp import BRepGProp, BRepGProp_Face
 from OCP.BRepLib import BRepLib
 from OCP.BRepMesh import BRepMesh_IncrementalMesh
 from OCP.BRepTools import BRepTools
 from OCP.GeomAPI import GeomAPI_ProjectPointOnSurf
-from OCP.gp import gp_Ax3, gp_Dir, gp_Pnt, gp_Trsf
+from OCP.gp import gp_Ax3, gp_Dir, gp_Pnt, gp_Trsf, gp_Vec
 from OCP.GProp import GProp_GProps
 from OCP.Message import Message, Message_PrinterOStream
 from OCP.TopAbs import TopAbs_Orientation, TopAbs_ShapeEnum
 from OCP.TopExp import TopExp_Explorer
 from OCP.TopLoc import TopLoc_Location
-from OCP.TopoDS import TopoDS, TopoDS_Compound, TopoDS_Edge, TopoDS_Face, TopoDS_Shape, TopoDS_Solid, TopoDS_Vertex
+from OCP.TopoDS import (
+    TopoDS,
+    TopoDS_Compound,
+    TopoDS_Edge,
+    TopoDS_Face,
+    TopoDS_Iterator,
+    TopoDS_Shape,
+    TopoDS_Solid,
+    TopoDS_Vertex,
+)
 
 Floats = NDArray[np.float64]
 Shape: TypeAlias = TopoDS_Shape
@@ -135,6 +145,15 @@ def compound(*shapes: Shape) -> TopoDS_Compound:
     return union
 
 
+def children(shape: Shape) -> list[Solid]:
+    """Return the solids of a compound, in order."""
+    walk, found = TopoDS_Iterator(shape), list[Solid]()
+    while walk.More():
+        found.append(TopoDS.Solid(walk.Value()))
+        walk.Next()
+    return found
+
+
 def is_valid(shape: Shape) -> bool:
     """Whether the kernel finds the shape's topology and geometry consistent."""
     return BRepCheck_Analyzer(shape).IsValid()
@@ -214,6 +233,39 @@ def in_axes(solid: Solid, origin: Floats, x: Floats, z: Floats) -> Solid:
     change = gp_Trsf()
     change.SetTransformation(gp_Ax3(gp_Pnt(*origin), gp_Dir(*z), gp_Dir(*x)))
     return TopoDS.Solid(solid.Moved(TopLoc_Location(change)))
+
+
+def place_solid(solid: Solid, rotation: Floats, translation: Floats) -> Solid:
+    """Return the solid turned by a rotation (3, 3), then moved by a translation (3,)."""
+    change = gp_Trsf()
+    change.SetValues(*np.column_stack((rotation, translation)).ravel().tolist())
+    return TopoDS.Solid(solid.Moved(TopLoc_Location(change)))
+
+
+def bounds(shape: Shape) -> Floats:
+    """(2, 3) least and greatest coordinates of the shape."""
+    box = Bnd_Box()
+    BRepBndLib.AddOptimal_s(shape, box, False, False)
+    return np.array([xyz(box.CornerMin()), xyz(box.CornerMax())])
+
+
+def round_extent(face: Face, origin: Floats, axis: Floats) -> tuple[bool, tuple[float, float]]:
+    """Whether a face about an axis is hollow (its solid lies outside), and its extent along its surface's v."""
+    u, u_end, v, v_end = BRepTools.UVBounds_s(face)
+    point, normal = gp_Pnt(), gp_Vec()
+    BRepGProp_Face(face).Normal(0.5 * (u + u_end), 0.5 * (v + v_end), point, normal)
+    out = xyz(point) - origin
+    out -= axis * (axis @ out)  # of a sphere, whose axis is zero, from its centre
+    return bool(xyz(normal) @ out < 0.0), (v, v_end)
+
+
+def common_area(one: Face, other: Face, step: Floats) -> tuple[float, Floats]:
+    """Area (mm²) that two plane faces share, the other moved by a step (3,), and its centre (3,)."""
+    move = gp_Trsf()
+    move.SetTranslation(gp_Vec(*step.tolist()))
+    cut = BRepAlgoAPI_Common(one, other.Moved(TopLoc_Location(move)))
+    found = area_properties(cut.Shape() if cut.IsDone() else compound())
+    return float(found.Mass()), xyz(found.CentreOfMass())
 
 
 def volume_properties(shape: Shape) -> GProp_GProps:

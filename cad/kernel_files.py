@@ -4,13 +4,21 @@ Slow to import, as `stiffscope.cad.kernel` is.
 """
 
 # pyright: reportAttributeAccessIssue=false
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from OCP.BinTools import BinTools
 from OCP.BRepTools import BRepTools
 from OCP.IFSelect import IFSelect_ReturnStatus
+from OCP.STEPCAFControl import STEPCAFControl_Reader
 from OCP.STEPControl import STEPControl_Reader, STEPControl_StepModelType, STEPControl_Writer
+from OCP.TCollection import TCollection_ExtendedString
+from OCP.TDataStd import TDataStd_Name, TDataStd_TreeNode
+from OCP.TDocStd import TDocStd_Document
 from OCP.TopoDS import TopoDS
+from OCP.XCAFDoc import XCAFDoc, XCAFDoc_Material, XCAFDoc_MaterialTool, XCAFDoc_ShapeTool
+from OCP.XCAFPrs import XCAFPrs_DocumentExplorer, XCAFPrs_DocumentExplorerFlags_OnlyLeafNodes
 
 from stiffscope.cad.kernel import Shape, Solid, compound
 
@@ -25,6 +33,71 @@ def read_step(path: Path) -> Shape:
     return compound()
 
 
+@dataclass(frozen=True, eq=False)
+class PlacedProduct:
+    """A leaf of an assembly's tree: the names on the way to it, its product's number, shape and material, its place.
+
+    ``place`` is (3, 4): rotation and translation in mm.
+    """
+
+    path: list[str]
+    product: int
+    shape: Shape
+    place: list[list[float]]
+    material: str
+    density: float
+
+
+def read_products(path: Path) -> list[PlacedProduct]:
+    """Return the leaves of the product tree of a STEP file, in mm; none when nothing can be read."""
+    document = TDocStd_Document(TCollection_ExtendedString("XmlXCAF"))
+    reader = STEPCAFControl_Reader()
+    reader.SetNameMode(True)
+    reader.SetMatMode(True)
+    if reader.ReadFile(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone or not reader.Transfer(document):
+        return []
+    explorer = XCAFPrs_DocumentExplorer(document, XCAFPrs_DocumentExplorerFlags_OnlyLeafNodes)
+    found = []
+    while explorer.More():
+        node, depth = explorer.Current(), explorer.CurrentDepth()
+        place = node.Location.Transformation()
+        found.append(
+            PlacedProduct(
+                path=[_node_name(explorer.Current(level)) for level in range(depth + 1)],
+                product=node.RefLabel.Tag(),
+                shape=XCAFDoc_ShapeTool.GetShape_s(node.RefLabel),
+                place=[[place.Value(i, j) for j in (1, 2, 3, 4)] for i in (1, 2, 3)],
+                material=_material_name(node.RefLabel),
+                density=1e9 * XCAFDoc_MaterialTool.GetDensityForShape_s(node.RefLabel),
+            )
+        )
+        explorer.Next()
+    return found
+
+
+def _node_name(node: Any) -> str:
+    """Name of an instance, else of its product."""
+    return _label_name(node.Label) or _label_name(node.RefLabel)
+
+
+def _label_name(label: Any) -> str:
+    if not label.IsAttribute(TDataStd_Name.GetID_s()):
+        return ""
+    name = TDataStd_Name()
+    label.FindAttribute(TDataStd_Name.GetID_s(), name)
+    return "".join(each for each in name.Get().ToExtString() if each.isprintable()).strip()
+
+
+def _material_name(label: Any) -> str:
+    """Name of the material that the file gives a product, or ""."""
+    if not label.IsAttribute(XCAFDoc.MaterialRefGUID_s()):
+        return ""
+    link, material = TDataStd_TreeNode(), XCAFDoc_Material()
+    label.FindAttribute(XCAFDoc.MaterialRefGUID_s(), link)
+    link.Father().Label().FindAttribute(XCAFDoc_Material.GetID_s(), material)
+    return material.GetName().String().ToCString().strip()
+
+
 def write_step(shape: Shape, path: Path) -> None:
     """Write a STEP file, in mm; OSError when it cannot be written."""
     writer = STEPControl_Writer()
@@ -35,9 +108,14 @@ def write_step(shape: Shape, path: Path) -> None:
 
 def read_binary(path: Path) -> Solid:
     """Return the solid that `write_binary` wrote."""
+    return TopoDS.Solid(read_any(path))
+
+
+def read_any(path: Path) -> Shape:
+    """Return the shape that `write_binary` wrote."""
     shape = Shape()
     BinTools.Read_s(shape, str(path))
-    return TopoDS.Solid(shape)
+    return shape
 
 
 def write_binary(shape: Shape, path: Path) -> None:

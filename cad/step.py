@@ -67,15 +67,15 @@ def read_step(
 
 def read_solid(path: str | Path, time_limit: float = 60.0) -> "Solid":
     """Return the single valid solid of a STEP file, in mm and the file's coordinates. Raises InputError."""
-    content = _check_file(Path(path))
+    content = check_file(Path(path))
     with scratch_folder() as folder:
         brep = folder / "solid.brep"
         _convert_alone(Path(path), brep, time_limit)
-        _check_unit(Path(path), content)
+        check_unit(Path(path), content)
         return cad.kernel_files.read_binary(brep)
 
 
-def _check_file(path: Path) -> bytes:
+def check_file(path: Path) -> bytes:
     """Content of what begins and ends as a STEP file does."""
     content = read_bytes(path, "a STEP file")
     head, tail = content[:4096], content[-4096:]
@@ -88,7 +88,7 @@ def _check_file(path: Path) -> bytes:
     return content
 
 
-def _check_unit(path: Path, content: bytes) -> None:
+def check_unit(path: Path, content: bytes) -> None:
     """Refuse a file whose geometry has no unit of length: the kernel would take it for millimetres in silence."""
     entities = (content[content.rfind(b";", 0, match.start()) + 1 : match.start()] for match in _UNIT.finditer(content))
     lengths = {name[1] for name in map(_NAME.search, entities) if name}

@@ -3,19 +3,29 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
 from stiffscope.cli.output import emit
+from stiffscope.errors import InputError
+from stiffscope.report.progress import progress
 from stiffscope.report.terminal import show_line
+from stiffscope.robot.imports.import_assembly import Said, import_assembly
 from stiffscope.robot.imports.import_model import import_model
 from stiffscope.robot.library import copy_robot, robot_names
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from stiffscope.cli.output import Output
+    from stiffscope.robot.imports.simulator_model import SimulatorModel
+
+
+def _said(name: str, metavar: str, text: str) -> Any:
+    return click.option(f"--{name}", multiple=True, metavar=metavar, help=f"Of an assembly, {text}. May be repeated.")
 
 
 @click.command()
@@ -43,38 +53,77 @@ def new(name: str, goal: str, *, output: Output) -> None:
 
 @click.command("import")
 @takes(
-    click.argument("model", metavar="FILE.urdf|FILE.xml", type=click.Path(path_type=Path)),
+    click.argument("model", metavar="FILE.urdf|FILE.xml|FILE.step", type=click.Path(path_type=Path)),
     click.option(
         "--out", "goal", required=True, metavar="ROBOT.toml", type=click.Path(path_type=Path),
         help="Robot file to write.",
     ),
     click.option(
-        "--drive", "drives", multiple=True, metavar="JOINT=STIFFNESS",
-        help='Drive a joint: "joint1=25 kN*m/rad", "slide=20 N/um". May be repeated; other joints are passive.',
+        "--drive", "drives", multiple=True, metavar="PATTERN=STIFFNESS",
+        help='Drive joints: "joint1=25 kN*m/rad", "slide*=20 N/um". May be repeated; other joints are passive.',
     ),
-    click.option("--tool", metavar="NAME", help="Body or site that is the tool; by default the last of the model."),
+    click.option("--tool", metavar="NAME", help="Body, site or part that is the tool; by default a last one."),
     click.option(
         "--home", multiple=True, metavar="JOINT=POSITION",
-        help='Another home than the model\'s: "elbow=90 deg". May be repeated.',
+        help='Of URDF and MJCF, another home than the model\'s: "elbow=90 deg". May be repeated.',
     ),
+    click.option("--ground", metavar="NAME", help="Of an assembly, the part that stands still."),
+    _said("joint", '"A/B=KIND"', 'the joint of two parts: "arm/base=revolute", "arm/cover=none"'),
+    _said("weld", "PATTERN", 'solids that hold together what they touch, as screws do: "weld*"'),
+    _said("part", "PATTERN", 'solids that are parts, though they look like hardware: "shaft*"'),
+    _said("rigid", "PATTERN", 'parts that do not bend: "motor*"'),
+    _said("material", '"PATTERN=NAME"', 'materials of parts: "*=steel", "arm*=aluminium-7075"'),
     options.json,
 )  # fmt: skip
 def import_(
-    model: Path, goal: Path, *, drives: tuple[str, ...], tool: str | None, home: tuple[str, ...], output: Output
-) -> None:
-    """Convert a URDF or MJCF model to a robot file.
+    model: Path, goal: Path, *, drives: tuple[str, ...], tool: str | None, home: tuple[str, ...], output: Output,
+    **said: Any,
+) -> None:  # fmt: skip
+    """Convert a URDF or MJCF model, or a STEP assembly, to a robot file.
 
-    Bodies, masses, joints and ranges are converted. The stiffness of drives and elastic parts are not in such a model;
-    comments in the file mark where to add them.
+    Of a simulator's model: bodies, masses, joints and ranges. Of an assembly: parts with their solids, joints from
+    where they touch, and what is doubtful. Drives are not in either; comments in the file mark where to add them.
+    What an assembly.toml beside the assembly says (ground, tool, joint, weld, part, rigid, material, drive) counts too.
     """
+    if model.suffix.lower() in {".step", ".stp", ".p21"}:
+        if home:
+            raise InputError("--home: expected none for an assembly, whose home is as it stands, got some")
+        _import_assembly(model, goal, Said(tool=tool, drive=drives, **said), output)
+        return
+    for name, value in said.items():
+        if value:
+            raise InputError(f"--{name}: expected a STEP assembly, got {model.name}")
     read = import_model(model, goal, drives, tool, home)
+    counts = f"{len(read.bodies)} bodies, {len(read.joints)} joints (driven: {_driven(drives)})"
+    _emit(output, goal, read, counts, {})
 
+
+def _import_assembly(path: Path, goal: Path, said: Said, output: Output) -> None:
+    with progress(quiet=output.quiet) as open_line:
+        found = import_assembly(path, goal, said, open_line(path.name))
+    model = found.model
+    counts = (
+        f"{found.solids} solids, {found.contacts} contacts; {len(model.bodies)} bodies, {len(model.joints)} joints, "
+        f"{len(found.hardware)} pieces of hardware (driven: {_driven(said.drive)})"
+    )
+    doubts = [{"solids": list(doubt.solids), "text": doubt.text} for doubt in found.doubts]
+    joints = {joint.name: {"type": joint.kind, "reason": joint.note} for joint in model.joints}
+    _emit(output, goal, model, counts, {"joints_found": joints, "hardware": found.hardware, "doubts": doubts})
+
+
+def _driven(drives: Sequence[str]) -> str:
+    return ", ".join(each.partition("=")[0].strip() for each in drives) or "none"
+
+
+def _emit(output: Output, goal: Path, read: SimulatorModel, counts: str, more: dict[str, Any]) -> None:
     def show() -> None:
+        for name, joint in more.get("joints_found", {}).items():
+            show_line(f"{joint['type']:11} {name}: {joint['reason']}")
         for note in read.notes:
             show_line(f"Note: {note}.")
-        driven = ", ".join(each.partition("=")[0].strip() for each in drives) or "none"
-        counts = f"{len(read.bodies)} bodies, {len(read.joints)} joints (driven: {driven})"
+        for doubt in more.get("doubts", ()):
+            show_line(f"Look at {', '.join(doubt['solids'])}: {doubt['text']}.")
         show_line(f"Written: {goal}, {counts}. Next: stiffscope check {goal}")
 
     counted = {"bodies": len(read.bodies), "joints": len(read.joints), "notes": list(read.notes)}
-    emit(output, {"file": str(goal), **counted}, show)
+    emit(output, {"file": str(goal), **counted, **more}, show)

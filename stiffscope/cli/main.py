@@ -57,7 +57,7 @@ COMMANDS = {
     "Files": {
         "robots": ("library", "List the bundled robots."),
         "new": ("library", "Copy a bundled robot to start from: stiffscope new delta mine.toml."),
-        "import": ("library", "Convert a URDF or MJCF model to a robot file."),
+        "import": ("library", "Convert a URDF or MJCF model, or a STEP assembly, to a robot file."),
         "cache": ("store", "Show, list or clear the results of earlier runs."),
     },
 }

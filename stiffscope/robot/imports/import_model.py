@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import fnmatch
 import json
 import re
 from pathlib import Path
@@ -90,7 +91,10 @@ def _position(text: str) -> tuple[str, float]:
 
 
 def driven(model: SimulatorModel, drives: Sequence[str]) -> dict[str, str]:
-    """Joints and their drives' stiffness, as texts. Raises InputError for what is no joint or no stiffness."""
+    """Joints and their drives' stiffness, as texts; a joint's name may be a pattern ("leg*/base").
+
+    Raises InputError for what is no joint or no stiffness.
+    """
     joints = {joint.name: joint for joint in model.joints}
     able = [name for name, joint in joints.items() if joint.kind in _DRIVABLE]
     found = {}
@@ -98,17 +102,19 @@ def driven(model: SimulatorModel, drives: Sequence[str]) -> dict[str, str]:
         name, equals, value = (each.strip() for each in text.partition("="))
         if not equals:
             raise InputError(f'--drive {text}: expected JOINT=STIFFNESS such as "joint1=25 kN*m/rad", got "{text}"')
-        if name not in able:
+        named = [name] if name in able else fnmatch.filter(able, name)
+        if not named:
             close = difflib.get_close_matches(name, able, n=1, cutoff=0.6)
             guess = f'; did you mean "{close[0]}"?' if close else ""
             raise InputError(
                 f'--drive {text}: expected a joint that turns or slides ({", ".join(able)}), got "{name}"{guess}'
             )
         try:
-            q.to_si(_number_or_text(value), _DRIVABLE[joints[name].kind])
+            for each in named:
+                q.to_si(_number_or_text(value), _DRIVABLE[joints[each].kind])
         except ValueError as error:
             raise InputError(f"--drive {text}: {error}") from error
-        found[name] = _toml(_number_or_text(value))
+        found |= dict.fromkeys(named, to_toml(_number_or_text(value)))
     return found
 
 
@@ -119,51 +125,84 @@ def _number_or_text(value: str) -> float | str:
         return value
 
 
-def robot_text(model: SimulatorModel, file: str, drives: dict[str, str]) -> str:
-    """The robot file of a model."""
-    lines = [_HEAD.format(file=file).rstrip()]
+def robot_text(
+    model: SimulatorModel, file: str, drives: dict[str, str], head: str = _HEAD, parts: Sequence[str] = ()
+) -> str:
+    """Write the text of a robot file.
+
+    Parameters
+    ----------
+    model
+        Its bodies, joints and tool.
+    file
+        Name of the source.
+    drives
+        Stiffness of each driven joint, as TOML.
+    head
+        What stands above it all; ``{file}`` is the name of the source.
+    parts
+        Lines that describe the parts of elastic bodies, and groups.
+
+    Returns
+    -------
+    str
+        TOML.
+
+    """
+    lines = [head.format(file=file).rstrip()]
     lines += [f"# Note: {note}." for note in model.notes]
-    lines += ["", f"name = {_toml(model.name)}", ""]
+    lines += ["", f"name = {to_toml(model.name)}", "", *parts]
     for body in model.bodies:
         lines += [*_body_lines(body, model.joints), ""]
     for joint in model.joints:
         lines += [*_joint_lines(joint, drives), ""]
     lines += [
         "[tool]",
-        f"body = {_toml(model.tool_body)}",
-        f"at = {_vector(model.tool_at)}",
-        f"pose = {_toml(list(model.pose))}",
+        f"body = {to_toml(model.tool_body)}",
+        f"at = {vector_text(model.tool_at)}",
+        f"pose = {to_toml(list(model.pose))}",
     ]
     size = float(np.linalg.norm(model.gravity))
     if size > 0:
-        lines += ["", "[gravity]", f"acceleration = {_number(size)}", f"direction = {_vector(model.gravity / size)}"]
+        lines += [
+            "",
+            "[gravity]",
+            f"acceleration = {_number(size)}",
+            f"direction = {vector_text(model.gravity / size)}",
+        ]
     at_home = [_number(value) for value in _home(model)]
     lines += ["", "[poses]", f"home = [{', '.join(at_home)}]", ""]
     return "\n".join(lines)
 
 
 def _body_lines(body: ModelBody, joints: Iterable[ModelJoint]) -> Iterator[str]:
-    yield f"[bodies.{_key(body.name)}]"
+    yield f"[bodies.{toml_key(body.name)}]" + (f"   # {body.note}" if body.note else "")
+    if body.part:
+        yield f"part = {to_toml(body.part)}"
+        yield f"at = {vector_text(body.centre)}"
+        yield f"x = {vector_text(body.axes[:, 0])}"
+        yield f"y = {vector_text(body.axes[:, 1])}"
+        return
     if body.mass:
         yield f"mass = {_number(body.mass)}"
-        yield f"centre = {_vector(body.centre)}"
+        yield f"centre = {vector_text(body.centre)}"
         i = body.inertia
         if np.abs(i).max() > 1e-14:
-            yield f"inertia = {_vector(np.array([i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]]))}"
+            yield f"inertia = {vector_text(np.array([i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]]))}"
     for joint in joints:
         if body.name in {joint.first, joint.second}:
-            yield f"# {joint.name} stands at {_vector(joint.at)}"
+            yield f"# {joint.name} stands at {vector_text(joint.at)}"
 
 
 def _joint_lines(joint: ModelJoint, drives: dict[str, str]) -> Iterator[str]:
-    yield f"[joints.{_key(joint.name)}]" + (f"   # {joint.note}" if joint.note else "")
-    yield f"between = {_toml([joint.first, joint.second])}"
-    yield f"type = {_toml(joint.kind)}"
-    yield f"at = {_vector(joint.at)}"
+    yield f"[joints.{toml_key(joint.name)}]" + (f"   # {joint.note}" if joint.note else "")
+    yield f"between = {to_toml([joint.first, joint.second])}"
+    yield f"type = {to_toml(joint.kind)}"
+    yield f"at = {vector_text(joint.at)}"
     for key in ("axis", "axis2"):
         direction = getattr(joint, key)
         if direction is not None:
-            yield f"{key} = {_vector(direction)}"
+            yield f"{key} = {vector_text(direction)}"
     if joint.kind in _DRIVABLE:
         limits = "" if joint.range is None else f", range = [{', '.join(_number(each) for each in joint.range)}]"
         unit = _DRIVABLE[joint.kind].unit
@@ -183,11 +222,12 @@ def _home(model: SimulatorModel) -> list[float]:
     return [values.get(coordinate, 0.0) for coordinate in model.pose]
 
 
-def _key(name: str) -> str:
-    return name if name.replace("_", "").replace("-", "").isalnum() and name.isascii() else _toml(name)
+def toml_key(name: str) -> str:
+    """A name as a key of TOML, in quotes where it needs them."""
+    return name if name.replace("_", "").replace("-", "").isalnum() and name.isascii() else to_toml(name)
 
 
-def _toml(value: object) -> str:
+def to_toml(value: object) -> str:
     """A text, number or list of texts as TOML, which writes them as JSON does."""
     return json.dumps(value, ensure_ascii=False)
 
@@ -196,6 +236,7 @@ def _number(value: float) -> str:
     return f"{value + 0.0:.12g}"
 
 
-def _vector(values: np.ndarray) -> str:
+def vector_text(values: np.ndarray) -> str:
+    """Components as a list of TOML."""
     least = 1e-13 * float(np.abs(values).max())
     return f"[{', '.join(_number(0.0 if abs(value) <= least else float(value)) for value in values)}]"

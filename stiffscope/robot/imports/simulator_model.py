@@ -30,12 +30,18 @@ _SAME_POINT, _SQUARE = 1e-9, 1e-6
 
 @dataclass(frozen=True)
 class ModelBody:
-    """A rigid body: mass in kg, centre (3,) in m, inertia (3, 3) about it in base axes; merged with what is welded."""
+    """A rigid body: mass in kg, centre (3,) in m, inertia (3, 3) about it in base axes; merged with what is welded.
+
+    Of an elastic one, ``part`` is named, its origin is at ``centre`` and its axes are the columns of ``axes`` (3, 3).
+    """
 
     name: str
     mass: float
     centre: Array
     inertia: Array
+    part: str = ""
+    axes: Array = field(default_factory=lambda: np.eye(3))
+    note: str = ""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,218 @@
+"""STEP assemblies: their solids by name, where each stands, and what the file says of their materials.
+
+A file is read in a subprocess with a time limit, because the kernel may crash or hang on a malformed file.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope import cad
+from stiffscope.cad.faces import FaceGeometry, face_geometries
+from stiffscope.cad.step import check_file, check_unit
+from stiffscope.errors import InputError
+from stiffscope.runtime.executor import KILLED, LateError, WorkerError, do_alone
+from stiffscope.runtime.output import scratch_folder
+from stiffscope.runtime.types import Array
+
+if TYPE_CHECKING:
+    from stiffscope.cad.kernel import Face, Solid
+
+_NAMELESS = ("SOLID", "COMPOUND", "PRODUCT", "NONE", "PART", "OPEN CASCADE", "=>[", "SHELL", "NAUO")
+
+
+@dataclass(frozen=True, eq=False)
+class Product:
+    """A solid that one or more instances share, in its own axes.
+
+    Attributes
+    ----------
+    number
+        Position in the file.
+    solid
+        Of the CAD kernel, mm.
+    material
+        Name that the file gives its material, or "".
+    density
+        kg/m³ that the file gives; 0 where it gives none.
+    volume, centre, inertia
+        m³, (3,) m, and (3, 3) about the centre for a density of 1, m⁵.
+    """
+
+    number: int
+    solid: "Solid"
+    material: str
+    density: float
+    volume: float
+    centre: Array
+    inertia: Array
+
+    @cached_property
+    def faces(self) -> tuple[FaceGeometry, ...]:
+        """Its faces, SI, its own axes."""
+        return face_geometries(self.solid)
+
+
+@dataclass(frozen=True, eq=False)
+class Instance:
+    """A product at its place: a name, unique in the assembly, a rotation (3, 3) and where its origin is, (3,) m."""
+
+    name: str
+    product: Product
+    rotation: Array
+    origin: Array
+
+    @property
+    def centre(self) -> Array:
+        """(3,) m; of its volume."""
+        return self.rotation @ self.product.centre + self.origin
+
+    @property
+    def inertia(self) -> Array:
+        """(3, 3) m⁵, about its centre for a density of 1, axes of the assembly."""
+        return self.rotation @ self.product.inertia @ self.rotation.T
+
+    @cached_property
+    def solid(self) -> "Solid":
+        """The solid at its place, mm."""
+        return cad.kernel.place_solid(self.product.solid, self.rotation, 1e3 * self.origin)
+
+    @cached_property
+    def box(self) -> Array:
+        """(2, 3) m: least and greatest coordinates."""
+        return 1e-3 * cad.kernel.bounds(self.solid)
+
+    @cached_property
+    def faces(self) -> tuple[FaceGeometry, ...]:
+        """Its faces where it stands."""
+        return tuple(face.move(self.rotation, self.origin) for face in self.product.faces)
+
+    @cached_property
+    def shapes(self) -> "list[Face]":
+        """Faces of the CAD kernel where it stands, mm."""
+        return cad.kernel.faces(self.solid)
+
+    @cached_property
+    def face_boxes(self) -> Array:
+        """(n, 2, 3) m: least and greatest coordinates of each face."""
+        return 1e-3 * np.array([cad.kernel.bounds(face) for face in self.shapes])
+
+
+def read_assembly(path: str | Path, time_limit: float = 600.0) -> tuple[Instance, ...]:
+    """Read the solids of a STEP file, each with its name and place.
+
+    Parameters
+    ----------
+    path
+        STEP file (AP203, AP214, AP242) of one or more solids; lengths are converted from the unit of the file.
+    time_limit
+        Seconds allowed to read it.
+
+    Returns
+    -------
+    tuple of Instance
+        In the order of the file. A solid without a name is "solid1", "solid2", …; of equal names all get a number.
+
+    Raises
+    ------
+    InputError
+        The file holds no closed solid; the message names the file, what was found and what is expected.
+    """
+    path = Path(path)
+    content = check_file(path)
+    with scratch_folder() as folder:
+        _read_alone(path, folder, time_limit)
+        check_unit(path, content)
+        told = json.loads((folder / "assembly.json").read_text())
+        solids = cad.kernel.children(cad.kernel_files.read_any(folder / "solids.brep"))
+    products = [
+        _product(number, solid, each) for number, (solid, each) in enumerate(zip(solids, told["products"], strict=True))
+    ]
+    names = _distinct([each["path"] for each in told["instances"]])
+    return tuple(
+        _instance(name, products[each["product"]], np.array(each["place"]))
+        for name, each in zip(names, told["instances"], strict=True)
+    )
+
+
+def _product(number: int, solid: "Solid", told: dict[str, Any]) -> Product:
+    properties = cad.kernel.volume_properties(solid)
+    return Product(
+        number, solid, told["material"], told["density"], volume=1e-9 * properties.Mass(),
+        centre=1e-3 * cad.kernel.xyz(properties.CentreOfMass()), inertia=1e-15 * cad.kernel.inertia(properties),
+    )  # fmt: skip
+
+
+def _instance(name: str, product: Product, place: Array) -> Instance:
+    return Instance(name, product, rotation=place[:, :3], origin=1e-3 * place[:, 3])
+
+
+def _distinct(paths: Sequence[Sequence[str]]) -> list[str]:
+    """Names of instances, from the names on the way to each: the last alone, with its assembly's, or with a number."""
+    own = [("" if _is_nameless(path[-1]) else path[-1]) for path in paths]
+    for depth in range(2, max(map(len, paths), default=0) + 1):
+        doubled = {name for name in own if own.count(name) > 1 and name}
+        longer = [".".join(part for part in path[-depth:] if not _is_nameless(part)) for path in paths]
+        again = [
+            long if name in doubled and len(path) > depth else name
+            for name, long, path in zip(own, longer, paths, strict=True)
+        ]
+        if len(set(again)) > len(set(own)):
+            own = again
+    found, counted = [], dict[str, int]()
+    for name in own:
+        base = name or "solid"
+        counted[base] = counted.get(base, 0) + 1
+        found.append(base if own.count(name) == 1 and name else f"{base}{counted[base]}")
+    if len(set(found)) < len(found):
+        found = [f"{name}_{number}" for number, name in enumerate(found, 1)]
+    return found
+
+
+def _is_nameless(name: str) -> bool:
+    return not name or name.upper().startswith(_NAMELESS)
+
+
+def _read_alone(path: Path, folder: Path, time_limit: float) -> None:
+    """Read a file in a process of its own."""
+    try:
+        do_alone(_write_solids, path.absolute(), str(path), folder, name=str(path), limit=time_limit)
+    except LateError as error:
+        raise InputError(f"{path}: expected an assembly that is read within {time_limit:g} s, got none") from error
+    except WorkerError as error:
+        if error.code in KILLED:
+            raise
+        why = str(error).removeprefix(f"{path}: ")
+        raise InputError(f"{path}: expected a STEP file of closed solids, the CAD kernel failed ({why})") from error
+
+
+def _write_solids(path: Path, shown: str, folder: Path) -> None:
+    """Read an assembly, called `shown` in messages, and write its solids and a table of them into a folder."""
+    found = cad.kernel_files.read_products(path)
+    products, instances, numbers = [], [], dict[tuple[int, int], int]()
+    solids: list[Any] = []
+    loose = 0
+    for each in found:
+        shapes = cad.kernel.solids(each.shape)
+        loose += not shapes
+        for index, solid in enumerate(shapes):
+            key = each.product, index
+            if key not in numbers:
+                if not cad.kernel.is_valid(solid):
+                    raise InputError(
+                        f'{shown}: expected valid solids, got "{each.path[-1]}" with faulty faces or edges'
+                    )
+                numbers[key] = len(solids)
+                solids.append(cad.kernel.orient_solid(solid))
+                products.append({"material": each.material, "density": each.density})
+            instances.append({"path": each.path, "product": numbers[key], "place": each.place})
+    if not instances:
+        what = f"{loose} shapes that are no closed solid (surfaces, wires or points)" if loose else "none"
+        raise InputError(f"{shown}: expected at least one closed solid, got {what}")
+    cad.kernel_files.write_binary(cad.kernel.compound(*solids), folder / "solids.brep")
+    (folder / "assembly.json").write_text(json.dumps({"products": products, "instances": instances}))

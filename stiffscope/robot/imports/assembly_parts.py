@@ -1,0 +1,119 @@
+"""Parts of an imported assembly: their materials, interfaces and STEP files, and their tables in the robot file."""
+
+from __future__ import annotations
+
+import fnmatch
+import re
+from collections import defaultdict
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from stiffscope import cad
+from stiffscope.cad.materials import MATERIALS
+from stiffscope.errors import InputError
+from stiffscope.robot.imports.compiled_model import print_safely
+from stiffscope.robot.imports.import_model import to_toml, toml_key, vector_text
+from stiffscope.runtime.reading import shown
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from stiffscope.cad.assembly import Instance
+    from stiffscope.robot.imports.contact_joints import Freedom
+
+
+@dataclass(frozen=True, eq=False)
+class PartFile:
+    """An elastic part: its name, one of its bodies, its material and its interfaces' faces by name."""
+
+    name: str
+    solid: Instance
+    material: str
+    interfaces: dict[str, tuple[int, ...]]
+    bodies: list[str] = field(default_factory=list)
+
+
+def interface_names(number: int, joints: Sequence[Freedom], solids: Sequence[Instance]) -> list[str]:
+    """Names of a part's interfaces: what is at each, without numbers where that tells them apart."""
+    others = [solids[joint.second if joint.first == number else joint.first].name for joint in joints]
+    short = [re.sub(r"[^A-Za-z]+$", "", re.split(r"[._\- ]", other)[0]) or other for other in others]
+    names = short if len(set(short)) == len(short) else [re.sub(r"[.\s]", "_", other) for other in others]
+    return [name if names.count(name) == 1 else f"{name}_{index}" for index, name in enumerate(names, 1)]
+
+
+def part_name(solid: Instance, parts: Sequence[PartFile]) -> str:
+    """A name of its own for the part of a solid: the solid's without its number."""
+    taken = {part.name for part in parts}
+    base = re.sub(r"[^\w\-]", "_", re.sub(r"[\d_.\- ]+$", "", solid.name) or solid.name)
+    return next(name for name in (base, *(f"{base}{n}" for n in range(2, 10**6))) if name not in taken)
+
+
+def choose_materials(
+    parts: Sequence[int], solids: Sequence[Instance], said: Sequence[str], path: Path
+) -> dict[int, str]:
+    """Material of each part: what is said of its name or of the file's word for its material, else that word."""
+    known = {name.lower(): name for name in MATERIALS}
+    rules = []
+    for text in said:
+        pattern, equals, name = (each.strip() for each in text.partition("="))
+        if not equals or name.lower() not in known:
+            raise InputError(
+                f'--material {text}: expected PATTERN=NAME with a name of {", ".join(MATERIALS)}, got "{text}"'
+            )
+        rules.append((pattern.lower(), known[name.lower()]))
+    found, missing = dict[int, str](), defaultdict[str, list[str]](list)
+    for number in parts:
+        word = solids[number].product.material.lower()
+        named = [
+            name
+            for pattern, name in rules
+            for each in (solids[number].name.lower(), word)
+            if each and fnmatch.fnmatch(each, pattern)
+        ]
+        if named:
+            found[number] = named[-1]
+        elif word in known:
+            found[number] = known[word]
+        else:
+            missing[solids[number].product.material].append(solids[number].name)
+    if missing:
+        word, names = next(iter(missing.items()))
+        listed = ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+        what = f'one that is not known, "{print_safely(word)}"' if word else "none"
+        raise InputError(
+            f"{shown(path)}: expected a material for {listed}, got {what}; "
+            f'say --material "PATTERN=NAME" with a name of {", ".join(MATERIALS)}'
+        )
+    return found
+
+
+def part_lines(parts: Sequence[PartFile], out: Path) -> list[str]:
+    """Tables of the parts, and groups of bodies of one part."""
+    lines = list[str]()
+    for part in parts:
+        here = f"parts.{toml_key(part.name)}"
+        lines += [f"[{here}]", 'shape = "step"', f"file = {to_toml(f'{parts_folder(out).name}/{part.name}.step')}"]
+        lines += [f"material = {to_toml(part.material)}"]
+        for name, faces in part.interfaces.items():
+            lines.append(f"interfaces.{toml_key(name)} = {_selectors(part.solid, faces)}")
+        lines.append("")
+    groups = [part for part in parts if len(part.bodies) > 1]
+    if groups:
+        lines += ["[groups]", *(f"{toml_key(part.name + 's')} = {to_toml(part.bodies)}" for part in groups), ""]
+    return lines
+
+
+def _selectors(solid: Instance, faces: Sequence[int]) -> str:
+    texts = []
+    for index in faces:
+        face = solid.product.faces[index]
+        point = 1e-3 * cad.kernel.closest(cad.kernel.faces(solid.product.solid)[index], 1e3 * face.centroid)
+        size = f", radius = {to_toml(f'{1e3 * face.radius:.9g} mm')}" if face.kind in {"cylinder", "sphere"} else ""
+        texts.append(f"{{ kind = {to_toml(face.kind)}{size}, position = {vector_text(point)} }}")
+    return texts[0] if len(texts) == 1 else f"[{', '.join(texts)}]"
+
+
+def parts_folder(out: Path) -> Path:
+    """The folder of the parts' STEP files beside a robot file."""
+    return out.with_name(f"{out.stem}-parts")

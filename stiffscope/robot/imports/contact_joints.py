@@ -1,0 +1,394 @@
+"""Joints of an assembly from its contacts: what all contacts between two parts leave free.
+
+A contact holds components of the relative twist: a plane its normal and two tilts, a pin in a bore two translations
+and two tilts, a ball three translations, a cone all but the spin about its axis. Hardware between two parts is a
+small mechanism of its own: screws hold everything, a bearing leaves its spin, pins and rings what their contacts leave.
+The null space of all these constraints, seen at the two parts, is the freedom of their joint, and its dimension and
+pitches are the joint's kind (K. H. Hunt, Kinematic Geometry of Mechanisms, Oxford 1978, ch. 3 and 12).
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.robot.imports.hardware import turned_form
+from stiffscope.vjm.screws import shift, skew
+from stiffscope.vjm.subspaces import null_space, range_space
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from stiffscope.cad.assembly import Instance
+    from stiffscope.cad.contacts import Contact
+    from stiffscope.robot.imports.hardware import Hardware
+    from stiffscope.runtime.types import Array
+
+FIT = (-0.01, 0.03)  # of the radius: a pin that guides; wider ones are clearance holes, tighter ones threads
+_SAME = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Freedom:
+    """A joint's kind, where it is (3,) m, its axes (3,), and why.
+
+    ``kind`` is empty where no joint of a robot file has these freedoms; ``faces`` of either part are in contact.
+    """
+
+    first: int
+    second: int
+    kind: str
+    at: Array
+    axis: Array | None
+    axis2: Array | None
+    reason: str
+    faces: tuple[tuple[int, ...], tuple[int, ...]]
+    freedom: Array = field(repr=False)  # (6, k) at the base origin
+
+
+@dataclass(frozen=True, eq=False)
+class Doubt:
+    """Something that a person has to look at: which solids, and in words what it may be."""
+
+    solids: tuple[str, ...]
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class Bond:
+    """Constraints between two solids, as rows (m, 6) on the relative twist at the base origin; the contact it is."""
+
+    first: int
+    second: int
+    rows: Array
+    contact: Contact | None
+
+
+def hold(contact: Contact, scale: float) -> Array:
+    """Rows (m, 6) that a contact takes to zero, on twists at the base origin whose translations are over ``scale``."""
+    across = null_space(contact.axis[None, :]).T
+    if contact.kind == "plane":
+        lines, turns = contact.axis[None, :], across
+    elif contact.kind == "sphere":
+        lines, turns = np.eye(3), np.zeros((0, 3))
+    else:
+        lines, turns = (np.eye(3) if contact.kind == "cone" else across), across
+    rows = np.zeros((len(lines) + len(turns), 6))
+    rows[: len(lines), :3], rows[len(lines) :, 3:] = lines, turns
+    return rows @ shift(contact.point / scale)
+
+
+def bonds_of(solids: Sequence[Instance], contacts: Iterable[Contact], hardware: Hardware, scale: float) -> list[Bond]:
+    """Find what holds what: contacts as they are, but screws and seats hold all, and bearings leave their spin."""
+    found = []
+    for contact in contacts:
+        rows = _held_by(contact, hardware, scale)
+        if rows is not None:
+            found.append(Bond(contact.first, contact.second, rows, contact))
+    for small, large in hardware.pairs:
+        found.append(Bond(small, large, _spin(solids[small], scale), None))
+    return found
+
+
+def _held_by(contact: Contact, hardware: Hardware, scale: float) -> Array | None:
+    """Rows (m, 6) that a contact holds; None where it holds nothing."""
+    ends = contact.first, contact.second
+    roles = [hardware.roles.get(each, "") for each in ends]
+    bearing = next((each for each, role in zip(ends, roles, strict=True) if role in {"bearing", "ring"}), None)
+    fits = contact.kind in {"plane", "cone"} or FIT[0] <= contact.gap / contact.radius <= FIT[1]
+    if "rolling element" in roles or (bearing is not None and (contact.kind != "cylinder" or not fits)):
+        return None
+    if bearing is not None and (
+        hardware.roles[bearing] == "ring" or contact.inner is None or ends[contact.inner] != bearing
+    ):
+        return np.eye(6)  # a seat; of a bearing of one solid, that of its inner ring
+    if bearing is not None:
+        return _all_but_spin(contact.axis, contact.point / scale)
+    if "screw" in roles and contact.kind != "plane":
+        return np.eye(6)
+    return hold(contact, scale) if fits else None
+
+
+def _all_but_spin(axis: Array, at: Array) -> Array:
+    """Rows (5, 6) that leave the turn about an axis (3,) through a point (3,) alone."""
+    rows = np.zeros((5, 6))
+    rows[:3, :3], rows[3:, 3:] = np.eye(3), null_space(axis[None, :]).T
+    return rows @ shift(at)
+
+
+def _spin(ring: Instance, scale: float) -> Array:
+    """Rows that leave a ring's spin alone."""
+    form = turned_form(ring.product)
+    axis = np.array([0.0, 0.0, 1.0]) if form is None else ring.rotation @ form.axis
+    return _all_but_spin(axis, ring.centre / scale)
+
+
+def relative_freedom(first: int, second: int, bonds: Sequence[Bond]) -> Array:
+    """Twists (6, k) of one solid against another that the bonds of these and of solids between them leave free."""
+    numbers = {second: 0}
+    for bond in bonds:
+        for each in (bond.first, bond.second):
+            if each != first:
+                numbers.setdefault(each, len(numbers))
+    rows = []
+    for bond in bonds:
+        block = np.zeros((len(bond.rows), 6 * len(numbers)))
+        for each, sign in ((bond.first, -1.0), (bond.second, 1.0)):
+            if each != first:
+                at = 6 * numbers[each]
+                block[:, at : at + 6] = sign * bond.rows
+        rows.append(block)
+    if not rows:
+        return np.eye(6)
+    return range_space(null_space(np.vstack(rows))[:6])
+
+
+def kind_of(freedom: Array, near: Array) -> tuple[str, Array, Array | None, Array | None]:
+    """Name the joint that leaves twists free.
+
+    Parameters
+    ----------
+    freedom
+        (6, k) at the base origin.
+    near
+        (3,), the point that the joint's place is nearest to.
+
+    Returns
+    -------
+    kind, at, axis, axis2
+        Kind "" where a robot file has no such joint.
+
+    """
+    turns, slides = range_space(freedom[3:]), range_space(freedom[:3] @ null_space(freedom[3:]))
+    counts = turns.shape[1], slides.shape[1]
+    if counts == (0, 0):
+        return "fixed", near, None, None
+    if counts == (0, 1):
+        return "prismatic", near, _positive(slides[:, 0]), None
+    if counts[0] == 1:
+        return _about_one(freedom, turns[:, 0], slides, near)
+    return ("", near, None, None) if counts[1] else _about_point(freedom, turns, near)
+
+
+_Kind = tuple[str, "Array", "Array | None", "Array | None"]
+
+
+def _about_one(freedom: Array, axis: Array, slides: Array, near: Array) -> _Kind:
+    """A joint that turns about one direction, and slides along some."""
+    line = (freedom @ np.linalg.lstsq(freedom[3:], axis, rcond=None)[0])[:3]
+    off = line - slides @ (slides.T @ line)
+    foot = np.cross(axis, line)
+    at = foot + axis * float(axis @ (near - foot))
+    along = float(np.linalg.norm(slides.T @ axis))
+    straight = abs(off @ axis) < _SAME
+    found = {
+        0: "revolute" if straight else "",
+        1: "cylindrical" if along > 1.0 - _SAME else "",
+        2: "planar" if along < _SAME and straight else "",
+    }
+    kind = found.get(slides.shape[1], "")
+    return kind, near if kind == "planar" else at, _positive(axis), None
+
+
+def _about_point(freedom: Array, turns: Array, near: Array) -> _Kind:
+    """A joint that turns about two or three directions through one point c, where v = -w x c."""
+    lines = freedom[:3] @ np.linalg.lstsq(freedom[3:], turns, rcond=None)[0]
+    matrix = np.vstack([-skew(turn) for turn in turns.T])
+    centre = np.linalg.lstsq(matrix, lines.T.ravel(), rcond=None)[0]
+    if np.abs(matrix @ centre - lines.T.ravel()).max() > _SAME:
+        return "", near, None, None
+    return ("spherical", centre, None, None) if turns.shape[1] == 3 else ("universal", centre, turns[:, 0], turns[:, 1])
+
+
+def _positive(axis: Array) -> Array:
+    """The axis with its largest component above zero."""
+    return axis * np.sign(axis[int(np.argmax(np.abs(np.round(axis, 9))))])
+
+
+def find_joints(
+    solids: Sequence[Instance], contacts: Sequence[Contact], hardware: Hardware
+) -> tuple[list[Freedom], list[Doubt]]:
+    """Joints between the parts of an assembly.
+
+    Parameters
+    ----------
+    solids, contacts, hardware
+        The assembly, where its solids touch, and which are hardware.
+
+    Returns
+    -------
+    joints, doubts
+        Joints between parts, numbered as the solids; and contacts that are none, or may be another.
+
+    """
+    boxes = np.array([solid.box for solid in solids])
+    scale = float(np.linalg.norm(boxes[:, 1].max(axis=0) - boxes[:, 0].min(axis=0)))
+    bonds = bonds_of(solids, contacts, hardware, scale)
+    parts = [number for number in range(len(solids)) if number not in hardware.roles]
+    between: dict[tuple[int, int], list[Bond]] = defaultdict(list)
+    for bond in bonds:
+        if bond.first not in hardware.roles and bond.second not in hardware.roles:
+            between[bond.first, bond.second].append(bond)
+    direct = set(between)
+    for cluster in _clusters(bonds, hardware):
+        inside = [bond for bond in bonds if bond.first in cluster or bond.second in cluster]
+        ends = sorted({each for bond in inside for each in (bond.first, bond.second)} - cluster)
+        for i, j in _pair_up(ends, inside, direct):
+            between[i, j] += [
+                b for b in inside if {b.first, b.second} <= cluster | {i, j} and {b.first, b.second} != {i, j}
+            ]
+    joints, doubts = [], []
+    for (i, j), held in between.items():
+        found = _freedom(i, j, held, solids, scale, hardware)
+        if found.kind:
+            joints.append(found)
+        else:
+            left = f"{found.freedom.shape[1]} freedoms are left ({found.reason})"
+            text = f"{left}, which no joint has; say which with --joint"
+            doubts.append(Doubt((solids[i].name, solids[j].name), text))
+    doubts += _other_readings(solids, contacts, hardware)
+    return _needed(joints, parts, solids, doubts), doubts
+
+
+def _clusters(bonds: Sequence[Bond], hardware: Hardware) -> list[set[int]]:
+    """Sets of hardware that bonds connect."""
+    of: dict[int, set[int]] = {}
+    for bond in bonds:
+        pieces = [each for each in (bond.first, bond.second) if each in hardware.roles]
+        merged = set(pieces).union(*(of[each] for each in pieces if each in of))
+        for each in merged:
+            of[each] = merged
+    return list({id(cluster): cluster for cluster in of.values()}.values())
+
+
+def _pair_up(ends: Sequence[int], bonds: Sequence[Bond], direct: set[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Pairs of parts that a set of hardware joins: those that touch anyway, then the nearest along its axis."""
+    if len(ends) < 2:
+        return []
+    places = {
+        end: np.mean([b.contact.point for b in bonds if end in {b.first, b.second} and b.contact is not None], axis=0)
+        for end in ends
+    }
+    spread = np.array(list(places.values())) - np.mean(list(places.values()), axis=0)
+    axis = np.linalg.svd(spread)[2][0]
+    order = sorted(ends, key=lambda end: float(axis @ places[end]))
+    candidates = [
+        (0 if (i, j) in direct else order.index(j) - order.index(i), i, j)
+        for i in ends for j in ends if i < j
+    ]  # fmt: skip
+    group = {end: {end} for end in ends}
+    pairs = []
+    for _, i, j in sorted((abs(rank), i, j) for rank, i, j in candidates):
+        touching = (i, j) in direct
+        if group[i] is not group[j] or touching:
+            pairs.append((i, j))
+            merged = group[i] | group[j]
+            for each in merged:
+                group[each] = merged
+    return pairs
+
+
+def _freedom(
+    i: int, j: int, bonds: list[Bond], solids: Sequence[Instance], scale: float, hardware: Hardware
+) -> Freedom:
+    scaled = relative_freedom(i, j, bonds)
+    touching = [bond.contact for bond in bonds if bond.contact is not None]
+    round_ = [each for each in touching if each.kind != "plane"] or touching
+    near = np.mean([each.point for each in round_], axis=0)
+    kind, at, axis, axis2 = kind_of(scaled, near / scale)
+    faces = _loaded_faces(i, touching, solids[i]), _loaded_faces(j, touching, solids[j])
+    reason = _reason(i, j, bonds, solids, hardware)
+    return Freedom(i, j, kind, at * scale, axis, axis2, reason, faces, scaled)
+
+
+def _loaded_faces(end: int, touching: Sequence[Contact], solid: Instance) -> tuple[int, ...]:
+    """Faces of a solid that carry a joint's load: round ones, and planes of which most is in contact; else all."""
+    own = [contact for contact in touching if end in {contact.first, contact.second}]
+    shares = defaultdict[int, float](float)
+    for contact in own:
+        face = solid.product.faces[contact.face_of(end)]
+        shares[face.index] += 1.0 if contact.kind != "plane" else contact.size**2 / face.area
+    least = 0.9 if any(contact.kind != "plane" for contact in own) else 0.5
+    return tuple(sorted([face for face, share in shares.items() if share > least] or shares))
+
+
+def _reason(i: int, j: int, bonds: Sequence[Bond], solids: Sequence[Instance], hardware: Hardware) -> str:
+    """The contacts in words."""
+    words = defaultdict[str, int](int)
+    what = {"plane": "plane on plane", "cylinder": "pin in bore", "sphere": "ball in socket", "cone": "cone in cone"}
+    for bond in bonds:
+        for each in (bond.first, bond.second):
+            role = hardware.roles.get(each)
+            if role in {"screw", "bearing", "pin", "ring"}:
+                words[f"{role} {solids[each].name}"] += 0
+        if {bond.first, bond.second} == {i, j} and bond.contact is not None:
+            radius = f" of radius {1e3 * bond.contact.radius:.4g} mm" if bond.contact.radius else ""
+            words[what[bond.contact.kind] + radius] += 1
+    return ", ".join(f"{count} x {word}" if count > 1 else word for word, count in words.items())
+
+
+def _other_readings(solids: Sequence[Instance], contacts: Sequence[Contact], hardware: Hardware) -> list[Doubt]:
+    """Bores that are too wide or too tight to guide, between parts."""
+    found = []
+    for contact in contacts:
+        if contact.first in hardware.roles or contact.second in hardware.roles or contact.kind in {"plane", "cone"}:
+            continue
+        share = contact.gap / contact.radius
+        if not FIT[0] <= share <= FIT[1]:
+            names = solids[contact.first].name, solids[contact.second].name
+            how = f"{1e3 * contact.gap:.3g} mm of play" if share > 0 else f"{-1e3 * contact.gap:.3g} mm of overlap"
+            found.append(
+                Doubt(names, f"a {contact.kind} of radius {1e3 * contact.radius:.4g} mm with {how}: taken as no guide; "
+                      f'if it guides, say --joint "{names[0]}/{names[1]}=KIND"')
+            )  # fmt: skip
+    return found
+
+
+def _needed(
+    joints: Sequence[Freedom], parts: Sequence[int], solids: Sequence[Instance], doubts: list[Doubt]
+) -> list[Freedom]:
+    """Joints without planes that slide where other joints guide already: those are told instead."""
+    planes = [joint for joint in joints if joint.kind == "planar"]
+    kept = [joint for joint in joints if joint.kind != "planar"]
+    for plane in planes:
+        rows = null_space(plane.freedom.T).T
+        motions = _motions(parts, kept)
+        index = {part: 6 * n for n, part in enumerate(parts)}
+        relative = (
+            motions[index[plane.second] : index[plane.second] + 6]
+            - motions[index[plane.first] : index[plane.first] + 6]
+        )
+        if np.abs(rows @ relative).max(initial=0.0) > 1e-7:
+            kept.append(plane)
+        else:
+            names = solids[plane.first].name, solids[plane.second].name
+            doubts.append(
+                Doubt(names, "plane on plane where other joints guide already: taken as no joint; if it carries load, "
+                      f'say --joint "{names[0]}/{names[1]}=planar"')
+            )  # fmt: skip
+    return kept
+
+
+def _motions(parts: Sequence[int], joints: Sequence[Freedom]) -> Array:
+    """Twists (6 n, k) of all parts that joints leave free."""
+    index = {part: 6 * n for n, part in enumerate(parts)}
+    rows = []
+    for joint in joints:
+        held = null_space(joint.freedom.T).T if joint.freedom.shape[1] else np.eye(6)
+        block = np.zeros((len(held), 6 * len(parts)))
+        block[:, index[joint.first] : index[joint.first] + 6] = -held
+        block[:, index[joint.second] : index[joint.second] + 6] = held
+        rows.append(block)
+    return null_space(np.vstack(rows)) if rows else np.eye(6 * len(parts))
+
+
+def tool_motions(parts: Sequence[int], joints: Sequence[Freedom], tool: int, ground: int, at: Array) -> Array:
+    """Twists (6, k) of a part against the ground at a point (3,), translations over the distance from the origin."""
+    motions = _motions(parts, joints)
+    index = {part: 6 * n for n, part in enumerate(parts)}
+    scale = max(float(np.linalg.norm(at)), 1e-3)
+    relative = motions[index[tool] : index[tool] + 6] - motions[index[ground] : index[ground] + 6]
+    return shift(at / scale) @ relative

@@ -1,0 +1,276 @@
+"""Hardware of an assembly: screws, nuts, washers, pins, circlips and bearings, by shape first and by name second.
+
+A screw is a turned solid with a head and a shank that stands in bores; a pin has one diameter. A ring is a washer, a
+bearing or a bushing by its proportion: width over the height of its section is 0.7 to 1.6 for the radial ball bearings
+of ISO 15 (608: 1.0, 6204: 1.04, 6804: 1.17), below 0.65 for washers (ISO 7089) and well above for bushings and nuts.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from stiffscope.cad.assembly import Instance, Product
+    from stiffscope.cad.contacts import Contact
+    from stiffscope.cad.faces import FaceGeometry
+    from stiffscope.runtime.types import Array
+
+_WORDS = {
+    "screw": r"screws?|bolts?|schrauben?|gewindestift|iso.?(4762|4014|4017|10642)|din.?(912|933|7991)",
+    "nut": r"nuts?|muttern?|iso.?4032|din.?934|din.?985",
+    "washer": r"washers?|(unterleg|feder|beilag)?scheiben?|shims?|iso.?7089|din.?125",
+    "pin": r"(dowel|clevis|hinge|pivot)?.?pins?|(zylinder|pass|spann|kegel)?stifte?|bolzen|iso.?(8734|2338)|din.?6325",
+    "circlip": r"circlips?|snap.?rings?|retaining.?rings?|sicherungsringe?|sprengringe?|din.?47[12]",
+    "bearing": r"(ball|roller|needle)?.?bearings?|(kugel|w[aä]lz|rillenkugel|nadel|zylinderrollen)?lager"
+    r"|6[0-3]\d\d|6[0-9]{2}(zz|2rs)?|6[89]\d\d|iso.?15",
+}
+_NAMED = {role: re.compile(rf"(?<![a-z])({words})(?![a-z])", re.IGNORECASE) for role, words in _WORDS.items()}
+_TURNED = 0.9  # share of the surface that is turned about the axis
+_BEARING, _WASHER = (0.7, 1.6), 0.65  # width over the height of a ring's section
+_BETWEEN = "a ring of a bearing's proportion between a shaft and a housing"
+_SLENDER = 12.0  # length over diameter of a bar that is no pin
+
+
+@dataclass(frozen=True, eq=False)
+class Turned:
+    """A solid as a lathe sees it: its axis, the share of its surface about it, its outer and inner steps.
+
+    ``steps`` and ``bores``: (low, high, radius) in m along the axis from ``point``; ``ends`` those of the solid.
+    """
+
+    point: Array
+    axis: Array
+    share: float
+    steps: tuple[tuple[float, float, float], ...]
+    bores: tuple[tuple[float, float, float], ...]
+    ends: tuple[float, float]
+
+    @property
+    def length(self) -> float:
+        """Along the axis, m."""
+        return self.ends[1] - self.ends[0]
+
+    @property
+    def radius(self) -> float:
+        """Of the widest step, m."""
+        return max((step[2] for step in self.steps), default=0.0)
+
+    @property
+    def bore(self) -> float:
+        """Radius of the widest bore along a third of it or more (a groove may part it), m; 0 without one."""
+        return max((r for r, along in _lengths(self.bores).items() if along > 0.3 * self.length), default=0.0)
+
+    @property
+    def section(self) -> float:
+        """Width of a ring over the height of its section; 0 of what is no ring."""
+        return self.length / (self.radius - self.bore) if 0.0 < self.bore < self.radius else 0.0
+
+
+@dataclass(frozen=True)
+class Hardware:
+    """Roles of solids by their number, why each has it, and the bearings of rings with rolling elements.
+
+    ``pairs``: inner and outer ring of each of these.
+    """
+
+    roles: dict[int, str]
+    reasons: dict[int, str]
+    pairs: tuple[tuple[int, int], ...]
+
+
+def turned_form(product: Product) -> Turned | None:
+    """A product as turned about the axis of most of its round surface, in its own axes; None without round faces."""
+    rounds = [face for face in product.faces if face.kind in {"cylinder", "cone"}]
+    if not rounds:
+        return None
+    best = max(rounds, key=lambda face: sum(other.area for other in rounds if _on_axis(other, face)))
+    about = [face for face in product.faces if _on_axis(face, best)]
+    steps, bores = [], []
+    ends: list[float] = []
+    for face in about:
+        shift = float(best.axis @ (face.origin - best.origin))
+        if face.kind in {"cylinder", "cone"}:
+            along = sorted(shift + float(best.axis @ face.axis) * end for end in face.extent)
+            ends += along
+            if face.kind == "cylinder":
+                (bores if face.hollow else steps).append((along[0], along[1], face.radius))
+        elif face.kind == "plane":
+            ends.append(shift)
+    share = sum(face.area for face in about) / sum(face.area for face in product.faces)
+    return Turned(best.origin, best.axis, share, tuple(steps), tuple(bores), (min(ends), max(ends)))
+
+
+def _on_axis(face: FaceGeometry, of: FaceGeometry) -> bool:
+    """Whether a face is turned about the axis of another."""
+    if face.kind == "other":
+        return False
+    aside = np.linalg.norm(np.cross(of.axis, face.origin - of.origin)) < 5e-6
+    along = face.kind == "sphere" or np.linalg.norm(np.cross(of.axis, face.axis)) < 1e-4
+    return bool(along and (aside or face.kind == "plane"))
+
+
+def find_hardware(solids: Sequence[Instance], contacts: Sequence[Contact], said: Mapping[int, str]) -> Hardware:
+    """Tell hardware from parts.
+
+    Parameters
+    ----------
+    solids, contacts
+        Of the assembly.
+    said
+        Roles that the user gives, by number: a key of the names known here, or "part".
+
+    Returns
+    -------
+    Hardware
+        Solids that are none are left out.
+
+    """
+    forms = {
+        solid.product.number: turned_form(solid.product) for solid in {s.product.number: s for s in solids}.values()
+    }
+    form = [forms[solid.product.number] for solid in solids]
+    pairs, elements = _rolling_bearings(solids, form)
+    found = {ring: ("ring", "ring of rolling elements") for pair in pairs for ring in pair}
+    found |= dict.fromkeys(elements, ("rolling element", "between two rings"))
+    touched: dict[int, list[Contact]] = {number: [] for number in range(len(solids))}
+    for contact in contacts:
+        touched[contact.first].append(contact)
+        touched[contact.second].append(contact)
+    for number, solid in enumerate(solids):
+        if number not in found:
+            found[number] = _role_of(number, solid, form[number], touched[number])
+    found |= {number: ("" if role == "part" else role, "said so") for number, role in said.items()}
+    roles = {number: role for number, (role, _) in found.items() if role}
+    both = tuple(pair for pair in pairs if {roles.get(ring) for ring in pair} == {"ring"})
+    return Hardware(roles, {number: found[number][1] for number in roles}, both)
+
+
+def _role_of(number: int, solid: Instance, form: Turned | None, touched: Sequence[Contact]) -> tuple[str, str]:
+    """Role and reason: by shape, unless the solid is held square to its own axis somewhere; else by name."""
+    role, reason = _role_by_shape(number, form, touched)
+    if role and not all(_about(each, solid, form) for each in touched):
+        return "", ""
+    named = next((word for word, pattern in _NAMED.items() if pattern.search(solid.name)), "")
+    if named and ((not role and _may_be(named, form)) or (role, named) == ("pin", "screw")):
+        return named, "its name"
+    return role, reason
+
+
+def _may_be(role: str, form: Turned | None) -> bool:
+    """Whether a shape may have a role that its name says: at least partly turned, not a plate named after a screw."""
+    return form is not None and form.share > (0.2 if role in {"screw", "nut", "circlip"} else 0.6)
+
+
+def _role_by_shape(number: int, form: Turned | None, touched: Sequence[Contact]) -> tuple[str, str]:
+    """Role and reason, or two empty texts."""
+    if form is None or (not form.steps and not form.bores):
+        return "", ""
+    inside = {each.other(number) for each in touched if each.kind == "cylinder" and _stands_in(each, number)}
+    around = {each.other(number) for each in touched if each.kind == "cylinder" and not _stands_in(each, number)}
+    if form.bore:
+        low, high = _BEARING
+        if (
+            form.share > _TURNED
+            and low <= form.section <= high
+            and 0.25 <= form.bore / form.radius <= 0.9
+            and inside
+            and around
+        ):
+            return "bearing", "a ring of a bearing's proportion between a shaft and a housing"
+        if form.share > _TURNED and 0.0 < form.section < _WASHER and not inside:
+            return "washer", "a flat ring"
+        if form.share > _TURNED and around and form.radius < 2.0 * form.bore and form.length < 4.0 * form.radius:
+            return "bushing", "a ring around a pin or shaft"
+        return "", ""
+    shank = _shank(form) if inside else None
+    return ("", "") if shank is None else _role_of_bar(form, *shank, len(inside))
+
+
+def _role_of_bar(form: Turned, radius: float, length: float, bores: int) -> tuple[str, str]:
+    """Role and reason of a solid with a shank of a radius and length that stands in bores of some others."""
+    if form.radius >= 1.3 * radius and form.share > 0.5 and length > 0.5 * form.length:
+        return "screw", "a head and a shank in a bore"
+    plain = form.share > _TURNED and form.radius < 1.15 * radius and form.length <= _SLENDER * 2.0 * radius
+    return ("pin", f"one diameter, in bores of {bores} others") if plain and bores > 1 else ("", "")
+
+
+def _about(contact: Contact, solid: Instance, form: Turned | None) -> bool:
+    """Whether a contact is about the axis of the solid."""
+    if form is None:
+        return False
+    axis, point = solid.rotation @ form.axis, solid.rotation @ form.point + solid.origin
+    aside = np.linalg.norm(np.cross(axis, contact.point - point))
+    return bool(np.linalg.norm(np.cross(axis, contact.axis)) < 1e-4 and (contact.kind == "plane" or aside < 1e-5))
+
+
+def _stands_in(contact: Contact, number: int) -> bool:
+    return (contact.first, contact.second)[contact.inner or 0] == number
+
+
+def _shank(form: Turned) -> tuple[float, float] | None:
+    """Radius and length of the longest step, m."""
+    return max(_lengths(form.steps).items(), key=lambda each: each[1], default=None)
+
+
+def _lengths(steps: Sequence[tuple[float, float, float]]) -> dict[float, float]:
+    """Length along the axis of all steps of a radius, m; halves of one count once."""
+    spans = {(round(low, 7), round(high, 7), round(radius, 7)) for low, high, radius in steps}
+    lengths = dict.fromkeys((radius for _, _, radius in spans), 0.0)
+    for low, high, radius in spans:
+        lengths[radius] += high - low
+    return lengths
+
+
+def _rolling_bearings(
+    solids: Sequence[Instance], forms: Sequence[Turned | None]
+) -> tuple[list[tuple[int, int]], set[int]]:
+    """Pairs of inner and outer ring with three or more equal rolling elements between them, and these and cages."""
+    rings = [number for number, form in enumerate(forms) if form and form.bore and form.share > _TURNED]
+    pairs, within = [], set[int]()
+    for inner in rings:
+        for outer in rings:
+            between = _between(inner, outer, solids, forms)
+            volumes = np.array([solids[number].product.volume for number in between])
+            if any(np.isclose(volumes, volume, rtol=1e-6).sum() >= 3 for volume in volumes):
+                pairs.append((inner, outer))
+                within |= set(between)
+    return pairs, within
+
+
+def _between(inner: int, outer: int, solids: Sequence[Instance], forms: Sequence[Turned | None]) -> list[int]:
+    """Solids that lie between two coaxial rings."""
+    small, large = forms[inner], forms[outer]
+    if inner == outer or small is None or large is None or not small.radius < large.radius:
+        return []
+    axis = solids[inner].rotation @ small.axis
+    points = [solids[n].rotation @ form.point + solids[n].origin for n, form in ((inner, small), (outer, large))]
+    across = np.linalg.norm(np.cross(axis, points[1] - points[0]))
+    parallel = np.linalg.norm(np.cross(axis, solids[outer].rotation @ large.axis))
+    middles = [float(axis @ (solids[n].centre - points[0])) for n in (inner, outer)]
+    if parallel > 1e-4 or across > 2e-5 or abs(middles[0] - middles[1]) > 0.5 * small.length or large.bore < small.bore:
+        return []
+    found = []
+    for number, solid in enumerate(solids):
+        away = solid.centre - points[0]
+        along = float(axis @ away) - middles[0]
+        apart = float(np.linalg.norm(np.cross(axis, away)))
+        reach = float(np.linalg.norm(solid.box[1] - solid.box[0]))
+        ball = small.bore < apart < large.radius and reach < 2.0 * (large.radius - small.bore)
+        cage = apart < 1e-5 and small.bore < 0.5 * reach < 2.0 * large.radius and number not in {inner, outer}
+        if (
+            number not in {inner, outer}
+            and abs(along) < 0.5 * small.length
+            and (ball or (cage and _is_cage(forms[number], small, large)))
+        ):
+            found.append(number)
+    return found
+
+
+def _is_cage(form: Turned | None, small: Turned, large: Turned) -> bool:
+    return form is not None and small.bore < form.radius < large.radius and form.bore > small.bore

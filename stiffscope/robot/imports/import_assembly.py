@@ -1,0 +1,363 @@
+"""`stiffscope import machine.step`: a STEP assembly as a robot file, with its elastic parts as STEP files beside it."""
+
+from __future__ import annotations
+
+import fnmatch
+import re
+import tomllib
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope import cad
+from stiffscope.cad.assembly import read_assembly
+from stiffscope.cad.contacts import find_contacts
+from stiffscope.cad.materials import MATERIALS
+from stiffscope.errors import InputError
+from stiffscope.robot.imports.assembly_parts import (
+    PartFile,
+    choose_materials,
+    interface_names,
+    part_lines,
+    part_name,
+    parts_folder,
+)
+from stiffscope.robot.imports.compiled_model import GROUND, print_safely
+from stiffscope.robot.imports.contact_joints import Doubt, Freedom, find_joints, tool_motions
+from stiffscope.robot.imports.hardware import find_hardware
+from stiffscope.robot.imports.import_model import driven, robot_text
+from stiffscope.robot.imports.said_joints import as_said
+from stiffscope.robot.imports.simulator_model import ModelBody, ModelJoint, SimulatorModel
+from stiffscope.robot.reader import read_robot
+from stiffscope.runtime.output import check_new, scratch_folder, write_new
+from stiffscope.runtime.reading import shown
+from stiffscope.vjm.subspaces import rank
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from stiffscope.cad.assembly import Instance
+    from stiffscope.cad.contacts import Contact
+    from stiffscope.robot.imports.hardware import Hardware
+    from stiffscope.runtime.types import Array, Progress
+
+SAID = "assembly.toml"
+_GROUND = re.compile(r"ground|base|bed|frame|foot|gestell|grund|rahmen|sockel|bett", re.IGNORECASE)
+_TOOL = re.compile(r"tool|platform|effector|tcp|spindle|flange|plate|werkzeug|plattform|greifer|gripper", re.IGNORECASE)
+_TINY = 2e-3  # of all volume: a part below it is rigid
+_HEAD = """# Imported from {file}: parts, joints and masses of its assembly; SI, axes of the assembly.
+#
+# Look at what was found (stiffscope check), and fill in what an assembly does not say:
+#   - drives: give each driven joint a stiffness, by hand below or with --drive PATTERN=STIFFNESS.
+#   - bearings: compliance = {{ radial = "...", axial = "...", tilting = "..." }} of a joint.
+#   - gravity: [gravity] direction = [0, 0, -1] says which way is down.
+"""
+
+
+@dataclass(frozen=True)
+class Said:
+    """What a user says over what is found; names are patterns such as "leg*", joints "A/B=KIND" or "A/B=none"."""
+
+    ground: str | None = None
+    tool: str | None = None
+    joint: tuple[str, ...] = ()
+    weld: tuple[str, ...] = ()
+    part: tuple[str, ...] = ()
+    rigid: tuple[str, ...] = ()
+    material: tuple[str, ...] = ()
+    drive: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Imported:
+    """What was read, and what a person should look at."""
+
+    model: SimulatorModel
+    doubts: tuple[Doubt, ...]
+    hardware: Mapping[str, str] = field(default_factory=dict)
+    solids: int = 0
+    contacts: int = 0
+    changes: tuple[str, ...] = ()
+
+
+def said_beside(path: Path, said: Said) -> Said:
+    """What `assembly.toml` beside the file says, and over it what the command line says. Raises InputError."""
+    file = path.with_name(SAID)
+    if not file.is_file():
+        return said
+    try:
+        table = tomllib.loads(file.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+        raise InputError(f"{shown(file)}: expected TOML, got {error}") from error
+    known = [each.name for each in fields(Said)]
+    values: dict[str, Any] = {}
+    for key, value in table.items():
+        single = key in {"ground", "tool"}
+        texts = [value] if isinstance(value, str) else value
+        if key not in known:
+            raise InputError(f'{shown(file)}: {key}: expected one of {", ".join(known)}, got "{key}"')
+        if isinstance(value, dict) and key in {"joint", "material", "drive"}:
+            texts = [f"{name}={each}" for name, each in value.items()]
+        if (
+            not isinstance(texts, list)
+            or not all(isinstance(each, str) for each in texts)
+            or (single and len(texts) > 1)
+        ):
+            raise InputError(
+                f"{shown(file)}: {key}: expected {'a name' if single else 'a list of texts'}, got {value!r}"
+            )
+        values[key] = texts[0] if single else tuple(texts)
+    lists = {name: (*values.get(name, ()), *getattr(said, name)) for name in known if name not in {"ground", "tool"}}
+    return Said(said.ground or values.get("ground"), said.tool or values.get("tool"), **lists)
+
+
+def import_assembly(
+    path: str | Path, out: str | Path, said: Said | None = None, progress: Progress | None = None
+) -> Imported:
+    """Write a robot file from a STEP assembly.
+
+    Parameters
+    ----------
+    path
+        STEP file of an assembly. What an `assembly.toml` beside it says counts as said, below `said`.
+    out
+        Robot file to write. Its elastic parts go as STEP files into a folder beside it, named after it.
+    said
+        The ground, the tool, joints, hardware, rigid parts, materials and drives.
+    progress
+        Told how far reading and the search for contacts are.
+
+    Returns
+    -------
+    Imported
+        Bodies and joints, and what is doubtful.
+
+    Raises
+    ------
+    InputError
+        The file is no assembly, an option names nothing of it, or a part's material is not known.
+
+    """
+    path, out = Path(path), Path(out)
+    check_new(out)
+    said = said_beside(path, said or Said())
+    solids = read_assembly(path)
+    if progress is not None:
+        progress("read", 1.0)
+    contacts = find_contacts(solids, progress)
+    roles = dict.fromkeys(_matching(solids, said.weld, "--weld"), "screw")
+    roles |= dict.fromkeys(_matching(solids, said.part, "--part"), "part")
+    hardware = find_hardware(solids, contacts, roles)
+    joints, doubts = find_joints(solids, contacts, hardware)
+    joints = as_said(joints, said.joint, solids, contacts)
+    found = _Found(solids, tuple(contacts), hardware, tuple(joints))
+    ground = _choose_ground(found, said.ground)
+    kept, loose = _reached(found.joints, ground)
+    loose_names = [solids[n].name for n in range(len(solids)) if n in loose and n not in hardware.roles]
+    doubts += [Doubt((name,), "no joint leads from it to the ground: left out") for name in loose_names]
+    found = replace(found, joints=kept)
+    tool = _choose_tool(found, ground, said.tool)
+    model, parts = _model(path, found, ground, tool, said)
+    head = _HEAD if not doubts else _HEAD + "#\n# Look at these, which may be read in another way:\n" + "".join(
+        f"#   - {', '.join(doubt.solids)}: {doubt.text}\n".replace("{", "{{").replace("}", "}}") for doubt in doubts
+    )  # fmt: skip
+    drives = driven(model, said.drive)
+    text = robot_text(model, print_safely(path.name), drives, head, part_lines(parts, out))
+    _write(path, out, text, parts)
+    roles = {solids[n].name: f"{role} ({hardware.reasons[n]})" for n, role in hardware.roles.items()}
+    return Imported(model, tuple(doubts), roles, len(solids), len(contacts))
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """The assembly and its joints."""
+
+    solids: Sequence[Instance]
+    contacts: tuple[Contact, ...]
+    hardware: Hardware
+    joints: tuple[Freedom, ...]
+
+    def of(self, number: int) -> list[Freedom]:
+        """Joints of a part."""
+        return [joint for joint in self.joints if number in {joint.first, joint.second}]
+
+
+def _matching(solids: Sequence[Instance], patterns: Iterable[str], option: str) -> set[int]:
+    """Solids that patterns name. Raises InputError where one names none."""
+    found = set[int]()
+    for pattern in patterns:
+        here = {n for n, solid in enumerate(solids) if fnmatch.fnmatch(solid.name.lower(), pattern.lower())}
+        if not here:
+            names = ", ".join(solid.name for solid in solids[:12]) + (", …" if len(solids) > 12 else "")
+            raise InputError(f'{option} {pattern}: expected the name of a solid ({names}), got "{pattern}"')
+        found |= here
+    return found
+
+
+def _choose_ground(found: _Found, wanted: str | None) -> int:
+    """The part that stands still: what is said, else by a usual name, else the heaviest one."""
+    parts = [n for n in range(len(found.solids)) if n not in found.hardware.roles]
+    if wanted is not None:
+        named = sorted(_matching(found.solids, (wanted,), "--ground") & set(parts))
+        if not named:
+            raise InputError(f'--ground {wanted}: expected a part, got "{wanted}", which is hardware')
+        return named[0]
+    if not parts:
+        raise InputError("expected an assembly with parts, got hardware alone; say --part NAME of what is a part")
+    named = [n for n in parts if _GROUND.search(found.solids[n].name)] or parts
+    return max(named, key=lambda n: (found.solids[n].product.volume, -n))
+
+
+def _reached(joints: Sequence[Freedom], ground: int) -> tuple[tuple[Freedom, ...], set[int]]:
+    """Joints that hang on the ground, and the parts that none leads to."""
+    ends = {each for joint in joints for each in (joint.first, joint.second)} | {ground}
+    seen, new = set[int](), {ground}
+    while new:
+        seen |= new
+        new = {b for j in joints for a, b in ((j.first, j.second), (j.second, j.first)) if a in seen} - seen
+    return tuple(joint for joint in joints if joint.first in seen), ends - seen
+
+
+def _choose_tool(found: _Found, ground: int, wanted: str | None) -> int:
+    """The part that is the tool: what is said, else by a usual name, else that farthest from the ground."""
+    distance, new = {ground: 0}, {ground}
+    while new:
+        step = {b for j in found.joints for a, b in ((j.first, j.second), (j.second, j.first)) if a in new} - set(
+            distance
+        )
+        distance |= dict.fromkeys(step, max(distance.values()) + 1)
+        new = step
+    able = [n for n in distance if n != ground]
+    if wanted is not None:
+        named = sorted(_matching(found.solids, (wanted,), "--tool") & set(able))
+        if not named:
+            names = ", ".join(found.solids[n].name for n in able)
+            raise InputError(f'--tool {wanted}: expected a part that moves ({names}), got "{wanted}"')
+        return named[0]
+    if not able:
+        raise InputError(
+            "expected parts that joints connect, got none that touches the ground; say --ground or --joint"
+        )
+    named = [n for n in able if _TOOL.search(found.solids[n].name)] or able
+    return max(named, key=lambda n: (distance[n], len(found.of(n)), -n))
+
+
+def _model(path: Path, found: _Found, ground: int, tool: int, said: Said) -> tuple[SimulatorModel, list[PartFile]]:
+    """Bodies, joints and tool as a robot file has them, and its elastic parts."""
+    solids = found.solids
+    moving = sorted({each for joint in found.joints for each in (joint.first, joint.second)} - {ground})
+    materials = choose_materials(moving, solids, said.material, path)
+    rigid = _matching(solids, said.rigid, "--rigid")
+    total = sum(solids[n].product.volume for n in moving)
+    bodies, parts, ends = list[ModelBody](), list[PartFile](), dict[tuple[int, Freedom], str]()
+    for number in moving:
+        solid, held = solids[number], found.of(number)
+        why = _rigid_reason(number, held, rigid, solid.product.volume / total)
+        if why:
+            bodies.append(_rigid_body(solid, materials[number], why))
+            ends |= {(number, joint): solid.name for joint in held}
+            continue
+        faces = [joint.faces[joint.first != number] for joint in held]
+        part = _share_part(
+            parts, solid, materials[number], dict(zip(interface_names(number, held, solids), faces, strict=True))
+        )
+        part.bodies.append(solid.name)
+        names = {faces: name for name, faces in part.interfaces.items()}
+        ends |= {(number, joint): f"{solid.name}.{names[face]}" for joint, face in zip(held, faces, strict=True)}
+        bodies.append(ModelBody(solid.name, 0.0, solid.origin, np.zeros((3, 3)), part=part.name, axes=solid.rotation))
+    joints = [_model_joint(joint, solids, ground, ends) for joint in found.joints]
+    last = found.of(tool)[-1]
+    tool_body = ends[tool, last]
+    at = solids[tool].centre if tool_body == solids[tool].name else last.at
+    motions = tool_motions([ground, *moving], found.joints, tool, ground, at)
+    model = SimulatorModel(
+        print_safely(path.stem), tuple(bodies), tuple(joints), tool_body=tool_body, tool_at=at,
+        pose=_coordinates(motions), gravity=np.zeros(3), notes=_notes(found, ground, tool, said),
+    )  # fmt: skip
+    return model, parts
+
+
+def _rigid_body(solid: Instance, material: str, why: str) -> ModelBody:
+    density = MATERIALS[material].density
+    mass, inertia = density * solid.product.volume, density * solid.inertia
+    return ModelBody(solid.name, mass, solid.centre, inertia, note=f"{why}; {material}")
+
+
+def _share_part(
+    parts: list[PartFile], solid: Instance, material: str, interfaces: dict[str, tuple[int, ...]]
+) -> PartFile:
+    """The part of an equal solid of the same material and interfaces, else a new one."""
+    for part in parts:
+        alike = part.solid.product is solid.product and part.material == material
+        if alike and sorted(part.interfaces.values()) == sorted(interfaces.values()):
+            return part
+    parts.append(PartFile(part_name(solid, parts), solid, material, interfaces))
+    return parts[-1]
+
+
+def _model_joint(
+    joint: Freedom, solids: Sequence[Instance], ground: int, ends: dict[tuple[int, Freedom], str]
+) -> ModelJoint:
+    numbers = joint.first, joint.second
+    first, second = (GROUND if each == ground else ends[each, joint] for each in numbers)
+    axis = None if joint.kind in {"fixed", "spherical"} else joint.axis
+    name = "/".join(solids[each].name for each in numbers)
+    return ModelJoint(name, first, second, joint.kind, joint.at, axis, joint.axis2, note=joint.reason)
+
+
+def _notes(found: _Found, ground: int, tool: int, said: Said) -> tuple[str, ...]:
+    """What was chosen or left out."""
+    solids, notes = found.solids, list[str]()
+    bought = sum(MATERIALS["steel"].density * solids[n].product.volume for n in found.hardware.roles)
+    if bought:
+        notes.append(f"the mass of screws, pins and bearings ({bought:.3g} kg if of steel) is left out")
+    notes.append(
+        f"the ground is {solids[ground].name}, rigid" + ("" if said.ground else "; --ground NAME chooses another")
+    )
+    where = f"the tool is {solids[tool].name}, M at its centre of mass where it is rigid, else at its last joint"
+    return (*notes, where + ("" if said.tool else "; --tool NAME chooses another"))
+
+
+def _coordinates(motions: Array) -> tuple[str, ...]:
+    """Coordinates that the tool moves in, translations first; motions (6, k) at M."""
+    chosen: list[int] = []
+    for coordinate in range(6):
+        if motions.size and rank(motions[[*chosen, coordinate]]) > len(chosen):
+            chosen.append(coordinate)
+    return tuple(("x", "y", "z", "rx", "ry", "rz")[each] for each in chosen)
+
+
+def _rigid_reason(number: int, joints: Sequence[Freedom], said: set[int], share: float) -> str:
+    """Why a part is rigid; "" where it is elastic."""
+    if number in said:
+        return "rigid, as said"
+    if len(joints) < 2:
+        return "rigid: one joint, so that nothing but its own weight loads it"
+    faces = [joint.faces[joint.first != number] for joint in joints]
+    if len({each for group in faces for each in group}) < sum(map(len, faces)) or not all(faces):
+        return "rigid: two of its joints share a face"
+    return "rigid: tiny" if share < _TINY else ""
+
+
+def _write(path: Path, out: Path, text: str, parts: Sequence[PartFile]) -> None:
+    """Write the parts' STEP files and, where a robot can be read from it, the robot file."""
+    folder = parts_folder(out)
+    for part in parts if folder.exists() else ():
+        check_new(folder / f"{part.name}.step")
+    with scratch_folder(out.parent) as scratch:
+        trial = scratch / folder.name
+        trial.mkdir()
+        for part in parts:
+            cad.kernel_files.write_step(part.solid.product.solid, trial / f"{part.name}.step")
+        try:
+            read_robot(scratch / out.name, text)
+        except InputError as error:
+            what = re.sub(rf"^{re.escape(str(scratch / out.name))}:\d+: ", "", str(error))
+            raise InputError(f"{shown(path)}: expected an assembly of a robot, got one with {what}") from error
+        if parts:
+            folder.mkdir(exist_ok=True)
+            for part in parts:
+                (trial / f"{part.name}.step").replace(folder / f"{part.name}.step")
+    write_new(out, text.encode())

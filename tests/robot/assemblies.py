@@ -1,0 +1,334 @@
+"""Assemblies with known joints, modelled in build123d: each returns its solids by name and the joints between them.
+
+A joint is (first, second, kind, place, axis): mm, its own axes; place and axis are None where any will do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import build123d as b
+import numpy as np
+from OCP.Interface import Interface_Static
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+LOW = (b.Align.CENTER, b.Align.CENTER, b.Align.MIN)
+TOP = (b.Align.CENTER, b.Align.CENTER, b.Align.MAX)
+X, Y, Z = np.eye(3)
+
+
+@dataclass
+class Made:
+    """Solids by name, joints, and the names of hardware."""
+
+    solids: dict[str, Any] = field(default_factory=dict)
+    joints: list[tuple[str, str, str, Any, Any]] = field(default_factory=list)
+    hardware: set[str] = field(default_factory=set)
+
+    def add(self, name: str, solid: Any) -> None:
+        """A part."""
+        self.solids[name] = solid.solid()
+
+    def buy(self, name: str, solid: Any) -> None:
+        """A piece of hardware."""
+        self.add(name, solid)
+        self.hardware.add(name)
+
+    def join(self, first: str, second: str, kind: str, at: Any = None, axis: Any = None) -> None:
+        """A joint that is to be found."""
+        self.joints.append((first, second, kind, None if at is None else np.asarray(at, float), axis))
+
+    def write(self, path: Path, unit: str = "MM", place: Any = None, named: bool = True) -> None:
+        """A STEP file of the assembly at a place (a build123d Location), its lengths in MM, IN or M."""
+        children = []
+        for name, solid in self.solids.items():
+            child = b.Solid(solid.wrapped) if place is None else place * b.Solid(solid.wrapped)
+            child.label = name if named else ""
+            children.append(child)
+        Interface_Static.SetCVal_s("write.step.unit", unit)
+        b.export_step(b.Compound(label="machine" if named else "", children=children), path)
+        Interface_Static.SetCVal_s("write.step.unit", "MM")
+
+
+def at(solid: Any, point: Any, z: Any = Z, x: Any = None) -> Any:
+    """A solid with its origin at a point and its z along a direction."""
+    return b.Plane(origin=tuple(point), z_dir=tuple(z), x_dir=None if x is None else tuple(x)).location * solid
+
+
+def rod(radius: float, length: float) -> Any:
+    """A cylinder from its origin along z."""
+    return b.Cylinder(radius, length, align=LOW)
+
+
+def ring(bore: float, radius: float, width: float) -> Any:
+    """A ring from its origin along z."""
+    return rod(radius, width) - rod(bore, width)
+
+
+def screw(diameter: float, length: float) -> Any:
+    """A cap screw: its head on the plane z = 0, its shank below."""
+    return rod(0.75 * diameter, diameter) + b.Cylinder(0.5 * diameter, length, align=TOP)
+
+
+def bar(start: Any, end: Any, low: float, thick: float, width: float, bores: tuple[float, float]) -> Any:
+    """A flat link in x and y between two eyes."""
+    start, end = np.asarray(start, float), np.asarray(end, float)
+    length = float(np.linalg.norm(end - start))
+    solid = b.extrude(b.SlotCenterToCenter(length, width), thick)
+    solid = at(solid, (*(0.5 * (start + end)), low), Z, (*((end - start) / length), 0.0))
+    for point, radius in zip((start, end), bores, strict=True):
+        solid -= at(rod(radius, 3 * thick), (*point, low - thick))
+    return solid
+
+
+def five_bar(bearings: bool = True) -> Made:
+    """A plate frame on a screwed foot, two cranks, two couplers; ball bearings in the frame if wished."""
+    made = Made()
+    a, e = np.array([-60.0, 0.0]), np.array([60.0, 0.0])
+    left, right = (a + 100 * np.array([np.cos(2.2), np.sin(2.2)]), e + 100 * np.array([np.cos(0.9), np.sin(0.9)]))
+    gap = float(np.linalg.norm(right - left))
+    across = np.array([-(right - left)[1], (right - left)[0]]) / gap
+    top = 0.5 * (left + right) + np.sqrt(140.0**2 - 0.25 * gap**2) * across
+    seat = 11.0 if bearings else 4.0
+    frame = b.Box(300, 120, 12, align=TOP)
+    for point in (a, e):
+        frame -= at(rod(seat, 7), (*point, -7)) + at(rod(6.0 if bearings else 4.0, 40), (*point, -20))
+    foot = at(b.Box(300, 40, 20, align=TOP), (0, -40, -12))
+    for x in (-120.0, 0.0, 120.0):
+        frame -= at(rod(2.75, 40), (x, -40, -20))
+        foot -= at(rod(2.1, 16), (x, -40, -28))
+        made.buy(f"screw{x:g}", at(screw(5, 24), (x, -40, 0)))
+    made.add("frame", frame)
+    made.add("foot", foot)
+    made.join("frame", "foot", "fixed")
+    for name, start, end, low in (
+        ("crank_left", a, left, 0), ("crank_right", e, right, 0),
+        ("coupler_left", left, top, 8), ("coupler_right", right, top, 16),
+    ):  # fmt: skip
+        bores = (4.0, 4.0)
+        made.add(name, bar(start, end, low, 8, 24, bores))
+    for name, point, low, high in (("left", left, 0, 16), ("right", right, 0, 24), ("top", top, 8, 24)):
+        made.buy(f"pin_{name}", at(rod(4, high - low), (*point, low)))
+    made.buy("spacer", at(ring(4, 7, 8), (*right, 8)))
+    for name, point in (("left", a), ("right", e)):
+        made.buy(f"axle_{name}", at(rod(4, 15), (*point, -7)))
+        if bearings:
+            made.buy(f"608_{name}", at(ring(4, 11, 7), (*point, -7)))
+    kind = "revolute"
+    made.join("frame", "crank_left", kind, (*a, 0), Z)
+    made.join("frame", "crank_right", kind, (*e, 0), Z)
+    made.join("crank_left", "coupler_left", kind, (*left, 0), Z)
+    made.join("crank_right", "coupler_right", kind, (*right, 0), Z)
+    made.join("coupler_left", "coupler_right", kind, (*top, 0), Z)
+    return made
+
+
+def delta() -> Made:
+    """Three arms on pins in a base, two rods with balls at both ends from each to a platform."""
+    made = Made()
+    base, platform = rod(120, 15), at(rod(50, 12), (0, 0, -300))
+    for leg, angle in enumerate(np.deg2rad([0.0, 120.0, 240.0]), 1):
+        out, side = np.array([np.cos(angle), np.sin(angle), 0.0]), np.array([-np.sin(angle), np.cos(angle), 0.0])
+        hip, elbow, wrist = 100 * out - 20 * Z, 220 * out - 40 * Z, 60 * out - 294 * Z
+        for sign in (-1.0, 1.0):
+            base += at(b.Box(20, 8, 40, align=TOP), hip + sign * 14 * side + 20 * Z, Z, out)
+        hole = at(rod(5, 80), hip - 40 * side, side)
+        base -= hole
+        along = (elbow - hip) / np.linalg.norm(elbow - hip)
+        arm = at(b.Box(20, 20, float(np.linalg.norm(elbow - hip)), align=LOW), hip, along, side)
+        arm += at(rod(10, 90), elbow - 45 * side, side)
+        arm -= hole
+        platform += at(rod(10, 90), wrist - 45 * side, side)
+        platform += at(b.Box(30, 20, 10), wrist - 15 * out, Z, out)
+        for sign, rod_name in ((-1.0, "a"), (1.0, "b")):
+            top, low = elbow + sign * 45 * side, wrist + sign * 45 * side
+            down = (low - top) / np.linalg.norm(low - top)
+            length = float(np.linalg.norm(low - top))
+            link = at(b.Sphere(6) + at(b.Sphere(6), (0, 0, length)) + rod(3, length), top, down)
+            arm -= at(b.Sphere(6), top) + at(rod(5, 30), top, down) + at(rod(6, 10), top, sign * side)
+            platform -= at(b.Sphere(6), low) + at(rod(5, 30), low, -down) + at(rod(6, 10), low, sign * side)
+            name = f"rod{leg}{rod_name}"
+            made.add(name, link)
+            made.join(f"arm{leg}", name, "spherical", top)
+            made.join(name, "platform", "spherical", low)
+        made.buy(f"axle{leg}", at(rod(5, 40), hip - 20 * side, side))
+        arm -= at(b.Box(60, 60, 60), hip + 70 * Z)
+        made.add(f"arm{leg}", arm)
+        made.join("base", f"arm{leg}", "revolute", hip, side)
+    made.add("base", base)
+    made.add("platform", platform)
+    return made
+
+
+def _fork(made: Made, name: str, centre: Any, axis: Any, up: Any) -> Any:
+    """A fork that holds the pins of a cross along an axis, its stem along `up`."""
+    side = np.cross(up, axis)
+    fork = at(rod(8, 20), centre + 14 * up, up)
+    fork += at(b.Box(16, 36, 6, align=LOW), centre + 12 * up, up, side)
+    for sign in (-1.0, 1.0):
+        fork += at(b.Box(12, 6, 24), centre + 3 * up + sign * 15 * axis, up, side)
+    return fork - at(rod(3, 80), centre - 40 * axis, axis)
+
+
+def _cross(made: Made, name: str, centre: Any, one: Any, two: Any) -> None:
+    body = at(b.Box(12, 12, 12), centre, np.cross(one, two), one)
+    for axis in (one, two):
+        body += at(rod(3, 36), centre - 18 * axis, axis)
+        for sign in (-1.0, 1.0):
+            body += at(rod(6, 6), centre + 6 * sign * axis, sign * axis)
+    made.add(name, body)
+
+
+def hexapod() -> Made:
+    """Six legs, a rod in a tube each, with crosses between forks at either end."""
+    made = Made()
+    base, platform = at(rod(130, 10), (0, 0, -70)), at(rod(110, 10), (0, 0, 260))
+    for leg in range(6):
+        turn = np.deg2rad(60 * (leg // 2) * 2 + (-12 if leg % 2 else 12))
+        turn2 = np.deg2rad(60 * (leg // 2) * 2 + (-48 if leg % 2 else 48))
+        low = np.array([100 * np.cos(turn), 100 * np.sin(turn), -26.0])
+        high = np.array([80 * np.cos(turn2), 80 * np.sin(turn2), 226.0])
+        up = (high - low) / np.linalg.norm(high - low)
+        one = np.cross(Z, up) / np.linalg.norm(np.cross(Z, up))
+        two = np.cross(up, one)
+        length = float(np.linalg.norm(high - low))
+        base += _fork(made, "", low, one, -Z)
+        platform += _fork(made, "", high, one, Z)
+        tube = _fork(made, "", low, two, up) + at(ring(5, 8, 110), low + 34 * up, up)
+        bar_ = _fork(made, "", high, two, -up) + at(rod(5, length - 100), high - 34 * up, -up)
+        tube -= at(rod(5, 200), low + 34 * up, up)
+        made.add(f"tube{leg}", tube)
+        made.add(f"rod{leg}", bar_)
+        for end, centre, part in (("low", low, "base"), ("high", high, "platform")):
+            cross = f"cross{leg}{end}"
+            _cross(made, cross, centre, one, two)
+            made.join(part, cross, "revolute", centre, one)
+            made.join(cross, f"{'tube' if end == 'low' else 'rod'}{leg}", "revolute", centre, two)
+        made.join(f"tube{leg}", f"rod{leg}", "cylindrical", low, up)
+    made.add("base", base)
+    made.add("platform", platform)
+    return made
+
+
+def _rail(length: float) -> Any:
+    """A profiled rail along x, its foot on z = 0."""
+    with b.BuildPart() as part:
+        with b.BuildSketch(b.Plane.YZ.offset(-0.5 * length)):
+            b.Polygon(
+                (-8, 0), (8, 0), (8, 6), (5, 9), (8, 12), (8, 15), (-8, 15), (-8, 12), (-5, 9), (-8, 6), align=None
+            )
+        b.extrude(amount=length)
+    return part.part
+
+
+def _carriage() -> Any:
+    """A carriage on such a rail, 40 long, its top at z = 24."""
+    with b.BuildPart() as part:
+        with b.BuildSketch(b.Plane.YZ.offset(-20)):
+            b.Polygon(
+                (-8, 4),
+                (-8, 6),
+                (-5, 9),
+                (-8, 12),
+                (-8, 15),
+                (8, 15),
+                (8, 12),
+                (5, 9),
+                (8, 6),
+                (8, 4),
+                (22, 4),
+                (22, 24),
+                (-22, 24),
+                (-22, 4),
+                align=None,
+            )
+        b.extrude(amount=40)
+    return part.part
+
+
+def slider() -> Made:
+    """A plate on four carriages on two rails on a bed, all screwed."""
+    made = Made()
+    bed = b.Box(400, 240, 30, align=TOP)
+    plate = at(b.Box(240, 200, 12, align=LOW), (0, 0, 24))
+    for number, y in enumerate((-70.0, 70.0)):
+        track = at(_rail(400), (0, y, 0))
+        for x in (-160.0, 0.0, 160.0):
+            track -= at(rod(2.25, 40), (x, y, -10)) + at(rod(4, 10), (x, y, 10))
+            bed -= at(rod(1.65, 15), (x, y, -15))
+            made.buy(f"rail{number}_screw{x:g}", at(screw(4, 20), (x, y, 10)))
+        made.add(f"rail{number}", track)
+        made.join("bed", f"rail{number}", "fixed")
+        for x in (-80.0, 80.0):
+            name = f"carriage{number}{'+' if x > 0 else '-'}"
+            carriage = at(_carriage(), (x, y, 0))
+            for side in (-15.0, 15.0):
+                carriage -= at(rod(2.1, 8), (x, y + side, 16))
+                plate -= at(rod(2.75, 40), (x, y + side, 0))
+                made.buy(f"{name}_screw{side:g}", at(screw(5, 19), (x, y + side, 36)))
+            made.add(name, carriage)
+            made.join(f"rail{number}", name, "prismatic", None, X)
+            made.join(name, "plate", "fixed")
+    made.add("bed", bed)
+    made.add("plate", plate)
+    return made
+
+
+def three_prs() -> Made:
+    """Three carriages on upright rails, legs on pins in their forks, balls in a platform."""
+    made = Made()
+    base = rod(160, 15) - rod(60, 15)
+    platform = at(rod(70, 12), (0, 0, 260))
+    for leg, angle in enumerate(np.deg2rad([0.0, 120.0, 240.0]), 1):
+        out, side = np.array([np.cos(angle), np.sin(angle), 0.0]), np.array([-np.sin(angle), np.cos(angle), 0.0])
+        foot = 140 * out
+        place = b.Plane(origin=tuple(foot + 115 * Z), z_dir=tuple(-out), x_dir=(0, 0, 1)).location
+        base += place * _rail(230)
+        base += at(b.Box(12, 30, 230, align=LOW), foot + 6 * out, Z, out)
+        carriage = b.Plane(origin=tuple(foot + 90 * Z), z_dir=tuple(-out), x_dir=(0, 0, 1)).location * _carriage()
+        hip, ball = 105 * out + 90 * Z, 50 * out + 256 * Z
+        for sign in (-1.0, 1.0):
+            carriage += at(b.Box(24, 6, 20), hip + sign * 9 * side, Z, out)
+        hole = at(rod(4, 60), hip - 30 * side, side)
+        along = (ball - hip) / np.linalg.norm(ball - hip)
+        link = at(b.Box(12, 12, float(np.linalg.norm(ball - hip)), align=LOW), hip, along, side) + at(b.Sphere(9), ball)
+        platform -= at(b.Sphere(9), ball) + at(b.Box(20, 20, 30, align=LOW), ball, -along)
+        made.add(f"carriage{leg}", carriage - hole)
+        made.add(f"leg{leg}", link - hole)
+        made.buy(f"pin{leg}", at(rod(4, 24), hip - 12 * side, side))
+        made.join("base", f"carriage{leg}", "prismatic", None, Z)
+        made.join(f"carriage{leg}", f"leg{leg}", "revolute", hip, side)
+        made.join(f"leg{leg}", "platform", "spherical", ball)
+    made.add("base", base)
+    made.add("platform", platform)
+    return made
+
+
+def finger() -> Made:
+    """A palm, a finger of one solid with two notch flexures, and a pad, screwed."""
+    made = Made()
+    palm = b.Box(60, 60, 15, align=TOP)
+    body = b.Box(16, 20, 90, align=LOW) + at(b.Box(40, 20, 8, align=LOW), (0, 0, 0))
+    for z in (25.0, 55.0):
+        for x in (-8.0, 8.0):
+            body -= at(rod(7, 40), (x, -20, z), Y)
+    pad = at(b.Box(6, 20, 20), (11, 0, 76))
+    for x in (-14.0, 14.0):
+        palm -= at(rod(1.65, 12), (x, 0, -12))
+        body -= at(rod(2.25, 20), (x, 0, -5))
+        made.buy(f"M4x16{x:g}", at(screw(4, 16), (x, 0, 8)))
+    body -= at(rod(1.25, 10), (-2, 0, 76), X)
+    pad -= at(rod(1.7, 20), (0, 0, 76), X)
+    made.buy("M3x10", at(screw(3, 10), (14, 0, 76), X))
+    made.add("palm", palm)
+    made.add("finger", body)
+    made.add("pad", pad)
+    made.join("palm", "finger", "fixed")
+    made.join("finger", "pad", "fixed")
+    return made
+
+
+ALL = {"five-bar": five_bar, "delta": delta, "hexapod": hexapod, "slider": slider, "3-prs": three_prs, "finger": finger}

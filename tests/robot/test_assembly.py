@@ -1,0 +1,119 @@
+"""STEP assemblies: the joints of machines whose joints are known, wherever they stand, in any unit, named or not."""
+
+from __future__ import annotations
+
+import math
+
+import build123d as b
+import numpy as np
+import pytest
+
+from stiffscope.cad.assembly import read_assembly
+from stiffscope.cad.contacts import find_contacts
+from stiffscope.errors import InputError
+from stiffscope.robot.imports.contact_joints import find_joints
+from stiffscope.robot.imports.hardware import find_hardware
+from stiffscope.robot.imports.import_assembly import Said, import_assembly
+from stiffscope.robot.reader import load_robot
+from tests.robot import assemblies
+
+STANDING = {  # place (mm, degrees), unit and whether solids have names
+    "five-bar": ((13.7, -220.3, 71.1), (31, -47, 113), "MM", True),
+    "delta": ((-513.7, 20.3, 1000), (-131, 17, -13), "IN", True),
+    "hexapod": ((0, 0, 0), (0, 0, 0), "M", False),
+    "slider": ((1, 2, 3), (90, 0, 45), "MM", False),
+    "3-prs": ((88, -9, 40), (12, 65, -170), "M", True),
+    "finger": ((-7, 0, 12), (3, 2, 1), "IN", False),
+}
+
+
+@pytest.mark.parametrize("machine", STANDING)
+def test_every_joint_is_found_and_none_invented(machine, tmp_path):
+    where, turns, unit, named = STANDING[machine]
+    place = b.Location(where, turns)
+    made = assemblies.ALL[machine]()
+    made.write(tmp_path / "machine.step", unit, place, named)
+    solids = read_assembly(tmp_path / "machine.step")
+    contacts = find_contacts(solids)
+    hardware = find_hardware(solids, contacts, {})
+    joints, _ = find_joints(solids, contacts, hardware)
+    names = _true_names(made, solids, place)
+    assert {names[n] for n in hardware.roles} == made.hardware
+    found = {frozenset((names[j.first], names[j.second])): j for j in joints}
+    assert {pair: j.kind for pair, j in found.items()} == {frozenset(t[:2]): t[2] for t in made.joints}
+    turn, origin = _frame(place)
+    for first, second, _, at, axis in made.joints:
+        joint = found[frozenset((first, second))]
+        if axis is not None:
+            assert np.linalg.norm(np.cross(joint.axis, turn @ axis)) < 1e-9
+        if at is not None:
+            off = joint.at - 1e-3 * (turn @ at + origin)
+            assert np.linalg.norm(off if axis is None else np.cross(joint.axis, off)) < 1e-9
+
+
+def _frame(place):
+    change = place.wrapped.Transformation()
+    matrix = np.array([[change.Value(i, k) for k in (1, 2, 3, 4)] for i in (1, 2, 3)])
+    return matrix[:, :3], matrix[:, 3]
+
+
+def _true_names(made, solids, place):
+    """Names of the solids by where their centres are, and their volumes."""
+    turn, origin = _frame(place)
+    true = {
+        name: (*(turn @ np.array(tuple(solid.center(b.CenterOf.MASS))) + origin), solid.volume ** (1 / 3))
+        for name, solid in made.solids.items()
+    }
+    seen = [(*(1e3 * solid.centre), 1e3 * solid.product.volume ** (1 / 3)) for solid in solids]
+    return [min(true, key=lambda name: math.dist(each, true[name])) for each in seen]
+
+
+def test_a_bearing_of_rings_and_balls_turns(tmp_path):
+    made = assemblies.Made()
+    shaft = assemblies.rod(10, 60) + assemblies.at(b.Box(40, 40, 8), (0, 0, 64))
+    made.add("rotor", shaft)
+    made.add("stator", b.Box(70, 70, 14, align=assemblies.LOW) - assemblies.rod(23.5, 14))
+    groove = b.Torus(16.75, 4)
+    made.buy("inner", assemblies.ring(10, 14, 14) - assemblies.at(groove, (0, 0, 7)))
+    made.buy("outer", assemblies.ring(19.5, 23.5, 14) - assemblies.at(groove, (0, 0, 7)))
+    for number in range(8):
+        turn = 2 * math.pi * number / 8
+        made.buy(f"element{number}", assemblies.at(b.Sphere(3.9), (16.75 * math.cos(turn), 16.75 * math.sin(turn), 7)))
+    made.write(tmp_path / "machine.step")
+    solids = read_assembly(tmp_path / "machine.step")
+    contacts = find_contacts(solids)
+    hardware = find_hardware(solids, contacts, {})
+    assert {solids[n].name for n in hardware.roles} == made.hardware
+    (joint,), _ = find_joints(solids, contacts, hardware)
+    assert joint.kind == "revolute"
+
+
+def test_an_import_runs_and_keeps_what_is_said(tmp_path):
+    made = assemblies.five_bar()
+    made.write(tmp_path / "machine.step")
+    (tmp_path / "assembly.toml").write_text('ground = "foot"\nmaterial = { "*" = "steel" }\n')
+    said = Said(tool="coupler_left", rigid=("frame",), drive=("frame/crank*=9 kN*m/rad",))
+    found = import_assembly(tmp_path / "machine.step", tmp_path / "robot.toml", said)
+    robot = load_robot(tmp_path / "robot.toml")
+    assert found.model.pose == ("x", "y")
+    assert sorted(robot.parts) == ["coupler_left", "coupler_right", "crank_left", "crank_right"]
+    assert not found.doubts
+    with pytest.raises(InputError, match=r"robot\.toml"):
+        import_assembly(tmp_path / "machine.step", tmp_path / "robot.toml", said)
+
+
+@pytest.mark.parametrize(
+    ("said", "message"),
+    [
+        (Said(), r"machine\.step: expected a material for finger, pad, got none"),
+        (Said(material=("*=wood",)), r"--material \*=wood: expected PATTERN=NAME"),
+        (Said(material=("*=steel",), joint=("palm/pad=revolute",)), "expected two solids that touch"),
+        (Said(material=("*=steel",), joint=("palm/finger=welded",)), r"expected A/B=KIND"),
+        (Said(material=("*=steel",), ground="bed"), "--ground bed: expected the name of a solid"),
+    ],
+)
+def test_what_is_not_said_well_is_refused(said, message, tmp_path):
+    assemblies.finger().write(tmp_path / "machine.step")
+    with pytest.raises(InputError, match=message):
+        import_assembly(tmp_path / "machine.step", tmp_path / "robot.toml", said)
+    assert [each.name for each in tmp_path.iterdir()] == ["machine.step"]
