@@ -17,6 +17,7 @@ import numpy as np
 from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.dynamics import factor_semidefinite
 from stiffscope.vjm.network import free_directions, list_elements, list_nodes
+from stiffscope.vjm.order import stack_columns
 from stiffscope.vjm.screws import Frame
 
 if TYPE_CHECKING:
@@ -230,8 +231,7 @@ def _own_rows(out: Coordinates, e: Element, own: dict[str, Rows]) -> Rows:
 def _columns(e: Element, where: Places) -> Array:
     """Twists ``[F N]`` (n or 1, 6, c) of an element's own coordinates at M in base axes."""
     free = free_directions(e, where)
-    factor = np.broadcast_to(e.factor, (len(free), *e.factor.shape))
-    return where.adjoint(e) @ np.concatenate([factor, free], axis=2)
+    return where.adjoint(e) @ stack_columns([where.factor(e), free])
 
 
 def _place_nodes(out: Coordinates, tree: list[Element], own: dict[str, Rows]) -> None:

@@ -137,6 +137,15 @@ class Joint:
         return None if self.drive is None else FREE[self.kind].index(DRIVEN[self.kind])
 
     @property
+    def resistance(self) -> float:
+        """Stiffness of its drive, or of its spring along each free motion, N/m or N·m/rad; 0 without one."""
+        return self.drive.stiffness if self.drive is not None else self.spring or 0.0
+
+    def resists(self, motion: int) -> bool:
+        """Whether its drive or spring acts along a free motion, by number."""
+        return motion == self.driven if self.drive is not None else self.spring is not None
+
+    @property
     def held_components(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Components along the joint's axes that it holds: of translation, of rotation (0, 1, 2).
 

@@ -273,7 +273,7 @@ class Linkage:
         to_first = np.swapaxes(np.moveaxis(placed.rotation[first], -1, 0), -1, -2)
         across = to_first @ np.moveaxis(placed.rotation[second], -1, 0)
         gap = (placed.point(second, joint.at) - placed.point(first, joint.at)).T
-        found = _free_coordinates(joint, across, (to_first @ gap[..., None])[..., 0])
+        found = find_free_coordinates(joint, across, (to_first @ gap[..., None])[..., 0])
         return np.broadcast_to(found, (q.shape[1], found.shape[-1]))
 
 
@@ -284,7 +284,7 @@ def _cross(a: Array, b: Array, out: Array) -> None:
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
-def _free_coordinates(joint: Joint, across: Array, gap: Array) -> Array:
+def find_free_coordinates(joint: Joint, across: Array, gap: Array) -> Array:
     """Coordinates of a joint from the displacement of its second body against its first."""
     x, y, z = joint.axes.T
     angle = np.arctan2((across @ y) @ z, (across @ y) @ y)

@@ -103,7 +103,7 @@ class ElementState:
         """Strain energy (n, c) in J; of elements that share theirs the sum of all is the body's."""
         if self.strained is not None:
             return 0.5 * np.einsum("nic,nic->nc", self.carried, self.strained)
-        stress = self.element.factor.T @ self.wrench
+        stress = np.swapaxes(self.where.factor(self.element), -1, -2) @ self.wrench
         return 0.5 * np.einsum("nrc,nrc->nc", stress, stress)
 
 

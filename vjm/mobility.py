@@ -67,7 +67,7 @@ class Redundancy:
 
 @dataclass(frozen=True, eq=False)
 class Idle:
-    """A motion of ``bodies`` in ``joints`` that neither moves the tool nor a drive; ``count`` of them."""
+    """A motion of ``bodies`` in ``joints`` that moves neither the tool nor a drive nor a spring; ``count`` of them."""
 
     bodies: tuple[str, ...]
     joints: tuple[str, ...]
@@ -103,7 +103,7 @@ class Mobility:
         What each of x y z rx ry rz does at M: "commanded" by ``tool.pose``, "follows" from those, is "free" besides
         them, is "held"; or "locked": commanded, though the loops hold it.
     loose
-        Motions of the tool that are left with all drives held: it lacks drives.
+        Motions of the tool that are left with all drives held and that no joint's spring resists: it lacks drives.
     dependent_drives
         Drives that others, or the loops, determine; ``redundant_drives`` of them could be taken away.
     redundancies, idle
@@ -158,7 +158,7 @@ def mobility(mechanism: Mechanism, configurations: Configurations | None = None,
     drives = _drives(rates)
     to_tool = shift((rates.tool - rates.middle) / rates.length)
     tool = to_tool @ rates.of_body(mechanism.carrier(mechanism.tool.body))
-    held = motions @ null_space(drives @ motions)
+    held = motions @ null_space(np.vstack([drives, _springs(rates)]) @ motions)
     idle = held @ null_space(tool @ held)
     return Mobility(
         size,
@@ -192,6 +192,11 @@ def _drives(rates: JointRates) -> Array:
         if j.drive is not None
     ]
     return np.array(rows).reshape(-1, int(rates.starts[-1]))
+
+
+def _springs(rates: JointRates) -> Array:
+    columns = [rates.columns(k) for k, j in enumerate(rates.joints) if j.spring is not None]
+    return np.vstack([np.zeros((0, int(rates.starts[-1]))), *(np.eye(int(rates.starts[-1]))[c] for c in columns)])
 
 
 def _find_dependent(rates: JointRates, drives: Array) -> tuple[int, tuple[str, ...]]:

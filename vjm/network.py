@@ -14,6 +14,8 @@ import numpy as np
 
 from stiffscope.vjm.checks import BASE, GROUND, TOOL
 from stiffscope.vjm.dynamics import split_moments
+from stiffscope.vjm.joints import DRIVEN
+from stiffscope.vjm.linkage import rotation_vector
 from stiffscope.vjm.screws import Frame, rotation
 
 if TYPE_CHECKING:
@@ -41,6 +43,7 @@ def _none() -> Array:
 class Element:
     """``factor`` F (6, r) of its compliance F Fᵀ, ``free`` directions N (6, k), ``offset`` t₀ (6,) or None.
 
+    The last ``sprung`` columns of F are motions of a universal or spherical joint that springs resist.
     ``axes`` (3, 3) ride on the node ``carrier``, the point ``at`` (3,) on ``second``, both as they are at home.
     ``group``: the body with whose other elements it shares its coordinates; empty where it has its own.
     """
@@ -56,6 +59,7 @@ class Element:
     offset: Array | None = None
     joint: Joint | None = None
     group: str = ""
+    sprung: int = 0
 
     @property
     def compliance(self) -> Array:
@@ -100,14 +104,33 @@ class Places:
         return self.known[element.name]
 
     def factor(self, element: Element) -> Array:
-        """Factor (n or 1, 6, r) of an element's compliance; a bent body's rotates by Rx, Ry, Rz in this order."""
+        """Factor (n or 1, 6, r) of an element's compliance; a bent body's rotates by Rx, Ry, Rz in this order.
+
+        A spring's is that of its joint's own motions; where a ball's is turned, it yields along geodesics.
+        """
         if element.name in self.softened:
             return self.softened[element.name]
+        if element.sprung and element.joint is not None:
+            return self._spring_factor(element, element.joint)
         if self.rigid or element.joint is not None or not element.factor.shape[1]:
             return element.factor[None]
         turn = element.axes.T @ self.rotation_across(element) @ element.axes
         out = np.repeat(element.factor[None], len(turn), axis=0)
         out[:, 3:] = euler_axes(turn) @ element.factor[3:]
+        return out
+
+    def _spring_factor(self, element: Element, joint: Joint) -> Array:
+        if joint.axis2 is not None and joint.kind == "universal":
+            size = np.sqrt(1.0 / joint.resistance)
+            second = (self.rotation_across(element) @ joint.axis2) @ element.axes
+            out = np.repeat(element.factor[None], len(second), axis=0)
+            out[:, 3:, -1] = size * second
+            return out
+        if self.rigid:
+            return element.factor[None]
+        vector = rotation_vector(element.axes.T @ self.rotation_across(element) @ element.axes)
+        out = np.repeat(element.factor[None], len(vector), axis=0)
+        out[:, 3:, -3:] = _soften_turned(vector) @ out[:, 3:, -3:]
         return out
 
     def rotation_across(self, element: Element) -> Array:
@@ -189,20 +212,37 @@ def _body(name: str, nodes: tuple[str, ...], elastic: Elastic) -> Iterator[Eleme
 def _joint(joint: Joint, first: str, second: str) -> Element:
     compliance = np.zeros((6, 6)) if joint.compliance is None else joint.compliance.copy()
     free: list[Array] = []
+    sprung: list[Array] = []
     for k, (kind, direction) in enumerate(joint.motions):
-        if kind == "S":
-            free += list(np.eye(6)[3:])
-            continue
         along = joint.axes.T @ direction
         screw = np.concatenate([along, np.zeros(3)] if kind == "P" else [np.zeros(3), along])
-        if k == joint.driven and joint.drive is not None:
-            compliance += np.outer(screw, screw) / joint.drive.stiffness
+        screws = list(np.eye(6)[3:]) if kind == "S" else [screw]
+        if not joint.resists(k):
+            free += screws
+        elif joint.kind in DRIVEN:
+            compliance += np.outer(screw, screw) / joint.resistance
         else:
-            free.append(screw)
-    columns = np.array(free).T if free else _none()
+            sprung += [each / np.sqrt(joint.resistance) for each in screws]
     return Element(
-        joint.name, first, second, joint.axes, joint.at, first, _factor(compliance), columns, joint.offset, joint
-    )
+        joint.name, first, second, joint.axes, joint.at, first, np.hstack([_factor(compliance), _columns(sprung)]),
+        _columns(free), joint.offset, joint, sprung=len(sprung),
+    )  # fmt: skip
+
+
+def _columns(vectors: list[Array]) -> Array:
+    return np.array(vectors).T if vectors else _none()
+
+
+def _soften_turned(vector: Array) -> Array:
+    """By what (n, 3, 3) a ball's spring, of energy ``½ k φ²``, yields more along each axis where φ (n, 3) is turned.
+
+    Along geodesics from there the Hessian of φ² / 2 is ``n nᵀ + (φ/2) cot(φ/2) (1 - n nᵀ)``.
+    """
+    angle = np.linalg.norm(vector, axis=1)
+    unit = vector / np.where(angle > 0.0, angle, 1.0)[:, None]
+    across = np.sqrt(np.where(angle > 1e-6, np.tan(0.5 * angle) / np.where(angle > 0.0, 0.5 * angle, 1.0), 1.0))
+    along = unit[:, :, None] * unit[:, None, :]
+    return across[:, None, None] * (np.eye(3) - along) + along
 
 
 def free_directions(element: Element, where: Places) -> Array:

@@ -21,11 +21,12 @@ import numpy as np
 from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.condensation import condense_network
 from stiffscope.vjm.equilibrium import solve_held, solve_loads, tool_stiffness
-from stiffscope.vjm.loading import Loads, condense_loads, recover_response, solve_tool
+from stiffscope.vjm.loading import Loads, condense_loads, recover_response, solve_tool, stack_rows
 from stiffscope.vjm.network import END, Places, free_directions, lump_masses
+from stiffscope.vjm.order import stack_columns
 from stiffscope.vjm.saddle import saddle_loaded_unit
 from stiffscope.vjm.screws import rotation_of, skew
-from stiffscope.vjm.strain import find_remaining_offsets
+from stiffscope.vjm.strain import find_offsets, find_remaining_offsets
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -44,11 +45,11 @@ _SLIGHT = 1e-2  # of the motions, that they change by second-order work; one ste
 
 
 def own_loads(order: Order, where: Places, gravity: Array) -> Loads:
-    """The mechanism's own weight under ``gravity`` (3,), and its offsets: one case."""
+    """The mechanism's own weight under ``gravity`` (3,), its offsets, and springs that are not at rest: one case."""
     nodes = (
         {node: m.weight(gravity) for node, m in lump_masses(order.mechanism, where).items()} if gravity.any() else {}
     )
-    return Loads(1, nodes, {e.name: e.offset[None, :, None] for e in order.elements if e.offset is not None})
+    return Loads(1, nodes, find_offsets(order, where))
 
 
 def loaded_stiffness(order: Order, where: Places, gravity: Array) -> tuple[Array, Array]:
@@ -198,11 +199,13 @@ class Motion:
                 out.twist[name] = state.twist[..., some]
                 if e.group:  # no free motions: all of its twist is strain
                     out.sprung[name] = out.twist[name][:, 3:]
-                else:
-                    factor = state.where.factor(e)
-                    stress = np.swapaxes(factor, -1, -2) @ state.wrench[..., some]
-                    out.sprung[name] = factor[:, 3:] @ stress
-                out.rates[name] = state.rates[..., some]
+                    out.rates[name] = state.rates[..., some]
+                    continue
+                factor = state.where.factor(e)
+                stress = np.swapaxes(factor, -1, -2) @ state.wrench[..., some]
+                own = factor.shape[2] - e.sprung
+                out.sprung[name] = factor[:, 3:, :own] @ stress[:, :own]
+                out.rates[name] = stack_rows([stress[:, own:], state.rates[..., some]])
         return out
 
     @property
@@ -290,12 +293,14 @@ class SecondOrder:
         e = state.element
         parts: list[Array] = []
         axes: list[Array] = []
-        if e.joint is not None and e.joint.kind == "spherical":  # carries no moment, whatever the order
+        if e.joint is not None and e.joint.kind == "spherical":  # turns along one geodesic: no order
             return parts, axes
-        if e.factor.shape[1]:
+        if e.factor.shape[1] > e.sprung:
             parts += [motion.sprung[e.name] * row[:, None] for row in np.eye(3)]
             axes += list(np.eye(3)[:, None])
-        free = free_directions(e, state.where)
+        free = stack_columns(
+            [state.where.factor(e)[..., e.factor.shape[1] - e.sprung :], free_directions(e, state.where)]
+        )
         parts += [free[:, 3:, k, None] * motion.rates[e.name][:, None, k] for k in range(free.shape[2])]
         axes += [free[:, 3:, k] for k in range(free.shape[2])]
         return parts, axes

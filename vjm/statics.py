@@ -21,6 +21,7 @@ from stiffscope.vjm.network import END, FOOT, lump_masses, place_nodes
 from stiffscope.vjm.order import find_order
 from stiffscope.vjm.prestress import loaded_compliance, loaded_stiffness, own_loads
 from stiffscope.vjm.singularity import characteristic_length, count_freedoms, invert_stiffness, rigid_wrenches
+from stiffscope.vjm.strain import find_offsets
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -265,9 +266,8 @@ def respond(
         for node, m in lump_masses(mechanism, where).items():
             all_loads.nodes[node] = m.weight(mechanism.gravity) * weight
     times = np.broadcast_to(np.asarray(misfit, dtype=float), (cases,))
-    for e in order.elements:
-        if e.offset is not None and times.any():
-            all_loads.offsets[e.name] = e.offset[None, :, None] * times
+    if times.any():
+        all_loads.offsets |= {name: offset * times for name, offset in find_offsets(order, where).items()}
     for load in loads:
         node = FOOT if load.node == GROUND else load.node
         if node not in where.rotation:

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.vjm.joints import DRIVEN
+from stiffscope.vjm.linkage import find_free_coordinates
 from stiffscope.vjm.network import euler_angles, euler_axes
 
 if TYPE_CHECKING:
@@ -13,6 +15,18 @@ if TYPE_CHECKING:
     from stiffscope.vjm.network import Element, Places
     from stiffscope.vjm.order import Order
     from stiffscope.vjm.screws import Array
+
+
+def find_offsets(order: Order, where: Places) -> dict[str, Array]:
+    """Offsets (n or 1, 6, 1) of the unloaded mechanism: elements' own, and of joints' springs that are not at rest."""
+    out: dict[str, Array] = {}
+    for e in order.elements:
+        lack = np.zeros((1, 6)) if e.offset is None else e.offset[None]
+        if e.joint is not None and e.joint.spring is not None:
+            lack = lack - _strain_spring(e, e.joint, where)
+        if lack.any():
+            out[e.name] = lack[..., None]
+    return out
 
 
 def find_remaining_offsets(order: Order, where: Places, rest: Places) -> dict[str, Array]:
@@ -49,12 +63,30 @@ def _strain(e: Element, where: Places, rest: Places) -> Array:
         out[:, 4], out[:, 5] = -turn[:, 2, 0], turn[:, 1, 0]
     elif turns:
         out[:, 3:] = euler_angles(turn)
-    if joint.drive is not None:
+    if joint.resistance and joint.kind in DRIVEN:
         before, turned = _relative(e, rest)
         if joint.kind == "revolute":
             out[:, 3] = euler_angles(turn @ np.swapaxes(turned, -1, -2))[:, 0]
         else:
             out[:, 0] = gap[:, 0] - before[:, 0]
+    if joint.spring is not None:
+        out = out + _strain_spring(e, joint, rest if joint.kind in DRIVEN else where)
+    return out
+
+
+def _strain_spring(e: Element, joint: Joint, where: Places) -> Array:
+    """Displacement (n, 6) of a passive joint's free motions from its spring's rest, own axes."""
+    back = np.swapaxes(where.rotation[e.first], -1, -2)
+    gap = (back @ (where.point(e.second, e.at) - where.point(e.first, e.at))[..., None])[..., 0]
+    away = find_free_coordinates(joint, where.rotation_across(e), gap) - joint.rest
+    out = np.zeros((len(away), 6))
+    if joint.kind == "spherical":
+        out[:, 3:] = away @ e.axes
+    elif joint.kind == "universal" and joint.axis is not None:
+        columns = where.factor(e)[:, 3:, -e.sprung :] * np.sqrt(joint.resistance)
+        out[:, 3:] = (columns @ away[..., None])[..., 0]
+    else:
+        out[:, DRIVEN[joint.kind]] = away[:, 0]
     return out
 
 

@@ -83,6 +83,8 @@ def _joint(robot: RobotFile, name: str, joint: JointSection) -> Joint:
         None if axis2 is None else np.array(axis2),
         driven,
         _bearing(robot, name, joint),
+        spring=getattr(joint, "spring", None),
+        rest=getattr(joint, "rest", 0.0),
     )
 
 

@@ -109,6 +109,9 @@ def _of_joint(name: str, joint: JointSection) -> Iterator[tuple[Any, ...]]:
             drive.stiffness,
             "N*m/rad" if joint.type == "revolute" else "N/m",
         )
+    if getattr(joint, "spring", None) is not None:
+        unit = "N/m" if joint.type == "prismatic" else "N*m/rad"
+        yield as_written(("joints", name, "spring")), getattr(joint, "spring", None), unit
     for key, value in enumerate(bearing) if isinstance(bearing, tuple) else bearing or ():
         turning = key == "tilting" or (isinstance(key, int) and key > 2)
         yield as_written(("joints", name, "compliance", key)), value, "rad/(N*m)" if turning else "m/N"

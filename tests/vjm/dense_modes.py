@@ -77,6 +77,9 @@ def matrices(mechanism, pose, *, drives="held", steps=4):
                 across[:, place[node]] += sign * at_origin(np.eye(3), at)
         held = null_space(np.array(free)).T if free else np.eye(6)
         rows.append(held @ across)
+        if j.spring is not None:
+            along = np.linalg.pinv(np.array(free).T) @ across
+            k += j.spring * along.T @ along
         if driven is not None and drives == "held":
             along = np.linalg.pinv(np.array(free).T)[[np.allclose(f, driven) for f in free].index(True)] @ across
             k += j.drive.stiffness * np.outer(along, along)

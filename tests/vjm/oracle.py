@@ -113,7 +113,7 @@ class Bodies:
         return self
 
 
-def network(bodies):
+def network(bodies):  # noqa: C901
     """Nodes, and elements as (name, first, second, adjoint to the origin, compliance, free directions, offset)."""
     m = bodies.m
     nodes = ["<base>", *(n for b in m.bodies for n in b.nodes), "<tool>"]
@@ -148,6 +148,9 @@ def network(bodies):
         if j.drive is not None:
             c += np.outer(free[-1], free[-1]) / j.drive.stiffness
             free.pop()
+        if j.spring is not None:
+            c += sum(np.outer(f, f) for f in free) / j.spring
+            free = []
         first = "<base>" if j.first == "ground" else j.first
         second = "<base>" if j.second == "ground" else j.second
         columns = np.array(free).T if free else np.zeros((6, 0))

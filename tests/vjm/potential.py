@@ -35,7 +35,7 @@ class Potential:
         at = self.nodes.index(self.m.tool.body)
         self.tool = np.arange(6 * at, 6 * at + 6)
 
-    def energy_and_constraints(self, z):  # noqa: C901
+    def energy_and_constraints(self, z):  # noqa: C901, PLR0912, PLR0915
         """Energy (...) and constraint errors times ``SCALE`` (..., k) of coordinates z (..., size)."""
         moved = {"ground": (np.eye(3) + 0 * z[..., :1, None], 0 * z[..., :3], np.eye(3), np.zeros(3))}
         for k, node in enumerate(self.nodes):
@@ -85,6 +85,8 @@ class Potential:
             elif j.kind == "universal":
                 a, b = axes(j.first, j.axis[:, None]), axes(j.second, j.axis2[:, None])
                 errors.append((_t(a) @ b)[..., 0, 0] - j.axis @ j.axis2)
+            if j.spring is not None:
+                energy = energy + 0.5 * j.spring * self._displacement(j, axes, gap)
             if j.drive is not None and j.kind == "revolute":
                 (r1, _), (r2, _) = self.bodies.of(j.first), self.bodies.of(j.second)
                 rest = (r1 @ j.axes).T @ (r2 @ j.axes)  # where the drive holds it
@@ -95,6 +97,33 @@ class Potential:
                 rest = (r1 @ j.axes[:, 0]) @ (r2 @ j.at + p2 - r1 @ j.at - p1)
                 energy = energy + 0.5 * j.drive.stiffness * (gap[..., 0] - rest) ** 2
         return energy, SCALE * np.stack(errors, -1)
+
+    def _displacement(self, j, axes, gap):
+        """Sum of the squares of a joint's free motions from the rest of its spring; ``gap`` in its own axes."""
+        first, second = axes(j.first, np.eye(3)), axes(j.second, np.eye(3))
+        if j.kind == "prismatic":
+            return (gap[..., 0] - j.rest) ** 2
+        r = _t(first) @ second
+        if j.kind == "spherical":  # φ² of the rotation's trace and skew part
+            s = (
+                np.stack([r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]], -1)
+                / 2
+            )
+            c = (r[..., 0, 0] + r[..., 1, 1] + r[..., 2, 2] - 1.0) / 2
+            t = (s * s).sum(axis=-1) / c**2  # tan² φ; φ² = t (atan(√t)/√t)², as a series where it is small
+            root = np.sqrt(t)
+            return np.where(np.abs(t) > 1e-4, np.arctan(root) ** 2, t - 2 / 3 * t**2 + 23 / 45 * t**3 - 44 / 105 * t**4)
+
+        def about(axis, a, b):  # angle about ``axis`` from a to b, both vectors
+            a, b = a - axis * (a @ axis)[..., None], b - axis * (b @ axis)[..., None]
+            return np.arctan((np.cross(a, b) @ axis) / (a * b).sum(axis=-1))
+
+        if j.kind == "revolute":
+            y = np.broadcast_to(j.axes[:, 1], r.shape[:-1])
+            return (about(j.axis, y, r @ j.axes[:, 1]) - j.rest) ** 2
+        one = np.broadcast_to(j.axis, r.shape[:-1])
+        two = np.broadcast_to(j.axis2, r.shape[:-1])
+        return about(j.axis, two, r @ j.axis2) ** 2 + about(j.axis2, _t(r) @ j.axis, one) ** 2
 
     def gradient(self, z, multipliers):
         energy, errors = self.energy_and_constraints(z[..., None, :] + 1j * EPS * np.eye(self.size))

@@ -12,6 +12,7 @@ from stiffscope.robot.file.values import (
     Angle,
     Angles,
     Compliance,
+    Coordinate,
     Diagonal,
     Direction,
     Inertia,
@@ -140,6 +141,8 @@ class RevoluteJoint(JointSection):
 
     axis: Direction
     drive: RotaryDrive | None = None
+    spring: Torsion | None = None
+    rest: Angle = 0.0
 
 
 class PrismaticJoint(JointSection):
@@ -147,6 +150,8 @@ class PrismaticJoint(JointSection):
 
     axis: Direction
     drive: LinearDrive | None = None
+    spring: Stiffness | None = None
+    rest: Coordinate = 0.0
 
 
 class CylindricalJoint(JointSection):
@@ -161,12 +166,14 @@ class UniversalJoint(JointSection):
 
     axis: Direction
     axis2: Direction
+    spring: Torsion | None = None
 
 
 class SphericalJoint(JointSection):
     """Turns about every axis; `axis` only says along which its bearing is axial."""
 
     axis: Direction | None = None
+    spring: Torsion | None = None
 
 
 class PlanarJoint(JointSection):
