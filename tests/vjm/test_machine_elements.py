@@ -1,0 +1,153 @@
+"""Bearings, guides and screws: published figures, second derivations, limits."""
+
+import numpy as np
+import pytest
+
+from stiffscope.errors import InputError
+from stiffscope.vjm import machine_elements as me
+from stiffscope.vjm.rolling import LINE, hertz_constant, line_constant, settle
+
+STEEL = me.reduced_modulus()
+AC = {"count": 16, "diameter": 22.23e-3, "pitch": 125.26e-3, "angle": np.radians(40), "osculation": (0.5232, 0.5232)}
+DG = {"count": 7, "diameter": 11.5e-3, "pitch": 43.5e-3, "angle": 0.0, "osculation": (0.52, 0.53)}
+ISO = me.reduced_modulus((210e9, 0.3), (210e9, 0.3))
+
+
+@pytest.mark.parametrize(("difference", "approach"), [
+    (0.3204, 0.9761), (0.5916, 0.9077), (0.7332, 0.8394), (0.87366, 0.7169), (0.90999, 0.6636), (0.9729, 0.4960),
+])  # fmt: skip
+def test_hertz_contacts_are_the_table_of_harris(difference, approach):
+    """Dimensionless approach δ* over the curvatures' difference F(ρ) (table 6.1); a ball on a plate in closed form."""
+    total = 100.0
+    c = hertz_constant(0.5 * total * np.array([1 - difference, 1 + difference]), STEEL)
+    assert c ** (-2 / 3) == pytest.approx(approach * (1.5 / total / STEEL) ** (2 / 3) * total / 2, rel=1e-3)
+    r = 0.01
+    assert hertz_constant(np.array([1 / r, 1 / r]), STEEL) == pytest.approx(4 / 3 * STEEL * r**0.5, rel=1e-6)
+
+
+@pytest.mark.parametrize(("clearance", "wrench", "moved"), [
+    (0.0, [0, 1000, 0], {1: 15.1101e-6}),
+    (0.0, [1000, 0, 0], {0: 133.5381e-6}),
+    (1e-5, [0, 1000, 0], {1: 21.223e-6}),
+    (1e-5, [1000, 0, 0], {0: 149.1717e-6}),
+    (1e-5, [1000, 1000, 0], {0: 146.4603e-6, 1: 19.5923e-6}),
+])  # fmt: skip
+def test_a_deep_groove_bearing_is_that_of_iso_16281(clearance, wrench, moved):
+    """By a commercial program: seven balls of 11.5 mm on 43.5 mm, E = 210 GPa (minzhun, ISO16281, its tests)."""
+    balls = me.ball_contacts(**DG, modulus=ISO, clearance=clearance)
+    twist = settle(balls, np.array([*wrench, 0, 0, 0], dtype=float), 0.02)
+    for axis, expected in moved.items():
+        assert twist[axis] == pytest.approx(expected, rel=1e-4)
+
+
+def test_its_tilt_under_a_moment_is_that_of_the_standard():
+    balls = me.ball_contacts(**DG, modulus=ISO)
+    twist = settle(balls, np.array([0, 0, 0, 0, 1.0, 0]), 0.02)
+    assert np.linalg.norm(twist[3:]) == pytest.approx(3.6957e-3, rel=0.015)
+
+
+def test_an_angular_contact_bearing_under_thrust_is_harris():
+    """The 218 under 17,800 N (Harris, example 7.4): contact angle 41.6 degrees; load of a ball F / (Z sin α)."""
+    found = me.ball_bearing(me.ball_contacts(**AC, modulus=STEEL), np.array([17800.0, 0, 0]))
+    assert np.degrees(found.angles) == pytest.approx(41.6, abs=0.15)
+    assert found.loads == pytest.approx(1676, rel=0.005)
+
+
+@pytest.mark.parametrize("load", [[2000.0, 0, 0], [2000.0, 700.0, 0], [3000.0, -400.0, 900.0]])
+@pytest.mark.parametrize("balls", [AC, DG])
+def test_the_five_stiffnesses_are_the_slope_of_the_loads(balls, load):
+    """By differences of the energy; symmetric, and coupled between sideways and tilting."""
+    contacts = me.ball_contacts(**balls, modulus=STEEL)
+    found = me.ball_bearing(contacts, np.array(load))
+    held = [0, 1, 2, 4, 5]
+    step = np.repeat([1e-9, 1e-8], 3)
+    for j in held:
+        h = np.eye(6)[j] * step[j]
+        slope = (contacts.wrench(found.twist + h) - contacts.wrench(found.twist - h)) / (2 * step[j])
+        scale = np.sqrt(np.diag(found.stiffness)[held] * found.stiffness[j, j])
+        assert np.abs((slope[held] - found.stiffness[held, j]) / scale).max() < 1e-5
+    assert np.linalg.eigvalsh(found.stiffness[np.ix_(held, held)]).min() > 0.0
+
+
+def test_thrust_alone_has_the_textbooks_sums():
+    """At one angle for all balls: k_a = Z (k_n sin² + Q/s cos²), k_r = Z/2 (k_n cos² + Q/s sin²)."""
+    contacts = me.ball_contacts(**AC, modulus=STEEL)
+    found = me.ball_bearing(contacts, np.array([5000.0, 0, 0]))
+    along, pressed, load, size = contacts.state(found.twist)
+    k, turn, a = 1.5 * load[0] / pressed[0], load[0] / size[0], found.angles[0]
+    radius = np.linalg.norm(contacts.at[0])
+    axial = 16 * (k * np.sin(a) ** 2 + turn * np.cos(a) ** 2)
+    radial = 8 * (k * np.cos(a) ** 2 + turn * np.sin(a) ** 2)
+    coupled = 8 * radius * (k - turn) * np.sin(a) * np.cos(a)
+    assert np.diag(found.stiffness) == pytest.approx(
+        [axial, radial, radial, 0, axial * radius**2 / 2] + [axial * radius**2 / 2]
+    )
+    assert abs(found.stiffness[1, 5]) == pytest.approx(coupled)
+    assert found.stiffness[1, 5] == pytest.approx(-found.stiffness[2, 4])
+    assert along.shape == (16, 3)
+
+
+def test_pairs_are_stiffest_against_tilting_back_to_back():
+    contacts, load = me.ball_contacts(**AC, modulus=STEEL), np.array([1000.0, 0, 0])
+    single, *pairs = (me.ball_bearing(contacts, load, how, 0.04) for how in ("single", "back-to-back", "face-to-face"))
+    for pair in pairs:
+        assert np.diag(pair.stiffness)[:3] == pytest.approx(2 * np.diag(single.stiffness)[:3])
+        assert np.abs(pair.stiffness[:3, 3:]).max() < 1e-6 * np.sqrt(pair.stiffness[1, 1] * pair.stiffness[5, 5])
+    assert pairs[0].stiffness[5, 5] > 2 * pairs[1].stiffness[5, 5]
+
+
+def test_radial_loads_are_those_of_a_rotordynamics_library():
+    """ROSS (Friswell et al. 2010, sect. 5.5.1): 8 balls of 30 mm at 30 degrees under 500 N; 8 rollers of 30 mm."""
+    k = 13e6 * 8 ** (2 / 3) * 0.03 ** (1 / 3) * 500 ** (1 / 3)
+    balls = me.ball_contacts(8, 0.03, 0.12, 0.0, (0.515, 0.515), STEEL)
+    assert me.ball_bearing(balls, np.array([1e-3, 500.0, 0])).stiffness[1, 1] == pytest.approx(k, rel=0.06)
+    k = 1e9 * 8**0.9 * 0.03**0.8 * 500**0.1
+    rollers = me.roller_bearing(8, 0.03, 0.12, 0.0, np.array([0, 500.0, 0]))
+    assert rollers.stiffness[1, 1] == pytest.approx(k, rel=0.06)
+
+
+def test_a_roller_bearing_with_interference_is_its_sum():
+    """δ0 all round: Z/2 e c δ0^(e-1) sideways, and l²/12 of it about the middle against tilting."""
+    found = me.roller_bearing(20, 0.012, 0.08, -4e-6, np.zeros(3))
+    k = 10 * LINE * line_constant(0.012) * (2e-6) ** (LINE - 1)
+    assert found.stiffness[1, 1] == pytest.approx(k, rel=1e-9)
+    assert found.stiffness[5, 5] == pytest.approx(k * 0.012**2 / 12, rel=2e-3)
+    assert found.free == (0, 3)
+    crossed = me.crossed_roller(60, 0.008, 0.1, -2e-6, np.zeros(3))
+    assert crossed.stiffness[0, 0] == pytest.approx(2 * crossed.stiffness[1, 1], rel=1e-9)
+    assert crossed.stiffness[4, 4] == pytest.approx(crossed.stiffness[0, 0] * 0.05**2 / 2, rel=1e-9)
+
+
+def test_carriages_are_the_springs_that_they_are():
+    """Two springs k at ±a: 2k and 2ka²; a carriage of balls: 4n k_n sin²α upward, more against rolling back to back."""
+    k = 3e8
+    guide = me.guide_of_sheet((0, k, 2 * k, 0, 0, 0), (2, 0.2), (2, 0.3), "sheet")
+    assert np.diag(guide.stiffness) == pytest.approx(
+        [0, 4 * k, 8 * k, 8 * k * 0.1**2, 8 * k * 0.15**2, 4 * k * 0.15**2]
+    )
+    angle, sizes = np.radians(45), (0.02, 0.008, 0.05, 1500.0, STEEL)
+    o, x = (me.carriage_contacts(12, 0.004, 0.52, angle, *sizes, face_to_face=f) for f in (False, True))
+    one, other = (me.guide_of_balls(c, (1, 0.0), (1, 0.0)).stiffness for c in (o, x))
+    q = 1500.0 / (2 * 12 * np.sin(angle))
+    normal = 1.5 * o.constant[0] ** (2 / 3) * q ** (1 / 3)
+    assert one[2, 2] == pytest.approx(48 * normal * np.sin(angle) ** 2, rel=1e-9)
+    assert one[1, 1] == pytest.approx(other[1, 1]) == pytest.approx(48 * normal * np.cos(angle) ** 2)
+    assert one[3, 3] > 5 * other[3, 3]
+
+
+def test_a_screw_is_its_springs_in_series():
+    shaft = 206e9 * np.pi * 0.02**2 / 4 / 0.6
+    one = me.ball_screw(0.02, 0.6, 2e8, 3e8)
+    assert 1 / one.stiffness[0, 0] == pytest.approx(1 / shaft + 1 / 2e8 + 1 / 3e8)
+    both = me.ball_screw(0.02, 0.6, np.inf, np.inf, both_ends=True)
+    assert both.stiffness[0, 0] == pytest.approx(4 * shaft)
+    assert me.at_load(1e8, 1000.0, 8000.0, 1.5) == pytest.approx(2e8)
+
+
+def test_what_carries_nothing_is_refused():
+    with pytest.raises(InputError, match="load: expected"):
+        me.roller_bearing(20, 0.012, 0.08, 1e-6, np.zeros(3))
+    with pytest.raises(InputError, match="pitch: expected a circle that 16 balls of 30 mm fit on"):
+        me.ball_contacts(16, 0.03, 0.1, 0.3, (0.52, 0.53), STEEL)
+    with pytest.raises(InputError, match="got a curvature"):
+        me.ball_contacts(8, 0.01, 0.1, 0.3, (0.49, 0.53), STEEL)

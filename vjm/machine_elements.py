@@ -1,0 +1,302 @@
+"""Stiffness of bearings, guides and screws from their own data; x along the axis, or the way of the slide.
+
+Every function returns a ``MachineElement``: its stiffness (6, 6) at the load that it carries, zero along what is free.
+Races, carriages and rails are rigid, and nothing rotates: gyroscopic and centrifugal effects of fast spindles, and the
+yielding of rings and housings, are left out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.vjm.rolling import LINE, POINT, Contacts, hertz_constant, in_series, line_constant, settle
+from stiffscope.vjm.screws import shift
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from stiffscope.vjm.screws import Array
+
+STEEL = 206e9, 0.3  # Young's modulus (Pa) and Poisson's ratio of bearing steel
+CERAMIC = 310e9, 0.27  # of silicon nitride balls
+Arrangement = Literal["single", "back-to-back", "face-to-face", "tandem"]
+_SLICES = 31  # along a roller
+_HERTZ = "Hertz point contacts (Harris and Kotzalas 2006, ch. 6), equilibrium of de Mul, Vree and Maas (1989)"
+_PALMGREN = "Palmgren line contacts (Harris and Kotzalas 2006, eq. 7.8), rollers in slices"
+_FEW_LOADED = "some elements carry nothing: the stiffness changes with the direction and size of further loads"
+
+
+@dataclass(frozen=True, eq=False)
+class MachineElement:
+    """What an element does at its load.
+
+    ``stiffness`` (6, 6) in N/m, N, N·m/rad at its middle, zero along what is free; ``free``: those directions;
+    ``twist`` (6,) of the moved side under the load, m, rad; ``loads`` (k,) N on the rolling elements and ``angles``
+    (k,) of their contacts against the radial plane, rad; ``source``; ``notes``: what limits the result.
+    """
+
+    stiffness: Array
+    free: tuple[int, ...]
+    twist: Array
+    loads: Array
+    angles: Array
+    source: str
+    notes: tuple[str, ...] = ()
+
+    @property
+    def compliance(self) -> Array:
+        """(6, 6), the inverse over what is held; zero along what is free."""
+        held = [i for i in range(6) if i not in self.free]
+        out = np.zeros((6, 6))
+        inner = self.stiffness[np.ix_(held, held)]
+        scale = np.sqrt(np.diagonal(inner).clip(min=0.0))
+        if not (scale > 0.0).all() or np.linalg.cond(inner / np.outer(scale, scale)) > 1e12:
+            names = ", ".join(("ux", "uy", "uz", "rx", "ry", "rz")[i] for i in held)
+            raise InputError(f"load: expected one under which elements hold {names}, got a direction left free")
+        out[np.ix_(held, held)] = np.linalg.inv(inner / np.outer(scale, scale)) / np.outer(scale, scale)
+        return out
+
+
+def reduced_modulus(element: tuple[float, float] = STEEL, race: tuple[float, float] = STEEL) -> float:
+    """E' (Pa) of two materials, each a Young's modulus (Pa) and a Poisson's ratio."""
+    return 1.0 / sum((1.0 - nu**2) / e for e, nu in (element, race))
+
+
+def ball_contacts(
+    count: int, diameter: float, pitch: float, angle: float, osculation: tuple[float, float],
+    modulus: float, clearance: float = 0.0,
+) -> Contacts:  # fmt: skip
+    """The balls of a bearing whose inner ring moves; loaded by moving it along +x.
+
+    Parameters
+    ----------
+    count, diameter, pitch
+        Number of balls, their diameter and that of their circle, m.
+    angle
+        Contact angle against the radial plane where balls just touch both races, rad.
+    osculation
+        Groove radius over ball diameter at the inner and the outer ring; nearer to 0.5 is stiffer.
+    modulus
+        Reduced modulus, Pa.
+    clearance
+        Diametral clearance of a radial bearing at contact angle 0, m; an interference is negative.
+    """
+    inner, outer = osculation
+    reach, bend = (inner + outer - 1.0) * diameter, diameter * np.cos(angle) / pitch
+    if not 0.0 < bend < 1.0 or pitch * np.sin(np.pi / count) < diameter:
+        what = f"a circle that {count} balls of {1e3 * diameter:g} mm fit on"
+        raise InputError(f"pitch: expected {what}, got {1e3 * pitch:g} mm")
+    ball = 2.0 / diameter
+    constants = [
+        hertz_constant(np.array([ball * (1.0 + curve), ball - 1.0 / (f * diameter)]), modulus)
+        for f, curve in ((inner, bend / (1.0 - bend)), (outer, -bend / (1.0 + bend)))
+    ]
+    radial, around = _circle(count)
+    between = reach * (np.cos(angle) * radial + np.sin(angle) * np.eye(3)[0]) - 0.5 * clearance * radial
+    at = (0.5 * pitch + (inner - 0.5) * diameter * np.cos(angle)) * radial
+    constant = np.full(count, in_series(*constants))
+    return Contacts(at, between, np.full(count, reach), constant, POINT, around, turning=True)
+
+
+def ball_bearing(
+    contacts: Contacts, load: Array, arrangement: Arrangement = "single", spacing: float = 0.0
+) -> MachineElement:
+    """A ball bearing, or a pair of them, each preloaded.
+
+    Parameters
+    ----------
+    contacts
+        As `ball_contacts` gives them.
+    load
+        (3,) force on the inner ring, N: along x the preload; of a pair on each bearing, the other's being opposite.
+    arrangement
+        Of a pair: back to back (pressure lines diverge, stiffest against tilting), face to face, or tandem.
+    spacing
+        Distance of a pair's middle planes, m.
+    """
+    length = float(np.linalg.norm(contacts.at[0]))
+    wrench = np.concatenate([np.asarray(load, dtype=float), np.zeros(3)])
+    if arrangement == "single":
+        return _element(contacts, wrench, length, (3,), _HERTZ)
+    if wrench[1:].any():
+        raise InputError("load: expected a preload along the axis alone of a pair, got a radial force")
+    one = _element(contacts, wrench, length, (3,), _HERTZ)
+    mirror = np.diag([-1.0, 1.0, 1.0, 1.0, -1.0, -1.0])
+    ways = {"back-to-back": (1.0, -1.0), "face-to-face": (-1.0, 1.0), "tandem": (1.0, 1.0)}[arrangement]
+    total = np.zeros((6, 6))
+    for side, way in zip((-0.5, 0.5), ways, strict=True):
+        own = one.stiffness if way > 0.0 else mirror @ one.stiffness @ mirror
+        carry = shift([side * spacing, 0.0, 0.0])
+        total += carry.T @ own @ carry
+    return replace(one, stiffness=total, source=f"{_HERTZ}; two, {arrangement}")
+
+
+def roller_bearing(count: int, length: float, pitch: float, clearance: float, load: Array) -> MachineElement:
+    """A cylindrical roller bearing, free along its axis.
+
+    Parameters
+    ----------
+    count, length, pitch
+        Number of rollers, their effective length and the diameter of their circle, m.
+    clearance
+        Diametral, m; an interference, which preloads, is negative.
+    load
+        (3,) radial force on the inner ring, N.
+    """
+    radial, around = _circle(count)
+    where = length * ((np.arange(_SLICES) + 0.5) / _SLICES - 0.5)
+    at = (0.5 * pitch * radial[:, None] + where[:, None] * np.eye(3)[0]).reshape(-1, 3)
+    many = len(at)
+    contacts = Contacts(
+        at, np.repeat(radial, _SLICES, axis=0), np.full(many, 1.0 + 0.5 * clearance),
+        np.full(many, line_constant(length) / _SLICES), LINE, np.repeat(around, _SLICES, axis=0), turning=False,
+    )  # fmt: skip
+    found = _element(contacts, np.concatenate([load, np.zeros(3)]), 0.5 * pitch, (0, 3), _PALMGREN)
+    shared = found.loads.reshape(count, _SLICES).sum(axis=1)
+    return replace(found, loads=shared, angles=found.angles[::_SLICES])
+
+
+def crossed_roller(count: int, length: float, pitch: float, clearance: float, load: Array) -> MachineElement:
+    """A crossed-roller bearing: rollers at 45 degrees, every other one the other way.
+
+    Parameters
+    ----------
+    count, length, pitch, clearance, load
+        As for `roller_bearing`; the clearance is the radial one over a diameter.
+    """
+    radial, around = _circle(count)
+    way = np.where(np.arange(count) % 2, -1.0, 1.0)[:, None] * np.eye(3)[0]
+    between = (radial + way) / np.sqrt(2.0)
+    reach = np.full(count, 1.0 + 0.5 * clearance / np.sqrt(2.0))
+    constant = np.full(count, line_constant(length))
+    contacts = Contacts(0.5 * pitch * radial, between, reach, constant, LINE, around, turning=False)
+    return _element(contacts, np.concatenate([load, np.zeros(3)]), 0.5 * pitch, (3,), _PALMGREN.partition(",")[0])
+
+
+def carriage_contacts(
+    count: int, diameter: float, osculation: float, angle: float, width: float, height: float, length: float,
+    preload: float, modulus: float, *, face_to_face: bool = False,
+) -> Contacts:  # fmt: skip
+    """The loaded balls of a carriage of four rows on a straight rail.
+
+    Parameters
+    ----------
+    count, diameter, osculation
+        Number of loaded balls of each row, their diameter (m), groove radius over ball diameter.
+    angle
+        Contact angle against the horizontal, rad.
+    width, height, length
+        Distances (m) of the rows across and above one another, and along the rail of the first ball from the last.
+    preload
+        Force (N) by which the upper rows are pressed against the lower ones.
+    modulus
+        Reduced modulus, Pa.
+    face_to_face
+        Whether the contact lines of a side meet inside; then it yields to rolling far more.
+    """
+    one = hertz_constant(np.array([2.0 / diameter, 2.0 / diameter - 1.0 / (osculation * diameter)]), modulus)
+    c = in_series(one, one)
+    pressed = (preload / (2.0 * count * np.sin(angle)) / c) ** (1.0 / POINT)
+    along = np.linspace(-0.5, 0.5, count) * length if count > 1 else np.zeros(1)
+    turn = -1.0 if face_to_face else 1.0
+    at = np.array([[x, s * width / 2, t * height / 2] for s in (-1, 1) for t in (-1, 1) for x in along])
+    way = np.array([0.0, -np.cos(angle), turn * np.sin(angle)])
+    normal = np.array([way * [0, s, t] for s in (-1, 1) for t in (-1, 1) for _ in along])
+    k = len(at)
+    slide = np.broadcast_to(np.eye(3)[0], (k, 3))
+    return Contacts(at, normal, np.full(k, 1.0 - pressed), np.full(k, c), POINT, slide, turning=False)
+
+
+def guide_of_balls(contacts: Contacts, rails: tuple[int, float], carriages: tuple[int, float]) -> MachineElement:
+    """A linear guide of like carriages; number and spacing (m) of rails, and of the carriages on each."""
+    length = float(np.linalg.norm(contacts.at, axis=1).max())
+    one = _element(contacts, np.zeros(6), length, (0,), f"{_HERTZ.partition(',')[0]}; rigid rail and carriage")
+    return replace(one, stiffness=_on_rails(one.stiffness, rails, carriages))
+
+
+def guide_of_sheet(
+    diagonal: Sequence[float], rails: tuple[int, float], carriages: tuple[int, float], source: str
+) -> MachineElement:
+    """A linear guide of carriages with stiffnesses (6,) of their own: 0 along x, then y, z, and about x, y, z."""
+    none = np.zeros(0)
+    return MachineElement(_on_rails(np.diag(diagonal), rails, carriages), (0,), np.zeros(6), none, none, source)
+
+
+def of_sheet(radial: float, axial: float, tilting: float, source: str) -> MachineElement:
+    """A rotary bearing with stiffnesses of its own, N/m, N/m, N·m/rad; what is 0 is free, as its axis is."""
+    diagonal, none = np.array([axial, radial, radial, 0.0, tilting, tilting]), np.zeros(0)
+    free = tuple(int(i) for i in np.flatnonzero(diagonal == 0.0))
+    return MachineElement(np.diag(diagonal), free, np.zeros(6), none, none, source)
+
+
+def at_load(stiffness: float, known: float, load: float, exponent: float) -> float:
+    """A stiffness known at one load, at another: as the load to the power 1 - 1/e (1/3 of balls, 1/10 of rollers)."""
+    return stiffness * (load / known) ** (1.0 - 1.0 / exponent)
+
+
+def ball_screw(
+    diameter: float, length: float, nut: float, support: float, *,
+    both_ends: bool = False, lead: float = 0.0, material: tuple[float, float] = STEEL,
+) -> MachineElement:  # fmt: skip
+    """A screw along x, free in all else: shaft, nut and support in series.
+
+    Parameters
+    ----------
+    diameter, length
+        Of the shaft at its root, and from the support to the nut; with ``both_ends`` from one support to the other,
+        the nut in the middle, m.
+    nut, support
+        Axial stiffness of the nut and of one support bearing, N/m; infinite ones are rigid.
+    both_ends
+        Whether both supports hold it axially.
+    lead
+        m a turn; the shaft's twist between support and nut yields too, with the drive held. 0 leaves that out.
+    material
+        Young's modulus (Pa) and Poisson's ratio of the shaft.
+    """
+    e, poisson = material
+    area, polar = np.pi * diameter**2 / 4.0, np.pi * diameter**4 / 32.0
+    shaft = e * area / length
+    chain = 1.0 / (4.0 * shaft) + 1.0 / (2.0 * support) if both_ends else 1.0 / shaft + 1.0 / support
+    chain += 1.0 / nut
+    if lead:
+        reach = length / 2.0 if both_ends else length
+        chain += (lead / (2.0 * np.pi)) ** 2 * reach / (e / (2.0 * (1.0 + poisson)) * polar)
+    k = np.zeros((6, 6))
+    k[0, 0] = 1.0 / chain
+    source = "springs in series: E A / L of the shaft, nut, support" + ", twist of the shaft" * bool(lead)
+    return MachineElement(k, (1, 2, 3, 4, 5), np.zeros(6), np.zeros(0), np.zeros(0), source)
+
+
+def _on_rails(one: Array, rails: tuple[int, float], carriages: tuple[int, float]) -> Array:
+    """Sum of carriages' stiffnesses at their middle; rails spread along y, carriages along x."""
+    out = np.zeros((6, 6))
+    for y in (np.arange(rails[0]) - (rails[0] - 1) / 2.0) * rails[1]:
+        for x in (np.arange(carriages[0]) - (carriages[0] - 1) / 2.0) * carriages[1]:
+            carry = shift([x, y, 0.0])
+            out += carry.T @ one @ carry
+    return out
+
+
+def _circle(count: int) -> tuple[Array, Array]:
+    """Radial and circumferential directions (k, 3) of elements spread around x, the first on y."""
+    turn = 2.0 * np.pi * np.arange(count) / count
+    none = np.zeros(count)
+    radial, around = ((none, np.cos(turn), np.sin(turn)), (none, -np.sin(turn), np.cos(turn)))
+    return np.stack(radial, axis=1), np.stack(around, axis=1)
+
+
+def _element(contacts: Contacts, wrench: Array, length: float, free: tuple[int, ...], source: str) -> MachineElement:
+    twist = settle(contacts, wrench, length)
+    along, pressed, loads, _ = contacts.state(twist)
+    if not pressed.any():
+        raise InputError("load: expected a preload, a load or an interference, got elements that carry nothing")
+    stiffness = contacts.stiffness(twist)
+    stiffness[list(free)] = 0.0
+    stiffness[:, list(free)] = 0.0
+    notes = () if (pressed > 0.0).all() else (_FEW_LOADED,)
+    return MachineElement(stiffness, free, twist, loads, np.arcsin(along[:, 0]), source, notes)

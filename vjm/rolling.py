@@ -1,0 +1,184 @@
+"""Rolling elements between two rigid races: contacts after Hertz and Palmgren, equilibrium, tangent stiffness.
+
+Of every element the vector v between the races' groove centres decides: it is pressed together by δ = |v| - A, with A
+where it just touches, and carries Q = c δ^e along v; of a roller the direction of v stays. The energy Σ c δ^(e+1)/(e+1)
+is convex in the displacement of one race, so that equilibrium is its minimum, and the stiffness its Hessian there.
+
+References
+----------
+T. A. Harris, M. N. Kotzalas, Rolling Bearing Analysis, 5th ed., CRC Press 2006, ch. 6 and 7.
+J. M. de Mul, J. M. Vree, D. A. Maas, "Equilibrium and associated load distribution in ball and roller bearings loaded
+in five degrees of freedom while neglecting friction", J. Tribology 111 (1989) 142.
+"""
+
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownVariableType=false
+# (scipy declares few types)
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.special import ellipe, ellipk
+
+from stiffscope.errors import InputError
+from stiffscope.vjm.screws import skew
+
+if TYPE_CHECKING:
+    from stiffscope.vjm.screws import Array
+
+POINT, LINE = 1.5, 10.0 / 9.0  # exponents of load over approach
+_PALMGREN = 3.84e-5  # mm: δ = 3.84e-5 Q^0.9 / l^0.8 (N, mm) between a steel roller and one race
+_STEPS, _SETTLED = 200, 1e-11
+
+
+def hertz_constant(curvatures: Array, modulus: float) -> float:
+    """Load over approach^1.5 (N/m^1.5) of a point contact.
+
+    Parameters
+    ----------
+    curvatures
+        (2,) sums of both bodies' curvatures (1/m) in the two principal planes; the contact is longer where it is less.
+    modulus
+        Reduced modulus E' (Pa), ``1/E' = (1 - ν₁²)/E₁ + (1 - ν₂²)/E₂``.
+
+    Returns
+    -------
+    float
+        After K. L. Johnson, Contact Mechanics, CUP 1985, eq. 4.26, with the ellipse's axes solved for.
+    """
+    small, large = np.sort(np.asarray(curvatures, dtype=float))
+    if not 0.0 < small < np.inf:
+        raise InputError(f"contact: expected races that leave room for the elements, got a curvature of {small:g} 1/m")
+    low, high = 1e-14, 1.0  # k² = (b/a)² of the ellipse
+    for _ in range(120):
+        k2 = np.sqrt(low * high)
+        m = 1.0 - k2
+        e, k = ellipe(m), ellipk(m)
+        ratio = (e / k2 - k) / (k - e) if m > 1e-12 else 1.0
+        low, high = (k2, high) if ratio > large / small else (low, k2)
+    m = 1.0 - k2
+    total, e, k = 0.5 * (small + large), ellipe(m), ellipk(m)
+    a3 = 3.0 * e / (2.0 * np.pi * modulus * k2 * total)  # a³ / Q: half of the long axis
+    approach = 3.0 * k / (2.0 * np.pi * modulus) / np.cbrt(a3)  # δ / Q^(2/3)
+    return float(approach**-1.5)
+
+
+def line_constant(length: float) -> float:
+    """Load over approach^(10/9) (N/m^(10/9)) of a steel roller of an effective length (m) between two races.
+
+    A. Palmgren, Grundlagen der Wälzlagertechnik, 3rd ed. 1964; Harris, eq. 7.8: both approaches add.
+    """
+    return (1e3 * length) ** (8.0 / 9.0) * (1e3 / (2.0 * _PALMGREN)) ** LINE
+
+
+def in_series(*constants: float, exponent: float = POINT) -> float:
+    """Constant of contacts that carry one load, whose approaches add."""
+    return float(np.sum(np.array(constants) ** (-1.0 / exponent)) ** -exponent)
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """k rolling elements. ``at`` (k, 3): where the moved race's motion counts; ``between`` (k, 3): v unloaded, m.
+
+    ``reach`` (k,): A, m; ``constant`` (k,): c; ``exponent``: e; ``slide`` (k, 3): unit direction along which the moved
+    race passes the element freely; ``turning``: whether v turns with the motion (balls), or stays (rollers).
+    """
+
+    at: Array
+    between: Array
+    reach: Array
+    constant: Array
+    exponent: float
+    slide: Array
+    turning: bool
+
+    def joined(self, other: Contacts) -> Contacts:
+        """Both, of one kind."""
+        keys = ("at", "between", "reach", "constant", "slide")
+        arrays = {key: np.concatenate([getattr(self, key), getattr(other, key)]) for key in keys}
+        return Contacts(**arrays, exponent=self.exponent, turning=self.turning)
+
+    def moves(self) -> Array:
+        """(k, 3, 6) displacement at each element for twists of the moved race about the origin."""
+        whole = np.concatenate([np.broadcast_to(np.eye(3), (len(self.at), 3, 3)), -skew(self.at)], axis=2)
+        return whole - self.slide[:, :, None] * (self.slide[:, None] @ whole)
+
+    def state(self, twist: Array) -> tuple[Array, Array, Array, Array]:
+        """Directions (k, 3), approaches (k,), loads (k,) in N, and lengths |v| (k,) under a twist (6,)."""
+        moved = self.moves() @ twist
+        start = np.linalg.norm(self.between, axis=1)
+        v = self.between + moved if self.turning else self.between
+        size = np.linalg.norm(v, axis=1)
+        along = v / size[:, None]
+        pressed = size - self.reach if self.turning else start - self.reach + np.einsum("ki,ki->k", along, moved)
+        pressed = np.maximum(pressed, 0.0)
+        return along, pressed, self.constant * pressed**self.exponent, size
+
+    def energy(self, twist: Array) -> float:
+        """Strain energy, J."""
+        pressed = self.state(twist)[1]
+        return float((self.constant * pressed ** (self.exponent + 1.0)).sum() / (self.exponent + 1.0))
+
+    def wrench(self, twist: Array) -> Array:
+        """Wrench (6,) that moves the race by a twist."""
+        along, _, load, _ = self.state(twist)
+        return np.einsum("kij,ki,k->j", self.moves(), along, load)
+
+    def stiffness(self, twist: Array) -> Array:
+        """Tangent stiffness (6, 6) at a twist."""
+        along, pressed, load, size = self.state(twist)
+        slope = self.exponent * self.constant * pressed ** (self.exponent - 1.0)
+        own = slope[:, None, None] * along[:, :, None] * along[:, None]
+        if self.turning:
+            across = np.eye(3) - along[:, :, None] * along[:, None]
+            own = own + (load / size)[:, None, None] * across
+        b = self.moves()
+        found = np.einsum("kia,kij,kjb->ab", b, own, b)
+        return 0.5 * (found + found.T)
+
+
+def settle(contacts: Contacts, wrench: Array, length: float) -> Array:
+    """Twist (6,) of the moved race in equilibrium with a wrench (6,).
+
+    Parameters
+    ----------
+    contacts
+        The elements.
+    wrench
+        N, N·m at the origin.
+    length
+        m, by which rotations compare with displacements.
+
+    Raises
+    ------
+    InputError
+        Nothing holds the race against the wrench.
+    """
+    unit = np.repeat([1.0, 1.0 / length], 3)
+    load = np.asarray(wrench, dtype=float) * unit
+    size = float(np.linalg.norm(load))
+    typical = float((size / contacts.constant.max()) ** (1.0 / contacts.exponent)) if size else 0.0
+    x = load / max(size, 1e-300) * typical
+    size = max(size, float(contacts.state(np.zeros(6))[2].max()), 1e-300)
+    for _ in range(_STEPS):
+        twist = x * unit
+        left = load - contacts.wrench(twist) * unit
+        if np.abs(left).max() <= _SETTLED * size:
+            return twist
+        k = contacts.stiffness(twist) * np.outer(unit, unit)
+        soft = 1e-9 * max(np.trace(k) / 6.0, size / max(typical, 1e-12) * 1e-6)
+        step = np.linalg.solve(k + soft * np.eye(6), left)
+        most = 20.0 * max(typical, 1e-7) + 0.2 * np.linalg.norm(x)
+        step *= min(1.0, most / max(float(np.linalg.norm(step)), 1e-300))
+        now, slope, share = contacts.energy(twist) - load @ x, left @ step, 1.0
+        while share > 1e-9:
+            tried = x + share * step
+            if contacts.energy(tried * unit) - load @ tried <= now - 1e-4 * share * slope + 1e-14 * abs(now):
+                break
+            share *= 0.5
+        x = x + share * step
+    if np.abs(left).max() <= 1e-6 * size:
+        return x * unit
+    raise InputError("load: expected one that the rolling elements can carry, found no equilibrium")
