@@ -25,6 +25,7 @@ STEEL = 206e9, 0.3  # Young's modulus (Pa) and Poisson's ratio of bearing steel
 CERAMIC = 310e9, 0.27  # of silicon nitride balls
 Arrangement = Literal["single", "back-to-back", "face-to-face", "tandem"]
 _SLICES = 31  # along a roller
+_ROUNDED = 1e-13  # of sqrt(K_ii K_jj)
 _HERTZ = "Hertz point contacts (Harris and Kotzalas 2006, ch. 6), equilibrium of de Mul, Vree and Maas (1989)"
 _PALMGREN = "Palmgren line contacts (Harris and Kotzalas 2006, eq. 7.8), rollers in slices"
 _FEW_LOADED = "some elements carry nothing: the stiffness changes with the direction and size of further loads"
@@ -298,5 +299,7 @@ def _element(contacts: Contacts, wrench: Array, length: float, free: tuple[int, 
     stiffness = contacts.stiffness(twist)
     stiffness[list(free)] = 0.0
     stiffness[:, list(free)] = 0.0
+    size = np.sqrt(np.diagonal(stiffness))
+    stiffness[np.abs(stiffness) < _ROUNDED * np.outer(size, size)] = 0.0
     notes = () if (pressed > 0.0).all() else (_FEW_LOADED,)
     return MachineElement(stiffness, free, twist, loads, np.arcsin(along[:, 0]), source, notes)

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
 POINT, LINE = 1.5, 10.0 / 9.0  # exponents of load over approach
 _PALMGREN = 3.84e-5  # mm: δ = 3.84e-5 Q^0.9 / l^0.8 (N, mm) between a steel roller and one race
-_STEPS, _SETTLED = 200, 1e-11
+_STEPS = 200
+_SETTLED, _ACCEPTED = 1e-11, 1e-6  # of the load, that may be left
 
 
 def hertz_constant(curvatures: Array, modulus: float) -> float:
@@ -52,8 +53,9 @@ def hertz_constant(curvatures: Array, modulus: float) -> float:
     if not 0.0 < small < np.inf:
         raise InputError(f"contact: expected races that leave room for the elements, got a curvature of {small:g} 1/m")
     low, high = 1e-14, 1.0  # k² = (b/a)² of the ellipse
+    k2 = 1.0
     for _ in range(120):
-        k2 = np.sqrt(low * high)
+        k2 = (low * high) ** 0.5
         m = 1.0 - k2
         e, k = ellipe(m), ellipk(m)
         ratio = (e / k2 - k) / (k - e) if m > 1e-12 else 1.0
@@ -157,28 +159,28 @@ def settle(contacts: Contacts, wrench: Array, length: float) -> Array:
         Nothing holds the race against the wrench.
     """
     unit = np.repeat([1.0, 1.0 / length], 3)
-    load = np.asarray(wrench, dtype=float) * unit
-    size = float(np.linalg.norm(load))
-    typical = float((size / contacts.constant.max()) ** (1.0 / contacts.exponent)) if size else 0.0
-    x = load / max(size, 1e-300) * typical
-    size = max(size, float(contacts.state(np.zeros(6))[2].max()), 1e-300)
+    load: Array = np.asarray(wrench, dtype=float) * unit
+    most = float(np.linalg.norm(load))
+    typical = float((most / contacts.constant.max()) ** (1.0 / contacts.exponent))
+    size = max(most, float(contacts.state(np.zeros(6))[2].max()), 1e-300)
+    x: Array = load / max(most, 1e-300) * typical
+
+    def potential(at: Array) -> float:
+        return contacts.energy(at * unit) - float(load @ at)
+
     for _ in range(_STEPS):
-        twist = x * unit
-        left = load - contacts.wrench(twist) * unit
+        left: Array = load - contacts.wrench(x * unit) * unit
         if np.abs(left).max() <= _SETTLED * size:
-            return twist
-        k = contacts.stiffness(twist) * np.outer(unit, unit)
-        soft = 1e-9 * max(np.trace(k) / 6.0, size / max(typical, 1e-12) * 1e-6)
-        step = np.linalg.solve(k + soft * np.eye(6), left)
-        most = 20.0 * max(typical, 1e-7) + 0.2 * np.linalg.norm(x)
-        step *= min(1.0, most / max(float(np.linalg.norm(step)), 1e-300))
-        now, slope, share = contacts.energy(twist) - load @ x, left @ step, 1.0
-        while share > 1e-9:
-            tried = x + share * step
-            if contacts.energy(tried * unit) - load @ tried <= now - 1e-4 * share * slope + 1e-14 * abs(now):
-                break
+            break
+        k = contacts.stiffness(x * unit) * np.outer(unit, unit)
+        soft = 1e-9 * max(float(np.trace(k)) / 6.0, most / max(typical, 1e-12) * 1e-6)
+        step: Array = np.linalg.solve(k + soft * np.eye(6), left)
+        reach = 20.0 * max(typical, 1e-7) + 0.2 * float(np.linalg.norm(x))
+        step = step * min(1.0, reach / max(float(np.linalg.norm(step)), 1e-300))
+        now, slope, share = potential(x), float(left @ step), 1.0
+        while share > 1e-9 and potential(x + share * step) > now - 1e-4 * share * slope + 1e-14 * abs(now):
             share *= 0.5
         x = x + share * step
-    if np.abs(left).max() <= 1e-6 * size:
-        return x * unit
-    raise InputError("load: expected one that the rolling elements can carry, found no equilibrium")
+    if np.abs(load - contacts.wrench(x * unit) * unit).max() > _ACCEPTED * size:
+        raise InputError("load: expected one that the rolling elements can carry, found no equilibrium")
+    return x * unit

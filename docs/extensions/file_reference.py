@@ -19,7 +19,7 @@ from stiffscope.design.study_file import SECTIONS
 from stiffscope.effects.vocabulary import EFFECTS
 from stiffscope.gap.campaign.campaign_header import FRAME_KEYS, KEYS, LOAD_KEYS, SENSOR_KEYS
 from stiffscope.gap.campaign.quantities import DEFLECTIONS, DEVIATIONS, FREQUENCIES, PUSHES, STIFFNESSES
-from stiffscope.robot.file import part_sections, sections
+from stiffscope.robot.file import element_sections, part_sections, sections
 from stiffscope.robot.file.values import Reads, Says
 
 if TYPE_CHECKING:
@@ -43,6 +43,13 @@ TABLES = (
     ("drive of a slide", sections.LinearDrive),
     ("drive about an axis", sections.RotaryDrive),
     ("compliance of a joint", sections.Bearing),
+    *(
+        (
+            f"bearing of a joint, kind = {' or '.join(k for k, m in element_sections.ELEMENTS.items() if m is model)}",
+            model,
+        )
+        for model in dict.fromkeys(element_sections.ELEMENTS.values())
+    ),
     ("[[copies]]", sections.Copies),
     ("[tool]", sections.ToolSection),
     ("[gravity]", sections.GravitySection),

@@ -43,6 +43,7 @@ COMMANDS = {
         "compare": ("parts", "Compare FEA, beam theory and published values entry by entry."),
         "interfaces": ("parts", "Effect of clamping and loading on a part's compliance."),
         "faces": ("parts", "List the faces of a STEP file."),
+        "element": ("elements", "Stiffness of a bearing, guide or screw from its data sheet."),
     },
     "A design": {
         "sensitivity": ("design", "Rank the parameters by what they change of the stiffness."),

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from stiffscope.fea.experiment import Experiment
     from stiffscope.report.compare import Comparison
     from stiffscope.robot.file.description import RobotFile
+    from stiffscope.vjm.machine_elements import MachineElement
     from stiffscope.vjm.modes import Modes
     from stiffscope.vjm.statics import Stiffness
 
@@ -240,6 +241,22 @@ def show_change(names: Sequence[str], old: Any, new: Any, overrides: Sequence[st
 def show_matrix(title: str, matrix: Any, error: Any = 0.0) -> None:
     """Show a compliance (6, 6), SI, with a dot for what its error (6, 6) hides."""
     _explain_zeros(_show_matrix(title, matrix, error))
+
+
+def show_element(kind: str, found: MachineElement) -> None:
+    """A machine element's stiffness, what its rolling elements carry, its source and limits."""
+    k = np.where(np.abs(found.stiffness) > 0.0, found.stiffness, np.nan)
+    rows = [(name, *_cells(row, ".5g")) for name, row in zip(WRENCH, k, strict=True)]
+    show_table(f"Stiffness of the {kind}, x along its axis; SI", (("",), TWIST[:3], TWIST[3:]), rows)
+    if len(found.loads):
+        angle = np.degrees(found.angles)
+        show_line(
+            f"Rolling elements: {len(found.loads)}, carrying {found.loads.min():.4g} to {found.loads.max():.4g} N, "
+            f"contact angles {angle.min():.4g} to {angle.max():.4g} degrees"
+        )
+    show_line(f"Source: {found.source}")
+    for note in (*found.notes, "at rest or slow; rings, housing, carriage and rail rigid"):
+        show_line(f"Valid: {note}")
 
 
 def _show_matrix(title: str, matrix: Any, error: Any) -> list[Sequence[str]]:

@@ -154,6 +154,13 @@ def _check_joint(robot: RobotFile, name: str, joint: JointSection, known: Mappin
 
 def _check_bearing(key: tuple[str, ...], joint: JointSection) -> None:
     """A bearing yields along what it holds; a drive's own direction has the drive's stiffness."""
+    if joint.bearing is not None:
+        if joint.compliance is not None:
+            raise FieldError((*key, "compliance"), "expected none beside a bearing, whose data give it, got one")
+        try:
+            joint.yielding(np.eye(3))
+        except InputError as error:
+            raise FieldError((*key, "bearing"), str(error).removeprefix("bearing: ")) from error
     if getattr(joint, "drive", None) is None or joint.compliance is None:
         return
     along = DRIVEN[joint.type]

@@ -91,17 +91,17 @@ def _joint(robot: RobotFile, name: str, joint: JointSection) -> Joint:
 def _bearing(robot: RobotFile, name: str, joint: JointSection) -> np.ndarray | None:
     """Compliance (6, 6) of a joint's bearing in the joint's axes.
 
-    A diagonal is said of the joint as written; that of a copy turns with it, while its joint's axes are found anew.
+    It is said of the joint as written; that of a copy turns with it, while its joint's axes are found anew.
     """
-    diagonal = np.diag(joint.bearing())
-    if not diagonal.any():
+    turn = robot.copied[name].rotation if name in robot.copied else np.eye(3)
+    written, here = (_axes(joint, rotation) for rotation in (turn.T, np.eye(3)))
+    matrix = joint.yielding(written)
+    if not matrix.any():
         return None
     if name not in robot.copied:
-        return diagonal
-    turn = robot.copied[name].rotation
-    written, here = (_axes(joint, rotation) for rotation in (turn.T, np.eye(3)))
+        return matrix
     relative = np.kron(np.eye(2), here.T @ turn @ written)
-    return relative @ diagonal @ relative.T
+    return relative @ matrix @ relative.T
 
 
 def _axes(joint: JointSection, rotation: np.ndarray) -> np.ndarray:

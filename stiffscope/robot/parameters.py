@@ -76,6 +76,7 @@ def _candidates(robot: RobotFile, written: dict[str, Any], components: Component
     for name, joint in robot.joints.items():
         if name not in robot.copied:
             yield from _of_joint(name, joint)
+            yield from _of_bearings(robot, written, name, joint)
     for name, body in robot.bodies.items():
         if isinstance(body, RigidBody) and name not in robot.copied:
             yield ("bodies", name, "mass"), body.mass, "kg"
@@ -115,6 +116,17 @@ def _of_joint(name: str, joint: JointSection) -> Iterator[tuple[Any, ...]]:
     for key, value in enumerate(bearing) if isinstance(bearing, tuple) else bearing or ():
         turning = key == "tilting" or (isinstance(key, int) and key > 2)
         yield as_written(("joints", name, "compliance", key)), value, "rad/(N*m)" if turning else "m/N"
+
+
+def _of_bearings(robot: RobotFile, written: Any, name: str, joint: JointSection) -> Iterator[tuple[Any, ...]]:
+    """Numbers with a unit of a joint's bearings, as far as the file gives them."""
+    for number, element in enumerate(joint.bearing or ()):
+        place = as_written(("joints", name, "bearing"))
+        place = (*place, number) if isinstance(_given(robot, written, place), list) else place
+        for key, value in element:
+            given = _given(robot, written, (*place, key))
+            if isinstance(value, float) and isinstance(given, str):
+                yield (*place, key), value, unit_of(given)
 
 
 def _constants(robot: RobotFile, material: AnyMaterial) -> Iterator[tuple[Any, ...]]:

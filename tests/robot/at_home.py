@@ -49,7 +49,7 @@ def connectors(robot: RobotFile, matrices, *, driven=True, rigid=False):
         axis, axis2 = getattr(joint, "axis", None), getattr(joint, "axis2", None)
         drive = getattr(joint, "drive", None) if driven else None
         rows = double(np.eye(3) if axis is None else frame(axis, axis2)) @ to_point(np.array(joint.at))
-        c = np.diag(joint.bearing())
+        c = joint.yielding(np.eye(3))
         held = [i for i in range(6) if i not in FREE[joint.type]]
         if drive is not None:
             along = FREE[joint.type][0]

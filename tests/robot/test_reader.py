@@ -123,7 +123,7 @@ def test_units_expressions_and_defaults(read):
     assert robot.parts["arm"].lengths()["length"] == robot.parameters["a"] == 0.22
     drive = robot.joints["leg1.motor"].drive
     assert (drive.stiffness, *drive.range) == pytest.approx((24e3, *np.radians([-60, 80])))
-    assert robot.joints["leg1.motor"].bearing() == pytest.approx((2e-8, 1e-8, 1e-8, 0, 1e-6, 1e-6))
+    assert robot.joints["leg1.motor"].yielding(np.eye(3)).diagonal() == pytest.approx([2e-8, 1e-8, 1e-8, 0, 1e-6, 1e-6])
     assert robot.gravity.acceleration == 9.81
     assert robot.poses["home"] == (0, 0, -0.5)
     assert robot.map.ranges() == {"x": (-0.15, 0.15), "z": (-0.6, -0.4)}

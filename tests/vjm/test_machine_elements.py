@@ -79,9 +79,7 @@ def test_thrust_alone_has_the_textbooks_sums():
     axial = 16 * (k * np.sin(a) ** 2 + turn * np.cos(a) ** 2)
     radial = 8 * (k * np.cos(a) ** 2 + turn * np.sin(a) ** 2)
     coupled = 8 * radius * (k - turn) * np.sin(a) * np.cos(a)
-    assert np.diag(found.stiffness) == pytest.approx(
-        [axial, radial, radial, 0, axial * radius**2 / 2] + [axial * radius**2 / 2]
-    )
+    assert np.diag(found.stiffness) == pytest.approx([axial, radial, radial, 0, *[axial * radius**2 / 2] * 2])
     assert abs(found.stiffness[1, 5]) == pytest.approx(coupled)
     assert found.stiffness[1, 5] == pytest.approx(-found.stiffness[2, 4])
     assert along.shape == (16, 3)

@@ -316,10 +316,11 @@ def _joint(robot: RobotFile, name: str, section: JointSection) -> Joint:
     spring = None if drive is None else Drive(drive.stiffness, *(drive.range or (-np.inf, np.inf)))
     axes = _axes(axis, axis2, np.eye(3))
     second = np.zeros(3) if axis2 is None else axis2 / np.linalg.norm(axis2)
-    bearing = np.diag(section.bearing())
-    if name in robot.copied:  # the diagonal is that of the original and turns with it
-        rotation = np.asarray(robot.copied[name].rotation)
-        relative = np.kron(np.eye(2), axes.T @ rotation @ _axes(axis, axis2, rotation.T))
+    rotation = np.asarray(robot.copied[name].rotation) if name in robot.copied else np.eye(3)
+    written = _axes(axis, axis2, rotation.T)
+    bearing = section.yielding(written)
+    if name in robot.copied:  # it is that of the original and turns with it
+        relative = np.kron(np.eye(2), axes.T @ rotation @ written)
         bearing = relative @ bearing @ relative.T
     return Joint(name, *section.between, section.type, at, at, at, axes, second, bearing, spring, axis is not None)
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
+from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
+from stiffscope.robot.file.element_sections import Elements
 from stiffscope.robot.file.values import (
     Acceleration,
     Angle,
@@ -26,7 +29,12 @@ from stiffscope.robot.file.values import (
     Tilting,
     Torsion,
 )
-from stiffscope.vjm.joints import FREE
+from stiffscope.vjm.joints import DRIVEN, FREE
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from stiffscope.robot.file.element_sections import ElementSection
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 Name = Annotated[str, Says("a name")]
@@ -106,6 +114,9 @@ AnyBearing = Annotated[
 ]
 
 
+Bearings = Elements | None
+
+
 class JointSection(Section):
     """A joint between two bodies or ends of bodies; x along `axis`."""
 
@@ -113,6 +124,7 @@ class JointSection(Section):
     type: str
     at: Point
     compliance: AnyBearing | None = None
+    bearing: Bearings = None
 
     @field_validator("between", mode="before")
     @classmethod
@@ -123,13 +135,42 @@ class JointSection(Section):
             )
         return value
 
-    def bearing(self) -> tuple[float, ...]:
-        """Diagonal (6,) of its bearing's compliance in the joint's axes; zero along and about what it leaves free."""
+    def yielding(self, axes: np.ndarray) -> np.ndarray:
+        """Compliance (6, 6) of its bearing in the joint's axes; zero along and about what it leaves free.
+
+        ``axes`` (3, 3): the joint's, as columns, in the base's as the file is written. Raises InputError for bearings
+        that do not hold what the joint holds, or hold what it leaves free.
+        """
+        return np.diag(self._diagonal()) if self.bearing is None else self._invert_bearings(axes)
+
+    def _invert_bearings(self, axes: np.ndarray) -> np.ndarray:
+        """Inverse of the sum of its bearings' stiffnesses over what these hold."""
+        given = self.bearing or ()
+        total = sum((each.stiffness(axes) for each in given), np.zeros((6, 6)))
+        size = np.sqrt(np.diagonal(total).clip(min=0.0))
+        driven = DRIVEN[self.type] if getattr(self, "drive", None) is not None else None
+        wanted = set(range(6)) - set(FREE[self.type])
+        loose = [AXES[i] for i in sorted(wanted) if size[i] == 0.0]
+        held = [i for i in range(6) if size[i] > 0.0]
+        stuck = [AXES[i] for i in held if i not in wanted | {driven}]
+        if loose:
+            raise InputError(f"bearing: expected bearings that hold {', '.join(loose)} too, got {_kinds(given)}")
+        if stuck:
+            raise InputError(f"bearing: expected bearings that leave {', '.join(stuck)} free, got {_kinds(given)}")
+        out, unit = np.zeros((6, 6)), np.outer(size, size)[np.ix_(held, held)]
+        out[np.ix_(held, held)] = np.linalg.inv(total[np.ix_(held, held)] / unit) / unit
+        return 0.5 * (out + out.T)
+
+    def _diagonal(self) -> tuple[float, ...]:
         given = self.compliance or Bearing()
         if isinstance(given, Bearing):
             along = given.axial if getattr(self, "axis", None) is not None else given.radial
             given = (along, given.radial, given.radial, given.tilting, given.tilting, given.tilting)
         return tuple(0.0 if i in FREE[self.type] else value for i, value in enumerate(given))
+
+
+def _kinds(elements: Sequence[ElementSection]) -> str:
+    return ", ".join(each.kind for each in elements)
 
 
 class FixedJoint(JointSection):

@@ -61,10 +61,10 @@ def _first(error: ValidationError, model: type[BaseModel]) -> tuple[Key, str]:
     errors = error.errors(include_url=False)
     item = next((each for each in errors if each["type"] == "extra_forbidden"), errors[0])
     key: Key = tuple(part for part in item["loc"] if not str(part).startswith(("function-", "tagged-")))
-    value = item.get("input")
+    value, place = item.get("input"), tuple(item["loc"])
     plain = {
-        "missing": lambda: f"expected {_wanted(_model_at(model, key[:-1]), str(key[-1]))}, got nothing",
-        "extra_forbidden": lambda: unknown_key(str(key[-1]), keys_of(_model_at(model, key[:-1]))),
+        "missing": lambda: f"expected {_wanted(_model_at(model, place[:-1]), str(key[-1]))}, got nothing",
+        "extra_forbidden": lambda: unknown_key(str(key[-1]), keys_of(_model_at(model, place[:-1]))),
         "literal_error": lambda: f"expected {item.get('ctx', {}).get('expected')}, got {q.shown(value)}",
         "model_type": lambda: f"expected a table of {', '.join(keys_of(_model_at(model, key)))}, got {q.shown(value)}",
         "dict_type": lambda: f"expected a table, got {q.shown(value)}",
@@ -92,9 +92,15 @@ def _wanted(model: type[BaseModel], key: str) -> str:
 
 
 def _model_at(model: type[BaseModel], key: Key) -> type[BaseModel]:
-    """Model of the section that a key leads to."""
+    """Model of the section that a place of pydantic's leads to; "tagged-MODEL" tells which of several."""
+    several: list[type[BaseModel]] = []
     for part in key:
+        tagged = next((each for each in several if part == f"tagged-{each.__name__}"), None)
         field = None if isinstance(part, int) else model.model_fields.get(part)
+        if tagged is not None:
+            model = tagged
+        if field is not None:
+            several = list(_models(field.annotation))
         if field is not None:
             model = next(iter(_models(field.annotation)), model)
     return model

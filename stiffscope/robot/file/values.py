@@ -22,8 +22,9 @@ TORSION = q.Dimension("a torsional stiffness", "N*m/rad", "24 kN*m/rad", 1e-9, 1
 INERTIA = q.Dimension("a moment of inertia", "kg*m^2", "0.012 kg*m^2", most=1e12)
 COMPLIANCE = q.Dimension("a compliance", "m/N", "0.01 um/N", 1e-24, 1e6)
 TILTING = q.Dimension("a rotational compliance", "rad/(N*m)", "2e-6 rad/(N*m)", 1e-24, 1e9)
+FORCE = q.Dimension("a force", "N", "10 N")
 _OTHERS = (
-    q.Dimension("a force", "N", "10 N"),
+    FORCE,
     q.Dimension("a moment", "N*m", "10 N*m"),
     q.Dimension("an area", "m^2", "3 mm^2"),
     q.Dimension("a volume", "m^3", "3 mm^3"),
@@ -173,6 +174,8 @@ Expansion = Annotated[float, _quantity(q.EXPANSION, "any")]
 Mass = Annotated[float, _quantity(q.MASS, "non-negative")]
 Stiffness = Annotated[float, _quantity(q.STIFFNESS)]
 Torsion = Annotated[float, _quantity(TORSION)]
+Force = Annotated[float, _quantity(FORCE, "any")]
+Preload = Annotated[float, _quantity(FORCE, "non-negative")]
 Acceleration = Annotated[float, _quantity(q.ACCELERATION, "non-negative")]
 Duration = Annotated[float, _quantity(q.DURATION)]
 Frequency = Annotated[float, _quantity(q.FREQUENCY)]

@@ -1,0 +1,289 @@
+"""What a robot file may say of a bearing, a guide or a screw: what its data sheet prints; SI, x along the joint's axis.
+
+Each kind is told by its rolling elements, or by the sheet's own stiffnesses.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+
+import numpy as np
+from pydantic import BeforeValidator, Discriminator, Tag, model_validator
+
+from stiffscope.errors import InputError
+from stiffscope.robot.file import quantities as q
+from stiffscope.robot.file.parse import FieldError, Source, blame, parse_text
+from stiffscope.robot.file.tables import one_of, read_table
+from stiffscope.robot.file.values import (
+    Angle,
+    Coordinate,
+    Direction,
+    Force,
+    Length,
+    LengthOrZero,
+    Positive,
+    Preload,
+    Says,
+    Section,
+    Stiffness,
+    Torsion,
+)
+from stiffscope.vjm import machine_elements as me
+from stiffscope.vjm.checks import axes_along
+from stiffscope.vjm.rolling import LINE, POINT
+from stiffscope.vjm.screws import shift
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def _both(value: Any) -> Any:
+    pair = value if isinstance(value, list | tuple) else [value, value]
+    found = tuple(q.to_si(each, q.NUMBER) for each in pair)
+    if len(found) != 2 or not all(0.5 < each < 1.0 for each in found):
+        raise ValueError(f"expected a groove radius over ball diameter such as 0.52, got {q.shown(value)}")
+    return found
+
+
+_THREE = 'three forces, along the axis first, such as ["0 N", "500 N", "0 N"]'
+Osculation = Annotated[tuple[float, float], BeforeValidator(_both), Says("a ratio such as 0.52, or inner and outer")]
+Forces = Annotated[tuple[Force, Force, Force], Says(_THREE)]
+
+
+class ElementSection(Section):
+    """What all have: `offset`, where the element's middle is along the joint's axis, seen from the joint's `at`."""
+
+    kind: Any
+    offset: Coordinate = 0.0
+
+    def element(self) -> me.MachineElement:
+        """Its stiffness at its load. Raises InputError, "KEY: expected ...", for what cannot be."""
+        raise NotImplementedError
+
+    def turn(self, axes: np.ndarray) -> np.ndarray:
+        """Rotation (3, 3) from its own axes to those of its joint, which are ``axes`` (3, 3) in the base's."""
+        del axes
+        return np.eye(3)
+
+    def stiffness(self, axes: np.ndarray) -> np.ndarray:
+        """Stiffness (6, 6) at the joint's `at`, in the joint's axes."""
+        turn = np.kron(np.eye(2), self.turn(axes))
+        carry = shift([self.offset, 0.0, 0.0])
+        return carry.T @ turn @ self.element().stiffness @ turn.T @ carry
+
+    def _need(self, *keys: str) -> None:
+        for key in keys:
+            if getattr(self, key) is None:
+                raise InputError(f"{key}: expected a value beside the others, got nothing")
+
+    @model_validator(mode="after")
+    def _possible(self) -> ElementSection:
+        try:
+            _ = self.element().compliance
+        except InputError as error:
+            raise InputError(f"bearing.{error}") from error
+        return self
+
+
+class _Rotary(ElementSection):
+    radial: Stiffness | None = None
+    axial: Stiffness | None = None
+    tilting: Torsion | None = None
+    at_load: Preload | None = None
+    preload: Preload = 0.0
+    load: Forces = (0.0, 0.0, 0.0)
+
+    def _of_sheet(self, exponent: float) -> me.MachineElement:
+        known = [(each or 0.0) for each in (self.radial, self.axial, self.tilting)]
+        source = "the sheet's own stiffness"
+        acting = self.preload or float(np.linalg.norm(self.load))
+        if self.at_load is not None:
+            if not (self.at_load > 0.0 and acting > 0.0):
+                raise InputError("at_load: expected it beside the preload or load that acts here, both above 0")
+            known = [me.at_load(each, self.at_load, acting, exponent) for each in known]
+            source += f" at {self.at_load:g} N, as the load to the power {1.0 - 1.0 / exponent:.3g}"
+        return me.of_sheet(known[0], known[1], known[2], source)
+
+    @property
+    def _by_sheet(self) -> bool:
+        return any(each is not None for each in (self.radial, self.axial, self.tilting))
+
+    @property
+    def _force(self) -> np.ndarray:
+        return np.add(self.load, (self.preload, 0.0, 0.0))
+
+
+class BallBearing(_Rotary):
+    """A ball bearing: number and diameter of its `balls`, diameter of their circle, contact angle, groove radii.
+
+    `preload` acts along its axis, on each of a pair; `load` is what else its inner ring carries. A sheet's own
+    `radial`, `axial` and `tilting` stiffness, of the whole, stand instead; known `at_load`, they follow the preload to
+    the power 1/3.
+    """
+
+    kind: Literal["deep-groove", "angular-contact"]
+    balls: Positive | None = None
+    ball: Length | None = None
+    pitch: Length | None = None
+    angle: Angle | None = None
+    osculation: Osculation = (0.52, 0.53)
+    clearance: Coordinate = 0.0
+    ball_material: Literal["steel", "ceramic"] = "steel"
+    arrangement: Literal["single", "back-to-back", "face-to-face", "tandem"] = "single"
+    spacing: LengthOrZero = 0.0
+
+    def element(self) -> me.MachineElement:
+        """See `ElementSection`."""
+        if self._by_sheet:
+            return self._of_sheet(POINT)
+        self._need("balls", "ball", "pitch", *(["angle"] if self.kind == "angular-contact" else []))
+        modulus = me.reduced_modulus({"steel": me.STEEL, "ceramic": me.CERAMIC}[self.ball_material])
+        contacts = me.ball_contacts(
+            self.balls or 0, self.ball or 0.0, self.pitch or 0.0, self.angle or 0.0, self.osculation, modulus,
+            self.clearance,
+        )  # fmt: skip
+        return me.ball_bearing(contacts, self._force, self.arrangement, self.spacing)
+
+
+class RollerBearing(_Rotary):
+    """A cylindrical-roller bearing (free along its axis), or a crossed-roller one: number and length of its `rollers`.
+
+    A negative `clearance`, the diametral one, preloads it. A sheet's own stiffness stands instead; known `at_load`, it
+    follows the load to the power 1/10.
+    """
+
+    kind: Literal["cylindrical-roller", "crossed-roller"]
+    rollers: Positive | None = None
+    length: Length | None = None
+    pitch: Length | None = None
+    clearance: Coordinate = 0.0
+
+    def element(self) -> me.MachineElement:
+        """See `ElementSection`."""
+        if self._by_sheet:
+            return self._of_sheet(LINE)
+        self._need("rollers", "length", "pitch")
+        make = me.roller_bearing if self.kind == "cylindrical-roller" else me.crossed_roller
+        return make(self.rollers or 0, self.length or 0.0, self.pitch or 0.0, self.clearance, self._force)
+
+
+class LinearGuide(ElementSection):
+    """Carriages on rails: stiffnesses of one (`vertical` along `normal`, `lateral`, about its middle), or its balls.
+
+    Four rows of `balls` loaded ones each, `width` and `height` apart, `length` long; `preload` presses upper rows
+    against lower ones. `normal` is the direction off the rails, base axes; by default z of the joint's axes.
+    """
+
+    kind: Literal["linear-guide"]
+    vertical: Stiffness | None = None
+    lateral: Stiffness | None = None
+    roll: Torsion | None = None
+    tilt: Torsion | None = None
+    yaw: Torsion | None = None
+    balls: Positive | None = None
+    ball: Length | None = None
+    width: Length | None = None
+    height: Length | None = None
+    length: Length | None = None
+    angle: Angle = np.pi / 4
+    osculation: Osculation = (0.52, 0.52)
+    preload: Preload | None = None
+    arrangement: Literal["back-to-back", "face-to-face"] = "back-to-back"
+    rails: Positive = 1
+    rail_spacing: LengthOrZero = 0.0
+    carriages: Positive = 1
+    carriage_spacing: LengthOrZero = 0.0
+    normal: Direction | None = None
+
+    def turn(self, axes: np.ndarray) -> np.ndarray:
+        """See `ElementSection`."""
+        if self.normal is None:
+            return np.eye(3)
+        across = np.cross(self.normal, axes[:, 0])
+        return axes.T @ axes_along(axes[:, 0], across, "bearing.normal")
+
+    def element(self) -> me.MachineElement:
+        """See `ElementSection`."""
+        rails, carriages = (self.rails, self.rail_spacing), (self.carriages, self.carriage_spacing)
+        if self.balls is None:
+            self._need("vertical", "lateral")
+            each = (0.0, *((k or 0.0) for k in (self.lateral, self.vertical, self.roll, self.tilt, self.yaw)))
+            return me.guide_of_sheet(each, rails, carriages, "the sheet's own stiffness of one carriage")
+        self._need("ball", "width", "height", "length", "preload")
+        contacts = me.carriage_contacts(
+            self.balls, self.ball or 0.0, self.osculation[0], self.angle, self.width or 0.0, self.height or 0.0,
+            self.length or 0.0, self.preload or 0.0, me.reduced_modulus(),
+            face_to_face=self.arrangement == "face-to-face",
+        )  # fmt: skip
+        return me.guide_of_balls(contacts, rails, carriages)
+
+
+class BallScrew(ElementSection):
+    """A screw along a driven slide, in series with its drive: shaft, `nut` and `support`; what is left out is rigid.
+
+    `diameter` of the shaft at its root, `length` from the support to the nut; with `both_ends` from one support to the
+    other, the nut in the middle. With a `lead` the shaft's twist yields too. Or the sheet's own `axial` stiffness.
+    """
+
+    kind: Literal["ball-screw"]
+    axial: Stiffness | None = None
+    diameter: Length | None = None
+    length: Length | None = None
+    nut: Stiffness | None = None
+    support: Stiffness | None = None
+    both_ends: bool = False
+    lead: LengthOrZero = 0.0
+
+    def element(self) -> me.MachineElement:
+        """See `ElementSection`."""
+        if self.axial is not None:
+            return me.of_sheet(0.0, self.axial, 0.0, "the sheet's own stiffness")
+        self._need("diameter", "length")
+        return me.ball_screw(
+            self.diameter or 0.0, self.length or 0.0, self.nut or np.inf, self.support or np.inf,
+            both_ends=self.both_ends, lead=self.lead,
+        )  # fmt: skip
+
+
+ELEMENTS: dict[str, type[ElementSection]] = {
+    kind: model
+    for model in (BallBearing, RollerBearing, LinearGuide, BallScrew)
+    for kind in get_args(model.model_fields["kind"].annotation)
+}
+
+
+def _some(value: Any) -> Any:
+    """One or several, each of a known kind."""
+    several = value if isinstance(value, list | tuple) else [value]
+    for each in several:
+        if not isinstance(each, dict | ElementSection):
+            raise ValueError(f"expected a table with a kind ({', '.join(ELEMENTS)}), got {q.shown(each)}")
+        if isinstance(each, dict):
+            one_of(each.get("kind"), ELEMENTS, "a kind of bearing")
+    if not several:
+        raise ValueError("expected at least one bearing, got none")
+    return tuple(several)
+
+
+def _kind(value: Any) -> str:
+    return f"tagged-{ELEMENTS[value['kind'] if isinstance(value, dict) else value.kind].__name__}"
+
+
+_Ball = Annotated[BallBearing, Tag("tagged-BallBearing")]
+_Roller = Annotated[RollerBearing, Tag("tagged-RollerBearing")]
+_Guide = Annotated[LinearGuide, Tag("tagged-LinearGuide")]
+_Screw = Annotated[BallScrew, Tag("tagged-BallScrew")]
+_EXAMPLE = 'a table such as { kind = "deep-groove", … }'
+AnyElement = Annotated[_Ball | _Roller | _Guide | _Screw, Discriminator(_kind)]
+Elements = Annotated[tuple[AnyElement, ...], BeforeValidator(_some), Says(_EXAMPLE)]
+
+
+def read_element(path: Path, text: str) -> ElementSection:
+    """The element that a file of its own describes. Raises InputError with file, line and field."""
+    data = parse_text(path, text, "a file of an element")
+    try:
+        with blame("kind"):
+            kind = one_of(data.get("kind"), ELEMENTS, "a kind of element")
+        return read_table(ELEMENTS[kind], data, ())
+    except FieldError as error:
+        raise Source(path, text).refuse(error.key, str(error)) from error

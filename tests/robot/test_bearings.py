@@ -1,0 +1,138 @@
+"""Bearings, guides and screws of joints from their data sheets, from the robot file to the robot."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stiffscope.errors import InputError
+from stiffscope.robot.file.element_sections import read_element
+from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.parameters import parameters
+from stiffscope.robot.part_matrices import part_matrices
+from stiffscope.robot.reader import read_robot
+from stiffscope.vjm.screws import shift
+from stiffscope.vjm.statics import stiffness
+
+BALLS = 'kind = "angular-contact", balls = 16, ball = "12 mm", pitch = "80 mm", angle = "25 deg", preload = "500 N"'
+ARM = """
+[bodies.arm]
+[joints.root]
+between = ["ground", "arm"]
+type = "revolute"
+at = [0, 0, 0]
+axis = [0, 0, 1]
+drive = { stiffness = "24 kN*m/rad" }
+bearing = BEARING
+[tool]
+body = "arm"
+at = ["300 mm", 0, "100 mm"]
+pose = ["rz"]
+"""
+SLIDE = """
+[bodies.table]
+[joints.x]
+between = ["ground", "table"]
+type = "prismatic"
+at = [0, 0, 0]
+axis = [1, 0, 0]
+drive = { stiffness = "100 N/um" }
+[[joints.x.bearing]]
+kind = "linear-guide"
+vertical = "300 N/um"
+lateral = "200 N/um"
+rails = 2
+rail_spacing = "200 mm"
+carriages = 2
+carriage_spacing = "150 mm"
+normal = [0, -1, 0]
+[[joints.x.bearing]]
+kind = "ball-screw"
+diameter = "20 mm"
+length = "600 mm"
+nut = "300 N/um"
+support = "150 N/um"
+[tool]
+body = "table"
+at = [0, 0, 0]
+pose = ["x"]
+"""
+
+
+def element(text):
+    return read_element(Path("e.toml"), text.replace(", ", "\n")).element()
+
+
+def robot_of(text, bearing="", **names):
+    return read_robot(Path("robot.toml"), text.replace("BEARING", bearing), **names)
+
+
+def k_of(robot):
+    return stiffness(mechanism_of(robot, part_matrices(robot)), [[0.0]])[0]
+
+
+def test_a_joint_yields_as_its_bearing_and_drive_do():
+    k = element(BALLS).stiffness
+    k[3, 3] = 24e3
+    turn = np.kron(np.eye(2), np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]]))  # x along z, y along x
+    carry = np.linalg.inv(shift([0.3, 0.0, 0.1]))
+    expected = carry.T @ turn @ k @ turn.T @ carry
+    found = k_of(robot_of(ARM, f"{{ {BALLS} }}"))
+    assert found == pytest.approx(expected, rel=1e-9, abs=1e-9 * np.abs(expected).max())
+
+
+def test_two_bearings_on_a_shaft_are_a_pair():
+    """Two singles at offsets, the second the other way round by its partner's: as the pair's own sum."""
+    single = element(BALLS).stiffness
+    pair = robot_of(ARM, f'[{{ {BALLS}, offset = "-50 mm" }}, {{ {BALLS}, offset = "50 mm" }}]')
+    carry = [shift([x, 0.0, 0.0]) for x in (-0.05, 0.05)]
+    held = [0, 1, 2, 4, 5]
+    expected = sum(c.T @ single @ c for c in carry)[np.ix_(held, held)]
+    found = pair.joints["root"].yielding(np.eye(3))[np.ix_(held, held)]
+    assert np.linalg.inv(found) == pytest.approx(expected, rel=1e-9, abs=1e-9 * np.abs(expected).max())
+
+
+def test_a_guide_and_a_screw_make_a_slide():
+    shaft = 206e9 * np.pi * 0.02**2 / 4 / 0.6
+    axial = 1 / (1 / 100e6 + 1 / shaft + 1 / 300e6 + 1 / 150e6)
+    k = k_of(robot_of(SLIDE))
+    expected = [axial, 4 * 300e6, 4 * 200e6, 4 * 300e6 * 0.1**2, 4 * 200e6 * 0.075**2, 4 * 300e6 * 0.075**2]
+    assert np.diag(k) == pytest.approx(expected, rel=1e-9)
+
+
+def test_its_numbers_can_be_set_and_varied():
+    robot = robot_of(ARM, f"{{ {BALLS} }}")
+    names = {each.name for each in parameters(robot)}
+    assert {"root.bearing.preload", "root.bearing.ball", "root.bearing.pitch", "root.bearing.angle"} <= names
+    softer = robot_of(ARM, f"{{ {BALLS} }}", overrides=["root.bearing.preload=62.5 N"])
+    ratio = k_of(softer)[2, 2] / k_of(robot)[2, 2]
+    assert ratio == pytest.approx(0.5, abs=0.06)  # the third root of an eighth
+
+
+def test_a_sheets_stiffness_follows_the_load():
+    sheet = 'kind = "crossed-roller", radial = "500 N/um", axial = "700 N/um", tilting = "1 MN*m/rad"'
+    k = element(f'{sheet}, at_load = "1 kN", preload = "2 kN"').stiffness
+    assert np.diag(k) == pytest.approx(2**0.1 * np.array([7e8, 5e8, 5e8, 0, 1e6, 1e6]))
+
+
+REFUSED = {
+    '{ kind = "deep" }': r'joints.root.bearing: expected a kind of bearing \(.*\), got "deep"',
+    '{ kind = "deep-groove", balls = 8 }': "joints.root.bearing.*ball: expected a value beside the others",
+    f"{{ {BALLS}, ring = 3 }}": r"ring: expected a known key \(kind, offset, radial, .*arrangement",
+    f"{{ {BALLS} }}\ncompliance = {{ radial = 1e-9 }}": "joints.root.compliance: expected none beside a bearing",
+    '{ kind = "cylindrical-roller", rollers = 20, length = "10 mm", pitch = "80 mm", clearance = "-3 um" }':
+        "joints.root.bearing: expected bearings that hold x too, got cylindrical-roller",
+    f'[{{ {BALLS} }}, {{ kind = "ball-screw", axial = "1 N/um" }}]': None,
+    '{ kind = "cylindrical-roller", rollers = 20, length = "10 mm", pitch = "80 mm", clearance = "3 um" }':
+        "bearing.*load: expected a preload, a load or an interference",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("bearing", REFUSED)
+def test_what_cannot_hold_the_joint_is_refused(bearing):
+    if REFUSED[bearing] is None:
+        assert k_of(robot_of(ARM, bearing))[0, 0] > 0.0
+        return
+    with pytest.raises(InputError, match=REFUSED[bearing]) as refused:
+        robot_of(ARM, bearing)
+    assert str(refused.value).startswith("robot.toml:")
