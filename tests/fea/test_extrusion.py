@@ -19,7 +19,7 @@ def whole(solid):
 
 
 def filled(specimen):
-    return mesh_extrusion(specimen.surface, specimen.extrusion, specimen.held, specimen.project)
+    return mesh_extrusion(specimen.surface, specimen.extrusion, specimen.held_faces, specimen.project)
 
 
 @pytest.mark.parametrize(
