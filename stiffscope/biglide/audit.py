@@ -95,15 +95,15 @@ def principal_findings(model: PublishedModel, source: str, q: float, rows: dict[
         for k, name in enumerate(DIAGONAL):
             printed = _Printed(source, f"{name} {row}", values[k], _LAST_DIGIT * (1e3 if name == "K_tz" else 1.0))
             if row == "without_gravity":
-                findings.append(printed.judged(recomputed[k], correct[k], bounds[k]))
+                findings.append(printed.judge(recomputed[k], correct[k], bounds[k]))
             elif row == "with_gravity":
                 change = values[k] / rows["without_gravity"][k] - 1.0
                 note = f"weight changes it by {change:+.2%} in print, {loaded[k] / plain[k] - 1.0:+.4%} correctly"
-                findings.append(printed.judged(None, correct[k], bounds[k], note))
+                findings.append(printed.judge(None, correct[k], bounds[k], note))
             else:
-                findings.append(printed.judged(None, correct[k], bounds[k], "a measurement"))
+                findings.append(printed.judge(None, correct[k], bounds[k], "a measurement"))
         twisting = _Printed(source, f"K_rx + K_rz {row}", values[3] + values[5], 2.0 * _LAST_DIGIT)
-        findings.append(twisting.judged(None, correct[3] + correct[5], model.rotational_bound, "a sum"))
+        findings.append(twisting.judge(None, correct[3] + correct[5], model.rotational_bound, "a sum"))
     return findings
 
 
@@ -119,7 +119,7 @@ def matrix_findings(model: PublishedModel, source: str, q: float, published: np.
         if published[i, j] or correct[i, j]:
             printed = _Printed(source, f"K{i + 1}{j + 1}", float(published[i, j]), _LAST_DIGIT)
             bound = float(bounds[i]) if i == j else None
-            findings.append(printed.judged(float(recomputed[i, j]), float(correct[i, j]), bound))
+            findings.append(printed.judge(float(recomputed[i, j]), float(correct[i, j]), bound))
     return findings
 
 
@@ -168,7 +168,7 @@ class _Printed:
     value: float
     rounding: float
 
-    def judged(
+    def judge(
         self, as_published: float | None, correct: float, bound: float | None, note: str | None = None
     ) -> Finding:
         """The finding; ``note`` stands for what a reading of the equations would say where there is none."""
@@ -182,7 +182,9 @@ class _Printed:
         else:
             if as_published is not None and self._is(as_published):
                 notes.append(
-                    "reading R1, to its last digit" if self._rounds(as_published) else self._near(as_published)
+                    "reading R1, to its last digit"
+                    if self._rounds(as_published)
+                    else self._compare_reading(as_published)
                 )
             elif as_published is not None:
                 notes.append("no reading explains it")
@@ -197,7 +199,7 @@ class _Printed:
     def _is(self, reference: float) -> bool:
         return self._rounds(reference) or _off(self.value, reference) < _EXPLAINED
 
-    def _near(self, reference: float) -> str:
+    def _compare_reading(self, reference: float) -> str:
         return f"reading R1, to {_percent(_off(self.value, reference))}"
 
 

@@ -61,7 +61,7 @@ class PublishedModel:
     @property
     def link(self) -> Array:
         """Compliance (6, 6) of a link at B_ij in its own axes."""
-        return _elastic(self.mechanism, "limb1.link1")
+        return _read_elastic(self.mechanism, "limb1.link1")
 
     @property
     def drive(self) -> float:
@@ -135,7 +135,7 @@ class PublishedModel:
 
     def _with_rigid_sliders(self, q: Array) -> Array:
         sliders = [f"limb{i}.slider" for i in SIDES]
-        rigid = self.mechanism.change_elements({name: Change(-_elastic(self.mechanism, name)) for name in sliders})
+        rigid = self.mechanism.change_elements({name: Change(-_read_elastic(self.mechanism, name)) for name in sliders})
         return stiffness(rigid, self.dimensions.tool_point(q))
 
 
@@ -152,7 +152,7 @@ def published_model(mechanism: Mechanism, parameters: Mapping[str, float]) -> Pu
     return PublishedModel(without_ranges(mechanism), dimensions)
 
 
-def _elastic(mechanism: Mechanism, name: str) -> Array:
+def _read_elastic(mechanism: Mechanism, name: str) -> Array:
     """Compliance (6, 6) of a body; zero where it is rigid."""
     body = mechanism.body(name).elastic
     return np.zeros((6, 6)) if body is None else body.compliance

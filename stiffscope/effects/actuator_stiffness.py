@@ -25,4 +25,4 @@ class ActuatorStiffness(ElementEffect):
         """At driven joints."""
         robot = setting.robot
         for place in robot.places(robot.driven):
-            yield cls(partial(soften, robot, place.members)).at(place)
+            yield cls(partial(soften, robot, place.members)).make_candidate(place)

@@ -26,7 +26,7 @@ class Backlash(Effect):
         for place in setting.robot.places(driven):
             if place.sole:
                 unit = "rad" if driven[place.sole].kind == "revolute" else "m"
-                yield cls(place.sole).at(place, units=(unit,))
+                yield cls(place.sole).make_candidate(place, units=(unit,))
 
     def influence(self, values: Array) -> Influence:
         """Its drive has a dead zone."""

@@ -39,7 +39,7 @@ GROWTH: Conversion = (lambda growth: 1.0 + growth, lambda factor: factor - 1.0)
 """Factor on what grows by a relative amount."""
 
 
-def _same(values: Array) -> Array:
+def _keep(values: Array) -> Array:
     return values
 
 
@@ -64,9 +64,9 @@ class Candidate:
     """Plausible range of each physical parameter."""
     bounds: tuple[float, float] = (-np.inf, np.inf)
     """Range of every internal parameter that can be computed."""
-    physical: Callable[[Array], Array] = _same
+    physical: Callable[[Array], Array] = _keep
     """Physical parameters (k,) of internal ones."""
-    internal: Callable[[Array], Array] = _same
+    internal: Callable[[Array], Array] = _keep
     """Internal parameters (k,) of physical ones."""
     component: str = ""
     """Part of the machine that it blames, if it is one."""
@@ -110,14 +110,14 @@ class Candidate:
         return tuple(self.positive and k < len(self.scale) - self.couplings for k in range(len(self.scale)))
 
     @property
-    def unnamed(self) -> bool:
+    def is_nuisance(self) -> bool:
         """Whether it is a nuisance pattern."""
         return self.effect == UNNAMED
 
     @property
     def simple(self) -> bool:
         """Whether it has a word, and can do little else than what the word says."""
-        return not (self.unnamed or self.flexible or self.couplings)
+        return not (self.is_nuisance or self.flexible or self.couplings)
 
 
 Candidates = Iterator[Candidate]
@@ -220,7 +220,7 @@ class Effect:
         del robot
         return f"{cls.word} @ {place}: no part of the robot; correct the readings (or the backlash) instead"
 
-    def at(self, place: Place, parameters: Sequence[Parameter] | None = None, **more: Any) -> Candidate:
+    def make_candidate(self, place: Place, parameters: Sequence[Parameter] | None = None, **more: Any) -> Candidate:
         """Return this effect as a candidate.
 
         Parameters
@@ -234,7 +234,7 @@ class Effect:
 
         """
         given = self.parameters if parameters is None else parameters
-        physical, internal = self.conversion or (_same, _same)
+        physical, internal = self.conversion or (_keep, _keep)
         fields: dict[str, Any] = {
             "effect": self.word,
             "units": tuple(p.unit for p in given),

@@ -25,4 +25,4 @@ class EncoderOffset(ElementEffect):
             directions = {name: along_drive(driven[name]) for name in place.members}
             turns = all(driven[name].kind == "revolute" for name in place.members)
             effect = cls(partial(move_ends, directions))
-            yield effect.at(place, units=("rad",)) if turns else effect.at(place)
+            yield effect.make_candidate(place, units=("rad",)) if turns else effect.make_candidate(place)

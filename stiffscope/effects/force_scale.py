@@ -22,7 +22,7 @@ class ForceScale(Effect):
     def candidates(cls, setting: Setting) -> Candidates:
         """One, of all loads."""
         del setting
-        yield cls().at(Place(INSTRUMENT))
+        yield cls().make_candidate(Place(INSTRUMENT))
 
     def influence(self, values: Array) -> Influence:
         """All loads have another gain."""

@@ -18,7 +18,7 @@ class Gravity(Effect):
     def candidates(cls, setting: Setting) -> Candidates:
         """One, on the whole robot."""
         del setting
-        yield cls().at(Place("robot"))
+        yield cls().make_candidate(Place("robot"))
 
     def influence(self, values: Array) -> Influence:
         """The weight acts."""

@@ -33,4 +33,4 @@ class GuideCompliance(ElementEffect):
         slides = [joint.name for joint in setting.robot.mechanism.joints if joint.kind == "prismatic"]
         for place in setting.robot.places(slides):
             effect = cls(partial(add_diagonal, dict.fromkeys(place.members, _PATTERNS)))
-            yield effect.at(place, setting.in_robots_units(cls.parameters))
+            yield effect.make_candidate(place, setting.in_robots_units(cls.parameters))

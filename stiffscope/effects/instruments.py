@@ -21,4 +21,4 @@ class InstrumentEffect(Effect):
         """At the instrument at M, or all sensors together, and at each sensor that reads displacements."""
         together = [INSTRUMENT] if setting.tool_is_read or len(setting.sensors) > 1 else []
         for name in (*together, *(sensor for sensor, moves in setting.sensors.items() if moves)):
-            yield cls(name).at(Place(name), component=name)
+            yield cls(name).make_candidate(Place(name), component=name)

@@ -41,7 +41,7 @@ class JointCompliance(ElementEffect):
             held = [p for p in cls.parameters if any(p.name in bearings[m] for m in place.members)]
             patterns = {m: np.array([bearings[m].get(p.name, np.zeros(6)) for p in held]) for m in place.members}
             effect = cls(partial(add_diagonal, patterns))
-            yield effect.at(place, setting.in_robots_units(held))
+            yield effect.make_candidate(place, setting.in_robots_units(held))
 
 
 def held_patterns(joint: Joint) -> dict[str, Array]:

@@ -24,6 +24,6 @@ class LinkLength(ElementEffect):
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
         """At elastic bodies."""
-        for place in setting.robot.places(setting.robot.elastic):
+        for place in setting.robot.places(setting.robot.elastic_sources):
             directions: dict[str, Array] = dict.fromkeys(place.members, ALONG)
-            yield cls(partial(move_ends, directions)).at(place)
+            yield cls(partial(move_ends, directions)).make_candidate(place)

@@ -31,4 +31,4 @@ class LinkStiffness(ElementEffect):
                 names = (place.name, *place.others)
                 aliases = (*(f"{cls.word} @ {n}" for n in names[1:]), f"{PartCompliance.word} @ {place.name}")
                 effect = cls(partial(soften, robot, place.members))
-                yield effect.at(place, aliases=aliases)
+                yield effect.make_candidate(place, aliases=aliases)

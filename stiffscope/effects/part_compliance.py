@@ -59,12 +59,12 @@ class PartCompliance(ElementEffect):
                 effect = cls(partial(soften, robot, place.members))
                 aliases = (f"link-stiffness @ {place.name}", *others)
                 factor = {"component": place.sole, "bounds": FACTOR}
-                yield effect.at(place, (FACTOR_OF_PART,), aliases=aliases, effect=word, **factor)
+                yield effect.make_candidate(place, (FACTOR_OF_PART,), aliases=aliases, effect=word, **factor)
             if len({robot.part_of(name) for name in place.members}) == 1:
                 here = robot.compliances[next(iter(place.members))]
                 for pairs in (_SYMMETRIC_PLATE, _ALL) if len(place.members) > 1 else (_SYMMETRIC_PLATE,):
-                    matrix = _Matrix.of(here, pairs)
-                    yield cls(partial(matrix.changes, place.members)).at(
+                    matrix = _Matrix.from_compliance(here, pairs)
+                    yield cls(partial(matrix.changes, place.members)).make_candidate(
                         place, matrix.parameters, physical=matrix.physical, internal=matrix.internal,
                         aliases=others, effect=word, flexible=True,
                     )  # fmt: skip
@@ -72,7 +72,7 @@ class PartCompliance(ElementEffect):
 
 def yielding_bodies(robot: NominalRobot) -> list[str]:
     """Elastic bodies that are not rigid in their own model."""
-    return [name for name in robot.elastic if robot.compliances[name].any()]
+    return [name for name in robot.elastic_sources if robot.compliances[name].any()]
 
 
 def _other_names(kind: type[PartCompliance], place: Place) -> tuple[str, ...]:
@@ -96,7 +96,7 @@ class _Matrix:
     """Its inverse."""
 
     @classmethod
-    def of(cls, compliance: Array, pairs: Sequence[tuple[int, int]]) -> _Matrix:
+    def from_compliance(cls, compliance: Array, pairs: Sequence[tuple[int, int]]) -> _Matrix:
         """Those entries of a compliance (6, 6) that are free."""
         rows, columns = np.array(pairs).T
         pattern = np.zeros((6, 6))
@@ -117,30 +117,30 @@ class _Matrix:
 
     def physical(self, values: Array) -> Array:
         """Entries (k,) of the compliance with internal parameters."""
-        return self._picked(self.compliance) + self._picked(self._added(values))
+        return self._pick_entries(self.compliance) + self._pick_entries(self._add_compliance(values))
 
     def internal(self, entries: Array) -> Array:
         """Internal parameters (k,) of entries."""
-        change = self._filled(entries - self._picked(self.compliance))
+        change = self._fill_matrix(entries - self._pick_entries(self.compliance))
         growth, vectors = np.linalg.eigh(self.back @ change @ self.back.T)
         e = np.where(growth < 0.0, growth / np.maximum(1.0 + growth, _RIDGE), growth)
-        return self._picked((vectors * e) @ vectors.T)
+        return self._pick_entries((vectors * e) @ vectors.T)
 
     def changes(self, members: Sequence[str], values: Array) -> Changes:
         """The same compliance is added to each of some bodies."""
-        return dict.fromkeys(members, Change(self._added(values)))
+        return dict.fromkeys(members, Change(self._add_compliance(values)))
 
-    def _added(self, values: Array) -> Array:
-        e, vectors = np.linalg.eigh(self._filled(values))
+    def _add_compliance(self, values: Array) -> Array:
+        e, vectors = np.linalg.eigh(self._fill_matrix(values))
         growth = np.where(e < 0.0, e / (1.0 - np.minimum(e, 0.0)), e)  # φ - 1
         return self.root @ (vectors * growth) @ vectors.T @ self.root.T
 
-    def _filled(self, values: Array) -> Array:
+    def _fill_matrix(self, values: Array) -> Array:
         rows, columns = np.array(self.pairs).T
         out = np.zeros((6, 6))
         out[rows, columns] = out[columns, rows] = values
         return out
 
-    def _picked(self, matrix: Array) -> Array:
+    def _pick_entries(self, matrix: Array) -> Array:
         rows, columns = np.array(self.pairs).T
         return matrix[rows, columns]

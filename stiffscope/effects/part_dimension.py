@@ -62,8 +62,8 @@ def find_dimensions(robot: NominalRobot, part: str) -> Candidates:
         members = robot.robot.bodies_of(part)
         value = _Value(dimension, robot.compliances[members[0]], members)
         parameter = Parameter("value", dimension.unit, *value.prior)
-        yield Dimension(value.changes).at(
-            Place(dimension.place, members), (parameter,), bounds=ADDED if value.rigid else _RATIOS,
+        yield Dimension(value.changes).make_candidate(
+            Place(dimension.place, members), (parameter,), bounds=ADDED if value.is_rigid else _RATIOS,
             physical=value.physical, internal=value.internal,
         )  # fmt: skip
 
@@ -78,20 +78,20 @@ class _Value:
     members: tuple[str, ...]
 
     @property
-    def rigid(self) -> bool:
+    def is_rigid(self) -> bool:
         """Whether it is a foundation that does not yield."""
         return not np.isfinite(self.of.nominal)
 
     @property
     def prior(self) -> tuple[float, float, float]:
         """Size of the internal parameter, plausible range of the value: a tenth of it (of a tube's wall) is usual."""
-        if self.rigid:
+        if self.is_rigid:
             return 1.0, _SOFTEST_FOUNDATION, np.inf
         return _USUAL, _LEAST * self.of.nominal, _MOST * self.of.nominal
 
     def physical(self, values: Array) -> Array:
         """The value (1,), SI, of the internal parameter."""
-        if not self.rigid:
+        if not self.is_rigid:
             return self.of.limit + (self.of.nominal - self.of.limit) * np.exp(values)
         yields = values * _FOUNDATION_UNIT
         return 1.0 / np.where(np.abs(yields) > _RIGID, yields, _RIGID)
@@ -99,7 +99,7 @@ class _Value:
     def internal(self, values: Array) -> Array:
         """The internal parameter of a value (1,). Raises InputError for one that leaves nothing of the part."""
         of = self.of
-        if self.rigid:
+        if self.is_rigid:
             return 1.0 / (values * _FOUNDATION_UNIT)
         ratio = (values - of.limit) / (of.nominal - of.limit)
         if not (ratio > 0.0).all():

@@ -53,8 +53,8 @@ class AddedMass(Effect):
                 heavy = cls(body.name, _find_point(mechanism, body), axes)
                 scale = (cls.parameters[0].size, *(cls.parameters[1 + a].size for a in axes))
                 place = Place(body.name)
-                yield heavy.at(place, scale=scale, physical=heavy.physical, internal=heavy.internal)
-                yield heavy.at(place, cls.parameters[:1])
+                yield heavy.make_candidate(place, scale=scale, physical=heavy.physical, internal=heavy.internal)
+                yield heavy.make_candidate(place, cls.parameters[:1])
 
     def influence(self, values: Array) -> Influence:
         """Its mass, and its first moments where there are any."""

@@ -38,7 +38,7 @@ class RigidEnds(ElementEffect):
         robot = setting.robot
         uniform = [n for n in yielding_bodies(robot) if _is_uniform(robot.compliances[n], robot.length(n))]
         for place in robot.places(uniform):
-            yield cls(partial(_clamp_ends, robot, place.members)).at(place)
+            yield cls(partial(_clamp_ends, robot, place.members)).make_candidate(place)
 
 
 def _is_uniform(c: Array, length: float) -> bool:

@@ -32,8 +32,8 @@ class Support(ElementEffect):
     def supports(cls, setting: Setting, place: Place) -> Candidates:
         """The effect at its place, without and with coupled rotations."""
         effect, parameters = cls(partial(yield_support, place.sole)), setting.in_robots_units(cls.parameters)
-        yield effect.at(place, parameters[:6], component=place.name)
-        yield effect.at(place, parameters, component=place.name, couplings=3, physical=find_possible)
+        yield effect.make_candidate(place, parameters[:6], component=place.name)
+        yield effect.make_candidate(place, parameters, component=place.name, couplings=3, physical=find_possible)
 
 
 def find_compliance(values: Array) -> Array:

@@ -28,10 +28,10 @@ class Thermal(ElementEffect):
     def candidates(cls, setting: Setting) -> Candidates:
         """At elastic bodies whose material is known; at the whole robot, all of these."""
         robot = setting.robot
-        growth = {name: (robot.expansion(name) or 0.0) * robot.length(name) for name in robot.elastic}
+        growth = {name: (robot.expansion(name) or 0.0) * robot.length(name) for name in robot.elastic_sources}
         for place in _places(robot, [name for name in growth if growth[name]]):
             grown = {name: growth[name] * ALONG for name in place.members}
-            yield cls(partial(move_ends, grown)).at(place)
+            yield cls(partial(move_ends, grown)).make_candidate(place)
 
 
 def _places(robot: NominalRobot, warm: list[str]) -> Iterator[Place]:

@@ -62,14 +62,14 @@ def adopt(
         raise InputError(
             f"--adopt: nothing is adopted, the verdict is {diagnosis.verdict}, not identified; no file is written"
         )
-    carried, left = _carried(bare, diagnosis)
+    carried, left = _carry_effects(bare, diagnosis)
     if not carried:
         raise InputError(f"--adopt: nothing is adopted: {'; '.join(left)}")
     output.write_new(target, _text(target, robot, carried, diagnosis, campaign, components).encode())
     return left
 
 
-def _carried(bare: NominalRobot, diagnosis: Diagnosis) -> tuple[list[Effect], list[str]]:
+def _carry_effects(bare: NominalRobot, diagnosis: Diagnosis) -> tuple[list[Effect], list[str]]:
     carried: list[Effect] = []
     left: list[str] = []
     for effect in diagnosis.effects:
@@ -102,22 +102,22 @@ def _entry(effect: Effect, diagnosis: Diagnosis, campaign: str) -> dict[str, Any
     gap = diagnosis.gap
     provenance: dict[str, Any] = {
         "campaign": campaign,
-        "probability": _rounded(effect.probability),
-        "gap_before": _rounded(gap.nominal),
-        "gap_after": _rounded(gap.explained),
-        "gap_held_out": _rounded(gap.held_out),
-        "gap_noise": _rounded(gap.noise),
+        "probability": _round(effect.probability),
+        "gap_before": _round(gap.nominal),
+        "gap_after": _round(gap.explained),
+        "gap_held_out": _round(gap.held_out),
+        "gap_noise": _round(gap.noise),
         "unit": "% rms",
     }
     return {
         "effect": effect.effect,
         "place": effect.place,
         "parameters": {name: p.value for name, p in effect.parameters.items()},
-        "provenance": provenance | {"sigma": {name: _rounded(p.sigma) for name, p in effect.parameters.items()}},
+        "provenance": provenance | {"sigma": {name: _round(p.sigma) for name, p in effect.parameters.items()}},
     }
 
 
-def _rounded(value: float) -> float:
+def _round(value: float) -> float:
     return float(f"{value:.4g}")
 
 

@@ -24,11 +24,11 @@ from stiffscope.gap.inference.diagnosis import (
 from stiffscope.gap.inference.experiment_design import next_measurement
 from stiffscope.gap.inference.findings import COMPETING, find
 from stiffscope.gap.inference.lack_of_fit import correlation
-from stiffscope.gap.inference.location import located, signature_correlation
+from stiffscope.gap.inference.location import locate_residuals, signature_correlation
 from stiffscope.gap.inference.plausibility import implausible, own_part, physical_sigma, plausible
-from stiffscope.gap.inference.posterior_samples import drawn
+from stiffscope.gap.inference.posterior_samples import draw_samples
 from stiffscope.gap.inference.residuals import percent_noise
-from stiffscope.gap.inference.verdict import doubtful, judged, settled, shares
+from stiffscope.gap.inference.verdict import doubtful, judge_findings, settle_verdict, shares
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -90,11 +90,11 @@ def forward_model(campaign: Campaign, robot: NominalRobot | None) -> ForwardMode
 def conclude(found: Findings) -> Diagnosis:
     """The verdict on a search, with every number that goes with it."""
     others = _under_other_priors(found)
-    judgement = settled(found, judged(found), others)
+    judgement = settle_verdict(found, judge_findings(found), others)
     reported = judgement.hypothesis
     joint = found.best if reported.names <= found.best.names else reported
     if judgement.verdict == "partly":  # what is left shows in the values, too
-        joint = joint.widened(max(found.misfit(joint), 1.0))
+        joint = joint.widen_covariance(max(found.misfit(joint), 1.0))
     effects = _effects(found, judgement, joint)
     residual = found.held_out_residual(reported)
     check, held_out = _held_out_check(found, reported, residual)
@@ -113,18 +113,22 @@ def conclude(found: Findings) -> Diagnosis:
         gap,
         effects,
         _alternatives(found, reported if effects else None),
-        located(found, reported, beyond=beyond),
+        locate_residuals(found, reported, beyond=beyond),
         _next(found),
         remarks,
         _steps(gap, effects),
         signature_correlation(found),
         _possible(found, judgement),
         tuple(
-            Sensitivity(prior, judged(other).verdict, {c.name: other.stated(c.name) for c in judgement.effects})
+            Sensitivity(
+                prior,
+                judge_findings(other).verdict,
+                {c.name: other.compute_probability(c.name) for c in judgement.effects},
+            )
             for prior, other in others.items()
         ),
         check,
-        drawn(found, joint if effects else reported, judgement.effects, held_out),
+        draw_samples(found, joint if effects else reported, judgement.effects, held_out),
     )
 
 
@@ -137,8 +141,8 @@ def _effects(found: Findings, judgement: Judgement, joint: Hypothesis) -> tuple[
         effect = Effect(
             candidate.effect,
             candidate.place,
-            found.stated(candidate.name),
-            found.percent_rms(found.alone(candidate)),
+            found.compute_probability(candidate.name),
+            found.percent_rms(found.fit_alone(candidate)),
             _parameters(candidate, *own_part(joint, candidate.name)),
             group.others,
             share[candidate.name],
@@ -206,12 +210,12 @@ def _held_out_check(found: Findings, hypothesis: Hypothesis, residual: Array) ->
     """Readings at poses held out against their predictive distribution; and the standardized residuals (n,)."""
     x = found.slopes(hypothesis)
     z: Array = residual / np.sqrt(1.0 + np.einsum("ni,ij,nj->n", x, hypothesis.covariance, x).clip(min=0.0))
-    seen = z[found.used]
+    seen = z[found.used_readings]
     if not len(seen):
         return None, z
     widest = float(_quantiles(0.0, 1.0)[1])
     inside = float(np.mean(np.abs(seen) <= widest))
-    return HeldOut(inside, float(np.mean(np.square(seen)))), np.where(found.used, z, np.nan)
+    return HeldOut(inside, float(np.mean(np.square(seen)))), np.where(found.used_readings, z, np.nan)
 
 
 def _alternatives(found: Findings, best: Hypothesis | None) -> tuple[Alternative, ...]:
@@ -221,10 +225,10 @@ def _alternatives(found: Findings, best: Hypothesis | None) -> tuple[Alternative
         names, candidates = hypothesis.names, hypothesis.candidates
         if not names or (best is not None and names >= best.names) or (len(names) > 1 and p < COMPETING):
             continue
-        if any(c.unnamed for c in candidates):
+        if any(c.is_nuisance for c in candidates):
             continue
         behind = found.best.evidence - hypothesis.evidence
-        chi2 = found.chi2(hypothesis) / max(int(found.used.sum()), 1)
+        chi2 = found.chi2(hypothesis) / max(int(found.used_readings.sum()), 1)
         why = f"ln-odds {behind:.1f} behind, χ² per reading {chi2:.3g}" if behind > 0.05 else "as good"
         wrong = [t for c in candidates for t in implausible(c, hypothesis)] if behind < COMPARED else []
         effect, place = (" + ".join(words) for words in zip(*((c.effect, c.place) for c in candidates), strict=True))
@@ -234,8 +238,8 @@ def _alternatives(found: Findings, best: Hypothesis | None) -> tuple[Alternative
 
 def _gap(found: Findings, reported: Hypothesis, held_out: Array) -> Gap:
     none = found.none
-    count = max(int(found.used.sum()), 1)
-    explained, noise = found.percent_rms(reported), percent_noise(found.campaign, found.sigma, found.used)
+    count = max(int(found.used_readings.sum()), 1)
+    explained, noise = found.percent_rms(reported), percent_noise(found.campaign, found.sigma, found.used_readings)
     return Gap(
         found.percent_rms(none),
         explained,
@@ -266,7 +270,7 @@ def _next(found: Findings) -> NextMeasurement | None:
 
 def _counts(found: Findings, reported: Hypothesis) -> list[str]:
     """Readings, parameters and evidence in figures."""
-    count, parameters = int(found.used.sum()), len(reported.values)
+    count, parameters = int(found.used_readings.sum()), len(reported.values)
     factor = found.best.noise_factor
     scaled = bool(found.problem.noise.scaled.any())
     gain = found.best.evidence - found.none.evidence

@@ -58,7 +58,7 @@ class NominalRobot:
         return tuple(
             p
             for p, bodies in found.items()
-            if bodies and not self.robot.parts[p].named and is_beam(self.robot, p, self.elastic[bodies[0]].compliance)
+            if bodies and not self.robot.parts[p].named and is_beam(self.robot, p, self.elastic_sources[bodies[0]].compliance)
         )
 
     @property
@@ -72,14 +72,11 @@ class NominalRobot:
         return {element.name: element.compliance for element in list_elements(self.mechanism)}
 
     @cached_property
-    def elastic(self) -> Mapping[str, Elastic]:
-        """What makes each elastic body of two ends elastic; effects act on no others."""
-        known = {body.name: body.elastic for body in self.mechanism.bodies if body.elastic is not None}
-        return {name: elastic for name, elastic in known.items() if len(elastic.ends) == 2}
+            if bodies and not self.robot.parts[p].named and is_beam(self.robot, p, self.elastic_sources[bodies[0]].compliance)
 
     def length(self, body: str) -> float:
         """Length of an elastic body, m."""
-        elastic = self.elastic[body]
+        elastic = self.elastic_sources[body]
         return float(np.linalg.norm(elastic.tip - elastic.base))
 
     def part_of(self, body: str) -> str:
@@ -128,8 +125,8 @@ class NominalRobot:
     def __reduce__(self) -> tuple[Any, ...]:
         plain = {f.name: getattr(self.robot, f.name) for f in fields(self.robot)}  # read-only mappings do not pickle
         plain = {name: dict(value) if isinstance(value, Mapping) else value for name, value in plain.items()}
-        return _restored, (self.mechanism, plain)  # without experiments, which belong to this process
+        return _restore, (self.mechanism, plain)  # without experiments, which belong to this process
 
 
-def _restored(mechanism: Mechanism, robot: dict[str, Any]) -> NominalRobot:
+def _restore(mechanism: Mechanism, robot: dict[str, Any]) -> NominalRobot:
     return NominalRobot(mechanism, RobotFile(**robot))

@@ -164,7 +164,7 @@ def test_the_laboratory_plants_whatever_the_model_has_a_share_for(name, style, l
     lab = labs(name)
     write_case(tmp_path, 0, BlindCase("none", 7, (), style), lab)
     model = RobotModel(load_campaign(tmp_path), lab.robot.nominal)
-    known = {lab.canonical(each) for c in model.library if not c.unnamed for each in c.signature_of}
+    known = {lab.canonical(each) for c in model.library if not c.is_nuisance for each in c.signature_of}
     assert known - set(lab.everywhere(tuple(sensor.name for sensor in model.campaign.sensors))) == set()
 
 
@@ -322,7 +322,7 @@ def test_the_pattern_of_a_larger_body_is_what_the_laboratory_reads(robot, body, 
     lab = labs(robot) if robot == "delta" else Lab(blind_robot(robot), 12)
     model, change = read_in_the_laboratory(robot, Fault("larger-body", body, {"relative": 1e-4}), tmp_path, lab)
     pattern = next(c for c in model.library if c.place == f"a body of another size, {body}")
-    still = model.campaign.still
+    still = model.campaign.is_unloaded
     expected = 1e-4 * model.predict().columns(pattern).sum(axis=1)
     assert still.any()
     assert change[still] == pytest.approx(expected[still], abs=3e-3 * np.abs(change).max())
@@ -388,7 +388,7 @@ def test_the_signature_of_backlash_is_what_the_laboratory_reads(robot, drive, st
     signatures = Signatures(machine, plan, located, rows, Noise())
     faulty = lab.with_faults([Fault("backlash", drive, {"half_width": 1e-7})])
     change = (true_readings(faulty, plan, located).value - rows.value) / signatures.sigma
-    column = 1e-7 * signatures.of("backlash", drive, {})[:, 0]
+    column = 1e-7 * signatures.find_columns("backlash", drive, {})[:, 0]
     assert change == pytest.approx(column, abs=1e-3 * np.abs(change).max() + 1e-6)
 
 

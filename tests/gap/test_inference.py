@@ -18,7 +18,7 @@ from stiffscope.gap.inference.evidence import (
 from stiffscope.gap.inference.findings import find
 from stiffscope.gap.inference.fitting import SIZES, Problem
 from stiffscope.gap.inference.lack_of_fit import lack_of_fit
-from stiffscope.gap.inference.posterior_samples import drawn, write_posterior
+from stiffscope.gap.inference.posterior_samples import draw_samples, write_posterior
 from stiffscope.gap.inference.priors import SPARSE, Spreads, spread_priors
 from stiffscope.gap.inference.search import Search
 from stiffscope.gap.inference.verdict import shares
@@ -147,7 +147,7 @@ def test_scores_to_first_order_are_those_of_the_fit_where_the_model_is_linear():
     model = planted(linear_model(np.random.default_rng(3)), e2=(0.2, 0.1, -0.1), e4=(0.3, 0.2))
     problem = Problem(model, model.noise())
     first = problem.fit([model.library[2]], np.zeros(3))
-    for start in list(Search(problem).scored(first, problem.nominal))[::4]:
+    for start in list(Search(problem).score_extensions(first, problem.nominal))[::4]:
         assert problem.fit(start.candidates, start.values).evidence == pytest.approx(start.heights[0], abs=1.5)
 
 
@@ -338,9 +338,9 @@ def test_the_prior_matters_where_the_readings_say_little():
     strong = conclude(find(planted(model, e0=(0.5,))))
     assert [s.verdict for s in strong.sensitivity] == ["identified"] * 4
     found = find(planted(model, e0=(0.02,)))
-    p = found.stated("effect-0 @ place")
+    p = found.compute_probability("effect-0 @ place")
     more, less = (found.under(replace(found.problem, odds=f * found.problem.odds)) for f in (10.0, 0.1))
-    assert more.stated("effect-0 @ place") > p > less.stated("effect-0 @ place")
+    assert more.compute_probability("effect-0 @ place") > p > less.compute_probability("effect-0 @ place")
 
 
 def test_the_posterior_opens_in_arviz(tmp_path):
@@ -440,8 +440,8 @@ def test_a_word_is_as_likely_as_another_at_however_many_places():
     library = tuple(replace(c, effect="many", place=c.effect) if c.name in spread else c for c in model.library)
     signatures = {c.name: model.signatures[old.name] for c, old in zip(library, model.library, strict=True)}
     found = find(planted(replace(model, library=library, signatures=signatures), e0=(0.5,)))
-    assert found.stated("effect-0 @ place") == pytest.approx(7 / 8, abs=1e-3)
-    assert found.stated("many @ here") == pytest.approx(1 / 8, abs=1e-3)
+    assert found.compute_probability("effect-0 @ place") == pytest.approx(7 / 8, abs=1e-3)
+    assert found.compute_probability("many @ here") == pytest.approx(1 / 8, abs=1e-3)
 
 
 def unnamed(model, numbers):
@@ -464,7 +464,7 @@ def test_what_is_certain_beside_a_certain_pattern_is_part_of_the_answer(size, ve
     found = find(unnamed(model, [7]))
     diagnosis = conclude(found)
     assert found.best.names == {"effect-0 @ place", "unknown @ pattern 7"}
-    assert not lack_of_fit(found, found.of(found.best.words))
+    assert not lack_of_fit(found, found.fit_effects(found.best.words))
     assert diagnosis.verdict == verdict
     assert [e.effect for e in diagnosis.effects] == ["effect-0"]
     assert "the readings follow pattern 7, for which the vocabulary has no word" in diagnosis.remarks
@@ -491,7 +491,7 @@ def test_what_is_likelier_without_a_word_is_not_named():
     model = unnamed(planted(replace(model, signatures=model.signatures | same), e0=(0.2,), e1=(0.4,)), [10, 11])
     library = tuple(replace(c, pattern=c.place) if c.unnamed else c for c in model.library)
     found = find(replace(model, library=library))
-    assert found.stated("effect-0 @ place") < 0.5
+    assert found.compute_probability("effect-0 @ place") < 0.5
     assert found.group("effect-0 @ place").probability > 0.9
     assert [e.effect for e in conclude(found).effects] == ["effect-1"]
 
@@ -633,7 +633,7 @@ def test_an_effect_of_one_sign_starts_from_what_it_explains_without_a_discrepanc
     model = replace(model, library=(effect,), signatures={effect.name: column[:, None]}, nominal=-beside)
     problem = Problem(model, model.noise())
     none = problem.fit((), np.zeros(0))
-    (start,) = Search(problem).scored(none, problem.library_at(none))
+    (start,) = Search(problem).score_extensions(none, problem.library_at(none))
     assert start.values[0] == pytest.approx(column @ (value + beside) / (column @ column), rel=1e-3)
 
 
@@ -692,7 +692,7 @@ def test_units_of_parameters_change_neither_what_is_held_out_nor_what_is_drawn()
         found = find(each)
         assert len(found.best.names) == 2
         held_out.append(found.held_out_residual(found.best))
-        samples = drawn(found, found.best, found.best.candidates, held_out[0]).parameters
+        samples = draw_samples(found, found.best, found.best.candidates, held_out[0]).parameters
         draws = np.stack([samples[f"{c.name}: p0"].ravel() for c in (small, large)])
         spread.append(np.corrcoef(draws)[0, 1])
         sigma = [np.sqrt(np.diagonal(found.best.covariance))[found.best.candidates.index(c)] for c in each.library]

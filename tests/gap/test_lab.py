@@ -153,7 +153,7 @@ def test_mirrored_machine_answers_mirrored():
         one = inject(one, "part-compliance", f"{limb}.slider", {"factor": 3.0})
         tool = tool_spot(one)
         response = respond(one, where, [tool])
-        answers.append((response.at(tool), response.shift(tool)))
+        answers.append((response.find_twists(tool), response.shift(tool)))
     (one, moved), (other, mirrored) = answers
     assert np.allclose(one[:, :, :6], MIRROR @ other[:, :, :6] @ MIRROR, rtol=1e-7, atol=1e-16)
     assert np.allclose(one[:, :, 6], other[:, :, 6] @ MIRROR, rtol=1e-7, atol=1e-12)
@@ -164,7 +164,7 @@ def test_mirrored_machine_answers_mirrored():
 def test_compliance_is_symmetric_and_positive(name):
     sound = machine(name)
     tool = tool_spot(sound)
-    c = respond(sound, poses_of(sound), [tool]).at(tool)[:, :, :6]
+    c = respond(sound, poses_of(sound), [tool]).find_twists(tool)[:, :, :6]
     assert np.allclose(c, np.swapaxes(c, 1, 2), rtol=1e-6, atol=1e-9 * np.abs(c).max())
     assert (np.linalg.eigvalsh(c) > 0).all()
 

@@ -205,7 +205,7 @@ def test_a_zero_of_each_session_is_no_information():
     level = replace(c.sensors[1], zero="session")
     c = replace(c, sensors=(c.sensors[0], level))
     rng = np.random.default_rng(0)
-    c = replace(c, value=RobotModel(c, robot).predict().plain + 1e-6 * rng.standard_normal(len(c)))
+    c = replace(c, value=RobotModel(c, robot).predict().plain_readings + 1e-6 * rng.standard_normal(len(c)))
     moved = replace(c, value=c.value + 1e-3 * (c.sensor == 1))
     one, other = (RobotModel(each, robot) for each in (c, moved))
     assert c.value - one.predict().values == pytest.approx(moved.value - other.predict().values, abs=1e-15)
@@ -226,7 +226,7 @@ def test_hysteresis_between_sessions_has_a_name():
                 session_names=("loading", "unloading"))  # fmt: skip
     model = RobotModel(c, robot)
     pattern = next(k for k in model.library if "hysteresis" in k.place)
-    largest = model.predict().plain[2]
+    largest = model.predict().plain_readings[2]
     loops = model.predict().columns(pattern)
     assert loops[:, 1] == pytest.approx(largest * (1 - share**2) * (c.session == 1))
 
@@ -250,11 +250,13 @@ def test_stiffnesses_taken_for_pushes_are_told():
     pushes = model.predict_as(2, 3)
     stiff = c.kind == 2
     taken = replace(
-        c, value=np.where(stiff, pushes, model.predict().plain), sigma=np.where(stiff, 0.01 * pushes, c.sigma)
+        c, value=np.where(stiff, pushes, model.predict().plain_readings), sigma=np.where(stiff, 0.01 * pushes, c.sigma)
     )
     remarks = RobotModel(taken, robot).remarks(_noise(taken), np.zeros(len(taken)))
     assert any("k.. fit far better as p.." in text for text in remarks)
-    right = replace(c, value=model.predict().plain, sigma=np.where(stiff, 0.01 * model.predict().plain, c.sigma))
+    right = replace(
+        c, value=model.predict().plain_readings, sigma=np.where(stiff, 0.01 * model.predict().plain_readings, c.sigma)
+    )
     assert not RobotModel(right, robot).remarks(_noise(right), np.zeros(len(right)))
 
 
@@ -288,7 +290,7 @@ def test_a_softened_robot_is_that_condensed_anew(name, monkeypatch):
     quick = RobotModel(c, robot).predict(pair)
     monkeypatch.setattr(robot_at_poses, "FEW", 0)
     slow = RobotModel(c, robot).predict(pair)
-    assert not isinstance(slow.elastic._response, Softened)
+    assert not isinstance(slow.elastic_state._response, Softened)
     assert quick.values == pytest.approx(slow.values, rel=1e-8, abs=1e-9 * np.abs(slow.values).max())
     assert quick.columns(soft[1]) == pytest.approx(slow.columns(soft[1]), rel=1e-6, abs=1e-12)
 
@@ -318,7 +320,7 @@ def test_a_robot_is_plausible_as_it_is(name):
     model = RobotModel(readings(robot := nominal(name), poses=[nominal(name).mechanism.tool.home]), robot)
     for candidate in model.library:
         count = len(candidate.scale)
-        if candidate.scale and not candidate.unnamed:
+        if candidate.scale and not candidate.is_nuisance:
             values = candidate.physical(np.zeros(count))
             assert all(plausible(candidate, values, np.zeros(len(values)))), candidate.name
 
@@ -330,7 +332,7 @@ def test_what_is_tried_for_the_next_reading_is_within_reach_by_itself(monkeypatc
     whole = model.trial(np.ones(len(model.campaign))).model.campaign.poses
 
     def beside_others(mechanism, coordinates, poses):
-        found = robot_at_poses.configured(mechanism, coordinates, poses)
+        found = robot_at_poses.configure_robot(mechanism, coordinates, poses)
         return replace(found, valid=found.valid & ((poses[:, 0] < whole[:, 0].max()) | (len(poses) != len(whole))))
 
     monkeypatch.setattr("stiffscope.gap.forward.trial.configured", beside_others)

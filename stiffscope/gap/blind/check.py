@@ -92,13 +92,13 @@ def run_blind(
     tasks = [Task(robot.name, number, seed) for robot in robots for number in range(campaigns)]
     left = [task for task in tasks if not os.path.lexists(folder / task.folder)]
     for task in set(tasks).difference(left):  # before any work is spent
-        _stored(folder / task.folder)
+        _read_stored(folder / task.folder)
     if left:
         _work(folder, robots, left, check, progress, workers, scheduler)
     for robot in robots:
         at = folder / robot.name
         seal(at, [unseal(folder / task.folder)[0] for task in tasks if task.robot == robot.name])
-    return score([outcome for task in tasks for outcome in _stored(folder / task.folder)])
+    return score([outcome for task in tasks for outcome in _read_stored(folder / task.folder)])
 
 
 def _check(robots: Sequence[BlindRobot], seed: int) -> str:
@@ -181,7 +181,7 @@ def _store(folder: Path, task: Task, files: Files) -> None:
         raise InputError(f"{goal}: the case cannot be kept ({why(error, goal)}); finished ones are") from error
 
 
-def _stored(folder: Path) -> list[Outcome]:
+def _read_stored(folder: Path) -> list[Outcome]:
     """Outcomes of a finished case, as they were stored. Raises InputError where they are not."""
     file = folder / OUTCOME
     out: list[Outcome] = []

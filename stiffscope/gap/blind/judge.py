@@ -59,7 +59,7 @@ class Judge:
 
     def _columns(self, fault: Fault) -> Array:
         """What a fault's effect can do to the readings (r, k), whatever its parameters."""
-        columns = self._alone(fault.effect, fault.place)
+        columns = self._isolate_fault(fault.effect, fault.place)
         if columns is not None:
             return np.hstack([columns, self._signature(fault)[:, None]])
         if fault.name not in self._spans:
@@ -68,17 +68,17 @@ class Judge:
             self._spans[fault.name] = np.stack([self._signature(one) for one in each], axis=1)
         return self._spans[fault.name]
 
-    def _alone(self, effect: str, place: str) -> Array | None:
+    def _isolate_fault(self, effect: str, place: str) -> Array | None:
         if effect in _OF_INSTRUMENTS:
             return np.stack([self._signature(Fault(effect, place, step)) for step in _OF_INSTRUMENTS[effect]], axis=1)
-        return self._elements.of(effect, place, self.lab.softer(effect, place))
+        return self._elements.find_columns(effect, place, self.lab.softer(effect, place))
 
     @cached_property
-    def _everything(self) -> dict[str, Array]:
+    def _all_columns(self) -> dict[str, Array]:
         """Columns (r, k) of all effects of the vocabulary, at all places where they have some."""
         found: dict[str, Array] = {}
         for name, (effect, place) in self.lab.everywhere(self.sensors).items():
-            if (columns := self._alone(effect, place)) is not None:
+            if (columns := self._isolate_fault(effect, place)) is not None:
                 found[name] = columns
         return found
 
@@ -91,7 +91,7 @@ class Judge:
             others = [self._columns(other) for other in faults if other is not fault]
             beside = orthonormal_basis(np.hstack([np.zeros((len(signature), 0)), *others]))
             left = project_out(signature[:, None], beside)[:, 0]
-            if np.linalg.norm(left) < VISIBLE or len(self._alike(fault, left, beside)) > _TWINS:
+            if np.linalg.norm(left) < VISIBLE or len(self._find_alike(fault, left, beside)) > _TWINS:
                 return False
         return True
 
@@ -99,7 +99,7 @@ class Judge:
         """Norms of a fault's signature, and of what the closest effects of the vocabulary leave of it, one by one."""
         left = self._signature(fault)
         size, basis = float(np.linalg.norm(left)), np.zeros((len(left), 0))
-        columns = list(self._everything.values())
+        columns = list(self._all_columns.values())
         for _ in range(_IMITATORS):
             if not columns or not np.linalg.norm(left) >= VISIBLE:
                 break
@@ -112,15 +112,15 @@ class Judge:
     def _is_hopeless(self, fault: Fault) -> bool:
         """Whether no readings of this kind show a fault, or tell it from others, whatever its size."""
         if fault.name not in self._vain:
-            columns = self._alone(fault.effect, fault.place)
+            columns = self._isolate_fault(fault.effect, fault.place)
             vain = columns is not None and not columns.any()
             if columns is not None and not vain and columns.shape[1] == 1:
                 large = columns[:, 0] * (_ALIKE / _SAME / np.linalg.norm(columns))
-                vain = len(self._alike(fault, large, np.zeros((len(large), 0)))) > _TWINS
+                vain = len(self._find_alike(fault, large, np.zeros((len(large), 0)))) > _TWINS
             self._vain[fault.name] = vain
         return self._vain[fault.name]
 
-    def _alike(self, fault: Fault, left: Array, beside: Array) -> set[str]:
+    def _find_alike(self, fault: Fault, left: Array, beside: Array) -> set[str]:
         """Other effects that do the same to readings as a fault, with no more parameters at work than it has.
 
         left: (r,) what the other faults of its campaign leave of its signature; beside: (r, k) an orthonormal basis of
@@ -128,7 +128,7 @@ class Judge:
         """
         found: set[str] = set()
         own = self.lab.canonical(fault.name)
-        for name, columns in self._everything.items():
+        for name, columns in self._all_columns.items():
             if name == own:
                 continue
             if word_of(name) == "part-compliance" and fault.effect != "part-compliance":  # entries follow a stiffness

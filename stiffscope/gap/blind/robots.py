@@ -31,11 +31,11 @@ def blind_robots(robots: Sequence[RobotFile], components: str | None, shop: Work
     """
     out: list[BlindRobot] = []
     for robot in robots:
-        source = components or ("published" if _published(robot) else "beam")
+        source = components or ("published" if _has_published(robot) else "beam")
         made = assemble_robots({robot.name: robot}, source, shop)[robot.name]
         out.append(BlindRobot(NominalRobot(made.mechanism, robot), made.matrices, source))
     return out
 
 
-def _published(robot: RobotFile) -> bool:
+def _has_published(robot: RobotFile) -> bool:
     return any(getattr(part, "published", None) for part in robot.parts.values())

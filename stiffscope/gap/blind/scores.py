@@ -59,7 +59,7 @@ class Outcome:
             return not self.confident
         if self.left_out:  # an honest neighbour leaves nothing to be explained
             return not self.confident or self.gap[2] <= HONEST * self.gap[3]
-        return len(self.named) == len(self.truth) and _matched(
+        return len(self.named) == len(self.truth) and _match_effects(
             set(self.truth), list(zip(self.named, self.groups, strict=True))
         )
 
@@ -69,13 +69,13 @@ class Outcome:
         return self.verdict == "identified"
 
 
-def _matched(truth: set[str], named: list[tuple[str, tuple[str, ...]]]) -> bool:
+def _match_effects(truth: set[str], named: list[tuple[str, tuple[str, ...]]]) -> bool:
     """Whether every true effect has a diagnosed effect of its own that names it, or a small group that does."""
     if not named:
         return not truth
     name, group = named[0]
     fits = {name, *(group if len(group) < GROUP else ())} & truth
-    return any(_matched(truth - {effect}, named[1:]) for effect in fits)
+    return any(_match_effects(truth - {effect}, named[1:]) for effect in fits)
 
 
 def outcome_of(
@@ -113,22 +113,22 @@ def outcome_of(
         groups,
         float(found.get("evidence") or 0.0),
         (gap[0], gap[1], gap[2], gap[3]),
-        () if left_out else _covered(case, found, same),
+        () if left_out else _check_covered(case, found, same),
         left_out,
         robot,
         case.style,
-        () if left_out or case.kind == "outside" else _stated(set(truth), found, same),
+        () if left_out or case.kind == "outside" else _collect_stated(set(truth), found, same),
         imitated,
     )
 
 
-def _stated(truth: set[str], found: dict[str, Any], same: Same) -> tuple[tuple[float, bool], ...]:
+def _collect_stated(truth: set[str], found: dict[str, Any], same: Same) -> tuple[tuple[float, bool], ...]:
     """Probabilities of the effects that are named or possible, and whether each is true."""
     listed = [*found["effects"], *found.get("possible", ())]
     return tuple((float(e["probability"]), same(f"{e['effect']} @ {e['place']}") in truth) for e in listed)
 
 
-def _covered(case: BlindCase, found: dict[str, Any], same: Same) -> tuple[bool, ...]:
+def _check_covered(case: BlindCase, found: dict[str, Any], same: Same) -> tuple[bool, ...]:
     """For every parameter of a rightly named effect, whether its 95 % interval holds the truth."""
     if found["verdict"] == "unexplained" or len(found["effects"]) != len(case.faults):
         return ()
@@ -174,9 +174,9 @@ class Scores:
         """What was injected alone against what was diagnosed: rows, columns, counts."""
         alone = [o for o in self.outcomes if len(o.truth) <= 1 and not o.left_out]
         rows = sorted({_word(o.truth) for o in alone})
-        columns = sorted({_answered(o) for o in alone})
+        columns = sorted({_summarize_answer(o) for o in alone})
         table = tuple(
-            tuple(sum(_word(o.truth) == row and _answered(o) == column for o in alone) for column in columns)
+            tuple(sum(_word(o.truth) == row and _summarize_answer(o) == column for o in alone) for column in columns)
             for row in rows
         )
         return tuple(rows), tuple(columns), table
@@ -202,7 +202,7 @@ def _word(truth: Sequence[str]) -> str:
     return truth[0].split(" @ ")[0] if truth else "none"
 
 
-def _answered(outcome: Outcome) -> str:
+def _summarize_answer(outcome: Outcome) -> str:
     if outcome.verdict in {"no-gap", "unexplained"}:
         return outcome.verdict
     return " + ".join(sorted({n.split(" @ ")[0] for n in outcome.named}))

@@ -184,15 +184,15 @@ class Campaign:
         return (self.kind >= STIFFNESS) & (self.kind < POSITION)
 
     @property
-    def still(self) -> NDArray[np.bool_]:
+    def is_unloaded(self) -> NDArray[np.bool_]:
         """(n,) whether nothing is applied: deviations."""
         return self.kind == DEVIATION
 
     @property
-    def like(self) -> Codes:
+    def kind_numbers(self) -> Codes:
         """(n,) small numbers that readings of one kind by one instrument share."""
         plain = np.where(self.kind == FREQUENCY, 2 * FREQUENCY, 2 * self.kind + self.direction // 3)
-        key = np.where(self.sensor >= 0, 10 + 2 * self.sensor + self.still, plain)
+        key = np.where(self.sensor >= 0, 10 + 2 * self.sensor + self.is_unloaded, plain)
         return np.unique(key, return_inverse=True)[1].ravel()
 
     def what(self, reading: int) -> str:

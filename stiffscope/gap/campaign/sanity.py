@@ -83,7 +83,7 @@ def _inspect_channel(c: Campaign, predicted: Array, name: str, rows: Codes) -> I
     if kind in (DEFLECTION, DEVIATION):
         yield from _find_breaks(c, name, rows, _scatter(c, rows, value, model))
     elif (model > 0).all():
-        yield from _name_outliers(c, name, rows, _centred(np.log(value / model)))
+        yield from _name_outliers(c, name, rows, _centre(np.log(value / model)))
 
 
 def _compare(c: Campaign, name: str, rows: Codes, value: Array, model: Array) -> Iterator[ReadingRemark]:
@@ -130,7 +130,7 @@ def _spread(values: Array) -> float:
     return 1.4826 * float(np.median(np.abs(values - np.median(values))))
 
 
-def _centred(values: Array) -> Array:
+def _centre(values: Array) -> Array:
     return values - np.median(values)
 
 
@@ -145,7 +145,7 @@ def _find_breaks(c: Campaign, name: str, rows: Codes, left: Array) -> Iterator[R
             text = f"{name} jumps by {jump:.2g} {unit} at {where} and stays there: has it slipped?"
             yield ReadingRemark("sensor-step", name, (where,), text)
             left = after
-    yield from _name_outliers(c, name, rows, _centred(left))
+    yield from _name_outliers(c, name, rows, _centre(left))
 
 
 def _find_step(values: Array) -> int:
@@ -153,7 +153,7 @@ def _find_step(values: Array) -> int:
     count = len(values)
     if count < 2 * (_SIDE + 1):
         return 0
-    clipped = np.clip(_centred(values), -10 * _spread(values), 10 * _spread(values))
+    clipped = np.clip(_centre(values), -10 * _spread(values), 10 * _spread(values))
     total = np.cumsum(clipped)[_SIDE - 1 : count - _SIDE]
     before = np.arange(_SIDE, count - _SIDE + 1)
     gain = total**2 / before + (clipped.sum() - total) ** 2 / (count - before)

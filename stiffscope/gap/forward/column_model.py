@@ -120,7 +120,7 @@ class ColumnModel:
         """Stated noise as it is; the unknown one is a common factor times the reading, or the rms of its like."""
         c = self.campaign
         unknown: Flags = np.isnan(c.sigma)
-        like = c.like
+        like = c.kind_numbers
         mean = np.sqrt(np.bincount(like, c.value**2) / np.maximum(np.bincount(like), 1))
         own = np.where(c.relative, np.abs(c.value), mean[like])
         own = np.where(own > 0, own, max(float(np.abs(c.value).max()), 1e-300))

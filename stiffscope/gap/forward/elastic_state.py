@@ -49,7 +49,7 @@ class ElasticState:
     payloads: tuple[Payload, ...] = ()
     _known: dict[str, Array] = field(default_factory=dict[str, Any], compare=False)
 
-    def changed(self, changes: Sequence[Changes], payloads: Sequence[Payload]) -> ElasticState:
+    def change_elements(self, changes: Sequence[Changes], payloads: Sequence[Payload]) -> ElasticState:
         """The sound robot with changed elements and payloads; itself where there are none."""
         return ElasticState(self.at, tuple(changes), tuple(payloads)) if changes or payloads else self
 
@@ -68,7 +68,7 @@ class ElasticState:
         Raises InputError where they do not close.
         """
         rest = self.at.rest
-        if not self._displacing:
+        if not self._is_displaced:
             return rest
         order = find_order(self.mechanism, self.at.configurations.linkage)
         offsets = {e.name: e.offset[None, :, None] for e in order.elements if e.offset is not None}
@@ -84,9 +84,9 @@ class ElasticState:
         return there
 
     @property
-    def _displacing(self) -> bool:
+    def _is_displaced(self) -> bool:
         """Whether errors move anything of the unloaded robot."""
-        return self.at.displaced or any(c.offset is not None for each in self.changes for c in each.values())
+        return self.at.is_displaced or any(c.offset is not None for each in self.changes for c in each.values())
 
     @cached_property
     def response(self) -> Response:
@@ -99,12 +99,12 @@ class ElasticState:
 
     @cached_property
     def _response(self) -> Response | Softened:
-        return self.response if self._added is None else softened(self.at, self._added)
+        return self.response if self._added_compliance is None else soften_elements(self.at, self._added_compliance)
 
     @cached_property
-    def _added(self) -> dict[str, Array] | None:
+    def _added_compliance(self) -> dict[str, Array] | None:
         """What few elements yield more than in the sound robot; None where something else is changed too."""
-        if not self.changes or self.payloads or self._displacing:
+        if not self.changes or self.payloads or self._is_displaced:
             return None
         added: dict[str, Array] = {}
         for each in self.changes:
@@ -141,7 +141,7 @@ class ElasticState:
         """Compliance (p, 6, 6) at M."""
         return self.tool[..., _TOOL]
 
-    def sensed(self, sensor: Sensor) -> Array:
+    def move_sensor(self, sensor: Sensor) -> Array:
         """Motion (p, 6, cases) of a sensor's point, and rotation, against the body that it stands on; base axes."""
         where = self.places
 
@@ -159,11 +159,11 @@ class ElasticState:
         where, gravity = self.places, self.at.mechanism.gravity
         return np.stack([find_weight(payload, where, gravity) for payload in payloads], axis=2)
 
-    def moved(self, node: str, wrenches: Array) -> Array:
+    def work_on_node(self, node: str, wrenches: Array) -> Array:
         """Work (p, cases, k) of wrenches (p or 1, 6, k) on a node along its motion under every terminal's load."""
         return self._at_every_pose(np.swapaxes(self._node(node), -1, -2) @ wrenches)
 
-    def transmitted(self, name: str) -> Array:
+    def transmit_wrenches(self, name: str) -> Array:
         """Wrench (p, 6, cases) on an element for every terminal's unit load, in its own axes."""
         if name not in self._known:
             response = self._response
@@ -171,7 +171,7 @@ class ElasticState:
             self._known[name] = self._at_every_pose(wrench)
         return self._known[name]
 
-    def displaced(self, sensor: Sensor | None) -> Array:
+    def displace_sensor(self, sensor: Sensor | None) -> Array:
         """Displacement (p, 6) by errors of the geometry, exactly: translation and rotation vector of M or a sensor."""
         if self.places is self.at.rest:
             return np.zeros((len(self.at.campaign.poses), 6))
@@ -218,7 +218,7 @@ class ElasticState:
         return self._modes.frequencies
 
     @cached_property
-    def _swinging(self) -> Response:
+    def _inertial_equilibrium(self) -> Response:
         """Equilibrium under the inertial loads ``ω² M v`` of each mode v: what its elements carry at their largest."""
         found, where = self._modes.configurations, place_nodes(self._modes.configurations)
         squares = np.square(2.0 * np.pi * self.frequencies)[:, None]
@@ -226,12 +226,12 @@ class ElasticState:
         loads = Loads(squares.shape[2], {node: force * squares for node, force in forces.items()}, balanced=1.0)
         return solve_loads(find_order(self.mechanism, found.linkage), where, loads)
 
-    def swung(self, name: str) -> Array:
+    def load_modes(self, name: str) -> Array:
         """Wrench (s, 6, c) on an element in each mode of a modal mass of 1 kg, in its own axes."""
-        wrench = self._swinging.elements[name].wrench
+        wrench = self._inertial_equilibrium.elements[name].wrench
         return np.broadcast_to(wrench, (len(self.at.shaken), *wrench.shape[1:]))
 
-    def swing(self, node: str, home: Array) -> Array:
+    def twist_modes(self, node: str, home: Array) -> Array:
         """Twist (s, 6, c) of a point of a body in each mode of a modal mass of 1 kg, base axes."""
         where = place_nodes(self._modes.configurations)
         return np.swapaxes(wrenches_at(where, node, home), -1, -2) @ self._modes.shapes[node]
@@ -262,7 +262,7 @@ class Softened:
         return out
 
 
-def softened(at: RobotAtPoses, added: Mapping[str, Array]) -> Softened:
+def soften_elements(at: RobotAtPoses, added: Mapping[str, Array]) -> Softened:
     """Response of the sound robot with compliance (6, 6) added to elements.
 
     An element that carries w and yields ΔC w more acts on the rest as if its ends lay apart by as much:

@@ -42,7 +42,7 @@ class Noise:
     """(m,)."""
     remarks: tuple[str, ...] = ()
 
-    def whitening(self, factor: float) -> Array:
+    def weigh_residuals(self, factor: float) -> Array:
         """Weights (n,) of residuals in units of ``sigma`` for a value of the common factor."""
         return np.where(self.scaled, 1.0 / factor, 1.0)
 

@@ -70,14 +70,14 @@ def noise_of(model: ForwardModel) -> Noise:
     for _ in range(PASSES):
         fit = _joint_fit(columns, gap / noise.sigma, noise.used, fit)
         before = noise.sigma
-        noise, fit = _judged(campaign, noise, fit)
+        noise, fit = _judge_noise(campaign, noise, fit)
         columns = columns if np.array_equal(before, noise.sigma) else _Columns(LOOSE * x / noise.sigma[:, None])
-    return _remarked(campaign, noise, fit)
+    return _add_remarks(campaign, noise, fit)
 
 
 def _first_guess(c: Campaign, gap: Array, x: Array) -> Array:
     """Unknown sigmas (n,) as one share of the gap of their kind: the likeliest with all effects free."""
-    like = c.like
+    like = c.kind_numbers
     size = np.where(c.relative, np.abs(c.value), 1.0)
     mean = np.sqrt(np.bincount(like, (gap / size) ** 2) / np.maximum(np.bincount(like), 1))
     least = 1e-12 * float(np.abs(c.value).max())
@@ -101,10 +101,10 @@ def _joint_fit(columns: _Columns, y: Array, used: Flags, before: _Fit) -> _Fit:
     return _Fit(residual, max(1.0 - float(keep.sum()) / max(float(used.sum()), 1.0), 0.1))
 
 
-def _judged(c: Campaign, noise: Noise, fit: _Fit) -> tuple[Noise, _Fit]:
+def _judge_noise(c: Campaign, noise: Noise, fit: _Fit) -> tuple[Noise, _Fit]:
     """Unknown noise by the robust scatter of its kind; outliers by the same measure."""
     unknown = np.isnan(c.sigma)
-    like = c.like
+    like = c.kind_numbers
     scatter = np.ones(len(c))
     for group in np.unique(like):
         mine = (like == group) & noise.used
@@ -116,7 +116,7 @@ def _judged(c: Campaign, noise: Noise, fit: _Fit) -> tuple[Noise, _Fit]:
     return replace(noise, sigma=sigma, used=used), replace(fit, residual=residual)
 
 
-def _remarked(c: Campaign, noise: Noise, fit: _Fit) -> Noise:
+def _add_remarks(c: Campaign, noise: Noise, fit: _Fit) -> Noise:
     known = ~np.isnan(c.sigma)
     sigma, remarks = noise.sigma, list(noise.remarks)
     if known.any():

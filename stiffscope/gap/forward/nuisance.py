@@ -38,7 +38,7 @@ _MOST_CROSSED = 12  # instruments and directions
 
 def nuisance_patterns(nominal: RobotReadings) -> tuple[Candidate, ...]:
     """Unnamed faults of parts, of the surroundings, of joints, and of the instruments in time."""
-    at = nominal.at
+    at = nominal.robot_at_poses
     swarm = (replace(pattern, swarming=True) for pattern in (*_play_of(at), *_stiffening_of(nominal)))
     return (*_parts(at), *_readings(at), *_crossings(at), *_sizes(at), *swarm)
 
@@ -56,7 +56,7 @@ def _parts(at: RobotAtPoses) -> Iterator[Candidate]:
             if names and all(nominal.compliances[name].any() for name in names):
                 lengths = {name: nominal.length(name) for name in names}
                 place = f"bowed bodies, {part}" if len(names) > 1 else f"a bowed body, {names[0]}"
-                yield _part(place, (1e-4,), partial(_bowed, lengths), "bowed")
+                yield _part(place, (1e-4,), partial(_bow, lengths), "bowed")
 
 
 def _readings(at: RobotAtPoses) -> Iterator[Candidate]:
@@ -64,24 +64,26 @@ def _readings(at: RobotAtPoses) -> Iterator[Candidate]:
     c, drives = at.campaign, list(at.robot.driven)
     read, sessions = np.unique(c.channel[c.kind <= DEVIATION]), len(c.session_names)  # instruments that displace
     channels, middle = len(read), at.configurations.tool[:, :3].mean(axis=0)
-    yield _unnamed("a drift of the gain in time", (0.05,), Pattern(_gain_drift))
+    yield _make_unnamed("a drift of the gain in time", (0.05,), Pattern(_gain_drift))
     if not channels:
         return
-    yield _unnamed("a drift of the readings in time", (5e-6,) * channels, Pattern(partial(_drift, read)))
-    yield _unnamed("a gain of its own in every direction", (0.05,) * channels, Pattern(partial(_gains, read)))
+    yield _make_unnamed("a drift of the readings in time", (5e-6,) * channels, Pattern(partial(_drift, read)))
+    yield _make_unnamed("a gain of its own in every direction", (0.05,) * channels, Pattern(partial(_gains, read)))
     if sessions > 1 and sessions <= _MOST_SESSIONS:
-        yield _unnamed("a gain of its own in a session", (0.05,), Pattern(partial(_session_gain, c.session.max())))
-        yield _unnamed("hysteresis between sessions of loading and unloading", (0.05,) * sessions, Pattern(_hysteresis))
-    yield _unnamed("a wrench that acts beside its point", (0.01,) * 3, Pattern(_off_centre))
+        yield _make_unnamed("a gain of its own in a session", (0.05,), Pattern(partial(_session_gain, c.session.max())))
+        yield _make_unnamed(
+            "hysteresis between sessions of loading and unloading", (0.05,) * sessions, Pattern(_hysteresis)
+        )
+    yield _make_unnamed("a wrench that acts beside its point", (0.01,) * 3, Pattern(_off_centre))
     if drives:
         start = at.configurations.drives.mean(axis=0)
-        yield _unnamed("errors that grow along the rail", (1e-3,) * len(drives), Pattern(partial(_pitch, start)))
-        yield _unnamed("less motion at small loads", (1e-5,) * len(drives), Pattern(_friction))
-    if at.used[:6].all():
-        yield _unnamed(
+        yield _make_unnamed("errors that grow along the rail", (1e-3,) * len(drives), Pattern(partial(_pitch, start)))
+        yield _make_unnamed("less motion at small loads", (1e-5,) * len(drives), Pattern(_friction))
+    if at.used_loads[:6].all():
+        yield _make_unnamed(
             "a stiffness towards the frame, growing with the distance", (0.01,) * 6, Pattern(partial(_tether, middle))
         )
-    yield _unnamed("a zero of its own in every direction", (1e-5,) * channels, Pattern(partial(_zero, read)))
+    yield _make_unnamed("a zero of its own in every direction", (1e-5,) * channels, Pattern(partial(_zero, read)))
 
 
 def _crossings(at: RobotAtPoses) -> Iterator[Candidate]:
@@ -94,36 +96,36 @@ def _crossings(at: RobotAtPoses) -> Iterator[Candidate]:
     for sink in read if len(sources) <= _MOST_CROSSED else ():
         for source in sorted(sources - {sink}):
             crossed = Pattern(partial(_crosstalk, sink, source))
-            yield _unnamed(f"cross-talk from {names[source]} into {names[sink]}", (0.05,), crossed, "cross-talk")
+            yield _make_unnamed(f"cross-talk from {names[source]} into {names[sink]}", (0.05,), crossed, "cross-talk")
 
 
 def _sizes(at: RobotAtPoses) -> Iterator[Candidate]:
     """Rigid bodies larger or smaller than drawn."""
-    for body in at.mechanism.bodies if at.campaign.still.any() else ():
+    for body in at.mechanism.bodies if at.campaign.is_unloaded.any() else ():
         held = tuple(joint for joint in at.mechanism.joints if body.name in (joint.first, joint.second))
         if body.elastic is None and len(held) > 1:
             middle = np.mean([joint.at for joint in held], axis=0) if body.centre is None else body.centre
-            stretched = Pattern(partial(_stretched, body.name, middle, held))
-            yield _unnamed(f"a body of another size, {body.name}", (3e-4,) * 3, stretched, "size")
+            stretched = Pattern(partial(_stretch, body.name, middle, held))
+            yield _make_unnamed(f"a body of another size, {body.name}", (3e-4,) * 3, stretched, "size")
 
 
 def _play_of(at: RobotAtPoses) -> Iterator[Candidate]:
     """Passive joints that lose motion across their axes, as drives do along theirs."""
     for place, axes in _places(at, _passive(at)):
-        play = _unnamed(f"play at {place}", (1e-5,) * 2, Pattern(partial(_play, axes)), "play")
+        play = _make_unnamed(f"play at {place}", (1e-5,) * 2, Pattern(partial(_play, axes)), "play")
         yield replace(play, like="backlash")
 
 
 def _stiffening_of(nominal: RobotReadings) -> Iterator[Candidate]:
     """Passive joints, across their axes, and drives that yield less and less beside what is in proportion to forces."""
-    at, known = nominal.at, nominal.campaign.sigma
+    at, known = nominal.robot_at_poses, nominal.campaign.sigma
     weight = 1.0 / np.where(np.isnan(known), 1.0, known)[:, None]
     along = {name: np.abs(along_drive(joint)) for name, joint in at.robot.driven.items()}
     for place, axes in (*_places(at, _passive(at)), *_places(at, along)):
-        straight, curved = np.split(weight * _yielding(axes, nominal), [1], axis=1)
+        straight, curved = np.split(weight * _make_yielding(axes, nominal), [1], axis=1)
         shares = (straight.T @ curved) / max(float(np.sum(straight**2)), 1e-300)
-        stiffening = Pattern(partial(_stiffening, axes, shares))
-        yield _unnamed(f"stiffening at {place}", (1e-5,) * 2, stiffening, "stiffening")
+        stiffening = Pattern(partial(_make_stiffening, axes, shares))
+        yield _make_unnamed(f"stiffening at {place}", (1e-5,) * 2, stiffening, "stiffening")
 
 
 def _places(at: RobotAtPoses, axes: Mapping[str, Array]) -> Iterator[tuple[str, dict[str, Array]]]:
@@ -135,10 +137,10 @@ def _places(at: RobotAtPoses, axes: Mapping[str, Array]) -> Iterator[tuple[str, 
 
 def _passive(at: RobotAtPoses) -> dict[str, Array]:
     """Joints without a drive, with what each holds across its axis (6,)."""
-    return {joint.name: _across(joint) for joint in at.mechanism.joints if joint.drive is None}
+    return {joint.name: _find_held_across(joint) for joint in at.mechanism.joints if joint.drive is None}
 
 
-def _across(joint: Joint) -> Array:
+def _find_held_across(joint: Joint) -> Array:
     """Which translations, of its coordinates (6,), a joint holds across its axis; a ball has none, and holds all."""
     held = np.zeros(6)
     held[[k for k in joint.held_components[0] if k > 0 or joint.axis is None]] = 1.0
@@ -146,16 +148,16 @@ def _across(joint: Joint) -> Array:
 
 
 def _part(place: str, scale: tuple[float, ...], changes: Callable[[Array], Changes], pattern: str) -> Candidate:
-    return _unnamed(place, scale, ElementEffect(changes), pattern)
+    return _make_unnamed(place, scale, ElementEffect(changes), pattern)
 
 
-def _unnamed(place: str, scale: tuple[float, ...], action: object, pattern: str = "") -> Candidate:
+def _make_unnamed(place: str, scale: tuple[float, ...], action: object, pattern: str = "") -> Candidate:
     names, units = tuple(f"p{k + 1}" for k in range(len(scale))), ("",) * len(scale)
     free = ((-np.inf, np.inf),) * len(scale)
     return Candidate(UNNAMED, place, names, units, scale, free, pattern=pattern or place, action=action)
 
 
-def _bowed(lengths: Mapping[str, float], values: Array) -> Changes:
+def _bow(lengths: Mapping[str, float], values: Array) -> Changes:
     """Bodies of a uniform curvature: the free end rises by ``κ L²/2`` and turns by ``κ L``."""
     return {
         name: Change(offset=values[0] * np.array([0.0, 0.0, length**2 / 2.0, 0.0, -length, 0.0]))
@@ -163,15 +165,15 @@ def _bowed(lengths: Mapping[str, float], values: Array) -> Changes:
     }
 
 
-def _stretched(body: str, middle: Array, held: Sequence[Joint], prediction: RobotReadings) -> Array:
+def _stretch(body: str, middle: Array, held: Sequence[Joint], prediction: RobotReadings) -> Array:
     """A rigid body that is larger than drawn along x, y, z of home: its joints stand further from its middle (3,)."""
-    where, pose, still = prediction.at.rest, prediction.campaign.pose, prediction.campaign.still
+    where, pose, still = prediction.robot_at_poses.rest, prediction.campaign.pose, prediction.campaign.is_unloaded
     columns = np.zeros((len(pose), 3))
     for joint in held:
         axes = where.rotation[joint.first] @ joint.axes
         away = np.swapaxes(axes, -1, -2) @ where.rotation[body] @ np.diag(joint.at - middle)  # (p or 1, 3, 3)
         away = np.broadcast_to(away if body == joint.first else -away, (pose.max() + 1, 3, 3))
-        columns += np.einsum("ni,nik->nk", prediction.felt(joint.name)[0][:, :3], away[pose])
+        columns += np.einsum("ni,nik->nk", prediction.find_wrenches(joint.name)[0][:, :3], away[pose])
     return np.where(still[:, None], columns, 0.0)
 
 
@@ -199,20 +201,20 @@ def _zero(read: NDArray[np.int64], prediction: RobotReadings) -> Array:
 
 
 def _gain_drift(prediction: RobotReadings) -> Array:
-    return (_time(prediction) * prediction.plain)[:, None]
+    return (_time(prediction) * prediction.plain_readings)[:, None]
 
 
 def _gains(read: NDArray[np.int64], prediction: RobotReadings) -> Array:
-    return _by_channel(read, prediction, prediction.plain)
+    return _by_channel(read, prediction, prediction.plain_readings)
 
 
 def _session_gain(last: float, prediction: RobotReadings) -> Array:
-    return ((prediction.campaign.session == last) * prediction.plain)[:, None]
+    return ((prediction.campaign.session == last) * prediction.plain_readings)[:, None]
 
 
 def _hysteresis(prediction: RobotReadings) -> Array:
     """Rayleigh's loop: ``(a² - x²)/a`` towards the load, a the largest reading of its like at the pose, by session."""
-    c, x = prediction.campaign, prediction.plain
+    c, x = prediction.campaign, prediction.plain_readings
     loaded = c.kind == DEFLECTION
     key = np.stack([c.pose, c.channel, c.load], axis=1)
     group = np.unique(key, axis=0, return_inverse=True)[1].ravel()
@@ -241,9 +243,9 @@ def _off_centre(prediction: RobotReadings) -> Array:
 def _pitch(start: Array, prediction: RobotReadings) -> Array:
     """Pitch errors of the drives: each grows from where the campaign's readings have their middle (d,)."""
     c = prediction.campaign
-    still, away = c.still, prediction.at.configurations.drives - start
+    still, away = c.is_unloaded, prediction.robot_at_poses.configurations.drives - start
     columns: list[Array] = []
-    for k, drive in enumerate(prediction.at.robot.driven):
+    for k, drive in enumerate(prediction.robot_at_poses.robot.driven):
         columns.append(np.where(still, away[c.pose, k] * prediction.by_drive(drive), 0.0))
     return np.stack(columns, axis=1)
 
@@ -253,11 +255,11 @@ def _tether(middle: Array, prediction: RobotReadings) -> Array:
     c = prediction.campaign
     columns: list[Array] = []
     read, applied = prediction.at_terminals
-    places = prediction.at.configurations.tool[:, :3]
+    places = prediction.robot_at_poses.configurations.tool[:, :3]
     for k in range(3):
-        columns.append(-_SPRING * read[:, k] * np.where(c.still, 0.0, applied[:, k]))
+        columns.append(-_SPRING * read[:, k] * np.where(c.is_unloaded, 0.0, applied[:, k]))
         pull = -_SPRING * (places[:, k] - middle[k])
-        columns.append(np.where(c.still, read[:, k] * pull[c.pose], 0.0))
+        columns.append(np.where(c.is_unloaded, read[:, k] * pull[c.pose], 0.0))
     return np.stack(columns, axis=1)
 
 
@@ -265,27 +267,27 @@ def _play(across: Mapping[str, Array], prediction: RobotReadings) -> Array:
     """Motion lost towards the force: in every direction alike, and along either axis of its own."""
     columns = np.zeros((len(prediction.campaign), 2))
     for name, axes in across.items():
-        read, force = (each * axes for each in prediction.felt(name))
-        signs = prediction.towards(force)
+        read, force = (each * axes for each in prediction.find_wrenches(name))
+        signs = prediction.find_signs(force)
         size = np.linalg.norm(force, axis=1, keepdims=True)
         round_gap = np.where(signs.any(axis=1, keepdims=True), force / np.where(size > 0.0, size, 1.0), 0.0)
         columns += np.stack([np.sum(read * each, axis=1) for each in (round_gap, signs)], axis=1)
     return columns
 
 
-def _stiffening(across: Mapping[str, Array], shares: Array, prediction: RobotReadings) -> Array:
+def _make_stiffening(across: Mapping[str, Array], shares: Array, prediction: RobotReadings) -> Array:
     """Yielding out of proportion to the force, less shares (1, 2) of yielding in proportion, which has a word."""
-    straight, curved = np.split(_yielding(across, prediction), [1], axis=1)
+    straight, curved = np.split(_make_yielding(across, prediction), [1], axis=1)
     return curved - straight @ shares
 
 
-def _yielding(across: Mapping[str, Array], prediction: RobotReadings) -> Array:
+def _make_yielding(across: Mapping[str, Array], prediction: RobotReadings) -> Array:
     """Columns (n, 3): what joints yield by their force, by its cube root, and by its square, beyond that at rest."""
     c = prediction.campaign
     columns = np.zeros((len(c), 3))
     for name, axes in across.items():
-        read, force = (each * axes for each in prediction.felt(name))
-        rest = np.where(c.still[:, None], 0.0, prediction.resting(name) * axes) / _LIKE_FORCE
+        read, force = (each * axes for each in prediction.find_wrenches(name))
+        rest = np.where(c.is_unloaded[:, None], 0.0, prediction.find_rest_wrench(name) * axes) / _LIKE_FORCE
         whole = rest + force / _LIKE_FORCE
         steps = [whole - rest, np.cbrt(whole) - np.cbrt(rest), whole * np.abs(whole) - rest * np.abs(rest)]
         columns += np.stack([np.sum(read * step, axis=1) for step in steps], axis=1)
@@ -296,7 +298,7 @@ def _friction(prediction: RobotReadings) -> Array:
     """Drives that lose a fixed force to their guides: less motion, by a fixed amount towards the force."""
     deflected = prediction.campaign.kind == DEFLECTION
     columns: list[Array] = []
-    for drive in prediction.at.robot.driven:
+    for drive in prediction.robot_at_poses.robot.driven:
         force = np.where(deflected, prediction.drive_force(drive), 0.0)
         lost = np.clip(force / max(_FULL_FORCE * np.abs(force).max(initial=0.0), 1e-9), -1.0, 1.0)
         columns.append(lost * prediction.by_drive(drive))

@@ -50,7 +50,7 @@ def _beyond_bounds(nominal: RobotReadings, noise: Noise) -> list[str]:
     stiff = np.flatnonzero((c.kind == STIFFNESS) & noise.used)
     if not len(stiff):
         return []
-    limit = nominal.plain[stiff]
+    limit = nominal.plain_readings[stiff]
     over = (c.value[stiff] - limit) / noise.sigma[stiff] > _SIGNIFICANT + np.sqrt(2.0 * np.log(len(stiff)))
     if not over.any():
         return []
@@ -69,7 +69,8 @@ def _mistaken(nominal: RobotReadings, swap: Swap, noise: Noise) -> list[str]:
             continue
         swapped = swap(kind, other)
         now, then = (
-            float(np.sum(((c.value - values)[mine] / noise.sigma[mine]) ** 2)) for values in (nominal.plain, swapped)
+            float(np.sum(((c.value - values)[mine] / noise.sigma[mine]) ** 2))
+            for values in (nominal.plain_readings, swapped)
         )
         if then < _OVERTAKES * now and now - then > _EVIDENT:
             meant, held = ("p", "free") if told == "k" else ("k", "held")

@@ -53,7 +53,7 @@ class RobotAtPoses:
     campaign: Campaign
 
     @cached_property
-    def displaced(self) -> bool:
+    def is_displaced(self) -> bool:
         """Whether errors of the geometry are in the model itself."""
         return any(element.offset is not None for element in list_elements(self.mechanism))
 
@@ -63,20 +63,20 @@ class RobotAtPoses:
         return place_nodes(self.configurations)
 
     @cached_property
-    def _condensed(self) -> Condensed:
+    def _condensed_network(self) -> Condensed:
         return condense_network(find_order(self.mechanism, self.configurations.linkage), self.rest)
 
     @cached_property
     def response(self) -> Response:
         """Equilibrium under all terminals' unit loads."""
-        return solve_condensed(self._condensed, self.unit_loads(self.rest, self.mechanism, ()))
+        return solve_condensed(self._condensed_network, self.unit_loads(self.rest, self.mechanism, ()))
 
     def cut(self, name: str) -> Response:
         """Equilibrium where an element's ends lie apart by each of six unit twists, in its own axes; unloaded."""
         if name not in self._cuts:
             while len(self._cuts) >= max(FEW, _CUTS // len(self.campaign.poses)):
                 del self._cuts[next(iter(self._cuts))]
-            self._cuts[name] = solve_condensed(self._condensed, Loads(6, {}, {name: np.eye(6)[None]}))
+            self._cuts[name] = solve_condensed(self._condensed_network, Loads(6, {}, {name: np.eye(6)[None]}))
         return self._cuts[name]
 
     @cached_property
@@ -92,7 +92,7 @@ class RobotAtPoses:
     def configurations(self) -> Configurations:
         """The robot at its poses. Raises InputError for one that it cannot reach."""
         c = self.campaign
-        found = configured(self.mechanism, c.coordinates, c.poses)
+        found = configure_robot(self.mechanism, c.coordinates, c.poses)
         bad = np.flatnonzero(~found.valid)
         if bad.size:
             raise self._out_of_reach(int(bad[0]), found)
@@ -130,7 +130,7 @@ class RobotAtPoses:
         return slice(6 + 6 * load, 12 + 6 * load)
 
     @cached_property
-    def distinct(self) -> tuple[tuple[Indices, Indices], ...]:
+    def distinct_readings(self) -> tuple[tuple[Indices, Indices], ...]:
         """Readings (m,) that stand for all with the same sense, and the same drive, at the same pose; (n,) which."""
         c = self.campaign
         moving = c.kind <= DEVIATION
@@ -154,7 +154,7 @@ class RobotAtPoses:
         return self.cases - 2
 
     @cached_property
-    def used(self) -> Flags:
+    def used_loads(self) -> Flags:
         """Which unit loads (cases,) act: those of M that hold the tool, of loads what some reading applies.
 
         Of loads on the tool's body also the moments that their forces have where they act a little beside their points.
@@ -209,7 +209,7 @@ class RobotAtPoses:
         for payload in payloads:
             add(payload.body, find_weight(payload, where, mechanism.gravity), self.weight_case + 1)
         for wrench in nodes.values():
-            wrench[..., ~self.used] = 0.0
+            wrench[..., ~self.used_loads] = 0.0
         return Loads(self.cases, nodes)
 
     @cached_property
@@ -225,7 +225,7 @@ class RobotAtPoses:
         return np.unique(c.pose[c.kind == FREQUENCY])
 
 
-def configured(mechanism: Mechanism, coordinates: Sequence[str], poses: Array) -> Configurations:
+def configure_robot(mechanism: Mechanism, coordinates: Sequence[str], poses: Array) -> Configurations:
     """Configurations at poses (p, k) by tool coordinates, or by displacements of driven joints, `q:JOINT`."""
     if tuple(coordinates) == tuple(mechanism.tool.pose):
         return configure(mechanism, poses)

@@ -61,7 +61,7 @@ class RobotModel:
 
     @cached_property
     def _library(self) -> tuple[Candidate, ...]:
-        without = {self.without, Gravity.word if self._weighted else ""}
+        without = {self.without, Gravity.word if self._has_gravity else ""}
         known = find_candidates(self.setting, without)
         return (*merge_twins(tuple(known), self.predict()), *nuisance_patterns(self.predict()))
 
@@ -108,7 +108,7 @@ class RobotModel:
         return np.hstack([np.zeros((len(self.campaign), 0)), *columns]) * self._weight[:, None]
 
     @property
-    def _weighted(self) -> bool:
+    def _has_gravity(self) -> bool:
         return Gravity.word in self.campaign.modelled
 
     @cached_property
@@ -124,17 +124,19 @@ class RobotModel:
 
     def predict(self, parameters: Parameters = ()) -> RobotPrediction:
         """Readings with these effects. Raises InputError where the parameters leave what can be assembled."""
-        return RobotPrediction(self.campaign, self._sound, self._weighted, parameters) if parameters else self._nominal
+        return (
+            RobotPrediction(self.campaign, self._sound, self._has_gravity, parameters) if parameters else self._nominal
+        )
 
     @cached_property
     def _nominal(self) -> RobotPrediction:
-        return RobotPrediction(self.campaign, self._sound, self._weighted, ())
+        return RobotPrediction(self.campaign, self._sound, self._has_gravity, ())
 
     def predict_as(self, kind: int, other: int) -> Array:
         """What the readings (n,) would be if those of one kind were of another."""
         c = self.campaign
         quantity = np.where(c.kind == kind, 6 * other + c.direction, c.quantity)
-        return replace(self, campaign=replace(c, quantity=quantity)).predict().plain
+        return replace(self, campaign=replace(c, quantity=quantity)).predict().plain_readings
 
     def noise(self) -> Noise:
         """Noise and gross outliers, as the joint fit of all effects shows them."""
@@ -148,5 +150,5 @@ class RobotModel:
     def remarks(self, noise: Noise, unexplained: Array) -> tuple[str, ...]:
         """Stiffness above the model's, taken for another kind; gravity where it cannot be the cause."""
         nominal = self.predict()
-        weight = nominal.step(Gravity().at(Place("robot"))) * (not self._weighted)
+        weight = nominal.step(Gravity().make_candidate(Place("robot"))) * (not self._has_gravity)
         return find_remarks(nominal, self.predict_as, noise, unexplained, weight)

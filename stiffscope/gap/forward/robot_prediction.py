@@ -44,9 +44,9 @@ class RobotPrediction(RobotReadings):
 
     @cached_property
     def _values(self) -> Array:
-        out = self.plain
+        out = self.plain_readings
         if self.heavier:
-            out = out + np.where(self.moving, 0.0, self.weight)
+            out = out + np.where(self.is_motion, 0.0, self.weight)
         for candidate, values in self.parameters:
             if isinstance(candidate.action, Pattern):
                 out = out + candidate.action.columns(self) @ np.array(values)
@@ -54,7 +54,7 @@ class RobotPrediction(RobotReadings):
 
     @cached_property
     def _zeros(self) -> SharedZeros:
-        return SharedZeros.of(self.campaign)
+        return SharedZeros.from_campaign(self.campaign)
 
     def columns(self, candidate: Candidate) -> Array:
         """Derivatives (n, k) of every reading by a candidate's internal parameters."""

@@ -42,7 +42,7 @@ class RobotReadings:
     parameters: Parameters
 
     @property
-    def at(self) -> RobotAtPoses:
+    def robot_at_poses(self) -> RobotAtPoses:
         """The nominal robot at the campaign's poses."""
         return self.sound.at
 
@@ -58,26 +58,26 @@ class RobotReadings:
     @cached_property
     def gravity(self) -> float:
         """Gravity that acts on the robot, m/s²."""
-        return self.at.robot.acceleration if self.weighted or self.heavier else 0.0
+        return self.robot_at_poses.robot.acceleration if self.weighted or self.heavier else 0.0
 
     @cached_property
-    def elastic(self) -> ElasticState:
+    def elastic_state(self) -> ElasticState:
         """The robot with the effects on its elements and the payloads."""
         found = self._influences
-        return self.sound.changed(
+        return self.sound.change_elements(
             [each.elements for each in found if each.elements],
             [each.payload for each in found if each.payload is not None],
         )
 
     @cached_property
-    def moving(self) -> Flags:
+    def is_motion(self) -> Flags:
         """(n,) whether a reading is a deflection or a deviation."""
         return self.campaign.kind <= DEVIATION
 
     @cached_property
     def compliance(self) -> Array:
         """True compliance (p, 6, 6) at M."""
-        return self.elastic.compliance
+        return self.elastic_state.compliance
 
     @cached_property
     def force_scale(self) -> float:
@@ -85,9 +85,9 @@ class RobotReadings:
         return float(np.prod([1.0 + each.force_gain for each in self._influences]))
 
     @cached_property
-    def applied(self) -> Array:
+    def applied_loads(self) -> Array:
         """What acts (n, cases) behind every deflection and deviation, on the terminals; zero for other readings."""
-        c, at = self.campaign, self.at
+        c, at = self.campaign, self.robot_at_poses
         out = np.zeros((len(c), at.cases))
         wrench = self.force_scale * np.nan_to_num(c.wrench)
         for load in range(-1, len(c.loads)):
@@ -152,7 +152,7 @@ class RobotReadings:
         c = self.campaign
         out = np.zeros((len(c), 6))
         for k in range(-1, len(c.sensors)):
-            mine = np.flatnonzero(self.moving & (c.sensor == k))
+            mine = np.flatnonzero(self.is_motion & (c.sensor == k))
             if mine.size:
                 out[mine] = self._motion(k, mine)
         return out
@@ -161,11 +161,11 @@ class RobotReadings:
         """True motion (m, 6) of what a sensor, or (-1) the instrument at M, looks at behind some readings (m,)."""
         c = self.campaign
         sensor = c.sensors[k] if k >= 0 else None
-        motion = self.elastic.tool if sensor is None else self.elastic.sensed(sensor)
-        out = np.einsum("nij,nj->ni", motion[c.pose[rows]], self.applied[rows])
+        motion = self.elastic_state.tool if sensor is None else self.elastic_state.move_sensor(sensor)
+        out = np.einsum("nij,nj->ni", motion[c.pose[rows]], self.applied_loads[rows])
         still = c.kind[rows] == DEVIATION
         if still.any():
-            out[still] += self.elastic.displaced(sensor)[c.pose[rows[still]]]
+            out[still] += self.elastic_state.displace_sensor(sensor)[c.pose[rows[still]]]
         return out
 
     def seen_by(self, channel: int, rows: Indices) -> Array:
@@ -187,10 +187,10 @@ class RobotReadings:
     @cached_property
     def sense(self) -> Array:
         """What is read (n, cases), on the terminals, signs as in ``a · D b``."""
-        c, at = self.campaign, self.at
+        c, at = self.campaign, self.robot_at_poses
         out = np.zeros((len(c), at.cases))
         for k in range(-1, len(c.sensors)):
-            mine = np.flatnonzero(self.moving & (c.sensor == k))
+            mine = np.flatnonzero(self.is_motion & (c.sensor == k))
             if k < 0:
                 out[mine, :6] = self.axis[mine] @ self.instrument(k)
             elif mine.size:
@@ -208,7 +208,7 @@ class RobotReadings:
     def drive(self) -> Array:
         """What is applied (n, cases), on the terminals, as in ``a · D b``: for stiffnesses what makes the motion."""
         c = self.campaign
-        out = self.applied.copy()
+        out = self.applied_loads.copy()
         stiff = np.flatnonzero(c.kind == STIFFNESS)
         if stiff.size:
             out[stiff, :6] = self.shown_stiffness[c.pose[stiff], :, c.direction[stiff]] * self.force_scale
@@ -223,31 +223,33 @@ class RobotReadings:
         diagonal = np.einsum("pii->pi", self.shown_compliance)
         return np.eye(6) / np.where(diagonal == 0.0, np.inf, diagonal)[:, None, :]
 
-    def felt(self, name: str) -> tuple[Array, Array]:
+    def find_wrenches(self, name: str) -> tuple[Array, Array]:
         """Wrenches (n, 6) on an element, own axes, by what is read and by what is applied: ``W a`` and ``W b``."""
-        known = self._felt.get(name)
+        known = self._known_wrenches.get(name)
         if known is None:
-            at = self.elastic.transmitted(name)
+            at = self.elastic_state.transmit_wrenches(name)
             pose = self.campaign.pose
             pair: list[Array] = []
-            for (first, which), each in zip(self.at.distinct, (self.sense, self.drive), strict=True):
+            for (first, which), each in zip(
+                self.robot_at_poses.distinct_readings, (self.sense, self.drive), strict=True
+            ):
                 pair.append((at[pose[first]] @ each[first][..., None])[which, :, 0])
             if self._mode[0].size:  # δf = -w · δC w / (8 π² f)
                 which, shaken, mode = self._mode
-                pair[0][which] = pair[1][which] = wrench = self.elastic.swung(name)[shaken, :, mode]
-                pair[0][which] = -wrench / (8.0 * np.pi**2 * self.elastic.frequencies[shaken, mode])[:, None]
-            known = self._felt[name] = (pair[0], pair[1])
+                pair[0][which] = pair[1][which] = wrench = self.elastic_state.load_modes(name)[shaken, :, mode]
+                pair[0][which] = -wrench / (8.0 * np.pi**2 * self.elastic_state.frequencies[shaken, mode])[:, None]
+            known = self._known_wrenches[name] = (pair[0], pair[1])
         return known
 
     @cached_property
     def at_terminals(self) -> tuple[Array, Array]:
         """Twists (n, 6) of the tool by what is read and by what is applied: what a spring at M feels of either."""
-        tool, pose = self.elastic.tool, self.campaign.pose
+        tool, pose = self.elastic_state.tool, self.campaign.pose
         pair = [np.einsum("nij,nj->ni", tool[pose], each) for each in (self.sense, self.drive)]
         return pair[0], pair[1]
 
     @cached_property
-    def _felt(self) -> dict[str, tuple[Array, Array]]:
+    def _known_wrenches(self) -> dict[str, tuple[Array, Array]]:
         return {}
 
     def entries(self, matrices: Array) -> Array:
@@ -261,17 +263,17 @@ class RobotReadings:
         c = self.campaign
         out = np.zeros(len(c))
         for k in range(-1, len(c.sensors)):
-            mine = self.moving & (c.sensor == k)
+            mine = self.is_motion & (c.sensor == k)
             if mine.any():
                 out[mine] = np.einsum("ni,ij,nj->n", self.axis[mine], self.instrument(k), self.twist[mine])
         if (c.kind == STIFFNESS).any():
             out = np.where(c.kind == STIFFNESS, self.entries(self.shown_stiffness), out)
         if (c.kind == PUSH).any():
             out = np.where(c.kind == PUSH, self.entries(self.pushes), out)
-        return out + self.at_modes(self.elastic.frequencies) if (c.kind == FREQUENCY).any() else out
+        return out + self.at_modes(self.elastic_state.frequencies) if (c.kind == FREQUENCY).any() else out
 
     @cached_property
-    def plain(self) -> Array:
+    def plain_readings(self) -> Array:
         """What every reading (n,) would be by the robot, its loads and its instruments."""
         out = self.robot_reads
         for influence in self._influences:
@@ -279,33 +281,33 @@ class RobotReadings:
                 out = out + width * self.dead_zone(drive)
         return out
 
-    def resting(self, name: str) -> Array:
+    def find_rest_wrench(self, name: str) -> Array:
         """Wrench (n, 6) on an element at every reading's pose when nothing is applied, own axes."""
-        carried = self.elastic.transmitted(name) @ self._dead
+        carried = self.elastic_state.transmit_wrenches(name) @ self._dead
         return carried[self.campaign.pose]
 
     @cached_property
     def _dead(self) -> Array:
         """What always acts (cases,), on the terminals."""
-        out = np.zeros(self.at.cases)
-        out[self.at.weight_case : self.at.weight_case + 2] = self.gravity, 1.0
+        out = np.zeros(self.robot_at_poses.cases)
+        out[self.robot_at_poses.weight_case : self.robot_at_poses.weight_case + 2] = self.gravity, 1.0
         return out
 
     def drive_force(self, drive: str) -> Array:
         """Force or moment (n,) that a drive carries under what is applied; zero for other readings."""
-        axis = along_drive(self.at.robot.driven[drive])
-        return np.where(self.moving, self.felt(drive)[1] @ axis, 0.0)
+        axis = along_drive(self.robot_at_poses.robot.driven[drive])
+        return np.where(self.is_motion, self.find_wrenches(drive)[1] @ axis, 0.0)
 
     def by_drive(self, drive: str) -> Array:
         """Change (n,) of every reading for a shift of one metre (or a turn of one radian) in a drive."""
-        axis = along_drive(self.at.robot.driven[drive])
-        return np.where(self.moving, self.felt(drive)[0] @ axis, 0.0)
+        axis = along_drive(self.robot_at_poses.robot.driven[drive])
+        return np.where(self.is_motion, self.find_wrenches(drive)[0] @ axis, 0.0)
 
     def dead_zone(self, drive: str) -> Array:
         """Change (n,) of every reading per metre of backlash: towards the force that the drive carries."""
-        return self.towards(self.drive_force(drive)) * self.by_drive(drive)
+        return self.find_signs(self.drive_force(drive)) * self.by_drive(drive)
 
-    def towards(self, force: Array) -> Array:
+    def find_signs(self, force: Array) -> Array:
         """Signs (n, ...) of forces (n, ...) behind deflections and deviations, rounding apart; zero for other readings.
 
         What rounding leaves is judged beside the largest of a kind: a weight may be many times the forces applied.
@@ -331,13 +333,13 @@ class RobotReadings:
             mine = still[c.sensor[still] == k]
             if not mine.size:
                 continue
-            motion = self.elastic.tool if k < 0 else self.elastic.sensed(c.sensors[k])
-            twist = self.at.robot.acceleration * motion[c.pose[mine], :, self.at.weight_case]
+            motion = self.elastic_state.tool if k < 0 else self.elastic_state.move_sensor(c.sensors[k])
+            twist = self.robot_at_poses.robot.acceleration * motion[c.pose[mine], :, self.robot_at_poses.weight_case]
             out[mine] = np.einsum("ni,ij,nj->n", self.axis[mine], self.instrument(k), twist)
         if (c.kind == STIFFNESS).any():
-            out = np.where(c.kind == STIFFNESS, self.entries(self.at.weight_stiffness), out)
+            out = np.where(c.kind == STIFFNESS, self.entries(self.robot_at_poses.weight_stiffness), out)
         if (c.kind == PUSH).any():
-            with_weight = np.linalg.inv(np.linalg.inv(self.shown_compliance) + self.at.weight_stiffness)
+            with_weight = np.linalg.inv(np.linalg.inv(self.shown_compliance) + self.robot_at_poses.weight_stiffness)
             diagonal = np.einsum("pii->pi", with_weight)[c.pose, c.direction]
             out = np.where(c.kind == PUSH, 1.0 / diagonal - self.entries(self.pushes), out)
         return out
@@ -354,18 +356,18 @@ class RobotReadings:
         """Readings of natural frequencies, each one's place among the poses with such, and its mode from 0."""
         c = self.campaign
         which = np.flatnonzero(c.kind == FREQUENCY)
-        return which, np.searchsorted(self.at.shaken, c.pose[which]), c.quantity[which] - FIRST_FREQUENCY
+        return which, np.searchsorted(self.robot_at_poses.shaken, c.pose[which]), c.quantity[which] - FIRST_FREQUENCY
 
     def applied_motion(self, moments: Array) -> Array:
         """Deflection (n,) by further moments (n, 3) where the wrench of each acts; zero for other kinds of reading."""
         c = self.campaign
         out = np.zeros(len(c))
         for load in range(-1, len(c.loads)):
-            cases = self.at.load_cases(load) if load >= 0 else slice(0, 6)
+            cases = self.robot_at_poses.load_cases(load) if load >= 0 else slice(0, 6)
             for k in range(-1, len(c.sensors)):
                 mine = np.flatnonzero((c.kind == DEFLECTION) & (c.load == load) & (c.sensor == k))
                 if mine.size:
-                    motion = self.elastic.tool if k < 0 else self.elastic.sensed(c.sensors[k])
+                    motion = self.elastic_state.tool if k < 0 else self.elastic_state.move_sensor(c.sensors[k])
                     twist = np.einsum("nij,nj->ni", motion[c.pose[mine], :, cases][..., 3:], moments[mine])
                     out[mine] = np.einsum("ni,ni->n", self.axis[mine], twist)
         return out

@@ -52,10 +52,10 @@ def find_slope(prediction: RobotReadings, ahead: Influence, behind: Influence, w
         out += _of_turn(prediction, name, (turn - behind.turns[name]) / width)
     for name, gain in ahead.gains.items():
         rate = (gain - behind.gains[name]) / width / prediction.gain_of(name)
-        out += rate * _SIGNS[c.kind] * prediction.plain * prediction.shown_by(name)
+        out += rate * _SIGNS[c.kind] * prediction.plain_readings * prediction.shown_by(name)
     if ahead.force_gain != behind.force_gain:
         rate = (ahead.force_gain - behind.force_gain) / width / prediction.force_scale
-        out += rate * _FORCE_SIGNS[c.kind] * prediction.plain
+        out += rate * _FORCE_SIGNS[c.kind] * prediction.plain_readings
     return out
 
 
@@ -63,24 +63,24 @@ def _of_elements(prediction: RobotReadings, ahead: Changes, behind: Changes, wid
     """By the wrenches that the changed elements carry."""
     out = np.zeros(len(prediction.campaign))
     for name, change in ahead.items():
-        read, applied = prediction.felt(name)
+        read, applied = prediction.find_wrenches(name)
         before = behind[name]
         if change.compliance is not None and before.compliance is not None:
             slope = (change.compliance - before.compliance) / width
             out += np.einsum("ni,ni->n", read @ slope, applied)
         if change.offset is not None and before.offset is not None:
             slope = (change.offset - before.offset) / width
-            out += np.where(prediction.campaign.still, read @ slope, 0.0)
+            out += np.where(prediction.campaign.is_unloaded, read @ slope, 0.0)
     return out
 
 
 def _of_payload(prediction: RobotReadings, payload: Payload) -> Array:
     """A payload's weight along what is read; its inertia in the modes."""
-    c, elastic, at = prediction.campaign, prediction.elastic, prediction.at
-    along = elastic.moved(payload.body, elastic.weights([payload]))[..., 0]  # (p, cases)
-    out = np.where(c.still, np.einsum("nc,nc->n", prediction.sense, along[c.pose]), 0.0)
+    c, elastic, at = prediction.campaign, prediction.elastic_state, prediction.robot_at_poses
+    along = elastic.work_on_node(payload.body, elastic.weights([payload]))[..., 0]  # (p, cases)
+    out = np.where(c.is_unloaded, np.einsum("nc,nc->n", prediction.sense, along[c.pose]), 0.0)
     if (c.kind == FREQUENCY).any():
-        v, w = np.split(elastic.swing(payload.body, payload.at), 2, axis=1)
+        v, w = np.split(elastic.twist_modes(payload.body, payload.at), 2, axis=1)
         arm = at.configurations.frame(payload.body)[0][at.shaken] @ payload.moments
         turned = np.cross(w, arm[..., None], axis=1)
         rate = payload.mass * np.square(v).sum(axis=1) + 2.0 * (v * turned).sum(axis=1)
@@ -94,7 +94,7 @@ def _of_turn(prediction: RobotReadings, name: str, rate: Array) -> Array:
     turn = np.kron(np.eye(2), np.cross(rate, np.eye(3)).T)
     out = np.zeros(len(c))
     for k in range(-1, len(c.sensors)):
-        mine = np.flatnonzero(shown & prediction.moving & (c.sensor == k))
+        mine = np.flatnonzero(shown & prediction.is_motion & (c.sensor == k))
         if mine.size:
             looked = np.einsum("ni,ij,nj->n", prediction.axis[mine], turn, prediction.twist[mine])
             out[mine] = prediction.gain(k) * looked

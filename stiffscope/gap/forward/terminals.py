@@ -59,7 +59,7 @@ def find_inertial_forces(mechanism: Mechanism, where: Places, shapes: Mapping[st
     def add(node: str, wrench: Array) -> None:
         out[node] = out[node] + wrench if node in out else wrench
 
-    def moved(node: str, at: Array, axes: Array) -> tuple[Array, Array]:
+    def move_node(node: str, at: Array, axes: Array) -> tuple[Array, Array]:
         """Adjoint (n, 6, 6) of a node's own axes at a point, and its twist there (n, 6, c)."""
         frame = Frame(where.rotation[node] @ axes, where.point(node, at) - where.tool)
         back = frame.inverse_adjoint()
@@ -71,11 +71,11 @@ def find_inertial_forces(mechanism: Mechanism, where: Places, shapes: Mapping[st
             whole[3:, 3:] = 0.0 if body.inertia is None else 0.5 * (body.inertia + body.inertia.T)
             if whole.any():
                 centre = np.zeros(3) if body.centre is None else body.centre
-                back, twist = moved(body.name, centre, np.eye(3))
+                back, twist = move_node(body.name, centre, np.eye(3))
                 add(body.name, np.swapaxes(back, -1, -2) @ (whole @ twist))
             continue
         elastic = body.elastic
-        ends = [moved(n, at, elastic.axes) for n, at in zip(body.nodes, elastic.places, strict=True)]
+        ends = [move_node(n, at, elastic.axes) for n, at in zip(body.nodes, elastic.places, strict=True)]
         if elastic.dynamics is None:
             mass = np.kron(np.eye(len(ends)), np.kron(np.diag([body.mass / len(ends), 0.0]), np.eye(3)))
         else:

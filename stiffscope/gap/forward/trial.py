@@ -10,7 +10,7 @@ import numpy as np
 
 from stiffscope.gap.campaign.campaign import AT_TOOL
 from stiffscope.gap.campaign.quantities import DEFLECTION, DEVIATION
-from stiffscope.gap.forward.robot_at_poses import configured
+from stiffscope.gap.forward.robot_at_poses import configure_robot
 
 if TYPE_CHECKING:
     from stiffscope.gap.campaign.campaign import Campaign
@@ -92,7 +92,7 @@ def _trial_poses(c: Campaign, nominal: NominalRobot) -> Array:
     points[:, free] = low[free] + Halton(len(free), scramble=False).random(_TRIALS) * (high - low)[free]
     middle = np.median(c.poses, axis=0)
     home = nominal.mechanism.tool.home if c.coordinates == nominal.mechanism.tool.pose else 0.0 * middle
-    lines = [_along(start, int(k), low[k], high[k]) for start in (home, middle) for k in free]
+    lines = [_trace_coordinate(start, int(k), low[k], high[k]) for start in (home, middle) for k in free]
     reached = np.vstack([*lines, points, c.poses[: _TRIALS // 8]])
     reaches = partial(_reaches, c, nominal)
     valid = reaches(reached)
@@ -111,7 +111,7 @@ def _trial_poses(c: Campaign, nominal: NominalRobot) -> Array:
 
 def _reaches(c: Campaign, nominal: NominalRobot, poses: Array) -> Flags:
     """Which poses (k, d) are within reach, (k,)."""
-    return configured(nominal.mechanism, c.coordinates, poses).valid
+    return configure_robot(nominal.mechanism, c.coordinates, poses).valid
 
 
 def _trial_loads(c: Campaign) -> list[tuple[int, Array]]:
@@ -139,7 +139,7 @@ def _displacement_noise(c: Campaign, sigma: Array) -> Array:
     return out
 
 
-def _along(start: Array, axis: int, low: float, high: float) -> Array:
+def _trace_coordinate(start: Array, axis: int, low: float, high: float) -> Array:
     """Poses (k, d) from a start along one coordinate, from end to end of its range."""
     out = np.repeat(start[None], _TRIALS // 4, axis=0)
     out[:, axis] = np.linspace(low, high, len(out))

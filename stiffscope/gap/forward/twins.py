@@ -26,7 +26,7 @@ _OF_ONE_SIZE = 30.0  # times what one of two twins usually does to the readings 
 
 def _shows(columns: Array, candidate: Candidate, prediction: RobotPrediction) -> bool:
     """Whether any reading would change with parameters of their prior size, beyond rounding."""
-    largest = float(np.abs(prediction.plain).max(initial=0.0))
+    largest = float(np.abs(prediction.plain_readings).max(initial=0.0))
     return bool((np.abs(columns) * np.array(candidate.scale) > _ROUNDING * largest).any())
 
 

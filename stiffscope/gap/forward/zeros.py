@@ -22,7 +22,7 @@ class SharedZeros:
     weight: Array
 
     @classmethod
-    def of(cls, c: Campaign) -> SharedZeros:
+    def from_campaign(cls, c: Campaign) -> SharedZeros:
         """Zeros of a campaign's sensors, one a session."""
         unknown = np.array([s.zero == "session" for s in c.sensors] + [False])
         free = unknown[c.sensor] & (c.kind <= DEVIATION)

@@ -177,16 +177,16 @@ def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
     if step is not None:
         position: dict[str, Any] = step.pop("position") or {}
         data["next_measurement"] = position | {key: value for key, value in step.items() if value is not None}
-    return _plain(data)
+    return _to_plain(data)
 
 
-def _plain(value: Any) -> Any:
+def _to_plain(value: Any) -> Any:
     """Tuples as lists, numbers that are not finite as None."""
     match value:
         case dict():
-            return {key: _plain(item) for key, item in cast("dict[str, Any]", value).items()}
+            return {key: _to_plain(item) for key, item in cast("dict[str, Any]", value).items()}
         case list() | tuple():
-            return [_plain(item) for item in cast("list[Any]", value)]
+            return [_to_plain(item) for item in cast("list[Any]", value)]
         case float():
             return value if math.isfinite(value) else None
         case _:

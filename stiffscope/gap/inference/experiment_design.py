@@ -41,9 +41,9 @@ def next_measurement(trial: Trial, first: Hypothesis, others: Iterable[Hypothesi
         None where no reading brings more than `WORTHWHILE`.
 
     """
-    here = _predicted(trial, first)
+    here = _predict(trial, first)
     for second in others:
-        gain = expected_log_odds(trial, here, _predicted(trial, second))
+        gain = expected_log_odds(trial, here, _predict(trial, second))
         best = int(np.argmax(gain))
         if gain[best] >= WORTHWHILE:
             return _measurement(trial, first, second, best, float(gain[best]))
@@ -101,7 +101,7 @@ def expected_log_odds(trial: Trial, first: Predicted, second: Predicted) -> Arra
     return gain
 
 
-def _predicted(trial: Trial, hypothesis: Hypothesis) -> Predicted:
+def _predict(trial: Trial, hypothesis: Hypothesis) -> Predicted:
     """Readings (n,) and their derivatives (n, k) in standard deviations, and the parameters' covariance (k, k)."""
     prediction = trial.model.predict(hypothesis.parameters)
     columns = [np.zeros((len(trial.sigma), 0)), *(prediction.columns(c) for c in hypothesis.candidates)]

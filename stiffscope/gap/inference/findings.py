@@ -65,7 +65,7 @@ class Findings:
         return self.problem.model.campaign
 
     @property
-    def used(self) -> Flags:
+    def used_readings(self) -> Flags:
         """(n,) False: a gross outlier."""
         return self.problem.noise.used
 
@@ -80,13 +80,13 @@ class Findings:
         return next(h for h in self.hypotheses if not h.names)
 
     @cached_property
-    def _whitening(self) -> Array:
-        return self.problem.noise.whitening(self.best.noise_factor)
+    def _residual_weights(self) -> Array:
+        return self.problem.noise.weigh_residuals(self.best.noise_factor)
 
     @cached_property
     def sigma(self) -> Array:
         """Standard deviations (n,) of the readings, an unknown factor as the best hypothesis leaves it."""
-        return self.problem.noise.sigma / self._whitening
+        return self.problem.noise.sigma / self._residual_weights
 
     def evidence(self, hypothesis: Hypothesis) -> float:
         """Ln of what the readings say for a hypothesis, without its prior odds."""
@@ -97,12 +97,12 @@ class Findings:
         errors = self.problem.errors
         residual = errors.project(hypothesis.residual[:, None])
         total = float(hypothesis.known.settings @ errors.inner(residual, residual)[:, 0, 0])
-        return total / max(int(self.used.sum()) - len(hypothesis.values), 1)
+        return total / max(int(self.used_readings.sum()) - len(hypothesis.values), 1)
 
     def under(self, problem: Problem) -> Findings:
         """The same hypotheses under another prior."""
         near = [h for h in self.hypotheses if not h.names or h.evidence > self.best.evidence - NEAR]
-        return _ranked(problem, [(h, problem.reweighted(h)) for h in near])
+        return _rank_hypotheses(problem, [(h, problem.reweigh(h)) for h in near])
 
     @cached_property
     def _canonical(self) -> dict[str, str]:
@@ -114,7 +114,7 @@ class Findings:
                 known.setdefault(alias, name)
         return known
 
-    def _same(self, name: str) -> str:
+    def _find_canonical(self, name: str) -> str:
         return self._canonical.get(name, name)
 
     def _shares(self, candidate: Candidate) -> dict[str, float]:
@@ -122,15 +122,17 @@ class Findings:
         odds = self.problem.odds_of(candidate)
         return dict(zip(candidate.signature_of, (odds / odds.sum()).tolist(), strict=True))
 
-    def _missed(self, hypothesis: Hypothesis, names: Iterable[str]) -> float:
+    def _sum_missed(self, hypothesis: Hypothesis, names: Iterable[str]) -> float:
         """Probability that none of these effects is at work if a hypothesis is true."""
-        listed = {self._same(name) for name in names}
+        listed = {self._find_canonical(name) for name in names}
         missed = 1.0
         for c in hypothesis.candidates:
-            missed *= 1.0 - sum(share for name, share in self._shares(c).items() if self._same(name) in listed)
+            missed *= 1.0 - sum(
+                share for name, share in self._shares(c).items() if self._find_canonical(name) in listed
+            )
         return missed
 
-    def stated(self, name: str) -> float:
+    def compute_probability(self, name: str) -> float:
         """Probability that an effect is at work, of what no reading tells apart its share."""
         pairs = zip(self.hypotheses, self.probability, strict=True)
         return float(sum(p * self._shares(c).get(name, 0.0) for h, p in pairs for c in h.candidates))
@@ -144,22 +146,26 @@ class Findings:
         self._add_rivals(listed, own, [h.words for h in self.hypotheses])
         known = self._at_work(listed)
         self._add_rivals(listed, own, [h.candidates for h in self.hypotheses])
-        elsewhere = [c.name for c in self.imitating.get(name, ()) if c.like == own.effect]
+        elsewhere = [c.name for c in self.imitating_patterns.get(name, ()) if c.like == own.effect]
         listed = list(dict.fromkeys([*listed, *elsewhere]))[: CONFUSED + 1]
-        same = {self._same(each) for each in listed}
-        aliases = [a for a in (*own.aliases, *self._canonical) if self._same(a) in same and a not in listed]
+        same = {self._find_canonical(each) for each in listed}
+        aliases = [a for a in (*own.aliases, *self._canonical) if self._find_canonical(a) in same and a not in listed]
         competing = self._in_place_of.get(name, set())  # with more parameters, or fewer, under a name of its own
-        first = [alias for alias in aliases if alias in competing and self._same(alias) == self._same(name)]
+        first = [
+            alias
+            for alias in aliases
+            if alias in competing and self._find_canonical(alias) == self._find_canonical(name)
+        ]
         others = tuple(dict.fromkeys([*first, *listed[1:], *aliases]))[:CONFUSED]
         whole = self._at_work([name, *others])  # what there is no place for is not part of it
         return Group(others, whole, min(known, whole), bool(elsewhere))
 
     @cached_property
-    def imitating(self) -> dict[str, list[Candidate]]:
+    def imitating_patterns(self) -> dict[str, list[Candidate]]:
         """By effect of the best hypothesis, the nuisance patterns that explain the readings nearly as well instead."""
         found: dict[str, list[Candidate]] = {}
-        for name, other, hypothesis, _ in self._exchanged():
-            if other.unnamed and self.evidence(self.best) - self.evidence(hypothesis) < IMITATING:
+        for name, other, hypothesis, _ in self._exchange_effects():
+            if other.is_nuisance and self.evidence(self.best) - self.evidence(hypothesis) < IMITATING:
                 found.setdefault(name, []).append(other)
         return found
 
@@ -167,12 +173,12 @@ class Findings:
     def _in_place_of(self) -> dict[str, set[str]]:
         """For each effect of the best hypothesis what competing ones have in its place, all others being the same."""
         found: dict[str, set[str]] = {}
-        for name, other, _, p in self._exchanged():
+        for name, other, _, p in self._exchange_effects():
             if p > COMPETING * self.probability[0]:
                 found.setdefault(name, set()).add(other.name)
         return found
 
-    def _exchanged(self) -> Iterator[tuple[str, Candidate, Hypothesis, float]]:
+    def _exchange_effects(self) -> Iterator[tuple[str, Candidate, Hypothesis, float]]:
         """Each effect of the best hypothesis, what another has in its place, that hypothesis, and its probability."""
         for hypothesis, p in zip(self.hypotheses, self.probability, strict=True):
             gone = self.best.names - hypothesis.names
@@ -183,7 +189,7 @@ class Findings:
     def _at_work(self, names: Iterable[str]) -> float:
         """Probability that one of these effects is at work."""
         pairs = zip(self.hypotheses, self.probability, strict=True)
-        return min(float(sum(p * (1.0 - self._missed(h, names)) for h, p in pairs)), 1.0)
+        return min(float(sum(p * (1.0 - self._sum_missed(h, names)) for h, p in pairs)), 1.0)
 
     def _add_rivals(self, listed: list[str], own: Candidate, rivals: Iterable[Sequence[Candidate]]) -> None:
         """Add to a group what is most probable in the place of one of the best hypothesis's effects.
@@ -194,10 +200,10 @@ class Findings:
         elsewhere = {name for other in rest for name in self._in_place_of.get(other, ())}
         elsewhere -= {*self._in_place_of.get(own.name, ()), *own.signature_of}
         while len(listed) <= CONFUSED:
-            known = {self._same(each) for each in listed}
+            known = {self._find_canonical(each) for each in listed}
             gains: dict[str, float] = {}
             for hypothesis, p, pool in zip(self.hypotheses, self.probability, pools, strict=True):
-                missed = self._missed(hypothesis, listed)
+                missed = self._sum_missed(hypothesis, listed)
                 if missed <= 0.0:
                     continue
                 alone = rest <= hypothesis.names and len(hypothesis.names - rest) == 1
@@ -205,14 +211,14 @@ class Findings:
                     if other.name in rest | elsewhere:
                         continue
                     for each, share in self._shares(other).items():
-                        if (same := self._same(each)) not in known:
+                        if (same := self._find_canonical(each)) not in known:
                             gains[same] = gains.get(same, 0.0) + p * missed * share * (1.0 if alone else 0.5)
             best = max(gains, key=lambda n: gains[n], default="")
             if not best or gains[best] <= COMPETING * self.probability[0]:
                 break
             listed.append(best)
 
-    def of(self, candidates: Iterable[Candidate]) -> Hypothesis:
+    def fit_effects(self, candidates: Iterable[Candidate]) -> Hypothesis:
         """The hypothesis of some effects of the best one, fitted."""
         chosen = forms_of(candidates)
         known = next((h for h in self.hypotheses if h.forms == chosen), None)
@@ -221,37 +227,37 @@ class Findings:
         kept = [(c, values) for c, values in self.best.parameters if forms_of([c]) <= chosen]
         return self.problem.fit([c for c, _ in kept], np.array([v for _, values in kept for v in values]))
 
-    def alone(self, candidate: Candidate) -> Hypothesis:
+    def fit_alone(self, candidate: Candidate) -> Hypothesis:
         """The hypothesis of one effect alone."""
         known = next((h for h in self.hypotheses if h.forms == forms_of([candidate])), None)
         start = known.values if known else np.zeros(len(candidate.scale))
         return known if known and known.converged else self.problem.fit([candidate], start)
 
-    def predicted(self, hypothesis: Hypothesis) -> Array:
+    def predict_readings(self, hypothesis: Hypothesis) -> Array:
         """What a hypothesis says the readings (n,) are."""
         return self.campaign.value - hypothesis.residual * self.problem.noise.sigma
 
     def residual(self, hypothesis: Hypothesis) -> Array:
         """Residual (n,) in standard deviations."""
-        return hypothesis.residual * self._whitening
+        return hypothesis.residual * self._residual_weights
 
     def slopes(self, hypothesis: Hypothesis) -> Array:
         """Derivatives (n, k) of a hypothesis's predictions in standard deviations."""
-        return hypothesis.slopes * self._whitening[:, None]
+        return hypothesis.slopes * self._residual_weights[:, None]
 
     def chi2(self, hypothesis: Hypothesis) -> float:
         """χ² of the readings that are used."""
-        return float(np.sum(self.residual(hypothesis)[self.used] ** 2))
+        return float(np.sum(self.residual(hypothesis)[self.used_readings] ** 2))
 
     def percent_rms(self, hypothesis: Hypothesis) -> float:
         """The gap that a hypothesis leaves, % rms."""
-        return percent_rms(self.campaign, self.predicted(hypothesis), self.sigma, self.used)
+        return percent_rms(self.campaign, self.predict_readings(hypothesis), self.sigma, self.used_readings)
 
     def held_out_residual(self, hypothesis: Hypothesis) -> Array:
         """Residuals (n,) in standard deviations by the effects fitted without each pose, one linear step away."""
         out = self.residual(hypothesis).copy()
         for pose in range(len(self.campaign.pose_names)):
-            here = self.used & (self.campaign.pose == pose)
+            here = self.used_readings & (self.campaign.pose == pose)
             if here.any():
                 change = self._change_without(hypothesis, here)
                 out[here] -= self.slopes(hypothesis)[here] @ change
@@ -260,9 +266,9 @@ class Findings:
     def percent_rms_by_pose(self, residual: Array) -> float:
         """% rms of residuals (n,) in standard deviations, mean over poses with readings other than zero."""
         model = self.campaign.value - residual * self.sigma
-        told = self.used & (self.campaign.value != 0.0)
+        told = self.used_readings & (self.campaign.value != 0.0)
         scores = [
-            percent_rms(self.campaign, model, self.sigma, self.used & here)
+            percent_rms(self.campaign, model, self.sigma, self.used_readings & here)
             for pose in range(len(self.campaign.pose_names))
             if (told & (here := self.campaign.pose == pose)).any()
         ]
@@ -277,7 +283,7 @@ class Findings:
             rest = Problem(self.model, replace(noise, used=noise.used & ~here))
             return rest.posterior(hypothesis.candidates, hypothesis.linear, x).mean - hypothesis.values
         unit = hypothesis.prior_precision**-0.5  # parameters have units from 1e-9 m/N to kg
-        left, out = unit * x[self.used & ~here], unit * x[here]
+        left, out = unit * x[self.used_readings & ~here], unit * x[here]
         return -unit * np.linalg.solve(left.T @ left + np.eye(len(unit)), out.T @ r[here])
 
 
@@ -287,10 +293,10 @@ def find(model: ForwardModel, progress: Progress | None = None) -> Findings:
     distinct: dict[frozenset[str], Hypothesis] = {}
     for hypothesis in Search(problem, progress).hypotheses():  # the best fit of every set of effects
         distinct.setdefault(hypothesis.names, hypothesis)
-    return _ranked(problem, [(h, h.evidence) for h in distinct.values()])
+    return _rank_hypotheses(problem, [(h, h.evidence) for h in distinct.values()])
 
 
-def _ranked(problem: Problem, scored: list[tuple[Hypothesis, float]]) -> Findings:
+def _rank_hypotheses(problem: Problem, scored: list[tuple[Hypothesis, float]]) -> Findings:
     """Hypotheses with their share of all evidence, the best first."""
     order = sorted(scored, key=lambda item: -item[1])
     log = np.array([evidence for _, evidence in order])

@@ -13,7 +13,7 @@ import numpy as np
 from stiffscope.effects.vocabulary import word_of
 from stiffscope.errors import InputError
 from stiffscope.gap.inference.evidence import constrained_minima, errors_of, posterior
-from stiffscope.gap.inference.hypothesis import Hypothesis, bounded, positive_of, scale_of, split
+from stiffscope.gap.inference.hypothesis import Hypothesis, bound_parameters, positive_of, scale_of, split
 from stiffscope.gap.inference.plausibility import implausible
 from stiffscope.gap.inference.priors import spread_priors
 
@@ -60,7 +60,7 @@ class Library:
         pairs = zip(self.candidates, self.columns, strict=True)
         return {id(candidate): self.values[:, here] for candidate, here in pairs}
 
-    def of(self, candidate: Candidate) -> Array:
+    def differentiate(self, candidate: Candidate) -> Array:
         """A candidate's derivatives (n, k), or its step (n, 1)."""
         return self._by_candidate[id(candidate)]
 
@@ -78,21 +78,21 @@ class Problem:
     """(s,) of effects in units of their own, on a grid of equal ratios."""
 
     @cached_property
-    def _known(self) -> Counter[str]:
+    def _place_counts(self) -> Counter[str]:
         """At how many places each word of the vocabulary may be."""
-        return Counter(word_of(n) for n in {n for c in self.model.library if not c.unnamed for n in c.signature_of})
+        return Counter(word_of(n) for n in {n for c in self.model.library if not c.is_nuisance for n in c.signature_of})
 
     @cached_property
     def _unknown(self) -> Counter[str]:
         """The same of each kind of nuisance pattern, of which a discrepancy is one."""
-        return Counter(["", *(c.pattern for c in self.model.library if c.unnamed)])
+        return Counter(["", *(c.pattern for c in self.model.library if c.is_nuisance)])
 
     def odds_of(self, candidate: Candidate) -> Array:
         """Prior odds (t,) of an effect and of each of its twins: all words alike, and all places of a word."""
-        if candidate.unnamed:
+        if candidate.is_nuisance:
             return np.array([self._odds_of_pattern(candidate.pattern)])
-        places = np.array([max(self._known[word_of(name)], 1) for name in candidate.signature_of])
-        return self.odds / max(len(self._known), 1) / places
+        places = np.array([max(self._place_counts[word_of(name)], 1) for name in candidate.signature_of])
+        return self.odds / max(len(self._place_counts), 1) / places
 
     def _odds_of_pattern(self, pattern: str) -> float:
         return UNKNOWN * self.odds / len(self._unknown) / max(self._unknown[pattern], 1)
@@ -134,7 +134,7 @@ class Problem:
         priors = [self.spreads_of(c) for c in candidates if c.scale]
         return posterior(self.errors, y, x, priors, positive_of(candidates))
 
-    def reweighted(self, hypothesis: Hypothesis) -> float:
+    def reweigh(self, hypothesis: Hypothesis) -> float:
         """Ln of evidence times prior odds of a hypothesis that was fitted under another prior."""
         known = self.posterior(hypothesis.candidates, hypothesis.linear, hypothesis.slopes)
         return known.log_evidence + self.log_odds(hypothesis)
@@ -213,9 +213,9 @@ class Problem:
             if short < _CONVERGED:
                 break
             for damping in _DAMPING:
-                trial = bounded(candidates, u + damping * step)
+                trial = bound_parameters(candidates, u + damping * step)
                 try:
-                    moved = self._linearized(candidates, trial)
+                    moved = self._linearize(candidates, trial)
                 except (InputError, np.linalg.LinAlgError):
                     continue
                 after = inner_of(*moved)
@@ -235,12 +235,12 @@ class Problem:
         """Internal parameters as near to a start as the model can be assembled, from a safe point on."""
         for tried in (*(safe + share * (u - safe) for share in (1.0, 0.25, 0.0625)), safe):
             try:
-                return tried, self._linearized(candidates, tried)
+                return tried, self._linearize(candidates, tried)
             except (InputError, np.linalg.LinAlgError):
                 continue
-        return 0.0 * u, self._linearized(candidates, 0.0 * u)
+        return 0.0 * u, self._linearize(candidates, 0.0 * u)
 
-    def _linearized(self, candidates: Sequence[Candidate], u: Array) -> tuple[Array, Array]:
+    def _linearize(self, candidates: Sequence[Candidate], u: Array) -> tuple[Array, Array]:
         """Residual (n,) and derivatives (n, k) in units of sigma. Raises InputError where they are not finite."""
         prediction, sigma = self.model.predict(split(candidates, u)), self.noise.sigma
         residual = (self.model.campaign.value - prediction.values) / sigma
@@ -270,7 +270,7 @@ class Problem:
         moved = self.nominal_residual - hypothesis.residual
         linear = np.zeros(len(moved))
         for candidate, values in hypothesis.parameters:
-            linear = linear + self.nominal.of(candidate) @ (np.array(values) if values else np.ones(1))
+            linear = linear + self.nominal.differentiate(candidate) @ (np.array(values) if values else np.ones(1))
         used = self.noise.used
         if np.linalg.norm((moved - linear)[used]) <= CURVED * np.linalg.norm(moved[used]):
             return self.nominal

@@ -38,7 +38,7 @@ class Hypothesis:
     """Whether first order promises what cannot be assembled."""
 
     @property
-    def plain(self) -> float:
+    def plain_score(self) -> float:
         """Ln of evidence times prior odds without a discrepancy."""
         return self.evidence - self.known.log_evidence + self.known.plain
 
@@ -60,12 +60,12 @@ class Hypothesis:
     @property
     def words(self) -> tuple[Candidate, ...]:
         """Effects in it that the vocabulary has a word for."""
-        return tuple(c for c in self.candidates if not c.unnamed)
+        return tuple(c for c in self.candidates if not c.is_nuisance)
 
     @property
     def values(self) -> Array:
         """All internal parameters (k,)."""
-        return joined(values for _, values in self.parameters)
+        return join_values(values for _, values in self.parameters)
 
     @property
     def prior_precision(self) -> Array:
@@ -77,7 +77,7 @@ class Hypothesis:
         """(k, k) of the internal parameters."""
         return self.known.covariance
 
-    def widened(self, factor: float) -> Hypothesis:
+    def widen_covariance(self, factor: float) -> Hypothesis:
         """The same with a covariance so many times as large."""
         return replace(self, known=replace(self.known, covariance=factor * self.known.covariance))
 
@@ -99,10 +99,10 @@ def forms_of(candidates: Iterable[Candidate]) -> frozenset[tuple[str, int]]:
 
 def scale_of(candidates: Sequence[Candidate]) -> Array:
     """Prior sizes (k,) of the internal parameters of effects."""
-    return joined(c.scale for c in candidates)
+    return join_values(c.scale for c in candidates)
 
 
-def joined(values: Iterable[Any]) -> Array:
+def join_values(values: Iterable[Any]) -> Array:
     """One vector (k,) of several."""
     return np.concatenate([np.zeros(0), *(np.asarray(v, dtype=np.float64) for v in values)])
 
@@ -112,7 +112,7 @@ def positive_of(candidates: Sequence[Candidate]) -> Flags:
     return np.array([flag for c in candidates for flag in c.one_sided], dtype=np.bool_)
 
 
-def bounded(candidates: Sequence[Candidate], u: Array) -> Array:
+def bound_parameters(candidates: Sequence[Candidate], u: Array) -> Array:
     """Internal parameters (k,) within what can be computed."""
     counts = [len(c.scale) for c in candidates]
     low, high = (np.repeat([c.bounds[side] for c in candidates], counts) for side in (0, 1))

@@ -43,7 +43,7 @@ def lack_of_fit(found: Findings, hypothesis: Hypothesis) -> str:
 
 def correlation(found: Findings, hypothesis: Hypothesis) -> str:
     """How the residuals of a hypothesis are correlated, which noise is not; empty if they are not."""
-    c, used = found.campaign, found.used
+    c, used = found.campaign, found.used_readings
     r = found.residual(hypothesis)[used]
     if len(r) < ENOUGH or np.isnan(c.sigma).any():
         return ""
@@ -67,7 +67,7 @@ def correlation(found: Findings, hypothesis: Hypothesis) -> str:
 
 
 def _degrees(found: Findings, hypothesis: Hypothesis) -> int:
-    return max(int(found.used.sum()) - len(hypothesis.values), 1)
+    return max(int(found.used_readings.sum()) - len(hypothesis.values), 1)
 
 
 def model_errors(found: Findings, hypothesis: Hypothesis) -> float:

@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 _SHOWN = 1e-3  # least share of a component
 
 
-def located(found: Findings, reported: Hypothesis, *, beyond: bool) -> Where:
+def locate_residuals(found: Findings, reported: Hypothesis, *, beyond: bool) -> Where:
     """Where the nominal model's residuals lie, and where a hypothesis leaves them; ``beyond`` the noise or not."""
     c = found.campaign
-    before, after = (np.where(found.used, found.residual(h), 0.0) for h in (found.none, reported))
+    before, after = (np.where(found.used_readings, found.residual(h), 0.0) for h in (found.none, reported))
     return Where(
         by_direction(c, before),
         component_shares(found),
@@ -45,12 +45,12 @@ def component_shares(found: Findings) -> dict[str, float]:
 
     The residuals are approximated by the non-negative combination of what each component alone would explain of them.
     """
-    r = found.residual(found.none)[found.used]
+    r = found.residual(found.none)[found.used_readings]
     parts: dict[str, Array] = {}
     for candidate, columns in _nominal_columns(found):
         if not candidate.component:
             continue
-        x = columns[found.used] * np.array(candidate.scale)
+        x = columns[found.used_readings] * np.array(candidate.scale)
         gram = x.T @ x
         ridge = np.eye(len(gram)) * (1e-9 * float(np.trace(gram)) + 1e-12)
         part = x @ np.linalg.solve(gram + ridge, x.T @ r)
@@ -67,7 +67,7 @@ def component_shares(found: Findings) -> dict[str, float]:
 
 def signature_correlation(found: Findings) -> tuple[tuple[str, ...], tuple[tuple[float, ...], ...]]:
     """|cosine| between the signatures of single-parameter effects in these readings; 1: indistinguishable."""
-    singles = [(c, x) for c, x in _nominal_columns(found) if len(c.scale) == 1 and not c.unnamed]
+    singles = [(c, x) for c, x in _nominal_columns(found) if len(c.scale) == 1 and not c.is_nuisance]
     if not singles:
         return (), ()
     x = np.hstack([columns for _, columns in singles])

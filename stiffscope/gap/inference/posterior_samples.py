@@ -53,7 +53,9 @@ class Samples:
     """(n,) residuals at poses held out in predictive standard deviations; NaN where not used."""
 
 
-def drawn(found: Findings, joint: Hypothesis, named: tuple[Candidate, ...], held_out: Array, seed: int = 0) -> Samples:
+def draw_samples(
+    found: Findings, joint: Hypothesis, named: tuple[Candidate, ...], held_out: Array, seed: int = 0
+) -> Samples:
     """Draw from the posterior of a fitted hypothesis; the parameters of the named effects are kept.
 
     The posterior is the Gaussian of Laplace's approximation, cut off where parameters cannot be negative.
@@ -78,14 +80,14 @@ def drawn(found: Findings, joint: Hypothesis, named: tuple[Candidate, ...], held
     c = found.campaign
     few = int(np.clip(PREDICTED // max(len(c), 1), 10, DRAWS))
     pick = (np.arange(CHAINS)[:, None] * DRAWS + np.arange(few)).ravel()
-    predicted = _predicted(found, joint, u[pick], size[pick], rng).reshape(CHAINS, few, len(c))
+    predicted = _predict(found, joint, u[pick], size[pick], rng).reshape(CHAINS, few, len(c))
     return Samples(
         parameters,
         units,
         predicted,
         np.array(c.value),
         found.sigma,
-        found.used,
+        found.used_readings,
         tuple(c.pose_names[int(k)] for k in c.pose),
         tuple(c.what(k) for k in range(len(c))),
         held_out,
@@ -110,14 +112,14 @@ def _internal_draws(joint: Hypothesis, count: int, rng: np.random.Generator) -> 
     return np.where(positive, np.abs(out), out)
 
 
-def _predicted(found: Findings, joint: Hypothesis, u: Array, size: Array, rng: np.random.Generator) -> Array:
+def _predict(found: Findings, joint: Hypothesis, u: Array, size: Array, rng: np.random.Generator) -> Array:
     """Readings (draw, n) by the linearized effects, the discrepancy and the noise."""
     errors = found.problem.errors
     out = (u - joint.values) @ found.slopes(joint).T + rng.standard_normal((len(u), len(found.sigma)))
     if len(errors.norms) and size.any():
         pairs = rng.standard_normal((len(u), 2, len(errors.norms) // 2))
         out += size[:, None] * np.einsum("djn,nj->dn", pairs[:, :, errors.group], errors.shape)
-    return (found.predicted(joint) + out * found.sigma).astype(np.float32)
+    return (found.predict_readings(joint) + out * found.sigma).astype(np.float32)
 
 
 def write_posterior(path: Path, samples: Samples) -> None:

@@ -9,7 +9,15 @@ import numpy as np
 
 from stiffscope.gap.inference.evidence import log_evidences
 from stiffscope.gap.inference.fitting import DOUBT, MARGIN
-from stiffscope.gap.inference.hypothesis import Hypothesis, bounded, forms_of, joined, positive_of, scale_of, split
+from stiffscope.gap.inference.hypothesis import (
+    Hypothesis,
+    bound_parameters,
+    forms_of,
+    join_values,
+    positive_of,
+    scale_of,
+    split,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -125,7 +133,7 @@ class Search:
             if not _gains((height, plain_height), before):
                 return
             before = max(height, before[0]), max(plain_height, before[1])
-            plain = sorted(fits, key=lambda h: -h.plain)[:BEAM_PLAIN]
+            plain = sorted(fits, key=lambda h: -h.plain_score)[:BEAM_PLAIN]
             frontier = [*fits[:BEAM_WIDTH], *(h for h in plain if h not in fits[:BEAM_WIDTH])]
 
     def _exchanges(self, whole: Hypothesis) -> list[Start]:
@@ -137,13 +145,15 @@ class Search:
             limit = whole.evidence - MARGIN - DOUBT * (whole.evidence - rest.evidence)
             scored = [
                 start
-                for start in self.scored(rest, library)
-                if not start.candidates[-1].unnamed and start.candidates[-1] is not gone and start.heights[0] > limit
+                for start in self.score_extensions(rest, library)
+                if not start.candidates[-1].is_nuisance
+                and start.candidates[-1] is not gone
+                and start.heights[0] > limit
             ]
             starts += sorted(scored, key=lambda start: -start.heights[0])[:SWAPPED]
             if rest.evidence > whole.evidence - MARGIN:
-                origin = joined(v for c, v in whole.parameters if c is not gone)
-                starts.append(Start(rest.candidates, bounded(rest.candidates, rest.known.mean), origin))
+                origin = join_values(v for c, v in whole.parameters if c is not gone)
+                starts.append(Start(rest.candidates, bound_parameters(rest.candidates, rest.known.mean), origin))
         return starts
 
     def _without(self, hypothesis: Hypothesis, gone: Candidate) -> Hypothesis:
@@ -164,7 +174,7 @@ class Search:
         y = self.problem.nominal_residual
         columns: list[Array] = [np.zeros((len(y), 0))]
         for candidate in candidates:
-            own = self.problem.nominal.of(candidate)
+            own = self.problem.nominal.differentiate(candidate)
             if candidate.scale:
                 columns.append(own)
             else:
@@ -183,15 +193,15 @@ class Search:
         ranked: dict[Forms, Start] = {}
         derivatives = self.problem.library_at(frontier[0])
         for hypothesis in frontier:
-            for start in self.scored(hypothesis, derivatives, simple=simple):
+            for start in self.score_extensions(hypothesis, derivatives, simple=simple):
                 key = forms_of(start.candidates)
                 if key not in ranked or start.heights[1] > ranked[key].heights[1]:
                     ranked[key] = start
         return sorted(ranked.values(), key=lambda start: -start.heights[0])
 
-    def scored(self, hypothesis: Hypothesis, library: Library, *, simple: bool = False) -> Iterable[Start]:
+    def score_extensions(self, hypothesis: Hypothesis, library: Library, *, simple: bool = False) -> Iterable[Start]:
         """A hypothesis with every admitted effect more, to first order; only with simple ones where wanted."""
-        k, known_good = len(hypothesis.values), bounded(hypothesis.candidates, hypothesis.values)
+        k, known_good = len(hypothesis.values), bound_parameters(hypothesis.candidates, hypothesis.values)
         own = self.problem.errors.project(np.column_stack([hypothesis.slopes, hypothesis.linear]))
         inner = self.problem.errors.inner(own, own)  # (q, k+1, k+1)
         across = self.problem.errors.inner(library.projection, own)  # (q, c, k+1)
@@ -233,7 +243,9 @@ class Search:
                 total, plain = (float(np.logaddexp.reduce(part.ravel())) for part in (log, log[without]))
                 candidates = (*hypothesis.candidates, candidate)
                 heights = (total + odds, plain + odds)
-                yield Start(candidates, bounded(candidates, mean[best]), np.append(known_good, np.zeros(m)), heights)
+                yield Start(
+                    candidates, bound_parameters(candidates, mean[best]), np.append(known_good, np.zeros(m)), heights
+                )
 
 
 @dataclass(frozen=True)
@@ -264,7 +276,7 @@ class _Fitted:
                 self.progress(stage, len(fits) / most)
             key = forms_of(start.candidates)
             if key not in self.found or not self.found[key].converged:
-                target = max((h.plain for h in fits), default=-np.inf)
+                target = max((h.plain_score for h in fits), default=-np.inf)
                 self.found[key] = self.problem.fit(start.candidates, start.values, target, start.origin)
             if self.found[key].stuck:
                 strikes.update({id(c): strikes.get(id(c), 0) + 1 for c in start.candidates if c.flexible})
@@ -274,7 +286,7 @@ class _Fitted:
 
 def _heights(fits: Sequence[Hypothesis]) -> tuple[float, float]:
     """The best evidence, and the best without a discrepancy."""
-    return max(h.evidence for h in fits), max(h.plain for h in fits)
+    return max(h.evidence for h in fits), max(h.plain_score for h in fits)
 
 
 def _gains(now: tuple[float, float], before: tuple[float, float]) -> bool:

@@ -42,7 +42,7 @@ class Judgement:
     remarks: tuple[str, ...]
 
 
-def judged(found: Findings) -> Judgement:
+def judge_findings(found: Findings) -> Judgement:
     """The verdict.
 
     An effect is certain when it, or its group of at most three, has a probability of `CONFIDENT`, most of it with a
@@ -56,34 +56,34 @@ def judged(found: Findings) -> Judgement:
     best, none = found.best, found.none
     wrong = {c.name: implausible(c, found.best) for c in best.words}
     strange = [text for texts in wrong.values() for text in texts]
-    unnamed = sorted(c.place for c in best.candidates if c.unnamed)
+    unnamed = sorted(c.place for c in best.candidates if c.is_nuisance)
     if unnamed:
         strange.append(f"the readings follow {', '.join(unnamed)}, for which the vocabulary has no word")
     certain = [c for c in best.words if not wrong[c.name] and _certain(found.group(c.name))]
-    kept, before = found.of(certain), found.chi2(none)
+    kept, before = found.fit_effects(certain), found.chi2(none)
     if certain and max(found.chi2(kept), found.chi2(best)) >= before:  # beside a discrepancy they follow details alone
         certain, kept = [], none
-    count, parameters = int(found.used.sum()), len(kept.values)
+    count, parameters = int(found.used_readings.sum()), len(kept.values)
     few = (
         [f"{count} readings are too few to identify {parameters} parameters"] if count < FEW * (parameters + 1) else []
     )
     if certain and not few:
-        return _named(found, kept, strange)
+        return _judge_named(found, kept, strange)
     gap = lack_of_fit(found, none)
     if gap:
-        known = found.of(best.words)
+        known = found.fit_effects(best.words)
         rest = lack_of_fit(found, known)
         if not best.words or strange or rest:
-            return Judgement("unexplained", (), none, (*strange, *_told(rest if best.words else gap)))
+            return Judgement("unexplained", (), none, (*strange, *_as_tuple(rest if best.words else gap)))
         return Judgement("ambiguous", known.words, known, tuple(few))
     alone = sum(p for h, p in zip(found.hypotheses, found.probability, strict=True) if not h.words)
     if alone > MAJORITY or not best.words or strange:
         return Judgement("no-gap", (), none, tuple(strange))
-    known = found.of(best.words)
+    known = found.fit_effects(best.words)
     return Judgement("ambiguous", known.words, known, tuple(few))
 
 
-def settled(found: Findings, judgement: Judgement, others: Mapping[str, Findings]) -> Judgement:
+def settle_verdict(found: Findings, judgement: Judgement, others: Mapping[str, Findings]) -> Judgement:
     """A verdict that its own checks carry: "ambiguous" where under another prior an effect loses its place.
 
     Parameters
@@ -104,22 +104,22 @@ def settled(found: Findings, judgement: Judgement, others: Mapping[str, Findings
     return judgement
 
 
-def _named(found: Findings, kept: Hypothesis, strange: Sequence[str]) -> Judgement:
+def _judge_named(found: Findings, kept: Hypothesis, strange: Sequence[str]) -> Judgement:
     """The verdict where some effects are certain.
 
     kept: these and no others; strange: what is implausible, or has no word.
     """
     rest, names = lack_of_fit(found, kept), [c.name for c in kept.words]
     if rest and not strange:
-        known = found.of(found.best.words)
+        known = found.fit_effects(found.best.words)
         if _main(found, known) not in names and not lack_of_fit(found, known):
-            return Judgement("ambiguous", known.words, known, _unsettled(known, names))
+            return Judgement("ambiguous", known.words, known, _find_unsettled(known, names))
     if rest or _pattern_beside(found, kept):
         verdict = "partly"
     else:
         main = found.group(_main(found, kept))
         verdict = "identified" if main.known >= CONFIDENT and not main.elsewhere else "ambiguous"
-    return Judgement(verdict, kept.words, kept, (*strange, *_told(rest), *_imitations(found, kept.names)))
+    return Judgement(verdict, kept.words, kept, (*strange, *_as_tuple(rest), *_imitations(found, kept.names)))
 
 
 def _certain(group: Group) -> bool:
@@ -136,7 +136,7 @@ def _pattern_beside(found: Findings, kept: Hypothesis) -> bool:
 
 def _imitations(found: Findings, names: frozenset[str]) -> Iterator[str]:
     """A line for each effect that is named: which nuisance patterns would do nearly as well in its place."""
-    for name, patterns in found.imitating.items():
+    for name, patterns in found.imitating_patterns.items():
         if name in names:
             places = " or ".join(c.place for c in patterns[:MENTIONED])
             yield f"{places} would explain the readings nearly as well as {name}"
@@ -148,13 +148,13 @@ def _main(found: Findings, hypothesis: Hypothesis) -> str:
     return max(share, key=lambda name: share[name])
 
 
-def _unsettled(known: Hypothesis, names: Sequence[str]) -> tuple[str, ...]:
+def _find_unsettled(known: Hypothesis, names: Sequence[str]) -> tuple[str, ...]:
     """What is certain of effects of which the main one is not settled."""
     open_ones = [c.name for c in known.words if c.name not in names]
     return (f"certain: {', '.join(names)}; not settled: {', '.join(open_ones)}",)
 
 
-def _told(text: str) -> tuple[str, ...]:
+def _as_tuple(text: str) -> tuple[str, ...]:
     return (text,) if text else ()
 
 
@@ -172,7 +172,7 @@ def shares(found: Findings, hypothesis: Hypothesis) -> dict[str, float]:
     names = [c.name for c in hypothesis.candidates]
     if not names:
         return {}
-    gains = _explained(found, hypothesis)
+    gains = _explain_subsets(found, hypothesis)
     value = dict.fromkeys(names, 0.0)
     for order in permutations(range(len(names))):
         for k, effect in enumerate(order):
@@ -183,13 +183,13 @@ def shares(found: Findings, hypothesis: Hypothesis) -> dict[str, float]:
     return {name: v / total if total > 0.0 else 1.0 / len(names) for name, v in positive.items()}
 
 
-def _explained(found: Findings, hypothesis: Hypothesis) -> dict[frozenset[int], float]:
+def _explain_subsets(found: Findings, hypothesis: Hypothesis) -> dict[frozenset[int], float]:
     """χ² explained by every subset of a hypothesis's effects, to first order about it."""
     columns: list[Array] = []
     priors: list[Array] = []
     fixed: list[bool] = []
     at = 0
-    slopes, used = found.slopes(hypothesis), found.used
+    slopes, used = found.slopes(hypothesis), found.used_readings
     for candidate, values in hypothesis.parameters:
         own = slopes[:, at : at + len(values)]
         columns.append(own if values else _step(found, hypothesis, candidate)[:, None])
@@ -215,7 +215,7 @@ def _explained(found: Findings, hypothesis: Hypothesis) -> dict[frozenset[int], 
 def _step(found: Findings, hypothesis: Hypothesis, candidate: Candidate) -> Array:
     """Change (n,) of the readings, in standard deviations, by an effect without parameters beside the others."""
     without = tuple((c, v) for c, v in hypothesis.parameters if c.name != candidate.name)
-    return (found.predicted(hypothesis) - found.model.predict(without).values) / found.sigma
+    return (found.predict_readings(hypothesis) - found.model.predict(without).values) / found.sigma
 
 
 def doubtful(found: Findings, named: tuple[Candidate, ...]) -> list[tuple[str, float]]:
@@ -223,4 +223,4 @@ def doubtful(found: Findings, named: tuple[Candidate, ...]) -> list[tuple[str, f
     groups: list[Group] = [found.group(c.name) for c in named]
     known = {c.name for c in named} | {other for group in groups for other in group.others}
     names = {n for h in found.hypotheses for c in h.words for n in c.signature_of}
-    return sorted(((n, found.stated(n)) for n in names - known), key=lambda item: (-item[1], item[0]))
+    return sorted(((n, found.compute_probability(n)) for n in names - known), key=lambda item: (-item[1], item[0]))

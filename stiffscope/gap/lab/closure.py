@@ -82,7 +82,7 @@ def joint_state(joint: Joint, frames: Frames, first: str, second: str, commanded
     apart = (back @ (point - frames.point(first, joint.at_first))[..., None])[..., 0]
     relative = back @ frames.rotation[second] @ joint.axes
     n = len(point)
-    rows = [i for i in joint.held if not (joint.kind == "universal" and i >= 3)]
+    rows = [i for i in joint.held_directions if not (joint.kind == "universal" and i >= 3)]
     held = np.broadcast_to(np.eye(6)[rows], (n, len(rows), 6))
     around = np.zeros((n, 3))
     displacement = apart[:, 0]
@@ -150,7 +150,7 @@ def locate(machine: Machine, poses: Array) -> Located:
     for name, joint in machine.joints.items():
         if joint.drive is not None:
             ends = machine.carrier(joint.first), machine.carrier(joint.second)
-            drives[name] = joint_state(joint.drawn, frames, *ends).displacement
+            drives[name] = joint_state(joint.drawn_joint, frames, *ends).displacement
             closed &= (drives[name] >= joint.drive.low) & (drives[name] <= joint.drive.high)
     return Located(frames, drives, closed)
 
@@ -163,7 +163,7 @@ def _equations(machine: Machine, frames: Frames, target: Array) -> tuple[Array, 
     errors: list[Array] = []
     for joint in machine.joints.values():
         first, second = machine.carrier(joint.first), machine.carrier(joint.second)
-        state = joint_state(joint.drawn, frames, first, second)
+        state = joint_state(joint.drawn_joint, frames, first, second)
         driven = joint.drive is not None
         keep = [i for i in range(state.held.shape[1]) if not (driven and state.held[0, i, DRIVEN[joint.kind]])]
         held = state.held[:, keep]

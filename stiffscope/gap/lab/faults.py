@@ -35,19 +35,19 @@ def _joints(machine: Machine, place: str) -> dict[str, Joint]:
     return {n: machine.joints[n] for n in machine.members(place) if n in machine.joints}
 
 
-def _elastic(machine: Machine, place: str) -> dict[str, Body]:
+def _find_elastic(machine: Machine, place: str) -> dict[str, Body]:
     bodies = machine.bodies
     return {n: bodies[n] for n in machine.members(place) if n in bodies and len(bodies[n].nodes) > 1}
 
 
-def _named(parameters: Parameters, *names: str) -> Array:
+def _name_parameters(parameters: Parameters, *names: str) -> Array:
     """Parameters in this order; zero for a name that is empty or left out."""
     return np.array([parameters.get(name, 0.0) for name in names])
 
 
 def _support(parameters: Parameters) -> Array:
     """Compliance (6, 6) of a support: a diagonal entry by each coordinate's name, `rxry` and the like between two."""
-    out = np.diag(_named(parameters, *COORDINATES))
+    out = np.diag(_name_parameters(parameters, *COORDINATES))
     for name in set(parameters).intersection(_COUPLED):
         i, j = COORDINATES.index(name[:2]), COORDINATES.index(name[2:])
         out[i, j] = out[j, i] = parameters[name]
@@ -79,15 +79,15 @@ def _bearing(machine: Machine, place: str, diagonal: Array) -> Machine:
 def bearing_words(joints: Sequence[Joint]) -> tuple[str, ...]:
     """Return the words of `joint-compliance` that mean anything for some of these joints."""
     words = {
-        "radial": any(i < 3 and (i > 0 or not joint.directed) for joint in joints for i in joint.held),
-        "axial": any(0 in joint.held and joint.directed for joint in joints),
-        "tilting": any(i > 2 for joint in joints for i in joint.held),
+        "radial": any(i < 3 and (i > 0 or not joint.directed) for joint in joints for i in joint.held_directions),
+        "axial": any(0 in joint.held_directions and joint.directed for joint in joints),
+        "tilting": any(i > 2 for joint in joints for i in joint.held_directions),
     }
     return tuple(word for word, means in words.items() if means)
 
 
 def _joint_compliance(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    radial, axial, tilting = _named(parameters, "radial", "axial", "tilting")
+    radial, axial, tilting = _name_parameters(parameters, "radial", "axial", "tilting")
     for name, joint in _joints(machine, place).items():
         along = axial if joint.directed else radial
         machine = _bearing(machine, name, np.array([along, radial, radial, tilting, tilting, tilting]))
@@ -95,7 +95,7 @@ def _joint_compliance(machine: Machine, place: str, parameters: Parameters) -> M
 
 
 def _guide_compliance(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    diagonal = _named(parameters, "", "lateral", "vertical", "angular", "angular", "angular")
+    diagonal = _name_parameters(parameters, "", "lateral", "vertical", "angular", "angular", "angular")
     for name, joint in _joints(machine, place).items():
         if joint.kind == "prismatic":
             machine = _bearing(machine, name, diagonal)
@@ -105,7 +105,7 @@ def _guide_compliance(machine: Machine, place: str, parameters: Parameters) -> M
 def _bodies(change: Callable[[Body, Parameters], Body]) -> Injector:
     """An injector that changes every elastic body of a place."""
     return lambda machine, place, parameters: machine.with_bodies(
-        {name: change(body, parameters) for name, body in _elastic(machine, place).items()}
+        {name: change(body, parameters) for name, body in _find_elastic(machine, place).items()}
     )
 
 
@@ -164,7 +164,7 @@ def _payload(machine: Machine, place: str, parameters: Parameters) -> Machine:
     """A mass on a rigid body: its centre from M on the tool's body, elsewhere from the body's centre."""
     node = machine.tool if place == "tool" else place
     origin = machine.at if node == machine.tool else machine.bodies[node].centre
-    load = Payload(node, parameters["mass"], origin + _named(parameters, "x", "y", "z"))
+    load = Payload(node, parameters["mass"], origin + _name_parameters(parameters, "x", "y", "z"))
     return replace(machine, payloads=(*machine.payloads, load))
 
 
@@ -184,12 +184,12 @@ def _on_drives(law: str, parameter: str) -> Injector:
 
 def _held_across(joint: Joint) -> tuple[int, ...]:
     """Translations that a joint holds across its axis; a ball has none."""
-    return tuple(i for i in range(3) if i in joint.held and (i > 0 or not joint.directed))
+    return tuple(i for i in range(3) if i in joint.held_directions and (i > 0 or not joint.directed))
 
 
-def _opening(joint: Joint) -> tuple[int, ...]:
+def _find_opening(joint: Joint) -> tuple[int, ...]:
     """The axis along which a joint opens where it is pulled, and is closed where it is pressed."""
-    return tuple(i for i in joint.held[:1] if i < 3)
+    return tuple(i for i in joint.held_directions[:1] if i < 3)
 
 
 def _in_joints(law: str, parameter: str, directions: Callable[[Joint], tuple[int, ...]]) -> Injector:
@@ -236,7 +236,7 @@ def _scale_instrument(machine: Machine, place: str, parameters: Parameters) -> M
 
 
 def _turn_instrument(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    rotation = _named(parameters, *_ROTATIONS)
+    rotation = _name_parameters(parameters, *_ROTATIONS)
     if place == "instrument":
         return _instrument(machine, rotation=machine.instrument.rotation + rotation)
     return _instrument(machine, rotations={**machine.instrument.rotations, place: rotation})
@@ -247,7 +247,7 @@ def _crosstalk(machine: Machine, place: str, parameters: Parameters) -> Machine:
     return _instrument(machine, crosstalk=(*machine.instrument.crosstalk, (source, sink, parameters["share"])))
 
 
-def _both(parameters: Parameters) -> tuple[float, float]:
+def _read_pair(parameters: Parameters) -> tuple[float, float]:
     return parameters.get("displacement", 0.0), parameters.get("rotation", 0.0)
 
 
@@ -255,7 +255,7 @@ def _is_rigid(machine: Machine, place: str) -> bool:
     return place in machine.bodies and len(machine.bodies[place].nodes) == 1
 
 
-def _only(*places: str) -> Callable[[Machine, str], bool]:
+def _allow_only(*places: str) -> Callable[[Machine, str], bool]:
     return lambda _, place: place in places
 
 
@@ -273,7 +273,7 @@ class Word:
 
 
 KNOWN: dict[str, Word] = {
-    "gravity": Word((), lambda m, _, _v: replace(m, weighted=True), _only("robot")),
+    "gravity": Word((), lambda m, _, _v: replace(m, weighted=True), _allow_only("robot")),
     "payload": Word(("mass", "x", "y", "z"), _payload, lambda m, place: place == "tool" or _is_rigid(m, place)),
     "actuator-stiffness": Word(
         ("factor",), _driven(lambda d, v: replace(d, stiffness=d.stiffness * v), "factor"), _drives
@@ -285,23 +285,25 @@ KNOWN: dict[str, Word] = {
         ("lateral", "vertical", "angular"), _guide_compliance, _any_joint(lambda joint: joint.kind == "prismatic")
     ),
     "link-stiffness": Word(
-        ("factor",), _bodies(lambda b, v: replace(b, compliance=b.compliance / v["factor"])), _elastic
+        ("factor",), _bodies(lambda b, v: replace(b, compliance=b.compliance / v["factor"])), _find_elastic
     ),
-    "part-compliance": Word(("factor", *ENTRIES), _bodies(_part_compliance), _elastic),
-    "part-dimension": Word(ENTRIES, _bodies(_part_compliance), lambda m, place: _elastic(m, place.rsplit(".", 1)[0])),
-    "rigid-ends": Word(("length",), _bodies(_rigid_ends), _elastic),
-    "link-length": Word(("error",), _bodies(lambda b, v: _lengthen(b, v["error"])), _elastic),
+    "part-compliance": Word(("factor", *ENTRIES), _bodies(_part_compliance), _find_elastic),
+    "part-dimension": Word(
+        ENTRIES, _bodies(_part_compliance), lambda m, place: _find_elastic(m, place.rsplit(".", 1)[0])
+    ),
+    "rigid-ends": Word(("length",), _bodies(_rigid_ends), _find_elastic),
+    "link-length": Word(("error",), _bodies(lambda b, v: _lengthen(b, v["error"])), _find_elastic),
     "thermal": Word(
-        ("temperature",), _bodies(lambda b, v: _lengthen(b, b.expansion * v["temperature"] * b.length)), _elastic
+        ("temperature",), _bodies(lambda b, v: _lengthen(b, b.expansion * v["temperature"] * b.length)), _find_elastic
     ),
-    "base-compliance": Word(_YIELDING, lambda m, _, v: replace(m, base=m.base + _support(v)), _only("base")),
+    "base-compliance": Word(_YIELDING, lambda m, _, v: replace(m, base=m.base + _support(v)), _allow_only("base")),
     "platform-compliance": Word(
-        _YIELDING, lambda m, _, v: replace(m, platform=m.platform + _support(v)), _only("tool", "platform")
+        _YIELDING, lambda m, _, v: replace(m, platform=m.platform + _support(v)), _allow_only("tool", "platform")
     ),
     "instrument-misalignment": Word(_ROTATIONS, _turn_instrument),
     "displacement-scale": Word(("factor",), _scale_instrument),
     "force-scale": Word(
-        ("factor",), lambda m, _, v: _instrument(m, force=m.instrument.force * v["factor"]), _only("instrument")
+        ("factor",), lambda m, _, v: _instrument(m, force=m.instrument.force * v["factor"]), _allow_only("instrument")
     ),
 }
 """Every word of the vocabulary; a part's dimension comes as the entries of its new 6x6."""
@@ -313,18 +315,22 @@ OUTSIDE: dict[str, Word] = {
         ("radial", "knee"), _in_joints("stiffening", "radial", _held_across), _any_joint(_held_across)
     ),
     "joint-play": Word(("radial",), _in_joints("play", "radial", _held_across), _any_joint(_held_across)),
-    "loose-bolt": Word(("opening",), _in_joints("one-sided", "opening", _opening), _joints),
+    "loose-bolt": Word(("opening",), _in_joints("one-sided", "opening", _find_opening), _joints),
     "cable-chain": Word(
-        ("x", "y", "z"), lambda m, _, v: replace(m, cable=m.cable + _named(v, "x", "y", "z")), _only("tool")
+        ("x", "y", "z"),
+        lambda m, _, v: replace(m, cable=m.cable + _name_parameters(v, "x", "y", "z")),
+        _allow_only("tool"),
     ),
     "screw-pitch": Word(("relative",), _driven(lambda d, v: replace(d, pitch=d.pitch + v), "relative"), _drives),
     "larger-body": Word(("relative",), _larger_body, _is_rigid),
-    "bowed-link": Word(("curvature",), _bodies(_bow), _elastic),
-    "drifting-sensor": Word(("displacement", "rotation"), lambda m, _, v: _instrument(m, drift=_both(v))),
+    "bowed-link": Word(("curvature",), _bodies(_bow), _find_elastic),
+    "drifting-sensor": Word(("displacement", "rotation"), lambda m, _, v: _instrument(m, drift=_read_pair(v))),
     "gain-drift": Word(("relative",), lambda m, _, v: _instrument(m, gain_drift=v["relative"])),
     "cross-talk": Word(("share",), _crosstalk),
-    "coarse-converter": Word(("displacement", "rotation"), lambda m, _, v: _instrument(m, quantum=_both(v))),
-    "wrench-off-centre": Word(("x", "y", "z"), lambda m, _, v: _instrument(m, application=_named(v, "x", "y", "z"))),
+    "coarse-converter": Word(("displacement", "rotation"), lambda m, _, v: _instrument(m, quantum=_read_pair(v))),
+    "wrench-off-centre": Word(
+        ("x", "y", "z"), lambda m, _, v: _instrument(m, application=_name_parameters(v, "x", "y", "z"))
+    ),
     "bad-session": Word(("relative",), lambda m, _, v: _instrument(m, bad_session=v["relative"])),
 }
 """Faults that the vocabulary has no word for."""

@@ -96,12 +96,12 @@ class Joint:
     """Whether its file gives an axis: what has none yields alike in all directions that it holds."""
 
     @property
-    def drawn(self) -> Joint:
+    def drawn_joint(self) -> Joint:
         """The joint with its point where it is drawn."""
         return replace(self, at_first=self.at, at_second=self.at)
 
     @property
-    def held(self) -> tuple[int, ...]:
+    def held_directions(self) -> tuple[int, ...]:
         """Directions of its axes that it holds, the driven one too."""
         free = set(FREE[self.kind]) - ({DRIVEN[self.kind]} if self.drive else set())
         return tuple(i for i in range(6) if i not in free)
@@ -261,11 +261,11 @@ def machine_of(robot: RobotFile, parts: Mapping[str, PartData]) -> Machine:
     bodies: dict[str, Body] = {}
     for name, section in robot.bodies.items():
         if isinstance(section, ElasticBody):
-            bodies[name] = _elastic(robot, name, section, parts[section.part])
+            bodies[name] = _make_elastic(robot, name, section, parts[section.part])
         elif isinstance(section, InterfaceBody):
             raise robot.refuse(("bodies", name, "part"), "expected bodies of two ends in the virtual lab, got more")
         else:
-            bodies[name] = _rigid(name, section)
+            bodies[name] = _make_rigid(name, section)
     joints = {name: _joint(robot, name, section) for name, section in robot.joints.items()}
     gravity = np.zeros(3)
     if robot.gravity is not None:
@@ -274,11 +274,11 @@ def machine_of(robot: RobotFile, parts: Mapping[str, PartData]) -> Machine:
     return Machine(robot, bodies, joints, robot.tool.body, np.array(robot.tool.at), tuple(robot.tool.pose), gravity)
 
 
-def _rigid(name: str, section: RigidBody) -> Body:
+def _make_rigid(name: str, section: RigidBody) -> Body:
     return Body(name, (name,), section.mass, np.array(section.centre or (0.0, 0.0, 0.0)))
 
 
-def _elastic(robot: RobotFile, name: str, section: ElasticBody, part: PartData) -> Body:
+def _make_elastic(robot: RobotFile, name: str, section: ElasticBody, part: PartData) -> Body:
     base, tip = np.array(section.base), np.array(section.tip)
     y = None if section.y is None else np.array(section.y)
     material = robot.material(section.part)

@@ -153,7 +153,7 @@ def _gains(machine: Machine, response: Response, channels: tuple[Sensor, ...]) -
         there = lever(response.true.point(sensor.node, sensor.at))
         relative = there @ (response.twists[sensor.node] - response.twists[sensor.against])
         rows.append(_read_channel(machine.instrument, sensor, relative))
-    return _mixing(machine.instrument, channels) @ np.stack(rows, axis=1)
+    return _make_mixing(machine.instrument, channels) @ np.stack(rows, axis=1)
 
 
 def _read_channel(instrument: Instrument, sensor: Sensor, twist: Array) -> Array:
@@ -165,7 +165,7 @@ def _read_channel(instrument: Instrument, sensor: Sensor, twist: Array) -> Array
     return scale * np.einsum("i,ni...->n...", along, part)
 
 
-def _mixing(instrument: Instrument, channels: tuple[Sensor, ...]) -> Array:
+def _make_mixing(instrument: Instrument, channels: tuple[Sensor, ...]) -> Array:
     """Return what mixes the channels' signals (c, c)."""
     names = [sensor.name for sensor in channels]
     out = np.eye(len(names))
@@ -213,7 +213,7 @@ def _deviations(machine: Machine, response: Response, channels: tuple[Sensor, ..
         _read_channel(machine.instrument, s, response.shift(Spot(s.node, s.at)) - response.shift(Spot(s.against, s.at)))
         for s in channels
     ]
-    shift = np.stack(rigid, axis=1) @ _mixing(machine.instrument, channels).T
+    shift = np.stack(rigid, axis=1) @ _make_mixing(machine.instrument, channels).T
     return shift + np.einsum("nkc,nc->nk", seen, cases)
 
 

@@ -58,7 +58,7 @@ def _round(value: float) -> float:
 def scale_of(machine: Machine) -> Scale:
     """Return the sizes of a robot: medians of its compliances at home."""
     tool = tool_spot(machine)
-    c = np.diagonal(respond(machine, home_of(machine)[None], [tool]).at(tool)[0, :, :6])
+    c = np.diagonal(respond(machine, home_of(machine)[None], [tool]).find_twists(tool)[0, :, :6])
     return Scale(float(np.median(c[:3])), float(np.median(c[3:])))
 
 
@@ -99,14 +99,14 @@ def workspace(machine: Machine, count: int, rng: np.random.Generator) -> Workspa
     Raises InputError where hardly any are.
     """
     tool, box = tool_spot(machine), ranges(machine)
-    limit = _SOFT * respond(machine, home_of(machine)[None], [tool]).at(tool)[0, :, :6].diagonal()
+    limit = _SOFT * respond(machine, home_of(machine)[None], [tool]).find_twists(tool)[0, :, :6].diagonal()
     limit = limit.reshape(2, 3).max(axis=1).repeat(3)
     found = np.empty((0, len(box)))
     for _ in range(_GIVEN_UP):
         trial = np.round(rng.uniform(box[:, 0], box[:, 1], (count, len(box))), 4)
         located = locate(machine, trial)
         if located.closed.any():
-            yields = respond(machine, located.some(located.closed), [tool]).at(tool)[:, :, :6]
+            yields = respond(machine, located.some(located.closed), [tool]).find_twists(tool)[:, :, :6]
             soft = (np.abs(np.einsum("nii->ni", yields)) > limit).any(axis=1)
             found = np.concatenate([found, trial[located.closed][~soft]])[:count]
         if len(found) == count:

@@ -61,7 +61,7 @@ class Response:
         """Wrench (n, 6, cases) that an element carries, in its own axes."""
         return self.structure.wrench(self.solution, name)
 
-    def at(self, spot: Spot) -> Array:
+    def find_twists(self, spot: Spot) -> Array:
         """Twists (n, 6, cases) of a spot."""
         return lever(self.true.point(spot.node, spot.at)) @ self.twists[spot.node]
 
@@ -228,11 +228,11 @@ def _hang(structure: Structure, true: Frames, index: dict[str, int], node: str, 
 def stiffness(machine: Machine, poses: Array) -> Array:
     """Return the Cartesian stiffness (n, 6, 6) at M, base axes, without loads or instrument."""
     tool = tool_spot(machine)
-    return np.asarray(np.linalg.inv(respond(machine, poses, [tool]).at(tool)[:, :, :6]), dtype=np.float64)
+    return np.asarray(np.linalg.inv(respond(machine, poses, [tool]).find_twists(tool)[:, :, :6]), dtype=np.float64)
 
 
 def sag(machine: Machine, poses: Array) -> Array:
     """Return the twist (n, 6) of M under the weights."""
     tool = tool_spot(machine)
     response = respond(machine, poses, [tool])
-    return response.at(tool)[:, :, response.dead]
+    return response.find_twists(tool)[:, :, response.dead]

@@ -49,7 +49,7 @@ class Signatures:
         for k, (name, wrench) in enumerate(plan.loads):
             self._pulls[k, where[name] : where[name] + 6] = wrench
 
-    def of(self, effect: str, place: str, softer: Mapping[str, Array]) -> Array | None:
+    def find_columns(self, effect: str, place: str, softer: Mapping[str, Array]) -> Array | None:
         """Columns of an effect as `_columns` gives them, found once."""
         if (effect, place) not in self._found:
             self._found[effect, place] = self._columns(effect, place, softer)
@@ -71,7 +71,7 @@ class Signatures:
             return self._entries(members)
         if effect in added or effect in shapes:
             held = {} if effect in added else {
-                n: [self._held(n, np.array(shape)) for shape in shapes[effect]] for n in members
+                n: [self._hold_diagonal(n, np.array(shape)) for shape in shapes[effect]] for n in members
             }  # fmt: skip
             return self._add_compliance(held or {added[effect]: list(np.eye(6))})
         if effect in {"link-length", "thermal"}:
@@ -88,7 +88,7 @@ class Signatures:
             columns.append(self._spread(dict.fromkeys(members, entry)))
         return np.hstack(columns)
 
-    def _held(self, name: str, diagonal: Array) -> Array:
+    def _hold_diagonal(self, name: str, diagonal: Array) -> Array:
         joint = self._machine.joints[name]
         if not joint.directed:  # alike in all directions
             diagonal = np.array([diagonal[1], *diagonal[1:]])
