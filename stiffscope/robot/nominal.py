@@ -58,7 +58,9 @@ class NominalRobot:
         return tuple(
             p
             for p, bodies in found.items()
-            if bodies and not self.robot.parts[p].named and is_beam(self.robot, p, self.elastic_sources[bodies[0]].compliance)
+            if bodies
+            and not self.robot.parts[p].named
+            and is_beam(self.robot, p, self.elastic_sources[bodies[0]].compliance)
         )
 
     @property
@@ -72,7 +74,10 @@ class NominalRobot:
         return {element.name: element.compliance for element in list_elements(self.mechanism)}
 
     @cached_property
-            if bodies and not self.robot.parts[p].named and is_beam(self.robot, p, self.elastic_sources[bodies[0]].compliance)
+    def elastic_sources(self) -> Mapping[str, Elastic]:
+        """What makes each elastic body of two ends elastic; effects act on no others."""
+        known = {body.name: body.elastic for body in self.mechanism.bodies if body.elastic is not None}
+        return {name: elastic for name, elastic in known.items() if len(elastic.ends) == 2}
 
     def length(self, body: str) -> float:
         """Length of an elastic body, m."""

@@ -489,7 +489,7 @@ def test_what_is_likelier_without_a_word_is_not_named():
     model = linear_model(np.random.default_rng(23), effects=24, parameters=(1,))
     same = dict.fromkeys(["effect-10 @ place", "effect-11 @ place"], model.signatures["effect-0 @ place"])
     model = unnamed(planted(replace(model, signatures=model.signatures | same), e0=(0.2,), e1=(0.4,)), [10, 11])
-    library = tuple(replace(c, pattern=c.place) if c.unnamed else c for c in model.library)
+    library = tuple(replace(c, pattern=c.place) if c.is_nuisance else c for c in model.library)
     found = find(replace(model, library=library))
     assert found.compute_probability("effect-0 @ place") < 0.5
     assert found.group("effect-0 @ place").probability > 0.9
