@@ -335,7 +335,7 @@ def test_what_is_tried_for_the_next_reading_is_within_reach_by_itself(monkeypatc
         found = robot_at_poses.configure_robot(mechanism, coordinates, poses)
         return replace(found, valid=found.valid & ((poses[:, 0] < whole[:, 0].max()) | (len(poses) != len(whole))))
 
-    monkeypatch.setattr("stiffscope.gap.forward.trial.configured", beside_others)
+    monkeypatch.setattr("stiffscope.gap.forward.trial.configure_robot", beside_others)
     poses = model.trial(np.ones(len(model.campaign))).model.campaign.poses
     assert len(whole) - 9 < len(poses) < len(whole)
     assert beside_others(robot.mechanism, model.campaign.coordinates, poses).valid.all()
