@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 ROUNDING = 1e-10  # of a motion, that is left of it where all of it is free
 RIGID = 1e-13  # relative pivot below which a constrained direction has no compliance at all
+_LOST = 1e-12  # relative pivot, times the least one before it, that rounding may have made
 Members: TypeAlias = "tuple[tuple[Element, float], ...]"
 
 
@@ -187,6 +188,8 @@ class _Planner:
     def order(self, *, stiffen: bool = True) -> Order:
         while True:
             self._merge()
+            if self._prune():
+                continue
             if not stiffen:
                 break
             tried = [c if c.formable is not None else self._try_connection(c) for c in self.flexible]
@@ -222,6 +225,15 @@ class _Planner:
             self.flexible.append(_connection(a.start, b.end, a.members + b.members))
             self.nodes.remove(node)
 
+    def _prune(self) -> bool:
+        """Fold a dead end, which carries its own loads alone and may be near singular; False where there is none."""
+        for node in self.nodes:
+            here = self._at(node)
+            if len(here) == 1 and not self._neighbours(node):
+                self._take(node)
+                return True
+        return False
+
     def _take_out(self) -> bool:
         """Eliminate or fold the node with the fewest neighbours; False where none can go."""
         ready: list[tuple[int, int, str]] = []
@@ -230,7 +242,11 @@ class _Planner:
                 ready.append((len(self._neighbours(node)), k, node))
         if not ready:
             return False
-        node = min(ready)[2]
+        self._take(min(ready)[2])
+        return True
+
+    def _take(self, node: str) -> None:
+        """Eliminate or fold a node with at most one connection that is no stiffness."""
         neighbours = self._neighbours(node)
         here = self._find_connections(node)
         around = neighbours
@@ -245,7 +261,6 @@ class _Planner:
         left = [pair for pair in self.stiff if node not in pair]
         self.stiff = dict.fromkeys([*left, *(frozenset(pair) for pair in combinations(around, 2))])
         self.nodes.remove(node)
-        return True
 
     def _try_connection(self, c: Connection) -> Connection:
         """A connection of which it is known whether and how it can be stiffened."""
@@ -289,5 +304,7 @@ def form_stiffness(factor: Array, free: Array, length: float) -> tuple[Array, bo
     mean = np.where(rank < 6.0, np.einsum("nii->n", core) / np.maximum(6.0 - rank, 1.0), 1.0)
     core = core + mean[:, None, None] * (np.eye(6) - p)
     half, pivots = pivot(core, RIGID)
+    least = np.minimum.accumulate(np.clip(pivots[:, :-1], _LOST, 1.0), axis=1)
+    finite = bool((pivots > RIGID).all() and (pivots[:, 1:] * least > _LOST).all())
     half = half @ p * scale[:, 0]
-    return np.swapaxes(half, -1, -2) @ half, bool((pivots > RIGID).all())
+    return np.swapaxes(half, -1, -2) @ half, finite

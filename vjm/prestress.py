@@ -40,7 +40,6 @@ if TYPE_CHECKING:
 _SMALL = 1e-4  # rad, or of the mechanism's length: displacements beyond which the linear equilibrium is improved
 _SETTLED = 1e-7
 _STEPS = 12
-_BENT = 1e-2  # of a load, that may be left along a free motion once nodes are bent
 _SLIGHT = 1e-2  # of the motions, that they change by second-order work; one step gives that to 1e-6
 
 
@@ -114,11 +113,11 @@ def loaded_compliance(order: Order, where: Places, gravity: Array) -> tuple[Arra
     nodes: dict[str, Array] = {node: wrench @ mix for node, wrench in loads.nodes.items()}
     nodes[END] = nodes.get(END, np.zeros((1, 6, 7))) + np.eye(6, 7, 1)
     offsets: dict[str, Array] = {name: offset @ mix for name, offset in loads.offsets.items()}
-    response = solve_loads(order, there, Loads(7, nodes, offsets, balanced=_BENT))
+    response = solve_loads(order, there, Loads(7, nodes, offsets, balanced=np.inf))
     work = SecondOrder(response, order.mechanism, gravity)
     unit = whole = Motion.select_cases(response, slice(1, 7))
     for _ in range(_STEPS):
-        loads = Loads(6, work.loads(whole, held=False), balanced=_BENT)
+        loads = Loads(6, work.loads(whole, held=False), balanced=np.inf)
         before, whole = whole, unit.plus(Motion.select_cases(solve_loads(order, there, loads), slice(0, 6)), 1.0)
         if (whole.plus(before, -1.0).size <= _SETTLED * unit.size).all():
             break
@@ -136,12 +135,12 @@ def _relax(state: Condensed, work: SecondOrder, *, thorough: bool) -> tuple[Arra
     ``Xᵀ H (X + δ)`` for the last.
     """
     unit = Motion.select_cases(work.response, slice(1, 7))
-    relaxed = Motion.select_cases(solve_held(state, Loads(6, work.loads(unit), balanced=_BENT)), slice(0, 6))
+    relaxed = Motion.select_cases(solve_held(state, Loads(6, work.loads(unit), balanced=np.inf)), slice(0, 6))
     share = relaxed.size / unit.size
     last = 0.75
     for _ in range(_STEPS if thorough else 0):
         last = -0.25
-        loads = Loads(6, work.loads(unit.plus(relaxed, 1.0)), balanced=_BENT)
+        loads = Loads(6, work.loads(unit.plus(relaxed, 1.0)), balanced=np.inf)
         before, relaxed = relaxed, Motion.select_cases(solve_held(state, loads), slice(0, 6))
         if (relaxed.plus(before, -1.0).size < _SETTLED * unit.size).all():
             break
@@ -151,7 +150,7 @@ def _relax(state: Condensed, work: SecondOrder, *, thorough: bool) -> tuple[Arra
 
 def _remaining_loads(order: Order, there: Places, rest: Places, gravity: Array) -> Loads:
     nodes = own_loads(order, there, gravity).nodes
-    return Loads(1, nodes, find_remaining_offsets(order, there, rest), balanced=_BENT)
+    return Loads(1, nodes, find_remaining_offsets(order, there, rest), balanced=np.inf)
 
 
 def _size(moved: Response, length: float) -> Array:

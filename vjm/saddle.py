@@ -79,7 +79,7 @@ def saddle_response(state: Condensed, load: CondensedLoads) -> tuple[dict[str, A
     """Twists of the kept nodes and connections under the loads. Raises InputError where something moves freely."""
     system = _assemble(state)
     chains, right = _form_right_side(state, system, load)
-    found, good = _solve(state, system.matrix, right, "response")
+    found, good = _solve(state, system.matrix, right, "response", load.loads.balanced)
     if not good:
         raise InputError("the tool, or a body, moves freely under its load: ask for its mobility, not its deflection")
     return _recover(state, system, chains, found)
@@ -91,7 +91,7 @@ def saddle_held(state: Condensed, load: CondensedLoads) -> tuple[dict[str, Array
     chains, right = _form_right_side(state, system, load)
     tool = system.nodes[END]
     inner = np.r_[tool.stop : system.matrix.shape[-1]]
-    found, good = _solve(state, system.matrix[:, inner[:, None], inner], right[:, inner], "held")
+    found, good = _solve(state, system.matrix[:, inner[:, None], inner], right[:, inner], "held", load.loads.balanced)
     if not good:
         raise InputError("a body moves freely under its load: there is no equilibrium")
     whole = np.concatenate([np.zeros((len(found), 6, found.shape[2])), found], axis=1)
@@ -189,8 +189,10 @@ def _add_stiffnesses(matrix: Array, state: Condensed, nodes: dict[str, slice]) -
                     matrix[:, nodes[i], nodes[j]] -= part
 
 
-def _solve(state: Condensed, matrix: Array, right: Array, use: str) -> tuple[Array, bool]:
-    """Solution (n, s, c) of a symmetric system that may be singular, and whether all of it holds."""
+def _solve(
+    state: Condensed, matrix: Array, right: Array, use: str, balanced: float = _CONSISTENT
+) -> tuple[Array, bool]:
+    """Solution (n, s, c) of a symmetric system that may be singular, and whether all but ``balanced`` of it holds."""
     scale, keep = _find_independent(state, use)
     m = matrix * (scale[:, None] * scale)
     b = right * scale[:, None]
@@ -211,7 +213,7 @@ def _solve(state: Condensed, matrix: Array, right: Array, use: str) -> tuple[Arr
         turned = np.swapaxes(vectors, -1, -2) @ rest
         out[bad] = vectors @ (np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)[..., None] * turned)
         left = np.abs(some @ out[bad] - rest).max(axis=(1, 2))
-        if not (left <= _CONSISTENT * np.broadcast_to(size, n)[bad]).all():
+        if not (left <= balanced * np.broadcast_to(size, n)[bad]).all():
             return out, False
     return out * scale[:, None], True
 

@@ -199,7 +199,8 @@ def test_random_mechanisms_against_the_dense_oracle(block):
         if count_freedoms(expected)[0] > 0:
             continue
         try:
-            response = solve_loads(order, places_at_home(m), own_loads(order, places_at_home(m), m.gravity))
+            weight = replace(own_loads(order, places_at_home(m), m.gravity), balanced=1e-6)  # friction holds no more
+            response = solve_loads(order, places_at_home(m), weight)
         except InputError:  # something moves freely under its weight
             assert np.isnan(twist).all(), seed
             continue

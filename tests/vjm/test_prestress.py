@@ -82,6 +82,40 @@ def test_bearings_of_balls_yield_under_load_as_the_potential_energy_says():
     assert left < 1e-3 * change
 
 
+def locked(m, end):
+    """Rods that balls at one end let spin no more: these turn about two axes across the rod instead."""
+    joints = []
+    for j in m.joints:
+        if j.kind == "spherical" and j.name.endswith(end):
+            rod = m.body(j.name.removesuffix(end)).elastic
+            along = (rod.tip - rod.base) / np.linalg.norm(rod.tip - rod.base)
+            first = np.cross(along, [0.3, 0.2, 1.0])
+            j = replace(j, kind="universal", axis=first, axis2=np.cross(along, first))  # noqa: PLW2901
+        joints.append(j)
+    return replace(m, joints=tuple(joints))
+
+
+@pytest.mark.parametrize("frame", [False, True])
+def test_spinning_rods_with_coupled_compliances_carry_their_weight(rng, frame):
+    """Nobody holds their spin; locking it at either end changes little beside what the weight does."""
+    m = shipped_delta()
+    bodies = []
+    for b in m.bodies:
+        if "rod" in b.name:
+            elastic = replace(b.elastic, compliance=random_compliance(rng, b.elastic.compliance))
+            b = replace(b, elastic=elastic if frame else replace(elastic, dynamics=None))  # noqa: PLW2901
+        bodies.append(b)
+    m, poses = replace(m, bodies=tuple(bodies)), [[0.1, 0.05, -0.85], [0.0, 0.0, -0.9]]
+    plain, spinning = stiffness(m, poses), analyse(m, poses, gravity="exact")
+    size = np.sqrt(np.einsum("nii,njj->nij", plain, plain))
+    change = np.abs((spinning.matrix - plain) / size).max()
+    assert change > 1e-4
+    for end in (".top", ".end"):
+        held = analyse(locked(m, end), poses, gravity="exact")
+        assert np.abs((held.matrix - spinning.matrix) / size).max() < 0.2 * change
+        assert np.allclose(held.sag, spinning.sag, rtol=0.0, atol=0.02 * np.abs(held.sag).max())
+
+
 def test_weight_acts_as_the_part_condenses_it(rng):
     """A cantilever's tip sinks by w L⁴ / 8EI and turns by w L³ / 6EI; half at either end it would be w L⁴ / 6EI."""
     length, mass = 0.8, 3.0

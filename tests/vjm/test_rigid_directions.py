@@ -146,3 +146,38 @@ def test_compliance_of_a_regular_robot_is_the_inverse_of_its_stiffness(rng):
     assert np.allclose(state.compliance @ state.matrix, np.eye(6), atol=1e-8)
     assert [len(r) for r in state.rigid] == [0, 0, 0]
     assert configure(m, poses).valid.all()
+
+
+def tree(seed, *, whole=True):
+    """A tree of drives as import finds it: joints at one place, straight limbs, the tool on the first; others weigh
+    nothing."""
+    rng = np.random.default_rng(seed)
+    bodies, joints = [], []
+    for limb, count in enumerate((6, 6, 6) if seed % 2 else (6, 4, 3, 5)):
+        before, at = "ground", np.array([0.0, 0.2 * limb, 0.5])
+        for k in range(count):
+            name, end = f"limb{limb}.{k}", at + np.round(rng.uniform(-0.3, 0.3, 3), 2) * rng.integers(0, 2, 3)
+            if whole or limb == 0:
+                bodies.append(Body(name, rng.uniform(0.2, 5.0) * (limb == 0), 0.5 * (at + end)))
+                drive = Drive(10 ** rng.uniform(3.5, 6.0))
+                joints.append(Joint(f"j{name}", before, name, "revolute", at, np.eye(3)[rng.integers(3)], drive=drive))
+            before, at = name, end
+        if limb == 0:
+            hand, tool = before, at
+    return Mechanism(tuple(bodies), tuple(joints), Tool(hand, tool, ("x", "y", "z")), (0, 0, -9.81))
+
+
+def test_limbs_off_the_path_to_the_tool_change_nothing(rng):
+    """Near-singular limbs among them: what a limb holds up is its own weight, 0 here."""
+    for seed in range(40):
+        m, chain = tree(seed), tree(seed, whole=False)
+        q = rng.uniform(-0.3, 0.3, (4, len(m.joints))) * np.array([[0], [1e-6], [1], [1]])
+        found, own = configure_drives(m, q), configure_drives(chain, q[:, : len(chain.joints)])
+        for gravity in ("none", "exact"):
+            a, b = analyse(m, found, gravity=gravity), analyse(chain, own, gravity=gravity)
+            size = np.abs(b.compliance).max(axis=(1, 2), keepdims=True)
+            assert (np.abs(a.compliance - b.compliance) < 1e-7 * size).all(), seed
+            assert np.allclose(a.sag, b.sag, rtol=1e-6, atol=1e-12, equal_nan=True), seed
+        known = np.array([own_compliance(chain, each) for each in q[:, : len(chain.joints)]])
+        a = analyse(m, found).compliance
+        assert (np.abs(a - known) < 1e-6 * np.abs(known).max(axis=(1, 2), keepdims=True)).all(), seed
