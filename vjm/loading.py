@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from stiffscope.vjm.screws import Array
 
 _FREE = 1e-12  # relative pivot of the tool's stiffness that is rounding
-_HELD = 1e-2  # of a load, that friction may hold along a motion which does not move the tool
+HELD = 1e12  # `balanced` where friction holds whatever motion does not move the tool
+_SLIGHT = 1e-2  # of a load, that friction may hold along a motion which does not move the tool
 _BALANCED = 1e-6  # of a load, that may be left along a free motion of the tool
 
 
@@ -32,14 +33,14 @@ _BALANCED = 1e-6  # of a load, that may be left along a free motion of the tool
 class Loads:
     """``cases`` of wrenches (n or 1, 6, c) on nodes at M in base axes, and of elements' offsets in their own axes.
 
-    ``balanced``: share of a load that may be left along an idle motion. Infinite once nodes are bent: a rod between
+    ``balanced``: share of a load that may be left along an idle motion. ``HELD`` once nodes are bent: a rod between
     balls whose weight then acts beside the line through them is held by their friction.
     """
 
     cases: int
     nodes: dict[str, Array] = field(default_factory=dict[Any, Any])
     offsets: dict[str, Array] = field(default_factory=dict[Any, Any])
-    balanced: float = _HELD
+    balanced: float = _SLIGHT
 
 
 @dataclass(eq=False)

@@ -228,8 +228,8 @@ class _Planner:
     def _prune(self) -> bool:
         """Fold a dead end, which carries its own loads alone and may be near singular; False where there is none."""
         for node in self.nodes:
-            here = self._at(node)
-            if len(here) == 1 and not self._neighbours(node):
+            here = self._find_connections(node)
+            if len(here) == 1 and node not in self.shared and not self._neighbours(node):
                 self._take(node)
                 return True
         return False

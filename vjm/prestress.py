@@ -21,7 +21,7 @@ import numpy as np
 from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.condensation import condense_network
 from stiffscope.vjm.equilibrium import solve_held, solve_loads, tool_stiffness
-from stiffscope.vjm.loading import Loads, condense_loads, recover_response, solve_tool, stack_rows
+from stiffscope.vjm.loading import HELD, Loads, condense_loads, recover_response, solve_tool, stack_rows
 from stiffscope.vjm.network import END, Places, free_directions, lump_masses
 from stiffscope.vjm.order import stack_columns
 from stiffscope.vjm.saddle import saddle_loaded_unit
@@ -113,11 +113,11 @@ def loaded_compliance(order: Order, where: Places, gravity: Array) -> tuple[Arra
     nodes: dict[str, Array] = {node: wrench @ mix for node, wrench in loads.nodes.items()}
     nodes[END] = nodes.get(END, np.zeros((1, 6, 7))) + np.eye(6, 7, 1)
     offsets: dict[str, Array] = {name: offset @ mix for name, offset in loads.offsets.items()}
-    response = solve_loads(order, there, Loads(7, nodes, offsets, balanced=np.inf))
+    response = solve_loads(order, there, Loads(7, nodes, offsets, balanced=HELD))
     work = SecondOrder(response, order.mechanism, gravity)
     unit = whole = Motion.select_cases(response, slice(1, 7))
     for _ in range(_STEPS):
-        loads = Loads(6, work.loads(whole, held=False), balanced=np.inf)
+        loads = Loads(6, work.loads(whole, held=False), balanced=HELD)
         before, whole = whole, unit.plus(Motion.select_cases(solve_loads(order, there, loads), slice(0, 6)), 1.0)
         if (whole.plus(before, -1.0).size <= _SETTLED * unit.size).all():
             break
@@ -135,12 +135,12 @@ def _relax(state: Condensed, work: SecondOrder, *, thorough: bool) -> tuple[Arra
     ``Xᵀ H (X + δ)`` for the last.
     """
     unit = Motion.select_cases(work.response, slice(1, 7))
-    relaxed = Motion.select_cases(solve_held(state, Loads(6, work.loads(unit), balanced=np.inf)), slice(0, 6))
+    relaxed = Motion.select_cases(solve_held(state, Loads(6, work.loads(unit), balanced=HELD)), slice(0, 6))
     share = relaxed.size / unit.size
     last = 0.75
     for _ in range(_STEPS if thorough else 0):
         last = -0.25
-        loads = Loads(6, work.loads(unit.plus(relaxed, 1.0)), balanced=np.inf)
+        loads = Loads(6, work.loads(unit.plus(relaxed, 1.0)), balanced=HELD)
         before, relaxed = relaxed, Motion.select_cases(solve_held(state, loads), slice(0, 6))
         if (relaxed.plus(before, -1.0).size < _SETTLED * unit.size).all():
             break
@@ -150,7 +150,7 @@ def _relax(state: Condensed, work: SecondOrder, *, thorough: bool) -> tuple[Arra
 
 def _remaining_loads(order: Order, there: Places, rest: Places, gravity: Array) -> Loads:
     nodes = own_loads(order, there, gravity).nodes
-    return Loads(1, nodes, find_remaining_offsets(order, there, rest), balanced=np.inf)
+    return Loads(1, nodes, find_remaining_offsets(order, there, rest), balanced=HELD)
 
 
 def _size(moved: Response, length: float) -> Array:
