@@ -10,7 +10,7 @@ import pytest
 
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.readings import load_campaign
-from stiffscope.gap.campaign.table import MOST_BYTES
+from stiffscope.runtime.table import MOST_BYTES
 
 openpyxl = pytest.importorskip("openpyxl")
 COLUMNS = ("x", "y", "z", "quantity", "value", "sigma")

@@ -441,7 +441,7 @@ def test_a_packed_workbook_is_bounded(tmp_path, monkeypatch):
     folder(tmp_path, toml='robot = "biglide"\nreadings = "r.xlsx"')
     with zipfile.ZipFile(tmp_path / "r.xlsx", "w", zipfile.ZIP_DEFLATED) as book:
         book.writestr("xl/worksheets/sheet1.xml", bytes(5 << 20))
-    monkeypatch.setattr("stiffscope.gap.campaign.table.MOST_BYTES", 4 << 20)
+    monkeypatch.setattr("stiffscope.runtime.table.MOST_BYTES", 4 << 20)
     with pytest.raises(InputError, match=r"r\.xlsx: expected an \.xlsx workbook of at most 4 MiB unpacked, got 5"):
         load_campaign(tmp_path)
 
@@ -455,6 +455,6 @@ def test_a_campaign_is_bounded_in_poses(tmp_path, monkeypatch):
 
 
 def test_a_table_is_bounded_in_rows(tmp_path, monkeypatch):
-    monkeypatch.setattr("stiffscope.gap.campaign.table.MOST_ROWS", 3)
+    monkeypatch.setattr("stiffscope.runtime.table.MOST_ROWS", 3)
     with pytest.raises(InputError, match=r"readings.csv:5: expected at most 3 rows, got more; average repeated"):
         load_campaign(folder(tmp_path))

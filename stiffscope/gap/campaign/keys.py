@@ -22,15 +22,15 @@ from stiffscope.gap.campaign.quantities import (
     WRENCH,
     kind_of,
 )
-from stiffscope.gap.campaign.table import check_columns
 from stiffscope.gap.campaign.units import component, coordinate
+from stiffscope.runtime.table import check_columns
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
     from stiffscope.gap.campaign.campaign import Array, Codes
     from stiffscope.gap.campaign.campaign_header import Header
-    from stiffscope.gap.campaign.table import Table
+    from stiffscope.runtime.table import Table
 
 OPTIONAL = ("session", "sensor", "quantity", "load", "kind")
 LABEL = ("pose",)

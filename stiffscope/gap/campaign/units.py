@@ -19,13 +19,13 @@ from stiffscope.gap.campaign.quantities import (
     WRENCH,
     kind_of,
 )
-from stiffscope.gap.campaign.table import numbers
 from stiffscope.robot.file.quantities import FORCE, LENGTH, MOMENT, NUMBER, Dimension, shown, to_si
+from stiffscope.runtime.table import numbers
 
 if TYPE_CHECKING:
     from stiffscope.gap.campaign.campaign import Array, Codes
     from stiffscope.gap.campaign.campaign_header import Header
-    from stiffscope.gap.campaign.table import Table
+    from stiffscope.runtime.table import Table
 
 # `least` is the limit of a standard uncertainty: no instrument is finer.
 MOVED = Dimension("a displacement", "m", "um", 1e-14, 10.0)
