@@ -149,6 +149,7 @@ def superelement_body(
     axes: ArrayLike | None = None,
     mass: float = 0.0,
     mass_matrix: ArrayLike | None = None,
+    mode_squares: ArrayLike = (),
 ) -> Body:
     """An elastic body of two or more interfaces, each a node ``NAME.INTERFACE``, from its unsupported stiffness.
 
@@ -165,7 +166,9 @@ def superelement_body(
     mass
         In kg; the interfaces share it alike where there is no ``mass_matrix``.
     mass_matrix
-        (6n, 6n) in the same order, kg, kg·m, kg·m².
+        (6n + k, 6n + k) in the same order, then of k fixed-interface modes, kg, kg·m, kg·m².
+    mode_squares
+        (k,) squared angular frequencies of these modes, rad²/s²; by default there are none.
 
     Returns
     -------
@@ -183,8 +186,10 @@ def superelement_body(
     turn = np.eye(3) if axes is None else check_array(axes, (3, 3), f"{here}.axes", "axes")
     dynamics = None
     if mass_matrix is not None:
-        inertia = check_array(mass_matrix, (size, size), f"{here}.mass_matrix", "a mass matrix")
-        dynamics = Dynamics(inertia, np.zeros(0))
+        squares = np.asarray(mode_squares, dtype=float)
+        whole = size + squares.size
+        inertia = check_array(mass_matrix, (whole, whole), f"{here}.mass_matrix", "a mass matrix")
+        dynamics = Dynamics(inertia, squares)
         mass = dynamics.total
     places = local @ turn.T + check_vector(at, f"{here}.at", "a position in m")
     return Body(name, mass, elastic=Elastic(compliance, places, turn, dynamics=dynamics, ends=names))

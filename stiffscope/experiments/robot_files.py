@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import tomlkit
 
 from stiffscope.robot.file.override import assign, split
-from stiffscope.robot.file.part_sections import ParametricPart, StepPart
+from stiffscope.robot.file.part_sections import ParametricPart
 
 if TYPE_CHECKING:
     from stiffscope.robot.file.description import RobotFile
@@ -35,7 +35,7 @@ def robot_document(robot: RobotFile, target: Path, components: str | None = None
     for name, part in robot.parts.items():
         if isinstance(part, ParametricPart) and components and part.compliance != components:
             document["parts"][name]["compliance"] = components
-        if isinstance(part, StepPart):
+        if getattr(part, "file", None):
             _move(document["parts"][name], "file", robot.path, target)
     for body in document["bodies"].values():
         if "mesh" in body:

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 from stiffscope.errors import InputError
 from stiffscope.robot.file.parse import parse_text
-from stiffscope.robot.file.part_sections import StepPart
 from stiffscope.robot.file.sections import RigidBody
 from stiffscope.runtime.reading import file_digest
 
@@ -36,7 +35,7 @@ HEAVY = (
 def sources(robot: RobotFile) -> list[Path]:
     """The robot file, and the STEP files and meshes that it names."""
     beside = robot.path.parent
-    parts = [beside / part.file for part in robot.parts.values() if isinstance(part, StepPart)]
+    parts = [beside / file for part in robot.parts.values() if (file := getattr(part, "file", None))]
     bodies = [body for body in robot.bodies.values() if isinstance(body, RigidBody)]
     meshes = [beside / mesh for body in bodies if isinstance(mesh := getattr(body, "mesh", None), str)]
     return list(dict.fromkeys([robot.path, *parts, *meshes]))

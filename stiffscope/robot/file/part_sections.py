@@ -314,12 +314,17 @@ class MatrixPart(PartSection):
 class InterfacePart(PartSection):
     """A solid with two or more named interfaces, by its unsupported stiffness: ux uy uz rx ry rz of each, part axes.
 
-    `interfaces` are their places, in the matrices' order; without `mass_matrix` they share the `mass` alike.
+    `interfaces` are their places, in the matrices' order; without `mass_matrix` they share the `mass` alike. Its rows
+    beyond the interfaces' are fixed-interface modes, of `mode_squares` (rad²/s²). Instead of the matrices a `file` that
+    holds them: .npz, Matrix Market (NAME.stiffness.mtx beside NAME.mass.mtx) or Nastran's DMIG, as
+    `stiffscope compliance --superelement` writes them.
     """
 
     interfaces: dict[str, Point]
     stiffness: Square
     mass_matrix: Square | None = None
+    mode_squares: tuple[float, ...] = ()
+    file: str | None = None
     mass: MassOrCad = 0.0
 
     @property
@@ -343,7 +348,9 @@ class InterfacePart(PartSection):
         """A body made of it, its origin at a place (3,) and its axes (3, 3) as columns."""
         mass = 0.0 if isinstance(self.mass, str) else self.mass
         m = self.mass_matrix
-        return superelement_body(name, self.interfaces, self.stiffness, at=at, axes=axes, mass=mass, mass_matrix=m)
+        return superelement_body(name, self.interfaces, self.stiffness, at=at, axes=axes, mass=mass, mass_matrix=m,
+            mode_squares=self.mode_squares,
+        )  # fmt: skip
 
 
 PARTS: dict[str, type[PartSection]] = {

@@ -6,6 +6,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from stiffscope.errors import InputError
+from stiffscope.fea.superelement_files import read_superelement
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.description import RobotFile, find_element
 from stiffscope.robot.file.parse import FieldError, blame
@@ -28,6 +29,7 @@ from stiffscope.robot.file.values import ANGLE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+    from pathlib import Path
 
     from stiffscope.cad.materials import AnyMaterial
     from stiffscope.robot.file.description import Turned
@@ -89,7 +91,10 @@ def validate(
     def read(key: str, function: Callable[[str, Any], Any]) -> Mapping[str, Any]:
         return MappingProxyType({name: function(name, table) for name, table in data.get(key, {}).items()})
 
-    parts, joints = read("parts", _read_part), read("joints", _read_joint)
+    parts, joints = (
+        read("parts", lambda name, table: _read_part(name, table, source.path.parent)),
+        read("joints", _read_joint),
+    )
     bodies = read("bodies", lambda name, table: _read_body(name, table, parts))
     shared = {name: f"joints.{name}" for name in joints if name in bodies}
     joints = MappingProxyType({shared.get(name, name): joint for name, joint in joints.items()})
@@ -122,10 +127,36 @@ def _read_name(name: Any) -> str:
     return name
 
 
-def _read_part(name: str, table: Any) -> PartSection:
+def _read_part(name: str, table: Any, folder: Path) -> PartSection:
     key = ("parts", name)
     model = PARTS[_choose(table, "shape", PARTS, key, "a shape")]
-    return read_table(InterfacePart if model is MatrixPart and "interfaces" in table else model, table, key)
+    if model is not MatrixPart or not {"interfaces", "file"} & table.keys():
+        return read_table(model, table, key)
+    return read_table(InterfacePart, _with_matrices(table, folder, key) if "file" in table else table, key)
+
+
+def _with_matrices(table: dict[str, Any], folder: Path, key: Key) -> dict[str, Any]:
+    """A part's table with the interfaces and matrices of the file that it names; interfaces of its own come first."""
+    for other in ("stiffness", "mass_matrix", "mode_squares", "matrix"):
+        if other in table:
+            raise FieldError((*key, other), "expected none beside a file, which holds the matrices, got one")
+    if not isinstance(table["file"], str):
+        raise FieldError((*key, "file"), f'expected a path such as "bracket.npz", got {q.shown(table["file"])}')
+    with blame(*key, "file"):
+        found = read_superelement(folder / table["file"])
+        interfaces = table.get("interfaces", found.interfaces)
+        if not interfaces:
+            raise ValueError("expected interfaces beside a file that names none, in the order of its rows, got nothing")
+        ends = 6 * len(interfaces)
+        square = found.stiffness.ndim == 2 and found.stiffness.shape[0] == found.stiffness.shape[1] >= ends
+        if not square or (found.mass is not None and found.mass.shape != found.stiffness.shape):
+            shape = " x ".join(map(str, found.stiffness.shape))
+            raise ValueError(f"expected matrices of at least {ends} rows, six for each interface, got {shape}")
+    matrices = {"interfaces": interfaces, "stiffness": found.stiffness[:ends, :ends].tolist()}
+    if found.mass is not None:
+        squares = found.stiffness.diagonal()[ends:].tolist()
+        matrices |= {"mass_matrix": found.mass.tolist(), "mode_squares": squares}
+    return table | matrices
 
 
 def _choose(table: Any, word: str, valid: Iterable[str], key: tuple[str, ...], what: str) -> str:

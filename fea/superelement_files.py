@@ -1,0 +1,154 @@
+"""Superelements read from files: the npz, Matrix Market and Nastran forms of `stiffscope.fea.export`, and of others."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.io import mmread
+
+from stiffscope.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from stiffscope.fea.mesh import Floats
+
+SUFFIXES = (".npz", ".mtx", ".bdf", ".dat", ".pch")
+_NODE = re.compile(r"^\W*(\d+) (\S.*?) (\S+) (\S+) (\S+)\s*$")  # of a comment: number, name, x y z in m
+
+
+@dataclass(frozen=True, eq=False)
+class Read:
+    """What a file holds: stiffness, and mass or None, in its order; places (3,) in m by name of interface, if any."""
+
+    stiffness: Floats
+    mass: Floats | None
+    interfaces: dict[str, tuple[float, ...]]
+
+
+def read_superelement(path: Path) -> Read:
+    """Read a superelement; of Matrix Market ``NAME.stiffness.mtx``, and ``NAME.mass.mtx`` beside it where there is one.
+
+    Raises
+    ------
+    InputError
+        The file is of no such form, or lacks a stiffness; the message starts with "expected".
+    """
+    if not path.is_file():
+        raise InputError(f"expected a file of a superelement, got none at {path}")
+    try:
+        if path.suffix == ".npz":
+            return _read_npz(path)
+        if path.suffix == ".mtx":
+            return _read_matrix_market(path)
+        if path.suffix in SUFFIXES:
+            return _read_dmig(path)
+    except (OSError, KeyError, IndexError, TypeError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"expected a superelement, got a file that cannot be read as one ({error})") from error
+    raise InputError(f"expected a file of a superelement ({', '.join(SUFFIXES)}), got {path.name}")
+
+
+def _read_npz(path: Path) -> Read:
+    with np.load(path, allow_pickle=False) as held:
+        stiffness = np.asarray(held["stiffness"], dtype=float)
+        mass = np.asarray(held["mass"], dtype=float) if "mass" in held else None
+        names = _named_places(str(held["help"])) if "help" in held else {}
+        places = held["nodes"].tolist() if "nodes" in held else []
+    exact = {name: tuple(place) for name, place in zip(names, places, strict=False)}
+    return Read(stiffness, mass, exact or {f"node{k}": tuple(place) for k, place in enumerate(places)})
+
+
+def _read_matrix_market(path: Path) -> Read:
+    comment = "\n".join(line for line in path.read_text(errors="replace").splitlines() if line.startswith("%"))
+    beside = path.with_name(path.name.replace("stiffness", "mass"))
+    mass = _dense(beside) if beside != path and beside.is_file() else None
+    return Read(_dense(path), mass, _named_places(comment))
+
+
+def _dense(path: Path) -> Floats:
+    found: Any = mmread(path)
+    return np.asarray(found.toarray() if hasattr(found, "toarray") else found, dtype=np.float64)
+
+
+def _read_dmig(path: Path) -> Read:
+    """Real DMIG entries in small, large or free fields; grid points in their numbers' order, then scalar points."""
+    text = path.read_text(errors="replace")
+    grids: dict[int, tuple[float, ...]] = {}
+    entries: dict[str, dict[tuple[tuple[int, int], tuple[int, int]], float]] = {}
+    for card in _cards(text):
+        if card[0] == "GRID":
+            grids[int(card[1])] = tuple(_number(each) for each in card[3:6])
+        elif card[0] == "DMIG" and card[2] != "0":
+            column = int(card[2]), int(card[3] or 0)
+            block = entries.setdefault(card[1], {})
+            rest = card[5:]
+            for k in range(0, len(rest) - 2, 4):
+                if rest[k]:
+                    block[(int(rest[k]), int(rest[k + 1] or 0)), column] = _number(rest[k + 2])
+    points = sorted({point for block in entries.values() for pair in block for point in pair})
+    order = [(grid, component) for grid in sorted(grids) for component in range(1, 7)]
+    order += [point for point in points if point[0] not in grids]
+    place = {point: k for k, point in enumerate(order)}
+
+    def matrix(first: str) -> Floats | None:
+        name = next((each for each in entries if each.upper().startswith(first)), None)
+        if name is None:
+            return None
+        out = np.zeros((len(order), len(order)))
+        for (row, column), value in entries[name].items():
+            out[place[row], place[column]] = out[place[column], place[row]] = value
+        return out
+
+    stiffness = matrix("K")
+    if stiffness is None:
+        raise InputError("expected a DMIG matrix whose name begins with K, got none")
+    comment = "\n".join(line for line in text.splitlines() if line.startswith("$"))
+    named = _named_places(comment)
+    exact = {name: grids[grid] for name, grid in zip(named, sorted(grids), strict=False)}
+    return Read(stiffness, matrix("M"), exact or {f"grid{grid}": grids[grid] for grid in sorted(grids)})
+
+
+def _cards(text: str) -> Iterator[list[str]]:
+    """Cards with their continuations: the name, then all fields; of DMIG four a row of the column, the first at 5."""
+    card: list[str] = []
+    for line in text.splitlines():
+        if not line.strip() or line.startswith("$"):
+            continue
+        wide = "*" in line[:8]
+        if "," in line:
+            first, *fields = (each.strip() for each in line.split(","))
+        else:
+            first, size = line[:8].strip(), 16 if wide else 8
+            fields = [line[k : k + size].strip() for k in range(8, 72, size)]
+        first, count = first.rstrip("*"), 4 if wide else 8
+        fields = (fields + [""] * count)[:count]
+        if first:
+            if card:
+                yield card
+            card = [first.upper(), *fields]
+        else:
+            card += fields
+    if card:
+        yield card
+
+
+def _number(text: str) -> float:
+    """A number of Nastran's, whose exponent may lack its letter."""
+    plain = re.sub(r"(?<=[\d.])([+-]\d+)$", r"e\1", text.strip().replace("D", "E").replace("d", "e"))
+    return float(plain) if text.strip() else 0.0
+
+
+def _named_places(comment: str) -> dict[str, tuple[float, ...]]:
+    """Names and places of the lines after "Nodes, x y z in m:"."""
+    found: dict[str, tuple[float, ...]] = {}
+    for line in comment.partition("Nodes, x y z in m:")[2].splitlines():
+        node = _NODE.match(line)
+        if node is not None:
+            found[node[2]] = tuple(float(each) for each in node.groups()[2:])
+    return found
