@@ -5,19 +5,26 @@ What no step of the condensation could take is solved as a saddle-point system.
 
 from __future__ import annotations
 
+from contextlib import suppress
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.errors import InputError
 from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.condensation import InfiniteStiffnessError, condense_network
-from stiffscope.vjm.loading import condense_loads, recover_response, solve_tool
+from stiffscope.vjm.joints import DRIVEN
+from stiffscope.vjm.laws import find_laws, find_segments, linearize, settle, without_laws
+from stiffscope.vjm.loading import ElementState, Loads, Response, condense_loads, recover_response, solve_tool
 from stiffscope.vjm.network import END
+from stiffscope.vjm.order import find_order
 from stiffscope.vjm.saddle import saddle_held, saddle_response, saddle_unit
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from stiffscope.vjm.condensation import Condensed
-    from stiffscope.vjm.loading import Loads, Response
     from stiffscope.vjm.network import Places
     from stiffscope.vjm.order import Order
     from stiffscope.vjm.screws import Array
@@ -42,6 +49,85 @@ def solve_loads(order: Order, where: Places, loads: Loads) -> Response:
     except InfiniteStiffnessError:
         state = condense_network(order.unstiffened_order, where)
     return solve_condensed(state, loads)
+
+
+def find_equilibrium(order: Order, where: Places, loads: Loads) -> Response:
+    """``solve_loads`` with every drive by its law: each case an equilibrium of its own.
+
+    Raises InputError as well where none is found.
+    """
+    laws = find_laws(order.mechanism)
+    if not laws:
+        return solve_loads(order, where, loads)
+    count, c = len(laws), loads.cases
+    nodes = {name: _pad(w, count) for name, w in loads.nodes.items()}
+    offsets = {name: _pad(t, count) for name, t in loads.offsets.items()}
+    joints = [order.mechanism.joint(name) for name in laws]
+    along = [DRIVEN[j.kind] for j in joints]
+    for k, (name, component) in enumerate(zip(laws, along, strict=True)):
+        unit = np.zeros((1, 6, c + count))
+        unit[0, component, c + k] = 1.0
+        offsets[name] = offsets.get(name, np.zeros((1, 6, 1))) + unit
+    linear = find_order(without_laws(order.mechanism), order.linkage)
+    found = solve_loads(linear, where, Loads(c + count, nodes, offsets, loads.balanced))
+    n = max(len(found.twist), *(len(found.elements[name].wrench) for name in laws))
+    rows = [
+        np.broadcast_to(found.elements[name].wrench[:, i], (n, c + count)) for name, i in zip(laws, along, strict=True)
+    ]
+    forces = np.stack(rows, axis=1)  # (n, k, c + k)
+    stiffness = np.array([law.slopes[0] for law in laws.values()])
+    pull = np.swapaxes(forces[..., :c], 1, 2).reshape(n * c, count)
+    settled = settle(list(laws.values()), stiffness, pull, np.repeat(forces[..., c:], c, axis=0))
+    shift = np.swapaxes(settled.shift.reshape(n, c, count), 1, 2)
+    deflection = np.swapaxes(settled.deflection.reshape(n, c, count), 1, 2)
+
+    def mix(cases: Array) -> Array:
+        return cases[..., :c] + cases[..., c:] @ shift if cases.shape[-1] == c + count else cases
+
+    elements: dict[str, ElementState] = {}
+    for name, e in found.elements.items():
+        strained = None if e.strained is None else mix(e.strained)
+        elements[name] = ElementState(e.element, where, mix(e.carried), mix(e.across), mix(e.rates), strained)
+    for k, (name, law) in enumerate(laws.items()):
+        elements[name] = replace(elements[name], deflection=deflection[:, k], law=law)
+    moved = {node: mix(twist) for node, twist in found.nodes.items()}
+    return Response(where, mix(found.twist), moved, elements)
+
+
+def map_segments(
+    order: Order,
+    where: Places,
+    loads: Loads,
+    entries: tuple[int, ...],
+    work: Callable[[Order, Places, int], Array],
+) -> Array:
+    """What is found (n, *entries, c) of the linear robots that drives with laws make of theirs under c cases of loads.
+
+    ``work`` gets the order of one, the places of some poses, and the number of the case; NaN where it moves freely.
+    """
+    laws = find_laws(order.mechanism)
+    found = find_equilibrium(order, where, loads)
+    n = len(where.tool)
+    out = np.full((n, *entries, loads.cases), np.nan)
+    for case in range(loads.cases):
+        deflections = [np.broadcast_to(_deflection(found, name)[:, case], n) for name in laws]
+        segments = find_segments(list(laws.values()), np.stack(deflections, axis=1))
+        rows, which = np.unique(segments, axis=0, return_inverse=True)
+        for k, row in enumerate(rows.tolist()):
+            some = np.flatnonzero(which.ravel() == k)
+            linear = find_order(linearize(order.mechanism, row), order.linkage)
+            with suppress(InputError):
+                out[some, ..., case] = work(linear, where.some(some), case)
+    return out
+
+
+def _deflection(found: Response, name: str) -> Array:
+    deflection = found.elements[name].deflection
+    return np.zeros((1, 1)) if deflection is None else deflection
+
+
+def _pad(cases: Array, more: int) -> Array:
+    return np.pad(cases, ((0, 0), (0, 0), (0, more)))
 
 
 def solve_condensed(state: Condensed, loads: Loads) -> Response:

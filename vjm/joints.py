@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -21,6 +21,8 @@ from stiffscope.vjm.checks import (
 )
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
     from stiffscope.vjm.screws import Array
 
 FREE: dict[str, tuple[int, ...]] = {
@@ -40,12 +42,108 @@ _ALIKE = ("revolute", "prismatic", "universal", "spherical")  # free motions of 
 
 
 @dataclass(frozen=True, eq=False)
+class Law:
+    """Force over deflection, odd: straight from each of ``starts`` (m,) on, m or rad, by its ``slopes`` (m,).
+
+    The first start is half the backlash, within which there is no force.
+    """
+
+    starts: Array
+    slopes: Array
+
+    @classmethod
+    def of(cls, curve: ArrayLike, backlash: float = 0.0) -> Law:
+        """From forces at deflections (m, 2), straight from the origin and beyond the last, past half a backlash."""
+        points = np.vstack([np.zeros((1, 2)), np.asarray(curve, dtype=float)])
+        steps = np.diff(points, axis=0)
+        if not (np.isfinite(points).all() and (steps > 0.0).all()):
+            raise InputError(f"curve: expected deflections and forces that rise from 0, got {points[1:].tolist()}")
+        slopes = steps[:, 1] / steps[:, 0]
+        new = np.r_[True, ~np.isclose(slopes[1:], slopes[:-1], rtol=1e-12, atol=0.0)]
+        return cls(0.5 * backlash + points[:-1, 0][new], slopes[new])
+
+    @property
+    def backlash(self) -> float:
+        """Lost motion from one side to the other, m or rad."""
+        return 2.0 * float(self.starts[0])
+
+    @cached_property
+    def forces(self) -> Array:
+        """Forces (m,) at the starts."""
+        return np.concatenate([[0.0], np.cumsum(self.slopes[:-1] * np.diff(self.starts))])
+
+    def segment(self, deflection: Array) -> NDArray[np.intp]:
+        """0 within the backlash, 1, 2, … beyond each start; negative on the other side."""
+        count = np.searchsorted(self.starts, np.abs(deflection), side="right")
+        return np.where(deflection < 0.0, -count, count)
+
+    def line(self, segment: int) -> tuple[float, float]:
+        """Slope of a segment, and the deflection at which its straight line carries no force."""
+        if not segment:
+            return 0.0, 0.0
+        k = abs(segment) - 1
+        return float(self.slopes[k]), float(np.sign(segment) * (self.starts[k] - self.forces[k] / self.slopes[k]))
+
+    def force(self, deflection: Array) -> Array:
+        """Forces at deflections, N or N·m."""
+        size = np.abs(deflection)
+        out = self.slopes[-1] * np.maximum(size - self.starts[-1], 0.0)
+        for k in range(len(self.starts) - 1):
+            out = out + self.slopes[k] * np.clip(size - self.starts[k], 0.0, self.starts[k + 1] - self.starts[k])
+        return np.copysign(out, deflection)
+
+    def slope(self, deflection: Array) -> Array:
+        """Tangent stiffness at deflections; 0 within the backlash."""
+        size = np.searchsorted(self.starts, np.abs(deflection), side="right")
+        return np.concatenate([[0.0], self.slopes])[size]
+
+    def energy(self, deflection: Array) -> Array:
+        """Strain energy at deflections, J."""
+        size, out = np.abs(deflection), np.zeros(np.shape(deflection))
+        ends = np.append(self.starts[1:], np.inf)
+        for start, end, slope, force in zip(self.starts, ends, self.slopes, self.forces, strict=True):
+            along = np.clip(size - start, 0.0, end - start)
+            out = out + along * (force + 0.5 * slope * along)
+        return out
+
+    def beside(self, stiffness: float) -> Law:
+        """Force over what a deflection has more than a spring of a stiffness above all slopes would have."""
+        return Law(self.starts - self.forces / stiffness, self.slopes / (1.0 - self.slopes / stiffness))
+
+    def yielding(self, compliance: float) -> Law:
+        """The same with a compliance in series, which may be negative. Raises InputError where none is left."""
+        left = 1.0 / self.slopes + compliance
+        if not (left > 0.0).all():
+            raise InputError(f"expected a drive that yields, got a compliance of {left.min():.6g}")
+        return Law(self.starts + compliance * self.forces, 1.0 / left)
+
+
+@dataclass(frozen=True, eq=False)
 class Drive:
-    """A spring along the free direction of a joint, N/m or N·m/rad, and the range of its displacement from home."""
+    """A spring along the free direction of a joint, N/m or N·m/rad, and the range of its displacement from home.
+
+    ``law``: its force over deflection where it is not linear; its stiffness is then the slope beyond the backlash.
+    """
 
     stiffness: float
     low: float = -np.inf
     high: float = np.inf
+    law: Law | None = None
+
+    @property
+    def unloaded(self) -> float:
+        """Its tangent stiffness without load: 0 where it has backlash."""
+        return 0.0 if self.law is not None and self.law.starts[0] else self.stiffness
+
+    def loosened(self, backlash: float) -> Drive:
+        """The same with more backlash."""
+        law = Law(np.zeros(1), np.array([self.stiffness])) if self.law is None else self.law
+        return replace(self, law=Law(law.starts + 0.5 * backlash, law.slopes))
+
+    def yielding(self, compliance: float) -> Drive:
+        """The same with a compliance in series, which may be negative. Raises InputError where none is left."""
+        law = (Law(np.zeros(1), np.array([self.stiffness])) if self.law is None else self.law).yielding(compliance)
+        return replace(self, stiffness=float(law.slopes[0]), law=None if self.law is None else law)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,12 +236,12 @@ class Joint:
 
     @property
     def resistance(self) -> float:
-        """Stiffness of its drive, or of its spring along each free motion, N/m or N·m/rad; 0 without one."""
-        return self.drive.stiffness if self.drive is not None else self.spring or 0.0
+        """Stiffness of its unloaded drive, or of its spring along each free motion, N/m or N·m/rad; 0 without one."""
+        return self.drive.unloaded if self.drive is not None else self.spring or 0.0
 
     def resists(self, motion: int) -> bool:
         """Whether its drive or spring acts along a free motion, by number."""
-        return motion == self.driven if self.drive is not None else self.spring is not None
+        return self.resistance > 0.0 and (self.drive is None or motion == self.driven)
 
     @property
     def held_components(self) -> tuple[tuple[int, ...], tuple[int, ...]]:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from stiffscope.vjm.condensation import Condensed
+    from stiffscope.vjm.joints import Law
     from stiffscope.vjm.network import Element, Places
     from stiffscope.vjm.order import Connection
     from stiffscope.vjm.screws import Array
@@ -90,6 +91,10 @@ class ElementState:
     strained: Array | None = None
     """What of ``across`` is strain, where the element shares its coordinates and its own wrench alone does not tell."""
 
+    deflection: Array | None = None
+    law: Law | None = None
+    """Of a drive that is not linear its law, and its deflection (n, c)."""
+
     @cached_property
     def wrench(self) -> Array:
         """Wrench (n, 6, c) that it carries, at its own point in its own axes."""
@@ -106,7 +111,11 @@ class ElementState:
         if self.strained is not None:
             return 0.5 * np.einsum("nic,nic->nc", self.carried, self.strained)
         stress = np.swapaxes(self.where.factor(self.element), -1, -2) @ self.wrench
-        return 0.5 * np.einsum("nrc,nrc->nc", stress, stress)
+        energy = 0.5 * np.einsum("nrc,nrc->nc", stress, stress)
+        if self.law is not None and self.deflection is not None:  # in place of the linear spring's
+            force = self.law.force(self.deflection)
+            energy = energy - 0.5 * force**2 / self.law.slopes[0] + self.law.energy(self.deflection)
+        return energy
 
 
 @dataclass(eq=False)

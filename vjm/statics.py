@@ -14,8 +14,9 @@ import numpy as np
 from stiffscope.errors import InputError
 from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.condensation import InfiniteStiffnessError, condense_network
-from stiffscope.vjm.equilibrium import solve_condensed, solve_loads, tool_stiffness
+from stiffscope.vjm.equilibrium import find_equilibrium, map_segments, solve_condensed, solve_loads, tool_stiffness
 from stiffscope.vjm.kinematics import CHUNK, Configurations, check_poses, configure, configure_chunks
+from stiffscope.vjm.laws import find_laws
 from stiffscope.vjm.loading import Loads, Response, stack_rows
 from stiffscope.vjm.network import END, FOOT, lump_masses, place_nodes
 from stiffscope.vjm.order import find_order
@@ -163,7 +164,7 @@ def sag(mechanism: Mechanism, poses: ArrayLike | Configurations) -> Array:
     """
 
     def work(order: Order, where: Places) -> Array:
-        return solve_loads(order, where, own_loads(order, where, mechanism.gravity)).twist[..., 0]
+        return find_equilibrium(order, where, own_loads(order, where, mechanism.gravity)).twist[..., 0]
 
     return _map_chunks(mechanism, poses, (6,), work)
 
@@ -186,7 +187,7 @@ def analyse(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravity:
     """
     found = poses if isinstance(poses, Configurations) else configure(mechanism, poses)
     n = len(found)
-    both = _map_chunks(mechanism, found, (6, 13), lambda order, where: _find_matrices(order, where, "none"))
+    both = _map_chunks(mechanism, found, (6, 13), lambda order, where: _find_unloaded(order, where, gravity))
     matrix = both[..., :6]
     yielding, free, inverse_condition = _complete_compliance(matrix, both[..., 6:12])
     sagged = np.zeros((n, 6))
@@ -219,11 +220,12 @@ def _analyse_weight(mechanism: Mechanism, found: Configurations, unloaded: Array
     move it by more than a tenth of its characteristic length.
     """
     out = np.full((len(unloaded), 6, 13), np.nan)
-    firm = np.flatnonzero(found.valid & np.isfinite(yielding).all(axis=(1, 2)))
+    loose = bool(find_laws(mechanism))  # weights may hold what moves freely without them
+    firm = np.flatnonzero(found.valid & (loose | np.isfinite(yielding).all(axis=(1, 2))))
     both = _map_chunks(mechanism, found[firm], (6, 13), lambda order, where: _find_matrices(order, where, "exact"))
     size = np.ones((len(firm), 6))
     size[:, :3] = found.linkage.length
-    known = np.isfinite(unloaded[firm]).all(axis=(1, 2))
+    known = np.isfinite(unloaded[firm]).all(axis=(1, 2)) & (not loose)
     size[known, :3] = characteristic_length(unloaded[firm[known]])[:, None]
     small = (np.abs(both[..., 12]) < _FAR * size).all(axis=1)
     out[firm[small]] = both[small]
@@ -279,7 +281,7 @@ def respond(
         whole = np.concatenate([force, moment], axis=1)[..., None] * np.ones(cases)
         all_loads.nodes[node] = all_loads.nodes.get(node, np.zeros((1, 6, 1))) + whole
     all_loads.nodes[END] = all_loads.nodes.get(END, np.zeros((1, 6, 1))) + applied
-    return solve_loads(order, where, all_loads)
+    return find_equilibrium(order, where, all_loads)
 
 
 def stiffness_error(mechanism: Mechanism, poses: ArrayLike | Configurations) -> Array:
@@ -311,6 +313,15 @@ def stiffness_error(mechanism: Mechanism, poses: ArrayLike | Configurations) -> 
 
 def _find_stiffness(order: Order, where: Places, gravity: Gravity) -> tuple[Array, Array]:
     """Stiffness (n, 6, 6) and, with gravity, sag (n, 6)."""
+    if gravity == "exact" and find_laws(order.mechanism):
+        own = own_loads(order, where, order.mechanism.gravity)
+
+        def work(linear: Order, there: Places, _case: int) -> Array:
+            matrix, sagged = loaded_stiffness(linear, there, linear.mechanism.gravity)
+            return np.concatenate([matrix, sagged[..., None]], axis=2)
+
+        both = map_segments(order, where, own, (6, 7), work)[..., 0]
+        return both[..., :6], both[..., 6]
     if gravity == "exact":
         return loaded_stiffness(order, where, order.mechanism.gravity)
     return tool_stiffness(condense_network(order, where)), np.zeros((1, 6))
@@ -318,6 +329,9 @@ def _find_stiffness(order: Order, where: Places, gravity: Gravity) -> tuple[Arra
 
 def _find_matrices(order: Order, where: Places, gravity: Gravity) -> Array:
     """Stiffness, compliance and sag (n, 6, 13); NaN where infinite, and where it is the stiffness's inverse to take."""
+    if gravity == "exact" and find_laws(order.mechanism):
+        own = own_loads(order, where, order.mechanism.gravity)
+        return map_segments(order, where, own, (6, 13), lambda o, w, _case: _find_matrices(o, w, gravity))[..., 0]
     try:
         matrix, sagged = _find_stiffness(order, where, gravity)
         yielding = np.full_like(matrix, np.nan)
@@ -334,6 +348,16 @@ def _find_matrices(order: Order, where: Places, gravity: Gravity) -> Array:
     parts = (matrix, yielding, sagged[..., None])
     n = max(len(part) for part in parts)
     return np.concatenate([np.broadcast_to(part, (n, *part.shape[1:])) for part in parts], axis=2)
+
+
+def _find_unloaded(order: Order, where: Places, gravity: Gravity) -> Array:
+    """``_find_matrices`` without loads; a tool that is loose there and held under weight has no stiffness."""
+    try:
+        return _find_matrices(order, where, "none")
+    except InputError:
+        if gravity == "none" or not find_laws(order.mechanism):
+            raise
+        return np.concatenate([np.zeros((1, 6, 6)), np.full((1, 6, 6), np.nan), np.zeros((1, 6, 1))], axis=2)
 
 
 def _map_chunks(

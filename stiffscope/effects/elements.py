@@ -81,10 +81,10 @@ def change_elements(mechanism: Mechanism, changes: Changes) -> Mechanism:
         along = 3 if joint.kind == "revolute" else 0
         if joint.drive is None or change is None or change.compliance is None or change.compliance[along, along] >= 0.0:
             continue
-        left = 1.0 / joint.drive.stiffness + float(change.compliance[along, along])
-        if left <= 0.0:
-            raise InputError(f"{joint.name}: expected a drive that yields, got a compliance of {left:.6g}")
-        joints[k] = replace(joint, drive=replace(joint.drive, stiffness=1.0 / left))
+        try:
+            joints[k] = replace(joint, drive=joint.drive.yielding(float(change.compliance[along, along])))
+        except InputError as error:
+            raise InputError(f"{joint.name}: {error}") from error
         rest = change.compliance.copy()
         rest[along, along] = 0.0
         bearings[joint.name] = replace(change, compliance=rest)

@@ -10,14 +10,14 @@ from stiffscope.robot.file.copies import tensor
 from stiffscope.robot.file.sections import ElasticBody, RigidBody
 from stiffscope.vjm.bodies import Body, Elastic
 from stiffscope.vjm.checks import axes_along, spell_name
-from stiffscope.vjm.joints import Drive, Joint
+from stiffscope.vjm.joints import Drive, Joint, Law
 from stiffscope.vjm.mechanism import Mechanism, Tool
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from stiffscope.robot.file.description import RobotFile
-    from stiffscope.robot.file.sections import BodySection, JointSection
+    from stiffscope.robot.file.sections import BodySection, JointSection, LinearDrive, RotaryDrive
     from stiffscope.robot.part_matrices import PartMatrix
 
 
@@ -73,7 +73,7 @@ def _body(robot: RobotFile, name: str, body: BodySection, matrices: Mapping[str,
 def _joint(robot: RobotFile, name: str, joint: JointSection) -> Joint:
     axis, axis2 = getattr(joint, "axis", None), getattr(joint, "axis2", None)
     drive = getattr(joint, "drive", None)
-    driven = None if drive is None else Drive(drive.stiffness, *(drive.range or (-np.inf, np.inf)))
+    driven = None if drive is None else _drive(drive)
     return Joint(
         name,
         *joint.between,
@@ -86,6 +86,14 @@ def _joint(robot: RobotFile, name: str, joint: JointSection) -> Joint:
         spring=getattr(joint, "spring", None),
         rest=getattr(joint, "rest", 0.0),
     )
+
+
+def _drive(drive: LinearDrive | RotaryDrive) -> Drive:
+    law = None
+    if drive.points is not None or drive.backlash:
+        law = Law.of(drive.points or ((1.0, drive.stiffness),), drive.backlash)
+    stiffness = drive.stiffness if law is None else float(law.slopes[0])
+    return Drive(stiffness, *(drive.range or (-np.inf, np.inf)), law)
 
 
 def _bearing(robot: RobotFile, name: str, joint: JointSection) -> np.ndarray | None:

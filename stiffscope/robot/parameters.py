@@ -104,7 +104,7 @@ def _of_parts(robot: RobotFile, components: Components) -> Iterator[tuple[Any, .
 
 def _of_joint(name: str, joint: JointSection) -> Iterator[tuple[Any, ...]]:
     drive, bearing = getattr(joint, "drive", None), joint.compliance
-    if drive is not None:
+    if drive is not None and drive.stiffness:
         yield (
             as_written(("joints", name, "drive", "stiffness")),
             drive.stiffness,

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from stiffscope.gap.lab.rotations import Array
     from stiffscope.robot.file.description import RobotFile
-    from stiffscope.robot.file.sections import JointSection, RigidBody
+    from stiffscope.robot.file.sections import JointSection, LinearDrive, RigidBody, RotaryDrive
 
 GROUND = "ground"
 BASE, TOOL = "<base>", "<tool>"
@@ -313,7 +313,7 @@ def _joint(robot: RobotFile, name: str, section: JointSection) -> Joint:
     axis, axis2 = (None if a is None else np.array(a) for a in (getattr(section, k, None) for k in ("axis", "axis2")))
     at = np.array(section.at)
     drive = getattr(section, "drive", None)
-    spring = None if drive is None else Drive(drive.stiffness, *(drive.range or (-np.inf, np.inf)))
+    spring = None if drive is None else Drive(_first_slope(drive), *(drive.range or (-np.inf, np.inf)))
     axes = _axes(axis, axis2, np.eye(3))
     second = np.zeros(3) if axis2 is None else axis2 / np.linalg.norm(axis2)
     rotation = np.asarray(robot.copied[name].rotation) if name in robot.copied else np.eye(3)
@@ -323,6 +323,13 @@ def _joint(robot: RobotFile, name: str, section: JointSection) -> Joint:
         relative = np.kron(np.eye(2), axes.T @ rotation @ written)
         bearing = relative @ bearing @ relative.T
     return Joint(name, *section.between, section.type, at, at, at, axes, second, bearing, spring, axis is not None)
+
+
+def _first_slope(drive: LinearDrive | RotaryDrive) -> float:
+    if drive.points is None:
+        return drive.stiffness
+    deflection, force = drive.points[0]
+    return force / deflection
 
 
 def _axes(axis: Array | None, axis2: Array | None, rotation: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -13,16 +14,21 @@ from stiffscope.robot.file.element_sections import Elements
 from stiffscope.robot.file.values import (
     Acceleration,
     Angle,
+    AngleOrZero,
     Angles,
     Compliance,
     Coordinate,
     Diagonal,
     Direction,
     Inertia,
+    LengthOrZero,
     Lengths,
+    LinearCurve,
     Mass,
+    MomentAbove,
     Point,
     Ratio,
+    RotaryCurve,
     Says,
     Section,
     Stiffness,
@@ -76,6 +82,24 @@ class _Drive(Section):
     def _ordered(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
         return _rising(value)
 
+    @model_validator(mode="after")
+    def _one_law(self) -> _Drive:
+        given = [key for key in ("stiffness", "curve", "gear") if getattr(self, key, None)]
+        if len(given) != 1:
+            one = "a stiffness, a curve or a gear" if hasattr(self, "gear") else "a stiffness or a curve"
+            raise ValueError(f"expected {one}, got {' and '.join(given) or 'none'}")
+        curve = getattr(self, "curve", None) or ()
+        for (x0, f0), (x, f) in pairwise(((0.0, 0.0), *curve)):
+            if not (x > x0 and f > f0):
+                raise ValueError(f"expected a curve that rises from point to point, got {f:g} at {x:g}")
+        return self
+
+    @property
+    def points(self) -> tuple[tuple[float, float], ...] | None:
+        """Deflections and forces, SI; None where it is straight."""
+        gear = getattr(self, "gear", None)
+        return gear.curve if gear is not None else getattr(self, "curve", None)
+
 
 def _rising(value: tuple[float, float] | None) -> tuple[float, float] | None:
     if value is not None and not value[0] < value[1]:
@@ -84,17 +108,45 @@ def _rising(value: tuple[float, float] | None) -> tuple[float, float] | None:
 
 
 class LinearDrive(_Drive):
-    """A spring along a slide, N/m; range of displacement from home, m."""
+    """A spring along a slide, N/m, or a curve of forces, N, over deflections, m; its backlash and range, m."""
 
-    stiffness: Stiffness
+    stiffness: Stiffness = 0.0
     range: Lengths | None = None
+    curve: LinearCurve | None = None
+    backlash: LengthOrZero = 0.0
+
+
+class Gear(Section):
+    """A strain-wave gear as its data sheet has it: stiffness k1 up to the torque t1, k2 up to t2, k3 beyond."""
+
+    k1: Torsion
+    k2: Torsion
+    k3: Torsion
+    t1: MomentAbove
+    t2: MomentAbove
+
+    @model_validator(mode="after")
+    def _rising(self) -> Gear:
+        if not self.t1 < self.t2:
+            raise ValueError(f"expected a torque t1 below t2, got {self.t1:g} and {self.t2:g} N*m")
+        return self
+
+    @property
+    def curve(self) -> tuple[tuple[float, float], ...]:
+        """Torques at deflections; the last slope goes on."""
+        first = self.t1 / self.k1
+        second = first + (self.t2 - self.t1) / self.k2
+        return (first, self.t1), (second, self.t2), (second + self.t2 / self.k3, 2.0 * self.t2)
 
 
 class RotaryDrive(_Drive):
-    """A spring about an axis, N·m/rad; range of displacement from home, rad."""
+    """A spring about an axis, N·m/rad, or a curve of torques over deflections, or a gear; backlash and range, rad."""
 
-    stiffness: Torsion
+    stiffness: Torsion = 0.0
     range: Angles | None = None
+    curve: RotaryCurve | None = None
+    gear: Gear | None = None
+    backlash: AngleOrZero = 0.0
 
 
 class Bearing(Section):

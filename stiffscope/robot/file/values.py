@@ -23,9 +23,10 @@ INERTIA = q.Dimension("a moment of inertia", "kg*m^2", "0.012 kg*m^2", most=1e12
 COMPLIANCE = q.Dimension("a compliance", "m/N", "0.01 um/N", 1e-24, 1e6)
 TILTING = q.Dimension("a rotational compliance", "rad/(N*m)", "2e-6 rad/(N*m)", 1e-24, 1e9)
 FORCE = q.Dimension("a force", "N", "10 N")
+MOMENT = q.Dimension("a moment", "N*m", "10 N*m")
 _OTHERS = (
     FORCE,
-    q.Dimension("a moment", "N*m", "10 N*m"),
+    MOMENT,
     q.Dimension("an area", "m^2", "3 mm^2"),
     q.Dimension("a volume", "m^3", "3 mm^3"),
     q.Dimension("a temperature", "K", "20 K"),
@@ -191,6 +192,18 @@ Inertia = Annotated[
     _list_of(6, "six moments of inertia, Ixx Iyy Izz Ixy Ixz Iyz"),
 ]
 Diagonal = Annotated[tuple[Compliance, Compliance, Compliance, Tilting, Tilting, Tilting], _list_of(6, _SIX)]
+ForceAbove = Annotated[float, _quantity(FORCE)]
+MomentAbove = Annotated[float, _quantity(MOMENT)]
+AngleAbove = Annotated[float, _quantity(ANGLE)]
+AngleOrZero = Annotated[float, _quantity(ANGLE, "non-negative")]
+LinearCurve = Annotated[
+    tuple[Annotated[tuple[Length, ForceAbove], _list_of(2, "a deflection and a force")], ...],
+    Says('deflections and forces such as [["2 um", "20 N"], ["8 um", "140 N"]]'),
+]
+RotaryCurve = Annotated[
+    tuple[Annotated[tuple[AngleAbove, MomentAbove], _list_of(2, "a deflection and a torque")], ...],
+    Says('deflections and torques such as [["0.1 mrad", "1 N*m"], ["0.5 mrad", "9 N*m"]]'),
+]
 Lengths = Annotated[tuple[Coordinate, Coordinate], _list_of(2, 'two lengths such as ["-150 mm", "150 mm"]')]
 Angles = Annotated[tuple[Angle, Angle], _list_of(2, 'two angles such as ["-60 deg", "80 deg"]')]
 
