@@ -15,7 +15,7 @@ from docutils.statemachine import StringList
 from pydantic_core import PydanticUndefined
 
 import stiffscope
-from stiffscope.design.study_file import SECTIONS
+from stiffscope.design.study_sections import SECTIONS
 from stiffscope.effects.vocabulary import EFFECTS
 from stiffscope.gap.campaign.campaign_header import FRAME_KEYS, KEYS, LOAD_KEYS, SENSOR_KEYS
 from stiffscope.gap.campaign.quantities import DEFLECTIONS, DEVIATIONS, FREQUENCIES, PUSHES, STIFFNESSES

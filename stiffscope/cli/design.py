@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,12 +13,14 @@ import numpy as np
 import tomlkit
 
 from stiffscope.cli import options
+from stiffscope.cli.main import Stopped
 from stiffscope.cli.options import takes
 from stiffscope.cli.output import emit, open_workshop, warn_of
 from stiffscope.cli.poses import find_poses
+from stiffscope.design.journal import SUFFIX, Journal
 from stiffscope.design.sensitivities import part_sensitivities, robot_sensitivities
-from stiffscope.design.studies import run_study
-from stiffscope.design.study_file import load_study
+from stiffscope.design.studies import WHOLE, find_study, merge_study, run_study
+from stiffscope.design.study_reading import load_study
 from stiffscope.errors import InputError
 from stiffscope.experiments.experiments import solve_parts
 from stiffscope.experiments.manifest import manifest_of
@@ -27,10 +30,12 @@ from stiffscope.report import sensitivities as report
 from stiffscope.report import studies as study_report
 from stiffscope.report.progress import progress
 from stiffscope.robot.reader import load_robot
-from stiffscope.runtime.output import copy_files, remove_copied
+from stiffscope.runtime.output import remove_copied
 from stiffscope.runtime.processors import processors
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from stiffscope.cli.output import Output
     from stiffscope.design.studies import Study
     from stiffscope.experiments.manifest import Manifest
@@ -89,42 +94,88 @@ def _emit_robot(robot: RobotFile, poses: tuple[str, ...], components: Any, outpu
 
 
 @click.command()
-@takes(click.argument("name", metavar="STUDY", type=click.Path(path_type=Path)), options.out, options.json)
+@takes(
+    click.argument("names", metavar="STUDY | merge DIR...", nargs=-1, required=True, type=click.Path(path_type=Path)),
+    options.out, options.json,
+)  # fmt: skip
 @options.scheduler
-def study(name: Path, *, scheduler: str | None, output: Output) -> None:
+@click.option("--part", metavar="I/N", help="Only the I-th of N shares of a sweep's designs; study merge joins them.")
+def study(names: tuple[Path, ...], *, scheduler: str | None, part: str | None, output: Output) -> None:
     """Evaluate many designs: a sweep, an optimum under constraints, a Pareto front.
 
     STUDY is a TOML file: robot, ranges of parameters, responses, constraints, objectives. Finished designs are stored
     in DIR.designs until all are done: the same command resumes an interrupted study, and reuses the designs of DIR.
+
+    study merge DIR... joins the output folders of shares that were made with --part.
     """
     out = output.required_folder()
-    file = load_study(name)
+    if str(names[0]) == "merge":
+        _merge(names[1:], output)
+        return
+    if len(names) > 1:
+        raise InputError(f"{names[1]}: expected one study's file, got {len(names)}")
+    share = _read_part(part)
+    file = load_study(names[0])
     manifest = manifest_of(file.robot, file.path)
     store = out.with_name(f"{out.name}.{DESIGNS}")
     if (out / DESIGNS).is_dir() and not store.exists():
         shutil.copytree(out / DESIGNS, store)
-    with progress(quiet=output.quiet) as open_line:
-        made = run_study(file, store, open_line("study"), workers=processors(), scheduler=scheduler)
-
-    def fill(folder: Path) -> None:
-        copy_files(store, folder / DESIGNS, [each.name for each in sorted(store.glob("*.parquet"))])
-        study_report.write_study(made, folder)
-        _write_robots(made, folder, out)
-
-    emit(
-        output, study_report.study_json(made), lambda: study_report.show_study(made), manifest=manifest, fill=fill,
-        page=lambda folder, shown: study_report.write_study_page(made, folder, shown),
-    )  # fmt: skip
+    try:
+        with progress(quiet=output.quiet) as open_line:
+            found = run_study(
+                file, store, open_line("study"), workers=processors(), scheduler=scheduler, part=share or WHOLE
+            )
+    except (KeyboardInterrupt, Stopped) as error:
+        kept = Journal(file, store).count()
+        raise Stopped(f"stopped; {kept} finished designs are kept in {store}, the same command goes on") from error
+    _emit_study(found, output, manifest, [store])
     if not remove_copied(store, out, f"{DESIGNS}/"):
         log.warning("%s: holds files that are no designs of this study; they stay there", store)
 
 
-def _write_robots(made: Study, folder: Path, out: Path) -> None:
+def _read_part(text: str | None) -> tuple[int, int] | None:
+    if text is None:
+        return None
+    match = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text)
+    if match is None:
+        raise InputError(f"--part: expected I/N such as 3/20, got {text}")
+    return int(match[1]), int(match[2])
+
+
+def _merge(places: tuple[Path, ...], output: Output) -> None:
+    """Join shares, from their output folders; the study's file may come first."""
+    given = [path for path in places[:1] if path.is_file()]
+    folders = places[len(given) :]
+    if not folders:
+        raise InputError("study merge: expected output folders of shares, got none")
+    shares = [folder / DESIGNS for folder in folders]
+    file = load_study(given[0] if given else find_study(shares))
+    manifest = manifest_of(file.robot, file.path)
+    _emit_study(merge_study(file, shares), output, manifest, shares)
+
+
+def _emit_study(found: Study, output: Output, manifest: Manifest, stores: Sequence[Path]) -> None:
+    def fill(folder: Path) -> None:
+        (folder / DESIGNS).mkdir()
+        for store in stores:
+            for journal in sorted(store.glob(f"*{SUFFIX}")):
+                with journal.open("rb") as source, (folder / DESIGNS / journal.name).open("ab") as target:
+                    shutil.copyfileobj(source, target)
+        study_report.write_study(found, folder)
+        _write_robots(found, folder, output.required_folder())
+
+    emit(
+        output, lambda: study_report.study_json(found), lambda: study_report.show_study(found), manifest=manifest,
+        fill=fill, page=lambda folder, shown: study_report.write_study_page(found, folder, shown),
+    )  # fmt: skip
+
+
+def _write_robots(found: Study, folder: Path, out: Path) -> None:
     """Robot files of the best designs, best-1.toml and on; of a long front some along it."""
-    if not made.file.goals:
+    if not found.file.goals:
         return
-    chosen = np.unique(np.linspace(0, len(made.best) - 1, min(MOST_FILES, len(made.best))).round().astype(int))
-    for number, index in enumerate((made.best[k] for k in chosen), 1):
+    chosen = np.unique(np.linspace(0, len(found.best) - 1, min(MOST_FILES, len(found.best))).round().astype(int))
+    for number, index in enumerate((found.best[k] for k in chosen), 1):
         file = f"best-{number}.toml"
-        text = tomlkit.dumps(robot_document(made.robot(index), out / file, made.file.components))
-        (folder / file).write_text(f"# Design {index + 1} of {made.file.path.name}\n{text}", encoding="utf-8")
+        text = tomlkit.dumps(robot_document(found.robot(index), out / file, found.file.components))
+        (folder / file).write_text(f"# Design {index + 1} of {found.file.path.name}\n{text}", encoding="utf-8")

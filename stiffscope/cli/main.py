@@ -25,7 +25,7 @@ MOST_CHARACTERS = 100_000  # of a word of the command line
 
 
 class Stopped(BaseException):
-    """The process was asked to end."""
+    """The process was asked to end; what there is to say of it, where it is not that nothing is left."""
 
 
 COMMANDS = {
@@ -125,8 +125,8 @@ def _guarded(arguments: list[str]) -> int:  # noqa: PLR0911 (one for each way to
     except click.UsageError as error:
         _show_usage(error)
         return 2
-    except (KeyboardInterrupt, click.Abort, Stopped):
-        _say("stopped; nothing half-written is left")
+    except (KeyboardInterrupt, click.Abort, Stopped) as error:
+        _say(str(error) or "stopped; nothing half-written is left")
         return 1
     except BrokenPipeError:
         _drop_output()  # whoever read it has gone

@@ -16,161 +16,174 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+from stiffscope.design.outcomes import FEASIBLE
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+
+    from stiffscope.design.outcomes import Outcomes
     from stiffscope.design.study_file import StudyFile, Variable
 
 STARTS = 2  # local searches side by side
 GLOBAL = 0.4  # of an optimum's designs: sampled before the local searches
 FIRST_STEP, LAST_STEP = 0.1, 1e-5  # trust-region radius of a local search, shares of the ranges
 APART = 0.2  # shares of the ranges between the points that local searches start from
-FEASIBLE = 1e-6  # relative violation of a constraint that rounding and the local search may leave
 POPULATION = (8, 40)  # of a generation of NSGA-II, and a tenth of the designs in between
+BLOCK = 1024  # Sobol's points that are drawn at once
 
 Point = tuple[float, ...]
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """What became of a design: objectives to be made small, relative violations of the limits, None where it failed."""
-
-    objectives: tuple[float, ...] | None
-    violations: tuple[float, ...] = ()
-
-    @property
-    def excess(self) -> float:
-        """Largest violation, 0 where all limits hold; infinite for a failed design."""
-        return math.inf if self.objectives is None else max(0.0, *self.violations, 0.0)
-
-    @property
-    def feasible(self) -> bool:
-        """Whether all limits hold."""
-        return self.excess <= FEASIBLE
-
-
 class Evaluate(Protocol):
-    """What makes designs: their outcomes in order, from any thread."""
+    """What makes designs, from any thread."""
 
-    def __call__(self, points: Sequence[Point], origin: str) -> list[Outcome]:
-        """Make designs; ``origin`` says in the table what asked for them."""
+    def __call__(self, points: Iterable[Point], origin: str) -> Outcomes:
+        """Make designs as they are drawn; their outcomes in order. ``origin`` says in the table what asked for them."""
+        ...
+
+    def end(self) -> None:
+        """Make no more, and end what is under way."""
         ...
 
 
-def search(study: StudyFile, evaluate: Evaluate) -> None:
-    """Have all designs of a study made, by its method."""
-    _METHODS[study.method](study, evaluate)
+@dataclass(frozen=True)
+class Ending:
+    """How a search ended: whether it converged, where that can be told, and a line about each of its parts."""
+
+    converged: bool | None = None
+    how: tuple[str, ...] = ()
 
 
-def _grid(study: StudyFile, evaluate: Evaluate) -> None:
+def search(study: StudyFile, evaluate: Evaluate, part: tuple[int, int] = (1, 1)) -> Ending:
+    """Have all designs of a study made, by its method; of a sweep the i-th of n shares, where ``part`` is (i, n)."""
+    if study.method not in SWEEPS:
+        return _SEARCHES[study.method](study, evaluate)
+    origin, draw = SWEEPS[study.method]
+    evaluate(itertools.islice(draw(study), part[0] - 1, None, part[1]), origin)
+    return Ending()
+
+
+def _draw_grid(study: StudyFile) -> Iterator[Point]:
     shares = [[(k + 0.5) / len(v.levels) if v.low is None else k / max(1, len(v.levels) - 1)
                for k in range(len(v.levels))] for v in study.variables]  # fmt: skip
-    evaluate(list(itertools.product(*shares)), "grid")
+    return itertools.product(*shares)
 
 
-def _latin_hypercube(study: StudyFile, evaluate: Evaluate) -> None:
+def _draw_hypercube(study: StudyFile) -> Iterator[Point]:
     from scipy.stats import qmc
 
     sample = qmc.LatinHypercube(len(study.variables), rng=np.random.default_rng(study.seed)).random(study.designs)
-    evaluate(_points(sample), "Latin hypercube")
+    return (tuple(row.tolist()) for row in sample)
 
 
-def _sobol(study: StudyFile, evaluate: Evaluate) -> None:
-    evaluate(_sobol_points(study, study.designs), "Sobol")
-
-
-def _sobol_points(study: StudyFile, count: int) -> list[Point]:
+def _draw_sobol(study: StudyFile, count: int = 0) -> Iterator[Point]:
     from scipy.stats import qmc
 
     points = qmc.Sobol(len(study.variables), rng=np.random.default_rng(study.seed))
-    return _points(points.random_base2(max(0, math.ceil(math.log2(count))))[:count])
+    left = count or study.designs
+    while left > 0:
+        block = points.random(min(BLOCK, 1 << max(0, math.ceil(math.log2(left)))))[:left]
+        yield from map(tuple, block.tolist())
+        left -= len(block)
 
 
-def _points(sample: np.ndarray) -> list[Point]:
-    return [tuple(map(float, row)) for row in sample]
+SWEEPS: dict[str, tuple[str, Callable[[StudyFile], Iterator[Point]]]] = {
+    "grid": ("grid", _draw_grid),
+    "latin-hypercube": ("Latin hypercube", _draw_hypercube),
+    "sobol": ("Sobol", _draw_sobol),
+}
+"""Methods whose designs do not depend on those before: what the table calls them, and what draws their points."""
 
 
-def _optimum(study: StudyFile, evaluate: Evaluate) -> None:
+def _find_optimum(study: StudyFile, evaluate: Evaluate) -> Ending:
     """Sobol's points, then local searches from the best of them, what has no range being held."""
     moved = [k for k, v in enumerate(study.variables) if v.low is not None]
     few = max(2, round(GLOBAL * study.designs)) if moved else study.designs
-    points = _sobol_points(study, few)
+    points = list(_draw_sobol(study, few))
     outcomes = evaluate(points, "Sobol")
-    starts = _starts(points, outcomes, study.variables)
+    starts = _choose_starts(points, outcomes, study.variables)
     left = (study.designs - few) // max(1, len(starts))
     least = 2 * len(moved) + 3  # designs of a local search's first model
-    if not moved or not starts or left < least:
-        return
-    finite = [outcome.objectives[0] for outcome in outcomes if outcome.objectives]
-    scale = float(np.median(np.abs(finite))) or 1.0
-    with ThreadPoolExecutor(len(starts)) as pool:
-        searches = [
-            pool.submit(_refine, points[k], moved, scale, left, _single(evaluate, f"local search {n}"))
-            for n, k in enumerate(starts, 1)
-        ]
-        for each in searches:
-            each.result()
+    if not moved or not starts:
+        return Ending()
+    if left < least:
+        return Ending(False, (f"{left} designs for each local search are too few, which takes {least} at least",))
+    scale = float(np.nanmedian(np.abs(outcomes.objectives[:, 0]))) or 1.0
+
+    def refine(number: int, k: int) -> tuple[tuple[float, float], bool, str]:
+        name = f"local search {number}"
+        best, converged, count = _refine(points[k], moved, scale, left, lambda point: evaluate([point], name))
+        how = f"its steps fell below {LAST_STEP:g} of the ranges" if converged else "its steps were still larger"
+        return best, converged, f"{name}: {how} after {count} designs"
+
+    pool = ThreadPoolExecutor(len(starts))
+    try:
+        ends = [each.result() for each in [pool.submit(refine, n, k) for n, k in enumerate(starts, 1)]]
+    except BaseException:
+        evaluate.end()
+        raise
+    finally:
+        pool.shutdown()
+    return Ending(min(ends)[1], tuple(how for *_, how in ends))
 
 
-def _single(evaluate: Evaluate, origin: str) -> Callable[[Point], Outcome]:
-    return lambda point: evaluate([point], origin)[0]
-
-
-def _starts(points: list[Point], outcomes: list[Outcome], variables: Sequence[Variable]) -> list[int]:
+def _choose_starts(points: list[Point], outcomes: Outcomes, variables: Sequence[Variable]) -> list[int]:
     """The best points that are not near one another; other values of a choice are never near."""
 
-    def rank(k: int) -> tuple[float, float]:
-        excess = outcomes[k].excess if not outcomes[k].feasible else 0.0
-        return excess, (outcomes[k].objectives or (math.inf,))[0]
-
-    def apart(i: int, k: int) -> bool:
+    def far(i: int, k: int) -> bool:
         other = any(
             v.low is None and v.at(a) != v.at(b) for v, a, b in zip(variables, points[i], points[k], strict=True)
         )
         return other or max(abs(a - b) for a, b in zip(points[i], points[k], strict=True)) > APART
 
     chosen: list[int] = []
-    for k in sorted((k for k, outcome in enumerate(outcomes) if outcome.objectives), key=rank):
-        if len(chosen) < STARTS and all(apart(k, i) for i in chosen):
+    excess = np.where(outcomes.feasible, 0.0, outcomes.excess)
+    for k in np.lexsort((outcomes.objectives[:, 0], excess)).tolist():
+        if len(chosen) < STARTS and not outcomes.failed[k] and all(far(k, i) for i in chosen):
             chosen.append(k)
     return chosen
 
 
-def _refine(start: Point, moved: list[int], scale: float, most: int, made: Callable[[Point], Outcome]) -> None:
-    """Search around a point; ``most``: designs."""
+def _refine(
+    start: Point, moved: list[int], scale: float, most: int, make: Callable[[Point], Outcomes]
+) -> tuple[tuple[float, float], bool, int]:
+    """Search around a point with ``most`` designs: the best excess and objective, whether it converged, designs."""
     from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
-    def outcome(x: np.ndarray) -> Outcome:
+    best = (math.inf, math.inf)
+
+    def evaluate(x: np.ndarray) -> Outcomes:
+        nonlocal best
         point = list(start)
         for k, value in zip(moved, np.clip(x, 0.0, 1.0), strict=True):
             point[k] = float(value)
-        return made(tuple(point))
+        found = make(tuple(point))
+        if not found.failed[0]:
+            excess = 0.0 if found.feasible[0] else float(found.excess[0])
+            best = min(best, (excess, float(found.objectives[0, 0])))
+        return found
 
-    def objective(x: np.ndarray) -> float:
-        found = outcome(x).objectives
-        return math.nan if found is None else found[0] / scale
-
-    limits = len(made(start).violations)
-
-    def violations(x: np.ndarray) -> list[float]:
-        found = outcome(x)
-        return [math.nan] * limits if found.objectives is None else list(found.violations)
-
-    constraints: list[Any] = [NonlinearConstraint(violations, -math.inf, 0.0)] if limits else []
+    begin = np.array([start[k] for k in moved])
+    limits = evaluate(begin).violations.shape[1]
+    constraints: list[Any] = []
+    if limits:
+        constraints.append(NonlinearConstraint(lambda x: evaluate(x).violations[0], -math.inf, 0.0))
     options = {
         "maxfev": most,
         "initial_tr_radius": FIRST_STEP,
         "final_tr_radius": LAST_STEP,
         "feasibility_tol": FEASIBLE,
     }
-    begin = np.array([start[k] for k in moved])
-    bounds = Bounds(0.0, 1.0)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a start at a bound, designs that failed
-        minimize(objective, begin, method="COBYQA", bounds=bounds, constraints=constraints, options=options)
+        found = minimize(
+            lambda x: evaluate(x).objectives[0, 0] / scale, begin, method="COBYQA", bounds=Bounds(0.0, 1.0),
+            constraints=constraints, options=options,
+        )  # fmt: skip
+    return best, found.status == 0, int(found.nfev)
 
 
-def _pareto(study: StudyFile, evaluate: Evaluate) -> None:
+def _find_front(study: StudyFile, evaluate: Evaluate) -> Ending:
     """NSGA-II, its first generation Sobol's points; failed designs have no place in a generation."""
     import optuna
 
@@ -188,7 +201,7 @@ def _pareto(study: StudyFile, evaluate: Evaluate) -> None:
     sampler = optuna.samplers.NSGAIISampler(population_size=size, crossover=crossover, seed=study.seed)
     least: Any = ["minimize"] * len(study.goals)
     asked = optuna.create_study(directions=least, sampler=sampler)
-    for point in _sobol_points(study, size):
+    for point in _draw_sobol(study, size):
         asked.enqueue_trial(
             {v.name: share if v.low is not None else min(int(share * len(v.levels)), len(v.levels) - 1)
              for v, share in zip(study.variables, point, strict=True)}
@@ -202,30 +215,15 @@ def _pareto(study: StudyFile, evaluate: Evaluate) -> None:
             )
             for t in trials
         ]
-        for trial, outcome in zip(trials, evaluate(points, f"generation {generation}"), strict=True):
-            if outcome.objectives is None:
+        outcomes = evaluate(points, f"generation {generation}")
+        for k, trial in enumerate(trials):
+            if outcomes.failed[k]:
                 asked.tell(trial, state=optuna.trial.TrialState.FAIL)
             else:
-                for limit, violation in zip(study.limits, outcome.violations, strict=True):
+                for limit, violation in zip(study.limits, outcomes.violations[k].tolist(), strict=True):
                     trial.set_constraint(limit.text, violation - FEASIBLE)
-                asked.tell(trial, list(outcome.objectives))
+                asked.tell(trial, outcomes.objectives[k].tolist())
+    return Ending()
 
 
-_METHODS: dict[str, Callable[[StudyFile, Evaluate], None]] = {
-    "grid": _grid,
-    "latin-hypercube": _latin_hypercube,
-    "sobol": _sobol,
-    "optimum": _optimum,
-    "pareto": _pareto,
-}
-
-
-def front(outcomes: Sequence[Outcome]) -> list[bool]:
-    """Whether each design is feasible and no other feasible one is as good in all objectives and better in one."""
-    some = [k for k, outcome in enumerate(outcomes) if outcome.feasible and outcome.objectives]
-    values = np.array([outcomes[k].objectives for k in some], dtype=float)
-    best = [False] * len(outcomes)
-    for row, k in enumerate(some):
-        better = (values <= values[row]).all(axis=1) & (values < values[row]).any(axis=1)
-        best[k] = not better.any()
-    return best
+_SEARCHES: dict[str, Callable[[StudyFile, Evaluate], Ending]] = {"optimum": _find_optimum, "pareto": _find_front}

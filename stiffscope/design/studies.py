@@ -2,64 +2,62 @@
 
 from __future__ import annotations
 
-import io
+import contextlib
 import math
 import threading
-import time
-from contextlib import contextmanager
+from array import array
+from collections.abc import Sequence
+from concurrent.futures import CancelledError
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
-from stiffscope.design.responses import mass_of_solids, of_modes, quantities
-from stiffscope.design.search import Outcome, Point, front, search
-from stiffscope.design.study_file import StudyFile, Value, load_study
+from stiffscope.design.journal import SUFFIX, Design, Journal, name_study
+from stiffscope.design.making import Makers, open_makers
+from stiffscope.design.outcomes import Outcomes, find_front
+from stiffscope.design.search import SWEEPS, Ending, search
+from stiffscope.design.study_reading import load_study
 from stiffscope.errors import InputError
-from stiffscope.experiments.assembly import assemble_robots
-from stiffscope.experiments.orders import LIBRARIES
-from stiffscope.robot.file.part_sections import StepPart
-from stiffscope.runtime import output
-from stiffscope.runtime.cache import code_version, digest
-from stiffscope.runtime.executor import Here, Shared, WorkerError, work_through, workers
-from stiffscope.runtime.reading import file_digest
-from stiffscope.runtime.workshop import workshop
-from stiffscope.vjm.kinematics import configure
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
-    from concurrent.futures import Future
+    from collections.abc import Iterable, Iterator, Mapping
 
     import pandas as pd
 
+    from stiffscope.design.search import Point
+    from stiffscope.design.study_file import StudyFile, Values
     from stiffscope.robot.file.description import RobotFile
+    from stiffscope.runtime.types import Array, Indices, Progress
 
-    Values = tuple[Value, ...]
-    Report = Callable[[str, float], None]
-
-CODE = ("stiffscope.cad", "stiffscope.fea", "stiffscope.robot", "stiffscope.vjm")
-_ENDED = "its worker ended before it did; the same study makes it again"
-_alone = threading.Lock()  # CAD is one at a time in a process
+WHOLE = (1, 1)
 
 
-@dataclass(frozen=True)
-class Design:
-    """A finished design: values of the variables and of the responses, SI, in the study's order; why it failed.
+@dataclass(frozen=True, eq=False)
+class Designs(Sequence[Design]):
+    """Finished designs, as columns.
 
-    ``again``: whether the same study is to make it again, since it failed for no reason of its own.
+    Attributes
+    ----------
+    values : of the variables, by design.
+    responses : (n, r), NaN where a design failed.
+    reasons : why designs failed, by their index.
+    origins : what of the method asked for each.
     """
 
-    values: Values
-    responses: tuple[float, ...]
-    reason: str = ""
-    seconds: float = 0.0
-    again: bool = False
+    values: list[Values]
+    responses: Array
+    reasons: Mapping[int, str]
+    origins: list[str]
 
+    def __len__(self) -> int:
+        """Count them."""
+        return len(self.values)
 
-if TYPE_CHECKING:
-    Make = Callable[[Sequence[Values]], Iterable[Design]]
+    def __getitem__(self, index: Any) -> Any:
+        """Give one of them."""
+        return Design(self.values[index], tuple(self.responses[index].tolist()), self.reasons.get(index, ""))
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,48 +67,49 @@ class Study:
     Attributes
     ----------
     file : what was asked for.
-    designs : in the order of the method, each once; ``origins``: what of the method asked for it.
+    designs : in the order of the method, each once.
     outcomes : objectives and violations of each.
     best : indexes of the best designs: the optimum, or the Pareto front in the order of the first objective.
+    ending : how the search ended.
     """
 
     file: StudyFile
-    designs: tuple[Design, ...]
-    origins: tuple[str, ...]
-    outcomes: tuple[Outcome, ...]
+    designs: Designs
+    outcomes: Outcomes
     best: tuple[int, ...]
+    ending: Ending
 
     @property
     def table(self) -> pd.DataFrame:
         """A row for each design; SI, units in the names of the columns."""
         import pandas as pd
 
+        designs, count = self.designs, len(self.designs)
         columns: dict[str, Any] = {
-            "design": range(1, len(self.designs) + 1),
-            "from": self.origins,
-            "state": [state(each) for each in self.outcomes],
+            "design": range(1, count + 1),
+            "from": designs.origins,
+            "state": self.outcomes.states,
         }
         for k, v in enumerate(self.file.variables):
-            columns[v.column] = [design.values[k] for design in self.designs]
+            columns[v.column] = [values[k] for values in designs.values]
         for k, response in enumerate(self.file.responses):
-            columns[response.column] = [design.responses[k] for design in self.designs]
-        chosen = set(self.best)
-        columns["best"] = [k in chosen for k in range(len(self.designs))]
-        columns["reason"] = [design.reason for design in self.designs]
+            columns[response.column] = designs.responses[:, k]
+        columns["best"] = np.isin(np.arange(count), self.best)
+        columns["reason"] = [designs.reasons.get(k, "") for k in range(count)]
         return pd.DataFrame(columns)
 
     def robot(self, index: int) -> RobotFile:
         """The robot of a design."""
-        return self.file.design(self.designs[index].values)
-
-
-def state(outcome: Outcome) -> str:
-    """One of "feasible", "infeasible", "failed"."""
-    return "failed" if outcome.objectives is None else "feasible" if outcome.feasible else "infeasible"
+        return self.file.design(self.designs.values[index])
 
 
 def study(
-    path: str | Path, *, folder: str | Path | None = None, workers: int = 0, scheduler: str | None = None
+    path: str | Path,
+    *,
+    folder: str | Path | None = None,
+    workers: int = 0,
+    scheduler: str | None = None,
+    part: tuple[int, int] = WHOLE,
 ) -> Study:
     """Make the designs that a study's file asks for.
 
@@ -125,6 +124,8 @@ def study(
         so that a script needs ``if __name__ == "__main__"``.
     scheduler
         Address of a Dask scheduler whose workers make the designs instead: "tcp://10.0.0.5:8786".
+    part
+        (i, n): of a sweep only the i-th of n shares of the designs; `merge_study` joins them.
 
     Returns
     -------
@@ -137,196 +138,189 @@ def study(
         The file is none, or no scheduler answers.
 
     """
-    return run_study(load_study(path), None if folder is None else Path(folder), workers=workers, scheduler=scheduler)
+    place = None if folder is None else Path(folder)
+    return run_study(load_study(path), place, workers=workers, scheduler=scheduler, part=part)
 
 
 def run_study(
-    file: StudyFile, folder: Path | None, report: Report | None = None, *, workers: int, scheduler: str | None = None
-) -> Study:
+    file: StudyFile, folder: Path | None, report: Progress | None = None, *, workers: int, scheduler: str | None = None,
+    part: tuple[int, int] = WHOLE,
+) -> Study:  # fmt: skip
     """As `study`, of a file that was read; ``report`` is called with the count done and its share."""
-    with _makers(file, workers, scheduler) as made:
-        desk = _Desk(file, folder, made, report or (lambda _stage, _share: None))
-        search(file, desk.evaluate)
-    order = desk.order()
-    designs = [desk.known[values] for values, _ in order]
-    outcomes = [_outcome(file, design) for design in designs]
-    return Study(file, tuple(designs), tuple(origin for _, origin in order), tuple(outcomes), _best(outcomes))
+    check_part(file, part)
+    with (
+        open_makers(file, workers, scheduler) as makers,
+        contextlib.nullcontext() if folder is None else Journal(file, folder) as journal,
+    ):
+        desk = _Desk(file, makers, [] if journal is None else [journal], journal, report, part)
+        return desk.finish(search(file, desk, part))
 
 
-def _best(outcomes: Sequence[Outcome]) -> tuple[int, ...]:
-    some = [k for k, chosen in enumerate(front(outcomes)) if chosen and outcomes[k].objectives]
-    return tuple(sorted(some, key=lambda k: outcomes[k].objectives or ()))
+def merge_study(file: StudyFile, folders: Sequence[Path]) -> Study:
+    """Join the shares of a sweep, from the folders where their designs are stored; nothing is made anew.
+
+    Raises
+    ------
+    InputError
+        A folder holds no share of this study as it is now, or a share is missing.
+
+    """
+    if file.method not in SWEEPS:
+        raise InputError(f"{file.path}: expected a sweep ({', '.join(SWEEPS)}), which has shares, got {file.method}")
+    journals = [Journal(file, folder) for folder in folders]
+    for journal in journals:
+        if not journal.path.is_file():
+            raise InputError(
+                f"{journal.path.parent}: expected designs of {file.path} as it and its robot are now, made by this "
+                "version of stiffscope; got none"
+            )
+
+    def refuse(rows: Iterable[Any]) -> Iterator[Any]:
+        missing = sum(1 for _ in rows)
+        if missing:
+            raise InputError(
+                f"{file.path}: expected shares with all its {file.designs} designs, got none with {missing} of them; "
+                "is a share missing, or not finished?"
+            )
+        yield from ()
+
+    desk = _Desk(file, Makers(refuse, lambda: None), journals, None, None, WHOLE)
+    return desk.finish(search(file, desk))
 
 
-def _outcome(file: StudyFile, design: Design) -> Outcome:
-    if design.reason:
-        return Outcome(None)
-    found = {response.name: value for response, value in zip(file.responses, design.responses, strict=True)}
-    objectives = tuple(goal.sign * found[goal.response] for goal in file.goals)
-    return Outcome(objectives, tuple(limit.violation(found[limit.response]) for limit in file.limits))
+def check_part(file: StudyFile, part: tuple[int, int]) -> None:
+    """Refuse a share that is none, and shares of a method that looks at the designs before."""
+    number, count = part
+    if not 1 <= number <= count:
+        raise InputError(f"--part: expected I/N with I from 1 to N such as 3/20, got {number}/{count}")
+    if count > file.designs:
+        raise InputError(f"--part: expected at most as many shares as designs, {file.designs}, got {count}")
+    if count > 1 and file.method not in SWEEPS:
+        raise InputError(
+            f"--part: expected a sweep ({', '.join(SWEEPS)}), got {file.path} with {file.method}, "
+            "which looks at all designs before the next; --scheduler has its designs made on several machines"
+        )
+
+
+def find_study(folders: Sequence[Path]) -> Path:
+    """Find the study's file that folders of designs are of, by what their journals say."""
+    for folder in folders:
+        if not folder.is_dir():
+            raise InputError(f"{folder.parent}: expected the output folder of a share, got none with {folder.name}")
+        named = [name_study(each) for each in sorted(folder.glob(f"*{SUFFIX}"))]
+        for path in filter(None, named):
+            if Path(path).is_file():
+                return Path(path)
+    raise InputError(
+        "expected the study's file where it was when its shares were made; give it: study merge STUDY.toml DIR..."
+    )
 
 
 class _Desk:
     """Designs by their values: those stored before, and those made now, stored at once. Used from several threads."""
 
-    def __init__(self, file: StudyFile, folder: Path | None, made: Make, report: Report) -> None:
-        self.file, self.folder, self.made, self.report = file, folder, made, report
-        self.known: dict[Values, Design] = {}
-        self.asked: dict[str, list[Values]] = {}
+    def __init__(
+        self, file: StudyFile, makers: Makers, stored: Sequence[Journal], journal: Journal | None,
+        report: Progress | None, part: tuple[int, int],
+    ) -> None:  # fmt: skip
+        self.file, self.makers, self.journal, self.report = file, makers, journal, report
+        self.total = len(range(part[0] - 1, file.designs, part[1]))
+        self.rows: dict[Values, int] = {}
+        self.found = array("d")  # responses, row after row
+        self.finished = bytearray()
+        self.reasons: dict[int, str] = {}
+        self.asked: dict[str, array[int]] = {}
         self.lock = threading.Lock()
-        self.identity = _identity(file)
+        self.ended = False
+        self.done = 0
+        for design in (each for source in stored for each in source.read()):
+            self._keep(self._find_row(design.values), design)
 
-    def evaluate(self, points: Sequence[Point], origin: str) -> list[Outcome]:
-        """Outcomes of points of the unit cube, in order."""
-        values = [tuple(v.at(share) for v, share in zip(self.file.variables, p, strict=True)) for p in points]
-        with self.lock:
-            self.asked.setdefault(origin, []).extend(values)
-            missing = [each for each in dict.fromkeys(values) if each not in self.known and not self._take(each)]
-        for design in self.made(missing) if missing else ():
-            self._keep(design)
-        self._tell()
-        return [_outcome(self.file, self.known[each]) for each in values]
+    def __call__(self, points: Iterable[Point], origin: str) -> Outcomes:
+        """Outcomes of points of the unit cube, in order, drawn as they are needed."""
+        rows = array("q")
+        self.asked.setdefault(origin, array("q"))
 
-    def order(self) -> list[tuple[Values, str]]:
-        """Values of every design that was asked for, and what asked for it first, in the method's order."""
-        first: dict[Values, str] = {}
-        for origin in sorted(self.asked, key=_origin_rank):
-            for values in self.asked[origin]:
-                first.setdefault(values, origin)
-        return list(first.items())
+        def missing() -> Iterator[tuple[int, Values]]:
+            for point in points:
+                if self.ended:
+                    raise CancelledError
+                values = tuple(v.at(share) for v, share in zip(self.file.variables, point, strict=True))
+                with self.lock:
+                    row = self._find_row(values)
+                    self.asked[origin].append(row)
+                rows.append(row)
+                if not self.finished[row]:
+                    yield row, values
+                else:
+                    self._count()
 
-    def _tell(self) -> None:
-        done, total = len(self.known), self.file.designs
-        self.report(f"designs, {done} of {total}", done / total)
+        for row, design in self.makers.make(missing()):
+            if self.journal is not None and not design.again:
+                self.journal.add(design)
+            with self.lock:
+                self._keep(row, design)
+            self._count()
+        return self._judge(np.array(rows, dtype=np.int64))
 
-    def _keep(self, design: Design) -> None:
-        if self.folder is not None and not design.again:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            output.write_bytes(self.folder / self._name(design.values), _parquet(self.file, design))
-        with self.lock:
-            self.known[design.values] = design
-        self._tell()
+    def end(self) -> None:
+        """Make no more, and end what is under way."""
+        self.ended = True
+        self.makers.end()
 
-    def _name(self, values: Values) -> str:
-        return f"{digest({'study': self.identity, 'values': values})[:32]}.parquet"
+    def _find_row(self, values: Values) -> int:
+        row = self.rows.setdefault(values, len(self.rows))
+        if row == len(self.finished):
+            self.finished.append(0)
+            self.found.extend([math.nan] * len(self.file.responses))
+        return row
 
-    def _take(self, values: Values) -> bool:
-        """Take a design that was stored before. What is no such file is made again."""
-        if self.folder is None or not (path := self.folder / self._name(values)).is_file():
-            return False
-        import pandas as pd
+    def _keep(self, row: int, design: Design) -> None:
+        count = len(self.file.responses)
+        self.found[row * count : (row + 1) * count] = array("d", design.responses)
+        self.finished[row] = 1
+        if design.reason:
+            self.reasons[row] = design.reason
 
-        try:
-            row = pd.read_parquet(path).iloc[0]
-            found = tuple(float(row[response.column]) for response in self.file.responses)
-            self.known[values] = Design(values, found, str(row["reason"]), float(row["seconds"]))
-        except (OSError, ValueError, KeyError, IndexError):
-            return False
-        return True
+    def _count(self) -> None:
+        self.done += 1
+        if self.report is not None:
+            self.report(f"designs, {min(self.done, self.total)} of {self.total}", self.done / self.total)
+
+    def _judge(self, rows: Indices) -> Outcomes:
+        found = self._responses(rows)
+        names = [response.name for response in self.file.responses]
+        failed = np.array([int(row) in self.reasons for row in rows], dtype=bool)
+        goals = [goal.sign * found[:, names.index(goal.response)] for goal in self.file.goals]
+        limits = [limit.violation(found[:, names.index(limit.response)]) for limit in self.file.limits]
+        none = np.zeros((len(rows), 0))
+        return Outcomes(np.column_stack([none, *goals]), np.column_stack([none, *limits]), failed)
+
+    def _responses(self, rows: Indices) -> Array:
+        count = len(self.file.responses)
+        with self.lock:  # what is looked at cannot grow
+            return np.frombuffer(self.found).reshape(-1, count)[rows] if len(rows) else np.zeros((0, count))
+
+    def finish(self, ending: Ending) -> Study:
+        """Give the finished study, its designs in the method's order."""
+        asked = sorted(self.asked.items(), key=lambda each: _rank_origin(each[0]))
+        words = [origin for origin, _ in asked]
+        every = np.concatenate([np.zeros(0, dtype=np.int64), *(np.array(rows, dtype=np.int64) for _, rows in asked)])
+        codes = np.repeat(np.arange(len(asked)), [len(rows) for _, rows in asked])
+        first = np.sort(np.unique(every, return_index=True)[1])
+        rows = every[first]
+        values = list(self.rows)
+        designs = Designs(
+            [values[row] for row in rows],
+            self._responses(rows),
+            {k: self.reasons[row] for k, row in enumerate(rows.tolist()) if row in self.reasons},
+            [words[code] for code in codes[first]],
+        )
+        outcomes = self._judge(rows)
+        return Study(self.file, designs, outcomes, tuple(find_front(outcomes).tolist()), ending)
 
 
-def _origin_rank(origin: str) -> tuple[bool, int]:
+def _rank_origin(origin: str) -> tuple[bool, int]:
     """Local searches run side by side: they come after what they start from, by their number."""
     word, _, number = origin.rpartition(" ")
     return (True, int(number)) if word and number.isdigit() else (False, 0)
-
-
-def _identity(file: StudyFile) -> str:
-    """What designs depend on but for their values: the robot, the responses and the code."""
-    source = file.robot.source
-    responses = [
-        {
-            "of": r.expression.text,
-            "unit": r.unit,
-            "name": r.name,
-            "take": r.take,
-            "poses": [file.poses[k] for k in r.poses],
-        }
-        for r in file.responses
-    ]
-    solids = {
-        name: file_digest(source.path.parent / part.file)
-        for name, part in file.robot.parts.items()
-        if isinstance(part, StepPart)
-    }
-    return digest(
-        {
-            "robot": source.text, "set": source.overrides, "solids": solids,
-            "components": file.components, "tolerance": file.tolerance,
-            "variables": [v.name for v in file.variables], "responses": responses,
-            "code": code_version(CODE, LIBRARIES),
-        }
-    )  # fmt: skip
-
-
-def _parquet(file: StudyFile, design: Design) -> bytes:
-    import pandas as pd
-
-    row: dict[str, Any] = {
-        f"{v.name} [{v.unit}]": value for v, value in zip(file.variables, design.values, strict=True)
-    }
-    row |= {response.column: value for response, value in zip(file.responses, design.responses, strict=True)}
-    out = io.BytesIO()
-    pd.DataFrame([{**row, "reason": design.reason, "seconds": design.seconds}]).to_parquet(out, index=False)
-    return out.getvalue()
-
-
-@contextmanager
-def _makers(file: StudyFile, count: int, scheduler: str | None) -> Iterator[Make]:
-    """What makes designs: this process, or others."""
-    known = Shared(file)
-    here = not count and scheduler is None
-    with Here() if here else workers(scheduler, min(count, file.designs)) as executor:
-
-        def made(missing: Iterable[Values]) -> Iterator[Design]:
-            for values, future in work_through(executor, _make, ((each, (known, each)) for each in missing)):
-                yield _answer(values, future, len(file.responses))
-
-        yield made
-
-
-def _make(file: Shared, values: Values) -> Design:
-    return make_design(file.value, values)
-
-
-def _answer(values: Values, future: Future[Design], count: int) -> Design:
-    error = future.exception()
-    if error is None:
-        return future.result()
-    if isinstance(error, WorkerError) or type(error).__name__ == "KilledWorker":
-        return Design(values, (math.nan,) * count, _ENDED, again=True)
-    raise error
-
-
-def make_design(file: StudyFile, values: Values) -> Design:
-    """Make a design: read the robot with its values, test its parts, compute its responses. May run on any machine.
-
-    Whatever goes wrong is the design's reason: one that cannot be is not to end the others.
-    """
-    begun, again = time.perf_counter(), False
-    with _alone, threadpool_limits(1):  # sums in one order, whatever the machine's threads
-        try:
-            found, reason = _responses(file, values), ""
-        except InputError as error:
-            found, reason = (math.nan,) * len(file.responses), str(error)
-        except Exception as error:  # noqa: BLE001
-            found, reason, again = (math.nan,) * len(file.responses), f"{type(error).__name__}: {error}", True
-    return Design(values, found, " ".join(reason.split()), time.perf_counter() - begun, again)
-
-
-def _responses(file: StudyFile, values: Values) -> tuple[float, ...]:
-    robot = file.design(values)
-    names = dict.fromkeys(name for response in file.responses for name in response.expression.names)
-    with workshop() as shop:
-        whole = any(of_modes(name) for name in names)
-        made = assemble_robots({"design": robot}, file.components, shop, whole=whole)["design"]
-        found = configure(made.mechanism, file.poses_of(robot)).require_valid()
-        mass = mass_of_solids(robot, file.components, made.results) if "mass" in names else 0.0
-        known = quantities(names, made.mechanism, found, made.matrices, mass)
-    answers = tuple(response.value(known) for response in file.responses)
-    for response, value in zip(file.responses, answers, strict=True):
-        if not np.isfinite(value):
-            raise InputError(
-                f"{response.name}: expected a finite value, got none: the tool moves freely, or has no mode"
-            )
-    return answers

@@ -1,106 +1,26 @@
-"""A study's file: a robot, the ranges of its parameters, what is computed of every design, what is wanted of it."""
+"""A study as its file describes it: a robot, its variables, their responses, limits and goals."""
 
 from __future__ import annotations
 
 import json
-import re
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import field_validator
 
-from stiffscope.design.responses import Response, known_units, measured_dimension, worst_of
-from stiffscope.errors import InputError
-from stiffscope.robot.file import quantities as q
-from stiffscope.robot.file.expressions import parse
-from stiffscope.robot.file.parse import FieldError, Source, parse_text
-from stiffscope.robot.file.tables import one_of, read_table, unknown_key
-from stiffscope.robot.file.values import Reads, Says, Section, any_quantity, unit_of, whole
-from stiffscope.robot.inspection import configured_poses, rigid_mechanism
-from stiffscope.robot.library import robot_names
-from stiffscope.robot.parameters import parameters
-from stiffscope.robot.reader import load_robot, pose_of, read_robot
-from stiffscope.runtime import reading
+from stiffscope.robot.reader import read_robot
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+    from pathlib import Path
 
+    from stiffscope.design.responses import Response
     from stiffscope.robot.file.description import RobotFile
-    from stiffscope.robot.file.positions import Key
+    from stiffscope.runtime.types import Array
 
-Method = Literal["grid", "latin-hypercube", "sobol", "optimum", "pareto"]
 Value = float | str
+Values = tuple[Value, ...]
 Pose = str | tuple[float, ...]
-DESIGNS = {"latin-hypercube": 64, "sobol": 64, "optimum": 120, "pareto": 400}
-MOST_DESIGNS = 1_000_000
-_NAME = re.compile(r"[^\W\d]\w*")
-_LIMIT = re.compile(r"\s*([^\W\d]\w*)\s*(<=|>=)\s*(.+?)\s*")
-_RANGE = 'a range such as ["15 mm", "40 mm"]'
-
-
-def _texts(value: Any) -> Any:
-    return [value] if isinstance(value, str) else value
-
-
-def _count(value: Any) -> int:
-    if not 1 <= whole(value) <= MOST_DESIGNS:
-        raise ValueError(f"expected 1 to {MOST_DESIGNS}, got {value}")
-    return whole(value)
-
-
-Texts = Annotated[tuple[str, ...], Reads(_texts, says="texts in a list")]
-Number = Annotated[int, Reads(_count, says="a whole number above 0")]
-
-
-class StudySection(Section):
-    """The file's top level. `minimize` and `maximize` name responses; a sweep needs neither."""
-
-    robot: Annotated[str, Says("a robot file, seen from the study's folder, or the name of a robot that comes along")]
-    components: Literal["fea", "beam", "published"] | None = None
-    set: Texts = ()
-    tolerance: Annotated[str | None, Says("error bar of the parts' matrices, as `--tolerance` takes it")] = None
-    method: Method
-    designs: Annotated[int | None, Reads(lambda value: value and _count(value), says="how many at most")] = None
-    seed: Annotated[int, Reads(whole, says="a whole number")] = 1
-    parameters: Annotated[dict[str, Any], Says('a table such as "slider.thickness" = ["15 mm", "40 mm"]')]
-    responses: Annotated[dict[str, Any], Says('a table such as stiffness = "K_tx"')]
-    constraints: Annotated[Texts, Says('texts such as "mass <= 3 kg"')] = ()
-    minimize: Texts = ()
-    maximize: Texts = ()
-
-
-class RangeSection(Section):
-    """A parameter as a table: a range, with the points that a grid takes of it, or the values that it may have."""
-
-    range: Annotated[list[Any] | None, Says(_RANGE)] = None
-    steps: Number = 5
-    values: Annotated[list[Any] | None, Says('values such as [0, 2, 4] or ["steel", "titanium"]')] = None
-
-    @field_validator("values")
-    @classmethod
-    def _some(cls, value: list[Any] | None) -> list[Any] | None:
-        if value is not None and not value:
-            raise ValueError("expected one value at least, got []")
-        return value
-
-
-class ResponseSection(Section):
-    """A response as a table; as a text alone it is `of` that, worst over the named poses."""
-
-    of: Annotated[str, Says('an expression over quantities such as "K_tx" or "K_tx/mass"')]
-    at: Annotated[Any, Says('poses by name or numbers in a list, or "map": a grid of the robot file\'s [map]')] = None
-    points: Annotated[Number, Says("points of that grid along either coordinate")] = 5
-    take: Literal["least", "greatest", "mean"] | None = None
-    unit: Annotated[str | None, Says('SI unit, for expressions of several quantities: "N/m/kg"')] = None
-
-
-SECTIONS = (
-    ("the top level", StudySection),
-    ("[parameters], NAME.KEY = a range, or a table", RangeSection),
-    ("[responses], NAME = an expression, or a table", ResponseSection),
-)
 
 
 @dataclass(frozen=True)
@@ -126,19 +46,20 @@ class Variable:
         """Its value at a share from 0 to 1 of its range or of its values."""
         if self.low is None or self.high is None:
             return self.levels[min(int(share * len(self.levels)), len(self.levels) - 1)]
-        return _short(self.low + share * (self.high - self.low))
+        return round_off(self.low + share * (self.high - self.low))
 
     def overrides(self, value: Value) -> tuple[str, ...]:
         """What sets it, as `--set` takes it."""
-        return (*self.also, _override(self.name, value))
+        return (*self.also, write_override(self.name, value))
 
 
-def _short(value: float) -> float:
-    """A number that a robot file shows well: as good as exact, twelve digits."""
+def round_off(value: float) -> float:
+    """Round a number to the twelve digits that a robot file shows well."""
     return float(f"{value:.12g}")
 
 
-def _override(name: str, value: Any) -> str:
+def write_override(name: str, value: Any) -> str:
+    """Write a value as `--set` takes it."""
     return f"{name}={json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)}"
 
 
@@ -151,8 +72,8 @@ class Limit:
     value: float
     text: str
 
-    def violation(self, found: float) -> float:
-        """By how much a response exceeds it, as a share of it; negative where it does not."""
+    def violation(self, found: Array) -> Array:
+        """By how much a response (n,) exceeds it, as a share of it; negative where it does not."""
         sign = 1.0 if self.at_most else -1.0
         return sign * (found - self.value) / (abs(self.value) or 1.0)
 
@@ -194,257 +115,3 @@ class StudyFile:
         changes = [text for v, value in zip(self.variables, values, strict=True) for text in v.overrides(value)]
         source = self.robot.source
         return read_robot(source.path, source.text, [*source.overrides, *changes], self.tolerance)
-
-
-def load_study(path: str | Path) -> StudyFile:
-    """Load and check a study's file.
-
-    Parameters
-    ----------
-    path
-        A TOML file; the robot it names is sought from its folder.
-
-    Raises
-    ------
-    InputError
-        One line that names the file, the line, the field, what was expected and what was found.
-
-    """
-    path = Path(path)
-    source = Source(path, reading.read_text(path, "a study's file in TOML"))
-    try:
-        return _read(read_table(StudySection, _known(parse_text(path, source.text, "a study's file")), ()), source)
-    except FieldError as error:
-        raise source.refuse(error.key, str(error)) from error
-
-
-def _known(data: dict[str, Any]) -> dict[str, Any]:
-    for key in data:
-        if key not in StudySection.model_fields:
-            raise FieldError((key,), unknown_key(key, tuple(StudySection.model_fields)))
-    return data
-
-
-def _read(top: StudySection, source: Source) -> StudyFile:
-    robot = _robot(top, source.path)
-    given = _named(top.parameters, ("parameters",), RangeSection)
-    variables = tuple(_variable(key, name, each, robot, top) for key, name, each in given)
-    poses: dict[Pose, int] = {}
-    wanted = _named(top.responses, ("responses",), ResponseSection)
-    responses = tuple(_response(key, name, each, robot, poses) for key, name, each in wanted)
-    units = {response.name: response.unit for response in responses}
-    for key, name, _ in wanted:
-        if not _NAME.fullmatch(name):
-            raise FieldError(key, f'expected a name of letters, digits and _, got "{name}"')
-    limits = tuple(_limit(text, k, units) for k, text in enumerate(top.constraints))
-    return StudyFile(
-        source.path, robot, top.components, top.tolerance, top.method, _designs(top, variables), top.seed, variables,
-        responses, limits, _goals(top, units), tuple(poses),
-    )  # fmt: skip
-
-
-def _named(table: dict[str, Any], key: Key, model: type[Section]) -> list[tuple[Key, str, Any]]:
-    """Key, name and value of a table's entries; the dots of a name may be TOML's: slider.thickness = …."""
-    found: list[tuple[Key, str, Any]] = []
-
-    def walk(inner: Key, name: str, value: Any) -> None:
-        if isinstance(value, dict) and value and not set(model.model_fields) & set(value):
-            for word, each in value.items():
-                walk((*inner, word), f"{name}.{word}" if name else word, each)
-        else:
-            found.append((inner, name, value))
-
-    walk(key, "", table)
-    if not table:
-        raise FieldError(key, "expected one entry at least, got none")
-    return found
-
-
-def _robot(top: StudySection, path: Path) -> RobotFile:
-    beside = path.parent / top.robot
-    name = top.robot if top.robot in robot_names() and not beside.is_file() else beside
-    try:
-        robot = load_robot(name, top.set, top.tolerance)
-    except InputError as error:
-        if str(error).startswith(f"{name}:") and not isinstance(name, str) and beside.is_file():
-            raise  # it names a line of the robot file
-        raise FieldError(("robot",) if not str(error).startswith("--") else ("set",), str(error)) from error
-    return robot
-
-
-def _variable(key: Key, name: str, given: Any, robot: RobotFile, top: StudySection) -> Variable:
-    table = given if isinstance(given, dict) else {"range": given}
-    found = read_table(RangeSection, table, key)
-    if (found.range is None) == (found.values is None):
-        raise FieldError(key, f"expected {_RANGE}, or a table with range or values, got {q.shown(given)}")
-    known = {each.name: each for each in parameters(robot, top.components)}
-    also = known[name].also if name in known else ()
-    texts = found.range if found.values is None else found.values
-    if found.values is None and (not isinstance(texts, list) or len(texts) != 2):
-        raise FieldError(key, f"expected {_RANGE}, two ends, got {q.shown(texts)}")
-    _check_takes(name, texts or [], robot, also, key)
-    unit = known[name].unit if name in known else unit_of((texts or [""])[0])
-    if found.values is not None:
-        return Variable(name, unit, tuple(_value(each, key) for each in found.values), also=also)
-    low, high = (_number(each, key) for each in texts or [])
-    if any(isinstance(each, str) and unit_of(each) != unit for each in texts or []):
-        raise FieldError(key, f"expected {_RANGE}, both ends in {unit}, got {q.shown(texts)}")
-    if not low < high:
-        raise FieldError(key, f"expected {_RANGE}, the lower end first, got {q.shown(texts)}")
-    levels = tuple(_short(float(each)) for each in np.linspace(low, high, found.steps))
-    return Variable(name, unit, levels, low, high, also)
-
-
-def _number(value: Any, key: Key) -> float:
-    try:
-        return float(any_quantity(value))
-    except ValueError as error:
-        raise FieldError(key, str(error)) from error
-
-
-def _value(value: Any, key: Key) -> Value:
-    """A whole number stays one; a text with a unit is SI, any other stays a text."""
-    if isinstance(value, int) and not isinstance(value, bool):
-        return value
-    try:
-        return float(any_quantity(value))
-    except ValueError as error:
-        if isinstance(value, str):
-            return value
-        raise FieldError(key, str(error)) from error
-
-
-def _check_takes(name: str, texts: list[Any], robot: RobotFile, also: tuple[str, ...], key: Key) -> None:
-    """Refuse a name or values of which none makes a robot; some that make none are failed designs later."""
-    first: FieldError | None = None
-    source = robot.source
-    for value in texts:
-        text = _override(name, value)
-        try:
-            made = read_robot(source.path, source.text, [*source.overrides, *also, text])
-        except InputError as error:
-            first = first or FieldError(key, str(error).removeprefix(f"--set {text}: "))
-            continue
-        changed = [each for each in made.source.changed if each not in source.changed]
-        copied = [each[1] for each in changed if len(each) > 1 and each[1] in made.copied]
-        if copied:
-            raise FieldError(key, f'expected what the robot file writes, got "{copied[0]}", a copy: vary its original')
-        return
-    if first is not None:
-        raise first
-
-
-def _response(key: Key, name: str, given: Any, robot: RobotFile, poses: dict[Pose, int]) -> Response:
-    found = read_table(ResponseSection, {"of": given} if isinstance(given, str) else given, key)
-    where = (*key, "of") if isinstance(given, dict) else key
-    units = known_units(robot)
-    try:
-        expression = parse(found.of)
-        for each in expression.names:
-            one_of(each, units, "a quantity")
-    except ValueError as error:
-        raise FieldError(where, str(error)) from error
-    alone = expression.text if expression.text in units else None
-    unit, take = (units[alone] if alone else found.unit), found.take or (worst_of(alone) if alone else None)
-    if unit is None:
-        raise FieldError((*key, "unit"), 'expected the SI unit of the expression such as "N/m/kg", got nothing')
-    given, measured = q.exponents_of(unit), measured_dimension(expression, units)
-    if unit != "1" and given is not None and measured is not None and not np.allclose(given, measured):
-        powers = " ".join(f"{base}^{power:g}" for base, power in zip(("m", "kg", "s"), measured, strict=True) if power)
-        message = f'expected a unit of {powers or "a plain number"}, which {expression.text} measures, got "{unit}"'
-        raise FieldError((*key, "unit"), message)
-    at = [poses.setdefault(pose, len(poses)) for pose in _poses(found, robot, key)]
-    if take is None and len(at) > 1:
-        raise FieldError((*key, "take"), "expected least, greatest or mean: which of several poses counts, got nothing")
-    return Response(name, expression, unit, tuple(at), take or "least")
-
-
-def _poses(found: ResponseSection, robot: RobotFile, key: Key) -> list[Pose]:
-    where = (*key, "at")
-    if found.at == "map":
-        return _grid(robot, found.points, where)
-    names = [found.at] if isinstance(found.at, str) else list(robot.poses) if found.at is None else found.at
-    if not isinstance(names, list) or not names:
-        raise FieldError(where, f'expected names of poses, numbers in a list, or "map", got {q.shown(found.at)}')
-    chosen = [names] if not isinstance(names[0], list) and names[0] not in robot.poses else names
-    out: list[Pose] = []
-    for each in names if isinstance(found.at, str) else chosen:
-        try:
-            out.append(pose_of(robot, each) if isinstance(each, list) else one_of(each, robot.poses, "a pose"))
-        except (InputError, ValueError) as error:
-            raise FieldError(where, str(error).removeprefix("--at: ")) from error
-    numbers = [robot.poses[each] if isinstance(each, str) else each for each in out]
-    configurations = configured_poses(robot, rigid_mechanism(robot), numbers)
-    for index, valid in enumerate(configurations.valid):
-        if not valid:
-            raise FieldError(where, configurations.reason(index))
-    return out
-
-
-def _grid(robot: RobotFile, points: int, where: Key) -> list[Pose]:
-    """Points of the map that the robot reaches as its file has it; a design that does not reach them all fails."""
-    if robot.map is None:
-        raise FieldError(where, f"expected a pose: {robot.path} has no [map], got map")
-    mechanism = rigid_mechanism(robot)
-    ranges = robot.map.ranges()
-    mesh = np.meshgrid(*(np.linspace(*ends, points) for ends in ranges.values()), indexing="ij")
-    base = mechanism.tool.home if robot.map.at is None else np.array(robot.map.at, dtype=float)
-    grid = np.tile(base, (mesh[0].size, 1))
-    grid[:, [robot.tool.pose.index(name) for name in ranges]] = np.stack(mesh, axis=-1).reshape(-1, len(ranges))
-    reached = grid[configured_poses(robot, mechanism, grid).valid]
-    if not len(reached):
-        raise FieldError(where, "expected a map with points within reach, got none")
-    return [tuple(map(float, pose)) for pose in reached]
-
-
-def _limit(text: str, number: int, units: dict[str, str]) -> Limit:
-    key: Key = ("constraints", number)
-    match = _LIMIT.fullmatch(text)
-    if match is None:
-        raise FieldError(key, f'expected RESPONSE <= VALUE or RESPONSE >= VALUE such as "mass <= 3 kg", got "{text}"')
-    name, relation, value = match.groups()
-    _check_response(name, units, key)
-    try:
-        bare = float(value)
-    except ValueError:
-        bare = None
-    unit = units[name]
-    try:
-        dimension = q.Dimension(f"a value of {name}", "" if unit == "1" else unit, f"3 {unit}")
-        si = q.to_si(value if bare is None else bare, dimension, sign="any")
-    except ValueError as error:
-        raise FieldError(key, str(error)) from error
-    return Limit(name, relation == "<=", si, text)
-
-
-def _goals(top: StudySection, units: dict[str, str]) -> tuple[Goal, ...]:
-    found = []
-    for word, sign in (("minimize", 1.0), ("maximize", -1.0)):
-        for number, name in enumerate(getattr(top, word)):
-            _check_response(name, units, (word, number))
-            found.append(Goal(name, sign))
-    if top.method == "optimum" and len(found) != 1:
-        raise FieldError(("method",), f"expected one response to minimize or maximize for an optimum, got {len(found)}")
-    if top.method == "pareto" and len(found) < 2:
-        raise FieldError(("method",), f"expected two or more to minimize and maximize for pareto, got {len(found)}")
-    return tuple(found)
-
-
-def _check_response(name: str, units: dict[str, str], key: Key) -> None:
-    try:
-        one_of(name, units, "a response")
-    except ValueError as error:
-        raise FieldError(key, str(error)) from error
-
-
-def _designs(top: StudySection, variables: tuple[Variable, ...]) -> int:
-    if top.method != "grid":
-        return top.designs or DESIGNS[top.method]
-    if top.designs is not None:
-        raise FieldError(("designs",), "expected none for a grid, whose ranges have steps and values")
-    count = 1
-    for variable in variables:
-        count *= len(variable.levels)
-    if count > MOST_DESIGNS:
-        raise FieldError(("method",), f"expected a grid of at most {MOST_DESIGNS} designs, got {count}")
-    return count

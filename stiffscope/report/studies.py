@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
+from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.design.studies import state
+from stiffscope.design.verdicts import find_bounds, find_nearest, judge_convergence
 from stiffscope.report import page
 from stiffscope.report.figures import AFTER, BEFORE, EFFECT, NOISE, new_figure, save_figures
 from stiffscope.report.page import Section
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 TABLE = "designs"
 MOST_ROWS = 20  # of the best that are shown; the table has all
+MOST_DRAWN = 2000  # designs in a picture, and all of the best
 COLOURS = {"feasible": AFTER, "infeasible": NOISE, "failed": NOISE}
 CAPTIONS = {
     "pareto": "Objectives of all designs; the best are joined by a line",
@@ -61,12 +62,19 @@ def write_study_page(study: Study, folder: Path, shown: Sequence[Shown]) -> None
 def study_json(study: Study) -> dict[str, Any]:
     """What scripts read of a study: a row for each design, SI, null for what a failed design has not."""
     table = study.table
+    nearest, (converged, how) = find_nearest(study), judge_convergence(study)
     return {
         "study": study.file.path,
         "method": study.file.method,
         "columns": list(table.columns),
         "rows": [[_plain(value) for value in row] for row in table.itertuples(index=False)],
         "best": [k + 1 for k in study.best],
+        "converged": converged,
+        "search": list(how),
+        "bounds": [
+            {"parameter": each.variable.name, "end": each.end, "designs": each.count} for each in find_bounds(study)
+        ],
+        "nearest": nearest and {"design": nearest.design + 1, "constraint": nearest.limit.text, "value": nearest.found},
     }
 
 
@@ -75,23 +83,55 @@ def _plain(value: Any) -> Any:
 
 
 def show_study(study: Study) -> None:
-    """The best designs, how many are feasible, and why others failed."""
+    """The best designs, how many are feasible, why others failed, and what is to be said of the search."""
     file = study.file
-    states = [state(outcome) for outcome in study.outcomes]
-    counts = ", ".join(f"{states.count(word)} {word}" for word in COLOURS if word in states)
-    rows = [_row(study, k) for k in (study.best or range(len(study.designs)))[:MOST_ROWS]]
+    states = Counter(study.outcomes.states.tolist())
+    counts = ", ".join(f"{states[word]} {word}" for word in COLOURS if word in states)
+    nearest = find_nearest(study)
+    chosen = study.best or ([nearest.design] if nearest else range(len(study.designs)))
+    rows = [_row(study, k) for k in chosen[:MOST_ROWS]]
     groups = [("design",), tuple(v.name for v in file.variables), tuple(r.name for r in file.responses)]
     goals = ", ".join(f"{'least' if goal.sign > 0 else 'greatest'} {goal.response}" for goal in file.goals)
-    what = f"Best designs ({goals})" if study.best and goals else "Designs"
+    what = f"Best designs ({goals})" if study.best and goals else "Nearest design" if nearest else "Designs"
     limits = f" with {', '.join(limit.text for limit in file.limits)}" if file.limits else ""
     show_table(f"{what}{limits}", groups, rows)
-    more = len(study.best or study.designs) - MOST_ROWS
+    more = len(chosen) - MOST_ROWS
     if more > 0:
         show_line(f"  {more} more in {TABLE}.csv")
     show_line(f"  {len(study.designs)} designs: {counts}")
-    reasons = [design.reason for design in study.designs if design.reason]
-    for reason in list(dict.fromkeys(reasons))[:3]:
-        show_line(f"  failed: {reason}")
+    for line in _describe_search(study):
+        show_line(f"  {line}")
+    for reason, count in Counter(study.designs.reasons.values()).most_common(3):
+        show_line(f"  failed{f' ({count})' if count > 1 else ''}: {reason}")
+
+
+def _describe_search(study: Study) -> list[str]:
+    """Lines: why nothing is feasible, whether the search converged, which parameters ended on a bound."""
+    lines: list[str] = []
+    nearest, (converged, how) = find_nearest(study), judge_convergence(study)
+    if nearest is not None:
+        unit = next(r.unit for r in study.file.responses if r.name == nearest.limit.response)
+        found = quantity(float(f"{nearest.found:.4g}"), unit)
+        lines.append(
+            f"No design is feasible: the nearest, design {nearest.design + 1}, has {nearest.limit.response} {found}, "
+            f"wanted {nearest.limit.text}"
+        )
+        made = int((~study.outcomes.failed).sum())
+        lines += [
+            f"{limit.text}: met by {count or 'none'} of {made} designs"
+            for limit, count in zip(study.file.limits, nearest.met, strict=True)
+        ]
+    elif len(study.designs) and study.outcomes.failed.all():
+        lines.append("No design is feasible: all failed")
+    if how:
+        word = "the search converged" if converged else "the search did not converge: give it more designs"
+        lines.append(f"{word} ({'; '.join(how)})")
+    for each in find_bounds(study):
+        value = each.variable.low if each.end == "lower" else each.variable.high
+        shown = quantity(value, each.variable.unit) if value is not None else ""
+        which = "the best design" if len(study.best) == 1 else f"{each.count} of {len(study.best)} best designs"
+        lines.append(f"{each.variable.name} of {which} is at its {each.end} bound, {shown}: a wider range may gain")
+    return lines
 
 
 def _row(study: Study, index: int) -> list[str]:
@@ -104,6 +144,13 @@ def _row(study: Study, index: int) -> list[str]:
     return [str(index + 1), *values, *found]
 
 
+def _choose_drawn(study: Study) -> np.ndarray:
+    """Indexes of the designs that are drawn: those that did not fail, evenly thinned, and the best."""
+    made = np.flatnonzero(~study.outcomes.failed)
+    thin = made[:: max(1, -(-len(made) // MOST_DRAWN))]
+    return np.union1d(thin, np.array(study.best[:MOST_DRAWN], dtype=thin.dtype))
+
+
 def _front(study: Study) -> Figure | None:
     """The first two objectives of all designs."""
     goals = study.file.goals
@@ -111,12 +158,9 @@ def _front(study: Study) -> Figure | None:
         return None
     drawn = new_figure(7.5, 5.5, f"{study.file.path.stem}: objectives of the designs")
     axes = drawn.subplots()
-    none = (math.nan,) * len(goals)
-    values = np.array([outcome.objectives or none for outcome in study.outcomes]) * [goal.sign for goal in goals]
-    for word in ("infeasible", "feasible"):
-        some = [k for k, outcome in enumerate(study.outcomes) if state(outcome) == word]
-        if some:
-            axes.plot(values[some, 0], values[some, 1], "o", ms=4, color=COLOURS[word], alpha=0.6, label=word)
+    values = study.outcomes.objectives * [goal.sign for goal in goals]
+    for word, some in _group_by_state(study):
+        axes.plot(values[some, 0], values[some, 1], "o", ms=4, color=COLOURS[word], alpha=0.6, label=word)
     best = list(study.best)
     axes.plot(values[best, 0], values[best, 1], "o-" if len(goals) == 2 else "o", ms=5, color=EFFECT, label="best")
     for set_label, goal in zip((axes.set_xlabel, axes.set_ylabel), goals, strict=False):
@@ -126,6 +170,13 @@ def _front(study: Study) -> Figure | None:
     return drawn
 
 
+def _group_by_state(study: Study) -> list[tuple[str, np.ndarray]]:
+    """Indexes of the designs that are drawn, by their state."""
+    drawn, states = _choose_drawn(study), study.outcomes.states
+    groups = [(word, drawn[states[drawn] == word]) for word in ("infeasible", "feasible")]
+    return [(word, some) for word, some in groups if len(some)]
+
+
 def _progress(study: Study) -> Figure | None:
     """The only objective by design."""
     if len(study.file.goals) != 1:
@@ -133,14 +184,12 @@ def _progress(study: Study) -> Figure | None:
     (goal,) = study.file.goals
     drawn = new_figure(7.5, 4.5, f"{study.file.path.stem}: {goal.response}")
     axes = drawn.subplots()
-    for word in ("infeasible", "feasible"):
-        some = [(k + 1, goal.sign * o.objectives[0]) for k, o in enumerate(study.outcomes)
-                if o.objectives and state(o) == word]  # fmt: skip
-        if some:
-            axes.plot(*zip(*some, strict=True), "o", ms=4, color=COLOURS[word], label=word)
-    best = [(k + 1, goal.sign * o.objectives[0]) for k in study.best if (o := study.outcomes[k]).objectives]
-    if best:
-        axes.plot(*zip(*best, strict=True), "o", ms=9, color=EFFECT, label="best")
+    values = goal.sign * study.outcomes.objectives[:, 0]
+    for word, some in _group_by_state(study):
+        axes.plot(some + 1, values[some], "o", ms=4, color=COLOURS[word], label=word)
+    best = np.array(study.best, dtype=int)
+    if len(best):
+        axes.plot(best + 1, values[best], "o", ms=9, color=EFFECT, label="best")
     axes.set_xlabel("design")
     axes.set_ylabel(_column(study, goal.response), parse_math=False)
     axes.legend(frameon=False)
@@ -154,10 +203,10 @@ def _column(study: Study, response: str) -> str:
 
 def _parallel(study: Study) -> Figure | None:
     """Parallel coordinates: parameters and responses, each between its least and its greatest value."""
-    done = [k for k, outcome in enumerate(study.outcomes) if outcome.objectives is not None]
+    done, states = _choose_drawn(study).tolist(), study.outcomes.states
     columns: list[tuple[str, list[Any]]] = [
-        (v.name, [study.designs[k].values[i] for k in done]) for i, v in enumerate(study.file.variables)
-    ] + [(r.name, [study.designs[k].responses[i] for k in done]) for i, r in enumerate(study.file.responses)]
+        (v.name, [study.designs.values[k][i] for k in done]) for i, v in enumerate(study.file.variables)
+    ] + [(r.name, study.designs.responses[done, i].tolist()) for i, r in enumerate(study.file.responses)]
     if not done:
         return None
     drawn = new_figure(max(7.5, 1.5 * len(columns)), 5.0, f"{study.file.path.stem}: parameters and responses")
@@ -165,7 +214,7 @@ def _parallel(study: Study) -> Figure | None:
     heights = np.array([_heights(values) for _, values in columns])
     best = set(study.best)
     for column, k in enumerate(done):
-        shade, width, order = (EFFECT, 1.6, 3) if k in best else (COLOURS[state(study.outcomes[k])], 0.6, 1)
+        shade, width, order = (EFFECT, 1.6, 3) if k in best else (COLOURS[states[k]], 0.6, 1)
         axes.plot(heights[:, column], color=shade, lw=width, zorder=order, alpha=0.9 if k in best else 0.5)
     units = [v.unit for v in study.file.variables] + [r.unit for r in study.file.responses]
     for place, ((_, values), unit) in enumerate(zip(columns, units, strict=True)):

@@ -286,6 +286,10 @@ class Scheduler(Executor):
         del name
         return self._executor.submit(_on_worker, function, *arguments)
 
+    def end(self) -> None:
+        """Drop all jobs."""
+        self.shutdown()
+
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Let the scheduler forget what is left."""
         del wait, cancel_futures

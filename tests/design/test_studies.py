@@ -1,23 +1,22 @@
 """Studies: known optima, fronts and tables; failed, stored and resumed designs; study files that are refused."""
 
-import dataclasses
 import json
 import math
 import re
 import shutil
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from stiffscope.cli.main import _guarded
-from stiffscope.design import studies
-from stiffscope.design.search import Outcome, front, search
+from stiffscope.design import making
 from stiffscope.design.studies import study
-from stiffscope.design.study_file import Goal, Limit, Variable, load_study
+from stiffscope.design.study_reading import load_study
+from stiffscope.design.verdicts import find_nearest
 from stiffscope.errors import InputError
+from stiffscope.report.studies import show_study
 from stiffscope.robot.reader import load_robot
 from tests.experiments.one_part import PLATE, ROD, one_part
 
@@ -87,99 +86,60 @@ def test_a_design_that_cannot_be_is_a_row_with_its_reason(rod):
 
 def test_finished_designs_are_stored_and_not_made_again(rod, tmp_path, monkeypatch):
     made = []
-    monkeypatch.setattr(studies, "make_design", lambda f, v, make=studies.make_design: made.append(v) or make(f, v))
+    monkeypatch.setattr(making, "make_design", lambda f, v, make=making.make_design: made.append(v) or make(f, v))
     first = study(rod(GRID), folder=tmp_path / "kept").table
-    stored = sorted((tmp_path / "kept").iterdir())
-    assert len(made) == len(stored) == 6
-    assert "K [N/m]" in pd.read_parquet(stored[0]).columns
-    stored[0].unlink()
-    stored[1].write_bytes(stored[1].read_bytes()[:100])  # torn
+    (journal,) = (tmp_path / "kept").iterdir()
+    head, *rows = journal.read_text().splitlines(keepends=True)
+    assert len(made) == len(rows) == 6
+    assert "K [N/m]" in json.loads(head)["columns"]
+    journal.write_text("".join([head, "[[1], [2]]\n", *rows[1:-1], rows[-1][:30]]))  # one lost, the last torn
     assert study(rod(GRID), folder=tmp_path / "kept").table.equals(first)
     assert len(made) == 8
+    assert study(rod(GRID), folder=tmp_path / "kept").table.equals(first)
+    assert len(made) == 8
+    finer = GRID.replace("steps = 3", "steps = 5").replace('"grid"', '"grid"\nmaximize = "K"')
+    assert len(study(rod(finer), folder=tmp_path / "kept").designs) == 10
+    assert len(made) == 12  # those at new values
     study(rod(GRID.replace('"K_tx"', '"K_ty"')), folder=tmp_path / "kept")
-    assert len(made) == 14  # another study's designs are not this one's
+    assert len(made) == 18  # another study's designs are not this one's
 
 
-@pytest.mark.parametrize(("count", "designs", "wanted"), [(8, 3, (3, 2)), (2, 40, (2, 1)), (2, 1, (1, 2))])
-def test_a_few_designs_share_all_processors(rod, monkeypatch, count, designs, wanted):
-    def begin(*given):
-        assert given == wanted
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("stiffscope.runtime.executor.processors", lambda: count)
-    monkeypatch.setattr("stiffscope.runtime.executor.Processes", begin)
-    with pytest.raises(KeyboardInterrupt):
-        studies.run_study(dataclasses.replace(load_study(rod(GRID)), designs=designs), None, workers=count)
+@pytest.mark.parametrize(
+    ("method", "part"), [("optimum", "1/2"), ("grid", "0/2"), ("grid", "3/2"), ("grid", "x"), ("grid", "1/7")]
+)
+def test_shares_that_are_none_are_refused(rod, tmp_path, capsys, method, part):
+    file = rod(GRID.replace('"grid"', f'"{method}"\nminimize = "mass"'))
+    assert _guarded(["study", str(file), "--part", part, "--out", str(tmp_path / "out")]) == 2
+    assert "--part: expected " in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
-def test_an_interrupted_study_keeps_what_is_finished(rod, tmp_path, monkeypatch):
-    def make(file, values, whole=studies.make_design):
-        if values[0] == 0.008:
-            raise KeyboardInterrupt
-        return whole(file, values)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(studies, "make_design", make)
-        with pytest.raises(KeyboardInterrupt):
-            study(rod(GRID), folder=tmp_path / "kept")
-    assert len(list((tmp_path / "kept").iterdir())) == 4
-
-
-def _study(method, count, designs, **more):
-    variables = tuple(Variable(f"x{k}", "1", (), 0.0, 1.0) for k in range(count))
-    return SimpleNamespace(method=method, variables=variables, designs=designs, seed=1, limits=(), goals=(), **more)
+def test_a_study_says_why_nothing_is_feasible(rod, capsys):
+    """K = 1/(1e-7 + L/(EA)) is at most 10 N/um whatever the rod: no design reaches 9.9."""
+    made = study(rod(GRID.replace('"grid"', '"grid"\nconstraints = ["K >= 9.9 N/um", "mass <= 66 g"]')))
+    nearest = find_nearest(made)
+    shortfall = made.outcomes.excess
+    assert nearest.design == np.nanargmin(shortfall)
+    assert nearest.met == (0, 4)
+    show_study(made)
+    told = capsys.readouterr().out
+    assert f"No design is feasible: the nearest, design {nearest.design + 1}, has K" in told
+    assert "K >= 9.9 N/um: met by none of 5 designs" in told
 
 
-def test_optimum_among_words_on_a_constraint():
-    """Least x + y with x y >= 0.09 and the cheaper of two words: x = y = 0.3."""
-    asked = _study("optimum", 2, 100)
-    asked.variables = (*asked.variables, Variable("word", "1", ("dear", "cheap")))
-    found = []
-
-    def evaluate(points, origin):
-        out = [Outcome((x + y + (word < 0.5),), ((0.09 - x * y) / 0.09,)) for x, y, word in points]
-        found.extend(out)
-        return out
-
-    search(asked, evaluate)
-    best = min(o.objectives[0] for o in found if o.feasible)
-    assert best == pytest.approx(0.6, rel=1e-3)
-
-
-def test_pareto_front_of_a_known_problem():
-    """x² and (x - 1)² of ten sums: the front is sqrt(a) + sqrt(b) = 1, where all other coordinates are 0."""
-    asked = _study("pareto", 3, 800)
-    asked.goals = (Goal("a", 1.0), Goal("b", 1.0))
-    asked.limits = (Limit("a", True, 1.0, "a <= 0.5"),)
-    found = []
-
-    def evaluate(points, origin):
-        far = [sum(each[1:]) ** 2 for each in points]
-        out = [
-            Outcome((x[0] ** 2 + f, (x[0] - 1) ** 2 + f), (x[0] ** 2 + f - 0.5,))
-            for x, f in zip(points, far, strict=True)
-        ]
-        found.extend(out)
-        return out
-
-    search(asked, evaluate)
-    chosen = [o for o, best in zip(found, front(found), strict=True) if best]
-    assert len(chosen) > 15
-    assert all(o.objectives[0] <= 0.5 + 1e-6 for o in chosen)
-    roots = [sum(map(math.sqrt, o.objectives)) for o in chosen]
-    assert min(roots) >= 1 - 1e-9
-    assert np.median(roots) < 1.02
-
-
-def test_front_is_what_nothing_dominates(rng):
-    outcomes = [Outcome(tuple(rng.integers(0, 6, 2).astype(float)), (rng.uniform(-1, 0.3),)) for _ in range(60)]
-    outcomes[7] = Outcome(None)
-
-    def dominated(a):
-        others = (o.objectives for o in outcomes if o.feasible)
-        return any(b != a and b[0] <= a[0] and b[1] <= a[1] for b in others)
-
-    assert front(outcomes) == [o.feasible and not dominated(o.objectives) for o in outcomes]
+def test_a_study_says_what_ended_on_a_bound_and_whether_it_converged(rod, capsys):
+    """The lightest rod above a stiffness that the thinnest has: its radius ends on its lower bound."""
+    text = (
+        'method = "optimum"\ndesigns = {}\nminimize = "mass"\nconstraints = ["stiffness >= 1 N/um"]\n'
+        '[parameters]\n"bar 1.radius" = ["2 mm", "20 mm"]\n'
+        '[responses]\nmass = "mass"\nstiffness = {{ of = "1/C11", unit = "N/m" }}\n'
+    )
+    show_study(study(rod(text.format(60))))
+    told = capsys.readouterr().out
+    assert "bar 1.radius of the best design is at its lower bound, 2 mm" in told
+    assert "the search converged (local search 1" in told
+    show_study(study(rod(text.format(8))))
+    assert "the search did not converge" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("method", ["sobol", "latin-hypercube"])

@@ -1,0 +1,102 @@
+"""Making a study's designs: each is a robot, its parts tested, its responses computed; here or on any machine."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from stiffscope.design.journal import Design
+from stiffscope.design.responses import mass_of_solids, of_modes, quantities
+from stiffscope.errors import InputError
+from stiffscope.experiments.assembly import assemble_robots
+from stiffscope.runtime.executor import Here, Shared, WorkerError, work_through, workers
+from stiffscope.runtime.workshop import workshop
+from stiffscope.vjm.kinematics import configure
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+    from concurrent.futures import Future
+
+    from stiffscope.design.study_file import StudyFile, Values
+
+    Row = tuple[int, Values]
+
+_ENDED = "its worker ended before it did; the same study makes it again"
+_alone = threading.Lock()  # CAD is one at a time in a process
+
+
+@dataclass(frozen=True)
+class Makers:
+    """What makes designs, of rows as they are drawn, in any order; and what ends that at once."""
+
+    make: Callable[[Iterable[Row]], Iterable[tuple[int, Design]]]
+    end: Callable[[], None]
+
+
+@contextmanager
+def open_makers(file: StudyFile, count: int, scheduler: str | None) -> Iterator[Makers]:
+    """Give what makes designs: ``count`` processes of this machine, workers of a scheduler, or, for 0, this process."""
+    known = Shared(file)
+    here = not count and scheduler is None
+    with Here() if here else workers(scheduler, min(count, file.designs)) as executor:
+
+        def make(rows: Iterable[Row]) -> Iterator[tuple[int, Design]]:
+            jobs = ((row, (known, row[1])) for row in rows)
+            for (row, values), future in work_through(executor, _make_shared, jobs):
+                yield row, _take_answer(values, future, len(file.responses))
+
+        yield Makers(make, executor.end)
+
+
+def _make_shared(file: Shared, values: Values) -> Design:
+    return make_design(file.value, values)
+
+
+def _take_answer(values: Values, future: Future[Design], count: int) -> Design:
+    error = future.exception()
+    if error is None:
+        return future.result()
+    if isinstance(error, WorkerError) or type(error).__name__ == "KilledWorker":
+        return Design(values, (math.nan,) * count, _ENDED, again=True)
+    raise error
+
+
+def make_design(file: StudyFile, values: Values) -> Design:
+    """Make a design: read the robot with its values, test its parts, compute its responses. May run on any machine.
+
+    Whatever goes wrong is the design's reason: one that cannot be is not to end the others.
+    """
+    begun, again = time.perf_counter(), False
+    with _alone, threadpool_limits(1):  # sums in one order, whatever the machine's threads
+        try:
+            found, reason = _respond(file, values), ""
+        except InputError as error:
+            found, reason = (math.nan,) * len(file.responses), str(error)
+        except Exception as error:  # noqa: BLE001
+            found, reason, again = (math.nan,) * len(file.responses), f"{type(error).__name__}: {error}", True
+    return Design(values, found, " ".join(reason.split()), time.perf_counter() - begun, again)
+
+
+def _respond(file: StudyFile, values: Values) -> tuple[float, ...]:
+    robot = file.design(values)
+    names = dict.fromkeys(name for response in file.responses for name in response.expression.names)
+    with workshop() as shop:
+        whole = any(of_modes(name) for name in names)
+        assembled = assemble_robots({"design": robot}, file.components, shop, whole=whole)["design"]
+        found = configure(assembled.mechanism, file.poses_of(robot)).required()
+        mass = mass_of_solids(robot, file.components, assembled.results) if "mass" in names else 0.0
+        known = quantities(names, assembled.mechanism, found, assembled.matrices, mass)
+    answers = tuple(response.value(known) for response in file.responses)
+    for response, value in zip(file.responses, answers, strict=True):
+        if not np.isfinite(value):
+            raise InputError(
+                f"{response.name}: expected a finite value, got none: the tool moves freely, or has no mode"
+            )
+    return answers
