@@ -38,6 +38,8 @@ FREE: dict[str, tuple[int, ...]] = {
 of a universal joint need not be square to the first. All else is held."""
 DRIVEN = {"revolute": 3, "prismatic": 0, "cylindrical": 0}
 """The component that a drive acts along."""
+LED = ("revolute", "prismatic", "cylindrical")
+"""Kinds that lead a body about or along one axis."""
 _ALIKE = ("revolute", "prismatic", "universal", "spherical")  # free motions of one unit, which a spring may resist
 
 
@@ -153,8 +155,10 @@ class Joint:
     ``at`` (3,) in m; ``axis`` (3,) rides on the first body, ``axis2`` of a universal joint on the second. The joint's
     axes have x along ``axis`` and y as near to ``axis2`` as can be (by default the next base axis; without ``axis``,
     the base axes); they ride on the first body, their origin on the second. ``compliance`` (6, 6) of its bearing and
-    ``offset`` (6,) of the unloaded second body (encoder offset, lack of fit), both there. ``spring`` in N/m or N·m/rad
-    resists each free motion of a passive joint (a flexure); unloaded at the displacement ``rest`` from home.
+    ``offset`` (6,) of the unloaded second body (encoder offset, lack of fit), both there. ``astray`` (6,): twist that
+    carries the joint from where it is drawn to where it really is, there too; bodies are as drawn at home, and poses
+    are those of the drawing. ``spring`` in N/m or N·m/rad resists each free motion of a passive joint (a flexure);
+    unloaded at the displacement ``rest`` from home.
     """
 
     name: str
@@ -167,6 +171,7 @@ class Joint:
     drive: Drive | None = None
     compliance: Array | None = None
     offset: Array | None = None
+    astray: Array | None = None
     spring: float | None = None
     rest: float = 0.0
 
@@ -188,6 +193,10 @@ class Joint:
             assign(self, "compliance", check_compliance(self.compliance, f"{here}.compliance", semidefinite=True))
         if self.offset is not None:
             assign(self, "offset", check_array(self.offset, (6,), f"{here}.offset", "a twist"))
+        if self.astray is not None:
+            assign(self, "astray", check_array(self.astray, (6,), f"{here}.astray", "a twist"))
+            if self.kind not in LED:
+                raise InputError(f"{here}.astray: expected a {', '.join(LED)} joint, got a {self.kind} one")
         _ = self.axes
 
     def _check_drive(self, here: str) -> None:

@@ -60,10 +60,19 @@ class Tool:
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """What an effect does to an element: compliance (6, 6) added, twist (6,) of its unloaded end, in its own axes."""
+    """What an effect does to an element, in its own axes.
+
+    Compliance (6, 6) added, twist (6,) of its unloaded end, twist (6,) of a joint's axis away from where it is drawn.
+    """
 
     compliance: Array | None = None
     offset: Array | None = None
+    astray: Array | None = None
+
+    @property
+    def displaces(self) -> bool:
+        """Whether it is an error of the geometry."""
+        return self.offset is not None or self.astray is not None
 
 
 NO_CHANGE = Change()
@@ -189,4 +198,7 @@ def _apply_change(element: Any, change: Change) -> Any:
         compliance = change.compliance if compliance is None else compliance + change.compliance
     if change.offset is not None:
         offset = change.offset if offset is None else offset + change.offset
-    return replace(element, compliance=compliance, offset=offset)
+    out = replace(element, compliance=compliance, offset=offset)
+    if change.astray is None:
+        return out
+    return replace(out, astray=change.astray if element.astray is None else element.astray + change.astray)

@@ -7,7 +7,7 @@ ends is an element from the first to each other, ``t_i = F_i y + t₀``, that sh
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from stiffscope.vjm.checks import BASE, GROUND, TOOL
 from stiffscope.vjm.dynamics import split_moments
 from stiffscope.vjm.joints import DRIVEN
 from stiffscope.vjm.linkage import rotation_vector
-from stiffscope.vjm.screws import Frame, rotation
+from stiffscope.vjm.screws import Frame, rotation, rotation_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -60,11 +60,18 @@ class Element:
     joint: Joint | None = None
     group: str = ""
     sprung: int = 0
+    drawn: Joint | None = None
+    """The joint where it is drawn, if it is not there."""
 
     @property
     def compliance(self) -> Array:
         """C (6, 6), symmetric, may be singular or zero."""
         return self.factor @ self.factor.T
+
+    @property
+    def is_displaced(self) -> bool:
+        """True where its ends, unloaded, do not stand as drawn."""
+        return self.offset is not None or self.drawn is not None
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +188,11 @@ def moves_with(element: Element, link: int, links: dict[str, int]) -> bool:
     joint = element.joint
     if joint is None or joint.kind == "fixed":
         return links[element.carrier] == link
-    if joint.kind == "universal" or link not in {links[element.first], links[element.second]}:
+    if (
+        joint.kind == "universal"
+        or element.drawn is not None
+        or link not in {links[element.first], links[element.second]}
+    ):
         return False
     if joint.compliance is None:
         return True
@@ -223,10 +234,19 @@ def _joint(joint: Joint, first: str, second: str) -> Element:
             compliance += np.outer(screw, screw) / joint.resistance
         else:
             sprung += [each / np.sqrt(joint.resistance) for each in screws]
-    return Element(
+    out = Element(
         joint.name, first, second, joint.axes, joint.at, first, np.hstack([_factor(compliance), _columns(sprung)]),
         _columns(free), joint.offset, joint, sprung=len(sprung),
     )  # fmt: skip
+    return out if joint.astray is None else _mislay(out, joint, joint.astray)
+
+
+def _mislay(element: Element, drawn: Joint, astray: Array) -> Element:
+    """A joint's element where its axis really is."""
+    away = np.kron(np.eye(2), drawn.axes) @ astray
+    turn, at = rotation_of(away[None, 3:])[0], drawn.at + away[:3]
+    there = replace(drawn, at=at, axis=None if drawn.axis is None else turn @ drawn.axis, astray=None)
+    return replace(element, axes=turn @ drawn.axes, at=at, joint=there, drawn=drawn)
 
 
 def _columns(vectors: list[Array]) -> Array:

@@ -18,11 +18,13 @@ if TYPE_CHECKING:
 
 
 def find_offsets(order: Order, where: Places) -> dict[str, Array]:
-    """Offsets (n or 1, 6, 1) of the unloaded mechanism: elements' own, and of joints' springs that are not at rest."""
+    """Offsets (n or 1, 6, 1) of the unloaded mechanism: elements' own, of joints' springs and axes."""
     out: dict[str, Array] = {}
     for e in order.elements:
         lack = np.zeros((1, 6)) if e.offset is None else e.offset[None]
-        if e.joint is not None and e.joint.spring is not None:
+        if e.drawn is not None:
+            lack = lack - _strain(e, where, where)
+        elif e.joint is not None and e.joint.spring is not None:
             lack = lack - _strain_spring(e, e.joint, where)
         if lack.any():
             out[e.name] = lack[..., None]
@@ -64,7 +66,7 @@ def _strain(e: Element, where: Places, rest: Places) -> Array:
     elif turns:
         out[:, 3:] = euler_angles(turn)
     if joint.resistance and joint.kind in DRIVEN:
-        before, turned = _relative(e, rest)
+        before, turned = _relative(e, rest, e.drawn)
         if joint.kind == "revolute":
             out[:, 3] = euler_angles(turn @ np.swapaxes(turned, -1, -2))[:, 0]
         else:
@@ -90,12 +92,15 @@ def _strain_spring(e: Element, joint: Joint, where: Places) -> Array:
     return out
 
 
-def _relative(e: Element, where: Places) -> tuple[Array, Array]:
-    """Displacement (n, 3) and rotation (n, 3, 3) of an element's second node against its first, in its own axes."""
-    axes = where.rotation[e.first] @ e.axes
-    moved = where.point(e.second, e.at) - where.point(e.first, e.at)
-    gap = (np.swapaxes(axes, -1, -2) @ moved[..., None])[..., 0]
-    return gap, e.axes.T @ where.rotation_across(e) @ e.axes
+def _relative(e: Element, where: Places, drawn: Joint | None = None) -> tuple[Array, Array]:
+    """Displacement (n, 3) and rotation (n, 3, 3) of an element's second node against its first, in its own axes.
+
+    ``drawn``: in those of the joint as it is drawn.
+    """
+    own, at = (e.axes, e.at) if drawn is None else (drawn.axes, drawn.at)
+    moved = where.point(e.second, at) - where.point(e.first, at)
+    gap = (np.swapaxes(where.rotation[e.first] @ own, -1, -2) @ moved[..., None])[..., 0]
+    return gap, own.T @ where.rotation_across(e) @ own
 
 
 def _universal(joint: Joint, turn: Array) -> Array:

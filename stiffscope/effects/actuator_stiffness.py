@@ -23,6 +23,9 @@ class ActuatorStiffness(ElementEffect):
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
         """At driven joints."""
-        robot = setting.robot
+        robot, known = setting.robot, cls.parameters[0]
         for place in robot.places(robot.driven):
-            yield cls(partial(soften, robot, place.members)).make_candidate(place)
+            within = max(robot.factor(name) for name in place.members)
+            size = within - 1.0 if within > 1.0 else known.size
+            prior = known._replace(size=size, low=min(known.low, 1.0 / within), high=max(known.high, within))
+            yield cls(partial(soften, robot, place.members)).make_candidate(place, (prior,))

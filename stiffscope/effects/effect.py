@@ -74,6 +74,10 @@ class Candidate:
     """Other names, as `effect @ place`, for this effect at this place."""
     twins: tuple[str, ...] = ()
     """Other effects, as `effect @ place`, with the very same signature in the readings."""
+    groups: tuple[int, ...] = ()
+    """How many internal parameters share each unknown size, in their order; by default all share one."""
+    parts: tuple[str, ...] = ()
+    """Names of the internal parameters, `JOINT.NAME`, where the physical ones only sum them up."""
     couplings: int = 0
     """How many of the last internal parameters couple the others: these have either sign."""
     flexible: bool = False

@@ -95,6 +95,14 @@ class NominalRobot:
         material = self.robot.material(section.part) if isinstance(section, ElasticBody) else None
         return None if material is None else material.expansion
 
+    def factor(self, drive: str) -> float:
+        """Within what factor a driven joint's stiffness is known, by its tolerance in the file; 1: as stated."""
+        copied = self.robot.copied.get(drive)
+        key = ("joints", drive if copied is None else copied.name, "drive", "stiffness")
+        joint = self.driven[drive]
+        stiffness = np.inf if joint.drive is None else joint.drive.stiffness
+        return float(np.exp(self.robot.tolerances.get(key, 0.0) / stiffness))
+
     @cached_property
     def driven(self) -> Mapping[str, Joint]:
         """Joints with a drive."""

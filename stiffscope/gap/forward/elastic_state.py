@@ -21,7 +21,7 @@ from stiffscope.vjm.modes import modes
 from stiffscope.vjm.network import END, FOOT, place_nodes
 from stiffscope.vjm.order import find_order
 from stiffscope.vjm.prestress import bend_places
-from stiffscope.vjm.strain import find_remaining_offsets
+from stiffscope.vjm.strain import find_offsets, find_remaining_offsets
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -71,8 +71,7 @@ class ElasticState:
         if not self._is_displaced:
             return rest
         order = find_order(self.mechanism, self.at.configurations.linkage)
-        offsets = {e.name: e.offset[None, :, None] for e in order.elements if e.offset is not None}
-        response = solve_loads(order, rest, Loads(1, {}, offsets))
+        response = solve_loads(order, rest, Loads(1, {}, find_offsets(order, rest)))
         there, size = bend_places(rest, response), _size(response, order.length)
         for _ in range(_NEWTON_STEPS):
             if size < _CLOSED:
@@ -86,7 +85,7 @@ class ElasticState:
     @property
     def _is_displaced(self) -> bool:
         """Whether errors move anything of the unloaded robot."""
-        return self.at.is_displaced or any(c.offset is not None for each in self.changes for c in each.values())
+        return self.at.is_displaced or any(c.displaces for each in self.changes for c in each.values())
 
     @cached_property
     def response(self) -> Response:

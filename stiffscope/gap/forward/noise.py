@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from stiffscope.effects.joint_axis import JointAxis
 from stiffscope.gap.forward.forward_model import Noise
 
 if TYPE_CHECKING:
@@ -25,6 +26,9 @@ LOOSE = 3.0  # times the prior size that a parameter has in the joint fit
 OVERSTATED = 0.8  # share of the stated noise below which it is scaled down
 LARGEST = 1000  # readings from which the first guess of unknown noise is made
 FRACTIONS = np.geomspace(1e-5, 2.0, 80)  # of the gap, that may be noise
+
+
+_MOST = 0.4  # columns per reading of a joint fit
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,8 @@ def noise_of(model: ForwardModel) -> Noise:
     """
     campaign, prediction = model.campaign, model.predict()
     joint = [c for c in model.library if c.scale and not (c.flexible or c.swarming)]
+    if sum(len(c.scale) for c in joint) > _MOST * len(campaign):  # axes that lead a few bodies follow almost anything
+        joint = [c for c in joint if c.effect != JointAxis.word]
     x = np.hstack([prediction.columns(c) * np.array(c.scale) for c in joint])
     gap = campaign.value - prediction.values
     unknown = np.isnan(campaign.sigma)

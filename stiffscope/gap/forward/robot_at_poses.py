@@ -55,7 +55,7 @@ class RobotAtPoses:
     @cached_property
     def is_displaced(self) -> bool:
         """Whether errors of the geometry are in the model itself."""
-        return any(element.offset is not None for element in list_elements(self.mechanism))
+        return any(element.is_displaced for element in list_elements(self.mechanism))
 
     @cached_property
     def rest(self) -> Places:

@@ -75,6 +75,7 @@ class RobotPrediction(RobotReadings):
         if len(here) != len(candidate.scale):  # absent, or there with fewer or more parameters
             here = np.zeros(len(candidate.scale))
         steps = _STEP * np.diag(candidate.scale)
+        here = here + 2.0 * (steps @ np.array(candidate.one_sided, dtype=float))  # within what can be, on either side
         pairs = ((effect.influence(here + step), effect.influence(here - step), 2.0 * step.sum()) for step in steps)
         slopes = [find_slope(self, *pair) for pair in pairs]
         return self._zeros.without(np.stack(slopes, axis=1) if slopes else np.zeros((len(self.campaign), 0)))

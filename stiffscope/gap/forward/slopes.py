@@ -12,6 +12,9 @@ import numpy as np
 
 from stiffscope.effects.effect import Payload
 from stiffscope.gap.campaign.quantities import FREQUENCY, PUSH, STIFFNESS
+from stiffscope.vjm.checks import GROUND
+from stiffscope.vjm.network import FOOT
+from stiffscope.vjm.screws import skew
 
 if TYPE_CHECKING:
     from stiffscope.effects.effect import Changes, Influence
@@ -71,7 +74,28 @@ def _of_elements(prediction: RobotReadings, ahead: Changes, behind: Changes, wid
         if change.offset is not None and before.offset is not None:
             slope = (change.offset - before.offset) / width
             out += np.where(prediction.campaign.is_unloaded, read @ slope, 0.0)
+        if change.astray is not None and before.astray is not None and (change.astray != before.astray).any():
+            slope = (change.astray - before.astray) / width
+            rate = (_turn_about(prediction, name) @ slope)[prediction.campaign.pose]
+            out += np.where(prediction.campaign.is_unloaded, np.einsum("ni,ni->n", read, rate), 0.0)
     return out
+
+
+def _turn_about(prediction: RobotReadings, name: str) -> Array:
+    """Twists (p, 6, 6) between a joint's unloaded ends, own axes, for twists of its axis away from where it is drawn.
+
+    With the second body's displacement G against the first's, from home: ``1 - Ad(G)``.
+    """
+    where, joint = prediction.elastic_state.places, prediction.robot_at_poses.mechanism.joint(name)
+    first, second = (FOOT if node == GROUND else node for node in (joint.first, joint.second))
+    back = np.swapaxes(where.rotation[first] @ joint.axes, -1, -2)
+    turn = back @ where.rotation[second] @ joint.axes
+    away = where.point(second, joint.at) - where.point(first, joint.at)
+    slid = (back @ away[..., None])[..., 0]
+    out = np.zeros((max(len(turn), len(slid)), 6, 6))
+    out[:, :3, :3] = out[:, 3:, 3:] = np.eye(3) - turn
+    out[:, :3, 3:] = -skew(slid)
+    return np.broadcast_to(out, (len(prediction.campaign.poses), 6, 6))
 
 
 def _of_payload(prediction: RobotReadings, payload: Payload) -> Array:

@@ -196,7 +196,7 @@ def posterior(errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], pos
     x
         (n, k) in the same units.
     priors
-        Of each effect, in the order of its columns.
+        Of each effect, or each group of its parameters that shares a size, in the order of its columns.
     positive
         (k,) whether negative values are impossible.
 

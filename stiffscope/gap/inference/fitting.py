@@ -15,7 +15,7 @@ from stiffscope.errors import InputError
 from stiffscope.gap.inference.evidence import constrained_minima, errors_of, posterior
 from stiffscope.gap.inference.hypothesis import Hypothesis, bound_parameters, positive_of, scale_of, split
 from stiffscope.gap.inference.plausibility import implausible
-from stiffscope.gap.inference.priors import spread_priors
+from stiffscope.gap.inference.priors import spread_groups, spread_priors
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -102,22 +102,22 @@ class Problem:
         """Distribution of the readings about a hypothesis; a discrepancy is as likely as a kind of patterns."""
         return errors_of(self.model.campaign, self.noise, float(np.log(self._odds_of_pattern(""))))
 
-    def spreads_of(self, candidate: Candidate) -> Spreads:
-        """Prior of a candidate's parameters."""
+    def spreads_of(self, candidate: Candidate) -> tuple[Spreads, ...]:
+        """Priors of a candidate's parameters, of each group that shares a size."""
         known = self._spreads.get(id(candidate))
         if known is None:
-            unit = self.widening * np.array(candidate.scale)
-            found = spread_priors(unit, np.array(candidate.one_sided, dtype=np.bool_), self.sizes)
+            unit, positive = self.widening * np.array(candidate.scale), np.array(candidate.one_sided, dtype=np.bool_)
+            found = spread_groups(unit, positive, candidate.groups, self.sizes)
             known = self._spreads[id(candidate)] = candidate, found
         return known[1]
 
     def rough_spreads_of(self, candidate: Candidate) -> Spreads:
-        """The same on half as many sizes and without subsets of its parameters, which a score can do without."""
+        """One size for all, half as many of them, and no subsets of its parameters: a score can do without."""
         unit, free = self.widening * np.array(candidate.scale), np.zeros(len(candidate.scale), dtype=np.bool_)
         return spread_priors(unit, free, self.sizes[::2])
 
     @cached_property
-    def _spreads(self) -> dict[int, tuple[Candidate, Spreads]]:
+    def _spreads(self) -> dict[int, tuple[Candidate, tuple[Spreads, ...]]]:
         return {}
 
     def log_prior(self, candidates: Sequence[Candidate]) -> float:
@@ -131,7 +131,7 @@ class Problem:
 
     def posterior(self, candidates: Sequence[Candidate], y: Array, x: Array) -> Posterior:
         """Posterior of the parameters of ``y = X u + errors``, without the prior odds of the set."""
-        priors = [self.spreads_of(c) for c in candidates if c.scale]
+        priors = [spread for c in candidates if c.scale for spread in self.spreads_of(c)]
         return posterior(self.errors, y, x, priors, positive_of(candidates))
 
     def reweigh(self, hypothesis: Hypothesis) -> float:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from itertools import product
+from itertools import pairwise, product
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from stiffscope.runtime.types import Array, Flags
 
 SPARSE = 1.0 / 3.0  # of an effect's weight, those of its parameters of which some are zero
@@ -25,6 +27,22 @@ class Spreads:
     """(c, k)."""
     log_weight: Array
     """(c,) ln of how likely each is."""
+
+
+def spread_groups(scale: Array, positive: Flags, groups: Sequence[int], sizes: Array) -> tuple[Spreads, ...]:
+    """The prior of each group of an effect's parameters that share one size; see `spread_priors`.
+
+    Parameters
+    ----------
+    scale, positive
+        (k,) of all.
+    groups
+        How many are in each, in their order; empty: one of all.
+    sizes
+        (s,).
+    """
+    ends = np.cumsum([0, *(groups or (len(scale),))]).tolist()
+    return tuple(spread_priors(scale[a:b], positive[a:b], sizes) for a, b in pairwise(ends))
 
 
 def spread_priors(scale: Array, positive: Flags, sizes: Array) -> Spreads:

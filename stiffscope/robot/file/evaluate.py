@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING, Any
@@ -22,7 +23,8 @@ if TYPE_CHECKING:
 
 _TEXTS = {"name", "source", "file"}  # free text, whatever it begins with
 _MARK = re.compile(r"\s*(?:±|\+/-|\+-)\s*")
-_EXAMPLE = '"20 mm ± 0.1 mm" or "20 mm ± 0.5 %"'
+_FACTOR = re.compile(r"factor\s+(\d+(?:\.\d*)?)")
+_EXAMPLE = '"20 mm ± 0.1 mm", "20 mm ± 0.5 %" or "2 kN*m/rad ± factor 5"'
 
 
 def evaluate(data: dict[str, Any]) -> tuple[dict[str, Any], dict[str, float], dict[Key, float]]:
@@ -40,7 +42,8 @@ def evaluate(data: dict[str, Any]) -> tuple[dict[str, Any], dict[str, float], di
     values
         Numbers, SI, of all names that expressions may use: "a" of `[parameters]`, "arm.length" of `[parts.arm]`.
     tolerances
-        Widths of the values that are written with one ("20 mm ± 0.1 mm"), SI, by key.
+        Widths of the values that are written with one ("20 mm ± 0.1 mm"), SI, by key; that of a factor f is ln f
+        times the value.
 
     Raises
     ------
@@ -83,6 +86,9 @@ def _nominal(text: str, key: Key, tolerances: dict[Key, float]) -> str:
     if is_expression(text) or not _MARK.search(text):
         return text
     value, _, width = (each.strip() for each in _MARK.sub("\0", text, count=1).partition("\0"))
+    factor = _FACTOR.fullmatch(width)
+    if factor and float(factor[1]) > 1.0:
+        width = f"{100.0 * math.log(float(factor[1])):.12g} %"
     if not re.search(r"[^\d.eE+\-\s]", value):  # "20 ± 0.1 mm"
         value += " " + re.sub(r"^[\d.eE+\-\s]*", "", width) * (not width.endswith("%"))
     value = value.strip()

@@ -1,0 +1,107 @@
+"""Many small errors of axes and zeros as one cause."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.effects.effect import Candidates, Parameter, Place, Setting
+from stiffscope.effects.elements import ElementEffect, along_drive
+from stiffscope.effects.joint_axis import find_axis_twists
+from stiffscope.vjm.mechanism import Change
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from stiffscope.effects.effect import Array, Changes, NominalRobot
+
+_ALL = "robot"
+_LEAST = 2  # joints that make a set
+_SHARE = 3e-4  # of the robot's size: unit of lengths
+
+
+@dataclass(frozen=True)
+class _Error:
+    """One small error: by a joint's axis, or by the zero of its drive."""
+
+    joint: str
+    name: str
+    twist: Array
+    """(6,) in the joint's axes."""
+    turns: bool
+
+
+@dataclass(frozen=True)
+class Geometry(ElementEffect):
+    """Axes and zeros are all a little off, lengths by one unknown size and angles by another.
+
+    Internal parameters are the errors themselves, lengths first; physical ones are their root mean squares.
+    """
+
+    word = "geometry"
+    precedence = 115
+    parameters = (Parameter("offset", "m", 3e-4, 0.0, 1e-2), Parameter("angle", "rad", 1e-3, 0.0, 0.05))
+
+    @classmethod
+    def candidates(cls, setting: Setting) -> Candidates:
+        """Of the whole robot, and of groups of joints."""
+        robot = setting.robot
+        twists = find_axis_twists(robot.mechanism)
+        size = _SHARE * _size(robot)
+        for place in _places(robot, list(twists)):
+            errors = sorted(_errors(robot, place.members), key=lambda error: error.turns)
+            turns = [error.turns for error in errors]
+            counts = (turns.count(False), turns.count(True))
+            kinds = [p for p, count in zip(cls.parameters, counts, strict=True) if count]
+            counts = tuple(count for count in counts if count)
+            yield cls(partial(_displace, tuple(errors))).make_candidate(
+                place, kinds, scale=tuple(cls.parameters[1].size if t else size for t in turns), groups=counts,
+                parts=tuple(f"{e.joint}.{e.name}" for e in errors), physical=partial(_rms, counts), flexible=True,
+            )  # fmt: skip
+
+
+def _size(robot: NominalRobot) -> float:
+    """Largest distance of two joints, or of the tool from one, m."""
+    points = np.array([*(joint.at for joint in robot.mechanism.joints), robot.mechanism.tool.at])
+    return float(np.linalg.norm(points[:, None] - points, axis=2).max()) or 1.0
+
+
+def _places(robot: NominalRobot, joints: Sequence[str]) -> Iterator[Place]:
+    """Sets of joints; that of all is the robot's."""
+    if len(joints) >= _LEAST:
+        yield Place(_ALL, tuple(joints))
+    for place in robot.places(joints):
+        if _LEAST <= len(place.members) < len(joints):
+            yield place
+
+
+def _errors(robot: NominalRobot, joints: Sequence[str]) -> Iterator[_Error]:
+    twists = find_axis_twists(robot.mechanism)
+    for name in joints:
+        for word, twist in twists[name].items():
+            yield _Error(name, word, twist, word.startswith("r"))
+        if name in robot.driven:
+            joint = robot.driven[name]
+            yield _Error(name, "zero", along_drive(joint), joint.kind == "revolute")
+
+
+def _displace(errors: Sequence[_Error], values: Array) -> Changes:
+    """Axes and zeros with errors (k,)."""
+    out: Changes = {}
+    for error, value in zip(errors, values, strict=True):
+        field = "offset" if error.name == "zero" else "astray"
+        here = {"offset": out[error.joint].offset, "astray": out[error.joint].astray} if error.joint in out else {}
+        before = here.get(field)
+        own = value * error.twist if before is None else before + value * error.twist
+        out[error.joint] = Change(**{"offset": here.get("offset"), "astray": here.get("astray"), field: own})
+    return out
+
+
+def _rms(counts: Sequence[int], values: Array) -> Array:
+    """Root mean squares of groups of values (k,)."""
+    ends = np.cumsum([0, *counts]).tolist()
+    return np.array([np.sqrt(np.mean(np.square(values[a:b]))) for a, b in pairwise(ends)])
