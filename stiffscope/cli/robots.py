@@ -22,6 +22,7 @@ from stiffscope.experiments.manifest import manifest_of
 from stiffscope.experiments.superelements import write_robot
 from stiffscope.report import maps, tables
 from stiffscope.report.kept_pictures import draw_deflection, draw_named_poses
+from stiffscope.report.load_curve import draw_load_curve, show_load_curve
 from stiffscope.report.robot_view import wrench_cases
 from stiffscope.report.run_report import write_deflection_report, write_map_report
 from stiffscope.robot.file import quantities as q
@@ -31,6 +32,7 @@ from stiffscope.vjm.screws import CONVENTION
 from stiffscope.vjm.singularity import rigid_note, singular_note
 from stiffscope.vjm.statics import analyse, sag
 from stiffscope.vjm.yielding import deflection as deflect
+from stiffscope.vjm.yielding import find_load_curve
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.statics import Stiffness
+    from stiffscope.vjm.yielding import LoadCurve
 
 log = logging.getLogger(__name__)
 
@@ -94,6 +97,12 @@ def assemble(robot: RobotFile, components: Any, output: Output) -> Assembled:
     return made
 
 
+def _path_json(curve: LoadCurve) -> dict[str, Any]:
+    return {
+        "load": curve.load, "twist": np.moveaxis(curve.twist, 2, 1), "stiffness": np.moveaxis(curve.stiffness, 3, 1),
+    }  # fmt: skip
+
+
 @click.command()
 @takes(options.robot, options.poses, options.joints, options.components, options.overrides, options.json)
 @options.folder("--out", "Folder to write: report and pictures of the robot deformed, complete or absent.")
@@ -101,9 +110,13 @@ def assemble(robot: RobotFile, components: Any, output: Output) -> Assembled:
     "--wrench", required=True, metavar="FX,FY,FZ,MX,MY,MZ",
     help='Wrench on the tool at M, axes {O}, in N and N·m or with units ("100 N,0,0,0,0,5 N*m").',
 )  # fmt: skip
+@click.option(
+    "--steps", type=click.IntRange(0, 1000), default=0, metavar="N",
+    help="Also load, unload, load the other way and unload, each in N steps: force over deflection, with its picture.",
+)  # fmt: skip
 def deflection(
     name: str, *, poses: tuple[str, ...], joints: tuple[str, ...], components: Any, overrides: tuple[str, ...],
-    wrench: str, output: Output,
+    wrench: str, steps: int, output: Output,
 ) -> None:  # fmt: skip
     """Deflection of the tool under a wrench, and each element's share of it.
 
@@ -119,20 +132,30 @@ def deflection(
     assembled = assemble(robot, components, output)
     at = asked.configurations
     found = deflect(assembled.mechanism, at, load)
+    way = np.linspace(0.0, 1.0, steps + 1)
+    path = np.concatenate([way, way[-2::-1], -way[1:], -way[-2::-1]])
+    curve = find_load_curve(assembled.mechanism, at, load, path) if steps else None
     words = ",".join(f"{value:g}" for value in load)
 
     def show() -> None:
         error = deflection_bars(assembled, at, found.twist)
         tables.show_deflection(asked.names, found.twist, found.shares, words, error)
+        if curve is not None:
+            show_load_curve(asked.names, curve, load)
 
     def page(folder: Path, shown: Sequence[Shown]) -> None:
         cases = wrench_cases(assembled.mechanism, at, load, f"{words} N, N·m")
         draw_deflection(assembled, asked.names, at, cases, folder)
+        if curve is not None:
+            way = np.r_[1e-9, np.linspace(0.005, 1.0, 200)]  # beside no load, where backlash is
+            fine = find_load_curve(assembled.mechanism, at, load, np.r_[-way[::-1], way])
+            draw_load_curve(asked.names, fine, load, folder)
         write_deflection_report(folder, assembled, asked.names, at, cases, shown)
 
     answer = {
         "poses": at.poses, "tool": at.tool, "wrench": load, "twist": found.twist, "energy": found.energy,
         "shares": found.shares, "convention": CONVENTION,
+        **({} if curve is None else {"path": _path_json(curve)}),
     }  # fmt: skip
     emit(output, answer, show, manifest=manifest, page=page)
 

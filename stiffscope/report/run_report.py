@@ -94,6 +94,10 @@ def write_deflection_report(
         for k, (name, (case,)) in enumerate(zip(names, cases, strict=True), 1)
         if (file := folder / f"deflection_{k}.png").exists()
     ]
+    file = folder / "force_over_deflection.png"
+    if file.exists():
+        said = "loading and unloading, both ways, are one curve"
+        stills.append(page.figure(file, "Force over deflection", f"force over deflection: {said}"))
     view = turning(
         folder, found, names, cases, choice="load", quantity=ENERGY,
         caption=f"The robot under the wrench at M, components coloured by their {ENERGY}.",

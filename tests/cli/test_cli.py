@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -246,3 +247,19 @@ def test_a_simulators_model_becomes_a_robot(tmp_path, capsys):
     assert "driven: j" in capsys.readouterr().out
     robot = load_robot(tmp_path / "arm.toml")
     assert robot.joints["j"].drive.stiffness == 5e3
+
+
+def test_a_load_path_of_drives_with_backlash(tmp_path, capsys):
+    text = (Path(__file__).parents[1] / "vjm" / "robots" / "stewart.toml").read_text()
+    law = 'drive = { curve = [["2 um", "20 N"], ["8 um", "140 N"]], backlash = "4 um" }'
+    robot = tmp_path / "loose.toml"
+    robot.write_text(text.replace("drive = { stiffness = 20000000.0 }", law))
+    found = answer(
+        capsys, "deflection", str(robot), "--at", "0,0,0.135,0,0,0", "--wrench", "0,0,300,0,0,0", "--steps", "2"
+    )
+    path = found["path"]
+    assert path["load"] == [0.0, 0.5, 1.0, 0.5, 0.0, -0.5, -1.0, -0.5, 0.0]
+    z = [each[2] for each in path["twist"][0]]
+    assert z[1] == pytest.approx(z[3], rel=1e-12)
+    assert z[2] == pytest.approx(-z[6], rel=1e-9)
+    assert path["stiffness"][0][0][2][2] == 0.0

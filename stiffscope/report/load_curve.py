@@ -1,0 +1,72 @@
+"""Force over deflection along a load path: table and figure."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.report.figures import AFTER, BEFORE, EFFECT, NOISE, new_figure, save_figures
+from stiffscope.report.terminal import show_table
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from matplotlib.figure import Figure
+
+    from stiffscope.runtime.types import Array
+    from stiffscope.vjm.yielding import LoadCurve
+
+_COLOURS = (AFTER, EFFECT, BEFORE, NOISE)
+
+
+def show_load_curve(names: Sequence[str], curve: LoadCurve, wrench: Array) -> None:
+    """Displacement along the wrench, and the tangent stiffness along it, at every load up to the whole one."""
+    size, along, unit, stiff = _along(curve, wrench)
+    whole = len(curve.load) // 4 + 1  # the way there; all others repeat it
+    rows = [
+        (name if not k else "", f"{size * curve.load[k]:.4g}", f"{1e6 * along[i, k]:.5g}", f"{stiff[i, k]:.5g}")
+        for i, name in enumerate(names)
+        for k in range(whole)
+    ]
+    force = "N" if unit == "m" else "N·m"
+    groups = (("pose",), (force, f"µ{unit}", f"tangent {force}/{unit}"))
+    show_table("Along the wrench; unloading goes back the same way", groups, rows)
+
+
+def draw_load_curve(names: Sequence[str], curve: LoadCurve, wrench: Array, folder: Path) -> None:
+    """Write ``force_over_deflection`` as PNG and SVG."""
+
+    def draw() -> Figure:
+        size, along, unit, _ = _along(curve, wrench)
+        figure = new_figure(7.0, 4.6, "Force over deflection" if unit == "m" else "Moment over rotation")
+        axes = figure.subplots()
+        for i, name in enumerate(names):
+            axes.plot(
+                1e6 * along[i], size * curve.load, color=_COLOURS[i % 4], ls=("-", "--", ":")[i // 4 % 3], label=name
+            )
+        axes.axhline(0.0, color=NOISE, lw=0.6)
+        axes.axvline(0.0, color=NOISE, lw=0.6)
+        axes.set_xlabel(f"deflection at M along the wrench, µ{unit}")
+        axes.set_ylabel("force, N" if unit == "m" else "moment, N·m")
+        axes.legend(fontsize=8, frameon=False)
+        return figure
+
+    save_figures(folder, {"force_over_deflection": draw})
+
+
+def _along(curve: LoadCurve, wrench: Array) -> tuple[float, Array, str, Array]:
+    """Size of the force (or moment), displacement (n, s) along it, its unit, tangent stiffness (n, s) of that."""
+    part = slice(0, 3) if wrench[:3].any() else slice(3, 6)
+    size = float(np.linalg.norm(wrench[part])) or 1.0
+    axis = wrench[part] / size
+    along = np.einsum("nis,i->ns", curve.twist[:, part], axis)
+    unit = np.zeros(6)
+    unit[part] = axis
+    matrices = np.moveaxis(curve.stiffness, 3, 1)
+    known = np.isfinite(matrices).all(axis=(2, 3), keepdims=True)
+    yielding = np.linalg.pinv(np.where(known, matrices, 0.0), rcond=1e-9, hermitian=True) @ unit
+    held = np.abs((matrices @ yielding[..., None])[..., 0] - unit).max(axis=2) < 1e-6
+    stiff = np.where(held, 1.0 / np.where(held, yielding @ unit, 1.0), 0.0)
+    return size, along, "m" if part.start == 0 else "rad", np.where(known[..., 0, 0], stiff, np.nan)
