@@ -90,7 +90,7 @@ def _respond(file: StudyFile, values: Values) -> tuple[float, ...]:
     with workshop() as shop:
         whole = any(of_modes(name) for name in names)
         assembled = assemble_robots({"design": robot}, file.components, shop, whole=whole)["design"]
-        found = configure(assembled.mechanism, file.poses_of(robot)).required()
+        found = configure(assembled.mechanism, file.poses_of(robot)).require_valid()
         mass = mass_of_solids(robot, file.components, assembled.results) if "mass" in names else 0.0
         known = quantities(names, assembled.mechanism, found, assembled.matrices, mass)
     answers = tuple(response.value(known) for response in file.responses)
