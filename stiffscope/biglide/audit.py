@@ -11,7 +11,7 @@ import numpy as np
 from stiffscope.biglide.published_model import published_model
 from stiffscope.fea.beam import euler_bernoulli, polar
 from stiffscope.robot.mechanism_of import mechanism_of
-from stiffscope.robot.part_matrices import beam_compliance, part_matrices, published
+from stiffscope.robot.part_matrices import beam_compliance, part_matrices, read_published
 from stiffscope.vjm.mechanism import DIAGONAL
 from stiffscope.vjm.statics import stiffness
 
@@ -59,11 +59,11 @@ def findings_on_paper(robot: RobotFile, solid: np.ndarray | None) -> list[Findin
     model = published_model(mechanism_of(robot, matrices), robot.parameters)
     beam = beam_compliance(robot, "slider", lambda length, plate, *e: euler_bernoulli(length, polar(plate), *e))
     found = compliance_findings("Eq. (29)", matrices["slider"].compliance, beam, solid)
-    printed = published("stiffness")
+    printed = read_published("stiffness")
     for source, point in (("Eq. (30a)", "P1"), ("Eq. (30b)", "P2")):
         matrix = np.array(printed[point]["stiffness"]) * printed["unit"]
         found += matrix_findings(model, source, math.radians(printed[point]["q_deg"]), matrix)
-    principal = published("principal_stiffness")
+    principal = read_published("principal_stiffness")
     rows = {point: _rows(principal, point) for point in ("Q1", "Q2")}
     for source, point in (("Table 5", "Q1"), ("Table 6", "Q2")):
         found += principal_findings(model, source, math.radians(principal[point]["q_deg"]), rows[point])

@@ -217,7 +217,7 @@ def blind(
         blind_scores.write_blind_report(scores, folder, title, shown)
 
     emit(
-        output, blind_scores.scores_json(scores, campaigns, seed, manifest.elapsed()),
+        output, blind_scores.scores_json(scores, campaigns, seed, manifest.measure_elapsed()),
         lambda: blind_scores.show_scores(scores), manifest=manifest, fill=fill, page=page, kept="scores.json",
     )  # fmt: skip
     if not remove_copied(cases, out):

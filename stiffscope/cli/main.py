@@ -17,7 +17,7 @@ from click.exceptions import NoArgsIsHelpError
 
 from stiffscope.errors import InputError, StiffscopeError
 from stiffscope.runtime.output import FULL
-from stiffscope.runtime.reading import shown, why
+from stiffscope.runtime.reading import show_path, why
 from stiffscope.runtime.signals import STOPS
 
 _FOR_DEVELOPERS = {"py.warnings", "asyncio"}  # only --debug shows these: an event loop that is stopped complains
@@ -136,20 +136,20 @@ def _guarded(arguments: list[str]) -> int:  # noqa: PLR0911 (one for each way to
             raise
         _drop_output()
         file = str(error.filename) if isinstance(error.filename, str | os.PathLike) else ""
-        _say(f"{shown(file) if file else 'standard output or a disk'}: cannot be used ({why(error, file or '-')})")
+        _say(f"{show_path(file) if file else 'standard output or a disk'}: cannot be used ({why(error, file or '-')})")
         return 1 if error.errno in FULL else 2
     except UnicodeEncodeError as error:
-        _say(f"{shown(str(error.object)[:60])}: expected text in UTF-8, got bytes that are none")
+        _say(f"{show_path(str(error.object)[:60])}: expected text in UTF-8, got bytes that are none")
         return 2
     except Exception as error:
         if "--debug" in arguments:
             raise
-        _say(_described(error))
+        _say(_describe_error(error))
         return 1
     return 0
 
 
-def _described(error: Exception) -> str:
+def _describe_error(error: Exception) -> str:
     if isinstance(error, MemoryError):
         return "not enough memory; choose a larger mesh.size, or a machine with more"
     known = isinstance(error, StiffscopeError)
@@ -169,7 +169,7 @@ def _check_surroundings(arguments: list[str]) -> None:
     for word in arguments:
         if "\0" in word or len(word) > MOST_CHARACTERS:
             raise InputError(
-                f"{shown(word)}: expected a word of the command line, got one that is too long or has a NUL"
+                f"{show_path(word)}: expected a word of the command line, got one that is too long or has a NUL"
             )
 
 
@@ -222,6 +222,6 @@ def _stop(number: int, _frame: Any) -> NoReturn:
 
 
 def _say(text: str) -> None:
-    plain = " ".join(shown(word) for word in text.split())
+    plain = " ".join(show_path(word) for word in text.split())
     with contextlib.suppress(OSError):
         click.echo(f"stiffscope: {plain}", err=True)

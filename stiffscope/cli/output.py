@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from stiffscope.errors import InputError
 from stiffscope.report.progress import progress
-from stiffscope.report.terminal import recorded, show_line
+from stiffscope.report.terminal import record_shown, show_line
 from stiffscope.runtime.output import check_output, staged_folder, write_json
 from stiffscope.runtime.workshop import workshop
 
@@ -84,7 +84,7 @@ def emit(
         if show is not None:
             show()
         if output.folder is not None and manifest is not None:
-            show_line(f"Written to {output.folder} in {manifest.elapsed():.1f} s")
+            show_line(f"Written to {output.folder} in {manifest.measure_elapsed():.1f} s")
 
 
 def write_folder(
@@ -121,7 +121,7 @@ def write_folder(
             fill(folder)
         manifest.write(folder)
         if page is not None:
-            with recorded() as shown:
+            with record_shown() as shown:
                 if show is not None:
                     show()
             page(folder, shown)

@@ -28,7 +28,7 @@ from stiffscope.experiments.watching import changes, differences, digest_sources
 from stiffscope.report import tables
 from stiffscope.report.kept_pictures import plain_robot, write_run_pictures
 from stiffscope.report.run_report import write_run_report
-from stiffscope.report.terminal import recorded
+from stiffscope.report.terminal import record_shown
 from stiffscope.robot.library import find_robot
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.output import write_json
@@ -77,12 +77,12 @@ def run(
     if watch:
         _watch(name, components, tolerance, overrides, output)
         return
-    robot = _checked(name, overrides, tolerance)
+    robot = _load_checked(name, overrides, tolerance)
     robots = {"now": robot} | ({"before": load_robot(name, (), tolerance)} if overrides else {})
     manifest = manifest_of(robot)
     with open_workshop(output) as shop:
         solved = assemble_robots(robots, components, shop)
-        manifest.seconds["parts"] = manifest.elapsed()
+        manifest.seconds["parts"] = manifest.measure_elapsed()
         report = shop.open_line("robot")
         report("assembling", 0.2)
         states = {label: at_named_poses(each, robot.poses) for label, each in solved.items()}
@@ -102,7 +102,7 @@ def run(
         warn_of(now.results.values())
 
 
-def _checked(name: str, overrides: Sequence[str], tolerance: str | None) -> RobotFile:
+def _load_checked(name: str, overrides: Sequence[str], tolerance: str | None) -> RobotFile:
     """The robot, which has poses and reaches them. Raises InputError."""
     robot = load_robot(name, overrides, tolerance)
     if not robot.poses:
@@ -119,10 +119,10 @@ def _watch(name: str, components: Any, tolerance: str | None, overrides: Sequenc
     before: _Step | None = None
     meshed: dict[str, PartResult] = {}
     page: Future[None] | None = None
-    with workshop() as shop, workshop(together=True) as behind, ThreadPoolExecutor(1) as pool, _ending(behind):
+    with workshop() as shop, workshop(together=True) as behind, ThreadPoolExecutor(1) as pool, _end_experiments(behind):
         for _ in changes(watched):
             try:
-                robot = _checked(name, overrides, tolerance)
+                robot = _load_checked(name, overrides, tolerance)
                 watched[:] = sources(robot)
                 manifest = manifest_of(robot)
                 now = assemble_robots({"now": robot}, components, shop, whole=False, near=meshed)["now"]
@@ -132,7 +132,7 @@ def _watch(name: str, components: Any, tolerance: str | None, overrides: Sequenc
                 continue
             if output.loud:
                 _show_step(step, before)
-                tables.show_line(f"{manifest.elapsed():.2f} s; {out / 'report.html'} follows; Ctrl-C ends")
+                tables.show_line(f"{manifest.measure_elapsed():.2f} s; {out / 'report.html'} follows; Ctrl-C ends")
             if page is not None:
                 page.cancel()
             page = pool.submit(_write_behind, robot, components, out, manifest, behind)
@@ -144,7 +144,7 @@ def _watch(name: str, components: Any, tolerance: str | None, overrides: Sequenc
 
 
 @contextmanager
-def _ending(behind: Workshop) -> Iterator[None]:
+def _end_experiments(behind: Workshop) -> Iterator[None]:
     """On Ctrl-C end the experiments that a page waits for; what is being drawn is finished."""
     try:
         yield
@@ -183,12 +183,12 @@ def _folder_of(
         _write_parts(now, folder, manifest)
         _write_robot(now, states["now"], folder)
         write_run_pictures(now, folder, shop.cache, manifest)
-        manifest.seconds["robot"] = manifest.elapsed() - manifest.seconds.get("parts", 0.0)
+        manifest.seconds["robot"] = manifest.measure_elapsed() - manifest.seconds.get("parts", 0.0)
 
     def page(folder: Path, _: Sequence[Shown]) -> None:
-        with recorded() as parts:
+        with record_shown() as parts:
             _show_parts(now)
-        with recorded() as shown:
+        with record_shown() as shown:
             _show_robot(now, states)
         write_run_report(folder, now, parts, shown, watched=watched)
 

@@ -132,7 +132,8 @@ def _choose_starts(points: list[Point], outcomes: Outcomes, variables: Sequence[
 
     def far(i: int, k: int) -> bool:
         other = any(
-            v.low is None and v.at(a) != v.at(b) for v, a, b in zip(variables, points[i], points[k], strict=True)
+            v.low is None and v.find_value(a) != v.find_value(b)
+            for v, a, b in zip(variables, points[i], points[k], strict=True)
         )
         return other or max(abs(a - b) for a, b in zip(points[i], points[k], strict=True)) > APART
 

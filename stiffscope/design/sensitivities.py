@@ -61,10 +61,10 @@ def part_sensitivities(orders: Sequence[PartOrder], shop: Workshop) -> list[Part
         jobs = {order.label: (order, solved[order], shop.cache) for order in missing}
         made = shop.work(make_sensitivity, jobs)
         folders = {order: made[order.label] for order in missing}
-    return [read_sensitivity(folders.get(order) or _held(shop, order)) for order in orders]
+    return [read_sensitivity(folders.get(order) or _take_held(shop, order)) for order in orders]
 
 
-def _held(shop: Workshop, order: PartOrder) -> Path:
+def _take_held(shop: Workshop, order: PartOrder) -> Path:
     held = shop.cache.get(KIND, order.key())
     if held is None:
         raise StiffscopeError(f"{order.label}: its derivatives are no longer in the cache")
@@ -95,11 +95,11 @@ def _built(order: PartOrder, name: str, value: float) -> Part:
 
 
 def _to_json(found: PartSensitivity) -> str:
-    def plain(value: Any) -> Any:
+    def to_plain(value: Any) -> Any:
         return value.tolist() if isinstance(value, np.ndarray) else value
 
     fields = {
-        name: {key: plain(value) for key, value in vars(derivative).items()}
+        name: {key: to_plain(value) for key, value in vars(derivative).items()}
         for name, derivative in found.derivatives.items()
     }
     return json.dumps({"part": found.part, "derivatives": fields, "notes": found.notes, "seconds": found.seconds})

@@ -156,8 +156,8 @@ class _Model:
         return Row(parameter, by, self._errors(changed[0], abs(step), middle, by))
 
     def responses(self, robot: RobotFile) -> Responses:
-        varied = self._varied(robot)
-        mechanism, found = self._assembled(robot, varied)
+        varied = self._vary_parts(robot)
+        mechanism, found = self._assemble(robot, varied)
         state = statics.analyse(mechanism, found)
         sag = np.full((len(found), 6), np.nan)
         firm = np.asarray(np.isfinite(state.compliance).all(axis=(1, 2)))
@@ -166,24 +166,24 @@ class _Model:
         frequency = _first(frequencies(mechanism, found, MOST_MODES))
         return Responses(state.finite, sag, frequency, mass_of_solids(robot, self.components, varied))
 
-    def _assembled(self, robot: RobotFile, varied: Mapping[str, Any]) -> tuple[Mechanism, Configurations]:
+    def _assemble(self, robot: RobotFile, varied: Mapping[str, Any]) -> tuple[Mechanism, Configurations]:
         mechanism = mechanism_of(robot, part_matrices(robot, self.components, varied))
         return mechanism, configure(mechanism, self.poses).require_valid()
 
     def _errors(self, robot: RobotFile, step: float, middle: Responses, by: Responses) -> Responses:
         """Bounds of the differences by those of the parts' derivatives; zeros where no part's experiment changes."""
-        varied = self._varied(robot)
+        varied = self._vary_parts(robot)
         if not any(each.error.any() for each in varied.values()):
             none = [np.zeros_like(each) for each in (middle.stiffness, middle.sag, middle.frequency)]
             return Responses(none[0], none[1], none[2], 0.0)
-        mechanism, found = self._assembled(robot, varied)
+        mechanism, found = self._assemble(robot, varied)
         bars = statics.stiffness_error(mechanism, found) / step
         sag = (np.abs(statics.compliance(mechanism, found)) @ bars @ np.abs(middle.sag)[..., None])[..., 0]
         shaken = modes(mechanism, found, MOST_MODES)
         frequency = _first(shaken.frequencies, shaken.error) / step + OWN_MODES * np.abs(by.frequency)
         return Responses(bars, sag, frequency, 0.0)
 
-    def _varied(self, robot: RobotFile) -> dict[str, Any]:
+    def _vary_parts(self, robot: RobotFile) -> dict[str, Any]:
         """The experiments as they would be for this robot, with bounds of the difference only."""
         return {name: self._one(name, robot) for name in self.experiments}
 

@@ -245,7 +245,7 @@ class _Desk:
             for point in points:
                 if self.ended:
                     raise CancelledError
-                values = tuple(v.at(share) for v, share in zip(self.file.variables, point, strict=True))
+                values = tuple(v.find_value(share) for v, share in zip(self.file.variables, point, strict=True))
                 with self.lock:
                     row = self._find_row(values)
                     self.asked[origin].append(row)

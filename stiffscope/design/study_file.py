@@ -42,7 +42,7 @@ class Variable:
         """Its name, with its unit where it is a number."""
         return f"{self.name} [{self.unit}]" if all(not isinstance(each, str) for each in self.levels) else self.name
 
-    def at(self, share: float) -> Value:
+    def find_value(self, share: float) -> Value:
         """Its value at a share from 0 to 1 of its range or of its values."""
         if self.low is None or self.high is None:
             return self.levels[min(int(share * len(self.levels)), len(self.levels) - 1)]

@@ -112,21 +112,21 @@ def _read_variable(key: Key, name: str, given: Any, robot: RobotFile, top: Study
     table = given if isinstance(given, dict) else {"range": given}
     found = read_table(RangeSection, table, key)
     if (found.range is None) == (found.values is None):
-        raise FieldError(key, f"expected {RANGE}, or a table with range or values, got {q.shown(given)}")
+        raise FieldError(key, f"expected {RANGE}, or a table with range or values, got {q.show_value(given)}")
     known = {each.name: each for each in parameters(robot, top.components)}
     also = known[name].also if name in known else ()
     texts = found.range if found.values is None else found.values
     if found.values is None and (not isinstance(texts, list) or len(texts) != 2):
-        raise FieldError(key, f"expected {RANGE}, two ends, got {q.shown(texts)}")
+        raise FieldError(key, f"expected {RANGE}, two ends, got {q.show_value(texts)}")
     _check_takes(name, texts or [], robot, also, key)
     unit = known[name].unit if name in known else unit_of((texts or [""])[0])
     if found.values is not None:
         return Variable(name, unit, tuple(_read_value(each, key) for each in found.values), also=also)
     low, high = (_read_number(each, key) for each in texts or [])
     if any(isinstance(each, str) and unit_of(each) != unit for each in texts or []):
-        raise FieldError(key, f"expected {RANGE}, both ends in {unit}, got {q.shown(texts)}")
+        raise FieldError(key, f"expected {RANGE}, both ends in {unit}, got {q.show_value(texts)}")
     if not low < high:
-        raise FieldError(key, f"expected {RANGE}, the lower end first, got {q.shown(texts)}")
+        raise FieldError(key, f"expected {RANGE}, the lower end first, got {q.show_value(texts)}")
     levels = tuple(round_off(float(each)) for each in np.linspace(low, high, found.steps))
     return Variable(name, unit, levels, low, high, also)
 
@@ -201,7 +201,7 @@ def _list_poses(found: ResponseSection, robot: RobotFile, key: Key) -> list[Pose
         return _list_grid(robot, found.points, where)
     names = [found.at] if isinstance(found.at, str) else list(robot.poses) if found.at is None else found.at
     if not isinstance(names, list) or not names:
-        raise FieldError(where, f'expected names of poses, numbers in a list, or "map", got {q.shown(found.at)}')
+        raise FieldError(where, f'expected names of poses, numbers in a list, or "map", got {q.show_value(found.at)}')
     chosen = [names] if not isinstance(names[0], list) and names[0] not in robot.poses else names
     out: list[Pose] = []
     for each in names if isinstance(found.at, str) else chosen:

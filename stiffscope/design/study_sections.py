@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import field_validator
 
-from stiffscope.robot.file.values import Reads, Says, Section, whole
+from stiffscope.robot.file.values import Reads, Says, Section, parse_whole
 
 Method = Literal["grid", "latin-hypercube", "sobol", "optimum", "pareto"]
 DESIGNS = {"latin-hypercube": 64, "sobol": 64, "optimum": 120, "pareto": 400}
@@ -19,9 +19,9 @@ def _list_texts(value: Any) -> Any:
 
 
 def _read_count(value: Any) -> int:
-    if not 1 <= whole(value) <= MOST_DESIGNS:
+    if not 1 <= parse_whole(value) <= MOST_DESIGNS:
         raise ValueError(f"expected 1 to {MOST_DESIGNS}, got {value}")
-    return whole(value)
+    return parse_whole(value)
 
 
 Texts = Annotated[tuple[str, ...], Reads(_list_texts, says="texts in a list")]
@@ -37,7 +37,7 @@ class StudySection(Section):
     tolerance: Annotated[str | None, Says("error bar of the parts' matrices, as `--tolerance` takes it")] = None
     method: Method
     designs: Annotated[int | None, Reads(lambda value: value and _read_count(value), says="how many at most")] = None
-    seed: Annotated[int, Reads(whole, says="a whole number")] = 1
+    seed: Annotated[int, Reads(parse_whole, says="a whole number")] = 1
     parameters: Annotated[dict[str, Any], Says('a table such as "slider.thickness" = ["15 mm", "40 mm"]')]
     responses: Annotated[dict[str, Any], Says('a table such as stiffness = "K_tx"')]
     constraints: Annotated[Texts, Says('texts such as "mass <= 3 kg"')] = ()

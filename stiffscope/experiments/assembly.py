@@ -110,7 +110,7 @@ def assemble_robots(
     with name_lines(next(iter(robots.values()))):
         solved = dict(zip(orders, solve_parts(list(orders.values()), shop, whole=whole, near=near), strict=True))
     return {
-        label: _assembled(robot, components, {name: solved[at, name] for at, name in solved if at == label})
+        label: _assemble(robot, components, {name: solved[at, name] for at, name in solved if at == label})
         for label, robot in robots.items()
     }
 
@@ -145,7 +145,7 @@ def check_reach(robot: RobotFile, poses: Mapping[str, Sequence[float]]) -> None:
             raise robot.refuse(("poses", name), reason) if name in robot.poses else InputError(f"{name}: {reason}")
 
 
-def _assembled(robot: RobotFile, components: Components, results: dict[str, PartResult]) -> Assembled:
+def _assemble(robot: RobotFile, components: Components, results: dict[str, PartResult]) -> Assembled:
     sources = {
         name: source if isinstance(source, str) else "given" for name, source in part_sources(robot, components).items()
     }

@@ -87,13 +87,13 @@ def solve_parts(
             found[order] = _read(order, folder, time.perf_counter() - begun, whole=whole, reused=True)
     if missing:
         make = partial(_make_part, whole=whole, near=near or {}, skip=skip)
-        for order, (folder, seconds) in _made(missing, shop, make).items():
+        for order, (folder, seconds) in _make_missing(missing, shop, make).items():
             if folder is not None:
                 found[order] = _read(order, folder, seconds, whole=whole, reused=False)
     return [found[order] for order in orders if order in found]
 
 
-def _made(missing: Sequence[PartOrder], shop: Workshop, make: Callable[..., Any]) -> dict[PartOrder, Any]:
+def _make_missing(missing: Sequence[PartOrder], shop: Workshop, make: Callable[..., Any]) -> dict[PartOrder, Any]:
     jobs = {order.label: (order, shop.cache) for order in missing}
     if len(jobs) < len(missing):
         raise ValueError("experiments that differ have the same label")
@@ -123,7 +123,7 @@ def _make_part(
     """Make an experiment and keep it: its folder, and the seconds that it took. May run in a child process."""
     begun = time.perf_counter()
     try:
-        with _named(order):
+        with _name_refusals(order):
             part, experiment = _test(order, cache, report, whole=whole, near=near.get(order.label))
             kind = WHOLE if whole else MOVED if experiment.moved else CONDENSED
             folder = cache.put(kind, order.key(), lambda aside: _write(part, experiment, aside, whole=whole))
@@ -137,7 +137,7 @@ def _make_part(
 
 
 @contextmanager
-def _named(order: PartOrder) -> Iterator[None]:
+def _name_refusals(order: PartOrder) -> Iterator[None]:
     """Let every refusal of the mesh or the solution begin with its part's name, as those of fields do."""
     try:
         yield

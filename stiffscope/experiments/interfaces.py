@@ -54,7 +54,7 @@ class Choice:
     @property
     def overrides(self) -> tuple[str, ...]:
         """What `--set` takes to choose it."""
-        return tuple(f"{self.part}.{key}={_written(key, value)}" for key, value in self.values)
+        return tuple(f"{self.part}.{key}={_format_value(key, value)}" for key, value in self.values)
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def compare_interfaces(robot: RobotFile, part: str, shop: Workshop) -> Compariso
     found: list[PartResult] = []
     for start in range(0, len(wanted), AT_ONCE):
         found += solve_parts(list(wanted.values())[start : start + AT_ONCE], shop, whole=False)
-    return _compared(part, dict(zip(wanted, found, strict=True)), [APART] * apart + left_out)
+    return _compare_choices(part, dict(zip(wanted, found, strict=True)), [APART] * apart + left_out)
 
 
 def choices(robot: RobotFile, part: str) -> list[Choice]:
@@ -168,7 +168,7 @@ def _bed(robot: RobotFile, part: str) -> float | None:
     given = getattr(section, "foundation", None)
     if given or material is None or not isinstance(section, ParametricPart):
         return given
-    return float(f"{material.youngs_modulus / section.across('z'):.3g}")
+    return float(f"{material.youngs_modulus / section.measure_across('z'):.3g}")
 
 
 def _with(robot: RobotFile, part: str, values: Mapping[str, Any]) -> RobotFile:
@@ -176,7 +176,7 @@ def _with(robot: RobotFile, part: str, values: Mapping[str, Any]) -> RobotFile:
     return dataclasses.replace(robot, parts={**robot.parts, part: robot.part(part).model_copy(update=dict(values))})
 
 
-def _written(key: str, value: Any) -> str:
+def _format_value(key: str, value: Any) -> str:
     """A value as a robot file has it."""
     if key == "foundation":
         return "rigid" if value is None else f"{value / 1e9:.12g} N/mm^3"
@@ -222,16 +222,16 @@ def _orders(robot: RobotFile, part: str, own: PartOrder) -> tuple[dict[Choice, P
     return orders, same, left_out
 
 
-def _compared(part: str, found: Mapping[Choice, PartResult], left_out: Sequence[str]) -> Comparison:
+def _compare_choices(part: str, found: Mapping[Choice, PartResult], left_out: Sequence[str]) -> Comparison:
     point = next(iter(found.values())).experiment.reference_point
-    own, *others = (Tested(choice, result, *_at(result, point)) for choice, result in found.items())
+    own, *others = (Tested(choice, result, *_shift_to(result, point)) for choice, result in found.items())
     scale = np.sqrt(np.diag(own.compliance))
     notable = np.abs(own.compliance) > SIGNIFICANT * np.outer(scale, scale)
     entries = [_entry(own, others, i, j) for i in range(6) for j in range(i, 6) if notable[i, j]]
     return Comparison(part, own, tuple(others), tuple(entries), tuple(left_out))
 
 
-def _at(result: PartResult, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _shift_to(result: PartResult, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Compliance and bounds (6, 6) at another reference point: pads stand out from the face that they load."""
     carry = shift(point - result.experiment.reference_point)
     return carry @ result.compliance @ carry.T, np.abs(carry) @ result.error @ np.abs(carry.T)

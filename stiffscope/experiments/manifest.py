@@ -38,7 +38,7 @@ class Manifest:
         """Say of one result its cache key, whether it was reused, and the time it took now."""
         self.results[result] = {"reused": reused, "seconds": round(seconds, 3), "key": key, **more}
 
-    def elapsed(self) -> float:
+    def measure_elapsed(self) -> float:
         """Seconds since the command began."""
         return (dt.datetime.now(dt.UTC) - self.started).total_seconds()
 
@@ -49,7 +49,9 @@ class Manifest:
             "version": library_version("stiffscope"),
             "command": sys.argv[1:],
             "started": self.started.isoformat(timespec="seconds"),
-            "seconds": {name: round(value, 3) for name, value in {**self.seconds, "total": self.elapsed()}.items()},
+            "seconds": {
+                name: round(value, 3) for name, value in {**self.seconds, "total": self.measure_elapsed()}.items()
+            },
             **self.sources,
             "results": self.results,
             "versions": {"python": sys.version.split()[0], **{name: library_version(name) for name in LIBRARIES}},

@@ -16,10 +16,10 @@ from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.part_dimensions import (
     FOUNDATION,
     PartDimension,
-    between,
+    find_vanishing,
+    interpolate_between,
     on_foundation,
     part_parameters,
-    vanishing,
     with_parameter,
 )
 
@@ -55,7 +55,7 @@ def tested_dimensions(nominal: Assembled, shop: Workshop) -> dict[str, Callable[
 def _dimensions(nominal: Assembled, name: str, shop: Workshop) -> tuple[PartDimension, ...]:
     robot, here = nominal.robot, nominal.matrices[name].compliance
     known = part_parameters(robot, name)
-    limits = {key: vanishing(robot, name, key) for key in known}
+    limits = {key: find_vanishing(robot, name, key) for key in known}
     shares = {key: _shares(robot.material(name), key) for key in known}
     others = {
         key: tuple(limits[key] + (value - limits[key]) * share for share in shares[key])
@@ -63,11 +63,13 @@ def _dimensions(nominal: Assembled, name: str, shop: Workshop) -> tuple[PartDime
     }
     foundation = getattr(robot.parts[name], FOUNDATION, None)
     others[FOUNDATION] = FOUNDATIONS if foundation is None else (np.inf, *(foundation * times for times in SOFTER))
-    tried = _tried(nominal, name, others, shop)
+    tried = _try_values(nominal, name, others, shop)
     out = [
         PartDimension(
             name, key, value, unit,
-            between((value, *tried[key]), (here, *tried[key].values()), limits[key], _legal(robot.material(name), key)),
+            interpolate_between(
+                (value, *tried[key]), (here, *tried[key].values()), limits[key], _legal(robot.material(name), key)
+            ),
             limits[key],
         )
         for key, (value, unit) in known.items()
@@ -103,7 +105,7 @@ def _shares(material: AnyMaterial | None, key: str) -> tuple[float, ...]:
     return tuple(growth if key == "youngs_modulus" else [1.0 / g for g in growth])
 
 
-def _tried(
+def _try_values(
     nominal: Assembled, name: str, values: dict[str, tuple[float, ...]], shop: Workshop
 ) -> dict[str, dict[float, Array]]:
     """Compliances of a part with other values of its parameters, on its own mesh moved along where that can be.

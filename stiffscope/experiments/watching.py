@@ -50,7 +50,7 @@ def changes(files: Sequence[Path]) -> Iterator[None]:
     first = True
     while True:
         changed = first
-        while [path for path in files if _changed(path, held)]:  # until it is written whole
+        while [path for path in files if _has_changed(path, held)]:  # until it is written whole
             changed = True
             time.sleep(PERIOD)
         if changed:
@@ -59,7 +59,7 @@ def changes(files: Sequence[Path]) -> Iterator[None]:
         time.sleep(PERIOD)
 
 
-def _changed(path: Path, held: dict[Path, tuple[Any, str]]) -> bool:
+def _has_changed(path: Path, held: dict[Path, tuple[Any, str]]) -> bool:
     """Whether a file's content is another than held, which it replaces; a new file is none that changed."""
     with suppress(OSError, InputError):
         status = path.stat()
@@ -111,13 +111,13 @@ def differences(
 
     """
     files = [f"content of {name}" for name, now in (present or {}).items() if (former or {}).get(name, now) != now]
-    old, new = (_leaves(_plain(robot)) for robot in (before, after))
+    old, new = (_leaves(_parse_plain(robot)) for robot in (before, after))
     names = [name for name in dict.fromkeys([*new, *old]) if old.get(name) != new.get(name)]
     shown = [f"{name} {_word(old.get(name))} → {_word(new.get(name))}" for name in names[:4]]
     return files + ([*shown, f"{len(names) - 4} more"] if len(names) > 4 else shown)
 
 
-def _plain(robot: RobotFile) -> dict[str, Any]:
+def _parse_plain(robot: RobotFile) -> dict[str, Any]:
     return parse_text(robot.path, robot.source.text)
 
 

@@ -20,7 +20,7 @@ from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.diagnose import diagnose_campaign
 from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
 from stiffscope.gap.forward.robot_model import RobotModel
-from stiffscope.robot.file.quantities import shown
+from stiffscope.robot.file.quantities import show_value
 from stiffscope.robot.inspection import rigid_mechanism
 from stiffscope.robot.library import find_robot, robot_names
 from stiffscope.robot.mechanism_of import mechanism_of
@@ -172,4 +172,4 @@ def _robot_of(folder: Path, campaign: Campaign, robot: str) -> Path:
     if robot in robot_names():
         return find_robot(robot)
     expected = f"a robot file, seen from its folder, or one of {', '.join(robot_names())}"
-    raise campaign.refuse(("robot",), f"expected {expected}, got {shown(robot)}")
+    raise campaign.refuse(("robot",), f"expected {expected}, got {show_value(robot)}")

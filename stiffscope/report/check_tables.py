@@ -134,7 +134,9 @@ def _drives(found: Inspection) -> None:
     rows = []
     for joint in found.mechanism.drives:
         if joint.drive is not None:
-            low, high = (_shown(each, turns=joint.kind == "revolute") for each in (joint.drive.low, joint.drive.high))
+            low, high = (
+                _show_limit(each, turns=joint.kind == "revolute") for each in (joint.drive.low, joint.drive.high)
+            )
             unit = "N·m/rad" if joint.kind == "revolute" else "N/m"
             rows.append((joint.name, joint.kind, f"{joint.drive.stiffness:.4g} {unit}", low, high))
     if rows:
@@ -142,7 +144,7 @@ def _drives(found: Inspection) -> None:
         _table("Drives (range from home)", columns, rows, prose=("joint",))
 
 
-def _shown(value: float, *, turns: bool) -> str:
+def _show_limit(value: float, *, turns: bool) -> str:
     if not np.isfinite(value):
         return "no limit"
     return f"{np.degrees(value):.5g} deg" if turns else f"{1e3 * value:.5g} mm"
@@ -152,7 +154,7 @@ def _reach(found: Inspection) -> None:
     rows = []
     for way in found.reach:
         turns = way.coordinate.startswith("r")
-        ends = (_shown(way.low, turns=turns), _shown(way.high, turns=turns))
+        ends = (_show_limit(way.low, turns=turns), _show_limit(way.high, turns=turns))
         rows += [
             (way.coordinate, f"{word} {end}", why or "no limit up to here")
             for word, end, why in zip(("from", "to"), ends, (way.at_low, way.at_high), strict=True)
@@ -166,7 +168,7 @@ def _poses(found: Inspection) -> None:
     rows = [
         (
             pose.name,
-            ", ".join(_shown(x, turns=t) for x, t in zip(pose.tool, turning, strict=True)),
+            ", ".join(_show_limit(x, turns=t) for x, t in zip(pose.tool, turning, strict=True)),
             pose.reason or "yes",
             "-" if pose.conditioning is None else f"{pose.conditioning:.3g}",
         )

@@ -48,7 +48,7 @@ def compare(robot: RobotFile, name: str, result: PartResult | Experiment) -> Com
     """Return a parametric part's compliance by FEA, beam theories and as published, entry by entry, with findings."""
     simple = parts_of.beam_compliance(robot, name, euler_bernoulli)
     beam = parts_of.beam_compliance(robot, name)
-    printed = _printed(robot, name)
+    printed = _find_printed(robot, name)
     fea, error = result.compliance, result.error
     scale = np.sqrt(np.outer(np.diag(fea), np.diag(fea)))
     entries = []
@@ -62,7 +62,7 @@ def compare(robot: RobotFile, name: str, result: PartResult | Experiment) -> Com
     return Comparison(name, tuple(entries), tuple(_findings(robot, name, fea, simple, beam, printed)))
 
 
-def _printed(robot: RobotFile, name: str) -> np.ndarray | None:
+def _find_printed(robot: RobotFile, name: str) -> np.ndarray | None:
     """The published compliance (6, 6), where any part of the robot has one."""
     own = getattr(robot.part(name), "published", None)
     if own or (robot.part(name).shape == "rod" and any(getattr(p, "published", None) for p in robot.parts.values())):
@@ -84,7 +84,7 @@ def _findings(
     for i, axis in ((1, "y"), (2, "z")):
         share = 1 - simple[i, i] / beam[i, i]
         if share > 0.02:
-            slender = length / part.across(axis)
+            slender = length / part.measure_across(axis)
             found.append(
                 f"C{i + 1}{i + 1}: shear makes {100 * share:.0f} % of the deflection along {axis}, where the part is "
                 f"only {slender:.2g} times as long as deep; Euler-Bernoulli neglects it"

@@ -10,8 +10,8 @@ import numpy as np
 from stiffscope.report import gap_tables, page, text
 from stiffscope.report.page import Lead, Section
 from stiffscope.report.robot_view import unit_wrenches
-from stiffscope.report.run_report import REPORT, origin, turning
-from stiffscope.report.terminal import Shown, recorded
+from stiffscope.report.run_report import REPORT, origin, turn_robot
+from stiffscope.report.terminal import Shown, record_shown
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -77,10 +77,10 @@ def write_diagnosis_report(
 
     following = diagnosis.next_measurement
     sections = [
-        Section("Where the gap lies", _lines(text.located(diagnosis.where)), figures("residuals"), view=view),
+        Section("Where the gap lies", _lines(text.describe_location(diagnosis.where)), figures("residuals"), view=view),
         Section("Effects", _effects(diagnosis), figures("corner")),
-        Section("Gap", _shown(lambda: gap_tables.show_gap(diagnosis)), figures("waterfall")),
-        Section("Alternatives", _shown(lambda: gap_tables.show_alternatives(diagnosis)), figures("signatures")),
+        Section("Gap", _record_shown(lambda: gap_tables.show_gap(diagnosis)), figures("waterfall")),
+        Section("Alternatives", _record_shown(lambda: gap_tables.show_alternatives(diagnosis)), figures("signatures")),
         Section("What to measure next", _lines([text.what_next(following)] if following else [])),
         Section("Checks", _lines([*text.checks(diagnosis), *diagnosis.remarks]), figures("predictive")),
         origin(folder),
@@ -106,14 +106,14 @@ def share_view(folder: Path, assembled: Assembled, diagnosis: Diagnosis, found: 
     names = [where.pose_names[k] for k in chosen]
     words = "the robot, its components coloured by their share of the gap"
     caption = "The robot at the campaign's poses, largest residual first, coloured by share of the gap."
-    return turning(
+    return turn_robot(
         folder, found, names, cases, choice="load", quantity=SHARE, caption=caption,
         still=page.figure(still, "", words), start=0,
     )  # fmt: skip
 
 
 def _effects(diagnosis: Diagnosis) -> list[Shown]:
-    tables = _shown(lambda: gap_tables.show_effects(diagnosis, details=True)) if diagnosis.effects else []
+    tables = _record_shown(lambda: gap_tables.show_effects(diagnosis, details=True)) if diagnosis.effects else []
     confused = [
         f"These readings cannot distinguish {text.name(e.effect, e.place)} from "
         f"{', '.join(map(text.label, e.confused_with))}"
@@ -125,8 +125,8 @@ def _effects(diagnosis: Diagnosis) -> list[Shown]:
     return [*tables, *_lines([*confused, *merely])]
 
 
-def _shown(show: Callable[[], None]) -> list[Shown]:
-    with recorded() as shown:
+def _record_shown(show: Callable[[], None]) -> list[Shown]:
+    with record_shown() as shown:
         show()
     return shown
 

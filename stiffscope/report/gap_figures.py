@@ -119,7 +119,7 @@ def signature_correlation(diagnosis: Diagnosis) -> Figure | None:
     if len(names) < 2:
         return None
     matrix = np.array(rows, dtype=float)
-    order = _clustered(matrix)
+    order = _cluster_rows(matrix)
     matrix, labels = matrix[np.ix_(order, order)], [label(names[k]) for k in order]
     size = 0.6 + 0.29 * len(names) + 0.065 * max(map(len, labels))
     figure = new_figure(size + 1.2, size, "Signature correlation (1: indistinguishable from these readings)")
@@ -134,7 +134,7 @@ def signature_correlation(diagnosis: Diagnosis) -> Figure | None:
     return figure
 
 
-def _clustered(correlation: np.ndarray) -> list[int]:
+def _cluster_rows(correlation: np.ndarray) -> list[int]:
     """Order of the rows in which neighbours are similar."""
     distance = np.clip(1.0 - np.nan_to_num(correlation), 0.0, 1.0)
     distance = 0.5 * (distance + distance.T)

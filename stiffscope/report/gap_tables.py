@@ -23,7 +23,7 @@ def show_diagnosis(diagnosis: Diagnosis) -> None:
     show_gap(diagnosis)
     show_alternatives(diagnosis)
     _show_list("Possible", text.possible(diagnosis))
-    _show_list("Where", text.located(diagnosis.where))
+    _show_list("Where", text.describe_location(diagnosis.where))
     if diagnosis.next_measurement:
         _show_list("Next", [text.what_next(diagnosis.next_measurement)])
     _show_list("Checks", text.checks(diagnosis))

@@ -20,8 +20,8 @@ from stiffscope.experiments.results import EXPERIMENT
 from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.report import maps
 from stiffscope.report.gap_figures import draw_figures
-from stiffscope.report.pictures import PictureError, draw, drawing, optional_pictures
-from stiffscope.report.robot_scene import deformed, exaggeration, moves, picture, pose_text, scene
+from stiffscope.report.pictures import PictureError, draw, open_drawing, optional_pictures
+from stiffscope.report.robot_scene import deform_nodes, exaggeration, moves, picture, pose_text, scene
 from stiffscope.report.run_report import GEOMETRY
 from stiffscope.report.text import shares
 from stiffscope.runtime.cache import code_version, digest, kept_files
@@ -84,7 +84,7 @@ def shares_ahead(assembled: Assembled, campaign: Mapping[str, str], cache: Cache
     if cache.get("pictures", key) is not None:
         yield SharesPicture(key, draw)
         return
-    with drawing(ahead=True) as draw_now:
+    with open_drawing(ahead=True) as draw_now:
         yield SharesPicture(key, draw_now)
 
 
@@ -96,7 +96,7 @@ def write_diagnosis_pictures(
     Where this machine cannot draw the robot, say so and leave it out.
     """
     code = code_version(("stiffscope.report",), ("matplotlib", "numpy"))
-    key = digest({"diagnosis": _drawn(diagnosis), "code": code})
+    key = digest({"diagnosis": _describe_drawn(diagnosis), "code": code})
     figures = Order("figures", key, lambda folder: draw_figures(diagnosis, folder), folder)
     _write([figures, robot] if robot else [figures], cache, manifest)
 
@@ -135,7 +135,7 @@ def draw_inspection(found: Inspection, folder: Path) -> None:
         return
     pictures = []
     for k, pose in enumerate(found.poses):
-        if pose.reached:
+        if pose.is_reached:
             title = f"{found.robot.name} at {pose.name}: {pose_text(found.mechanism, pose.tool)}"
             pictures.append(picture(f"robot_{pose.name}.png", title, moves(found.mechanism, found.configurations, k)))
     if pictures:
@@ -152,7 +152,7 @@ def draw_deflection(
         moved, at = moves(mechanism, found, k), found.tool[k, :3]
         factor = exaggeration(mechanism, moved, case.twists, at)
         title = f"{assembled.robot.name} at {name} under {case.label}; deformed × {factor:g}"
-        bent = picture(f"deflection_{k + 1}.png", title, deformed(moved, case.twists, at, factor), moved)
+        bent = picture(f"deflection_{k + 1}.png", title, deform_nodes(moved, case.twists, at, factor), moved)
         shown.append({**bent, "shares": case.shares})
     arguments = scene(assembled.robot, mechanism, _experiments(assembled))
     with optional_pictures():
@@ -169,7 +169,7 @@ def plain_robot(robot: RobotFile) -> dict[str, Any]:
 
 def _write(orders: Sequence[Order], cache: Cache, manifest: Manifest) -> None:
     with ThreadPoolExecutor(AT_ONCE) as pool:
-        made = [pool.submit(_kept, order, cache) for order in orders]
+        made = [pool.submit(_keep_pictures, order, cache) for order in orders]
         try:
             for order, each in zip(orders, made, strict=True):
                 _place(order, *each.result(), manifest)
@@ -178,7 +178,7 @@ def _write(orders: Sequence[Order], cache: Cache, manifest: Manifest) -> None:
             raise
 
 
-def _kept(order: Order, cache: Cache) -> tuple[Path | None, bool, float]:
+def _keep_pictures(order: Order, cache: Cache) -> tuple[Path | None, bool, float]:
     """Folder with the pictures, or None where they cannot be drawn; whether the cache had them; the seconds taken."""
     begun = time.perf_counter()
     held = cache.get("pictures", order.key)
@@ -197,7 +197,7 @@ def _place(order: Order, held: Path | None, reused: bool, seconds: float, manife
         manifest.note(order.name, key=order.key, reused=reused, seconds=seconds)
 
 
-def _drawn(diagnosis: Diagnosis) -> dict[str, Any]:
+def _describe_drawn(diagnosis: Diagnosis) -> dict[str, Any]:
     """What determines the figures of a diagnosis."""
     samples = diagnosis.samples
     draws = {} if samples is None else {**samples.parameters, "held out": samples.held_out}

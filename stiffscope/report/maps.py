@@ -71,7 +71,7 @@ def _draw(found: StiffnessMap, panels: Sequence[Panel], poses: Poses, title: str
     columns = min(len(panels), 3)
     rows = -(-len(panels) // columns)
     across, up = (float(np.ptp(values)) for values in (found.columns, found.rows))
-    slim = np.clip(up / across, 0.4, 1.6) if _alike(found) else 0.8
+    slim = np.clip(up / across, 0.4, 1.6) if _have_same_unit(found) else 0.8
     figure = Figure(figsize=(4.5 * columns, 0.8 + (0.6 + 3.6 * slim) * rows), layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)  # knows the extent of a text; without it every label of a contour would draw the sheet
     heading: Any = {"fontsize": 14 if columns > 1 else 11, "fontweight": "bold"}
@@ -87,7 +87,7 @@ def _draw(found: StiffnessMap, panels: Sequence[Panel], poses: Poses, title: str
     save_figure(figure, *targets)
 
 
-def _alike(found: StiffnessMap) -> bool:
+def _have_same_unit(found: StiffnessMap) -> bool:
     """Whether both coordinates are lengths, or both angles."""
     return found.across.startswith("r") == found.up.startswith("r")
 
@@ -112,7 +112,7 @@ def _fill(axes: Axes, found: StiffnessMap, panel: Panel) -> None:
     figure.colorbar(image, cax=bar, extend="both" if clipped else "neither")
     down = ", down" if found.down else ""
     axes.set(xlabel=f"{found.across} ({_unit(found.across)})", ylabel=f"{found.up} ({_unit(found.up)}{down})")
-    axes.set_aspect("equal" if _alike(found) else "auto")
+    axes.set_aspect("equal" if _have_same_unit(found) else "auto")
     axes.set_title(panel.title, fontsize=12)
     axes.label_outer()
 

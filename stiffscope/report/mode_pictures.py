@@ -9,7 +9,7 @@ import numpy as np
 
 from stiffscope.experiments.results import EXPERIMENT
 from stiffscope.report.pictures import draw, optional_pictures
-from stiffscope.report.robot_scene import deformed, exaggeration, moves, picture, scene
+from stiffscope.report.robot_scene import deform_nodes, exaggeration, moves, picture, scene
 from stiffscope.report.run_report import GEOMETRY
 from stiffscope.vjm.network import END, FOOT
 from stiffscope.vjm.screws import CONVENTION
@@ -65,9 +65,9 @@ def draw_modes(assembled: Assembled, names: Sequence[str], found: Modes, folder:
             if within > _WITHIN:
                 title += f"; {100 * within:.0f} % of the energy is in parts between their ends"
             energy = {element: float(share[k, i]) for element, share in found.energy.items()}
-            stem = f"mode_{_plain(name, k)}_{i + 1}"
+            stem = f"mode_{_name_file(name, k)}_{i + 1}"
             sines = np.sin(0.5 * np.pi * np.arange(-_STEPS // 4, _STEPS // 4 + 1) / (_STEPS // 4))
-            frames = [deformed(moved, twists, at, float(sine) * factor) for sine in sines]
+            frames = [deform_nodes(moved, twists, at, float(sine) * factor) for sine in sines]
             order = [*range(len(sines)), *range(len(sines) - 2, 0, -1)]
             coloured = {"shares": energy if hertz else None}
             stills.append(picture(f"{stem}.png", title, frames[-1], moved) | coloured)
@@ -87,6 +87,6 @@ def draw_modes(assembled: Assembled, names: Sequence[str], found: Modes, folder:
             each.result()
 
 
-def _plain(name: str, number: int) -> str:
+def _name_file(name: str, number: int) -> str:
     """A pose's name where a file can have it, else its number."""
     return name if name.replace("_", "").replace("-", "").isalnum() else str(number + 1)

@@ -22,8 +22,8 @@ from stiffscope.report import maps, page, tables
 from stiffscope.report.figures import save_figures
 from stiffscope.report.numbers import coordinates, name_pose, point, pose_values, vector
 from stiffscope.report.pictures import draw
-from stiffscope.report.run_report import ENERGY, GEOMETRY, turning
-from stiffscope.report.terminal import recorded, show_line, show_table
+from stiffscope.report.run_report import ENERGY, GEOMETRY, turn_robot
+from stiffscope.report.terminal import record_shown, show_line, show_table
 from stiffscope.runtime import output
 from stiffscope.runtime.output import scratch_folder
 from stiffscope.runtime.progress import LISTENERS
@@ -102,7 +102,7 @@ def register() -> None:
 def as_html(shown: Any, show: Callable[[Any], Sequence[Figure] | None] | None = None) -> str:
     """Return what a notebook shows of an object: its tables, and figures where it has some."""
     show = show or SHOWN[f"{type(shown).__module__.removeprefix('stiffscope.')}.{type(shown).__name__}"]
-    with recorded() as lines:
+    with record_shown() as lines:
         figures = show(shown) or ()
     return page.templates().get_template("notebook.html").render(lines=lines, figures=figures)
 
@@ -216,7 +216,7 @@ def view(shown: Mechanism | Configurations | Stiffness | Modes, robot: RobotFile
     moving = isinstance(shown, Modes)
     with scratch_folder() as folder:
         draw("robot", folder, pictures=[], geometry=GEOMETRY, **scene(robot, mechanism))
-        turned = turning(
+        turned = turn_robot(
             folder, found, names, mode_cases(shown) if isinstance(shown, Modes) else unit_wrenches(mechanism, found),
             choice="mode" if moving else "load", quantity=ENERGY,
             caption=f"Components coloured by their {ENERGY}.", still=None,
@@ -280,7 +280,7 @@ def _configurations(shown: Configurations) -> None:
         for k, (pose, ok) in enumerate(zip(shown.poses[:MOST], shown.valid[:MOST], strict=True))
     ]
     show_table("Configurations", ((place, "reached", "why not"),), rows, prose=("why not",))
-    _omitted(len(shown.poses))
+    _show_omitted(len(shown.poses))
 
 
 def _stiffness(shown: Stiffness) -> None:
@@ -290,14 +290,14 @@ def _stiffness(shown: Stiffness) -> None:
         compliance=shown.compliance[:MOST], rigid=shown.rigid[:MOST],
     )  # fmt: skip
     tables.show_stiffness([str(k + 1) for k in range(len(first.matrix))], first)
-    _omitted(len(shown.matrix))
+    _show_omitted(len(shown.matrix))
 
 
 def _deflection(shown: Deflection) -> None:
     names = [f"pose {k + 1}" for k in range(min(len(shown.twist), MOST))]
     part = {element: share[:MOST] for element, share in shown.shares.items()}
     tables.show_deflection(names, shown.twist[:MOST], part)
-    _omitted(len(shown.twist))
+    _show_omitted(len(shown.twist))
 
 
 def _modes(shown: Modes) -> None:
@@ -354,7 +354,7 @@ def _text(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value) if value not in {None, ""} else "–"
 
 
-def _omitted(count: int) -> None:
+def _show_omitted(count: int) -> None:
     if count > MOST:
         show_line(f"and {count - MOST} more poses")
 

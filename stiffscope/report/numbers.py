@@ -20,7 +20,7 @@ ZERO = "·"
 ZERO_NOTE = f"{ZERO}  zero within its error bound, or below 10⁻⁶ of √(M_ii M_jj)"
 
 
-def resolved(matrix: Any, error: Any = 0.0) -> NDArray[np.bool_]:
+def find_resolved(matrix: Any, error: Any = 0.0) -> NDArray[np.bool_]:
     """Return which entries (6n, 6n) of a matrix are more than mesh noise: beyond their bounds and 10⁻⁶ √(M_ii M_jj)."""
     values = np.abs(np.asarray(matrix, dtype=float))
     scale = np.sqrt(np.diagonal(values))

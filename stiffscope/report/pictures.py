@@ -53,12 +53,12 @@ def draw(picture: str, target: Path, **arguments: Any) -> None:
         The disk is full.
 
     """
-    with drawing() as draw_now:
+    with open_drawing() as draw_now:
         draw_now(picture, target, **arguments)
 
 
 @contextmanager
-def drawing(*, ahead: bool = False) -> Iterator[Callable[..., None]]:
+def open_drawing(*, ahead: bool = False) -> Iterator[Callable[..., None]]:
     """Start a child process that draws; gives what is then called like `draw`.
 
     ``ahead``: the picture is known in some seconds only, which the process takes to load what it needs.
@@ -73,7 +73,7 @@ def drawing(*, ahead: bool = False) -> Iterator[Callable[..., None]]:
 
 
 def _draw(executor: Processes, picture: str, target: Path, **arguments: Any) -> None:
-    asked = json.loads(json.dumps(arguments, default=_plain))
+    asked = json.loads(json.dumps(arguments, default=_to_plain))
     try:
         executor.submit(_draw_now, picture, target.absolute(), asked, name="no pictures", limit=TIME_LIMIT).result()
     except LateError as error:
@@ -115,6 +115,6 @@ def _cause(error: WorkerError) -> str:
     return f"no pictures: {last[:200]}"
 
 
-def _plain(value: Any) -> Any:
+def _to_plain(value: Any) -> Any:
     """What JSON does not know: arrays and paths."""
     return value.tolist() if hasattr(value, "tolist") else str(value.absolute())

@@ -66,7 +66,7 @@ def moves(mechanism: Mechanism, configurations: Configurations, index: int = 0) 
     return out
 
 
-def deformed(moved: Moves, twists: Mapping[str, Array], at: Array, factor: float) -> Moves:
+def deform_nodes(moved: Moves, twists: Mapping[str, Array], at: Array, factor: float) -> Moves:
     """Nodes moved on by twists (6,) at the point ``at`` (3,) in base axes, m and rad, times a factor.
 
     Displacements are linear in the twists, ``factor (v + ω × (x - at))``, so that what is exaggerated keeps its shape.

@@ -49,7 +49,7 @@ def robot_view(
     Parameters
     ----------
     geometry
-        The solids, as `stiffscope.report.drawing.geometry.packed` gives them.
+        The solids, as `stiffscope.report.drawing.geometry.pack_solids` gives them.
     found, names
         The robot at n poses, and their names.
     cases
@@ -88,26 +88,26 @@ def unit_wrenches(mechanism: Mechanism, found: Configurations) -> list[list[Case
     """The six unit wrenches at M at each pose; those under which the tool moves freely are left out."""
     units: dict[str, np.ndarray] = dict(zip(LOADS, np.eye(6), strict=True))
     try:
-        return _solved(mechanism, found, units)
+        return _solve_wrenches(mechanism, found, units)
     except InputError:
-        return [_held(mechanism, found[np.array([k])], units) for k in range(len(found))]
+        return [_solve_held(mechanism, found[np.array([k])], units) for k in range(len(found))]
 
 
 def wrench_cases(mechanism: Mechanism, found: Configurations, load: np.ndarray, label: str) -> list[list[Case]]:
     """One wrench (6,) at M, N and N·m, at each pose. Raises InputError where the tool moves freely under it."""
-    return _solved(mechanism, found, {label: load})
+    return _solve_wrenches(mechanism, found, {label: load})
 
 
-def _held(mechanism: Mechanism, one: Configurations, loads: Mapping[str, np.ndarray]) -> list[Case]:
+def _solve_held(mechanism: Mechanism, one: Configurations, loads: Mapping[str, np.ndarray]) -> list[Case]:
     """Those of several wrenches at a pose under which the tool does not move freely."""
     cases: list[Case] = []
     for label, load in loads.items():
         with contextlib.suppress(InputError):
-            cases += _solved(mechanism, one, {label: load})[0]
+            cases += _solve_wrenches(mechanism, one, {label: load})[0]
     return cases
 
 
-def _solved(mechanism: Mechanism, found: Configurations, loads: Mapping[str, np.ndarray]) -> list[list[Case]]:
+def _solve_wrenches(mechanism: Mechanism, found: Configurations, loads: Mapping[str, np.ndarray]) -> list[list[Case]]:
     """Wrenches (6,) at M at each pose."""
     done = respond(mechanism, found, np.column_stack(list(loads.values())))
     n = len(found)

@@ -56,7 +56,7 @@ def write_modes_report(
 ) -> None:
     """Write the report of natural frequencies: table as shown, shapes that move."""
     stills = [_mode_figure(file) for file in sorted(folder.glob("mode_*.png"))[:STILLS]]
-    view = turning(
+    view = turn_robot(
         folder, found.configurations, names, mode_cases(found), choice="mode", quantity=ENERGY,
         caption=f"The robot in its mode shapes, components coloured by their {ENERGY}.",
         still=stills[0] if stills else None,
@@ -98,7 +98,7 @@ def write_deflection_report(
     if file.exists():
         said = "loading and unloading, both ways, are one curve"
         stills.append(page.figure(file, "Force over deflection", f"force over deflection: {said}"))
-    view = turning(
+    view = turn_robot(
         folder, found, names, cases, choice="load", quantity=ENERGY,
         caption=f"The robot under the wrench at M, components coloured by their {ENERGY}.",
         still=stills[0] if stills else None,
@@ -113,14 +113,14 @@ def write_deflection_report(
 
 def write_check_report(folder: Path, found: Inspection, tables: Sequence[Shown]) -> None:
     """Write the report of what a robot file says: the robot at its poses, tables as shown."""
-    reached = [k for k, pose in enumerate(found.poses) if pose.reached]
+    reached = [k for k, pose in enumerate(found.poses) if pose.is_reached]
     names = [found.poses[k].name for k in reached]
     still = folder / f"robot_{names[0]}.png" if names else folder
     view = None
     if found.configurations is None or not still.is_file():
         (folder / GEOMETRY).unlink(missing_ok=True)
     else:
-        view = turning(
+        view = turn_robot(
             folder, found.configurations[np.array(reached)], names, [[] for _ in reached], choice="load",
             quantity=ENERGY, caption="The robot at home and at the poses of its file; no stiffness is computed here.",
             still=page.figure(still, "", f"the robot at {names[0]}"),
@@ -147,14 +147,14 @@ def _wrench_view(folder: Path, assembled: Assembled, found: Configurations, name
     still = None
     if drawn is not None:
         still = page.figure(folder / f"robot_{drawn}.png", f"The robot at {drawn}.", f"the robot at {drawn}")
-    return turning(
+    return turn_robot(
         folder, found, names, unit_wrenches(assembled.mechanism, found), choice="load", quantity=ENERGY,
         caption=f"The robot under unit wrenches at M, components coloured by their {ENERGY}.",
         still=still,
     )  # fmt: skip
 
 
-def turning(
+def turn_robot(
     folder: Path, found: Configurations, names: Sequence[str], cases: list[list[Case]], *, choice: str, quantity: str,
     caption: str, still: Figure | None, start: int = 100,
 ) -> RobotView | None:  # fmt: skip

@@ -132,7 +132,7 @@ def show_sensitivity(found: Sensitivity, names: Sequence[str]) -> None:
         stiffness = np.diagonal(found.at.stiffness[index])
         sag = np.linalg.norm(found.at.sag[index, :3])
         rows = []
-        for row in ranked(found, index):
+        for row in rank_rows(found, index):
             shares, bounds = (_diagonal(each.stiffness[index], row, stiffness) for each in (row.by, row.error))
             value = row.parameter.value
             along = found.at.sag[index, :3] @ row.by.sag[index, :3] * value / sag**2 if sag > 0 else np.nan
@@ -155,7 +155,7 @@ def show_sensitivity(found: Sensitivity, names: Sequence[str]) -> None:
     _show_notes(found.notes)
 
 
-def ranked(found: Sensitivity, index: int) -> list[Row]:
+def rank_rows(found: Sensitivity, index: int) -> list[Row]:
     """Rows by the largest effect on a diagonal entry of K at a pose, less those without any effect."""
     stiffness = np.diagonal(found.at.stiffness[index])
 
@@ -240,7 +240,7 @@ def _write_page(folder: Path, title: str, shown: Sequence[Shown], words: str) ->
 
 def _robot_chart(found: Sensitivity, pose: str) -> Figure:
     stiffness = np.diagonal(found.at.stiffness[0])
-    rows = [row for row in ranked(found, 0) if abs(_diagonal(row.by.stiffness[0], row, stiffness)[0]) > LEAST]
+    rows = [row for row in rank_rows(found, 0) if abs(_diagonal(row.by.stiffness[0], row, stiffness)[0]) > LEAST]
     rows.sort(key=lambda row: -abs(_diagonal(row.by.stiffness[0], row, stiffness)[0]))
     massive = [row for row in rows if row.per_kilogram is not None]  # what adds mass and changes K_tx
     drawn = new_figure(11.0, 1.6 + 0.32 * min(len(rows), MOST_BARS), f"{found.robot.name}: what changes K_tx at {pose}")

@@ -67,7 +67,7 @@ def study_json(study: Study) -> dict[str, Any]:
         "study": study.file.path,
         "method": study.file.method,
         "columns": list(table.columns),
-        "rows": [[_plain(value) for value in row] for row in table.itertuples(index=False)],
+        "rows": [[_to_plain(value) for value in row] for row in table.itertuples(index=False)],
         "best": [k + 1 for k in study.best],
         "converged": converged,
         "search": list(how),
@@ -78,7 +78,7 @@ def study_json(study: Study) -> dict[str, Any]:
     }
 
 
-def _plain(value: Any) -> Any:
+def _to_plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 

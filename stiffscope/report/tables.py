@@ -14,12 +14,12 @@ from stiffscope.report.numbers import (
     ZERO,
     ZERO_NOTE,
     coordinates,
+    find_resolved,
     percent,
     point,
     pose_values,
     ratio,
     relative,
-    resolved,
     with_bound,
 )
 from stiffscope.report.terminal import show_line, show_table
@@ -151,7 +151,7 @@ def show_stiffness(
     for i, name in enumerate(names):
         matrix = np.asarray(state.matrix[i])
         bound = np.zeros((6, 6)) if bars is None else np.asarray(bars[i])
-        shown = np.where(resolved(matrix, bound), matrix, np.nan) / factor
+        shown = np.where(find_resolved(matrix, bound), matrix, np.nan) / factor
         sunk = [] if sag is None else [f"{1e6 * np.linalg.norm(sag[i][:3]):.2f}", f"{1e6 * sag[i][2]:z.2f}"]
         place = pose_values(state.poses[i], pose)
         if len(state.rigid[i]):  # of each direction with all others free, where the tool yields at all
@@ -260,7 +260,7 @@ def show_element(kind: str, found: MachineElement) -> None:
 
 
 def _show_matrix(title: str, matrix: Any, error: Any) -> list[Sequence[str]]:
-    shown = np.where(resolved(matrix, error), matrix, np.nan)
+    shown = np.where(find_resolved(matrix, error), matrix, np.nan)
     rows: list[Sequence[str]] = [(name, *_cells(row, ".5g")) for name, row in zip(TWIST, shown, strict=True)]
     show_table(title, (("",), WRENCH[:3], WRENCH[3:]), rows)
     return rows
@@ -269,7 +269,7 @@ def _show_matrix(title: str, matrix: Any, error: Any) -> list[Sequence[str]]:
 def show_experiment(experiment: Experiment) -> None:
     """Show the compliance (6, 6) at the first interface's reference point, each entry with its bound, SI."""
     matrix, error = experiment.compliance, experiment.error
-    clear = resolved(matrix, error)
+    clear = find_resolved(matrix, error)
     rows = [
         (name, *(with_bound(matrix[i, j], error[i, j]) if clear[i, j] else ZERO for j in range(6)))
         for i, name in enumerate(TWIST)

@@ -43,7 +43,7 @@ _recorder: ContextVar[list[Shown] | None] = ContextVar("recorder", default=None)
 
 
 @contextmanager
-def recorded() -> Iterator[list[Shown]]:
+def record_shown() -> Iterator[list[Shown]]:
     """Gather what is shown meanwhile instead of printing it: a page shows the same tables as the terminal."""
     shown: list[Shown] = []
     token = _recorder.set(shown)

@@ -53,7 +53,7 @@ def sentence(diagnosis: Diagnosis) -> str:
 def _group(diagnosis: Diagnosis) -> str:
     """What the named effects cannot be distinguished from, and the reading that would."""
     groups = [
-        f" These readings cannot distinguish {name(e.effect, e.place)} from {_listed(e.confused_with)}."
+        f" These readings cannot distinguish {name(e.effect, e.place)} from {_list_keys(e.confused_with)}."
         for e in diagnosis.effects
         if e.confused_with
     ]
@@ -65,7 +65,7 @@ def _proposal(diagnosis: Diagnosis) -> str:
     return f" Next: {what_next(step)}." if step else ""
 
 
-def _listed(keys: Sequence[str], most: int = 4) -> str:
+def _list_keys(keys: Sequence[str], most: int = 4) -> str:
     return ", ".join(map(label, keys[:most])) + (" and others" if len(keys) > most else "")
 
 
@@ -95,7 +95,7 @@ def _rivals(diagnosis: Diagnosis) -> str:
     confused = dict.fromkeys(other for effect in diagnosis.effects for other in effect.confused_with)
     near = [f"{a.effect} @ {a.place}" for a in diagnosis.alternatives if a.probability > 0.02]
     others = [other for other in (confused or dict.fromkeys(near)) if other not in named]
-    return _listed(others) or "no effect at all"
+    return _list_keys(others) or "no effect at all"
 
 
 def _largest(share: dict[str, float]) -> str:
@@ -237,7 +237,7 @@ def shares(robot: RobotFile, diagnosis: Diagnosis) -> dict[str, float]:
     return out
 
 
-def located(where: Where) -> list[str]:
+def describe_location(where: Where) -> list[str]:
     """Return where the gap lies: by direction, by component, and the worst poses."""
     lines = ["by direction: " + ", ".join(f"{axis} {100 * s:.0f} %" for axis, s in where.direction.items() if s > 5e-3)]
     shares = sorted(where.component.items(), key=lambda item: -item[1])

@@ -83,7 +83,7 @@ def _check_part(robot: RobotFile, name: str) -> None:
 
 def _check_file_name(key: Key, name: str) -> None:
     if name in {"", ".", ".."} or not _FILE_NAME.fullmatch(name):
-        raise FieldError(key, f"expected a name that a file of results can have, got {q.shown(name)}")
+        raise FieldError(key, f"expected a name that a file of results can have, got {q.show_value(name)}")
 
 
 def _check_elastic(robot: RobotFile, name: str, body: ElasticBody) -> None:
@@ -119,7 +119,7 @@ def _check_rigid(robot: RobotFile, name: str, body: RigidBody) -> None:
         file = robot.path.parent / body.mesh
         if file.suffix.lower() not in MESHES:
             raise FieldError(
-                (*key, "mesh"), f"expected a file for pictures ({', '.join(MESHES)}), got {q.shown(body.mesh)}"
+                (*key, "mesh"), f"expected a file for pictures ({', '.join(MESHES)}), got {q.show_value(body.mesh)}"
             )
         if not file.is_file():
             raise FieldError((*key, "mesh"), f"expected a file for pictures, got none at {file}")
@@ -182,7 +182,7 @@ def _check_node(key: Key, name: str, known: Mapping[str, str], robot: RobotFile)
     for end in ENDS:
         body = name.removesuffix(f".{end}")
         if body != name and isinstance(robot.bodies.get(body), RigidBody):
-            raise FieldError(key, f'expected "{body}", which is rigid and has no ends, got {q.shown(name)}')
+            raise FieldError(key, f'expected "{body}", which is rigid and has no ends, got {q.show_value(name)}')
     with blame(*key):
         one_of(name, known, "a body or an end of one")
 

@@ -67,7 +67,7 @@ class Pose:
     conditioning: float | None
 
     @property
-    def reached(self) -> bool:
+    def is_reached(self) -> bool:
         """Whether the robot reaches it."""
         return not self.reason
 
@@ -110,7 +110,7 @@ def inspect_robot(robot: RobotFile) -> Inspection:
         remarks = tuple(_of_mobility(found))
         return Inspection(robot, mechanism, found, residual, parts, masses, (), (), None, None, remarks, str(error))
     poses = tuple(_pose(configurations, k, name, tool) for k, (name, tool) in enumerate(named.items()))
-    mapped = None if robot.map is None else _mapped(robot, mechanism)
+    mapped = None if robot.map is None else _map_reach(robot, mechanism)
     remarks = (
         *_of_mobility(found, start_note(mechanism)),
         *_of_choice(found, mechanism),
@@ -178,7 +178,7 @@ def _residual(mechanism: Mechanism) -> float:
     return linkage.length * max(errors, default=0.0)
 
 
-def _mapped(robot: RobotFile, mechanism: Mechanism) -> float:
+def _map_reach(robot: RobotFile, mechanism: Mechanism) -> float:
     """Share of the map that is reached, on a coarse grid."""
     swept = robot.map
     if swept is None:
@@ -246,7 +246,7 @@ def _of_home(found: Mobility, mechanism: Mechanism) -> Iterator[str]:
 def _of_poses(poses: Iterable[Pose]) -> Iterator[str]:
     """Poses out of reach, singular or nearly so."""
     for pose in poses:
-        if not pose.reached:
+        if not pose.is_reached:
             yield f"pose {pose.name} is not reached: {pose.reason}"
         elif pose.conditioning is not None and pose.conditioning < ILL_CONDITIONED:
             word = "singular" if pose.conditioning == 0.0 else "nearly singular"
@@ -366,7 +366,7 @@ def inspection_json(found: Inspection) -> dict[str, Any]:
             w.coordinate: {"low": w.low, "high": w.high, "at_low": w.at_low, "at_high": w.at_high} for w in found.reach
         },
         "poses": {
-            p.name: {"pose": p.tool, "reached": p.reached, "reason": p.reason, "drives": p.drives,
+            p.name: {"pose": p.tool, "reached": p.is_reached, "reason": p.reason, "drives": p.drives,
                      "conditioning": p.conditioning}
             for p in found.poses
         },

@@ -63,7 +63,7 @@ def parameters(robot: RobotFile, components: Components = None) -> tuple[Paramet
     written = parse_text(robot.path, robot.source.text)
     found = []
     for key, value, unit, *also in _candidates(robot, written, components):
-        given = _given(robot, written, key)
+        given = _find_given(robot, written, key)
         if value and not is_expression(given):
             found.append(Parameter(key, float(value), unit, robot.tolerances.get(key), tuple(also)))
     return tuple(found)
@@ -122,9 +122,9 @@ def _of_bearings(robot: RobotFile, written: Any, name: str, joint: JointSection)
     """Numbers with a unit of a joint's bearings, as far as the file gives them."""
     for number, element in enumerate(joint.bearing or ()):
         place = as_written(("joints", name, "bearing"))
-        place = (*place, number) if isinstance(_given(robot, written, place), list) else place
+        place = (*place, number) if isinstance(_find_given(robot, written, place), list) else place
         for key, value in element:
-            given = _given(robot, written, (*place, key))
+            given = _find_given(robot, written, (*place, key))
             if isinstance(value, float) and isinstance(given, str):
                 yield (*place, key), value, unit_of(given)
 
@@ -138,7 +138,7 @@ def _constants(robot: RobotFile, material: AnyMaterial) -> Iterator[tuple[Any, .
         yield ("materials", material.name, name), getattr(material, name), CONSTANTS[name], *also
 
 
-def _given(robot: RobotFile, written: Any, key: Key) -> Any:
+def _find_given(robot: RobotFile, written: Any, key: Key) -> Any:
     """What stands at a key: in the file, or as `--set` brought it."""
     if key in robot.source.changed:
         return split(robot.source.changed[key].removeprefix("--set "))[1]

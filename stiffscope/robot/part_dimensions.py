@@ -73,7 +73,7 @@ def part_parameters(robot: RobotFile, name: str) -> dict[str, tuple[float, str]]
     return out
 
 
-def vanishing(robot: RobotFile, name: str, parameter: str) -> float:
+def find_vanishing(robot: RobotFile, name: str, parameter: str) -> float:
     """Value of a parameter at which nothing is left of its part: of a tube's radius or large bore, no wall; else 0."""
     part = robot.parts[name]
     size = part.lengths() if isinstance(part, ParametricPart) else {}
@@ -109,7 +109,7 @@ def beam_dimensions(robot: RobotFile, name: str) -> tuple[PartDimension, ...]:
     for parameter, (value, unit) in part_parameters(robot, name).items():
         compliance = partial(_beam, robot, name, parameter)
         if not np.allclose(compliance(1.01 * value), nominal, rtol=1e-9, atol=0.0):
-            out.append(PartDimension(name, parameter, value, unit, compliance, vanishing(robot, name, parameter)))
+            out.append(PartDimension(name, parameter, value, unit, compliance, find_vanishing(robot, name, parameter)))
     return tuple(out)
 
 
@@ -117,7 +117,7 @@ def _beam(robot: RobotFile, name: str, parameter: str, value: float) -> Array:
     return beam_compliance(with_parameter(robot, name, parameter, value), name)
 
 
-def between(
+def interpolate_between(
     values: Sequence[float],
     matrices: Sequence[Array],
     limit: float = 0.0,
@@ -129,10 +129,12 @@ def between(
     (`vanishing`): exact for powers of it; far from all values the power that it ends with. The compliance raises
     InputError for a value beyond the limit, or outside of the ``legal`` ones.
     """
-    return partial(_near, tuple(values), np.array(matrices), limit, legal)
+    return partial(_interpolate_near, tuple(values), np.array(matrices), limit, legal)
 
 
-def _near(values: tuple[float, ...], matrices: Array, limit: float, legal: tuple[float, float], value: float) -> Array:
+def _interpolate_near(
+    values: tuple[float, ...], matrices: Array, limit: float, legal: tuple[float, float], value: float
+) -> Array:
     if not (value - limit) * (values[0] - limit) > 0.0:
         raise InputError(f"expected a value to the other side of {limit:g}, where nothing is left, got {value:g}")
     if not legal[0] < value < legal[1]:
@@ -147,10 +149,10 @@ def on_foundation(rigid: Array, values: Sequence[float], matrices: Sequence[Arra
     yields.
     """
     softer = [(v, m - rigid) for v, m in zip(values, matrices, strict=True) if (np.diagonal(m - rigid) > 0.0).all()]
-    return partial(_founded, rigid, np.array([v for v, _ in softer]), np.array([added for _, added in softer]))
+    return partial(_add_foundation, rigid, np.array([v for v, _ in softer]), np.array([added for _, added in softer]))
 
 
-def _founded(rigid: Array, stiffness: Array, added: Array, value: float) -> Array:
+def _add_foundation(rigid: Array, stiffness: Array, added: Array, value: float) -> Array:
     if not len(stiffness):  # as good as rigid
         return rigid
     inside = float(np.clip(value, stiffness.min(), stiffness.max()))

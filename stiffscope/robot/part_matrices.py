@@ -141,11 +141,11 @@ def needed_experiments(robot: RobotFile, components: Components = None) -> tuple
     return tuple(
         name
         for name, source in part_sources(robot, components).items()
-        if _tested(source) or known_mass(robot, name) is None
+        if _is_tested(source) or known_mass(robot, name) is None
     )
 
 
-def _tested(source: str | np.ndarray) -> bool:
+def _is_tested(source: str | np.ndarray) -> bool:
     return isinstance(source, str) and source in {"fea", "step"}
 
 
@@ -178,7 +178,7 @@ def part_matrices(
         if isinstance(part, InterfacePart):
             found[name] = _given_on_interfaces(part)
             continue
-        if isinstance(instead, PartMatrix) and isinstance(source, str) and _tested(source):
+        if isinstance(instead, PartMatrix) and isinstance(source, str) and _is_tested(source):
             found[name] = instead
             continue
         mass = experiments[name].mass if mass is None else mass
@@ -199,7 +199,7 @@ def _dynamics(
     robot: RobotFile, name: str, source: str | np.ndarray, experiments: Mapping[str, Experiment], mass: float
 ) -> tuple[Dynamics | None, np.ndarray | None]:
     """Condensed mass of a part whose source knows it, of the mass that the part has, and where its ends are."""
-    if isinstance(source, str) and _tested(source):
+    if isinstance(source, str) and _is_tested(source):
         experiment = experiments[name].experiment
         places = np.vstack([experiment.clamp_point, experiment.reference_points])
         if not mass:
@@ -225,7 +225,7 @@ def _matrix(
     part = robot.parts[name]
     if not isinstance(source, str):
         return source, None
-    if _tested(source):
+    if _is_tested(source):
         return experiments[name].compliance, experiments[name].error
     if isinstance(part, MatrixPart):
         return np.array(part.matrix), None if part.error is None else np.array(part.error)
@@ -321,13 +321,13 @@ def published_compliance(robot: RobotFile, name: str) -> np.ndarray:
 
 def published_matrix(name: str) -> np.ndarray:
     """(6, 6), SI, of `data/published/<name>.toml`, whose numbers are multiples of its `unit`."""
-    content = published(name)
+    content = read_published(name)
     if "compliance" not in content:
         raise InputError(f"data/published/{name}.toml: expected a table with a 6x6 `compliance`, got none")
     return np.array(content["compliance"], dtype=float) * content["unit"]
 
 
-def published(name: str) -> dict[str, Any]:
+def read_published(name: str) -> dict[str, Any]:
     """Content of `data/published/<name>.toml` as it stands there. Raises InputError for a name that is not there."""
     path = FOLDER / "published" / f"{name}.toml"
     known = sorted(each.stem for each in path.parent.glob("*.toml"))

@@ -86,7 +86,7 @@ class Cache:
         except BaseException:
             shutil.rmtree(made, ignore_errors=True)
             raise
-        held = self._stored(made, kind, key)
+        held = self._store_result(made, kind, key)
         if held is None:
             return made
         shutil.rmtree(made, ignore_errors=True)
@@ -105,7 +105,7 @@ class Cache:
             self._discard(self.root / entry.kind / entry.key)
         return [entry for entry in gone if not os.path.lexists(self.root / entry.kind / entry.key)]
 
-    def _stored(self, made: Path, kind: str, key: str) -> Path | None:
+    def _store_result(self, made: Path, kind: str, key: str) -> Path | None:
         """Copy a result aside, list its checksums and move it into place; None where the cache cannot be written."""
         folder = self.root / kind / key
         try:
@@ -152,7 +152,7 @@ def cache_folder() -> Path:
 
 def digest(determined_by: Mapping[str, Any]) -> str:
     """Key of a result: SHA-256 over everything that determines it (numbers by their exact value)."""
-    canonical = json.dumps(determined_by, sort_keys=True, separators=(",", ":"), allow_nan=False, default=_plain)
+    canonical = json.dumps(determined_by, sort_keys=True, separators=(",", ":"), allow_nan=False, default=_to_plain)
     return hashlib.sha256(canonical.encode()).hexdigest()
 
 
@@ -178,7 +178,7 @@ def library_version(library: str) -> str:
         return "none"
 
 
-def _plain(value: Any) -> Any:
+def _to_plain(value: Any) -> Any:
     if isinstance(value, frozenset | set):
         return sorted(value)
     if isinstance(value, Path):

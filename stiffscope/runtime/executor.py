@@ -314,11 +314,11 @@ class Shared:
     @property
     def value(self) -> Any:
         """It."""
-        return _unpickled(self._content)
+        return _unpickle(self._content)
 
 
 @functools.lru_cache(16)
-def _unpickled(content: bytes) -> Any:
+def _unpickle(content: bytes) -> Any:
     return pickle.loads(content)  # noqa: S301
 
 

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import psutil
 
 from stiffscope.errors import InputError, StiffscopeError
-from stiffscope.runtime.reading import file_digest, read_bytes, shown, why
+from stiffscope.runtime.reading import file_digest, read_bytes, show_path, why
 from stiffscope.runtime.signals import STOPS, deaf_to
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def check_file(path: Path) -> None:
     """Refuse a file before work is spent on it: see `write_bytes`."""
     try:
         if os.path.isdir(path):  # noqa: PTH112 (those of pathlib raise on some names)
-            raise InputError(f"{shown(path)}: is a folder; give a file")
+            raise InputError(f"{show_path(path)}: is a folder; give a file")
         if not _is_stream(path):
             with scratch_folder(path.resolve().parent) as folder:
                 (folder / path.name).touch()
@@ -82,7 +82,7 @@ def check_new(path: str | Path) -> None:
     if not str(path):
         raise InputError('"": expected a file to write, got no name')
     if os.path.lexists(path):
-        raise InputError(f"{shown(path)}: expected a file that is not there yet, got one that is")
+        raise InputError(f"{show_path(path)}: expected a file that is not there yet, got one that is")
     check_file(Path(path))
 
 
@@ -96,7 +96,8 @@ def check_json(path: Path) -> None:
             ours = False
         if not ours:
             raise InputError(
-                f"{shown(path)}: expected a new file or JSON that stiffscope wrote, got another; --force replaces it"
+                f"{show_path(path)}: expected a new file or JSON that stiffscope wrote, got another; "
+                "--force replaces it"
             )
     check_file(path)
 
@@ -107,7 +108,7 @@ def _is_stream(path: Path) -> bool:
 
 
 def _unwritable_file(path: Path, error: Exception) -> StiffscopeError:
-    text = f"{shown(path)}: cannot be written ({why(error, path)});"
+    text = f"{show_path(path)}: cannot be written ({why(error, path)});"
     if getattr(error, "errno", None) in FULL:
         return StiffscopeError(f"{text} make room on its disk")
     return InputError(f"{text} give a file in a folder of yours")
@@ -138,16 +139,16 @@ def _encodable(text: str, encoding: str) -> str:
 
 def to_json(value: Any) -> str:
     """JSON text with arrays as lists, one matrix row a line; what is not a finite number is null."""
-    return _rows(_plain(value)) + "\n"
+    return _rows(_to_plain(value)) + "\n"
 
 
-def _plain(value: Any) -> Any:
+def _to_plain(value: Any) -> Any:
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): _to_plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [_to_plain(item) for item in value]
     if isinstance(value, float):
         return value + 0.0 if math.isfinite(value) else None  # -0.0 + 0.0 is 0.0
     if isinstance(value, Path):
@@ -173,7 +174,7 @@ def scratch_folder(parent: Path | None = None) -> Iterator[Path]:
     prefix = "stiffscope-scratch-" if parent is None else ".stiffscope-scratch-"
     with contextlib.suppress(OSError):
         for left in holder.glob(f"{prefix}*"):
-            if _abandoned(left, prefix):
+            if _is_abandoned(left, prefix):
                 shutil.rmtree(left, ignore_errors=True)
     folder = holder / (prefix + owner())
     folder.mkdir(mode=0o700)
@@ -188,7 +189,7 @@ def owner() -> str:
     return f"{os.getpid()}-{_HOST}{uuid.uuid4().hex[:6]}"
 
 
-def _abandoned(path: Path, prefix: str) -> bool:
+def _is_abandoned(path: Path, prefix: str) -> bool:
     """Whether a temporary folder of this machine, PREFIX and its owner, has no process any more."""
     match = re.fullmatch(rf"(\d+)-{_HOST}[0-9a-f]+", path.name.removeprefix(prefix))
     if match is None or not path.name.startswith(prefix) or path.is_symlink():
@@ -211,7 +212,7 @@ def staged_folder(target: str | Path) -> Iterator[Path]:
 
     """
     check_output(target)
-    with _aside(target) as aside:
+    with _open_aside(target) as aside:
         yield aside
         _list_files(aside)
         with deaf_to(*STOPS):
@@ -230,11 +231,11 @@ def new_folder(target: str | Path) -> Iterator[Path]:
         Its disk is full.
 
     """
-    there = InputError(f"{shown(target)}: expected a folder that is not there yet, got one that is")
+    there = InputError(f"{show_path(target)}: expected a folder that is not there yet, got one that is")
     if os.path.lexists(target):
         raise there
     check_output(target)
-    with _aside(target) as aside:
+    with _open_aside(target) as aside:
         yield aside
         if os.path.lexists(target):
             raise there
@@ -242,19 +243,19 @@ def new_folder(target: str | Path) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
-def _aside(target: str | Path) -> Iterator[Path]:
+def _open_aside(target: str | Path) -> Iterator[Path]:
     """Give a folder beside a target, removed at the end if it is still there; what killed runs left is put right."""
     goal = Path(target).resolve()
     aside = goal.with_name(f".{goal.name}.partial-{owner()}")
     try:
         goal.parent.mkdir(parents=True, exist_ok=True)
         for left in list(goal.parent.iterdir()):
-            if _abandoned(left, f".{goal.name}.replaced-"):
+            if _is_abandoned(left, f".{goal.name}.replaced-"):
                 if os.path.lexists(goal):
                     shutil.rmtree(left, ignore_errors=True)
                 else:
                     left.rename(goal)  # killed between the two renames: the former output is the complete one
-            elif _abandoned(left, f".{goal.name}.partial-"):
+            elif _is_abandoned(left, f".{goal.name}.partial-"):
                 shutil.rmtree(left, ignore_errors=True)
         aside.mkdir()
         yield aside
@@ -275,13 +276,13 @@ def check_output(target: str | Path, *others: str | Path | None) -> None:
         there = os.path.lexists(goal)
         _check_place(target, goal, there=there)
         for other in filter(None, others):
-            if _resolved(Path(other)).is_relative_to(goal):
+            if _resolve(Path(other)).is_relative_to(goal):
                 raise InputError(f"{other}: is in {target}, which is replaced as a whole; give a file elsewhere")
         for reason in _foreign(goal).values() if there and not _forced else ():
             raise InputError(f"{target}: {reason}; give a new or empty folder, or --force, which keeps that file")
         nearest = next(p for p in (goal, *goal.parents) if p.exists())
         if not nearest.is_dir():
-            raise InputError(f"{shown(target)}: {nearest} is a file, not a folder")
+            raise InputError(f"{show_path(target)}: {nearest} is a file, not a folder")
         with scratch_folder(goal.parent if there else nearest) as folder:
             (folder / goal.name).mkdir()
     except (OSError, RuntimeError, ValueError) as error:  # a name that is too long, a circle of links, no folder here
@@ -293,7 +294,7 @@ def check_output(target: str | Path, *others: str | Path | None) -> None:
 def _check_place(target: str | Path, goal: Path, *, there: bool) -> None:
     """Refuse a file, the folder that we are in, and a disk of its own."""
     if there and not goal.is_dir():
-        raise InputError(f"{shown(target)}: is a file; give a folder for the output")
+        raise InputError(f"{show_path(target)}: is a file; give a folder for the output")
     if goal in (here := Path.cwd(), *here.parents):
         better = Path(target) / "out"
         raise InputError(f"{target}: an output folder is replaced as a whole: not the one you are in; try {better}")
@@ -301,7 +302,7 @@ def _check_place(target: str | Path, goal: Path, *, there: bool) -> None:
         raise InputError(f"{target}: a disk of its own cannot be replaced as a whole; try {Path(target) / 'out'}")
 
 
-def _resolved(path: Path) -> Path:
+def _resolve(path: Path) -> Path:
     try:
         return path.resolve()
     except (OSError, RuntimeError, ValueError) as error:  # a circle of links, a name that no file can have
@@ -309,7 +310,7 @@ def _resolved(path: Path) -> Path:
 
 
 def _unwritable(target: str | Path, error: BaseException) -> StiffscopeError:
-    text = f"{shown(target)}: the output folder cannot be written ({why(error, target)});"
+    text = f"{show_path(target)}: the output folder cannot be written ({why(error, target)});"
     if getattr(error, "errno", None) in FULL:
         return StiffscopeError(f"{text} make room on its disk, or choose another with --out")
     return InputError(f"{text} choose another with --out")
@@ -317,7 +318,7 @@ def _unwritable(target: str | Path, error: BaseException) -> StiffscopeError:
 
 def _foreign(folder: Path) -> dict[str, str]:
     """What in a folder is not as its manifest says that we wrote it, by name, and why."""
-    ours, found = _written(folder), {}
+    ours, found = _digest_written(folder), {}
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()
         folder_with_files = path.is_dir() and not path.is_symlink() and any(path.iterdir())
@@ -330,7 +331,7 @@ def _foreign(folder: Path) -> dict[str, str]:
     return found
 
 
-def _written(folder: Path) -> dict[str, str]:
+def _digest_written(folder: Path) -> dict[str, str]:
     """SHA-256 of every file that we wrote into a folder, by name; none where it has no manifest of ours."""
     try:
         manifest = json.loads(read_bytes(folder / MANIFEST))
@@ -403,7 +404,7 @@ def remove_copied(folder: Path, output: Path, within: str = "") -> bool:
     """
     if folder.is_symlink():
         return False
-    copies = _written(output)
+    copies = _digest_written(output)
     for path in [path for path in folder.rglob("*") if not path.is_dir()]:
         name = within + path.relative_to(folder).as_posix()
         if name in copies and _is(path, copies[name]):

@@ -46,16 +46,16 @@ def open_file(path: str | Path, what: str = "a file", most: int = MOST_BYTES) ->
     try:
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     except (OSError, ValueError) as error:
-        raise InputError(f"{shown(path)}: expected {what}, got {why(error, path)}") from error
+        raise InputError(f"{show_path(path)}: expected {what}, got {why(error, path)}") from error
     stream = os.fdopen(handle, "rb") if stat.S_ISREG(os.fstat(handle).st_mode) else None
     if stream is None:
         kind = _KINDS.get(stat.S_IFMT(os.fstat(handle).st_mode), "no regular file")
         os.close(handle)
-        raise InputError(f"{shown(path)}: expected {what}, got {kind}")
+        raise InputError(f"{show_path(path)}: expected {what}, got {kind}")
     size = os.fstat(handle).st_size
     if size > most:
         stream.close()
-        raise InputError(f"{shown(path)}: expected {what} of at most {_size(most)}, got {_size(size)}")
+        raise InputError(f"{show_path(path)}: expected {what} of at most {_size(most)}, got {_size(size)}")
     return stream
 
 
@@ -65,9 +65,9 @@ def read_bytes(path: str | Path, what: str = "a file", most: int = MOST_BYTES) -
         with open_file(path, what, most) as stream:
             content = stream.read(most + 1)
     except OSError as error:
-        raise InputError(f"{shown(path)}: expected {what}, got {why(error, path)}") from error
+        raise InputError(f"{show_path(path)}: expected {what}, got {why(error, path)}") from error
     if len(content) > most:
-        raise InputError(f"{shown(path)}: expected {what} of at most {_size(most)}, got a larger one")
+        raise InputError(f"{show_path(path)}: expected {what} of at most {_size(most)}, got a larger one")
     return content
 
 
@@ -109,7 +109,7 @@ def why(error: BaseException, path: str | Path = "") -> str:
     )
 
 
-def shown(path: str | Path) -> str:
+def show_path(path: str | Path) -> str:
     """A path as a message shows it: on one line, cut where it is long."""
     text = "".join(each if each.isprintable() else repr(each)[1:-1] for each in str(path)) or '""'
     return text if len(text) <= 300 else f"{text[:140]}…{text[-140:]}"

@@ -10,12 +10,12 @@ import pyvista as pv
 from stiffscope.cli.main import _guarded
 from stiffscope.experiments.assembly import assemble
 from stiffscope.report import page
-from stiffscope.report.drawing.geometry import packed
+from stiffscope.report.drawing.geometry import pack_solids
 from stiffscope.report.drawing.solids import Solid, solids_of
 from stiffscope.report.page import RobotView, Section
-from stiffscope.report.robot_scene import deformed, moves, scene
+from stiffscope.report.robot_scene import deform_nodes, moves, scene
 from stiffscope.report.robot_view import Case, robot_view, unit_wrenches
-from stiffscope.report.terminal import Shown, recorded, show_line, show_table
+from stiffscope.report.terminal import Shown, record_shown, show_line, show_table
 from stiffscope.robot.inspection import rigid_mechanism
 from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.kinematics import configure
@@ -105,7 +105,7 @@ def pages(tmp_path_factory):
     solids = solids_of(plain["bodies"], plain["joints"], plain["tool"], plain["up"])
     at_tool = {"node": plain["tool"]["node"], "at": np.asarray(plain["tool"]["at"]).tolist()}
     colours = {"shades": ["#ffffff", "#000000"], "no_share": "#ffffff", "key": {}, "tool": at_tool}
-    geometry = {**packed(solids, plain["up"], 0.5), **colours}
+    geometry = {**pack_solids(solids, plain["up"], 0.5), **colours}
     for count in (1, 60):
         some = found[np.arange(count)]
         names = [f"z = {z:.4f}" for z in heights[:count]]
@@ -205,19 +205,19 @@ def test_the_viewer_bends_bodies_as_the_pictures_do(tab, tmp_path):
     moved, at = moves(mechanism, found), found.tool[0, :3]
     spread = np.random.default_rng(3)
     twists = {node: spread.normal(scale=[0.02] * 3 + [0.15] * 3) for node in moved}
-    bent = {"ground": (np.eye(3), np.zeros(3)), **deformed(moved, twists, at, 1.0)}
+    bent = {"ground": (np.eye(3), np.zeros(3)), **deform_nodes(moved, twists, at, 1.0)}
     plain = scene(robot, mechanism)
     solids = solids_of(plain["bodies"], plain["joints"], plain["tool"], plain["up"])
     far = pv.PolyData.from_regular_faces(np.array([[-1, -1, -1], [-1, -1, -1], [1, 1, 1]], float), [[0, 1, 2]])
     frame = Solid("frame", far, "#ffffff", ("ground",))  # no area: it fixes what the camera sees
-    given = [Solid(solid.element, solid.moved(bent), solid.colour, ("ground",)) for solid in solids]
+    given = [Solid(solid.element, solid.move(bent), solid.colour, ("ground",)) for solid in solids]
     tool, (turn, shift) = plain["tool"], bent[plain["tool"]["node"]]
     seen = {}
     for name, shapes, point, case in (
         ("bent", solids, tool, [Case("c", "", twists, {})]),
         ("given", given, {"node": "ground", "at": (turn @ tool["at"] + shift).tolist()}, []),
     ):
-        geometry = packed([*shapes, frame], plain["up"], 0.5)
+        geometry = pack_solids([*shapes, frame], plain["up"], 0.5)
         at_tool = {**point, "at": np.asarray(point["at"]).tolist()}
         colours = {"shades": ["#ffffff"] * 2, "no_share": "#ffffff", "key": {}, "tool": at_tool}
         data = robot_view({**geometry, **colours}, found, ["Q1"], [case], choice="load")
@@ -250,7 +250,7 @@ def test_unit_wrenches_yield_what_the_deflection_says():
 
 
 def test_a_page_shows_what_the_terminal_shows(tmp_path, capsys):
-    with recorded() as shown:
+    with record_shown() as shown:
         show_table("T <b>", (("pose", ""), ("K", "why")), [("Q<1>", "", "1.5", "words")], prose=("why",))
         show_line("  a note")
     assert capsys.readouterr().out == ""

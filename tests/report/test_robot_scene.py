@@ -12,10 +12,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from examples.delta import delta as hanging_delta
 from stiffscope.gap.inference.diagnosis import Where
-from stiffscope.report.drawing.robot import framed
+from stiffscope.report.drawing.robot import frame_picture
 from stiffscope.report.drawing.solids import solids_of
-from stiffscope.report.pictures import PictureError, draw, drawing
-from stiffscope.report.robot_scene import deformed, exaggeration, moves, picture, scene
+from stiffscope.report.pictures import PictureError, draw, open_drawing
+from stiffscope.report.robot_scene import deform_nodes, exaggeration, moves, picture, scene
 from stiffscope.report.text import shares
 from stiffscope.robot.inspection import rigid_mechanism
 from stiffscope.robot.reader import load_robot, read_robot
@@ -49,7 +49,7 @@ def test_nodes_move_as_the_configuration_says(delta):
 def test_a_title_is_within_its_picture(length):
     """However many coordinates a pose has."""
     title = ("Share of the gap, rx = 4.257 deg, " * 5)[:length]
-    figure = framed(np.ones((80, 1200, 3)), SimpleNamespace(size=(1200, 80)), title)
+    figure = frame_picture(np.ones((80, 1200, 3)), SimpleNamespace(size=(1200, 80)), title)
     drawn = FigureCanvasAgg(figure).get_renderer()
     assert figure.texts[0].get_window_extent(drawn).x1 < figure.bbox.width
 
@@ -75,13 +75,13 @@ def test_deformed_nodes(delta):
     twist = np.array([1e-3, 2e-3, -1e-3, 4e-3, -2e-3, 1e-3])
     twists = dict.fromkeys(moved, twist)
     factor = exaggeration(mechanism, moved, twists, at)
-    bent = deformed(moved, twists, at, factor)
+    bent = deform_nodes(moved, twists, at, factor)
     for node, (rotation, position) in bent.items():
         x = moved[node][0] @ mechanism.tool.at + moved[node][1]
         wanted = x + factor * (twist[:3] + np.cross(twist[3:], x - at))
         assert np.allclose(rotation @ mechanism.tool.at + position, wanted, atol=1e-12)
     assert f"{factor:g}"[0] in "125"
-    assert deformed(moved, {}, at, factor)["platform"][1] == pytest.approx(moved["platform"][1])
+    assert deform_nodes(moved, {}, at, factor)["platform"][1] == pytest.approx(moved["platform"][1])
 
 
 @pytest.mark.parametrize("name", ["biglide", "delta", "five-bar", "orthoglide", "serial-arm", "stewart"])
@@ -111,7 +111,7 @@ def test_picture_of_a_deformed_robot_with_the_users_own_surface(delta, tmp_path)
     robot = read_robot(tmp_path / "delta.toml", text)
     mechanism = rigid_mechanism(robot)
     home = moves(mechanism, configure(mechanism, mechanism.tool.home))
-    bent = deformed(home, {"platform": np.array([0, 0.2, 0, 0, 0, 0])}, mechanism.tool.at, 1.0)
+    bent = deform_nodes(home, {"platform": np.array([0, 0.2, 0, 0, 0, 0])}, mechanism.tool.at, 1.0)
     plain = scene(robot, mechanism, shares={"leg1.arm": 0.7, "leg2.arm": 0.3})
     draw("robot", tmp_path, pictures=[picture("a.png", "Delta", bent, home)], scale="share of energy", **plain)
     image = pv.read(tmp_path / "a.png")
@@ -124,17 +124,17 @@ def test_picture_of_a_deformed_robot_with_the_users_own_surface(delta, tmp_path)
 def test_a_process_that_is_ready_ahead_draws_the_same_picture(delta, tmp_path):
     robot, mechanism, there = delta
     plain = scene(robot, mechanism)
-    with drawing(ahead=True) as draw_now:
+    with open_drawing(ahead=True) as draw_now:
         draw_now("robot", tmp_path, pictures=[picture("ahead.png", "Delta", moves(mechanism, there))], **plain)
     draw("robot", tmp_path, pictures=[picture("now.png", "Delta", moves(mechanism, there))], **plain)
     assert (tmp_path / "ahead.png").read_bytes() == (tmp_path / "now.png").read_bytes()
 
 
 def test_a_process_that_fails_says_why_and_one_that_is_not_asked_ends(tmp_path):
-    with drawing(ahead=True) as draw_now, pytest.raises(PictureError, match="KeyError: 'nothing'"):
+    with open_drawing(ahead=True) as draw_now, pytest.raises(PictureError, match="KeyError: 'nothing'"):
         draw_now("nothing", tmp_path)
     others = psutil.Process().children()
-    with drawing(ahead=True):
+    with open_drawing(ahead=True):
         pass
     assert psutil.Process().children() == others
 
@@ -142,7 +142,7 @@ def test_a_process_that_fails_says_why_and_one_that_is_not_asked_ends(tmp_path):
 def test_a_process_that_is_killed_is_not_taken_for_missing_graphics(delta, tmp_path):
     robot, mechanism, there = delta
     others = psutil.Process().children()
-    with drawing(ahead=True) as draw_now:
+    with open_drawing(ahead=True) as draw_now:
         while not (started := [each for each in psutil.Process().children() if each not in others]):
             time.sleep(0.01)
         started[0].kill()
@@ -160,7 +160,7 @@ def test_a_process_without_a_home_leaves_nothing_when_it_is_killed(tmp_path, mon
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     ends = time.monotonic() + 60
-    with drawing(ahead=True):
+    with open_drawing(ahead=True):
         while not list(tmp_path.rglob("matplotlib-*")) and time.monotonic() < ends:
             time.sleep(0.05)
         assert time.monotonic() < ends

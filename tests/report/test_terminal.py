@@ -16,7 +16,7 @@ from stiffscope.report import tables
 from stiffscope.report.blind_scores import show_scores
 from stiffscope.report.compare import Comparison, Entry
 from stiffscope.report.gap_tables import show_diagnosis
-from stiffscope.report.numbers import resolved
+from stiffscope.report.numbers import find_resolved
 from stiffscope.report.terminal import in_encoding, show_line, show_table
 from stiffscope.report.text import sentence
 from stiffscope.vjm.statics import Stiffness
@@ -190,7 +190,7 @@ def test_mesh_noise_is_shown_as_zero(capsys):
     matrix[1, 5] = matrix[5, 1] = 1e-13  # small, but beyond bound and noise
     error = np.full((6, 6), 2e-12)
     error[1, 5] = error[5, 1] = 1e-14
-    assert np.argwhere(np.triu(resolved(matrix, error), 1)).tolist() == [[1, 5]]
+    assert np.argwhere(np.triu(find_resolved(matrix, error), 1)).tolist() == [[1, 5]]
     tables.show_matrix("C", matrix, error)
     said = capsys.readouterr().out
     assert said.count("·") == 28 + 1

@@ -48,7 +48,7 @@ def test_shipped_robot(name):
     assert found.residual < 1e-12
     assert not m.loose
     assert m.redundant_drives == 0
-    assert all(pose.reached for pose in found.poses)
+    assert all(pose.is_reached for pose in found.poses)
     assert np.allclose(found.poses[0].drives, 0.0, atol=1e-12)
     for way, home in zip(found.reach, found.mechanism.tool.home, strict=True):
         assert way.low < home < way.high
@@ -116,7 +116,7 @@ def test_missing_drive_and_pose_out_of_range(tmp_path):
     assert len(one.mobility.loose) == 1
     assert any("1 more needed" in each for each in one.remarks)
     short = inspect_robot(changed("five-bar", tmp_path, ('"-60 deg", "60 deg"', '"-5 deg", "5 deg"')))
-    assert [pose.name for pose in short.poses if not pose.reached] == ["side"]
+    assert [pose.name for pose in short.poses if not pose.is_reached] == ["side"]
     assert any(each.startswith("pose side is not reached: ") and "range" in each for each in short.remarks)
 
 

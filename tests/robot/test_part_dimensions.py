@@ -16,10 +16,10 @@ from stiffscope.robot.parameters import parameters
 from stiffscope.robot.part_dimensions import (
     PartDimension,
     beam_dimensions,
-    between,
+    find_vanishing,
+    interpolate_between,
     on_foundation,
     part_parameters,
-    vanishing,
     with_parameter,
 )
 from stiffscope.robot.part_matrices import beam_compliance, known_mass, part_matrices
@@ -85,7 +85,7 @@ def test_three_experiments_give_any_value_near_them():
     robot = load_robot("biglide")
     values = (0.02, 0.0188, 0.0212)
     made = [beam_compliance(with_parameter(robot, "slider", "thickness", v), "slider") for v in values]
-    found = between(values, made)(0.018)
+    found = interpolate_between(values, made)(0.018)
     exact = beam_compliance(with_parameter(robot, "slider", "thickness", 0.018), "slider")
     assert found == pytest.approx(exact, rel=1e-4)
 
@@ -94,12 +94,12 @@ def test_three_experiments_give_any_value_near_them():
 def test_a_thin_wall_is_followed_until_a_third_of_it_is_gone(parameter, nominal):
     """Where the radius changes by a sixteenth; against theory itself."""
     robot = load_robot("five-bar")
-    limit = vanishing(robot, "inner", parameter)
+    limit = find_vanishing(robot, "inner", parameter)
     values = [limit + (nominal - limit) * share for share in (1.0, 0.9, 1.1)]
     made = [beam_compliance(with_parameter(robot, "inner", parameter, v), "inner") for v in values]
     thin = limit + (nominal - limit) * 0.67
     exact = beam_compliance(with_parameter(robot, "inner", parameter, thin), "inner")
-    found = between(values, made, limit)
+    found = interpolate_between(values, made, limit)
     assert found(thin) == pytest.approx(exact, rel=4e-3)
     with pytest.raises(InputError, match="nothing is left"):
         found(2.0 * limit - nominal)
@@ -145,7 +145,7 @@ def test_moduli_without_a_material_are_refused_and_far_ones_follow_a_power():
     """A polynomial through five values would be off by its fourth power there."""
     values = np.array([1.0, 0.9, 0.95, 1.05, 1.1])
     made = [np.diag([v**-1.0 + 2e-4 * np.cos(40.0 * v)] * 6) for v in values]  # as experiments scatter
-    found = between(values, made, legal=(0.0, 1.2))
+    found = interpolate_between(values, made, legal=(0.0, 1.2))
     assert found(0.95) == pytest.approx(made[2])
     assert np.diagonal(found(0.5)) == pytest.approx(2.0, rel=0.2)
     with pytest.raises(InputError, match=r"^expected a value between 0 and 1.2, got 1.25"):

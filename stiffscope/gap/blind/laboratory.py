@@ -14,7 +14,7 @@ from stiffscope.gap.lab.faults import ENTRIES, KNOWN, acts_on, inject, is_unifor
 from stiffscope.gap.lab.machine import machine_of
 from stiffscope.gap.lab.plans import Workspace, workspace
 from stiffscope.robot.library import robot_names
-from stiffscope.robot.part_dimensions import part_parameters, vanishing, with_parameter
+from stiffscope.robot.part_dimensions import find_vanishing, part_parameters, with_parameter
 from stiffscope.robot.part_matrices import part_matrices, part_sources
 from stiffscope.robot.reader import load_robot
 
@@ -204,7 +204,7 @@ def other_dimension(lab: Lab, place: str, size: float) -> float:
     part, key = place.rsplit(".", 1)
     robot = lab.robot.nominal.robot
     nominal, unit = part_parameters(robot, part)[key]
-    beyond = vanishing(robot, part, key)
+    beyond = find_vanishing(robot, part, key)
     usual = 0.04 if unit == "m" and not beyond else 0.12
     value, other = (round(beyond + (nominal - beyond) * (1 + usual * s), 7) for s in (size, -size))
     try:

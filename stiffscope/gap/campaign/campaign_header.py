@@ -12,7 +12,7 @@ from stiffscope.effects.vocabulary import EFFECTS
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.campaign import InstrumentFrame, LoadPoint, Sensor
 from stiffscope.robot.file.parse import Source, parse_text
-from stiffscope.robot.file.quantities import LENGTH, NUMBER, Dimension, shown, to_si
+from stiffscope.robot.file.quantities import LENGTH, NUMBER, Dimension, show_value, to_si
 from stiffscope.runtime.reading import read_text
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def load_header(folder: Path) -> Header:
     modelled = top.texts("modelled", ())
     strange = [name for name in modelled if name not in EFFECTS]
     if strange:
-        message = f"expected effects among {', '.join(EFFECTS)}, got {shown(strange[0])}"
+        message = f"expected effects among {', '.join(EFFECTS)}, got {show_value(strange[0])}"
         raise top.refuse("modelled", message)
     readings = top.texts("readings")
     if not readings or len(set(readings)) < len(readings):
@@ -183,7 +183,7 @@ class _Table:
     def text(self, key: str) -> str | None:
         value = self.data.get(key)
         if key in self.data and (not isinstance(value, str) or not value.strip()):
-            raise self.refuse(key, f"expected a text, got {shown(value)}")
+            raise self.refuse(key, f"expected a text, got {show_value(value)}")
         return value
 
     def texts(self, key: str, default: tuple[str, ...] | None = None) -> tuple[str, ...]:
@@ -193,14 +193,14 @@ class _Table:
             return default
         listed = cast("list[Any]", value) if isinstance(value, list) else [value]
         if not all(isinstance(v, str) and v for v in listed):
-            raise self.refuse(key, f"expected a list of texts, got {shown(value)}")
+            raise self.refuse(key, f"expected a list of texts, got {show_value(value)}")
         return tuple(listed)
 
     def choice(self, key: str, choices: tuple[str, ...], default: str | None = None) -> str:
         value = self.text(key) if key in self.data or default is None else default
         if value is None or value not in choices:
             listed = ", ".join(choices) or f"a name of [{key}s], of which there are none"
-            raise self.refuse(key, f"expected one of {listed}, got {'nothing' if value is None else shown(value)}")
+            raise self.refuse(key, f"expected one of {listed}, got {'nothing' if value is None else show_value(value)}")
         return value
 
     def body(self) -> str:
@@ -215,7 +215,7 @@ class _Table:
         """A list of values in SI, one for each dimension."""
         value: Any = self.data.get(key)
         if not isinstance(value, list) or len(cast("list[Any]", value)) != len(dimensions):
-            raise self.refuse(key, f"{example}, got {shown(value)}")
+            raise self.refuse(key, f"{example}, got {show_value(value)}")
         try:
             pairs = zip(cast("list[Any]", value), dimensions, strict=True)
             return tuple(to_si(each, dimension, sign=sign) for each, dimension in pairs)
@@ -233,18 +233,18 @@ class _Table:
         value: Any = self.data.get(key)
         given = cast("list[Any]", value) if isinstance(value, list) else []
         if len(given) != 3 or not all(isinstance(v, int | float) for v in given):
-            raise self.refuse(key, f"expected three numbers such as [0, 0, 1], got {shown(value)}")
+            raise self.refuse(key, f"expected three numbers such as [0, 0, 1], got {show_value(value)}")
         along = np.array(self.values(key, (NUMBER,) * 3, ""))
         size = float(np.linalg.norm(along))
         if not size > 0.0:
-            raise self.refuse(key, f"expected a direction, got {shown(value)}")
+            raise self.refuse(key, f"expected a direction, got {show_value(value)}")
         x, y, z = (along / size).tolist()
         return x, y, z
 
     def table(self, key: str) -> _Table:
         value = self.data.get(key, {})
         if not isinstance(value, dict):
-            raise self.refuse(key, f"expected a table, got {shown(value)}")
+            raise self.refuse(key, f"expected a table, got {show_value(value)}")
         return _Table(self.source, (*self.here, key), cast("dict[str, Any]", value))
 
     def sections(self, key: str) -> list[tuple[str, _Table]]:

@@ -10,7 +10,7 @@ import numpy as np
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.quantities import JOINT
 from stiffscope.robot.file.description import GROUND
-from stiffscope.robot.file.quantities import shown
+from stiffscope.robot.file.quantities import show_value
 
 if TYPE_CHECKING:
     from stiffscope.gap.campaign.campaign import Campaign
@@ -74,7 +74,7 @@ def _check_bodies(campaign: Campaign, robot: RobotFile) -> None:
     def check(name: str, *key: str, moves: bool) -> None:
         if name not in known or (moves and name == GROUND):
             valid = ", ".join(node for node in known if not (moves and node == GROUND))
-            raise campaign.refuse(key, f"expected a body or an end of one ({valid}), got {shown(name)}")
+            raise campaign.refuse(key, f"expected a body or an end of one ({valid}), got {show_value(name)}")
 
     for sensor in campaign.sensors:
         section = sensor.target or sensor.name

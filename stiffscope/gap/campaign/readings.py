@@ -23,7 +23,7 @@ from stiffscope.gap.campaign.on_robot import match_robot
 from stiffscope.gap.campaign.quantities import AXES, DEFLECTION, FREQUENCY, STIFFNESS, WRENCH, kind_of
 from stiffscope.gap.campaign.units import MOVED, check_units, readings_in_si
 from stiffscope.runtime.reading import open_file
-from stiffscope.runtime.reading import shown as shown_path
+from stiffscope.runtime.reading import show_path as shown_path
 from stiffscope.runtime.table import numbers, read_table
 
 if TYPE_CHECKING:

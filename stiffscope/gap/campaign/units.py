@@ -19,7 +19,7 @@ from stiffscope.gap.campaign.quantities import (
     WRENCH,
     kind_of,
 )
-from stiffscope.robot.file.quantities import FORCE, LENGTH, MOMENT, NUMBER, Dimension, shown, to_si
+from stiffscope.robot.file.quantities import FORCE, LENGTH, MOMENT, NUMBER, Dimension, show_value, to_si
 from stiffscope.runtime.table import numbers
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def _factor(header: Header, column: str, *dimensions: Dimension) -> float:
         except ValueError:
             continue
     expected = " or ".join(f'{d.noun} such as "{d.example}"' for d in dimensions)
-    raise header.source.refuse(("units", column), f"expected a unit of {expected}, got {shown(unit)}")
+    raise header.source.refuse(("units", column), f"expected a unit of {expected}, got {show_value(unit)}")
 
 
 def readings_in_si(
@@ -153,4 +153,6 @@ def _check_unit(header: Header, unit: str, column: str) -> None:
         except ValueError:
             continue
         return
-    raise header.source.refuse(("units", column), f'expected a unit such as "um", "urad" or "N/um", got {shown(unit)}')
+    raise header.source.refuse(
+        ("units", column), f'expected a unit such as "um", "urad" or "N/um", got {show_value(unit)}'
+    )

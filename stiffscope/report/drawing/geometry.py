@@ -25,7 +25,7 @@ TRIANGLES, ALL_TRIANGLES, FEWEST = 6_000, 24_000, 400
 SHARP = 35.0  # degrees, from which an edge is one
 
 
-def packed(solids: Sequence[Solid], up: Floats, reach: float) -> dict[str, Any]:
+def pack_solids(solids: Sequence[Solid], up: Floats, reach: float) -> dict[str, Any]:
     """Return what a page's viewer shows, at home: `meshes`, `solids`, size and vertical.
 
     A mesh has points (float32), faces (uint32), normals (int8, of 127) and pairs of points of its sharp edges
@@ -35,7 +35,7 @@ def packed(solids: Sequence[Solid], up: Floats, reach: float) -> dict[str, Any]:
     placed: list[dict[str, Any]] = []
     for solid in solids:
         axes, base, shape = _own_axes(solid)
-        same = (k for k, other in enumerate(shapes) if _alike(shape, other))
+        same = (k for k, other in enumerate(shapes) if _are_alike(shape, other))
         k = next(same, len(shapes))
         if k == len(shapes):
             shapes.append(shape)
@@ -46,7 +46,7 @@ def packed(solids: Sequence[Solid], up: Floats, reach: float) -> dict[str, Any]:
     drawn = sum(shapes[solid["mesh"]].n_cells for solid in placed)
     kept = min(1.0, ALL_TRIANGLES / max(drawn, 1))
     return {
-        "meshes": [_mesh(_thinned(s, max(FEWEST, min(TRIANGLES, round(kept * s.n_cells))))) for s in shapes],
+        "meshes": [_mesh(_thin(s, max(FEWEST, min(TRIANGLES, round(kept * s.n_cells))))) for s in shapes],
         "solids": placed,
         "upright": upright(up).ravel().tolist(),
         "reach": reach,
@@ -63,11 +63,11 @@ def _own_axes(solid: Solid) -> tuple[Floats, Floats, pv.PolyData]:
     return axes, base, shape
 
 
-def _alike(one: pv.PolyData, other: pv.PolyData) -> bool:
+def _are_alike(one: pv.PolyData, other: pv.PolyData) -> bool:
     return one.n_points == other.n_points and np.allclose(one.points, other.points, rtol=0.0, atol=1e-6)
 
 
-def _thinned(shape: pv.PolyData, limit: int) -> pv.PolyData:
+def _thin(shape: pv.PolyData, limit: int) -> pv.PolyData:
     """A surface of at most about so many triangles."""
     thinned: Any = shape if shape.n_cells <= limit else shape.decimate(1.0 - limit / shape.n_cells)
     return thinned

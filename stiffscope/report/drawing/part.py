@@ -73,14 +73,16 @@ def contact_sheet(target: Path, experiment: Experiment, title: str) -> None:
         ((size, "m", "displacement", "viridis"), (stress, "Pa", "von Mises stress", "inferno"))
     ):
         for j in range(6):
-            image, limit, largest = _deformed(mesh, shapes[j], values[j], colours, view)
+            image, limit, largest = _draw_deformed(mesh, shapes[j], values[j], colours, view)
             cell = cells[6 * row + j]
             fill(cell, image, f"{WRENCHES[j]} = {LOADS[j]}   {word}", f"deformation × {power(scales[j])}")
             scale_bar(cell, limit, largest, unit, colours)
     save_figure(figure, target, dpi=100)
 
 
-def _deformed(mesh: TetMesh, points: Floats, values: Floats, colours: str, view: View) -> tuple[Floats, float, float]:
+def _draw_deformed(
+    mesh: TetMesh, points: Floats, values: Floats, colours: str, view: View
+) -> tuple[Floats, float, float]:
     """Image of a deformed part, the upper limit of its colours and the largest value."""
     largest = float(values.max())
     limit = float(np.quantile(values[np.unique(mesh.facets)], 0.995)) if colours == "inferno" else largest

@@ -20,7 +20,7 @@ from matplotlib.patches import Patch
 from PIL import Image
 
 from stiffscope.report.drawing.camera import View, new_plotter, shot, view_of
-from stiffscope.report.drawing.geometry import packed
+from stiffscope.report.drawing.geometry import pack_solids
 from stiffscope.report.drawing.solids import DRIVEN, PASSIVE, RIGID, extent, part_colours, solids_of, upright
 from stiffscope.report.figures import save_figure
 
@@ -93,19 +93,19 @@ def robot(
     if geometry is not None:
         shades = [share_colour(k / (SHADES - 1), 1.0) for k in range(SHADES)]
         colours = {"shades": shades, "no_share": NO_SHARE, "key": _meanings(bodies), "tool": tool}
-        (folder / geometry).write_text(json.dumps({**packed(solids, upward, reach), **colours}))
+        (folder / geometry).write_text(json.dumps({**pack_solids(solids, upward, reach), **colours}))
     for picture in pictures:
         moves, before = _moves(picture["moves"]), picture.get("before")
         rotation, position = moves[tool["node"]]
         coloured = picture.get("shares", shares)
         shapes = _by_colour(solids, moves, coloured)
         if before is not None:
-            shapes["before"] = _joined([solid.moved(_moves(before)) for solid in solids])
+            shapes["before"] = _join_shapes([solid.move(_moves(before)) for solid in solids])
         close = picture.get("close", False)
         arrows = _arrows(marks or [], moves, reach, close)
         seen = _around(np.vstack([each.ends for each in arrows])) if close else None
         image, view = _scene(shapes, rotation @ home + position, upward, reach, seen, arrows=arrows)
-        figure = framed(image, view, picture["title"])
+        figure = frame_picture(image, view, picture["title"])
         if close:
             _name_arrows(figure, view, arrows)
         _explain(figure, bodies, coloured, scale, list(dict.fromkeys(each.kind for each in arrows)))
@@ -138,7 +138,7 @@ def animation(
         seen = np.vstack([*solid, *(np.add([point], 0.12 * reach * np.eye(3)) for point in points)])
         images: list[Any] = []
         for point, each in zip(points, shapes, strict=True):
-            figure = framed(*_scene(each, point, upward, reach, seen, MOVING), picture["title"])
+            figure = frame_picture(*_scene(each, point, upward, reach, seen, MOVING), picture["title"])
             _explain(figure, bodies, coloured, scale)
             canvas = FigureCanvasAgg(figure)
             canvas.draw()
@@ -160,8 +160,8 @@ def _by_colour(solids: list[Solid], moves: Moves, shares: dict[str, float] | Non
     most = max((shares or {}).values(), default=1.0)
     for solid in solids:
         colour = solid.colour if shares is None else share_colour(shares.get(solid.element), most)
-        groups.setdefault(colour, []).append(solid.moved(moves))
-    return {colour: _joined(shapes) for colour, shapes in groups.items()}
+        groups.setdefault(colour, []).append(solid.move(moves))
+    return {colour: _join_shapes(shapes) for colour, shapes in groups.items()}
 
 
 @dataclass(frozen=True)
@@ -213,7 +213,7 @@ def _name_arrows(figure: Figure, view: View, arrows: list[Arrow]) -> None:
         )  # fmt: skip
 
 
-def _joined(shapes: list[pv.PolyData]) -> pv.PolyData:
+def _join_shapes(shapes: list[pv.PolyData]) -> pv.PolyData:
     first: Any = shapes[0]
     return first if len(shapes) == 1 else first.append_polydata(*shapes[1:])
 
@@ -264,7 +264,7 @@ def _draw_arrow(plotter: pv.Plotter, view: View, ends: Floats, colour: str) -> N
     plotter.add_mesh(arrow, color=colour, ambient=0.5)
 
 
-def framed(image: Floats, view: View, title: str) -> Figure:
+def frame_picture(image: Floats, view: View, title: str) -> Figure:
     """The picture under its title, with room below for what its colours mean."""
     width, height = view.size
     total = height + ABOVE + BELOW

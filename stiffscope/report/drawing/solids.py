@@ -45,7 +45,7 @@ class Solid:
     length: float = 0.0
     places: Floats | None = None
 
-    def moved(self, moves: Moves) -> pv.PolyData:
+    def move(self, moves: Moves) -> pv.PolyData:
         """The surface where its nodes have moved to."""
         home = np.asarray(self.surface.points, float)
         ends = [home @ np.asarray(r).T + p for r, p in (moves[node] for node in self.nodes)]
@@ -91,9 +91,9 @@ def solids_of(bodies: Tables, joints: Tables, tool: dict[str, Any], up: Floats) 
     reach = extent(bodies, joints, tool)
     sizes = _sizes(bodies, joints, reach)
     return [
-        *_elastic(bodies, reach),
+        *_make_elastic(bodies, reach),
         *_brackets(bodies, joints, tool, sizes, reach),
-        *_rigid(bodies, joints, tool, reach),
+        *_make_rigid(bodies, joints, tool, reach),
         *_feet(joints, up, np.array(tool["at"], float), sizes, reach),
         *_joints(joints, sizes, reach),
     ]
@@ -108,7 +108,7 @@ def upright(up: Floats) -> Floats:
     return np.column_stack([side, np.cross(up, side), up])
 
 
-def _elastic(bodies: Tables, reach: float) -> Iterable[Solid]:
+def _make_elastic(bodies: Tables, reach: float) -> Iterable[Solid]:
     """Parts as their solids: the experiment's surface, else the shape's."""
     colours = part_colours(bodies)
     for body in bodies:
@@ -136,13 +136,13 @@ def _skin(body: dict[str, Any], reach: float) -> pv.PolyData:
         arms = [_rod(ends.mean(axis=0), end, 0.01 * reach, _STATIONS) for end in ends]
         return _triangles(pv.merge(arms))
     if "outline" in shape:
-        return _extruded(shape["outline"], length)
+        return _extrude(shape["outline"], length)
     if "thickness" in shape:
         return _plate(length, float(shape["width"]), float(shape["thickness"]))
     return _rod(np.zeros(3), np.array([length, 0, 0]), _radius(body, reach), _STATIONS)
 
 
-def _extruded(outline: list[list[tuple[float, float]]], length: float) -> pv.PolyData:
+def _extrude(outline: list[list[tuple[float, float]]], length: float) -> pv.PolyData:
     """A beam along x of the section that loops of corners (y, z) border."""
     loops = [[*loop, loop[0]] for loop in outline]
     points = np.array([(0.0, y, z) for loop in loops for y, z in loop])
@@ -181,7 +181,7 @@ def _brackets(
             yield Solid(node, _rod(ends[node], np.array(at, float), radius), RIGID, (node,))
 
 
-def _rigid(bodies: Tables, joints: Tables, tool: dict[str, Any], reach: float) -> Iterable[Solid]:
+def _make_rigid(bodies: Tables, joints: Tables, tool: dict[str, Any], reach: float) -> Iterable[Solid]:
     """Rigid bodies as hulls of small balls where their joints are, or as the user's own surface; a post to the tool."""
     for body in bodies:
         if len(body["nodes"]) > 1:

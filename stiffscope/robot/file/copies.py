@@ -54,11 +54,11 @@ def make_copies(data: dict[str, Any]) -> dict[str, Turned]:
         for new, angle in zip(entry.as_, entry.angles, strict=True):
             turn = rotation(np.array(entry.axis) / np.linalg.norm(entry.axis), angle)
             for table in tables:
-                for name in _within(table, entry.of):
-                    made = renamed(name, entry.of, new)
+                for name in _find_within(table, entry.of):
+                    made = rename(name, entry.of, new)
                     origin = copied.get(name, Turned(name, np.eye(3)))
                     copied[made] = Turned(origin.name, turn @ origin.rotation)
-                    table[made] = _turned(table[name], entry.of, new, turn)
+                    table[made] = _turn(table[name], entry.of, new, turn)
     return copied
 
 
@@ -70,22 +70,22 @@ def copied_names(data: Mapping[str, Any], written: Iterable[str]) -> Iterator[st
     for _ in entries:  # a copy of a copy needs another round
         for entry in entries:
             new = entry.get("as", [])
-            for name in _within(names, str(entry.get("of"))):
+            for name in _find_within(names, str(entry.get("of"))):
                 for made in new if isinstance(new, list) else []:
-                    copied = renamed(name, str(entry["of"]), str(made))
+                    copied = rename(name, str(entry["of"]), str(made))
                     if copied not in names:
                         names.append(copied)
                         yield copied
 
 
-def _within(names: Iterable[str], of: str) -> list[str]:
+def _find_within(names: Iterable[str], of: str) -> list[str]:
     """Names of a set: the name itself, and all that begin with it and a dot."""
     return [name for name in names if name == of or name.startswith(f"{of}.")]
 
 
-def renamed(name: str, of: str, new: str) -> str:
+def rename(name: str, of: str, new: str) -> str:
     """A name within the set follows, any other stays."""
-    return new + name[len(of) :] if _within([name], of) else name
+    return new + name[len(of) :] if _find_within([name], of) else name
 
 
 def _order(copies: Sequence[Copies]) -> list[int]:
@@ -95,7 +95,7 @@ def _order(copies: Sequence[Copies]) -> list[int]:
         ready = (
             number
             for number, entry in left.items()
-            if not any(_within(each.as_, entry.of) for other, each in left.items() if other != number)
+            if not any(_find_within(each.as_, entry.of) for other, each in left.items() if other != number)
         )
         number = next(ready, None)
         if number is None:
@@ -110,11 +110,11 @@ def _order(copies: Sequence[Copies]) -> list[int]:
 def _check(tables: Sequence[Mapping[str, Any]], entry: Copies, number: int) -> None:
     key = ("copies", number)
     names = [name for table in tables for name in table]
-    count = len(names) + len(_within(names, entry.of)) * len(entry.as_)
+    count = len(names) + len(_find_within(names, entry.of)) * len(entry.as_)
     if count > MOST:
         message = f"expected copies to a robot of at most {MOST:,} bodies and joints, got {count:,}"
         raise FieldError((*key, "as"), message)
-    if not _within(names, entry.of):
+    if not _find_within(names, entry.of):
         split = (name.split(".") for name in names)
         known = list(dict.fromkeys(".".join(each[: n + 1]) for each in split for n in range(len(each))))
         shown = ", ".join(known[:12]) + (", …" if len(known) > 12 else "")
@@ -124,14 +124,14 @@ def _check(tables: Sequence[Mapping[str, Any]], entry: Copies, number: int) -> N
         message = f"expected an angle for each of {len(entry.as_)} names, got {len(entry.angles)}"
         raise FieldError((*key, "angles"), message)
     for position, new in enumerate(entry.as_):
-        taken = _within(names, new)
+        taken = _find_within(names, new)
         if new in entry.as_[:position] or taken or not all(new.split(".")):
             why = f', which "{taken[0]}" has' if taken else ""
             message = f'expected a name that is new, got "{new}"{why}'
             raise FieldError((*key, "as", position), message)
 
 
-def _turned(table: Any, of: str, new: str, turn: np.ndarray) -> Any:
+def _turn(table: Any, of: str, new: str, turn: np.ndarray) -> Any:
     """A body's or joint's table turned by a rotation (3, 3); what is no vector stays, and is refused later."""
     if not isinstance(table, dict):
         return table
@@ -145,7 +145,7 @@ def _turned(table: Any, of: str, new: str, turn: np.ndarray) -> Any:
             elif key == "inertia":
                 made[key] = _six(turn @ tensor(_numbers(table[key], INERTIA, 6)) @ turn.T)
             elif key == "between":
-                made[key] = [renamed(name, of, new) for name in table[key]]
+                made[key] = [rename(name, of, new) for name in table[key]]
         except (TypeError, ValueError, AttributeError):
             continue
     return made

@@ -41,7 +41,7 @@ def _both(value: Any) -> Any:
     pair = value if isinstance(value, list | tuple) else [value, value]
     found = tuple(q.to_si(each, q.NUMBER) for each in pair)
     if len(found) != 2 or not all(0.5 < each < 1.0 for each in found):
-        raise ValueError(f"expected a groove radius over ball diameter such as 0.52, got {q.shown(value)}")
+        raise ValueError(f"expected a groove radius over ball diameter such as 0.52, got {q.show_value(value)}")
     return found
 
 
@@ -257,7 +257,7 @@ def _some(value: Any) -> Any:
     several = value if isinstance(value, list | tuple) else [value]
     for each in several:
         if not isinstance(each, dict | ElementSection):
-            raise ValueError(f"expected a table with a kind ({', '.join(ELEMENTS)}), got {q.shown(each)}")
+            raise ValueError(f"expected a table with a kind ({', '.join(ELEMENTS)}), got {q.show_value(each)}")
         if isinstance(each, dict):
             one_of(each.get("kind"), ELEMENTS, "a kind of bearing")
     if not several:

@@ -100,11 +100,11 @@ def _nominal(text: str, key: Key, tolerances: dict[Key, float]) -> str:
         except ValueError:
             continue
         return value
-    raise FieldError(key, f"expected a quantity with its tolerance such as {_EXAMPLE}, got {q.shown(text)}")
+    raise FieldError(key, f"expected a quantity with its tolerance such as {_EXAMPLE}, got {q.show_value(text)}")
 
 
 def _parameter_values(data: Mapping[str, Any]) -> dict[str, float]:
-    given = _given(data)
+    given = _list_given(data)
     expressions: dict[str, Expression] = {}
     values: dict[str, float] = {}
     for name, (key, value, field) in given.items():
@@ -130,7 +130,7 @@ def _parameter_values(data: Mapping[str, Any]) -> dict[str, float]:
     return values
 
 
-def _given(data: Mapping[str, Any]) -> dict[str, tuple[Key, Any, FieldInfo | None]]:
+def _list_given(data: Mapping[str, Any]) -> dict[str, tuple[Key, Any, FieldInfo | None]]:
     """Every name with its key, value and field of its part; what a part leaves out has its default."""
     found: dict[str, tuple[Key, Any, FieldInfo | None]] = {}
     for name, value in data.get("parameters", {}).items():

@@ -112,7 +112,7 @@ def _names(node: ast.expr, text: str) -> Iterator[str]:
     if isinstance(node, ast.Name) and node.id in FUNCTIONS:
         raise ValueError(f"expected {node.id}(…), got {node.id} without its argument")
     if isinstance(node, ast.Name | ast.Attribute):
-        name = _dotted(node, text)
+        name = _join_dotted(node, text)
         if name not in CONSTANTS:
             yield name
     elif not _is_number(node):
@@ -124,7 +124,7 @@ def _evaluate(node: ast.expr, text: str, values: Mapping[str, float]) -> float:
     if isinstance(node, ast.Constant):
         return _float(node.value)
     if isinstance(node, ast.Name | ast.Attribute):
-        name = _dotted(node, text)
+        name = _join_dotted(node, text)
         return CONSTANTS[name] if name in CONSTANTS else values[name]
     operation, operands = _operation(node, text)
     return _apply(operation, [_evaluate(each, text, values) for each in operands], _piece(node, text))
@@ -150,12 +150,12 @@ def _is_number(node: ast.expr) -> bool:
     return isinstance(node, ast.Constant) and type(node.value) in {int, float}
 
 
-def _dotted(node: ast.expr, text: str) -> str:
+def _join_dotted(node: ast.expr, text: str) -> str:
     match node:
         case ast.Name(id=name):
             return name
         case ast.Attribute(value=value, attr=attribute):
-            return f"{_dotted(value, text)}.{attribute}"
+            return f"{_join_dotted(value, text)}.{attribute}"
     raise ValueError(f"expected only {_WHAT}, got {_piece(node, text)}")
 
 

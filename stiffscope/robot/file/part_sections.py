@@ -40,7 +40,7 @@ from stiffscope.robot.file.values import (
     Says,
     Section,
     Tolerance,
-    whole,
+    parse_whole,
 )
 from stiffscope.vjm.bodies import Body, superelement_body
 from stiffscope.vjm.checks import check_compliance
@@ -73,11 +73,11 @@ def _position(value: Any) -> str | tuple[float, ...]:
         return x, y, z
     if isinstance(value, str) and value in ENDS:
         return value
-    raise ValueError(f'expected one of {", ".join(ENDS)} or a point such as ["85 mm", 0, 0], got {q.shown(value)}')
+    raise ValueError(f'expected one of {", ".join(ENDS)} or a point such as ["85 mm", 0, 0], got {q.show_value(value)}')
 
 
 def _face_numbers(value: Any) -> tuple[int, ...]:
-    return tuple(whole(item) for item in (value if isinstance(value, list) else [value]))
+    return tuple(parse_whole(item) for item in (value if isinstance(value, list) else [value]))
 
 
 class Face(Section):
@@ -145,7 +145,7 @@ class ParametricPart(SolidPart):
         """The lengths among them, m."""
         return {name: value for name, value in self.dimensions().items() if isinstance(value, float)}
 
-    def across(self, axis: str) -> float:
+    def measure_across(self, axis: str) -> float:
         """Size across the part along its y or z, m."""
         size = self.lengths()
         if "radius" in size:
@@ -257,14 +257,16 @@ class StepPart(SolidPart):
 def _six_by_six(value: Any) -> tuple[tuple[float, ...], ...]:
     rows = value if isinstance(value, list | tuple) else []
     if len(rows) != 6 or any(not isinstance(row, list | tuple) or len(row) != 6 for row in rows):
-        raise ValueError(f"expected six rows of six numbers (SI), got {q.shown(value)}")
+        raise ValueError(f"expected six rows of six numbers (SI), got {q.show_value(value)}")
     return _rows(value)
 
 
 def _rows(value: Any) -> tuple[tuple[float, ...], ...]:
     rows = value if isinstance(value, list | tuple) else []
     if not rows or any(not isinstance(row, list | tuple) or len(row) != len(rows) for row in rows):
-        raise ValueError(f"expected as many rows of numbers (SI) as there are numbers in each, got {q.shown(value)}")
+        raise ValueError(
+            f"expected as many rows of numbers (SI) as there are numbers in each, got {q.show_value(value)}"
+        )
     return tuple(tuple(q.to_si(entry, q.NUMBER, sign="any") for entry in row) for row in rows)
 
 
@@ -283,7 +285,7 @@ class MatrixPart(PartSection):
 
     @field_validator("mass")
     @classmethod
-    def _weighed(cls, value: float | str) -> float | str:
+    def _check_mass(cls, value: float | str) -> float | str:
         if isinstance(value, str):
             raise ValueError('expected a mass such as "80 g", got "cad", which is for solids')
         return value
@@ -300,7 +302,7 @@ class MatrixPart(PartSection):
 
     @field_validator("error")
     @classmethod
-    def _bounding(cls, value: tuple[tuple[float, ...], ...] | None) -> tuple[tuple[float, ...], ...] | None:
+    def _check_bounds(cls, value: tuple[tuple[float, ...], ...] | None) -> tuple[tuple[float, ...], ...] | None:
         bounds = np.array(value or np.zeros((6, 6)))
         if bounds.min() < 0.0:
             raise ValueError(f"expected bounds of at least 0, got {bounds.min():g}")

@@ -104,11 +104,11 @@ def to_si(value: Any, dimension: Dimension, *, sign: str = "positive") -> float:
         One line: what was expected, what was found, an example of what would be valid.
 
     """
-    expected = f'expected {dimension.noun} such as "{dimension.example}", got {shown(value)}'
+    expected = f'expected {dimension.noun} such as "{dimension.example}", got {show_value(value)}'
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise ValueError(expected)
     try:
-        si = _parsed(value, dimension, expected) if isinstance(value, str) else float(value)
+        si = _parse(value, dimension, expected) if isinstance(value, str) else float(value)
     except OverflowError:
         si = math.inf
     if not math.isfinite(si):
@@ -139,7 +139,7 @@ def several(text: str, *dimensions: Dimension) -> tuple[float, ...]:
     return tuple(to_si(value, dimension, sign="any") for value, dimension in zip(values, dimensions, strict=True))
 
 
-def _parsed(text: str, dimension: Dimension, expected: str) -> float:
+def _parse(text: str, dimension: Dimension, expected: str) -> float:
     match = _NUMBER.match(text) if len(text) <= _MOST_CHARACTERS else None
     if match is None:
         raise ValueError(f"{expected}, which does not begin with a number")
@@ -206,7 +206,7 @@ def exponents_of(unit: str) -> tuple[float, float, float] | None:
     return None if found else (length, mass, time)
 
 
-def shown(value: Any) -> str:
+def show_value(value: Any) -> str:
     """A value as a message shows it: quoted if it was text, cut if long."""
     text = f'"{value}"' if isinstance(value, str) else str(value).lower() if isinstance(value, bool) else repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."

@@ -79,8 +79,8 @@ BodySection = ElasticBody | InterfaceBody | RigidBody
 class _Drive(Section):
     @field_validator("range", check_fields=False)
     @classmethod
-    def _ordered(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
-        return _rising(value)
+    def _check_order(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
+        return _check_rising(value)
 
     @model_validator(mode="after")
     def _one_law(self) -> _Drive:
@@ -101,7 +101,7 @@ class _Drive(Section):
         return gear.curve if gear is not None else getattr(self, "curve", None)
 
 
-def _rising(value: tuple[float, float] | None) -> tuple[float, float] | None:
+def _check_rising(value: tuple[float, float] | None) -> tuple[float, float] | None:
     if value is not None and not value[0] < value[1]:
         raise ValueError(f"expected a lower and a higher value, got {value[0]:g} and {value[1]:g}")
     return value
@@ -183,7 +183,7 @@ class JointSection(Section):
     def _two(cls, value: Any) -> Any:
         if not isinstance(value, list | tuple) or len(value) != 2 or not all(isinstance(name, str) for name in value):
             raise ValueError(
-                f'expected two bodies or ends of bodies such as ["ground", "arm.base"], got {q.shown(value)}'
+                f'expected two bodies or ends of bodies such as ["ground", "arm.base"], got {q.show_value(value)}'
             )
         return value
 
@@ -300,7 +300,7 @@ class Copies(Section):
         if isinstance(value, dict):
             for key, what in (("as", '["leg2", "leg3"]'), ("angles", '["120 deg", "240 deg"]')):
                 if key in value and not isinstance(value[key], list | tuple):
-                    raise ValueError(f"expected {key} to be a list such as {what}, got {q.shown(value[key])}")
+                    raise ValueError(f"expected {key} to be a list such as {what}, got {q.show_value(value[key])}")
         return value
 
 
@@ -313,7 +313,7 @@ class ToolSection(Section):
 
     @field_validator("pose")
     @classmethod
-    def _distinct(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+    def _check_distinct(cls, value: tuple[str, ...]) -> tuple[str, ...]:
         if not value or len(set(value)) != len(value):
             raise ValueError(f"expected each of {' '.join(AXES)} at most once, got {' '.join(value) or 'none'}")
         return value
@@ -339,8 +339,8 @@ class MapSection(Section):
 
     @field_validator(*AXES)
     @classmethod
-    def _ordered(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
-        return _rising(value)
+    def _check_order(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
+        return _check_rising(value)
 
     def ranges(self) -> dict[str, tuple[float, float]]:
         """The coordinates that are swept, in the order of a pose."""

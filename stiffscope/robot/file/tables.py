@@ -24,7 +24,7 @@ Model = TypeVar("Model", bound=BaseModel)
 def read_table(model: type[Model], value: Any, key: Key) -> Model:
     """A table as a section. Raises FieldError for the first thing that is wrong in it."""
     if not isinstance(value, dict):
-        raise FieldError(key, f"expected a table of {', '.join(keys_of(model))}, got {q.shown(value)}")
+        raise FieldError(key, f"expected a table of {', '.join(keys_of(model))}, got {q.show_value(value)}")
     try:
         return model.model_validate(value)
     except ValidationError as error:
@@ -38,7 +38,7 @@ def one_of(word: Any, valid: Iterable[str], what: str) -> str:
     if isinstance(word, str) and word in valid:
         return word
     listed = ", ".join(valid[:20]) + (", …" if len(valid) > 20 else "")
-    raise ValueError(f"expected {what} ({listed or 'none'}), got {q.shown(word)}{_meant(word, valid)}")
+    raise ValueError(f"expected {what} ({listed or 'none'}), got {q.show_value(word)}{_meant(word, valid)}")
 
 
 def unknown_key(word: str, valid: Sequence[str]) -> str:
@@ -63,14 +63,16 @@ def _first(error: ValidationError, model: type[BaseModel]) -> tuple[Key, str]:
     key: Key = tuple(part for part in item["loc"] if not str(part).startswith(("function-", "tagged-")))
     value, place = item.get("input"), tuple(item["loc"])
     plain = {
-        "missing": lambda: f"expected {_wanted(_model_at(model, place[:-1]), str(key[-1]))}, got nothing",
+        "missing": lambda: f"expected {_describe_missing(_model_at(model, place[:-1]), str(key[-1]))}, got nothing",
         "extra_forbidden": lambda: unknown_key(str(key[-1]), keys_of(_model_at(model, place[:-1]))),
-        "literal_error": lambda: f"expected {item.get('ctx', {}).get('expected')}, got {q.shown(value)}",
-        "model_type": lambda: f"expected a table of {', '.join(keys_of(_model_at(model, key)))}, got {q.shown(value)}",
-        "dict_type": lambda: f"expected a table, got {q.shown(value)}",
-        "tuple_type": lambda: f"expected a list, got {q.shown(value)}",
-        "list_type": lambda: f"expected a list, got {q.shown(value)}",
-        "string_type": lambda: f"expected a text in quotes, got {q.shown(value)}",
+        "literal_error": lambda: f"expected {item.get('ctx', {}).get('expected')}, got {q.show_value(value)}",
+        "model_type": lambda: (
+            f"expected a table of {', '.join(keys_of(_model_at(model, key)))}, got {q.show_value(value)}"
+        ),
+        "dict_type": lambda: f"expected a table, got {q.show_value(value)}",
+        "tuple_type": lambda: f"expected a list, got {q.show_value(value)}",
+        "list_type": lambda: f"expected a list, got {q.show_value(value)}",
+        "string_type": lambda: f"expected a text in quotes, got {q.show_value(value)}",
     }
     if item["type"] in plain:
         return key, plain[item["type"]]()
@@ -80,7 +82,7 @@ def _first(error: ValidationError, model: type[BaseModel]) -> tuple[Key, str]:
     return (*key, *named.split(".")[1:]), message
 
 
-def _wanted(model: type[BaseModel], key: str) -> str:
+def _describe_missing(model: type[BaseModel], key: str) -> str:
     """What a missing key should have held."""
     field = next((field for name, field in model.model_fields.items() if key in {name, field.alias}), None)
     said = (

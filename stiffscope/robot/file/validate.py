@@ -51,9 +51,9 @@ def check_top(data: Mapping[str, Any]) -> None:
             raise FieldError((key,), unknown_key(key, TOP))
     for key in TOP:
         if key in LISTS and not isinstance(data.get(key, []), list):
-            raise FieldError((key,), f"expected [[{key}]], a list of tables, got {q.shown(data[key])}")
+            raise FieldError((key,), f"expected [[{key}]], a list of tables, got {q.show_value(data[key])}")
         if key not in {*LISTS, "name"} and not isinstance(data.get(key, {}), dict):
-            raise FieldError((key,), f"expected a table, got {q.shown(data[key])}")
+            raise FieldError((key,), f"expected a table, got {q.show_value(data[key])}")
 
 
 def validate(
@@ -123,7 +123,7 @@ def validate(
 
 def _read_name(name: Any) -> str:
     if not isinstance(name, str) or not name.strip() or not name.isprintable():
-        raise FieldError(("name",), f"expected a name in quotes, one printable line, got {q.shown(name)}")
+        raise FieldError(("name",), f"expected a name in quotes, one printable line, got {q.show_value(name)}")
     return name
 
 
@@ -141,7 +141,7 @@ def _with_matrices(table: dict[str, Any], folder: Path, key: Key) -> dict[str, A
         if other in table:
             raise FieldError((*key, other), "expected none beside a file, which holds the matrices, got one")
     if not isinstance(table["file"], str):
-        raise FieldError((*key, "file"), f'expected a path such as "bracket.npz", got {q.shown(table["file"])}')
+        raise FieldError((*key, "file"), f'expected a path such as "bracket.npz", got {q.show_value(table["file"])}')
     with blame(*key, "file"):
         found = read_superelement(folder / table["file"])
         interfaces = table.get("interfaces", found.interfaces)
@@ -162,7 +162,7 @@ def _with_matrices(table: dict[str, Any], folder: Path, key: Key) -> dict[str, A
 def _choose(table: Any, word: str, valid: Iterable[str], key: tuple[str, ...], what: str) -> str:
     """Which of several kinds a table is. Raises FieldError."""
     if not isinstance(table, dict):
-        raise FieldError(key, f"expected a table, got {q.shown(table)}")
+        raise FieldError(key, f"expected a table, got {q.show_value(table)}")
     if word not in table:
         raise FieldError((*key, word), f"expected {what} ({', '.join(valid)}), got nothing")
     with blame(*key, word):
@@ -180,7 +180,7 @@ def _read_body(name: str, table: Any, parts: Mapping[str, PartSection]) -> BodyS
         elastic = [each for each in table if each in keys_of(ElasticBody)]
         rigid = [each for each in table if each in keys_of(RigidBody)]
         if "part" in elastic and rigid:
-            got = q.shown(table[rigid[0]])
+            got = q.show_value(table[rigid[0]])
             message = f"expected no {rigid[0]} of a body with a part, which has its part's, got {got}"
             raise FieldError((*key, rigid[0]), message)
         if elastic and not rigid:
@@ -220,7 +220,7 @@ def _read_groups(
         if name in elements:
             raise FieldError(key, f'expected a name that no body or joint has, got "{name}"')
         if not isinstance(listed, list):
-            raise FieldError(key, f"expected a list of bodies and joints, got {q.shown(listed)}")
+            raise FieldError(key, f"expected a list of bodies and joints, got {q.show_value(listed)}")
         for number, each in enumerate(listed):
             with blame(*key, number):
                 if not isinstance(each, str) or not find_element(each, bodies, joints):
@@ -239,7 +239,7 @@ def _read_groups(
 def read_pose(value: Any, tool: ToolSection, key: Key) -> tuple[float, ...]:
     """A tool pose: as many numbers as `[tool] pose` names. Raises FieldError."""
     if not isinstance(value, list | tuple) or len(value) != len(tool.pose):
-        raise FieldError(key, f"expected a pose of {len(tool.pose)}, {' '.join(tool.pose)}, got {q.shown(value)}")
+        raise FieldError(key, f"expected a pose of {len(tool.pose)}, {' '.join(tool.pose)}, got {q.show_value(value)}")
     found = []
     for number, (name, each) in enumerate(zip(tool.pose, value, strict=True)):
         with blame(*key, number):

@@ -89,25 +89,25 @@ def _quantity(dimension: q.Dimension, sign: str = "positive") -> Reads:
     return Reads(lambda value: q.to_si(value, dimension, sign=sign), says=said)
 
 
-def whole(value: Any) -> int:
+def parse_whole(value: Any) -> int:
     """A whole number from 0 on, written as one or as an expression's value; ValueError for anything else."""
     if isinstance(value, float) and value.is_integer() and value < 2**53:
         value = int(value)
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise ValueError(f"expected a whole number such as 4, got {q.shown(value)}")
+        raise ValueError(f"expected a whole number such as 4, got {q.show_value(value)}")
     return value
 
 
 def _layers(value: Any) -> int:
-    if not 1 <= whole(value) <= MOST_LAYERS:
+    if not 1 <= parse_whole(value) <= MOST_LAYERS:
         raise ValueError(f"expected 1 to {MOST_LAYERS} thin layers of elements, got {value}")
-    return whole(value)
+    return parse_whole(value)
 
 
 def _positive(value: Any) -> int:
-    if not whole(value):
-        raise ValueError(f"expected a positive whole number such as 2000000, got {q.shown(value)}")
-    return whole(value)
+    if not parse_whole(value):
+        raise ValueError(f"expected a positive whole number such as 2000000, got {q.show_value(value)}")
+    return parse_whole(value)
 
 
 def _mass_or_cad(value: Any) -> float | str:
@@ -136,7 +136,9 @@ def _or_word(read: Callable[[Any], float], word: str, meaning: str, said: str) -
 def _tolerance(value: Any) -> float:
     share = q.to_si(value, q.SHARE)
     if not 1e-6 <= share < 1:  # below, rounding counts
-        raise ValueError(f'expected a share from 1e-6 to below 1 such as "{q.SHARE.example}", got {q.shown(value)}')
+        raise ValueError(
+            f'expected a share from 1e-6 to below 1 such as "{q.SHARE.example}", got {q.show_value(value)}'
+        )
     return share
 
 
@@ -145,7 +147,7 @@ def _list_of(count: int, what: str) -> BeforeValidator:
 
     def check(value: Any) -> Any:
         if not isinstance(value, list | tuple) or len(value) != count:
-            raise ValueError(f"expected {what}, got {q.shown(value)}")
+            raise ValueError(f"expected {what}, got {q.show_value(value)}")
         return value
 
     return BeforeValidator(check)
@@ -160,7 +162,7 @@ def _direction(value: Any) -> Any:
     if isinstance(value, list | tuple) and len(value) == 3:
         numbers = [q.to_si(item, q.NUMBER, sign="any") for item in value]
         if not 1e-9 < sum(number * number for number in numbers) ** 0.5 < 1e9:
-            raise ValueError(f"expected a direction such as [0, 0, 1], got one of zero length, {q.shown(value)}")
+            raise ValueError(f"expected a direction such as [0, 0, 1], got one of zero length, {q.show_value(value)}")
     return value
 
 
@@ -214,7 +216,7 @@ Foundation = Annotated[
     float | None, _or_word(lambda value: q.to_si(value, q.FOUNDATION), "rigid", "a clamp that does not give", "N/m³")
 ]
 Tolerance = Annotated[float | None, _or_word(_tolerance, "auto", "whatever one mesh reaches", "a share")]
-Count = Annotated[int, Reads(whole, says="a whole number")]
+Count = Annotated[int, Reads(parse_whole, says="a whole number")]
 Layers = Annotated[int, Reads(_layers, says=f"1 to {MOST_LAYERS}")]
 Positive = Annotated[int, Reads(_positive, says="a whole number above 0")]
 MassOrCad = Annotated[float | Literal["cad"], Reads(_mass_or_cad, says='a mass, or "cad": volume times density')]

@@ -13,7 +13,7 @@ from stiffscope.cad.materials import MATERIALS
 from stiffscope.errors import InputError
 from stiffscope.robot.imports.compiled_model import print_safely
 from stiffscope.robot.imports.import_model import to_toml, toml_key, vector_text
-from stiffscope.runtime.reading import shown
+from stiffscope.runtime.reading import show_path
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -82,7 +82,7 @@ def choose_materials(
         listed = ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
         what = f'one that is not known, "{print_safely(word)}"' if word else "none"
         raise InputError(
-            f"{shown(path)}: expected a material for {listed}, got {what}; "
+            f"{show_path(path)}: expected a material for {listed}, got {what}; "
             f'say --material "PATTERN=NAME" with a name of {", ".join(MATERIALS)}'
         )
     return found

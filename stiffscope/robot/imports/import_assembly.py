@@ -32,7 +32,7 @@ from stiffscope.robot.imports.said_joints import as_said
 from stiffscope.robot.imports.simulator_model import ModelBody, ModelJoint, SimulatorModel
 from stiffscope.robot.reader import read_robot
 from stiffscope.runtime.output import check_new, scratch_folder, write_new
-from stiffscope.runtime.reading import shown
+from stiffscope.runtime.reading import show_path
 from stiffscope.vjm.subspaces import rank
 
 if TYPE_CHECKING:
@@ -90,14 +90,14 @@ def said_beside(path: Path, said: Said) -> Said:
     try:
         table = tomllib.loads(file.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
-        raise InputError(f"{shown(file)}: expected TOML, got {error}") from error
+        raise InputError(f"{show_path(file)}: expected TOML, got {error}") from error
     known = [each.name for each in fields(Said)]
     values: dict[str, Any] = {}
     for key, value in table.items():
         single = key in {"ground", "tool"}
         texts = [value] if isinstance(value, str) else value
         if key not in known:
-            raise InputError(f'{shown(file)}: {key}: expected one of {", ".join(known)}, got "{key}"')
+            raise InputError(f'{show_path(file)}: {key}: expected one of {", ".join(known)}, got "{key}"')
         if isinstance(value, dict) and key in {"joint", "material", "drive"}:
             texts = [f"{name}={each}" for name, each in value.items()]
         if (
@@ -106,7 +106,7 @@ def said_beside(path: Path, said: Said) -> Said:
             or (single and len(texts) > 1)
         ):
             raise InputError(
-                f"{shown(file)}: {key}: expected {'a name' if single else 'a list of texts'}, got {value!r}"
+                f"{show_path(file)}: {key}: expected {'a name' if single else 'a list of texts'}, got {value!r}"
             )
         values[key] = texts[0] if single else tuple(texts)
     lists = {name: (*values.get(name, ()), *getattr(said, name)) for name in known if name not in {"ground", "tool"}}
@@ -355,7 +355,7 @@ def _write(path: Path, out: Path, text: str, parts: Sequence[PartFile]) -> None:
             read_robot(scratch / out.name, text)
         except InputError as error:
             what = re.sub(rf"^{re.escape(str(scratch / out.name))}:\d+: ", "", str(error))
-            raise InputError(f"{shown(path)}: expected an assembly of a robot, got one with {what}") from error
+            raise InputError(f"{show_path(path)}: expected an assembly of a robot, got one with {what}") from error
         if parts:
             folder.mkdir(exist_ok=True)
             for part in parts:

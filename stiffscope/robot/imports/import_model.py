@@ -18,7 +18,7 @@ from stiffscope.robot.imports.compiled_model import print_safely
 from stiffscope.robot.imports.simulator_model import read_model
 from stiffscope.robot.reader import read_robot
 from stiffscope.runtime.output import check_new, write_new
-from stiffscope.runtime.reading import shown
+from stiffscope.runtime.reading import show_path
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -76,7 +76,7 @@ def import_model(
         read_robot(Path(out), text)
     except InputError as error:
         what = re.sub(rf"^{re.escape(str(out))}:\d+: ", "", str(error))
-        raise InputError(f"{shown(path)}: expected the model of a robot, got one with {what}") from error
+        raise InputError(f"{show_path(path)}: expected the model of a robot, got one with {what}") from error
     write_new(Path(out), text.encode())
     return model
 

@@ -108,7 +108,7 @@ def read_model(path: str | Path, tool: str | None = None, home: Mapping[str, flo
     bodies = [_merge(source, number, name) for number, name in source.movers.items() if number]
     ends = {name for joint in joints for name in (joint.first, joint.second)}
     between = sorted(ends - {body.name for body in bodies} - {GROUND})  # between two joints of one body
-    reached = _reached(joints)
+    reached = _find_reached(joints)
     for number, name in source.movers.items():
         if name not in reached:
             joints.append(ModelJoint(f"{name}.held", GROUND, name, "fixed", source.data.xpos[number].copy()))
@@ -240,7 +240,7 @@ def _closing_joints(source: CompiledModel) -> Iterator[ModelJoint]:
         if not m.eq_active0[number]:
             source.notes.append(f'equality "{name}" is not active in the source and is left out')
         elif number not in closing:
-            source.notes.append(f'equality "{name}" couples {_coupled(source, number)}; it is left out')
+            source.notes.append(f'equality "{name}" couples {_describe_coupling(source, number)}; it is left out')
         else:
             first, second, at = source.closure_ends(number)
             if first == second:
@@ -253,7 +253,7 @@ def _closing_joints(source: CompiledModel) -> Iterator[ModelJoint]:
         yield _closing_joint(first, second, points)
 
 
-def _coupled(source: CompiledModel, number: int) -> str:
+def _describe_coupling(source: CompiledModel, number: int) -> str:
     m = source.model
     if not source.is_a(m.eq_type[number], "mjtEq", "mjEQ_JOINT"):
         return "coordinates, which no joint does"
@@ -286,7 +286,7 @@ def _name_apart(joints: Iterable[ModelJoint]) -> list[ModelJoint]:
     return found
 
 
-def _reached(joints: Iterable[ModelJoint]) -> set[str]:
+def _find_reached(joints: Iterable[ModelJoint]) -> set[str]:
     """Bodies that hang on the ground by joints."""
     pairs = [{joint.first, joint.second} for joint in joints]
     reached, grown = {GROUND}, True
