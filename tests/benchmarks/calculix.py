@@ -24,34 +24,36 @@ def ccx():
     return shutil.which("ccx")
 
 
-def model(points, cells, clamped, loaded, point, youngs_modulus, poisson, density):
-    """Model data in m, N and kg: loaded nodes, if any, are a rigid body with a reference and a rotation node."""
+def model(points, cells, clamped, rigid, youngs_modulus, poisson, density):
+    """Model data in m, N and kg; ``rigid``: sets of nodes, each with the point of its reference and rotation nodes."""
     count = len(points)
-    reference, rotation = count + 1, count + 2
     lines = ["*NODE, NSET=ALL"]
     lines += [f"{k + 1},{x:.12e},{y:.12e},{z:.12e}" for k, (x, y, z) in enumerate(points)]
-    if loaded is not None:
-        lines += [f"{node},{point[0]:.12e},{point[1]:.12e},{point[2]:.12e}" for node in (reference, rotation)]
+    for k, (_, (x, y, z)) in enumerate(rigid):
+        lines += [f"{count + 2 * k + own},{x:.12e},{y:.12e},{z:.12e}" for own in (1, 2)]
     lines.append("*ELEMENT, TYPE=C3D10, ELSET=SOLID")  # CalculiX's order of the nodes is VTK's
     lines += [",".join(map(str, [k + 1, *(row + 1)])) for k, row in enumerate(cells)]
-    for name, nodes in (("CLAMP", clamped), ("FACE", () if loaded is None else loaded)):
+    for name, nodes in (("CLAMP", clamped), *((f"FACE{k}", nodes) for k, (nodes, _) in enumerate(rigid))):
         lines += [f"*NSET, NSET={name}", *(f"{node + 1}," for node in nodes)] if len(nodes) else []
     lines += [
         "*BOUNDARY", "CLAMP,1,3",
-        *([] if loaded is None else [f"*RIGID BODY, NSET=FACE, REF NODE={reference}, ROT NODE={rotation}"]),
+        *(
+            f"*RIGID BODY, NSET=FACE{k}, REF NODE={count + 2 * k + 1}, ROT NODE={count + 2 * k + 2}"
+            for k in range(len(rigid))
+        ),
         "*MATERIAL, NAME=M", "*ELASTIC", f"{youngs_modulus:.12e},{poisson:.12e}",
         "*DENSITY", f"{density:.12e}", "*SOLID SECTION, ELSET=SOLID, MATERIAL=M",
     ]  # fmt: skip
     return "\n".join(lines) + "\n"
 
 
-def unit_loads(count):
-    """The step of six unit loads for a model of ``count`` nodes: the displacements of its rigid face."""
-    reference, rotation = count + 1, count + 2
+def unit_loads(count, faces=1):
+    """The step of six unit loads on each rigid face of a model of ``count`` nodes: the displacements of these."""
+    own = [count + k for k in range(1, 2 * faces + 1)]
     lines = [
-        f"*NSET, NSET=OUT\n{reference},{rotation}",
+        "*NSET, NSET=OUT", *(f"{node}," for node in own),
         "*STEP", "*GREEN", "*CLOAD",
-        *(f"{node},{axis},1." for node in (reference, rotation) for axis in (1, 2, 3)),
+        *(f"{node},{axis},1." for node in own for axis in (1, 2, 3)),
         "*NODE PRINT, NSET=OUT", "U", "*END STEP",
     ]  # fmt: skip
     return "\n".join(lines) + "\n"
@@ -73,12 +75,12 @@ def run(folder, text, environment=None):
     return np.array([[float(value) for value in row] for row in rows if len(row) == len(rows[0])])
 
 
-def compliance(folder, text, environment):
-    """(6, 6) compliance of a model and its unit loads: motions of the reference and the rotation node."""
+def compliance(folder, text, environment, faces=1):
+    """(6n, 6n) compliance of a model and its unit loads: motions of the n faces' reference and rotation nodes."""
     moved = run(folder, text, environment)
-    if moved.shape != (12, 4):
+    if moved.shape != (12 * faces**2, 4):
         raise RuntimeError(f"CalculiX printed {moved.shape} rows")
-    return moved[:, 1:].reshape(6, 6).T
+    return moved[:, 1:].reshape(6 * faces, 6 * faces).T
 
 
 def frequencies(folder, text):

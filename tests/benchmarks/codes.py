@@ -93,7 +93,8 @@ def meshed(name, factor=1.0, layers=1):
 def for_calculix(problem):
     """The problem as CalculiX's model data."""
     return calculix.model(
-        problem.points, problem.cells, problem.nodes(problem.clamped), problem.nodes(problem.loaded), problem.point,
+        problem.points, problem.cells, problem.nodes(problem.clamped),
+        ((problem.nodes(problem.loaded), problem.point),),
         problem.youngs_modulus, problem.poisson, problem.density,
     )  # fmt: skip
 

@@ -71,6 +71,44 @@ def test_same_mesh_same_answer(stored, code, order):
     assert worst < 2e-6  # CalculiX prints seven digits
 
 
+def test_a_bracket_of_three_interfaces_on_the_same_mesh(tmp_path, monkeypatch):
+    """The unsupported stiffness (18, 18) of the quadratic elements, three rigid pads, against CalculiX."""
+    from stiffscope.cad.materials import STEEL
+    from stiffscope.fea import elasticity
+    from stiffscope.fea.couplings import Coupling, support, unit_loads
+    from stiffscope.fea.rigid import relative_twists
+    from stiffscope.fea.run import specimen_of
+    from stiffscope.fea.settings import Settings
+    from stiffscope.fea.specimen import mesh_specimen
+    from tests.fea.test_interfaces import bracket
+
+    need("CalculiX")
+    monkeypatch.setattr(elasticity, "CURVED_ORDER", 2)
+    part = bracket("left", "right", "motor")
+    specimen = specimen_of(part, Settings())
+    mesh = mesh_specimen(specimen)
+    clamped, points = mesh.nodes_of(part.clamped), np.array([face.reference_point for face in part.loaded])
+    couplings = tuple(Coupling(face.faces, point, "rigid") for face, point in zip(part.loaded, points, strict=True))
+    supports = support(mesh, clamped, couplings)
+    loads = unit_loads(mesh, supports, couplings)
+    matrix = elasticity.assemble(mesh, specimen.elasticity)
+    ours = loads.T @ prepare(mesh, matrix, supports).solve(loads)
+    rigid = [(mesh.nodes_of(face.faces), point) for face, point in zip(part.loaded, points, strict=True)]
+    deck = calculix.model(
+        mesh.points, mesh.cells, clamped, rigid, STEEL.youngs_modulus, STEEL.poisson, STEEL.density
+    ) + calculix.unit_loads(len(mesh.points), 2)
+    theirs = calculix.compliance(tmp_path, deck, None, 2)
+    scale = np.sqrt(np.outer(ours.diagonal(), ours.diagonal()))
+    free = relative_twists(points, mesh.points[clamped].mean(axis=0))
+    k, other = (free.T @ np.linalg.solve(c, free) for c in (ours, (theirs + theirs.T) / 2))
+    size = np.sqrt(np.outer(k.diagonal(), k.diagonal()))
+    off = np.abs(ours - theirs) / scale
+    print(
+        f"\nbracket of three interfaces: compliance {off.max():.1e}, stiffness {np.abs((k - other) / size).max():.1e}"
+    )
+    assert off.max() < 1e-6
+
+
 def test_same_mesh_same_frequencies(stored, tmp_path, monkeypatch):
     """Six natural frequencies, clamped, of the quadratic elements; stiffness and mass by CalculiX's four points."""
     need("CalculiX")
@@ -125,9 +163,7 @@ def test_robot_beside_one_solid(tmp_path):
     part = read_step(tmp_path / "portal.step")
     mesh = mesh_specimen(specimen_of(part, Settings(size=0.015)), size=0.015, layers=2)
     clamped = mesh.nodes_of(part.clamped)
-    deck = calculix.model(
-        mesh.points, mesh.cells, clamped, None, None, STEEL.youngs_modulus, STEEL.poisson, STEEL.density
-    )
+    deck = calculix.model(mesh.points, mesh.cells, clamped, (), STEEL.youngs_modulus, STEEL.poisson, STEEL.density)
     solid = calculix.frequencies(tmp_path, deck)
     print("\n| portal, Hz | " + " | ".join("123456") + " |\n" + "|---" * 7 + "|")
     rows = {"as a robot": robot, "its 95 % bound": error, "one solid, CalculiX": solid, "ratio": robot / solid}
