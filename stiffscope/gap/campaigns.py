@@ -83,10 +83,6 @@ def assemble_nominal(case: Case, shop: Workshop) -> Assembled | None:
 
 def diagnose_case(case: Case, nominal: Assembled | None, shop: Workshop) -> Diagnosis:
     """The diagnosis of a campaign on its nominal robot, where there is one."""
-    absolute = next((sensor for sensor in case.campaign.sensors if sensor.absolute), None)
-    if absolute is not None:
-        message = f"expected displacement or rotation for a diagnosis, got {absolute.measures}"
-        raise case.campaign.refuse(("sensors", absolute.target, "measures"), message)
     if nominal is None:
         return diagnose_campaign(case.campaign)
     carrying = NominalRobot(nominal.mechanism, nominal.robot, tested_dimensions(nominal, shop))

@@ -322,7 +322,7 @@ def test_the_pattern_of_a_larger_body_is_what_the_laboratory_reads(robot, body, 
     lab = labs(robot) if robot == "delta" else Lab(blind_robot(robot), 12)
     model, change = read_in_the_laboratory(robot, Fault("larger-body", body, {"relative": 1e-4}), tmp_path, lab)
     pattern = next(c for c in model.library if c.place == f"a body of another size, {body}")
-    still = model.campaign.is_unloaded
+    still = model.campaign.shows_rest
     expected = 1e-4 * model.predict().columns(pattern).sum(axis=1)
     assert still.any()
     assert change[still] == pytest.approx(expected[still], abs=3e-3 * np.abs(change).max())

@@ -143,6 +143,9 @@ class Campaign:
     """(n,) position in `loads`; `AT_TOOL` for a wrench at M."""
     frames: tuple[InstrumentFrame, ...] = field(default_factory=tuple[InstrumentFrame, ...])
     """Those that the sensors name."""
+    expected: Array | None = None
+    """(n,) from which ``value`` is counted once the robot is known: a position or distance of the rigid robot as
+    commanded, zero for other readings; None: values are as they were read."""
     source: Source | None = None
     """Text of the campaign.toml, by which refusals name the line of a key; None where nothing was read."""
 
@@ -166,7 +169,9 @@ class Campaign:
         """The campaign with some of its readings (r,)."""
         each = ("pose", "wrench", "quantity", "value", "sigma", "session", "file", "line", "sensor", "load")
         predictions = {name: values[rows] for name, values in self.predictions.items()}
-        return replace(self, predictions=predictions, **{name: getattr(self, name)[rows] for name in each})
+        expected = None if self.expected is None else self.expected[rows]
+        chosen = {name: getattr(self, name)[rows] for name in each}
+        return replace(self, predictions=predictions, expected=expected, **chosen)
 
     @property
     def kind(self) -> Codes:
@@ -184,15 +189,20 @@ class Campaign:
         return (self.kind >= STIFFNESS) & (self.kind < POSITION)
 
     @property
-    def is_unloaded(self) -> NDArray[np.bool_]:
-        """(n,) whether nothing is applied: deviations."""
-        return self.kind == DEVIATION
+    def is_motion(self) -> NDArray[np.bool_]:
+        """(n,) whether a reading is of a motion: deflections, deviations, positions."""
+        return (self.kind <= DEVIATION) | (self.kind == POSITION)
+
+    @property
+    def shows_rest(self) -> NDArray[np.bool_]:
+        """(n,) whether a reading shows the weight and errors of the geometry: deviations, positions."""
+        return (self.kind == DEVIATION) | (self.kind == POSITION)
 
     @property
     def kind_numbers(self) -> Codes:
         """(n,) small numbers that readings of one kind by one instrument share."""
         plain = np.where(self.kind == FREQUENCY, 2 * FREQUENCY, 2 * self.kind + self.direction // 3)
-        key = np.where(self.sensor >= 0, 10 + 2 * self.sensor + self.is_unloaded, plain)
+        key = np.where(self.sensor >= 0, 10 + 2 * self.sensor + self.shows_rest, plain)
         return np.unique(key, return_inverse=True)[1].ravel()
 
     def what(self, reading: int) -> str:

@@ -101,7 +101,7 @@ def _crossings(at: RobotAtPoses) -> Iterator[Candidate]:
 
 def _sizes(at: RobotAtPoses) -> Iterator[Candidate]:
     """Rigid bodies larger or smaller than drawn."""
-    for body in at.mechanism.bodies if at.campaign.is_unloaded.any() else ():
+    for body in at.mechanism.bodies if at.campaign.shows_rest.any() else ():
         held = tuple(joint for joint in at.mechanism.joints if body.name in (joint.first, joint.second))
         if body.elastic is None and len(held) > 1:
             middle = np.mean([joint.at for joint in held], axis=0) if body.centre is None else body.centre
@@ -167,7 +167,7 @@ def _bow(lengths: Mapping[str, float], values: Array) -> Changes:
 
 def _stretch(body: str, middle: Array, held: Sequence[Joint], prediction: RobotReadings) -> Array:
     """A rigid body that is larger than drawn along x, y, z of home: its joints stand further from its middle (3,)."""
-    where, pose, still = prediction.robot_at_poses.rest, prediction.campaign.pose, prediction.campaign.is_unloaded
+    where, pose, still = prediction.robot_at_poses.rest, prediction.campaign.pose, prediction.campaign.shows_rest
     columns = np.zeros((len(pose), 3))
     for joint in held:
         axes = where.rotation[joint.first] @ joint.axes
@@ -243,7 +243,7 @@ def _off_centre(prediction: RobotReadings) -> Array:
 def _pitch(start: Array, prediction: RobotReadings) -> Array:
     """Pitch errors of the drives: each grows from where the campaign's readings have their middle (d,)."""
     c = prediction.campaign
-    still, away = c.is_unloaded, prediction.robot_at_poses.configurations.drives - start
+    still, away = c.shows_rest, prediction.robot_at_poses.configurations.drives - start
     columns: list[Array] = []
     for k, drive in enumerate(prediction.robot_at_poses.robot.driven):
         columns.append(np.where(still, away[c.pose, k] * prediction.by_drive(drive), 0.0))
@@ -257,9 +257,9 @@ def _tether(middle: Array, prediction: RobotReadings) -> Array:
     read, applied = prediction.at_terminals
     places = prediction.robot_at_poses.configurations.tool[:, :3]
     for k in range(3):
-        columns.append(-_SPRING * read[:, k] * np.where(c.is_unloaded, 0.0, applied[:, k]))
+        columns.append(-_SPRING * read[:, k] * np.where(c.shows_rest, 0.0, applied[:, k]))
         pull = -_SPRING * (places[:, k] - middle[k])
-        columns.append(np.where(c.is_unloaded, read[:, k] * pull[c.pose], 0.0))
+        columns.append(np.where(c.shows_rest, read[:, k] * pull[c.pose], 0.0))
     return np.stack(columns, axis=1)
 
 
@@ -287,7 +287,7 @@ def _make_yielding(across: Mapping[str, Array], prediction: RobotReadings) -> Ar
     columns = np.zeros((len(c), 3))
     for name, axes in across.items():
         read, force = (each * axes for each in prediction.find_wrenches(name))
-        rest = np.where(c.is_unloaded[:, None], 0.0, prediction.find_rest_wrench(name) * axes) / _LIKE_FORCE
+        rest = np.where(c.shows_rest[:, None], 0.0, prediction.find_rest_wrench(name) * axes) / _LIKE_FORCE
         whole = rest + force / _LIKE_FORCE
         steps = [whole - rest, np.cbrt(whole) - np.cbrt(rest), whole * np.abs(whole) - rest * np.abs(rest)]
         columns += np.stack([np.sum(read * step, axis=1) for step in steps], axis=1)

@@ -16,8 +16,9 @@ import numpy as np
 
 from stiffscope.effects.elements import without_ranges
 from stiffscope.errors import InputError
-from stiffscope.gap.campaign.quantities import AXES, DEVIATION, FREQUENCY, JOINT
-from stiffscope.gap.forward.terminals import find_weight, unit_wrench, wrenches_at
+from stiffscope.gap.campaign.quantities import AXES, DEVIATION, FREQUENCY, JOINT, POSITION
+from stiffscope.gap.forward.setup import Instruments
+from stiffscope.gap.forward.terminals import find_weight, unit_wrenches, wrenches_at
 from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.condensation import condense_network
 from stiffscope.vjm.equilibrium import solve_condensed, solve_loads
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
     from stiffscope.effects.effect import Payload
     from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.gap.forward.setup import Setup
     from stiffscope.robot.nominal import NominalRobot
     from stiffscope.runtime.types import Array, Flags, Indices
     from stiffscope.vjm.condensation import Condensed
@@ -121,9 +123,47 @@ class RobotAtPoses:
         return InputError(f"{where}: {field}: {message}")
 
     @cached_property
+    def instruments(self) -> Instruments:
+        """What is unknown of its instruments."""
+        return Instruments(self.campaign)
+
+    @cached_property
+    def instruments_start(self) -> tuple[Setup, Array]:
+        """Instruments as the rigid robot, as commanded, has them, and the weights of the readings."""
+        return self.instruments.start(*self.targets(self.rest))
+
+    @property
+    def expected(self) -> Array:
+        """Positions and distances (a,) of the rigid robot as commanded."""
+        return self.instruments.look(self.instruments_start[0], *self.targets(self.rest))
+
+    def targets(self, where: Places) -> tuple[Array, Array]:
+        """Points (a, 3) of the targets of all positions and distances, and rotations (a, 3, 3) of their bodies."""
+        c, rows = self.campaign, self.instruments.rows
+        points, turns = np.zeros((len(rows), 3)), np.zeros((len(rows), 3, 3))
+        for k, sensor in enumerate(c.sensors):
+            mine = np.flatnonzero(c.sensor[rows] == k)
+            if mine.size:
+                body, count = FOOT if sensor.body == GROUND else sensor.body, len(c.poses)
+                pose, there = c.pose[rows[mine]], where.point(body, np.array(sensor.at))
+                points[mine] = np.broadcast_to(there, (count, 3))[pose]
+                turns[mine] = np.broadcast_to(where.rotation[body], (count, 3, 3))[pose]
+        return points, turns
+
+    @property
     def cases(self) -> int:
         """Number of terminals: M, loads, sensors, weight, payloads."""
-        return 6 + 6 * len(self.campaign.loads) + len(self.campaign.sensors) + 2
+        return self._sensor_cases[-1].stop + 2
+
+    @cached_property
+    def _sensor_cases(self) -> list[slice]:
+        """Terminals of the loads, then of each sensor: one, or six of a target, which its channels share."""
+        out, targets = [slice(6, 6 + 6 * len(self.campaign.loads))], dict[str, slice]()
+        for sensor in self.campaign.sensors:
+            end = max(each.stop for each in out)
+            own = slice(end, end + (6 if sensor.absolute else 1))
+            out.append(targets.setdefault(sensor.target or sensor.name, own) if sensor.absolute else own)
+        return [*out, slice(6, max(each.stop for each in out))]
 
     def load_cases(self, load: int) -> slice:
         """Columns of a load's six wrench components."""
@@ -133,9 +173,10 @@ class RobotAtPoses:
     def distinct_readings(self) -> tuple[tuple[Indices, Indices], ...]:
         """Readings (m,) that stand for all with the same sense, and the same drive, at the same pose; (n,) which."""
         c = self.campaign
-        moving = c.kind <= DEVIATION
+        moving = c.is_motion
         large = np.where(moving, 0, 1 + c.quantity)
-        senses = np.stack([c.pose, c.channel, np.where(moving, c.direction, 0), large], axis=1)
+        apart = np.where(c.kind == POSITION, c.session, 0)  # instruments that are set up anew
+        senses = np.stack([c.pose, apart, c.channel, np.where(moving, c.direction, 0), large], axis=1)
         wrench = np.unique(np.nan_to_num(c.wrench), axis=0, return_inverse=True)[1].ravel()
         drives = np.stack([c.pose, c.kind, c.load, wrench, large], axis=1)
         out: list[tuple[Indices, Indices]] = []
@@ -144,9 +185,9 @@ class RobotAtPoses:
             out.append((first, which.ravel()))
         return tuple(out)
 
-    def sensor_case(self, sensor: int) -> int:
-        """Column of a sensor."""
-        return 6 + 6 * len(self.campaign.loads) + sensor
+    def sensor_cases(self, sensor: int) -> slice:
+        """Column of a sensor, or six of a target."""
+        return self._sensor_cases[1 + sensor]
 
     @property
     def weight_case(self) -> int:
@@ -198,11 +239,12 @@ class RobotAtPoses:
         for k, load in enumerate(c.loads):
             add(load.body, wrenches_at(where, load.body, load.at), self.load_cases(k))
         for k, sensor in enumerate(c.sensors):
-            unit = unit_wrench(sensor)
-            push = wrenches_at(where, sensor.body, sensor.at) @ unit
-            add(sensor.body, push, self.sensor_case(k))
+            if self.sensor_cases(k) in [self.sensor_cases(j) for j in range(k)]:
+                continue  # another channel of one target
+            push = wrenches_at(where, sensor.body, sensor.at) @ unit_wrenches(sensor)
+            add(sensor.body, push, self.sensor_cases(k))
             if sensor.against != GROUND:
-                add(sensor.against, -push, self.sensor_case(k))
+                add(sensor.against, -push, self.sensor_cases(k))
         per_unit = mechanism.gravity / (self.robot.acceleration or np.inf)
         for node, mass in lump_masses(mechanism, where).items() if per_unit.any() else ():
             add(node, mass.weight(per_unit)[..., 0], self.weight_case)

@@ -14,6 +14,7 @@ from stiffscope.effects.gravity import Gravity
 from stiffscope.effects.part_compliance import PartCompliance
 from stiffscope.effects.vocabulary import find_candidates
 from stiffscope.gap.campaign.on_robot import match_robot
+from stiffscope.gap.campaign.quantities import POSITION
 from stiffscope.gap.forward.elastic_state import ElasticState
 from stiffscope.gap.forward.forward_model import Trial
 from stiffscope.gap.forward.noise import noise_of
@@ -51,8 +52,17 @@ class RobotModel:
     tried: tuple[tuple[Candidate, ...], ...] = ()
 
     def __post_init__(self) -> None:
-        """Look up poses by name, and check poses, sensors and loads against the robot. Raises InputError."""
-        object.__setattr__(self, "campaign", match_robot(self.campaign, self.nominal.robot))
+        """Look up poses by name, and check poses, sensors and loads against the robot. Raises InputError.
+
+        Positions and distances are counted from those of the rigid robot as commanded.
+        """
+        campaign = match_robot(self.campaign, self.nominal.robot)
+        if (campaign.kind == POSITION).any() and campaign.expected is None:
+            at = RobotAtPoses(self.nominal, campaign)
+            expected = np.zeros(len(campaign))
+            expected[at.instruments.rows] = at.expected
+            campaign = replace(campaign, value=campaign.value - expected, expected=expected)
+        object.__setattr__(self, "campaign", campaign)
 
     @property
     def library(self) -> tuple[Candidate, ...]:

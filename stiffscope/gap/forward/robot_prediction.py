@@ -11,7 +11,6 @@ import numpy as np
 from stiffscope.effects.effect import Effect, Influence
 from stiffscope.gap.forward.robot_readings import RobotReadings
 from stiffscope.gap.forward.slopes import find_slope
-from stiffscope.gap.forward.zeros import SharedZeros
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -39,7 +38,7 @@ class RobotPrediction(RobotReadings):
 
     @property
     def values(self) -> Array:
-        """What every reading (n,) would be, with nuisance patterns, the weight's share of stiffness, and zeros."""
+        """What every reading (n,) would be, with nuisance patterns, the weight in stiffnesses, and instruments."""
         return self._values
 
     @cached_property
@@ -50,17 +49,14 @@ class RobotPrediction(RobotReadings):
         for candidate, values in self.parameters:
             if isinstance(candidate.action, Pattern):
                 out = out + candidate.action.columns(self) @ np.array(values)
-        return out + self._zeros.share(self.campaign.value - out)
-
-    @cached_property
-    def _zeros(self) -> SharedZeros:
-        return SharedZeros.from_campaign(self.campaign)
+        return out + self.projection.share(self.campaign.value - out)
 
     def columns(self, candidate: Candidate) -> Array:
         """Derivatives (n, k) of every reading by a candidate's internal parameters."""
         key = candidate.name, candidate.scale, id(candidate.action)
         if key not in self._columns:
-            self._columns[key] = candidate, self._derivatives(candidate)  # the action lives as long as its id
+            columns = self.projection.without(self._derivatives(candidate))
+            self._columns[key] = candidate, columns  # the action lives as long as its id
         return self._columns[key][1]
 
     @cached_property
@@ -70,7 +66,7 @@ class RobotPrediction(RobotReadings):
     def _derivatives(self, candidate: Candidate) -> Array:
         effect: Effect = candidate.action
         if isinstance(effect, Pattern):
-            return self._zeros.without(effect.columns(self))
+            return effect.columns(self)
         here = next((np.array(v) for c, v in self.parameters if c.name == candidate.name), np.zeros(0))
         if len(here) != len(candidate.scale):  # absent, or there with fewer or more parameters
             here = np.zeros(len(candidate.scale))
@@ -78,10 +74,10 @@ class RobotPrediction(RobotReadings):
         here = here + 2.0 * (steps @ np.array(candidate.one_sided, dtype=float))  # within what can be, on either side
         pairs = ((effect.influence(here + step), effect.influence(here - step), 2.0 * step.sum()) for step in steps)
         slopes = [find_slope(self, *pair) for pair in pairs]
-        return self._zeros.without(np.stack(slopes, axis=1) if slopes else np.zeros((len(self.campaign), 0)))
+        return np.stack(slopes, axis=1) if slopes else np.zeros((len(self.campaign), 0))
 
     def step(self, candidate: Candidate) -> Array:
         """Change (n,) of the readings where a candidate without parameters acts: the robot's own weight."""
         if not candidate.action.influence(np.zeros(0)).weight:
             return np.zeros(len(self.campaign))
-        return self.weight - self._zeros.share(self.weight)
+        return self.projection.without(self.weight[:, None])[:, 0]

@@ -17,7 +17,15 @@ import numpy as np
 
 from stiffscope.effects.elements import along_drive
 from stiffscope.effects.instruments import INSTRUMENT
-from stiffscope.gap.campaign.quantities import DEFLECTION, DEVIATION, FIRST_FREQUENCY, FREQUENCY, PUSH, STIFFNESS
+from stiffscope.gap.campaign.quantities import (
+    DEFLECTION,
+    DEVIATION,
+    FIRST_FREQUENCY,
+    FREQUENCY,
+    POSITION,
+    PUSH,
+    STIFFNESS,
+)
 
 if TYPE_CHECKING:
     from stiffscope.effects.effect import Influence
@@ -25,6 +33,7 @@ if TYPE_CHECKING:
     from stiffscope.gap.forward.elastic_state import ElasticState
     from stiffscope.gap.forward.forward_model import Parameters
     from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
+    from stiffscope.gap.forward.setup import Placed, Projection
     from stiffscope.runtime.types import Array, Flags, Indices
 
 _ZERO_FORCE = 1e-6  # of the largest force: what rounding leaves in a drive that carries none
@@ -71,8 +80,8 @@ class RobotReadings:
 
     @cached_property
     def is_motion(self) -> Flags:
-        """(n,) whether a reading is a deflection or a deviation."""
-        return self.campaign.kind <= DEVIATION
+        """(n,) whether a reading is of a motion."""
+        return self.campaign.is_motion
 
     @cached_property
     def compliance(self) -> Array:
@@ -86,19 +95,20 @@ class RobotReadings:
 
     @cached_property
     def applied_loads(self) -> Array:
-        """What acts (n, cases) behind every deflection and deviation, on the terminals; zero for other readings."""
+        """What acts (n, cases) behind every reading of a motion, on the terminals; zero for other readings."""
         c, at = self.campaign, self.robot_at_poses
         out = np.zeros((len(c), at.cases))
         wrench = self.force_scale * np.nan_to_num(c.wrench)
         for load in range(-1, len(c.loads)):
-            mine = (c.kind == DEFLECTION) & (c.load == load)
+            mine = (c.kind != DEVIATION) & c.is_motion & (c.load == load)
             out[mine, at.load_cases(load) if load >= 0 else slice(0, 6)] = wrench[mine]
-        still = c.kind == DEVIATION
-        out[still] = self._dead
+        out[c.shows_rest] += self._dead
         return out
 
     def instrument(self, sensor: int) -> Array:
         """Matrix (6, 6) from a true motion to what an instrument shows: a sensor, or (-1) that at M."""
+        if sensor >= 0 and self.campaign.sensors[sensor].absolute:
+            return np.eye(6)
         if sensor not in self._instruments:
             scale, (x, y, z) = 1.0, np.zeros(3)
             for each in self._influences:
@@ -139,7 +149,25 @@ class RobotReadings:
         out = np.eye(6)[c.direction]
         for k in range(len(c.sensors)):
             out[c.sensor == k] = self._looks(k)
+        if self.placed is not None:
+            out[self.robot_at_poses.instruments.rows] = self.placed.looks
         return out
+
+    @cached_property
+    def placed(self) -> Placed | None:
+        """Instruments that read positions and distances; None where there are none."""
+        instruments = self.robot_at_poses.instruments
+        if not len(instruments.rows):
+            return None
+        points, turns = self.robot_at_poses.targets(self.elastic_state.places)
+        moved, turned = np.split(self.twist[instruments.rows], 2, axis=1)
+        turns = turns + np.cross(turned[:, None], turns, axisb=1, axisc=1)
+        return instruments.place(points + moved, turns, self.robot_at_poses.instruments_start)
+
+    @cached_property
+    def projection(self) -> Projection:
+        """What is unknown of the instruments."""
+        return self.robot_at_poses.instruments.zeros if self.placed is None else self.placed.projection
 
     def _looks(self, sensor: int) -> Array:
         """Direction of motion (6,) that a sensor looks in."""
@@ -148,7 +176,10 @@ class RobotReadings:
 
     @cached_property
     def twist(self) -> Array:
-        """True motion (n, 6) of what every deflection and deviation looks at: M, or a sensor's point."""
+        """True motion (n, 6) of what every reading of one looks at: M, or a sensor's point.
+
+        Of the target of a position or distance without that by errors of the geometry.
+        """
         c = self.campaign
         out = np.zeros((len(c), 6))
         for k in range(-1, len(c.sensors)):
@@ -193,8 +224,10 @@ class RobotReadings:
             mine = np.flatnonzero(self.is_motion & (c.sensor == k))
             if k < 0:
                 out[mine, :6] = self.axis[mine] @ self.instrument(k)
+            elif mine.size and c.sensors[k].absolute:
+                out[mine, at.sensor_cases(k)] = self.axis[mine]
             elif mine.size:
-                out[mine, at.sensor_case(k)] = self.gain(k)
+                out[mine, at.sensor_cases(k)] = self.gain(k)
         stiff = np.flatnonzero(c.kind == STIFFNESS)
         if stiff.size:
             rows = self.shown_stiffness[c.pose[stiff], c.direction[stiff]]
@@ -266,6 +299,9 @@ class RobotReadings:
             mine = self.is_motion & (c.sensor == k)
             if mine.any():
                 out[mine] = np.einsum("ni,ij,nj->n", self.axis[mine], self.instrument(k), self.twist[mine])
+        if self.placed is not None:
+            rows = self.robot_at_poses.instruments.rows
+            out[rows] = self.placed.seen - (0.0 if c.expected is None else c.expected[rows])
         if (c.kind == STIFFNESS).any():
             out = np.where(c.kind == STIFFNESS, self.entries(self.shown_stiffness), out)
         if (c.kind == PUSH).any():
@@ -313,13 +349,15 @@ class RobotReadings:
         What rounding leaves is judged beside the largest of a kind: a weight may be many times the forces applied.
         """
         kind = self.campaign.kind.reshape(-1, *(1,) * (force.ndim - 1))
-        return sum((_sign(np.where(kind == each, force, 0.0)) for each in (DEFLECTION, DEVIATION)), np.zeros(()))
+        return sum(
+            (_sign(np.where(kind == each, force, 0.0)) for each in (DEFLECTION, DEVIATION, POSITION)), np.zeros(())
+        )
 
     def shown_by(self, place: str) -> Flags:
         """Which readings (n,) an instrument shows; that at M stands for all where there are only sensors."""
         c = self.campaign
         if place == INSTRUMENT:
-            return self.at_tool if self.at_tool.any() else (c.sensor >= 0)
+            return self.at_tool if self.at_tool.any() else (c.sensor >= 0) & (c.kind <= DEVIATION)
         names = [sensor.name for sensor in c.sensors]
         return c.sensor == (names.index(place) if place in names else len(names))
 
@@ -328,7 +366,7 @@ class RobotReadings:
         """Change (n,) of the readings when the robot's own weight acts, but for unknown zeros."""
         c = self.campaign
         out = np.zeros(len(c))
-        still = np.flatnonzero(c.kind == DEVIATION)
+        still = np.flatnonzero(c.shows_rest)
         for k in range(-1, len(c.sensors)):
             mine = still[c.sensor[still] == k]
             if not mine.size:
@@ -365,7 +403,8 @@ class RobotReadings:
         for load in range(-1, len(c.loads)):
             cases = self.robot_at_poses.load_cases(load) if load >= 0 else slice(0, 6)
             for k in range(-1, len(c.sensors)):
-                mine = np.flatnonzero((c.kind == DEFLECTION) & (c.load == load) & (c.sensor == k))
+                applied = c.is_motion & (c.kind != DEVIATION)
+                mine = np.flatnonzero(applied & (c.load == load) & (c.sensor == k))
                 if mine.size:
                     motion = self.elastic_state.tool if k < 0 else self.elastic_state.move_sensor(c.sensors[k])
                     twist = np.einsum("nij,nj->ni", motion[c.pose[mine], :, cases][..., 3:], moments[mine])

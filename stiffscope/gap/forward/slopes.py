@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from stiffscope.gap.forward.robot_readings import RobotReadings
     from stiffscope.runtime.types import Array
 
-_SIGNS = np.array([1.0, 1.0, -1.0, -1.0, 0.0])  # of a gain of displacements, by the kind of a reading
-_FORCE_SIGNS = np.array([1.0, 0.0, -1.0, -1.0, 0.0])  # of a gain of applied forces
+_SIGNS = np.array([1.0, 1.0, -1.0, -1.0, 0.0, 0.0])  # of a gain of displacements, by the kind of a reading
+_FORCE_SIGNS = np.array([1.0, 0.0, -1.0, -1.0, 0.0, 0.0])  # of a gain of applied forces
 
 
 def find_slope(prediction: RobotReadings, ahead: Influence, behind: Influence, width: float) -> Array:
@@ -73,11 +73,11 @@ def _of_elements(prediction: RobotReadings, ahead: Changes, behind: Changes, wid
             out += np.einsum("ni,ni->n", read @ slope, applied)
         if change.offset is not None and before.offset is not None:
             slope = (change.offset - before.offset) / width
-            out += np.where(prediction.campaign.is_unloaded, read @ slope, 0.0)
+            out += np.where(prediction.campaign.shows_rest, read @ slope, 0.0)
         if change.astray is not None and before.astray is not None and (change.astray != before.astray).any():
             slope = (change.astray - before.astray) / width
             rate = (_turn_about(prediction, name) @ slope)[prediction.campaign.pose]
-            out += np.where(prediction.campaign.is_unloaded, np.einsum("ni,ni->n", read, rate), 0.0)
+            out += np.where(prediction.campaign.shows_rest, np.einsum("ni,ni->n", read, rate), 0.0)
     return out
 
 
@@ -102,7 +102,7 @@ def _of_payload(prediction: RobotReadings, payload: Payload) -> Array:
     """A payload's weight along what is read; its inertia in the modes."""
     c, elastic, at = prediction.campaign, prediction.elastic_state, prediction.robot_at_poses
     along = elastic.work_on_node(payload.body, elastic.weights([payload]))[..., 0]  # (p, cases)
-    out = np.where(c.is_unloaded, np.einsum("nc,nc->n", prediction.sense, along[c.pose]), 0.0)
+    out = np.where(c.shows_rest, np.einsum("nc,nc->n", prediction.sense, along[c.pose]), 0.0)
     if (c.kind == FREQUENCY).any():
         v, w = np.split(elastic.twist_modes(payload.body, payload.at), 2, axis=1)
         arm = at.configurations.frame(payload.body)[0][at.shaken] @ payload.moments

@@ -24,10 +24,12 @@ if TYPE_CHECKING:
 _HELD_MOMENT = 1e-9  # relative: what rounding leaves of a moment
 
 
-def unit_wrench(sensor: Sensor) -> Array:
-    """Unit wrench (6,) that a sensor's reading is the work of."""
+def unit_wrenches(sensor: Sensor) -> Array:
+    """Unit wrench (6, 1) that a sensor's reading is the work of; of a target (6, 6)."""
+    if sensor.absolute:
+        return np.eye(6)
     direction = np.array(sensor.direction)
-    return np.concatenate([np.zeros(3), direction] if sensor.rotates else [direction, np.zeros(3)])
+    return np.concatenate([np.zeros(3), direction] if sensor.rotates else [direction, np.zeros(3)])[:, None]
 
 
 def wrenches_at(where: Places, node: str, home: Sequence[float] | Array) -> Array:

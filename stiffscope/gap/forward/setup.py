@@ -1,0 +1,325 @@
+"""What is unknown of a campaign's instruments: where they stand, where targets sit, where zeros lie.
+
+All of it is found anew beside every hypothesis and is no cause. Readings are ``y = f + N v + noise`` with a normal
+prior of v, both weighted such that ``N = U s Vᵀ``. Summed over v, a residual r is as likely as noise of
+``r - U (1 - 1/sqrt(1 + s²)) Uᵀ r``. What no posture shows of v has s = 0, and takes no share.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.gap.campaign.quantities import DEVIATION, POSITION
+from stiffscope.gap.forward.placing import find_frame, find_outlying
+from stiffscope.vjm.screws import rotation_of
+
+if TYPE_CHECKING:
+    from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.runtime.types import Array, Flags, Indices
+
+_WIDE = 1e5  # m, rad: prior of what is unknown
+_USUAL = 1e-5  # m, rad: noise of readings that state none, beside a prior
+_STEPS = 50  # of Gauss-Newton
+_HALVINGS = 12
+_SETTLED = 1e-4  # standard deviations: a step that moves no prediction by more is the last
+_RANK = 1e-12  # of the largest singular value: what no posture shows
+_CERTAIN = 1e5  # singular value from which the prior says nothing
+_HIDDEN = 1e-6  # share of a column below which it is rounding
+_PASSES = 6  # over outliers
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Instruments as they stand: f frames, t targets, z zeros."""
+
+    rotation: Array
+    """(f, 3, 3) axes of the frames in {O}."""
+    origin: Array
+    """(f, 3)."""
+    away: Array
+    """(t, 3) from where targets are said to sit, home axes, m."""
+    zero: Array
+    """(z,)."""
+
+    def moved(self, step: Array) -> Setup:
+        """The same after a step (6 f + 3 t + z,): frames shift and turn, targets shift, zeros shift."""
+        f, t = len(self.origin), len(self.away)
+        frames, away = step[: 6 * f].reshape(f, 6), step[6 * f : 6 * f + 3 * t].reshape(t, 3)
+        return Setup(
+            rotation_of(frames[:, 3:]) @ self.rotation,
+            self.origin + frames[:, :3],
+            self.away + away,
+            self.zero + step[6 * f + 3 * t :],
+        )
+
+
+@dataclass(frozen=True)
+class Projection:
+    """What the unknowns take of a change of the readings: ``left @ right``, of low rank."""
+
+    left: Array
+    """(n, r)."""
+    right: Array
+    """(r, n)."""
+
+    def share(self, change: Array) -> Array:
+        """The unknowns' share of changes (n,) or (n, k)."""
+        return self.left @ (self.right @ change)
+
+    def without(self, columns: Array) -> Array:
+        """Changes (n, k) without that share; what is left of one that the unknowns imitate is zero, not rounding."""
+        if not len(self.right) or not columns.size:
+            return columns
+        out = columns - self.share(columns)
+        return out * (np.abs(out).max(axis=0) > _HIDDEN * np.abs(columns).max(axis=0))
+
+
+@dataclass(frozen=True)
+class Placed:
+    """Readings of positions and distances beside one prediction of the robot."""
+
+    setup: Setup
+    seen: Array
+    """(a,) what they would be with targets and zeros as they are said to be."""
+    looks: Array
+    """(a, 6) motion that each looks at, of its body at the point where the target is said to sit; base axes."""
+    projection: Projection
+
+
+@dataclass(frozen=True)
+class Instruments:
+    """The unknowns of a campaign's instruments, and which of its readings show them."""
+
+    campaign: Campaign
+
+    @cached_property
+    def rows(self) -> Indices:
+        """Positions and distances (a,) among the readings."""
+        return np.flatnonzero(self.campaign.kind == POSITION)
+
+    @cached_property
+    def _looks(self) -> tuple[Array, Flags]:
+        """Axis in its frame (a, 3) that each looks along, and whether it is a distance (a,)."""
+        c = self.campaign
+        which = [c.sensors[k] for k in c.sensor[self.rows]]
+        axes = np.array([s.direction for s in which]).reshape(-1, 3)
+        return axes, np.array([s.measures == "distance" for s in which], dtype=np.bool_)
+
+    @cached_property
+    def _frame(self) -> tuple[Indices, list[int]]:
+        """Which standing of an instrument (a,) each reading belongs to, and which of the frames that is."""
+        c, names = self.campaign, [frame.name for frame in self.campaign.frames]
+        own = np.array([names.index(s.frame) if s.absolute else -1 for s in c.sensors] or [-1])[c.sensor[self.rows]]
+        anew = np.array([frame.per == "session" for frame in c.frames] or [False])[own]
+        key = np.column_stack([own, np.where(anew, c.session[self.rows], 0)])
+        found, which = np.unique(key, axis=0, return_inverse=True)
+        return which.ravel(), found[:, 0].tolist()
+
+    @cached_property
+    def _loose(self) -> tuple[Indices, Array]:
+        """Which target of an uncertain place (a,) each reading is of, -1 for none, and how uncertain each is (t,)."""
+        c = self.campaign
+        known = {s.target or s.name: s.at_sigma for s in c.sensors if s.absolute and s.at_sigma > 0.0}
+        names = [s.target or s.name for s in c.sensors]
+        code = np.array([list(known).index(name) if name in known else -1 for name in names] or [-1])
+        return code[c.sensor[self.rows]], np.array(list(known.values()))
+
+    @cached_property
+    def _zeros(self) -> Indices:
+        """Which unknown zero a reading (n,) has, -1 for none."""
+        c = self.campaign
+        unknown = np.array([s.zero == "session" for s in c.sensors] + [False])
+        free = unknown[c.sensor] & ((c.kind <= DEVIATION) | (c.kind == POSITION))
+        out = np.full(len(c), -1)
+        if free.any():
+            key = np.stack([c.sensor, c.session], axis=1)[free]
+            out[free] = np.unique(key, axis=0, return_inverse=True)[1].ravel()
+        return out
+
+    @cached_property
+    def _prior(self) -> tuple[Array, Flags]:
+        """Standard deviations (m,) of all unknowns, and of which the mean is stated."""
+        frames = [self.campaign.frames[k] for k in self._frame[1]]
+        places = [np.full(6, _WIDE) if f.pose is None else np.array(f.sigma or np.zeros(6)) for f in frames]
+        stated = np.repeat([f.pose is not None for f in frames], 6)
+        targets, zeros = np.repeat(self._loose[1], 3), np.full(self._zeros.max(initial=-1) + 1, _WIDE)
+        sigma = np.concatenate([np.zeros(0), *places, targets, zeros])
+        return sigma, np.concatenate([stated, np.ones(len(sigma) - len(stated))]).astype(np.bool_)
+
+    @cached_property
+    def _weight(self) -> Array:
+        """One over the noise (n,); where none is stated that of its like, or a usual one."""
+        c = self.campaign
+        sigma, like = np.array(c.sigma), c.kind_numbers
+        for group in np.unique(like[np.isnan(sigma)]):
+            mine = like == group
+            known = sigma[mine & ~np.isnan(sigma)]
+            sigma[mine & np.isnan(sigma)] = np.median(known) if known.size else _USUAL
+        return 1.0 / sigma
+
+    def _linearize(self, setup: Setup, points: Array, turns: Array) -> tuple[Array, Array, Array]:
+        """Positions and distances (a,), directions (a, 3), derivatives of all readings (n, m) by the unknowns."""
+        c, rows, (axes, ranged) = self.campaign, self.rows, self._looks
+        f, t = len(setup.origin), len(setup.away)
+        out = np.zeros((len(c), len(self._prior[0])))
+        free = np.flatnonzero(self._zeros >= 0)
+        out[free, 6 * f + 3 * t + self._zeros[free]] = 1.0
+        if not len(rows):
+            return np.zeros(0), np.zeros((0, 3)), out
+        frame, target = self._frame[0], self._loose[0]
+        loose = np.flatnonzero(target >= 0)
+        away = points + self._levers(setup, turns) - setup.origin[frame]
+        length = np.linalg.norm(away, axis=1)
+        along = np.einsum("nij,nj->ni", setup.rotation[frame], axes)
+        direction = np.where(ranged[:, None], away / np.where(length, length, 1.0)[:, None], along)
+        seen = np.where(ranged, length, np.einsum("ni,ni->n", along, away))
+        by_frame = np.concatenate([-direction, np.cross(direction, away)], axis=1)
+        out[rows[:, None], 6 * frame[:, None] + np.arange(6)] = by_frame
+        by_target = np.einsum("nji,nj->ni", turns[loose], direction[loose])
+        out[rows[loose][:, None], 6 * f + 3 * target[loose][:, None] + np.arange(3)] = by_target
+        return seen + self._zero_of(setup), direction, out
+
+    def look(self, setup: Setup, points: Array, turns: Array) -> Array:
+        """Positions and distances (a,) of targets at points (a, 3) of bodies turned by (a, 3, 3)."""
+        return self._linearize(setup, points, turns)[0]
+
+    def _zero_of(self, setup: Setup) -> Array:
+        mine = self._zeros[self.rows]
+        return np.where(mine >= 0, np.append(setup.zero, 0.0)[mine], 0.0)
+
+    def project(self, columns: Array, weight: Array) -> Projection:
+        """Sum over the unknowns: readings (n,) of weight zero take no part, and follow."""
+        scaled = columns * self._prior[0]
+        u, s, v = _factors(scaled * weight[:, None])
+        factor = (1.0 - np.where(s < _CERTAIN, 1.0 / np.sqrt(1.0 + s**2), 0.0)) / np.where(s > 0.0, s, 1.0)
+        return Projection(scaled @ (v.T * factor), u.T * weight)
+
+    @cached_property
+    def zeros(self) -> Projection:
+        """Of a campaign whose only unknowns are zeros."""
+        return self.project(self._linearize(self._nowhere, np.zeros((0, 3)), np.zeros((0, 3, 3)))[2], self._weight)
+
+    @property
+    def _nowhere(self) -> Setup:
+        f, t, z = len(self._frame[1]), len(self._loose[1]), self._zeros.max(initial=-1) + 1
+        return Setup(np.tile(np.eye(3), (f, 1, 1)), np.zeros((f, 3)), np.zeros((t, 3)), np.zeros(z))
+
+    @cached_property
+    def measured(self) -> Array:
+        """Positions and distances (a,) as they were read."""
+        c = self.campaign
+        return c.value[self.rows] + (0.0 if c.expected is None else c.expected[self.rows])
+
+    def start(self, points: Array, turns: Array) -> tuple[Setup, Array]:
+        """Instruments without any guess, and the weights (n,) of the readings: none of gross outliers.
+
+        Parameters
+        ----------
+        points
+            (a, 3) where the robot as commanded has the target of each position and distance.
+        turns
+            (a, 3, 3) of its body, from home.
+        """
+        setup, weight = self._stated(), np.array(self._weight)
+        own, ranged = weight[self.rows], self._looks[1]
+        for k, which in enumerate(self._frame[1]):
+            if self.campaign.frames[which].pose is None:
+                mine = np.flatnonzero(self._frame[0] == k)
+                rotation, origin = find_frame(self._triples(mine), ranged[mine], points[mine], self.measured[mine])
+                setup.rotation[k], setup.origin[k] = rotation, origin
+        for _ in range(_PASSES):
+            weight[self.rows] = own
+            setup = self.fit(points, turns, setup, weight)
+            left = self.measured - self._linearize(setup, points, turns)[0]
+            again = np.where(find_outlying(left), 0.0, self._weight[self.rows])
+            if np.array_equal(again, own):
+                break
+            own = again
+        return setup, weight
+
+    def _stated(self) -> Setup:
+        """As the campaign has it."""
+        out = self._nowhere
+        for k, which in enumerate(self._frame[1]):
+            pose = self.campaign.frames[which].pose
+            if pose is not None:
+                out.origin[k], out.rotation[k] = pose[:3], rotation_of(np.array(pose[3:]))
+        return out
+
+    def _triples(self, mine: Indices) -> Indices:
+        """Rows (k, 3) among some readings that are x, y and z of one target at once."""
+        c, rows = self.campaign, self.rows[mine]
+        names = [s.target for s in c.sensors]
+        target = np.array([names.index(name) for name in names])[c.sensor[rows]]
+        key = np.column_stack([c.pose, c.session, c.load, np.nan_to_num(c.wrench)])[rows]
+        group = np.unique(np.column_stack([target, key]), axis=0, return_inverse=True)[1].ravel()
+        found = np.full((group.max(initial=-1) + 1, 3), -1)
+        placed = np.flatnonzero(~self._looks[1][mine])
+        found[group[placed], c.direction[rows[placed]]] = placed
+        return found[(found >= 0).all(axis=1)]
+
+    def fit(self, points: Array, turns: Array, setup: Setup, weight: Array) -> Setup:
+        """The instruments that fit best, by damped Gauss-Newton from others."""
+        sigma, stated = self._prior
+        own, start = weight[self.rows], self._stated()
+        seen, _, columns = self._linearize(setup, points, turns)
+        left, mean = (self.measured - seen) * own, self._offset(setup, start)
+        for _ in range(_STEPS):
+            u, s, v = _factors(columns[self.rows] * own[:, None] * sigma)
+            pull = v @ np.where(stated & (sigma > 0.0), mean, 0.0)
+            whole = v.T @ ((s * (u.T @ left) + s**2 * pull) / (s**2 + 1.0)) - np.where(stated, mean, 0.0)
+            cost = left @ left + np.sum(mean[stated] ** 2)
+            for share in 0.5 ** np.arange(_HALVINGS):
+                trial = setup.moved(share * sigma * whole)
+                seen, _, ahead = self._linearize(trial, points, turns)
+                after, there = (self.measured - seen) * own, self._offset(trial, start)
+                if after @ after + np.sum(there[stated] ** 2) <= cost * (1.0 + 1e-12):
+                    break
+            else:
+                return setup
+            moved = np.abs(after - left).max(initial=0.0)
+            setup, left, columns, mean = trial, after, ahead, there
+            if moved < _SETTLED:
+                break
+        return setup
+
+    def _offset(self, setup: Setup, start: Setup) -> Array:
+        """How far (m,) all unknowns are from what is stated, in units of their priors; 0 of what is unknown."""
+        sigma, stated = self._prior
+        turns = setup.rotation @ np.swapaxes(start.rotation, -1, -2)
+        small = 0.5 * np.stack([turns[:, i, j] - turns[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=1)
+        frames = np.concatenate([setup.origin - start.origin, small], axis=1)
+        every = np.concatenate([frames.ravel(), setup.away.ravel(), setup.zero])
+        return np.divide(every, sigma, out=np.zeros(len(sigma)), where=stated & (sigma > 0.0))
+
+    def place(self, points: Array, turns: Array, start: tuple[Setup, Array]) -> Placed:
+        """The instruments beside one prediction.
+
+        Parameters
+        ----------
+        points, turns
+            (a, 3), (a, 3, 3) of targets and their bodies.
+        start
+            Of the robot as commanded.
+        """
+        setup = self.fit(points, turns, *start)
+        seen, direction, columns = self._linearize(setup, points, turns)
+        offset = self._offset(setup, self._stated()) * self._prior[0]
+        looks = np.concatenate([direction, np.cross(self._levers(setup, turns), direction)], axis=1)
+        return Placed(setup, seen - columns[self.rows] @ offset, looks, self.project(columns, start[1]))
+
+    def _levers(self, setup: Setup, turns: Array) -> Array:
+        """From where targets are said to sit to where they do (a, 3), base axes."""
+        away = np.concatenate([setup.away, np.zeros((1, 3))])[self._loose[0]]
+        return np.einsum("nij,nj->ni", turns, away)
+
+
+def _factors(columns: Array) -> tuple[Array, Array, Array]:
+    """Singular value decomposition of columns (n, m), without what is rounding."""
+    u, s, v = np.linalg.svd(columns, full_matrices=False)
+    keep = s > _RANK * s.max(initial=0.0)
+    return u[:, keep], s[keep], v[keep]
