@@ -36,11 +36,14 @@ class Interface:
         Indices of the solid's faces.
     reference_point
         (3,) m, to which twist and wrench refer.
+    coupling
+        "rigid" (one body) or "distributed" (evenly loaded); empty leaves it to the experiment.
     """
 
     name: str
     faces: frozenset[int]
     reference_point: Floats
+    coupling: str = ""
 
 
 @dataclass(frozen=True, eq=False)

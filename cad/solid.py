@@ -58,6 +58,7 @@ def part_of(
     clamped: Selectors = LEAST_X,
     loaded: Selectors | Mapping[str, Selectors] = GREATEST_X,
     interfaces: Mapping[str, Selectors] | None = None,
+    couplings: Mapping[str, str] | None = None,
     placement: Placement | None = None,
     reference_point: Vector | None = None,
     valid: bool = False,
@@ -78,6 +79,8 @@ def part_of(
         Selectors of the loaded interface, or of several interfaces by name.
     interfaces
         In place of ``clamped`` and ``loaded``: selectors of two or more interfaces by name; the first is at rest.
+    couplings
+        "rigid" or "distributed" by name of interface; those without one follow the experiment's settings.
     placement
         The part's axes; by default those of the solid.
     reference_point
@@ -112,7 +115,12 @@ def part_of(
     point = None if reference_point is None else _axes(x, z) @ (np.asarray(reference_point, dtype=float) - origin)
     geometries = face_geometries(moved)
     ends = (
-        Interface(key, faces, _centroid([geometries[index] for index in sorted(faces)]) if point is None else point)
+        Interface(
+            key,
+            faces,
+            _centroid([geometries[index] for index in sorted(faces)]) if point is None else point,
+            (couplings or {}).get(key, ""),
+        )
         for key, faces in selected.items()
     )
     return Part(name, moved, material, at_rest, tuple(ends), rest)

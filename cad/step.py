@@ -35,6 +35,7 @@ def read_step(
     clamped: Selectors = LEAST_X,
     loaded: Selectors | Mapping[str, Selectors] = GREATEST_X,
     interfaces: Mapping[str, Selectors] | None = None,
+    couplings: Mapping[str, str] | None = None,
     placement: Placement | None = None,
     reference_point: Vector | None = None,
     time_limit: float = 60.0,
@@ -49,7 +50,7 @@ def read_step(
         Name of the part; by default the file's name without its suffix.
     time_limit
         Seconds allowed to read and check the file.
-    material, clamped, loaded, interfaces, placement, reference_point
+    material, clamped, loaded, interfaces, couplings, placement, reference_point
         As for `stiffscope.cad.solid.part_of`; by default the part
         is clamped at its plane face of least x and loaded at that of greatest x.
 
@@ -61,7 +62,7 @@ def read_step(
     solid = read_solid(path, time_limit)
     return part_of(
         solid, name=name or Path(path).stem, material=material, clamped=clamped, loaded=loaded,
-        interfaces=interfaces, placement=placement, reference_point=reference_point, valid=True,
+        interfaces=interfaces, couplings=couplings, placement=placement, reference_point=reference_point, valid=True,
     )  # fmt: skip
 
 

@@ -122,6 +122,7 @@ def specimen_of(part: Part, settings: Settings) -> Specimen:
         elasticity=part.material.elasticity(),
         clamped=part.clamped,
         loaded=tuple((face.faces, np.asarray(face.reference_point, dtype=float)) for face in part.loaded),
+        couplings=tuple(face.coupling for face in part.loaded),
         volume=float(solid),
         density=float(part.material.density),
     )

@@ -223,7 +223,8 @@ def system_of(
     specimen: Specimen, mesh: TetMesh, interface: str, solver: str, foundation: float | None = None
 ) -> System:
     """Return the supported mesh with its stiffness and solvers. See ``solve_specimen``."""
-    couplings = tuple(Coupling(faces, point, interface) for faces, point in specimen.loaded)
+    kinds = specimen.list_couplings(interface)
+    couplings = tuple(Coupling(*loaded, kind) for loaded, kind in zip(specimen.loaded, kinds, strict=True))
     clamped = mesh.nodes_of(specimen.clamped)
     if foundation is not None:
         _check_foundation(specimen, foundation)

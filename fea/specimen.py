@@ -56,6 +56,7 @@ class Specimen:
     loaded : (CAD faces, reference point) of each loaded interface.
     volume, density : m³, kg/m³.
     names : of the clamp and of the loaded interfaces.
+    couplings : "rigid" or "distributed" of each loaded interface; empty ones follow the settings, as all by default.
     """
 
     name: str
@@ -67,6 +68,7 @@ class Specimen:
     volume: float
     density: float
     names: tuple[str, ...] = ("base", "tip")
+    couplings: tuple[str, ...] = ()
 
     @cached_property
     def extrusion(self) -> Extrusion | None:
@@ -111,7 +113,13 @@ class Specimen:
 
     def list_fixed(self, *, rigid: bool) -> tuple[frozenset[int], ...]:
         """The interfaces that cannot deform: the clamp, and loaded faces with rigid couplings."""
-        return self.interfaces if rigid else self.interfaces[:1]
+        kinds = self.list_couplings("rigid" if rigid else "distributed")
+        loaded = zip(self.interfaces[1:], kinds, strict=True)
+        return self.clamped, *(faces for faces, kind in loaded if kind == "rigid")
+
+    def list_couplings(self, usual: str) -> tuple[str, ...]:
+        """The coupling of each loaded interface, where ``usual`` is that of those without one of their own."""
+        return tuple(own or usual for own in self.couplings or ("",) * len(self.loaded))
 
 
 def mesh_specimen(

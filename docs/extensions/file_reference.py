@@ -33,6 +33,7 @@ TABLES = (
     ('[parts.NAME], shape = "matrix"', part_sections.MatrixPart),
     ('[parts.NAME], shape = "matrix", with `interfaces`', part_sections.InterfacePart),
     ("[parts.NAME.mesh]", part_sections.Mesh),
+    ("interfaces.NAME of a STEP part", part_sections.NamedFaces),
     ("A choice of faces: clamped, loaded of a STEP part", part_sections.Face),
     ("[materials.NAME], isotropic", part_sections.Isotropic),
     ("[materials.NAME], of fibres along x", part_sections.Fibrous),

@@ -40,6 +40,7 @@ class StepOrder:
     clamped: tuple[FaceSelector, ...] = LEAST_X
     loaded: tuple[FaceSelector, ...] = GREATEST_X
     interfaces: tuple[tuple[str, tuple[FaceSelector, ...]], ...] = ()
+    couplings: tuple[tuple[str, str], ...] = ()
     placement: Placement | None = None
     reference_point: tuple[float, float, float] | None = None
 
@@ -97,6 +98,7 @@ class PartOrder:
             return read_step(
                 self.solid.path, name=self.name, material=self.material, clamped=self.solid.clamped,
                 loaded=self.solid.loaded, interfaces=dict(self.solid.interfaces) or None,
+                couplings=dict(self.solid.couplings),
                 placement=self.solid.placement, reference_point=self.solid.reference_point,
             )  # fmt: skip
         if isinstance(self.solid, link.LinkParameters):
@@ -201,5 +203,6 @@ def _step_order(robot: RobotFile, name: str, given: str | Path | None) -> StepOr
     interfaces = (section.interfaces or {}).items()
     return StepOrder(
         path.absolute(), content, **chosen, placement=section.placement(), reference_point=section.reference_point,
-        interfaces=tuple((end, tuple(face.selector() for face in faces)) for end, faces in interfaces),
+        interfaces=tuple((end, tuple(face.selector() for face in chosen.faces)) for end, chosen in interfaces),
+        couplings=tuple((end, chosen.interface) for end, chosen in interfaces if chosen.interface),
     )  # fmt: skip

@@ -71,6 +71,21 @@ def test_a_blocks_compliance_is_the_two_ended_experiments(tested):
     assert np.linalg.inv(held) == pytest.approx(block, abs=1e-9 * scale.max())
 
 
+def test_each_interface_has_a_coupling_of_its_own():
+    """One pad evenly loaded, the other rigid: between all rigid and all even, each for its own face."""
+    tops = {name: [FaceSelector(position=(x / 1e3, y / 1e3, 0.009))] for name, (x, y) in PADS.items()}
+    solid = bracket(*PADS).solid
+    mixed = part_of(solid, name="bracket", interfaces=tops, couplings={"motor": "distributed"})
+    found, rigid, even = (
+        run_experiment(part, Settings(interface=kind), whole=False)
+        for part, kind in ((mixed, "rigid"), (bracket(*PADS), "rigid"), (bracket(*PADS), "distributed"))
+    )
+    own, stiff, soft = (e.full_compliance.diagonal() for e in (found, rigid, even))
+    gap, tilt, even_tilt = soft - stiff, slice(3, 5), slice(9, 11)
+    assert (np.abs(own - stiff)[tilt] < 0.4 * gap[tilt]).all()
+    assert (np.abs(own - soft)[even_tilt] < 0.4 * gap[even_tilt]).all()
+
+
 def test_names_and_matrices_are_kept(tested, tmp_path):
     tested.save(tmp_path / "bracket.npz")
     again = load_experiment(tmp_path / "bracket.npz", fields=False)

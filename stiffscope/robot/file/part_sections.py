@@ -107,6 +107,27 @@ def _some(value: Any) -> Any:
 
 
 Faces = Annotated[tuple[Face, ...], BeforeValidator(_some)]
+Coupled = Literal["rigid", "distributed"]
+
+
+class NamedFaces(Section):
+    """A named interface of a STEP part: its faces; "distributed", it carries its loads evenly, "rigid" as one body.
+
+    A choice of faces, or a list of such, stands for a table of `faces` alone; `interface` may stand beside its keys.
+    """
+
+    faces: Faces
+    interface: Coupled | None = None
+
+
+def _named(value: Any) -> Any:
+    if isinstance(value, dict) and "faces" not in value:
+        own = {key: value[key] for key in value if key == "interface"}
+        return own | {"faces": [{key: each for key, each in value.items() if key not in own}]}
+    return {"faces": value} if isinstance(value, list | tuple) else value
+
+
+Named = Annotated[NamedFaces, BeforeValidator(_named)]
 
 
 class PartSection(Section):
@@ -127,7 +148,7 @@ class SolidPart(PartSection):
     material: MaterialName
     compliance: Source = "fea"
 
-    interface: Literal["rigid", "distributed"] = "rigid"
+    interface: Coupled = "rigid"
     foundation: Foundation = None
     mesh: Mesh = Mesh()
 
@@ -219,7 +240,7 @@ class StepPart(SolidPart):
     file: Annotated[str, Says('a path such as "arm.step"')]
     clamped: Faces | None = None
     loaded: Faces | None = None
-    interfaces: dict[str, Faces] | None = None
+    interfaces: dict[str, Named] | None = None
     origin: Point = (0.0, 0.0, 0.0)
     x: Direction = (1.0, 0.0, 0.0)
     z: Direction = (0.0, 0.0, 1.0)
@@ -248,6 +269,9 @@ class StepPart(SolidPart):
             return self
         if len(self.interfaces) < 2:
             raise InputError(f"step.interfaces: expected two or more, got {list(self.interfaces)}")
+        first = next(iter(self.interfaces))
+        if self.interfaces[first].interface == "distributed":
+            raise InputError(f"step.interfaces.{first}.interface: expected rigid for the first one, which is at rest")
         for key in ("clamped", "loaded", "reference_point"):
             if getattr(self, key) is not None:
                 raise InputError(f"step.{key}: expected none beside named interfaces, got one")
