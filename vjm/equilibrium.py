@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from stiffscope.vjm.order import Order
     from stiffscope.vjm.screws import Array
 
+_ROUNDING = 1e-12  # of a drive's wrench: a force that is none
+
 
 def tool_stiffness(state: Condensed) -> Array:
     """Stiffness (n or 1, 6, 6) at M in base axes. Raises InfiniteStiffnessError where it would be infinite."""
@@ -71,10 +73,8 @@ def find_equilibrium(order: Order, where: Places, loads: Loads) -> Response:
     linear = find_order(without_laws(order.mechanism), order.linkage)
     found = solve_loads(linear, where, Loads(c + count, nodes, offsets, loads.balanced))
     n = max(len(found.twist), *(len(found.elements[name].wrench) for name in laws))
-    rows = [
-        np.broadcast_to(found.elements[name].wrench[:, i], (n, c + count)) for name, i in zip(laws, along, strict=True)
-    ]
-    forces = np.stack(rows, axis=1)  # (n, k, c + k)
+    rows = [_force_along(found.elements[name].wrench, i, order.length) for name, i in zip(laws, along, strict=True)]
+    forces = np.stack([np.broadcast_to(row, (n, c + count)) for row in rows], axis=1)  # (n, k, c + k)
     stiffness = np.array([law.slopes[0] for law in laws.values()])
     pull = np.swapaxes(forces[..., :c], 1, 2).reshape(n * c, count)
     settled = settle(list(laws.values()), stiffness, pull, np.repeat(forces[..., c:], c, axis=0))
@@ -92,6 +92,13 @@ def find_equilibrium(order: Order, where: Places, loads: Loads) -> Response:
         elements[name] = replace(elements[name], deflection=deflection[:, k], law=law)
     moved = {node: mix(twist) for node, twist in found.nodes.items()}
     return Response(where, mix(found.twist), moved, elements)
+
+
+def _force_along(wrench: Array, component: int, length: float) -> Array:
+    """Component (n, c) of wrenches (n, 6, c), without what is rounding beside the others."""
+    unit = np.repeat([length, 1.0] if component > 2 else [1.0, 1.0 / length], 3)
+    size = np.abs(wrench * unit[:, None]).max(axis=1)
+    return np.where(np.abs(wrench[:, component]) > _ROUNDING * size, wrench[:, component], 0.0)
 
 
 def map_segments(

@@ -222,7 +222,7 @@ class Effect:
     def refusal(cls, robot: NominalRobot, place: str) -> str:
         """Why no robot file can carry it; empty where one can."""
         del robot
-        return f"{cls.word} @ {place}: no part of the robot; correct the readings (or the backlash) instead"
+        return f"{cls.word} @ {place}: no part of the robot; correct the readings instead"
 
     def make_candidate(self, place: Place, parameters: Sequence[Parameter] | None = None, **more: Any) -> Candidate:
         """Return this effect as a candidate.

@@ -92,6 +92,16 @@ def change_elements(mechanism: Mechanism, changes: Changes) -> Mechanism:
     return (replace(mechanism, joints=tuple(joints)) if stiffer else mechanism).change_elements(bearings)
 
 
+def change_robot(mechanism: Mechanism, influence: Influence) -> Mechanism:
+    """The mechanism with all that an effect changes in it: its elements, and the dead zones of its drives."""
+    zones = influence.dead_zones
+    joints = tuple(
+        replace(j, drive=j.drive.loosened(2.0 * zones[j.name])) if j.drive is not None and zones.get(j.name) else j
+        for j in mechanism.joints
+    )
+    return change_elements(replace(mechanism, joints=joints) if zones else mechanism, influence.elements)
+
+
 def without_ranges(mechanism: Mechanism) -> Mechanism:
     """The mechanism with drives that never come to an end."""
     joints = (

@@ -15,7 +15,7 @@ import numpy as np
 
 import stiffscope.effects
 from stiffscope.effects.effect import Effect, Setting
-from stiffscope.effects.elements import change_elements
+from stiffscope.effects.elements import change_robot
 from stiffscope.errors import InputError
 from stiffscope.robot.nominal import NominalRobot
 
@@ -89,8 +89,7 @@ def apply_effect(robot: NominalRobot, effect: str, place: str, parameters: Mappi
         raise InputError(f"{effect} @ {place}, factor: expected more than 0, got {parameters['factor']:g}")
     nominal = known.physical(np.zeros(len(known.names)))
     given = np.array([float(parameters.get(name, value)) for name, value in zip(known.names, nominal, strict=True)])
-    changes = known.action.influence(known.internal(given)).elements
-    return replace(robot, mechanism=change_elements(robot.mechanism, changes))
+    return replace(robot, mechanism=change_robot(robot.mechanism, known.action.influence(known.internal(given))))
 
 
 def _find_candidate(robot: NominalRobot, effect: str, place: str, parameters: Mapping[str, float]) -> Candidate:

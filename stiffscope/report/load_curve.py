@@ -69,4 +69,4 @@ def _along(curve: LoadCurve, wrench: Array) -> tuple[float, Array, str, Array]:
     yielding = np.linalg.pinv(np.where(known, matrices, 0.0), rcond=1e-9, hermitian=True) @ unit
     held = np.abs((matrices @ yielding[..., None])[..., 0] - unit).max(axis=2) < 1e-6
     stiff = np.where(held, 1.0 / np.where(held, yielding @ unit, 1.0), 0.0)
-    return size, along, "m" if part.start == 0 else "rad", np.where(known[..., 0, 0], stiff, np.nan)
+    return size, along, "m" if part.start == 0 else "rad", np.where(known.reshape(stiff.shape), stiff, np.nan)

@@ -12,6 +12,7 @@ import numpy as np
 from stiffscope.robot.file.description import RobotFile
 from stiffscope.robot.file.sections import ElasticBody
 from stiffscope.robot.part_dimensions import is_beam
+from stiffscope.vjm.laws import without_laws
 from stiffscope.vjm.network import list_elements
 
 if TYPE_CHECKING:
@@ -71,7 +72,7 @@ class NominalRobot:
     @cached_property
     def compliances(self) -> Mapping[str, Array]:
         """Compliance (6, 6) of every element, in its own axes at its own point."""
-        return {element.name: element.compliance for element in list_elements(self.mechanism)}
+        return {element.name: element.compliance for element in list_elements(without_laws(self.mechanism))}
 
     @cached_property
     def elastic_sources(self) -> Mapping[str, Elastic]:

@@ -239,8 +239,8 @@ def test_a_file_carries_its_effects_in_their_order():
     assert both.grip.compliance[0, 0] == pytest.approx(1e-8)
     assert both.joint("stage.actuator").drive.stiffness == pytest.approx(1.25 * 1.27e7)
     assert set(both.elements) == set(ROBOT.mechanism.elements) >= {TOOL}
-    wrong = Effect(effect="backlash", place="stage", parameters={"half_width": 1e-5})
-    with pytest.raises(InputError, match=r"biglide\.toml:\d+: effects\[1\]: backlash @ stage: no part of the robot"):
+    wrong = Effect(effect="force-scale", place="instrument", parameters={"factor": 1.1})
+    with pytest.raises(InputError, match=r"biglide\.toml:\d+: effects\[1\]: force-scale @ instrument: no part of the"):
         apply_effects(ROBOT.mechanism, replace(ROBOT.robot, effects=(soft, wrong)))
 
 
@@ -282,3 +282,24 @@ def test_what_would_widen_the_gap_is_not_named(tmp_path):
     found = diagnose_campaign(load_campaign(tmp_path), nominal)
     assert not found.effects or found.gap.explained < found.gap.nominal
     assert {f"{e.effect} @ {e.place}" for e in found.effects} <= {"actuator-stiffness @ limb1"}
+
+
+def test_backlash_of_a_drive_with_two_slopes_is_found_adopted_and_predicted():
+    """The stage hardens as its file says; its backlash is found, adopted, and found no more."""
+    curve = 'stage.actuator.drive={ curve = [["3 um", "36 N"], ["12 um", "216 N"]] }'
+    loose = curve.replace(" }", ', backlash = "20 um" }')
+    nominal, machine = nominal_robot(curve), biglide(loose)
+    seen = campaign(machine=machine)
+    quiet = campaign(machine=machine, displacement=1e-12, rotation=1e-12)
+    both = nominal_robot(loose)
+    values = RobotModel(quiet, both).predict().values
+    assert np.abs(values - quiet.value).max() < 2e-9
+    assert np.abs(RobotModel(quiet, nominal).predict().values - quiet.value).max() > 5e-6
+    found = diagnose_campaign(seen, nominal)
+    assert found.verdict == "identified"
+    assert named(found) == {"backlash @ stage"}
+    (effect,) = found.effects
+    assert effect.parameters["half_width"].value == pytest.approx(1e-5, rel=0.05)
+    adopted = apply_effect(nominal, "backlash", "stage", {"half_width": effect.parameters["half_width"].value})
+    assert diagnose_campaign(seen, adopted).verdict == "no-gap"
+    assert diagnose_campaign(seen, both).verdict == "no-gap"

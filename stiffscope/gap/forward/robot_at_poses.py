@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.effects.elements import without_ranges
+from stiffscope.effects.elements import along_drive, without_ranges
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.quantities import AXES, DEVIATION, FREQUENCY, JOINT, POSITION
 from stiffscope.gap.forward.setup import Instruments
@@ -23,6 +23,7 @@ from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.condensation import condense_network
 from stiffscope.vjm.equilibrium import solve_condensed, solve_loads
 from stiffscope.vjm.kinematics import configure, configure_drives
+from stiffscope.vjm.laws import find_laws, without_laws
 from stiffscope.vjm.loading import Loads
 from stiffscope.vjm.network import END, FOOT, list_elements, lump_masses, place_nodes
 from stiffscope.vjm.order import find_order
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from stiffscope.robot.nominal import NominalRobot
     from stiffscope.runtime.types import Array, Flags, Indices
     from stiffscope.vjm.condensation import Condensed
+    from stiffscope.vjm.joints import Law
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.loading import Response
     from stiffscope.vjm.mechanism import Mechanism
@@ -87,8 +89,23 @@ class RobotAtPoses:
 
     @cached_property
     def mechanism(self) -> Mechanism:
-        """The robot wherever its drives stand: errors may lead out of their ranges."""
-        return without_ranges(self.robot.mechanism)
+        """The robot wherever its drives stand, all of them linear: errors may lead out of their ranges."""
+        return without_ranges(without_laws(self.robot.mechanism))
+
+    @cached_property
+    def laws(self) -> dict[str, Law]:
+        """Of its drives that are not linear."""
+        return find_laws(self.robot.mechanism)
+
+    @cached_property
+    def law_influence(self) -> Array:
+        """Force (p, k, k) of every drive with a law for a unit of shift in each."""
+        driven = self.robot.driven
+        rows = {name: along_drive(driven[name]) for name in self.laws}
+        cuts = [[row @ self.cut(shifted).elements[name].wrench @ rows[shifted] for shifted in rows]
+                for name, row in rows.items()]  # fmt: skip
+        found = np.array([[np.broadcast_to(each, len(self.campaign.poses)) for each in line] for line in cuts])
+        return np.moveaxis(found, 2, 0)
 
     @cached_property
     def configurations(self) -> Configurations:

@@ -26,6 +26,7 @@ from stiffscope.gap.campaign.quantities import (
     PUSH,
     STIFFNESS,
 )
+from stiffscope.vjm.laws import settle
 
 if TYPE_CHECKING:
     from stiffscope.effects.effect import Influence
@@ -312,10 +313,22 @@ class RobotReadings:
     def plain_readings(self) -> Array:
         """What every reading (n,) would be by the robot, its loads and its instruments."""
         out = self.robot_reads
+        if self.robot_at_poses.laws:
+            out = out + self._lost_by_laws
         for influence in self._influences:
             for drive, width in influence.dead_zones.items():
                 out = out + width * self.dead_zone(drive)
         return out
+
+    @cached_property
+    def _lost_by_laws(self) -> Array:
+        """What readings (n,) are more by drives that are not linear, each from no force in the middle of its gap."""
+        at = self.robot_at_poses
+        forces = np.stack([self.drive_force(name) for name in at.laws], axis=1)
+        forces = np.where(self.find_signs(forces) == 0.0, 0.0, forces)
+        stiffness = np.array([law.slopes[0] for law in at.laws.values()])
+        shifts = settle(list(at.laws.values()), stiffness, forces, at.law_influence[self.campaign.pose]).shift
+        return sum((shifts[:, k] * self.by_drive(name) for k, name in enumerate(at.laws)), np.zeros(len(forces)))
 
     def find_rest_wrench(self, name: str) -> Array:
         """Wrench (n, 6) on an element at every reading's pose when nothing is applied, own axes."""

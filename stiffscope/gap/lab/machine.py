@@ -121,7 +121,8 @@ class Slot:
 
     Laws, with f the force and k the linear stiffness there (infinite where it is rigid): "play" shifts by `size`
     towards f; "hardening" makes f = k e + size e³; "friction" keeps up to `size` of f; "one-sided" yields size f where
-    f pulls; "stiffening" yields e with f = e / size[compliance] (1 + (e / knee)²).
+    f pulls; "curve" yields what `points` (deflection, force) say beyond f / k; "stiffening" yields e with
+    f = e / size[compliance] (1 + (e / knee)²).
     """
 
     element: str
@@ -130,6 +131,7 @@ class Slot:
     size: float
     stiffness: float = np.inf
     knee: float = np.inf
+    points: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -271,7 +273,21 @@ def machine_of(robot: RobotFile, parts: Mapping[str, PartData]) -> Machine:
     if robot.gravity is not None:
         direction = np.array(robot.gravity.direction)
         gravity = robot.gravity.acceleration * direction / np.linalg.norm(direction)
-    return Machine(robot, bodies, joints, robot.tool.body, np.array(robot.tool.at), tuple(robot.tool.pose), gravity)
+    tool, slots = robot.tool, tuple(_find_slots(robot))
+    return Machine(robot, bodies, joints, tool.body, np.array(tool.at), tuple(tool.pose), gravity, slots=slots)
+
+
+def _find_slots(robot: RobotFile) -> Iterable[Slot]:
+    """What drives that are not linear lose beside their first slope, and their backlash."""
+    for name, section in robot.joints.items():
+        drive = getattr(section, "drive", None)
+        if drive is None:
+            continue
+        first, along = _first_slope(drive), DRIVEN[section.type]
+        if drive.points is not None and len(drive.points) > 1:
+            yield Slot(name, along, "curve", 0.0, first, points=drive.points)
+        if drive.backlash:
+            yield Slot(name, along, "play", 0.5 * drive.backlash, first)
 
 
 def _make_rigid(name: str, section: RigidBody) -> Body:

@@ -80,6 +80,12 @@ def lost_motion(slot: Slot, force: Array) -> tuple[Array, Array]:
             for _ in range(60):
                 e = e - (k * e + slot.size * e**3 - force) / (k + 3 * slot.size * e**2)
             return e - force / k, 1.0 / (k + 3 * slot.size * e**2) - 1.0 / k
+        case "curve":
+            x, f = np.array([(0.0, 0.0), *slot.points]).T
+            part = np.clip(np.searchsorted(f, np.abs(force), side="right"), 1, len(f) - 1)
+            softness = (np.diff(x) / np.diff(f))[part - 1]
+            e = x[part - 1] + softness * (np.abs(force) - f[part - 1])
+            return np.copysign(e, force) - force / k, softness - 1.0 / k
         case "friction":
             sticks = np.abs(force) < slot.size
             return -np.clip(force, -slot.size, slot.size) / k, np.where(sticks, -1.0 / k, 0.0)
