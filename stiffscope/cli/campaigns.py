@@ -125,10 +125,16 @@ def _write_page(case: Case, nominal: Assembled | None, diagnosis: Diagnosis, fol
 
 def _adopt(target: Path, nominal: Assembled, diagnosis: Diagnosis, case: Case, *, loud: bool) -> None:
     components, carrying = case.campaign.components, NominalRobot(nominal.mechanism, nominal.robot)
-    left = adopt_effects(target, nominal.robot, carrying, diagnosis, campaign=case.name, components=components)
+    adopt_effects(
+        target,
+        nominal.robot,
+        carrying,
+        diagnosis,
+        campaign=case.name,
+        components=components,
+        modelled=case.campaign.modelled,
+    )
     if loud:
-        for reason in left:
-            tables.show_line(f"Not adopted: {reason}")
         tables.show_line(f"Adopted in {target}, with the parts' matrices of the diagnosis ({components})")
 
 

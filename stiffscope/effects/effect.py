@@ -78,6 +78,7 @@ class Candidate:
     """How many internal parameters share each unknown size, in their order; by default all share one."""
     parts: tuple[str, ...] = ()
     """Names of the internal parameters, `JOINT.NAME`, where the physical ones only sum them up."""
+    part_units: tuple[str, ...] = ()
     couplings: int = 0
     """How many of the last internal parameters couple the others: these have either sign."""
     flexible: bool = False
@@ -153,7 +154,7 @@ class Influence:
 
     elements: Changes = field(default_factory=dict[str, Change])
     """Added compliance of elements, motion of their unloaded ends."""
-    payload: Payload | None = None
+    payloads: tuple[Payload, ...] = ()
     weight: bool = False
     """Whether the robot's own weight acts."""
     dead_zones: Mapping[str, float] = field(default_factory=dict[str, float])

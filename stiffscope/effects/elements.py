@@ -14,6 +14,7 @@ from stiffscope.vjm.mechanism import Change
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from stiffscope.effects.effect import Payload
     from stiffscope.vjm.joints import Joint
     from stiffscope.vjm.mechanism import Mechanism
 
@@ -23,6 +24,7 @@ ALONG: Array = np.eye(6)[0]
 ABOUT = np.eye(6)[3]
 """About the axis of a joint."""
 ROTATIONS = np.array([0.0, 0, 0, 1, 1, 1])
+_HELD_MOMENT = 1e-9  # relative: what rounding leaves of a moment
 
 
 @dataclass(frozen=True)
@@ -93,13 +95,38 @@ def change_elements(mechanism: Mechanism, changes: Changes) -> Mechanism:
 
 
 def change_robot(mechanism: Mechanism, influence: Influence) -> Mechanism:
-    """The mechanism with all that an effect changes in it: its elements, and the dead zones of its drives."""
+    """The mechanism with all that an effect changes in it: its elements, its masses, the dead zones of its drives."""
     zones = influence.dead_zones
     joints = tuple(
         replace(j, drive=j.drive.loosened(2.0 * zones[j.name])) if j.drive is not None and zones.get(j.name) else j
         for j in mechanism.joints
     )
-    return change_elements(replace(mechanism, joints=joints) if zones else mechanism, influence.elements)
+    changed = change_elements(replace(mechanism, joints=joints) if zones else mechanism, influence.elements)
+    return add_payloads(changed, influence.payloads) if influence.payloads else changed
+
+
+def add_payloads(mechanism: Mechanism, payloads: Sequence[Payload]) -> Mechanism:
+    """The mechanism whose bodies have the payloads' masses too, each at a point."""
+    bodies = {body.name: body for body in mechanism.bodies}
+    for payload in payloads:
+        name = mechanism.carrier(payload.body)
+        body = bodies[name]
+        centre = np.zeros(3) if body.centre is None else body.centre
+        whole = body.mass + payload.mass
+        if not whole > 0.0:
+            raise InputError(f"{payload.body}: expected a mass above 0 kg, got {whole:g}")
+        if body.elastic is not None:
+            bodies[name] = replace(body, mass=whole)
+            continue
+        offset = payload.moments / payload.mass if payload.mass else np.zeros(3)
+        away = payload.at + offset - centre
+        middle = centre + away * (payload.mass / whole)
+        own = np.zeros((3, 3)) if body.inertia is None else body.inertia
+        reduced = body.mass * payload.mass / whole
+        inertia = own + reduced * (away @ away * np.eye(3) - np.outer(away, away))
+        heavy = np.linalg.eigvalsh(inertia)[0] > _HELD_MOMENT * np.abs(inertia).max() if inertia.any() else False
+        bodies[payload.body] = replace(body, mass=whole, centre=middle, inertia=inertia if heavy else body.inertia)
+    return replace(mechanism, bodies=tuple(bodies.values()))
 
 
 def without_ranges(mechanism: Mechanism) -> Mechanism:

@@ -15,7 +15,7 @@ from stiffscope.effects.joint_axis import find_axis_twists
 from stiffscope.vjm.mechanism import Change
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from stiffscope.effects.effect import Array, Changes, NominalRobot
 
@@ -58,9 +58,10 @@ class Geometry(ElementEffect):
             counts = (turns.count(False), turns.count(True))
             kinds = [p for p, count in zip(cls.parameters, counts, strict=True) if count]
             counts = tuple(count for count in counts if count)
-            yield cls(partial(_displace, tuple(errors))).make_candidate(
+            yield cls(partial(_displace, _find_patterns(errors))).make_candidate(
                 place, kinds, scale=tuple(cls.parameters[1].size if t else size for t in turns), groups=counts,
-                parts=tuple(f"{e.joint}.{e.name}" for e in errors), physical=partial(_rms, counts), flexible=True,
+                parts=tuple(f"{e.joint}.{e.name}" for e in errors),
+                part_units=tuple("rad" if t else "m" for t in turns), physical=partial(_rms, counts), flexible=True,
             )  # fmt: skip
 
 
@@ -89,16 +90,18 @@ def _errors(robot: NominalRobot, joints: Sequence[str]) -> Iterator[_Error]:
             yield _Error(name, "zero", along_drive(joint), joint.kind == "revolute")
 
 
-def _displace(errors: Sequence[_Error], values: Array) -> Changes:
-    """Axes and zeros with errors (k,)."""
-    out: Changes = {}
-    for error, value in zip(errors, values, strict=True):
-        field = "offset" if error.name == "zero" else "astray"
-        here = {"offset": out[error.joint].offset, "astray": out[error.joint].astray} if error.joint in out else {}
-        before = here.get(field)
-        own = value * error.twist if before is None else before + value * error.twist
-        out[error.joint] = Change(**{"offset": here.get("offset"), "astray": here.get("astray"), field: own})
+def _find_patterns(errors: Sequence[_Error]) -> dict[str, tuple[Array, Array]]:
+    """Twists (k, 6) of each joint's zero and of its axis by the errors (k,)."""
+    out: dict[str, tuple[Array, Array]] = {}
+    for k, error in enumerate(errors):
+        blank = np.zeros((len(errors), 6)), np.zeros((len(errors), 6))
+        out.setdefault(error.joint, blank)[error.name != "zero"][k] = error.twist
     return out
+
+
+def _displace(patterns: Mapping[str, tuple[Array, Array]], values: Array) -> Changes:
+    """Axes and zeros with errors (k,)."""
+    return {joint: Change(offset=values @ zero, astray=values @ axis) for joint, (zero, axis) in patterns.items()}
 
 
 def _rms(counts: Sequence[int], values: Array) -> Array:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.effects.effect import (
+    ADDED,
     Array,
     Candidates,
     Effect,
@@ -35,6 +36,7 @@ class AddedMass(Effect):
     word = "payload"
     precedence = 20
     parameters = (Parameter("mass", "kg", 3.0, 0.0, 50.0), *(Parameter(x, "m", 0.3, -0.5, 0.5) for x in "xyz"))
+    bounds = ADDED
 
     body: str
     point: Array
@@ -53,14 +55,15 @@ class AddedMass(Effect):
                 heavy = cls(body.name, _find_point(mechanism, body), axes)
                 scale = (cls.parameters[0].size, *(cls.parameters[1 + a].size for a in axes))
                 place = Place(body.name)
-                yield heavy.make_candidate(place, scale=scale, physical=heavy.physical, internal=heavy.internal)
+                free = {"physical": heavy.physical, "internal": heavy.internal, "couplings": len(axes)}
+                yield heavy.make_candidate(place, scale=scale, **free)
                 yield heavy.make_candidate(place, cls.parameters[:1])
 
     def influence(self, values: Array) -> Influence:
         """Its mass, and its first moments where there are any."""
         moments = np.zeros(3)
         moments[self.axes[: len(values) - 1]] = values[1:]
-        return Influence(payload=Payload(self.body, self.point, float(values[0]), moments))
+        return Influence(payloads=(Payload(self.body, self.point, float(values[0]), moments),))
 
     def physical(self, values: Array) -> Array:
         """Mass and centre of mass (4,) of internal parameters."""
@@ -75,9 +78,9 @@ class AddedMass(Effect):
 
     @classmethod
     def refusal(cls, robot: NominalRobot, place: str) -> str:
-        """The robot file has masses of its own."""
-        del robot
-        return f"payload: add its mass to bodies.{place}.mass of the robot file"
+        """Nothing: a robot file can carry it."""
+        del robot, place
+        return ""
 
 
 def _find_point(mechanism: Mechanism, body: Body) -> Array:

@@ -84,11 +84,12 @@ def apply_effect(robot: NominalRobot, effect: str, place: str, parameters: Mappi
         return robot
     known = _find_candidate(robot, effect, place, parameters)
     if not parameters:
-        raise InputError(f"{effect} @ {place}: expected parameters {', '.join(known.names)}, got none")
+        raise InputError(f"{effect} @ {place}: expected parameters {', '.join(known.parts or known.names)}, got none")
     if not parameters.get("factor", 1.0) > 0.0:
         raise InputError(f"{effect} @ {place}, factor: expected more than 0, got {parameters['factor']:g}")
-    nominal = known.physical(np.zeros(len(known.names)))
-    given = np.array([float(parameters.get(name, value)) for name, value in zip(known.names, nominal, strict=True)])
+    nominal = np.zeros(len(known.parts)) if known.parts else known.physical(np.zeros(len(known.scale)))
+    names = known.parts or known.names
+    given = np.array([float(parameters.get(name, value)) for name, value in zip(names, nominal, strict=True)])
     return replace(robot, mechanism=change_robot(robot.mechanism, known.action.influence(known.internal(given))))
 
 
@@ -100,11 +101,10 @@ def _find_candidate(robot: NominalRobot, effect: str, place: str, parameters: Ma
     if not placed:
         places = dict.fromkeys(c.place for c in known if c.effect == effect)
         raise InputError(f"{effect}, place: expected one of {', '.join(places)}, got {place!r}")
-    fitting = [c for c in placed if set(parameters) <= set(c.names)]
+    fitting = [c for c in placed if set(parameters) <= set(c.parts or c.names)]
     if not fitting:
-        raise InputError(
-            f"{effect}: expected parameters {', '.join(placed[0].names) or 'none'}, got {', '.join(parameters)}"
-        )
+        names = ", ".join(placed[0].parts or placed[0].names) or "none"
+        raise InputError(f"{effect}: expected parameters {names}, got {', '.join(parameters)}")
     found, kind = min(fitting, key=lambda c: len(c.names)), _KIND_OF[effect]
     if isinstance(found.action, kind) or kind.conversion is None:
         return found

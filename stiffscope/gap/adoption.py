@@ -6,12 +6,17 @@ from typing import TYPE_CHECKING, Any
 
 import tomlkit
 
+from stiffscope.effects.effect import UNNAMED
+from stiffscope.effects.gravity import Gravity
+from stiffscope.effects.mass import Mass
+from stiffscope.effects.payload import AddedMass
 from stiffscope.effects.vocabulary import apply_effect
 from stiffscope.errors import InputError
 from stiffscope.experiments.robot_files import robot_document
 from stiffscope.runtime import output
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from stiffscope.gap.inference.diagnosis import Diagnosis, Effect
@@ -30,9 +35,10 @@ def check_target(target: Path, robot: RobotFile | None) -> None:
 
 
 def adopt(
-    target: Path, robot: RobotFile, bare: NominalRobot, diagnosis: Diagnosis, *, campaign: str, components: str
-) -> list[str]:
-    """Write a robot file that carries the effects of a diagnosis.
+    target: Path, robot: RobotFile, bare: NominalRobot, diagnosis: Diagnosis, *, campaign: str, components: str,
+    modelled: Sequence[str] = (),
+) -> None:  # fmt: skip
+    """Write a robot file that carries all effects of a diagnosis.
 
     Parameters
     ----------
@@ -46,43 +52,49 @@ def adopt(
         The campaign's name, for the record.
     components
         Source of the parts' matrices that the effects were found with; the written file takes them from there too.
-
-    Returns
-    -------
-    list of str
-        The effects that no robot can carry, each with the reason.
+    modelled
+        Effects that the campaign says are in the model already.
 
     Raises
     ------
     InputError
-        The verdict is neither "identified" nor "partly", or none of the effects can be carried.
+        The verdict is neither "identified" nor "partly", or the file cannot carry all that was found.
 
     """
     if diagnosis.verdict not in {"identified", "partly"}:  # the effects of these are certain
         raise InputError(
             f"--adopt: nothing is adopted, the verdict is {diagnosis.verdict}, not identified; no file is written"
         )
-    carried, left = _carry_effects(bare, diagnosis)
-    if not carried:
+    found = (*diagnosis.effects, *diagnosis.beside)  # values hold together alone
+    heavy = Gravity.word in (*modelled, *(effect.effect for effect in found)) or robot.carries(Gravity.word)
+    left = list(_refusals(bare, found, heavy=heavy))
+    if left:
         raise InputError(f"--adopt: nothing is adopted: {'; '.join(left)}")
-    output.write_new(target, _text(target, robot, carried, diagnosis, campaign, components).encode())
-    return left
+    output.write_new(target, _text(target, robot, found, diagnosis, campaign, components).encode())
 
 
-def _carry_effects(bare: NominalRobot, diagnosis: Diagnosis) -> tuple[list[Effect], list[str]]:
-    carried: list[Effect] = []
-    left: list[str] = []
-    for effect in diagnosis.effects:
+def _refusals(bare: NominalRobot, found: Sequence[Effect], *, heavy: bool) -> Iterator[str]:
+    """What no robot file can say, each with the reason. heavy: whether the robot's weight will act."""
+    for effect in found:
+        if effect.effect in {AddedMass.word, Mass.word} and not heavy:
+            yield f"{effect.effect} @ {effect.place}: masses count only where gravity is modelled"
+            continue
+        if effect.effect == UNNAMED:
+            yield f"{effect.place}: the effects were fitted beside it, and it has no word"
+            continue
         try:
-            apply_effect(bare, effect.effect, effect.place, {name: p.value for name, p in effect.parameters.items()})
-            carried.append(effect)
+            apply_effect(bare, effect.effect, effect.place, _values(effect))
         except InputError as error:
-            left.append(str(error))
-    return carried, left
+            yield str(error)
+
+
+def _values(effect: Effect) -> dict[str, float]:
+    """Parameters of an effect as a file has them: of many small errors each."""
+    return {name: p.value for name, p in (effect.errors or effect.parameters).items()}
 
 
 def _text(
-    target: Path, robot: RobotFile, carried: list[Effect], diagnosis: Diagnosis, campaign: str, components: str
+    target: Path, robot: RobotFile, carried: Sequence[Effect], diagnosis: Diagnosis, campaign: str, components: str
 ) -> str:
     document = robot_document(robot, target, components)
     former: list[dict[str, Any]] = document.pop("effects").unwrap() if "effects" in document else []
@@ -112,7 +124,7 @@ def _entry(effect: Effect, diagnosis: Diagnosis, campaign: str) -> dict[str, Any
     return {
         "effect": effect.effect,
         "place": effect.place,
-        "parameters": {name: p.value for name, p in effect.parameters.items()},
+        "parameters": _values(effect),
         "provenance": provenance | {"sigma": {name: _round(p.sigma) for name, p in effect.parameters.items()}},
     }
 

@@ -129,6 +129,7 @@ def conclude(found: Findings) -> Diagnosis:
         ),
         check,
         draw_samples(found, joint if effects else reported, judgement.effects, held_out),
+        _beside(found, judgement, joint),
     )
 
 
@@ -137,19 +138,45 @@ def _effects(found: Findings, judgement: Judgement, joint: Hypothesis) -> tuple[
     share = shares(found, judgement.hypothesis)
     out: list[Effect] = []
     for candidate in sorted(judgement.effects, key=lambda c: -share[c.name]):
-        group = found.group(candidate.name)
+        group, own = found.group(candidate.name), own_part(joint, candidate.name)
         effect = Effect(
             candidate.effect,
             candidate.place,
             found.compute_probability(candidate.name),
             found.percent_rms(found.fit_alone(candidate)),
-            _parameters(candidate, *own_part(joint, candidate.name)),
+            _parameters(candidate, *own),
             group.others,
             share[candidate.name],
             group.probability,
+            _errors(candidate, *own),
         )
         out.append(effect)
     return tuple(out)
+
+
+def _beside(found: Findings, judgement: Judgement, joint: Hypothesis) -> tuple[Effect, ...]:
+    """What the named effects were fitted beside."""
+    names = {c.name for c in judgement.effects}
+    rest = [c for c in joint.candidates if names and c.name not in names]
+    return tuple(
+        Effect(
+            c.effect, c.place, found.compute_probability(c.name), found.percent_rms(found.fit_alone(c)),
+            {} if c.unnamed else _parameters(c, *own_part(joint, c.name)), errors=_errors(c, *own_part(joint, c.name)),
+        )
+        for c in rest
+    )  # fmt: skip
+
+
+def _errors(candidate: Candidate, values: Array, covariance: Array) -> dict[str, Parameter]:
+    """Every one of many small errors, the largest first, angles as arcs of a metre."""
+    sigma, width = np.sqrt(np.diagonal(covariance)), float(_quantiles(0.0, 1.0)[1])
+    return {
+        candidate.parts[k]: Parameter(
+            float(values[k]), float(sigma[k]), candidate.part_units[k],
+            interval=(float(values[k] - width * sigma[k]), float(values[k] + width * sigma[k])), nominal=0.0,
+        )
+        for k in np.argsort(-np.abs(values))[: len(candidate.parts)].tolist()
+    }  # fmt: skip
 
 
 def _parameters(candidate: Candidate, internal: Array, covariance: Array) -> dict[str, Parameter]:

@@ -34,9 +34,9 @@ def adopted(target, robot, found):
 
 
 def test_the_file_carries_the_effect_its_source_and_the_parts_matrices(tmp_path, robot):
-    left = adopted(tmp_path / "a.toml", robot, diagnosis(SOFT, SCALE))
-    assert len(left) == 1
-    assert left[0].startswith("force-scale @ instrument: no part of the robot")
+    with pytest.raises(InputError, match="nothing is adopted: force-scale @ instrument: no part of the robot"):
+        adopted(tmp_path / "a.toml", robot, diagnosis(SOFT, SCALE))
+    adopted(tmp_path / "a.toml", robot, diagnosis(SOFT))
     now = load_robot(tmp_path / "a.toml")
     (effect,) = now.effects
     assert (effect.effect, effect.place, effect.parameters) == ("actuator-stiffness", "limb1", {"factor": 0.8})

@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiffscope.gap.campaigns import open_case
+from stiffscope.gap.adoption import adopt
+from stiffscope.gap.campaigns import diagnose, open_case
+from stiffscope.gap.diagnose import diagnose_campaign
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.nominal import NominalRobot
@@ -64,3 +66,18 @@ def test_derivatives_of_an_axis_are_those_of_its_exact_errors(humanoid):
             step = 0.1 * size * np.eye(len(candidate.scale))[k]
             ahead, behind = (model.predict(((candidate, tuple(u)),)).plain_readings for u in (step, -step))
             assert columns[:, k] == pytest.approx((ahead - behind) / (0.2 * size), abs=1e-6)
+
+
+def test_an_adopted_geometry_leaves_the_gap_that_it_explains(tmp_path):
+    """Diagnosed again with the same campaign: what was explained is the gap now, and there is no other."""
+    folder = write_campaign(tmp_path / "c", 1, soft=False, camera=False, poses=60)
+    case = open_case(folder)
+    robot = NominalRobot(mechanism_of(case.robot, {}), case.robot)
+    found = diagnose_campaign(case.campaign, robot)
+    assert [f"{e.effect} @ {e.place}" for e in found.effects] == ["geometry @ robot"]
+    assert found.effects[0].parameters["offset"].value == pytest.approx(1e-3, rel=0.5)
+    (folder / "humanoid.toml").rename(folder / "stated.toml")
+    adopt(folder / "humanoid.toml", case.robot, robot, found, campaign="c", components="fea", modelled=["gravity"])
+    again = diagnose(str(folder))
+    assert again.gap.nominal == pytest.approx(found.gap.explained, rel=0.01)
+    assert again.verdict == "no-gap"

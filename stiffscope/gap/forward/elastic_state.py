@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.effects.elements import change_elements
+from stiffscope.effects.elements import add_payloads, change_elements
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.quantities import FIRST_FREQUENCY, FREQUENCY
 from stiffscope.gap.forward import robot_at_poses
-from stiffscope.gap.forward.terminals import add_payloads, find_inertial_forces, find_weight, wrenches_at
+from stiffscope.gap.forward.terminals import find_inertial_forces, find_weight, wrenches_at
 from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.equilibrium import solve_loads
 from stiffscope.vjm.linkage import rotation_vector

@@ -76,7 +76,7 @@ class RobotReadings:
         found = self._influences
         return self.sound.change_elements(
             [each.elements for each in found if each.elements],
-            [each.payload for each in found if each.payload is not None],
+            [payload for each in found for payload in each.payloads],
         )
 
     @cached_property

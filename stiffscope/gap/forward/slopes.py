@@ -45,10 +45,9 @@ def find_slope(prediction: RobotReadings, ahead: Influence, behind: Influence, w
     """
     c = prediction.campaign
     out = _of_elements(prediction, ahead.elements, behind.elements, width)
-    if ahead.payload is not None and behind.payload is not None:
-        mass = (ahead.payload.mass - behind.payload.mass) / width
-        moments = (ahead.payload.moments - behind.payload.moments) / width
-        out += _of_payload(prediction, Payload(ahead.payload.body, ahead.payload.at, mass, moments))
+    for more, less in zip(ahead.payloads, behind.payloads, strict=True):
+        mass, moments = (more.mass - less.mass) / width, (more.moments - less.moments) / width
+        out += _of_payload(prediction, Payload(more.body, more.at, mass, moments))
     for drive, size in ahead.dead_zones.items():
         out += (size - behind.dead_zones[drive]) / width * prediction.dead_zone(drive)
     for name, turn in ahead.turns.items():
@@ -71,7 +70,7 @@ def _of_elements(prediction: RobotReadings, ahead: Changes, behind: Changes, wid
         if change.compliance is not None and before.compliance is not None:
             slope = (change.compliance - before.compliance) / width
             out += np.einsum("ni,ni->n", read @ slope, applied)
-        if change.offset is not None and before.offset is not None:
+        if change.offset is not None and before.offset is not None and (change.offset != before.offset).any():
             slope = (change.offset - before.offset) / width
             out += np.where(prediction.campaign.shows_rest, read @ slope, 0.0)
         if change.astray is not None and before.astray is not None and (change.astray != before.astray).any():

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError
 from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.network import FOOT
 from stiffscope.vjm.screws import Frame
@@ -87,23 +85,3 @@ def find_inertial_forces(mechanism: Mechanism, where: Places, shapes: Mapping[st
         for node, (back, _), force in zip(body.nodes, ends, np.split(forces, len(ends), axis=1), strict=True):
             add(node, np.swapaxes(back, -1, -2) @ force)
     return out
-
-
-def add_payloads(mechanism: Mechanism, payloads: Sequence[Payload]) -> Mechanism:
-    """The mechanism whose bodies have the payloads' masses too, each at a point."""
-    bodies = {body.name: body for body in mechanism.bodies}
-    for payload in payloads:
-        body = bodies[payload.body]
-        centre = np.zeros(3) if body.centre is None else body.centre
-        whole = body.mass + payload.mass
-        if not whole > 0.0:
-            raise InputError(f"{payload.body}: expected a mass above 0 kg, got {whole:g}")
-        offset = payload.moments / payload.mass if payload.mass else np.zeros(3)
-        away = payload.at + offset - centre
-        middle = centre + away * (payload.mass / whole)
-        own = np.zeros((3, 3)) if body.inertia is None else body.inertia
-        reduced = body.mass * payload.mass / whole
-        inertia = own + reduced * (away @ away * np.eye(3) - np.outer(away, away))
-        heavy = np.linalg.eigvalsh(inertia)[0] > _HELD_MOMENT * np.abs(inertia).max() if inertia.any() else False
-        bodies[payload.body] = replace(body, mass=whole, centre=middle, inertia=inertia if heavy else body.inertia)
-    return replace(mechanism, bodies=tuple(bodies.values()))

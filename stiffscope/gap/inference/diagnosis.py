@@ -48,6 +48,8 @@ class Effect:
     """Part of the explained misfit that is its own, by Shapley's value; the shares of all effects add up to 1."""
     group_probability: float = math.nan
     """Probability that it or one of what it is confused with is at work."""
+    errors: dict[str, Parameter] = field(default_factory=_empty_parameters)
+    """Of many small errors, which the parameters sum up, each by its name, the largest in its unit first."""
 
 
 @dataclass(frozen=True)
@@ -165,6 +167,8 @@ class Diagnosis:
     held_out_check: HeldOut | None = None
     samples: Samples | None = field(default=None, repr=False, compare=False)
     """Draws from the posterior, for `posterior.nc` and the figures."""
+    beside: tuple[Effect, ...] = ()
+    """What the parameters were fitted beside without being certain; of the effect "unknown" what has no word."""
 
 
 def to_json(diagnosis: Diagnosis) -> dict[str, Any]:

@@ -165,6 +165,8 @@ class Problem:
         if len(candidates) > 1 and log < target - MARGIN - DOUBT * abs(log - self._nominal_evidence):
             return Hypothesis(split(candidates, u), residual, slopes, log, known, converged=False)
         setting, scales = int(np.argmax(known.settings)), self.widening * self.sizes[-1] * scale_of(candidates)
+        many = np.repeat([bool(c.parts) for c in candidates], [len(c.scale) for c in candidates])
+        scales = np.where(many, known.scales, scales)  # of so many errors some combinations show in no reading
         u, residual, slopes, short = self._descend(candidates, u, residual, slopes, setting, scales)
         if short > MARGIN:
             u_safe, there = self._start(candidates, safe, safe)
