@@ -25,7 +25,20 @@ def mm(length: float) -> str:
 
 
 def require(valid: bool, field: str, expected: str, got: object) -> None:
-    """Raise InputError ``FIELD: expected …, got …`` unless `valid`."""
+    """Raise InputError ``FIELD: expected …, got …`` unless `valid`.
+
+    Parameters
+    ----------
+    valid
+        Whether the value is.
+    field
+        Field that a message names.
+    expected
+        What a message says was expected.
+    got
+        What a message says there was.
+
+    """
     if not valid:
         raise InputError(f"{field}: expected {expected}, got {got}")
 
@@ -50,14 +63,36 @@ def optional_length(field: str, value: object) -> float:
 
 
 def count(field: str, value: object, largest: int = 100) -> int:
-    """Return `value` as a whole number from 0 to `largest`. Raises InputError."""
+    """Return `value` as a whole number from 0 to `largest`. Raises InputError.
+
+    Parameters
+    ----------
+    field
+        Field that a message names.
+    value
+        Value to check.
+    largest
+        Largest valid number.
+
+    """
     if isinstance(value, bool) or not isinstance(value, Integral) or not 0 <= int(value) <= largest:
         raise InputError(f"{field}: expected a whole number from 0 to {largest}, got {value!r}")
     return int(value)
 
 
 def choice(field: str, value: object, valid: tuple[str, ...]) -> None:
-    """Raise InputError unless `value` is one of `valid`."""
+    """Raise InputError unless `value` is one of `valid`.
+
+    Parameters
+    ----------
+    field
+        Field that a message names.
+    value
+        Value to check.
+    valid
+        Valid words.
+
+    """
     require(value in valid, field, "one of " + ", ".join(map(repr, valid)), repr(value))
 
 

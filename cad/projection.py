@@ -18,6 +18,16 @@ def project_points(solid: "Solid", face: FaceGeometry, points: Floats) -> Floats
     """Return the points (n, 3) of the surface closest to `points` (n, 3), in m.
 
     Planes and round surfaces are taken as unbounded, others as bounded by the face's parameter range.
+
+    Parameters
+    ----------
+    solid
+        Solid of the CAD kernel, mm.
+    face
+        Face whose surface is meant.
+    points
+        Points (n, 3), m.
+
     """
     if face.kind == "plane":
         return points - np.outer((points - face.origin) @ face.axis, face.axis)

@@ -127,7 +127,20 @@ def part_of(
 
 
 def span_part(shape: Any, length: float, material: AnyMaterial, name: str) -> Part:
-    """Make a part along x, of a shape in mm: clamped at x = 0, with the interface ``end`` at ``length``, m."""
+    """Make a part along x, of a shape in mm: clamped at x = 0, with the interface ``end`` at ``length``, m.
+
+    Parameters
+    ----------
+    shape
+        Shape of the CAD kernel, mm.
+    length
+        Place of the interface along x, m.
+    material
+        Material of the solid.
+    name
+        Name, as messages and files have it.
+
+    """
     solid = cad.validity.valid_solid(shape, name)
     clamped, loaded = (select(solid, chosen) for chosen in (LEAST_X, GREATEST_X))
     return Part(name, solid, material, clamped, (Interface("end", loaded, np.array([length, 0.0, 0.0])),))

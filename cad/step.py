@@ -128,6 +128,19 @@ def write_step(part: Part, path: str | Path) -> None:
 
 
 def write_stl(part: Part, path: str | Path, deflection: float = 5e-5, angle: float = 0.2) -> None:
-    """Write the part's surface as binary STL, in mm and the part's axes; tolerances as for `surface`."""
+    """Write the part's surface as binary STL, in mm and the part's axes; tolerances as for `surface`.
+
+    Parameters
+    ----------
+    part
+        Part.
+    path
+        File.
+    deflection
+        Largest distance of a triangle from its surface, m; larger is coarser.
+    angle
+        Largest angle between neighbouring triangles, rad; larger is coarser.
+
+    """
     vertices, triangles, _ = tessellate(part.solid, deflection, angle)
     meshio.Mesh(vertices * 1e3, [("triangle", triangles)]).write(path, file_format="stl", binary=True)

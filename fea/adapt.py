@@ -121,6 +121,20 @@ def refine_mesh(specimen: Specimen, mesh: TetMesh, indicator: Floats, settings: 
     """Return the mesh refined in the fewest elements whose refinement meets the tolerance.
 
     At a singular edge the element edges that leave it are cut near it; elsewhere the long edges are halved.
+
+    Parameters
+    ----------
+    specimen
+        Solid, faces and material as plain numbers.
+    mesh
+        Quadratic tetrahedra of the solid.
+    indicator
+        Error of each element.
+    settings
+        How to mesh, hold, load and solve.
+    bound
+        Relative bound reached so far.
+
     """
     left = (AIM * (settings.tolerance or bound) / bound - REMAINS) / (1 - REMAINS)
     order = np.argsort(-indicator)

@@ -47,9 +47,19 @@ class Section:
 def circle(radius: float, bore: float = 0.0, poisson: float = 0.3) -> Section:
     """Return a circle or tube of outer and inner radius (m); shear after Cowper (1966).
 
+    Parameters
+    ----------
+    radius
+        Outer radius, m.
+    bore
+        Inner radius, m; 0 for a solid bar.
+    poisson
+        Poisson's ratio, which only shear depends on.
+
     Raises
     ------
     InputError : radii that are not 0 <= bore < radius.
+
     """
     if not 0 <= bore < radius < np.inf:
         raise InputError(f"section: expected 0 <= bore < radius, got bore {bore} m and radius {radius} m")
@@ -63,9 +73,19 @@ def circle(radius: float, bore: float = 0.0, poisson: float = 0.3) -> Section:
 def rectangle(width: float, height: float, poisson: float = 0.3) -> Section:
     """Return a rectangle, width along y and height along z (m): Saint-Venant's torsion, Cowper's shear.
 
+    Parameters
+    ----------
+    width
+        Outer size along y, m.
+    height
+        Outer size along z, m.
+    poisson
+        Poisson's ratio, which only shear depends on.
+
     Raises
     ------
     InputError : sides that are not positive.
+
     """
     if not (0 < width < np.inf and 0 < height < np.inf):
         raise InputError(f"section: expected positive sides, got width {width} m and height {height} m")
@@ -83,9 +103,21 @@ def rectangle(width: float, height: float, poisson: float = 0.3) -> Section:
 def box(width: float, height: float, wall: float, poisson: float = 0.3) -> Section:
     """Return a rectangular tube of outer width along y and height along z (m): Bredt's torsion, Cowper's shear.
 
+    Parameters
+    ----------
+    width
+        Outer size along y, m.
+    height
+        Outer size along z, m.
+    wall
+        Thickness of the walls, m.
+    poisson
+        Poisson's ratio, which only shear depends on.
+
     Raises
     ------
     InputError : a wall that leaves no hole.
+
     """
     _check_walls(min(width, height) / 2, wall)
     inner_width, inner_height = width - 2 * wall, height - 2 * wall
@@ -107,9 +139,23 @@ def i_section(width: float, height: float, flange: float, web: float, poisson: f
 
     Cowper's shear along the web, that of the flanges as rectangles across; torsion after El Darwish and Johnston.
 
+    Parameters
+    ----------
+    width
+        Outer size along y, m.
+    height
+        Outer size along z, m.
+    flange
+        Thickness of the flanges, m.
+    web
+        Thickness of the web, m.
+    poisson
+        Poisson's ratio, which only shear depends on.
+
     Raises
     ------
     InputError : a flange or a web that leaves no room.
+
     """
     _check_walls(height / 2, flange)
     _check_walls(width, web)
@@ -137,9 +183,21 @@ def channel(width: float, height: float, flange: float, web: float) -> Section:
     Shear by the energy of the shear flow in the walls' middle lines (Jourawski), torsion after El Darwish and
     Johnston.
 
+    Parameters
+    ----------
+    width
+        Outer size along y, m.
+    height
+        Outer size along z, m.
+    flange
+        Thickness of the flanges, m.
+    web
+        Thickness of the web, m.
+
     Raises
     ------
     InputError : a flange or a web that leaves no room.
+
     """
     _check_walls(height / 2, flange)
     _check_walls(width, web)
@@ -205,9 +263,21 @@ def euler_bernoulli(
 ) -> NDArray[np.float64]:
     """Return the (6, 6) compliance of docs/theory.md (7.1): bending, stretch and torsion without shear.
 
+    Parameters
+    ----------
+    length
+        Length, m.
+    section
+        Cross-section: area, second moments, torsion, shear.
+    youngs_modulus
+        Young's modulus E, Pa.
+    shear_modulus
+        Shear modulus G, Pa.
+
     Raises
     ------
     InputError : a length or modulus that is not positive.
+
     """
     for name, value in (("length", length), ("Young's modulus", youngs_modulus), ("shear modulus", shear_modulus)):
         if not 0 < value < np.inf:
@@ -229,9 +299,21 @@ def euler_bernoulli(
 def timoshenko(length: float, section: Section, youngs_modulus: float, shear_modulus: float) -> NDArray[np.float64]:
     """Return the (6, 6) compliance of docs/theory.md (7.1) with the shear deflection L / (κ G A) added to C22 and C33.
 
+    Parameters
+    ----------
+    length
+        Length, m.
+    section
+        Cross-section: area, second moments, torsion, shear.
+    youngs_modulus
+        Young's modulus E, Pa.
+    shear_modulus
+        Shear modulus G, Pa.
+
     Raises
     ------
     InputError : a length or modulus that is not positive.
+
     """
     compliance = euler_bernoulli(length, section, youngs_modulus, shear_modulus)
     compliance[1, 1] += length / (section.shear_y * shear_modulus * section.area)
@@ -243,6 +325,18 @@ def restrained_torsion(length: float, section: Section, youngs_modulus: float, s
     """Return the twist per torque (rad/(N m)) of a beam whose ends cannot warp, as between rigid interfaces.
 
     Vlasov's: L / GJ (1 - tanh(λ) / λ) with λ = L / 2 √(GJ / E C_w). Saint-Venant's is L / GJ.
+
+    Parameters
+    ----------
+    length
+        Length, m.
+    section
+        Cross-section: area, second moments, torsion, shear.
+    youngs_modulus
+        Young's modulus E, Pa.
+    shear_modulus
+        Shear modulus G, Pa.
+
     """
     plain = length / (shear_modulus * section.torsion)
     if not section.warping:

@@ -134,6 +134,16 @@ def traction_work(mesh: TetMesh, coupling: Coupling, element: ElementH1) -> Floa
 
     M is the mass matrix of the face between the element's w functions and the nodes' quadratic ones, R the nodes'
     rigid motion; w is the number of nodes where the element is the quadratic one.
+
+    Parameters
+    ----------
+    mesh
+        Quadratic tetrahedra of the solid.
+    coupling
+        Loaded face with its reference point.
+    element
+        Element whose functions carry the traction.
+
     """
     modes = rigid_modes(mesh.points, coupling.reference_point).reshape(-1, 6)
     nodal = face_basis(mesh, ElementVector(ElementTetP2()), coupling.faces, ORDER)
@@ -166,6 +176,20 @@ def imbalance(
 
     Relative to the wrench; moments are compared over the distance from reference point to clamp. Loads on the clamped
     nodes themselves are ignored, so it is not reliable where load and clamp share nodes.
+
+    Parameters
+    ----------
+    points
+        Nodes (n, 3), m.
+    stiffness
+        Stiffness matrix.
+    motion
+        Displacements of the loads.
+    clamped
+        Clamped nodes, by number.
+    couplings
+        Loaded faces with their reference points.
+
     """
     reaction = stiffness[dofs_of(clamped)] @ motion  # (3c, 6n)
     worst = 0.0

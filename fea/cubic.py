@@ -194,7 +194,18 @@ def solve_cubic(
 
 
 def work(apply: Solve, force: Floats, motion: Floats) -> Floats:
-    """Return (loads, loads) Fᵀu + uᵀF − uᵀAu: the compliance, with an error of second order in that of ``motion``."""
+    """Return (loads, loads) Fᵀu + uᵀF − uᵀAu: the compliance, with an error of second order in that of ``motion``.
+
+    Parameters
+    ----------
+    apply
+        Product with the stiffness.
+    force
+        Loads.
+    motion
+        Approximate solution.
+
+    """
     found = motion.T @ (2 * force - apply(motion))
     return (found + found.T) / 2
 
@@ -237,7 +248,20 @@ def _own(chunk: _Group) -> Floats:
 
 
 def expand(space: Cubic, supports: Supports, free: Ints, coordinates: Floats) -> Floats:
-    """Return (3 count, loads) coefficients of all functions from the unconstrained coordinates (c + 3w, loads)."""
+    """Return (3 count, loads) coefficients of all functions from the unconstrained coordinates (c + 3w, loads).
+
+    Parameters
+    ----------
+    space
+        Cubic functions on the mesh.
+    supports
+        Clamped nodes and rigid couplings.
+    free
+        Functions that are not constrained, by number.
+    coordinates
+        Unconstrained coordinates (c + 3w, loads).
+
+    """
     split = 3 * len(supports.free) + supports.tie.shape[1]
     motion = np.zeros((3 * space.count, coordinates.shape[1]))
     motion[: 3 * space.base] = supports.expand(coordinates[:split])
@@ -270,7 +294,18 @@ def element_energies(problem: CubicProblem, gained: Floats, weights: Floats) -> 
 
 
 def element_forces(space: Cubic, batch: list[_Group], motion: Floats) -> Floats:
-    """Return (m, 20, 3, loads) the forces of a batch's m elements on their functions, for (count, 3, loads) motions."""
+    """Return (m, 20, 3, loads) the forces of a batch's m elements on their functions, for (count, 3, loads) motions.
+
+    Parameters
+    ----------
+    space
+        Cubic functions on the mesh.
+    batch
+        Groups of elements.
+    motion
+        Displacements of the loads.
+
+    """
     loads = motion.shape[2]
     starts = np.cumsum([0, *(len(chunk.elements) for chunk in batch)])
     local = np.empty((starts[-1], 20, 3, loads))

@@ -124,6 +124,18 @@ def write_matrices(found: Superelement, path: Path | str, text: str, **arrays: F
     ``path.npz`` holds ``stiffness``, ``mass``, ``nodes``, the ``arrays`` and ``help``, a text on the order of rows and
     the units, which is a comment of the others too: ``path.stiffness.mtx`` and ``path.mass.mtx`` (Matrix Market),
     ``path.bdf`` (Nastran's DMIG). None needs this package to be read.
+
+    Parameters
+    ----------
+    found
+        Superelement.
+    path
+        File, without the ending of each form.
+    text
+        Order of rows and units, for readers.
+    **arrays
+        More arrays for the npz file.
+
     """
     base = Path(path)
     base = base.with_suffix("") if base.suffix in (".npz", ".mtx") else base

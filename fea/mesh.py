@@ -106,6 +106,16 @@ def default_size(volume: float, area: float, flatness: float = 1.0) -> float:
     """Return the element size (m) that suits cubic elements in a solid of this volume (m³) and area (m²).
 
     Twice the volume over the area: about the thickness; more in a thin-walled solid, whose elements may be flat.
+
+    Parameters
+    ----------
+    volume
+        Volume of the solid, m³.
+    area
+        Area of its surface, m².
+    flatness
+        How flat elements may be; 1 for none.
+
     """
     return max(2.0 * volume / area, (volume / 2000) ** (1 / 3) * flatness)
 
@@ -133,6 +143,16 @@ def expected_elements(surface: Surface, volume: float, size: float) -> float:
 
     The triangles of the surface are as large as the size, or as the sides of its curved faces where those are shorter,
     but for what is so narrow that the mesher leaves it out.
+
+    Parameters
+    ----------
+    surface
+        Triangulated surface of the solid.
+    volume
+        Volume of the solid, m³.
+    size
+        Edge length of the elements, m; smaller is more accurate and slower.
+
     """
     a, b, c = np.moveaxis(surface.vertices[surface.triangles], 1, 0)
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
@@ -258,7 +278,18 @@ def tetrahedralize(
 
 
 def check_surface(surface: Surface, size: float, envelope: float) -> None:
-    """Raise MeshError unless the surface is finite, closed and outward, and the sizes are usable."""
+    """Raise MeshError unless the surface is finite, closed and outward, and the sizes are usable.
+
+    Parameters
+    ----------
+    surface
+        Triangulated surface of the solid.
+    size
+        Edge length of the elements, m; smaller is more accurate and slower.
+    envelope
+        Largest distance of the mesh from the surface, m.
+
+    """
     if not (np.isfinite(size) and size > 0 and np.isfinite(envelope) and envelope > 0):
         raise MeshError(f"mesh: size and envelope must be positive lengths, got {size} m and {envelope} m")
     vertices, triangles = surface.vertices, surface.triangles

@@ -80,6 +80,16 @@ def ritz(stiffness: Floats, mass: Floats, count: int) -> tuple[Floats, Floats]:
     """Return (count,) squares and (k, count) combinations of k vectors with these (k, k) matrices, lowest first.
 
     Directions in which the vectors are dependent are left out.
+
+    Parameters
+    ----------
+    stiffness
+        Stiffness matrix.
+    mass
+        Mass matrix (k, k).
+    count
+        Number of modes, the lowest first.
+
     """
     scale = 1 / np.sqrt(mass.diagonal())
     lengths, directions = np.linalg.eigh(mass * np.outer(scale, scale))

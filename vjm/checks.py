@@ -28,6 +28,18 @@ def check_compliance(matrix: ArrayLike, name: str, *, semidefinite: bool = False
     """A compliance (6, 6), or (6m, 6m) of m ``ends``, made exactly symmetric.
 
     Raises InputError on another shape, asymmetry or indefiniteness.
+
+    Parameters
+    ----------
+    matrix
+        Compliance (6m, 6m), SI.
+    name
+        Name that messages have.
+    semidefinite
+        Whether zero compliance in some direction is allowed.
+    ends
+        Number m of ends.
+
     """
     c, size = np.asarray(matrix, dtype=float), 6 * ends
     if c.shape != (size, size):
@@ -72,7 +84,20 @@ def check_name(table: str, name: str) -> str:
 
 
 def check_array(value: ArrayLike, shape: tuple[int, ...], here: str, what: str) -> Array:
-    """Finite numbers of a given shape."""
+    """Finite numbers of a given shape.
+
+    Parameters
+    ----------
+    value
+        Value to check.
+    shape
+        Shape wanted.
+    here
+        Field that messages name.
+    what
+        What is expected, for messages.
+
+    """
     array = np.asarray(value, dtype=float)
     if array.shape != shape or not np.isfinite(array).all():
         raise InputError(f"{here}: expected {what} of finite numbers, shape {shape}, got {np.asarray(value).tolist()}")
@@ -80,7 +105,18 @@ def check_array(value: ArrayLike, shape: tuple[int, ...], here: str, what: str) 
 
 
 def check_vector(value: ArrayLike, here: str, what: str) -> Array:
-    """Three finite numbers."""
+    """Three finite numbers.
+
+    Parameters
+    ----------
+    value
+        Value to check.
+    here
+        Field that messages name.
+    what
+        What is expected, for messages.
+
+    """
     return check_array(value, (3,), here, what)
 
 
@@ -99,6 +135,18 @@ def axes_along(
     """Axes (3, 3) as columns: x along ``x`` (3,), y as near to ``y`` (3,) as can be, z = x × y.
 
     ``y`` is by default the base axis after the one that ``x`` is nearest to; ``name`` and ``keys`` are for messages.
+
+    Parameters
+    ----------
+    x
+        Direction (3,) of the first axis.
+    y
+        Direction (3,) near the second axis; by default the base axis after that nearest to `x`.
+    name
+        Name that messages have.
+    keys
+        Fields of x and y, for messages.
+
     """
     along = check_direction(x, f"{name}.{keys[0]}")
     following = np.eye(3)[(int(np.argmax(np.abs(along))) + 1) % 3]
@@ -111,5 +159,16 @@ def axes_along(
 
 
 def assign(owner: object, key: str, value: object) -> None:
-    """Set a field of a frozen dataclass while it is made."""
+    """Set a field of a frozen dataclass while it is made.
+
+    Parameters
+    ----------
+    owner
+        Instance that is being made.
+    key
+        Its field, or the keys of its table.
+    value
+        Value to check.
+
+    """
     object.__setattr__(owner, key, value)

@@ -145,6 +145,16 @@ class Closure:
 
         A pose is closed where all equations hold to 1e-12 and the steps contract as they do near a solution: a start
         too far away may lead to another branch. ``patient``: go on with poses that cannot be closed so.
+
+        Parameters
+        ----------
+        q
+            Coordinates (m, n) of the cut mechanism, rad and m.
+        steps
+            Largest number of Newton steps.
+        patient
+            Go on with poses whose steps do not contract.
+
         """
         n = q.shape[1]
         q = q.copy()

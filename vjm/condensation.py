@@ -98,7 +98,18 @@ class Condensed:
         return np.swapaxes(self.pairs[b, a], -1, -2)
 
     def add(self, a: str, b: str, stiffness: Array) -> None:
-        """Put one more stiffness between two nodes."""
+        """Put one more stiffness between two nodes.
+
+        Parameters
+        ----------
+        a
+            One node.
+        b
+            The other node.
+        stiffness
+            Stiffness, SI.
+
+        """
         if (b, a) in self.pairs:
             self.pairs[b, a] = self.pairs[b, a] + np.swapaxes(stiffness, -1, -2)
         elif (a, b) in self.pairs:

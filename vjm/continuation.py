@@ -140,7 +140,18 @@ def _transfer(source: Linkage, target: Linkage, followed: Followed) -> Array:
 
 
 def drive_sign(solver: Solver, placed: Placed, rates: Array) -> Array:
-    """Sign (n,) of the determinant of the drives' rates by the commanded coordinates; zeros where it is not square."""
+    """Sign (n,) of the determinant of the drives' rates by the commanded coordinates; zeros where it is not square.
+
+    Parameters
+    ----------
+    solver
+        Solver of the loop closure.
+    placed
+        Links at these coordinates.
+    rates
+        Rates of the coordinates by the commanded ones.
+
+    """
     drives = solver.mechanism.drives
     n = rates.shape[2]
     if len(drives) != rates.shape[1]:
@@ -179,7 +190,18 @@ class Followed:
 
 
 def follow_paths(solver: Solver, values: Array, size: int) -> Iterator[Followed]:
-    """Follow given values (n, k), displacements from home, ``size`` at a time."""
+    """Follow given values (n, k), displacements from home, ``size`` at a time.
+
+    Parameters
+    ----------
+    solver
+        Solver of the loop closure.
+    values
+        Displacements (n, k) from home.
+    size
+        Configurations at a time; more take more memory.
+
+    """
     known = _Reached(solver)
     if len(values) <= _FEW:
         yield known.visit(values)

@@ -45,6 +45,16 @@ def solve_loads(order: Order, where: Places, loads: Loads) -> Response:
     """Equilibrium under loads on nodes (the tool is one) and offsets.
 
     Raises InputError where something moves freely under its load.
+
+    Parameters
+    ----------
+    order
+        Order in which the network is condensed.
+    where
+        Places of all nodes at n configurations.
+    loads
+        Wrenches on nodes and imposed offsets, c cases.
+
     """
     try:
         state = condense_network(order, where)
@@ -57,6 +67,16 @@ def find_equilibrium(order: Order, where: Places, loads: Loads) -> Response:
     """``solve_loads`` with every drive by its law: each case an equilibrium of its own.
 
     Raises InputError as well where none is found.
+
+    Parameters
+    ----------
+    order
+        Order in which the network is condensed.
+    where
+        Places of all nodes at n configurations.
+    loads
+        Wrenches on nodes and imposed offsets, c cases.
+
     """
     laws = find_laws(order.mechanism)
     if not laws:
@@ -111,6 +131,20 @@ def map_segments(
     """What is found (n, *entries, c) of the linear robots that drives with laws make of theirs under c cases of loads.
 
     ``work`` gets the order of one, the places of some poses, and the number of the case; NaN where it moves freely.
+
+    Parameters
+    ----------
+    order
+        Order in which the network is condensed.
+    where
+        Places of all nodes at n configurations.
+    loads
+        Wrenches on nodes and imposed offsets, c cases.
+    entries
+        Shape of what is found for each pose and case.
+    work
+        Gets a linear order, the places of some poses and the number of the case.
+
     """
     laws = find_laws(order.mechanism)
     found = find_equilibrium(order, where, loads)

@@ -159,7 +159,18 @@ def start_note(mechanism: Mechanism) -> str | None:
 
 
 def configure_chunks(mechanism: Mechanism, points: Array, size: int = CHUNK) -> Iterator[Configurations]:
-    """Configurations at checked poses (n, k), ``size`` at a time."""
+    """Configurations at checked poses (n, k), ``size`` at a time.
+
+    Parameters
+    ----------
+    mechanism
+        Bodies, joints, tool and gravity of the robot.
+    points
+        Tool poses (n, k), checked.
+    size
+        Configurations at a time; more take more memory.
+
+    """
     solver = find_solver(mechanism, "tool")
     home = mechanism.tool.home
     yield from (_configurations(solver, each) for each in follow_paths(solver, points - home, size))

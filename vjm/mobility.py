@@ -149,7 +149,18 @@ class Mobility:
 
 
 def mobility(mechanism: Mechanism, configurations: Configurations | None = None, index: int = 0) -> Mobility:
-    """Mobility at home, or at one of given configurations, which must be valid there."""
+    """Mobility at home, or at one of given configurations, which must be valid there.
+
+    Parameters
+    ----------
+    mechanism
+        Bodies, joints, tool and gravity of the robot.
+    configurations
+        Configurations (n,) of the mechanism.
+    index
+        Which of the configurations.
+
+    """
     rates = JointRates(mechanism, configurations, index)
     size = int(rates.starts[-1])
     equations = [rates.add_twists(loop) for loop in rates.loops]

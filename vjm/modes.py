@@ -109,7 +109,20 @@ def modes(mechanism: Mechanism, poses: ArrayLike | Configurations, count: int = 
 def frequencies(
     mechanism: Mechanism, poses: ArrayLike | Configurations, count: int = 6, *, drives: Drives = "held"
 ) -> Array:
-    """Natural frequencies (n, c) in Hz as ``modes`` has them, nothing else: what a forward model or a map takes."""
+    """Natural frequencies (n, c) in Hz as ``modes`` has them, nothing else: what a forward model or a map takes.
+
+    Parameters
+    ----------
+    mechanism
+        Bodies, joints, tool and gravity of the robot.
+    poses
+        Tool poses (n, k) in SI, or configurations at them.
+    count
+        Number of frequencies, the lowest first.
+    drives
+        Whether drives are springs ("held") or move freely ("free").
+
+    """
     found = poses if isinstance(poses, Configurations) else configure(mechanism, poses)
     out = np.full((len(found), count), np.nan)
 

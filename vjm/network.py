@@ -184,7 +184,18 @@ def map_links(linkage: Linkage) -> dict[str, int]:
 
 
 def moves_with(element: Element, link: int, links: dict[str, int]) -> bool:
-    """Whether an element's compliance and free directions do not change, seen from a rigid link at its ends."""
+    """Whether an element's compliance and free directions do not change, seen from a rigid link at its ends.
+
+    Parameters
+    ----------
+    element
+        Element of the network.
+    link
+        Number of the rigid link that looks on.
+    links
+        Number of the rigid link of each node.
+
+    """
     joint = element.joint
     if joint is None or joint.kind == "fixed":
         return links[element.carrier] == link

@@ -290,6 +290,16 @@ def form_stiffness(factor: Array, free: Array, length: float) -> tuple[Array, bo
     """Stiffness (n, 6, 6) of a compliance F Fᵀ with free directions N, and whether it is finite everywhere.
 
     With P the projector onto the wrenches that N leaves, ``K = P (P C P + s (I - P))⁻¹ P``, lengths scaled.
+
+    Parameters
+    ----------
+    factor
+        Factor F (n, 6, k) of the compliance.
+    free
+        Free directions (n, 6, f).
+    length
+        Characteristic length (m) by which rotations and translations compare.
+
     """
     scale = np.array([1.0 / length] * 3 + [1.0] * 3)[:, None]
     f = factor * scale

@@ -85,7 +85,18 @@ class Pencil:
 def form_pencils(
     mechanism: Mechanism, found: Configurations, drives: Drives = "held"
 ) -> Iterator[tuple[Pencil, NDArray[np.intp]]]:
-    """Pencils of configurations that are within reach, and which of these each is of."""
+    """Pencils of configurations that are within reach, and which of these each is of.
+
+    Parameters
+    ----------
+    mechanism
+        Bodies, joints, tool and gravity of the robot.
+    found
+        Configurations, of which those within reach are taken.
+    drives
+        Whether drives are springs ("held") or move freely ("free").
+
+    """
     free = [j.name for j in mechanism.drives] if drives == "free" else []
     shaken = mechanism
     if free:

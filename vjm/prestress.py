@@ -44,7 +44,18 @@ _SLIGHT = 1e-2  # of the motions, that they change by second-order work; one ste
 
 
 def own_loads(order: Order, where: Places, gravity: Array) -> Loads:
-    """The mechanism's own weight under ``gravity`` (3,), its offsets, and springs that are not at rest: one case."""
+    """The mechanism's own weight under ``gravity`` (3,), its offsets, and springs that are not at rest: one case.
+
+    Parameters
+    ----------
+    order
+        Order in which the network is condensed.
+    where
+        Places of all nodes at n configurations.
+    gravity
+        Acceleration (3,) in base axes, m/s².
+
+    """
     nodes = (
         {node: m.weight(gravity) for node, m in lump_masses(order.mechanism, where).items()} if gravity.any() else {}
     )
@@ -56,6 +67,16 @@ def loaded_stiffness(order: Order, where: Places, gravity: Array) -> tuple[Array
 
     The sag is that of small displacements; the stiffness is taken at the equilibrium of finite ones, and is NaN where
     none is found. Raises InputError where the tool moves freely.
+
+    Parameters
+    ----------
+    order
+        Order in which the network is condensed.
+    where
+        Places of all nodes at n configurations.
+    gravity
+        Acceleration (3,) in base axes, m/s².
+
     """
     matrix, sag, far = _tangent(order, where, gravity, thorough=False)
     if far.any():
@@ -99,6 +120,16 @@ def loaded_compliance(order: Order, where: Places, gravity: Array) -> tuple[Arra
 
     It serves where the stiffness is infinite in some direction. With X the motions for unit wrenches on the tool and H
     the Hessian of the second-order work, these change by δ where ``H₀ δ = -H (X + δ)``.
+
+    Parameters
+    ----------
+    order
+        Order in which the network is condensed.
+    where
+        Places of all nodes at n configurations.
+    gravity
+        Acceleration (3,) in base axes, m/s².
+
     """
     moved = solve_loads(order, where, own_loads(order, where, gravity))
     sag, there = moved.twist[..., 0], bend_places(where, moved)

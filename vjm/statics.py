@@ -137,7 +137,20 @@ def compliance(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravi
 def batches(
     mechanism: Mechanism, poses: ArrayLike, *, gravity: Gravity = "none", size: int = 65536
 ) -> Iterator[tuple[slice, Array]]:
-    """Yield which poses (n, k) and their stiffness (m, 6, 6), ``size`` at a time: for more than memory should hold."""
+    """Yield which poses (n, k) and their stiffness (m, 6, 6), ``size`` at a time: for more than memory should hold.
+
+    Parameters
+    ----------
+    mechanism
+        Bodies, joints, tool and gravity of the robot.
+    poses
+        Tool poses (n, k), SI.
+    gravity
+        Whether and how the robot's own weight stiffens it.
+    size
+        Poses at a time; more take more memory.
+
+    """
     points = check_poses(mechanism, poses)
     for start in range(0, len(points), size):
         some = slice(start, start + size)

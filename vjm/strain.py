@@ -35,6 +35,16 @@ def find_remaining_offsets(order: Order, where: Places, rest: Places) -> dict[st
     """Offsets (n, 6, 1) that make a linear step from bent places obey each element's law, own axes at its own point.
 
     ``rest``: where the unloaded mechanism is. A spring that has strained by θ of its t₀ still lacks t₀ - θ.
+
+    Parameters
+    ----------
+    order
+        Order in which the network is condensed.
+    where
+        Places of all nodes at n configurations.
+    rest
+        Where the unloaded mechanism is.
+
     """
     out: dict[str, Array] = {}
     for e in order.elements:

@@ -110,6 +110,18 @@ def name_directions(basis: Array, bound: str, free: str, length: float) -> list[
 
     First what has no line part (a couple: ``free``), then lines (``bound``) with the least pitch that the couples
     leave.
+
+    Parameters
+    ----------
+    basis
+        Basis (6, k) of the space of screws.
+    bound
+        Word for a direction with a line.
+    free
+        Word for a couple.
+    length
+        Characteristic length (m) by which rotations and translations compare.
+
     """
     couples = basis[3:] @ null_space(basis[:3])
     out = [Direction(free, axis) for axis in _align(couples)]

@@ -46,6 +46,18 @@ def superelement(
 
     The lowest ``modes`` frequencies of the robot as it stands are kept as they are.
 
+    Parameters
+    ----------
+    mechanism
+        Bodies, joints, tool and gravity of the robot.
+    configuration
+        One configuration of the mechanism.
+    modes
+        Number of modes kept, of the tool held and of the tool free; more hold up to higher
+        frequencies.
+    drives
+        Whether drives are springs ("held") or move freely ("free").
+
     Raises
     ------
     InputError
@@ -55,6 +67,7 @@ def superelement(
     ----------
     R. R. Craig, M. C. C. Bampton, Coupling of substructures for dynamic analyses, AIAA Journal 6, 1968; docs/theory.md,
     section 11.
+
     """
     (pencil, _), *_ = form_pencils(mechanism, configuration, drives)
     unit = pencil.scale

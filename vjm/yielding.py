@@ -41,6 +41,21 @@ def deflection(mechanism: Mechanism, poses: ArrayLike | Configurations, wrench: 
     """Deflection under a wrench (6,) or (n, 6) in N, N·m at M. The shares of strain energy sum to 1 at every pose.
 
     Raises InputError for a pose out of reach, a wrench of another shape, or a tool that moves freely.
+
+    Parameters
+    ----------
+    mechanism
+        Bodies, joints, tool and gravity of the robot.
+    poses
+        Tool poses (n, k) in SI, or configurations at them.
+    wrench
+        Force and moment (6,) or (n, 6) at the tool point M, N and N·m.
+
+    Returns
+    -------
+    Deflection
+        Twist of the tool (n, 6) in m and rad, and each element's share of the strain energy.
+
     """
     found = _find(mechanism, poses)
     load = _check_wrench(wrench, len(found))
@@ -107,6 +122,18 @@ def deflection_with_backlash(
     ``gaps`` gives half-widths in m or rad by driven joint. A drive shifts by the half-width towards the force it
     carries; where the others would take its force off it before that, it hangs free inside its gap. Raises as
     ``deflection``, and for a name that is no drive's.
+
+    Parameters
+    ----------
+    mechanism
+        Bodies, joints, tool and gravity of the robot.
+    poses
+        Tool poses (n, k) in SI, or configurations at them.
+    wrench
+        Force and moment (6,) or (n, 6) at the tool point M, N and N·m.
+    gaps
+        Half-widths of dead zones by driven joint, m or rad; larger ones leave more free play.
+
     """
     drives = {j.name: j for j in mechanism.drives}
     for name, half in gaps.items():

@@ -58,7 +58,22 @@ class StiffnessMap:
 def map_robot(
     robot: RobotFile, mechanism: Mechanism, points: int, gravity: Gravity, frequencies: int = 0
 ) -> StiffnessMap:
-    """Evaluate what `[map]` of a robot file sweeps. Raises InputError where it has none, or nothing is reached."""
+    """Evaluate what `[map]` of a robot file sweeps. Raises InputError where it has none, or nothing is reached.
+
+    Parameters
+    ----------
+    robot
+        Robot file.
+    mechanism
+        Mechanism of the robot.
+    points
+        Points along each side of the map.
+    gravity
+        Whether the robot's own weight acts.
+    frequencies
+        How many natural frequencies; 0 for none.
+
+    """
     section = require_map(robot)
     return map_stiffness(mechanism, section.ranges(), points, gravity=gravity, at=section.at, frequencies=frequencies)
 

@@ -55,7 +55,18 @@ class Ending:
 
 
 def search(study: StudyFile, evaluate: Evaluate, part: tuple[int, int] = (1, 1)) -> Ending:
-    """Have all designs of a study made, by its method; of a sweep the i-th of n shares, where ``part`` is (i, n)."""
+    """Have all designs of a study made, by its method; of a sweep the i-th of n shares, where ``part`` is (i, n).
+
+    Parameters
+    ----------
+    study
+        Study file.
+    evaluate
+        Makes designs.
+    part
+        Which share, of how many, of a sweep.
+
+    """
     if study.method not in SWEEPS:
         return _SEARCHES[study.method](study, evaluate)
     origin, draw = SWEEPS[study.method]

@@ -146,7 +146,24 @@ def run_study(
     file: StudyFile, folder: Path | None, report: Progress | None = None, *, workers: int, scheduler: str | None = None,
     part: tuple[int, int] = WHOLE,
 ) -> Study:  # fmt: skip
-    """As `study`, of a file that was read; ``report`` is called with the count done and its share."""
+    """As `study`, of a file that was read; ``report`` is called with the count done and its share.
+
+    Parameters
+    ----------
+    file
+        Study file.
+    folder
+        Folder to write to; None to write nothing.
+    report
+        Called with the number of designs made and their share.
+    workers
+        Number of processes.
+    scheduler
+        Address of a Dask scheduler; None for processes of this machine.
+    part
+        Which share, of how many, of a sweep.
+
+    """
     check_part(file, part)
     with (
         open_makers(file, workers, scheduler) as makers,

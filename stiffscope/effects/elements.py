@@ -51,7 +51,18 @@ def along_drive(joint: Joint) -> Array:
 
 
 def soften(nominal: NominalRobot, names: Sequence[str], u: Array) -> Changes:
-    """Compliances of bodies grow by ``u[0]`` times their nominal, those of driven joints along their drives alone."""
+    """Compliances of bodies grow by ``u[0]`` times their nominal, those of driven joints along their drives alone.
+
+    Parameters
+    ----------
+    nominal
+        Robot without effects.
+    names
+        Names of the elements.
+    u
+        Relative growth of the compliances (1,).
+
+    """
     out: Changes = {}
     for name in names:
         compliance = nominal.compliances[name]

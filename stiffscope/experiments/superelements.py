@@ -42,6 +42,20 @@ def write_robot(
     """A folder with the robot at each configuration, condensed on its tool and its modes.
 
     Files have the names of the robot file's poses; others are ``pose1``, ``pose2``, ...
+
+    Parameters
+    ----------
+    assembled
+        Robot with its parts' matrices.
+    names
+        Names of the configurations; empty ones get numbers.
+    found
+        Configurations of the mechanism.
+    out
+        Folder to write to.
+    manifest
+        Record of how the results were made.
+
     """
     mechanism = assembled.mechanism
     with output.staged_folder(out) as folder:

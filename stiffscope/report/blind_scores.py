@@ -41,7 +41,20 @@ ENOUGH = 50  # intervals below which their share is not judged
 
 
 def scores_json(scores: Scores, campaigns: int, seed: int, seconds: float) -> dict[str, Any]:
-    """Return what scripts read of a blind check; a share of nothing is null."""
+    """Return what scripts read of a blind check; a share of nothing is null.
+
+    Parameters
+    ----------
+    scores
+        Scores of the diagnosis.
+    campaigns
+        Number of campaigns drawn.
+    seed
+        Seed of the random numbers.
+    seconds
+        Time that it took.
+
+    """
     planted, answered, counts = scores.confusion()
     outcomes = [
         {
@@ -164,7 +177,20 @@ def draw_scores(scores: Scores, folder: Path) -> None:
 
 
 def write_blind_report(scores: Scores, folder: Path, title: str, shown: Sequence[Shown]) -> None:
-    """Write ``report.html`` of a blind check to its output folder: tables as shown, the figures there, the manifest."""
+    """Write ``report.html`` of a blind check to its output folder: tables as shown, the figures there, the manifest.
+
+    Parameters
+    ----------
+    scores
+        Scores of the diagnosis.
+    folder
+        Folder to write to.
+    title
+        Title.
+    shown
+        Tables as the terminal showed them.
+
+    """
     figures = [page.figure(folder / f"{stem}.svg", *words) for stem, words in FIGURES.items()]
     facts = [f"robots: {', '.join(scores.by_robot()) or 'none'}", f"{len(scores.outcomes)} campaigns"]
     sections = [Section("Scores", shown), Section("Figures", (), figures), origin(folder)]

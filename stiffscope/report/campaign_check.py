@@ -147,7 +147,18 @@ def show_campaign(facts: Mapping[str, Any], name: str) -> None:
 
 
 def write_page(name: str, folder: Path, shown: Sequence[Shown]) -> None:
-    """Write ``report.html`` of what was understood: tables as shown, pictures in the folder."""
+    """Write ``report.html`` of what was understood: tables as shown, pictures in the folder.
+
+    Parameters
+    ----------
+    name
+        Name of the campaign.
+    folder
+        Folder to write to.
+    shown
+        Tables as the terminal showed them.
+
+    """
     drawn = [
         page.figure(folder / file, caption, "the robot, with arrows where sensors touch and loads act")
         for file, caption in PICTURES.items()
@@ -168,7 +179,22 @@ def _three(values: list[float] | None) -> str:
 def draw_sensors(
     robot: RobotFile, mechanism: Mechanism, found: Configurations, campaign: Campaign, folder: Path
 ) -> None:
-    """`PICTURES`: the robot at the first and the last of its poses, marks as arrows; where it can be drawn."""
+    """`PICTURES`: the robot at the first and the last of its poses, marks as arrows; where it can be drawn.
+
+    Parameters
+    ----------
+    robot
+        Robot file.
+    mechanism
+        Bodies, joints, tool and gravity of the robot.
+    found
+        Configurations at its poses.
+    campaign
+        Campaign whose sensors and loads are marked.
+    folder
+        Folder to write to.
+
+    """
     arrows, shown = marks(campaign, mechanism), []
     for file, k in zip(PICTURES, (0, 0, len(found) - 1), strict=True):
         place = pose_text(mechanism, found.tool[k, mechanism.tool.commanded_axes].tolist())

@@ -45,7 +45,23 @@ class Comparison:
 
 
 def compare(robot: RobotFile, name: str, result: PartResult | Experiment) -> Comparison:
-    """Return a parametric part's compliance by FEA, beam theories and as published, entry by entry, with findings."""
+    """Return a parametric part's compliance by FEA, beam theories and as published, entry by entry, with findings.
+
+    Parameters
+    ----------
+    robot
+        Robot that the part is of.
+    name
+        Name of a parametric part.
+    result
+        Its virtual experiment.
+
+    Returns
+    -------
+    Comparison
+        Entries side by side, and findings as sentences.
+
+    """
     simple = parts_of.beam_compliance(robot, name, euler_bernoulli)
     beam = parts_of.beam_compliance(robot, name)
     printed = _find_printed(robot, name)

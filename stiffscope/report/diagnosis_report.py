@@ -90,7 +90,20 @@ def write_diagnosis_report(
 
 
 def share_view(folder: Path, assembled: Assembled, diagnosis: Diagnosis, found: Configurations) -> RobotView | None:
-    """The robot at the campaign's poses, worst first, coloured as `kept_pictures.write_diagnosis_pictures` does."""
+    """The robot at the campaign's poses, worst first, coloured as `kept_pictures.write_diagnosis_pictures` does.
+
+    Parameters
+    ----------
+    folder
+        Folder to write to.
+    assembled
+        Robot with its parts' matrices.
+    diagnosis
+        Diagnosis of the campaign.
+    found
+        Configurations at the campaign's poses.
+
+    """
     still = folder / "robot.png"
     if not still.exists():
         return None

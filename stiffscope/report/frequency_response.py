@@ -51,7 +51,18 @@ class Response:
 
 
 def write(response: Response, folder: Path, title: str) -> None:
-    """Write frf.png and frf.svg, frf.csv (a line for each pose and frequency) and frf.nc."""
+    """Write frf.png and frf.svg, frf.csv (a line for each pose and frequency) and frf.nc.
+
+    Parameters
+    ----------
+    response
+        Frequency response.
+    folder
+        Folder to write to.
+    title
+        Title.
+
+    """
     save_figures(folder, {"frf": lambda: figure(response, title)})
     header = (
         f"pose,frequency (Hz),real ({response.written_unit}),imaginary ({response.written_unit}),magnitude,phase (deg)"
@@ -66,7 +77,18 @@ def write(response: Response, folder: Path, title: str) -> None:
 
 
 def write_page(response: Response, folder: Path, robot: str) -> None:
-    """Write ``report.html`` of the figure in the folder."""
+    """Write ``report.html`` of the figure in the folder.
+
+    Parameters
+    ----------
+    response
+        Frequency response.
+    folder
+        Folder to write to.
+    robot
+        Name of the robot.
+
+    """
     caption = (
         f"Displacement at {response.target} for a harmonic force at {response.source}: magnitude and phase by pose"
     )

@@ -31,7 +31,18 @@ SLENDER = (0.16, 0.4)  # width and depth of the sketch of a link or of a STEP fi
 
 
 def draw(compared: Comparison, robot: str, target: Path) -> None:
-    """Draw the entries under the choice of the robot file and their changes under the others, as PNG."""
+    """Draw the entries under the choice of the robot file and their changes under the others, as PNG.
+
+    Parameters
+    ----------
+    compared
+        Compliances under every choice.
+    robot
+        Name of the robot.
+    target
+        File to write.
+
+    """
     import matplotlib as mpl
 
     count, title = len(compared.others), _title(compared, robot)
@@ -52,7 +63,20 @@ def _title(compared: Comparison, robot: str) -> str:
 
 
 def write_page(compared: Comparison, folder: Path, robot: str, shown: Sequence[Shown]) -> None:
-    """Write ``report.html`` of the table as shown and of the figure in the folder."""
+    """Write ``report.html`` of the table as shown and of the figure in the folder.
+
+    Parameters
+    ----------
+    compared
+        Compliances under every choice.
+    folder
+        Folder to write to.
+    robot
+        Name of the robot.
+    shown
+        Tables as the terminal showed them.
+
+    """
     words = "a sketch of each choice of interface, below it the change of every entry, with its bound"
     drawn = page.figure(folder / "interfaces.png", CAPTION, words)
     facts = [

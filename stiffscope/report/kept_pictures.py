@@ -59,7 +59,20 @@ class Order:
 
 
 def write_run_pictures(assembled: Assembled, folder: Path, cache: Cache, manifest: Manifest) -> None:
-    """Draw parts, robot and map of a run into its folder; where this machine cannot draw, say so and leave them out."""
+    """Draw parts, robot and map of a run into its folder; where this machine cannot draw, say so and leave them out.
+
+    Parameters
+    ----------
+    assembled
+        Robot with its parts' matrices.
+    folder
+        Folder to write to.
+    cache
+        Cache of results.
+    manifest
+        Record of how the results were made.
+
+    """
     orders = [_part_order(result, folder / name) for name, result in assembled.results.items()]
     _write([*orders, *_robot_orders(assembled, folder)], cache, manifest)
 
@@ -77,6 +90,16 @@ def shares_ahead(assembled: Assembled, campaign: Mapping[str, str], cache: Cache
     """Get ready for the picture of a diagnosis, while that is made, where the cache does not have it.
 
     ``campaign``: the campaign's files with their checksums, which determine it together with the robot.
+
+    Parameters
+    ----------
+    assembled
+        Robot with its parts' matrices.
+    campaign
+        Files of the campaign with their checksums.
+    cache
+        Cache of results.
+
     """
     packages = ("stiffscope", "stiffscope.cad", "stiffscope.fea", "stiffscope.vjm")
     code = code_version(packages, ("numpy", "scipy", "pyvista", "vtk", "matplotlib"))
@@ -94,6 +117,20 @@ def write_diagnosis_pictures(
     """Draw the figures of a diagnosis, and its robot by `order_shares`, where there is one.
 
     Where this machine cannot draw the robot, say so and leave it out.
+
+    Parameters
+    ----------
+    diagnosis
+        Diagnosis of the campaign.
+    folder
+        Folder to write to.
+    cache
+        Cache of results.
+    manifest
+        Record of how the results were made.
+    robot
+        Picture of the robot, where there is one.
+
     """
     code = code_version(("stiffscope.report",), ("matplotlib", "numpy"))
     key = digest({"diagnosis": _describe_drawn(diagnosis), "code": code})
@@ -107,6 +144,20 @@ def order_shares(
     """The robot at the pose of the largest residual, its elements coloured by their share of the gap; its solids.
 
     Of the campaign's poses; None without shares.
+
+    Parameters
+    ----------
+    assembled
+        Robot with its parts' matrices.
+    diagnosis
+        Diagnosis of the campaign.
+    found
+        Configurations at the poses.
+    target
+        File to write.
+    ahead
+        Picture got ready.
+
     """
     where, mechanism = diagnosis.where, assembled.mechanism
     if not where.component:
@@ -146,7 +197,22 @@ def draw_inspection(found: Inspection, folder: Path) -> None:
 def draw_deflection(
     assembled: Assembled, names: Sequence[str], found: Configurations, cases: Sequence[Sequence[Case]], folder: Path
 ) -> None:
-    """The robot under the wrench of each pose, deformed, its elements coloured by their share; its solids."""
+    """The robot under the wrench of each pose, deformed, its elements coloured by their share; its solids.
+
+    Parameters
+    ----------
+    assembled
+        Robot with its parts' matrices.
+    names
+        Names of the poses (n,).
+    found
+        Configurations at the poses.
+    cases
+        Wrenches to show, by pose.
+    folder
+        Folder to write to.
+
+    """
     mechanism, shown = assembled.mechanism, []
     for k, (name, (case,)) in enumerate(zip(names, cases, strict=True)):
         moved, at = moves(mechanism, found, k), found.tool[k, :3]

@@ -22,7 +22,18 @@ _COLOURS = (AFTER, EFFECT, BEFORE, NOISE)
 
 
 def show_load_curve(names: Sequence[str], curve: LoadCurve, wrench: Array) -> None:
-    """Displacement along the wrench, and the tangent stiffness along it, at every load up to the whole one."""
+    """Displacement along the wrench, and the tangent stiffness along it, at every load up to the whole one.
+
+    Parameters
+    ----------
+    names
+        Names of the poses (n,).
+    curve
+        Displacements at every load.
+    wrench
+        Force and moment (6,) at M, N and N·m.
+
+    """
     size, along, unit, stiff = _along(curve, wrench)
     whole = len(curve.load) // 4 + 1  # the way there; all others repeat it
     rows = [
@@ -36,7 +47,20 @@ def show_load_curve(names: Sequence[str], curve: LoadCurve, wrench: Array) -> No
 
 
 def draw_load_curve(names: Sequence[str], curve: LoadCurve, wrench: Array, folder: Path) -> None:
-    """Write ``force_over_deflection`` as PNG and SVG."""
+    """Write ``force_over_deflection`` as PNG and SVG.
+
+    Parameters
+    ----------
+    names
+        Names of the poses (n,).
+    curve
+        Displacements at every load.
+    wrench
+        Force and moment (6,) at M, N and N·m.
+    folder
+        Folder to write to.
+
+    """
 
     def draw() -> Figure:
         size, along, unit, _ = _along(curve, wrench)

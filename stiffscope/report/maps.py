@@ -29,27 +29,79 @@ _FAR = 0.35  # where the rest spans less than this share of all
 
 
 def draw_stiffness(found: StiffnessMap, poses: Poses, title: str, *targets: Path) -> None:
-    """Draw the diagonal of K, under the robot's own weight where it acts; `poses` by name, in all coordinates."""
+    """Draw the diagonal of K, under the robot's own weight where it acts; `poses` by name, in all coordinates.
+
+    Parameters
+    ----------
+    found
+        Map of the robot.
+    poses
+        Named poses to mark.
+    title
+        Title.
+    *targets
+        Files, PNG or SVG by their endings.
+
+    """
     panels = [Panel(f"{TITLES[k]} ({unit})", factor * found.loaded[..., k]) for k, (unit, factor) in enumerate(UNITS)]
     _draw(found, panels, poses, title, targets)
 
 
 def draw_difference(found: StiffnessMap, poses: Poses, title: str, *targets: Path) -> None:
-    """Draw the change by the robot's own weight, in parts per million of the stiffness without it."""
+    """Draw the change by the robot's own weight, in parts per million of the stiffness without it.
+
+    Parameters
+    ----------
+    found
+        Map of the robot.
+    poses
+        Named poses to mark.
+    title
+        Title.
+    *targets
+        Files, PNG or SVG by their endings.
+
+    """
     change = 1e6 * (found.loaded / found.stiffness - 1)
     panels = [Panel(f"{TITLES[k]} with − without weight (ppm)", change[..., k], CHANGE) for k in range(6)]
     _draw(found, panels, poses, title, targets)
 
 
 def draw_sag(found: StiffnessMap, poses: Poses, title: str, *targets: Path) -> None:
-    """Draw the tool's sag and tilt under the robot's own weight: the components above rounding."""
+    """Draw the tool's sag and tilt under the robot's own weight: the components above rounding.
+
+    Parameters
+    ----------
+    found
+        Map of the robot.
+    poses
+        Named poses to mark.
+    title
+        Title.
+    *targets
+        Files, PNG or SVG by their endings.
+
+    """
     largest = np.nanmax(np.abs(found.sag), axis=(0, 1))
     shown = [k for k in range(6) if largest[k] > 1e-4 * largest.max()] or [2]
     _draw(found, [Panel(SAGS[k], 1e6 * found.sag[..., k], "magma_r") for k in shown], poses, title, targets)
 
 
 def draw_frequencies(found: StiffnessMap, poses: Poses, title: str, *targets: Path) -> None:
-    """Draw the first natural frequencies."""
+    """Draw the first natural frequencies.
+
+    Parameters
+    ----------
+    found
+        Map of the robot.
+    poses
+        Named poses to mark.
+    title
+        Title.
+    *targets
+        Files, PNG or SVG by their endings.
+
+    """
     values = np.zeros((0, 0, 0)) if found.frequencies is None else found.frequencies
     panels = [Panel(f"$f_{{{k + 1}}}$ (Hz)", values[..., k]) for k in range(values.shape[2])]
     _draw(found, [p for p in panels if np.isfinite(p.values).any()], poses, title, targets)

@@ -47,6 +47,18 @@ def draw_modes(assembled: Assembled, names: Sequence[str], found: Modes, folder:
     """Each mode at each pose as a picture, ``mode_POSE_NUMBER.png``, and moving, ``….gif``, coloured by energy.
 
     Where this machine cannot draw, say so and leave them out.
+
+    Parameters
+    ----------
+    assembled
+        Robot with its parts' matrices.
+    names
+        Names of the poses (n,).
+    found
+        Result to show.
+    folder
+        Folder to write to.
+
     """
     robot, mechanism, configurations = assembled.robot, assembled.mechanism, found.configurations
     experiments = {name: result.folder / EXPERIMENT for name, result in assembled.results.items()}

@@ -95,7 +95,18 @@ class Lead:
 
 
 def figure(image: Path, caption: str, words: str) -> Figure:
-    """Take a picture file, PNG or SVG, into a page; ``words`` is its text alternative."""
+    """Take a picture file, PNG or SVG, into a page; ``words`` is its text alternative.
+
+    Parameters
+    ----------
+    image
+        PNG or SVG file.
+    caption
+        Caption.
+    words
+        Text alternative.
+
+    """
     if image.suffix == ".svg":
         return _drawing(image.read_bytes(), caption, words)
     out = io.BytesIO()
@@ -125,6 +136,22 @@ def write_page(
 
     With ``watched``, a name of this state, the page loads itself anew as soon as a page of another name takes its
     place: it asks the file ``state.html`` beside it, once a second.
+
+    Parameters
+    ----------
+    target
+        File to write.
+    title
+        Title.
+    facts
+        Facts below the title.
+    sections
+        Sections in order.
+    lead
+        What the page says first.
+    watched
+        Name of this state of a page that reloads; empty for one that does not.
+
     """
     given = {"title": title, "facts": facts, "sections": sections, "lead": lead, "watched": watched}
     target.write_text(templates().get_template("report.html").render(given).lstrip(), encoding="utf-8")

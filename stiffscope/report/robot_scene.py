@@ -57,7 +57,18 @@ def scene(
 
 
 def moves(mechanism: Mechanism, configurations: Configurations, index: int = 0) -> Moves:
-    """Displacement of every node since home at one of the configurations, ``x = R x_home + p``: (3, 3) and (3,)."""
+    """Displacement of every node since home at one of the configurations, ``x = R x_home + p``: (3, 3) and (3,).
+
+    Parameters
+    ----------
+    mechanism
+        Bodies, joints, tool and gravity of the robot.
+    configurations
+        Configurations of the mechanism.
+    index
+        Which of the configurations.
+
+    """
     where = place_nodes(configurations)
     out = {}
     for node in (node for body in mechanism.bodies for node in body.nodes):
@@ -70,6 +81,18 @@ def deform_nodes(moved: Moves, twists: Mapping[str, Array], at: Array, factor: f
     """Nodes moved on by twists (6,) at the point ``at`` (3,) in base axes, m and rad, times a factor.
 
     Displacements are linear in the twists, ``factor (v + ω × (x - at))``, so that what is exaggerated keeps its shape.
+
+    Parameters
+    ----------
+    moved
+        Displacement of every node since home.
+    twists
+        Twists (6,) of nodes, m and rad.
+    at
+        Point (3,) in base axes, m.
+    factor
+        Exaggeration.
+
     """
     out = {}
     for node, (rotation, position) in moved.items():
@@ -79,7 +102,20 @@ def deform_nodes(moved: Moves, twists: Mapping[str, Array], at: Array, factor: f
 
 
 def exaggeration(mechanism: Mechanism, moved: Moves, twists: Mapping[str, Array], at: Array) -> float:
-    """A factor 1, 2 or 5 times a power of ten that makes the greatest displacement of a joint or the tool well seen."""
+    """A factor 1, 2 or 5 times a power of ten that makes the greatest displacement of a joint or the tool well seen.
+
+    Parameters
+    ----------
+    mechanism
+        Bodies, joints, tool and gravity of the robot.
+    moved
+        Displacement of every node since home.
+    twists
+        Twists (6,) of nodes, m and rad.
+    at
+        Point (3,) in base axes, m.
+
+    """
     points = [(node, joint.at) for joint in mechanism.joints for node in (joint.first, joint.second) if node in moved]
     points.append((mechanism.tool.body, mechanism.tool.at))
     now = np.array([moved[node][0] @ home + moved[node][1] for node, home in points])
@@ -94,7 +130,20 @@ def exaggeration(mechanism: Mechanism, moved: Moves, twists: Mapping[str, Array]
 
 
 def picture(file: str, title: str, moved: Moves, before: Moves | None = None) -> dict[str, Any]:
-    """One picture of `drawing.robot`: the robot as moved, and in a light colour where it was before."""
+    """One picture of `drawing.robot`: the robot as moved, and in a light colour where it was before.
+
+    Parameters
+    ----------
+    file
+        File to write.
+    title
+        Title.
+    moved
+        Displacement of every node since home.
+    before
+        Where the nodes were before, drawn in a light colour.
+
+    """
     return {"file": file, "title": title, "moves": moved} | ({} if before is None else {"before": before})
 
 

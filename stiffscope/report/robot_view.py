@@ -94,7 +94,20 @@ def unit_wrenches(mechanism: Mechanism, found: Configurations) -> list[list[Case
 
 
 def wrench_cases(mechanism: Mechanism, found: Configurations, load: np.ndarray, label: str) -> list[list[Case]]:
-    """One wrench (6,) at M, N and N·m, at each pose. Raises InputError where the tool moves freely under it."""
+    """One wrench (6,) at M, N and N·m, at each pose. Raises InputError where the tool moves freely under it.
+
+    Parameters
+    ----------
+    mechanism
+        Bodies, joints, tool and gravity of the robot.
+    found
+        Result to show.
+    load
+        Wrench (6,) at M, N and N·m.
+    label
+        What the page calls it.
+
+    """
     return _solve_wrenches(mechanism, found, {label: load})
 
 

@@ -38,6 +38,20 @@ def write_run_report(
     """Write the report of a run: tables as shown of the parts and of the robot, the pictures in the folder.
 
     ``watched`` names this run for a page that is to follow the next: see `stiffscope.report.page.write_page`.
+
+    Parameters
+    ----------
+    folder
+        Folder to write to.
+    assembled
+        Robot with its parts' matrices.
+    parts
+        Tables of the parts, as the terminal showed them.
+    robot
+        Tables of the robot, as the terminal showed them.
+    watched
+        Name of this state of a page that reloads; empty for one that does not.
+
     """
     poses = assembled.robot.poses
     found = configure(assembled.mechanism, list(poses.values()))
@@ -54,7 +68,22 @@ def write_run_report(
 def write_modes_report(
     folder: Path, assembled: Assembled, names: Sequence[str], found: Modes, tables: Sequence[Shown]
 ) -> None:
-    """Write the report of natural frequencies: table as shown, shapes that move."""
+    """Write the report of natural frequencies: table as shown, shapes that move.
+
+    Parameters
+    ----------
+    folder
+        Folder to write to.
+    assembled
+        Robot with its parts' matrices.
+    names
+        Names of the poses (n,).
+    found
+        Result to show.
+    tables
+        Tables as the terminal showed them.
+
+    """
     stills = [_mode_figure(file) for file in sorted(folder.glob("mode_*.png"))[:STILLS]]
     view = turn_robot(
         folder, found.configurations, names, mode_cases(found), choice="mode", quantity=ENERGY,
@@ -70,7 +99,18 @@ def write_modes_report(
 
 
 def write_map_report(folder: Path, assembled: Assembled, titles: Mapping[str, str]) -> None:
-    """Write the report of a map: its figures by the names of their files, and the robot at its poses."""
+    """Write the report of a map: its figures by the names of their files, and the robot at its poses.
+
+    Parameters
+    ----------
+    folder
+        Folder to write to.
+    assembled
+        Robot with its parts' matrices.
+    titles
+        Titles of the figures, by file.
+
+    """
     robot, mechanism = assembled.robot, assembled.mechanism
     poses: dict[str, Any] = dict(robot.poses) or {"home": mechanism.tool.home}
     view = _wrench_view(folder, assembled, configure(mechanism, list(poses.values())), list(poses))
@@ -87,7 +127,24 @@ def write_deflection_report(
     folder: Path, assembled: Assembled, names: Sequence[str], found: Configurations, cases: list[list[Case]],
     tables: Sequence[Shown],
 ) -> None:  # fmt: skip
-    """Write the report of a deflection: table as shown, the robot under the wrench, the only case of a pose."""
+    """Write the report of a deflection: table as shown, the robot under the wrench, the only case of a pose.
+
+    Parameters
+    ----------
+    folder
+        Folder to write to.
+    assembled
+        Robot with its parts' matrices.
+    names
+        Names of the poses (n,).
+    found
+        Configurations at the poses.
+    cases
+        Wrenches to show, by pose.
+    tables
+        Tables as the terminal showed them.
+
+    """
     words = "the robot deformed, coloured by the " + ENERGY
     stills = [
         page.figure(file, f"The robot at {name} under {case.label}", f"{words}, at {name}")
@@ -112,7 +169,18 @@ def write_deflection_report(
 
 
 def write_check_report(folder: Path, found: Inspection, tables: Sequence[Shown]) -> None:
-    """Write the report of what a robot file says: the robot at its poses, tables as shown."""
+    """Write the report of what a robot file says: the robot at its poses, tables as shown.
+
+    Parameters
+    ----------
+    folder
+        Folder to write to.
+    found
+        Result to show.
+    tables
+        Tables as the terminal showed them.
+
+    """
     reached = [k for k, pose in enumerate(found.poses) if pose.is_reached]
     names = [found.poses[k].name for k in reached]
     still = folder / f"robot_{names[0]}.png" if names else folder
@@ -137,7 +205,24 @@ def write_check_report(folder: Path, found: Inspection, tables: Sequence[Shown])
 def write_tables_report(
     folder: Path, title: str, facts: Sequence[str], heading: str, tables: Sequence[Shown], figures: Sequence[Figure]
 ) -> None:
-    """Write the report of one result: tables as shown, its figures, and how it was made."""
+    """Write the report of one result: tables as shown, its figures, and how it was made.
+
+    Parameters
+    ----------
+    folder
+        Folder to write to.
+    title
+        Title.
+    facts
+        Facts below the title.
+    heading
+        Heading.
+    tables
+        Tables as the terminal showed them.
+    figures
+        Figures of the result.
+
+    """
     sections = [Section(heading, tables, figures), origin(folder)]
     page.write_page(folder / REPORT, title, facts, sections)
 

@@ -212,23 +212,71 @@ def _share(value: float, bound: float = 0.0) -> str:
 
 
 def write_chart(found: Sensitivity, names: Sequence[str], folder: Path) -> list[str]:
-    """Write sensitivity.png and .svg: bars of K_tx at the first pose, relative and per kilogram."""
+    """Write sensitivity.png and .svg: bars of K_tx at the first pose, relative and per kilogram.
+
+    Parameters
+    ----------
+    found
+        Result to show.
+    names
+        Names of the poses (n,).
+    folder
+        Folder to write to.
+
+    """
     return save_figures(folder, {"sensitivity": lambda: _robot_chart(found, names[0])})
 
 
 def write_part_chart(found: PartSensitivity, result: PartResult, folder: Path) -> list[str]:
-    """Write sensitivity.png and .svg: bars of every diagonal entry of the part's compliance."""
+    """Write sensitivity.png and .svg: bars of every diagonal entry of the part's compliance.
+
+    Parameters
+    ----------
+    found
+        Result to show.
+    result
+        Experiment that it was made from.
+    folder
+        Folder to write to.
+
+    """
     return save_figures(folder, {"sensitivity": lambda: _part_chart(found, result)})
 
 
 def write_page(found: Sensitivity, names: Sequence[str], folder: Path, shown: Sequence[Shown]) -> None:
-    """Write ``report.html`` of a robot's tables as shown and of its chart in the folder."""
+    """Write ``report.html`` of a robot's tables as shown and of its chart in the folder.
+
+    Parameters
+    ----------
+    found
+        Result to show.
+    names
+        Names of the poses.
+    folder
+        Folder to write to.
+    shown
+        Tables as the terminal showed them.
+
+    """
     words = f"bars of what changes K_tx at {names[0]}, in % per % and in % per kilogram, with bounds"
     _write_page(folder, f"{found.robot.name}: what changes its stiffness", shown, words)
 
 
 def write_part_page(found: PartSensitivity, folder: Path, robot: str, shown: Sequence[Shown]) -> None:
-    """Write ``report.html`` of a part's tables as shown and of its chart in the folder."""
+    """Write ``report.html`` of a part's tables as shown and of its chart in the folder.
+
+    Parameters
+    ----------
+    found
+        Result to show.
+    folder
+        Folder to write to.
+    robot
+        Name of the robot.
+    shown
+        Tables as the terminal showed them.
+
+    """
     words = "bars of what changes each diagonal entry of the compliance, in % per %, with bounds"
     _write_page(folder, f"{robot}: what changes the {found.part}'s compliance", shown, words)
 

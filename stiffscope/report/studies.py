@@ -48,7 +48,18 @@ def write_study(study: Study, folder: Path) -> None:
 
 
 def write_study_page(study: Study, folder: Path, shown: Sequence[Shown]) -> None:
-    """Write the page, of the tables as shown and the pictures and the manifest in the folder."""
+    """Write the page, of the tables as shown and the pictures and the manifest in the folder.
+
+    Parameters
+    ----------
+    study
+        Study that was made.
+    folder
+        Folder to write to.
+    shown
+        Tables as the terminal showed them.
+
+    """
     figures = [
         page.figure(folder / f"{stem}.png", caption, caption)
         for stem, caption in CAPTIONS.items()

@@ -195,7 +195,22 @@ def _explain_zeros(rows: Iterable[Sequence[str]]) -> None:
 def show_deflection(
     names: Sequence[str], twist: Any, shares: Mapping[str, Any], wrench: str = "", error: Any = 0.0
 ) -> None:
-    """Deflection (n, 6) of the tool in m and rad with its bounds, and each component's share (n,) of the energy."""
+    """Deflection (n, 6) of the tool in m and rad with its bounds, and each component's share (n,) of the energy.
+
+    Parameters
+    ----------
+    names
+        Names of the poses (n,).
+    twist
+        Deflections (n, 6), m and rad.
+    shares
+        Share (n,) of the strain energy, by component.
+    wrench
+        Words for the wrench.
+    error
+        95 % bounds of the same shape; 0 without any.
+
+    """
     groups = (("pose",), ("x µm", "y µm", "z µm"), ("rx µrad", "ry µrad", "rz µrad"))
     halves = np.abs(twist).reshape(-1, 2, 3)
     greatest = np.maximum(halves.max(axis=2, keepdims=True), 1e-3 * halves.max(axis=(1, 2), keepdims=True))
@@ -209,7 +224,18 @@ def show_deflection(
 
 
 def show_modes(names: Sequence[str], found: Modes, title: str) -> None:
-    """Natural frequencies at each pose with their bounds, and the elements with most of the strain energy."""
+    """Natural frequencies at each pose with their bounds, and the elements with most of the strain energy.
+
+    Parameters
+    ----------
+    names
+        Names of the poses (n,).
+    found
+        Result to show.
+    title
+        Title.
+
+    """
     rows: list[Sequence[str]] = []
     for i, name in enumerate(names):
         for k, (hertz, bound) in enumerate(zip(found.frequencies[i], found.error[i], strict=True)):
@@ -227,7 +253,20 @@ def show_modes(names: Sequence[str], found: Modes, title: str) -> None:
 
 
 def show_change(names: Sequence[str], old: Any, new: Any, overrides: Sequence[str]) -> None:
-    """Diagonals of the stiffnesses (n, 6, 6) before and after `--set`, side by side."""
+    """Diagonals of the stiffnesses (n, 6, 6) before and after `--set`, side by side.
+
+    Parameters
+    ----------
+    names
+        Names of the poses (n,).
+    old
+        Stiffnesses (n, 6, 6) before.
+    new
+        Stiffnesses (n, 6, 6) after.
+    overrides
+        Changes of the file, as `--set` has them.
+
+    """
     factor, units = _scale(old)
     rows = []
     for i, name in enumerate(names):
@@ -239,7 +278,18 @@ def show_change(names: Sequence[str], old: Any, new: Any, overrides: Sequence[st
 
 
 def show_matrix(title: str, matrix: Any, error: Any = 0.0) -> None:
-    """Show a compliance (6, 6), SI, with a dot for what its error (6, 6) hides."""
+    """Show a compliance (6, 6), SI, with a dot for what its error (6, 6) hides.
+
+    Parameters
+    ----------
+    title
+        Title.
+    matrix
+        Compliance (6, 6), SI.
+    error
+        95 % bounds of the same shape; 0 without any.
+
+    """
     _explain_zeros(_show_matrix(title, matrix, error))
 
 

@@ -132,7 +132,18 @@ def rigid_mechanism(robot: RobotFile) -> Mechanism:
 
 
 def configured_poses(robot: RobotFile, mechanism: Mechanism, poses: ArrayLike) -> Configurations:
-    """Configurations at tool poses (n, k). Raises InputError at `[tool] pose` where the mechanism cannot move so."""
+    """Configurations at tool poses (n, k). Raises InputError at `[tool] pose` where the mechanism cannot move so.
+
+    Parameters
+    ----------
+    robot
+        Robot file.
+    mechanism
+        Bodies, joints, tool and gravity of the robot.
+    poses
+        Tool poses (n, k), SI.
+
+    """
     try:
         return configure(mechanism, poses)
     except InputError as error:

@@ -74,7 +74,18 @@ def part_parameters(robot: RobotFile, name: str) -> dict[str, tuple[float, str]]
 
 
 def find_vanishing(robot: RobotFile, name: str, parameter: str) -> float:
-    """Value of a parameter at which nothing is left of its part: of a tube's radius or large bore, no wall; else 0."""
+    """Value of a parameter at which nothing is left of its part: of a tube's radius or large bore, no wall; else 0.
+
+    Parameters
+    ----------
+    robot
+        Robot file.
+    name
+        Name of the part.
+    parameter
+        Name of the parameter.
+
+    """
     part = robot.parts[name]
     size = part.lengths() if isinstance(part, ParametricPart) else {}
     if parameter == "radius":
@@ -87,6 +98,18 @@ def with_parameter(robot: RobotFile, name: str, parameter: str, value: float) ->
     """The robot with one parameter of a part changed: a dimension, its foundation, or its own material's constant.
 
     An infinite foundation is a rigid one. Raises InputError for a value that makes no part.
+
+    Parameters
+    ----------
+    robot
+        Robot file.
+    name
+        Name of the part.
+    parameter
+        Name of the parameter.
+    value
+        New value, SI.
+
     """
     part = robot.parts[name]
     if parameter == FOUNDATION or (isinstance(part, ParametricPart) and parameter in part.dimensions()):
@@ -128,6 +151,18 @@ def interpolate_between(
     A polynomial in the logarithm of the value's distance from the limit at which nothing is left of the part
     (`vanishing`): exact for powers of it; far from all values the power that it ends with. The compliance raises
     InputError for a value beyond the limit, or outside of the ``legal`` ones.
+
+    Parameters
+    ----------
+    values
+        Values of the parameter, the nominal one first.
+    matrices
+        Compliances (6, 6) at the values.
+    limit
+        Value at which nothing is left of the part.
+    legal
+        Least and greatest value that make sense.
+
     """
     return partial(_interpolate_near, tuple(values), np.array(matrices), limit, legal)
 
@@ -147,6 +182,16 @@ def on_foundation(rigid: Array, values: Sequence[float], matrices: Sequence[Arra
 
     What the foundation adds: a polynomial in the logarithm of its stiffness, beyond the values in proportion to what it
     yields.
+
+    Parameters
+    ----------
+    rigid
+        Compliance (6, 6) on a rigid foundation.
+    values
+        Stiffnesses of the foundations, N/m³.
+    matrices
+        Compliances (6, 6) at the values.
+
     """
     softer = [(v, m - rigid) for v, m in zip(values, matrices, strict=True) if (np.diagonal(m - rigid) > 0.0).all()]
     return partial(_add_foundation, rigid, np.array([v for v, _ in softer]), np.array([added for _, added in softer]))
@@ -178,7 +223,18 @@ def _polynomial(at: Array, matrices: Array, x: float) -> Array:
 
 
 def is_beam(robot: RobotFile, name: str, compliance: Array) -> bool:
-    """Whether a part's compliance (6, 6) is that of beam theory."""
+    """Whether a part's compliance (6, 6) is that of beam theory.
+
+    Parameters
+    ----------
+    robot
+        Robot file.
+    name
+        Name of the part.
+    compliance
+        Compliance (6, 6), SI.
+
+    """
     part = robot.parts.get(name)
     if not isinstance(part, ParametricPart) or robot.material(name) is None:
         return False

@@ -50,7 +50,20 @@ def load_robot(name_or_path: str | Path, overrides: Sequence[str] = (), toleranc
 
 
 def read_robot(path: Path, text: str, overrides: Sequence[str] = (), tolerance: str | None = None) -> RobotFile:
-    """Read a robot from a text; `path` is what errors call it and what paths in it are relative to. As `load_robot`."""
+    """Read a robot from a text; `path` is what errors call it and what paths in it are relative to. As `load_robot`.
+
+    Parameters
+    ----------
+    path
+        File that messages name.
+    text
+        Text of the robot file.
+    overrides
+        Changes of the file, as `--set` has them.
+    tolerance
+        Relative accuracy wanted of experiments, such as "1 %"; by default the file's.
+
+    """
     data = parse_text(path, text)
     source = Source(path, text, tuple(overrides))
     try:

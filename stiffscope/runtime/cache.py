@@ -79,6 +79,16 @@ class Cache:
 
         Returns the folder of the entry, or one in `spare` where the cache cannot be written. What `write` itself
         raises is passed on. When another process stored the same key meanwhile, either one stays.
+
+        Parameters
+        ----------
+        kind
+            Kind of result.
+        key
+            Cache key.
+        write
+            Writes the result to a folder.
+
         """
         made = Path(tempfile.mkdtemp(prefix=f"{kind}-", dir=self.spare))
         try:

@@ -60,7 +60,18 @@ def open_file(path: str | Path, what: str = "a file", most: int = MOST_BYTES) ->
 
 
 def read_bytes(path: str | Path, what: str = "a file", most: int = MOST_BYTES) -> bytes:
-    """Bytes of a file; see `open_file`."""
+    """Bytes of a file; see `open_file`.
+
+    Parameters
+    ----------
+    path
+        File.
+    what
+        What the file is, for messages.
+    most
+        Largest size, bytes.
+
+    """
     try:
         with open_file(path, what, most) as stream:
             content = stream.read(most + 1)
@@ -72,13 +83,35 @@ def read_bytes(path: str | Path, what: str = "a file", most: int = MOST_BYTES) -
 
 
 def file_digest(path: Path, what: str = "a file", most: int = 1 << 40) -> str:
-    """SHA-256 of a file's bytes. Raises InputError for what is no file, as `open_file` does."""
+    """SHA-256 of a file's bytes. Raises InputError for what is no file, as `open_file` does.
+
+    Parameters
+    ----------
+    path
+        File.
+    what
+        What the file is, for messages.
+    most
+        Largest size, bytes.
+
+    """
     with open_file(path, what, most) as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()  # pyright: ignore[reportArgumentType]
 
 
 def read_text(path: str | Path, what: str = "a text file", most: int = MOST_TEXT) -> str:
-    """Text of a file in UTF-8, without its byte order mark. Raises InputError, with the line of what is no text."""
+    """Text of a file in UTF-8, without its byte order mark. Raises InputError, with the line of what is no text.
+
+    Parameters
+    ----------
+    path
+        File.
+    what
+        What the file is, for messages.
+    most
+        Largest size, bytes.
+
+    """
     content = read_bytes(path, what, most)
     try:
         text = content.decode("utf-8-sig")

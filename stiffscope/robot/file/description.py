@@ -143,6 +143,16 @@ def find_element(place: str, bodies: Collection[str], joints: Collection[str]) -
     """Body or joint that a place spells, by its name or as "bodies.NAME" or "joints.NAME"; None for neither.
 
     A joint whose name a body has too is "joints.NAME" throughout. Raises InputError where a place could be either.
+
+    Parameters
+    ----------
+    place
+        Name, or bodies.NAME or joints.NAME.
+    bodies
+        Names of the bodies.
+    joints
+        Names of the joints.
+
     """
     if place in bodies and f"joints.{place}" in joints:
         raise InputError(f'expected bodies.{place} or joints.{place}, got "{place}", which both have')

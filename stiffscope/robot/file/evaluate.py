@@ -59,7 +59,18 @@ def evaluate(data: dict[str, Any]) -> tuple[dict[str, Any], dict[str, float], di
 
 
 def evaluate_value(data: Any, values: Mapping[str, float], key: Key = ()) -> Any:
-    """A value, list or table at a key, with every expression in it evaluated. Raises FieldError."""
+    """A value, list or table at a key, with every expression in it evaluated. Raises FieldError.
+
+    Parameters
+    ----------
+    data
+        Value, list or table with expressions.
+    values
+        Values of the names.
+    key
+        Where the value stands: its tables' keys, outermost first.
+
+    """
 
     def number(text: str, here: Key) -> Any:
         return _evaluate(here, _parse(here, text, values), values) if is_expression(text) else text

@@ -124,7 +124,20 @@ def _ways(name: str, known: Iterable[str]) -> list[tuple[str, ...]]:
 
 
 def assign(data: dict[str, Any], key: Key, value: Any, text: str) -> None:
-    """Put a value at a key. Raises InputError, with the text that asked for it, where a number stands on the way."""
+    """Put a value at a key. Raises InputError, with the text that asked for it, where a number stands on the way.
+
+    Parameters
+    ----------
+    data
+        Tables to change.
+    key
+        Its field, or the keys of its table.
+    value
+        What stands in the file.
+    text
+        Text that asked for it.
+
+    """
     table: Any = data
     for part in key[:-1]:
         if not isinstance(table, dict):

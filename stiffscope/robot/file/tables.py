@@ -22,7 +22,18 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 def read_table(model: type[Model], value: Any, key: Key) -> Model:
-    """A table as a section. Raises FieldError for the first thing that is wrong in it."""
+    """A table as a section. Raises FieldError for the first thing that is wrong in it.
+
+    Parameters
+    ----------
+    model
+        Model of the section.
+    value
+        What stands in the file.
+    key
+        Where the value stands: its tables' keys, outermost first.
+
+    """
     if not isinstance(value, dict):
         raise FieldError(key, f"expected a table of {', '.join(keys_of(model))}, got {q.show_value(value)}")
     try:
@@ -33,7 +44,18 @@ def read_table(model: type[Model], value: Any, key: Key) -> Model:
 
 
 def one_of(word: Any, valid: Iterable[str], what: str) -> str:
-    """A word, if it is a valid one. Raises ValueError with the one that was probably meant."""
+    """A word, if it is a valid one. Raises ValueError with the one that was probably meant.
+
+    Parameters
+    ----------
+    word
+        Word to check.
+    valid
+        Valid words.
+    what
+        What is expected, for messages.
+
+    """
     valid = list(valid)
     if isinstance(word, str) and word in valid:
         return word

@@ -237,7 +237,18 @@ def _read_groups(
 
 
 def read_pose(value: Any, tool: ToolSection, key: Key) -> tuple[float, ...]:
-    """A tool pose: as many numbers as `[tool] pose` names. Raises FieldError."""
+    """A tool pose: as many numbers as `[tool] pose` names. Raises FieldError.
+
+    Parameters
+    ----------
+    value
+        What stands in the file.
+    tool
+        Section of the tool, which names the coordinates.
+    key
+        Where the value stands: its tables' keys, outermost first.
+
+    """
     if not isinstance(value, list | tuple) or len(value) != len(tool.pose):
         raise FieldError(key, f"expected a pose of {len(tool.pose)}, {' '.join(tool.pose)}, got {q.show_value(value)}")
     found = []

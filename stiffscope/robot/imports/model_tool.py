@@ -49,7 +49,18 @@ def _last_body(source: CompiledModel) -> int:
 
 
 def movable_coordinates(source: CompiledModel, body: int, at: Array) -> tuple[str, ...]:
-    """Coordinates of a body's point (3,) that the mechanism moves, translations first."""
+    """Coordinates of a body's point (3,) that the mechanism moves, translations first.
+
+    Parameters
+    ----------
+    source
+        Model as compiled.
+    body
+        Body, by number.
+    at
+        Point (3,) in base axes, m.
+
+    """
     m, d = source.model, source.data
     jacobian = _jacobian(source, d, body, at)
     _, closures = source.equality_rows(closures_only=True)
