@@ -230,7 +230,7 @@ class FixedJoint(JointSection):
 
 
 class RevoluteJoint(JointSection):
-    """Turns about its axis; without a drive a spring, N·m/rad, may resist that, unloaded at its rest, rad from home."""
+    """Turns about its axis; without a drive a spring, N·m/rad, may resist that, unloaded at its rest (rad)."""
 
     axis: Direction
     drive: RotaryDrive | None = None
@@ -239,7 +239,7 @@ class RevoluteJoint(JointSection):
 
 
 class PrismaticJoint(JointSection):
-    """Slides along its axis; without a drive a spring, N/m, may resist that, unloaded at its rest, m from home."""
+    """Slides along its axis; without a drive a spring, N/m, may resist that, unloaded at its rest (m)."""
 
     axis: Direction
     drive: LinearDrive | None = None
@@ -255,7 +255,7 @@ class CylindricalJoint(JointSection):
 
 
 class UniversalJoint(JointSection):
-    """Turns about `axis`, which rides on the first body, and `axis2`, on the second; a spring, N·m/rad, resists each."""
+    """Turns about `axis`, which rides on the first body, and `axis2`, on the second; a spring (N·m/rad) resists each."""
 
     axis: Direction
     axis2: Direction
@@ -263,7 +263,7 @@ class UniversalJoint(JointSection):
 
 
 class SphericalJoint(JointSection):
-    """Turns about every axis; `axis` only says along which its bearing is axial; a spring, N·m/rad, resists all turns."""
+    """Turns about every axis; `axis` says along which its bearing is axial; a spring (N·m/rad) resists all."""
 
     axis: Direction | None = None
     spring: Torsion | None = None
