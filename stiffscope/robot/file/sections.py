@@ -255,7 +255,7 @@ class CylindricalJoint(JointSection):
 
 
 class UniversalJoint(JointSection):
-    """Turns about `axis`, which rides on the first body, and `axis2`, on the second; a spring (N·m/rad) resists each."""
+    """Turns about `axis`, on the first body, and `axis2`, on the second; a spring (N·m/rad) resists each."""
 
     axis: Direction
     axis2: Direction
