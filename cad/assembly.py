@@ -133,7 +133,7 @@ def read_assembly(path: str | Path, time_limit: float = 600.0) -> tuple[Instance
     products = [
         _product(number, solid, each) for number, (solid, each) in enumerate(zip(solids, told["products"], strict=True))
     ]
-    names = _distinct([each["path"] for each in told["instances"]])
+    names = _name_distinct([each["path"] for each in told["instances"]])
     return tuple(
         _instance(name, products[each["product"]], np.array(each["place"]))
         for name, each in zip(names, told["instances"], strict=True)
@@ -152,7 +152,7 @@ def _instance(name: str, product: Product, place: Array) -> Instance:
     return Instance(name, product, rotation=place[:, :3], origin=1e-3 * place[:, 3])
 
 
-def _distinct(paths: Sequence[Sequence[str]]) -> list[str]:
+def _name_distinct(paths: Sequence[Sequence[str]]) -> list[str]:
     """Names of instances, from the names on the way to each: the last alone, with its assembly's, or with a number."""
     own = [("" if _is_nameless(path[-1]) else path[-1]) for path in paths]
     for depth in range(2, max(map(len, paths), default=0) + 1):

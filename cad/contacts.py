@@ -53,7 +53,7 @@ class Contact:
     radius: float = 0.0
     inner: int | None = None
 
-    def other(self, solid: int) -> int:
+    def find_other(self, solid: int) -> int:
         """The solid that a solid touches here."""
         return self.second if solid == self.first else self.first
 
@@ -127,11 +127,13 @@ def _plane(a: FaceGeometry, b: FaceGeometry, one: Instance, other: Instance) -> 
     boxes = one.face_boxes[a.index], other.face_boxes[b.index]
     if abs(gap) > TOUCHING or not _meet(*boxes, TOUCHING):
         return None
-    area, centre = _shared(one, a, other, b, gap)
+    area, centre = _measure_shared(one, a, other, b, gap)
     return None if area < _LEAST_AREA else (centre, a.axis, gap, float(np.sqrt(area)))
 
 
-def _shared(one: Instance, a: FaceGeometry, other: Instance, b: FaceGeometry, gap: float) -> tuple[float, Array]:
+def _measure_shared(
+    one: Instance, a: FaceGeometry, other: Instance, b: FaceGeometry, gap: float
+) -> tuple[float, Array]:
     """Area that two planes share, m², and its centre, m."""
     area, centre = cad.kernel.common_area(one.shapes[a.index], other.shapes[b.index], -1e3 * gap * a.axis)
     return 1e-6 * area, 1e-3 * centre

@@ -154,7 +154,7 @@ def cubic_problem(
     ----------
     springs : (count, count) elastic foundation, one direction; see ``stiffscope.fea.foundation``.
     """
-    free = free_cubics(mesh, space, supports)
+    free = _free_cubics(mesh, space, supports)
     apply, diagonal = _operator(space, supports, free, springs)
 
     def precondition(residual: Floats) -> Floats:
@@ -324,7 +324,7 @@ def element_forces(space: Cubic, batch: list[_Group], motion: Floats) -> Floats:
     return local
 
 
-def free_cubics(mesh: TetMesh, space: Cubic, supports: Supports) -> Ints:
+def _free_cubics(mesh: TetMesh, space: Cubic, supports: Supports) -> Ints:
     """Return the (w,) cubics that are not on a clamped face or on a rigid coupling."""
     fixed = np.zeros(space.base, dtype=bool)
     fixed[supports.clamped] = fixed[supports.tied] = True

@@ -213,13 +213,13 @@ def solve_two_levels(
 ) -> TwoLevel:
     """Return the quadratic and the cubic solution for the unit wrenches. See ``solve_specimen``."""
     with threadpool_limits(1):  # BLAS's own threads are slower on small matrices; ``on_all_cores`` shares out the work
-        system = system_of(specimen, mesh, interface, solver, foundation)
+        system = _system_of(specimen, mesh, interface, solver, foundation)
         loads = unit_loads(mesh, system.supports, system.couplings)
         tractions = cubic_loads(mesh, system.cubic.space, system.couplings)[system.cubic.free]
         return respond(system, np.vstack([loads, tractions.reshape(-1, loads.shape[1])]), system.solver.solve(loads))
 
 
-def system_of(
+def _system_of(
     specimen: Specimen, mesh: TetMesh, interface: str, solver: str, foundation: float | None = None
 ) -> System:
     """Return the supported mesh with its stiffness and solvers. See ``solve_specimen``."""

@@ -42,7 +42,7 @@ class JointRates:
         self.screws = [self._screws(j, at) for j, at in zip(self.joints, self.at, strict=True)]
         self.edges = [(mechanism.carrier(j.first), mechanism.carrier(j.second)) for j in self.joints]
         self.paths, chords = span_tree(self.edges)
-        self.loops = close_loops(self.edges, self.paths, chords)
+        self.loops = _close_loops(self.edges, self.paths, chords)
 
     def _move_point(self, node: str, home: Array) -> Array:
         rotation, position = self.place[node]
@@ -122,7 +122,7 @@ def span_tree(edges: Edges) -> tuple[dict[str, Way], list[int]]:
     return paths, [k for k in range(len(edges)) if k not in used]
 
 
-def close_loops(edges: Edges, paths: dict[str, Way], chords: list[int]) -> list[Way]:
+def _close_loops(edges: Edges, paths: dict[str, Way], chords: list[int]) -> list[Way]:
     """One loop for each chord, the shortest first, through the tree and chords that were taken before it."""
     open_edges = {k for path in paths.values() for k, _ in path}
     out: list[Way] = []

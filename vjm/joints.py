@@ -54,7 +54,7 @@ class Law:
     slopes: Array
 
     @classmethod
-    def of(cls, curve: ArrayLike, backlash: float = 0.0) -> Law:
+    def from_curve(cls, curve: ArrayLike, backlash: float = 0.0) -> Law:
         """From forces at deflections (m, 2), straight from the origin and beyond the last, past half a backlash."""
         points = np.vstack([np.zeros((1, 2)), np.asarray(curve, dtype=float)])
         steps = np.diff(points, axis=0)
@@ -108,11 +108,11 @@ class Law:
             out = out + along * (force + 0.5 * slope * along)
         return out
 
-    def beside(self, stiffness: float) -> Law:
+    def subtract_spring(self, stiffness: float) -> Law:
         """Force over what a deflection has more than a spring of a stiffness above all slopes would have."""
         return Law(self.starts - self.forces / stiffness, self.slopes / (1.0 - self.slopes / stiffness))
 
-    def yielding(self, compliance: float) -> Law:
+    def add_compliance(self, compliance: float) -> Law:
         """The same with a compliance in series, which may be negative. Raises InputError where none is left."""
         left = 1.0 / self.slopes + compliance
         if not (left > 0.0).all():
@@ -133,18 +133,20 @@ class Drive:
     law: Law | None = None
 
     @property
-    def unloaded(self) -> float:
+    def unloaded_stiffness(self) -> float:
         """Its tangent stiffness without load: 0 where it has backlash."""
         return 0.0 if self.law is not None and self.law.starts[0] else self.stiffness
 
-    def loosened(self, backlash: float) -> Drive:
+    def add_backlash(self, backlash: float) -> Drive:
         """The same with more backlash."""
         law = Law(np.zeros(1), np.array([self.stiffness])) if self.law is None else self.law
         return replace(self, law=Law(law.starts + 0.5 * backlash, law.slopes))
 
-    def yielding(self, compliance: float) -> Drive:
+    def add_compliance(self, compliance: float) -> Drive:
         """The same with a compliance in series, which may be negative. Raises InputError where none is left."""
-        law = (Law(np.zeros(1), np.array([self.stiffness])) if self.law is None else self.law).yielding(compliance)
+        law = (Law(np.zeros(1), np.array([self.stiffness])) if self.law is None else self.law).add_compliance(
+            compliance
+        )
         return replace(self, stiffness=float(law.slopes[0]), law=None if self.law is None else law)
 
 
@@ -246,7 +248,7 @@ class Joint:
     @property
     def resistance(self) -> float:
         """Stiffness of its unloaded drive, or of its spring along each free motion, N/m or N·m/rad; 0 without one."""
-        return self.drive.unloaded if self.drive is not None else self.spring or 0.0
+        return self.drive.unloaded_stiffness if self.drive is not None else self.spring or 0.0
 
     def resists(self, motion: int) -> bool:
         """Whether its drive or spring acts along a free motion, by number."""

@@ -104,7 +104,7 @@ def settle(laws: Sequence[Law], stiffness: Array, force: Array, influence: Array
     back = np.linalg.inv(np.eye(size) - influence * change)
     pull, tie = (back @ force[..., None])[..., 0], -back @ influence
     tie = 0.5 * (tie + np.swapaxes(tie, -1, -2))
-    curves = [law.beside(k) for law, k in zip(laws, steep.tolist(), strict=True)]
+    curves = [law.subtract_spring(k) for law, k in zip(laws, steep.tolist(), strict=True)]
     shift: Array = np.zeros_like(pull)
     whole = np.maximum(np.abs(pull).max(axis=1, keepdims=True), 1e-300)
     for _ in range(_STEPS):

@@ -96,7 +96,7 @@ class Contacts:
     slide: Array
     turning: bool
 
-    def joined(self, other: Contacts) -> Contacts:
+    def join(self, other: Contacts) -> Contacts:
         """Both, of one kind."""
         keys = ("at", "between", "reach", "constant", "slide")
         arrays = {key: np.concatenate([getattr(self, key), getattr(other, key)]) for key in keys}

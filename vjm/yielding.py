@@ -142,7 +142,7 @@ def deflection_with_backlash(
         if not 0.0 <= half < np.inf:
             raise InputError(f"backlash: expected half-widths of at least 0, got {dict(gaps)}")
     joints = tuple(
-        replace(j, drive=j.drive.loosened(2.0 * gaps[j.name])) if j.drive is not None and gaps.get(j.name) else j
+        replace(j, drive=j.drive.add_backlash(2.0 * gaps[j.name])) if j.drive is not None and gaps.get(j.name) else j
         for j in mechanism.joints
     )
     found = _find(mechanism, poses)

@@ -170,10 +170,10 @@ def mass_of_solids(robot: RobotFile, components: Components, experiments: Mappin
     """Mass of the parts' materials and of rigid bodies, kg, whatever mass the file gives its parts."""
     rigid = sum(body.mass for body in robot.bodies.values() if isinstance(body, RigidBody))
     names: Iterable[str] = part_sources(robot, components)
-    return rigid + sum(len(robot.bodies_of(name)) * solid_mass(robot, name, experiments) for name in names)
+    return rigid + sum(len(robot.bodies_of(name)) * _solid_mass(robot, name, experiments) for name in names)
 
 
-def solid_mass(robot: RobotFile, name: str, experiments: Mapping[str, Any]) -> float:
+def _solid_mass(robot: RobotFile, name: str, experiments: Mapping[str, Any]) -> float:
     """Mass of a part's material, kg: of its solid, or of its plain shape; else what the file says."""
     part, material = robot.parts[name], robot.material(name)
     if name in experiments:

@@ -59,7 +59,7 @@ def part_sensitivities(orders: Sequence[PartOrder], shop: Workshop) -> list[Part
     if missing:
         solved = {result.order: result.folder for result in solve_parts(missing, shop)}
         jobs = {order.label: (order, solved[order], shop.cache) for order in missing}
-        made = shop.work(make_sensitivity, jobs)
+        made = shop.work(_make_sensitivity, jobs)
         folders = {order: made[order.label] for order in missing}
     return [read_sensitivity(folders.get(order) or _take_held(shop, order)) for order in orders]
 
@@ -71,7 +71,7 @@ def _take_held(shop: Workshop, order: PartOrder) -> Path:
     return held
 
 
-def make_sensitivity(order: PartOrder, experiment: Path, cache: Cache, report: Report) -> Path:
+def _make_sensitivity(order: PartOrder, experiment: Path, cache: Cache, report: Report) -> Path:
     """Make the derivatives of a part and keep them: their folder. May run in a child process."""
     from stiffscope.fea.sensitivity import part_sensitivity
 

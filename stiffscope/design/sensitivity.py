@@ -223,7 +223,7 @@ class _Model:
 def _check_lengths(before: RobotFile, after: RobotFile, components: Components) -> None:
     """Raise InputError for a number that changes how long a STEP file's solid would have to be."""
     for name, source in part_sources(before, components).items():
-        for body in before.bodies_of(name) if source == "step" and not before.parts[name].named else ():
+        for body in before.bodies_of(name) if source == "step" and not before.parts[name].interface_names else ():
             own, other = (
                 np.linalg.norm(np.subtract(each.elastic_bodies()[body].tip, each.elastic_bodies()[body].base))
                 for each in (before, after)

@@ -95,7 +95,7 @@ def change_elements(mechanism: Mechanism, changes: Changes) -> Mechanism:
         if joint.drive is None or change is None or change.compliance is None or change.compliance[along, along] >= 0.0:
             continue
         try:
-            joints[k] = replace(joint, drive=joint.drive.yielding(float(change.compliance[along, along])))
+            joints[k] = replace(joint, drive=joint.drive.add_compliance(float(change.compliance[along, along])))
         except InputError as error:
             raise InputError(f"{joint.name}: {error}") from error
         rest = change.compliance.copy()
@@ -109,7 +109,7 @@ def change_robot(mechanism: Mechanism, influence: Influence) -> Mechanism:
     """The mechanism with all that an effect changes in it: its elements, its masses, the dead zones of its drives."""
     zones = influence.dead_zones
     joints = tuple(
-        replace(j, drive=j.drive.loosened(2.0 * zones[j.name])) if j.drive is not None and zones.get(j.name) else j
+        replace(j, drive=j.drive.add_backlash(2.0 * zones[j.name])) if j.drive is not None and zones.get(j.name) else j
         for j in mechanism.joints
     )
     changed = change_elements(replace(mechanism, joints=joints) if zones else mechanism, influence.elements)

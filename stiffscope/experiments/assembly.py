@@ -150,7 +150,7 @@ def _assemble(robot: RobotFile, components: Components, results: dict[str, PartR
         name: source if isinstance(source, str) else "given" for name, source in part_sources(robot, components).items()
     }
     for name, source in sources.items():
-        if source == "step" and not robot.parts[name].named:
+        if source == "step" and not robot.parts[name].interface_names:
             _check_length(robot, name, results[name].length)
     matrices = part_matrices(robot, components, results)
     bare = mechanism_of(robot, matrices)
@@ -169,7 +169,7 @@ def check_solids(robot: RobotFile) -> None:
         if isinstance(robot.part(name), StepPart):
             part = build_part(robot, name)
             clamped = describe_solid(part)["clamped_centre"]
-            if robot.parts[name].named:
+            if robot.parts[name].interface_names:
                 continue
             _check_length(robot, name, float(part.loaded[0].reference_point[0] - clamped[0]))
 

@@ -137,7 +137,7 @@ def name_lines(robot: RobotFile) -> Iterator[None]:
         if name is None:
             raise
         key = where[len(name) + 1 :]
-        inner = ("interfaces", key) if key in robot.parts[name].named else key.split(".")
+        inner = ("interfaces", key) if key in robot.parts[name].interface_names else key.split(".")
         raise robot.refuse(("parts", name, *inner), message) from error
 
 

@@ -34,7 +34,7 @@ def show_load_curve(names: Sequence[str], curve: LoadCurve, wrench: Array) -> No
         Force and moment (6,) at M, N and N·m.
 
     """
-    size, along, unit, stiff = _along(curve, wrench)
+    size, along, unit, stiff = _project_curve(curve, wrench)
     whole = len(curve.load) // 4 + 1  # the way there; all others repeat it
     rows = [
         (name if not k else "", f"{size * curve.load[k]:.4g}", f"{1e6 * along[i, k]:.5g}", f"{stiff[i, k]:.5g}")
@@ -63,7 +63,7 @@ def draw_load_curve(names: Sequence[str], curve: LoadCurve, wrench: Array, folde
     """
 
     def draw() -> Figure:
-        size, along, unit, _ = _along(curve, wrench)
+        size, along, unit, _ = _project_curve(curve, wrench)
         figure = new_figure(7.0, 4.6, "Force over deflection" if unit == "m" else "Moment over rotation")
         axes = figure.subplots()
         for i, name in enumerate(names):
@@ -80,7 +80,7 @@ def draw_load_curve(names: Sequence[str], curve: LoadCurve, wrench: Array, folde
     save_figures(folder, {"force_over_deflection": draw})
 
 
-def _along(curve: LoadCurve, wrench: Array) -> tuple[float, Array, str, Array]:
+def _project_curve(curve: LoadCurve, wrench: Array) -> tuple[float, Array, str, Array]:
     """Size of the force (or moment), displacement (n, s) along it, its unit, tangent stiffness (n, s) of that."""
     part = slice(0, 3) if wrench[:3].any() else slice(3, 6)
     size = float(np.linalg.norm(wrench[part])) or 1.0

@@ -91,7 +91,7 @@ def _joint(robot: RobotFile, name: str, joint: JointSection) -> Joint:
 def _drive(drive: LinearDrive | RotaryDrive) -> Drive:
     law = None
     if drive.points is not None or drive.backlash:
-        law = Law.of(drive.points or ((1.0, drive.stiffness),), drive.backlash)
+        law = Law.from_curve(drive.points or ((1.0, drive.stiffness),), drive.backlash)
     stiffness = drive.stiffness if law is None else float(law.slopes[0])
     return Drive(stiffness, *(drive.range or (-np.inf, np.inf)), law)
 

@@ -60,7 +60,7 @@ class NominalRobot:
             p
             for p, bodies in found.items()
             if bodies
-            and not self.robot.parts[p].named
+            and not self.robot.parts[p].interface_names
             and is_beam(self.robot, p, self.elastic_sources[bodies[0]].compliance)
         )
 

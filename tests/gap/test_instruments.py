@@ -64,7 +64,7 @@ def test_an_instrument_is_found_without_a_guess(measures):
     robot = nominal("serial-arm")
     c = campaign(robot, targets(robot, measures=measures, count=3), 0.0, sigma=0.0)
     found = RobotModel(c, robot).predict()
-    assert found.placed.setup.origin[0] == pytest.approx(ORIGIN, abs=1e-6)
+    assert found.placed_instruments.setup.origin[0] == pytest.approx(ORIGIN, abs=1e-6)
     assert found.values == pytest.approx(RobotModel(c, robot).campaign.value, abs=1e-9)
 
 
@@ -79,8 +79,12 @@ def test_where_an_instrument_stands_changes_nothing():
     for each in (c, elsewhere):
         model = RobotModel(each, robot)
         found = model.predict(((offset_of(model, drive), (2e-3,)),))
-        residuals.append((model.campaign.value - found.values).reshape(-1, 3) @ found.placed.setup.rotation[0].T)
-        columns.append(found.columns(offset_of(model, drive)).reshape(-1, 3) @ found.placed.setup.rotation[0].T)
+        residuals.append(
+            (model.campaign.value - found.values).reshape(-1, 3) @ found.placed_instruments.setup.rotation[0].T
+        )
+        columns.append(
+            found.columns(offset_of(model, drive)).reshape(-1, 3) @ found.placed_instruments.setup.rotation[0].T
+        )
     assert residuals[0] == pytest.approx(residuals[1], abs=1e-10)
     assert columns[0] == pytest.approx(columns[1], abs=1e-8)
     assert np.sqrt(np.mean(residuals[0] ** 2)) == pytest.approx(SIGMA, rel=0.1)
@@ -140,7 +144,7 @@ def test_an_outlier_does_not_move_the_instrument():
     robot = nominal("serial-arm")
     c = campaign(robot, targets(robot), 0.0)
     wild = replace(c, value=c.value + np.where(np.arange(len(c)) == 17, 0.8, 0.0))
-    one, other = (RobotModel(each, robot).predict().placed.setup for each in (c, wild))
+    one, other = (RobotModel(each, robot).predict().placed_instruments.setup for each in (c, wild))
     assert other.origin == pytest.approx(one.origin, abs=2e-5)
 
 

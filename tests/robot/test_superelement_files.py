@@ -71,7 +71,7 @@ def robot_of(path, line):
 def test_what_is_written_is_read(written, file, exact):
     path, k, m = written
     part = robot_of(path, f'file = "{file}"').parts["frame"]
-    assert part.named == tuple(NODES)
+    assert part.interface_names == tuple(NODES)
     assert np.array(list(part.interfaces.values())) == pytest.approx(np.array(list(NODES.values())), rel=1e-8)
     assert np.abs(np.array(part.stiffness) - k[:18, :18]).max() <= exact * np.abs(k).max()
     assert np.abs(np.array(part.mass_matrix) - m).max() <= exact * np.abs(m).max()

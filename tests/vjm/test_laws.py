@@ -25,7 +25,7 @@ def hexapod(curve=CURVE, backlash=GAP, spring=None, weight=1.0):
     joints = []
     for j in m.joints:
         if j.drive is not None:
-            law = Law.of(curve, backlash)
+            law = Law.from_curve(curve, backlash)
             joints.append(replace(j, drive=Drive(law.slopes[0], law=law)))
         else:
             joints.append(replace(j, spring=spring))
@@ -146,7 +146,7 @@ def sled(law):
 
 @pytest.mark.parametrize("force", [0.0, 1e-9, 5.0, 20.0, 80.0, -300.0])
 def test_one_drive_in_closed_form(force):
-    law = Law.of(CURVE, GAP)
+    law = Law.from_curve(CURVE, GAP)
     moved = deflection(sled(law), [[0.0]], [force, 0, 0, 0, 0, 0]).twist[0, 0]
     at = np.interp(abs(force), [0.0, 20.0, 140.0, 1140.0], [0.0, 2e-6, 8e-6, 58e-6]) + GAP / 2
     assert moved == pytest.approx(np.sign(force) * at, rel=1e-12)
@@ -154,8 +154,8 @@ def test_one_drive_in_closed_form(force):
 
 
 def test_a_compliance_in_series_adds_to_the_deflection_at_every_force():
-    law = Law.of(CURVE, GAP)
-    softer = law.yielding(3e-8)
+    law = Law.from_curve(CURVE, GAP)
+    softer = law.add_compliance(3e-8)
     for theta in np.linspace(-1e-4, 1e-4, 11):
         f = law.force(np.array([theta]))
         assert softer.force(theta + 3e-8 * f) == pytest.approx(f, rel=1e-12)
@@ -163,11 +163,11 @@ def test_a_compliance_in_series_adds_to_the_deflection_at_every_force():
             np.trapezoid(law.force(np.linspace(0, theta, 4001)), np.linspace(0, theta, 4001)), rel=1e-5
         )
     with pytest.raises(InputError, match="expected a drive that yields"):
-        law.yielding(-1e-6)
+        law.add_compliance(-1e-6)
 
 
 def test_a_straight_curve_is_a_linear_drive():
-    law = Law.of([[1e-6, 20.0], [3e-6, 60.0]])
+    law = Law.from_curve([[1e-6, 20.0], [3e-6, 60.0]])
     straight, linear = hexapod(curve=[[1e-6, 20.0], [3e-6, 60.0]], backlash=0.0), read("stewart")
     assert len(law.slopes) == 1
     wrench = [10.0, 20, 30, 1, 2, 3]

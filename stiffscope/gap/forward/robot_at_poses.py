@@ -150,7 +150,7 @@ class RobotAtPoses:
         return self.instruments.start(*self.targets(self.rest))
 
     @property
-    def expected(self) -> Array:
+    def expected_values(self) -> Array:
         """Positions and distances (a,) of the rigid robot as commanded."""
         return self.instruments.look(self.instruments_start[0], *self.targets(self.rest))
 

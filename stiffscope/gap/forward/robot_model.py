@@ -60,7 +60,7 @@ class RobotModel:
         if (campaign.kind == POSITION).any() and campaign.expected is None:
             at = RobotAtPoses(self.nominal, campaign)
             expected = np.zeros(len(campaign))
-            expected[at.instruments.rows] = at.expected
+            expected[at.instruments.rows] = at.expected_values
             campaign = replace(campaign, value=campaign.value - expected, expected=expected)
         object.__setattr__(self, "campaign", campaign)
 

@@ -150,12 +150,12 @@ class RobotReadings:
         out = np.eye(6)[c.direction]
         for k in range(len(c.sensors)):
             out[c.sensor == k] = self._looks(k)
-        if self.placed is not None:
-            out[self.robot_at_poses.instruments.rows] = self.placed.looks
+        if self.placed_instruments is not None:
+            out[self.robot_at_poses.instruments.rows] = self.placed_instruments.looks
         return out
 
     @cached_property
-    def placed(self) -> Placed | None:
+    def placed_instruments(self) -> Placed | None:
         """Instruments that read positions and distances; None where there are none."""
         instruments = self.robot_at_poses.instruments
         if not len(instruments.rows):
@@ -168,7 +168,11 @@ class RobotReadings:
     @cached_property
     def projection(self) -> Projection:
         """What is unknown of the instruments."""
-        return self.robot_at_poses.instruments.zeros if self.placed is None else self.placed.projection
+        return (
+            self.robot_at_poses.instruments.zeros
+            if self.placed_instruments is None
+            else self.placed_instruments.projection
+        )
 
     def _looks(self, sensor: int) -> Array:
         """Direction of motion (6,) that a sensor looks in."""
@@ -300,9 +304,9 @@ class RobotReadings:
             mine = self.is_motion & (c.sensor == k)
             if mine.any():
                 out[mine] = np.einsum("ni,ij,nj->n", self.axis[mine], self.instrument(k), self.twist[mine])
-        if self.placed is not None:
+        if self.placed_instruments is not None:
             rows = self.robot_at_poses.instruments.rows
-            out[rows] = self.placed.seen - (0.0 if c.expected is None else c.expected[rows])
+            out[rows] = self.placed_instruments.seen - (0.0 if c.expected is None else c.expected[rows])
         if (c.kind == STIFFNESS).any():
             out = np.where(c.kind == STIFFNESS, self.entries(self.shown_stiffness), out)
         if (c.kind == PUSH).any():

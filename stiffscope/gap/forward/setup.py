@@ -45,7 +45,7 @@ class Setup:
     zero: Array
     """(z,)."""
 
-    def moved(self, step: Array) -> Setup:
+    def move(self, step: Array) -> Setup:
         """The same after a step (6 f + 3 t + z,): frames shift and turn, targets shift, zeros shift."""
         f, t = len(self.origin), len(self.away)
         frames, away = step[: 6 * f].reshape(f, 6), step[6 * f : 6 * f + 3 * t].reshape(t, 3)
@@ -209,7 +209,7 @@ class Instruments:
         return Setup(np.tile(np.eye(3), (f, 1, 1)), np.zeros((f, 3)), np.zeros((t, 3)), np.zeros(z))
 
     @cached_property
-    def measured(self) -> Array:
+    def measured_values(self) -> Array:
         """Positions and distances (a,) as they were read."""
         c = self.campaign
         return c.value[self.rows] + (0.0 if c.expected is None else c.expected[self.rows])
@@ -224,24 +224,26 @@ class Instruments:
         turns
             (a, 3, 3) of its body, from home.
         """
-        setup, weight = self._stated(), np.array(self._weight)
+        setup, weight = self._stated_setup(), np.array(self._weight)
         own, ranged = weight[self.rows], self._looks[1]
         for k, which in enumerate(self._frame[1]):
             if self.campaign.frames[which].pose is None:
                 mine = np.flatnonzero(self._frame[0] == k)
-                rotation, origin = find_frame(self._triples(mine), ranged[mine], points[mine], self.measured[mine])
+                rotation, origin = find_frame(
+                    self._triples(mine), ranged[mine], points[mine], self.measured_values[mine]
+                )
                 setup.rotation[k], setup.origin[k] = rotation, origin
         for _ in range(_PASSES):
             weight[self.rows] = own
             setup = self.fit(points, turns, setup, weight)
-            left = self.measured - self._linearize(setup, points, turns)[0]
+            left = self.measured_values - self._linearize(setup, points, turns)[0]
             again = np.where(find_outlying(left), 0.0, self._weight[self.rows])
             if np.array_equal(again, own):
                 break
             own = again
         return setup, weight
 
-    def _stated(self) -> Setup:
+    def _stated_setup(self) -> Setup:
         """As the campaign has it."""
         out = self._nowhere
         for k, which in enumerate(self._frame[1]):
@@ -265,18 +267,18 @@ class Instruments:
     def fit(self, points: Array, turns: Array, setup: Setup, weight: Array) -> Setup:
         """The instruments that fit best, by damped Gauss-Newton from others."""
         sigma, stated = self._prior
-        own, start = weight[self.rows], self._stated()
+        own, start = weight[self.rows], self._stated_setup()
         seen, _, columns = self._linearize(setup, points, turns)
-        left, mean = (self.measured - seen) * own, self._offset(setup, start)
+        left, mean = (self.measured_values - seen) * own, self._offset(setup, start)
         for _ in range(_STEPS):
             u, s, v = _factors(columns[self.rows] * own[:, None] * sigma)
             pull = v @ np.where(stated & (sigma > 0.0), mean, 0.0)
             whole = v.T @ ((s * (u.T @ left) + s**2 * pull) / (s**2 + 1.0)) - np.where(stated, mean, 0.0)
             cost = left @ left + np.sum(mean[stated] ** 2)
             for share in 0.5 ** np.arange(_HALVINGS):
-                trial = setup.moved(share * sigma * whole)
+                trial = setup.move(share * sigma * whole)
                 seen, _, ahead = self._linearize(trial, points, turns)
-                after, there = (self.measured - seen) * own, self._offset(trial, start)
+                after, there = (self.measured_values - seen) * own, self._offset(trial, start)
                 if after @ after + np.sum(there[stated] ** 2) <= cost * (1.0 + 1e-12):
                     break
             else:
@@ -308,7 +310,7 @@ class Instruments:
         """
         setup = self.fit(points, turns, *start)
         seen, direction, columns = self._linearize(setup, points, turns)
-        offset = self._offset(setup, self._stated()) * self._prior[0]
+        offset = self._offset(setup, self._stated_setup()) * self._prior[0]
         looks = np.concatenate([direction, np.cross(self._levers(setup, turns), direction)], axis=1)
         return Placed(setup, seen - columns[self.rows] @ offset, looks, self.project(columns, start[1]))
 

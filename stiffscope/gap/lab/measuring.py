@@ -244,7 +244,7 @@ def sigma_of(rows: Readings, noise: Noise) -> Array:
     return np.where(rows.kind == 2, noise.stiffness * np.abs(rows.value), sigma)
 
 
-def with_noise(rows: Readings, instrument: Instrument, noise: Noise, rng: np.random.Generator) -> Readings:
+def _with_noise(rows: Readings, instrument: Instrument, noise: Noise, rng: np.random.Generator) -> Readings:
     """Return the readings that a lab would hand over."""
     n = len(rows.value)
     sigma = sigma_of(rows, noise) * np.exp(noise.spread * rng.standard_normal(n))
@@ -269,4 +269,4 @@ def measure(
 
     Raises InputError for poses that the machine cannot reach.
     """
-    return with_noise(true_readings(machine, plan, located), machine.instrument, noise, rng)
+    return _with_noise(true_readings(machine, plan, located), machine.instrument, noise, rng)

@@ -55,12 +55,12 @@ def part_pictures(
 
     """
     solved = load_experiment(experiment)
-    contact_sheet(folder / sheet, solved, title)
+    _contact_sheet(folder / sheet, solved, title)
     if mesh:
-        tagged_mesh(folder / mesh, solved, title, clamped, loaded)
+        _tagged_mesh(folder / mesh, solved, title, clamped, loaded)
 
 
-def contact_sheet(target: Path, experiment: Experiment, title: str) -> None:
+def _contact_sheet(target: Path, experiment: Experiment, title: str) -> None:
     """Draw the part deformed by each unit wrench: displacement above, von Mises stress below."""
     mesh, motion, stress = experiment.mesh, experiment.displacement[:6], experiment.von_mises[:6]
     size = np.linalg.norm(motion, axis=2)  # (6, nodes)
@@ -101,7 +101,7 @@ def _draw_deformed(
     return shot(plotter), limit, largest
 
 
-def tagged_mesh(target: Path, experiment: Experiment, title: str, clamped: list[int], loaded: list[int]) -> None:
+def _tagged_mesh(target: Path, experiment: Experiment, title: str, clamped: list[int], loaded: list[int]) -> None:
     """Draw the mesh from both ends, clamped and loaded faces in colour."""
     mesh = experiment.mesh
     views = [view_of(mesh.points, towards=(side, 1.0, -0.75), width=1100) for side in (0.55, -0.9)]

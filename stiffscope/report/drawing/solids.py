@@ -53,10 +53,10 @@ class Solid:
         if len(ends) == 1:
             out.points = ends[0]
         else:
-            out.points = self._bent(home, ends, moves) if self.length else self._between(home, ends)
+            out.points = self._bent(home, ends, moves) if self.length else self._blend_ends(home, ends)
         return out
 
-    def _between(self, home: Floats, ends: list[Floats]) -> Floats:
+    def _blend_ends(self, home: Floats, ends: list[Floats]) -> Floats:
         """Between the rigid displacements of all ends: the nearer one is, the larger its share (Shepard)."""
         away = np.linalg.norm(home[None] - np.asarray(self.places)[:, None], axis=2)
         share = (away.max() * 1e-3 + away) ** -3.0

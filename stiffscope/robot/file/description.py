@@ -108,7 +108,7 @@ class RobotFile:
         section = self.bodies.get(body)
         if isinstance(section, ElasticBody):
             return ENDS
-        return self.parts[section.part].named if isinstance(section, InterfaceBody) else ()
+        return self.parts[section.part].interface_names if isinstance(section, InterfaceBody) else ()
 
     def nodes(self) -> dict[str, str]:
         """What a joint may stand on: rigid bodies, ends of elastic ones and the ground, each with its body's name."""

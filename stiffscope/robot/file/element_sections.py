@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-def _both(value: Any) -> Any:
+def _check_both(value: Any) -> Any:
     pair = value if isinstance(value, list | tuple) else [value, value]
     found = tuple(q.to_si(each, q.NUMBER) for each in pair)
     if len(found) != 2 or not all(0.5 < each < 1.0 for each in found):
@@ -46,7 +46,9 @@ def _both(value: Any) -> Any:
 
 
 _THREE = 'three forces, along the axis first, such as ["0 N", "500 N", "0 N"]'
-Osculation = Annotated[tuple[float, float], BeforeValidator(_both), Says("a ratio such as 0.52, or inner and outer")]
+Osculation = Annotated[
+    tuple[float, float], BeforeValidator(_check_both), Says("a ratio such as 0.52, or inner and outer")
+]
 Forces = Annotated[tuple[Force, Force, Force], Says(_THREE)]
 
 

@@ -137,7 +137,7 @@ class PartSection(Section):
     mass: MassOrCad = "cad"
 
     @property
-    def named(self) -> tuple[str, ...]:
+    def interface_names(self) -> tuple[str, ...]:
         """Names of its interfaces, the ends of bodies made of it; none of a part between a base and a tip."""
         return ()
 
@@ -203,7 +203,7 @@ class _Plate(ParametricPart):
     published: str | None = None  # a matrix of data/published, for the source "published"
 
     @property
-    def named(self) -> tuple[str, ...]:
+    def interface_names(self) -> tuple[str, ...]:
         """See `PartSection`."""
         size = self.dimensions()
         return ("clamped", *PADS) if size["pads"] == "apart" and size["pad_height"] else ()
@@ -254,7 +254,7 @@ class StepPart(SolidPart):
         return value
 
     @property
-    def named(self) -> tuple[str, ...]:
+    def interface_names(self) -> tuple[str, ...]:
         """See `PartSection`."""
         return tuple(self.interfaces or ())
 
@@ -354,7 +354,7 @@ class InterfacePart(PartSection):
     mass: MassOrCad = 0.0
 
     @property
-    def named(self) -> tuple[str, ...]:
+    def interface_names(self) -> tuple[str, ...]:
         """See `PartSection`."""
         return tuple(self.interfaces)
 

@@ -126,7 +126,7 @@ class Gear(Section):
     t2: MomentAbove
 
     @model_validator(mode="after")
-    def _rising(self) -> Gear:
+    def _check_rising(self) -> Gear:
         if not self.t1 < self.t2:
             raise ValueError(f"expected a torque t1 below t2, got {self.t1:g} and {self.t2:g} N*m")
         return self

@@ -175,7 +175,7 @@ def _read_body(name: str, table: Any, parts: Mapping[str, PartSection]) -> BodyS
     if isinstance(table, dict):
         part = parts.get(str(table.get("part")))
         bare = isinstance(part, ParametricPart) and {"base", "tip"} & table.keys()
-        if part is not None and part.named and not bare:
+        if part is not None and part.interface_names and not bare:
             return read_table(InterfaceBody, table, key)
         elastic = [each for each in table if each in keys_of(ElasticBody)]
         rigid = [each for each in table if each in keys_of(RigidBody)]

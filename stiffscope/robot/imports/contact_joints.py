@@ -81,7 +81,7 @@ def hold(contact: Contact, scale: float) -> Array:
     return rows @ shift(contact.point / scale)
 
 
-def bonds_of(solids: Sequence[Instance], contacts: Iterable[Contact], hardware: Hardware, scale: float) -> list[Bond]:
+def _bonds_of(solids: Sequence[Instance], contacts: Iterable[Contact], hardware: Hardware, scale: float) -> list[Bond]:
     """Find what holds what: contacts as they are, but screws and seats hold all, and bearings leave their spin."""
     found = []
     for contact in contacts:
@@ -126,7 +126,7 @@ def _spin(ring: Instance, scale: float) -> Array:
     return _all_but_spin(axis, ring.centre / scale)
 
 
-def relative_freedom(first: int, second: int, bonds: Sequence[Bond]) -> Array:
+def _relative_freedom(first: int, second: int, bonds: Sequence[Bond]) -> Array:
     """Twists (6, k) of one solid against another that the bonds of these and of solids between them leave free."""
     numbers = {second: 0}
     for bond in bonds:
@@ -226,7 +226,7 @@ def find_joints(
     """
     boxes = np.array([solid.box for solid in solids])
     scale = float(np.linalg.norm(boxes[:, 1].max(axis=0) - boxes[:, 0].min(axis=0)))
-    bonds = bonds_of(solids, contacts, hardware, scale)
+    bonds = _bonds_of(solids, contacts, hardware, scale)
     parts = [number for number in range(len(solids)) if number not in hardware.roles]
     between: dict[tuple[int, int], list[Bond]] = defaultdict(list)
     for bond in bonds:
@@ -250,7 +250,7 @@ def find_joints(
             text = f"{left}, which no joint has; say which with --joint"
             doubts.append(Doubt((solids[i].name, solids[j].name), text))
     doubts += _other_readings(solids, contacts, hardware)
-    return _needed(joints, parts, solids, doubts), doubts
+    return _drop_unneeded(joints, parts, solids, doubts), doubts
 
 
 def _clusters(bonds: Sequence[Bond], hardware: Hardware) -> list[set[int]]:
@@ -294,7 +294,7 @@ def _pair_up(ends: Sequence[int], bonds: Sequence[Bond], direct: set[tuple[int, 
 def _freedom(
     i: int, j: int, bonds: list[Bond], solids: Sequence[Instance], scale: float, hardware: Hardware
 ) -> Freedom:
-    scaled = relative_freedom(i, j, bonds)
+    scaled = _relative_freedom(i, j, bonds)
     touching = [bond.contact for bond in bonds if bond.contact is not None]
     round_ = [each for each in touching if each.kind != "plane"] or touching
     near = np.mean([each.point for each in round_], axis=0)
@@ -347,7 +347,7 @@ def _other_readings(solids: Sequence[Instance], contacts: Sequence[Contact], har
     return found
 
 
-def _needed(
+def _drop_unneeded(
     joints: Sequence[Freedom], parts: Sequence[int], solids: Sequence[Instance], doubts: list[Doubt]
 ) -> list[Freedom]:
     """Joints without planes that slide where other joints guide already: those are told instead."""

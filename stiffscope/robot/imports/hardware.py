@@ -154,7 +154,7 @@ def find_hardware(solids: Sequence[Instance], contacts: Sequence[Contact], said:
 def _role_of(number: int, solid: Instance, form: Turned | None, touched: Sequence[Contact]) -> tuple[str, str]:
     """Role and reason: by shape, unless the solid is held square to its own axis somewhere; else by name."""
     role, reason = _role_by_shape(number, form, touched)
-    if role and not all(_about(each, solid, form) for each in touched):
+    if role and not all(_is_about_axis(each, solid, form) for each in touched):
         return "", ""
     named = next((word for word, pattern in _NAMED.items() if pattern.search(solid.name)), "")
     if named and ((not role and _may_be(named, form)) or (role, named) == ("pin", "screw")):
@@ -171,8 +171,8 @@ def _role_by_shape(number: int, form: Turned | None, touched: Sequence[Contact])
     """Role and reason, or two empty texts."""
     if form is None or (not form.steps and not form.bores):
         return "", ""
-    inside = {each.other(number) for each in touched if each.kind == "cylinder" and _stands_in(each, number)}
-    around = {each.other(number) for each in touched if each.kind == "cylinder" and not _stands_in(each, number)}
+    inside = {each.find_other(number) for each in touched if each.kind == "cylinder" and _stands_in(each, number)}
+    around = {each.find_other(number) for each in touched if each.kind == "cylinder" and not _stands_in(each, number)}
     if form.bore:
         low, high = _BEARING
         if (
@@ -200,7 +200,7 @@ def _role_of_bar(form: Turned, radius: float, length: float, bores: int) -> tupl
     return ("pin", f"one diameter, in bores of {bores} others") if plain and bores > 1 else ("", "")
 
 
-def _about(contact: Contact, solid: Instance, form: Turned | None) -> bool:
+def _is_about_axis(contact: Contact, solid: Instance, form: Turned | None) -> bool:
     """Whether a contact is about the axis of the solid."""
     if form is None:
         return False
@@ -235,7 +235,7 @@ def _rolling_bearings(
     pairs, within = [], set[int]()
     for inner in rings:
         for outer in rings:
-            between = _between(inner, outer, solids, forms)
+            between = _find_between(inner, outer, solids, forms)
             volumes = np.array([solids[number].product.volume for number in between])
             if any(np.isclose(volumes, volume, rtol=1e-6).sum() >= 3 for volume in volumes):
                 pairs.append((inner, outer))
@@ -243,7 +243,7 @@ def _rolling_bearings(
     return pairs, within
 
 
-def _between(inner: int, outer: int, solids: Sequence[Instance], forms: Sequence[Turned | None]) -> list[int]:
+def _find_between(inner: int, outer: int, solids: Sequence[Instance], forms: Sequence[Turned | None]) -> list[int]:
     """Solids that lie between two coaxial rings."""
     small, large = forms[inner], forms[outer]
     if inner == outer or small is None or large is None or not small.radius < large.radius:

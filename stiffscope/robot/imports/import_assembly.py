@@ -147,14 +147,14 @@ def import_assembly(
     if progress is not None:
         progress("read", 1.0)
     contacts = find_contacts(solids, progress)
-    roles = dict.fromkeys(_matching(solids, said.weld, "--weld"), "screw")
-    roles |= dict.fromkeys(_matching(solids, said.part, "--part"), "part")
+    roles = dict.fromkeys(_match_solids(solids, said.weld, "--weld"), "screw")
+    roles |= dict.fromkeys(_match_solids(solids, said.part, "--part"), "part")
     hardware = find_hardware(solids, contacts, roles)
     joints, doubts = find_joints(solids, contacts, hardware)
     joints = as_said(joints, said.joint, solids, contacts)
     found = _Found(solids, tuple(contacts), hardware, tuple(joints))
     ground = _choose_ground(found, said.ground)
-    kept, loose = _reached(found.joints, ground)
+    kept, loose = _find_reached(found.joints, ground)
     loose_names = [solids[n].name for n in range(len(solids)) if n in loose and n not in hardware.roles]
     doubts += [Doubt((name,), "no joint leads from it to the ground: left out") for name in loose_names]
     found = replace(found, joints=kept)
@@ -179,12 +179,12 @@ class _Found:
     hardware: Hardware
     joints: tuple[Freedom, ...]
 
-    def of(self, number: int) -> list[Freedom]:
+    def find_joints(self, number: int) -> list[Freedom]:
         """Joints of a part."""
         return [joint for joint in self.joints if number in {joint.first, joint.second}]
 
 
-def _matching(solids: Sequence[Instance], patterns: Iterable[str], option: str) -> set[int]:
+def _match_solids(solids: Sequence[Instance], patterns: Iterable[str], option: str) -> set[int]:
     """Solids that patterns name. Raises InputError where one names none."""
     found = set[int]()
     for pattern in patterns:
@@ -200,7 +200,7 @@ def _choose_ground(found: _Found, wanted: str | None) -> int:
     """The part that stands still: what is said, else by a usual name, else the heaviest one."""
     parts = [n for n in range(len(found.solids)) if n not in found.hardware.roles]
     if wanted is not None:
-        named = sorted(_matching(found.solids, (wanted,), "--ground") & set(parts))
+        named = sorted(_match_solids(found.solids, (wanted,), "--ground") & set(parts))
         if not named:
             raise InputError(f'--ground {wanted}: expected a part, got "{wanted}", which is hardware')
         return named[0]
@@ -210,7 +210,7 @@ def _choose_ground(found: _Found, wanted: str | None) -> int:
     return max(named, key=lambda n: (found.solids[n].product.volume, -n))
 
 
-def _reached(joints: Sequence[Freedom], ground: int) -> tuple[tuple[Freedom, ...], set[int]]:
+def _find_reached(joints: Sequence[Freedom], ground: int) -> tuple[tuple[Freedom, ...], set[int]]:
     """Joints that hang on the ground, and the parts that none leads to."""
     ends = {each for joint in joints for each in (joint.first, joint.second)} | {ground}
     seen, new = set[int](), {ground}
@@ -231,7 +231,7 @@ def _choose_tool(found: _Found, ground: int, wanted: str | None) -> int:
         new = step
     able = [n for n in distance if n != ground]
     if wanted is not None:
-        named = sorted(_matching(found.solids, (wanted,), "--tool") & set(able))
+        named = sorted(_match_solids(found.solids, (wanted,), "--tool") & set(able))
         if not named:
             names = ", ".join(found.solids[n].name for n in able)
             raise InputError(f'--tool {wanted}: expected a part that moves ({names}), got "{wanted}"')
@@ -241,7 +241,7 @@ def _choose_tool(found: _Found, ground: int, wanted: str | None) -> int:
             "expected parts that joints connect, got none that touches the ground; say --ground or --joint"
         )
     named = [n for n in able if _TOOL.search(found.solids[n].name)] or able
-    return max(named, key=lambda n: (distance[n], len(found.of(n)), -n))
+    return max(named, key=lambda n: (distance[n], len(found.find_joints(n)), -n))
 
 
 def _model(path: Path, found: _Found, ground: int, tool: int, said: Said) -> tuple[SimulatorModel, list[PartFile]]:
@@ -249,11 +249,11 @@ def _model(path: Path, found: _Found, ground: int, tool: int, said: Said) -> tup
     solids = found.solids
     moving = sorted({each for joint in found.joints for each in (joint.first, joint.second)} - {ground})
     materials = choose_materials(moving, solids, said.material, path)
-    rigid = _matching(solids, said.rigid, "--rigid")
+    rigid = _match_solids(solids, said.rigid, "--rigid")
     total = sum(solids[n].product.volume for n in moving)
     bodies, parts, ends = list[ModelBody](), list[PartFile](), dict[tuple[int, Freedom], str]()
     for number in moving:
-        solid, held = solids[number], found.of(number)
+        solid, held = solids[number], found.find_joints(number)
         why = _rigid_reason(number, held, rigid, solid.product.volume / total)
         if why:
             bodies.append(_rigid_body(solid, materials[number], why))
@@ -268,7 +268,7 @@ def _model(path: Path, found: _Found, ground: int, tool: int, said: Said) -> tup
         ends |= {(number, joint): f"{solid.name}.{names[face]}" for joint, face in zip(held, faces, strict=True)}
         bodies.append(ModelBody(solid.name, 0.0, solid.origin, np.zeros((3, 3)), part=part.name, axes=solid.rotation))
     joints = [_model_joint(joint, solids, ground, ends) for joint in found.joints]
-    last = found.of(tool)[-1]
+    last = found.find_joints(tool)[-1]
     tool_body = ends[tool, last]
     at = solids[tool].centre if tool_body == solids[tool].name else last.at
     motions = tool_motions([ground, *moving], found.joints, tool, ground, at)
