@@ -28,6 +28,7 @@ A robot, of a file or made here
     stiffness          6x6 stiffness at tool poses
     sag                twist of the tool under the robot's own weight
     deflection         twist of the tool under a wrench, and each element's share of the strain energy
+    along              error of the tool along a job's path under process forces, what the drives carry, and why
     modes              natural frequencies, mode shapes and energy by element at tool poses
     stiffness_map      picture of the stiffness over the workspace
     view               the robot that turns, bends and vibrates, inline in a notebook or as a page
@@ -53,6 +54,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from stiffscope.cad.materials import material as material
     from stiffscope.cad.step import read_step as read_step
+    from stiffscope.design.path.along import along as along
     from stiffscope.design.sensitivities import sensitivity as sensitivity
     from stiffscope.design.studies import Study as Study
     from stiffscope.design.studies import study as study
@@ -98,6 +100,7 @@ _MODULES = {
     "experiments.assembly": ("assemble",),
     "gap.campaigns": ("diagnose",),
     "experiments.orders": ("build_part",),
+    "design.path.along": ("along",),
     "design.sensitivities": ("sensitivity",),
     "design.studies": ("Study", "study"),
     "report.compare": ("compare",),

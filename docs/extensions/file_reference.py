@@ -15,6 +15,7 @@ from docutils.statemachine import StringList
 from pydantic_core import PydanticUndefined
 
 import stiffscope
+from stiffscope.design.path import job
 from stiffscope.design.study_sections import SECTIONS
 from stiffscope.effects.vocabulary import EFFECTS
 from stiffscope.gap.campaign.campaign_header import FRAME_KEYS, KEYS, LOAD_KEYS, SENSOR_KEYS
@@ -122,6 +123,19 @@ class StudyFileKeys(RobotFileKeys):
     """Tables of every key of a study's file."""
 
     tables = SECTIONS
+
+
+class JobFileKeys(RobotFileKeys):
+    """Tables of every key of a job's file."""
+
+    tables = (
+        ("the top level", job.JobSection),
+        ("[process]", job.ProcessSection),
+        ("[process.force]", job.ForceSection),
+        ("[process.milling]", job.MillingSection),
+        ("[process.drilling]", job.DrillingSection),
+        ("[payload]", job.PayloadSection),
+    )
 
 
 class CampaignKeys(Directive):
@@ -234,6 +248,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
     """Add the directives."""
     app.add_directive("robot-file-keys", RobotFileKeys)
     app.add_directive("study-file-keys", StudyFileKeys)
+    app.add_directive("job-file-keys", JobFileKeys)
     app.add_directive("campaign-keys", CampaignKeys)
     app.add_directive("gallery", Gallery)
     app.add_directive("turning-robot", TurningRobot)

@@ -34,7 +34,7 @@ MADE_UP = Outcome(
     1, "single", ("backlash @ motor",), "identified", ("backlash @ motor",), ((),), 20.0, (9.0, 1.0, 1.0, 1.0), (True,),
     robot="serial-arm", stated=((0.99, True),),
 )  # fmt: skip
-CAPITALS = ("DIR", "PART.", "ARM.", "STUDY.", "ROBOT", "CAMPAIGN")
+CAPITALS = ("DIR", "PART.", "ARM.", "STUDY.", "JOB.", "ROBOT", "CAMPAIGN")
 """Words of a command that stand for a file or folder."""
 URDF = """<robot name="arm">
   <link name="stand"/>
@@ -49,6 +49,11 @@ method = "grid"
 minimize = "mass"
 parameters = { "inner.radius" = { values = ["14 mm", "16 mm"] } }
 responses = { mass = "mass" }
+"""
+JOB = """robot = "serial-arm"
+components = "beam"
+path = "path.csv"
+process = { milling = { material = "C45E", diameter = 0.01, teeth = 4, speed = "50 1/s", depth = 1e-3, width = 3e-3 } }
 """
 
 
@@ -110,6 +115,10 @@ def _place() -> Iterator[Path]:
         write_step(build(robot.dimensions("slider"), robot.material("slider")), place / "PART.step")
         (place / "ARM.urdf").write_text(URDF)
         (place / "STUDY.toml").write_text(STUDY)
+        (place / "JOB.toml").write_text(JOB)
+        tool = load_robot("serial-arm").tool.at
+        rows = [f"{tool[0] + 1e-3 * k},{tool[1]},{tool[2]},0,0,0,0.01" for k in range(5)]
+        (place / "path.csv").write_text("\n".join(["x,y,z,rx,ry,rz,feed", *rows]))
         yield place
 
 

@@ -69,7 +69,9 @@ class Table:
         return out
 
 
-def read_table(path: Path, check: Callable[[str, list[str]], None], ignore: Collection[str] = ()) -> Table:
+def read_table(
+    path: Path, check: Callable[[str, list[str]], None], ignore: Collection[str] = (), most: int = MOST_ROWS
+) -> Table:
     """Return a table's columns, with surrounding blanks removed; blank lines are passed over.
 
     Columns of text are separated by commas, semicolons or tabs, as the header has them; with the latter two a number
@@ -83,6 +85,8 @@ def read_table(path: Path, check: Callable[[str, list[str]], None], ignore: Coll
         Called with the file's name and its header, without columns to ignore, before any row is looked at.
     ignore
         Columns that are not read.
+    most
+        Rows that are read at most.
 
     Raises
     ------
@@ -91,16 +95,14 @@ def read_table(path: Path, check: Callable[[str, list[str]], None], ignore: Coll
         the header's.
 
     """
-    rows, lines, decimal_comma = _sheet(path) if path.suffix.lower() == ".xlsx" else _lines(path)
+    rows, lines, decimal_comma = _sheet(path) if path.suffix.lower() == ".xlsx" else _lines(path, most)
     if not rows:
         raise InputError(f"{path.name}: expected a header line with the column names, got an empty file")
     header = _header(path.name, rows[0], lines[0])
     check(path.name, [name for name in header if name not in ignore])
-    if len(rows) > MOST_ROWS + 1:
-        line = lines[MOST_ROWS + 1]
-        raise InputError(
-            f"{path.name}:{line}: expected at most {MOST_ROWS:,} rows, got more; average repeated readings"
-        )
+    if len(rows) > most + 1:
+        what = f"{path.name}:{lines[most + 1]}: expected at most {most:,} rows, got more"
+        raise InputError(f"{what}; average repeated readings" if most == MOST_ROWS else what)
     _check_lengths(path.name, header, rows, lines)
     if len(rows) == 1:
         raise InputError(f"{path.name}:{lines[0] + 1}: expected at least one row under the header")
@@ -113,9 +115,9 @@ def read_table(path: Path, check: Callable[[str, list[str]], None], ignore: Coll
     return Table(path.name, columns, tuple(lines[1:]))
 
 
-def _lines(path: Path) -> tuple[list[list[str]], list[int], bool]:
+def _lines(path: Path, most: int) -> tuple[list[list[str]], list[int], bool]:
     """Rows of a text file with their lines, and whether its numbers may have a decimal comma."""
-    text = read_text(path, "a table in CSV", MOST_BYTES)
+    text = read_text(path, "a table in CSV", MOST_BYTES * max(1, most // MOST_ROWS))
     start = text.lstrip()[:_LONGEST].partition("\n")[0]
     mark = "\t" if "\t" in start else ";" if ";" in start else ","
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=mark, strict=True, skipinitialspace=mark != "\t")

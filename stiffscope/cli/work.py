@@ -1,0 +1,69 @@
+"""The machine at work: the command on a path under a process."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from stiffscope.cli import options
+from stiffscope.cli.options import takes
+from stiffscope.cli.output import emit, open_workshop, warn_of
+from stiffscope.design.path.along import along
+from stiffscope.design.path.compensate import compensate
+from stiffscope.design.path.job import load_job
+from stiffscope.experiments.assembly import assemble_robots
+from stiffscope.experiments.manifest import manifest_of
+from stiffscope.report import paths
+from stiffscope.report.kept_pictures import draw_deflection
+from stiffscope.report.progress import progress
+from stiffscope.report.robot_view import wrench_cases
+from stiffscope.vjm.kinematics import configure
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from stiffscope.cli.output import Output
+    from stiffscope.report.terminal import Shown
+
+
+@click.command()
+@takes(click.argument("name", metavar="JOB", type=click.Path(path_type=Path)), options.out, options.json)
+@click.option(
+    "--compensate", "undo", is_flag=True, help="Also commands such that the loaded tool is where it should be."
+)
+def path(name: Path, *, undo: bool, output: Output) -> None:
+    """Error of the tool along a path under process forces.
+
+    JOB is a TOML file: robot, path (a table or G-code), process. The folder has path.csv, figures and a report, and
+    with --compensate the compensated path in the format that came in.
+    """
+    job = load_job(name)
+    out = output.required_folder()
+    output.check_folder(out)
+    manifest = manifest_of(job.robot, job.file)
+    with open_workshop(output) as shop:
+        made = assemble_robots({"now": job.robot}, job.section.components, shop)["now"]
+    warn_of(made.results.values())
+    with progress(quiet=output.quiet) as open_line:
+        report = open_line("path")
+        state = along(job, made, progress=report)
+        after = compensate(job, made, state, report) if undo else None
+    worst = configure(made.mechanism, state.commanded_poses[[state.worst]])
+    cases = wrench_cases(made.mechanism, worst, state.wrench[state.worst], "the process there")
+
+    def fill(folder: Path) -> None:
+        paths.write_csv(state, folder / "path.csv")
+        if after is not None:
+            after.path.write(folder / f"compensated{job.path_file.suffix if after.path.program else '.csv'}")
+        paths.draw_path(state, after, folder)
+        draw_deflection(made, ["greatest error"], worst, cases, folder)
+
+    def page(folder: Path, shown: Sequence[Shown]) -> None:
+        paths.write_path_page(folder, state, worst, cases, shown)
+
+    emit(
+        output, lambda: paths.path_json(state, after), lambda: paths.show_path(state, after), manifest=manifest,
+        fill=fill, page=page,
+    )  # fmt: skip

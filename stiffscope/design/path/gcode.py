@@ -1,0 +1,229 @@
+"""ISO G-code: straight lines and arcs of a program as points, and points written back (ISO 6983-1).
+
+G0 to G3 with I J K or R, G17 to G19, G20 and G21, G90 and G91, F. Words that do not move the tool stay as they are.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.runtime.reading import read_text
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from stiffscope.runtime.types import Array, Flags, Indices
+
+MOST_BYTES = 1 << 28
+INCH = 25.4e-3
+_WORD = re.compile(r"([A-Z])\s*([-+]?(?:\d+\.?\d*|\.\d+))")
+_COMMENT = re.compile(r"\([^)]*\)|;.*")
+_PLANES = {17: (0, 1, 2), 18: (2, 0, 1), 19: (1, 2, 0)}
+_MOVES = (0, 1, 2, 3)
+_KNOWN = {*_MOVES, *_PLANES, 4, 20, 21, 28, 30, 40, 43, 49, 53, 54, 61, 64, 80, 90, 91, 94}
+_REFUSED = "expected G0 to G3, G17 to G21, G90, G91 and others that do not move the tool"
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """Points (n, 3) in m, program axes: the first is where it starts.
+
+    ``rapid`` (n,) tells moves by G0, ``feed`` (n,) is in m/s (NaN before any F), ``line`` (n,) the line of the file.
+    ``text``: lines of the file, ``moving``: which of them move the tool.
+    """
+
+    points: Array
+    rapid: Flags
+    feed: Array
+    line: Indices
+    text: tuple[str, ...]
+    moving: frozenset[int]
+
+
+@dataclass
+class _State:
+    at: Array = field(default_factory=lambda: np.zeros(3))
+    move: int = 0
+    plane: int = 17
+    unit: float = 1e-3
+    absolute: bool = True
+    feed: float = np.nan
+
+
+def read_program(path: Path, step: float) -> Program:
+    """Read a program.
+
+    Parameters
+    ----------
+    path
+        The file.
+    step
+        m; lines and arcs have a point at least so often. Smaller gives more points.
+
+    Raises
+    ------
+    InputError
+        A word that is none, an arc that does not close, or a code that moves the tool in a way not known here.
+
+    """
+    text = tuple(read_text(path, "a program in G-code", MOST_BYTES).splitlines())
+    state, moving = _State(), set[int]()
+    rows: list[tuple[Array, bool, float, int]] = []
+    for number, line in enumerate(text):
+        for point in _read_line(state, line, f"{path.name}:{number + 1}", step):
+            rows.append((point, state.move == 0, state.feed, number))
+            moving.add(number)
+    if not rows:
+        raise InputError(f"{path.name}: expected lines that move the tool (G0 to G3 with X, Y or Z), got none")
+    points = np.array([row[0] for row in rows])
+    return Program(
+        points, np.array([row[1] for row in rows]), np.array([row[2] for row in rows]),
+        np.array([row[3] for row in rows]), text, frozenset(moving),
+    )  # fmt: skip
+
+
+def _read_line(state: _State, line: str, here: str, step: float) -> Iterator[Array]:
+    """Points of a line's move, the last one its end."""
+    bare = _COMMENT.sub("", line).strip().upper()
+    if not bare or bare.startswith(("%", "/")):
+        return
+    words = _WORD.findall(bare)
+    rest = _WORD.sub("", bare).strip()
+    if rest:
+        raise InputError(f"{here}: expected words such as G1 X10.5 F200, got {rest[:20]!r}")
+    values = {letter: float(number) for letter, number in words if letter not in "GMNTSOH"}
+    for letter, number in words:
+        if letter == "G":
+            _set_mode(state, float(number), here)
+    if "F" in values:
+        state.feed = values["F"] * state.unit / 60.0
+    axes = [letter for letter in "XYZ" if letter in values]
+    turned = [letter for letter in "ABCUVW" if values.get(letter)]
+    if turned:
+        raise InputError(
+            f"{here}: {turned[0]}: expected moves in X, Y and Z alone, got {turned[0]}{values[turned[0]]:g}"
+        )
+    if not axes and not (state.move > 1 and {"I", "J", "K"} & set(values)):
+        return
+    end = state.at.copy()
+    for letter in axes:
+        k = "XYZ".index(letter)
+        end[k] = values[letter] * state.unit + (0.0 if state.absolute else end[k])
+    if state.move < 2:
+        yield from _divide(state.at, end, step if state.move else np.inf)
+    else:
+        yield from _arc(state, end, values, here, step)
+    state.at = end
+
+
+def _set_mode(state: _State, code: float, here: str) -> None:
+    known = int(code)
+    if known not in _KNOWN:
+        raise InputError(f"{here}: G{code:g}: {_REFUSED}, got G{code:g}")
+    if known in {28, 30, 53}:
+        raise InputError(f"{here}: G{code:g}: expected moves in the program's own axes, got one in the machine's")
+    if known in _MOVES:
+        state.move = known
+    elif known in _PLANES:
+        state.plane = known
+    elif known in {20, 21}:
+        state.unit = INCH if known == 20 else 1e-3
+    elif known in {90, 91} and code == known:
+        state.absolute = known == 90
+
+
+def _divide(start: Array, end: Array, step: float) -> Iterator[Array]:
+    count = max(1, int(np.ceil(float(np.linalg.norm(end - start)) / step - 1e-9))) if np.isfinite(step) else 1
+    for k in range(1, count):
+        yield start + (end - start) * (k / count)
+    yield end
+
+
+def _arc(state: _State, end: Array, values: dict[str, float], here: str, step: float) -> Iterator[Array]:
+    """Points of an arc or helix, G2 clockwise and G3 counter-clockwise seen against the plane's normal."""
+    a, b, c = _PLANES[state.plane]
+    start = state.at
+    sense = -1.0 if state.move == 2 else 1.0
+    if "R" in values:
+        centre = _centre_of(start, end, values["R"] * state.unit, (a, b), sense, here)
+    else:
+        offset = np.array([values.get(letter, 0.0) * state.unit for letter in "IJK"])
+        centre = (start + offset)[[a, b]]
+    one, two = start[[a, b]] - centre, end[[a, b]] - centre
+    radius = float(np.linalg.norm(one))
+    if radius < 1e-9 or abs(radius - np.linalg.norm(two)) > max(1e-5, 2e-3 * radius):
+        raise InputError(f"{here}: expected an arc whose ends are as far from its centre, got {1e3 * radius:g} mm and "
+                         f"{1e3 * float(np.linalg.norm(two)):g} mm")  # fmt: skip
+    begin = np.arctan2(one[1], one[0])
+    turn = sense * float(np.mod(sense * (np.arctan2(two[1], two[0]) - begin), 2.0 * np.pi))
+    if abs(turn) < 1e-9:
+        turn = sense * 2.0 * np.pi
+    length = float(np.hypot(radius * turn, end[c] - start[c]))
+    count = max(int(np.ceil(length / step - 1e-9)), int(np.ceil(abs(turn) / np.deg2rad(10.0))), 1)
+    for k in range(1, count):
+        point, angle = np.empty(3), begin + turn * k / count
+        point[[a, b]] = centre + radius * np.array([np.cos(angle), np.sin(angle)])
+        point[c] = start[c] + (end[c] - start[c]) * k / count
+        yield point
+    yield end
+
+
+def _centre_of(start: Array, end: Array, radius: float, axes: tuple[int, int], sense: float, here: str) -> Array:
+    """Centre (2,) of an arc by its radius; a negative one has the longer way."""
+    one, two = start[list(axes)], end[list(axes)]
+    chord = two - one
+    half = 0.5 * float(np.linalg.norm(chord))
+    if not 0.0 < half <= abs(radius) * (1.0 + 1e-6):
+        raise InputError(
+            f"{here}: R: expected a radius of at least half of the chord, {1e3 * half:g} mm, got {1e3 * radius:g} mm"
+        )
+    rise = np.sqrt(max(radius**2 - half**2, 0.0)) * np.sign(radius) * sense
+    return 0.5 * (one + two) + rise * np.array([-chord[1], chord[0]]) / (2.0 * half)
+
+
+def program_text(program: Program, points: Array) -> str:
+    """Write a program with other points, as straight lines; what does not move the tool stays as it is.
+
+    Parameters
+    ----------
+    program
+        As `read_program` gives it.
+    points
+        (n, 3) in m, program axes, in place of its own.
+
+    Returns
+    -------
+    str
+        In mm and absolute; read again it has these points.
+
+    """
+    by_line: dict[int, list[int]] = {}
+    for k, line in enumerate(program.line.tolist()):
+        by_line.setdefault(line, []).append(k)
+    out, feed = ["G21 G90"], np.nan
+    for number, text in enumerate(program.text):
+        if number not in by_line:
+            out.append(_without_modes(text))
+            continue
+        other = " ".join(f"{a}{b}" for a, b in _WORD.findall(_COMMENT.sub("", text).upper()) if a in "MST")
+        if other:
+            out.append(other)
+        for k in by_line[number]:
+            words = " ".join(f"{axis}{1e3 * value + 0.0:.12g}" for axis, value in zip("XYZ", points[k], strict=True))
+            speed = (
+                f" F{6e4 * program.feed[k]:.15g}" if program.feed[k] != feed and np.isfinite(program.feed[k]) else ""
+            )
+            out.append(f"G{0 if program.rapid[k] else 1} {words}{speed}")
+            feed = program.feed[k]
+    return "\n".join(out) + "\n"
+
+
+def _without_modes(text: str) -> str:
+    """A line that does not move, without feeds, units and modes of the source, which the points have their own of."""
+    return re.sub(r"(?i)(?<![A-Z(])(G\s*(0?[0-3]|1[789]|2[01]|9[01])(?![\d.])|F\s*[\d.]+)\s*", "", text)

@@ -1,0 +1,215 @@
+"""A job's file: a robot, a path, and the process that loads the tool along it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from stiffscope.design.path.cutting import cutting_materials, drill, mill
+from stiffscope.design.path.toolpath import ToolPath, read_toolpath
+from stiffscope.errors import InputError
+from stiffscope.robot.file import quantities as q
+from stiffscope.robot.file.parse import FieldError, Source, parse_text
+from stiffscope.robot.file.tables import one_of, read_table
+from stiffscope.robot.file.values import ANGLE, Direction, Force, Length, Mass, Point, Positive, Reads, Says, Section
+from stiffscope.robot.library import robot_names
+from stiffscope.robot.reader import load_robot
+from stiffscope.runtime import reading
+
+if TYPE_CHECKING:
+    from stiffscope.design.path.cutting import CuttingForces
+    from stiffscope.robot.file.description import RobotFile
+
+_SPEED = q.Dimension("a speed", "m/s", "600 mm/min", 1e-9, 1e3)
+_TURNS = q.Dimension("a rotational speed", "Hz", "9000 rpm", 1e-6, 1e5)
+_STRESS = q.Dimension("a specific cutting force", "Pa", "2220 N/mm^2", 1e3, 1e12)
+
+
+_A_SECOND = {"rpm": 60.0, "1/min": 60.0, "rev/min": 60.0, "Hz": 1.0, "1/s": 1.0, "rev/s": 1.0}  # turns
+
+
+def _speed(value: Any) -> float:
+    """Turns a second; a bare number is that, a text has one of the units of rotational speed."""
+    if not isinstance(value, str):
+        return q.to_si(value, _TURNS)
+    number, _, unit = value.strip().partition(" ")
+    if unit.strip() not in _A_SECOND:
+        raise ValueError(f'expected a rotational speed such as "9000 rpm" ({", ".join(_A_SECOND)}), got "{value}"')
+    return q.to_si(float(number) / _A_SECOND[unit.strip()], _TURNS)
+
+
+Feed = Annotated[float, Reads(lambda value: q.to_si(value, _SPEED), says='a speed such as "600 mm/min"')]
+Turns = Annotated[float, Reads(_speed, says='a rotational speed such as "9000 rpm"')]
+Stress = Annotated[float, Reads(lambda value: q.to_si(value, _STRESS), says='such as "2220 N/mm^2"')]
+Share = Annotated[float, Reads(lambda value: q.to_si(value, q.NUMBER, sign="non-negative"), says="a number")]
+Turned = Annotated[float, Reads(lambda value: q.to_si(value, ANGLE), says='an angle such as "90 deg"')]
+
+
+class ForceSection(Section):
+    """A constant force on the tool: along the path, to its left seen from the spindle, along the tool's axis."""
+
+    feed: Force = 0.0
+    across: Force = 0.0
+    axial: Force = 0.0
+
+
+class _Cut(Section):
+    """What milling and drilling share: the material by name, or its own kc1 and mc."""
+
+    material: str | None = None
+    kc1: Stress | None = None
+    mc: Share | None = None
+    diameter: Length
+    speed: Turns
+    feed: Annotated[Feed | None, Says("feed where the path has none")] = None
+
+    def law(self) -> tuple[float, float]:
+        """Specific cutting force in Pa and exponent. Raises ValueError."""
+        if self.kc1 is not None and self.mc is not None:
+            return self.kc1, self.mc
+        if self.material is None:
+            raise ValueError("expected a material, or kc1 and mc, got neither")
+        return cutting_materials()[one_of(self.material, cutting_materials(), "a material, or kc1 and mc")]
+
+
+class MillingSection(_Cut):
+    """A milling cutter that turns clockwise: its engagement, and radial and axial over tangential force."""
+
+    teeth: Positive
+    depth: Length
+    width: Length
+    climb: bool = True
+    lead: Turned = 0.5 * np.pi
+    radial: Share = 0.3
+    axial: Share = 0.0
+
+    def forces(self, feed: float) -> CuttingForces:
+        """Mean forces at a feed in m/s."""
+        if self.width > self.diameter:
+            raise ValueError("expected a width of at most the diameter")
+        return mill(
+            *self.law(), diameter=self.diameter, teeth=self.teeth, speed=self.speed, feed=feed, depth=self.depth,
+            width=self.width, climb=self.climb, lead=self.lead, radial=self.radial, axial=self.axial,
+        )  # fmt: skip
+
+
+class DrillingSection(_Cut):
+    """A twist drill."""
+
+    point: Turned = float(np.deg2rad(118.0))
+
+    def forces(self, feed: float) -> CuttingForces:
+        """Thrust and torque at a feed in m/s."""
+        return drill(*self.law(), diameter=self.diameter, speed=self.speed, feed=feed, point=self.point)
+
+
+class ProcessSection(Section):
+    """Loads of the process; those that are given add up, with the wrench columns of the path."""
+
+    force: ForceSection | None = None
+    milling: MillingSection | None = None
+    drilling: DrillingSection | None = None
+
+    @property
+    def cuts(self) -> tuple[MillingSection | DrillingSection, ...]:
+        """Milling and drilling, as far as they are given."""
+        return tuple(cut for cut in (self.milling, self.drilling) if cut is not None)
+
+
+class PayloadSection(Section):
+    """A mass on the tool's body, at a place in home coordinates (default: M)."""
+
+    mass: Mass
+    centre: Point | None = None
+
+
+class JobSection(Section):
+    """The file's top level."""
+
+    robot: Annotated[str, Says("a robot file, seen from the job's folder, or the name of a bundled robot")]
+    components: Literal["fea", "beam", "published"] | None = None
+    set: tuple[str, ...] = ()
+    path: Annotated[str, Says("a table (.csv, .tsv, .xlsx) or a program in G-code (.nc, .ngc, .gcode)")]
+    units: dict[str, str] = Field(default_factory=dict)
+    step: Annotated[Length, Says("of a program: a point at least so often")] = 1e-3
+    at: Annotated[Point, Says("of a program: where its zero is, {O}")] = (0.0, 0.0, 0.0)
+    x: Annotated[Direction, Says("of a program: its x axis")] = (1.0, 0.0, 0.0)
+    y: Annotated[Direction, Says("of a program: its y axis")] = (0.0, 1.0, 0.0)
+    axis: Annotated[Direction, Says("the tool's axis at home, from the workpiece to the spindle")] = (0.0, 0.0, 1.0)
+    gravity: Literal["weight", "none"] = "weight"
+    process: ProcessSection = ProcessSection()
+    payload: PayloadSection | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """A robot, its path and what loads it; ``file`` is the job's, ``path_file`` the path's."""
+
+    file: Path
+    path_file: Path
+    section: JobSection
+    robot: RobotFile
+    path: ToolPath
+
+
+def load_job(path: str | Path) -> Job:
+    """Load and check a job's file.
+
+    Parameters
+    ----------
+    path
+        A TOML file; the robot and the path that it names are sought from its folder.
+
+    Raises
+    ------
+    InputError
+        One line that names the file, the line, the field, what was expected and what was found.
+
+    """
+    path = Path(path)
+    source = Source(path, reading.read_text(path, "a job's file in TOML"))
+    try:
+        top = read_table(JobSection, parse_text(path, source.text, "a job's file"), ())
+        _check_process(top)
+        robot = _find_robot(top, path)
+        file = path.parent / top.path
+        found = read_toolpath(file, robot, top.units, step=top.step, at=top.at, axes=_axes(top))
+    except FieldError as error:
+        raise source.refuse(error.key, str(error)) from error
+    return Job(path, file, top, robot, found)
+
+
+def _check_process(top: JobSection) -> None:
+    for name in ("milling", "drilling"):
+        cut = getattr(top.process, name)
+        if cut is not None:
+            try:
+                cut.forces(1e-3)
+            except ValueError as error:
+                raise FieldError(("process", name), str(error)) from error
+
+
+def _axes(top: JobSection) -> np.ndarray:
+    """Axes (3, 3) of a program, as columns."""
+    x, y = np.array(top.x), np.array(top.y)
+    x = x / np.linalg.norm(x)
+    y = y - x * (x @ y)
+    if np.linalg.norm(y) < 1e-9:
+        raise FieldError(("y",), "expected a direction across x, got one along it")
+    y = y / np.linalg.norm(y)
+    return np.column_stack((x, y, np.cross(x, y)))
+
+
+def _find_robot(top: JobSection, path: Path) -> RobotFile:
+    beside = path.parent / top.robot
+    name = top.robot if top.robot in robot_names() and not beside.is_file() else beside
+    try:
+        return load_robot(name, top.set)
+    except InputError as error:
+        if beside.is_file():
+            raise
+        raise FieldError(("robot",), str(error)) from error

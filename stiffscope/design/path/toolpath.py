@@ -1,0 +1,183 @@
+"""Paths of the tool: commanded poses in order, from a table or a program, and back into the same format."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.design.path.gcode import Program, program_text, read_program
+from stiffscope.errors import InputError
+from stiffscope.robot.file import quantities as q
+from stiffscope.runtime.table import check_columns, numbers, read_table
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from stiffscope.robot.file.description import RobotFile
+    from stiffscope.runtime.table import Table
+    from stiffscope.runtime.types import Array, Flags
+
+WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
+JOINT = "q:"
+PROGRAMS = {".nc", ".ngc", ".gcode", ".tap", ".cnc", ".iso", ".mpf"}
+MOST_POINTS = 1_000_000
+_AXES = ("x", "y", "z", "rx", "ry", "rz")
+_PLACE, _TURN = q.Dimension("a length", "m", "mm", most=1e4), q.Dimension("an angle", "rad", "deg", most=1e4)
+_FEED, _TIME = q.Dimension("a speed", "m/s", "mm/min", most=1e3), q.Dimension("a time", "s", "s", most=1e9)
+
+
+@dataclass(frozen=True, eq=False)
+class ToolPath:
+    """Commanded poses in order.
+
+    Attributes
+    ----------
+    columns
+        Coordinates of the robot's pose, or "q:JOINT" for each of its drives.
+    values
+        (n, k) SI.
+    feed, time
+        (n,) m/s and s; None where the path has none.
+    wrench
+        (n, 6) N, N·m at M in base axes, or None.
+    rapid
+        (n,) where the process does not act.
+    lines
+        (n,) lines of the file.
+    """
+
+    columns: tuple[str, ...]
+    values: Array
+    feed: Array | None
+    time: Array | None
+    wrench: Array | None
+    rapid: Flags
+    lines: Sequence[int]
+    factors: Mapping[str, float]
+    """What one of each column's unit is in SI."""
+    program: Program | None = None
+    place: tuple[Array, Array] | None = None
+    """Zero (3,) and axes (3, 3) of the program, and where of its axes the pose's coordinates are."""
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    @property
+    def by_joints(self) -> bool:
+        """Whether drives' positions are commanded in place of poses."""
+        return bool(self.columns) and self.columns[0].startswith(JOINT)
+
+    def command(self, values: Array) -> ToolPath:
+        """The same path with other commands (n, k)."""
+        return replace(self, values=values)
+
+    def write(self, path: Path) -> None:
+        """Write the commands in the format that they came in, with the same key columns and units."""
+        if self.program is not None and self.place is not None:
+            origin, axes = self.place
+            points = self.program.points.copy()
+            world = origin + points @ axes.T
+            for k, name in enumerate(self.columns):
+                if name in _AXES[:3]:
+                    world[:, _AXES.index(name)] = self.values[:, k]
+            path.write_text(program_text(self.program, (world - origin) @ axes), encoding="utf-8")
+            return
+        import pyarrow as pa
+        import pyarrow.csv
+
+        columns = {name: self.values[:, k] / self.factors[name] for k, name in enumerate(self.columns)}
+        pyarrow.csv.write_csv(pa.table(columns), path)
+
+
+def read_toolpath(
+    path: Path, robot: RobotFile, units: Mapping[str, str], *, step: float, at: Sequence[float], axes: Array
+) -> ToolPath:
+    """Read a path.
+
+    Parameters
+    ----------
+    path
+        A table with a column for each coordinate of the robot's pose, or "q:JOINT" for each of its drives, and if
+        wished feed, t, fx … mz; or a program.
+    robot
+        Whose pose it commands.
+    units
+        By column; SI without it.
+    step
+        m; of a program, a point at least so often.
+    at, axes
+        Of a program: its zero (3,) and its axes (3, 3) in base axes.
+
+    Raises
+    ------
+    InputError
+        A column or number that is none, with file, line and column.
+
+    """
+    if path.suffix.lower() in PROGRAMS:
+        return _of_program(path, robot, step, np.array(at, dtype=float), axes)
+    pose = tuple(robot.tool.pose)
+
+    def check(name: str, header: list[str]) -> None:
+        joints = [column for column in header if column.startswith(JOINT)]
+        check_columns(name, header, joints or pose, dict.fromkeys((*(joints or pose), *WRENCH, "feed", "t")))
+
+    table = read_table(path, check, most=MOST_POINTS)
+    columns = tuple(name for name in table.columns if name.startswith(JOINT)) or pose
+    factors = {name: _factor(path, name, units.get(name)) for name in table.columns}
+    values = np.column_stack([_column(table, name, factors) for name in columns])
+    wrench = None
+    if any(name in table.columns for name in WRENCH):
+        zero = np.zeros(len(values))
+        wrench = np.column_stack([_column(table, n, factors) if n in table.columns else zero for n in WRENCH])
+    feed, time = (_column(table, name, factors) if name in table.columns else None for name in ("feed", "t"))
+    if time is not None and (np.diff(time) <= 0.0).any():
+        raise table.fail(int(np.argmax(np.diff(time) <= 0.0)) + 1, "t", "a later time than the row above")
+    if feed is not None and (feed <= 0.0).any():
+        raise table.fail(int(np.argmax(feed <= 0.0)), "feed", "a speed above 0")
+    return ToolPath(columns, values, feed, time, wrench, np.zeros(len(values), dtype=bool), table.lines, factors)
+
+
+def _column(table: Table, name: str, factors: Mapping[str, float]) -> Array:
+    return numbers(table, name) * factors[name]
+
+
+def _factor(path: Path, column: str, unit: str | None) -> float:
+    """What one of a column's unit is in SI. Raises InputError."""
+    if unit is None:
+        return 1.0
+    sizes = {"feed": (_FEED,), "t": (_TIME,)}
+    sizes |= dict.fromkeys(WRENCH[:3], (q.FORCE,)) | dict.fromkeys(WRENCH[3:], (q.MOMENT,))
+    sizes |= dict.fromkeys(_AXES[:3], (_PLACE,)) | dict.fromkeys(_AXES[3:], (_TURN,))
+    for dimension in sizes.get(column, (_PLACE, _TURN)):
+        try:
+            return q.to_si(f"1 {unit}", dimension)
+        except ValueError:
+            continue
+    raise InputError(f'{path.name}: units.{column}: expected a unit of its kind, got "{unit}"')
+
+
+def _of_program(path: Path, robot: RobotFile, step: float, at: Array, axes: Array) -> ToolPath:
+    program = read_program(path, step)
+    pose = tuple(robot.tool.pose)
+    home = dict(zip(_AXES, (*robot.tool.at, 0.0, 0.0, 0.0), strict=True))
+    world = at + program.points @ axes.T
+    values = np.column_stack(
+        [world[:, _AXES.index(n)] if n in _AXES[:3] else np.full(len(world), home[n]) for n in pose]
+    )
+    for k, name in enumerate(_AXES[:3]):
+        moved = np.abs(world[:, k] - home[name]) > 1e-9
+        if name not in pose and moved.any():
+            line = int(program.line[int(np.argmax(moved))]) + 1
+            raise InputError(
+                f"{path.name}:{line}: expected points that the robot reaches, whose {name} is {1e3 * home[name]:g} mm, "
+                f"got {1e3 * world[int(np.argmax(moved)), k]:g} mm (at, x and y place the program)"
+            )
+    feed = program.feed if np.isfinite(program.feed[~program.rapid]).any() else None
+    factors: dict[str, float] = {name: 1.0 for name in pose}  # noqa: C420 (its type)
+    return ToolPath(
+        pose, values, feed, None, None, program.rapid, (program.line + 1).tolist(), factors, program, (at, axes)
+    )

@@ -1,0 +1,231 @@
+"""The tool along a path: tables, figures, CSV, JSON and the page."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+
+from stiffscope.report import page
+from stiffscope.report.figures import AFTER, BEFORE, new_figure, save_figures
+from stiffscope.report.run_report import ENERGY, origin, turn_robot
+from stiffscope.report.terminal import show_facts, show_line, show_table
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from matplotlib.figure import Figure
+
+    from stiffscope.design.path.along import Along
+    from stiffscope.design.path.compensate import Compensated
+    from stiffscope.report.robot_view import Case
+    from stiffscope.report.terminal import Shown
+    from stiffscope.vjm.kinematics import Configurations
+
+_TWIST = ("dx", "dy", "dz", "drx", "dry", "drz")
+_MOST_DRAWN = 4000
+_MOST_TOLD = 12
+
+
+def path_columns(state: Along) -> dict[str, np.ndarray]:
+    """Columns (n,) of `path.csv`, SI: length, time, commanded pose, error of the tool, its bound, what drives carry."""
+    columns = {"s": state.length}
+    if state.time is not None:
+        columns["t"] = state.time
+    columns |= {name: state.path.values[:, k] for k, name in enumerate(state.path.columns)}
+    columns |= {name: state.error[:, k] for k, name in enumerate(_TWIST)}
+    columns |= {name: state.parts[name] for name in ("normal", "along", "binormal")}
+    columns["error"] = state.bound
+    return columns | {name: state.forces[:, k] for k, name in enumerate(state.drives)}
+
+
+def path_json(state: Along, after: Compensated | None) -> dict[str, Any]:
+    """What scripts read of a path."""
+    k = state.worst
+    answer: dict[str, Any] = {
+        "job": state.job.file.name, "robot": state.job.robot.name, "points": len(state.path),
+        "length": state.length[-1], "rms": _rms(state), "columns": path_columns(state),
+        "worst": {
+            "line": int(state.path.lines[k]), "s": state.length[k], "error": state.error[k], "size": state.size[k],
+            "normal": state.parts["normal"][k], "along": state.parts["along"][k],
+            "binormal": state.parts["binormal"][k], "bound": state.bound[k],
+            "shares": {name: share[k] for name, share in state.shares.items()},
+            "drives": dict(zip(state.drives, state.forces[k], strict=True)),
+        },
+        "frequencies": {"s": state.length[state.stations], "first": state.first},
+    }  # fmt: skip
+    if state.cutting is not None:
+        answer["process"] = vars(state.cutting)
+    if after is not None:
+        answer["compensated"] = {
+            "before": _rms(state), "after": float(np.sqrt((after.left**2).sum(axis=1).mean())),
+            "largest": float(np.abs(after.left).max()), "refused": [list(each) for each in after.refused],
+        }  # fmt: skip
+    return answer
+
+
+def _rms(state: Along) -> float:
+    return float(np.sqrt((state.size**2).mean()))
+
+
+def write_csv(state: Along, file: Path) -> None:
+    """Write a row a point."""
+    pyarrow.csv.write_csv(
+        pa.table({name: np.ascontiguousarray(each) for name, each in path_columns(state).items()}), file
+    )
+
+
+def show_path(state: Along, after: Compensated | None) -> None:
+    """Print where the error is greatest and why, what the process and the drives do, and what compensation leaves."""
+    k, parts = state.worst, state.parts
+    acting = ~state.path.rapid
+    facts = [
+        ("path", f"{len(state.path):,} points, {1e3 * state.length[-1]:,.1f} mm"),
+        ("error of the tool", f"rms {_mm(_rms(state))}, greatest {_mm(state.size[k])} ± {_mm(state.bound[k])}"),
+        (
+            "greatest at",
+            f"line {state.path.lines[k]} of {state.job.path_file.name}, s = {1e3 * state.length[k]:,.1f} mm",
+        ),
+        (
+            "there",
+            f"normal {_mm(parts['normal'][k])}, along {_mm(parts['along'][k])}, binormal {_mm(parts['binormal'][k])}",
+        ),
+    ]
+    if state.cutting is not None:
+        cut = state.cutting
+        facts += [
+            (
+                "process",
+                f"feed {cut.feed:.4g} N, across {cut.across:.4g} N, axial {cut.axial:.4g} N, {cut.power:.4g} W",
+            ),
+            ("mean chip", f"{1e3 * cut.chip:.4g} mm; teeth pass {cut.tooth_passing:.4g} times a second"),
+        ]
+    known = state.first[np.isfinite(state.first)]
+    if known.size:
+        facts.append(("first frequency", f"{known.min():.4g} to {known.max():.4g} Hz along the path"))
+    show_facts(f"Path {state.job.path_file.name} on {state.job.robot.name}", facts)
+    shares = sorted(state.shares.items(), key=lambda each: -each[1][k])
+    rows = [
+        (name, f"{100 * share[k]:.1f}", f"{100 * float(share[acting].mean() if acting.any() else share.mean()):.1f}")
+        for name, share in shares if share[k] > 5e-4
+    ]  # fmt: skip
+    show_table("Share of the strain energy (%)", [["element"], ["at the greatest error", "mean of the path"]], rows)
+    rows = [
+        (name, f"{force.min():.4g}", f"{force.max():.4g}", unit)
+        for name, force, unit in zip(state.drives, state.forces.T, state.units, strict=True)
+    ]
+    show_table("What the drives carry", [["drive"], ["least", "greatest", "unit"]], rows)
+    if after is not None:
+        _show_compensation(state, after)
+
+
+def _show_compensation(state: Along, after: Compensated) -> None:
+    left = np.abs(after.left).max(axis=0)
+    names = state.job.robot.tool.pose
+    worst = ", ".join(
+        f"{name} {value:.2g} {'m' if len(name) == 1 else 'rad'}" for name, value in zip(names, left, strict=True)
+    )
+    show_line(f"Compensated: the error of {_mm(_rms(state))} rms is left at most at {worst}.")
+    for line, why in after.refused[:_MOST_TOLD]:
+        show_line(f"  line {line} keeps its command: {why}")
+    if len(after.refused) > _MOST_TOLD:
+        show_line(f"  and {len(after.refused) - _MOST_TOLD} more lines")
+
+
+def _mm(value: float) -> str:
+    return f"{1e3 * value:.4g} mm"
+
+
+def draw_path(state: Along, after: Compensated | None, folder: Path) -> None:
+    """Write path.png (the path coloured by its error) and error.png (error over length), and both as SVG."""
+    save_figures(folder, {"path": lambda: _draw_map(state), "error": lambda: _draw_error(state, after)})
+
+
+def _thinned(n: int) -> np.ndarray:
+    return np.unique(np.linspace(0, n - 1, min(n, _MOST_DRAWN)).round().astype(int))
+
+
+def _draw_map(state: Along) -> Figure:
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection
+
+    some = _thinned(len(state.path))
+    points = 1e3 * state.tool[some, :3]
+    drawn = new_figure(7.5, 5.6, f"{state.job.robot.name}: error of the tool along {state.job.path_file.name}")
+    axes: Any = drawn.add_subplot(projection="3d")
+    lines = Line3DCollection(np.stack([points[:-1], points[1:]], axis=1), cmap="viridis", linewidths=2.0)
+    lines.set_array(1e3 * state.size[some][1:])
+    axes.add_collection3d(lines)
+    worst = 1e3 * state.tool[state.worst, :3]
+    axes.scatter(*worst, color="#b3372f", s=30, depthshade=False)
+    axes.text(*worst, "  greatest", color="#b3372f")
+    low, high = points.min(axis=0), points.max(axis=0)
+    least = 0.05 * float((high - low).max())
+    spans = np.maximum(high - low, least)
+    middle = 0.5 * (low + high)
+    for name, k in zip("xyz", range(3), strict=True):
+        getattr(axes, f"set_{name}lim")(middle[k] - 0.5 * spans[k], middle[k] + 0.5 * spans[k])
+        getattr(axes, f"set_{name}label")(f"{name} (mm)")
+    axes.set_box_aspect(spans / spans.max())
+    drawn.colorbar(lines, ax=axes, shrink=0.7, pad=0.1, label="size of the error (mm)")
+    return drawn
+
+
+def _draw_error(state: Along, after: Compensated | None) -> Figure:
+    some = _thinned(len(state.path))
+    length = 1e3 * state.length[some]
+    drawn = new_figure(8.0, 5.2 if after is None else 6.6, f"{state.job.robot.name}: error of the tool over length")
+    rows = drawn.subplots(2 if after is None else 3, 1, sharex=True, squeeze=False)[:, 0]
+    rows[0].fill_between(
+        length,
+        1e3 * (state.size - state.bound)[some],
+        1e3 * (state.size + state.bound)[some],
+        color=BEFORE,
+        alpha=0.2,
+        lw=0,
+    )
+    rows[0].plot(length, 1e3 * state.size[some], color=BEFORE, lw=1.2)
+    rows[0].set_ylabel("size (mm)")
+    for name, colour in (("normal", "#3b7dbf"), ("along", "#d9822b"), ("binormal", "#5b9a68")):
+        rows[1].plot(length, 1e3 * state.parts[name][some], lw=1.2, color=colour, label=name)
+    rows[1].set_ylabel("component (mm)")
+    rows[1].legend(frameon=False, ncol=3, loc="lower right", bbox_to_anchor=(1.0, 0.97))
+    if after is not None:
+        rows[2].semilogy(length, 1e3 * np.maximum(after.after.size[some], 1e-15), color=AFTER, lw=1.2)
+        rows[2].set_ylabel("compensated (mm)")
+    rows[-1].set_xlabel("length along the path (mm)")
+    for axes in rows:
+        axes.grid(color="#e3e7eb", lw=0.6)
+        axes.spines[["top", "right"]].set_visible(False)
+    return drawn
+
+
+def write_path_page(
+    folder: Path, state: Along, found: Configurations, cases: list[list[Case]], tables: Sequence[Shown]
+) -> None:
+    """Write report.html: the path, error over length, and the robot under the load of the greatest error."""
+    still = folder / "deflection_1.png"
+    figures = [
+        page.figure(
+            folder / "path.png", "The path, coloured by the size of the tool's error.", "path in three dimensions"
+        ),
+        page.figure(folder / "error.svg", "Error of the tool over the length of the path.", "error over length"),
+    ]
+    view = turn_robot(
+        folder, found, ["greatest error"], cases, choice="load", quantity=ENERGY,
+        caption=f"The robot at the greatest error, under the process there, components coloured by their {ENERGY}.",
+        still=page.figure(still, "The robot at the greatest error.", "the robot deformed") if still.exists() else None,
+    )  # fmt: skip
+    sections = [
+        page.Section("The path", tables, figures),
+        *([page.Section("The robot at the greatest error", view=view)] if view else []),
+        origin(folder),
+    ]
+    facts = [
+        f"robot: {state.job.robot.name}",
+        f"job: {state.job.file.name}",
+        "SI units at the tool point M in base axes {O}",
+    ]
+    page.write_page(folder / "report.html", f"{state.job.robot.name}: {state.job.path_file.name}", facts, sections)

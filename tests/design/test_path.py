@@ -1,0 +1,270 @@
+"""Paths: G-code, mean cutting forces, the error along a path of an arm whose Jacobian is written here, compensation."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from stiffscope.cli.main import cli
+from stiffscope.design.path.along import along
+from stiffscope.design.path.compensate import compensate
+from stiffscope.design.path.cutting import mill, specific_force
+from stiffscope.design.path.gcode import program_text, read_program
+from stiffscope.design.path.job import load_job
+from stiffscope.errors import InputError
+from stiffscope.experiments.assembly import assemble_robots
+from stiffscope.runtime.workshop import workshop
+
+STIFFNESS = np.array([9e3, 6e3, 2e3])  # N·m/rad
+JOINTS = np.array([[0.0, 0.0], [0.4, 0.0], [0.4, 0.3]])  # m, at home
+TOOL = np.array([0.6, 0.3])
+
+
+def _arm(folder, extra=""):
+    lines = ['name = "planar"']
+    bodies = ["ground", "one", "two", "hand"]
+    lines += [f"[bodies.{name}]" for name in bodies[1:]]
+    for k, (place, stiffness) in enumerate(zip(JOINTS, STIFFNESS, strict=True)):
+        lines += [f"[joints.q{k}]", f'between = ["{bodies[k]}", "{bodies[k + 1]}"]', 'type = "revolute"']
+        lines += [f"at = [{place[0]}, {place[1]}, 0]", "axis = [0, 0, 1]", f"drive = {{ stiffness = {stiffness} }}"]
+    lines += ["[tool]", 'body = "hand"', f"at = [{TOOL[0]}, {TOOL[1]}, 0]", 'pose = ["x", "y", "rz"]', extra]
+    (folder / "arm.toml").write_text("\n".join(lines))
+
+
+def _job(folder, path, process="", **more):
+    _arm(folder)
+    lines = ['robot = "arm.toml"', f'path = "{path}"', *(f"{key} = {value}" for key, value in more.items()), process]
+    (folder / "job.toml").write_text("\n".join(lines))
+    job = load_job(folder / "job.toml")
+    with workshop() as shop:
+        return job, assemble_robots({"robot": job.robot}, None, shop)["robot"]
+
+
+def _planar_compliance(pose):
+    """(3, 3) of x, y, rz, from the closed kinematics of three revolute joints."""
+    lengths = np.array([0.4, 0.3, np.hypot(*(TOOL - JOINTS[2]))])
+    home = np.array([0.0, np.pi / 2, 0.0])  # directions of the links
+    x, y, turn = pose
+    last = home[2] + turn
+    wrist = np.array([x, y]) - lengths[2] * np.array([np.cos(last), np.sin(last)])
+    cosine = (wrist @ wrist - lengths[0] ** 2 - lengths[1] ** 2) / (2 * lengths[0] * lengths[1])
+    elbow = np.arccos(cosine)
+    first = np.arctan2(wrist[1], wrist[0]) - np.arctan2(lengths[1] * np.sin(elbow), lengths[0] + lengths[1] * cosine)
+    places = [np.zeros(2), lengths[0] * np.array([np.cos(first), np.sin(first)]), wrist]
+    jacobian = np.array([[-(y - p[1]), x - p[0], 1.0] for p in places]).T
+    return jacobian @ np.diag(1 / STIFFNESS) @ jacobian.T
+
+
+def _line_table(folder, n=40):
+    s = np.linspace(0.0, 1.0, n)
+    poses = np.column_stack((600 + 40 * s, 300 - 60 * s**2, 10 * s))
+    forces = np.column_stack((50 + 10 * s, -80 * s, 3 * s))
+    rows = ["x,y,rz,feed,fx,fy,mz"] + [
+        ",".join(f"{v:.12g}" for v in (*p, 600, *f)) for p, f in zip(poses, forces, strict=True)
+    ]
+    (folder / "line.csv").write_text("\n".join(rows))
+    return poses * [1e-3, 1e-3, np.pi / 180], forces
+
+
+UNITS = '{ x = "mm", y = "mm", rz = "deg", feed = "mm/min" }'
+
+
+def test_the_error_is_what_the_jacobian_of_the_arm_gives(tmp_path):
+    poses, forces = _line_table(tmp_path)
+    job, made = _job(tmp_path, "line.csv", units=UNITS)
+    found = along(job, made)
+    expected = np.array([_planar_compliance(p) @ f for p, f in zip(poses, forces, strict=True)])
+    np.testing.assert_allclose(found.error[:, [0, 1, 5]], expected, rtol=1e-6, atol=1e-12)
+    tangent = np.diff(poses[:, :2], axis=0)[5]
+    assert found.parts["along"][5] == pytest.approx(expected[5, :2] @ tangent / np.linalg.norm(tangent), rel=1e-9)
+    steps = np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1)
+    np.testing.assert_allclose(found.time[1:], np.cumsum(steps) / 0.01, rtol=1e-9)
+
+
+def test_the_compensated_commands_bring_the_tool_where_it_should_be(tmp_path):
+    _line_table(tmp_path)
+    job, made = _job(tmp_path, "line.csv", units=UNITS)
+    before = along(job, made)
+    after = compensate(job, made, before)
+    assert before.size.max() > 1e-3
+    assert np.abs(after.left).max() < 1e-8 * before.size.max()
+    after.path.write(tmp_path / "compensated.csv")
+    table = np.loadtxt(tmp_path / "compensated.csv", delimiter=",", skiprows=1)
+    reached = table * [1e-3, 1e-3, np.pi / 180]
+    np.testing.assert_allclose(reached, after.path.values, rtol=1e-12)
+
+
+def test_the_path_by_joints_is_the_path_by_poses(tmp_path):
+    _line_table(tmp_path, 8)
+    job, made = _job(tmp_path, "line.csv", units=UNITS)
+    state = along(job, made)
+    drives = np.concatenate([found.drives for found in _configurations(job, made)])
+    header = ",".join(["q:q0", "q:q1", "q:q2", "fx", "fy", "mz"])
+    np.savetxt(
+        tmp_path / "q.csv",
+        np.column_stack((drives, state.wrench[:, [0, 1, 5]])),
+        delimiter=",",
+        header=header,
+        comments="",
+        fmt="%.16g",
+    )
+    other, _ = _job(tmp_path, "q.csv")
+    np.testing.assert_allclose(along(other, made).error, state.error, rtol=1e-9, atol=1e-15)
+
+
+def _configurations(job, made):
+    from stiffscope.design.path.along import configure_path
+
+    return configure_path(job, made, job.path)
+
+
+PROGRAM = """%
+(a comment)
+G21 G90 G17
+G0 X0 Y0 Z5
+G1 Z-1 F300 M3 S2000
+F600
+G1 X10
+G3 X20 Y10 I0 J10
+G2 X30 Y20 R10
+G91 G1 X-5 Y-5
+G90 G18 G2 X20 Z1 I-2.5 K1
+G20 G1 X1 F20
+M30
+"""
+
+
+def test_gcode_written_and_read_again_is_the_same_path(tmp_path):
+    (tmp_path / "a.nc").write_text(PROGRAM)
+    one = read_program(tmp_path / "a.nc", 1e-3)
+    (tmp_path / "b.nc").write_text(program_text(one, one.points))
+    two = read_program(tmp_path / "b.nc", np.inf)
+    np.testing.assert_allclose(two.points, one.points, atol=1e-12)
+    np.testing.assert_array_equal(two.rapid, one.rapid)
+    np.testing.assert_allclose(two.feed[1:], one.feed[1:], rtol=1e-12)
+    assert one.points[-1] == pytest.approx([0.0254, 0.015, 0.001])
+    ends = {int(line): point for line, point in zip(one.line, one.points, strict=True)}
+    assert ends[7] == pytest.approx([0.020, 0.010, -0.001])
+    arc = one.points[one.line == 7]
+    np.testing.assert_allclose(np.linalg.norm(arc[:, :2] - [0.010, 0.010], axis=1), 0.010, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("G1 X1 Y@", "a.nc:2: expected words"),
+        ("G2 X10 Y0 I3 J0", "a.nc:2: expected an arc whose ends"),
+        ("G2 X10 Y0 R2", "a.nc:2: R: expected a radius"),
+        ("G1 X1 A5", "a.nc:2: A: expected moves in X, Y and Z"),
+        ("G28", "a.nc:2: G28"),
+        ("G81 X1 Z-3", "a.nc:2: G81"),
+    ],
+)
+def test_what_no_path_is_read_from_is_refused(line, message, tmp_path):
+    (tmp_path / "a.nc").write_text(f"G21\n{line}\n")
+    with pytest.raises(InputError, match=message):
+        read_program(tmp_path / "a.nc", 1e-3)
+
+
+@pytest.mark.parametrize("climb", [True, False])
+@pytest.mark.parametrize("width", [2e-3, 7e-3, 10e-3])
+def test_mean_milling_forces_are_those_of_the_teeth_over_a_turn(climb, width):
+    kc1, mc, radial, teeth, depth, feed, speed = 2.22e9, 0.14, 0.3, 3, 2e-3, 0.012, 50.0
+    found = mill(
+        kc1,
+        mc,
+        diameter=10e-3,
+        teeth=teeth,
+        speed=speed,
+        feed=feed,
+        depth=depth,
+        width=width,
+        climb=climb,
+        radial=radial,
+    )
+    per_tooth = feed / (teeth * speed)
+    angle = (np.arange(400_000) + 0.5) * (2 * np.pi / 400_000)  # of one tooth, clockwise from the left of the feed
+    left = 5e-3 * np.cos(angle)
+    cutting = (angle < np.pi) & ((left < -5e-3 + width) if climb else (left > 5e-3 - width))
+    chip = np.where(cutting, per_tooth * np.sin(angle), 0.0)
+    mean_chip = chip[cutting].mean()
+    assert found.chip == pytest.approx(mean_chip, rel=1e-4)
+    kt = specific_force(kc1, mc, mean_chip)
+    tangential, inward = kt * depth * chip, radial * kt * depth * chip
+    along_feed = -tangential * np.cos(angle) - inward * np.sin(angle)
+    across = tangential * np.sin(angle) - inward * np.cos(angle)
+    assert found.feed == pytest.approx(teeth * along_feed.mean(), rel=1e-3, abs=1e-3)
+    assert found.across == pytest.approx(teeth * across.mean(), rel=1e-3)
+    assert found.torque == pytest.approx(teeth * tangential.mean() * 5e-3, rel=1e-3)
+
+
+def test_the_specific_force_of_an_example_of_handbooks():
+    # C45E, chip 0.2 mm: kc = 2220 * 0.2^-0.14 = 2781 N/mm2
+    assert specific_force(2220e6, 0.14, 0.2e-3) == pytest.approx(2781e6, rel=1e-3)
+
+
+def test_the_command_writes_the_path_and_says_where_it_is_worst(tmp_path, capfd):
+    _line_table(tmp_path)
+    _job(tmp_path, "line.csv", "[process]\nforce = { across = 30 }", units=UNITS)
+    arguments = [
+        "path",
+        str(tmp_path / "job.toml"),
+        "--out",
+        str(tmp_path / "out"),
+        "--compensate",
+        "--json",
+        str(tmp_path / "a.json"),
+    ]
+    cli(arguments, standalone_mode=False)
+    answer = json.loads((tmp_path / "a.json").read_text())
+    header = (tmp_path / "out" / "path.csv").read_text().splitlines()[0].replace('"', "").split(",")
+    assert header == [
+        "s",
+        "t",
+        "x",
+        "y",
+        "rz",
+        "dx",
+        "dy",
+        "dz",
+        "drx",
+        "dry",
+        "drz",
+        "normal",
+        "along",
+        "binormal",
+        "error",
+        "q0",
+        "q1",
+        "q2",
+    ]
+    assert sum(answer["worst"]["shares"].values()) == pytest.approx(1.0)
+    assert answer["compensated"]["after"] < 1e-8
+    assert "Compensated" in capfd.readouterr().out
+
+
+MILLING = """robot = "arm.toml"
+path = "line.csv"
+process.milling = {{material = "{material}", speed = "{speed}", diameter = 0.01, teeth = 2, depth = 1e-3, width = 1e-3}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("job", "message"),
+    [
+        (MILLING.format(material="cheese", speed="9 rpm"), r"job\.toml:3: process\.milling: expected a material"),
+        (MILLING.format(material="C45E", speed="9 rad/s"), "rotational speed"),
+        ('robot = "arm.toml"\npath = "line.csv"\nunits = { x = "kg" }', "expected a unit"),
+        ('robot = "arm.toml"\npath = "none.csv"', r"none\.csv"),
+        ('robot = "arm.toml"\npath = "line.csv"\nspeed = 3', "expected a known key"),
+        ('robot = "nobody"\npath = "line.csv"', r"job\.toml:1: robot"),
+    ],
+)  # fmt: skip
+def test_a_job_that_is_none_is_refused(job, message, tmp_path):
+    _arm(tmp_path)
+    _line_table(tmp_path)
+    (tmp_path / "job.toml").write_text(job)
+    with pytest.raises(InputError, match=message):
+        load_job(tmp_path / "job.toml")
