@@ -161,7 +161,8 @@ def _beside(found: Findings, judgement: Judgement, joint: Hypothesis) -> tuple[E
     return tuple(
         Effect(
             c.effect, c.place, found.compute_probability(c.name), found.percent_rms(found.fit_alone(c)),
-            {} if c.unnamed else _parameters(c, *own_part(joint, c.name)), errors=_errors(c, *own_part(joint, c.name)),
+            {} if c.is_nuisance else _parameters(c, *own_part(joint, c.name)),
+            errors=_errors(c, *own_part(joint, c.name)),
         )
         for c in rest
     )  # fmt: skip

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from stiffscope.gap.forward.forward_model import Candidate
+    from stiffscope.gap.inference.evidence import Errors
     from stiffscope.gap.inference.fitting import Library, Problem
 
     Array = NDArray[np.floating[Any]]
@@ -201,10 +202,10 @@ class Search:
 
     def score_extensions(self, hypothesis: Hypothesis, library: Library, *, simple: bool = False) -> Iterable[Start]:
         """A hypothesis with every admitted effect more, to first order; only with simple ones where wanted."""
-        k, known_good = len(hypothesis.values), bound_parameters(hypothesis.candidates, hypothesis.values)
-        own = self.problem.errors.project(np.column_stack([hypothesis.slopes, hypothesis.linear]))
-        inner = self.problem.errors.inner(own, own)  # (q, k+1, k+1)
-        across = self.problem.errors.inner(library.projection, own)  # (q, c, k+1)
+        known_good = bound_parameters(hypothesis.candidates, hypothesis.values)
+        products = _Products.of(self.problem.errors, hypothesis, library)
+        k, inner, across = int(products.kept.sum()), products.inner, products.across
+        log_weight = self.problem.errors.log_weight + products.log_weight
         without = self.problem.errors.sizes == 0.0
         alike: dict[tuple[bool, ...], list[int]] = {}
         for number, candidate in enumerate(library.candidates):
@@ -212,7 +213,7 @@ class Search:
                 continue
             if self.problem.model.admits((*hypothesis.candidates, candidate)):
                 alike.setdefault(candidate.one_sided, []).append(number)
-        base = hypothesis.known.scales
+        base, kept = hypothesis.known.scales[products.kept], products.kept
         prior = hypothesis.known.averaging + self.problem.log_prior(hypothesis.candidates)
         for one_sided, numbers in alike.items():
             m = len(one_sided)
@@ -221,7 +222,7 @@ class Search:
             grams[..., :k, :k], pulls[..., :k] = inner[:, :k, :k], inner[:, :k, k]
             totals = np.tile(inner[:, k, k], (len(numbers), 1))
             for at, number in enumerate(numbers):
-                mixed, block = across[:, library.columns[number]], library.blocks[number]
+                mixed, block = across[:, library.columns[number]], products.block(library, number)
                 if m:
                     grams[at, :, k:, :k], grams[at, :, :k, k:] = mixed[..., :k], np.swapaxes(mixed[..., :k], 1, 2)
                     grams[at, :, k:, k:], pulls[at, :, k:] = block, mixed[..., k]
@@ -232,8 +233,8 @@ class Search:
             scales = np.empty((len(numbers), len(priors[0].scales), k + m))
             scales[..., :k] = base
             scales[..., k:] = [prior.scales for prior in priors]
-            positive = np.append(positive_of(hypothesis.candidates), np.array(one_sided, dtype=np.bool_))
-            logs, means, _ = log_evidences(grams, pulls, totals, self.problem.errors.log_weight, scales, positive)
+            positive = np.append(positive_of(hypothesis.candidates)[kept], np.array(one_sided, dtype=np.bool_))
+            logs, means, _ = log_evidences(grams, pulls, totals, log_weight, scales, positive)
             for number, prior_of, log, mean in zip(numbers, priors, logs, means, strict=True):
                 candidate, log = library.candidates[number], log + prior_of.log_weight  # noqa: PLW2901
                 best = np.unravel_index(np.argmax(log), log.shape)
@@ -243,9 +244,52 @@ class Search:
                 total, plain = (float(np.logaddexp.reduce(part.ravel())) for part in (log, log[without]))
                 candidates = (*hypothesis.candidates, candidate)
                 heights = (total + odds, plain + odds)
-                yield Start(
-                    candidates, bound_parameters(candidates, mean[best]), np.append(known_good, np.zeros(m)), heights
-                )
+                start = np.append(hypothesis.values, mean[best][k:])
+                start[: len(kept)][kept] = mean[best][:k]
+                origin = np.append(known_good, np.zeros(m))
+                yield Start(candidates, bound_parameters(candidates, start), origin, heights)
+
+
+@dataclass(frozen=True)
+class _Products:
+    """Inner products of a hypothesis's columns and of all effects', many small errors of either sign summed over."""
+
+    kept: NDArray[np.bool_]
+    """(k,) which of its parameters are left."""
+    inner: Array
+    """(q, l+1, l+1) of these and the readings."""
+    across: Array
+    """(q, c, l+1) of all effects with them."""
+    log_weight: Array
+    """(q,) what the others add to ln of the evidence, but for the readings."""
+    before: Array
+    """(q, c, m) of all effects with the others, and what is in the others' place for each."""
+    instead: Array
+
+    @classmethod
+    def of(cls, errors: Errors, hypothesis: Hypothesis, library: Library) -> _Products:
+        """Those of a library about a hypothesis, in the prior scales that it has."""
+        own = errors.project(np.column_stack([hypothesis.slopes, hypothesis.linear]))
+        inner, across = errors.inner(own, own), errors.inner(library.projection, own)
+        many = np.repeat([bool(c.parts) for c in hypothesis.candidates], [len(v) for _, v in hypothesis.parameters])
+        many = many.astype(np.bool_)
+        left = np.append(~many, np.ones(1, dtype=np.bool_))
+        if not many.any():
+            empty = np.zeros((len(inner), across.shape[1], 0))
+            return cls(~many, inner, across, np.zeros(len(inner)), empty, empty)
+        gone, scales = np.flatnonzero(many), hypothesis.known.scales[many]
+        whole = inner[:, gone[:, None], gone] + np.diag(scales**-2.0)
+        before, beside = across[:, :, gone], inner[:, left][:, :, gone]
+        share = np.linalg.solve(whole, np.swapaxes(np.concatenate([beside, before], axis=1), -1, -2))
+        mine, instead = share[..., : beside.shape[1]], np.swapaxes(share[..., beside.shape[1] :], -1, -2)
+        log = -0.5 * np.linalg.slogdet(whole)[1] - np.log(scales).sum()
+        return cls(~many, inner[:, left][:, :, left] - beside @ mine, across[:, :, left] - before @ mine, log, before,
+                   instead)  # fmt: skip
+
+    def block(self, library: Library, number: int) -> Array:
+        """Inner products (q, k, k) of one effect's columns."""
+        here = library.columns[number]
+        return library.blocks[number] - self.before[:, here] @ np.swapaxes(self.instead[:, here], -1, -2)
 
 
 @dataclass(frozen=True)
