@@ -467,6 +467,10 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             "gap.left": ("what is left beyond the noise: √(explained² − noise²)", "% rms"),
             "gap.discrepancy": ("size of an unknown cause beside the effects", "% of the readings"),
             "gap.unit": ("unit of the gap", ""),
+            "gap.absolute.*": (
+                "of each kind that was read, its `unit` and rms `before`, `after`, `held_out` and of the `noise`",
+                "`unit`",
+            ),
             "effects[].effect": ("name of an effect that explains the gap", ""),
             "effects[].place": ("where it acts", ""),
             "effects[].probability": ("that it is at work", "1"),

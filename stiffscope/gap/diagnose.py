@@ -12,6 +12,7 @@ from stiffscope.errors import InputError
 from stiffscope.gap.forward.column_model import ColumnModel
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.inference.diagnosis import (
+    AbsoluteGap,
     Alternative,
     Diagnosis,
     Effect,
@@ -27,7 +28,7 @@ from stiffscope.gap.inference.lack_of_fit import correlation
 from stiffscope.gap.inference.location import locate_residuals, signature_correlation
 from stiffscope.gap.inference.plausibility import implausible, own_part, physical_sigma, plausible
 from stiffscope.gap.inference.posterior_samples import draw_samples
-from stiffscope.gap.inference.residuals import percent_noise
+from stiffscope.gap.inference.residuals import percent_noise, rms_by_kind
 from stiffscope.gap.inference.verdict import doubtful, judge_findings, settle_verdict, shares
 
 if TYPE_CHECKING:
@@ -276,7 +277,14 @@ def _gap(found: Findings, reported: Hypothesis, held_out: Array) -> Gap:
         (found.chi2(none) / count, found.chi2(reported) / count),
         float(np.sqrt(max(explained**2 - noise**2, 0.0))),
         100.0 * reported.known.discrepancy,
+        _absolute_gap(found, reported, held_out),
     )
+
+
+def _absolute_gap(found: Findings, reported: Hypothesis, held_out: Array) -> dict[str, AbsoluteGap]:
+    residuals = (found.residual(found.none), found.residual(reported), held_out, np.ones(len(held_out)))
+    kinds = rms_by_kind(found.campaign, found.used_readings, *(found.sigma * each for each in residuals))
+    return {name: AbsoluteGap(unit, *sizes) for name, (unit, sizes) in kinds.items()}
 
 
 def _steps(gap: Gap, effects: tuple[Effect, ...]) -> tuple[tuple[str, float], ...]:

@@ -63,7 +63,9 @@ def show_gap(diagnosis: Diagnosis) -> None:
     gap = diagnosis.gap
     groups = (("",), ("before", "after", "held out", "noise"), ("χ² per reading before", "after"))
     percents = (percent(v) for v in (gap.nominal, gap.explained, gap.held_out, gap.noise))
-    show_table("Gap", groups, [("rms", *percents, *(f"{v:.4g}" for v in gap.chi2_per_reading))])
+    rows = [("rms", *percents, *(f"{v:.4g}" for v in gap.chi2_per_reading))]
+    rows += [(f"{name}, rms", *sizes, "", "") for name, sizes in text.absolute_sizes(gap).items()]
+    show_table("Gap", groups, rows)
 
 
 def show_alternatives(diagnosis: Diagnosis) -> None:

@@ -12,7 +12,14 @@ from stiffscope.report.numbers import WRENCH, name_pose, percent
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from stiffscope.gap.inference.diagnosis import Diagnosis, Effect, NextMeasurement, Parameter, Where
+    from stiffscope.gap.inference.diagnosis import (
+        Diagnosis,
+        Effect,
+        Gap,
+        NextMeasurement,
+        Parameter,
+        Where,
+    )
     from stiffscope.robot.file.description import RobotFile
 
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
@@ -23,17 +30,15 @@ _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 def sentence(diagnosis: Diagnosis) -> str:
     """Return the verdict in one plain sentence."""
     gap = diagnosis.gap
-    shrinks = (
-        f"the gap shrinks from {percent(gap.nominal)} to {percent(gap.explained)} rms "
-        f"({percent(gap.held_out)} at poses held out, noise {percent(gap.noise)})"
-    )
+    nominal, explained, held_out, noise = gap_sizes(gap)
+    shrinks = f"the gap shrinks from {nominal} to {explained} rms ({held_out} at poses held out, noise {noise})"
     if diagnosis.verdict == "no-gap":
-        sizes = f"{percent(gap.nominal)} rms, noise {percent(gap.noise)}"
+        sizes = f"{nominal} rms, noise {noise}"
         return f"No gap: model and readings agree within the noise ({sizes})."
     if diagnosis.verdict == "unexplained":
         return (
-            f"Unexplained: no known effect accounts for the gap of {percent(gap.nominal)} rms "
-            f"(noise {percent(gap.noise)}); it lies mostly in {_largest(diagnosis.where.direction)}."
+            f"Unexplained: no known effect accounts for the gap of {nominal} rms "
+            f"(noise {noise}); it lies mostly in {_largest(diagnosis.where.direction)}."
         )
     named = " and ".join(_with_size(effect) for effect in diagnosis.effects) or "no effect"
     if diagnosis.verdict == "ambiguous":
@@ -48,6 +53,23 @@ def sentence(diagnosis: Diagnosis) -> str:
         left = f"{size} is left, mostly in {rest}, that nothing known explains"
         return f"Partly: {named}; {shrinks}; {left}.{_group(diagnosis)}"
     return f"Identified: {named}; {shrinks}.{_group(diagnosis)}"
+
+
+def gap_sizes(gap: Gap) -> tuple[str, ...]:
+    """Return the gap before, after and held out, and the noise: in mm or mrad where all readings are of one kind."""
+    known = absolute_sizes(gap)
+    if len(known) == len(gap.absolute) == 1:
+        return next(iter(known.values()))
+    return tuple(percent(v) for v in (gap.nominal, gap.explained, gap.held_out, gap.noise))
+
+
+def absolute_sizes(gap: Gap) -> dict[str, tuple[str, ...]]:
+    """Return the gap of each kind of motion before, after and held out, and the noise: in mm or mrad."""
+    return {
+        name: tuple(f"{1e3 * v:.3g} m{each.unit}" for v in (each.before, each.after, each.held_out, each.noise))
+        for name, each in gap.absolute.items()
+        if each.unit in {"m", "rad"}
+    }
 
 
 def _group(diagnosis: Diagnosis) -> str:

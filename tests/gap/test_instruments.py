@@ -10,6 +10,7 @@ from stiffscope.gap.campaign.campaign import Campaign, InstrumentFrame, Sensor
 from stiffscope.gap.campaign.quantities import FIRST_POSITION
 from stiffscope.gap.diagnose import diagnose_campaign
 from stiffscope.gap.forward.robot_model import RobotModel
+from stiffscope.report.text import sentence
 from stiffscope.vjm.kinematics import configure, configure_drives
 from stiffscope.vjm.screws import rotation_of
 from tests.gap.test_robot_model import nominal
@@ -166,5 +167,10 @@ def test_a_diagnosis_by_an_unknown_tracker(size):
     drive = robot.mechanism.drives[2].name
     assert diagnosis.verdict == ("identified" if size else "no-gap")
     assert [(e.effect, e.place) for e in diagnosis.effects] == ([("encoder-offset", drive)] if size else [])
+    left = diagnosis.gap.absolute["position"]
+    assert list(diagnosis.gap.absolute) == ["position"]
+    assert (left.after, left.noise) == (pytest.approx(SIGMA, rel=0.15), pytest.approx(SIGMA))
+    assert "mm rms" in sentence(diagnosis)
     if size:
+        assert left.before > 5 * SIGMA
         assert diagnosis.effects[0].parameters["offset"].value == pytest.approx(size, abs=1e-4)

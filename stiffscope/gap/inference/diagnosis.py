@@ -73,6 +73,22 @@ class Alternative:
 
 
 @dataclass(frozen=True)
+class AbsoluteGap:
+    """Rms between model and measurement of one kind of scalar reading, in its own unit."""
+
+    unit: str
+    before: float
+    """Instruments, targets and zeros placed: they are no gap."""
+    after: float
+    held_out: float
+    noise: float
+
+
+def _empty_kinds() -> dict[str, AbsoluteGap]:
+    return {}
+
+
+@dataclass(frozen=True)
 class Gap:
     """% rms between model and measurement, and χ² per reading before and after."""
 
@@ -85,6 +101,8 @@ class Gap:
     """What is left beyond the noise, % rms: sqrt(explained² - noise²)."""
     discrepancy: float = math.nan
     """Size of an unknown cause beside the effects as inferred, % of the readings; 0 where nothing speaks for one."""
+    absolute: dict[str, AbsoluteGap] = field(default_factory=_empty_kinds)
+    """By kind of reading: displacement, rotation, position, distance, stiffness, rotational stiffness, frequency."""
 
 
 @dataclass(frozen=True)

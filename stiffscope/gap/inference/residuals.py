@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.gap.campaign.quantities import AXES, FREQUENCY
+from stiffscope.gap.campaign.quantities import AXES, FREQUENCY, POSITION
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -47,6 +47,27 @@ def percent_noise(campaign: Campaign, sigma: Array, chosen: Flags | None = None)
     value, sigma = campaign.value[pick], sigma[pick]
     stiff = campaign.relative[pick]
     return _percent(stiff, sigma / np.where(stiff, value, 1.0), np.ones_like(value), value / sigma)
+
+
+def rms_by_kind(campaign: Campaign, chosen: Flags, *sizes: Array) -> dict[str, tuple[str, tuple[float, ...]]]:
+    """Return the rms of sizes (n,) over the chosen readings, by what they are of, with the unit of each."""
+    c = campaign
+    ranged = np.array([s.measures == "distance" for s in c.sensors] + [False])[c.sensor]
+    turns, stiff = c.direction >= len(AXES) // 2, c.relative & (c.kind != FREQUENCY)
+    kinds = {
+        "displacement": ("m", c.is_motion & (c.kind != POSITION) & ~turns),
+        "rotation": ("rad", c.is_motion & turns),
+        "position": ("m", (c.kind == POSITION) & ~ranged),
+        "distance": ("m", (c.kind == POSITION) & ranged),
+        "stiffness": ("N/m", stiff & ~turns),
+        "rotational stiffness": ("N·m/rad", stiff & turns),
+        "frequency": ("Hz", c.kind == FREQUENCY),
+    }
+    return {
+        name: (unit, tuple(float(np.sqrt(np.mean(np.square(size[mine & chosen])))) for size in sizes))
+        for name, (unit, mine) in kinds.items()
+        if (mine & chosen).any()
+    }
 
 
 def by_direction(campaign: Campaign, normalized: Array) -> dict[str, float]:
