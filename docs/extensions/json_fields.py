@@ -419,6 +419,14 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             "compensated.refused[]?": ("line and reason of points that keep their command", ""),
         },
     ),
+    "keys": (
+        ["keys", "milling"],
+        {
+            "*.*[].key": ("by kind of file and section: the key", ""),
+            "*.*[].takes": ("what it takes", ""),
+            "*.*[].default": ("its default", ""),
+        },
+    ),
     "campaign new": (
         ["campaign", "new", "biglide", "--out", "CAMPAIGN"],
         {

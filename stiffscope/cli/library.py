@@ -11,6 +11,7 @@ from stiffscope.cli import options
 from stiffscope.cli.options import takes
 from stiffscope.cli.output import emit
 from stiffscope.errors import InputError
+from stiffscope.report.keys import find_keys, show_keys
 from stiffscope.report.progress import progress
 from stiffscope.report.terminal import show_line
 from stiffscope.robot.imports.import_assembly import Said, import_assembly
@@ -49,6 +50,24 @@ def new(name: str, goal: str, *, output: Output) -> None:
     written = copy_robot(name, goal)
     line = f"Written: {written}. Next: stiffscope check {written}"
     emit(output, {"file": str(written)}, lambda: show_line(line))
+
+
+@click.command()
+@takes(click.argument("section", required=False), options.json)
+def keys(section: str | None, *, output: Output) -> None:
+    """List every key of a robot file, study, job or campaign, with what it takes.
+
+    SECTION is robot, study, job or campaign, or part of a section's title such as joints or milling.
+    """
+    found = find_keys(section)
+    answer = {
+        kind: {
+            title: [dict(zip(("key", "takes", "default"), row, strict=True)) for row in rows]
+            for title, rows in titles.items()
+        }
+        for kind, titles in found.items()
+    }
+    emit(output, answer, lambda: show_keys(found))
 
 
 @click.command("import")

@@ -172,7 +172,7 @@ Bearings = Elements | None
 class JointSection(Section):
     """A joint between two bodies or ends of bodies; x along `axis`."""
 
-    between: tuple[str, str]
+    between: Annotated[tuple[str, str], Says('two bodies or ends such as ["ground", "arm.base"]')]
     type: str
     at: Point
     compliance: AnyBearing | None = None

@@ -1,0 +1,207 @@
+"""Every key of the files that people write: robot files, studies, jobs, campaigns; for the documentation and `keys`."""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+from types import NoneType, UnionType
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin
+
+from pydantic_core import PydanticUndefined
+
+from stiffscope.design.path import job
+from stiffscope.design.study_sections import SECTIONS
+from stiffscope.effects.vocabulary import EFFECTS
+from stiffscope.errors import InputError
+from stiffscope.report.terminal import show_line, show_table
+from stiffscope.robot.file import element_sections, part_sections, sections
+from stiffscope.robot.file.values import Reads, Says
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+TOP = {
+    "name": ("a text", "**needed**"),
+    "[parameters]": ("numbers with units by name, which expressions may use", "–"),
+    "[groups]": ("lists of bodies or joints by name, of which an effect or a table may speak at once", "–"),
+    "[poses]": ("tool poses by name: as many numbers as `[tool] pose` has coordinates", "–"),
+    "[parts.NAME], [bodies.NAME], [joints.NAME], [[copies]]": ("the robot, see below", "–"),
+    "[tool], [gravity], [map], [materials.NAME], [[effects]]": ("see below", "–"),
+}
+TABLES = (
+    ('[parts.NAME], shape = "rod"', part_sections.RodPart),
+    ('[parts.NAME], shape = "plate"', part_sections.PlatePart),
+    *((f'[parts.NAME], shape = "{name}"', part) for name, part in part_sections.BEAM_PARTS.items()),
+    ('[parts.NAME], shape = "step"', part_sections.StepPart),
+    ('[parts.NAME], shape = "matrix"', part_sections.MatrixPart),
+    ('[parts.NAME], shape = "matrix", with `interfaces`', part_sections.InterfacePart),
+    ("[parts.NAME.mesh]", part_sections.Mesh),
+    ("interfaces.NAME of a STEP part", part_sections.NamedFaces),
+    ("A choice of faces: clamped, loaded of a STEP part", part_sections.Face),
+    ("[materials.NAME], isotropic", part_sections.Isotropic),
+    ("[materials.NAME], of fibres along x", part_sections.Fibrous),
+    ("[bodies.NAME], with a part", sections.ElasticBody),
+    ("[bodies.NAME], with a part of named interfaces", sections.InterfaceBody),
+    ("[bodies.NAME], rigid", sections.RigidBody),
+    *((f'[joints.NAME], type = "{name}"', joint) for name, joint in sections.JOINTS.items()),
+    ("drive of a slide", sections.LinearDrive),
+    ("drive about an axis", sections.RotaryDrive),
+    ("compliance of a joint", sections.Bearing),
+    *(
+        (
+            f"bearing of a joint, kind = {' or '.join(k for k, m in element_sections.ELEMENTS.items() if m is model)}",
+            model,
+        )
+        for model in dict.fromkeys(element_sections.ELEMENTS.values())
+    ),
+    ("[[copies]]", sections.Copies),
+    ("[tool]", sections.ToolSection),
+    ("[gravity]", sections.GravitySection),
+    ("[map]", sections.MapSection),
+    ("[[effects]]", sections.Effect),
+)
+CAMPAIGN = {
+    "robot": "the name of a bundled robot, or the path of a robot file, seen from this folder",
+    "predictions": "instead of `robot`: a table with the columns of the readings and `value`, the model under test; "
+    "further columns are rival models",
+    "modelled": 'effects that the model already carries, such as `["gravity"]`',
+    "components": "source of the parts' matrices: `fea` (default), `beam` or `published`",
+    "readings": "a file of readings or a list of such: .csv (comma or semicolon, decimal comma too), .tsv, .xlsx",
+    "units": 'units by column, such as `{ value = "um", fx = "N" }`; SI without it',
+    "ignore": "columns that are not read",
+    "frames": "axes of instruments that stand anywhere, by name, see below",
+    "sensors": "instruments by name, see below",
+    "loads": "points where loads act, by name, see below",
+}
+SENSOR = {
+    "measures": "`displacement` (m), `rotation` (rad), or of a target that an instrument sees `position` "
+    "(three readings `NAME.x`, `NAME.y`, `NAME.z`, m) or `distance` (from the origin of its frame, m)",
+    "body": "a body, or an end of an elastic one (`leg1.arm.tip`)",
+    "at": 'where it touches, at home, base axes, such as `["75 mm", 0, "-15 mm"]`; not for a rotation',
+    "at_sigma": 'of a target: how well its place is known, such as `"20 mm"`; without it: known',
+    "direction": "sensitive direction, or axis of rotation, base axes; not of a target",
+    "against": "the body that its foot stands on; `ground` by default; not of a target",
+    "frame": "of a target: the frame in which it is seen, a name of `[frames]`",
+    "zero": "`none` (default), or `session`: its zero is unknown, one constant for each session",
+}
+FRAME = {
+    "pose": '`"unknown"`, found with everything else, or `[x, y, z, rx, ry, rz]` in {O}',
+    "sigma": "standard uncertainties of a pose's six values; without it: exact",
+    "per": "`campaign` (default), or `session`: set up anew with each session",
+}
+LOAD = {"body": "a body, or an end of an elastic one", "at": "where the load acts, at home, base axes"}
+QUANTITIES_READ = {
+    "dx … drz": ("deflection of the tool at M by the wrench applied (loaded minus unloaded)", "m, rad"),
+    "ex … erz": ("deviation of the unloaded tool from the commanded rigid pose", "m, rad"),
+    "kx … krz": ("diagonal K_ii of the stiffness at M: all other motions held", "N/m, N·m/rad"),
+    "px … prz": ("force over deflection of a push along that axis, all other motions free: 1/C_ii", "N/m, N·m/rad"),
+    "f1 …": ("natural frequencies at the pose, drives held, from below", "Hz"),
+}
+
+CAMPAIGN_SECTIONS = (
+    ("campaign.toml", CAMPAIGN), ("[frames.NAME]", FRAME), ("[sensors.NAME]", SENSOR), ("[loads.NAME]", LOAD)
+)  # fmt: skip
+JOB = (
+    ("the top level of a job", job.JobSection),
+    ("[process]", job.ProcessSection),
+    ("[process.force]", job.ForceSection),
+    ("[process.milling]", job.MillingSection),
+    ("[process.drilling]", job.DrillingSection),
+    ("[payload]", job.PayloadSection),
+)
+
+
+def section_rows(model: Any) -> list[tuple[str, str, str]]:
+    """Key, what it takes and default of every field of a section."""
+    return [
+        (field.alias or name, _takes(field), "**needed**" if field.is_required() else _default(field))
+        for name, field in model.model_fields.items()
+    ]
+
+
+def all_keys() -> dict[str, dict[str, list[tuple[str, str, str]]]]:
+    """Rows of `section_rows` by kind of file and section."""
+    robot = {"the top level": [(key, *rest) for key, rest in TOP.items()]}
+    robot |= {title: section_rows(model) for title, model in TABLES}
+    campaign = {title: [(key, takes, "") for key, takes in keys.items()] for title, keys in CAMPAIGN_SECTIONS}
+    campaign["quantities at M"] = [(name, f"{words} ({unit})", "") for name, (words, unit) in QUANTITIES_READ.items()]
+    campaign["effects"] = [
+        (name, ", ".join(f"{parameter} ({unit})" for parameter, unit in parameters[:9]) or "no parameters", "")
+        for name, parameters in EFFECTS.items()
+    ]
+    others = {"study": SECTIONS, "job": JOB}
+    return {
+        "robot": robot,
+        **{kind: {title: section_rows(model) for title, model in tables} for kind, tables in others.items()},
+        "campaign": campaign,
+    }
+
+
+def find_keys(wanted: str | None) -> dict[str, dict[str, list[tuple[str, str, str]]]]:
+    """Sections whose kind of file or title has a text; all without one. Raises InputError where there is none."""
+    every = all_keys()
+    if wanted is None or wanted in every:
+        return {wanted: every[wanted]} if wanted else every
+    found = {
+        kind: {title: rows for title, rows in titles.items() if wanted.lower() in title.lower()}
+        for kind, titles in every.items()
+    }
+    found = {kind: titles for kind, titles in found.items() if titles}
+    if not found:
+        titles = [title for titles in every.values() for title in titles]
+        close = difflib.get_close_matches(wanted, [*every, *titles], n=1, cutoff=0.4)
+        guess = f'; did you mean "{close[0]}"?' if close else ""
+        raise InputError(f'keys: expected {", ".join(every)} or part of a section\'s title, got "{wanted}"{guess}')
+    return found
+
+
+def show_keys(found: dict[str, dict[str, list[tuple[str, str, str]]]]) -> None:
+    """Print the sections, a table each."""
+    for kind, titles in found.items():
+        show_line(f"{kind[0].upper()}{kind[1:]} file" if kind != "campaign" else "Campaign", "bold")
+        show_line("")
+        for title, rows in titles.items():
+            show_table(title, [["key"], ["takes", "default"]], [_as_text(row) for row in rows], prose={"takes"})
+
+
+def _as_text(row: Sequence[str]) -> list[str]:
+    return [cell.replace("`", "").replace("**", "") for cell in row]
+
+
+def _takes(field: Any) -> str:
+    """What a field takes, in words: its own, else those of its type."""
+    return _said(field.metadata) or _words_of(field.annotation)
+
+
+def _said(metadata: Iterable[Any]) -> str:
+    said = [each.says if isinstance(each, Reads) else each for each in metadata if isinstance(each, Reads | Says)]
+    return str(said[0]) if said else ""
+
+
+def _words_of(annotation: Any) -> str:  # noqa: PLR0911 (a kind of type each)
+    """A type in words."""
+    said = _said(getattr(annotation, "__metadata__", ()))
+    if said:
+        return said
+    origin, inner = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return _words_of(inner[0])
+    if origin is Literal:
+        return " or ".join(f'"{choice}"' for choice in inner)
+    if origin in {Union, UnionType}:
+        return " or ".join(dict.fromkeys(_words_of(each) for each in inner if each is not NoneType))
+    if origin is dict:
+        return "a table by name"
+    if origin in {tuple, list}:
+        return "a list of " + " and ".join(dict.fromkeys(_words_of(each) for each in inner if each is not Ellipsis))
+    known = {str: "a text", int: "a whole number", float: "a number", bool: "true or false"}
+    return known.get(annotation, "a table of its own" if inspect.isclass(annotation) else "any value")
+
+
+def _default(field: Any) -> str:
+    value = field.get_default(call_default_factory=True)
+    if value is None or value is PydanticUndefined:
+        return "–"
+    if isinstance(value, float):
+        return f"`{value:g}`"
+    return f"`{value}`" if isinstance(value, str | int | tuple) else "its own"
