@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from stiffscope.errors import InputError
 from stiffscope.experiments.experiments import solve_parts
@@ -82,6 +83,8 @@ class Entry:
     error: float
     changes: tuple[float, ...]
     bars: tuple[float, ...]
+    place: tuple[int, int]
+    """Row and column in the compliance of all interfaces."""
 
 
 @dataclass(frozen=True)
@@ -223,17 +226,21 @@ def _orders(robot: RobotFile, part: str, own: PartOrder) -> tuple[dict[Choice, P
 
 
 def _compare_choices(part: str, found: Mapping[Choice, PartResult], left_out: Sequence[str]) -> Comparison:
-    point = next(iter(found.values())).experiment.reference_point
-    own, *others = (Tested(choice, result, *_shift_to(result, point)) for choice, result in found.items())
+    points = next(iter(found.values())).experiment.reference_points
+    own, *others = (Tested(choice, result, *_shift_to(result, points)) for choice, result in found.items())
     scale = np.sqrt(np.diag(own.compliance))
     notable = np.abs(own.compliance) > SIGNIFICANT * np.outer(scale, scale)
-    entries = [_entry(own, others, i, j) for i in range(6) for j in range(i, 6) if notable[i, j]]
+    several = len(points) > 1
+    shown = [
+        (i, j) for i in range(len(scale)) for j in range(i, len(scale)) if notable[i, j] and (i == j or not several)
+    ]
+    entries = [_entry(own, others, i, j) for i, j in shown]
     return Comparison(part, own, tuple(others), tuple(entries), tuple(left_out))
 
 
-def _shift_to(result: PartResult, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Compliance and bounds (6, 6) at another reference point: pads stand out from the face that they load."""
-    carry = shift(point - result.experiment.reference_point)
+def _shift_to(result: PartResult, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Compliance and bounds (6n, 6n) at other reference points: pads stand out from the face that they load."""
+    carry: np.ndarray = np.asarray(block_diag(*shift(points - result.experiment.reference_points)), dtype=float)
     return carry @ result.compliance @ carry.T, np.abs(carry) @ result.error @ np.abs(carry.T)
 
 
@@ -242,7 +249,10 @@ def _entry(own: Tested, others: Sequence[Tested], i: int, j: int) -> Entry:
     value, error = float(own.compliance[i, j]), float(own.error[i, j])
     ratios = [float(t.compliance[i, j]) / value for t in others]
     bars = [(float(t.error[i, j]) + abs(ratio) * error) / abs(value) for t, ratio in zip(others, ratios, strict=True)]
-    return Entry(*entry_name(i, j), value, error, tuple(ratio - 1 for ratio in ratios), tuple(bars))
+    name, unit = entry_name(i % 6, j % 6)
+    if len(own.compliance) > 6:
+        name = f"{own.result.experiment.interfaces[i // 6 + 1]} {name}"
+    return Entry(name, unit, value, error, tuple(ratio - 1 for ratio in ratios), tuple(bars), (i, j))
 
 
 def interfaces_csv(compared: Comparison) -> str:
@@ -251,7 +261,7 @@ def interfaces_csv(compared: Comparison) -> str:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["entry", "unit", "choice", "set", "value", "bound", "change", "change_bound"])
     for entry in compared.entries:
-        i, j = int(entry.name[1]) - 1, int(entry.name[2]) - 1
+        i, j = entry.place
         rows = [(compared.own, 0.0, 0.0), *zip(compared.others, entry.changes, entry.bars, strict=True)]
         for tested, change, bar in rows:
             values = (tested.compliance[i, j], tested.error[i, j], change, bar)

@@ -93,7 +93,8 @@ def _values(axes: Axes, compared: Comparison) -> None:
     axes.axis("off")
     for row, entry in enumerate(compared.entries):
         percent = 100 * entry.error / abs(entry.own)
-        axes.text(0.0, row, f"$C_{{{entry.name[1:]}}}$", va="center", fontsize=11)
+        where, _, name = entry.name.rpartition("C")
+        axes.text(0.0, row, f"{where}$C_{{{name}}}$", va="center", fontsize=11)
         axes.text(0.70, row, f"{power(entry.own, 3)} {entry.unit}", va="center", ha="right", fontsize=9.5)
         axes.text(1.0, row, f"± {percent:.2g} %", va="center", ha="right", fontsize=9, color=BEFORE)
 

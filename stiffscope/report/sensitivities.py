@@ -80,13 +80,23 @@ def _responses(given: Any) -> dict[str, Any]:
 
 def show_part_sensitivity(found: PartSensitivity, result: PartResult) -> None:
     """% of each diagonal entry of the compliance, of weight's sag and of the mass per % of each parameter."""
-    compliance = result.compliance.diagonal()
+    for k, interface in enumerate(result.experiment.interfaces[1:]):
+        several = len(result.experiment.interfaces) > 2
+        _show_at(found, result, slice(6 * k, 6 * k + 6), f" at {interface}" if several else "")
+    show_line("  sag: at the loaded face, by own weight along x, y, z; ± 95 % where it is more than a digit.")
+    show_line("  per kg: the entry of 1/C_ii that gains most, for a kilogram added by this parameter alone.")
+    _show_notes(found.notes)
+
+
+def _show_at(found: PartSensitivity, result: PartResult, own: slice, where: str) -> None:
+    """The table of one loaded interface."""
+    compliance = result.compliance.diagonal()[own]
     weight = np.abs(result.experiment.self_weight).max(axis=1)
     at = np.abs(result.experiment.self_weight).argmax(axis=1)
     rows = []
-    for name, each in sorted(found.derivatives.items(), key=lambda item: -_largest(item[1], compliance)):
-        shares = each.value * each.compliance.diagonal() / compliance
-        bounds = each.value * each.error.diagonal() / compliance
+    for name, each in sorted(found.derivatives.items(), key=lambda item: -_largest(item[1], compliance, own)):
+        shares = each.value * each.full_compliance.diagonal()[own] / compliance
+        bounds = each.value * each.full_error.diagonal()[own] / compliance
         sags = each.value * each.self_weight[range(3), at] / weight
         sags *= np.sign(result.experiment.self_weight[range(3), at])
         rows.append(
@@ -96,7 +106,7 @@ def show_part_sensitivity(found: PartSensitivity, result: PartResult) -> None:
                 *(_share(*pair) for pair in zip(shares, bounds, strict=True)),
                 *(_share(value) for value in sags),
                 _share(each.value * each.mass / result.experiment.mass),
-                *_per_kilogram(each, compliance),
+                *_per_kilogram(each, compliance, own),
             )
         )
     groups = [
@@ -106,20 +116,17 @@ def show_part_sensitivity(found: PartSensitivity, result: PartResult) -> None:
         ("sag x", "sag y", "sag z", "mass"),
         ("best entry per kg",),
     ]
-    show_table(f"Sensitivity of the {found.part}: % per % of each parameter", groups, rows)
-    show_line("  sag: at the loaded face, by own weight along x, y, z; ± 95 % where it is more than a digit.")
-    show_line("  per kg: the entry of 1/C_ii that gains most, for a kilogram added by this parameter alone.")
-    _show_notes(found.notes)
+    show_table(f"Sensitivity of the {found.part}{where}: % per % of each parameter", groups, rows)
 
 
-def _largest(each: Derivative, compliance: np.ndarray) -> float:
-    return float(np.abs(each.value * each.compliance.diagonal() / compliance).max())
+def _largest(each: Derivative, compliance: np.ndarray, own: slice = slice(0, 6)) -> float:
+    return float(np.abs(each.value * each.full_compliance.diagonal()[own] / compliance).max())
 
 
-def _per_kilogram(each: Derivative, compliance: np.ndarray) -> tuple[str]:
+def _per_kilogram(each: Derivative, compliance: np.ndarray, own: slice) -> tuple[str]:
     if abs(each.mass * each.value) < 1e-9:
         return ("",)
-    gains = -each.compliance.diagonal() / compliance / each.mass
+    gains = -each.full_compliance.diagonal()[own] / compliance / each.mass
     best = int(gains.argmax())
     if gains[best] < LEAST:
         return ("",)
@@ -306,7 +313,7 @@ def _robot_chart(found: Sensitivity, pose: str) -> Figure:
 
 
 def _part_chart(found: PartSensitivity, result: PartResult) -> Figure:
-    compliance = result.compliance.diagonal()
+    compliance = result.experiment.compliance.diagonal()
     order = sorted(found.derivatives.items(), key=lambda item: -_largest(item[1], compliance))
     drawn = new_figure(13.0, 2.4 + 0.5 * min(len(order), MOST_BARS), f"{found.part}: what changes its compliance")
     for i, axes in enumerate(drawn.subplots(2, 3, sharey=True).ravel()):
