@@ -261,6 +261,16 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             },
         ),
     ),
+    "compare ROBOT ROBOT": (
+        ["compare", "serial-arm", "serial-arm", "--components", "beam", "--set", "upper.radius=70mm"],
+        {
+            "robots": ("names of both", ""),
+            "poses": ("names of the poses that both reach", ""),
+            "stiffness": ("[robot][pose][i][j]: at M, without gravity", STIFF),
+            "sag": ("[robot][pose]: twist of the tool under the robot's own weight", TWIST),
+            "ratio": ("[pose]: diagonal of the second robot's stiffness over the first's", "1"),
+        },
+    ),
     "interfaces": (
         ["interfaces", *COARSE, "--out", "DIR"],
         {

@@ -40,7 +40,10 @@ COMMANDS = {
     },
     "A part": {
         "compliance": ("parts", "6x6 compliance of a part, with error bars."),
-        "compare": ("parts", "Compare FEA, beam theory and published values entry by entry."),
+        "compare": (
+            "parts",
+            "Compare two robots or versions, or a robot's parts by FEA, beam theory and published values.",
+        ),
         "interfaces": ("parts", "Effect of clamping and loading on a part's compliance."),
         "faces": ("parts", "List the faces of a STEP file."),
         "element": ("elements", "Stiffness of a bearing, guide or screw from its data sheet."),

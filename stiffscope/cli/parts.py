@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import logging
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -13,6 +13,7 @@ from stiffscope.cad.step import read_solid
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
 from stiffscope.cli.output import emit, open_workshop, warn_of
+from stiffscope.design.comparison import compare_robots
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import check_one_interface
 from stiffscope.experiments.experiments import solve_parts
@@ -22,7 +23,7 @@ from stiffscope.experiments.orders import name_lines, order_part
 from stiffscope.experiments.results import compliance_json
 from stiffscope.experiments.superelements import write_part
 from stiffscope.report import compare as comparison
-from stiffscope.report import interface_figure, tables
+from stiffscope.report import interface_figure, robot_comparison, tables
 from stiffscope.robot.part_matrices import used_parts
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.output import write_bytes
@@ -72,9 +73,24 @@ def compliance(
 
 
 @click.command()
-@takes(options.robot, options.part, options.overrides, options.json)
-def compare(name: str, part: str | None, *, overrides: tuple[str, ...], output: Output) -> None:
-    """Compare FEA, beam theory and published values entry by entry."""
+@takes(
+    options.robot, click.argument("other", metavar="[ROBOT]", required=False), options.part, options.components,
+    options.overrides, options.json,
+)  # fmt: skip
+@options.folder("--out", "Of two robots, folder to write: report, tables, map of the change; complete or absent.")
+def compare(
+    name: str, other: str | None, part: str | None, *, components: Any, overrides: tuple[str, ...], output: Output
+) -> None:
+    """Compare two robots or versions, or a robot's parts by FEA, beam theory and published values.
+
+    With two robots: stiffness and sag at the named poses that both reach, and the change over the workspace. --set
+    changes the second.
+    """
+    if other is not None:
+        if part:
+            raise InputError(f"--part {part}: expected none with two robots, got one")
+        _compare_robots(load_robot(name), load_robot(other, overrides), components, output)
+        return
     robot = load_robot(name, overrides)
     orders = [order_part(robot, each) for each in ((part,) if part else _solids(robot))]
     for order in orders:
@@ -89,6 +105,19 @@ def compare(name: str, part: str | None, *, overrides: tuple[str, ...], output: 
             tables.show_compliance(robot, result)
 
     emit(output, {part: dataclasses.asdict(each) for part, each in own.items()}, show)
+
+
+def _compare_robots(first: RobotFile, second: RobotFile, components: Any, output: Output) -> None:
+    manifest = manifest_of(first, second.path)
+    with open_workshop(output) as shop:
+        found = compare_robots(first, second, components, shop)
+    for made in found.made.values():
+        warn_of(made.results.values())
+    emit(
+        output, robot_comparison.robots_json(found), lambda: robot_comparison.show_robots(found), manifest=manifest,
+        fill=lambda folder: robot_comparison.draw_change(found, folder),
+        page=lambda folder, shown: robot_comparison.write_robots_page(found, folder, shown),
+    )  # fmt: skip
 
 
 @click.command()

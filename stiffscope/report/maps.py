@@ -62,9 +62,19 @@ def draw_difference(found: StiffnessMap, poses: Poses, title: str, *targets: Pat
         Files, PNG or SVG by their endings.
 
     """
-    change = 1e6 * (found.loaded / found.stiffness - 1)
-    panels = [Panel(f"{TITLES[k]} with − without weight (ppm)", change[..., k], CHANGE) for k in range(6)]
-    _draw(found, panels, poses, title, targets)
+    _draw_ratio(found, poses, title, targets, "with − without weight (ppm)", 1e6)
+
+
+def draw_change(found: StiffnessMap, poses: Poses, title: str, *targets: Path) -> None:
+    """Draw the change to another robot, whose stiffness is the loaded one, in percent; else as `draw_difference`."""
+    _draw_ratio(found, poses, title, targets, "change (%)", 100.0)
+
+
+def _draw_ratio(
+    found: StiffnessMap, poses: Poses, title: str, targets: Iterable[Path], words: str, factor: float
+) -> None:
+    change = factor * (found.loaded / found.stiffness - 1)
+    _draw(found, [Panel(f"{TITLES[k]} {words}", change[..., k], CHANGE) for k in range(6)], poses, title, targets)
 
 
 def draw_sag(found: StiffnessMap, poses: Poses, title: str, *targets: Path) -> None:

@@ -1,0 +1,34 @@
+"""Two robots side by side."""
+
+import json
+
+import numpy as np
+import pytest
+
+from stiffscope.cli.main import cli
+from stiffscope.errors import InputError
+
+
+def test_twice_the_drives_of_a_robot_of_drives_alone_is_twice_the_stiffness(tmp_path, capsys):
+    text = "\n".join(
+        [
+            'name = "stage"', "[bodies.x]", "[bodies.table]", "mass = 2", "centre = [0, 0, 0]",
+            "[joints.x]", 'between = ["ground", "x"]', 'type = "prismatic"', "at = [0, 0, 0]", "axis = [1, 0, 0]",
+            "drive = { stiffness = 1e6 }",
+            "[joints.y]", 'between = ["x", "table"]', 'type = "prismatic"', "at = [0, 0, 0]", "axis = [0, 1, 0]",
+            "drive = { stiffness = 2e6 }",
+            "[tool]", 'body = "table"', "at = [0, 0, 0]", 'pose = ["x", "y"]', "[poses]", "home = [0, 0]",
+            "[gravity]", "direction = [0, -1, 0]", "acceleration = 10",
+        ]
+    )  # fmt: skip
+    (tmp_path / "one.toml").write_text(text)
+    (tmp_path / "two.toml").write_text(text.replace("1e6", "3e6"))
+    cli(["compare", str(tmp_path / "one.toml"), str(tmp_path / "two.toml"), "--json", "-"], standalone_mode=False)
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["robots"] == ["one", "two"]
+    np.testing.assert_allclose(np.array(answer["sag"], dtype=float)[:, 0, 1], -20 / 2e6)
+
+
+def test_robots_of_other_coordinates_are_refused():
+    with pytest.raises(InputError, match="same coordinates"):
+        cli(["compare", "biglide", "serial-arm"], standalone_mode=False)
