@@ -323,7 +323,8 @@ def _reason(i: int, j: int, bonds: Sequence[Bond], solids: Sequence[Instance], h
         for each in (bond.first, bond.second):
             role = hardware.roles.get(each)
             if role in {"screw", "bearing", "pin", "ring"}:
-                words[f"{role} {solids[each].name}"] += 0
+                name = solids[each].name
+                words[name if role in name.lower() else f"{role} {name}"] += 0
         if {bond.first, bond.second} == {i, j} and bond.contact is not None:
             radius = f" of radius {1e3 * bond.contact.radius:.4g} mm" if bond.contact.radius else ""
             words[what[bond.contact.kind] + radius] += 1
