@@ -40,7 +40,7 @@ DRIVEN = {"revolute": 3, "prismatic": 0, "cylindrical": 0}
 """The component that a drive acts along."""
 LED = ("revolute", "prismatic", "cylindrical")
 """Kinds that lead a body about or along one axis."""
-_ALIKE = ("revolute", "prismatic", "universal", "spherical")  # free motions of one unit, which a spring may resist
+ALIKE = ("revolute", "prismatic", "universal", "spherical")  # free motions of one unit, which a spring may resist
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,8 +215,8 @@ class Joint:
     def _check_spring(self, here: str) -> None:
         if self.spring is None:
             return
-        if self.kind not in _ALIKE:
-            raise InputError(f"{here}.spring: expected a {', '.join(_ALIKE)} joint, got a {self.kind} one")
+        if self.kind not in ALIKE:
+            raise InputError(f"{here}.spring: expected a {', '.join(ALIKE)} joint, got a {self.kind} one")
         if self.drive is not None:
             raise InputError(f"{here}.spring: expected a passive joint, got one with a drive")
         if not 0.0 < self.spring < np.inf:

@@ -11,6 +11,7 @@ import numpy as np
 from stiffscope.errors import InputError
 from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.condensation import Eliminated, Folded, Stiff
+from stiffscope.vjm.joints import DRIVEN
 from stiffscope.vjm.network import END, free_directions
 from stiffscope.vjm.order import stack_columns
 from stiffscope.vjm.semidefinite import inverse, pivot
@@ -104,6 +105,18 @@ class ElementState:
     def twist(self) -> Array:
         """Twist (n, 6, c) across it, at its own point in its own axes."""
         return self.where.frame(self.element).inverse_adjoint() @ self.across
+
+    @property
+    def motions(self) -> Array:
+        """Motion (n, k, c) along each free direction of its joint, those that springs resist among them."""
+        joint = self.element.joint
+        if joint is None or joint.spring is None:
+            return self.rates
+        if joint.kind in DRIVEN:
+            along = DRIVEN[joint.kind]
+            return self.wrench[:, along : along + 1] / joint.spring
+        factor = self.where.factor(self.element)[..., -self.element.sprung :]
+        return np.swapaxes(factor, -1, -2) @ self.wrench / np.sqrt(joint.spring)
 
     @cached_property
     def energy(self) -> Array:

@@ -62,12 +62,14 @@ class Tool:
 class Change:
     """What an effect does to an element, in its own axes.
 
-    Compliance (6, 6) added, twist (6,) of its unloaded end, twist (6,) of a joint's axis away from where it is drawn.
+    Compliance (6, 6) added, twist (6,) of its unloaded end, twist (6,) of a joint's axis away from where it is drawn,
+    stiffness of a spring added to each free motion of a passive joint.
     """
 
     compliance: Array | None = None
     offset: Array | None = None
     astray: Array | None = None
+    spring: float | None = None
 
     @property
     def displaces(self) -> bool:
@@ -199,6 +201,8 @@ def _apply_change(element: Any, change: Change) -> Any:
     if change.offset is not None:
         offset = change.offset if offset is None else offset + change.offset
     out = replace(element, compliance=compliance, offset=offset)
+    if change.spring:
+        out = replace(out, spring=(element.spring or 0.0) + change.spring)
     if change.astray is None:
         return out
     return replace(out, astray=change.astray if element.astray is None else element.astray + change.astray)

@@ -303,3 +303,26 @@ def test_backlash_of_a_drive_with_two_slopes_is_found_adopted_and_predicted():
     adopted = apply_effect(nominal, "backlash", "stage", {"half_width": effect.parameters["half_width"].value})
     assert diagnose_campaign(seen, adopted).verdict == "no-gap"
     assert diagnose_campaign(seen, both).verdict == "no-gap"
+
+
+@pytest.mark.parametrize("spring", [None, 40.0])
+def test_springs_in_passive_joints_are_read_as_the_laboratory_has_them(spring):
+    """A hinge of a link with and without a stated spring: readings, and their derivative by differences."""
+    place = "limb1.link1.joint_a"
+    stated = () if spring is None else (f"{place}.spring={spring} N*m/rad",)
+    robot, machine = nominal_robot(*stated), biglide(*stated)
+    name, value = ("stiffness", 3000.0) if spring is None else ("factor", 3.0)
+    quiet = campaign(("joint-stiffness", place, {name: value}), machine=machine, displacement=1e-12, rotation=1e-12)
+    found = predicted(quiet, robot, "joint-stiffness", place, {name: value})
+    without = RobotModel(quiet, robot).predict().values
+    assert np.abs(without - quiet.value).max() > 1e-7
+    assert np.abs(found - quiet.value).max() < 2e-3 * np.abs(without - quiet.value).max()
+    model = RobotModel(quiet, robot)
+    candidate = next(c for c in find_candidates(model.setting) if c.name == f"joint-stiffness @ {place}")
+    step = 1e-4 if spring else 1.0
+    column = model.predict().columns(candidate)[:, 0]
+    ahead, behind = (model.predict(((candidate, (k * step,)),)).values for k in (1, -1 if spring else 0))
+    width = 2 * step if spring else step
+    assert np.abs(column - (ahead - behind) / width).max() < 2e-2 * np.abs(column).max()
+    adopted = apply_effect(robot, "joint-stiffness", place, {name: value})
+    assert adopted.mechanism.joint(place).spring == pytest.approx(3000.0 if spring is None else 120.0)

@@ -85,7 +85,7 @@ class ElasticState:
     @property
     def _is_displaced(self) -> bool:
         """Whether errors move anything of the unloaded robot."""
-        return self.at.is_displaced or any(c.displaces for each in self.changes for c in each.values())
+        return self.at.is_displaced or any(c.displaces or c.spring for each in self.changes for c in each.values())
 
     @cached_property
     def response(self) -> Response:
@@ -161,6 +161,17 @@ class ElasticState:
     def work_on_node(self, node: str, wrenches: Array) -> Array:
         """Work (p, cases, k) of wrenches (p or 1, 6, k) on a node along its motion under every terminal's load."""
         return self._at_every_pose(np.swapaxes(self._node(node), -1, -2) @ wrenches)
+
+    def transmit_motions(self, name: str) -> Array:
+        """Motion (p, k, cases) along a joint's free directions for every terminal's unit load."""
+        response = self._response
+        known = response.find_motions(name) if isinstance(response, Softened) else response.elements[name].motions
+        return self._at_every_pose(known)
+
+    def move_modes(self, name: str) -> Array:
+        """Motion (s, k, c) along a joint's free directions in each mode of a modal mass of 1 kg."""
+        moved = self._inertial_equilibrium.elements[name].motions
+        return np.broadcast_to(moved, (len(self.at.shaken), *moved.shape[1:]))
 
     def transmit_wrenches(self, name: str) -> Array:
         """Wrench (p, 6, cases) on an element for every terminal's unit load, in its own axes."""
@@ -251,6 +262,13 @@ class Softened:
         out = self.sound.nodes[name]
         for cut, slip in zip(self.cuts, self.slips, strict=True):
             out = out + cut.nodes[name] @ slip
+        return out
+
+    def find_motions(self, name: str) -> Array:
+        """Motion (n, k, cases) along a joint's free directions."""
+        out = self.sound.elements[name].motions
+        for cut, slip in zip(self.cuts, self.slips, strict=True):
+            out = out + cut.elements[name].motions @ slip
         return out
 
     def wrench(self, name: str) -> Array:

@@ -58,8 +58,8 @@ class RobotAtPoses:
 
     @cached_property
     def is_displaced(self) -> bool:
-        """Whether errors of the geometry are in the model itself."""
-        return any(element.is_displaced for element in list_elements(self.mechanism))
+        """Whether errors of the geometry, or springs, are in the model itself."""
+        return any(e.is_displaced or e.sprung or (e.joint and e.joint.spring) for e in list_elements(self.mechanism))
 
     @cached_property
     def rest(self) -> Places:
@@ -96,6 +96,12 @@ class RobotAtPoses:
     def laws(self) -> dict[str, Law]:
         """Of its drives that are not linear."""
         return find_laws(self.robot.mechanism)
+
+    def find_displacement(self, name: str) -> Array:
+        """Displacement (p, k) of a passive joint's free motions from where a spring would be at rest."""
+        joint = self.mechanism.joint(name)
+        away = self.configurations.coordinates(name)
+        return (away @ joint.axes if joint.kind == "spherical" else away) - joint.rest
 
     @cached_property
     def law_influence(self) -> Array:

@@ -29,6 +29,8 @@ from stiffscope.gap.campaign.quantities import (
 from stiffscope.vjm.laws import settle
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from stiffscope.effects.effect import Influence
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.forward.elastic_state import ElasticState
@@ -263,9 +265,18 @@ class RobotReadings:
 
     def find_wrenches(self, name: str) -> tuple[Array, Array]:
         """Wrenches (n, 6) on an element, own axes, by what is read and by what is applied: ``W a`` and ``W b``."""
+        return self._find_pair(name, self.elastic_state.transmit_wrenches, self.elastic_state.load_modes)
+
+    def find_motions(self, name: str) -> tuple[Array, Array]:
+        """Motions (n, k) along a joint's free directions by what is read and by what is applied."""
+        return self._find_pair(f"{name} ", self.elastic_state.transmit_motions, self.elastic_state.move_modes)
+
+    def _find_pair(
+        self, name: str, transmit: Callable[[str], Array], sway: Callable[[str], Array]
+    ) -> tuple[Array, Array]:
         known = self._known_wrenches.get(name)
         if known is None:
-            at = self.elastic_state.transmit_wrenches(name)
+            at = transmit(name.strip())
             pose = self.campaign.pose
             pair: list[Array] = []
             for (first, which), each in zip(
@@ -274,8 +285,8 @@ class RobotReadings:
                 pair.append((at[pose[first]] @ each[first][..., None])[which, :, 0])
             if self._mode[0].size:  # δf = -w · δC w / (8 π² f)
                 which, shaken, mode = self._mode
-                pair[0][which] = pair[1][which] = wrench = self.elastic_state.load_modes(name)[shaken, :, mode]
-                pair[0][which] = -wrench / (8.0 * np.pi**2 * self.elastic_state.frequencies[shaken, mode])[:, None]
+                pair[0][which] = pair[1][which] = moved = sway(name.strip())[shaken, :, mode]
+                pair[0][which] = -moved / (8.0 * np.pi**2 * self.elastic_state.frequencies[shaken, mode])[:, None]
             known = self._known_wrenches[name] = (pair[0], pair[1])
         return known
 

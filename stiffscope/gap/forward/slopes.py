@@ -65,8 +65,14 @@ def _of_elements(prediction: RobotReadings, ahead: Changes, behind: Changes, wid
     """By the wrenches that the changed elements carry."""
     out = np.zeros(len(prediction.campaign))
     for name, change in ahead.items():
-        read, applied = prediction.find_wrenches(name)
         before = behind[name]
+        if change.spring is not None and before.spring is not None:
+            read_along, moved = prediction.find_motions(name)
+            away = prediction.robot_at_poses.find_displacement(name)[prediction.campaign.pose]
+            moved = moved + np.where(prediction.campaign.shows_rest[:, None], away, 0.0)
+            out -= (change.spring - before.spring) / width * np.einsum("nk,nk->n", read_along, moved)
+            continue
+        read, applied = prediction.find_wrenches(name)
         if change.compliance is not None and before.compliance is not None:
             slope = (change.compliance - before.compliance) / width
             out += np.einsum("ni,ni->n", read @ slope, applied)

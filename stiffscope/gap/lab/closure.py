@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.gap.lab.machine import DRIVEN, GROUND
+from stiffscope.gap.lab.machine import DRIVEN, FREE, GROUND
 from stiffscope.gap.lab.rotations import about_x, lever, rates_of_vector, transform_to, turn, vector_of
 
 if TYPE_CHECKING:
@@ -108,6 +108,31 @@ def joint_state(joint: Joint, frames: Frames, first: str, second: str, commanded
     if joint.drive is not None:
         misfit[:, DRIVEN[joint.kind]] = displacement - commanded
     return JointState(misfit, transform_to(axes, point), held, displacement)
+
+
+def spring_state(joint: Joint, frames: Frames, first: str, second: str) -> tuple[Array, Array]:
+    """Return the free motions (n, k, 6) of a joint as rows, its axes and point, and how far (n, 6) it is from rest."""
+    state = joint_state(joint, frames, first, second)
+    axes = frames.rotation[first] @ joint.axes
+    back = np.swapaxes(axes, -1, -2)
+    relative = back @ frames.rotation[second] @ joint.axes
+    n = len(relative)
+    away = np.zeros((n, 6))
+    rows = np.broadcast_to(np.eye(6)[list(FREE[joint.kind])], (n, len(FREE[joint.kind]), 6))
+    if joint.kind == "spherical":
+        away[:, 3:] = vector_of(relative)
+    elif joint.kind == "universal":  # about x, then about the second axis, seen from the first body
+        home, other = joint.axes.T @ joint.axis2, (back @ frames.rotation[second] @ joint.axis2[:, None])[..., 0]
+        about = np.arctan2(other[:, 2], other[:, 1]) - np.arctan2(home[2], home[1])
+        image = np.swapaxes(relative, -1, -2) @ np.eye(3)[0]  # the first axis, seen from the second body
+        side = np.cross(home, np.eye(3)[0])
+        turned = -np.arctan2(image @ side, image @ np.cross(side, home))
+        rows = np.array(np.broadcast_to(np.eye(6)[[3, 4]], (n, 2, 6)))
+        rows[:, 1, 3:] = other
+        away[:, 3:] = about[:, None] * np.eye(3)[0] + turned[:, None] * other
+    else:
+        away[:, DRIVEN[joint.kind]] = state.displacement - joint.rest
+    return rows, away
 
 
 @dataclass(frozen=True)

@@ -182,6 +182,16 @@ def _on_drives(law: str, parameter: str) -> Injector:
     return injector
 
 
+_ALIKE = ("revolute", "prismatic", "universal", "spherical")
+
+
+def _joint_stiffness(machine: Machine, place: str, parameters: Parameters) -> Machine:
+    """A factor on the springs of passive joints, or a stiffness where there is none."""
+    found = {n: j for n, j in _joints(machine, place).items() if j.drive is None and j.kind in _ALIKE}
+    factor, added = parameters.get("factor", 1.0), parameters.get("stiffness", 0.0)
+    return machine.with_joints({n: replace(j, spring=j.spring * factor + added) for n, j in found.items()})
+
+
 def _held_across(joint: Joint) -> tuple[int, ...]:
     """Translations that a joint holds across its axis; a ball has none."""
     return tuple(i for i in range(3) if i in joint.held_directions and (i > 0 or not joint.directed))
@@ -278,6 +288,7 @@ KNOWN: dict[str, Word] = {
     "actuator-stiffness": Word(
         ("factor",), _driven(lambda d, v: replace(d, stiffness=d.stiffness * v), "factor"), _drives
     ),
+    "joint-stiffness": Word(("factor", "stiffness"), _joint_stiffness, _any_joint(lambda joint: joint.kind in _ALIKE)),
     "backlash": Word(("half_width",), _on_drives("play", "half_width"), _drives),
     "encoder-offset": Word(("offset",), _driven(lambda d, v: replace(d, offset=d.offset + v), "offset"), _drives),
     "joint-compliance": Word(("radial", "axial", "tilting"), _joint_compliance, _joints),

@@ -92,6 +92,9 @@ class Joint:
     bearing: Array
     """(6, 6) compliance in the joint's axes along and about what it holds, without the drive."""
     drive: Drive | None = None
+    spring: float = 0.0
+    """Resists each of its free motions, N/m or N·m/rad."""
+    rest: float = 0.0
     directed: bool = True
     """Whether its file gives an axis: what has none yields alike in all directions that it holds."""
 
@@ -338,7 +341,8 @@ def _joint(robot: RobotFile, name: str, section: JointSection) -> Joint:
     if name in robot.copied:  # it is that of the original and turns with it
         relative = np.kron(np.eye(2), axes.T @ rotation @ written)
         bearing = relative @ bearing @ relative.T
-    return Joint(name, *section.between, section.type, at, at, at, axes, second, bearing, spring, axis is not None)
+    return Joint(name, *section.between, section.type, at, at, at, axes, second, bearing, spring,
+                 getattr(section, "spring", None) or 0.0, getattr(section, "rest", 0.0), axis is not None)  # fmt: skip
 
 
 def _first_slope(drive: LinearDrive | RotaryDrive) -> float:

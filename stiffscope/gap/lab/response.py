@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.gap.lab.closure import Frames, joint_state, locate
+from stiffscope.gap.lab.closure import Frames, joint_state, locate, spring_state
 from stiffscope.gap.lab.machine import BASE, GROUND, TOOL
 from stiffscope.gap.lab.rotations import both_parts, lever, transform_to, turn, vector_of
 from stiffscope.gap.lab.structure import Element, Structure
@@ -152,6 +152,7 @@ def _is_distorted(machine: Machine) -> bool:
         any(body.offset.any() for body in machine.bodies.values())
         or any((joint.at_first != joint.at_second).any() for joint in machine.joints.values())
         or any(joint.drive and (joint.drive.offset or joint.drive.pitch) for joint in machine.joints.values())
+        or any(joint.spring for joint in machine.joints.values())
         or bool(machine.cable.any())
     )
 
@@ -171,6 +172,10 @@ def _elements(machine: Machine, located: Located, frames: Frames, index: dict[st
         out.append(
             Element(joint.name, index[first], index[second], state.carry, state.held, joint.compliance, state.misfit)
         )
+        if joint.spring:
+            rows, away = spring_state(joint, frames, first, second)
+            soft = np.eye(6) / joint.spring
+            out.append(Element(f"{joint.name} spring", index[first], index[second], state.carry, rows, soft, away))
     for body in machine.bodies.values():
         if len(body.nodes) == 1:
             continue
