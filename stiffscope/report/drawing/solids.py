@@ -133,8 +133,11 @@ def _skin(body: dict[str, Any], reach: float) -> pv.PolyData:
         import pyvista as pv
 
         ends = (np.array(body["places"], float) - body["base"]) @ np.array(body["axes"], float)
-        arms = [_rod(ends.mean(axis=0), end, 0.01 * reach, _STATIONS) for end in ends]
-        return _triangles(pv.merge(arms))
+        hub = ends.mean(axis=0)
+        apart = [end for end in ends if np.linalg.norm(end - hub) > 1e-3 * reach]
+        return _triangles(
+            pv.merge([_ball(hub, 0.015 * reach), *(_rod(hub, end, 0.01 * reach, _STATIONS) for end in apart)])
+        )
     if "outline" in shape:
         return _extrude(shape["outline"], length)
     if "thickness" in shape:
