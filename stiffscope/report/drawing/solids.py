@@ -88,6 +88,7 @@ def extent(bodies: Tables, joints: Tables, tool: dict[str, Any]) -> float:
 
 def solids_of(bodies: Tables, joints: Tables, tool: dict[str, Any], up: Floats) -> list[Solid]:
     """Everything that a picture shows, at home; see `stiffscope.report.drawing.robot.robot` for the arguments."""
+    bodies = [_place_ends(body, joints) for body in bodies]
     reach = extent(bodies, joints, tool)
     sizes = _sizes(bodies, joints, reach)
     return [
@@ -119,6 +120,15 @@ def _make_elastic(bodies: Tables, reach: float) -> Iterable[Solid]:
             colour, length = colours[body["part"]], float(body["length"])
             places = np.array(body["places"], float)
             yield Solid(body["name"], skin, colour, tuple(body["nodes"]), axes, base, length, places)
+
+
+def _place_ends(body: dict[str, Any], joints: Tables) -> dict[str, Any]:
+    """A body of named interfaces with its ends where its joints are, as long as no experiment tells their places."""
+    if len(body["nodes"]) < 2 or body["length"] or body.get("experiment"):
+        return body
+    at = {joint[end]: joint["at"] for joint in joints for end in ("first", "second")}
+    places = [at.get(node, place) for node, place in zip(body["nodes"], body["places"], strict=True)]
+    return body | {"places": np.array(places, float)}
 
 
 def _skin(body: dict[str, Any], reach: float) -> pv.PolyData:
