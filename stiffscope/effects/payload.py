@@ -55,8 +55,9 @@ class AddedMass(Effect):
                 heavy = cls(body.name, _find_point(mechanism, body), axes)
                 scale = (cls.parameters[0].size, *(cls.parameters[1 + a].size for a in axes))
                 place = Place(body.name)
-                free = {"physical": heavy.physical, "internal": heavy.internal, "couplings": len(axes)}
-                yield heavy.make_candidate(place, scale=scale, **free)
+                yield heavy.make_candidate(
+                    place, scale=scale, physical=heavy.physical, internal=heavy.internal, couplings=len(axes)
+                )
                 yield heavy.make_candidate(place, cls.parameters[:1])
 
     def influence(self, values: Array) -> Influence:

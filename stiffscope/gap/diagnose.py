@@ -177,7 +177,7 @@ def _errors(candidate: Candidate, values: Array, covariance: Array) -> dict[str,
             float(values[k]), float(sigma[k]), candidate.part_units[k],
             interval=(float(values[k] - width * sigma[k]), float(values[k] + width * sigma[k])), nominal=0.0,
         )
-        for k in np.argsort(-np.abs(values))[: len(candidate.parts)].tolist()
+        for k in map(int, np.argsort(-np.abs(values))[: len(candidate.parts)])
     }  # fmt: skip
 
 

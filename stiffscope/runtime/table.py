@@ -70,7 +70,7 @@ class Table:
 
 
 def read_table(
-    path: Path, check: Callable[[str, list[str]], None], ignore: Collection[str] = (), most: int = MOST_ROWS
+    path: Path, check: Callable[[str, list[str]], None], ignore: Collection[str] = (), most: int | None = None
 ) -> Table:
     """Return a table's columns, with surrounding blanks removed; blank lines are passed over.
 
@@ -86,7 +86,7 @@ def read_table(
     ignore
         Columns that are not read.
     most
-        Rows that are read at most.
+        Rows that are read at most; by default as many as readings may have.
 
     Raises
     ------
@@ -95,14 +95,17 @@ def read_table(
         the header's.
 
     """
-    rows, lines, decimal_comma = _sheet(path) if path.suffix.lower() == ".xlsx" else _lines(path, most)
+    told, most = most is not None, most or MOST_ROWS
+    rows, lines, decimal_comma = (
+        _sheet(path) if path.suffix.lower() == ".xlsx" else _lines(path, 4 * MOST_BYTES if told else MOST_BYTES)
+    )
     if not rows:
         raise InputError(f"{path.name}: expected a header line with the column names, got an empty file")
     header = _header(path.name, rows[0], lines[0])
     check(path.name, [name for name in header if name not in ignore])
     if len(rows) > most + 1:
         what = f"{path.name}:{lines[most + 1]}: expected at most {most:,} rows, got more"
-        raise InputError(f"{what}; average repeated readings" if most == MOST_ROWS else what)
+        raise InputError(what if told else f"{what}; average repeated readings")
     _check_lengths(path.name, header, rows, lines)
     if len(rows) == 1:
         raise InputError(f"{path.name}:{lines[0] + 1}: expected at least one row under the header")
@@ -117,7 +120,7 @@ def read_table(
 
 def _lines(path: Path, most: int) -> tuple[list[list[str]], list[int], bool]:
     """Rows of a text file with their lines, and whether its numbers may have a decimal comma."""
-    text = read_text(path, "a table in CSV", MOST_BYTES * max(1, most // MOST_ROWS))
+    text = read_text(path, "a table in CSV", most)
     start = text.lstrip()[:_LONGEST].partition("\n")[0]
     mark = "\t" if "\t" in start else ";" if ";" in start else ","
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=mark, strict=True, skipinitialspace=mark != "\t")

@@ -180,7 +180,8 @@ def test_more_compliance_only_softens(effect):
 
 
 def test_every_word_and_every_fault_can_be_planted_and_seen():
-    assert {effect for effect, _ in EXAMPLES} == {*KNOWN, *OUTSIDE} >= {*PLACES}
+    here = {*KNOWN, *OUTSIDE} - {"joint-stiffness"}  # the Biglide states no springs
+    assert {effect for effect, _ in EXAMPLES} == here >= {*PLACES} - {"joint-stiffness"}
     plan = default_plan(SOUND, np.random.default_rng(3), poses=4, stiffness="k", sessions=2)
     start = without_weight(SOUND)
     reference = {base.weighted: true_readings(base, plan, located(base, plan)).value for base in (SOUND, start)}

@@ -80,8 +80,7 @@ def _sizes_of_one(
         words = bearing_words([lab.sound.joints[name] for name in members])
         return {word: 1e-6 * bend if word == "tilting" else 3e-9 * soft for word in words}
     if effect == "joint-stiffness":
-        stated = any(lab.sound.joints[name].spring for name in members)
-        return {"factor": 3.0} if stated else {"stiffness": 1e4 / bend}
+        return {"factor": 3.0}
     if effect == "rigid-ends":
         return {"length": 0.04 * float(np.mean([lab.sound.bodies[n].length for n in members]))}
     lever = max((lab.drive_lever(name) for name in members), default=1.0) if effect in _OF_DRIVES else 1.0

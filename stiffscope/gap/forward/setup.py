@@ -105,7 +105,7 @@ class Instruments:
     def _looks(self) -> tuple[Array, Flags]:
         """Axis in its frame (a, 3) that each looks along, and whether it is a distance (a,)."""
         c = self.campaign
-        which = [c.sensors[k] for k in c.sensor[self.rows]]
+        which = [c.sensors[k] for k in c.sensor[self.rows].tolist()]
         axes = np.array([s.direction for s in which]).reshape(-1, 3)
         return axes, np.array([s.measures == "distance" for s in which], dtype=np.bool_)
 
@@ -176,7 +176,7 @@ class Instruments:
         length = np.linalg.norm(away, axis=1)
         along = np.einsum("nij,nj->ni", setup.rotation[frame], axes)
         direction = np.where(ranged[:, None], away / np.where(length, length, 1.0)[:, None], along)
-        seen = np.where(ranged, length, np.einsum("ni,ni->n", along, away))
+        seen: Array = np.where(ranged, length, np.einsum("ni,ni->n", along, away))
         by_frame = np.concatenate([-direction, np.cross(direction, away)], axis=1)
         out[rows[:, None], 6 * frame[:, None] + np.arange(6)] = by_frame
         by_target = np.einsum("nji,nj->ni", turns[loose], direction[loose])
@@ -205,7 +205,7 @@ class Instruments:
 
     @property
     def _nowhere(self) -> Setup:
-        f, t, z = len(self._frame[1]), len(self._loose[1]), self._zeros.max(initial=-1) + 1
+        f, t, z = len(self._frame[1]), len(self._loose[1]), int(self._zeros.max(initial=-1)) + 1
         return Setup(np.tile(np.eye(3), (f, 1, 1)), np.zeros((f, 3)), np.zeros((t, 3)), np.zeros(z))
 
     @cached_property

@@ -288,7 +288,7 @@ KNOWN: dict[str, Word] = {
     "actuator-stiffness": Word(
         ("factor",), _driven(lambda d, v: replace(d, stiffness=d.stiffness * v), "factor"), _drives
     ),
-    "joint-stiffness": Word(("factor", "stiffness"), _joint_stiffness, _any_joint(lambda joint: joint.kind in _ALIKE)),
+    "joint-stiffness": Word(("factor", "stiffness"), _joint_stiffness, _any_joint(lambda joint: joint.spring)),
     "backlash": Word(("half_width",), _on_drives("play", "half_width"), _drives),
     "encoder-offset": Word(("offset",), _driven(lambda d, v: replace(d, offset=d.offset + v), "offset"), _drives),
     "joint-compliance": Word(("radial", "axial", "tilting"), _joint_compliance, _joints),
