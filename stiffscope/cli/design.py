@@ -112,7 +112,7 @@ def study(names: tuple[Path, ...], *, scheduler: str | None, part: str | None, o
     if str(names[0]) == "merge":
         _merge(names[1:], output)
         return
-    if len(names) > 1:
+    if len(names) != 1:
         raise InputError(f"{names[1]}: expected one study's file, got {len(names)}")
     share = _read_part(part)
     file = load_study(names[0])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -74,8 +74,8 @@ def locate_by_distances(points: Array, lengths: Array) -> Array:
     solid = size > _FLAT * size[0]
     q = p @ axes[solid].T
     design = np.column_stack([-2.0 * q, np.ones(len(q))])
-    solution: Array = np.linalg.lstsq(design, lengths**2 - np.sum(q**2, axis=1), rcond=None)[0]
-    x: Array = solution[:-1] @ axes[solid]
+    solution = cast("Array", np.linalg.lstsq(design, lengths**2 - np.sum(q**2, axis=1), rcond=None)[0])
+    x = solution[:-1] @ axes[solid]
     left = max(float(solution[-1] - x @ x), 0.0)
     if not solid.all():
         away = axes[~solid][0]

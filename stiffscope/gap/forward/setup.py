@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from stiffscope.gap.forward.placing import find_frame, find_outlying
 from stiffscope.vjm.screws import rotation_of
 
 if TYPE_CHECKING:
-    from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.gap.campaign.campaign import Campaign, Sensor
     from stiffscope.runtime.types import Array, Flags, Indices
 
 _WIDE = 1e5  # m, rad: prior of what is unknown
@@ -105,8 +105,8 @@ class Instruments:
     def _looks(self) -> tuple[Array, Flags]:
         """Axis in its frame (a, 3) that each looks along, and whether it is a distance (a,)."""
         c = self.campaign
-        which = [c.sensors[k] for k in c.sensor[self.rows].tolist()]
-        axes = np.array([s.direction for s in which]).reshape(-1, 3)
+        which: list[Sensor] = [c.sensors[int(k)] for k in c.sensor[self.rows]]
+        axes = np.array([s.direction for s in which], dtype=float).reshape(-1, 3)
         return axes, np.array([s.measures == "distance" for s in which], dtype=np.bool_)
 
     @cached_property
@@ -176,7 +176,7 @@ class Instruments:
         length = np.linalg.norm(away, axis=1)
         along = np.einsum("nij,nj->ni", setup.rotation[frame], axes)
         direction = np.where(ranged[:, None], away / np.where(length, length, 1.0)[:, None], along)
-        seen: Array = np.where(ranged, length, np.einsum("ni,ni->n", along, away))
+        seen = cast("Array", np.where(ranged, length, np.einsum("ni,ni->n", along, away)))
         by_frame = np.concatenate([-direction, np.cross(direction, away)], axis=1)
         out[rows[:, None], 6 * frame[:, None] + np.arange(6)] = by_frame
         by_target = np.einsum("nji,nj->ni", turns[loose], direction[loose])
