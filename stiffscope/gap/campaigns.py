@@ -124,13 +124,16 @@ def predict_roughly(case: Case) -> Array:
     campaign = case.campaign
     if case.robot is None:
         return campaign.predictions["value"]
-    seen = ~np.array([s.absolute for s in campaign.sensors] or [False])[np.maximum(campaign.sensor, 0)]
-    rows = np.flatnonzero(seen | (campaign.sensor < 0))
+    read = np.flatnonzero(~np.isnan(campaign.value))
+    sensors = tuple(dataclasses.replace(s, at_sigma=0.0) for s in campaign.sensors)
     out = np.full(len(campaign), np.nan)
-    if len(rows):
-        nominal = NominalRobot(mechanism_of(case.robot, _rough_matrices(case.robot)), case.robot)
-        with contextlib.suppress(InputError):  # which a diagnosis tells, with the parts as they are
-            out[rows] = RobotModel(campaign.select(rows), nominal).predict().values
+    if not len(read):
+        return out
+    nominal = NominalRobot(mechanism_of(case.robot, _rough_matrices(case.robot)), case.robot)
+    with contextlib.suppress(InputError):  # which a diagnosis tells, with the parts as they are
+        model = RobotModel(dataclasses.replace(campaign.select(read), sensors=sensors), nominal)
+        expected = model.campaign.expected
+        out[read] = model.predict().values + (0.0 if expected is None else expected)
     return out
 
 

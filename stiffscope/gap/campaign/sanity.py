@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.gap.campaign.quantities import DEFLECTION, DEVIATION, FREQUENCY, KINDS, STIFFNESS
+from stiffscope.gap.campaign.quantities import DEFLECTION, DEVIATION, FREQUENCY, KINDS, POSITION, STIFFNESS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -80,7 +80,7 @@ def _inspect_channel(c: Campaign, predicted: Array, name: str, rows: Codes) -> I
     if not known or not model.any():
         return
     yield from _compare(c, name, rows, value, model)
-    if kind in (DEFLECTION, DEVIATION):
+    if kind in (DEFLECTION, DEVIATION, POSITION):
         yield from _find_breaks(c, name, rows, _scatter(c, rows, value, model))
     elif (model > 0).all():
         yield from _name_outliers(c, name, rows, _centre(np.log(value / model)))
@@ -89,7 +89,7 @@ def _inspect_channel(c: Campaign, predicted: Array, name: str, rows: Codes) -> I
 def _compare(c: Campaign, name: str, rows: Codes, value: Array, model: Array) -> Iterator[ReadingRemark]:
     """Remarks on unit and sign: of deflections by themselves, of deviations by how they vary over the poses."""
     kind, where = int(c.kind[rows[0]]), (c.where(int(rows[0])),)
-    if kind == DEVIATION:
+    if kind in (DEVIATION, POSITION):
         value, model = value - np.median(value), model - np.median(model)
     sized = np.abs(model) > _SIZED * np.abs(model).max()
     if sized.sum() < LEAST:

@@ -13,7 +13,7 @@ from stiffscope.gap.campaign.quantities import DEFLECTION, DEVIATION
 from stiffscope.gap.forward.robot_at_poses import configure_robot
 
 if TYPE_CHECKING:
-    from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.gap.campaign.campaign import Campaign, Sensor
     from stiffscope.robot.nominal import NominalRobot
     from stiffscope.runtime.types import Array, Flags, Indices
 
@@ -43,7 +43,7 @@ def plan_trial(c: Campaign, nominal: NominalRobot, sigma: Array) -> tuple[Campai
 
     """
     poses, cases = _trial_poses(c, nominal), _trial_loads(c)
-    channels = np.unique(c.channel[c.kind <= DEVIATION])
+    channels = np.unique(c.channel[c.is_motion])
     at_tool = channels >= len(c.sensors)
     if at_tool.any() or not len(channels):
         channels = np.concatenate([channels[~at_tool], len(c.sensors) + np.arange(6)])
@@ -67,12 +67,19 @@ def plan_trial(c: Campaign, nominal: NominalRobot, sigma: Array) -> tuple[Campai
         session=np.zeros(n),
         file=np.zeros(n),
         line=np.arange(n),
-        sensors=tuple(replace(s, zero="none") for s in c.sensors),
+        sensors=tuple(_as_gauge(s) for s in c.sensors),
+        expected=None,
         sensor=np.tile(sensor, n // per),
         load=load,
     )
     noise = _displacement_noise(c, sigma)[np.tile(channels, n // per)]
     return trial, noise, np.arange(n) // per
+
+
+def _as_gauge(sensor: Sensor) -> Sensor:
+    """A sensor as its campaign leaves it: its zero known, and an instrument that stands anywhere placed."""
+    placed = replace(sensor, zero="none")
+    return replace(placed, measures="displacement", at_sigma=0.0) if sensor.absolute else placed
 
 
 def _trial_poses(c: Campaign, nominal: NominalRobot) -> Array:
@@ -128,7 +135,7 @@ def _trial_loads(c: Campaign) -> list[tuple[int, Array]]:
 
 def _displacement_noise(c: Campaign, sigma: Array) -> Array:
     """Noise of a displacement by each channel, as the campaign's own readings have it."""
-    moving = c.kind <= DEVIATION
+    moving = c.is_motion
     out = np.array([ROTATION if s.rotates else DISPLACEMENT for s in c.sensors] + [DISPLACEMENT] * 3 + [ROTATION] * 3)
     for channel in range(len(out)):
         mine = moving & (c.channel == channel)
