@@ -34,7 +34,7 @@ MADE_UP = Outcome(
     1, "single", ("backlash @ motor",), "identified", ("backlash @ motor",), ((),), 20.0, (9.0, 1.0, 1.0, 1.0), (True,),
     robot="serial-arm", stated=((0.99, True),),
 )  # fmt: skip
-CAPITALS = ("DIR", "PART.", "ARM.", "STUDY.", "JOB.", "ROBOT", "CAMPAIGN")
+CAPITALS = ("DIR", "PART.", "ARM.", "STUDY.", "JOB.", "BEARING.", "ROBOT", "CAMPAIGN")
 """Words of a command that stand for a file or folder."""
 URDF = """<robot name="arm">
   <link name="stand"/>
@@ -49,6 +49,14 @@ method = "grid"
 minimize = "mass"
 parameters = { "inner.radius" = { values = ["14 mm", "16 mm"] } }
 responses = { mass = "mass" }
+"""
+BEARING = """kind = "angular-contact"
+balls = 18
+ball = "9.525 mm"
+pitch = "75 mm"
+angle = "25 deg"
+osculation = [0.52, 0.53]
+preload = "400 N"
 """
 JOB = """robot = "serial-arm"
 components = "beam"
@@ -116,6 +124,7 @@ def _place() -> Iterator[Path]:
         (place / "ARM.urdf").write_text(URDF)
         (place / "STUDY.toml").write_text(STUDY)
         (place / "JOB.toml").write_text(JOB)
+        (place / "BEARING.toml").write_text(BEARING)
         tool = load_robot("serial-arm").tool.at
         rows = [f"{tool[0] + 1e-3 * k},{tool[1]},{tool[2]},0,0,0,0.01" for k in range(5)]
         (place / "path.csv").write_text("\n".join(["x,y,z,rx,ry,rz,feed", *rows]))

@@ -429,6 +429,20 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             "compensated.refused[]?": ("line and reason of points that keep their command", ""),
         },
     ),
+    "element": (
+        ["element", "BEARING.toml"],
+        {
+            "kind": ("of the element", ""),
+            "stiffness": ("[i][j]: at its middle, x along its axis; zero along what is free", STIFF),
+            "compliance": ("[i][j]: its inverse over what is held", YIELDS),
+            "free": ("components x y z rx ry rz that are free, from 0", ""),
+            "twist": ("of the moved side under preload and load", TWIST),
+            "loads": ("of each rolling element", "N"),
+            "angles": ("of each contact against the radial plane", "rad"),
+            "source": ("of the formulas or figures", ""),
+            "notes": ("what limits the result, a sentence each", ""),
+        },
+    ),
     "keys": (
         ["keys", "milling"],
         {

@@ -79,7 +79,7 @@ def keys(section: str | None, *, output: Output) -> None:
     ),
     click.option(
         "--drive", "drives", multiple=True, metavar="PATTERN=STIFFNESS",
-        help='Drive joints: "joint1=25 kN*m/rad", "slide*=20 N/um". May be repeated; other joints are passive.',
+        help='Drive joints: "joint1=25 kN*m/rad", "slide=20 N/um". May be repeated; other joints are passive.',
     ),
     click.option("--tool", metavar="NAME", help="Body, site or part that is the tool; by default a last one."),
     click.option(
@@ -88,10 +88,10 @@ def keys(section: str | None, *, output: Output) -> None:
     ),
     click.option("--ground", metavar="NAME", help="Of an assembly, the part that stands still."),
     _said("joint", '"A/B=KIND"', 'the joint of two parts: "arm/base=revolute", "arm/cover=none"'),
-    _said("weld", "PATTERN", 'solids that hold together what they touch, as screws do: "weld*"'),
-    _said("part", "PATTERN", 'solids that are parts, though they look like hardware: "shaft*"'),
-    _said("rigid", "PATTERN", 'parts that do not bend: "motor*"'),
-    _said("material", '"PATTERN=NAME"', 'materials of parts: "*=steel", "arm*=aluminium-7075"'),
+    _said("weld", "PATTERN", 'solids that hold together what they touch, as screws do: "clamp?"'),
+    _said("part", "PATTERN", 'solids that are parts, though they look like hardware: "shaft?"'),
+    _said("rigid", "PATTERN", 'parts that do not bend: "motor?"'),
+    _said("material", '"PATTERN=NAME"', 'materials of parts, by a pattern of their names: "arm?=aluminium-7075"'),
     options.json,
 )  # fmt: skip
 def import_(
