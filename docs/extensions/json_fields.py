@@ -262,7 +262,7 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
         ),
     ),
     "compare ROBOT ROBOT": (
-        ["compare", "serial-arm", "serial-arm", "--components", "beam", "--set", "upper.radius=70mm"],
+        ["compare", "serial-arm", "serial-arm", "--components", "beam", "--set", "joints.J1.drive.stiffness=5e4"],
         {
             "robots": ("names of both", ""),
             "poses": ("names of the poses that both reach", ""),
