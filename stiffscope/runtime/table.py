@@ -96,9 +96,8 @@ def read_table(
 
     """
     told, most = most is not None, most or MOST_ROWS
-    rows, lines, decimal_comma = (
-        _sheet(path) if path.suffix.lower() == ".xlsx" else _lines(path, 4 * MOST_BYTES if told else MOST_BYTES)
-    )
+    read = _sheet if path.suffix.lower() == ".xlsx" else _lines
+    rows, lines, decimal_comma = read(path, most)
     if not rows:
         raise InputError(f"{path.name}: expected a header line with the column names, got an empty file")
     header = _header(path.name, rows[0], lines[0])
@@ -119,8 +118,8 @@ def read_table(
 
 
 def _lines(path: Path, most: int) -> tuple[list[list[str]], list[int], bool]:
-    """Rows of a text file with their lines, and whether its numbers may have a decimal comma."""
-    text = read_text(path, "a table in CSV", most)
+    """At most so many rows of a text file and one, with their lines, and whether numbers may have a decimal comma."""
+    text = read_text(path, "a table in CSV", MOST_BYTES * max(1, most // MOST_ROWS))
     start = text.lstrip()[:_LONGEST].partition("\n")[0]
     mark = "\t" if "\t" in start else ";" if ";" in start else ","
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=mark, strict=True, skipinitialspace=mark != "\t")
@@ -135,7 +134,7 @@ def _lines(path: Path, most: int) -> tuple[list[list[str]], list[int], bool]:
             ):  # spreadsheets write rows of separators
                 rows.append(row)
                 lines.append(before + 1)
-                if len(rows) > MOST_ROWS + 1 or len(row) > MOST_COLUMNS:
+                if len(rows) > most + 1 or len(row) > MOST_COLUMNS:
                     break
             before = reader.line_num
             if before > _MOST_LINES:
@@ -145,7 +144,7 @@ def _lines(path: Path, most: int) -> tuple[list[list[str]], list[int], bool]:
     return rows, lines, mark != ","
 
 
-def _sheet(path: Path) -> tuple[list[list[str]], list[int], bool]:
+def _sheet(path: Path, most: int) -> tuple[list[list[str]], list[int], bool]:
     """Rows of the first visible sheet of an .xlsx file with their numbers."""
     try:
         with open_file(path, "an .xlsx workbook") as stream:
@@ -153,7 +152,7 @@ def _sheet(path: Path) -> tuple[list[list[str]], list[int], bool]:
             book = openpyxl.load_workbook(stream, read_only=True, data_only=True)
             sheet = next(each for each in book.worksheets if each.sheet_state == "visible")
             sheet.reset_dimensions()  # what a file says of its size may be anything
-            rows, lines = _filled_rows(path, sheet.iter_rows(values_only=True))
+            rows, lines = _filled_rows(path, sheet.iter_rows(values_only=True), most)
     except InputError:
         raise
     except StopIteration:
@@ -164,7 +163,7 @@ def _sheet(path: Path) -> tuple[list[list[str]], list[int], bool]:
     return [row + [""] * (width - len(row)) for row in rows], lines, True
 
 
-def _filled_rows(path: Path, rows: Iterable[Sequence[object]]) -> tuple[list[list[str]], list[int]]:
+def _filled_rows(path: Path, rows: Iterable[Sequence[object]], most: int) -> tuple[list[list[str]], list[int]]:
     """Rows that have a value with their numbers, each up to its last value; bounded in time and memory."""
     found: list[list[str]] = []
     lines: list[int] = []
@@ -178,7 +177,7 @@ def _filled_rows(path: Path, rows: Iterable[Sequence[object]]) -> tuple[list[lis
         if last:
             found.append([_cell(value) for value in row[: min(last, MOST_COLUMNS + 1)]])
             lines.append(line)
-            if len(found) > MOST_ROWS + 1 or last > MOST_COLUMNS:
+            if len(found) > most + 1 or last > MOST_COLUMNS:
                 break
     return found, lines
 

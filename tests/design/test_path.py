@@ -120,6 +120,14 @@ def _configurations(job, made):
     return configure_path(job, made, job.path)
 
 
+def test_a_long_path_is_read_to_its_end(tmp_path):
+    _arm(tmp_path)
+    rows = np.tile([TOOL[0], TOOL[1], 0.0], (200_010, 1))
+    np.savetxt(tmp_path / "long.csv", rows, delimiter=",", header="x,y,rz", comments="", fmt="%g")
+    (tmp_path / "job.toml").write_text('robot = "arm.toml"\npath = "long.csv"')
+    assert len(load_job(tmp_path / "job.toml").path) == 200_010
+
+
 PROGRAM = """%
 (a comment)
 G21 G90 G17
