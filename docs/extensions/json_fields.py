@@ -446,9 +446,7 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
     "keys": (
         ["keys", "milling"],
         {
-            "*.*[].key": ("by kind of file and section: the key", ""),
-            "*.*[].takes": ("what it takes", ""),
-            "*.*[].default": ("its default", ""),
+            "*.*": ("by kind of file and section: `key`, `takes` and `default` of each key", ""),
         },
     ),
     "campaign new": (

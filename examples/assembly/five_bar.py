@@ -61,4 +61,6 @@ def build() -> Compound:
 
 
 if __name__ == "__main__":
-    export_step(build(), "machine.step")
+    assembly = build()
+    export_step(assembly, "machine.step")
+    print(f"machine.step: {len(assembly.children)} solids")

@@ -107,22 +107,23 @@ class PartResult:
     def facts(self) -> dict[str, Any]:
         """What is told of a part of a whole experiment besides its fields: plain numbers, SI."""
         experiment, order = self.experiment, self.order
-        several = len(experiment.reference_points) > 1
-        together = {
-            "interfaces": list(experiment.interfaces),
-            "places": experiment.places,
-            "reference_points": experiment.reference_points,
-            "flexibility": experiment.full_compliance,
-            "flexibility_error": experiment.full_error,
-            "stiffness": experiment.stiffness,
-            "stiffness_error": experiment.stiffness_error,
-        }
+        together: dict[str, Any] = {}
+        if len(experiment.reference_points) > 1:
+            together = {
+                "interfaces": list(experiment.interfaces),
+                "places": experiment.places,
+                "reference_points": experiment.reference_points,
+                "flexibility": experiment.full_compliance,
+                "flexibility_error": experiment.full_error,
+                "stiffness": experiment.stiffness,
+                "stiffness_error": experiment.stiffness_error,
+            }
         return {
             "part": self.name,
             "compliance": experiment.compliance,
             "error": experiment.error,
             "reference_point": experiment.reference_point,
-            **(together if several else {}),
+            **together,
             "interface": experiment.interface,
             "foundation": order.settings.foundation,
             **self.accuracy,

@@ -102,7 +102,8 @@ def used_parts(robot: RobotFile) -> tuple[str, ...]:
 def rigid_part(robot: RobotFile, name: str) -> PartMatrix:
     """A part that does not yield, of the known mass; interfaces that only CAD tells are all at its origin."""
     part = robot.parts[name]
-    ends = max(2, len(part.interface_names))
+    two_ended = any(body.part == name for body in robot.elastic_bodies().values())
+    ends = 2 if two_ended else max(2, len(part.interface_names))
     places = np.array(list(part.interfaces.values())) if isinstance(part, InterfacePart) else np.zeros((ends, 3))
     none = np.zeros((6 * ends - 6, 6 * ends - 6))
     return PartMatrix(none, None, known_mass(robot, name) or 0.0, None, places)

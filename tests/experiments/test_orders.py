@@ -73,7 +73,9 @@ def test_a_given_step_file_takes_the_place_of_any_part(tmp_path):
 
 def test_parts_that_have_no_experiment_are_refused(tmp_path):
     robot = one_part(tmp_path, MATRIX)
-    with pytest.raises(InputError, match=r'robot\.toml:5: parts\."bar 1"\.shape: expected a rod, .*, got "matrix"'):
+    with pytest.raises(
+        InputError, match=r'robot\.toml:5: parts\."bar 1"\.shape: expected a shape that is a solid, .*, got "matrix"'
+    ):
         order_part(robot, NAME)
     with pytest.raises(InputError, match="expected one of bar 1, got 'link'"):
         build_part(robot, "link")
