@@ -133,7 +133,7 @@ def test_pads_apart_are_shown_one_by_one(kitchen, capfd, tmp_path):
     apart = ("--set", "slider.pad_height=9mm", "--set", "slider.pads=apart", "--json", str(tmp_path / "apart.json"))
     assert _guarded(["compliance", "biglide", "--part", "slider", *WORDS, *apart]) == 0
     shown, found = capfd.readouterr().out, json.loads((tmp_path / "apart.json").read_text())
-    assert all(f"at its interface {k}, (" in shown for k in (1, 2, 3))
+    assert all(name in shown for name in ("link1", "link2", "link3"))
     assert np.shape(found["flexibility"]) == np.shape(found["flexibility_error"]) == (18, 18)
     assert np.array(found["flexibility"])[:6, :6] == pytest.approx(np.array(found["compliance"]))
     assert np.array(found["reference_points"]) == pytest.approx(np.array([[0.069, y, 0] for y in (0, 0.045, -0.045)]))
