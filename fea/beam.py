@@ -282,17 +282,18 @@ def euler_bernoulli(
     for name, value in (("length", length), ("Young's modulus", youngs_modulus), ("shear modulus", shear_modulus)):
         if not 0 < value < np.inf:
             raise InputError(f"beam: expected a positive {name}, got {value}")
-    about_y, about_z = youngs_modulus * section.bending_y, youngs_modulus * section.bending_z
-    compliance = np.zeros((6, 6))
-    compliance[0, 0] = length / (youngs_modulus * section.area)
-    compliance[1, 1] += length**3 / (3 * about_z)
-    compliance[2, 2] += length**3 / (3 * about_y)
+    rates = np.array([section.area, np.inf, np.inf, np.inf, section.bending_y, section.bending_z]) * youngs_modulus
     turned = np.array([0.0, 0.0, section.shear_centre, -1.0, 0.0, 0.0])  # about the shear centre
-    compliance += length / (shear_modulus * section.torsion) * np.outer(turned, turned)
-    compliance[4, 4] = length / about_y
-    compliance[5, 5] = length / about_z
-    compliance[1, 5] = compliance[5, 1] = length**2 / (2 * about_z)
-    compliance[2, 4] = compliance[4, 2] = -(length**2) / (2 * about_y)
+    return cantilever(length, 1.0 / rates) + length / (shear_modulus * section.torsion) * np.outer(turned, turned)
+
+
+def cantilever(length: float, rates: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (6, 6) compliance at the free end of a uniform beam with these compliances per metre (6,)."""
+    compliance = np.diag(rates * length)
+    compliance[1, 1] += rates[5] * length**3 / 3.0
+    compliance[2, 2] += rates[4] * length**3 / 3.0
+    compliance[1, 5] = compliance[5, 1] = rates[5] * length**2 / 2.0
+    compliance[2, 4] = compliance[4, 2] = -rates[4] * length**2 / 2.0
     return compliance
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from stiffscope.effects.effect import ADDED, Array, Candidates, Changes, NominalRobot, Parameter, Setting
 from stiffscope.effects.elements import ElementEffect
 from stiffscope.effects.part_compliance import yielding_bodies
+from stiffscope.fea.beam import cantilever
 from stiffscope.vjm.mechanism import Change
 from stiffscope.vjm.screws import shift
 
@@ -61,16 +62,6 @@ def _clamp_ends(nominal: NominalRobot, names: Sequence[str], values: Array) -> C
         rates = np.diagonal(c) / length  # of the nominal uniform section: axial, shear y, z, torsion, bending y, z
         rates[1] -= c[5, 5] * length / 3.0
         rates[2] -= c[4, 4] * length / 3.0
-        short, full = _cantilever(length - 2.0 * clamped, rates), _cantilever(length, rates)
+        short, full = cantilever(length - 2.0 * clamped, rates), cantilever(length, rates)
         changes[name] = Change(to_end @ short @ to_end.T - full)
     return changes
-
-
-def _cantilever(length: float, rates: Array) -> Array:
-    """Compliance (6, 6) at the free end of a uniform beam with these compliances per metre (6,)."""
-    c = np.diag(rates * length)
-    c[1, 1] += rates[5] * length**3 / 3.0
-    c[2, 2] += rates[4] * length**3 / 3.0
-    c[1, 5] = c[5, 1] = rates[5] * length**2 / 2.0
-    c[2, 4] = c[4, 2] = -rates[4] * length**2 / 2.0
-    return c
