@@ -40,16 +40,14 @@ def path(name: Path, *, undo: bool, output: Output) -> None:
     with --compensate the compensated path in the format that came in.
     """
     job = load_job(name)
-    out = output.required_folder()
-    output.check_folder(out)
     manifest = manifest_of(job.robot, job.file)
     with open_workshop(output) as shop:
         made = assemble_robots({"now": job.robot}, job.section.components, shop)["now"]
     warn_of(made.results.values())
     with progress(quiet=output.quiet) as open_line:
         report = open_line("path")
-        state = along(job, made, progress=report)
-        after = compensate(job, made, state, report) if undo else None
+        state = along(job, made, report)
+        after = compensate(made, state, report) if undo else None
     worst = configure(made.mechanism, state.commanded_poses[[state.worst]])
     cases = wrench_cases(made.mechanism, worst, state.wrench[state.worst], "the process there")
 

@@ -87,7 +87,7 @@ def test_the_compensated_commands_bring_the_tool_where_it_should_be(tmp_path):
     _line_table(tmp_path)
     job, made = _job(tmp_path, "line.csv", units=UNITS)
     before = along(job, made)
-    after = compensate(job, made, before)
+    after = compensate(made, before)
     assert before.size.max() > 1e-3
     assert np.abs(after.left).max() < 1e-8 * before.size.max()
     after.path.write(tmp_path / "compensated.csv")
@@ -112,6 +112,22 @@ def test_the_path_by_joints_is_the_path_by_poses(tmp_path):
     )
     other, _ = _job(tmp_path, "q.csv")
     np.testing.assert_allclose(along(other, made).error, state.error, rtol=1e-9, atol=1e-15)
+
+
+def test_the_feed_follows_from_times_and_where_the_tool_goes(tmp_path):
+    """Commanded by joints, whose coordinates are no lengths."""
+    _line_table(tmp_path, 8)
+    job, made = _job(tmp_path, "line.csv", units=UNITS)
+    state = along(job, made)
+    drives = np.concatenate([found.drives for found in _configurations(job, made)])
+    table = np.column_stack((drives, state.time))
+    np.savetxt(tmp_path / "q.csv", table, delimiter=",", header="q:q0,q:q1,q:q2,t", comments="", fmt="%.16g")
+    size = "diameter = 0.01, teeth = 2, speed = 50, depth = 1e-3, width = 5e-3"
+    cut = f"[process]\nmilling = {{ kc1 = 1e9, mc = 0.2, {size} }}"
+    timed, _ = _job(tmp_path, "q.csv", cut)
+    assert along(timed, made).cutting.chip == pytest.approx(
+        mill(1e9, 0.2, diameter=0.01, teeth=2, speed=50.0, feed=0.01, depth=1e-3, width=5e-3).chip, rel=1e-9
+    )
 
 
 def _configurations(job, made):

@@ -35,16 +35,20 @@ _STATIONS = 9  # of the path, whose first frequency is worked out
 
 @dataclass(frozen=True, eq=False)
 class Axes:
-    """Directions (n, 3) at every point: along the path, to its left seen from the spindle, and square to both."""
+    """Directions (n, 3) at every point: along the path, to its left seen from the spindle, and square to both.
+
+    ``spindle``: the tool's own axis, from the workpiece.
+    """
 
     along: Array
     normal: Array
     binormal: Array
+    spindle: Array
 
 
 @dataclass(frozen=True, eq=False)
-class Along:
-    """The tool along a path; n points, d drives.
+class Course:
+    """Where the tool is to go and what loads it there, at n points; the same whatever is commanded.
 
     Attributes
     ----------
@@ -52,41 +56,53 @@ class Along:
         (n,) m and s from the start; ``time`` is None where the path has no feed.
     tool
         (n, 6) where the tool is to be: x y z in m, rotation vector from home in rad.
+    axes
+        Of the path.
+    wrench
+        (n, 6) of the process on the tool: N, N·m.
+    cutting
+        Forces of the process at its mean feed, or None.
+    """
+
+    job: Job
+    length: Array
+    time: Array | None
+    tool: Array
+    axes: Axes
+    wrench: Array
+    cutting: CuttingForces | None
+
+
+@dataclass(frozen=True, eq=False)
+class Along(Course):
+    """The tool along its course with some commands; d drives.
+
+    Attributes
+    ----------
+    path
+        The commands.
     commanded
         (n, 6) where a rigid robot would bring it.
     error
         (n, 6) how far weight and process leave it from where it is to be: m, rad, base axes.
-    axes
-        Of the path.
     bound
         (n,) m, on the size of the error's translation: from the error bars of the parts.
-    wrench
-        (n, 6) of the process on the tool: N, N·m.
     forces
-        (n, d) N, N·m that the drives carry.
+        (n, d) N, N·m that the drives carry; ``units`` of each.
     shares
         By element, (n,) of the strain energy.
-    cutting
-        Forces of the process at its mean feed, or None.
     stations, first
         Points (m,) whose first natural frequency (m,) in Hz is known.
     """
 
-    job: Job
     path: ToolPath
-    length: Array
-    time: Array | None
-    tool: Array
     commanded: Array
     error: Array
-    axes: Axes
     bound: Array
-    wrench: Array
     drives: tuple[str, ...]
     units: tuple[str, ...]
     forces: Array
     shares: dict[str, Array]
-    cutting: CuttingForces | None
     stations: Indices
     first: Array
 
@@ -113,10 +129,7 @@ class Along:
         return int(np.argmax(np.where(acting, self.size, -1.0) if acting.any() else self.size))
 
 
-def along(
-    job: Job | str | Path, assembled: Assembled | None = None, path: ToolPath | None = None,
-    progress: Progress | None = None,
-) -> Along:  # fmt: skip
+def along(job: Job | str | Path, assembled: Assembled | None = None, progress: Progress | None = None) -> Along:
     """Predict the error of the tool along a path.
 
     Parameters
@@ -125,8 +138,6 @@ def along(
         The path and what loads it, or its file.
     assembled
         The job's robot with its parts; by default they are made as the job says.
-    path
-        Other commands than the job's; the process stays where it is on the job's path.
     progress
         Told how far it is.
 
@@ -145,23 +156,31 @@ def along(
     if assembled is None:
         with workshop() as shop:
             assembled = assemble_robots({"robot": job.robot}, job.section.components, shop)["robot"]
-    given = job.path
-    path = path or given
-    target = np.concatenate([found.tool for found in configure_path(job, assembled, given)])
-    axes = find_axes(job, target)
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(target[:, :3], axis=0), axis=1))])
-    wrench, cutting = process_wrench(job, target, axes)
-    mechanism = assembled.mechanism
+    return predict(plan_course(job, assembled), assembled, job.path, progress)
+
+
+def plan_course(job: Job, assembled: Assembled) -> Course:
+    """Find where a job's path leads the tool, and the load of its process there. Raises InputError as `along`."""
+    tool = np.concatenate([found.tool for found in configure_path(job, assembled, job.path)])
+    axes = find_axes(job, tool)
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(tool[:, :3], axis=0), axis=1))])
+    wrench, cutting = process_wrench(job, axes, length)
+    return Course(job, length, _times(job.path, length), tool, axes, wrench, cutting)
+
+
+def predict(course: Course, assembled: Assembled, path: ToolPath, progress: Progress | None = None) -> Along:
+    """Predict the error of the tool on its course with some commands; parameters and errors as for `along`."""
+    job, mechanism, n = course.job, assembled.mechanism, len(path)
     drives = mechanism.drives
-    commanded, twist, bound = np.empty((len(path), 6)), np.empty((len(path), 6)), np.empty(len(path))
-    forces = np.empty((len(path), len(drives)))
+    commanded, twist, bound = np.empty((n, 6)), np.empty((n, 6)), np.empty(n)
+    forces = np.empty((n, len(drives)))
     shares: dict[str, Array] = {}
     start = 0
     for found in configure_path(job, assembled, path):
         some = slice(start, start + len(found))
         start += len(found)
         state = respond(
-            mechanism, found, wrench[some, :, None], loads=_payload(job, assembled),
+            mechanism, found, course.wrench[some, :, None], loads=_payload(job, assembled),
             gravity=float(job.section.gravity != "none"), misfit=1.0,
         )  # fmt: skip
         commanded[some], twist[some] = found.tool, state.twist[..., 0]
@@ -173,15 +192,15 @@ def along(
         energies = {name: each[:, 0] for name, each in state.energies.items()}
         total = np.maximum(sum(energies.values(), np.zeros(1)), 1e-300)
         for name, each in energies.items():
-            shares.setdefault(name, np.zeros(len(path)))[some] = each / total
+            shares.setdefault(name, np.zeros(n))[some] = each / total
         if progress is not None:
-            progress("path", start / len(path))
-    stations = np.unique(np.linspace(0, len(path) - 1, _STATIONS).round().astype(int))
+            progress("path", start / n)
+    stations = np.unique(np.linspace(0, n - 1, _STATIONS).round().astype(int))
     return Along(
-        job, path, length, _times(given, length), target, commanded,
-        _error(target, commanded, twist), axes, bound, wrench, tuple(j.name for j in drives),
+        job, course.length, course.time, course.tool, course.axes, course.wrench, course.cutting,
+        path, commanded, _error(course.tool, commanded, twist), bound, tuple(j.name for j in drives),
         tuple("N·m" if j.kind == "revolute" else "N" for j in drives),
-        forces, shares, cutting, stations, _first_frequencies(job, assembled, path, stations),
+        forces, shares, stations, _first_frequencies(job, assembled, path, stations),
     )  # fmt: skip
 
 
@@ -230,37 +249,46 @@ def find_axes(job: Job, tool: Array) -> Axes:
         side = np.eye(3)[int(np.argmin(np.abs(spindle[int(np.argmax(flat))])))]
         across[flat] = np.cross(spindle[flat], side)
     across /= np.linalg.norm(across, axis=1)[:, None]
-    return Axes(tangent, across, np.cross(tangent, across))
+    return Axes(tangent, across, np.cross(tangent, across), spindle)
 
 
-def process_wrench(job: Job, tool: Array, axes: Axes) -> tuple[Array, CuttingForces | None]:
-    """Wrench (n, 6) of the process on the tool at M in base axes, and its forces at the mean feed."""
+def process_wrench(job: Job, axes: Axes, length: Array) -> tuple[Array, CuttingForces | None]:
+    """Wrench (n, 6) of the process on the tool at M in base axes, and its forces at the mean feed.
+
+    Parameters
+    ----------
+    job
+        The process and the path.
+    axes, length
+        Of the path; (n,) m from its start.
+
+    """
     path, process = job.path, job.section.process
-    spindle = rotation_of(tool[:, 3:]) @ (np.array(job.section.axis) / np.linalg.norm(job.section.axis))
     out = np.zeros((len(path), 6)) if path.wrench is None else path.wrench.copy()
     acting = ~path.rapid
+    along_, normal, spindle = axes.along[acting], axes.normal[acting], axes.spindle[acting]
     if process.force is not None:
         force = process.force
-        out[acting, :3] += (force.feed * axes.along + force.across * axes.normal + force.axial * spindle)[acting]
+        out[acting, :3] += force.feed * along_ + force.across * normal + force.axial * spindle
     cutting = None
     for cut in process.cuts:
-        feeds = _feeds(job, cut.feed)
-        cutting = cut.forces(float(np.mean(feeds[acting])))
-        for feed in np.unique(feeds[acting]):
-            some, found = acting & (feeds == feed), cut.forces(float(feed))
-            out[some, :3] += found.feed * axes.along[some] + found.across * axes.normal[some]
-            out[some, :3] += found.axial * spindle[some]
-            out[some, 3:] += found.torque * spindle[some]
+        feeds = _feeds(job, cut.feed, length)[acting]
+        cutting = cut.forces(float(np.mean(feeds)))
+        values, which = np.unique(feeds, return_inverse=True)
+        found = [cut.forces(float(feed)) for feed in values]
+        feed, across, axial, torque = np.array([(f.feed, f.across, f.axial, f.torque) for f in found])[which].T
+        out[acting, :3] += feed[:, None] * along_ + across[:, None] * normal + axial[:, None] * spindle
+        out[acting, 3:] += torque[:, None] * spindle
     return out, cutting
 
 
-def _feeds(job: Job, otherwise: float | None) -> Array:
+def _feeds(job: Job, otherwise: float | None, length: Array) -> Array:
     """Feed (n,) in m/s, of the path or of the cut. Raises InputError where neither has one."""
     path = job.path
     feeds = np.full(len(path), np.nan) if path.feed is None else path.feed.copy()
     if path.feed is None and path.time is not None:
-        steps = np.linalg.norm(np.diff(path.values[:, :3], axis=0), axis=1) / np.diff(path.time)
-        feeds = np.concatenate([steps, steps[-1:]])
+        speeds = np.diff(length) / np.diff(path.time)
+        feeds = np.concatenate([speeds, speeds[-1:]])
     feeds[np.isnan(feeds)] = np.nan if otherwise is None else otherwise
     if np.isnan(feeds[~path.rapid]).any():
         raise InputError(f"{job.path_file.name}: feed: expected a feed of the path or of the cut, got none")

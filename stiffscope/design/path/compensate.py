@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stiffscope.design.path.along import BLOCK, along
+from stiffscope.design.path.along import BLOCK, predict
 from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.mechanism import COORDINATES
 
 if TYPE_CHECKING:
     from stiffscope.design.path.along import Along
-    from stiffscope.design.path.job import Job
     from stiffscope.design.path.toolpath import ToolPath
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.runtime.types import Array, Progress
@@ -37,13 +36,13 @@ class Compensated:
     refused: tuple[tuple[int, str], ...]
 
 
-def compensate(job: Job, assembled: Assembled, before: Along, progress: Progress | None = None) -> Compensated:
+def compensate(assembled: Assembled, before: Along, progress: Progress | None = None) -> Compensated:
     """Find commands that undo the error of the tool, by fixed-point steps; the robot yields as it does there.
 
     Parameters
     ----------
-    job, assembled
-        As `along` takes them.
+    assembled
+        As `along` takes it.
     before
         What `along` gives for the job's own commands.
     progress
@@ -56,7 +55,7 @@ def compensate(job: Job, assembled: Assembled, before: Along, progress: Progress
         they are.
 
     """
-    pose = [COORDINATES.index(name) for name in job.robot.tool.pose]
+    pose = [COORDINATES.index(name) for name in before.job.robot.tool.pose]
     refused, state = dict[int, str](), before
     for number in range(ROUNDS):
         wanted = _undo(state)[:, pose]
@@ -71,7 +70,7 @@ def compensate(job: Job, assembled: Assembled, before: Along, progress: Progress
             order = [before.drives.index(name.removeprefix("q:")) for name in before.path.columns]
             commands = drives[:, order]
         commands[list(refused)] = before.path.values[list(refused)]
-        new = along(job, assembled, before.path.command(commands))
+        new = predict(before, assembled, before.path.command(commands))
         if progress is not None:
             progress("compensation", (number + 1) / ROUNDS)
         last, state = np.abs(state.error[:, pose]).max(), new
