@@ -18,9 +18,8 @@ from stiffscope.robot.file.parse import FieldError, Source, parse_text
 from stiffscope.robot.file.tables import one_of, read_table, unknown_key
 from stiffscope.robot.file.values import Section, any_quantity, unit_of
 from stiffscope.robot.inspection import configured_poses, rigid_mechanism
-from stiffscope.robot.library import robot_names
 from stiffscope.robot.parameters import parameters
-from stiffscope.robot.reader import load_robot, pose_of, read_robot
+from stiffscope.robot.reader import load_robot_of, pose_of, read_robot
 from stiffscope.runtime import reading
 
 if TYPE_CHECKING:
@@ -62,7 +61,7 @@ def _check_keys(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def _read(top: StudySection, source: Source) -> StudyFile:
-    robot = _load_robot(top, source.path)
+    robot = load_robot_of(source.path, top.robot, top.set, top.tolerance)
     given = _list_entries(top.parameters, ("parameters",), RangeSection)
     variables = tuple(_read_variable(key, name, each, robot, top) for key, name, each in given)
     poses: dict[Pose, int] = {}
@@ -94,18 +93,6 @@ def _list_entries(table: dict[str, Any], key: Key, model: type[Section]) -> list
     if not table:
         raise FieldError(key, "expected one entry at least, got none")
     return found
-
-
-def _load_robot(top: StudySection, path: Path) -> RobotFile:
-    beside = path.parent / top.robot
-    name = top.robot if top.robot in robot_names() and not beside.is_file() else beside
-    try:
-        robot = load_robot(name, top.set, top.tolerance)
-    except InputError as error:
-        if str(error).startswith(f"{name}:") and not isinstance(name, str) and beside.is_file():
-            raise  # it names a line of the robot file
-        raise FieldError(("robot",) if not str(error).startswith("--") else ("set",), str(error)) from error
-    return robot
 
 
 def _read_variable(key: Key, name: str, given: Any, robot: RobotFile, top: StudySection) -> Variable:

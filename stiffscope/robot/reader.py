@@ -11,7 +11,7 @@ from stiffscope.robot.file.evaluate import evaluate, evaluate_value
 from stiffscope.robot.file.override import apply_overrides, assign
 from stiffscope.robot.file.parse import FieldError, Source, parse_text
 from stiffscope.robot.file.validate import check_top, read_pose, validate
-from stiffscope.robot.library import find_robot
+from stiffscope.robot.library import find_robot, robot_names
 from stiffscope.runtime import reading
 
 if TYPE_CHECKING:
@@ -47,6 +47,36 @@ def load_robot(name_or_path: str | Path, overrides: Sequence[str] = (), toleranc
     """
     path = find_robot(name_or_path)
     return read_robot(path, reading.read_text(path, "a robot file in TOML"), overrides, tolerance)
+
+
+def load_robot_of(file: Path, robot: str, overrides: Sequence[str] = (), tolerance: str | None = None) -> RobotFile:
+    """Load the robot that another file names: a robot file seen from that file's folder, or a bundled robot.
+
+    Parameters
+    ----------
+    file
+        The study or job; its keys `robot` and `set` are blamed for what is not the robot file's own fault.
+    robot
+        Name or path, as it stands there.
+    overrides, tolerance
+        As `load_robot` takes them.
+
+    Raises
+    ------
+    FieldError
+        There is no such robot, or an override names nothing of it.
+    InputError
+        The robot file itself is wrong; it names its line.
+
+    """
+    beside = file.parent / robot
+    bundled = robot in robot_names() and not beside.is_file()
+    try:
+        return load_robot(robot if bundled else beside, overrides, tolerance)
+    except InputError as error:
+        if not bundled and beside.is_file() and str(error).startswith(f"{beside}:"):
+            raise
+        raise FieldError(("robot",) if not str(error).startswith("--") else ("set",), str(error)) from error
 
 
 def read_robot(path: Path, text: str, overrides: Sequence[str] = (), tolerance: str | None = None) -> RobotFile:

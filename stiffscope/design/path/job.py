@@ -11,13 +11,11 @@ from pydantic import Field
 
 from stiffscope.design.path.cutting import cutting_materials, drill, mill
 from stiffscope.design.path.toolpath import ToolPath, read_toolpath
-from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.parse import FieldError, Source, parse_text
 from stiffscope.robot.file.tables import one_of, read_table
 from stiffscope.robot.file.values import ANGLE, Direction, Force, Length, Mass, Point, Positive, Reads, Says, Section
-from stiffscope.robot.library import robot_names
-from stiffscope.robot.reader import load_robot
+from stiffscope.robot.reader import load_robot_of
 from stiffscope.runtime import reading
 
 if TYPE_CHECKING:
@@ -175,7 +173,7 @@ def load_job(path: str | Path) -> Job:
     try:
         top = read_table(JobSection, parse_text(path, source.text, "a job's file"), ())
         _check_process(top)
-        robot = _find_robot(top, path)
+        robot = load_robot_of(path, top.robot, top.set)
         file = path.parent / top.path
         found = read_toolpath(file, robot, top.units, step=top.step, at=top.at, axes=_axes(top))
     except FieldError as error:
@@ -202,14 +200,3 @@ def _axes(top: JobSection) -> np.ndarray:
         raise FieldError(("y",), "expected a direction across x, got one along it")
     y = y / np.linalg.norm(y)
     return np.column_stack((x, y, np.cross(x, y)))
-
-
-def _find_robot(top: JobSection, path: Path) -> RobotFile:
-    beside = path.parent / top.robot
-    name = top.robot if top.robot in robot_names() and not beside.is_file() else beside
-    try:
-        return load_robot(name, top.set)
-    except InputError as error:
-        if beside.is_file():
-            raise
-        raise FieldError(("robot",), str(error)) from error
