@@ -30,13 +30,18 @@ def link(start, end, low, thick=8.0, width=24.0, bore=4.0):
     return solid
 
 
-def build() -> Compound:
-    """The assembly, mm."""
+def place_pins():
+    """Places (2,) of the pins at the ends of the left and right crank, and where the couplers meet."""
     left = LEFT + 100 * np.array([np.cos(2.2), np.sin(2.2)])
     right = RIGHT + 100 * np.array([np.cos(0.9), np.sin(0.9)])
     gap = float(np.linalg.norm(right - left))
     across = np.array([-(right - left)[1], (right - left)[0]]) / gap
-    top = 0.5 * (left + right) + np.sqrt(140.0**2 - 0.25 * gap**2) * across
+    return left, right, 0.5 * (left + right) + np.sqrt(140.0**2 - 0.25 * gap**2) * across
+
+
+def build() -> Compound:
+    """The assembly, mm."""
+    left, right, top = place_pins()
     frame, foot = Box(300, 120, 12, align=TOP), put(Box(300, 40, 20, align=TOP), 0, -40, -12)
     solids = {}
     for x in (-120.0, 0.0, 120.0):

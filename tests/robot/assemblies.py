@@ -12,6 +12,8 @@ import build123d as b
 import numpy as np
 from OCP.Interface import Interface_Static
 
+from examples.assembly import five_bar as example
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -73,56 +75,20 @@ def screw(diameter: float, length: float) -> Any:
     return rod(0.75 * diameter, diameter) + b.Cylinder(0.5 * diameter, length, align=TOP)
 
 
-def bar(start: Any, end: Any, low: float, thick: float, width: float, bores: tuple[float, float]) -> Any:
-    """A flat link in x and y between two eyes."""
-    start, end = np.asarray(start, float), np.asarray(end, float)
-    length = float(np.linalg.norm(end - start))
-    solid = b.extrude(b.SlotCenterToCenter(length, width), thick)
-    solid = at(solid, (*(0.5 * (start + end)), low), Z, (*((end - start) / length), 0.0))
-    for point, radius in zip((start, end), bores, strict=True):
-        solid -= at(rod(radius, 3 * thick), (*point, low - thick))
-    return solid
-
-
-def five_bar(bearings: bool = True) -> Made:
-    """A plate frame on a screwed foot, two cranks, two couplers; ball bearings in the frame if wished."""
+def five_bar() -> Made:
+    """The example of the guide: a plate frame on a screwed foot, two cranks on ball bearings, two couplers."""
     made = Made()
-    a, e = np.array([-60.0, 0.0]), np.array([60.0, 0.0])
-    left, right = (a + 100 * np.array([np.cos(2.2), np.sin(2.2)]), e + 100 * np.array([np.cos(0.9), np.sin(0.9)]))
-    gap = float(np.linalg.norm(right - left))
-    across = np.array([-(right - left)[1], (right - left)[0]]) / gap
-    top = 0.5 * (left + right) + np.sqrt(140.0**2 - 0.25 * gap**2) * across
-    seat = 11.0 if bearings else 4.0
-    frame = b.Box(300, 120, 12, align=TOP)
-    for point in (a, e):
-        frame -= at(rod(seat, 7), (*point, -7)) + at(rod(6.0 if bearings else 4.0, 40), (*point, -20))
-    foot = at(b.Box(300, 40, 20, align=TOP), (0, -40, -12))
-    for x in (-120.0, 0.0, 120.0):
-        frame -= at(rod(2.75, 40), (x, -40, -20))
-        foot -= at(rod(2.1, 16), (x, -40, -28))
-        made.buy(f"screw{x:g}", at(screw(5, 24), (x, -40, 0)))
-    made.add("frame", frame)
-    made.add("foot", foot)
+    links = {"crank_left", "crank_right", "coupler_left", "coupler_right"}
+    for solid in example.build().children:
+        (made.add if solid.label in {"frame", "foot", *links} else made.buy)(solid.label, solid)
+    left, right, top = example.place_pins()
     made.join("frame", "foot", "fixed")
-    for name, start, end, low in (
-        ("crank_left", a, left, 0), ("crank_right", e, right, 0),
-        ("coupler_left", left, top, 8), ("coupler_right", right, top, 16),
+    for first, second, place in (
+        ("frame", "crank_left", example.LEFT), ("frame", "crank_right", example.RIGHT),
+        ("crank_left", "coupler_left", left), ("crank_right", "coupler_right", right),
+        ("coupler_left", "coupler_right", top),
     ):  # fmt: skip
-        bores = (4.0, 4.0)
-        made.add(name, bar(start, end, low, 8, 24, bores))
-    for name, point, low, high in (("left", left, 0, 16), ("right", right, 0, 24), ("top", top, 8, 24)):
-        made.buy(f"pin_{name}", at(rod(4, high - low), (*point, low)))
-    made.buy("spacer", at(ring(4, 7, 8), (*right, 8)))
-    for name, point in (("left", a), ("right", e)):
-        made.buy(f"axle_{name}", at(rod(4, 15), (*point, -7)))
-        if bearings:
-            made.buy(f"608_{name}", at(ring(4, 11, 7), (*point, -7)))
-    kind = "revolute"
-    made.join("frame", "crank_left", kind, (*a, 0), Z)
-    made.join("frame", "crank_right", kind, (*e, 0), Z)
-    made.join("crank_left", "coupler_left", kind, (*left, 0), Z)
-    made.join("crank_right", "coupler_right", kind, (*right, 0), Z)
-    made.join("coupler_left", "coupler_right", kind, (*top, 0), Z)
+        made.join(first, second, "revolute", (*place, 0), Z)
     return made
 
 

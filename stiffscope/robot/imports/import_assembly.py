@@ -79,7 +79,6 @@ class Imported:
     hardware: Mapping[str, str] = field(default_factory=dict)
     solids: int = 0
     contacts: int = 0
-    changes: tuple[str, ...] = ()
 
 
 def said_beside(path: Path, said: Said) -> Said:
