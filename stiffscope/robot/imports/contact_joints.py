@@ -354,16 +354,15 @@ def _drop_unneeded(
     """Joints without planes that slide where other joints guide already: those are told instead."""
     planes = [joint for joint in joints if joint.kind == "planar"]
     kept = [joint for joint in joints if joint.kind != "planar"]
+    index = {part: 6 * n for n, part in enumerate(parts)}
+    motions = _motions(parts, kept) if planes else np.zeros((0, 0))
     for plane in planes:
         rows = null_space(plane.freedom.T).T
-        motions = _motions(parts, kept)
-        index = {part: 6 * n for n, part in enumerate(parts)}
-        relative = (
-            motions[index[plane.second] : index[plane.second] + 6]
-            - motions[index[plane.first] : index[plane.first] + 6]
-        )
+        a, b = index[plane.first], index[plane.second]
+        relative = motions[b : b + 6] - motions[a : a + 6]
         if np.abs(rows @ relative).max(initial=0.0) > 1e-7:
             kept.append(plane)
+            motions = _motions(parts, kept)
         else:
             names = solids[plane.first].name, solids[plane.second].name
             doubts.append(
