@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import pi, tanh
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -287,9 +287,9 @@ def euler_bernoulli(
     return cantilever(length, 1.0 / rates) + length / (shear_modulus * section.torsion) * np.outer(turned, turned)
 
 
-def cantilever(length: float, rates: NDArray[np.float64]) -> NDArray[np.float64]:
+def cantilever(length: float, rates: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
     """Return the (6, 6) compliance at the free end of a uniform beam with these compliances per metre (6,)."""
-    compliance = np.diag(rates * length)
+    compliance = np.diag(np.asarray(rates * length, dtype=np.float64))
     compliance[1, 1] += rates[5] * length**3 / 3.0
     compliance[2, 2] += rates[4] * length**3 / 3.0
     compliance[1, 5] = compliance[5, 1] = rates[5] * length**2 / 2.0
