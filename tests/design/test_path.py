@@ -130,6 +130,12 @@ def test_the_feed_follows_from_times_and_where_the_tool_goes(tmp_path):
     )
 
 
+def test_the_time_of_rapid_moves_is_not_known(tmp_path):
+    (tmp_path / "a.nc").write_text("G21 F600\nG1 X602 Y305\nG0 X606\nG1 X610\n")
+    job, made = _job(tmp_path, "a.nc", step=1.0)
+    assert along(job, made).time is None
+
+
 def _configurations(job, made):
     from stiffscope.design.path.along import configure_path
 
@@ -175,6 +181,11 @@ def test_gcode_written_and_read_again_is_the_same_path(tmp_path):
     np.testing.assert_allclose(np.linalg.norm(arc[:, :2] - [0.010, 0.010], axis=1), 0.010, rtol=1e-9)
 
 
+def test_a_dwell_moves_nothing(tmp_path):
+    (tmp_path / "a.nc").write_text("G21\nG1 X10 F600\nG4 X2.5\nG1 X20\n")
+    assert read_program(tmp_path / "a.nc", np.inf).points[:, 0] == pytest.approx([0.010, 0.020])
+
+
 @pytest.mark.parametrize(
     ("line", "message"),
     [
@@ -184,6 +195,8 @@ def test_gcode_written_and_read_again_is_the_same_path(tmp_path):
         ("G1 X1 A5", "a.nc:2: A: expected moves in X, Y and Z"),
         ("G28", "a.nc:2: G28"),
         ("G81 X1 Z-3", "a.nc:2: G81"),
+        ("G90.1", "a.nc:2: G90.1"),
+        ("M98 P1000", "a.nc:2: M98"),
     ],
 )
 def test_what_no_path_is_read_from_is_refused(line, message, tmp_path):

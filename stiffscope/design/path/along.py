@@ -299,7 +299,7 @@ def _times(path: ToolPath, length: Array) -> Array | None:
     """Time (n,) in s from the start, as far as the path says how fast it is run."""
     if path.time is not None:
         return path.time - path.time[0]
-    if path.feed is None or np.isnan(path.feed[1:]).any():
+    if path.feed is None or np.isnan(path.feed[1:]).any() or path.rapid[1:].any():
         return None
     return np.concatenate([[0.0], np.cumsum(np.diff(length) / path.feed[1:])])
 

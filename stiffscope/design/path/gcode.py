@@ -15,7 +15,7 @@ from stiffscope.errors import InputError
 from stiffscope.runtime.reading import read_text
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from stiffscope.runtime.types import Array, Flags, Indices
@@ -27,6 +27,8 @@ _COMMENT = re.compile(r"\([^)]*\)|;.*")
 _PLANES = {17: (0, 1, 2), 18: (2, 0, 1), 19: (1, 2, 0)}
 _MOVES = (0, 1, 2, 3)
 _KNOWN = {*_MOVES, *_PLANES, 4, 20, 21, 28, 30, 40, 43, 49, 53, 54, 61, 64, 80, 90, 91, 94}
+_POINTS = {61.1, 64.1, 91.1}  # codes with a point that change nothing here: centres of arcs are relative anyway
+_CALLS = {97, 98}  # of subprograms
 _REFUSED = "expected G0 to G3, G17 to G21, G90, G91 and others that do not move the tool"
 
 
@@ -98,11 +100,11 @@ def _read_line(state: _State, line: str, here: str, step: float) -> Iterator[Arr
     if rest:
         raise InputError(f"{here}: expected words such as G1 X10.5 F200, got {rest[:20]!r}")
     values = {letter: float(number) for letter, number in words if letter not in "GMNTSOH"}
-    for letter, number in words:
-        if letter == "G":
-            _set_mode(state, float(number), here)
+    _set_modes(state, words, here)
     if "F" in values:
         state.feed = values["F"] * state.unit / 60.0
+    if ("G", 4.0) in ((letter, float(number)) for letter, number in words):
+        return  # a dwell, whose X is a time
     axes = [letter for letter in "XYZ" if letter in values]
     turned = [letter for letter in "ABCUVW" if values.get(letter)]
     if turned:
@@ -122,9 +124,18 @@ def _read_line(state: _State, line: str, here: str, step: float) -> Iterator[Arr
     state.at = end
 
 
+def _set_modes(state: _State, words: Sequence[tuple[str, str]], here: str) -> None:
+    """Take the modes of a line; refuse what would move the tool in another way, and calls of subprograms."""
+    for letter, number in words:
+        if letter == "G":
+            _set_mode(state, float(number), here)
+        elif letter == "M" and float(number) in _CALLS:
+            raise InputError(f"{here}: M{float(number):g}: expected a program without calls of others, got one")
+
+
 def _set_mode(state: _State, code: float, here: str) -> None:
     known = int(code)
-    if known not in _KNOWN:
+    if known not in _KNOWN or (code != known and code not in _POINTS):
         raise InputError(f"{here}: G{code:g}: {_REFUSED}, got G{code:g}")
     if known in {28, 30, 53}:
         raise InputError(f"{here}: G{code:g}: expected moves in the program's own axes, got one in the machine's")
@@ -134,7 +145,7 @@ def _set_mode(state: _State, code: float, here: str) -> None:
         state.plane = known
     elif known in {20, 21}:
         state.unit = INCH if known == 20 else 1e-3
-    elif known in {90, 91} and code == known:
+    elif code in {90, 91}:
         state.absolute = known == 90
 
 
