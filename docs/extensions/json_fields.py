@@ -518,13 +518,11 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             "effects[].share": ("its share in the explained misfit (Shapley's value)", "1"),
             "effects[].group_probability": ("that it or one of `confused_with` is at work", "1"),
             "effects[].errors": (
-                "by place, of an effect that is many small errors: each, the largest first, with `value`, `sigma`, `unit`"
-                " and `interval`",
+                "of an effect that is many small errors: each, the largest first, as in `parameters`",
                 "`unit`; angles as arcs of a metre",
             ),
             "beside": (
-                "what the parameters were fitted beside without being certain: each as in `effects`; the effect `unknown`"
-                " is what has no word",
+                "what the parameters were fitted beside without being certain, as in `effects`; `unknown` has no word",
                 "",
             ),
             "alternatives[].effect": ("an effect that was considered and is not in the answer", ""),
