@@ -62,19 +62,20 @@ GROUPS = {
 
 @click.command()
 @takes(click.argument("name", metavar="CAMPAIGN"), options.out, options.json)
+@click.option("--robot", metavar="FILE", help="The robot to diagnose instead of the campaign's: one that was adopted.")
 @click.option(
     "--adopt",
     metavar="FILE",
     type=click.Path(path_type=Path),
     help="Write a robot file that carries the effects that were found.",
 )
-def diagnose(name: str, *, adopt: Path | None, output: Output) -> None:
+def diagnose(name: str, *, robot: str | None, adopt: Path | None, output: Output) -> None:
     """Find the effects that explain the gap between model and measurements.
 
     CAMPAIGN is a folder with a campaign.toml and its readings, or the name of a bundled campaign: published.
     """
     output.check_folder(output.folder, adopt)
-    case = open_case(name)
+    case = open_case(name, instead=robot)
     manifest = _manifest_of(case)
     if adopt is not None:
         check_target(adopt, case.robot)

@@ -50,13 +50,15 @@ class Case:
     robot: RobotFile | None
 
 
-def diagnose(campaign: str | Path) -> Diagnosis:
+def diagnose(campaign: str | Path, robot: str | None = None) -> Diagnosis:
     """Find which effects explain the gap between a model and the measurements of a campaign.
 
     Parameters
     ----------
     campaign
         Folder with a campaign.toml and its readings, or the name of a campaign in `data/`, such as "published".
+    robot
+        Robot file, or a robot's name, instead of the campaign's own: one that was adopted.
 
     Returns
     -------
@@ -70,7 +72,7 @@ def diagnose(campaign: str | Path) -> Diagnosis:
 
     """
     with workshop() as shop:
-        case = open_case(campaign)
+        case = open_case(campaign, instead=robot)
         return diagnose_case(case, assemble_nominal(case, shop), shop)
 
 
@@ -89,16 +91,18 @@ def diagnose_case(case: Case, nominal: Assembled | None, shop: Workshop) -> Diag
     return diagnose_campaign(case.campaign, carrying, shop.open_line("diagnosis"))
 
 
-def open_case(name: str | Path, *, planned: bool = False) -> Case:
-    """The campaign in a folder, or by its name in `data/`, with the robot that it names.
+def open_case(name: str | Path, *, planned: bool = False, instead: str | None = None) -> Case:
+    """The campaign in a folder, or by its name in `data/`, with the robot that it names, or another instead.
 
     ``planned``: values may be missing. Raises InputError for poses, sensors and loads that are none of the robot's.
     """
     folder = find_campaign(name)
     campaign = load_campaign(folder, planned=planned)
     if campaign.robot is None:
+        if instead:
+            raise InputError("--robot: this campaign has predictions instead of a robot")
         return Case(folder.resolve().name, folder, campaign, None)
-    robot = load_robot(_robot_of(folder, campaign, campaign.robot))
+    robot = load_robot(instead or _robot_of(folder, campaign, campaign.robot))
     campaign = match_robot(campaign, robot)
     if robot.carries("gravity") and "gravity" not in campaign.modelled:
         campaign = dataclasses.replace(campaign, modelled=(*campaign.modelled, "gravity"))

@@ -144,7 +144,7 @@ def _effects(found: Findings, judgement: Judgement, joint: Hypothesis) -> tuple[
             candidate.effect,
             candidate.place,
             found.compute_probability(candidate.name),
-            found.percent_rms(found.fit_alone(candidate)),
+            found.percent_rms(found.fit_effects([candidate])),
             _parameters(candidate, *own),
             group.others,
             share[candidate.name],
@@ -161,7 +161,7 @@ def _beside(found: Findings, judgement: Judgement, joint: Hypothesis) -> tuple[E
     rest = [c for c in joint.candidates if names and c.name not in names]
     return tuple(
         Effect(
-            c.effect, c.place, found.compute_probability(c.name), found.percent_rms(found.fit_alone(c)),
+            c.effect, c.place, found.compute_probability(c.name), found.percent_rms(found.fit_effects([c])),
             {} if c.is_nuisance else _parameters(c, *own_part(joint, c.name)),
             errors=_errors(c, *own_part(joint, c.name)),
         )

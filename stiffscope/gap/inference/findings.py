@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.gap.inference.fitting import Problem
-from stiffscope.gap.inference.hypothesis import forms_of
+from stiffscope.gap.inference.hypothesis import forms_of, join_values
 from stiffscope.gap.inference.residuals import percent_rms
 from stiffscope.gap.inference.search import Search
 
@@ -53,6 +53,8 @@ class Findings:
     problem: Problem
     hypotheses: tuple[Hypothesis, ...]
     probability: tuple[float, ...]
+    fitted: dict[frozenset[tuple[str, int]], Hypothesis]
+    """All that were fitted, by their `forms`; under other priors they count as they are."""
 
     @property
     def model(self) -> ForwardModel:
@@ -102,7 +104,7 @@ class Findings:
     def under(self, problem: Problem) -> Findings:
         """The same hypotheses under another prior."""
         near = [h for h in self.hypotheses if not h.names or h.evidence > self.best.evidence - NEAR]
-        return _rank_hypotheses(problem, [(h, problem.reweigh(h)) for h in near])
+        return _rank_hypotheses(problem, [(h, problem.reweigh(h)) for h in near], self.fitted)
 
     @cached_property
     def _canonical(self) -> dict[str, str]:
@@ -221,17 +223,10 @@ class Findings:
     def fit_effects(self, candidates: Iterable[Candidate]) -> Hypothesis:
         """The hypothesis of some effects of the best one, fitted."""
         chosen = forms_of(candidates)
-        known = next((h for h in self.hypotheses if h.forms == chosen), None)
-        if known and known.converged:
-            return known
-        kept = [(c, values) for c, values in self.best.parameters if forms_of([c]) <= chosen]
-        return self.problem.fit([c for c, _ in kept], np.array([v for _, values in kept for v in values]))
-
-    def fit_alone(self, candidate: Candidate) -> Hypothesis:
-        """The hypothesis of one effect alone."""
-        known = next((h for h in self.hypotheses if h.forms == forms_of([candidate])), None)
-        start = known.values if known else np.zeros(len(candidate.scale))
-        return known if known and known.converged else self.problem.fit([candidate], start)
+        if chosen not in self.fitted:
+            kept = [(c, values) for c, values in self.best.parameters if forms_of([c]) <= chosen]
+            self.fitted[chosen] = self.problem.fit([c for c, _ in kept], join_values(values for _, values in kept))
+        return self.fitted[chosen]
 
     def predict_readings(self, hypothesis: Hypothesis) -> Array:
         """What a hypothesis says the readings (n,) are."""
@@ -293,15 +288,18 @@ def find(model: ForwardModel, progress: Progress | None = None) -> Findings:
     distinct: dict[frozenset[str], Hypothesis] = {}
     for hypothesis in Search(problem, progress).hypotheses():  # the best fit of every set of effects
         distinct.setdefault(hypothesis.names, hypothesis)
-    return _rank_hypotheses(problem, [(h, h.evidence) for h in distinct.values()])
+    fitted = {h.forms: h for h in distinct.values() if h.converged}
+    return _rank_hypotheses(problem, [(h, h.evidence) for h in distinct.values()], fitted)
 
 
-def _rank_hypotheses(problem: Problem, scored: list[tuple[Hypothesis, float]]) -> Findings:
+def _rank_hypotheses(
+    problem: Problem, scored: list[tuple[Hypothesis, float]], fitted: dict[frozenset[tuple[str, int]], Hypothesis]
+) -> Findings:
     """Hypotheses with their share of all evidence, the best first."""
     order = sorted(scored, key=lambda item: -item[1])
     log = np.array([evidence for _, evidence in order])
     weight = np.exp(log - log.max())
-    return Findings(problem, tuple(h for h, _ in order), tuple((weight / weight.sum()).tolist()))
+    return Findings(problem, tuple(h for h, _ in order), tuple((weight / weight.sum()).tolist()), fitted)
 
 
 def _without_copies(c: Campaign, noise: Noise) -> Noise:

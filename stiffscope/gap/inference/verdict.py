@@ -3,26 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import permutations
-from typing import TYPE_CHECKING, Any
+from itertools import combinations, permutations
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from stiffscope.gap.inference.evidence import constrained_minima
-from stiffscope.gap.inference.hypothesis import positive_of
 from stiffscope.gap.inference.lack_of_fit import lack_of_fit, model_errors
 from stiffscope.gap.inference.plausibility import implausible
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from numpy.typing import NDArray
-
     from stiffscope.gap.forward.forward_model import Candidate
     from stiffscope.gap.inference.findings import Findings, Group
     from stiffscope.gap.inference.hypothesis import Hypothesis
-
-    Array = NDArray[np.floating[Any]]
 
 CONFIDENT = 0.9  # probability from which an effect, or its group, is certain
 MAJORITY = 0.5  # probability from which there is no gap, and a group has a word
@@ -112,7 +104,7 @@ def _judge_named(found: Findings, kept: Hypothesis, strange: Sequence[str]) -> J
     rest, names = lack_of_fit(found, kept), [c.name for c in kept.words]
     if rest and not strange:
         known = found.fit_effects(found.best.words)
-        if _main(found, known) not in names and not lack_of_fit(found, known):
+        if not lack_of_fit(found, known) and _main(found, known) not in names:
             return Judgement("ambiguous", known.words, known, _find_unsettled(known, names))
     if rest or _pattern_beside(found, kept):
         verdict = "partly"
@@ -143,9 +135,8 @@ def _imitations(found: Findings, names: frozenset[str]) -> Iterator[str]:
 
 
 def _main(found: Findings, hypothesis: Hypothesis) -> str:
-    """The effect with the greatest share in what a hypothesis explains."""
-    share = shares(found, hypothesis)
-    return max(share, key=lambda name: share[name])
+    """The effect of a hypothesis that explains the most alone: of two that with the greater share, too."""
+    return min(hypothesis.candidates, key=lambda c: found.chi2(found.fit_effects([c]))).name
 
 
 def _find_unsettled(known: Hypothesis, names: Sequence[str]) -> tuple[str, ...]:
@@ -161,8 +152,8 @@ def _as_tuple(text: str) -> tuple[str, ...]:
 def shares(found: Findings, hypothesis: Hypothesis) -> dict[str, float]:
     """Share of every effect in the explained χ², by Shapley's value: its gain, averaged over all orders of adding.
 
-    χ² of a subset is that of the linearized fit of its effects alone, in the prior sizes that they have
-    beside the others. The shares add up to 1.
+    Every subset of the effects is fitted by itself, as any hypothesis is: what follows the readings only with values
+    that it cannot have, or that are not likely, explains nothing alone. The shares add up to 1.
 
     References
     ----------
@@ -170,52 +161,20 @@ def shares(found: Findings, hypothesis: Hypothesis) -> dict[str, float]:
 
     """
     names = [c.name for c in hypothesis.candidates]
-    if not names:
-        return {}
-    gains = _explain_subsets(found, hypothesis)
+    if len(names) < 2:
+        return dict.fromkeys(names, 1.0)
+    left = {frozenset[str](): found.chi2(found.none)}
+    for count in range(1, len(names) + 1):
+        for chosen in map(frozenset, combinations(names, count)):
+            own = found.fit_effects(c for c in hypothesis.candidates if c.name in chosen)
+            left[chosen] = min(found.chi2(own), *(left[chosen - {name}] for name in chosen))
     value = dict.fromkeys(names, 0.0)
-    for order in permutations(range(len(names))):
-        for k, effect in enumerate(order):
-            before, after = frozenset(order[:k]), frozenset(order[: k + 1])
-            value[names[effect]] += gains[after] - gains[before]
+    for order in permutations(names):
+        for k, name in enumerate(order):
+            value[name] += left[frozenset(order[:k])] - left[frozenset(order[: k + 1])]
     positive = {name: max(v, 0.0) for name, v in value.items()}
     total = sum(positive.values())
     return {name: v / total if total > 0.0 else 1.0 / len(names) for name, v in positive.items()}
-
-
-def _explain_subsets(found: Findings, hypothesis: Hypothesis) -> dict[frozenset[int], float]:
-    """χ² explained by every subset of a hypothesis's effects, to first order about it."""
-    columns: list[Array] = []
-    priors: list[Array] = []
-    fixed: list[bool] = []
-    at = 0
-    slopes, used = found.slopes(hypothesis), found.used_readings
-    for candidate, values in hypothesis.parameters:
-        own = slopes[:, at : at + len(values)]
-        columns.append(own if values else _step(found, hypothesis, candidate)[:, None])
-        priors.append(hypothesis.prior_precision[at : at + len(values)])
-        fixed.append(not values)
-        at += len(values)
-    y = found.residual(hypothesis) + slopes @ hypothesis.values
-    y = y + sum((c[:, 0] for c, still in zip(columns, fixed, strict=True) if still), np.zeros(len(y)))
-    out: dict[frozenset[int], float] = {}
-    for code in range(2 ** len(columns)):
-        chosen = [k for k in range(len(columns)) if code >> k & 1]
-        left = (y - sum((columns[k][:, 0] for k in chosen if fixed[k]), np.zeros(len(y))))[used]
-        free = [k for k in chosen if not fixed[k]]
-        if free:
-            x = np.hstack([columns[k] for k in free])[used]
-            fitted = [hypothesis.candidates[k] for k in free]
-            precision = x.T @ x + np.diag(np.concatenate([priors[k] for k in free]))
-            left = left - x @ constrained_minima(precision, x.T @ left, positive_of(fitted))[0]
-        out[frozenset(chosen)] = float(y[used] @ y[used] - left @ left)
-    return out
-
-
-def _step(found: Findings, hypothesis: Hypothesis, candidate: Candidate) -> Array:
-    """Change (n,) of the readings, in standard deviations, by an effect without parameters beside the others."""
-    without = tuple((c, v) for c, v in hypothesis.parameters if c.name != candidate.name)
-    return (found.predict_readings(hypothesis) - found.model.predict(without).values) / found.sigma
 
 
 def doubtful(found: Findings, named: tuple[Candidate, ...]) -> list[tuple[str, float]]:
