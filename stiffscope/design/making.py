@@ -63,7 +63,7 @@ def _take_answer(values: Values, future: Future[Design], count: int) -> Design:
     error = future.exception()
     if error is None:
         return future.result()
-    if isinstance(error, WorkerError) or type(error).__name__ == "KilledWorker":
+    if isinstance(error, WorkerError):
         return Design(values, (math.nan,) * count, _ENDED, again=True)
     raise error
 

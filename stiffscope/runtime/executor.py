@@ -7,6 +7,7 @@ this machine take seconds to start.
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import functools
 import itertools
@@ -18,7 +19,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -29,6 +30,7 @@ from stiffscope.errors import InputError, StiffscopeError
 from stiffscope.runtime.output import scratch_folder
 from stiffscope.runtime.processors import processors, use_processors
 from stiffscope.runtime.signals import STOPS, block, deaf_to
+from stiffscope.runtime.worker import answer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -38,6 +40,7 @@ if TYPE_CHECKING:
     Job = tuple[Any, tuple[Any, ...]]
 
 CONNECT = "20s"
+ASKED = 3  # times that a scheduler is asked for an answer that it has lost
 AHEAD = 4  # jobs that are given out before they are needed, for each that is worked on
 KILLED = {-signal.SIGTERM, -getattr(signal, "SIGKILL", signal.SIGTERM)}  # exit codes of a process ended from outside
 
@@ -59,6 +62,13 @@ class LateError(StiffscopeError):
     def __init__(self, job: Any, stage: str, seconds: float) -> None:
         super().__init__(f"{job}: expected its end within {seconds:g} s, got no further than its stage {stage}")
         self.job, self.stage, self.seconds = job, stage, seconds
+
+
+class GoneError(StiffscopeError):
+    """The scheduler has gone."""
+
+    def __init__(self) -> None:
+        super().__init__("the scheduler has gone; what is finished is kept, run the same command again")
 
 
 class Here(Executor):
@@ -279,12 +289,29 @@ class Scheduler(Executor):
             raise InputError(
                 f"--scheduler: expected the address of a Dask scheduler that answers, got {address}"
             ) from error
-        self._executor = self._client.get_executor(pure=False, retries=1)
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any, name: Any = "", **_: Any) -> Future[Any]:
         """Have ``function(*arguments)`` done; see `Processes.submit`."""
-        del name
-        return self._executor.submit(_on_worker, function, *arguments)
+        return asyncio.run_coroutine_threadsafe(self._ask(name, function, arguments), self._client.loop.asyncio_loop)
+
+    async def _ask(self, name: Any, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+        """Have a job done; again where Dask lost its answer with a worker, or says that it has done nothing."""
+        from distributed import KilledWorker
+
+        lost: Exception | None = None
+        for _ in range(ASKED):
+            try:
+                kind, content = await self._client.submit(_on_worker, function, *arguments, pure=False)
+            except KilledWorker as error:
+                deaths = error.allowed_failures + 1
+                raise WorkerError(f"{name}: {deaths} workers ended at it; is there enough memory?") from error
+            except Exception as error:
+                if self._client.status != "running":
+                    raise GoneError from error
+                lost = error
+            else:
+                return _answer(name, kind, content)
+        raise WorkerError(f"{name}: {type(lost).__name__}: {lost}") from lost
 
     def end(self) -> None:
         """Drop all jobs."""
@@ -322,12 +349,12 @@ def _unpickle(content: bytes) -> Any:
     return pickle.loads(content)  # noqa: S301
 
 
-def _on_worker(function: Callable[..., Any], *arguments: Any) -> Any:
+def _on_worker(function: Callable[..., Any], *arguments: Any) -> tuple[str, Any]:
     """Do a job on a worker of Dask: with no more processors than it has threads."""
     from distributed import get_worker
 
     use_processors(get_worker().state.nthreads)
-    return function(*arguments)
+    return answer(function, *arguments)
 
 
 def do_alone(function: Callable[..., Any], *arguments: Any, name: str, limit: float) -> Any:
@@ -373,7 +400,7 @@ def work_through(
 
     Raises
     ------
-    StiffscopeError
+    GoneError
         The scheduler has gone.
 
     """
@@ -387,10 +414,8 @@ def work_through(
             if not running:
                 return
             for future in wait(running, return_when=FIRST_COMPLETED).done:
-                if future.cancelled() or isinstance(future.exception(), CancelledError):
-                    raise StiffscopeError(
-                        "the scheduler has gone; what is finished is kept, run the same command again"
-                    )
+                if future.cancelled() or isinstance(future.exception(), GoneError):
+                    raise GoneError
                 yield running.pop(future), future
     finally:
         for future in running:

@@ -16,10 +16,13 @@ import sys
 import threading
 import time
 import traceback
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from stiffscope.errors import InputError
 from stiffscope.runtime.processors import use_processors
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 PERIOD = 0.5  # s between two looks at the parent, where the system does not tell of its end
 
@@ -86,15 +89,20 @@ def _work(channel: _Channel) -> None:
     """Do a job, and send its answer or what has gone wrong."""
     function, arguments, heard = pickle.load(sys.stdin.buffer)  # noqa: S301
     channel.send("begun", None)
+    report = [lambda stage, fraction: channel.send("progress", (stage, fraction))] if heard else []
+    channel.send(*answer(function, *arguments, *report))
+
+
+def answer(function: Callable[..., Any], *arguments: Any) -> tuple[str, Any]:
+    """Do a job: "answer" and what it gives, "error" and what it raises for its user, or "failed" and why."""
     try:
-        report = [lambda stage, fraction: channel.send("progress", (stage, fraction))] if heard else []
-        channel.send("answer", function(*arguments, *report))
+        return "answer", function(*arguments)
     except BrokenPipeError:
         raise
     except (InputError, OSError, MemoryError) as error:
-        channel.send("error", error)
-    except Exception:  # noqa: BLE001 (whatever it is, the parent tells it)
-        channel.send("failed", traceback.format_exc())
+        return "error", error
+    except Exception:  # noqa: BLE001 (whatever it is, whoever gave the job tells it)
+        return "failed", traceback.format_exc()
 
 
 if __name__ == "__main__":

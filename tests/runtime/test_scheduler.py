@@ -1,15 +1,18 @@
 """Workers elsewhere: what is told when they go."""
 
 import logging
+import os
+import signal
 import subprocess
 import sys
 import threading
 import time
 
 import pytest
+from distributed import Future, LocalCluster
 
-from stiffscope.errors import StiffscopeError
-from stiffscope.runtime.executor import Scheduler, work_through
+from stiffscope.errors import InputError, StiffscopeError
+from stiffscope.runtime.executor import Scheduler, WorkerError, work_through
 
 SCHEDULER = """\
 from distributed import LocalCluster
@@ -38,3 +41,59 @@ def test_a_scheduler_that_goes_is_told_in_one_line(caplog):
         elsewhere.kill()
         elsewhere.communicate()
     assert not caplog.records
+
+
+def test_an_answer_that_is_lost_with_its_worker_is_asked_for_again(monkeypatch):
+    """Dask's future of an answer that a killed worker had holds no answer, and no error either: a TypeError."""
+    asked = []
+
+    async def lose(future, *given, whole=Future._result, **more):
+        asked.append(future.key)
+        if len(asked) == 1:
+            raise TypeError("cannot unpack non-iterable NoneType object")
+        return await whole(future, *given, **more)
+
+    monkeypatch.setattr(Future, "_result", lose)
+    with (
+        LocalCluster(n_workers=1, processes=False, protocol="tcp://", dashboard_address=None) as local,
+        Scheduler(local.scheduler_address) as executor,
+    ):
+        assert executor.submit(abs, -3, name="one").result(30) == 3
+        assert len(set(asked)) == 2
+        with pytest.raises(InputError, match="no such thing"):
+            executor.submit(refuse, name="two").result(30)
+        with pytest.raises(WorkerError, match="three: ZeroDivisionError"):
+            executor.submit(divmod, 1, 0, name="three").result(30)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="kills")
+def test_jobs_survive_the_kills_of_their_workers_and_one_that_kills_them_is_named():
+    with (
+        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as local,
+        Scheduler(local.scheduler_address) as executor,
+    ):
+        murders = threading.Event()
+
+        def kill():
+            while not murders.wait(0.7):
+                os.kill(next(iter(local.workers.values())).pid, signal.SIGKILL)
+
+        killer = threading.Thread(target=kill)
+        killer.start()
+        try:
+            done = [future.result(30) for _, future in work_through(executor, square, ((n, (n,)) for n in range(400)))]
+        finally:
+            murders.set()
+            killer.join()
+        assert sorted(done) == [n * n for n in range(400)]
+        with pytest.raises(WorkerError, match="mine: 4 workers ended at it"):
+            executor.submit(os._exit, 1, name="mine").result(60)
+
+
+def square(number):
+    time.sleep(0.01)
+    return number * number
+
+
+def refuse():
+    raise InputError("no such thing")
