@@ -129,31 +129,6 @@ def write_positions(
     write_campaign(folder, header, columns, comment=arm.source)
 
 
-def place_instrument(seen: Array, nominal: Array) -> tuple[Array, Array, float]:
-    """Find where an instrument stands by least squares, at any rotation.
-
-    Parameters
-    ----------
-    seen
-        (p, 3) positions in the instrument's axes, m.
-    nominal
-        (p, 3) the same in base axes.
-
-    Returns
-    -------
-    rotation, origin
-        Of the instrument in {O}, (3, 3) and (3,).
-    rms
-        What is left a coordinate, m.
-
-    """
-    a, b = seen - seen.mean(axis=0), nominal - nominal.mean(axis=0)
-    u, _, v = np.linalg.svd(b.T @ a)
-    rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
-    left = b - a @ rotation.T
-    return rotation, nominal.mean(axis=0) - rotation @ seen.mean(axis=0), float(np.sqrt(np.mean(left**2)))
-
-
 def split_postures(count: int, every: int = 5) -> tuple[Sequence[int], Sequence[int]]:
     """Postures to fit, and each ``every``-th one held out."""
     numbers = range(count)

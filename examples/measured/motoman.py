@@ -16,7 +16,8 @@ from pathlib import Path
 import numpy as np
 from scipy.io import loadmat
 
-from examples.measured.arm import Arm, place_instrument, split_postures, write_positions
+from examples.measured.arm import Arm, split_postures, write_positions
+from stiffscope.gap.forward.placing import align_points
 
 TURN = np.pi / 180.0
 ROWS = (
@@ -66,7 +67,9 @@ def convert(dataset: Path, side: str, folder: Path) -> dict[str, float]:
     for name, chosen in zip(("fit", "held-out"), split_postures(len(table)), strict=True):
         write_positions(arm, folder / name, home, angles[chosen], seen[chosen], sigma=SIGMA, at_sigma=AT_SIGMA)
     nominal = np.array([arm.target_at(each) for each in angles])
-    return {"postures": len(table), "rms": place_instrument(seen, nominal)[2]}
+    rotation, origin = align_points(seen, nominal)
+    left = nominal - seen @ rotation.T - origin
+    return {"postures": len(table), "rms": float(np.sqrt(np.mean(left**2)))}
 
 
 def main() -> None:
