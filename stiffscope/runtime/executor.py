@@ -292,7 +292,8 @@ class Scheduler(Executor):
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any, name: Any = "", **_: Any) -> Future[Any]:
         """Have ``function(*arguments)`` done; see `Processes.submit`."""
-        return asyncio.run_coroutine_threadsafe(self._ask(name, function, arguments), self._client.loop.asyncio_loop)
+        loop: Any = self._client.loop  # of tornado, which runs on asyncio's
+        return asyncio.run_coroutine_threadsafe(self._ask(name, function, arguments), loop.asyncio_loop)
 
     async def _ask(self, name: Any, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
         """Have a job done; again where Dask lost its answer with a worker, or says that it has done nothing."""

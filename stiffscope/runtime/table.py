@@ -129,9 +129,7 @@ def _lines(path: Path, most: int) -> tuple[list[list[str]], list[int], bool]:
     try:
         for row in reader:
             blank = not row or (len(row) == 1 and not row[0].strip())
-            if not blank and (
-                mark == "," or any(cell.strip() for cell in row)
-            ):  # spreadsheets write rows of separators
+            if not blank and (mark == "," or "".join(row).strip()):  # spreadsheets write rows of separators
                 rows.append(row)
                 lines.append(before + 1)
                 if len(rows) > most + 1 or len(row) > MOST_COLUMNS:
