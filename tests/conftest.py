@@ -32,6 +32,8 @@ def pytest_collection_modifyitems(items):
         marked = any(item.get_closest_marker(name) for name in ("long", "benchmark"))
         if marked or any(of == each or of.startswith(f"{each}/") for each in SLOW):
             item.add_marker(pytest.mark.slow)
+        if marked and not item.get_closest_marker("timeout"):
+            item.add_marker(pytest.mark.timeout(7200))
 
 
 @pytest.hookimpl(optionalhook=True)
