@@ -83,11 +83,15 @@
       arrow.push(x, q * c, q * d, y, s * c, s * d, y, s * e, s * f, x, q * c, q * d, y, s * e, s * f, x, q * e, q * f);
     }
     const arrows = array(new Float32Array(arrow));
-    const moves = floats(data.moves), twists = floats(data.twists), shares = floats(data.shares);
-    const nodes = data.nodes.length, elements = data.elements.length, number = new Map(data.nodes.map((name, k) => [name, k]));
-    const member = new Map(data.elements.map((name, k) => [name, k]));
-    const first = [0];
-    data.poses.forEach((pose) => first.push(first[first.length - 1] + pose.cases.length));
+    let moves, twists, shares, nodes, elements, number, member, first;
+    function take() {
+      [moves, twists, shares] = [floats(data.moves), floats(data.twists), floats(data.shares)];
+      [nodes, elements] = [data.nodes.length, data.elements.length];
+      [number, member] = [data.nodes, data.elements].map((names) => new Map(names.map((name, k) => [name, k])));
+      first = [0];
+      data.poses.forEach((pose) => first.push(first[first.length - 1] + pose.cases.length));
+    }
+    take();
 
     const now = { pose: 0, chosen: 0, turn: TURN, tilt: TILT, zoom: 1, time: 0, centre: [0, 0, 0], radius: 1, fit: 1 };
     const home = (node, pose) => {
@@ -267,6 +271,8 @@
     move.addEventListener("change", () => { now.time = Math.PI / 2; ask(); });
     move.checked = data.moving && !matchMedia("(prefers-reduced-motion: reduce)").matches;
     root.classList.add("live");
+    root.update = (fresh) => { Object.assign(data, fresh); take(); pose(); };  // other poses and cases of the same solids
+    root.look = (seen) => { if (seen) Object.assign(now, seen); ask(); return { turn: now.turn, tilt: now.tilt, zoom: now.zoom, chosen: now.chosen }; };
     new ResizeObserver(() => { if (pixels().some((c, i) => c !== [canvas.width, canvas.height][i])) ask(); }).observe(canvas);
     pose();
   }
@@ -278,4 +284,5 @@
     }
   }, { rootMargin: "60% 0px" });
   document.querySelectorAll(".robot-view").forEach((root) => near.observe(root));
+  window.viewRobot = view;
 })();

@@ -1,0 +1,273 @@
+"""The live view of a robot: the sliders that it has, and what a setting of them gives, ready for a page."""
+
+from __future__ import annotations
+
+import base64
+import io
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import matplotlib as mpl
+import numpy as np
+from PIL import Image
+
+from stiffscope.design.maps import map_robot
+from stiffscope.errors import InputError
+from stiffscope.experiments.assembly import at_named_poses, deflection_bars, stiffness_bars
+from stiffscope.gap.forward.robot_model import RobotModel
+from stiffscope.report import page, tables
+from stiffscope.report.maps import UNITS
+from stiffscope.report.numbers import WRENCH, coordinates
+from stiffscope.report.pictures import PictureError
+from stiffscope.report.robot_scene import scene
+from stiffscope.report.robot_view import robot_view, unit_wrenches, wrench_cases
+from stiffscope.report.run_report import ENERGY, GEOMETRY, turn_robot
+from stiffscope.report.terminal import record_shown, show_line, show_table
+from stiffscope.robot.inspection import rigid_mechanism
+from stiffscope.robot.nominal import NominalRobot
+from stiffscope.robot.parameters import parameters
+from stiffscope.runtime.output import scratch_folder
+from stiffscope.vjm.kinematics import configure
+from stiffscope.vjm.mechanism import DIAGONAL
+from stiffscope.vjm.modes import modes
+from stiffscope.vjm.yielding import deflection
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
+
+    from stiffscope.experiments.assembly import Assembled
+    from stiffscope.gap.campaigns import Case
+    from stiffscope.report.terminal import Shown
+    from stiffscope.robot.file.description import RobotFile
+    from stiffscope.vjm.kinematics import Configurations
+
+SHOWN = {
+    "m": (1e3, "mm"), "rad": (180.0 / np.pi, "deg"), "N/m": (1e-6, "N/µm"), "Pa": (1e-9, "GPa"),
+    "N*m/rad": (1e-3, "kN·m/rad"), "1": (1.0, ""), "N": (1.0, "N"), "N*m": (1.0, "N·m"),
+}  # fmt: skip
+"""How many of a page's unit an SI unit is, and its name; others stay SI."""
+LENGTHS = {"m", "1", "rad"}  # slide evenly between half and twice their value; others by decades
+TURN, SHIFT = np.radians(30.0), 0.25  # rad, and of the robot's size: how far poses slide without [map]
+FORCE, MOMENT = 1000.0, 100.0  # N, N·m
+POINTS = 21  # of a map along either coordinate
+MODES = 3
+MOST_READINGS = 40
+
+
+@dataclass(frozen=True)
+class Slider:
+    """A number that a page changes.
+
+    Attributes
+    ----------
+    name : what `--set` calls a value of the robot file; a coordinate of the pose; a component of the load.
+    group : "pose", "load", or what of the robot file it belongs to.
+    value, low, high : SI.
+    scale, unit : how many of the page's unit an SI unit is, and its name.
+    decades : whether it slides by powers of ten.
+    """
+
+    name: str
+    group: str
+    value: float
+    low: float
+    high: float
+    scale: float
+    unit: str
+    decades: bool = False
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Values of sliders that were moved, SI: those of the robot file by name, the pose (k,), the load (6,)."""
+
+    values: Mapping[str, float]
+    pose: tuple[float, ...]
+    load: tuple[float, ...]
+
+
+def find_sliders(robot: RobotFile) -> list[Slider]:
+    """Return a slider for each coordinate of the pose, component of the load, and number of the robot file."""
+    mechanism = rigid_mechanism(robot)
+    places = np.array([joint.at for joint in mechanism.joints] + [mechanism.tool.at])
+    reach = float(np.ptp(places, axis=0).max())
+    swept: dict[str, Any] = {} if robot.map is None else dict(robot.map.ranges())
+    start = next(iter(robot.poses.values()), tuple(mechanism.tool.home))
+    out: list[Slider] = []
+    for name, value in zip(mechanism.tool.pose, start, strict=True):
+        unit, way = ("rad", TURN) if name.startswith("r") else ("m", SHIFT * reach)
+        low, high = swept.get(name, (value - way, value + way))
+        ends = float(min(low, high, value)), float(max(low, high, value))
+        out.append(Slider(name, "pose", float(value), *ends, *SHOWN[unit]))
+    for k, name in enumerate(WRENCH):
+        most, unit = (FORCE, "N") if k < 3 else (MOMENT, "N*m")
+        out.append(Slider(name, "load", 0.0, -most, most, *SHOWN[unit]))
+    for each in parameters(robot):
+        scale, unit = SHOWN.get(each.unit, (1.0, each.unit.replace("*", "·")))
+        by = 2.0 if each.unit in LENGTHS or each.name.startswith("materials.") else 10.0
+        low, high = sorted((each.value / by, each.value * by))
+        group = each.name.split(".")[0] if each.key[0] != "parts" else f"part {each.key[1]}"
+        decades = by > 2.0 and low > 0.0
+        out.append(Slider(each.name, group, each.value, low, high, scale, unit, decades))
+    return out
+
+
+def read_setting(robot: RobotFile, asked: Any) -> Setting:
+    """Read a setting from what a page sent. Raises InputError for what is none."""
+    sizes = {"pose": len(robot.tool.pose), "load": 6}
+    try:
+        values = {str(name): float(value) for name, value in asked["values"].items()}
+        lists = {name: tuple(float(c) for c in asked[name]) for name in sizes}
+    except (TypeError, KeyError, ValueError, AttributeError) as error:
+        raise InputError(f"expected values, a pose and a load as numbers, got {str(asked)[:200]}") from error
+    if not np.isfinite([*values.values(), *lists["pose"], *lists["load"]]).all():
+        raise InputError("expected finite numbers")
+    for name, size in sizes.items():
+        if len(lists[name]) != size:
+            raise InputError(f"{name}: expected {size} numbers, got {len(lists[name])}")
+    return Setting(values, **lists)
+
+
+def answer(assembled: Assembled, setting: Setting) -> dict[str, Any]:
+    """Return what a page shows of a robot at a pose under a load: tables as HTML, how its nodes move.
+
+    Parameters
+    ----------
+    assembled
+        The robot of the setting's values.
+    setting
+        Its pose and load.
+
+    Raises
+    ------
+    InputError
+        The pose is out of reach; the message says why.
+
+    """
+    mechanism = assembled.mechanism
+    state = at_named_poses(assembled, {"now": setting.pose})
+    found = state.configurations.require_valid()
+    load = np.array(setting.load)
+    with record_shown() as shown:
+        tables.show_stiffness(["now"], state, stiffness_bars(assembled, found))
+        if load.any():
+            bent = deflection(mechanism, found, load)
+            words = ", ".join(f"{c:g}" for c in load)
+            tables.show_deflection(
+                ["now"], bent.twist, bent.shares, words, deflection_bars(assembled, found, bent.twist)
+            )
+        tables.show_modes(["now"], modes(mechanism, found, MODES), "Natural frequencies, drives held")
+    return {
+        "tables": as_html(shown),
+        "view": robot_view({}, found, ["now"], _cases(assembled, found, load), choice="load"),
+    }
+
+
+def _cases(assembled: Assembled, found: Configurations, load: Any) -> list[Any]:
+    """The load of the sliders, where there is one, and the unit wrenches."""
+    units = unit_wrenches(assembled.mechanism, found)
+    if not load.any():
+        return units
+    own = wrench_cases(assembled.mechanism, found, load, "load of the sliders")
+    return [[*first, *others] for first, others in zip(own, units, strict=True)]
+
+
+def draw_maps(assembled: Assembled) -> str:
+    """Return the maps of the diagonal of K over what `[map]` of the robot file sweeps, as HTML; "" without one."""
+    robot = assembled.robot
+    if robot.map is None:
+        return ""
+    found = map_robot(robot, assembled.mechanism, POINTS, "none")
+    shades = mpl.colormaps["cividis"]
+    drawn: list[dict[str, Any]] = []
+    for k, (name, (unit, factor)) in enumerate(zip(DIAGONAL, UNITS, strict=True)):
+        values = factor * found.stiffness[:, :, k]
+        low, high = np.nanmin(values), np.nanmax(values)
+        share = np.nan_to_num((values - low) / (high - low or 1.0))
+        colours = (255 * shades(share)).astype(np.uint8)
+        colours[np.isnan(values), 3] = 0
+        out = io.BytesIO()
+        Image.fromarray(colours if found.down else colours[::-1]).save(out, "PNG")
+        source = f"data:image/png;base64,{base64.b64encode(out.getvalue()).decode()}"
+        drawn.append({"name": name, "range": f"{low:.3g} to {high:.3g} {unit}", "source": source})
+    ends = {name: [v * (180 / np.pi if name.startswith("r") else 1e3) for v in (axis[0], axis[-1])]
+            for name, axis in ((found.across, found.columns), (found.up, found.rows))}  # fmt: skip
+    axes = "; ".join(
+        f"{way} {coordinates([name])} from {ends[name][0]:.4g} to {ends[name][1]:.4g}"
+        for way, name in (("across", found.across), ("down" if found.down else "up", found.up))
+    )
+    return page.templates().get_template("live_maps.html").render(maps=drawn, axes=axes)
+
+
+def readings_html(case: Case, assembled: Assembled) -> str:
+    """Return a campaign's readings beside what the robot predicts, the newest first, as HTML.
+
+    Parameters
+    ----------
+    case
+        The campaign.
+    assembled
+        The robot, in place of the campaign's own.
+
+    """
+    read = case.campaign.select(np.flatnonzero(~np.isnan(case.campaign.value)))
+    model = RobotModel(read, NominalRobot(assembled.mechanism, assembled.robot))
+    campaign, predicted = model.campaign, model.predict().values
+    left = campaign.value - predicted
+    size = np.linalg.norm(campaign.value)
+    with record_shown() as shown:
+        gap = 100 * np.linalg.norm(left) / size if size else 0.0
+        show_line(f"{len(campaign)} readings; gap {gap:.3g} % rms, with nothing fitted")
+        rows = [
+            (campaign.pose_names[campaign.pose[i]], campaign.what(i), f"{campaign.value[i]:.5g}", f"{predicted[i]:.5g}",
+             f"{left[i]:.3g}", f"{left[i] / campaign.sigma[i]:.2f}" if campaign.sigma[i] > 0.0 else "")
+            for i in range(len(campaign))[: -MOST_READINGS - 1 : -1]
+        ]  # fmt: skip
+        columns = ("pose", "reads", "measured", "predicted", "residual", "in sigma")
+        show_table("Newest readings, SI", (columns,), rows)
+    return as_html(shown)
+
+
+def view_html(assembled: Assembled, setting: Setting, draw_now: Callable[..., None]) -> str:
+    """Return the robot that turns, with its solids, as HTML; "" where this machine cannot draw or reach the pose.
+
+    Parameters
+    ----------
+    assembled, setting
+        The robot, its pose and load.
+    draw_now
+        As `stiffscope.report.pictures.open_drawing` gives it.
+
+    """
+    mechanism = assembled.mechanism
+    found = configure(mechanism, [setting.pose])
+    if not found.valid.all():
+        found = configure(mechanism, [mechanism.tool.home])
+    with scratch_folder() as folder:
+        try:
+            draw_now("robot", folder, pictures=[], geometry=GEOMETRY, **scene(assembled.robot, mechanism))
+        except PictureError:
+            return ""
+        view = turn_robot(
+            folder, found, ["now"], _cases(assembled, found, np.array(setting.load)), choice="load",
+            quantity=ENERGY, caption=f"Components coloured by their {ENERGY}.", still=None,
+        )  # fmt: skip
+    return page.templates().get_template("live_view.html").render(view=view)
+
+
+def render_page(robot: RobotFile, sliders: Sequence[Slider], campaign: Path | None) -> str:
+    """Return the page of the live view, whose numbers follow over its socket."""
+    groups: dict[str, list[Slider]] = {}
+    for each in sliders:
+        groups.setdefault(each.group, []).append(each)
+    given = {
+        "title": f"{robot.name}: live", "groups": groups, "sliders": [asdict(each) for each in sliders],
+        "campaign": campaign.name if campaign else "",
+    }  # fmt: skip
+    return page.templates().get_template("live.html").render(given).lstrip()
+
+
+def as_html(shown: Sequence[Shown]) -> str:
+    """Return tables as HTML."""
+    return page.templates().get_template("notebook.html").render(lines=shown, figures=())

@@ -1,0 +1,288 @@
+"""The server of the live view, on this machine only: a page with a token in its address, and a socket that follows it.
+
+Only the newest setting is evaluated. Virtual experiments run beside, with their progress; until they are done, the page
+shows the last robot.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import secrets
+import threading
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import tomlkit
+from tornado.httpserver import HTTPServer
+from tornado.netutil import bind_sockets
+from tornado.web import Application, HTTPError, RequestHandler
+from tornado.websocket import WebSocketClosedError, WebSocketHandler
+
+from stiffscope.errors import InputError, StiffscopeError
+from stiffscope.experiments.assembly import assemble_robots
+from stiffscope.experiments.robot_files import robot_document
+from stiffscope.experiments.watching import changes, keep_meshed
+from stiffscope.gap.campaigns import diagnose_case, open_case
+from stiffscope.report import gap_tables, live
+from stiffscope.report.pictures import open_drawing
+from stiffscope.report.terminal import record_shown
+from stiffscope.robot.reader import load_robot
+from stiffscope.runtime.output import to_json, write_bytes
+from stiffscope.runtime.workshop import workshop
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from stiffscope.experiments.assembly import Assembled
+    from stiffscope.experiments.results import PartResult
+    from stiffscope.report.live import Setting
+    from stiffscope.robot.file.description import RobotFile
+
+HOST = "127.0.0.1"
+
+
+class Newest:
+    """A thread that works on the newest order; those that came meanwhile but the last are skipped."""
+
+    def __init__(self, work: Callable[[Any], None]) -> None:
+        self._work, self._order, self._changed = work, None, threading.Condition()
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def put(self, order: Any) -> None:
+        """Give an order; never None."""
+        with self._changed:
+            self._order = order
+            self._changed.notify()
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._order is not None)
+                order, self._order = self._order, None
+            self._work(order)
+
+
+@dataclass
+class LiveRobot:
+    """A robot whose sliders are moved.
+
+    Attributes
+    ----------
+    robot : as its file says.
+    components : where the parts' matrices come from, as `assemble` takes it.
+    campaign : a campaign's folder, which is compared with the robot; None without one.
+    tell : takes each message for the page, from any thread.
+    """
+
+    robot: RobotFile
+    components: Any = None
+    campaign: Path | None = None
+    tell: Callable[[Mapping[str, Any]], None] = print
+    assembled: Assembled | None = None
+    asked: Setting | None = None
+    _meshed: dict[str, PartResult] = field(default_factory=dict)
+
+    def start(self) -> None:
+        """Start the threads that follow the page."""
+        self._build, self._follow, self._draw = Newest(self.build), Newest(self.follow), Newest(self.draw)
+        self._compare = Newest(self.compare)
+        if self.campaign:
+            threading.Thread(target=self._watch, daemon=True).start()
+
+    def ask(self, setting: Setting) -> None:
+        """Take the sliders' values; answers go to `tell`."""
+        former, self.asked = self.asked, setting
+        if former is None or former.values != setting.values:
+            self._build.put(setting)
+        if self.assembled is not None:
+            self._follow.put(setting)
+
+    def changed(self, values: Mapping[str, float]) -> RobotFile:
+        """The robot with other values."""
+        source, given = self.robot.source, [f"{name}={value!r}" for name, value in values.items()]
+        return load_robot(str(source.path), [*source.overrides, *given])
+
+    def build(self, setting: Setting) -> None:
+        """Assemble the robot of a setting's values, with the experiments that it needs; then follow."""
+        try:
+            with workshop(self._open_line) as shop:
+                robot = self.changed(setting.values)
+                made = assemble_robots({"live": robot}, self.components, shop, whole=False, near=self._meshed)["live"]
+        except (StiffscopeError, OSError, RuntimeError) as error:
+            self.tell({"problem": str(error)})
+            return
+        keep_meshed(self._meshed, made.results)
+        self.assembled = made
+        asked = self.asked or setting
+        for work in (self._follow, self._draw, *([self._compare] if self.campaign else [])):
+            work.put(asked)
+
+    def _open_line(self, name: str) -> Callable[[str, float], None]:
+        def report(stage: str, fraction: float) -> None:
+            self.tell({"progress": f"{name}: {stage}, {100 * fraction:.0f} %" if fraction < 1.0 else ""})
+
+        return report
+
+    def follow(self, setting: Setting) -> None:
+        """Answer a setting with the robot that is assembled."""
+        start, made = time.perf_counter(), self.assembled
+        if made is None:
+            return
+        try:
+            answer = live.answer(made, setting)
+        except StiffscopeError as error:
+            self.tell({"problem": str(error)})
+            return
+        self.tell({"problem": "", **answer, "seconds": time.perf_counter() - start})
+
+    def draw(self, setting: Setting) -> None:
+        """Draw the maps and the solids of the robot that is assembled."""
+        made = self.assembled
+        if made is None:
+            return
+        with contextlib.suppress(StiffscopeError):
+            self.tell({"maps": live.draw_maps(made)})
+        with contextlib.suppress(StiffscopeError), open_drawing() as draw_now:
+            self.tell({"solids": live.view_html(made, setting, draw_now)})
+
+    def compare(self, _setting: Setting) -> None:
+        """Compare the campaign's readings with the robot that is assembled, and say what to read next."""
+        if self.campaign is None or self.assembled is None:
+            return
+        try:
+            case = open_case(self.campaign, instead=str(self.robot.source.path))
+            self.tell({"readings": live.readings_html(case, self.assembled)})
+            with workshop() as shop, record_shown() as shown:
+                gap_tables.show_diagnosis(diagnose_case(case, self.assembled, shop))
+            self.tell({"diagnosis": live.as_html(shown)})
+        except (StiffscopeError, OSError) as error:
+            self.tell({"problem": str(error)})
+
+    def _watch(self) -> None:
+        """Compare again whenever a file of the campaign is saved."""
+        assert_folder = self.campaign or Path()
+        files = [path for path in assert_folder.iterdir() if path.is_file()]
+        for _ in changes(files):
+            if self.asked is not None:
+                self._compare.put(self.asked)
+
+    def keep(self, name: str) -> str:
+        """Write the robot with the sliders' values as a robot file; return what to say of it."""
+        target = Path(name)
+        if target.suffix != ".toml" or target.exists():
+            raise InputError(f"{name}: expected the name of a new file that ends in .toml")
+        robot = self.changed(self.asked.values if self.asked else {})
+        write_bytes(target, tomlkit.dumps(robot_document(robot, target)).encode())
+        return f"kept as {target.resolve()}"
+
+
+class _Guarded:
+    """Refuses whoever does not know the token, or came by another name of this machine."""
+
+    def check(self: Any) -> None:
+        given = self.get_query_argument("token", "")
+        host = self.request.host.rpartition(":")[0]
+        if host != HOST or not secrets.compare_digest(given, self.application.settings["token"]):
+            raise HTTPError(403)
+
+
+class _Page(_Guarded, RequestHandler):
+    def get(self) -> None:
+        self.check()
+        self.set_header("Content-Type", "text/html; charset=utf-8")
+        self.set_header("Referrer-Policy", "no-referrer")
+        self.finish(self.application.settings["page"])
+
+
+class _Socket(_Guarded, WebSocketHandler):
+    def check_origin(self, origin: str) -> bool:
+        return origin == f"http://{self.request.host}"
+
+    def prepare(self) -> None:
+        self.check()
+
+    def open(self, *_args: str, **_more: str) -> None:
+        self.application.settings["sockets"].add(self)
+
+    def on_close(self) -> None:
+        self.application.settings["sockets"].discard(self)
+
+    def on_message(self, message: str | bytes) -> None:
+        robot: LiveRobot = self.application.settings["robot"]
+        try:
+            asked = json.loads(message)
+            if "keep" in asked:
+                robot.tell({"kept": robot.keep(str(asked["keep"]))})
+            else:
+                robot.ask(live.read_setting(robot.robot, asked))
+        except (InputError, ValueError, TypeError) as error:
+            robot.tell({"problem": str(error)})
+
+
+@dataclass(frozen=True)
+class Server:
+    """A server that listens: the page's address, and the HTTP server."""
+
+    address: str
+    http: HTTPServer
+
+
+def open_server(robot: LiveRobot, port: int = 0) -> Server:
+    """Listen on this machine, inside a running event loop.
+
+    Parameters
+    ----------
+    robot
+        The robot that the page shows.
+    port
+        Port; 0 for any that is free.
+
+    Raises
+    ------
+    InputError
+        The port is taken.
+
+    """
+    loop, token = asyncio.get_running_loop(), secrets.token_urlsafe(16)
+    sockets: set[_Socket] = set()
+
+    def send(text: str) -> None:
+        for socket in list(sockets):
+            with contextlib.suppress(WebSocketClosedError):
+                socket.write_message(text)
+
+    robot.tell = lambda message: loop.call_soon_threadsafe(send, to_json(message))
+    page = live.render_page(robot.robot, live.find_sliders(robot.robot), robot.campaign)
+    try:
+        bound = bind_sockets(port, HOST)
+    except OSError as error:
+        raise InputError(f"--port {port}: expected a port that is free, got one in use") from error
+    settings: dict[str, Any] = {"token": token, "page": page, "robot": robot, "sockets": sockets}
+    http = HTTPServer(Application([("/", _Page), ("/socket", _Socket)], **settings))
+    http.add_sockets(bound)
+    robot.start()
+    return Server(f"http://{HOST}:{bound[0].getsockname()[1]}/?token={token}", http)
+
+
+def serve(robot: LiveRobot, port: int, announce: Callable[[str], None]) -> None:
+    """Serve the page until Ctrl-C; ``announce`` is called with its address."""
+
+    async def forever() -> None:
+        server = open_server(robot, port)
+        announce(server.address)
+        await asyncio.Event().wait()
+
+    with contextlib.suppress(KeyboardInterrupt):
+        asyncio.run(forever())
+
+
+def open_robot(name: str, overrides: Sequence[str], components: Any, campaign: Path | None) -> LiveRobot:
+    """The robot of a command line. Raises InputError for what is no robot or no campaign of it."""
+    robot = load_robot(name, overrides)
+    if campaign is not None:
+        open_case(campaign, instead=str(robot.source.path))
+    return LiveRobot(robot, components, campaign)

@@ -1,0 +1,67 @@
+// The live view: sliders send their values, the newest alone; what comes back takes its place on the page.
+"use strict";
+(() => {
+  const id = (name) => document.getElementById(name), state = id("state");
+  const given = JSON.parse(id("given").textContent);
+  const inputs = [...document.querySelectorAll("input[data-name]")].map((input) => {
+    const slider = given.find((s) => s.name === input.dataset.name && s.group === input.dataset.group);
+    return { input, slider, label: input.closest("label"), shown: input.closest("label").querySelector("output"), value: slider.value };
+  });
+  const share = (s, x) => (s.decades ? Math.log(x / s.low) / Math.log(s.high / s.low) : (x - s.low) / (s.high - s.low || 1));
+  const at = (s, t) => (s.decades ? s.low * (s.high / s.low) ** t : s.low + t * (s.high - s.low));
+  function set(each, value) {
+    each.value = value;
+    each.shown.textContent = `${+(value * each.slider.scale).toPrecision(4)} ${each.slider.unit}`.trim();
+    each.label.classList.toggle("moved", value !== each.slider.value);
+    each.input.setAttribute("aria-valuetext", each.shown.textContent);
+  }
+  function reset() { for (const each of inputs) { each.input.value = 1000 * share(each.slider, each.slider.value); set(each, each.slider.value); } }
+  let socket, waiting = false;
+  function send() {
+    if (socket.readyState !== WebSocket.OPEN || waiting) return;
+    waiting = true;
+    requestAnimationFrame(() => {
+      waiting = false;
+      const of = (group) => inputs.filter((each) => each.slider.group === group).map((each) => each.value);
+      const values = inputs.filter((each) => !["pose", "load"].includes(each.slider.group) && each.value !== each.slider.value);
+      socket.send(JSON.stringify({ values: Object.fromEntries(values.map((each) => [each.slider.name, each.value])), pose: of("pose"), load: of("load") }));
+    });
+  }
+  const say = (text, problem) => { state.textContent = text; state.classList.toggle("problem", !!problem); };
+  const put = (name, html) => { id(name).innerHTML = html; };
+  const robot = () => id("solids").querySelector(".robot-view");
+  let last = null;
+  const take = {
+    progress: (text) => { if (text) say(`${text}; the values are those of the last robot`); id("tables").classList.toggle("stale", !!text); },
+    problem: (text) => { if (text) say(text, true); id("tables").classList.toggle("stale", !!text); },
+    seconds: (seconds) => say(`computed in ${(1000 * seconds).toFixed(0)} ms`),
+    tables: (html) => put("tables", html),
+    view: (data) => { last = data; if (robot() && robot().update) robot().update(data); },
+    solids: (html) => {
+      const seen = robot() && robot().look && robot().look();
+      put("solids", html);
+      if (!robot()) return;
+      window.viewRobot(robot());
+      if (robot().look) robot().look(seen);
+      if (last && robot().update) robot().update(last);
+    },
+    maps: (html) => { put("maps", html); document.querySelector(".of-maps").hidden = !html; },
+    readings: (html) => put("readings", html),
+    diagnosis: (html) => put("diagnosis", html),
+    kept: (text) => say(text),
+  };
+  function connect() {
+    socket = new WebSocket(`ws://${location.host}/socket${location.search}`);
+    socket.addEventListener("open", () => { say("connected"); send(); });
+    socket.addEventListener("message", (event) => {
+      for (const [name, value] of Object.entries(JSON.parse(event.data))) take[name]?.(value);
+      document.body.dataset.answers = 1 + +(document.body.dataset.answers || 0);
+    });
+    socket.addEventListener("close", () => { say("stiffscope live has ended; start it again, then open its new address", true); });
+  }
+  for (const each of inputs) each.input.addEventListener("input", () => { set(each, at(each.slider, each.input.value / 1000)); send(); });
+  id("reset").addEventListener("click", () => { reset(); send(); });
+  id("keep").addEventListener("submit", (event) => { event.preventDefault(); socket.send(JSON.stringify({ keep: event.target.file.value })); });
+  reset();
+  connect();
+})();
