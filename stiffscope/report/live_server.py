@@ -76,13 +76,15 @@ class LiveRobot:
     components : where the parts' matrices come from, as `assemble` takes it.
     campaign : a campaign's folder, which is compared with the robot; None without one.
     tell : takes each message for the page, from any thread.
+    made : the robot that is assembled, and the values of sliders that it was assembled with.
+    asked : the newest setting.
     """
 
     robot: RobotFile
     components: Any = None
     campaign: Path | None = None
     tell: Callable[[Mapping[str, Any]], None] = print
-    assembled: Assembled | None = None
+    made: tuple[Assembled, Mapping[str, float]] | None = None
     asked: Setting | None = None
     _meshed: dict[str, PartResult] = field(default_factory=dict)
 
@@ -98,7 +100,7 @@ class LiveRobot:
         former, self.asked = self.asked, setting
         if former is None or former.values != setting.values:
             self._build.put(setting)
-        if self.assembled is not None:
+        if self.made is not None:
             self._follow.put(setting)
 
     def changed(self, values: Mapping[str, float]) -> RobotFile:
@@ -116,7 +118,7 @@ class LiveRobot:
             self.tell({"problem": str(error)})
             return
         keep_meshed(self._meshed, made.results)
-        self.assembled = made
+        self.made = made, setting.values
         asked = self.asked or setting
         for work in (self._follow, self._draw, *([self._compare] if self.campaign else [])):
             work.put(asked)
@@ -129,21 +131,22 @@ class LiveRobot:
 
     def follow(self, setting: Setting) -> None:
         """Answer a setting with the robot that is assembled."""
-        start, made = time.perf_counter(), self.assembled
-        if made is None:
+        if self.made is None:
             return
+        start, (assembled, values) = time.perf_counter(), self.made
         try:
-            answer = live.answer(made, setting)
+            answer = live.answer(assembled, setting)
         except StiffscopeError as error:
             self.tell({"problem": str(error)})
             return
-        self.tell({"problem": "", **answer, "seconds": time.perf_counter() - start})
+        seconds = time.perf_counter() - start
+        self.tell({"problem": "", **answer, "seconds": seconds, "stale": setting.values != values})
 
     def draw(self, setting: Setting) -> None:
         """Draw the maps and the solids of the robot that is assembled."""
-        made = self.assembled
-        if made is None:
+        if self.made is None:
             return
+        made, _ = self.made
         with contextlib.suppress(StiffscopeError):
             self.tell({"maps": live.draw_maps(made)})
         with contextlib.suppress(StiffscopeError), open_drawing() as draw_now:
@@ -151,22 +154,22 @@ class LiveRobot:
 
     def compare(self, _setting: Setting) -> None:
         """Compare the campaign's readings with the robot that is assembled, and say what to read next."""
-        if self.campaign is None or self.assembled is None:
+        if self.campaign is None or self.made is None:
             return
+        made, _ = self.made
         try:
             case = open_case(self.campaign, instead=str(self.robot.source.path))
-            self.tell({"readings": live.readings_html(case, self.assembled)})
+            self.tell({"readings": live.readings_html(case, made)})
             with workshop() as shop, record_shown() as shown:
-                gap_tables.show_diagnosis(diagnose_case(case, self.assembled, shop))
+                gap_tables.show_diagnosis(diagnose_case(case, made, shop))
             self.tell({"diagnosis": live.as_html(shown)})
         except (StiffscopeError, OSError) as error:
             self.tell({"problem": str(error)})
 
     def _watch(self) -> None:
         """Compare again whenever a file of the campaign is saved."""
-        assert_folder = self.campaign or Path()
-        files = [path for path in assert_folder.iterdir() if path.is_file()]
-        for _ in changes(files):
+        folder = self.campaign or Path()
+        for _ in changes([path for path in folder.iterdir() if path.is_file()]):
             if self.asked is not None:
                 self._compare.put(self.asked)
 
@@ -255,7 +258,11 @@ def open_server(robot: LiveRobot, port: int = 0) -> Server:
             with contextlib.suppress(WebSocketClosedError):
                 socket.write_message(text)
 
-    robot.tell = lambda message: loop.call_soon_threadsafe(send, to_json(message))
+    def tell(message: Mapping[str, Any]) -> None:
+        with contextlib.suppress(RuntimeError):  # the server has ended
+            loop.call_soon_threadsafe(send, to_json(message))
+
+    robot.tell = tell
     page = live.render_page(robot.robot, live.find_sliders(robot.robot), robot.campaign)
     try:
         bound = bind_sockets(port, HOST)

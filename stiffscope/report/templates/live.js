@@ -32,8 +32,9 @@
   const robot = () => id("solids").querySelector(".robot-view");
   let last = null;
   const take = {
-    progress: (text) => { if (text) say(`${text}; the values are those of the last robot`); id("tables").classList.toggle("stale", !!text); },
-    problem: (text) => { if (text) say(text, true); id("tables").classList.toggle("stale", !!text); },
+    progress: (text) => { if (text) say(`${text}; until then the last robot is shown`); },
+    problem: (text) => { if (text) say(text, true); if (text) take.stale(true); },
+    stale: (old) => id("tables").classList.toggle("stale", old),
     seconds: (seconds) => say(`computed in ${(1000 * seconds).toFixed(0)} ms`),
     tables: (html) => put("tables", html),
     view: (data) => { last = data; if (robot() && robot().update) robot().update(data); },

@@ -1,0 +1,188 @@
+"""The live view: what sliders give is what the robot file with these values gives; only who has the token is served."""
+
+import asyncio
+import contextlib
+import json
+import re
+import shutil
+import threading
+import time
+
+import numpy as np
+import pytest
+from tornado.httpclient import AsyncHTTPClient, HTTPClientError, HTTPRequest
+from tornado.websocket import websocket_connect
+
+import stiffscope as ss
+from stiffscope.data import FOLDER
+from stiffscope.errors import InputError
+from stiffscope.report.live import find_sliders, read_setting
+from stiffscope.report.live_server import LiveRobot, open_server
+from tests.report.browser import CHROMIUM, browser
+
+HOME = [0.0, 0.0, -1.0643]
+STILL = {"values": {}, "pose": HOME, "load": [0.0] * 6}
+
+
+async def follow(server, *orders):
+    """What the socket says after each order, until the key that is waited for."""
+    socket = await websocket_connect(
+        HTTPRequest(server.address.replace("http", "ws").replace("/?", "/socket?"), headers={"Origin": origin(server)})
+    )
+    said = []
+    for order, key in orders:
+        await socket.write_message(order if isinstance(order, str) else json.dumps(order))
+        while True:
+            message = json.loads(await asyncio.wait_for(socket.read_message(), 60))
+            if message.get(key) and not message.get("stale"):
+                said.append(message[key])
+                break
+    socket.close()
+    return said
+
+
+def origin(server):
+    return server.address.split("/?")[0]
+
+
+def run(robot, work):
+    async def main():
+        server = open_server(robot)
+        try:
+            return await work(server)
+        finally:
+            server.http.stop()
+
+    return asyncio.run(main())
+
+
+def shown_stiffness(html):
+    cells = re.findall(r"<td>([^<]*)</td>", html.split("<tbody>")[1].split("</tr>")[0])
+    return [float(cell) for cell in cells[1:7]]
+
+
+@pytest.fixture
+def delta():
+    return LiveRobot(ss.load_robot("delta"), "beam")
+
+
+def test_sliders_give_what_the_robot_file_with_their_values_gives(delta):
+    motor = "leg1.motor.drive.stiffness"
+    slider = next(each for each in find_sliders(delta.robot) if each.name == motor)
+    asked = STILL | {"values": {motor: 0.5 * slider.value}}
+    before, now = run(delta, lambda server: follow(server, (STILL, "tables"), (asked, "tables")))
+    for html, values in ((before, []), (now, [f"joints.{motor}={0.5 * slider.value!r}"])):
+        machine = ss.assemble(ss.load_robot("delta", values), "beam")
+        expected = np.diag(ss.stiffness(machine, [HOME])[0])
+        assert np.allclose(1e3 * np.array(shown_stiffness(html)), expected, rtol=1e-3)
+    assert shown_stiffness(now)[2] < shown_stiffness(before)[2]
+
+
+def test_load_and_next_words_follow_and_nonsense_is_one_line(delta):
+    loaded = STILL | {"load": [0.0, 0.0, -100.0, 0.0, 0.0, 0.0]}
+    away = STILL | {"pose": [5.0, 0.0, -1.0]}
+    orders = (STILL, "tables"), (loaded, "view"), (away, "problem"), ("{", "problem"), ("[1]", "problem")
+    _, view, *problems = run(delta, lambda server: follow(server, *orders))
+    assert view["poses"][0]["cases"][0]["label"] == "load of the sliders"
+    assert "loop" in problems[0]
+    assert all("\n" not in problem for problem in problems)
+    for wrong in ({}, STILL | {"pose": [1.0]}, STILL | {"load": [np.nan] * 6}, STILL | {"values": {"x": "a"}}):
+        with pytest.raises(InputError):
+            read_setting(delta.robot, wrong)
+
+
+def test_only_the_token_opens_page_and_socket(delta):
+    async def knock(server):
+        base, client = origin(server), AsyncHTTPClient()
+        page = (await client.fetch(server.address)).body.decode()
+        refused = []
+        for address, headers in (
+            (f"{base}/", {}), (f"{base}/?token=wrong", {}), (f"{base}/socket?token=wrong", {}),
+            (server.address, {"Host": "example.org"}),
+        ):  # fmt: skip
+            with pytest.raises(HTTPClientError) as error:
+                await client.fetch(address, headers=headers)
+            refused.append(error.value.code)
+        address = server.address.replace("http", "ws").replace("/?", "/socket?")
+        with pytest.raises(HTTPClientError):
+            await websocket_connect(HTTPRequest(address, headers={"Origin": "http://example.org"}))
+        return page, refused
+
+    page, refused = run(delta, knock)
+    assert refused == [403] * 4
+    assert 'data-name="leg1.motor.drive.stiffness"' in page
+
+
+def test_keep_writes_a_robot_file_once(delta, tmp_path):
+    target = tmp_path / "mine.toml"
+    asked = STILL | {"values": {"leg1.motor.drive.stiffness": 12345.0}}
+    orders = (asked, "tables"), ({"keep": str(target)}, "kept"), ({"keep": str(target)}, "problem")
+    *_, problem = run(delta, lambda server: follow(server, *orders))
+    assert ss.load_robot(str(target)).joints["leg1.motor"].drive.stiffness == 12345.0
+    assert "new file" in problem
+
+
+def test_new_rows_of_a_campaign_appear(delta, tmp_path):
+    shutil.copytree(FOLDER / "campaigns" / "gauges", tmp_path / "gauges")
+    delta.campaign = tmp_path / "gauges"
+    table = delta.campaign / "readings.csv"
+    lines = table.read_text().splitlines(keepends=True)
+    table.write_text("".join(lines[:13]))
+
+    async def work(server):
+        async def add():
+            await asyncio.sleep(1.0)
+            table.write_text("".join(lines[:16]))
+
+        socket = await websocket_connect(
+            HTTPRequest(
+                server.address.replace("http", "ws").replace("/?", "/socket?"), headers={"Origin": origin(server)}
+            )
+        )
+        await socket.write_message(json.dumps(STILL))
+        said, adding = [], asyncio.create_task(add())
+        while not any(text.count("12 readings") for text in said) or not any(
+            text.count("15 readings") for text in said
+        ):
+            message = json.loads(await asyncio.wait_for(socket.read_message(), 60))
+            said += [message["readings"]] if "readings" in message else []
+        await adding
+        socket.close()
+
+    run(delta, work)
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is missing: apt-get install chromium")
+def test_a_page_follows_a_slider_five_times_a_second():
+    robot, ready, over = LiveRobot(ss.load_robot("biglide"), "published"), threading.Event(), threading.Event()
+    address = []
+
+    async def serve():
+        server = open_server(robot)
+        address.append(server.address)
+        ready.set()
+        while not over.is_set():
+            await asyncio.sleep(0.05)
+        server.http.stop()
+
+    thread = threading.Thread(target=lambda: asyncio.run(serve()))
+    thread.start()
+    try:
+        assert ready.wait(20)
+        with browser() as tab:
+            tab.call("Page.navigate", url=address[0])
+            tab.wait("!!document.querySelector('#tables table') && !!document.querySelector('.maps img')")
+            with contextlib.suppress(AssertionError):  # where this machine draws no solids
+                tab.wait("!!document.querySelector('.robot-view[data-drawn]')")
+            watched = "document.querySelector('#tables'), {childList: true}"
+            tab.run(f"window.t = 0, new MutationObserver(() => window.t++).observe({watched})")
+            for value in range(500, 520):
+                moved = f"i.value = {value}; i.dispatchEvent(new Event('input'))"
+                tab.run(f"(i => {{ {moved} }})(document.querySelector('[data-name=fz]'))")
+                time.sleep(0.1)
+            assert tab.run("window.t") >= 10
+            errors = [event for event in tab.complaints() if event["params"].get("entry", {}).get("level") != "warning"]
+            assert not errors
+    finally:
+        over.set()
+        thread.join()
