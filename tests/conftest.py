@@ -17,7 +17,8 @@ SLOW = (
     "fea/test_laws.py", "fea/test_mass.py", "fea/test_mesh.py", "fea/test_sections.py",
     "fea/test_sensitivity.py", "fea/test_tolerance.py", "gap/test_blind.py",
     "gap/test_diagnose.py", "gap/test_hostile_tables.py", "gap/test_sanity.py",
-    "report/test_live.py", "report/test_notebook.py", "robot/test_assembly.py", "report/test_robot_scene.py", "runtime/test_executor.py",
+    "report/test_live.py",
+    "report/test_notebook.py", "robot/test_assembly.py", "report/test_robot_scene.py", "runtime/test_executor.py",
     "runtime/test_scheduler.py", "test_bad_day.py", "test_readme.py", "test_tutorials.py",
     "test_wheel.py", "validation/test_parts.py",
 )  # fmt: skip
