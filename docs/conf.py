@@ -14,8 +14,11 @@ project_copyright = "the authors of stiffscope"
 extensions = [
     "myst_nb",
     "sphinx.ext.autodoc",
+    "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
+    "sphinx-mathjax-offline",
     "sphinx_click",
+    "sphinx_copybutton",
     "file_reference",
     "json_answers",
     "known_answers",
@@ -28,6 +31,8 @@ autodoc_member_order = "bysource"
 napoleon_google_docstring = False
 exclude_patterns = ["extensions"]
 html_theme = "furo"
+man_pages = [("reference/commands", "stiffscope", "stiffness of robots, from CAD to the gap to the machine", "", 1)]
+copybutton_exclude = ".linenos, .gp, .go"
 html_title = f"stiffscope {release}"
 html_show_sphinx = False
 suppress_warnings = ["myst.header"]

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.report.browser import CHROMIUM, browser
+
 ROOT = Path(__file__).parents[1]
 PAGES = [*sorted((ROOT / "docs").rglob("*.md")), ROOT / "CONTRIBUTING.md", ROOT / "README.md"]
 ROOMS = ("cad", "fea", "vjm", "stiffscope", "tests", "examples")
@@ -76,6 +78,29 @@ def test_the_pages_need_nothing_but_their_extra() -> None:
     command = [sys.executable, "-c", f"{code}; import {', '.join(extensions)}"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is missing: apt-get install chromium")
+@pytest.mark.parametrize("page", ["theory", "glossary"])
+def test_every_equation_is_set_by_the_pages_own_mathjax(page: str, tmp_path: Path) -> None:
+    source, pages = tmp_path / "docs", tmp_path / "pages"
+    source.mkdir()
+    text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+    (source / "index.md").write_text(text, encoding="utf-8")
+    settings = (
+        'extensions = ["myst_parser", "sphinx.ext.mathjax", "sphinx-mathjax-offline"]',
+        'myst_enable_extensions = ["dollarmath", "amsmath", "deflist"]',
+        'suppress_warnings = ["myst"]',
+    )
+    (source / "conf.py").write_text("\n".join(settings), encoding="utf-8")
+    subprocess.run([sys.executable, "-m", "sphinx", "-q", source, pages], check=True, timeout=120)
+    with browser() as tab:
+        tab.open(pages / "index.html")
+        tab.run("MathJax.startup.promise.then(() => true)")
+        assert tab.run("document.querySelectorAll('mjx-container').length") > 0
+        assert tab.run("document.querySelectorAll('mjx-merror').length") == 0
+        assert not [address for address in tab.requests() if not address.startswith("file:")]
 
 
 def test_equations_are_numbered_once_and_in_order() -> None:
