@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import base64
 import contextlib
 import inspect
 import io
+import re
 import runpy
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from docutils import nodes
-from docutils.parsers.rst import Directive
+from docutils.parsers.rst import Directive, directives
 from docutils.statemachine import StringList
 
 import stiffscope
@@ -30,6 +32,7 @@ from stiffscope.report.keys import (
     TOP,
     section_rows,
 )  # fmt: skip
+from stiffscope.report.notebook import HEIGHT, as_html
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
@@ -123,15 +126,43 @@ class Gallery(Directive):
 
 
 class TurningRobot(Directive):
-    """A robot of the library, by beam theory, that turns and bends."""
+    """A robot of the library, by beam theory, that turns and bends; ``height`` in pixels, where it is to be less."""
 
     required_arguments = 1
+    option_spec: ClassVar[dict[str, Any]] = {"height": directives.nonnegative_int}
 
     def run(self) -> list[nodes.Node]:
         """Return the view that a notebook shows."""
         robot = stiffscope.load_robot(self.arguments[0])
-        shown = stiffscope.view(stiffscope.assemble(robot, "beam"), robot)
-        return [nodes.raw("", shown._repr_html_(), format="html")]
+        shown = stiffscope.view(stiffscope.assemble(robot, "beam"), robot)._repr_html_()
+        height = self.options.get("height", HEIGHT)
+        return [nodes.raw("", shown.replace(f"height:{HEIGHT}px", f"height:{height}px"), format="html")]
+
+
+class WaysIn(Directive):
+    """Three pictures that the package draws, each a link to the guide that tells how."""
+
+    def run(self) -> list[nodes.Node]:
+        """Return the three cards."""
+        robot = stiffscope.load_robot("biglide")
+        machine = stiffscope.assemble(robot, "beam")
+        part = stiffscope.deformed(stiffscope.run_experiment(stiffscope.build_part(robot, "slider")))
+        gap = as_html(stiffscope.diagnose("gauges"))
+        pictures = {
+            "robot": (_png(stiffscope.stiffness_map(machine, robot.map.ranges()).png), "stiffness over the workspace"),
+            "part": (_png(part.png), "a part under each unit load"),
+            "measurements": (re.search(r'src="(data:image/svg[^"]*)"', gap)[1], "the gap before and after"),
+        }
+        cards = [
+            f'<a href="guides/{page}.html"><img src="{source}" alt="">'
+            f"<strong>My {title}</strong><span>{words}</span></a>"
+            for (page, (source, words)), title in zip(pictures.items(), ("design", "part", "measurements"), strict=True)
+        ]
+        return [nodes.raw("", f'<div class="ways-in">{"".join(cards)}</div>', format="html")]
+
+
+def _png(png: bytes) -> str:
+    return f"data:image/png;base64,{base64.b64encode(png).decode()}"
 
 
 class Facade(Directive):
@@ -162,5 +193,6 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.add_directive("campaign-keys", CampaignKeys)
     app.add_directive("gallery", Gallery)
     app.add_directive("turning-robot", TurningRobot)
+    app.add_directive("ways-in", WaysIn)
     app.add_directive("facade", Facade)
     return {"parallel_read_safe": True}
