@@ -108,6 +108,7 @@ JOB = (
     ("[process.milling]", job.MillingSection),
     ("[process.drilling]", job.DrillingSection),
     ("[payload]", job.PayloadSection),
+    ("[free]", job.FreeSection),
 )
 
 
