@@ -31,7 +31,7 @@ Number = Annotated[int, Reads(_read_count, says="a whole number above 0")]
 class StudySection(Section):
     """The file's top level. `minimize` and `maximize` name responses; a sweep needs neither."""
 
-    robot: Annotated[str, Says("a robot file, seen from the study's folder, or the name of a robot that comes along")]
+    robot: Annotated[str, Says("a robot file, seen from the study's folder, or the name of a bundled robot")]
     components: Literal["fea", "beam", "published"] | None = None
     set: Texts = ()
     tolerance: Annotated[str | None, Says("error bar of the parts' matrices, as `--tolerance` takes it")] = None

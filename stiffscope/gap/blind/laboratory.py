@@ -54,7 +54,7 @@ class BlindRobot:
 
     @property
     def reference(self) -> str:
-        """How a campaign names it: a robot that comes along, or the path of its file."""
+        """How a campaign names it: a bundled robot, or the path of its file."""
         path = self.nominal.robot.path
         return path.stem if path.stem in robot_names() and load_robot(path.stem).path == path else str(path.resolve())
 
