@@ -143,6 +143,10 @@ class Response:
     nodes: dict[str, Array] = field(default_factory=dict[Any, Any])
     elements: dict[str, ElementState] = field(default_factory=dict[Any, Any])
 
+    def find_wrench(self, rows: Sequence[str]) -> Array:
+        """Wrenches (n, 6m, c) that m elements carry, each at its own point in its own axes."""
+        return stack_rows([self.elements[name].wrench for name in rows])
+
     @property
     def energies(self) -> dict[str, Array]:
         """Strain energy (n, c) in J of every joint and body that yields."""

@@ -63,7 +63,8 @@ class Change:
     """What an effect does to an element, in its own axes.
 
     Compliance (6, 6) added, twist (6,) of its unloaded end, twist (6,) of a joint's axis away from where it is drawn,
-    stiffness of a spring added to each free motion of a passive joint.
+    stiffness of a spring added to each free motion of a passive joint. Of a body with n ends (6m, 6m) and (6m,),
+    m = n - 1: of all ends but the first.
     """
 
     compliance: Array | None = None
@@ -146,6 +147,14 @@ class Mechanism:
     def carrier(self, node: str) -> str:
         """Name of the body that a node belongs to."""
         return self._carriers[node]
+
+    def rows(self, name: str) -> tuple[str, ...]:
+        """Elements of the network that an element is: of a body with more than two ends one from the first to each."""
+        return self._rows.get(name, (name,))
+
+    @cached_property
+    def _rows(self) -> dict[str, tuple[str, ...]]:
+        return {body.name: body.nodes[1:] for body in self.bodies if len(body.nodes) > 2}
 
     def body(self, name: str) -> Body:
         """The body of this name."""

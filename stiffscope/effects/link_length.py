@@ -23,7 +23,7 @@ class LinkLength(ElementEffect):
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """At elastic bodies."""
-        for place in setting.robot.places(setting.robot.elastic_sources):
+        """At elastic bodies of two ends."""
+        for place in setting.robot.places(setting.robot.links):
             directions: dict[str, Array] = dict.fromkeys(place.members, ALONG)
             yield cls(partial(move_ends, directions)).make_candidate(place)

@@ -28,7 +28,7 @@ class LinkStiffness(ElementEffect):
         robot = setting.robot
         for place in robot.places(yielding_bodies(robot)):
             if place.name not in PartCompliance.named:
-                names = (place.name, *place.others)
-                aliases = (*(f"{cls.word} @ {n}" for n in names[1:]), f"{PartCompliance.word} @ {place.name}")
+                own = (f"{cls.word} @ {name}" for name in place.others)
+                aliases = (*own, *(f"{PartCompliance.word} @ {name}" for name in (place.name, *place.others)))
                 effect = cls(partial(soften, robot, place.members))
                 yield effect.make_candidate(place, aliases=aliases)

@@ -51,7 +51,10 @@ class PartCompliance(ElementEffect):
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """At elastic bodies of one part; a factor only where it goes by this word, as it is `link-stiffness` else."""
+        """At elastic bodies of one part; a factor only where it goes by this word, as it is `link-stiffness` else.
+
+        Entry by entry at bodies of two ends.
+        """
         robot = setting.robot
         for place in robot.places(yielding_bodies(robot)):
             word, others = cls.named.get(place.name, cls.word), _other_names(cls, place)
@@ -60,8 +63,8 @@ class PartCompliance(ElementEffect):
                 aliases = (f"link-stiffness @ {place.name}", *others)
                 factor = {"component": place.sole, "bounds": FACTOR}
                 yield effect.make_candidate(place, (FACTOR_OF_PART,), aliases=aliases, effect=word, **factor)
-            if len({robot.part_of(name) for name in place.members}) == 1:
-                here = robot.compliances[next(iter(place.members))]
+            here = robot.compliances[next(iter(place.members))]
+            if len({robot.part_of(name) for name in place.members}) == 1 and len(here) == 6:
                 for pairs in (_SYMMETRIC_PLATE, _ALL) if len(place.members) > 1 else (_SYMMETRIC_PLATE,):
                     matrix = _Matrix.from_compliance(here, pairs)
                     yield cls(partial(matrix.changes, place.members)).make_candidate(

@@ -37,7 +37,8 @@ class RigidEnds(ElementEffect):
     def candidates(cls, setting: Setting) -> Candidates:
         """At uniform elastic bodies."""
         robot = setting.robot
-        uniform = [n for n in yielding_bodies(robot) if _is_uniform(robot.compliances[n], robot.length(n))]
+        links = [name for name in yielding_bodies(robot) if name in robot.links]
+        uniform = [name for name in links if _is_uniform(robot.compliances[name], robot.length(name))]
         for place in robot.places(uniform):
             yield cls(partial(_clamp_ends, robot, place.members)).make_candidate(place)
 

@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from stiffscope.effects.effect import Candidates, NominalRobot, Parameter, Place, Setting
-from stiffscope.effects.elements import ALONG, ElementEffect, move_ends
+from stiffscope.effects.elements import ElementEffect, move_ends
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -28,9 +28,9 @@ class Thermal(ElementEffect):
     def candidates(cls, setting: Setting) -> Candidates:
         """At elastic bodies whose material is known; at the whole robot, all of these."""
         robot = setting.robot
-        growth = {name: (robot.expansion(name) or 0.0) * robot.length(name) for name in robot.elastic_sources}
-        for place in _places(robot, [name for name in growth if growth[name]]):
-            grown = {name: growth[name] * ALONG for name in place.members}
+        growth = {name: (robot.expansion(name) or 0.0) * robot.growth(name) for name in robot.elastic_sources}
+        for place in _places(robot, [name for name in growth if growth[name].any()]):
+            grown = {name: growth[name] for name in place.members}
             yield cls(partial(move_ends, grown)).make_candidate(place)
 
 

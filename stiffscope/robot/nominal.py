@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.robot.file.description import RobotFile
-from stiffscope.robot.file.sections import ElasticBody
+from stiffscope.robot.file.sections import ElasticBody, InterfaceBody
 from stiffscope.robot.part_dimensions import is_beam
 from stiffscope.vjm.laws import without_laws
 from stiffscope.vjm.network import list_elements
@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from stiffscope.vjm.bodies import Elastic
     from stiffscope.vjm.joints import Joint
     from stiffscope.vjm.mechanism import Mechanism
+
+
+_ALONG = 1e-9  # of a body's length: what its end may be off its x axis
 
 
 def _no_experiments() -> dict[str, Callable[[], tuple[PartDimension, ...]]]:
@@ -71,19 +74,31 @@ class NominalRobot:
 
     @cached_property
     def compliances(self) -> Mapping[str, Array]:
-        """Compliance (6, 6) of every element, in its own axes at its own point."""
-        return {element.name: element.compliance for element in list_elements(without_laws(self.mechanism))}
+        """Compliance (6, 6) of every element, in its own axes at its own point; (6m, 6m) of a body with more ends."""
+        found = {element.name: element.compliance for element in list_elements(without_laws(self.mechanism))}
+        return found | {name: elastic.compliance for name, elastic in self.elastic_sources.items()}
 
     @cached_property
     def elastic_sources(self) -> Mapping[str, Elastic]:
-        """What makes each elastic body of two ends elastic; effects act on no others."""
-        known = {body.name: body.elastic for body in self.mechanism.bodies if body.elastic is not None}
-        return {name: elastic for name, elastic in known.items() if len(elastic.ends) == 2}
+        """What makes each elastic body elastic."""
+        return {body.name: body.elastic for body in self.mechanism.bodies if body.elastic is not None}
+
+    @cached_property
+    def links(self) -> tuple[str, ...]:
+        """Elastic bodies of two ends whose x axis runs from one to the other: what has a length."""
+        two = (name for name, elastic in self.elastic_sources.items() if len(elastic.ends) == 2)
+        return tuple(name for name in two if np.allclose(self.growth(name)[1:], 0.0, atol=_ALONG * self.length(name)))
 
     def length(self, body: str) -> float:
-        """Length of an elastic body, m."""
+        """Length of an elastic body of two ends, m."""
         elastic = self.elastic_sources[body]
         return float(np.linalg.norm(elastic.tip - elastic.base))
+
+    def growth(self, body: str) -> Array:
+        """Unloaded motion (6m,) of an elastic body's ends against its first, per unit of uniform strain; part axes."""
+        elastic = self.elastic_sources[body]
+        away = (elastic.places[1:] - elastic.places[0]) @ elastic.axes
+        return np.hstack([away, np.zeros_like(away)]).ravel()
 
     def part_of(self, body: str) -> str:
         """The part that an elastic body is made of; its own name where it has a matrix of its own."""
@@ -93,7 +108,7 @@ class NominalRobot:
     def expansion(self, body: str) -> float | None:
         """Linear thermal expansion of an elastic body's material, 1/K; None where its part has no material."""
         section = self.robot.bodies.get(body)
-        material = self.robot.material(section.part) if isinstance(section, ElasticBody) else None
+        material = self.robot.material(section.part) if isinstance(section, ElasticBody | InterfaceBody) else None
         return None if material is None else material.expansion
 
     def factor(self, drive: str) -> float:

@@ -34,6 +34,7 @@ ROBOTS = ("delta", "stewart", "serial-arm", "five-bar")
 SENSED = {  # a body that moves, a body that carries it, a point on it
     "delta": ("platform", "leg1.arm.tip", (0.03, 0.04, -1.0)),
     "stewart": ("platform", "strut1.upper.tip", (0.05, 0.02, 0.3)),
+    "tripod": ("head.b", "head.c", (-0.1, 0.17, 0.5)),
     "five-bar": ("left.outer.tip", "right.inner.tip", (0.02, 0.4, 0.01)),
 }
 

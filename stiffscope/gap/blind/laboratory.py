@@ -112,8 +112,10 @@ class Lab:
             if members and all(self._takes(effect, name) for name in members):
                 found.setdefault(frozenset(members), place)
         places = tuple(found.values())
-        if effect == "part-compliance":  # one matrix for bodies of one part
-            places = tuple(p for p in places if len({machine.bodies[n].part for n in machine.members(p)}) == 1)
+        if effect == "part-compliance":  # one matrix (6, 6) for bodies of one part
+            made_of = {p: {(machine.bodies[n].part, len(machine.bodies[n].nodes)) for n in machine.members(p)}
+                       for p in places}  # fmt: skip
+            places = tuple(p for p, parts in made_of.items() if len(parts) == 1 and next(iter(parts))[1] == 2)
         return places
 
     def _takes(self, effect: str, name: str) -> bool:

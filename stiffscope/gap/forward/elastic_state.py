@@ -19,7 +19,7 @@ from stiffscope.vjm.linkage import rotation_vector
 from stiffscope.vjm.loading import Loads
 from stiffscope.vjm.modes import modes
 from stiffscope.vjm.network import END, FOOT, place_nodes
-from stiffscope.vjm.order import find_order
+from stiffscope.vjm.order import find_order, stack_columns
 from stiffscope.vjm.prestress import bend_places
 from stiffscope.vjm.strain import find_offsets, find_remaining_offsets
 
@@ -174,11 +174,9 @@ class ElasticState:
         return np.broadcast_to(moved, (len(self.at.shaken), *moved.shape[1:]))
 
     def transmit_wrenches(self, name: str) -> Array:
-        """Wrench (p, 6, cases) on an element for every terminal's unit load, in its own axes."""
+        """Wrench (p, 6m, cases) on an element, on all its ends but the first, for every terminal's load; own axes."""
         if name not in self._known:
-            response = self._response
-            wrench = response.wrench(name) if isinstance(response, Softened) else response.elements[name].wrench
-            self._known[name] = self._at_every_pose(wrench)
+            self._known[name] = self._at_every_pose(self._response.find_wrench(self.at.mechanism.rows(name)))
         return self._known[name]
 
     def displace_sensor(self, sensor: Sensor | None) -> Array:
@@ -237,8 +235,8 @@ class ElasticState:
         return solve_loads(find_order(self.mechanism, found.linkage), where, loads)
 
     def load_modes(self, name: str) -> Array:
-        """Wrench (s, 6, c) on an element in each mode of a modal mass of 1 kg, in its own axes."""
-        wrench = self._inertial_equilibrium.elements[name].wrench
+        """Wrench (s, 6m, c) on an element in each mode of a modal mass of 1 kg, in its own axes."""
+        wrench = self._inertial_equilibrium.find_wrench(self.at.mechanism.rows(name))
         return np.broadcast_to(wrench, (len(self.at.shaken), *wrench.shape[1:]))
 
     def twist_modes(self, node: str, home: Array) -> Array:
@@ -271,16 +269,16 @@ class Softened:
             out = out + cut.elements[name].motions @ slip
         return out
 
-    def wrench(self, name: str) -> Array:
-        """Wrench (n, 6, cases) that an element carries, at its own point in its own axes."""
-        out = self.sound.elements[name].wrench
+    def find_wrench(self, rows: Sequence[str]) -> Array:
+        """Wrenches (n, 6m, cases) that m elements carry, each at its own point in its own axes."""
+        out = self.sound.find_wrench(rows)
         for cut, slip in zip(self.cuts, self.slips, strict=True):
-            out = out + cut.elements[name].wrench @ slip
+            out = out + cut.find_wrench(rows) @ slip
         return out
 
 
 def soften_elements(at: RobotAtPoses, added: Mapping[str, Array]) -> Softened:
-    """Response of the sound robot with compliance (6, 6) added to elements.
+    """Response of the sound robot with compliance (6m, 6m) added to elements.
 
     An element that carries w and yields ΔC w more acts on the rest as if its ends lay apart by as much:
     ``w = w₀ + K ΔC w`` with the wrenches K by unit twists between its ends (Woodbury's identity).
@@ -289,11 +287,11 @@ def soften_elements(at: RobotAtPoses, added: Mapping[str, Array]) -> Softened:
     if not names:
         return Softened(sound, (), ())
     cuts = tuple(at.cut(name) for name in names)
-    before = np.concatenate([sound.elements[name].wrench for name in names], axis=1)
-    gains = [np.concatenate([cut.elements[name].wrench for name in names], axis=1) @ added[own]
-             for cut, own in zip(cuts, names, strict=True)]  # fmt: skip
-    carried = np.linalg.solve(np.eye(6 * len(names)) - np.concatenate(np.broadcast_arrays(*gains), axis=2), before)
-    slips = (added[name] @ part for name, part in zip(names, np.split(carried, len(names), axis=1), strict=True))
+    rows = [row for name in names for row in at.mechanism.rows(name)]
+    gains = [cut.find_wrench(rows) @ added[own] for cut, own in zip(cuts, names, strict=True)]
+    carried = np.linalg.solve(np.eye(6 * len(rows)) - stack_columns(gains), sound.find_wrench(rows))
+    ends = np.cumsum([len(added[name]) for name in names])[:-1]
+    slips = (added[name] @ part for name, part in zip(names, np.split(carried, ends, axis=1), strict=True))
     return Softened(sound, cuts, tuple(slips))
 
 

@@ -53,7 +53,7 @@ def _parts(at: RobotAtPoses) -> Iterator[Candidate]:
     rods = {part: nominal.robot.bodies_of(part) for part in nominal.robot.parts}
     for part, bodies in rods.items():
         for names in ([*bodies], *([name] for name in bodies if len(bodies) > 1)):
-            if names and all(nominal.compliances[name].any() for name in names):
+            if names and all(name in nominal.links and nominal.compliances[name].any() for name in names):
                 lengths = {name: nominal.length(name) for name in names}
                 place = f"bowed bodies, {part}" if len(names) > 1 else f"a bowed body, {names[0]}"
                 yield _part(place, (1e-4,), partial(_bow, lengths), "bowed")

@@ -76,11 +76,14 @@ class RobotAtPoses:
         return solve_condensed(self._condensed_network, self.unit_loads(self.rest, self.mechanism, ()))
 
     def cut(self, name: str) -> Response:
-        """Equilibrium where an element's ends lie apart by each of six unit twists, in its own axes; unloaded."""
+        """Equilibrium where an element's ends lie apart from the first by six unit twists each, own axes; unloaded."""
         if name not in self._cuts:
             while len(self._cuts) >= max(FEW, _CUTS // len(self.campaign.poses)):
                 del self._cuts[next(iter(self._cuts))]
-            self._cuts[name] = solve_condensed(self._condensed_network, Loads(6, {}, {name: np.eye(6)[None]}))
+            rows = self.mechanism.rows(name)
+            unit = np.eye(6 * len(rows)).reshape(len(rows), 1, 6, -1)
+            slips = dict(zip(rows, unit, strict=True))
+            self._cuts[name] = solve_condensed(self._condensed_network, Loads(6 * len(rows), {}, slips))
         return self._cuts[name]
 
     @cached_property

@@ -40,6 +40,10 @@ def _find_elastic(machine: Machine, place: str) -> dict[str, Body]:
     return {n: bodies[n] for n in machine.members(place) if n in bodies and len(bodies[n].nodes) > 1}
 
 
+def _find_links(machine: Machine, place: str) -> dict[str, Body]:
+    return {name: body for name, body in _find_elastic(machine, place).items() if body.is_link}
+
+
 def _name_parameters(parameters: Parameters, *names: str) -> Array:
     """Parameters in this order; zero for a name that is empty or left out."""
     return np.array([parameters.get(name, 0.0) for name in names])
@@ -149,6 +153,8 @@ def _rigid_ends(body: Body, parameters: Parameters) -> Body:
 def _part_compliance(body: Body, parameters: Parameters) -> Body:
     if "factor" in parameters:
         return replace(body, compliance=body.compliance * parameters["factor"])
+    if len(body.nodes) > 2:
+        raise InputError(f"part-compliance: expected a factor for a body of {len(body.nodes)} ends, {body.name}")
     full = np.zeros((6, 6))
     for name, value in parameters.items():
         i, j = int(name[1]) - 1, int(name[2]) - 1
@@ -156,8 +162,10 @@ def _part_compliance(body: Body, parameters: Parameters) -> Body:
     return replace(body, compliance=full)
 
 
-def _lengthen(body: Body, error: float) -> Body:
-    return replace(body, offset=body.offset + error * np.eye(6)[0])
+def _grow(body: Body, strain: float) -> Body:
+    """A body that is larger all over: its ends stand further from the first."""
+    away = strain * body.away
+    return replace(body, offset=body.offset + np.hstack([away, 0.0 * away]).ravel())
 
 
 def _payload(machine: Machine, place: str, parameters: Parameters) -> Machine:
@@ -302,11 +310,9 @@ KNOWN: dict[str, Word] = {
     "part-dimension": Word(
         ENTRIES, _bodies(_part_compliance), lambda m, place: _find_elastic(m, place.rsplit(".", 1)[0])
     ),
-    "rigid-ends": Word(("length",), _bodies(_rigid_ends), _find_elastic),
-    "link-length": Word(("error",), _bodies(lambda b, v: _lengthen(b, v["error"])), _find_elastic),
-    "thermal": Word(
-        ("temperature",), _bodies(lambda b, v: _lengthen(b, b.expansion * v["temperature"] * b.length)), _find_elastic
-    ),
+    "rigid-ends": Word(("length",), _bodies(_rigid_ends), _find_links),
+    "link-length": Word(("error",), _bodies(lambda b, v: _grow(b, v["error"] / b.length)), _find_links),
+    "thermal": Word(("temperature",), _bodies(lambda b, v: _grow(b, b.expansion * v["temperature"])), _find_elastic),
     "base-compliance": Word(_YIELDING, lambda m, _, v: replace(m, base=m.base + _support(v)), _allow_only("base")),
     "platform-compliance": Word(
         _YIELDING, lambda m, _, v: replace(m, platform=m.platform + _support(v)), _allow_only("tool", "platform")
@@ -334,7 +340,7 @@ OUTSIDE: dict[str, Word] = {
     ),
     "screw-pitch": Word(("relative",), _driven(lambda d, v: replace(d, pitch=d.pitch + v), "relative"), _drives),
     "larger-body": Word(("relative",), _larger_body, _is_rigid),
-    "bowed-link": Word(("curvature",), _bodies(_bow), _find_elastic),
+    "bowed-link": Word(("curvature",), _bodies(_bow), _find_links),
     "drifting-sensor": Word(("displacement", "rotation"), lambda m, _, v: _instrument(m, drift=_read_pair(v))),
     "gain-drift": Word(("relative",), lambda m, _, v: _instrument(m, gain_drift=v["relative"])),
     "cross-talk": Word(("share",), _crosstalk),

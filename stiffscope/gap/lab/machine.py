@@ -29,36 +29,49 @@ DRIVEN = {"revolute": 3, "prismatic": 0, "cylindrical": 0}
 """Direction along which a drive acts."""
 
 
+_ALONG = 1e-9  # of a body's length: what its end may be off its x axis
+
+
 def _zeros(*shape: int) -> Array:
     return np.zeros(shape)
 
 
 @dataclass(frozen=True)
 class Body:
-    """A body; elastic where it has two nodes, its base and its tip."""
+    """A body; elastic where it has two nodes or more, its ends."""
 
     name: str
     nodes: tuple[str, ...]
     mass: float = 0.0
     centre: Array = field(default_factory=lambda: _zeros(3))
     """Of mass of a rigid one, home coordinates."""
-    base: Array = field(default_factory=lambda: _zeros(3))
-    tip: Array = field(default_factory=lambda: _zeros(3))
+    places: Array = field(default_factory=lambda: _zeros(0, 3))
+    """Of its n ends at home."""
     axes: Array = field(default_factory=lambda: np.eye(3))
     """Part axes at home as columns."""
     compliance: Array = field(default_factory=lambda: _zeros(6, 6))
-    """Of the tip against the base, part axes, at the tip."""
+    """(6m, 6m), m = n - 1, of all ends but the first against that, part axes, at each."""
     ends: Array = field(default_factory=lambda: _zeros(2, 6, 3))
-    """Wrench at base and tip for unit accelerations of its mass, part axes."""
+    """Wrench (n, 6, 3) at every end for unit accelerations of its mass, part axes."""
     expansion: float = 0.0
     part: str = ""
     offset: Array = field(default_factory=lambda: _zeros(6))
-    """Twist of its unloaded tip away from where the drawing has it, part axes."""
+    """Twist (6m,) of the unloaded ends away from where the drawing has them, part axes."""
+
+    @property
+    def away(self) -> Array:
+        """Places (m, 3) of all ends but the first from that, part axes."""
+        return (self.places[1:] - self.places[0]) @ self.axes
 
     @property
     def length(self) -> float:
-        """From base to tip, m."""
-        return float(np.linalg.norm(self.tip - self.base))
+        """From its first end to its last, m."""
+        return float(np.linalg.norm(self.places[-1] - self.places[0]))
+
+    @property
+    def is_link(self) -> bool:
+        """Whether it has two ends, its x axis from one to the other."""
+        return len(self.places) == 2 and bool(np.allclose(self.away[0, 1:], 0.0, atol=_ALONG * self.length))
 
 
 @dataclass(frozen=True)
@@ -220,11 +233,11 @@ class Machine:
 
 
 class PartData(Protocol):
-    """What is known of a part: compliance (6, 6) in its own axes, mass, and its condensed mass where there is one."""
+    """What is known of a part: compliance in its own axes, mass, and its condensed mass where there is one."""
 
     @property
     def compliance(self) -> Array:
-        """(6, 6)."""
+        """(6m, 6m) of all ends but the first."""
         ...
 
     @property
@@ -234,21 +247,21 @@ class PartData(Protocol):
 
     @property
     def dynamics(self) -> CondensedMass | None:
-        """Condensed on base and tip."""
+        """Condensed on its ends."""
         ...
 
     @property
     def places(self) -> Array | None:
-        """(2, 3) where the coordinates of base and tip are taken."""
+        """(n, 3) where the coordinates of its ends are taken."""
         ...
 
 
 class CondensedMass(Protocol):
-    """Mass of a part on the twists of its base and tip."""
+    """Mass of a part on the twists of its ends."""
 
     @property
     def mass(self) -> Array:
-        """(12 + k, 12 + k)."""
+        """(6n + k, 6n + k)."""
         ...
 
 
@@ -265,10 +278,8 @@ def machine_of(robot: RobotFile, parts: Mapping[str, PartData]) -> Machine:
     """
     bodies: dict[str, Body] = {}
     for name, section in robot.bodies.items():
-        if isinstance(section, ElasticBody):
+        if isinstance(section, ElasticBody | InterfaceBody):
             bodies[name] = _make_elastic(robot, name, section, parts[section.part])
-        elif isinstance(section, InterfaceBody):
-            raise robot.refuse(("bodies", name, "part"), "expected bodies of two ends in the virtual lab, got more")
         else:
             bodies[name] = _make_rigid(name, section)
     joints = {name: _joint(robot, name, section) for name, section in robot.joints.items()}
@@ -297,34 +308,43 @@ def _make_rigid(name: str, section: RigidBody) -> Body:
     return Body(name, (name,), section.mass, np.array(section.centre or (0.0, 0.0, 0.0)))
 
 
-def _make_elastic(robot: RobotFile, name: str, section: ElasticBody, part: PartData) -> Body:
-    base, tip = np.array(section.base), np.array(section.tip)
+def _make_elastic(robot: RobotFile, name: str, section: ElasticBody | InterfaceBody, part: PartData) -> Body:
     y = None if section.y is None else np.array(section.y)
+    if isinstance(section, ElasticBody):
+        places = np.array([section.base, section.tip])
+        axes = axes_along(places[1] - places[0], y)
+    else:
+        axes = axes_along(np.array(section.x), y)
+        places = np.array(section.at) + np.asarray(part.places) @ axes.T
     material = robot.material(section.part)
     return Body(
         name,
-        (f"{name}.base", f"{name}.tip"),
+        tuple(f"{name}.{end}" for end in robot.ends(name)),
         part.mass,
-        base=base,
-        tip=tip,
-        axes=axes_along(tip - base, y),
+        places=places,
+        axes=axes,
         compliance=np.array(part.compliance),
-        ends=_ends(part, float(np.linalg.norm(tip - base))),
+        ends=_ends(part, (places - places[-1]) @ axes),
         expansion=0.0 if material is None else material.expansion,
         part=section.part,
+        offset=_zeros(6 * len(places) - 6),
     )
 
 
-def _ends(part: PartData, length: float) -> Array:
-    """Wrenches (2, 6, 3) at base and tip for unit accelerations: half its mass at either, or as its mass is spread."""
-    out = np.zeros((2, 6, 3))
+def _ends(part: PartData, places: Array) -> Array:
+    """Wrenches (n, 6, 3) at n ends for unit accelerations: its mass shared alike, or as its mass is spread.
+
+    places: (n, 3) of the ends from the last one, part axes.
+    """
+    n = len(places)
+    out = np.zeros((n, 6, 3))
     if part.dynamics is None or part.places is None:
-        out[:, :3] = 0.5 * part.mass * np.eye(3)
+        out[:, :3] = part.mass / n * np.eye(3)
         return out
-    mass = part.dynamics.mass
-    out[:] = (mass[:12, :3] + mass[:12, 6:9]).reshape(2, 6, 3)
-    away = part.places[0] - part.places[-1] - [-length, 0.0, 0.0]  # from the body's base to where the force acts
-    out[0, 3:] += skew(away) @ out[0, :3]
+    mass = part.dynamics.mass[: 6 * n]
+    out[:] = sum(mass[:, 6 * k : 6 * k + 3] for k in range(n)).reshape(n, 6, 3)
+    away = part.places - part.places[-1] - places  # from the body's ends to where the forces act
+    out[:, 3:] += skew(away) @ out[:, :3]
     return out
 
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from stiffscope.gap.lab.closure import Located
-    from stiffscope.gap.lab.machine import Machine
+    from stiffscope.gap.lab.machine import Body, Machine
     from stiffscope.gap.lab.rotations import Array
 
 CABLE = "<cable>"
@@ -134,7 +134,7 @@ def _find_equilibrium(
         return frames, structure
     points = {TOOL: machine.at}  # a rod may spin between two balls: its ends stand still
     for body in machine.bodies.values():
-        points |= dict(zip(body.nodes, (body.base, body.tip) if len(body.nodes) > 1 else (body.centre,), strict=True))
+        points |= dict(zip(body.nodes, body.places if len(body.nodes) > 1 else [body.centre], strict=True))
     for _ in range(_ITERATIONS):
         solution = structure.solve(structure.misfits()[..., None])
         steps = {name: structure.twist(solution, k)[..., 0] for name, k in index.items() if k >= 0}
@@ -162,35 +162,27 @@ def _elements(machine: Machine, located: Located, frames: Frames, index: dict[st
     everything = np.broadcast_to(np.eye(6), (n, 6, 6))
     world, origin = np.eye(3), np.zeros(3)
     misfit = _offset_between(frames, GROUND, BASE, origin, world)
-    out = [Element(BASE, -1, index[BASE], everything, everything, machine.base, misfit)]
+    out = [Element(BASE, -1, (index[BASE],), everything, everything, machine.base, misfit)]
     for joint in machine.joints.values():
         first, second = (BASE if node == GROUND else node for node in (joint.first, joint.second))
         commanded: Array | float = 0.0
         if joint.drive is not None:
             commanded = located.drives[joint.name] * (1.0 + joint.drive.pitch) + joint.drive.offset
         state = joint_state(joint, frames, first, second, commanded)
-        out.append(
-            Element(joint.name, index[first], index[second], state.carry, state.held, joint.compliance, state.misfit)
-        )
+        ends = index[first], (index[second],)
+        out.append(Element(joint.name, *ends, state.carry, state.held, joint.compliance, state.misfit))
         if joint.spring:
             rows, away = spring_state(joint, frames, first, second)
             soft = np.eye(6) / joint.spring
-            out.append(Element(f"{joint.name} spring", index[first], index[second], state.carry, rows, soft, away))
+            out.append(Element(f"{joint.name} spring", *ends, state.carry, rows, soft, away))
     for body in machine.bodies.values():
         if len(body.nodes) == 1:
             continue
-        base, tip = body.nodes
-        axes = frames.rotation[base] @ body.axes
-        point = frames.point(tip, body.tip)
-        misfit = _offset_between(frames, base, tip, body.tip, body.axes)
-        misfit[:, :3] -= body.offset[:3]
-        misfit[:, 3:] = vector_of(turn(-body.offset[3:]) @ turn(misfit[:, 3:]))
-        carry = transform_to(axes, point)
-        out.append(Element(body.name, index[base], index[tip], carry, everything, body.compliance, misfit))
+        out.append(_element_of_body(body, frames, index))
     node, end = machine.tool, frames.point(TOOL, machine.at)
     axes = frames.rotation[node]
     carry, misfit = transform_to(axes, end), _offset_between(frames, node, TOOL, machine.at, world)
-    out.append(Element(TOOL, index[node], index[TOOL], carry, everything, machine.platform, misfit))
+    out.append(Element(TOOL, index[node], (index[TOOL],), carry, everything, machine.platform, misfit))
     if machine.cable.any():
         held = np.flatnonzero(machine.cable)
         yields = np.zeros(6)
@@ -199,8 +191,26 @@ def _elements(machine: Machine, located: Located, frames: Frames, index: dict[st
         misfit[:, :3] = end - machine.at
         carry = transform_to(np.broadcast_to(np.eye(3), (n, 3, 3)), end)
         rows = np.broadcast_to(np.eye(6)[held], (n, len(held), 6))
-        out.append(Element(CABLE, -1, index[node], carry, rows, np.diag(yields), misfit))
+        out.append(Element(CABLE, -1, (index[node],), carry, rows, np.diag(yields), misfit))
     return out
+
+
+def _element_of_body(body: Body, frames: Frames, index: dict[str, int]) -> Element:
+    """An elastic body: all its ends against the first."""
+    first, *others = body.nodes
+    axes = frames.rotation[first] @ body.axes
+    carry: list[Array] = []
+    misfits: list[Array] = []
+    for node, at, offset in zip(others, body.places[1:], np.split(body.offset, len(others)), strict=True):
+        misfit = _offset_between(frames, first, node, at, body.axes)
+        misfit[:, :3] -= offset[:3]
+        misfit[:, 3:] = vector_of(turn(-offset[3:]) @ turn(misfit[:, 3:]))
+        carry.append(transform_to(axes, frames.point(node, at)))
+        misfits.append(misfit)
+    size = 6 * len(others)
+    held = np.broadcast_to(np.eye(size), (len(axes), size, size))
+    seconds, away = tuple(index[node] for node in others), np.concatenate(misfits, axis=1)
+    return Element(body.name, index[first], seconds, np.concatenate(carry, axis=1), held, body.compliance, away)
 
 
 def _offset_between(frames: Frames, first: str, second: str, at: Array, axes: Array) -> Array:
@@ -211,13 +221,13 @@ def _offset_between(frames: Frames, first: str, second: str, at: Array, axes: Ar
 
 
 def _apply_weights(machine: Machine, structure: Structure, true: Frames, index: dict[str, int]) -> Array:
-    """Return the right-hand side (n, size) of weights: of a body with two nodes, that of its mass at either end."""
+    """Return the right-hand side (n, size) of weights: of an elastic body, that of its mass at every end."""
     out = np.zeros(structure.size)
     for body in machine.bodies.values() if machine.weighted else ():
         if len(body.nodes) == 1:
             out += _hang(structure, true, index, body.name, body.centre, body.mass * machine.gravity)
             continue
-        for node, at, end in zip(body.nodes, (body.base, body.tip), body.ends, strict=True):
+        for node, at, end in zip(body.nodes, body.places, body.ends, strict=True):
             axes = true.rotation[node] @ body.axes
             wrench = both_parts(axes) @ end @ np.swapaxes(axes, -1, -2) @ machine.gravity
             out += structure.load(index[node], true.point(node, at), wrench)

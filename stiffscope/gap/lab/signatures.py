@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 _JOINT = ([0.0, 1, 1, 0, 0, 0], [1.0, 0, 0, 0, 0, 0], [0.0, 0, 0, 1, 1, 1])  # radial, axial, tilting
 _GUIDE = ([0.0, 1, 0, 0, 0, 0], [0.0, 0, 1, 0, 0, 0], [0.0, 0, 0, 1, 1, 1])
-_ALONG = np.eye(6)[0]
 _ENTRIES = [(i, j) for i in range(6) for j in range(i, 6)]
 _DEPENDENT = 1e-9  # relative singular value of columns that say nothing of their own
 
@@ -58,7 +57,7 @@ class Signatures:
     def _columns(self, effect: str, place: str, softer: Mapping[str, Array]) -> Array | None:
         """Columns (r, k) of an effect at a place; None for one that is not of elements.
 
-        softer: (6, 6) compliance that a step of the parameter adds to each body, for effects that change parts.
+        softer: compliance that a step of the parameter adds to each body, for effects that change parts.
         """
         members = self._machine.members(place)
         joints, bodies = self._machine.joints, self._machine.bodies
@@ -75,8 +74,8 @@ class Signatures:
             }  # fmt: skip
             return self._add_compliance(held or {added[effect]: list(np.eye(6))})
         if effect in {"link-length", "thermal"}:
-            grown = {n: bodies[n].expansion * bodies[n].length if effect == "thermal" else 1.0 for n in members}
-            return self._move({name: size * _ALONG for name, size in grown.items()})
+            grown = {n: bodies[n].expansion if effect == "thermal" else 1.0 / bodies[n].length for n in members}
+            return self._move({n: np.pad(size * bodies[n].away, ((0, 0), (0, 3))).ravel() for n, size in grown.items()})
         return self._spread(softer) if softer else None
 
     def _entries(self, members: Sequence[str]) -> Array:

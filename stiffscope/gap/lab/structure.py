@@ -38,19 +38,19 @@ _LOOSE = 1e-6  # relative residual from which there is no equilibrium
 
 @dataclass(frozen=True)
 class Element:
-    """What joins node `first` to node `second`."""
+    """What joins node `first` to others, one of most: m in all."""
 
     name: str
     first: int
-    second: int
+    second: tuple[int, ...]
     carry: Array
-    """(n, 6, 6) from a twist about the origin to its own point and axes."""
+    """(n, 6m, 6) from a twist about the origin to its own points and axes."""
     held: Array
-    """(n, r, 6)."""
+    """(n, r, 6m)."""
     compliance: Array
-    """(6, 6) in its axes."""
+    """(6m, 6m) in its axes."""
     misfit: Array
-    """(n, 6) of its second node against the first, away from where it rests unloaded."""
+    """(n, 6m) of the others against the first, away from where they rest unloaded."""
 
 
 class Structure:
@@ -68,13 +68,16 @@ class Structure:
         self._matrix = np.zeros((n, size, size))
         for e in elements:
             row = self._rows[e.name]
-            block = e.held @ e.carry
             self._matrix[:, row, row] = -e.held @ e.compliance @ np.swapaxes(e.held, 1, 2)
-            for sign, node in ((1.0, e.second), (-1.0, e.first)):
+            blocks = [(e.first, -e.held @ e.carry)]
+            for k, node in enumerate(e.second):
+                own = slice(6 * k, 6 * k + 6)
+                blocks.append((node, e.held[:, :, own] @ e.carry[:, own]))
+            for node, block in blocks:
                 if node != GROUND:
                     at = slice(6 * node, 6 * node + 6)
-                    self._matrix[:, row, at] += sign * block
-                    self._matrix[:, at, row] += sign * np.swapaxes(block, 1, 2)
+                    self._matrix[:, row, at] += block
+                    self._matrix[:, at, row] += np.swapaxes(block, 1, 2)
         self._scale = self._scales(elements, size)
         shift = _SHIFT * np.where(np.arange(size) < self._dofs, 1.0, -1.0)
         scaled = self._matrix * self._scale[:, None] * self._scale
@@ -83,16 +86,15 @@ class Structure:
 
     def _scales(self, elements: Sequence[Element], size: int) -> Array:
         """Scales (size,) that bring twists, wrenches and compliances to one."""
-        soft = [e.compliance for e in elements]
-        forces = np.concatenate([np.diag(c)[:3] for c in soft])
-        moments = np.concatenate([np.diag(c)[3:] for c in soft])
+        soft = np.concatenate([np.diag(e.compliance).reshape(-1, 6) for e in elements])
+        forces, moments = soft[:, :3].ravel(), soft[:, 3:].ravel()
         linear = float(np.median(forces[forces > 0.0])) if (forces > 0.0).any() else 1e-8
         angular = float(np.median(moments[moments > 0.0])) if (moments > 0.0).any() else 10.0 * linear
         out = np.ones(size)
         one = np.concatenate([np.full(3, np.sqrt(linear)), np.full(3, np.sqrt(angular))])
         out[: self._dofs] = np.tile(one, self._dofs // 6)
         for e in elements:
-            out[self._rows[e.name]] = 1.0 / (np.abs(e.held[0]) @ one)
+            out[self._rows[e.name]] = 1.0 / (np.abs(e.held[0]) @ np.tile(one, len(e.second)))
         return out
 
     @property
@@ -108,10 +110,10 @@ class Structure:
         return out
 
     def rest(self, name: str, twist: Array) -> Array:
-        """Right-hand side (n, size) of an element that rests at a twist (6,) or (n, 6) in its own axes."""
+        """Right-hand side (n, size) of an element that rests at a twist (6m,) or (n, 6m) in its own axes."""
         e = self._elements[name]
         out = np.zeros(self.size)
-        out[:, self._rows[name]] = (e.held @ np.broadcast_to(twist, (len(out), 6))[..., None])[..., 0]
+        out[:, self._rows[name]] = (e.held @ np.broadcast_to(twist, (len(out), e.held.shape[2]))[..., None])[..., 0]
         return out
 
     def misfits(self) -> Array:
@@ -147,5 +149,5 @@ class Structure:
         return solution[:, 6 * node : 6 * node + 6]
 
     def wrench(self, solution: Array, name: str) -> Array:
-        """Wrench (n, 6, k) that an element carries, in its own axes."""
+        """Wrench (n, 6m, k) that an element carries, in its own axes."""
         return np.swapaxes(self._elements[name].held, 1, 2) @ solution[:, self._rows[name]]

@@ -352,6 +352,7 @@ class InterfacePart(PartSection):
     mode_squares: tuple[float, ...] = ()
     file: str | None = None
     mass: MassOrCad = 0.0
+    material: str | None = None
 
     @property
     def interface_names(self) -> tuple[str, ...]:
