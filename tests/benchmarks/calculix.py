@@ -59,6 +59,16 @@ def unit_loads(count, faces=1):
     return "\n".join(lines) + "\n"
 
 
+def combined_loads(count, forces):
+    """A step for each column of forces (6n, k), on n rigid faces of a model of ``count`` nodes."""
+    own = [count + k for k in range(1, len(forces) // 3 + 1)]
+    lines = ["*NSET, NSET=OUT", *(f"{node}," for node in own)]
+    for column in forces.T.reshape(forces.shape[1], -1, 3):
+        acts = [f"{n},{i + 1},{f:.12e}" for n, three in zip(own, column, strict=True) for i, f in enumerate(three)]
+        lines += ["*STEP", "*STATIC", "*CLOAD, OP=NEW", *acts, "*NODE PRINT, NSET=OUT", "U", "*END STEP"]
+    return "\n".join(lines) + "\n"
+
+
 FREQUENCIES = "*STEP\n*FREQUENCY\n6\n*END STEP\n"
 
 
