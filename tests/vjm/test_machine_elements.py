@@ -149,3 +149,30 @@ def test_what_carries_nothing_is_refused():
         me.ball_contacts(16, 0.03, 0.1, 0.3, (0.52, 0.53), STEEL)
     with pytest.raises(InputError, match="got a curvature"):
         me.ball_contacts(8, 0.01, 0.1, 0.3, (0.49, 0.53), STEEL)
+
+
+@pytest.mark.parametrize(("count", "across"), [(8, 0.49), (12, 0.66), (16, 0.74)])
+@pytest.mark.parametrize(("length", "load"), [(0.02, 500.0), (0.03, 1000.0)])
+def test_a_roller_bearing_under_a_radial_load_is_the_textbooks(count, across, length, load):
+    """Along the load 1e9 N^0.9 l^0.8 F^0.1 (SI), across it a share (Friswell et al., Dynamics of Rotating Machines,
+    2010, pp. 182-185; the rotordynamics library ROSS computes both so)."""
+    k = me.roller_bearing(count, length, 0.1, 0.0, np.array([0.0, load, 0.0])).stiffness
+    assert k[1, 1] == pytest.approx(1e9 * count**0.9 * length**0.8 * load**0.1, rel=0.03)
+    assert k[2, 2] / k[1, 1] == pytest.approx(across, rel=0.03)
+
+
+@pytest.mark.parametrize("count", [8, 12, 16])
+def test_a_ball_bearing_under_a_radial_load_is_the_textbooks(count):
+    """Along the load 13e6 N^(2/3) d^(1/3) F^(1/3) (SI, same source), which names no osculation; 0.46 across 8 balls.
+
+    Its shares across 12 and 16 balls, 0.64 and 0.73, are no sums of Hertz contacts, whose limit of many balls is 2/3.
+    """
+    low, high = (
+        me.ball_bearing(
+            me.ball_contacts(count, 0.03, 0.24, 0.0, (osculation,) * 2, STEEL), np.array([0.0, 500.0, 0.0])
+        ).stiffness
+        for osculation in (0.52, 0.515)
+    )
+    assert low[1, 1] < 13e6 * count ** (2 / 3) * 0.03 ** (1 / 3) * 500.0 ** (1 / 3) < high[1, 1]
+    if count == 8:
+        assert low[2, 2] / low[1, 1] == pytest.approx(0.46, rel=0.01)
