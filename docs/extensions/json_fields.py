@@ -420,11 +420,6 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
                     ("chip", "mean thickness of the chip", "m"),
                 )
             },
-            "free[].name?": ("a coordinate that the process leaves free, chosen along the path", ""),
-            "free[].values?": ("a number a point: its value, from what the path commands", "m, rad"),
-            "free[].held?": ("the best value that is the same everywhere", "m, rad"),
-            "free[].before?": ("greatest error that counts with that value", "m"),
-            "free[].after?": ("the same with the values that were chosen", "m"),
             "compensated.before?": ("rms error with the commands of the path", "m"),
             "compensated.after?": (
                 "rms of what the compensated commands leave, of the commanded coordinates",

@@ -53,9 +53,8 @@ def path(name: Path, *, undo: bool, output: Output) -> None:
 
     def fill(folder: Path) -> None:
         paths.write_csv(state, folder / "path.csv")
-        for stem, found in (("chosen", state if state.job.freed else None), ("compensated", after)):
-            if found is not None:
-                found.path.write(folder / f"{stem}{job.path_file.suffix if found.path.program else '.csv'}")
+        if after is not None:
+            after.path.write(folder / f"compensated{job.path_file.suffix if after.path.program else '.csv'}")
         paths.draw_path(state, after, folder)
         draw_deflection(made, ["greatest error"], worst, cases, folder)
 

@@ -108,7 +108,6 @@ JOB = (
     ("[process.milling]", job.MillingSection),
     ("[process.drilling]", job.DrillingSection),
     ("[payload]", job.PayloadSection),
-    ("[free]", job.FreeSection),
 )
 
 

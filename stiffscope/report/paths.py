@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from stiffscope.design.path.along import Along
     from stiffscope.design.path.compensate import Compensated
-    from stiffscope.design.path.free import Freed
     from stiffscope.report.robot_view import Case
     from stiffscope.report.terminal import Shown
     from stiffscope.vjm.kinematics import Configurations
@@ -58,8 +57,6 @@ def path_json(state: Along, after: Compensated | None) -> dict[str, Any]:
         },
         "frequencies": {"s": state.length[state.stations], "first": state.first},
     }  # fmt: skip
-    if state.job.freed:
-        answer["free"] = [vars(each) for each in state.job.freed]
     if state.cutting is not None:
         answer["process"] = vars(state.cutting)
     if after is not None:
@@ -109,7 +106,6 @@ def show_path(state: Along, after: Compensated | None) -> None:
     known = state.first[np.isfinite(state.first)]
     if known.size:
         facts.append(("first frequency", f"{known.min():.4g} to {known.max():.4g} Hz along the path"))
-    facts += [_describe_freed(each) for each in state.job.freed]
     show_facts(f"Path {state.job.path_file.name} on {state.job.robot.name}", facts)
     shares = sorted(state.shares.items(), key=lambda each: -each[1][k])
     rows = [
@@ -124,14 +120,6 @@ def show_path(state: Along, after: Compensated | None) -> None:
     show_table("What the drives carry", [["drive"], ["least", "greatest", "unit"]], rows)
     if after is not None:
         _show_compensation(state, after)
-
-
-def _describe_freed(freed: Freed) -> tuple[str, str]:
-    """A coordinate that was chosen: its range, and what it gains."""
-    scale, unit = (1e3, "mm") if freed.name in {"x", "y", "z"} else (180.0 / np.pi, "deg")
-    low, high, held = (scale * value for value in (freed.values.min(), freed.values.max(), freed.held))
-    gain = f"error that counts at most {_mm(freed.after)}, held at {held:.4g} {unit} {_mm(freed.before)}"
-    return f"free {freed.name}", f"{low:.4g} to {high:.4g} {unit}; {gain}"
 
 
 def _show_compensation(state: Along, after: Compensated) -> None:

@@ -137,7 +137,7 @@ def test_the_time_of_rapid_moves_is_not_known(tmp_path):
 
 
 def _configurations(job, made):
-    from stiffscope.design.path.course import configure_path
+    from stiffscope.design.path.along import configure_path
 
     return configure_path(job, made, job.path)
 
@@ -305,54 +305,3 @@ def test_a_job_that_is_none_is_refused(job, message, tmp_path):
     (tmp_path / "job.toml").write_text(job)
     with pytest.raises(InputError, match=message):
         load_job(tmp_path / "job.toml")
-
-
-FREE = """robot = "serial-arm"
-components = "beam"
-path = "line.csv"
-units = { x = "mm", y = "mm", z = "mm", rx = "deg", ry = "deg", rz = "deg" }
-axis = [1, 0, 0]
-process.force = { feed = -80, across = 60 }
-"""
-
-
-def test_a_free_turn_is_smooth_and_nowhere_worse_than_the_best_of_72_fixed_turns(tmp_path):
-    n = 30
-    table = np.zeros((n, 6))
-    table[:, 0], table[:, 1], table[:, 2] = 500.0, np.linspace(-60, 160, n), np.linspace(200, 350, n)
-    np.savetxt(tmp_path / "line.csv", table, delimiter=",", header="x,y,z,rx,ry,rz", comments="", fmt="%.12g")
-    file = tmp_path / "job.toml"
-    file.write_text(FREE + '[free]\nturn = ["-180 deg", "180 deg"]\n')
-    job = load_job(file)
-    with workshop() as shop:
-        made = assemble_robots({"robot": job.robot}, "beam", shop)["robot"]
-    chosen = along(job, made)
-    file.write_text(FREE)
-    fixed = []
-    for turn in range(-180, 180, 5):  # the spindle is square to the last axis
-        table[:, 3] = turn
-        np.savetxt(tmp_path / "line.csv", table, delimiter=",", header="x,y,z,rx,ry,rz", comments="", fmt="%.12g")
-        try:
-            fixed.append(np.abs(along(load_job(file), made).parts["normal"]))
-        except InputError:
-            continue
-    best = min(fixed, key=max)
-    assert (np.abs(chosen.parts["normal"]) <= best + 1e-4 * best.max()).all()
-    assert np.abs(chosen.parts["normal"]).mean() < 0.9 * best.mean()
-    values = chosen.job.freed[0].values
-    assert np.abs(np.diff(values, 2)).max() < np.radians(3.0)
-    np.testing.assert_allclose(chosen.path.values[:, 3], values, atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("free", "message"),
-    [
-        ('turn = ["10 deg", "0 deg"]', r"job\.toml:\d+: free\.turn: expected a lower and a higher value"),
-        ('spin = ["0 deg", "9 deg"]', "expected a known key"),
-        ('turn = ["0 deg", "9 deg"]', r"free\.turn: expected a path commanded in rx, ry, rz, got one in x, y, rz"),
-    ],
-)
-def test_what_cannot_be_free_is_refused(free, message, tmp_path):
-    _line_table(tmp_path, 4)
-    with pytest.raises(InputError, match=message):
-        along(*_job(tmp_path, "line.csv", f"[free]\n{free}", units=UNITS))

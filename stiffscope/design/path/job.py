@@ -7,33 +7,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from stiffscope.design.path.cutting import cutting_materials, drill, mill
 from stiffscope.design.path.toolpath import ToolPath, read_toolpath
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.parse import FieldError, Source, parse_text
-from stiffscope.robot.file.sections import Ranges, check_rising
 from stiffscope.robot.file.tables import one_of, read_table
-from stiffscope.robot.file.values import (
-    ANGLE,
-    Angles,
-    Direction,
-    Force,
-    Length,
-    Mass,
-    Point,
-    Positive,
-    Reads,
-    Says,
-    Section,
-)
+from stiffscope.robot.file.values import ANGLE, Direction, Force, Length, Mass, Point, Positive, Reads, Says, Section
 from stiffscope.robot.reader import load_robot_of
 from stiffscope.runtime import reading
 
 if TYPE_CHECKING:
     from stiffscope.design.path.cutting import CuttingForces
-    from stiffscope.design.path.free import Freed
     from stiffscope.robot.file.description import RobotFile
 
 _SPEED = q.Dimension("a speed", "m/s", "600 mm/min", 1e-9, 1e3)
@@ -139,22 +125,6 @@ class PayloadSection(Section):
     centre: Point | None = None
 
 
-class FreeSection(Ranges):
-    """What the process leaves free, each chosen within its range from what the path commands, for the least error."""
-
-    turn: Annotated[Angles | None, Says("about the spindle; needs a path commanded in rx, ry, rz")] = None
-    least: Annotated[Literal["normal", "binormal"], Says("the component of the error that counts")] = "normal"
-
-    @field_validator("turn")
-    @classmethod
-    def _check_turn(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
-        return check_rising(value)
-
-    def ranges(self) -> dict[str, tuple[float, float]]:
-        """Those that are given; the turn first."""
-        return ({} if self.turn is None else {"turn": self.turn}) | super().ranges()
-
-
 class JobSection(Section):
     """The file's top level."""
 
@@ -171,22 +141,17 @@ class JobSection(Section):
     gravity: Literal["weight", "none"] = "weight"
     process: ProcessSection = ProcessSection()
     payload: PayloadSection | None = None
-    free: FreeSection | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """A robot, its path and what loads it; ``file`` is the job's, ``path_file`` the path's.
-
-    ``freed``: coordinates that were free and are chosen in ``path``.
-    """
+    """A robot, its path and what loads it; ``file`` is the job's, ``path_file`` the path's."""
 
     file: Path
     path_file: Path
     section: JobSection
     robot: RobotFile
     path: ToolPath
-    freed: tuple[Freed, ...] = ()
 
 
 def load_job(path: str | Path) -> Job:

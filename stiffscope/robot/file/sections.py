@@ -80,7 +80,7 @@ class _Drive(Section):
     @field_validator("range", check_fields=False)
     @classmethod
     def _check_order(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
-        return check_rising(value)
+        return _check_rising(value)
 
     @model_validator(mode="after")
     def _one_law(self) -> _Drive:
@@ -101,8 +101,7 @@ class _Drive(Section):
         return gear.curve if gear is not None else getattr(self, "curve", None)
 
 
-def check_rising(value: tuple[float, float] | None) -> tuple[float, float] | None:
-    """Return a range whose lower end is the first. Raises ValueError."""
+def _check_rising(value: tuple[float, float] | None) -> tuple[float, float] | None:
     if value is not None and not value[0] < value[1]:
         raise ValueError(f"expected a lower and a higher value, got {value[0]:g} and {value[1]:g}")
     return value
@@ -327,8 +326,8 @@ class GravitySection(Section):
     direction: Direction
 
 
-class Ranges(Section):
-    """Ranges of coordinates of the pose."""
+class MapSection(Section):
+    """What `stiffscope map` sweeps: two coordinates of the pose; `at`, by default home, gives the others."""
 
     x: Lengths | None = None
     y: Lengths | None = None
@@ -336,21 +335,16 @@ class Ranges(Section):
     rx: Angles | None = None
     ry: Angles | None = None
     rz: Angles | None = None
+    at: tuple[Any, ...] | None = None
 
     @field_validator(*AXES)
     @classmethod
     def _check_order(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
-        return check_rising(value)
+        return _check_rising(value)
 
     def ranges(self) -> dict[str, tuple[float, float]]:
-        """Those that are given, in the order of a pose."""
+        """The coordinates that are swept, in the order of a pose."""
         return {name: value for name in AXES if (value := getattr(self, name)) is not None}
-
-
-class MapSection(Ranges):
-    """What `stiffscope map` sweeps: two coordinates of the pose; `at`, by default home, gives the others."""
-
-    at: tuple[Any, ...] | None = None
 
 
 class Effect(Section):
