@@ -108,6 +108,9 @@ JOB = (
     ("[process.milling]", job.MillingSection),
     ("[process.drilling]", job.DrillingSection),
     ("[payload]", job.PayloadSection),
+    ("[free]", job.FreeSection),
+    ("table of [free]", job.TableSection),
+    ("slide of [free]", job.SlideSection),
 )
 
 

@@ -36,6 +36,7 @@ def path_columns(state: Along) -> dict[str, np.ndarray]:
     if state.time is not None:
         columns["t"] = state.time
     columns |= {name: state.path.values[:, k] for k, name in enumerate(state.path.columns)}
+    columns |= dict(state.path.free)
     columns |= {name: state.error[:, k] for k, name in enumerate(_TWIST)}
     columns |= {name: state.parts[name] for name in ("normal", "along", "binormal")}
     columns["error"] = state.bound
@@ -59,12 +60,24 @@ def path_json(state: Along, after: Compensated | None) -> dict[str, Any]:
     }  # fmt: skip
     if state.cutting is not None:
         answer["process"] = vars(state.cutting)
+    if state.freed is not None:
+        answer["free"] = {"least": state.job.section.free.least, "fixed": state.freed.fixed, **_gain(state)}
     if after is not None:
         answer["compensated"] = {
             "before": _rms(state), "after": float(np.sqrt((after.left**2).sum(axis=1).mean())),
             "largest": float(np.abs(after.left).max()), "refused": [list(each) for each in after.refused],
         }  # fmt: skip
     return answer
+
+
+def _gain(state: Along) -> dict[str, dict[str, float]]:
+    """Greatest and rms error that the free coordinates make least, with their best single values and as chosen; m."""
+    freed, acting = state.freed, ~state.path.rapid
+    if freed is None:
+        return {}
+    some = acting if acting.any() else ~acting
+    each = {"single": freed.before[some], "chosen": freed.error[some]}
+    return {name: {"greatest": float(e.max()), "rms": float(np.sqrt((e**2).mean()))} for name, e in each.items()}
 
 
 def _rms(state: Along) -> float:
@@ -103,6 +116,9 @@ def show_path(state: Along, after: Compensated | None) -> None:
             ),
             ("mean chip", f"{1e3 * cut.chip:.4g} mm; teeth pass {cut.tooth_passing:.4g} times a second"),
         ]
+    if state.freed is not None:
+        gain = {key: f"rms {_mm(each['rms'])}, greatest {_mm(each['greatest'])}" for key, each in _gain(state).items()}
+        facts.append((f"free: {', '.join(state.freed.values)}", f"{gain['chosen']}; held still {gain['single']}"))
     known = state.first[np.isfinite(state.first)]
     if known.size:
         facts.append(("first frequency", f"{known.min():.4g} to {known.max():.4g} Hz along the path"))

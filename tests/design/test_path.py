@@ -13,6 +13,7 @@ from stiffscope.design.path.compensate import compensate
 from stiffscope.design.path.cutting import mill, specific_force
 from stiffscope.design.path.gcode import program_text, read_program
 from stiffscope.design.path.job import load_job
+from stiffscope.design.path.motions import Motion
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.runtime.workshop import workshop
@@ -96,6 +97,45 @@ def test_the_compensated_commands_bring_the_tool_where_it_should_be(tmp_path):
     np.testing.assert_allclose(reached, after.path.values, rtol=1e-12)
 
 
+def test_a_free_turn_is_nowhere_worse_than_the_best_of_72_fixed_ones_and_smooth(tmp_path):
+    poses, _ = _line_table(tmp_path)
+    force = np.array([50.0, -80.0, 0.0])
+    rows = [",".join(f"{v:.12g}" for v in (1e3 * p[0], 1e3 * p[1], 0.0, 50.0, -80.0)) for p in poses]
+    (tmp_path / "line.csv").write_text("\n".join(["x,y,rz,fx,fy", *rows]))
+    free = '[free]\nspindle = ["-100 deg", "100 deg"]'
+    job, made = _job(tmp_path, "line.csv", free, units='{ x = "mm", y = "mm" }')
+    found = along(job, made)
+
+    tangent = np.diff(poses[:, :2], axis=0)
+    tangent = np.vstack((tangent, tangent[-1:]))
+    normal = np.column_stack((-tangent[:, 1], tangent[:, 0])) / np.linalg.norm(tangent, axis=1)[:, None]
+
+    def error(turn):
+        each = zip(poses, np.broadcast_to(turn, len(poses)), strict=True)
+        moved = np.array([(_planar_compliance((*p[:2], a)) @ force)[:2] for p, a in each])
+        return np.abs(np.einsum("ni,ni->n", moved, normal))
+
+    with np.errstate(invalid="ignore"):
+        fixed = [error(turn) for turn in np.deg2rad(np.arange(-100.0, 101.0, 5.0))]
+    best = min((each for each in fixed if np.isfinite(each).all()), key=np.max)
+    turns = found.freed.values["spindle"]
+    chosen = error(turns)
+    np.testing.assert_allclose(np.abs(found.parts["normal"]), chosen, rtol=1e-6, atol=1e-10)
+    assert (chosen <= best * (1 + 1e-5)).all()
+    assert (chosen**2).sum() < 0.9 * (best**2).sum()
+    assert np.abs(np.diff(turns, 2)).max() < np.deg2rad(4.0)  # a step of the 72 is 5
+    np.testing.assert_allclose(found.path.values[:, 2], turns, atol=1e-12)
+    after = compensate(made, found)
+    assert np.abs(after.left).max() < 1e-8 * found.size.max()
+
+
+def test_a_turntable_turns_path_and_forces_with_the_workpiece():
+    turn = Motion("table", (0.0, 0.0, 1.0), (0.1, 0.0, 0.0), (-4.0, 4.0), 1.0)
+    tool, turned = turn.place(np.array([[0.3, 0.0, 0.5, 0.0, 0.0, 0.2]]), np.array([np.pi / 2]))
+    np.testing.assert_allclose(tool, [[0.1, 0.2, 0.5, 0.0, 0.0, np.pi / 2 + 0.2]], atol=1e-12)
+    np.testing.assert_allclose(turned[0] @ [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], atol=1e-12)
+
+
 def test_the_path_by_joints_is_the_path_by_poses(tmp_path):
     _line_table(tmp_path, 8)
     job, made = _job(tmp_path, "line.csv", units=UNITS)
@@ -137,7 +177,7 @@ def test_the_time_of_rapid_moves_is_not_known(tmp_path):
 
 
 def _configurations(job, made):
-    from stiffscope.design.path.along import configure_path
+    from stiffscope.design.path.course import configure_path
 
     return configure_path(job, made, job.path)
 

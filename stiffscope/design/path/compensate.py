@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stiffscope.design.path.along import BLOCK, predict
+from stiffscope.design.path.along import predict
+from stiffscope.design.path.course import BLOCK
 from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.mechanism import COORDINATES
 

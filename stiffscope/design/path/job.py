@@ -7,14 +7,29 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from stiffscope.design.path.cutting import cutting_materials, drill, mill
+from stiffscope.design.path.motions import Motion
 from stiffscope.design.path.toolpath import ToolPath, read_toolpath
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.parse import FieldError, Source, parse_text
+from stiffscope.robot.file.sections import check_rising
 from stiffscope.robot.file.tables import one_of, read_table
-from stiffscope.robot.file.values import ANGLE, Direction, Force, Length, Mass, Point, Positive, Reads, Says, Section
+from stiffscope.robot.file.values import (
+    ANGLE,
+    Angles,
+    Direction,
+    Force,
+    Length,
+    Lengths,
+    Mass,
+    Point,
+    Positive,
+    Reads,
+    Says,
+    Section,
+)
 from stiffscope.robot.reader import load_robot_of
 from stiffscope.runtime import reading
 
@@ -125,6 +140,47 @@ class PayloadSection(Section):
     centre: Point | None = None
 
 
+class SlideSection(Section):
+    """A slide under the workpiece; a robot that moves on a rail by d sees the workpiece move by -d."""
+
+    axis: Direction
+    range: Lengths
+
+    _check_order = field_validator("range")(check_rising)
+
+
+class TableSection(Section):
+    """A turntable under the workpiece: its axis through a point in base axes."""
+
+    axis: Direction = (0.0, 0.0, 1.0)
+    at: Point
+    range: Angles
+
+    _check_order = field_validator("range")(check_rising)
+
+
+class FreeSection(Section):
+    """Coordinates that the process leaves free, chosen along the path for least error."""
+
+    spindle: Annotated[Angles | None, Says("turns about the tool's axis that are allowed")] = None
+    table: TableSection | None = None
+    slide: SlideSection | None = None
+    least: Annotated[Literal["normal", "along", "binormal", "size"], Says("which error")] = "normal"
+    turn: Annotated[Positive, Says("turns: at most so many degrees a millimetre of path")] = 2
+
+    def motions(self, axis: tuple[float, ...]) -> tuple[Motion, ...]:
+        """The motions that are free; ``axis``: of the tool."""
+        rate = np.deg2rad(self.turn) * 1e3
+        found = []
+        if self.table is not None:
+            found.append(Motion("table", self.table.axis, self.table.at, self.table.range, rate))
+        if self.slide is not None:
+            found.append(Motion("slide", self.slide.axis, (0.0, 0.0, 0.0), self.slide.range, 1.0))
+        if self.spindle is not None:
+            found.append(Motion("spindle", axis, (0.0, 0.0, 0.0), self.spindle, rate))
+        return tuple(found)
+
+
 class JobSection(Section):
     """The file's top level."""
 
@@ -141,6 +197,7 @@ class JobSection(Section):
     gravity: Literal["weight", "none"] = "weight"
     process: ProcessSection = ProcessSection()
     payload: PayloadSection | None = None
+    free: FreeSection | None = None
 
 
 @dataclass(frozen=True, eq=False)

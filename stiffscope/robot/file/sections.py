@@ -80,7 +80,7 @@ class _Drive(Section):
     @field_validator("range", check_fields=False)
     @classmethod
     def _check_order(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
-        return _check_rising(value)
+        return check_rising(value)
 
     @model_validator(mode="after")
     def _one_law(self) -> _Drive:
@@ -101,7 +101,8 @@ class _Drive(Section):
         return gear.curve if gear is not None else getattr(self, "curve", None)
 
 
-def _check_rising(value: tuple[float, float] | None) -> tuple[float, float] | None:
+def check_rising(value: tuple[float, float] | None) -> tuple[float, float] | None:
+    """A range, if its values rise. Raises ValueError."""
     if value is not None and not value[0] < value[1]:
         raise ValueError(f"expected a lower and a higher value, got {value[0]:g} and {value[1]:g}")
     return value
@@ -340,7 +341,7 @@ class MapSection(Section):
     @field_validator(*AXES)
     @classmethod
     def _check_order(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
-        return _check_rising(value)
+        return check_rising(value)
 
     def ranges(self) -> dict[str, tuple[float, float]]:
         """The coordinates that are swept, in the order of a pose."""

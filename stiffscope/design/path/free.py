@@ -1,0 +1,299 @@
+"""Coordinates that the process leaves free, chosen along a path for the least error and smooth.
+
+Dynamic programming over a grid of the coordinate (R. Bellman, Dynamic Programming, Princeton 1957) finds the valley,
+Gauss-Newton steps its floor. No point may be worse than with the best fixed value.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+from scipy.linalg import solve_banded
+
+from stiffscope.design.path.course import Axes, respond_under, tool_error
+from stiffscope.errors import InputError
+from stiffscope.vjm.kinematics import configure
+from stiffscope.vjm.mechanism import COORDINATES
+
+if TYPE_CHECKING:
+    from stiffscope.design.path.course import Course
+    from stiffscope.design.path.job import Job
+    from stiffscope.design.path.motions import Motion
+    from stiffscope.design.path.toolpath import ToolPath
+    from stiffscope.experiments.assembly import Assembled
+    from stiffscope.runtime.types import Array, Flags, Indices
+
+FIXED = 72  # values that are tried, of a whole turn
+STATIONS = 100  # of the path, where coordinates are chosen; between them they are interpolated
+_JUMP = 0.8  # rad or m that a drive may move from one station to the next
+_BEND = 1e-3  # cost of a bend of a grid step, over the mean square of the error
+_ROUNDS = 16
+_STEPS = 15
+_FINALISTS = 6
+_SMOOTHINGS = 4
+_TINY = 1e-10  # m
+_BLOCK = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class Freed:
+    """A course and its commands with the free coordinates chosen.
+
+    Attributes
+    ----------
+    values
+        By free coordinate, (n,) rad or m.
+    fixed
+        By free coordinate, the best single value.
+    error, before
+        (n,) m, the error that was to be least, as chosen and with the best single values.
+    """
+
+    course: Course
+    path: ToolPath
+    values: dict[str, Array]
+    fixed: dict[str, float]
+    error: Array
+    before: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """A course whose free coordinates are asked for; ``motions`` in the order in which they move the tool."""
+
+    job: Job
+    assembled: Assembled
+    course: Course
+    motions: tuple[Motion, ...]
+
+    def place(self, values: Array, some: Indices) -> Course:
+        """The course at some points (m,) with values (m, c)."""
+        tool, at = self.course.tool[some], self.course.axes
+        turned = np.broadcast_to(np.eye(3), (len(some), 3, 3))
+        for motion, value in zip(self.motions, values.T, strict=True):
+            tool, more = motion.place(tool, value)
+            turned = more @ turned
+        axes = Axes(*(_turn(turned, each[some]) for each in (at.along, at.normal, at.binormal, at.spindle)))
+        wrench = self.course.wrench[some]
+        wrench = np.concatenate([_turn(turned, wrench[:, :3]), _turn(turned, wrench[:, 3:])], axis=1)
+        return replace(self.course, tool=tool, axes=axes, wrench=wrench)
+
+    def commands(self, course: Course) -> Array:
+        """Poses (m, k) that are commanded. Raises InputError where the robot's pose has too few coordinates."""
+        pose = [COORDINATES.index(name) for name in self.job.robot.tool.pose]
+        home = np.array([*self.job.robot.tool.at, 0.0, 0.0, 0.0])
+        missing = [k for k in range(6) if k not in pose and np.ptp(course.tool[:, k] - home[k]) > 1e-9]
+        if missing:
+            names = ", ".join(COORDINATES[k] for k in missing)
+            raise InputError(f"{self.job.file.name}: free: expected a robot whose pose commands {names} too")
+        return course.tool[:, pose]
+
+    def evaluate(self, values: Array, some: Indices) -> tuple[Array, Array]:
+        """Error (m,) that is to be least, signed, infinite out of reach; and drives (m, d), at points with values."""
+        error = np.full(len(some), np.inf)
+        drives = np.full((len(some), len(self.assembled.mechanism.drives)), np.nan)
+        for start in range(0, len(some), _BLOCK):
+            block = slice(start, start + _BLOCK)
+            course = self.place(values[block], some[block])
+            found = configure(self.assembled.mechanism, self.commands(course))
+            good = np.flatnonzero(found.valid)
+            if not good.size:
+                continue
+            found = found[good]
+            twist = respond_under(self.job, self.assembled, found, course.wrench[good]).twist[..., 0]
+            off = tool_error(course.tool[good], found.tool, twist)[:, :3]
+            least = self.job.section.free.least  # type: ignore[union-attr]
+            axes = None if least == "size" else getattr(course.axes, least)[good]
+            error[start + good] = np.linalg.norm(off, axis=1) if axes is None else np.einsum("ni,ni->n", off, axes)
+            drives[start + good] = found.drives
+        return error, drives
+
+
+def _turn(rotation: Array, vectors: Array) -> Array:
+    return np.einsum("nij,nj->ni", rotation, vectors)
+
+
+def choose_free(course: Course, assembled: Assembled) -> Freed:
+    """Choose the free coordinates of a job along its path.
+
+    Parameters
+    ----------
+    course
+        Where the job wants the tool, its free coordinates at 0.
+    assembled
+        The job's robot with its parts.
+
+    Returns
+    -------
+    Freed
+        Nowhere worse than with the best single values, of 72 a turn; the single values themselves where nothing
+        smooth is better.
+
+    Raises
+    ------
+    InputError
+        No single value reaches the whole path, or the robot's pose cannot command the free motion.
+
+    """
+    job, section = course.job, course.job.section
+    motions = section.free.motions(section.axis) if section.free is not None else ()
+    if not motions:
+        raise InputError(f"{job.file.name}: free: expected spindle, table or slide, got none")
+    problem = _Problem(job, assembled, course, motions)
+    n = len(job.path)
+    stations = np.unique(np.linspace(0, n - 1, min(n, STATIONS)).round().astype(int))
+    acting = ~job.path.rapid if (~job.path.rapid).any() else np.ones(n, dtype=bool)
+    values = np.tile([motion.start for motion in motions], (len(stations), 1))
+    grids = [_scan(problem, values, k, stations, acting, fix=True) for k in range(len(motions))]
+    fixed = dict(zip((motion.name for motion in motions), values[0].tolist(), strict=True))
+    every = np.arange(n)
+    single = np.tile(values[0], (n, 1))
+    before, _ = problem.evaluate(single, every)
+    if not np.isfinite(before).all():
+        line = job.path.lines[int(np.argmin(np.isfinite(before)))]
+        raise InputError(f"{job.path_file.name}:{line}: expected a path that one value of the free coordinates reaches")
+    limit = np.where(acting, np.abs(before), np.inf)
+    for k in range(len(motions)):
+        error, drives = _scan(problem, values, k, stations, acting) if len(motions) > 1 else grids[k]
+        values[:, k] = _follow_valley(problem, k, stations, error, drives, limit[stations], values[:, k])
+    chosen = _settle(problem, values, stations, limit, single)
+    error, _ = problem.evaluate(chosen, every)
+    placed = problem.place(chosen, every)
+    named = {motion.name: chosen[:, k] for k, motion in enumerate(motions)}
+    path = replace(job.path, columns=tuple(job.robot.tool.pose), values=problem.commands(placed), program=None)
+    return Freed(placed, replace(path, free=named), named, fixed, np.abs(error), np.abs(before))
+
+
+def _scan(
+    problem: _Problem, values: Array, k: int, stations: Indices, acting: Array, *, fix: bool = False
+) -> tuple[Array, Array]:
+    """Errors (m, g) and drives (m, g, d) over the grid of a coordinate; with ``fix`` the best single value is taken."""
+    grid = problem.motions[k].grid(FIXED)
+    m, g = len(stations), len(grid)
+    tried = np.repeat(values, g, axis=0)
+    tried[:, k] = np.tile(grid, m)
+    error, drives = problem.evaluate(tried, np.repeat(stations, g))
+    error, drives = np.abs(error).reshape(m, g), drives.reshape(m, g, -1)
+    if fix:
+        values[:, k] = _best_single(
+            problem, values[0], k, np.where(acting[stations, None] | ~np.isfinite(error), error, 0.0), acting
+        )
+    return error, drives
+
+
+def _best_single(problem: _Problem, values: Array, k: int, error: Array, acting: Flags) -> float:
+    """Value of a coordinate's grid of the least greatest error at all points, of those best at stations (m, g)."""
+    grid, every = problem.motions[k].grid(FIXED), np.arange(len(acting))
+    best, found = np.inf, float(values[k])
+    for g in np.argsort(error.max(axis=0))[:_FINALISTS]:
+        tried = np.tile(values, (len(every), 1))
+        tried[:, k] = grid[g]
+        exact, _ = problem.evaluate(tried, every)
+        worst = float(np.where(acting | ~np.isfinite(exact), np.abs(exact), 0.0).max())
+        if worst < best:
+            best, found = worst, float(grid[g])
+    return found
+
+
+def _follow_valley(
+    problem: _Problem, k: int, stations: Indices, error: Array, drives: Array, limit: Array, single: Array
+) -> Array:
+    """Values (m,) of a coordinate, of its grid, of the least sum of squared errors; steps are bounded."""
+    motion, course = problem.motions[k], problem.course
+    grid = motion.grid(FIXED)
+    step, (m, g) = float(grid[1] - grid[0]), error.shape
+    allowed = np.where(np.isfinite(limit)[:, None], error <= limit[:, None] * (1.0 + 1e-9), np.isfinite(error))
+    scale = float(np.mean(limit[np.isfinite(limit)] ** 2))
+    acts = np.isfinite(limit)[:, None]
+    cost = np.where(allowed, np.where(acts & allowed, error, 0.0) ** 2 / max(scale, 1e-300), np.inf)
+    total, origin = cost[0], np.zeros((m, g), dtype=int)
+    reach = np.maximum(1, np.diff(course.length[stations]) * motion.rate / step).astype(int)
+    for i in range(1, m):
+        best, source = np.full(g, np.inf), np.zeros(g, dtype=int)
+        for shift in range(-min(reach[i - 1], g - 1), min(reach[i - 1], g - 1) + 1):
+            to = np.arange(max(0, shift), min(g, g + shift))
+            moved = np.abs(drives[i, to] - drives[i - 1, to - shift]).max(axis=1, initial=0.0)
+            tried = np.where(moved < _JUMP, total[to - shift] + _BEND * shift**2, np.inf)
+            better = tried < best[to]
+            best[to[better]], source[to[better]] = tried[better], (to - shift)[better]
+        total, origin[i] = best + cost[i], source
+    if not np.isfinite(total).any():
+        return single.copy()
+    which = np.empty(m, dtype=int)
+    which[-1] = int(np.argmin(total))
+    for i in range(m - 1, 0, -1):
+        which[i - 1] = origin[i, which[i]]
+    found = grid[which]
+    for _ in range(_SMOOTHINGS):  # of its steps; what that costs the descent regains
+        found[1:-1] = 0.25 * (found[:-2] + 2.0 * found[1:-1] + found[2:])
+    return found
+
+
+def _settle(problem: _Problem, values: Array, stations: Indices, limit: Array, single: Array) -> Array:
+    """Smooth values (n, c) at all points, drawn back to the single ones where else they would exceed the limit (n,)."""
+    every, acts = np.arange(len(limit)), np.isfinite(limit)
+    scale = max(float(np.mean(limit[acts] ** 2)), 1e-300)
+    for k in range(len(problem.motions)):
+        values = _descend(problem, values, k, stations, acts[stations], scale)
+    spread = values[:1] if len(stations) == 1 else PchipInterpolator(stations, values, axis=0)(every)
+    share, width = np.ones(len(limit)), max(2.0, len(limit) / 50)
+    for number in range(_ROUNDS):
+        tried = single + share[:, None] * (spread - single)
+        error, drives = problem.evaluate(tried, every)
+        wrong = ~np.isfinite(error) | (acts & (np.abs(error) > limit * (1.0 + 1e-6) + _TINY))
+        wrong[1:] |= np.abs(np.diff(drives, axis=0)).max(axis=1, initial=0.0) > _JUMP
+        if not wrong.any():
+            return tried
+        off = np.abs(every[:, None] - np.flatnonzero(wrong)[None, :]).min(axis=1)
+        share *= 1.0 - (0.5 if number < _ROUNDS // 2 else 1.0) * np.exp(-((off / width) ** 2))
+    return single
+
+
+def _descend(problem: _Problem, values: Array, k: int, stations: Indices, acts: Flags, scale: float) -> Array:
+    """Gauss-Newton steps of one coordinate (m,): squares of the error, and of the bends of the coordinate."""
+    motion = problem.motions[k]
+    grid = motion.grid(FIXED)
+    step, m = float(grid[1] - grid[0]), len(values)
+    small = 1e-3 * step
+    if m < 3:
+        return values
+    bends = np.zeros((m - 2, m))
+    for j, part in enumerate((1.0, -2.0, 1.0)):
+        bends[np.arange(m - 2), np.arange(m - 2) + j] = part / step
+    stiff = 10.0 * _BEND * bends.T @ bends
+    banded = np.array([np.pad(np.diagonal(stiff, d), (max(d, 0), max(-d, 0))) for d in (2, 1, 0, -1, -2)])
+
+    def cost(tried: Array) -> tuple[float, Array]:
+        error, _ = problem.evaluate(tried, stations)
+        error = np.where(acts | ~np.isfinite(error), error, 0.0)
+        whole = np.sum(error**2) / scale + 10.0 * _BEND * np.sum((bends @ tried[:, k]) ** 2)
+        return float(whole), error
+
+    now, error = cost(values)
+    for _ in range(_STEPS):
+        other = values.copy()
+        other[:, k] += np.where(values[:, k] + small > motion.ends[1], -small, small)
+        slope = (cost(other)[1] - error) / (other[:, k] - values[:, k])
+        slope = np.where(np.isfinite(slope), slope, 0.0)
+        downhill = -(slope * error / scale + stiff @ values[:, k])
+        low, high = (values[:, k] <= motion.ends[0]) & (downhill < 0), (values[:, k] >= motion.ends[1]) & (downhill > 0)
+        matrix = banded.copy()
+        matrix[2] += slope**2 / scale + np.where(low | high, 1e9, 1e-6) / step**2
+        change = solve_banded((2, 2), matrix, downhill)
+        change *= min(1.0, 2.0 * step / max(float(np.abs(change).max()), 1e-300))
+        for _ in range(5):
+            tried = values.copy()
+            tried[:, k] = np.clip(values[:, k] + change, *motion.ends)
+            new, found = cost(tried)
+            if new < now:
+                break
+            change *= 0.3
+        else:
+            break
+        gain, values, now, error = now - new, tried, new, found
+        if gain < 1e-6 * now:
+            break
+    return values
