@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from stiffscope.cli.output import Output
+    from stiffscope.design.maps import StiffnessMap
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.report.terminal import Shown
     from stiffscope.robot.file.description import RobotFile
@@ -191,8 +192,9 @@ def map_(
         with ThreadPoolExecutor(1) as pool:
             drawn = pool.submit(draw_named_poses, made, folder)  # in a process of its own
             write_map(found, folder, f"{robot.name}: stiffness over the workspace, gravity {gravity}")
-            for title, stem, draw in figures:
-                draw(found, robot.poses, f"{robot.name}: {title}", folder / f"{stem}.png", folder / f"{stem}.svg")
+            for title, stem, panels in figures:
+                files = folder / f"{stem}.png", folder / f"{stem}.svg"
+                maps.draw_map(found, panels(found), robot.poses, f"{robot.name}: {title}", *files)
             drawn.result()
 
     emit(
@@ -217,13 +219,15 @@ def _warn_of_singular(names: Sequence[str], state: Stiffness) -> None:
             log.warning("%s: its weight moves the tool too far for a linear answer; the stiffness is without it", pose)
 
 
-def _figures(gravity: str, held: str, *, frequencies: bool) -> list[tuple[str, str, Callable[..., None]]]:
-    """Title, file and drawing function of each figure of a map."""
+def _figures(
+    gravity: str, held: str, *, frequencies: bool
+) -> list[tuple[str, str, Callable[[StiffnessMap], list[maps.Panel]]]]:
+    """Title, file and panels of each figure of a map."""
     where = f", {held}" if held else ""
-    figures = [(f"stiffness at M (diagonal of K){where}, gravity {gravity}", "map", maps.draw_stiffness)]
+    figures = [(f"stiffness at M (diagonal of K){where}, gravity {gravity}", "map", maps.stiffness_panels)]
     if frequencies:
-        figures.append((f"natural frequencies, drives held{where}", "frequencies", maps.draw_frequencies))
+        figures.append((f"natural frequencies, drives held{where}", "frequencies", maps.frequency_panels))
     if gravity != "none":
-        figures.append((f"what gravity changes{where}", "gravity_difference", maps.draw_difference))
-        figures.append((f"sag under its own weight{where}", "sag", maps.draw_sag))
+        figures.append((f"what gravity changes{where}", "gravity_difference", maps.difference_panels))
+        figures.append((f"sag under its own weight{where}", "sag", maps.sag_panels))
     return figures

@@ -86,7 +86,7 @@ def write_diagnosis_report(
         origin(folder),
     ]
     lead = Lead(text.sentence(diagnosis), diagnosis.verdict)
-    page.write_page(folder / REPORT, title, facts, [each for each in sections if each], lead)
+    page.write_page(folder / REPORT, title, facts, sections, lead)
 
 
 def share_view(folder: Path, assembled: Assembled, diagnosis: Diagnosis, found: Configurations) -> RobotView | None:

@@ -326,7 +326,7 @@ def _draw_map(assembled: Assembled, folder: Path) -> None:
     write_map(found, folder)
     held = maps.held_text(found)
     title = f"{robot.name}: stiffness at M (diagonal of K)" + (held and f", {held}")
-    maps.draw_stiffness(found, robot.poses, title, folder / "map.png")
+    maps.draw_map(found, maps.stiffness_panels(found), robot.poses, title, folder / "map.png")
 
 
 def _draw_poses(assembled: Assembled, folder: Path) -> None:

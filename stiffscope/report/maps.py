@@ -10,7 +10,7 @@ from stiffscope.report.figures import save_figure
 from stiffscope.vjm.mechanism import COORDINATES, DIAGONAL
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
@@ -28,95 +28,6 @@ _FEW = 2.0  # percent at either end beyond the colours,
 _FAR = 0.35  # where the rest spans less than this share of all
 
 
-def draw_stiffness(found: StiffnessMap, poses: Poses, title: str, *targets: Path) -> None:
-    """Draw the diagonal of K, under the robot's own weight where it acts; `poses` by name, in all coordinates.
-
-    Parameters
-    ----------
-    found
-        Map of the robot.
-    poses
-        Named poses to mark.
-    title
-        Title.
-    *targets
-        Files, PNG or SVG by their endings.
-
-    """
-    panels = [Panel(f"{TITLES[k]} ({unit})", factor * found.loaded[..., k]) for k, (unit, factor) in enumerate(UNITS)]
-    _draw(found, panels, poses, title, targets)
-
-
-def draw_difference(found: StiffnessMap, poses: Poses, title: str, *targets: Path) -> None:
-    """Draw the change by the robot's own weight, in parts per million of the stiffness without it.
-
-    Parameters
-    ----------
-    found
-        Map of the robot.
-    poses
-        Named poses to mark.
-    title
-        Title.
-    *targets
-        Files, PNG or SVG by their endings.
-
-    """
-    _draw_ratio(found, poses, title, targets, "with − without weight (ppm)", 1e6)
-
-
-def draw_change(found: StiffnessMap, poses: Poses, title: str, *targets: Path) -> None:
-    """Draw the change to another robot, whose stiffness is the loaded one, in percent; else as `draw_difference`."""
-    _draw_ratio(found, poses, title, targets, "change (%)", 100.0)
-
-
-def _draw_ratio(
-    found: StiffnessMap, poses: Poses, title: str, targets: Iterable[Path], words: str, factor: float
-) -> None:
-    change = factor * (found.loaded / found.stiffness - 1)
-    _draw(found, [Panel(f"{TITLES[k]} {words}", change[..., k], CHANGE) for k in range(6)], poses, title, targets)
-
-
-def draw_sag(found: StiffnessMap, poses: Poses, title: str, *targets: Path) -> None:
-    """Draw the tool's sag and tilt under the robot's own weight: the components above rounding.
-
-    Parameters
-    ----------
-    found
-        Map of the robot.
-    poses
-        Named poses to mark.
-    title
-        Title.
-    *targets
-        Files, PNG or SVG by their endings.
-
-    """
-    largest = np.nanmax(np.abs(found.sag), axis=(0, 1))
-    shown = [k for k in range(6) if largest[k] > 1e-4 * largest.max()] or [2]
-    _draw(found, [Panel(SAGS[k], 1e6 * found.sag[..., k], "magma_r") for k in shown], poses, title, targets)
-
-
-def draw_frequencies(found: StiffnessMap, poses: Poses, title: str, *targets: Path) -> None:
-    """Draw the first natural frequencies.
-
-    Parameters
-    ----------
-    found
-        Map of the robot.
-    poses
-        Named poses to mark.
-    title
-        Title.
-    *targets
-        Files, PNG or SVG by their endings.
-
-    """
-    values = np.zeros((0, 0, 0)) if found.frequencies is None else found.frequencies
-    panels = [Panel(f"$f_{{{k + 1}}}$ (Hz)", values[..., k]) for k in range(values.shape[2])]
-    _draw(found, [p for p in panels if np.isfinite(p.values).any()], poses, title, targets)
-
-
 class Panel(NamedTuple):
     """One quantity (nu, na) over the map, in the unit of its title."""
 
@@ -125,8 +36,55 @@ class Panel(NamedTuple):
     colours: str = "viridis"
 
 
-def _draw(found: StiffnessMap, panels: Sequence[Panel], poses: Poses, title: str, targets: Iterable[Path]) -> None:
-    """Draw panels, at most three in a row, and write the sheet to each target."""
+def stiffness_panels(found: StiffnessMap) -> list[Panel]:
+    """The diagonal of K, under the robot's own weight where it acts."""
+    return [Panel(f"{TITLES[k]} ({unit})", factor * found.loaded[..., k]) for k, (unit, factor) in enumerate(UNITS)]
+
+
+def difference_panels(
+    found: StiffnessMap, words: str = "with − without weight (ppm)", factor: float = 1e6
+) -> list[Panel]:
+    """The change by the robot's own weight, in parts per million of the stiffness without it."""
+    change = factor * (found.loaded / found.stiffness - 1)
+    return [Panel(f"{title} {words}", change[..., k], CHANGE) for k, title in enumerate(TITLES)]
+
+
+def change_panels(found: StiffnessMap) -> list[Panel]:
+    """The change to another robot, whose stiffness is the loaded one, in percent."""
+    return difference_panels(found, "change (%)", 100.0)
+
+
+def sag_panels(found: StiffnessMap) -> list[Panel]:
+    """The tool's sag and tilt under the robot's own weight: the components above rounding."""
+    largest = np.nanmax(np.abs(found.sag), axis=(0, 1))
+    shown = [k for k in range(6) if largest[k] > 1e-4 * largest.max()] or [2]
+    return [Panel(SAGS[k], 1e6 * found.sag[..., k], "magma_r") for k in shown]
+
+
+def frequency_panels(found: StiffnessMap) -> list[Panel]:
+    """The first natural frequencies."""
+    values = np.zeros((0, 0, 0)) if found.frequencies is None else found.frequencies
+    panels = [Panel(f"$f_{{{k + 1}}}$ (Hz)", values[..., k]) for k in range(values.shape[2])]
+    return [panel for panel in panels if np.isfinite(panel.values).any()]
+
+
+def draw_map(found: StiffnessMap, panels: Sequence[Panel], poses: Poses, title: str, *targets: Path) -> None:
+    """Draw panels, at most three in a row, and write the sheet to each target.
+
+    Parameters
+    ----------
+    found
+        Map of the robot.
+    panels
+        Quantities to draw.
+    poses
+        Named poses to mark, in all coordinates.
+    title
+        Title.
+    *targets
+        Files, PNG or SVG by their endings.
+
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

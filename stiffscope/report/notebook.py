@@ -177,7 +177,9 @@ def stiffness_map(
     with scratch_folder() as folder:
         target = folder / "map.png"
         held = maps.held_text(found)
-        maps.draw_stiffness(found, {}, "stiffness at M (diagonal of K)" + (held and f", {held}"), target)
+        maps.draw_map(
+            found, maps.stiffness_panels(found), {}, "stiffness at M (diagonal of K)" + (held and f", {held}"), target
+        )
         return Picture(target.read_bytes())
 
 

@@ -132,7 +132,7 @@ def write_page(
     *,
     watched: str = "",
 ) -> None:
-    """Write a page of sections to a file; facts stand in a line below the title, then what it says first.
+    """Write a page to a file: facts in a line below the title, what it says first, sections that hold anything.
 
     With ``watched``, a name of this state, the page loads itself anew as soon as a page of another name takes its
     place: it asks the file ``state.html`` beside it, once a second.
@@ -153,7 +153,8 @@ def write_page(
         Name of this state of a page that reloads; empty for one that does not.
 
     """
-    given = {"title": title, "facts": facts, "sections": sections, "lead": lead, "watched": watched}
+    filled = [section for section in sections if section]
+    given = {"title": title, "facts": facts, "sections": filled, "lead": lead, "watched": watched}
     target.write_text(templates().get_template("report.html").render(given).lstrip(), encoding="utf-8")
     if watched:
         state = templates().get_template("state.html").render(watched=watched)

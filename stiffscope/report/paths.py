@@ -236,7 +236,7 @@ def write_path_page(
     )  # fmt: skip
     sections = [
         page.Section("The path", tables, figures),
-        *([page.Section("The robot at the greatest error", view=view)] if view else []),
+        page.Section("The robot at the greatest error", view=view),
         origin(folder),
     ]
     facts = [

@@ -62,7 +62,7 @@ def draw_change(found: RobotComparison, folder: Path) -> None:
     if found.change is not None:
         title = f"{found.names[1]} against {found.names[0]}: change of the stiffness"
         files = folder / "change.png", folder / "change.svg"
-        maps.draw_change(found.change, found.made["first"].robot.poses, title, *files)
+        maps.draw_map(found.change, maps.change_panels(found.change), found.made["first"].robot.poses, title, *files)
 
 
 def write_robots_page(found: RobotComparison, folder: Path, tables: Sequence[Shown]) -> None:

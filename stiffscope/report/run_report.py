@@ -57,9 +57,9 @@ def write_run_report(
     found = configure(assembled.mechanism, list(poses.values()))
     view = _wrench_view(folder, assembled, found, list(poses))
     sections = [
-        *([Section("The robot under load", view=view)] if view else []),
+        Section("The robot under load", view=view),
         Section("Stiffness", robot, list(_robot_figures(folder, assembled))),
-        *([Section("Parts", parts, list(_part_figures(folder, assembled)))] if parts else []),
+        Section("Parts", parts, list(_part_figures(folder, assembled)) if parts else ()),
         origin(folder),
     ]
     _write(folder, assembled, "stiffness", sections, watched)
@@ -91,7 +91,7 @@ def write_modes_report(
         still=stills[0] if stills else None,
     )  # fmt: skip
     sections = [
-        *([Section("Mode shapes", view=view)] if view else []),
+        Section("Mode shapes", view=view),
         Section("Natural frequencies", tables, stills),
         origin(folder),
     ]
@@ -117,7 +117,7 @@ def write_map_report(folder: Path, assembled: Assembled, titles: Mapping[str, st
     figures = [page.figure(folder / f"{stem}.png", title, f"map: {title}") for stem, title in titles.items()]
     sections = [
         Section("Maps", (), figures),
-        *([Section("The robot under load", view=view)] if view else []),
+        Section("The robot under load", view=view),
         origin(folder),
     ]
     _write(folder, assembled, "stiffness over the workspace", sections)
@@ -161,7 +161,7 @@ def write_deflection_report(
         still=stills[0] if stills else None,
     )  # fmt: skip
     sections = [
-        *([Section("The robot under load", view=view)] if view else []),
+        Section("The robot under load", view=view),
         Section("Deflection", tables, stills),
         origin(folder),
     ]
@@ -194,7 +194,7 @@ def write_check_report(folder: Path, found: Inspection, tables: Sequence[Shown])
             still=page.figure(still, "", f"the robot at {names[0]}"),
         )  # fmt: skip
     sections = [
-        *([Section("The robot", view=view)] if view else []),
+        Section("The robot", view=view),
         Section("What the file says", tables),
         origin(folder),
     ]

@@ -34,6 +34,7 @@ from stiffscope.robot.file.values import (
     LengthOrZero,
     MassOrCad,
     Modulus,
+    OwnMass,
     Point,
     Positive,
     Ratio,
@@ -278,25 +279,23 @@ class StepPart(SolidPart):
         return self
 
 
-def _six_by_six(value: Any) -> tuple[tuple[float, ...], ...]:
-    rows = value if isinstance(value, list | tuple) else []
-    if len(rows) != 6 or any(not isinstance(row, list | tuple) or len(row) != 6 for row in rows):
-        raise ValueError(f"expected six rows of six numbers (SI), got {q.show_value(value)}")
-    return _rows(value)
+def _square(expected: str, size: int = 0) -> BeforeValidator:
+    """Rows of as many numbers (SI) as there are rows; of a size, where one is given."""
+
+    def read(value: Any) -> tuple[tuple[float, ...], ...]:
+        rows = value if isinstance(value, list | tuple) else []
+        count = size or len(rows)
+        if not rows or len(rows) != count or any(not isinstance(r, list | tuple) or len(r) != count for r in rows):
+            raise ValueError(f"expected {expected}, got {q.show_value(value)}")
+        return tuple(tuple(q.to_si(entry, q.NUMBER, sign="any") for entry in row) for row in rows)
+
+    return BeforeValidator(read)
 
 
-def _rows(value: Any) -> tuple[tuple[float, ...], ...]:
-    rows = value if isinstance(value, list | tuple) else []
-    if not rows or any(not isinstance(row, list | tuple) or len(row) != len(rows) for row in rows):
-        raise ValueError(
-            f"expected as many rows of numbers (SI) as there are numbers in each, got {q.show_value(value)}"
-        )
-    return tuple(tuple(q.to_si(entry, q.NUMBER, sign="any") for entry in row) for row in rows)
-
-
-_SQUARE = "a square matrix of six rows for each interface (SI)"
-Square = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_rows), Says(_SQUARE)]
-Matrix = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_six_by_six), Says("six rows of six numbers (SI)")]
+_SIX, _ROWS = "six rows of six numbers (SI)", "as many rows of numbers (SI) as there are numbers in each"
+_SIXES = "a square matrix of six rows for each interface (SI)"
+Square = Annotated[tuple[tuple[float, ...], ...], _square(_ROWS), Says(_SIXES)]
+Matrix = Annotated[tuple[tuple[float, ...], ...], _square(_SIX, 6), Says(_SIX)]
 
 
 class MatrixPart(PartSection):
@@ -304,15 +303,8 @@ class MatrixPart(PartSection):
 
     matrix: Matrix
     error: Matrix | None = None
-    mass: MassOrCad = 0.0
+    mass: OwnMass = 0.0
     material: str | None = None
-
-    @field_validator("mass")
-    @classmethod
-    def _check_mass(cls, value: float | str) -> float | str:
-        if isinstance(value, str):
-            raise ValueError('expected a mass such as "80 g", got "cad", which is for solids')
-        return value
 
     @field_validator("matrix")
     @classmethod
@@ -351,7 +343,7 @@ class InterfacePart(PartSection):
     mass_matrix: Square | None = None
     mode_squares: tuple[float, ...] = ()
     file: str | None = None
-    mass: MassOrCad = 0.0
+    mass: OwnMass = 0.0
     material: str | None = None
 
     @property
@@ -361,8 +353,6 @@ class InterfacePart(PartSection):
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
-        if isinstance(self.mass, str):
-            raise ValueError('expected a mass such as "80 g", got "cad", which is for solids')
         if self.mass_matrix is not None and self.mass:
             raise ValueError("expected mass or mass_matrix, got both")
         try:
@@ -373,9 +363,8 @@ class InterfacePart(PartSection):
 
     def build(self, name: str, at: Any = (0.0, 0.0, 0.0), axes: Any = None) -> Body:
         """A body made of it, its origin at a place (3,) and its axes (3, 3) as columns."""
-        mass = 0.0 if isinstance(self.mass, str) else self.mass
-        m = self.mass_matrix
-        return superelement_body(name, self.interfaces, self.stiffness, at=at, axes=axes, mass=mass, mass_matrix=m,
+        return superelement_body(
+            name, self.interfaces, self.stiffness, at=at, axes=axes, mass=self.mass, mass_matrix=self.mass_matrix,
             mode_squares=self.mode_squares,
         )  # fmt: skip
 
@@ -385,23 +374,31 @@ PARTS: dict[str, type[PartSection]] = {
 }  # fmt: skip
 
 
-class Isotropic(Section):
+class MaterialSection(Section):
+    """An elastic material, of one of the laws that cad knows."""
+
+    law: ClassVar[type]
+
+    def build(self, name: str) -> AnyMaterial:
+        """The material for CAD and FEA."""
+        return self.law(name, **self.model_dump())
+
+
+class Isotropic(MaterialSection):
     """An isotropic elastic material."""
 
+    law: ClassVar[type] = Material
     youngs_modulus: Modulus
     shear_modulus: Modulus
     density: Density
     expansion: Expansion = 0.0
     source: str = ""
 
-    def build(self, name: str) -> AnyMaterial:
-        """The material for CAD and FEA."""
-        return Material(name, **self.model_dump())
 
-
-class Fibrous(Section):
+class Fibrous(MaterialSection):
     """A transversely isotropic material, fibres along the part's x."""
 
+    law: ClassVar[type] = TransverselyIsotropic
     axial_modulus: Modulus
     transverse_modulus: Modulus
     axial_shear_modulus: Modulus
@@ -411,7 +408,3 @@ class Fibrous(Section):
     axial_expansion: Expansion = 0.0
     transverse_expansion: Expansion = 0.0
     source: str = ""
-
-    def build(self, name: str) -> AnyMaterial:
-        """The material for CAD and FEA."""
-        return TransverselyIsotropic(name, **self.model_dump())

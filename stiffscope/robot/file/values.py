@@ -119,6 +119,12 @@ def _mass_or_cad(value: Any) -> float | str:
         raise ValueError(f'{error} (or "cad": the volume of the solid times its density)') from error
 
 
+def _own_mass(value: Any) -> float:
+    if value == "cad":
+        raise ValueError('expected a mass such as "80 g", got "cad", which is for solids')
+    return q.to_si(value, q.MASS, sign="non-negative")
+
+
 def _or_word(read: Callable[[Any], float], word: str, meaning: str, said: str) -> Reads:
     """What `read` makes of a value, or None for a word and for nothing."""
 
@@ -219,6 +225,7 @@ Tolerance = Annotated[float | None, _or_word(_tolerance, "auto", "whatever one m
 Count = Annotated[int, Reads(parse_whole, says="a whole number")]
 Layers = Annotated[int, Reads(_layers, says=f"1 to {MOST_LAYERS}")]
 Positive = Annotated[int, Reads(_positive, says="a whole number above 0")]
+OwnMass = Annotated[float, Reads(_own_mass, says='a mass such as "1.95 kg"')]
 MassOrCad = Annotated[float | Literal["cad"], Reads(_mass_or_cad, says='a mass, or "cad": volume times density')]
 
 
