@@ -5,19 +5,14 @@ section's centroid, which at the loaded end is the reference point. A channel's 
 """
 
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, ClassVar, cast
+from typing import Any, ClassVar
 
 from stiffscope.cad.checks import GAP, length, mm, require
-from stiffscope.cad.materials import STEEL, AnyMaterial
-from stiffscope.cad.part import Part
-from stiffscope.cad.solid import span_part
-
-if TYPE_CHECKING:
-    from build123d import Sketch
+from stiffscope.cad.solid import SolidParameters
 
 
 @dataclass(frozen=True)
-class BeamParameters:
+class BeamParameters(SolidParameters):
     """Length of a beam, m, and what its sections share; each section adds its own dimensions.
 
     Raises
@@ -45,9 +40,18 @@ class BeamParameters:
         """Return the corners (y, z) of the section's outer border, m, then those of its hole."""
         raise NotImplementedError
 
-    def present(self) -> "BeamParameters":
-        """Return the same: a beam has no features to leave out."""
-        return self
+    def draw(self) -> Any:
+        """See `SolidParameters`."""
+        from build123d import Plane, extrude
+
+        return extrude(Plane.YZ * self.section(), 1e3 * self.length)
+
+    def section(self) -> Any:
+        """Return the section's sketch of build123d, mm."""
+        from build123d import Polygon
+
+        border, *holes = (Polygon(*((1e3 * y, 1e3 * z) for y, z in loop), align=None) for loop in self.outline())
+        return border - holes if holes else border
 
     def lengths(self) -> dict[str, float]:
         """Return the lengths (m) that shape the beam, by name."""
@@ -65,6 +69,12 @@ class TubeParameters(BeamParameters):
     def largest(self) -> dict[str, float]:
         """See `BeamParameters`."""
         return {"wall": self.radius - GAP}
+
+    def section(self) -> Any:
+        """See `BeamParameters`."""
+        from build123d import Circle
+
+        return Circle(1e3 * self.radius) - Circle(1e3 * (self.radius - self.wall))
 
 
 @dataclass(frozen=True)
@@ -137,32 +147,3 @@ class ChannelParameters(_FlangedParameters):
 
 
 BEAMS = {kind.shape: kind for kind in (TubeParameters, BoxParameters, IParameters, ChannelParameters)}
-
-
-def build(parameters: BeamParameters, material: AnyMaterial = STEEL, name: str = "beam") -> Part:
-    """Build a beam.
-
-    Parameters
-    ----------
-    parameters
-        Dimensions.
-    material
-        Linear elastic material.
-    name
-        Name of the part.
-
-    Returns
-    -------
-    Part
-        Clamped at x = 0, with the interface ``end`` at the far end.
-
-    """
-    from build123d import Circle, Plane, Polygon, extrude
-
-    if isinstance(parameters, TubeParameters):
-        section = Circle(1e3 * parameters.radius) - Circle(1e3 * (parameters.radius - parameters.wall))
-    else:
-        loops = [Polygon(*((1e3 * y, 1e3 * z) for y, z in loop), align=None) for loop in parameters.outline()]
-        section = loops[0] - loops[1:] if len(loops) > 1 else loops[0]
-    shape = extrude(Plane.YZ * cast("Sketch", section), 1e3 * parameters.length)
-    return span_part(shape.wrapped, parameters.length, material, name)

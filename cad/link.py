@@ -4,16 +4,14 @@ Axes: x along the link, from the clamped end at x = 0 to the loaded end, whose c
 """
 
 from dataclasses import dataclass, fields, replace
-from typing import ClassVar
+from typing import Any, ClassVar, Self
 
 from stiffscope.cad.checks import GAP, length, mm, optional_length, require
-from stiffscope.cad.materials import STEEL, AnyMaterial
-from stiffscope.cad.part import Part
-from stiffscope.cad.solid import span_part
+from stiffscope.cad.solid import SolidParameters
 
 
 @dataclass(frozen=True)
-class LinkParameters:
+class LinkParameters(SolidParameters):
     """Dimensions of a link, in m; 0 leaves a feature out.
 
     Parameters
@@ -73,8 +71,8 @@ class LinkParameters:
         """Whether the ends have another radius than the rest."""
         return self.fitting_radius not in {0.0, self.radius}
 
-    def present(self) -> "LinkParameters":
-        """Return the same link with the unused parameters of absent fittings at their defaults."""
+    def present(self) -> Self:
+        """See `SolidParameters`."""
         return self if self.has_fittings else replace(self, fitting_radius=0.0, fitting_length=0.0)
 
     def lengths(self) -> dict[str, float]:
@@ -82,28 +80,12 @@ class LinkParameters:
         present = self.present()
         return {f.name: value for f in fields(present) if (value := getattr(present, f.name))}
 
+    def draw(self) -> Any:
+        """See `SolidParameters`."""
+        from build123d import Axis, Polygon, revolve
 
-def build(parameters: LinkParameters, material: AnyMaterial = STEEL, name: str = "link") -> Part:
-    """Build a link.
-
-    Parameters
-    ----------
-    parameters
-        Dimensions.
-    material
-        Linear elastic material.
-    name
-        Name of the part.
-
-    Returns
-    -------
-    Part
-        Clamped at x = 0, with the interface ``end`` at the far end.
-    """
-    from build123d import Axis, Polygon, revolve
-
-    section = Polygon(*((1e3 * x, 1e3 * r) for x, r in _profile(parameters)), align=None)
-    return span_part(revolve(section.face(), Axis.X).wrapped, parameters.length, material, name)
+        section = Polygon(*((1e3 * x, 1e3 * r) for x, r in _profile(self)), align=None)
+        return revolve(section.face(), Axis.X)
 
 
 def _profile(link: LinkParameters) -> list[tuple[float, float]]:

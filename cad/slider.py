@@ -5,21 +5,20 @@ point is the centre of the loaded face, or of the middle pad if there are pads.
 """
 
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
 
-from stiffscope import cad
 from stiffscope.cad.checks import FINEST, GAP, choice, count, length, mm, optional_length, require
 from stiffscope.cad.faces import FaceSelector, face_geometries, select
-from stiffscope.cad.materials import STEEL, AnyMaterial
-from stiffscope.cad.part import Interface, Part
+from stiffscope.cad.part import Interface
+from stiffscope.cad.solid import GREATEST_X, LEAST_X, SolidParameters
 from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
     from build123d import Edge
 
-    from stiffscope.cad.kernel import Shape, Solid
+    from stiffscope.cad.kernel import Solid
 
 _TOLERANCE = 1e-6  # mm
 PADS = ("link1", "link2", "link3")  # interfaces of pads that are loaded apart
@@ -27,7 +26,7 @@ OPTIONAL = ("rib_pitch", "fillet", "hole_pitch", "pad_height")  # 0 leaves them 
 
 
 @dataclass(frozen=True)
-class SliderParameters:
+class SliderParameters(SolidParameters):
     """Dimensions of a slider, in m; a count or `pad_height` of 0 leaves the feature out and its parameters unused.
 
     Parameters
@@ -109,8 +108,8 @@ class SliderParameters:
         }
         return tuple(name for name, there in features.items() if not there)
 
-    def present(self) -> "SliderParameters":
-        """Return the same slider with the unused parameters of absent features at their defaults."""
+    def present(self) -> Self:
+        """See `SolidParameters`."""
         return replace(self, **{f.name: f.default for f in fields(self) if f.name.startswith(self._absent)})
 
     def lengths(self) -> dict[str, float]:
@@ -132,6 +131,14 @@ class SliderParameters:
     def pad_positions(self) -> tuple[float, ...]:
         """(3,) y of the pads' centres, joints 1, 2 and 3, m; empty without pads."""
         return (0.0, self.pad_spacing, -self.pad_spacing) if self.pad_height else ()
+
+    def draw(self) -> Any:
+        """See `SolidParameters`. Raises InputError where the CAD kernel cannot make the fillet."""
+        return _draw(self)
+
+    def select_ends(self, solid: "Solid") -> tuple[frozenset[int], tuple[Interface, ...]]:
+        """Return its face x = 0 or the walls of its holes, and the interface ``joints``, or one for each pad."""
+        return _select_clamped(self, solid), _select_loaded(self, solid)
 
 
 def _row(number: int, pitch: float, width: float) -> tuple[float, ...]:
@@ -232,34 +239,8 @@ def _check_pads(slider: SliderParameters) -> None:
     )
 
 
-def build(parameters: SliderParameters, material: AnyMaterial = STEEL, name: str = "slider") -> Part:
-    """Build a slider.
-
-    Parameters
-    ----------
-    parameters
-        Dimensions.
-    material
-        Linear elastic material.
-    name
-        Name of the part.
-
-    Returns
-    -------
-    Part
-        Clamped at its face x = 0 or in its holes, with the interface ``joints``, or one for each pad.
-
-    Raises
-    ------
-    InputError
-        The CAD kernel cannot make the fillet.
-    """
-    solid = cad.validity.valid_solid(_shape(parameters), name)
-    return Part(name, solid, material, _select_clamped(parameters, solid), _select_loaded(parameters, solid))
-
-
-def _shape(slider: SliderParameters) -> "Shape":
-    """Return the solid in mm: plate, pads and ribs fused, roots filleted, holes cut."""
+def _draw(slider: SliderParameters) -> Any:
+    """The solid in mm: plate, pads and ribs fused, roots filleted, holes cut."""
     from build123d import Align, Box, Cylinder, Pos, fillet
 
     depth, width, thickness = (1e3 * v for v in (slider.depth, slider.width, slider.thickness))
@@ -281,7 +262,7 @@ def _shape(slider: SliderParameters) -> "Shape":
             raise InputError(f"slider.fillet: expected a smaller radius, got {mm(slider.fillet)}; {error}") from error
     for y in slider.hole_positions:
         solid -= Pos(1e3 * slider.hole_offset, 1e3 * y, 0) * Cylinder(500 * slider.hole_diameter, 2 * thickness)
-    return solid.wrapped
+    return solid
 
 
 def _is_root(edge: "Edge", depth: float, width: float, thickness: float) -> bool:
@@ -293,7 +274,7 @@ def _is_root(edge: "Edge", depth: float, width: float, thickness: float) -> bool
 
 def _select_clamped(slider: SliderParameters, solid: "Solid") -> frozenset[int]:
     if slider.clamp == "face":
-        return select(solid, [FaceSelector(kind="plane", normal=(-1, 0, 0), position="min x")])
+        return select(solid, LEAST_X)
     axes = [(slider.hole_offset, y) for y in slider.hole_positions]
     return frozenset(
         face.index
@@ -305,7 +286,7 @@ def _select_clamped(slider: SliderParameters, solid: "Solid") -> frozenset[int]:
 def _select_loaded(slider: SliderParameters, solid: "Solid") -> tuple[Interface, ...]:
     outer = slider.depth + slider.pad_height
     if slider.pads == "together":
-        faces = select(solid, [FaceSelector(kind="plane", normal=(1, 0, 0), position="max x")])
+        faces = select(solid, GREATEST_X)
         return (Interface("joints", faces, np.array([outer, 0.0, 0.0])),)
     points = [np.array([outer, y, 0.0]) for y in slider.pad_positions]
     return tuple(

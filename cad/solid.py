@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -126,24 +126,46 @@ def part_of(
     return Part(name, moved, material, at_rest, tuple(ends), rest)
 
 
-def span_part(shape: Any, length: float, material: AnyMaterial, name: str) -> Part:
-    """Make a part along x, of a shape in mm: clamped at x = 0, with the interface ``end`` at ``length``, m.
+class SolidParameters:
+    """Dimensions of a solid along x, m: what `build` needs to know of it."""
+
+    shape: ClassVar[str]
+    length: float
+
+    def present(self) -> Self:
+        """Return the same solid with the unused parameters of absent features at their defaults."""
+        return self
+
+    def draw(self) -> Any:
+        """Return the shape of build123d, mm."""
+        raise NotImplementedError
+
+    def select_ends(self, solid: Any) -> tuple[frozenset[int], tuple[Interface, ...]]:
+        """Return the clamped faces of its solid, those at x = 0, and its interfaces: ``end`` at the far end."""
+        clamped, loaded = (select(solid, chosen) for chosen in (LEAST_X, GREATEST_X))
+        return clamped, (Interface("end", loaded, np.array([self.length, 0.0, 0.0])),)
+
+
+def build(parameters: SolidParameters, material: AnyMaterial = STEEL, name: str = "part") -> Part:
+    """Build a part from its dimensions.
 
     Parameters
     ----------
-    shape
-        Shape of the CAD kernel, mm.
-    length
-        Place of the interface along x, m.
+    parameters
+        Dimensions of a link, a slider or a beam.
     material
-        Material of the solid.
+        Linear elastic material.
     name
-        Name, as messages and files have it.
+        Name of the part, as messages and files have it.
+
+    Raises
+    ------
+    InputError
+        The CAD kernel cannot make the solid.
 
     """
-    solid = cad.validity.valid_solid(shape, name)
-    clamped, loaded = (select(solid, chosen) for chosen in (LEAST_X, GREATEST_X))
-    return Part(name, solid, material, clamped, (Interface("end", loaded, np.array([length, 0.0, 0.0])),))
+    solid = cad.validity.valid_solid(parameters.draw().wrapped, name)
+    return Part(name, solid, material, *parameters.select_ends(solid))
 
 
 def _check_near(solid: Any, point: Vector, field: str) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiffscope.cad.slider import build
+from stiffscope.cad.solid import build
 from stiffscope.cad.step import write_step
 from stiffscope.cli.main import _guarded
 from stiffscope.report.notebook import as_html

@@ -15,7 +15,7 @@ from docutils.parsers.rst import Directive
 from file_reference import parsed
 from json_fields import ANSWERS
 
-from stiffscope.cad.slider import build
+from stiffscope.cad.solid import build
 from stiffscope.cad.step import write_step
 from stiffscope.cli.main import _guarded, cli
 from stiffscope.gap.blind.scores import Outcome, score

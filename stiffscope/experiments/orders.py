@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stiffscope.cad import beam, link, slider
-from stiffscope.cad.solid import GREATEST_X, LEAST_X
+from stiffscope.cad.solid import GREATEST_X, LEAST_X, build
 from stiffscope.cad.step import read_step
 from stiffscope.errors import InputError
 from stiffscope.fea.settings import Settings
@@ -101,11 +100,7 @@ class PartOrder:
                 couplings=dict(self.solid.couplings),
                 placement=self.solid.placement, reference_point=self.solid.reference_point,
             )  # fmt: skip
-        if isinstance(self.solid, link.LinkParameters):
-            return link.build(self.solid, self.material, self.name)
-        if isinstance(self.solid, slider.SliderParameters):
-            return slider.build(self.solid, self.material, self.name)
-        return beam.build(self.solid, self.material, self.name)
+        return build(self.solid, self.material, self.name)
 
 
 def order_part(robot: RobotFile, name: str, step: str | Path | None = None, *, label: str = "") -> PartOrder:

@@ -64,11 +64,11 @@ class Problem:
 
 def build(name):
     """Build the part."""
-    from stiffscope.cad import link, slider
+    from stiffscope.cad import link, slider, solid
 
     if name == "link":
-        return link.build(link.LinkParameters())
-    return slider.build(slider.SliderParameters(**PARAMETERS[name]))
+        return solid.build(link.LinkParameters())
+    return solid.build(slider.SliderParameters(**PARAMETERS[name]))
 
 
 def meshed(name, factor=1.0, layers=1):

@@ -1,6 +1,7 @@
 """Random links and sliders: bores, end fittings, ribs, fillets, bolt holes, pads; random interfaces."""
 
 from stiffscope.cad import link, slider
+from stiffscope.cad.solid import build
 from stiffscope.errors import InputError
 
 
@@ -18,7 +19,7 @@ def _link(rng):
     radius, length = rng.uniform(8e-3, 25e-3), rng.uniform(0.1, 0.5)
     bore = 2 * radius * rng.uniform(0.3, 0.75) if rng.random() < 0.6 else 0.0
     fitted = rng.random() < 0.4
-    return link.build(
+    return build(
         link.LinkParameters(
             length,
             radius,
@@ -32,7 +33,7 @@ def _link(rng):
 def _slider(rng):
     depth, width = rng.uniform(60e-3, 140e-3), rng.uniform(0.12, 0.32)
     ribs, holes, pads = rng.random(3) < 0.5
-    return slider.build(
+    return build(
         slider.SliderParameters(
             depth,
             width,

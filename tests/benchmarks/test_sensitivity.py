@@ -11,6 +11,7 @@ import pytest
 
 from stiffscope.cad import link, slider
 from stiffscope.cad.materials import STEEL
+from stiffscope.cad.solid import build
 from stiffscope.fea.mesh import default_size
 from stiffscope.fea.run import run_experiment, specimen_of
 from stiffscope.fea.sensitivity import part_sensitivity
@@ -22,23 +23,17 @@ CHANGES = (0.019, 0.021)  # of a parameter, each a pair of experiments
 SCATTER = 0.005  # rms of derivative less difference, each times value over compliance
 SLIDER = slider.SliderParameters()
 PARTS = {
-    "link": (link, link.LinkParameters()),
-    "tube": (link, link.LinkParameters(0.3, 0.0125, bore=0.01, fitting_radius=0.018, fitting_length=0.03)),
-    "slider": (slider, SLIDER),
-    "full": (
-        slider,
-        dataclasses.replace(
-            SLIDER, rib_count=2, rib_pitch=0.14, fillet=0.003, hole_count=3, hole_pitch=0.1, pad_height=0.01,
-            rib_thickness=0.014,
-        ),
+    "link": link.LinkParameters(),
+    "tube": link.LinkParameters(0.3, 0.0125, bore=0.01, fitting_radius=0.018, fitting_length=0.03),
+    "slider": SLIDER,
+    "full": dataclasses.replace(
+        SLIDER, rib_count=2, rib_pitch=0.14, fillet=0.003, hole_count=3, hole_pitch=0.1, pad_height=0.01,
+        rib_thickness=0.014,
     ),
-    "small": (
-        slider,
-        slider.SliderParameters(
-            0.06, 0.09, 0.012, rib_count=1, rib_thickness=0.012, rib_height=0.012, rib_length=0.04, fillet=0.004,
-            hole_count=2, hole_diameter=0.008, hole_offset=0.012, hole_pitch=0.06, pad_height=0.006, pad_width=0.012,
-            pad_spacing=0.028,
-        ),
+    "small": slider.SliderParameters(
+        0.06, 0.09, 0.012, rib_count=1, rib_thickness=0.012, rib_height=0.012, rib_length=0.04, fillet=0.004,
+        hole_count=2, hole_diameter=0.008, hole_offset=0.012, hole_pitch=0.06, pad_height=0.006, pad_width=0.012,
+        pad_spacing=0.028,
     ),
 }  # fmt: skip
 
@@ -54,12 +49,12 @@ def compliance(part, settings):
 def table(name, only=(), settings=None):
     """Rows (parameter, entry, derivative, its bound, mean difference, its bar), times value over compliance."""
     settings = settings or Settings()
-    module, parameters = PARTS[name]
-    part = module.build(parameters)
+    parameters = PARTS[name]
+    part = build(parameters)
     experiment = run_experiment(specimen_of(part, settings), settings)
 
     def variant(key):
-        return lambda value: module.build(dataclasses.replace(parameters, **{key: value}))
+        return lambda value: build(dataclasses.replace(parameters, **{key: value}))
 
     lengths = parameters.lengths()
     begun = time.perf_counter()
@@ -118,12 +113,12 @@ def test_derivatives_agree_with_differences_of_experiments_on_new_meshes(name):
 @pytest.mark.long
 def test_derivatives_agree_within_their_bars_with_those_on_a_mesh_twice_as_fine():
     """Sharper than differences, which have the scatter of two meshes in them."""
-    module, parameters = PARTS["small"]
-    part = module.build(parameters)
+    parameters = PARTS["small"]
+    part = build(parameters)
     specimen = specimen_of(part, Settings())
     size = default_size(specimen.volume, sum(face.area for face in specimen.surface.faces))
     dimensions = {
-        key: (value, lambda other, key=key: module.build(dataclasses.replace(parameters, **{key: other})))
+        key: (value, lambda other, key=key: build(dataclasses.replace(parameters, **{key: other})))
         for key, value in parameters.lengths().items()
     }
     found = []

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from build123d import Box
 
-from stiffscope.cad import link, slider
 from stiffscope.cad.link import LinkParameters
 from stiffscope.cad.materials import CFRP_TUBE, MATERIALS, Material, TransverselyIsotropic, material
 from stiffscope.cad.part import Part, mass_properties, project, surface
 from stiffscope.cad.slider import SliderParameters
+from stiffscope.cad.solid import build
 from stiffscope.errors import InputError
 
 FULL = SliderParameters(rib_count=3, fillet=0.004, hole_count=4, hole_pitch=0.05, pad_height=0.005, pads="apart")
@@ -29,7 +29,7 @@ VOLUMES = {
 
 
 def made(parameters: LinkParameters | SliderParameters) -> Part:
-    return link.build(parameters) if isinstance(parameters, LinkParameters) else slider.build(parameters)
+    return build(parameters)
 
 
 @pytest.mark.parametrize("parameters", VOLUMES)
@@ -45,7 +45,7 @@ def test_each_face_edge_and_vertex_counts_once() -> None:
 
 
 def test_link_has_the_inertia_of_a_rod_and_its_axes() -> None:
-    part = link.build(LinkParameters())
+    part = build(LinkParameters())
     mass, across = 7850 * math.pi * 0.0125**2 * 0.5, 0.0125**2 / 4 + 0.5**2 / 12
     properties = mass_properties(part)
     assert properties.mass == pytest.approx(mass)
@@ -59,7 +59,7 @@ def test_link_has_the_inertia_of_a_rod_and_its_axes() -> None:
 
 
 def test_slider_is_even_about_y_and_loads_each_pad() -> None:
-    part = slider.build(FULL)
+    part = build(FULL)
     assert mass_properties(part).centre[1] == pytest.approx(0, abs=1e-12)
     assert [one.name for one in part.loaded] == ["link1", "link2", "link3"]
     for one, y in zip(part.loaded, (0, 0.07, -0.07), strict=True):
@@ -70,7 +70,7 @@ def test_slider_is_even_about_y_and_loads_each_pad() -> None:
 
 
 def test_slider_can_be_held_in_its_bolt_holes() -> None:
-    part = slider.build(SliderParameters(hole_count=4, clamp="holes", rib_count=1, rib_thickness=0.009))
+    part = build(SliderParameters(hole_count=4, clamp="holes", rib_count=1, rib_thickness=0.009))
     assert len(part.clamped) == 4
     assert {part.faces[i].kind for i in part.clamped} == {"cylinder"}
     assert [part.faces[i].radius for i in part.clamped] == pytest.approx([0.0045] * 4)
@@ -92,7 +92,7 @@ def test_surface_is_closed_outward_and_on_the_solid(parameters: LinkParameters |
 def test_projection_in_closed_form_is_the_kernels() -> None:
     from stiffscope.cad import kernel
 
-    part, rng = slider.build(FULL), np.random.default_rng(1)
+    part, rng = build(FULL), np.random.default_rng(1)
     for face in part.faces:
         if face.kind == "plane":
             continue

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from build123d import Align, Box, Cylinder, Pos
 
-from stiffscope.cad import kernel, kernel_files, link, slider
+from stiffscope.cad import kernel, kernel_files
 from stiffscope.cad.faces import FaceSelector, describe, face_geometries, select
 from stiffscope.cad.link import LinkParameters
 from stiffscope.cad.part import Part, mass_properties
 from stiffscope.cad.slider import SliderParameters
-from stiffscope.cad.solid import Placement, part_of
+from stiffscope.cad.solid import Placement, build, part_of
 from stiffscope.cad.step import read_solid, read_step, write_step, write_stl
 from stiffscope.cad.validity import valid_solid
 from stiffscope.errors import InputError
@@ -23,7 +23,7 @@ HOLED = SliderParameters(rib_count=2, fillet=0.003, hole_count=3)
 
 @pytest.fixture(scope="module")
 def holed() -> Part:
-    return slider.build(HOLED)
+    return build(HOLED)
 
 
 @pytest.fixture(scope="module")
@@ -181,7 +181,7 @@ def test_rubbish_is_refused(step: Path, tmp_path: Path) -> None:
 
 
 def test_stl_is_closed_and_has_the_volume(tmp_path: Path) -> None:
-    part, path = link.build(LinkParameters()), tmp_path / "link.stl"
+    part, path = build(LinkParameters()), tmp_path / "link.stl"
     write_stl(part, path)
     facets = np.frombuffer(path.read_bytes()[84:], dtype=[("n", "<f4", 3), ("v", "<f4", (3, 3)), ("end", "<u2")])
     a, b, c = np.moveaxis(facets["v"].astype(float), 1, 0)
@@ -202,7 +202,10 @@ def test_a_build123d_solid_is_a_part() -> None:
 
 
 def test_building_writes_nothing_to_standard_output() -> None:
-    code = "from stiffscope.cad.slider import SliderParameters as P, build\nbuild(P(rib_count=2, fillet=0.003))"
+    code = (
+        "from stiffscope.cad.slider import SliderParameters as P\nfrom stiffscope.cad.solid import build\n"
+        "build(P(rib_count=2, fillet=0.003))"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not done.stdout
 

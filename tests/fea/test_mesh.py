@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from stiffscope.cad import slider
+from stiffscope.cad.solid import build
 from stiffscope.fea.geometry import centroid, jacobian_range, volume
 from stiffscope.fea.mesh import MeshError, boundary_facets, tetrahedralize
 from stiffscope.fea.refine import bisect, grade
@@ -129,12 +130,12 @@ def test_a_mesher_that_takes_too_long_is_killed():
 )
 def test_lengths_that_are_no_meshs_are_refused_at_once(lengths, said):
     with pytest.raises(MeshError, match=rf"slider.mesh.{said}: expected .* mm to .* mm for this part, got "):
-        run_experiment(slider.build(slider.SliderParameters()), Settings(**lengths))
+        run_experiment(build(slider.SliderParameters()), Settings(**lengths))
 
 
 @pytest.mark.long
 def test_a_pad_lower_than_the_first_envelope_keeps_its_area():
-    part = slider.build(slider.SliderParameters(pad_height=2e-4))
+    part = build(slider.SliderParameters(pad_height=2e-4))
     mesh = run_experiment(part).mesh
     loaded = sorted(part.loaded[0].faces)
     assert face_areas(mesh, len(part.faces))[loaded] == pytest.approx([part.faces[k].area for k in loaded], rel=1e-3)

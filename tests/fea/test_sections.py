@@ -5,9 +5,10 @@ import pytest
 from skfem import Basis, BilinearForm, ElementQuad2, LinearForm, MeshQuad, solve
 from skfem.helpers import dot, grad
 
-from stiffscope.cad.beam import BEAMS, build
+from stiffscope.cad.beam import BEAMS
 from stiffscope.cad.materials import STEEL
 from stiffscope.cad.part import mass_properties
+from stiffscope.cad.solid import build
 from stiffscope.errors import InputError
 from stiffscope.fea.beam import box, channel, circle, i_section, restrained_torsion, timoshenko
 from stiffscope.fea.run import run_experiment

@@ -7,6 +7,7 @@ import pytest
 
 from stiffscope.cad import link, slider
 from stiffscope.cad.materials import CFRP_TUBE, STEEL
+from stiffscope.cad.solid import build
 from stiffscope.errors import InputError
 from stiffscope.fea.design_velocity import DesignVelocity, moved_along
 from stiffscope.fea.run import run_experiment, specimen_of
@@ -87,7 +88,7 @@ def test_derivatives_are_differences_on_the_mesh_moved_along(settings):
     def differences(name, value):
         for sign in (1, -1):
             if name in parameters.lengths():
-                moved = link.build(dataclasses.replace(parameters, **{name: value * 1.001}), CFRP_TUBE)
+                moved = build(dataclasses.replace(parameters, **{name: value * 1.001}), CFRP_TUBE)
                 velocity = velocities.measure_velocity(moved, value * 1e-3)
                 mesh = dataclasses.replace(experiment.mesh, points=experiment.mesh.points + sign * h * value * velocity)
                 tip = np.array([parameters.length + (name == "length") * sign * h * value, 0, 0])
@@ -111,7 +112,7 @@ def test_derivatives_are_differences_on_the_mesh_moved_along(settings):
 @pytest.mark.long
 def test_features_that_meet_or_vanish_have_no_derivative(rod):
     part, experiment, _ = rod
-    other = slider.build(slider.SliderParameters())
+    other = build(slider.SliderParameters())
     with pytest.raises(InputError, match="faces change"):
         DesignVelocity(experiment.mesh, part).measure_velocity(other, 1e-4)
 
@@ -121,7 +122,7 @@ def test_a_mesh_moves_along_with_a_small_change_and_not_with_a_large_one(rod):
     settings = Settings(layers=1, size=0.012)
 
     def changed(share):
-        return link.build(link.LinkParameters(LENGTH * share, RADIUS * share))
+        return build(link.LinkParameters(LENGTH * share, RADIUS * share))
 
     moved = run_experiment(changed(1.03), settings, near=(part, experiment.mesh), whole=False)
     assert np.array_equal(moved.mesh.cells, experiment.mesh.cells)
@@ -130,7 +131,7 @@ def test_a_mesh_moves_along_with_a_small_change_and_not_with_a_large_one(rod):
     np.testing.assert_allclose(moved.compliance / size, scaled / size, atol=2e-4)
     assert moved.relative_bound < 1.5 * experiment.relative_bound
     assert moved_along(experiment.mesh, part, changed(1.4)) is None
-    assert moved_along(experiment.mesh, part, slider.build(slider.SliderParameters())) is None
+    assert moved_along(experiment.mesh, part, build(slider.SliderParameters())) is None
     anew = run_experiment(
         changed(1.03), settings, near=(changed(1.4), experiment.mesh), whole=False
     )  # the mesh is none of its
@@ -145,15 +146,15 @@ FILLETED = slider.SliderParameters(
 
 def test_the_mesh_of_a_filleted_slider_follows_its_cad_whatever_changes():
     """Where a fillet is tangent to plate and rib, nodes belong to both faces and go with the line between them."""
-    part, settings = slider.build(FILLETED), Settings()
+    part, settings = build(FILLETED), Settings()
     mesh = mesh_specimen(specimen_of(part, settings))
     velocities = DesignVelocity(mesh, part)
     before = shape_error(specimen_of(part, settings), mesh)
     for name, value in FILLETED.lengths().items():
-        changed = slider.build(dataclasses.replace(FILLETED, **{name: value * 1.0003}))
+        changed = build(dataclasses.replace(FILLETED, **{name: value * 1.0003}))
         velocity = velocities.measure_velocity(changed, value * 3e-4)
         assert np.linalg.norm(velocity, axis=1).max() < 2.5, name  # of a fillet's corner: √2 + 1
-        larger = slider.build(dataclasses.replace(FILLETED, **{name: value * 1.02}))
+        larger = build(dataclasses.replace(FILLETED, **{name: value * 1.02}))
         moved = moved_along(mesh, part, larger)
         assert moved is not None, name
         assert shape_error(specimen_of(larger, settings), moved) < 2 * before + 1e-5, name

@@ -11,7 +11,7 @@ import numpy as np
 from stiffscope.cad import kernel, link, slider
 from stiffscope.cad.faces import FaceSelector
 from stiffscope.cad.materials import CFRP_TUBE, STEEL, Material
-from stiffscope.cad.solid import part_of
+from stiffscope.cad.solid import build, part_of
 
 NO_POISSON = Material("no-poisson", 200e9, 100e9, 7800.0)
 
@@ -32,7 +32,7 @@ def box(low, high):
 
 
 def bar(radius=0.0125, bore=0.0, length=0.2, material=NO_POISSON):
-    part = link.build(link.LinkParameters(length, radius, bore), material)
+    part = build(link.LinkParameters(length, radius, bore), material)
     inner = bore / 2
     area, second = pi * (radius**2 - inner**2), pi * (radius**4 - inner**4) / 4
     exact = {(3, 3): length / (material.shear_modulus * 2 * second)}
@@ -42,7 +42,7 @@ def bar(radius=0.0125, bore=0.0, length=0.2, material=NO_POISSON):
 
 
 def plate(depth=0.085, width=0.32, thickness=0.02):
-    part = slider.build(slider.SliderParameters(depth, width, thickness), NO_POISSON)
+    part = build(slider.SliderParameters(depth, width, thickness), NO_POISSON)
     about_y, about_z = width * thickness**3 / 12, thickness * width**3 / 12
     return part, _straight(depth, NO_POISSON.youngs_modulus, width * thickness, about_y, about_z)
 

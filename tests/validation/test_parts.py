@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from stiffscope.cad.link import LinkParameters, build
+from stiffscope.cad.link import LinkParameters
 from stiffscope.cad.materials import STEEL
 from stiffscope.cad.part import mass_properties
+from stiffscope.cad.solid import build
 from stiffscope.cad.step import read_step, write_step
 from stiffscope.fea.mesh import default_size
 from stiffscope.fea.run import run_experiment
