@@ -54,6 +54,11 @@ def read_step(
         As for `stiffscope.cad.solid.part_of`; by default the part
         is clamped at its plane face of least x and loaded at that of greatest x.
 
+    Returns
+    -------
+    Part
+        The solid with its material, its faces at rest and its interfaces, in the part's axes.
+
     Raises
     ------
     InputError

@@ -78,6 +78,11 @@ def modes(mechanism: Mechanism, poses: ArrayLike | Configurations, count: int = 
     drives
         Whether the drives are springs ("held") or move freely.
 
+    Returns
+    -------
+    Modes
+        Frequencies (n, count) in Hz from below with their error bars, shapes and energy; NaN where there is no mode.
+
     Raises
     ------
     InputError

@@ -167,6 +167,11 @@ def stiffness_map(
     at : (k,)
         Pose that gives the other coordinates, by default home.
 
+    Returns
+    -------
+    Picture
+        PNG, shown inline by a notebook.
+
     Raises
     ------
     InputError

@@ -45,7 +45,7 @@ def overwrite(whether: bool) -> None:
 def write_bytes(path: Path, content: bytes) -> None:
     """Write one file in one step: whoever looks sees the old content or the new. A link is followed, a device kept."""
     check_file(path)
-    try:
+    with _refusing(path):
         if _is_stream(path):
             path.write_bytes(content)
             return
@@ -53,22 +53,16 @@ def write_bytes(path: Path, content: bytes) -> None:
         with scratch_folder(goal.parent) as folder:
             (folder / "file").write_bytes(content)
             (folder / "file").replace(goal)
-    except OSError as error:
-        raise _unwritable_file(path, error) from error
 
 
 def check_file(path: Path) -> None:
     """Refuse a file before work is spent on it: see `write_bytes`."""
-    try:
+    with _refusing(path):
         if os.path.isdir(path):  # noqa: PTH112 (those of pathlib raise on some names)
             raise InputError(f"{show_path(path)}: is a folder; give a file")
         if not _is_stream(path):
             with scratch_folder(path.resolve().parent) as folder:
                 (folder / path.name).touch()
-    except (OSError, RuntimeError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise _unwritable_file(path, error) from error
 
 
 def write_new(path: Path, content: bytes) -> None:
@@ -107,11 +101,25 @@ def _is_stream(path: Path) -> bool:
     return os.path.exists(path) and not os.path.isfile(path)  # noqa: PTH110, PTH113
 
 
-def _unwritable_file(path: Path, error: Exception) -> StiffscopeError:
-    text = f"{show_path(path)}: cannot be written ({why(error, path)});"
+@contextlib.contextmanager
+def _refusing(path: str | Path, *, folder: bool = False) -> Iterator[None]:
+    """Turn an error of the system into that of a file, or an output folder, that cannot be written."""
+    try:
+        yield
+    except StiffscopeError:
+        raise
+    except (OSError, RuntimeError, ValueError) as error:  # names too long, circles of links, no folder here
+        raise _unwritable(path, error, folder=folder) from error
+
+
+def _unwritable(path: str | Path, error: BaseException, *, folder: bool) -> StiffscopeError:
+    what, advice = "cannot be written", "give a file in a folder of yours"
+    if folder:
+        what, advice = f"the output folder {what}", "choose another with --out"
+    text = f"{show_path(path)}: {what} ({why(error, path)});"
     if getattr(error, "errno", None) in FULL:
-        return StiffscopeError(f"{text} make room on its disk")
-    return InputError(f"{text} give a file in a folder of yours")
+        return StiffscopeError(f"{text} make room on its disk{f', or {advice}' if folder else ''}")
+    return InputError(f"{text} {advice}")
 
 
 def write_json(target: str | Path, value: Any) -> None:
@@ -250,20 +258,18 @@ def _open_aside(target: str | Path) -> Iterator[Path]:
     try:
         goal.parent.mkdir(parents=True, exist_ok=True)
         for left in list(goal.parent.iterdir()):
-            if _is_abandoned(left, f".{goal.name}.replaced-"):
-                if os.path.lexists(goal):
-                    shutil.rmtree(left, ignore_errors=True)
-                else:
-                    left.rename(goal)  # killed between the two renames: the former output is the complete one
-            elif _is_abandoned(left, f".{goal.name}.partial-"):
+            replaced = _is_abandoned(left, f".{goal.name}.replaced-")
+            if replaced and not os.path.lexists(goal):
+                left.rename(goal)  # killed between the two renames: the former output is the complete one
+            elif replaced or _is_abandoned(left, f".{goal.name}.partial-"):
                 shutil.rmtree(left, ignore_errors=True)
         aside.mkdir()
         yield aside
     except OSError as error:
-        raise _unwritable(target, error) from error
+        raise _unwritable(target, error, folder=True) from error
     except StiffscopeError as error:
         if getattr(error.__cause__, "errno", None) in FULL:
-            raise _unwritable(target, error.__cause__ or error) from error
+            raise _unwritable(target, error.__cause__ or error, folder=True) from error
         raise
     finally:
         shutil.rmtree(aside, ignore_errors=True)
@@ -271,13 +277,14 @@ def _open_aside(target: str | Path) -> Iterator[Path]:
 
 def check_output(target: str | Path, *others: str | Path | None) -> None:
     """Refuse an output folder before work is spent on it: see `staged_folder`. The other outputs must not be in it."""
-    try:
+    with _refusing(target, folder=True):
         goal = Path(target).resolve()
         there = os.path.lexists(goal)
         _check_place(target, goal, there=there)
         for other in filter(None, others):
-            if _resolve(Path(other)).is_relative_to(goal):
-                raise InputError(f"{other}: is in {target}, which is replaced as a whole; give a file elsewhere")
+            with _refusing(other):
+                if Path(other).resolve().is_relative_to(goal):
+                    raise InputError(f"{other}: is in {target}, which is replaced as a whole; give a file elsewhere")
         for reason in _foreign(goal).values() if there and not _forced else ():
             raise InputError(f"{target}: {reason}; give a new or empty folder, or --force, which keeps that file")
         nearest = next(p for p in (goal, *goal.parents) if p.exists())
@@ -285,10 +292,6 @@ def check_output(target: str | Path, *others: str | Path | None) -> None:
             raise InputError(f"{show_path(target)}: {nearest} is a file, not a folder")
         with scratch_folder(goal.parent if there else nearest) as folder:
             (folder / goal.name).mkdir()
-    except (OSError, RuntimeError, ValueError) as error:  # a name that is too long, a circle of links, no folder here
-        if isinstance(error, InputError):
-            raise
-        raise _unwritable(target, error) from error
 
 
 def _check_place(target: str | Path, goal: Path, *, there: bool) -> None:
@@ -300,20 +303,6 @@ def _check_place(target: str | Path, goal: Path, *, there: bool) -> None:
         raise InputError(f"{target}: an output folder is replaced as a whole: not the one you are in; try {better}")
     if there and goal.is_mount():
         raise InputError(f"{target}: a disk of its own cannot be replaced as a whole; try {Path(target) / 'out'}")
-
-
-def _resolve(path: Path) -> Path:
-    try:
-        return path.resolve()
-    except (OSError, RuntimeError, ValueError) as error:  # a circle of links, a name that no file can have
-        raise _unwritable_file(path, error) from error
-
-
-def _unwritable(target: str | Path, error: BaseException) -> StiffscopeError:
-    text = f"{show_path(target)}: the output folder cannot be written ({why(error, target)});"
-    if getattr(error, "errno", None) in FULL:
-        return StiffscopeError(f"{text} make room on its disk, or choose another with --out")
-    return InputError(f"{text} choose another with --out")
 
 
 def _foreign(folder: Path) -> dict[str, str]:
