@@ -9,7 +9,7 @@ import numpy as np
 from stiffscope.report import page
 from stiffscope.report.figures import AFTER, BEFORE, EFFECT, name_columns, name_rows, new_figure, save_figures
 from stiffscope.report.page import Section
-from stiffscope.report.run_report import REPORT, origin
+from stiffscope.report.run_report import write_report
 from stiffscope.report.terminal import show_table
 
 if TYPE_CHECKING:
@@ -193,8 +193,7 @@ def write_blind_report(scores: Scores, folder: Path, title: str, shown: Sequence
     """
     figures = [page.figure(folder / f"{stem}.svg", *words) for stem, words in FIGURES.items()]
     facts = [f"robots: {', '.join(scores.by_robot()) or 'none'}", f"{len(scores.outcomes)} campaigns"]
-    sections = [Section("Scores", shown), Section("Figures", (), figures), origin(folder)]
-    page.write_page(folder / REPORT, title, facts, sections)
+    write_report(folder, title, facts, [Section("Scores", shown), Section("Figures", (), figures)])
 
 
 def confusion(scores: Scores) -> Figure:

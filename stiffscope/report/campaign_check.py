@@ -11,9 +11,10 @@ from stiffscope.gap.campaign.quantities import DEFLECTION, DEVIATION, FREQUENCY,
 from stiffscope.gap.inference.findings import copies
 from stiffscope.report import page
 from stiffscope.report.numbers import pose_values
+from stiffscope.report.page import Section
 from stiffscope.report.pictures import draw, optional_pictures
 from stiffscope.report.robot_scene import moves, picture, pose_text, scene
-from stiffscope.report.run_report import write_tables_report
+from stiffscope.report.run_report import write_report
 from stiffscope.report.terminal import show_line, show_table
 
 if TYPE_CHECKING:
@@ -159,13 +160,10 @@ def write_page(name: str, folder: Path, shown: Sequence[Shown]) -> None:
         Tables as the terminal showed them.
 
     """
-    drawn = [
-        page.figure(folder / file, caption, "the robot, with arrows where sensors touch and loads act")
-        for file, caption in PICTURES.items()
-        if (folder / file).exists()
-    ]
+    words = "the robot, with arrows where sensors touch and loads act"
+    drawn = page.figures(folder, {file: (caption, words) for file, caption in PICTURES.items()})
     about = ["what was understood of the campaign; nothing is compared here"]
-    write_tables_report(folder, f"{name}: its readings", about, "Readings", shown, drawn)
+    write_report(folder, f"{name}: its readings", about, [Section("Readings", shown, drawn)])
 
 
 def _number(value: float | None) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from stiffscope.report import gap_tables, page, text
 from stiffscope.report.page import Lead, Section
 from stiffscope.report.robot_view import unit_wrenches
-from stiffscope.report.run_report import REPORT, origin, turn_robot
+from stiffscope.report.run_report import turn_robot, write_report
 from stiffscope.report.terminal import Shown, record_shown
 
 if TYPE_CHECKING:
@@ -70,10 +70,9 @@ def write_diagnosis_report(
         The robot that turns, of `share_view`.
 
     """
-    drawn = {stem: _figure(folder, stem) for stem in FIGURES if (folder / f"{stem}.svg").exists()}
 
     def figures(stem: str) -> list[Figure]:
-        return [drawn[stem]] if stem in drawn else []
+        return page.figures(folder, {f"{stem}.svg": FIGURES[stem]})
 
     following = diagnosis.next_measurement
     sections = [
@@ -83,10 +82,9 @@ def write_diagnosis_report(
         Section("Alternatives", _record_shown(lambda: gap_tables.show_alternatives(diagnosis)), figures("signatures")),
         Section("What to measure next", _lines([text.what_next(following)] if following else [])),
         Section("Checks", _lines([*text.checks(diagnosis), *diagnosis.remarks]), figures("predictive")),
-        origin(folder),
     ]
     lead = Lead(text.sentence(diagnosis), diagnosis.verdict)
-    page.write_page(folder / REPORT, title, facts, sections, lead)
+    write_report(folder, title, facts, sections, lead)
 
 
 def share_view(folder: Path, assembled: Assembled, diagnosis: Diagnosis, found: Configurations) -> RobotView | None:
@@ -146,7 +144,3 @@ def _record_shown(show: Callable[[], None]) -> list[Shown]:
 
 def _lines(lines: Sequence[str]) -> list[Shown]:
     return [Shown(line[:1].upper() + line[1:]) for line in lines]
-
-
-def _figure(folder: Path, stem: str) -> Figure:
-    return page.figure(folder / f"{stem}.svg", *FIGURES[stem])

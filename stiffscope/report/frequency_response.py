@@ -9,7 +9,8 @@ import numpy as np
 
 from stiffscope.report import page
 from stiffscope.report.figures import new_figure, save_figures
-from stiffscope.report.run_report import write_tables_report
+from stiffscope.report.page import Section
+from stiffscope.report.run_report import write_report
 from stiffscope.vjm.mechanism import COORDINATES
 
 if TYPE_CHECKING:
@@ -97,7 +98,8 @@ def write_page(response: Response, folder: Path, robot: str) -> None:
         f"force at {response.source}", f"displacement at {response.target}", f"receptance in {response.written_unit}",
         f"damping ratio of every mode {response.damping:g}", f"{len(response.hertz):,} frequencies",
     ]  # fmt: skip
-    write_tables_report(folder, f"{robot}: frequency response", facts, "Frequency response", (), [drawn])
+    sections = [Section("Frequency response", (), [drawn])]
+    write_report(folder, f"{robot}: frequency response", facts, sections)
 
 
 def as_dataset(response: Response, title: str) -> xr.Dataset:

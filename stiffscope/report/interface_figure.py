@@ -10,7 +10,8 @@ import numpy as np
 from stiffscope.report import page
 from stiffscope.report.figures import AFTER, BEFORE, EFFECT, STYLE, new_figure, save_figure
 from stiffscope.report.numbers import power
-from stiffscope.report.run_report import write_tables_report
+from stiffscope.report.page import Section
+from stiffscope.report.run_report import write_report
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -83,7 +84,8 @@ def write_page(compared: Comparison, folder: Path, robot: str, shown: Sequence[S
         f"the {compared.part}'s 6×6 compliance, SI, at the reference point of the robot file's own choice",
         "bounds hold with 95 %",
     ]
-    write_tables_report(folder, _title(compared, robot), facts, "Compliance by interface", shown, [drawn])
+    sections = [Section("Compliance by interface", shown, [drawn])]
+    write_report(folder, _title(compared, robot), facts, sections)
 
 
 def _values(axes: Axes, compared: Comparison) -> None:

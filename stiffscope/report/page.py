@@ -116,6 +116,11 @@ def figure(image: Path, caption: str, words: str) -> Figure:
     return Figure(f"data:image/webp;base64,{base64.b64encode(out.getvalue()).decode()}", size, caption, words)
 
 
+def figures(folder: Path, captions: Mapping[str, tuple[str, str]]) -> list[Figure]:
+    """Take into a page the pictures that there are in a folder, each with its caption and text alternative."""
+    return [figure(folder / name, *words) for name, words in captions.items() if (folder / name).exists()]
+
+
 def _drawing(svg: bytes, caption: str, words: str) -> Figure:
     """A drawing of matplotlib's: its size stands at its head, in points."""
     found = re.search(rb'viewBox="0 0 ([\d.]+) ([\d.]+)"', svg)

@@ -10,7 +10,7 @@ import pyarrow.csv
 
 from stiffscope.report import page
 from stiffscope.report.figures import AFTER, BEFORE, new_figure, save_figures
-from stiffscope.report.run_report import ENERGY, origin, turn_robot
+from stiffscope.report.run_report import ENERGY, turn_robot, write_report
 from stiffscope.report.terminal import show_facts, show_line, show_table
 
 if TYPE_CHECKING:
@@ -222,7 +222,7 @@ def write_path_page(
     folder: Path, state: Along, found: Configurations, cases: list[list[Case]], tables: Sequence[Shown]
 ) -> None:
     """Write report.html: the path, error over length, and the robot under the load of the greatest error."""
-    still = folder / "deflection_1.png"
+    stills = page.figures(folder, {"deflection_1.png": ("The robot at the greatest error.", "the robot deformed")})
     figures = [
         page.figure(
             folder / "path.png", "The path, coloured by the size of the tool's error.", "path in three dimensions"
@@ -232,16 +232,15 @@ def write_path_page(
     view = turn_robot(
         folder, found, ["greatest error"], cases, choice="load", quantity=ENERGY,
         caption=f"The robot at the greatest error, under the process there, components coloured by their {ENERGY}.",
-        still=page.figure(still, "The robot at the greatest error.", "the robot deformed") if still.exists() else None,
+        still=stills[0] if stills else None,
     )  # fmt: skip
     sections = [
         page.Section("The path", tables, figures),
         page.Section("The robot at the greatest error", view=view),
-        origin(folder),
     ]
     facts = [
         f"robot: {state.job.robot.name}",
         f"job: {state.job.file.name}",
         "SI units at the tool point M in base axes {O}",
     ]
-    page.write_page(folder / "report.html", f"{state.job.robot.name}: {state.job.path_file.name}", facts, sections)
+    write_report(folder, f"{state.job.robot.name}: {state.job.path_file.name}", facts, sections)

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.report import maps, page
-from stiffscope.report.run_report import write_tables_report
+from stiffscope.report.page import Section
+from stiffscope.report.run_report import write_report
 from stiffscope.report.terminal import show_table
 from stiffscope.vjm.mechanism import COORDINATES
 
@@ -72,4 +73,4 @@ def write_robots_page(found: RobotComparison, folder: Path, tables: Sequence[Sho
         caption = f"Change of the stiffness at M from {found.names[0]} to {found.names[1]} over the workspace."
         figures = [page.figure(folder / "change.png", caption, "change of the stiffness over the workspace")]
     facts = [f"robots: {found.names[0]}, {found.names[1]}", "SI units at the tool point M in base axes {O}"]
-    write_tables_report(folder, " against ".join(found.names), facts, "Side by side", tables, figures)
+    write_report(folder, " against ".join(found.names), facts, [Section("Side by side", tables, figures)])

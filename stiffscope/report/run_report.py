@@ -17,11 +17,11 @@ from stiffscope.runtime import output
 from stiffscope.vjm.kinematics import configure
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from stiffscope.experiments.assembly import Assembled
-    from stiffscope.report.page import Figure
+    from stiffscope.report.page import Figure, Lead
     from stiffscope.report.robot_view import Case
     from stiffscope.robot.inspection import Inspection
     from stiffscope.vjm.kinematics import Configurations
@@ -58,9 +58,8 @@ def write_run_report(
     view = _wrench_view(folder, assembled, found, list(poses))
     sections = [
         Section("The robot under load", view=view),
-        Section("Stiffness", robot, list(_robot_figures(folder, assembled))),
-        Section("Parts", parts, list(_part_figures(folder, assembled)) if parts else ()),
-        origin(folder),
+        Section("Stiffness", robot, _robot_figures(folder, assembled)),
+        Section("Parts", parts, _part_figures(folder, assembled) if parts else ()),
     ]
     _write(folder, assembled, "stiffness", sections, watched)
 
@@ -93,7 +92,6 @@ def write_modes_report(
     sections = [
         Section("Mode shapes", view=view),
         Section("Natural frequencies", tables, stills),
-        origin(folder),
     ]
     _write(folder, assembled, "natural frequencies", sections)
 
@@ -118,7 +116,6 @@ def write_map_report(folder: Path, assembled: Assembled, titles: Mapping[str, st
     sections = [
         Section("Maps", (), figures),
         Section("The robot under load", view=view),
-        origin(folder),
     ]
     _write(folder, assembled, "stiffness over the workspace", sections)
 
@@ -146,15 +143,13 @@ def write_deflection_report(
 
     """
     words = "the robot deformed, coloured by the " + ENERGY
-    stills = [
-        page.figure(file, f"The robot at {name} under {case.label}", f"{words}, at {name}")
+    captions = {
+        f"deflection_{k}.png": (f"The robot at {name} under {case.label}", f"{words}, at {name}")
         for k, (name, (case,)) in enumerate(zip(names, cases, strict=True), 1)
-        if (file := folder / f"deflection_{k}.png").exists()
-    ]
-    file = folder / "force_over_deflection.png"
-    if file.exists():
-        said = "loading and unloading, both ways, are one curve"
-        stills.append(page.figure(file, "Force over deflection", f"force over deflection: {said}"))
+    }
+    said = "force over deflection: loading and unloading, both ways, are one curve"
+    captions["force_over_deflection.png"] = "Force over deflection", said
+    stills = page.figures(folder, captions)
     view = turn_robot(
         folder, found, names, cases, choice="load", quantity=ENERGY,
         caption=f"The robot under the wrench at M, components coloured by their {ENERGY}.",
@@ -163,7 +158,6 @@ def write_deflection_report(
     sections = [
         Section("The robot under load", view=view),
         Section("Deflection", tables, stills),
-        origin(folder),
     ]
     _write(folder, assembled, "deflection", sections)
 
@@ -196,35 +190,26 @@ def write_check_report(folder: Path, found: Inspection, tables: Sequence[Shown])
     sections = [
         Section("The robot", view=view),
         Section("What the file says", tables),
-        origin(folder),
     ]
     facts = ["bodies are rigid here", "SI units in base axes {O}"]
-    page.write_page(folder / REPORT, f"{found.robot.name}: what its file says", facts, sections)
+    write_report(folder, f"{found.robot.name}: what its file says", facts, sections)
 
 
-def write_tables_report(
-    folder: Path, title: str, facts: Sequence[str], heading: str, tables: Sequence[Shown], figures: Sequence[Figure]
-) -> None:
-    """Write the report of one result: tables as shown, its figures, and how it was made.
+def write_report(
+    folder: Path, title: str, facts: Sequence[str], sections: Sequence[Section], lead: Lead | None = None, *,
+    watched: str = "",
+) -> None:  # fmt: skip
+    """Write ``report.html``: sections, and how the folder was made.
 
     Parameters
     ----------
     folder
-        Folder to write to.
-    title
-        Title.
-    facts
-        Facts below the title.
-    heading
-        Heading.
-    tables
-        Tables as the terminal showed them.
-    figures
-        Figures of the result.
+        Output folder; its manifest is there.
+    title, facts, sections, lead, watched
+        As for `stiffscope.report.page.write_page`.
 
     """
-    sections = [Section(heading, tables, figures), origin(folder)]
-    page.write_page(folder / REPORT, title, facts, sections)
+    page.write_page(folder / REPORT, title, facts, [*sections, origin(folder)], lead, watched=watched)
 
 
 def _wrench_view(folder: Path, assembled: Assembled, found: Configurations, names: Sequence[str]) -> RobotView | None:
@@ -275,27 +260,33 @@ def _mode_figure(file: Path) -> Figure:
     return page.figure(file, f"Mode {number} at {pose}", words)
 
 
-def _robot_figures(folder: Path, assembled: Assembled) -> Iterator[Figure]:
-    mechanism = assembled.mechanism
-    for name, pose in assembled.robot.poses.items():
-        file = folder / f"robot_{name}.png"
-        if file.exists():
-            place = f"The robot at {name}: {pose_text(mechanism, pose)}"
-            yield page.figure(file, place, f"the robot at {name}, its parts in colours, joints dark, drives red")
-    if (folder / "map.png").exists():
-        caption = "Stiffness at M (diagonal of K) over the workspace, under the robot's own weight"
-        yield page.figure(folder / "map.png", caption, "six maps of the translational and rotational stiffness")
+def _robot_figures(folder: Path, assembled: Assembled) -> list[Figure]:
+    captions = {
+        f"robot_{name}.png": (
+            f"The robot at {name}: {pose_text(assembled.mechanism, pose)}",
+            f"the robot at {name}, its parts in colours, joints dark, drives red",
+        )
+        for name, pose in assembled.robot.poses.items()
+    }
+    captions["map.png"] = (
+        "Stiffness at M (diagonal of K) over the workspace, under the robot's own weight",
+        "six maps of the translational and rotational stiffness",
+    )
+    return page.figures(folder, captions)
 
 
-def _part_figures(folder: Path, assembled: Assembled) -> Iterator[Figure]:
+def _part_figures(folder: Path, assembled: Assembled) -> list[Figure]:
+    captions: dict[str, tuple[str, str]] = {}
     for name in assembled.results:
-        loads, mesh = folder / name / "loads.png", folder / name / "mesh.png"
-        if loads.exists():
-            caption = f"The {name} under each unit wrench: displacement and von Mises stress"
-            yield page.figure(loads, caption, f"twelve pictures of the {name} deformed, coloured by size of either")
-        if mesh.exists():
-            caption = f"Mesh of the {name}, its clamped and loaded faces in colour"
-            yield page.figure(mesh, caption, f"the {name} in tetrahedra, from both ends")
+        captions[f"{name}/loads.png"] = (
+            f"The {name} under each unit wrench: displacement and von Mises stress",
+            f"twelve pictures of the {name} deformed, coloured by size of either",
+        )
+        captions[f"{name}/mesh.png"] = (
+            f"Mesh of the {name}, its clamped and loaded faces in colour",
+            f"the {name} in tetrahedra, from both ends",
+        )
+    return page.figures(folder, captions)
 
 
 def origin(folder: Path) -> Section:
@@ -332,4 +323,4 @@ def _write(folder: Path, assembled: Assembled, what: str, sections: list[Section
         "SI units at the tool point M in base axes {O}",
         f"gravity ({weight}) m/s²",
     ]
-    page.write_page(folder / REPORT, f"{robot.name}: {what}", facts, sections, watched=watched)
+    write_report(folder, f"{robot.name}: {what}", facts, sections, watched=watched)

@@ -8,7 +8,8 @@ import numpy as np
 
 from stiffscope.report import page
 from stiffscope.report.figures import new_figure, save_figures
-from stiffscope.report.run_report import write_tables_report
+from stiffscope.report.page import Section
+from stiffscope.report.run_report import write_report
 from stiffscope.report.terminal import show_line, show_table
 from stiffscope.vjm.mechanism import DIAGONAL
 from stiffscope.vjm.screws import CONVENTION
@@ -290,7 +291,8 @@ def write_part_page(found: PartSensitivity, folder: Path, robot: str, shown: Seq
 
 def _write_page(folder: Path, title: str, shown: Sequence[Shown], words: str) -> None:
     drawn = page.figure(folder / "sensitivity.svg", f"{words[0].upper()}{words[1:]} (95 %)", words)
-    write_tables_report(folder, title, ["derivatives of logarithms: % per %"], "Sensitivities", shown, [drawn])
+    sections = [Section("Sensitivities", shown, [drawn])]
+    write_report(folder, title, ["derivatives of logarithms: % per %"], sections)
 
 
 def _robot_chart(found: Sensitivity, pose: str) -> Figure:

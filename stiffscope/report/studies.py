@@ -11,7 +11,7 @@ from stiffscope.design.verdicts import find_bounds, find_nearest, judge_converge
 from stiffscope.report import page
 from stiffscope.report.figures import AFTER, BEFORE, EFFECT, NOISE, new_figure, save_figures
 from stiffscope.report.page import Section
-from stiffscope.report.run_report import REPORT, origin
+from stiffscope.report.run_report import write_report
 from stiffscope.report.sensitivities import quantity
 from stiffscope.report.terminal import show_line, show_table
 
@@ -60,14 +60,10 @@ def write_study_page(study: Study, folder: Path, shown: Sequence[Shown]) -> None
         Tables as the terminal showed them.
 
     """
-    figures = [
-        page.figure(folder / f"{stem}.png", caption, caption)
-        for stem, caption in CAPTIONS.items()
-        if (folder / f"{stem}.png").exists()
-    ]
+    figures = page.figures(folder, {f"{stem}.png": (caption, caption) for stem, caption in CAPTIONS.items()})
     facts = [f"method {study.file.method}", f"{len(study.designs)} designs", "SI units"]
-    sections = [Section("Designs", shown, figures), origin(folder)]
-    page.write_page(folder / REPORT, f"{study.file.path.stem}: a study of {study.file.robot.name}", facts, sections)
+    title = f"{study.file.path.stem}: a study of {study.file.robot.name}"
+    write_report(folder, title, facts, [Section("Designs", shown, figures)])
 
 
 def study_json(study: Study) -> dict[str, Any]:
