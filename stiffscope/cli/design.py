@@ -28,6 +28,7 @@ from stiffscope.experiments.orders import order_part
 from stiffscope.experiments.robot_files import robot_document
 from stiffscope.report import sensitivities as report
 from stiffscope.report import studies as study_report
+from stiffscope.report.figures import save_figures
 from stiffscope.report.progress import progress
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.output import remove_copied
@@ -75,10 +76,13 @@ def _emit_part(robot: RobotFile, part: str, output: Output, manifest: Manifest) 
         (result,) = solve_parts([order], shop)
         (found,) = part_sensitivities([order], shop)
     warn_of([result])
+    title = f"{robot.name}: what changes the {found.part}'s compliance"
+    words = "bars of what changes each diagonal entry of the compliance, in % per %, with bounds"
     emit(
         output, report.part_json(found, result), lambda: report.show_part_sensitivity(found, result),
-        manifest=manifest, fill=lambda folder: report.write_part_chart(found, result, folder),
-        page=lambda folder, shown: report.write_part_page(found, folder, robot.name, shown), kept="sensitivity.json",
+        manifest=manifest,
+        fill=lambda folder: save_figures(folder, {"sensitivity": lambda: report.draw_part(found, result)}),
+        page=lambda folder, shown: report.write_page(folder, title, words, shown), kept="sensitivity.json",
     )  # fmt: skip
 
 
@@ -86,10 +90,14 @@ def _emit_robot(robot: RobotFile, poses: tuple[str, ...], components: Any, outpu
     asked = find_poses(robot, poses, ())
     with open_workshop(output) as shop:
         found = robot_sensitivities(robot, asked.configurations.poses, components, shop)
+    pose = asked.names[0]
+    title = f"{robot.name}: what changes its stiffness"
+    words = f"bars of what changes K_tx at {pose}, in % per % and in % per kilogram, with bounds"
     emit(
         output, report.robot_json(found), lambda: report.show_sensitivity(found, asked.names),
-        manifest=manifest, fill=lambda folder: report.write_chart(found, asked.names, folder),
-        page=lambda folder, shown: report.write_page(found, asked.names, folder, shown), kept="sensitivity.json",
+        manifest=manifest,
+        fill=lambda folder: save_figures(folder, {"sensitivity": lambda: report.draw_robot(found, pose)}),
+        page=lambda folder, shown: report.write_page(folder, title, words, shown), kept="sensitivity.json",
     )  # fmt: skip
 
 

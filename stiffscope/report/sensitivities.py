@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.report import page
-from stiffscope.report.figures import new_figure, save_figures
+from stiffscope.report.figures import new_figure
 from stiffscope.report.page import Section
 from stiffscope.report.run_report import write_report
 from stiffscope.report.terminal import show_line, show_table
@@ -219,83 +219,28 @@ def _share(value: float, bound: float = 0.0) -> str:
     return f"{text} ± {bound:.3f}" if bound > 5e-4 else text
 
 
-def write_chart(found: Sensitivity, names: Sequence[str], folder: Path) -> list[str]:
-    """Write sensitivity.png and .svg: bars of K_tx at the first pose, relative and per kilogram.
+def write_page(folder: Path, title: str, words: str, shown: Sequence[Shown]) -> None:
+    """Write ``report.html`` of tables as shown and of the chart, ``sensitivity.svg``, in the folder.
 
     Parameters
     ----------
-    found
-        Result to show.
-    names
-        Names of the poses (n,).
     folder
         Folder to write to.
-
-    """
-    return save_figures(folder, {"sensitivity": lambda: _robot_chart(found, names[0])})
-
-
-def write_part_chart(found: PartSensitivity, result: PartResult, folder: Path) -> list[str]:
-    """Write sensitivity.png and .svg: bars of every diagonal entry of the part's compliance.
-
-    Parameters
-    ----------
-    found
-        Result to show.
-    result
-        Experiment that it was made from.
-    folder
-        Folder to write to.
-
-    """
-    return save_figures(folder, {"sensitivity": lambda: _part_chart(found, result)})
-
-
-def write_page(found: Sensitivity, names: Sequence[str], folder: Path, shown: Sequence[Shown]) -> None:
-    """Write ``report.html`` of a robot's tables as shown and of its chart in the folder.
-
-    Parameters
-    ----------
-    found
-        Result to show.
-    names
-        Names of the poses.
-    folder
-        Folder to write to.
+    title
+        Title.
+    words
+        What the chart shows, its text alternative.
     shown
         Tables as the terminal showed them.
 
     """
-    words = f"bars of what changes K_tx at {names[0]}, in % per % and in % per kilogram, with bounds"
-    _write_page(folder, f"{found.robot.name}: what changes its stiffness", shown, words)
-
-
-def write_part_page(found: PartSensitivity, folder: Path, robot: str, shown: Sequence[Shown]) -> None:
-    """Write ``report.html`` of a part's tables as shown and of its chart in the folder.
-
-    Parameters
-    ----------
-    found
-        Result to show.
-    folder
-        Folder to write to.
-    robot
-        Name of the robot.
-    shown
-        Tables as the terminal showed them.
-
-    """
-    words = "bars of what changes each diagonal entry of the compliance, in % per %, with bounds"
-    _write_page(folder, f"{robot}: what changes the {found.part}'s compliance", shown, words)
-
-
-def _write_page(folder: Path, title: str, shown: Sequence[Shown], words: str) -> None:
     drawn = page.figure(folder / "sensitivity.svg", f"{words[0].upper()}{words[1:]} (95 %)", words)
-    sections = [Section("Sensitivities", shown, [drawn])]
-    write_report(folder, title, ["derivatives of logarithms: % per %"], sections)
+    facts = ["derivatives of logarithms: % per %"]
+    write_report(folder, title, facts, [Section("Sensitivities", shown, [drawn])])
 
 
-def _robot_chart(found: Sensitivity, pose: str) -> Figure:
+def draw_robot(found: Sensitivity, pose: str) -> Figure:
+    """Draw bars of K_tx at the first pose, which is called so: relative and per kilogram."""
     stiffness = np.diagonal(found.at.stiffness[0])
     rows = [row for row in rank_rows(found, 0) if abs(_diagonal(row.by.stiffness[0], row, stiffness)[0]) > LEAST]
     rows.sort(key=lambda row: -abs(_diagonal(row.by.stiffness[0], row, stiffness)[0]))
@@ -314,7 +259,8 @@ def _robot_chart(found: Sensitivity, pose: str) -> Figure:
     return drawn
 
 
-def _part_chart(found: PartSensitivity, result: PartResult) -> Figure:
+def draw_part(found: PartSensitivity, result: PartResult) -> Figure:
+    """Draw bars of every diagonal entry of the part's compliance."""
     compliance = result.experiment.compliance.diagonal()
     order = sorted(found.derivatives.items(), key=lambda item: -_largest(item[1], compliance))
     drawn = new_figure(13.0, 2.4 + 0.5 * min(len(order), MOST_BARS), f"{found.part}: what changes its compliance")

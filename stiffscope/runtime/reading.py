@@ -64,12 +64,8 @@ def read_bytes(path: str | Path, what: str = "a file", most: int = MOST_BYTES) -
 
     Parameters
     ----------
-    path
-        File.
-    what
-        What the file is, for messages.
-    most
-        Largest size, bytes.
+    path, what, most
+        As `open_file` takes them.
 
     """
     try:
@@ -87,12 +83,8 @@ def file_digest(path: Path, what: str = "a file", most: int = 1 << 40) -> str:
 
     Parameters
     ----------
-    path
-        File.
-    what
-        What the file is, for messages.
-    most
-        Largest size, bytes.
+    path, what, most
+        As `open_file` takes them.
 
     """
     with open_file(path, what, most) as stream:
@@ -104,12 +96,8 @@ def read_text(path: str | Path, what: str = "a text file", most: int = MOST_TEXT
 
     Parameters
     ----------
-    path
-        File.
-    what
-        What the file is, for messages.
-    most
-        Largest size, bytes.
+    path, what, most
+        As `open_file` takes them.
 
     """
     content = read_bytes(path, what, most)
