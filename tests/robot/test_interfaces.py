@@ -82,7 +82,7 @@ REFUSED = {
     ("leg1.rod.hub", "leg1.rod"):
         (r'expected an end of the elastic body, "leg1.rod.hub" or "leg1.rod.out 1"', ELBOW),
     ('mass = "80 g"', 'mass = "cad"'):
-        ("expected a mass such as", "[parts.star]"),
+        (r"parts.star.mass: expected a mass such as", 'mass = "cad"'),
 }  # fmt: skip
 
 

@@ -139,8 +139,8 @@ class PartSection(Section):
 
     @property
     def interface_names(self) -> tuple[str, ...]:
-        """Names of its interfaces, the ends of bodies made of it; none of a part between a base and a tip."""
-        return ()
+        """Names of its `interfaces`, the ends of bodies made of it; none of a part between a base and a tip."""
+        return tuple(getattr(self, "interfaces", None) or ())
 
 
 class SolidPart(PartSection):
@@ -254,11 +254,6 @@ class StepPart(SolidPart):
             raise ValueError(f'expected "fea" for a solid of a STEP file, got "{value}"')
         return value
 
-    @property
-    def interface_names(self) -> tuple[str, ...]:
-        """See `PartSection`."""
-        return tuple(self.interfaces or ())
-
     def placement(self) -> Placement:
         """The part's axes for cad."""
         return Placement(self.origin, self.x, self.z)
@@ -345,11 +340,6 @@ class InterfacePart(PartSection):
     file: str | None = None
     mass: OwnMass = 0.0
     material: str | None = None
-
-    @property
-    def interface_names(self) -> tuple[str, ...]:
-        """See `PartSection`."""
-        return tuple(self.interfaces)
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
