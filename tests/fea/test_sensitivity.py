@@ -20,12 +20,12 @@ LENGTH, RADIUS = 0.2, 0.01
 ORDER = np.array([[1] * 3 + [2] * 3] * 3 + [[2] * 3 + [3] * 3] * 3)  # of a compliance in an inverse length
 
 
-def sensitivity(module, parameters, settings, material=STEEL):
-    part = module.build(parameters, material)
+def sensitivity(parameters, settings, material=STEEL):
+    part = build(parameters, material)
     experiment = run_experiment(specimen_of(part, settings), settings)
 
     def variant(name):
-        return lambda value: module.build(dataclasses.replace(parameters, **{name: value}), material)
+        return lambda value: build(dataclasses.replace(parameters, **{name: value}), material)
 
     dimensions = {name: (value, variant(name)) for name, value in parameters.lengths().items()}
     return part, experiment, part_sensitivity(experiment, part, settings, dimensions)
@@ -33,7 +33,7 @@ def sensitivity(module, parameters, settings, material=STEEL):
 
 @pytest.fixture(scope="module")
 def rod():
-    return sensitivity(link, link.LinkParameters(LENGTH, RADIUS), Settings(layers=1, size=0.012))
+    return sensitivity(link.LinkParameters(LENGTH, RADIUS), Settings(layers=1, size=0.012))
 
 
 def test_rod_in_tension_torsion_and_bending_has_the_derivatives_of_the_closed_form(rod):
@@ -77,7 +77,7 @@ def test_laws_of_scale(rod):
 def test_derivatives_are_differences_on_the_mesh_moved_along(settings):
     settings = dataclasses.replace(settings, size=0.02, layers=1)
     parameters = link.LinkParameters(0.04, 0.012, bore=0.012)
-    part, experiment, found = sensitivity(link, parameters, settings, CFRP_TUBE)
+    part, experiment, found = sensitivity(parameters, settings, CFRP_TUBE)
     specimen, size, h = specimen_of(part, settings), experiment.compliance.diagonal(), 2e-3
     velocities = DesignVelocity(experiment.mesh, part)
 
@@ -163,7 +163,7 @@ def test_the_mesh_of_a_filleted_slider_follows_its_cad_whatever_changes():
 @pytest.mark.long
 def test_a_filleted_slider_is_subject_to_the_laws_of_scale():
     """Euler's theorem for a homogeneous function: Σ p ∂C/∂p over all lengths is less its order times C."""
-    _, experiment, found = sensitivity(slider, FILLETED, Settings())
+    _, experiment, found = sensitivity(FILLETED, Settings())
     assert not found.notes
     c = experiment.compliance
     lengths = [found.derivatives[name] for name in FILLETED.lengths()]
