@@ -298,7 +298,7 @@ class MatrixPart(PartSection):
 
     matrix: Matrix
     error: Matrix | None = None
-    mass: OwnMass = 0.0
+    mass: OwnMass = 0.0  # pyright: ignore[reportIncompatibleVariableOverride]
     material: str | None = None
 
     @field_validator("matrix")
@@ -338,7 +338,7 @@ class InterfacePart(PartSection):
     mass_matrix: Square | None = None
     mode_squares: tuple[float, ...] = ()
     file: str | None = None
-    mass: OwnMass = 0.0
+    mass: OwnMass = 0.0  # pyright: ignore[reportIncompatibleVariableOverride]
     material: str | None = None
 
     @model_validator(mode="after")
