@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from scipy.optimize import nnls
 
 from stiffscope import cad
 from stiffscope.cad.assembly import Instance
@@ -15,6 +16,7 @@ PARALLEL = 1e-4  # rad: directions within it are the same
 ASIDE = 5e-6  # m: axes, centres within it are the same
 TOUCHING = 2e-5  # m: planes within it touch
 LOOSE, TIGHT = 0.15, 0.2  # of the radius: the widest clearance and the largest overlap of round faces in contact
+PLAY, _PLAY_SHARE = 2.2e-4, 0.02  # m, and of its size: the most between two planes of a guide with play
 _LEAST_AREA = 1e-8  # m²
 
 
@@ -75,24 +77,50 @@ def find_contacts(solids: Sequence[Instance], progress: Progress | None = None) 
     Returns
     -------
     list of Contact
-        Every pair of faces in contact: parallel to 1e-4 rad, coaxial or concentric to 5 um; planes within 20 um; radii
-        within what clearances of screws and undercuts of threads have (-20 to +15 %).
+        Every pair of faces in contact: parallel to 1e-4 rad, coaxial or concentric to 5 um; planes within 20 um, or
+        with a play of up to 0.2 mm where other planes or a pin keep it so; radii within what clearances of screws
+        and undercuts of threads have (-20 to +15 %).
     """
     boxes = np.array([solid.box for solid in solids])
-    near = np.all(boxes[:, None, 0] <= boxes[None, :, 1] + TOUCHING, axis=-1)
+    near = np.all(boxes[:, None, 0] <= boxes[None, :, 1] + PLAY, axis=-1)
     pairs = [(i, j) for i, j in np.argwhere(near & near.T).tolist() if i < j]
     found: list[Contact] = []
     for done, (i, j) in enumerate(pairs):
         found += _contacts_of(i, j, solids[i], solids[j])
         if progress is not None:
             progress("contacts", (done + 1) / len(pairs))
-    return found
+    return _drop_open(found)
+
+
+def _drop_open(contacts: list[Contact]) -> list[Contact]:
+    """Contacts without planes whose play nothing bounds: no plane of one of the solids faces against them."""
+    normals: dict[int, list[Array]] = {}
+    round_: dict[tuple[int, int], list[Array]] = {}
+    for each in contacts:
+        if each.kind == "plane":
+            normals.setdefault(each.first, []).append(each.axis)
+            normals.setdefault(each.second, []).append(-each.axis)
+        else:
+            round_.setdefault((each.first, each.second), []).append(each.axis)
+
+    def is_kept(each: Contact) -> bool:
+        if each.kind != "plane" or each.gap <= TOUCHING:
+            return True
+        stops = any(
+            np.linalg.norm(np.cross(each.axis, axis)) < PARALLEL for axis in round_.get((each.first, each.second), ())
+        )
+        return stops or any(
+            nnls(np.transpose(normals[solid]), sign * each.axis)[1] < 1e-3
+            for solid, sign in ((each.first, -1.0), (each.second, 1.0))
+        )
+
+    return [each for each in contacts if is_kept(each)]
 
 
 def _contacts_of(i: int, j: int, one: Instance, other: Instance) -> Iterator[Contact]:
     box = np.stack([np.maximum(one.box[0], other.box[0]), np.minimum(one.box[1], other.box[1])])
     shared = [
-        [face for face, limits in zip(each.faces, each.face_boxes, strict=True) if _meet(limits, box, TOUCHING)]
+        [face for face, limits in zip(each.faces, each.face_boxes, strict=True) if _meet(limits, box, PLAY)]
         for each in (one, other)
     ]
     for a, b in product(*shared):
@@ -125,10 +153,11 @@ def _plane(a: FaceGeometry, b: FaceGeometry, one: Instance, other: Instance) -> 
         return None
     gap = float(a.axis @ (b.origin - a.origin))
     boxes = one.face_boxes[a.index], other.face_boxes[b.index]
-    if abs(gap) > TOUCHING or not _meet(*boxes, TOUCHING):
+    if not -TOUCHING <= gap <= PLAY or not _meet(*boxes, PLAY):
         return None
     area, centre = _measure_shared(one, a, other, b, gap)
-    return None if area < _LEAST_AREA else (centre, a.axis, gap, float(np.sqrt(area)))
+    size = float(np.sqrt(area))
+    return None if area < _LEAST_AREA or gap > max(TOUCHING, _PLAY_SHARE * size) else (centre, a.axis, gap, size)
 
 
 def _measure_shared(

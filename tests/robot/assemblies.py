@@ -297,4 +297,64 @@ def finger() -> Made:
     return made
 
 
+def _hexagon(flats: float, height: float) -> Any:
+    return b.extrude(b.RegularPolygon(flats / np.sqrt(3.0), 6), height)
+
+
+def lever() -> Made:
+    """An axle bolted on a plate with a lever on it behind a circlip, 0.1 mm of play on either side of the lever."""
+    made = Made()
+    axle = rod(6, 20) + rod(9, 4) + b.Cylinder(4, 22, align=TOP) - at(ring(5.5, 8, 1.2), (0, 0, 14.2))
+    made.add("Platte", b.Box(80, 60, 10, align=TOP) - at(rod(4.2, 30), (0, 0, -20)))
+    made.add("Achse", axle)
+    made.add("Hebel", at(b.Box(90, 20, 10, align=LOW), (30, 0, 4.1)) - at(rod(6.05, 40), (0, 0, -5)))
+    made.buy("Ring", at(ring(5.5, 8, 1.2) - at(b.Box(16, 3.3, 4), (8, 0, 0)), (0, 0, 14.2)))
+    made.buy("Scheibe", at(ring(4.2, 8, 1.6), (0, 0, -11.6)))
+    made.buy("Mutter", at(_hexagon(13, 6.5) - rod(4, 20), (0, 0, -18.1)))
+    made.join("Platte", "Achse", "fixed")
+    made.join("Achse", "Hebel", "revolute", (0, 0, 0), Z)
+    return made
+
+
+def dovetail() -> Made:
+    """A slide on a dovetail with 0.1 mm of play, a plate on it with hexagon bolts and countersunk screws, both through.
+
+    The bolts' nuts stand below the slide; a clevis pin with a head joins the plate and a link.
+    """
+    made = Made()
+    with b.BuildPart() as bed:
+        with b.BuildSketch(b.Plane.YZ.offset(-100)):
+            b.Polygon((-60, -20), (60, -20), (60, 0), (15, 0), (22, 12), (-22, 12), (-15, 0), (-60, 0), align=None)
+        b.extrude(amount=200)
+    with b.BuildPart() as slide:
+        with b.BuildSketch(b.Plane.YZ.offset(-30)):
+            b.Polygon(
+                (-50, 0.1), (-15.12, 0.1), (-22.12, 12.1), (22.12, 12.1), (15.12, 0.1), (50, 0.1), (50, 30), (-50, 30),
+                align=None,
+            )  # fmt: skip
+        b.extrude(amount=60)
+    block, plate = slide.part, at(b.Box(60, 140, 8, align=LOW), (0, 0, 30))
+    block -= at(b.Box(60, 24, 20, align=LOW), (0, -40, 0)) + at(b.Box(60, 24, 20, align=LOW), (0, 40, 0))
+    for x in (-20.0, 20.0):
+        block -= at(rod(3.3, 60), (x, 40, 0)) + at(rod(2.1, 60), (x, -40, 0))
+        plate -= at(rod(3.3, 60), (x, 40, 0)) + at(b.Cone(2.75, 5.5, 2.75, align=TOP), (x, -40, 38))
+        plate -= at(rod(2.75, 60), (x, -40, 0))
+        made.buy(f"bolt{x:g}", at(_hexagon(10, 4) + b.Cylinder(3, 26, align=TOP), (x, 40, 38)))
+        made.buy(f"nut{x:g}", at(_hexagon(10, 5) - rod(3, 20), (x, 40, 15)))
+        sunk = b.Cone(2.5, 5, 2.5, align=TOP) + b.Cylinder(2.5, 16, align=TOP)
+        made.buy(f"sunk{x:g}", at(sunk, (x, -40, 37.75)))
+    link = at(b.Box(20, 80, 6, align=LOW), (0, 90, 38)) - at(rod(4.05, 60), (0, 62, 0))
+    plate -= at(rod(4.05, 60), (0, 62, 0))
+    made.buy("clevis", at(rod(4, 14) + at(rod(6.5, 2), (0, 0, 14)), (0, 62, 30)))
+    made.add("bed", bed.part)
+    made.add("slide", block)
+    made.add("plate", plate)
+    made.add("link", link)
+    made.join("bed", "slide", "prismatic", None, X)
+    made.join("slide", "plate", "fixed")
+    made.join("plate", "link", "revolute", (0, 62, 0), Z)
+    return made
+
+
 ALL = {"five-bar": five_bar, "delta": delta, "hexapod": hexapod, "slider": slider, "3-prs": three_prs, "finger": finger}
+ALL |= {"lever": lever, "dovetail": dovetail}

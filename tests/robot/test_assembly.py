@@ -24,6 +24,8 @@ STANDING = {  # place (mm, degrees), unit and whether solids have names
     "slider": ((1, 2, 3), (90, 0, 45), "MM", False),
     "3-prs": ((88, -9, 40), (12, 65, -170), "M", True),
     "finger": ((-7, 0, 12), (3, 2, 1), "IN", False),
+    "lever": ((31, -4, 7), (71, -33, 5), "MM", False),
+    "dovetail": ((-3, 70, -900), (-20, 140, 77), "IN", False),
 }
 
 

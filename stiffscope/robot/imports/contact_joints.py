@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.robot.imports.hardware import turned_form
+from stiffscope.robot.imports.hardware import FIT, turned_form
 from stiffscope.vjm.screws import shift, skew
 from stiffscope.vjm.subspaces import null_space, range_space
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from stiffscope.robot.imports.hardware import Hardware
     from stiffscope.runtime.types import Array
 
-FIT = (-0.01, 0.03)  # of the radius: a pin that guides; wider ones are clearance holes, tighter ones threads
+THREADED = {"screw", "nut"}
 _SAME = 1e-6
 
 
@@ -107,7 +107,7 @@ def _held_by(contact: Contact, hardware: Hardware, scale: float) -> Array | None
         return np.eye(6)  # a seat; of a bearing of one solid, that of its inner ring
     if bearing is not None:
         return _all_but_spin(contact.axis, contact.point / scale)
-    if "screw" in roles and contact.kind != "plane":
+    if THREADED & set(roles) and contact.kind != "plane":
         return np.eye(6)
     return hold(contact, scale) if fits else None
 
@@ -299,6 +299,8 @@ def _freedom(
     round_ = [each for each in touching if each.kind != "plane"] or touching
     near = np.mean([each.point for each in round_], axis=0)
     kind, at, axis, axis2 = kind_of(scaled, near / scale)
+    if kind == "planar" and any(hardware.roles.get(n) in THREADED for b in bonds for n in (b.first, b.second)):
+        kind, axis, scaled = "fixed", None, np.zeros((6, 0))  # clamped: its holes are wider than the thread
     faces = _loaded_faces(i, touching, solids[i]), _loaded_faces(j, touching, solids[j])
     reason = _reason(i, j, bonds, solids, hardware)
     return Freedom(i, j, kind, at * scale, axis, axis2, reason, faces, scaled)

@@ -8,6 +8,7 @@ of ISO 15 (608: 1.0, 6204: 1.04, 6804: 1.17), below 0.65 for washers (ISO 7089) 
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -31,7 +32,8 @@ _WORDS = {
     r"|6[0-3]\d\d|6[0-9]{2}(zz|2rs)?|6[89]\d\d|iso.?15",
 }
 _NAMED = {role: re.compile(rf"(?<![a-z])({words})(?![a-z])", re.IGNORECASE) for role, words in _WORDS.items()}
-_TURNED = 0.9  # share of the surface that is turned about the axis
+FIT = (-0.01, 0.03)  # of the radius: a pin that guides; wider ones are clearance holes, tighter ones threads
+_TURNED, _BORED = 0.9, 0.8  # share of the surface that is turned about the axis; of a pin with a hole across
 _BEARING, _WASHER = (0.7, 1.6), 0.65  # width over the height of a ring's section
 _BETWEEN = "a ring of a bearing's proportion between a shaft and a housing"
 _SLENDER = 12.0  # length over diameter of a bar that is no pin
@@ -41,7 +43,8 @@ _SLENDER = 12.0  # length over diameter of a bar that is no pin
 class Turned:
     """A solid as a lathe sees it: its axis, the share of its surface about it, its outer and inner steps.
 
-    ``steps`` and ``bores``: (low, high, radius) in m along the axis from ``point``; ``ends`` those of the solid.
+    ``steps`` and ``bores``: (low, high, radius) in m along the axis from ``point``; ``ends`` those of the solid;
+    ``flare``: largest radius of its cones; ``hexagon``: half the distance across the flats of a head or nut; both m.
     """
 
     point: Array
@@ -50,6 +53,8 @@ class Turned:
     steps: tuple[tuple[float, float, float], ...]
     bores: tuple[tuple[float, float, float], ...]
     ends: tuple[float, float]
+    flare: float = 0.0
+    hexagon: float = 0.0
 
     @property
     def length(self) -> float:
@@ -58,8 +63,8 @@ class Turned:
 
     @property
     def radius(self) -> float:
-        """Of the widest step, m."""
-        return max((step[2] for step in self.steps), default=0.0)
+        """Of the widest step, cone or hexagon, m."""
+        return max((self.flare, self.hexagon, *(step[2] for step in self.steps)))
 
     @property
     def bore(self) -> float:
@@ -90,7 +95,9 @@ def turned_form(product: Product) -> Turned | None:
     if not rounds:
         return None
     best = max(rounds, key=lambda face: sum(other.area for other in rounds if _on_axis(other, face)))
+    hexagon, flats = _find_hexagon(product.faces, best)
     about = [face for face in product.faces if _on_axis(face, best)]
+    flare = 0.0
     steps, bores = [], []
     ends: list[float] = []
     for face in about:
@@ -100,10 +107,26 @@ def turned_form(product: Product) -> Turned | None:
             ends += along
             if face.kind == "cylinder":
                 (bores if face.hollow else steps).append((along[0], along[1], face.radius))
+            elif not face.hollow:
+                flare = max(flare, *(face.radius + np.tan(face.half_angle) * end for end in face.extent))
         elif face.kind == "plane":
             ends.append(shift)
-    share = sum(face.area for face in about) / sum(face.area for face in product.faces)
-    return Turned(best.origin, best.axis, share, tuple(steps), tuple(bores), (min(ends), max(ends)))
+    share = sum(face.area for face in (*about, *flats)) / sum(face.area for face in product.faces)
+    limits = min(ends), max(ends)
+    return Turned(best.origin, best.axis, share, tuple(steps), tuple(bores), limits, float(flare), hexagon)
+
+
+def _find_hexagon(faces: Sequence[FaceGeometry], of: FaceGeometry) -> tuple[float, list[FaceGeometry]]:
+    """Half the distance across the flats of a hexagon about the axis of a face, m, and its six faces; 0 without one."""
+    apart = defaultdict[float, list["FaceGeometry"]](list)
+    for face in faces:
+        if face.kind == "plane" and abs(face.axis @ of.axis) < 1e-4:
+            apart[round(float(face.axis @ (face.origin - of.origin)), 6)].append(face)
+    for distance, flats in sorted(apart.items(), reverse=True):
+        turned = np.array([face.axis for face in flats])
+        if distance > 0 and len(flats) == 6 and np.all(np.abs(np.abs(turned @ turned.T) - 0.75) < 0.2501):
+            return distance, flats
+    return 0.0, []
 
 
 def _on_axis(face: FaceGeometry, of: FaceGeometry) -> bool:
@@ -144,16 +167,19 @@ def find_hardware(solids: Sequence[Instance], contacts: Sequence[Contact], said:
         touched[contact.second].append(contact)
     for number, solid in enumerate(solids):
         if number not in found:
-            found[number] = _role_of(number, solid, form[number], touched[number])
+            found[number] = _role_of(number, solid, form, touched[number])
     found |= {number: ("" if role == "part" else role, "said so") for number, role in said.items()}
     roles = {number: role for number, (role, _) in found.items() if role}
     both = tuple(pair for pair in pairs if {roles.get(ring) for ring in pair} == {"ring"})
     return Hardware(roles, {number: found[number][1] for number in roles}, both)
 
 
-def _role_of(number: int, solid: Instance, form: Turned | None, touched: Sequence[Contact]) -> tuple[str, str]:
+def _role_of(
+    number: int, solid: Instance, forms: Sequence[Turned | None], touched: Sequence[Contact]
+) -> tuple[str, str]:
     """Role and reason: by shape, unless the solid is held square to its own axis somewhere; else by name."""
-    role, reason = _role_by_shape(number, form, touched)
+    form = forms[number]
+    role, reason = _role_by_shape(number, form, touched, forms)
     if role and not all(_is_about_axis(each, solid, form) for each in touched):
         return "", ""
     named = next((word for word, pattern in _NAMED.items() if pattern.search(solid.name)), "")
@@ -167,37 +193,55 @@ def _may_be(role: str, form: Turned | None) -> bool:
     return form is not None and form.share > (0.2 if role in {"screw", "nut", "circlip"} else 0.6)
 
 
-def _role_by_shape(number: int, form: Turned | None, touched: Sequence[Contact]) -> tuple[str, str]:
+def _role_by_shape(
+    number: int, form: Turned | None, touched: Sequence[Contact], forms: Sequence[Turned | None]
+) -> tuple[str, str]:
     """Role and reason, or two empty texts."""
     if form is None or (not form.steps and not form.bores):
         return "", ""
-    inside = {each.find_other(number) for each in touched if each.kind == "cylinder" and _stands_in(each, number)}
-    around = {each.find_other(number) for each in touched if each.kind == "cylinder" and not _stands_in(each, number)}
+    round_ = [each for each in touched if each.kind == "cylinder"]
+    inside = [each for each in round_ if _stands_in(each, number)]
+    around = len(round_) > len(inside)
     if form.bore:
-        low, high = _BEARING
-        if (
-            form.share > _TURNED
-            and low <= form.section <= high
-            and 0.25 <= form.bore / form.radius <= 0.9
-            and inside
-            and around
-        ):
-            return "bearing", "a ring of a bearing's proportion between a shaft and a housing"
-        if form.share > _TURNED and 0.0 < form.section < _WASHER and not inside:
-            return "washer", "a flat ring"
-        if form.share > _TURNED and around and form.radius < 2.0 * form.bore and form.length < 4.0 * form.radius:
-            return "bushing", "a ring around a pin or shaft"
-        return "", ""
-    shank = _shank(form) if inside else None
-    return ("", "") if shank is None else _role_of_bar(form, *shank, len(inside))
+        return _role_of_ring(form, bool(inside), around)
+    return _role_of_bar(form, number, inside, forms) if inside else ("", "")
 
 
-def _role_of_bar(form: Turned, radius: float, length: float, bores: int) -> tuple[str, str]:
-    """Role and reason of a solid with a shank of a radius and length that stands in bores of some others."""
+def _role_of_ring(form: Turned, inside: bool, around: bool) -> tuple[str, str]:
+    """Role and reason of a solid with a bore, which stands inside others or around some."""
+    low, high = _BEARING
+    if around and not inside and form.hexagon and form.share > _TURNED and form.length < 3.0 * form.radius:
+        return "nut", "a hexagon around a thread"
+    section = low <= form.section <= high and 0.25 <= form.bore / form.radius <= 0.9
+    if form.share > _TURNED and section and inside and around:
+        return "bearing", _BETWEEN
+    if form.share > _TURNED and 0.0 < form.section < _WASHER and not inside:
+        return "washer", "a flat ring"
+    if form.share > _TURNED and around and form.radius < 2.0 * form.bore and form.length < 4.0 * form.radius:
+        return "bushing", "a ring around a pin or shaft"
+    return "", ""
+
+
+def _role_of_bar(
+    form: Turned, number: int, inside: Sequence[Contact], forms: Sequence[Turned | None]
+) -> tuple[str, str]:
+    """Role and reason of a solid with a shank that stands in bores.
+
+    The bores of a screw have play or are threads, drawn with overlap or at the same radius; a bar that guides another
+    part on a wider step than its shank is a shaft, and a headed one that fits in all its bores is a clevis pin.
+    """
+    radius, length = max(_lengths(form.steps).items(), key=lambda each: each[1])
+    bores = {each.find_other(number) for each in inside}
+    fitting = [each for each in inside if FIT[0] <= each.gap / each.radius <= FIT[1]]
+    nuts = [each for each in bores if (other := forms[each]) is not None and other.hexagon and other.bore]
     if form.radius >= 1.3 * radius and form.share > 0.5 and length > 0.5 * form.length:
-        return "screw", "a head and a shank in a bore"
-    plain = form.share > _TURNED and form.radius < 1.15 * radius and form.length <= _SLENDER * 2.0 * radius
-    return ("pin", f"one diameter, in bores of {bores} others") if plain and bores > 1 else ("", "")
+        if any(each.radius > 1.05 * radius for each in fitting):
+            return "", ""
+        if len(fitting) < len(inside) or nuts:
+            return "screw", "a head and a shank in a bore with play or a thread"
+        return ("pin", "a head and a shank that fits its bores") if len(bores) > 1 else ("", "")
+    plain = form.share > _BORED and form.radius < 1.15 * radius and form.length <= _SLENDER * 2.0 * radius
+    return ("pin", f"one diameter, in bores of {len(bores)} others") if plain and len(bores) > 1 else ("", "")
 
 
 def _is_about_axis(contact: Contact, solid: Instance, form: Turned | None) -> bool:
@@ -211,11 +255,6 @@ def _is_about_axis(contact: Contact, solid: Instance, form: Turned | None) -> bo
 
 def _stands_in(contact: Contact, number: int) -> bool:
     return (contact.first, contact.second)[contact.inner or 0] == number
-
-
-def _shank(form: Turned) -> tuple[float, float] | None:
-    """Radius and length of the longest step, m."""
-    return max(_lengths(form.steps).items(), key=lambda each: each[1], default=None)
 
 
 def _lengths(steps: Sequence[tuple[float, float, float]]) -> dict[float, float]:
