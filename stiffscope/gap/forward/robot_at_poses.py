@@ -81,8 +81,8 @@ class RobotAtPoses:
             while len(self._cuts) >= max(FEW, _CUTS // len(self.campaign.poses)):
                 del self._cuts[next(iter(self._cuts))]
             rows = self.mechanism.rows(name)
-            unit = np.eye(6 * len(rows)).reshape(len(rows), 1, 6, -1)
-            slips = dict(zip(rows, unit, strict=True))
+            unit: Array = np.eye(6 * len(rows)).reshape(len(rows), 1, 6, -1)
+            slips: dict[str, Array] = dict(zip(rows, unit, strict=True))
             self._cuts[name] = solve_condensed(self._condensed_network, Loads(6 * len(rows), {}, slips))
         return self._cuts[name]
 

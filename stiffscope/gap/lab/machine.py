@@ -342,7 +342,7 @@ def _ends(part: PartData, places: Array) -> Array:
         out[:, :3] = part.mass / n * np.eye(3)
         return out
     mass = part.dynamics.mass[: 6 * n]
-    out[:] = sum(mass[:, 6 * k : 6 * k + 3] for k in range(n)).reshape(n, 6, 3)
+    out[:] = mass[:, : 6 * n].reshape(n, 6, n, 6)[..., :3].sum(axis=2)
     away = part.places - part.places[-1] - places  # from the body's ends to where the forces act
     out[:, 3:] += skew(away) @ out[:, :3]
     return out
