@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 
+from stiffscope.design.path.course import BLOCK
 from stiffscope.report import page
 from stiffscope.report.figures import AFTER, BEFORE, new_figure, save_figures
 from stiffscope.report.run_report import ENERGY, turn_robot, write_report
@@ -85,10 +86,13 @@ def _rms(state: Along) -> float:
 
 
 def write_csv(state: Along, file: Path) -> None:
-    """Write a row a point."""
-    pyarrow.csv.write_csv(
-        pa.table({name: np.ascontiguousarray(each) for name, each in path_columns(state).items()}), file
-    )
+    """Write a row a point, some rows at a time."""
+    columns = path_columns(state)
+    schema = pa.schema([(name, pa.float64()) for name in columns])
+    with pyarrow.csv.CSVWriter(file, schema) as writer:
+        for start in range(0, len(state.path), BLOCK):
+            some = slice(start, start + BLOCK)
+            writer.write(pa.table({name: np.ascontiguousarray(each[some]) for name, each in columns.items()}, schema))
 
 
 def show_path(state: Along, after: Compensated | None) -> None:

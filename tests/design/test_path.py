@@ -190,6 +190,19 @@ def test_a_long_path_is_read_to_its_end(tmp_path):
     assert len(load_job(tmp_path / "job.toml").path) == 200_010
 
 
+@pytest.mark.parametrize(
+    ("text", "lines"),
+    [("x,y,rz\n0.6,0.3,0\n0.61,0.3,0\n", [2, 3]), ('"x", "y","rz"\n\n0.6,0.3, 0\n"0.61",0.3,0\n', [3, 4])],
+)
+def test_a_table_names_its_lines_whether_it_holds_only_numbers_or_not(text, lines, tmp_path):
+    _arm(tmp_path)
+    (tmp_path / "a.csv").write_text(text)
+    (tmp_path / "job.toml").write_text('robot = "arm.toml"\npath = "a.csv"')
+    path = load_job(tmp_path / "job.toml").path
+    assert list(path.lines) == lines
+    np.testing.assert_array_equal(path.values, [[0.6, 0.3, 0.0], [0.61, 0.3, 0.0]])
+
+
 PROGRAM = """%
 (a comment)
 G21 G90 G17

@@ -125,7 +125,7 @@ def predict(course: Course, assembled: Assembled, path: ToolPath, progress: Prog
     """Predict the error of the tool on its course with some commands; parameters and errors as for `along`."""
     job, mechanism, n = course.job, assembled.mechanism, len(path)
     drives = mechanism.drives
-    commanded, twist, bound = np.empty((n, 6)), np.empty((n, 6)), np.empty(n)
+    commanded, error, bound = np.empty((n, 6)), np.empty((n, 6)), np.empty(n)
     forces = np.empty((n, len(drives)))
     shares: dict[str, Array] = {}
     start = 0
@@ -133,8 +133,9 @@ def predict(course: Course, assembled: Assembled, path: ToolPath, progress: Prog
         some = slice(start, start + len(found))
         start += len(found)
         state = respond_under(job, assembled, found, course.wrench[some])
-        commanded[some], twist[some] = found.tool, state.twist[..., 0]
-        bars = deflection_bars(assembled, found, twist[some])
+        twist = state.twist[..., 0]
+        commanded[some], error[some] = found.tool, tool_error(course.tool[some], found.tool, twist)
+        bars = deflection_bars(assembled, found, twist)
         bound[some] = np.linalg.norm(np.broadcast_to(bars, (len(found), 6))[:, :3], axis=1)
         for k, joint in enumerate(drives):
             component = 3 if joint.kind == "revolute" else 0
@@ -142,13 +143,15 @@ def predict(course: Course, assembled: Assembled, path: ToolPath, progress: Prog
         energies = {name: each[:, 0] for name, each in state.energies.items()}
         total = np.maximum(sum(energies.values(), np.zeros(1)), 1e-300)
         for name, each in energies.items():
-            shares.setdefault(name, np.zeros(n))[some] = each / total
+            if name not in shares:
+                shares[name] = np.zeros(n, dtype=np.float32)
+            shares[name][some] = each / total
         if progress is not None:
             progress("path", start / n)
     stations = np.unique(np.linspace(0, n - 1, _STATIONS).round().astype(int))
     return Along(
         job, course.length, course.time, course.tool, course.axes, course.wrench, course.cutting,
-        path, commanded, tool_error(course.tool, commanded, twist), bound, tuple(j.name for j in drives),
+        path, commanded, error, bound, tuple(j.name for j in drives),
         tuple("N·m" if j.kind == "revolute" else "N" for j in drives),
         forces, shares, stations, _first_frequencies(job, assembled, path, stations),
     )  # fmt: skip

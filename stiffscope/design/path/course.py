@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.statics import Response
 
-BLOCK = 8192  # points at once
+BLOCK = 4096  # points at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,9 +133,9 @@ def find_axes(job: Job, tool: Array) -> Axes:
         raise InputError(f"{job.path_file.name}: expected a path that moves the tool, got one point")
     ahead = np.concatenate([moving, moving[-1:]])[np.searchsorted(moving, np.arange(len(tool)))]
     tangent = steps[ahead] / sizes[ahead, None]
-    turns = rotation_of(tool[:, 3:])
-    spindle = np.array(job.section.axis) / np.linalg.norm(job.section.axis)
-    spindle = turns @ spindle
+    axis = np.array(job.section.axis) / np.linalg.norm(job.section.axis)
+    blocks = range(0, len(tool), BLOCK)
+    spindle = np.concatenate([rotation_of(tool[start : start + BLOCK, 3:]) @ axis for start in blocks])
     across = np.cross(spindle, tangent)
     flat = np.linalg.norm(across, axis=1) < 1e-6
     if flat.any():  # a plunge: any direction across will do, the same at all points

@@ -13,7 +13,7 @@ from stiffscope.robot.file import quantities as q
 from stiffscope.runtime.table import check_columns, numbers, read_table
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from stiffscope.robot.file.description import RobotFile
@@ -128,10 +128,7 @@ def read_toolpath(
         joints = [column for column in header if column.startswith(JOINT)]
         check_columns(name, header, joints or pose, dict.fromkeys((*(joints or pose), *WRENCH, "feed", "t")))
 
-    plain = _read_plain(path)
-    table = read_table(path, check, most=MOST_POINTS) if plain is None else plain
-    if plain is not None:
-        check(path.name, list(plain.columns))
+    table = _read_plain(path, check) or read_table(path, check, most=MOST_POINTS)
     columns = tuple(name for name in table.columns if name.startswith(JOINT)) or pose
     factors = {name: _factor(path, name, units.get(name)) for name in table.columns}
     values = np.column_stack([_column(table, name, factors) for name in columns])
@@ -147,46 +144,45 @@ def read_toolpath(
     return ToolPath(columns, values, feed, time, wrench, np.zeros(len(values), dtype=bool), table.lines, factors)
 
 
-def _column(table: Table | _Plain, name: str, factors: Mapping[str, float]) -> Array:
-    cells = table.columns[name]
-    return (cells if isinstance(cells, np.ndarray) else numbers(table, name)) * factors[name]
-
-
-def _read_plain(path: Path) -> _Plain | None:
-    """A table of finite numbers alone with commas, in a tenth of the memory of text; None for any other."""
-    import pyarrow as pa
-    import pyarrow.csv
-
-    if path.suffix.lower() != ".csv" or not path.is_file() or path.stat().st_size > MOST_POINTS * _MOST_ROW:
-        return None
-    parsing = pa.csv.ParseOptions(ignore_empty_lines=False)
-    try:
-        names = pa.csv.open_csv(path, parse_options=parsing).schema.names
-        types = pa.csv.ConvertOptions(column_types=dict.fromkeys(names, pa.float64()), null_values=[])
-        found = pa.csv.read_csv(path, parse_options=parsing, convert_options=types)
-    except (pa.ArrowInvalid, OSError, UnicodeDecodeError):
-        return None
-    columns = {name: found[name].to_numpy() for name in found.column_names}
-    if len(columns) != found.num_columns or not 0 < found.num_rows <= MOST_POINTS:
-        return None
-    if not all(np.isfinite(each).all() for each in columns.values()):
-        return None
-    return _Plain(path.name, columns, range(2, found.num_rows + 2))
+def _column(table: Table | _Numbers, name: str, factors: Mapping[str, float]) -> Array:
+    return (table.columns[name] if isinstance(table, _Numbers) else numbers(table, name)) * factors[name]
 
 
 @dataclass(frozen=True, eq=False)
-class _Plain:
-    """Columns (n,) of numbers, and the lines that they stand in."""
+class _Numbers:
+    """Columns (n,) of a table of finite numbers alone, and the lines that its rows stand in."""
 
     name: str
-    columns: Mapping[str, Array]
+    columns: dict[str, Array]
     lines: Sequence[int]
 
     def fail(self, row: int, column: str, expected: str) -> InputError:
         """The error that names a cell."""
-        return InputError(
-            f"{self.name}:{self.lines[row]}: {column}: expected {expected}, got {self.columns[column][row]:g}"
-        )
+        found = self.columns[column][row]
+        return InputError(f"{self.name}:{self.lines[row]}: {column}: expected {expected}, got '{found:g}'")
+
+
+def _read_plain(path: Path, check: Callable[[str, list[str]], None]) -> _Numbers | None:
+    """A table in CSV of finite numbers alone, without a text for each; None for any other, which `read_table` takes."""
+    import pyarrow as pa
+    from pyarrow import csv
+
+    if path.suffix.lower() != ".csv" or not path.is_file() or path.stat().st_size > MOST_POINTS * _MOST_ROW:
+        return None
+    parsing = csv.ParseOptions(ignore_empty_lines=False)
+    try:
+        with csv.open_csv(path, parse_options=parsing) as opened:
+            names = opened.schema.names
+        kinds = csv.ConvertOptions(column_types=dict.fromkeys(names, pa.float64()), null_values=[])
+        found = csv.read_csv(path, parse_options=parsing, convert_options=kinds)
+    except (pa.ArrowInvalid, OSError, UnicodeDecodeError):
+        return None
+    columns = {name: found[name].to_numpy() for name in dict.fromkeys(names)}
+    plain = len(columns) == found.num_columns and all(np.isfinite(each).all() for each in columns.values())
+    if not plain or not 0 < found.num_rows <= MOST_POINTS or any(name != name.strip() for name in names):
+        return None
+    check(path.name, names)
+    return _Numbers(path.name, columns, range(2, found.num_rows + 2))
 
 
 def _factor(path: Path, column: str, unit: str | None) -> float:
