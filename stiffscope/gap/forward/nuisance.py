@@ -14,7 +14,7 @@ import numpy as np
 from stiffscope.effects.effect import UNNAMED, Candidate
 from stiffscope.effects.elements import ElementEffect, add_diagonal, along_drive
 from stiffscope.gap.campaign.quantities import AXES, DEFLECTION, DEVIATION
-from stiffscope.gap.forward.robot_prediction import Pattern
+from stiffscope.gap.forward.robot_prediction import Gain, Pattern
 from stiffscope.vjm.mechanism import Change
 
 if TYPE_CHECKING:
@@ -64,13 +64,13 @@ def _readings(at: RobotAtPoses) -> Iterator[Candidate]:
     c, drives = at.campaign, list(at.robot.driven)
     read, sessions = np.unique(c.channel[c.kind <= DEVIATION]), len(c.session_names)  # instruments that displace
     channels, middle = len(read), at.configurations.tool[:, :3].mean(axis=0)
-    yield _make_unnamed("a drift of the gain in time", (0.05,), Pattern(_gain_drift))
+    yield _make_unnamed("a drift of the gain in time", (0.05,), Gain(_gain_drift))
     if not channels:
         return
     yield _make_unnamed("a drift of the readings in time", (5e-6,) * channels, Pattern(partial(_drift, read)))
-    yield _make_unnamed("a gain of its own in every direction", (0.05,) * channels, Pattern(partial(_gains, read)))
+    yield _make_unnamed("a gain of its own in every direction", (0.05,) * channels, Gain(partial(_apart, read)))
     if sessions > 1 and sessions <= _MOST_SESSIONS:
-        yield _make_unnamed("a gain of its own in a session", (0.05,), Pattern(partial(_session_gain, c.session.max())))
+        yield _make_unnamed("a gain of its own in a session", (0.05,), Gain(partial(_session_gain, c.session.max())))
         yield _make_unnamed(
             "hysteresis between sessions of loading and unloading", (0.05,) * sessions, Pattern(_hysteresis)
         )
@@ -83,7 +83,7 @@ def _readings(at: RobotAtPoses) -> Iterator[Candidate]:
         yield _make_unnamed(
             "a stiffness towards the frame, growing with the distance", (0.01,) * 6, Pattern(partial(_tether, middle))
         )
-    yield _make_unnamed("a zero of its own in every direction", (1e-5,) * channels, Pattern(partial(_zero, read)))
+    yield _make_unnamed("a zero of its own in every direction", (1e-5,) * channels, Pattern(partial(_apart, read)))
 
 
 def _crossings(at: RobotAtPoses) -> Iterator[Candidate]:
@@ -196,20 +196,16 @@ def _drift(read: NDArray[np.int64], prediction: RobotReadings) -> Array:
     return _by_channel(read, prediction, _time(prediction))
 
 
-def _zero(read: NDArray[np.int64], prediction: RobotReadings) -> Array:
+def _apart(read: NDArray[np.int64], prediction: RobotReadings) -> Array:
     return _by_channel(read, prediction, np.ones(len(prediction.campaign)))
 
 
 def _gain_drift(prediction: RobotReadings) -> Array:
-    return (_time(prediction) * prediction.plain_readings)[:, None]
-
-
-def _gains(read: NDArray[np.int64], prediction: RobotReadings) -> Array:
-    return _by_channel(read, prediction, prediction.plain_readings)
+    return _time(prediction)[:, None]
 
 
 def _session_gain(last: float, prediction: RobotReadings) -> Array:
-    return ((prediction.campaign.session == last) * prediction.plain_readings)[:, None]
+    return np.where(prediction.campaign.session == last, 1.0, 0.0)[:, None]
 
 
 def _hysteresis(prediction: RobotReadings) -> Array:

@@ -33,6 +33,11 @@ class Pattern(Effect):
         return Influence()
 
 
+@dataclass(frozen=True)
+class Gain(Pattern):
+    """A nuisance pattern whose columns are shares (n, k) of the readings: all that these show grows with it."""
+
+
 class RobotPrediction(RobotReadings):
     """The robot with effects at the campaign's poses, as inference takes it."""
 
@@ -48,16 +53,28 @@ class RobotPrediction(RobotReadings):
             out = out + np.where(self.is_motion, 0.0, self.weight)
         for candidate, values in self.parameters:
             if isinstance(candidate.action, Pattern):
-                out = out + candidate.action.columns(self) @ np.array(values)
+                out = out + self._follow(candidate.action) @ np.array(values)
         return out + self.projection.share(self.campaign.value - out)
 
     def columns(self, candidate: Candidate) -> Array:
         """Derivatives (n, k) of every reading by a candidate's internal parameters."""
         key = candidate.name, candidate.scale, id(candidate.action)
         if key not in self._columns:
-            columns = self.projection.without(self._derivatives(candidate))
+            pattern = isinstance(candidate.action, Pattern)
+            columns = self._follow(candidate.action) if pattern else self._grow(self._derivatives(candidate))
+            columns = self.projection.without(columns)
             self._columns[key] = candidate, columns  # the action lives as long as its id
         return self._columns[key][1]
+
+    def _follow(self, pattern: Pattern) -> Array:
+        """Columns (n, k) of a nuisance pattern."""
+        columns = pattern.columns(self)
+        return columns * self.plain_readings[:, None] if isinstance(pattern, Gain) else columns
+
+    def _grow(self, columns: Array) -> Array:
+        """Columns (n, k) by all else, as the gains among the patterns show them."""
+        gains = [c.action.columns(self) @ np.array(v) for c, v in self.parameters if isinstance(c.action, Gain)]
+        return columns * (1.0 + sum(gains))[:, None] if gains else columns
 
     @cached_property
     def _columns(self) -> dict[tuple[str, tuple[float, ...], int], tuple[Candidate, Array]]:
@@ -65,8 +82,6 @@ class RobotPrediction(RobotReadings):
 
     def _derivatives(self, candidate: Candidate) -> Array:
         effect: Effect = candidate.action
-        if isinstance(effect, Pattern):
-            return effect.columns(self)
         here = next((np.array(v) for c, v in self.parameters if c.name == candidate.name), np.zeros(0))
         if len(here) != len(candidate.scale):  # absent, or there with fewer or more parameters
             here = np.zeros(len(candidate.scale))
@@ -80,4 +95,4 @@ class RobotPrediction(RobotReadings):
         """Change (n,) of the readings where a candidate without parameters acts: the robot's own weight."""
         if not candidate.action.influence(np.zeros(0)).weight:
             return np.zeros(len(self.campaign))
-        return self.projection.without(self.weight[:, None])[:, 0]
+        return self.projection.without(self._grow(self.weight[:, None]))[:, 0]
