@@ -420,6 +420,13 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
                     ("chip", "mean thickness of the chip", "m"),
                 )
             },
+            "free.least?": ("the error that the free coordinates make least: normal, binormal or size", ""),
+            "free.fixed.NAME?": ("the best single value of a free coordinate", "m, rad"),
+            **{
+                f"free.{which}.{size}?": (f"{size} of that error, {how}", "m")
+                for which, how in (("single", "with the best single values"), ("chosen", "as chosen"))
+                for size in ("greatest", "rms")
+            },
             "compensated.before?": ("rms error with the commands of the path", "m"),
             "compensated.after?": (
                 "rms of what the compensated commands leave, of the commanded coordinates",

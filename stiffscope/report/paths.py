@@ -61,7 +61,7 @@ def path_json(state: Along, after: Compensated | None) -> dict[str, Any]:
     }  # fmt: skip
     if state.cutting is not None:
         answer["process"] = vars(state.cutting)
-    if state.freed is not None:
+    if state.freed is not None and state.job.section.free is not None:
         answer["free"] = {"least": state.job.section.free.least, "fixed": state.freed.fixed, **_gain(state)}
     if after is not None:
         answer["compensated"] = {

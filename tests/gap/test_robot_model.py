@@ -412,6 +412,20 @@ def test_patterns_hold_for_readings_to_come(name):
         assert np.isfinite(prediction.values).all()
 
 
+def test_derivatives_grow_with_a_gain_of_the_readings():
+    """By differences of predictions beside a gain that triples some readings."""
+    robot = nominal("stewart")
+    campaign = readings(robot, ("dz", "dx", "ez"))
+    model = RobotModel(campaign, robot)
+    (gain,) = (c for c in model.library if c.place == "a gain of its own in every direction")
+    drive = next(c for c in model.library if c.effect == "actuator-stiffness")
+    beside, step = (gain, tuple(np.linspace(2.0, 0.5, len(gain.scale)))), 1e-5 * np.array(drive.scale)
+    here = model.predict((beside,))
+    change = model.predict((beside, (drive, tuple(step)))).values - here.values
+    assert np.abs(change).max() > 1e-9 * np.abs(here.values).max()
+    assert here.columns(drive) @ step == pytest.approx(change, rel=1e-3, abs=1e-4 * np.abs(change).max())
+
+
 def test_weights_that_hang_beside_their_hook_are_a_pattern():
     """As readings would be if the hook itself were there."""
     robot = load_robot("delta")
