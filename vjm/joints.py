@@ -214,6 +214,8 @@ class Joint:
 
     def _check_spring(self, here: str) -> None:
         if self.spring is None:
+            if self.rest:
+                raise InputError(f"{here}.rest: expected a spring beside it, got none")
             return
         if self.kind not in ALIKE:
             raise InputError(f"{here}.spring: expected a {', '.join(ALIKE)} joint, got a {self.kind} one")

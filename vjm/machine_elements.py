@@ -25,6 +25,7 @@ STEEL = 206e9, 0.3  # Young's modulus (Pa) and Poisson's ratio of bearing steel
 CERAMIC = 310e9, 0.27  # of silicon nitride balls
 Arrangement = Literal["single", "back-to-back", "face-to-face", "tandem"]
 _SLICES = 31  # along a roller
+_MOST_PRESSED = 5e-3  # approach over the radius of the circle: several times what marks steel for good
 _ROUNDED = 1e-13  # of sqrt(K_ii K_jj)
 _HERTZ = "Hertz point contacts (Harris and Kotzalas 2006, ch. 6), equilibrium of de Mul, Vree and Maas (1989)"
 _PALMGREN = "Palmgren line contacts (Harris and Kotzalas 2006, eq. 7.8), rollers in slices"
@@ -87,10 +88,16 @@ def ball_contacts(
         Diametral clearance of a radial bearing at contact angle 0, m; an interference is negative.
     """
     inner, outer = osculation
+    if not 0.0 <= angle < 0.5 * np.pi:
+        raise InputError(f"angle: expected a contact angle from 0 to below 90 degrees, got {np.degrees(angle):.4g}")
+    if angle and clearance:
+        raise InputError(f"clearance: expected none beside a contact angle, got {1e6 * clearance:g} um")
     reach, bend = (inner + outer - 1.0) * diameter, diameter * np.cos(angle) / pitch
     if not 0.0 < bend < 1.0 or pitch * np.sin(np.pi / count) < diameter:
         what = f"a circle that {count} balls of {1e3 * diameter:g} mm fit on"
         raise InputError(f"pitch: expected {what}, got {1e3 * pitch:g} mm")
+    if clearance >= 2.0 * reach:
+        raise InputError(f"clearance: expected less than {2e3 * reach:.4g} mm, got {1e3 * clearance:g} mm")
     ball = 2.0 / diameter
     constants = [
         hertz_constant(np.array([ball * (1.0 + curve), ball - 1.0 / (f * diameter)]), modulus)
@@ -296,6 +303,9 @@ def _element(contacts: Contacts, wrench: Array, length: float, free: tuple[int, 
     along, pressed, loads, _ = contacts.state(twist)
     if not pressed.any():
         raise InputError("load: expected a preload, a load or an interference, got elements that carry nothing")
+    if pressed.max() > _MOST_PRESSED * length:
+        pressing = f"got elements pressed together by {1e3 * pressed.max():.3g} mm"
+        raise InputError(f"load: expected elastic contacts, {pressing}")
     stiffness = contacts.stiffness(twist)
     stiffness[list(free)] = 0.0
     stiffness[:, list(free)] = 0.0

@@ -37,7 +37,12 @@ def show_load_curve(names: Sequence[str], curve: LoadCurve, wrench: Array) -> No
     size, along, unit, stiff = _project_curve(curve, wrench)
     whole = len(curve.load) // 4 + 1  # the way there; all others repeat it
     rows = [
-        (name if not k else "", f"{size * curve.load[k]:.4g}", f"{1e6 * along[i, k]:.5g}", f"{stiff[i, k]:.5g}")
+        (
+            name if not k else "",
+            f"{size * curve.load[k]:.4g}",
+            f"{1e6 * along[i, k]:.5g}",
+            f"{stiff[i, k]:.5g}".replace("nan", "–"),
+        )
         for i, name in enumerate(names)
         for k in range(whole)
     ]

@@ -115,6 +115,7 @@ def test_a_sheets_stiffness_follows_the_load():
     assert np.diag(k) == pytest.approx(2**0.1 * np.array([7e8, 5e8, 5e8, 0, 1e6, 1e6]))
 
 
+DEEP = BALLS.replace("angular-contact", "deep-groove").replace(', angle = "25 deg"', "")
 REFUSED = {
     '{ kind = "deep" }': r'joints.root.bearing: expected a kind of bearing \(.*\), got "deep"',
     '{ kind = "deep-groove", balls = 8 }': "joints.root.bearing.*ball: expected a value beside the others",
@@ -125,6 +126,24 @@ REFUSED = {
     f'[{{ {BALLS} }}, {{ kind = "ball-screw", axial = "1 N/um" }}]': None,
     '{ kind = "cylindrical-roller", rollers = 20, length = "10 mm", pitch = "80 mm", clearance = "3 um" }':
         "bearing.*load: expected a preload, a load or an interference",
+    f'{{ {BALLS}, radial = "100 N/um", axial = "50 N/um", tilting = "1 kN*m/rad" }}':
+        "balls: expected none beside the sheet's own radial, got one",
+    '{ kind = "ball-screw", axial = "1 N/um", length = "1 m" }':
+        "length: expected none beside the sheet's own axial, got one",
+    '{ radial = "100 N/um" }': "joints.root.bearing: expected a kind of bearing .*, got nothing",
+    f"{{ {BALLS.replace('25 deg', '-25 deg')} }}":
+        "angle: expected a contact angle from 0 to below 90 degrees, got -25",
+    f'{{ {BALLS}, clearance = "10 um" }}': "clearance: expected none beside a contact angle, got 10 um",
+    f'{{ {DEEP}, clearance = "2 mm" }}':
+        "clearance: expected less than 1.2 mm",
+    f"{{ {BALLS.replace('500 N', '1e9 N')} }}": "load: expected elastic contacts, got elements pressed together by",
+    '{ kind = "crossed-roller", rollers = 20, length = "10 mm", pitch = "80 mm", clearance = "-3 mm" }':
+        "load: expected elastic contacts, got elements pressed together by",
+    f'{{ {BALLS}, load = ["-5 kN", 0, 0] }}': "load: expected a thrust .* of an angular-contact bearing, got -4500 N",
+    '{ kind = "crossed-roller", rollers = 1e8, length = "10 mm", pitch = "80 mm", clearance = "-3 um" }':
+        "rollers: expected 1 to 1000, got 100000000",
+    '{ kind = "deep-groove", radial = "9 N/um", axial = "9 N/um", tilting = "1 kN*m/rad", preload = "9 N" }':
+        "at_load: expected the load of the sheet's own stiffness beside preload, got nothing",
 }  # fmt: skip
 
 

@@ -65,6 +65,7 @@ def test_drives_that_are_not_linear(drive, starts, slopes, tmp_path):
         ("drive = { gear = { k1 = 1, k2 = 2, k3 = 3, t1 = 4, t2 = 3 } }", "expected a torque t1 below t2"),
         ('spring = "3 N*m/rad"\ndrive = { stiffness = 3 }', "spring: expected a passive joint"),
         ('spring = "-3 N*m/rad"', "spring: expected a torsional stiffness"),
+        ('rest = "3 deg"', "rest: expected a spring beside it, got none"),
     ],
 )
 def test_what_is_refused(more, message, tmp_path):

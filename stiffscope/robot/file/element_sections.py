@@ -5,7 +5,7 @@ Each kind is told by its rolling elements, or by the sheet's own stiffnesses.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
 import numpy as np
 from pydantic import BeforeValidator, Discriminator, Tag, model_validator
@@ -21,10 +21,10 @@ from stiffscope.robot.file.values import (
     Force,
     Length,
     LengthOrZero,
-    Positive,
     Preload,
     Says,
     Section,
+    Some,
     Stiffness,
     Torsion,
 )
@@ -55,6 +55,10 @@ Forces = Annotated[tuple[Force, Force, Force], Says(_THREE)]
 class ElementSection(Section):
     """What all have: `offset`, where the element's middle is along the joint's axis, seen from the joint's `at`."""
 
+    sheet: ClassVar[tuple[str, ...]] = ()
+    beside: ClassVar[tuple[str, ...]] = ()
+    """Keys of the sheet's own stiffness, and those that may stand beside them."""
+
     kind: Any
     offset: Coordinate = 0.0
 
@@ -78,9 +82,21 @@ class ElementSection(Section):
             if getattr(self, key) is None:
                 raise InputError(f"{key}: expected a value beside the others, got nothing")
 
+    @property
+    def _by_sheet(self) -> bool:
+        return any(getattr(self, key) is not None for key in self.sheet)
+
+    def _check_one_source(self) -> None:
+        allowed = {"kind", "offset", *self.sheet, *self.beside}
+        given = [key for key in type(self).model_fields if key in self.model_fields_set - allowed]
+        if self._by_sheet and given:
+            own = next(key for key in self.sheet if getattr(self, key) is not None)
+            raise InputError(f"{given[0]}: expected none beside the sheet's own {own}, got one")
+
     @model_validator(mode="after")
     def _possible(self) -> ElementSection:
         try:
+            self._check_one_source()
             _ = self.element().compliance
         except InputError as error:
             raise InputError(f"bearing.{error}") from error
@@ -88,6 +104,9 @@ class ElementSection(Section):
 
 
 class _Rotary(ElementSection):
+    sheet = ("radial", "axial", "tilting")
+    beside = ("at_load", "preload", "load")
+
     radial: Stiffness | None = None
     axial: Stiffness | None = None
     tilting: Torsion | None = None
@@ -99,16 +118,15 @@ class _Rotary(ElementSection):
         known = [(each or 0.0) for each in (self.radial, self.axial, self.tilting)]
         source = "the sheet's own stiffness"
         acting = self.preload or float(np.linalg.norm(self.load))
+        if self.at_load is None and acting:
+            beside = "preload" if self.preload else "load"
+            raise InputError(f"at_load: expected the load of the sheet's own stiffness beside {beside}, got nothing")
         if self.at_load is not None:
             if not (self.at_load > 0.0 and acting > 0.0):
                 raise InputError("at_load: expected it beside the preload or load that acts here, both above 0")
             known = [me.at_load(each, self.at_load, acting, exponent) for each in known]
             source += f" at {self.at_load:g} N, as the load to the power {1.0 - 1.0 / exponent:.3g}"
         return me.of_sheet(known[0], known[1], known[2], source)
-
-    @property
-    def _by_sheet(self) -> bool:
-        return any(each is not None for each in (self.radial, self.axial, self.tilting))
 
     @property
     def _force(self) -> np.ndarray:
@@ -124,7 +142,7 @@ class BallBearing(_Rotary):
     """
 
     kind: Literal["deep-groove", "angular-contact"]
-    balls: Positive | None = None
+    balls: Some | None = None
     ball: Length | None = None
     pitch: Length | None = None
     angle: Angle | None = None
@@ -139,6 +157,11 @@ class BallBearing(_Rotary):
         if self._by_sheet:
             return self._of_sheet(POINT)
         self._need("balls", "ball", "pitch", *(["angle"] if self.kind == "angular-contact" else []))
+        if self.kind == "angular-contact" and self._force[0] < 0.0:
+            raise InputError(
+                f"load: expected a thrust along the pressed side of an angular-contact bearing, "
+                f"got {self._force[0]:g} N"
+            )
         modulus = me.reduced_modulus({"steel": me.STEEL, "ceramic": me.CERAMIC}[self.ball_material])
         contacts = me.ball_contacts(
             self.balls or 0, self.ball or 0.0, self.pitch or 0.0, self.angle or 0.0, self.osculation, modulus,
@@ -155,7 +178,7 @@ class RollerBearing(_Rotary):
     """
 
     kind: Literal["cylindrical-roller", "crossed-roller"]
-    rollers: Positive | None = None
+    rollers: Some | None = None
     length: Length | None = None
     pitch: Length | None = None
     clearance: Coordinate = 0.0
@@ -176,13 +199,16 @@ class LinearGuide(ElementSection):
     against lower ones. `normal` is the direction off the rails, base axes; by default z of the joint's axes.
     """
 
+    sheet = ("vertical", "lateral", "roll", "tilt", "yaw")
+    beside = ("rails", "rail_spacing", "carriages", "carriage_spacing", "normal")
+
     kind: Literal["linear-guide"]
     vertical: Stiffness | None = None
     lateral: Stiffness | None = None
     roll: Torsion | None = None
     tilt: Torsion | None = None
     yaw: Torsion | None = None
-    balls: Positive | None = None
+    balls: Some | None = None
     ball: Length | None = None
     width: Length | None = None
     height: Length | None = None
@@ -191,9 +217,9 @@ class LinearGuide(ElementSection):
     osculation: Osculation = (0.52, 0.52)
     preload: Preload | None = None
     arrangement: Literal["back-to-back", "face-to-face"] = "back-to-back"
-    rails: Positive = 1
+    rails: Some = 1
     rail_spacing: LengthOrZero = 0.0
-    carriages: Positive = 1
+    carriages: Some = 1
     carriage_spacing: LengthOrZero = 0.0
     normal: Direction | None = None
 
@@ -207,7 +233,7 @@ class LinearGuide(ElementSection):
     def element(self) -> me.MachineElement:
         """See `ElementSection`."""
         rails, carriages = (self.rails, self.rail_spacing), (self.carriages, self.carriage_spacing)
-        if self.balls is None:
+        if self._by_sheet or self.balls is None:
             self._need("vertical", "lateral")
             each = (0.0, *((k or 0.0) for k in (self.lateral, self.vertical, self.roll, self.tilt, self.yaw)))
             return me.guide_of_sheet(each, rails, carriages, "the sheet's own stiffness of one carriage")
@@ -226,6 +252,8 @@ class BallScrew(ElementSection):
     `diameter` of the shaft at its root, `length` from the support to the nut; with `both_ends` from one support to the
     other, the nut in the middle. With a `lead` the shaft's twist yields too. Or the sheet's own `axial` stiffness.
     """
+
+    sheet = ("axial",)
 
     kind: Literal["ball-screw"]
     axial: Stiffness | None = None

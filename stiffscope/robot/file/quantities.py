@@ -207,6 +207,8 @@ def exponents_of(unit: str) -> tuple[float, float, float] | None:
 
 
 def show_value(value: Any) -> str:
-    """A value as a message shows it: quoted if it was text, cut if long."""
+    """A value as a message shows it: quoted if it was text, cut if long; None is nothing."""
+    if value is None:
+        return "nothing"
     text = f'"{value}"' if isinstance(value, str) else str(value).lower() if isinstance(value, bool) else repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."

@@ -104,6 +104,15 @@ def _layers(value: Any) -> int:
     return parse_whole(value)
 
 
+MOST_ELEMENTS = 1000  # rolling elements of a row, carriages, rails
+
+
+def _some(value: Any) -> int:
+    if not 1 <= parse_whole(value) <= MOST_ELEMENTS:
+        raise ValueError(f"expected 1 to {MOST_ELEMENTS}, got {value}")
+    return parse_whole(value)
+
+
 def _positive(value: Any) -> int:
     if not parse_whole(value):
         raise ValueError(f"expected a positive whole number such as 2000000, got {q.show_value(value)}")
@@ -224,6 +233,7 @@ Foundation = Annotated[
 Tolerance = Annotated[float | None, _or_word(_tolerance, "auto", "whatever one mesh reaches", "a share")]
 Count = Annotated[int, Reads(parse_whole, says="a whole number")]
 Layers = Annotated[int, Reads(_layers, says=f"1 to {MOST_LAYERS}")]
+Some = Annotated[int, Reads(_some, says="a whole number above 0")]
 Positive = Annotated[int, Reads(_positive, says="a whole number above 0")]
 OwnMass = Annotated[float, Reads(_own_mass, says='a mass such as "1.95 kg"')]
 MassOrCad = Annotated[float | Literal["cad"], Reads(_mass_or_cad, says='a mass, or "cad": volume times density')]
