@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
+import zipfile
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.io import mmread
+from numpy.lib import format as npy
+from scipy.io import mminfo, mmread
 
 from stiffscope.errors import InputError
 
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
     from stiffscope.fea.mesh import Floats
 
 SUFFIXES = (".npz", ".mtx", ".bdf", ".dat", ".pch")
+MOST_ROWS = 3000  # of a matrix: 500 interfaces
 _NODE = re.compile(r"^\W*(\d+) (\S.*?) (\S+) (\S+) (\S+)\s*$")  # of a comment: number, name, x y z in m
 
 
@@ -47,14 +50,33 @@ def read_superelement(path: Path) -> Read:
             return _read_matrix_market(path)
         if path.suffix in SUFFIXES:
             return _read_dmig(path)
-    except (OSError, KeyError, IndexError, TypeError, ValueError) as error:
+    except (OSError, EOFError, zipfile.BadZipFile, KeyError, IndexError, TypeError, ValueError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"expected a superelement, got a file that cannot be read as one ({error})") from error
     raise InputError(f"expected a file of a superelement ({', '.join(SUFFIXES)}), got {path.name}")
 
 
+def _check_matrix(shape: tuple[int, ...], kind: str) -> None:
+    """Raise InputError for a matrix that is no superelement's, before it takes memory."""
+    if len(shape) != 2 or shape[0] != shape[1] or not 0 < shape[0] <= MOST_ROWS:
+        raise InputError(f"expected a square matrix of at most {MOST_ROWS} rows, got {' x '.join(map(str, shape))}")
+    if kind not in {"real", "integer"}:
+        raise InputError(f"expected a matrix of real numbers, got {kind} ones")
+
+
+def _check_npz(path: Path) -> None:
+    """Check the matrices of an npz file by their headers."""
+    with zipfile.ZipFile(path) as archive:
+        for name in {"stiffness.npy", "mass.npy"}.intersection(archive.namelist()):
+            with archive.open(name) as stream:
+                first = npy.read_magic(stream)[0] == 1
+                shape, _, kind = (npy.read_array_header_1_0 if first else npy.read_array_header_2_0)(stream)
+            _check_matrix(shape, "real" if kind.kind in "fiu" else kind.name)
+
+
 def _read_npz(path: Path) -> Read:
+    _check_npz(path)
     with np.load(path, allow_pickle=False) as held:
         stiffness = np.asarray(held["stiffness"], dtype=float)
         mass = np.asarray(held["mass"], dtype=float) if "mass" in held else None
@@ -72,6 +94,8 @@ def _read_matrix_market(path: Path) -> Read:
 
 
 def _dense(path: Path) -> Floats:
+    rows, columns, _, _, kind, _ = mminfo(path)
+    _check_matrix((rows, columns), kind)
     found: Any = mmread(path)
     return np.asarray(found.toarray() if hasattr(found, "toarray") else found, dtype=np.float64)
 

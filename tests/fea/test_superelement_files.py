@@ -1,0 +1,40 @@
+"""Files that hold no superelement are refused before they take memory."""
+
+import numpy as np
+import pytest
+
+from stiffscope.errors import InputError
+from stiffscope.fea.superelement_files import read_superelement
+
+
+@pytest.mark.parametrize(
+    ("name", "stiffness", "message"),
+    [
+        ("large.npz", np.zeros((20_000, 20_000), dtype=np.float32), "at most 3000 rows, got 20000 x 20000"),
+        ("flat.npz", np.zeros((6, 12)), "got 6 x 12"),
+        ("complex.npz", np.eye(12) * 1j, "expected a matrix of real numbers, got complex"),
+    ],
+)
+def test_an_npz_of_another_matrix_is_refused(name, stiffness, message, tmp_path):
+    np.savez_compressed(tmp_path / name, stiffness=stiffness)
+    with pytest.raises(InputError, match=message):
+        read_superelement(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("empty.npz", "", "cannot be read as one"),
+        (
+            "k.stiffness.mtx",
+            "%%MatrixMarket matrix coordinate real general\n1000000 1000000 1\n1 1 1\n",
+            "at most 3000",
+        ),
+        ("k.stiffness.mtx", "%%MatrixMarket matrix coordinate complex general\n6 6 1\n1 1 1 1\n", "real numbers"),
+        ("k.stiffness.mtx", "nothing\n", "cannot be read as one"),
+    ],
+)
+def test_a_text_of_another_matrix_is_refused(name, text, message, tmp_path):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_superelement(tmp_path / name)
