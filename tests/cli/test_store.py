@@ -84,7 +84,7 @@ def test_every_command_has_json():
     listed = list(commands())
     assert len(listed) > 20
     without = [words for words, command in listed if not any("--json" in each.opts for each in command.params)]
-    assert without == []
+    assert without == [("live",)]  # whose answers go to its page
 
 
 @pytest.mark.parametrize(

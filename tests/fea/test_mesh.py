@@ -130,7 +130,7 @@ def test_a_mesher_that_takes_too_long_is_killed():
 )
 def test_lengths_that_are_no_meshs_are_refused_at_once(lengths, said):
     with pytest.raises(MeshError, match=rf"slider.mesh.{said}: expected .* mm to .* mm for this part, got "):
-        run_experiment(build(slider.SliderParameters()), Settings(**lengths))
+        run_experiment(build(slider.SliderParameters(), name="slider"), Settings(**lengths))
 
 
 @pytest.mark.long

@@ -145,7 +145,8 @@ def choose_free(course: Course, assembled: Assembled) -> Freed:
     problem = _Problem(job, assembled, course, motions)
     n = len(job.path)
     stations = np.unique(np.linspace(0, n - 1, min(n, STATIONS)).round().astype(int))
-    acting = ~job.path.rapid if (~job.path.rapid).any() else np.ones(n, dtype=bool)
+    acting = ~job.path.rapid
+    acting = acting if acting.any() else ~acting
     values = np.tile([motion.start for motion in motions], (len(stations), 1))
     grids = [_scan(problem, values, k, stations, acting, fix=True) for k in range(len(motions))]
     fixed = dict(zip((motion.name for motion in motions), values[0].tolist(), strict=True))
@@ -168,7 +169,7 @@ def choose_free(course: Course, assembled: Assembled) -> Freed:
 
 
 def _scan(
-    problem: _Problem, values: Array, k: int, stations: Indices, acting: Array, *, fix: bool = False
+    problem: _Problem, values: Array, k: int, stations: Indices, acting: Flags, *, fix: bool = False
 ) -> tuple[Array, Array]:
     """Errors (m, g) and drives (m, g, d) over the grid of a coordinate; with ``fix`` the best single value is taken."""
     grid = problem.motions[k].grid(FIXED)
