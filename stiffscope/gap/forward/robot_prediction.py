@@ -73,8 +73,11 @@ class RobotPrediction(RobotReadings):
 
     def _grow(self, columns: Array) -> Array:
         """Columns (n, k) by all else, as the gains among the patterns show them."""
-        gains = [c.action.columns(self) @ np.array(v) for c, v in self.parameters if isinstance(c.action, Gain)]
-        return columns * (1.0 + sum(gains))[:, None] if gains else columns
+        growth = np.ones(len(self.campaign))
+        for candidate, values in self.parameters:
+            if isinstance(candidate.action, Gain):
+                growth += candidate.action.columns(self) @ np.array(values)
+        return columns * growth[:, None]
 
     @cached_property
     def _columns(self) -> dict[tuple[str, tuple[float, ...], int], tuple[Candidate, Array]]:
