@@ -222,7 +222,7 @@ class _Socket(_Guarded, WebSocketHandler):
                 robot.tell({"kept": robot.keep(str(asked["keep"]))})
             else:
                 robot.ask(live.read_setting(robot.robot, asked))
-        except (InputError, ValueError, TypeError) as error:
+        except (InputError, OSError, ValueError, TypeError) as error:
             robot.tell({"problem": str(error)})
 
 
