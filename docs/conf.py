@@ -42,3 +42,9 @@ nb_execution_mode = "force"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 300
 nb_merge_streams = True
+
+
+def setup(app):
+    """Let pages be read side by side: `sphinx-mathjax-offline` copies files only, and does not say that this is safe."""
+    mathjax = app.extensions["sphinx-mathjax-offline"]
+    mathjax.parallel_read_safe = mathjax.parallel_write_safe = True
