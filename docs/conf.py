@@ -45,6 +45,6 @@ nb_merge_streams = True
 
 
 def setup(app):
-    """Let pages be read side by side: `sphinx-mathjax-offline` copies files only, and does not say that this is safe."""
+    """Let pages be read in parallel: `sphinx-mathjax-offline` only copies files, but does not declare so."""
     mathjax = app.extensions["sphinx-mathjax-offline"]
     mathjax.parallel_read_safe = mathjax.parallel_write_safe = True

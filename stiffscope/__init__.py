@@ -45,94 +45,13 @@ Errors
     InputError         bad input; its message is one line that says what is wrong and what would be valid
 """
 
-from __future__ import annotations
-
 import sys
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    from stiffscope.cad.materials import material as material
-    from stiffscope.cad.step import read_step as read_step
-    from stiffscope.design.path.along import along as along
-    from stiffscope.design.sensitivities import sensitivity as sensitivity
-    from stiffscope.design.studies import Study as Study
-    from stiffscope.design.studies import study as study
-    from stiffscope.errors import InputError as InputError
-    from stiffscope.errors import StiffscopeError as StiffscopeError
-    from stiffscope.experiments.assembly import assemble as assemble
-    from stiffscope.experiments.orders import build_part as build_part
-    from stiffscope.fea.experiment import Experiment as Experiment
-    from stiffscope.fea.experiment import load_experiment as load_experiment
-    from stiffscope.fea.run import run_experiment as run_experiment
-    from stiffscope.fea.settings import Settings as Settings
-    from stiffscope.gap.campaigns import diagnose as diagnose
-    from stiffscope.gap.inference.diagnosis import Diagnosis as Diagnosis
-    from stiffscope.report.compare import compare as compare
-    from stiffscope.report.notebook import deformed as deformed
-    from stiffscope.report.notebook import stiffness_map as stiffness_map
-    from stiffscope.report.notebook import view as view
-    from stiffscope.robot.part_matrices import beam_compliance as beam_compliance
-    from stiffscope.robot.reader import load_robot as load_robot
-    from stiffscope.vjm.bodies import Body as Body
-    from stiffscope.vjm.bodies import member as member
-    from stiffscope.vjm.joints import Drive as Drive
-    from stiffscope.vjm.joints import Joint as Joint
-    from stiffscope.vjm.kinematics import configure as configure
-    from stiffscope.vjm.mechanism import Mechanism as Mechanism
-    from stiffscope.vjm.mechanism import Tool as Tool
-    from stiffscope.vjm.modes import modes as modes
-    from stiffscope.vjm.statics import analyse as analyse
-    from stiffscope.vjm.statics import sag as sag
-    from stiffscope.vjm.statics import stiffness as stiffness
-    from stiffscope.vjm.yielding import deflection as deflection
+import lazy_loader
 
 __version__ = "0.2.0"
 
-_MODULES = {
-    "cad.materials": ("material",),
-    "cad.step": ("read_step",),
-    "errors": ("InputError", "StiffscopeError"),
-    "fea.experiment": ("Experiment", "load_experiment"),
-    "fea.run": ("run_experiment",),
-    "fea.settings": ("Settings",),
-    "gap.inference.diagnosis": ("Diagnosis",),
-    "experiments.assembly": ("assemble",),
-    "gap.campaigns": ("diagnose",),
-    "experiments.orders": ("build_part",),
-    "design.path.along": ("along",),
-    "design.sensitivities": ("sensitivity",),
-    "design.studies": ("Study", "study"),
-    "report.compare": ("compare",),
-    "report.notebook": ("deformed", "stiffness_map", "view"),
-    "robot.part_matrices": ("beam_compliance",),
-    "robot.reader": ("load_robot",),
-    "vjm.kinematics": ("configure",),
-    "vjm.bodies": ("Body", "member"),
-    "vjm.joints": ("Drive", "Joint"),
-    "vjm.mechanism": ("Mechanism", "Tool"),
-    "vjm.modes": ("modes",),
-    "vjm.statics": ("analyse", "sag", "stiffness"),
-    "vjm.yielding": ("deflection",),
-}
-_HOME = {name: module for module, names in _MODULES.items() for name in names}
-
-__all__ = sorted(_HOME)  # noqa: PLE0605  # pyright: ignore[reportUnsupportedDunderAll]
-
-
-def __getattr__(name: str) -> Any:
-    """Load a name from its module when it is first asked for."""
-    if name not in _HOME:
-        raise AttributeError(f"module 'stiffscope' has no attribute {name!r}")
-    value = getattr(import_module(f"stiffscope.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    """The names above."""
-    return sorted([*__all__, "__version__"])
-
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 if "IPython" in sys.modules:  # a notebook shows every object above as a table, and progress as bars
     from stiffscope.report.notebook import register

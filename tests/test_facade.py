@@ -1,10 +1,8 @@
 """`import stiffscope as ss`: what it has, what it costs, and what it does for robots of files and of Python."""
 
-import ast
 import pydoc
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,14 +24,10 @@ def test_help_has_a_line_for_each_name():
     assert all(f"{name}" in shown for name in listed)
 
 
-def test_type_checkers_see_the_same_names_in_the_same_modules():
-    tree = ast.parse(Path(ss.__file__).read_text())
-    block = next(node for node in tree.body if isinstance(node, ast.If))
-    seen = {alias.name: node.module for node in block.body for alias in node.names}
-    assert {name: f"stiffscope.{module}" for name, module in ss._HOME.items()} == seen
+def test_every_name_is_loaded_and_documented():
     for name in ss.__all__:
         assert getattr(ss, name).__doc__
-    with pytest.raises(AttributeError, match="no attribute 'nosuch'"):
+    with pytest.raises(AttributeError, match="No stiffscope attribute nosuch"):
         _ = ss.nosuch
 
 
