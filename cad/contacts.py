@@ -78,7 +78,7 @@ def find_contacts(solids: Sequence[Instance], progress: Progress | None = None) 
     -------
     list of Contact
         Every pair of faces in contact: parallel to 1e-4 rad, coaxial or concentric to 5 um; planes within 20 um, or
-        with a play of up to 0.2 mm where other planes or a pin keep it so; radii within what clearances of screws
+        with a play of up to 0.22 mm where other planes or a pin keep it so; radii within what clearances of screws
         and undercuts of threads have (-20 to +15 %).
     """
     boxes = np.array([solid.box for solid in solids])

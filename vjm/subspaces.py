@@ -54,7 +54,7 @@ def null_space(matrix: Array) -> Array:
     """Orthonormal basis (n, k) of what a matrix (m, n) of entries of order 1 takes to zero."""
     if not matrix.size:
         return np.eye(matrix.shape[1])
-    _, values, vt = np.linalg.svd(matrix)
+    _, values, vt = np.linalg.svd(matrix, full_matrices=len(matrix) < matrix.shape[1])
     return vt[int(np.sum(values > RANK)) :].T
 
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.robot.imports.hardware import FIT, turned_form
+from stiffscope.robot.imports.part_motions import relative_freedom
 from stiffscope.vjm.screws import shift, skew
 from stiffscope.vjm.subspaces import null_space, range_space
 
@@ -46,7 +47,7 @@ class Freedom:
     axis2: Array | None
     reason: str
     faces: tuple[tuple[int, ...], tuple[int, ...]]
-    freedom: Array = field(repr=False)  # (6, k) at the base origin
+    freedom: Array = field(repr=False)  # (6, k) at the base origin, translations over the assembly's size
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,26 +127,6 @@ def _spin(ring: Instance, scale: float) -> Array:
     return _all_but_spin(axis, ring.centre / scale)
 
 
-def _relative_freedom(first: int, second: int, bonds: Sequence[Bond]) -> Array:
-    """Twists (6, k) of one solid against another that the bonds of these and of solids between them leave free."""
-    numbers = {second: 0}
-    for bond in bonds:
-        for each in (bond.first, bond.second):
-            if each != first:
-                numbers.setdefault(each, len(numbers))
-    rows = []
-    for bond in bonds:
-        block = np.zeros((len(bond.rows), 6 * len(numbers)))
-        for each, sign in ((bond.first, -1.0), (bond.second, 1.0)):
-            if each != first:
-                at = 6 * numbers[each]
-                block[:, at : at + 6] = sign * bond.rows
-        rows.append(block)
-    if not rows:
-        return np.eye(6)
-    return range_space(null_space(np.vstack(rows))[:6])
-
-
 def kind_of(freedom: Array, near: Array) -> tuple[str, Array, Array | None, Array | None]:
     """Name the joint that leaves twists free.
 
@@ -208,6 +189,12 @@ def _positive(axis: Array) -> Array:
     return axis * np.sign(axis[int(np.argmax(np.abs(np.round(axis, 9))))])
 
 
+def measure_size(solids: Sequence[Instance]) -> float:
+    """Diagonal of the box around all solids, m: the unit of length of `Freedom.freedom`."""
+    boxes = np.array([solid.box for solid in solids])
+    return float(np.linalg.norm(boxes[:, 1].max(axis=0) - boxes[:, 0].min(axis=0)))
+
+
 def find_joints(
     solids: Sequence[Instance], contacts: Sequence[Contact], hardware: Hardware
 ) -> tuple[list[Freedom], list[Doubt]]:
@@ -224,10 +211,8 @@ def find_joints(
         Joints between parts, numbered as the solids; and contacts that are none, or may be another.
 
     """
-    boxes = np.array([solid.box for solid in solids])
-    scale = float(np.linalg.norm(boxes[:, 1].max(axis=0) - boxes[:, 0].min(axis=0)))
+    scale = measure_size(solids)
     bonds = _bonds_of(solids, contacts, hardware, scale)
-    parts = [number for number in range(len(solids)) if number not in hardware.roles]
     between: dict[tuple[int, int], list[Bond]] = defaultdict(list)
     for bond in bonds:
         if bond.first not in hardware.roles and bond.second not in hardware.roles:
@@ -250,7 +235,7 @@ def find_joints(
             text = f"{left}, which no joint has; say which with --joint"
             doubts.append(Doubt((solids[i].name, solids[j].name), text))
     doubts += _other_readings(solids, contacts, hardware)
-    return _drop_unneeded(joints, parts, solids, doubts), doubts
+    return _drop_unneeded(joints, solids, doubts), doubts
 
 
 def _clusters(bonds: Sequence[Bond], hardware: Hardware) -> list[set[int]]:
@@ -294,7 +279,7 @@ def _pair_up(ends: Sequence[int], bonds: Sequence[Bond], direct: set[tuple[int, 
 def _freedom(
     i: int, j: int, bonds: list[Bond], solids: Sequence[Instance], scale: float, hardware: Hardware
 ) -> Freedom:
-    scaled = _relative_freedom(i, j, bonds)
+    scaled = relative_freedom([(bond.first, bond.second, bond.rows) for bond in bonds], i, j)
     touching = [bond.contact for bond in bonds if bond.contact is not None]
     round_ = [each for each in touching if each.kind != "plane"] or touching
     near = np.mean([each.point for each in round_], axis=0)
@@ -350,21 +335,13 @@ def _other_readings(solids: Sequence[Instance], contacts: Sequence[Contact], har
     return found
 
 
-def _drop_unneeded(
-    joints: Sequence[Freedom], parts: Sequence[int], solids: Sequence[Instance], doubts: list[Doubt]
-) -> list[Freedom]:
+def _drop_unneeded(joints: Sequence[Freedom], solids: Sequence[Instance], doubts: list[Doubt]) -> list[Freedom]:
     """Joints without planes that slide where other joints guide already: those are told instead."""
-    planes = [joint for joint in joints if joint.kind == "planar"]
     kept = [joint for joint in joints if joint.kind != "planar"]
-    index = {part: 6 * n for n, part in enumerate(parts)}
-    motions = _motions(parts, kept) if planes else np.zeros((0, 0))
-    for plane in planes:
-        rows = null_space(plane.freedom.T).T
-        a, b = index[plane.first], index[plane.second]
-        relative = motions[b : b + 6] - motions[a : a + 6]
-        if np.abs(rows @ relative).max(initial=0.0) > 1e-7:
+    for plane in (joint for joint in joints if joint.kind == "planar"):
+        moving = relative_freedom(map(_hold_of, kept), plane.first, plane.second)
+        if np.abs(_hold_of(plane)[2] @ moving).max(initial=0.0) > 1e-7:
             kept.append(plane)
-            motions = _motions(parts, kept)
         else:
             names = solids[plane.first].name, solids[plane.second].name
             doubts.append(
@@ -374,23 +351,11 @@ def _drop_unneeded(
     return kept
 
 
-def _motions(parts: Sequence[int], joints: Sequence[Freedom]) -> Array:
-    """Twists (6 n, k) of all parts that joints leave free."""
-    index = {part: 6 * n for n, part in enumerate(parts)}
-    rows = []
-    for joint in joints:
-        held = null_space(joint.freedom.T).T if joint.freedom.shape[1] else np.eye(6)
-        block = np.zeros((len(held), 6 * len(parts)))
-        block[:, index[joint.first] : index[joint.first] + 6] = -held
-        block[:, index[joint.second] : index[joint.second] + 6] = held
-        rows.append(block)
-    return null_space(np.vstack(rows)) if rows else np.eye(6 * len(parts))
+def _hold_of(joint: Freedom) -> tuple[int, int, Array]:
+    """A joint as its parts and the rows (m, 6) that it takes to zero."""
+    return joint.first, joint.second, null_space(joint.freedom.T).T if joint.freedom.size else np.eye(6)
 
 
-def tool_motions(parts: Sequence[int], joints: Sequence[Freedom], tool: int, ground: int, at: Array) -> Array:
-    """Twists (6, k) of a part against the ground at a point (3,), translations over the distance from the origin."""
-    motions = _motions(parts, joints)
-    index = {part: 6 * n for n, part in enumerate(parts)}
-    scale = max(float(np.linalg.norm(at)), 1e-3)
-    relative = motions[index[tool] : index[tool] + 6] - motions[index[ground] : index[ground] + 6]
-    return shift(at / scale) @ relative
+def tool_motions(joints: Sequence[Freedom], tool: int, ground: int, at: Array, scale: float) -> Array:
+    """Twists (6, k) of a part against the ground at a point (3,), translations over ``scale``, m."""
+    return shift(at / scale) @ relative_freedom(map(_hold_of, joints), ground, tool)

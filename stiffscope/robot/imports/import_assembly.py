@@ -25,7 +25,7 @@ from stiffscope.robot.imports.assembly_parts import (
     parts_folder,
 )
 from stiffscope.robot.imports.compiled_model import GROUND, print_safely
-from stiffscope.robot.imports.contact_joints import Doubt, Freedom, find_joints, tool_motions
+from stiffscope.robot.imports.contact_joints import Doubt, Freedom, find_joints, measure_size, tool_motions
 from stiffscope.robot.imports.hardware import find_hardware
 from stiffscope.robot.imports.import_model import driven, robot_text
 from stiffscope.robot.imports.said_joints import as_said
@@ -270,7 +270,7 @@ def _model(path: Path, found: _Found, ground: int, tool: int, said: Said) -> tup
     last = found.find_joints(tool)[-1]
     tool_body = ends[tool, last]
     at = solids[tool].centre if tool_body == solids[tool].name else last.at
-    motions = tool_motions([ground, *moving], found.joints, tool, ground, at)
+    motions = tool_motions(found.joints, tool, ground, at, measure_size(solids))
     model = SimulatorModel(
         print_safely(path.stem), tuple(bodies), tuple(joints), tool_body=tool_body, tool_at=at,
         pose=_coordinates(motions), gravity=np.zeros(3), notes=_notes(found, ground, tool, said),

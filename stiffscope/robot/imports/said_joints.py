@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.robot.imports.contact_joints import Freedom
+from stiffscope.robot.imports.contact_joints import Freedom, measure_size
 from stiffscope.vjm.joints import FREE
 from stiffscope.vjm.subspaces import null_space
 
@@ -27,6 +27,7 @@ def as_said(
     Raises InputError for what names no two solids in contact, or no kind of joint.
     """
     found = list(joints)
+    scale = measure_size(solids)
     names = {solid.name: number for number, solid in enumerate(solids)}
     for text in said:
         pair, _, kind = (each.strip() for each in text.rpartition("="))
@@ -44,11 +45,11 @@ def as_said(
             raise InputError(
                 f'--joint {text}: expected two solids that touch, got "{first}" and "{second}", which do not'
             )
-        found.append(_as_kind(kind, i, j, here, touching))
+        found.append(_as_kind(kind, i, j, here, touching, scale))
     return found
 
 
-def _as_kind(kind: str, i: int, j: int, here: Sequence[Freedom], touching: Sequence[Contact]) -> Freedom:
+def _as_kind(kind: str, i: int, j: int, here: Sequence[Freedom], touching: Sequence[Contact], scale: float) -> Freedom:
     """A joint of a kind, where the one found is, else at the largest contact."""
     best = max(touching, key=lambda c: (c.kind != "plane", c.size), default=None)
     if here:
@@ -60,7 +61,15 @@ def _as_kind(kind: str, i: int, j: int, here: Sequence[Freedom], touching: Seque
     if best is not None and (axis is None or not here):
         at, axis = best.point, best.axis
     return Freedom(
-        first, second, kind, at, axis, axis2, "as said", (faces[0], faces[1]), _freedom_of(kind, at, axis, axis2)
+        first,
+        second,
+        kind,
+        at,
+        axis,
+        axis2,
+        "as said",
+        (faces[0], faces[1]),
+        _freedom_of(kind, at / scale, axis, axis2),
     )
 
 

@@ -1,0 +1,92 @@
+"""How two parts of many can move against each other, where constraints between parts are rows on relative twists.
+
+The constraints are a network that is reduced as one of resistors is: parts in a chain add what they leave free,
+constraints side by side add what they hold, a part that hangs on one other alone tells nothing of the rest
+(K. J. Waldron, The constraint analysis of mechanisms, J. Mechanisms 1, 1966). What neither rule reduces is solved
+whole.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.vjm.subspaces import null_space, range_space
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from stiffscope.runtime.types import Array
+
+    _Network = defaultdict[int, dict[int, Array]]  # rows (m, 6) between neighbours, both ways
+
+
+def relative_freedom(holds: Iterable[tuple[int, int, Array]], first: int, second: int) -> Array:
+    """Twists of one part against another that constraints leave free.
+
+    Parameters
+    ----------
+    holds
+        Pairs of parts and rows (m, 6), which take their relative twist at the base origin to zero.
+    first, second
+        The two parts.
+
+    Returns
+    -------
+    Array
+        Orthonormal twists (6, k).
+
+    """
+    network: _Network = defaultdict(dict)
+    for one, other, rows in holds:
+        _hold(network, one, other, rows)
+    ends = first, second
+    waiting = set(network)
+    while waiting:
+        part = waiting.pop()
+        if part not in network or part in ends:
+            continue
+        around = network[part]
+        rigid = next((other for other, rows in around.items() if len(rows) == 6), None)
+        if len(around) > 2 and rigid is None:
+            continue
+        waiting |= set(around)
+        del network[part]
+        for other in around:
+            del network[other][part]
+        if rigid is not None:
+            for other, rows in around.items():
+                _hold(network, rigid, other, rows)
+        elif len(around) == 2:
+            (one, rows), (other, others) = around.items()
+            freedom = range_space(np.hstack((null_space(rows), null_space(others))))
+            _hold(network, one, other, null_space(freedom.T).T if freedom.size else np.eye(6))
+    return _solve_whole(network, first, second)
+
+
+def _hold(network: _Network, one: int, other: int, rows: Array) -> None:
+    """Add a constraint beside those between two parts."""
+    if one == other or not rows.size:
+        return
+    here = network[one].get(other)
+    if here is not None:
+        rows = range_space(np.vstack((here, rows)).T).T
+    network[one][other] = network[other][one] = rows
+
+
+def _solve_whole(network: _Network, first: int, second: int) -> Array:
+    """Twists (6, k) of the second part against the first, from the null space of all constraints."""
+    order = [second, *(set(network) - {first, second})]
+    at = {part: 6 * n for n, part in enumerate(order)}
+    blocks = []
+    for one, around in network.items():
+        for other, rows in around.items():
+            if one < other:
+                block = np.zeros((len(rows), 6 * len(order)))
+                for part, sign in ((one, -1.0), (other, 1.0)):
+                    if part != first:
+                        block[:, at[part] : at[part] + 6] = sign * rows
+                blocks.append(block)
+    return range_space(null_space(np.vstack(blocks))[:6]) if blocks else np.eye(6)
