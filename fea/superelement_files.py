@@ -82,6 +82,8 @@ def _read_npz(path: Path) -> Read:
         mass = np.asarray(held["mass"], dtype=float) if "mass" in held else None
         names = _named_places(str(held["help"])) if "help" in held else {}
         places = held["nodes"].tolist() if "nodes" in held else []
+    if names and places and len(names) != len(places):
+        raise InputError(f"expected {len(names)} nodes, as its help names, got {len(places)}")
     exact = {name: tuple(place) for name, place in zip(names, places, strict=False)}
     return Read(stiffness, mass, exact or {f"node{k}": tuple(place) for k, place in enumerate(places)})
 

@@ -184,10 +184,13 @@ def superelement_body(
     k = check_array(stiffness, (size, size), f"{here}.stiffness", "a stiffness")
     compliance = _clamp_first(k, local, f"{here}.stiffness")
     turn = np.eye(3) if axes is None else check_array(axes, (3, 3), f"{here}.axes", "axes")
-    dynamics = None
+    dynamics, squares = None, np.asarray(mode_squares, dtype=float)
+    modes = 0 if mass_matrix is None else max(0, len(np.asarray(mass_matrix)) - size)
+    if squares.shape != (modes,) or not (squares > 0.0).all():
+        rows = f"{modes} above 0, for the mass matrix's rows beyond the interfaces'"
+        raise InputError(f"{here}.mode_squares: expected {rows}, got {squares.tolist()}")
     if mass_matrix is not None:
-        squares = np.asarray(mode_squares, dtype=float)
-        whole = size + squares.size
+        whole = size + modes
         inertia = check_array(mass_matrix, (whole, whole), f"{here}.mass_matrix", "a mass matrix")
         dynamics = Dynamics(inertia, squares)
         mass = dynamics.total

@@ -100,7 +100,9 @@ def check_array(value: ArrayLike, shape: tuple[int, ...], here: str, what: str) 
     """
     array = np.asarray(value, dtype=float)
     if array.shape != shape or not np.isfinite(array).all():
-        raise InputError(f"{here}: expected {what} of finite numbers, shape {shape}, got {np.asarray(value).tolist()}")
+        got = f"shape {array.shape}" if array.shape != shape else "some that are not finite"
+        got = array.tolist() if array.size <= 6 else got
+        raise InputError(f"{here}: expected {what} of finite numbers, shape {shape}, got {got}")
     return array
 
 

@@ -1,8 +1,8 @@
-"""How a mechanism yields under a load: the tool's twist, who contributes how much, and backlash in the drives."""
+"""How a mechanism yields under a load: the tool's twist, who contributes how much, and load curves."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,8 +16,6 @@ from stiffscope.vjm.network import END, place_nodes
 from stiffscope.vjm.order import find_order
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from numpy.typing import ArrayLike
 
     from stiffscope.vjm.mechanism import Mechanism
@@ -112,41 +110,6 @@ def find_load_curve(
             return np.full((1, 6, 6), np.nan)
 
     return LoadCurve(times, twist, map_segments(order, where, loads, (6, 6), tangent))
-
-
-def deflection_with_backlash(
-    mechanism: Mechanism, poses: ArrayLike | Configurations, wrench: ArrayLike, gaps: Mapping[str, float]
-) -> Array:
-    """Twist (n, 6) at M under a wrench (6,) or (n, 6), with dead zones in drives, from the middle of each gap.
-
-    ``gaps`` gives half-widths in m or rad by driven joint. A drive shifts by the half-width towards the force it
-    carries; where the others would take its force off it before that, it hangs free inside its gap. Raises as
-    ``deflection``, and for a name that is no drive's.
-
-    Parameters
-    ----------
-    mechanism
-        Bodies, joints, tool and gravity of the robot.
-    poses
-        Tool poses (n, k) in SI, or configurations at them.
-    wrench
-        Force and moment (6,) or (n, 6) at the tool point M, N and N·m.
-    gaps
-        Half-widths of dead zones by driven joint, m or rad; larger ones leave more free play.
-
-    """
-    drives = {j.name: j for j in mechanism.drives}
-    for name, half in gaps.items():
-        if name not in drives:
-            raise InputError(f"backlash: expected a drive, one of {', '.join(drives) or 'none'}, got {name!r}")
-        if not 0.0 <= half < np.inf:
-            raise InputError(f"backlash: expected half-widths of at least 0, got {dict(gaps)}")
-    joints = tuple(
-        replace(j, drive=j.drive.add_backlash(2.0 * gaps[j.name])) if j.drive is not None and gaps.get(j.name) else j
-        for j in mechanism.joints
-    )
-    found = _find(mechanism, poses)
-    return deflection(replace(mechanism, joints=joints), found, wrench).twist
 
 
 def _find(mechanism: Mechanism, poses: ArrayLike | Configurations) -> Configurations:

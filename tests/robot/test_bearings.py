@@ -109,6 +109,12 @@ def test_its_numbers_can_be_set_and_varied():
     assert ratio == pytest.approx(0.5, abs=0.06)  # the third root of an eighth
 
 
+def test_a_number_set_of_a_bearing_that_is_not_there_is_blamed():
+    bare = ARM.replace("bearing = BEARING\n", "")
+    with pytest.raises(InputError, match=r"^--set root.bearing.preload=3 N: joints.root.bearing: expected a kind"):
+        robot_of(bare, overrides=["root.bearing.preload=3 N"])
+
+
 def test_a_sheets_stiffness_follows_the_load():
     sheet = 'kind = "crossed-roller", radial = "500 N/um", axial = "700 N/um", tilting = "1 MN*m/rad"'
     k = element(f'{sheet}, at_load = "1 kN", preload = "2 kN"').stiffness
@@ -142,6 +148,10 @@ REFUSED = {
     f'{{ {BALLS}, load = ["-5 kN", 0, 0] }}': "load: expected a thrust .* of an angular-contact bearing, got -4500 N",
     '{ kind = "crossed-roller", rollers = 1e8, length = "10 mm", pitch = "80 mm", clearance = "-3 um" }':
         "rollers: expected 1 to 1000, got 100000000",
+    '{ kind = "linear-guide", vertical = "9 N/um", lateral = "9 N/um", rails = 2, carriages = 2 }':
+        "bearing.*rail_spacing: expected the distance of one of 2 from the next, got none",
+    '{ kind = "linear-guide", vertical = "9 N/um", lateral = "9 N/um", rails = 2, rail_spacing = "1 m" }':
+        "bearing.*tilt: expected a carriage's own beside one of carriages, got nothing",
     '{ kind = "deep-groove", radial = "9 N/um", axial = "9 N/um", tilting = "1 kN*m/rad", preload = "9 N" }':
         "at_load: expected the load of the sheet's own stiffness beside preload, got nothing",
 }  # fmt: skip

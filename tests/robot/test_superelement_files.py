@@ -63,6 +63,11 @@ def written(tmp_path_factory):
     return path, k, m
 
 
+def plain_lines(k):
+    places = ", ".join(f'"{name}" = {list(place)}' for name, place in NODES.items())
+    return f"interfaces = {{ {places} }}\nstiffness = {k[:18, :18].tolist()}\n"
+
+
 def robot_of(path, line):
     return read_robot(path / "robot.toml", TEXT.replace("FILE", line))
 
@@ -80,10 +85,8 @@ def test_what_is_written_is_read(written, file, exact):
 
 def test_a_robot_is_the_same_by_any_form(written):
     path, k, m = written
-    places = ", ".join(f'"{name}" = {place}' for name, place in NODES.items())
-    plain = f"interfaces = {{ {places} }}\nstiffness = {k[:18, :18].tolist()}\nmass_matrix = {m.tolist()}\n"
     lines = [
-        f"{plain}mode_squares = [4e6, 9e6]",
+        f"{plain_lines(k)}mass_matrix = {m.tolist()}\nmode_squares = [4e6, 9e6]",
         *(f'file = "{name}"' for name in ("frame.npz", "frame.stiffness.mtx")),
     ]
     answers = []
@@ -93,6 +96,24 @@ def test_a_robot_is_the_same_by_any_form(written):
     for other in answers[1:]:
         for one, same in zip(answers[0], other, strict=True):
             assert same == pytest.approx(one, rel=1e-7, abs=1e-9 * np.abs(one).max())
+
+
+@pytest.mark.parametrize("squares", [[4e6, -9e6], [4e6, 9e6, 1e7], [4e6]])
+def test_each_mode_has_a_square_above_zero(written, squares):
+    path, k, m = written
+    with pytest.raises(InputError, match=r"parts.frame.mode_squares: expected 2 above 0, for the mass matrix's rows"):
+        robot_of(path, f"{plain_lines(k)}mass_matrix = {m.tolist()}\nmode_squares = {squares}")
+    with pytest.raises(InputError, match=r"parts.frame.mode_squares: expected 0 above 0"):
+        robot_of(path, f"{plain_lines(k)}mode_squares = {squares}")
+
+
+def test_an_npz_file_has_a_name_for_each_node(written, tmp_path):
+    held = dict(np.load(written[0] / "frame.npz"))
+    np.savez(tmp_path / "two.npz", **(held | {"nodes": held["nodes"][:2]}))
+    with pytest.raises(InputError, match=r"parts.frame.file: expected 3 nodes, as its help names, got 2"):
+        robot_of(tmp_path, 'file = "two.npz"')
+    with pytest.raises(InputError, match=r"parts\.frame\.interfaces: expected 3, as the file has nodes, got 1"):
+        robot_of(written[0], 'file = "frame.npz"\ninterfaces = { foot = [0, 0, 0] }')
 
 
 def test_others_need_names(written, tmp_path):

@@ -233,9 +233,15 @@ class LinearGuide(ElementSection):
     def element(self) -> me.MachineElement:
         """See `ElementSection`."""
         rails, carriages = (self.rails, self.rail_spacing), (self.carriages, self.carriage_spacing)
+        for key, (count, spacing) in {"rail_spacing": rails, "carriage_spacing": carriages}.items():
+            if count > 1 and not spacing:
+                raise InputError(f"{key}: expected the distance of one of {count} from the next, got none")
         if self._by_sheet or self.balls is None:
             self._need("vertical", "lateral")
             each = (0.0, *((k or 0.0) for k in (self.lateral, self.vertical, self.roll, self.tilt, self.yaw)))
+            for key, others in {"roll": "rails", "tilt": "carriages", "yaw": "carriages"}.items():
+                if not getattr(self, key) and getattr(self, others) == 1:
+                    raise InputError(f"{key}: expected a carriage's own beside one of {others}, got nothing")
             return me.guide_of_sheet(each, rails, carriages, "the sheet's own stiffness of one carriage")
         self._need("ball", "width", "height", "length", "preload")
         contacts = me.carriage_contacts(

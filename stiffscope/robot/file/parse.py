@@ -66,9 +66,9 @@ class Source:
         """Error for a key: names the `--set` that brought it, else file and line."""
         key = as_written(key)
         by = next((self.changed[key[:n]] for n in range(len(key), 0, -1) if key[:n] in self.changed), None)
-        if by is None and len(key) > 1 and key[:-1] not in self.lines:
-            table = key[:-1]
-            by = next((text for each, text in self.changed.items() if each[: len(table)] == table), None)
+        for table in (key, key[:-1]):  # one that is not in the file, but for what was set in it
+            if by is None and len(table) > 1 and table not in self.lines:
+                by = next((text for each, text in self.changed.items() if each[: len(table)] == table), None)
         return InputError(f"{by or f'{self.path}:{self.line(key)}'}: {field_name(key)}: {message}")
 
 

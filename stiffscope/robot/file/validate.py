@@ -147,6 +147,11 @@ def _with_matrices(table: dict[str, Any], folder: Path, key: Key) -> dict[str, A
         interfaces = table.get("interfaces", found.interfaces)
         if not interfaces:
             raise ValueError("expected interfaces beside a file that names none, in the order of its rows, got nothing")
+        if not isinstance(interfaces, dict):
+            raise FieldError((*key, "interfaces"), f"expected a table of places, got {q.show_value(interfaces)}")
+        if found.interfaces and len(interfaces) != len(found.interfaces):
+            message = f"expected {len(found.interfaces)}, as the file has nodes, got {len(interfaces)}"
+            raise FieldError((*key, "interfaces"), message)
         ends = 6 * len(interfaces)
         square = found.stiffness.ndim == 2 and found.stiffness.shape[0] == found.stiffness.shape[1] >= ends
         if not square or (found.mass is not None and found.mass.shape != found.stiffness.shape):
