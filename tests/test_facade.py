@@ -1,5 +1,6 @@
 """`import stiffscope as ss`: what it has, what it costs, and what it does for robots of files and of Python."""
 
+import doctest
 import pydoc
 import subprocess
 import sys
@@ -29,6 +30,17 @@ def test_every_name_is_loaded_and_documented():
         assert getattr(ss, name).__doc__
     with pytest.raises(AttributeError, match="No stiffscope attribute nosuch"):
         _ = ss.nosuch
+
+
+EXAMPLES = "analyse assemble build_part configure deflection diagnose load_robot modes sag stiffness"
+
+
+@pytest.mark.parametrize("name", EXAMPLES.split())
+def test_examples_give_what_they_print(name):
+    found = getattr(ss, name)
+    (example,) = doctest.DocTestFinder(recurse=False).find(found, name, globs={name: found})
+    assert example.examples
+    assert doctest.DocTestRunner().run(example).failed == 0
 
 
 def test_a_part_weighs_what_its_solid_does():

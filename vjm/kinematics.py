@@ -142,6 +142,13 @@ def configure(mechanism: Mechanism, poses: ArrayLike) -> Configurations:
     ------
     InputError
         For an array of another shape, a number that is not finite, and a mechanism that cannot move as its poses say.
+
+    Examples
+    --------
+    >>> import stiffscope as ss
+    >>> machine = ss.assemble(ss.load_robot("biglide"), "beam")
+    >>> ss.configure(machine, [[0, 0, 0.4], [0.5, 0, 0.4]]).valid
+    array([ True, False])
     """
     points = check_poses(mechanism, poses)
     parts = list(configure_chunks(mechanism, points))

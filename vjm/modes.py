@@ -91,6 +91,13 @@ def modes(mechanism: Mechanism, poses: ArrayLike | Configurations, count: int = 
     References
     ----------
     K.-J. Bathe, Finite Element Procedures, 2nd ed., 2014, ch. 11 (subspace iteration, shifting).
+
+    Examples
+    --------
+    >>> import stiffscope as ss
+    >>> machine = ss.assemble(ss.load_robot("biglide"), "published")
+    >>> ss.modes(machine, [[0, 0, 0.34748]], 3).frequencies.round(1)  # Hz
+    array([[ 58.8, 138. , 143.6]])
     """
     found = poses if isinstance(poses, Configurations) else configure(mechanism, poses)
     n = len(found)

@@ -113,6 +113,14 @@ def stiffness(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravit
     ------
     InputError
         For poses of another shape, and for infinite stiffness, of which ``compliance`` is the finite side.
+
+    Examples
+    --------
+    >>> import stiffscope as ss
+    >>> machine = ss.assemble(ss.load_robot("biglide"), "published")
+    >>> k = ss.stiffness(machine, [[0, 0, 0.34748]])[0]
+    >>> (k.diagonal()[:3] / 1e6).round(2)  # N/um
+    array([23.84,  1.97, 12.4 ])
     """
     return _map_chunks(mechanism, poses, (6, 6), lambda order, where: _find_stiffness(order, where, gravity)[0])
 
@@ -174,6 +182,13 @@ def sag(mechanism: Mechanism, poses: ArrayLike | Configurations) -> Array:
     ------
     InputError
         Where the tool moves freely.
+
+    Examples
+    --------
+    >>> import stiffscope as ss
+    >>> machine = ss.assemble(ss.load_robot("biglide"), "published")
+    >>> (1e6 * ss.sag(machine, [[0, 0, 0.34748]])[0, 2]).round(0)  # um along z, which points down
+    np.float64(11.0)
     """
 
     def work(order: Order, where: Places) -> Array:
@@ -197,6 +212,14 @@ def analyse(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravity:
     -------
     Stiffness
         What the mechanism does at every pose; where its stiffness is infinite, its compliance and what is rigid.
+
+    Examples
+    --------
+    >>> import stiffscope as ss
+    >>> machine = ss.assemble(ss.load_robot("biglide"), "published")
+    >>> state = ss.analyse(machine, [[0, 0, 0.34748]], gravity="exact")
+    >>> (1e6 * state.sag[0, 2]).round(2)  # um along z, which points down
+    np.float64(11.05)
     """
     found = poses if isinstance(poses, Configurations) else configure(mechanism, poses)
     n = len(found)

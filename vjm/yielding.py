@@ -54,6 +54,13 @@ def deflection(mechanism: Mechanism, poses: ArrayLike | Configurations, wrench: 
     Deflection
         Twist of the tool (n, 6) in m and rad, and each element's share of the strain energy.
 
+    Examples
+    --------
+    >>> import stiffscope as ss
+    >>> machine = ss.assemble(ss.load_robot("biglide"), "published")
+    >>> found = ss.deflection(machine, [[0, 0, 0.34748]], [0, 0, -1000, 0, 0, 0])
+    >>> (1e6 * found.twist[0, 2]).round(1)  # um
+    np.float64(-80.7)
     """
     found = _find(mechanism, poses)
     load = _check_wrench(wrench, len(found))

@@ -29,8 +29,9 @@ from stiffscope.report.keys import (
     QUANTITIES_READ,
     SENSOR,
     TABLES,
-    TOP,
-    section_rows,
+    Key,
+    robot_keys,
+    section_keys,
 )  # fmt: skip
 from stiffscope.report.notebook import HEIGHT, as_html
 
@@ -41,21 +42,20 @@ if TYPE_CHECKING:
 class RobotFileKeys(Directive):
     """Tables of every key of a robot file."""
 
-    tables = TABLES
-    head = (
-        "### The top level", "", "| key | takes | default |", "|---|---|---|",
-        *(f"| `{key}` | {takes} | {default} |" for key, (takes, default) in TOP.items()), "",
-    )  # fmt: skip
+    tables: ClassVar[Any] = TABLES
+
+    def keys(self) -> dict[str, list[Key]]:
+        """Return the keys by section."""
+        return robot_keys()
 
     def run(self) -> list[nodes.Node]:
         """Return a section's paragraphs and tables."""
-        lines = list(self.head)
-        for title, model in self.tables:
-            lines += [f"### {title}", "", inspect.cleandoc(model.__doc__ or ""), "", "| key | takes | default |"]
-            lines += [
-                "|---|---|---|",
-                *(f"| `{key}` | {takes} | {default} |" for key, takes, default in section_rows(model)),
-            ]
+        lines, about = [], dict(self.tables)
+        for title, rows in self.keys().items():
+            words = inspect.cleandoc(about[title].__doc__ or "") if title in about else ""
+            lines += [f"### {title[0].upper()}{title[1:]}", "", words, ""]
+            lines += ["| key | means | takes | default |", "|---|---|---|---|"]
+            lines += [f"| `{row.key}` | {row.means} | {row.takes} | {row.default} |" for row in rows]
             lines.append("")
         return parsed(self, lines)
 
@@ -63,13 +63,21 @@ class RobotFileKeys(Directive):
 class StudyFileKeys(RobotFileKeys):
     """Tables of every key of a study's file."""
 
-    tables, head = SECTIONS, ()
+    tables: ClassVar[Any] = SECTIONS
+
+    def keys(self) -> dict[str, list[Key]]:
+        """Return the keys by section."""
+        return section_keys("study", SECTIONS)
 
 
 class JobFileKeys(RobotFileKeys):
     """Tables of every key of a job's file."""
 
-    tables, head = JOB, ()
+    tables: ClassVar[Any] = JOB
+
+    def keys(self) -> dict[str, list[Key]]:
+        """Return the keys by section."""
+        return section_keys("job", JOB)
 
 
 class CampaignKeys(Directive):
@@ -166,15 +174,20 @@ def _png(png: bytes) -> str:
 
 
 class Facade(Directive):
-    """The names of ``import stiffscope``, each with its own documentation."""
+    """The names of ``import stiffscope`` under the headings of its docstring, each with its own documentation."""
 
     def run(self) -> list[nodes.Node]:
         """Hand every name to autodoc."""
         lines: list[str] = []
-        for name in stiffscope.__all__:
-            found = getattr(stiffscope, name)
-            kind, members = ("class", ["   :members:"]) if inspect.isclass(found) else ("function", [])
-            lines += [f".. auto{kind}:: {found.__module__}.{name}", *members, ""]
+        for line in inspect.cleandoc(stiffscope.__doc__ or "").splitlines()[3:]:
+            name = line.split()[0] if line.startswith("    ") else ""
+            if name:
+                kind, *members = (
+                    ("class", "   :members:") if inspect.isclass(getattr(stiffscope, name)) else ("function",)
+                )
+                lines += ["```{eval-rst}", f".. auto{kind}:: stiffscope.{name}", *members, "```", ""]
+            elif line:
+                lines += [f"### {line}", ""]
         return parsed(self, lines)
 
 

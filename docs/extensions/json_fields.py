@@ -453,7 +453,7 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
     "keys": (
         ["keys", "milling"],
         {
-            "*.*": ("by kind of file and section: `key`, `takes` and `default` of each key", ""),
+            "*.*": ("by kind of file and section: `key`, `means`, `takes` and `default` of each key", ""),
         },
     ),
     "campaign new": (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -55,17 +56,13 @@ def new(name: str, goal: str, *, output: Output) -> None:
 @click.command()
 @takes(click.argument("section", required=False), options.json)
 def keys(section: str | None, *, output: Output) -> None:
-    """List every key of a robot file, study, job or campaign, with what it takes.
+    """List every key of a robot file, study, job or campaign, with its meaning, what it takes and its default.
 
     SECTION is robot, study, job or campaign, or part of a section's title such as joints or milling.
     """
     found = find_keys(section)
     answer = {
-        kind: {
-            title: [dict(zip(("key", "takes", "default"), row, strict=True)) for row in rows]
-            for title, rows in titles.items()
-        }
-        for kind, titles in found.items()
+        kind: {title: [asdict(row) for row in rows] for title, rows in titles.items()} for kind, titles in found.items()
     }
     emit(output, answer, lambda: show_keys(found))
 

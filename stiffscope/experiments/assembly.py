@@ -76,6 +76,12 @@ def assemble(robot: RobotFile, components: Components = None) -> Mechanism:
     InputError
         There is no such part or source, or a matrix is no compliance.
 
+    Examples
+    --------
+    >>> import stiffscope as ss
+    >>> machine = ss.assemble(ss.load_robot("biglide"), "published")  # or "beam", "fea", or a matrix a part
+    >>> machine.tool.pose
+    ('x', 'y', 'z')
     """
     with workshop() as shop:
         return assemble_robots({"robot": robot}, components, shop)["robot"].mechanism

@@ -156,6 +156,11 @@ def build_part(robot: RobotFile, name: str) -> Part:
     InputError
         There is no such part, or its solid cannot be built or read.
 
+    Examples
+    --------
+    >>> import stiffscope as ss
+    >>> ss.build_part(ss.load_robot("biglide"), "slider").material.name
+    'steel'
     """
     with name_lines(robot):
         return order_part(robot, name).build()

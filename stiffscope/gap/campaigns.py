@@ -70,6 +70,12 @@ def diagnose(campaign: str | Path, robot: str | None = None) -> Diagnosis:
     InputError
         There is no such campaign, or its files are wrong.
 
+    Examples
+    --------
+    >>> import stiffscope as ss
+    >>> found = ss.diagnose("published")
+    >>> found.verdict, found.effects[0].effect, round(found.effects[0].parameters["factor"].value, 3)
+    ('identified', 'scale', 1.1)
     """
     with workshop() as shop:
         case = open_case(campaign, instead=robot)

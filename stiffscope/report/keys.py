@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import difflib
 import inspect
+import tomllib
+from dataclasses import astuple, dataclass
+from functools import cache
+from importlib import resources
 from types import NoneType, UnionType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic_core import PydanticUndefined
 
+from stiffscope.cad.materials import MATERIALS
 from stiffscope.design.path import job
 from stiffscope.design.study_sections import SECTIONS
 from stiffscope.effects.vocabulary import EFFECTS
@@ -18,15 +23,18 @@ from stiffscope.robot.file import element_sections, part_sections, sections
 from stiffscope.robot.file.values import Reads, Says
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable
 
 TOP = {
     "name": ("a text", "**needed**"),
-    "[parameters]": ("numbers with units by name, which expressions may use", "–"),
-    "[groups]": ("lists of bodies or joints by name, of which an effect or a table may speak at once", "–"),
-    "[poses]": ("tool poses by name: as many numbers as `[tool] pose` has coordinates", "–"),
-    "[parts.NAME], [bodies.NAME], [joints.NAME], [[copies]]": ("the robot, see below", "–"),
-    "[tool], [gravity], [map], [materials.NAME], [[effects]]": ("see below", "–"),
+    "[parameters]": ("numbers with units by name", "–"),
+    "[groups]": ("lists of bodies or joints by name", "–"),
+    "[poses]": ("by name, as many numbers as `[tool] pose` has coordinates", "–"),
+    **dict.fromkeys(("[parts.NAME]", "[bodies.NAME]", "[joints.NAME]"), ("a table for each", "–")),
+    "[[copies]]": ("tables in a list", "–"),
+    **dict.fromkeys(("[tool]", "[gravity]", "[map]"), ("a table", "–")),
+    "[materials.NAME]": ("a table for each", "–"),
+    "[[effects]]": ("tables in a list", "–"),
 }
 TABLES = (
     ('[parts.NAME], shape = "rod"', part_sections.RodPart),
@@ -69,9 +77,9 @@ CAMPAIGN = {
     "readings": "a file of readings or a list of such: .csv (comma or semicolon, decimal comma too), .tsv, .xlsx",
     "units": 'units by column, such as `{ value = "um", fx = "N" }`; SI without it',
     "ignore": "columns that are not read",
-    "frames": "axes of instruments that stand anywhere, by name, see below",
-    "sensors": "instruments by name, see below",
-    "loads": "points where loads act, by name, see below",
+    "frames": "axes of instruments that stand anywhere, by name: `[frames.NAME]`",
+    "sensors": "instruments by name: `[sensors.NAME]`",
+    "loads": "points where loads act, by name: `[loads.NAME]`",
 }
 SENSOR = {
     "measures": "`displacement` (m), `rotation` (rad), or of a target that an instrument sees `position` "
@@ -114,33 +122,78 @@ JOB = (
 )
 
 
-def section_rows(model: Any) -> list[tuple[str, str, str]]:
-    """Key, what it takes and default of every field of a section."""
-    return [
-        (field.alias or name, _takes(field), "**needed**" if field.is_required() else _default(field))
-        for name, field in model.model_fields.items()
+@dataclass(frozen=True)
+class Key:
+    """A key of a file: what it means and, in words, what it takes and its default."""
+
+    key: str
+    means: str
+    takes: str = ""
+    default: str = ""
+
+
+@cache
+def _meanings() -> dict[str, dict[str, str]]:
+    text = resources.files("stiffscope.data").joinpath("keys.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)
+
+
+def _meaning(kind: str, title: str, key: str) -> str:
+    """What a key means: in the sections whose title has a word of its own for it, else in all."""
+    meanings = _meanings()[kind]
+    words = (name.rpartition(".")[0] for name in meanings if name.endswith(f".{key}") and name != key)
+    return next((meanings[f"{word}.{key}"] for word in words if word in title), "") or meanings[key]
+
+
+def section_keys(kind: str, tables: Iterable[tuple[str, Any]]) -> dict[str, list[Key]]:
+    """Keys of the sections of a kind of file, by title."""
+    return {
+        title: [
+            Key(
+                name := field.alias or own, _meaning(kind, title, name), _takes(field),
+                "**needed**" if field.is_required() else _default(field),
+            )
+            for own, field in model.model_fields.items()
+        ]
+        for title, model in tables
+    }  # fmt: skip
+
+
+def robot_keys() -> dict[str, list[Key]]:
+    """Keys of a robot file by section, and the built-in materials."""
+    title = "the top level"
+    materials = [
+        Key(
+            name,
+            each.source,
+            f"E {each.youngs_modulus / 1e9:.4g} GPa, G {each.shear_modulus / 1e9:.3g} GPa, {each.density:g} kg/m³",
+        )
+        for name, each in MATERIALS.items()
     ]
+    return {
+        title: [Key(key, _meaning("robot", title, key), *rest) for key, rest in TOP.items()],
+        **section_keys("robot", TABLES),
+        "built-in materials": materials,
+    }
 
 
-def all_keys() -> dict[str, dict[str, list[tuple[str, str, str]]]]:
-    """Rows of `section_rows` by kind of file and section."""
-    robot = {"the top level": [(key, *rest) for key, rest in TOP.items()]}
-    robot |= {title: section_rows(model) for title, model in TABLES}
-    campaign = {title: [(key, takes, "") for key, takes in keys.items()] for title, keys in CAMPAIGN_SECTIONS}
-    campaign["quantities at M"] = [(name, f"{words} ({unit})", "") for name, (words, unit) in QUANTITIES_READ.items()]
+def all_keys() -> dict[str, dict[str, list[Key]]]:
+    """Keys by kind of file and section."""
+    campaign = {title: [Key(key, means) for key, means in keys.items()] for title, keys in CAMPAIGN_SECTIONS}
+    campaign["quantities at M"] = [Key(name, f"{words} ({unit})") for name, (words, unit) in QUANTITIES_READ.items()]
     campaign["effects"] = [
-        (name, ", ".join(f"{parameter} ({unit})" for parameter, unit in parameters[:9]) or "no parameters", "")
+        Key(name, ", ".join(f"{parameter} ({unit})" for parameter, unit in parameters[:9]) or "no parameters")
         for name, parameters in EFFECTS.items()
     ]
     others = {"study": SECTIONS, "job": JOB}
     return {
-        "robot": robot,
-        **{kind: {title: section_rows(model) for title, model in tables} for kind, tables in others.items()},
+        "robot": robot_keys(),
+        **{kind: section_keys(kind, tables) for kind, tables in others.items()},
         "campaign": campaign,
     }
 
 
-def find_keys(wanted: str | None) -> dict[str, dict[str, list[tuple[str, str, str]]]]:
+def find_keys(wanted: str | None) -> dict[str, dict[str, list[Key]]]:
     """Sections whose kind of file or title has a text; all without one. Raises InputError where there is none."""
     every = all_keys()
     if wanted is None or wanted in every:
@@ -158,17 +211,20 @@ def find_keys(wanted: str | None) -> dict[str, dict[str, list[tuple[str, str, st
     return found
 
 
-def show_keys(found: dict[str, dict[str, list[tuple[str, str, str]]]]) -> None:
+def show_keys(found: dict[str, dict[str, list[Key]]]) -> None:
     """Print the sections, a table each."""
     for kind, titles in found.items():
         show_line(f"{kind[0].upper()}{kind[1:]} file" if kind != "campaign" else "Campaign", "bold")
         show_line("")
         for title, rows in titles.items():
-            show_table(title, [["key"], ["takes", "default"]], [_as_text(row) for row in rows], prose={"takes"})
+            show_table(
+                title, [["key"], ["means", "takes", "default"]], [_as_text(row) for row in rows],
+                prose={"means", "takes"},
+            )  # fmt: skip
 
 
-def _as_text(row: Sequence[str]) -> list[str]:
-    return [cell.replace("`", "").replace("**", "") for cell in row]
+def _as_text(row: Key) -> list[str]:
+    return [str(cell).replace("`", "").replace("**", "") for cell in astuple(row)]
 
 
 def _takes(field: Any) -> str:

@@ -44,6 +44,11 @@ def load_robot(name_or_path: str | Path, overrides: Sequence[str] = (), toleranc
     InputError
         One line that names the file, the line, the field, what was expected and what was found.
 
+    Examples
+    --------
+    >>> robot = load_robot("biglide", ["slider.thickness=25mm"])
+    >>> robot.parts["slider"].thickness  # m
+    0.025
     """
     path = find_robot(name_or_path)
     return read_robot(path, reading.read_text(path, "a robot file in TOML"), overrides, tolerance)

@@ -9,13 +9,23 @@ from stiffscope.errors import InputError
 from stiffscope.report.keys import all_keys, find_keys
 
 
-def test_every_key_says_what_it_takes():
+def test_every_key_says_what_it_means_and_takes():
     every = all_keys()
     assert set(every) == {"robot", "study", "job", "campaign"}
-    for titles in every.values():
+    for kind, titles in every.items():
         for title, rows in titles.items():
             assert rows, title
-            assert all(takes and "any value" not in takes for _, takes, _ in rows if title != "[[effects]]"), title
+            assert all(row.means for row in rows), title
+            if kind != "campaign" and title != "[[effects]]":
+                assert all(row.takes and "any value" not in row.takes for row in rows), title
+
+
+def test_a_key_of_two_meanings_has_that_of_its_section():
+    robot = all_keys()["robot"]
+    lengths = {title: next((row.means for row in rows if row.key == "length"), "") for title, rows in robot.items()}
+    assert lengths['[parts.NAME], shape = "rod"'].startswith("length along x")
+    assert "shaft" in lengths["bearing of a joint, kind = ball-screw"]
+    assert "roller" in lengths["bearing of a joint, kind = cylindrical-roller or crossed-roller"]
 
 
 def test_a_section_is_found_by_part_of_its_title(capsys):
