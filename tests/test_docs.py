@@ -119,3 +119,50 @@ def test_changelog_has_the_version() -> None:
 
     assert f"## [{__version__}]" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert f"version: {__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+
+
+QUESTIONS = {
+    "What does the first command give me?": "start.md",
+    "How do I describe a spherical joint?": "guides/robot.md#how-a-robot-is-described",
+    "Which keys does a joint have?": "reference/robot-file.md",
+    "How do I start from my CAD assembly?": "guides/assembly.md",
+    "My arm is a URDF: how do I begin?": "guides/robot.md",
+    "How do I choose the clamped faces of my STEP part?": "guides/part.md",
+    "In which axes is a part's matrix?": "guides/part.md#axes",
+    "Where does an error bar come from?": "guides/part.md#how-far-to-trust-the-numbers",
+    "What is K_tx, and what is kx?": "glossary.md#kx-and-k_tx",
+    "What do I put for a bearing?": "guides/bearings.md",
+    "How do I model backlash?": "guides/flexure.md#a-drive-that-is-not-linear",
+    "Can a platform bend?": "guides/platform.md",
+    "What should I change to make it stiffer?": "guides/design.md",
+    "How do I optimize a dimension?": "guides/study.md#methods",
+    "What are its natural frequencies?": "guides/frequencies.md",
+    "Why does my part come out wrong by 0.2 mm?": "guides/path.md",
+    "How do I write down my measurements?": "reference/campaign.md",
+    "What does the verdict 'ambiguous' mean?": "guides/measurements.md#what-the-answer-says",
+    "Is it right? Compared with what?": "validation.md",
+    "How do I get the matrices into Ansys or Nastran?": "superelements.md",
+}
+
+
+def _links(page: Path) -> set[str]:
+    """Pages and sections that a page links to, from the documentation's root."""
+    text = re.sub(r"```\{toctree\}.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    found = set()
+    for target in re.findall(r"\]\(([\w./-]+\.(?:md|ipynb)(?:#[\w-]+)?)\)", text):
+        path, _, section = target.partition("#")
+        place = (page.parent / path).resolve().relative_to(ROOT)
+        found.add(f"{place.relative_to('docs') if place.parts[0] == 'docs' else place}{'#' * bool(section)}{section}")
+    return found
+
+
+@pytest.mark.parametrize("question", QUESTIONS)
+def test_a_question_is_answered_two_links_from_the_front_page(question: str) -> None:
+    page, _, section = QUESTIONS[question].partition("#")
+    first = _links(ROOT / "docs/index.md")
+    pages = {each.partition("#")[0] for each in first if ".md" in each}
+    second = set().union(*(_links(ROOT / "docs" / each) for each in pages if (ROOT / "docs" / each).suffix == ".md"))
+    assert page in {each.partition("#")[0] for each in first | second}
+    headings = re.findall(r"^#+ (.+)$", (ROOT / "docs" / page).read_text(encoding="utf-8"), re.MULTILINE)
+    anchors = {re.sub(r"[^\w\- ]", "", each.lower()).replace(" ", "-") for each in headings}
+    assert not section or section in anchors

@@ -8,6 +8,7 @@ import inspect
 import io
 import re
 import runpy
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -34,6 +35,9 @@ from stiffscope.report.keys import (
     section_keys,
 )  # fmt: skip
 from stiffscope.report.notebook import HEIGHT, as_html
+from stiffscope.report.pictures import open_drawing
+from stiffscope.report.robot_scene import moves, scene
+from stiffscope.robot.library import robot_names
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
@@ -148,25 +152,48 @@ class TurningRobot(Directive):
 
 
 class WaysIn(Directive):
-    """Three pictures that the package draws, each a link to the guide that tells how."""
+    """Pictures that the package draws, each a link to the guide that tells how."""
 
     def run(self) -> list[nodes.Node]:
-        """Return the three cards."""
+        """Return the cards."""
         robot = stiffscope.load_robot("biglide")
         machine = stiffscope.assemble(robot, "beam")
         part = stiffscope.deformed(stiffscope.run_experiment(stiffscope.build_part(robot, "slider")))
         gap = as_html(stiffscope.diagnose("gauges"))
-        pictures = {
-            "robot": (_png(stiffscope.stiffness_map(machine, robot.map.ranges()).png), "stiffness over the workspace"),
-            "part": (_png(part.png), "a part under each unit load"),
-            "measurements": (re.search(r'src="(data:image/svg[^"]*)"', gap)[1], "the gap before and after"),
-        }
-        cards = [
-            f'<a href="guides/{page}.html"><img src="{source}" alt="">'
-            f"<strong>My {title}</strong><span>{words}</span></a>"
-            for (page, (source, words)), title in zip(pictures.items(), ("design", "part", "measurements"), strict=True)
-        ]
-        return [nodes.raw("", f'<div class="ways-in">{"".join(cards)}</div>', format="html")]
+        measured = re.search(r'src="(data:image/svg[^"]*)"', gap)[1]
+        return _cards(
+            ("guides/robot", _png(stiffscope.stiffness_map(machine, robot.map.ranges()).png), "My design",
+             "stiffness over the workspace"),
+            ("guides/part", _png(part.png), "My part", "a part under each unit load"),
+            ("guides/measurements", measured, "My measurements", "the gap before and after"),
+        )  # fmt: skip
+
+
+class BundledRobots(Directive):
+    """A picture of each bundled robot at its first pose, with what its file says of it."""
+
+    def run(self) -> list[nodes.Node]:
+        """Return the cards."""
+        cards = []
+        with tempfile.TemporaryDirectory() as folder, open_drawing() as draw:
+            for name, words in robot_names().items():
+                robot = stiffscope.load_robot(name)
+                machine = stiffscope.assemble(robot, "beam")
+                first = stiffscope.configure(machine, list(robot.poses.values())[:1])
+                picture = {"file": f"{name}.png", "title": "", "moves": moves(machine, first)}
+                draw("robot", Path(folder), pictures=[picture], **scene(robot, machine))
+                png = _png((Path(folder) / f"{name}.png").read_bytes())
+                cards.append(("guides/robot", png, name, words))
+        return _cards(*cards)
+
+
+def _cards(*cards: tuple[str, str, str, str]) -> list[nodes.Node]:
+    """Cards of page, picture, title and words."""
+    shown = [
+        f'<a href="{page}.html"><img src="{source}" alt=""><strong>{title}</strong><span>{words}</span></a>'
+        for page, source, title, words in cards
+    ]
+    return [nodes.raw("", f'<div class="ways-in">{"".join(shown)}</div>', format="html")]
 
 
 def _png(png: bytes) -> str:
@@ -207,5 +234,6 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.add_directive("gallery", Gallery)
     app.add_directive("turning-robot", TurningRobot)
     app.add_directive("ways-in", WaysIn)
+    app.add_directive("bundled-robots", BundledRobots)
     app.add_directive("facade", Facade)
     return {"parallel_read_safe": True}
