@@ -8,12 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from OCP.APIHeaderSection import APIHeaderSection_MakeHeader
 from OCP.BinTools import BinTools
 from OCP.BRepTools import BRepTools
 from OCP.IFSelect import IFSelect_ReturnStatus
+from OCP.StepBasic import StepBasic_Product
 from OCP.STEPCAFControl import STEPCAFControl_Reader
 from OCP.STEPControl import STEPControl_Reader, STEPControl_StepModelType, STEPControl_Writer
-from OCP.TCollection import TCollection_ExtendedString
+from OCP.TCollection import TCollection_ExtendedString, TCollection_HAsciiString
 from OCP.TDataStd import TDataStd_Name, TDataStd_TreeNode
 from OCP.TDocStd import TDocStd_Document
 from OCP.TopoDS import TopoDS
@@ -99,9 +101,15 @@ def _material_name(label: Any) -> str:
 
 
 def write_step(shape: Shape, path: Path) -> None:
-    """Write a STEP file, in mm; OSError when it cannot be written."""
+    """Write a STEP file, in mm, of no date: a shape and a name make one file. OSError when it cannot be written."""
     writer = STEPControl_Writer()
     writer.Transfer(shape, STEPControl_StepModelType.STEPControl_AsIs)
+    model, name = writer.Model(), TCollection_HAsciiString(path.stem)
+    APIHeaderSection_MakeHeader(model).SetTimeStamp(TCollection_HAsciiString("1970-01-01T00:00:00"))
+    for number in range(1, model.NbEntities() + 1):
+        if isinstance(entity := model.Value(number), StepBasic_Product):  # the kernel counts them in their names
+            entity.SetId(name)
+            entity.SetName(name)
     if writer.Write(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone:
         raise OSError(f"{path}: cannot be written")
 

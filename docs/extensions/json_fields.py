@@ -384,6 +384,7 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             "hardware.*?": ("of an assembly: role of a solid that is no part, and why", ""),
             "doubts[].solids?": ("of an assembly: solids that should be looked at", ""),
             "doubts[].text?": ("what they may be", ""),
+            "changes?": ("of an assembly: what is otherwise than at the last import to the same file, else null", ""),
         },
     ),
     "path": (

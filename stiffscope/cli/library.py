@@ -120,11 +120,12 @@ def _import_assembly(path: Path, goal: Path, said: Said, output: Output) -> None
     model = found.model
     counts = (
         f"{found.solids} solids, {found.contacts} contacts; {len(model.bodies)} bodies, {len(model.joints)} joints, "
-        f"{len(found.hardware)} pieces of hardware (driven: {_driven(said.drive)})"
+        f"{len(found.hardware)} pieces of hardware (driven: {', '.join(found.driven) or 'none'})"
     )
     doubts = [{"solids": list(doubt.solids), "text": doubt.text} for doubt in found.doubts]
     joints = {joint.name: {"type": joint.kind, "reason": joint.note} for joint in model.joints}
-    _emit(output, goal, model, counts, {"joints_found": joints, "hardware": found.hardware, "doubts": doubts})
+    more = {"joints_found": joints, "hardware": found.hardware, "doubts": doubts, "changes": found.changes}
+    _emit(output, goal, model, counts, more)
 
 
 def _driven(drives: Sequence[str]) -> str:
@@ -139,6 +140,11 @@ def _emit(output: Output, goal: Path, read: SimulatorModel, counts: str, more: d
             show_line(f"Note: {note}.")
         for doubt in more.get("doubts", ()):
             show_line(f"Look at {', '.join(doubt['solids'])}: {doubt['text']}.")
+        changes = more.get("changes")
+        for change in changes or ():
+            show_line(f"Since the last import: {change}.")
+        if changes == ():
+            show_line("Since the last import: nothing has changed.")
         show_line(f"Written: {goal}, {counts}. Next: stiffscope check {goal}")
 
     counted = {"bodies": len(read.bodies), "joints": len(read.joints), "notes": list(read.notes)}

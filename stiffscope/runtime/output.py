@@ -42,6 +42,11 @@ def overwrite(whether: bool) -> None:
     _forced[:] = [True] * whether
 
 
+def is_forced() -> bool:
+    """Whether this process may write over files that are not ours."""
+    return bool(_forced)
+
+
 def write_bytes(path: Path, content: bytes) -> None:
     """Write one file in one step: whoever looks sees the old content or the new. A link is followed, a device kept."""
     check_file(path)

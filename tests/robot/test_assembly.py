@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import build123d as b
 import numpy as np
@@ -100,8 +101,32 @@ def test_an_import_runs_and_keeps_what_is_said(tmp_path):
     assert found.model.pose == ("x", "y")
     assert sorted(robot.parts) == ["coupler_left", "coupler_right", "crank_left", "crank_right"]
     assert not found.doubts
-    with pytest.raises(InputError, match=r"robot\.toml"):
-        import_assembly(tmp_path / "machine.step", tmp_path / "robot.toml", said)
+
+
+def test_a_new_export_says_what_changed(tmp_path):
+    made, out, said = assemblies.lever(), tmp_path / "robot.toml", Said(material=("*=steel",), ground="Platte")
+    made.write(tmp_path / "machine.step")
+    found = import_assembly(tmp_path / "machine.step", out, said)
+    assert found.changes is None
+    files = {path.name: path.read_bytes() for path in (tmp_path / "robot-parts").iterdir()}
+    assert import_assembly(tmp_path / "machine.step", out, said).changes == ()
+    assert files == {path.name: path.read_bytes() for path in (tmp_path / "robot-parts").iterdir()}
+    made.add("Hebel", made.solids["Hebel"] - assemblies.at(assemblies.rod(1, 40), (50, 0, 0)))
+    made.add("Block", assemblies.at(b.Box(10, 10, 10, align=assemblies.LOW), (20, 20, 0)))
+    del made.solids["Mutter"]
+    made.write(tmp_path / "machine.step")
+    found = import_assembly(tmp_path / "machine.step", out, said)
+    assert found.changes is not None
+    assert [re.sub(r" \(.*", "", change) for change in found.changes] == [
+        "Block is new",
+        "Mutter is gone",
+        "Hebel has another shape",
+        "the joint Platte/Achse was fixed, is planar",
+        "the planar joint Platte/Block is new",
+    ]
+    out.write_text(out.read_text() + "# by hand\n")
+    with pytest.raises(InputError, match=r"robot\.toml: expected the file as the last import wrote it"):
+        import_assembly(tmp_path / "machine.step", out, said)
 
 
 @pytest.mark.parametrize(

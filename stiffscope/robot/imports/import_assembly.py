@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import fnmatch
+import hashlib
+import json
 import re
 import tomllib
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,10 +30,18 @@ from stiffscope.robot.imports.compiled_model import GROUND, print_safely
 from stiffscope.robot.imports.contact_joints import Doubt, Freedom, find_joints, measure_size, tool_motions
 from stiffscope.robot.imports.hardware import find_hardware
 from stiffscope.robot.imports.import_model import driven, robot_text
+from stiffscope.robot.imports.import_record import (
+    RECORD,
+    ImportRecord,
+    check_place,
+    make_record,
+    read_record,
+    tell_changes,
+)
 from stiffscope.robot.imports.said_joints import as_said
 from stiffscope.robot.imports.simulator_model import ModelBody, ModelJoint, SimulatorModel
 from stiffscope.robot.reader import read_robot
-from stiffscope.runtime.output import check_new, scratch_folder, write_new
+from stiffscope.runtime.output import scratch_folder, write_bytes
 from stiffscope.runtime.reading import show_path
 from stiffscope.vjm.subspaces import rank
 
@@ -79,6 +89,8 @@ class Imported:
     hardware: Mapping[str, str] = field(default_factory=dict)
     solids: int = 0
     contacts: int = 0
+    driven: tuple[str, ...] = ()
+    changes: tuple[str, ...] | None = None  # since the last import to the same file; None at the first
 
 
 def said_beside(path: Path, said: Said) -> Said:
@@ -122,7 +134,8 @@ def import_assembly(
     path
         STEP file of an assembly. What an `assembly.toml` beside it says counts as said, below `said`.
     out
-        Robot file to write. Its elastic parts go as STEP files into a folder beside it, named after it.
+        Robot file to write. Its elastic parts go as STEP files into a folder beside it, named after it. One that an
+        earlier import wrote, and nobody changed since, is written anew.
     said
         The ground, the tool, joints, hardware, rigid parts, materials and drives.
     progress
@@ -140,7 +153,8 @@ def import_assembly(
 
     """
     path, out = Path(path), Path(out)
-    check_new(out)
+    earlier = read_record(parts_folder(out))
+    check_place(out, parts_folder(out), earlier)
     said = said_beside(path, said or Said())
     solids = read_assembly(path)
     if progress is not None:
@@ -164,9 +178,13 @@ def import_assembly(
     )  # fmt: skip
     drives = driven(model, said.drive)
     text = robot_text(model, print_safely(path.name), drives, head, part_lines(parts, out))
-    _write(path, out, text, parts)
+    record = make_record(solids, hardware.roles, found.joints)
+    _write(path, out, text, parts, record)
+    changes = None if earlier is None else tuple(tell_changes(earlier, record))
+    for name in () if earlier is None else {*earlier.files} - {f"{part.name}.step" for part in parts}:
+        (parts_folder(out) / name).unlink(missing_ok=True)
     roles = {solids[n].name: f"{role} ({hardware.reasons[n]})" for n, role in hardware.roles.items()}
-    return Imported(model, tuple(doubts), roles, len(solids), len(contacts))
+    return Imported(model, tuple(doubts), roles, len(solids), len(contacts), tuple(drives), changes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -340,11 +358,9 @@ def _rigid_reason(number: int, joints: Sequence[Freedom], said: set[int], share:
     return "rigid: tiny" if share < _TINY else ""
 
 
-def _write(path: Path, out: Path, text: str, parts: Sequence[PartFile]) -> None:
+def _write(path: Path, out: Path, text: str, parts: Sequence[PartFile], record: ImportRecord) -> None:
     """Write the parts' STEP files and, where a robot can be read from it, the robot file."""
     folder = parts_folder(out)
-    for part in parts if folder.exists() else ():
-        check_new(folder / f"{part.name}.step")
     with scratch_folder(out.parent) as scratch:
         trial = scratch / folder.name
         trial.mkdir()
@@ -355,8 +371,11 @@ def _write(path: Path, out: Path, text: str, parts: Sequence[PartFile]) -> None:
         except InputError as error:
             what = re.sub(rf"^{re.escape(str(scratch / out.name))}:\d+: ", "", str(error))
             raise InputError(f"{show_path(path)}: expected an assembly of a robot, got one with {what}") from error
-        if parts:
-            folder.mkdir(exist_ok=True)
-            for part in parts:
-                (trial / f"{part.name}.step").replace(folder / f"{part.name}.step")
-    write_new(out, text.encode())
+        content = text.encode()
+        files = [f"{part.name}.step" for part in parts]
+        record = replace(record, files=files, robot=hashlib.sha256(content).hexdigest())
+        (trial / RECORD).write_text(json.dumps(asdict(record), ensure_ascii=False), encoding="utf-8")
+        folder.mkdir(exist_ok=True)
+        for name in (*files, RECORD):
+            (trial / name).replace(folder / name)
+    write_bytes(out, content)

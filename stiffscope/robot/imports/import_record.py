@@ -1,0 +1,140 @@
+"""What an import found, kept beside the parts, and what a later import of the same assembly finds otherwise."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.runtime.output import MAKER, check_new, is_forced
+from stiffscope.runtime.reading import file_digest, show_path
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
+
+    from stiffscope.cad.assembly import Instance
+    from stiffscope.robot.imports.contact_joints import Freedom
+
+RECORD = "import.json"
+_SAME = 1e-6  # of the volume and the inertia of one shape; m and 1 of places
+
+
+@dataclass(frozen=True)
+class ImportRecord:
+    """Solids by name with their shape and place, roles of hardware, joints by their parts, and what was written.
+
+    ``shapes``: volume (m³), principal inertias over volume^(5/3) (3,), number of faces; ``places``: rotation and
+    origin, (12,); ``joints``: first, second, kind; ``files``: of the parts; ``robot``: digest of the robot file.
+    """
+
+    shapes: dict[str, list[float]]
+    places: dict[str, list[float]]
+    roles: dict[str, str]
+    joints: list[tuple[str, str, str]]
+    files: list[str] = field(default_factory=list)
+    robot: str = ""
+    made_by: str = MAKER
+
+
+def make_record(solids: Sequence[Instance], roles: Mapping[int, str], joints: Sequence[Freedom]) -> ImportRecord:
+    """What an import has found."""
+    return ImportRecord(
+        {solid.name: _shape_of(solid) for solid in solids},
+        {solid.name: [*solid.rotation.ravel().tolist(), *solid.origin.tolist()] for solid in solids},
+        {solids[number].name: role for number, role in roles.items()},
+        [(solids[joint.first].name, solids[joint.second].name, joint.kind) for joint in joints],
+    )
+
+
+def _shape_of(solid: Instance) -> list[float]:
+    product = solid.product
+    inertia = np.linalg.eigvalsh(product.inertia) / product.volume ** (5 / 3)
+    return [product.volume, *inertia.tolist(), len(product.faces)]
+
+
+def read_record(folder: Path) -> ImportRecord | None:
+    """The record of a folder of parts, None where it has none."""
+    try:
+        held = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+        return ImportRecord(**{**held, "joints": [tuple(joint) for joint in held["joints"]]})
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+
+
+def check_place(out: Path, folder: Path, earlier: ImportRecord | None) -> None:
+    """Refuse to write over a robot file that is not as an import wrote it, and over files of parts that are others'."""
+    if not out.exists() or not (earlier or is_forced()):
+        check_new(out)
+    elif earlier and not is_forced() and file_digest(out) != earlier.robot:
+        raise InputError(
+            f"{show_path(out)}: expected the file as the last import wrote it, got one that was changed since; "
+            f"import to another file, or --force writes over it"
+        )
+    for name in () if is_forced() else sorted(each.name for each in folder.glob("*.step")):
+        if earlier is None or name not in earlier.files:
+            check_new(folder / name)
+
+
+def tell_changes(earlier: ImportRecord, now: ImportRecord) -> list[str]:
+    """What is otherwise than in an earlier import, in words: solids, their shape and place, roles and joints."""
+    before = _match(earlier, now)
+    gone = [name for name in earlier.shapes if name not in before.values()]
+    told = [f"{name} is new" for name in now.shapes if name not in before]
+    told += [f"{name} is gone" for name in gone]
+    moved = list[str]()
+    for name, old in before.items():
+        was, here = earlier.shapes[old], now.shapes[name]
+        if not _is_same(was, here):
+            what = f"volume {1e6 * was[0]:.4g} -> {1e6 * here[0]:.4g} cm³, faces {was[-1]:g} -> {here[-1]:g}"
+            told.append(f"{name} has another shape ({what})")
+        places = np.array([earlier.places[old], now.places[name]])
+        if np.ptp(places, axis=0).max() > _SAME:
+            moved.append(f"{name} ({1e3 * float(np.linalg.norm(np.diff(places[:, 9:], axis=0))):.3g} mm)")
+        if earlier.roles.get(old) != now.roles.get(name):
+            told.append(f"{name} was a {earlier.roles.get(old, 'part')}, is a {now.roles.get(name, 'part')}")
+    if moved:
+        more = f" and {len(moved) - 8} more" if len(moved) > 8 else ""
+        told.append(f"stand elsewhere: {', '.join(moved[:8])}{more}")
+    return told + _tell_joints(earlier, now, before)
+
+
+def _tell_joints(earlier: ImportRecord, now: ImportRecord, before: Mapping[str, str]) -> list[str]:
+    """Joints that are new, gone, or of another kind."""
+    old = {frozenset(joint[:2]): joint for joint in earlier.joints}
+    told = []
+    for first, second, kind in now.joints:
+        was = old.pop(frozenset((before.get(first, ""), before.get(second, ""))), None)
+        if was is None:
+            told.append(f"the {kind} joint {first}/{second} is new")
+        elif was[2] != kind:
+            told.append(f"the joint {first}/{second} was {was[2]}, is {kind}")
+    return told + [f"the {kind} joint {first}/{second} is gone" for first, second, kind in old.values()]
+
+
+def _match(earlier: ImportRecord, now: ImportRecord) -> dict[str, str]:
+    """Names of now and of before of the same solids: equal in shape and place, else in name."""
+
+    def is_here(name: str, old: str) -> bool:
+        same = np.allclose(earlier.places[old], now.places[name], rtol=0.0, atol=_SAME)
+        return same and _is_same(earlier.shapes[old], now.shapes[name])
+
+    found = dict[str, str]()
+    rules: tuple[Callable[[str, str], bool], ...] = (
+        lambda name, old: name == old and is_here(name, old), is_here, lambda name, old: name == old,
+    )  # fmt: skip
+    for rule in rules:
+        left = [old for old in earlier.shapes if old not in found.values()]
+        for name in now.shapes:
+            old = None if name in found else next((each for each in left if rule(name, each)), None)
+            if old is not None:
+                found[name] = old
+                left.remove(old)
+    return found
+
+
+def _is_same(shape: Sequence[float], other: Sequence[float]) -> bool:
+    return bool(np.allclose(shape, other, rtol=_SAME, atol=1e-3 * _SAME**2))
