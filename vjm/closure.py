@@ -11,7 +11,7 @@ factored without pivoting, in an order found at home, every entry a vector over 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from scipy.linalg import qr
@@ -34,7 +34,11 @@ _NEAR = 1e-6  # of a first step that needs no such check
 _STILL = 1e-4  # rad or own lengths, of a first step after which the next may use the same factors
 _STRAGGLERS = 0.25  # of the poses, that go on alone
 _FAR = 0.7  # rad or own lengths, of a first step
+_FEW = 8  # poses, up to which dense factors cost less than sparse ones
 _PASSIVE_FIRST = 1e-4  # weight of driven columns: passive ones carry the motion where there is a choice
+
+
+Factors: TypeAlias = "SparseFactors | DenseFactors"
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +49,7 @@ class Solution:
     closed: NDArray[np.bool_]
     placed: Placed
     error: Array  # (cuts, n): largest error of each cut joint
-    factors: dict[tuple[int, int], Array]
+    factors: Factors | None
 
 
 def differentiate_closure(linkage: Linkage, q: Array) -> Array:
@@ -54,8 +58,8 @@ def differentiate_closure(linkage: Linkage, q: Array) -> Array:
     placed = linkage.place_links(q)
     out = np.zeros((int(starts[-1]), linkage.size, q.shape[1]))
     for k, cut in enumerate(linkage.cuts):
-        for row in range(cut.size):
-            rate = np.einsum("in,cin->cn", linkage.wrench(cut, row, placed), placed.twists[cut.columns])
+        for row, wrench in enumerate(np.moveaxis(linkage.wrenches(cut, range(cut.size), placed), 1, 0)):
+            rate = np.einsum("in,cin->cn", wrench, placed.twists[cut.columns])
             out[starts[k] + row, cut.columns] = rate * cut.signs[:, None]
     return out * linkage.scale[:, None]
 
@@ -135,10 +139,18 @@ class Closure:
         self.below = [[i for i in size if i > k and fill[i, k]] for k in size]
         self.right = [[j for j in size if j > k and fill[k, j]] for k in size]
         self.cut_of = [int(k) for k in np.searchsorted(self.starts, self.rows, side="right") - 1]
+        self.rows_of = [
+            sorted((int(row - self.starts[k]), i) for i, row in enumerate(self.rows) if self.cut_of[i] == k)
+            for k in range(len(self.linkage.cuts))
+        ]
         sparse = used[np.ix_(row_order, column_order)]
         self.entries = [[j for j in size if sparse[i, j]] for i in size]
         cuts = self.linkage.cuts
         self.signs = [dict(zip(cut.columns.tolist(), cut.signs.tolist(), strict=True)) for cut in cuts]
+        self.weights = np.zeros((len(self.rows), self.linkage.size))
+        for i, k in enumerate(self.cut_of):
+            self.weights[i, cuts[k].columns] = cuts[k].signs
+        self.weights[:, self.columns] *= self.linkage.scale[self.columns]
 
     def solve(self, q: Array, steps: int = _STEPS, *, patient: bool = False) -> Solution:
         """Newton's method from coordinates (m, n), whose known rows are as given.
@@ -160,7 +172,7 @@ class Closure:
         q = q.copy()
         scale = self.linkage.scale[self.columns][:, None]
         first, trusted = np.full(n, np.nan), np.ones(n, dtype=bool)
-        factors: dict[tuple[int, int], Array] = {}
+        factors: Factors | None = None
         with np.errstate(all="ignore"):
             for count in range(steps + 1):
                 placed = self.linkage.place_links(q)
@@ -179,10 +191,10 @@ class Closure:
                     q[:, going], worst[:, going], closed = late.q, late.error, (most < CLOSED) & trusted
                     closed[going] = late.closed & trusted[going]
                     return Solution(q, closed, self.linkage.place_links(q), worst, factors)
-                if count != 1 or np.mean(first < _STILL) < 1.0 - _STRAGGLERS:  # else the same factors still serve
-                    factors = self.factorize_entries(self.matrix(placed))
+                if factors is None or count != 1 or np.mean(first < _STILL) < 1.0 - _STRAGGLERS:  # else they still serve
+                    factors = self.factorize(placed)
                 right = [errors[k][row - self.starts[k]] for row, k in zip(self.rows, self.cut_of, strict=True)]
-                step = self.substitute_back(factors, right)
+                step = factors.solve(right)
                 size = np.abs(step).max(axis=0)
                 if count == 0:
                     first = size
@@ -194,25 +206,39 @@ class Closure:
         closed = (most < CLOSED) & trusted  # pyright: ignore[reportPossiblyUnboundVariable]
         return Solution(q, closed, placed, worst, factors)  # pyright: ignore[reportPossiblyUnboundVariable]
 
-    def matrix(self, placed: Placed) -> dict[tuple[int, int], Array]:
-        """Entries (n,) of the ranked equations' derivatives, in the order of elimination."""
-        linkage = self.linkage
+    def factorize(self, placed: Placed) -> Factors:
+        """Factors of the ranked equations' derivatives."""
+        wrenches: list[Array] = [np.zeros(0)] * len(self.rows)
+        for cut, rows in zip(self.linkage.cuts, self.rows_of, strict=True):
+            if rows:
+                found = self.linkage.wrenches(cut, [row for row, _ in rows], placed)
+                for (_, i), wrench in zip(rows, np.moveaxis(found, 1, 0), strict=True):
+                    wrenches[i] = wrench
+        if placed.q.shape[1] <= _FEW:
+            return self._factorize_dense(placed, wrenches)
+        return SparseFactors(self, self._eliminate(self._entries(placed, wrenches)))
+
+    def _factorize_dense(self, placed: Placed, wrenches: list[Array]) -> Factors:
+        n = placed.q.shape[1]
+        rows = np.empty((n, len(wrenches), 6))
+        for i, wrench in enumerate(wrenches):
+            rows[:, i] = wrench.T
+        whole = (rows @ placed.twists.transpose(2, 1, 0)) * self.weights
+        return DenseFactors(whole[:, :, self.columns], whole[:, :, self.linkage.known])
+
+    def _entries(self, placed: Placed, wrenches: list[Array]) -> dict[tuple[int, int], Array]:
+        """Entries (n,) of the derivatives, in the order of elimination; behind the unknown coordinates the known."""
         entries: dict[tuple[int, int], Array] = {}
-        for i, (row, k) in enumerate(zip(self.rows, self.cut_of, strict=True)):
-            wrench = linkage.wrench(linkage.cuts[k], int(row - self.starts[k]), placed)
-            for j in self.entries[i]:
-                c = self.columns[j]
-                rate = np.einsum("in,in->n", wrench, placed.twists[c])
-                entries[i, j] = rate * (self.signs[k][c] * float(linkage.scale[c]))
-            for k_known, c in enumerate(linkage.known):  # the known coordinates' columns, behind those of the unknown
-                if c in self.signs[k]:
-                    rate = np.einsum("in,in->n", wrench, placed.twists[c])
-                    entries[i, len(self.rows) + k_known] = rate * self.signs[k][c]
+        for i, wrench in enumerate(wrenches):
+            known = enumerate(self.linkage.known, len(self.rows))
+            columns = [*((j, self.columns[j]) for j in self.entries[i]), *((j, c) for j, c in known)]
+            for j, c in columns:
+                if self.weights[i, c]:
+                    entries[i, j] = np.einsum("in,in->n", wrench, placed.twists[c]) * self.weights[i, c]
         return entries
 
-    def factorize_entries(self, entries: dict[tuple[int, int], Array]) -> dict[tuple[int, int], Array]:
+    def _eliminate(self, a: dict[tuple[int, int], Array]) -> dict[tuple[int, int], Array]:
         """Factors L and U in place of the entries."""
-        a = dict(entries)
         for k, (below, right) in enumerate(zip(self.below, self.right, strict=True)):
             pivot = a[k, k]
             for i in below:
@@ -223,32 +249,64 @@ class Closure:
                     a[i, j] = -factor * a[k, j] if known is None else known - factor * a[k, j]
         return a
 
-    def substitute_back(self, factors: dict[tuple[int, int], Array], right: list[Array]) -> Array:
-        """Solution (columns, n) for one right-hand side."""
-        y = list(right)
-        for k, below in enumerate(self.below):
-            for i in below:
-                y[i] = y[i] - factors[i, k] * y[k]
-        for k in reversed(range(len(y))):
-            for j in self.right[k]:
-                y[k] = y[k] - factors[k, j] * y[j]
-            y[k] = y[k] / factors[k, k]
-        return np.array(y)
-
-    def rates(self, placed: Placed, factors: dict[tuple[int, int], Array]) -> Array:
+    def rates(self, placed: Placed, factors: Factors | None = None) -> Array:
         """Rates (m, k, n) of all coordinates for unit rates of each known one; ``factors`` may be those near by."""
         linkage = self.linkage
         n = placed.q.shape[1]
         out = np.zeros((linkage.size, len(linkage.known), n))
         with np.errstate(all="ignore"):
-            factors = factors or self.factorize_entries(self.matrix(placed))
-            size = len(self.rows)
+            factors = factors or self.factorize(placed)
             for k, column in enumerate(linkage.known):
-                right = [factors.get((i, size + k), np.zeros(n)) for i in range(size)]
-                if right:
-                    out[self.columns, k] = -self.substitute_back(factors, right) * linkage.scale[self.columns][:, None]
+                if self.rows:
+                    out[self.columns, k] = -factors.solve(factors.known(k)) * linkage.scale[self.columns][:, None]
                 out[column, k] = 1.0
         return out
+
+
+@dataclass(frozen=True, eq=False)
+class SparseFactors:
+    """Factors L and U in the order of a closure's elimination, every entry a vector over poses."""
+
+    closure: Closure
+    entries: dict[tuple[int, int], Array]
+
+    def known(self, k: int) -> list[Array]:
+        """Derivatives of all equations by a known coordinate, by number."""
+        size = len(self.closure.rows)
+        nothing = np.zeros_like(self.entries[0, 0])
+        return [self.entries.get((i, size + k), nothing) for i in range(size)]
+
+    def solve(self, right: list[Array]) -> Array:
+        """Solution (columns, n) for one right-hand side."""
+        factors, y = self.entries, list(right)
+        for k, below in enumerate(self.closure.below):
+            for i in below:
+                y[i] = y[i] - factors[i, k] * y[k]
+        for k in reversed(range(len(y))):
+            for j in self.closure.right[k]:
+                y[k] = y[k] - factors[k, j] * y[j]
+            y[k] = y[k] / factors[k, k]
+        return np.array(y)
+
+
+@dataclass(frozen=True, eq=False)
+class DenseFactors:
+    """The same for few poses, where the library's dense solution costs less than the calls of a sparse one."""
+
+    matrix: Array  # (n, rows, columns)
+    others: Array  # (n, rows, known)
+
+    def known(self, k: int) -> list[Array]:
+        """Derivatives of all equations by a known coordinate, by number."""
+        return list(self.others[:, :, k].T)
+
+    def solve(self, right: list[Array]) -> Array:
+        """Solution (columns, n) for one right-hand side; NaN where a matrix is singular."""
+        side = np.stack(np.broadcast_arrays(*right), axis=-1)[..., None]
+        try:
+            return np.linalg.solve(self.matrix, side)[..., 0].T
+        except np.linalg.LinAlgError:
+            return np.full((side.shape[1], len(self.matrix)), np.nan)
 
 
 def _find_independent(matrix: Array) -> list[int]:

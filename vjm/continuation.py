@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from stiffscope.vjm.closure import Factors
     from stiffscope.vjm.joints import Joint
     from stiffscope.vjm.linkage import Given, Placed
     from stiffscope.vjm.mechanism import Mechanism
@@ -90,7 +91,7 @@ def find_solver(mechanism: Mechanism, given: Given) -> Solver:
         solver = Solver(mechanism, linkage, Closure(linkage, start), start, displaced)
         if given == "tool":
             placed = linkage.place_links(start[:, None])
-            solver.home_sign = float(drive_sign(solver, placed, solver.closure.rates(placed, {}))[0])
+            solver.home_sign = float(drive_sign(solver, placed, solver.closure.rates(placed))[0])
         known[given] = solver
     return known[given]
 
@@ -233,7 +234,7 @@ class _Reached:
         home = self._at_singular_home(values)
         if self.predict is None:
             q, done = np.zeros((linkage.size, n)), home.copy()
-            placed, factors = None, {}
+            placed, factors = None, None
         else:
             q = self.predict(values)
             q[linkage.known] = values.T
@@ -243,7 +244,7 @@ class _Reached:
                 q[:, home], done[home], placed = 0.0, True, None
         if placed is None or not done.all():
             self._follow(values, q, done)
-            placed, factors = linkage.place_links(q), {}
+            placed, factors = linkage.place_links(q), None
         failure[~done] = OPEN
         crossed = self._find_crossed(placed, factors) & done & ~home
         if crossed.any() and self.predict is None:  # a step may end on another branch near by, a short one does not
@@ -251,7 +252,7 @@ class _Reached:
             start = np.repeat(solver.start_values[None], len(again), 0), np.repeat(solver.start[:, None], len(again), 1)
             reached, at = self._walk(*start, values[again], _SHORTEST, _CAREFUL)
             again, at = again[reached], at[:, reached]
-            q[:, again], crossed[again] = at, self._find_crossed(linkage.place_links(at), {})
+            q[:, again], crossed[again] = at, self._find_crossed(linkage.place_links(at))
             placed = linkage.place_links(q)
         failure[crossed] = BRANCH
         return Followed(q, placed, failure)
@@ -261,7 +262,7 @@ class _Reached:
         home = (np.abs(values) < _SAME * self.unit).all(axis=1)
         return np.asarray(home & bool(self.solver.displaced))
 
-    def _find_crossed(self, placed: Placed, factors: dict[tuple[int, int], Array]) -> NDArray[np.bool_]:
+    def _find_crossed(self, placed: Placed, factors: Factors | None = None) -> NDArray[np.bool_]:
         """Which configurations (n,) are beyond a pose where the drives' rates by the commanded ones are singular."""
         solver = self.solver
         if not solver.home_sign:

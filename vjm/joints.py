@@ -256,7 +256,7 @@ class Joint:
         """Whether its drive or spring acts along a free motion, by number."""
         return self.resistance > 0.0 and (self.drive is None or motion == self.driven)
 
-    @property
+    @cached_property
     def held_components(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Components along the joint's axes that it holds: of translation, of rotation (0, 1, 2).
 

@@ -18,6 +18,8 @@ from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.screws import rotation_of, skew
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from stiffscope.vjm.joints import Joint
@@ -39,6 +41,12 @@ class Motion:
     column: int
     parent: int
     child: int
+
+    @cached_property
+    def turning(self) -> tuple[Array, Array]:
+        """What of a rotation (3, 3), transposed, grows with the sine of its angle, and with 1 less the cosine."""
+        s = skew(self.axis)
+        return (self.sign * s).T, (s @ s).T
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,9 +220,9 @@ class Linkage:
                 r_out, p_out = r, p + ((m.sign * m.axis) @ r) * q[c]
             else:
                 if m.kind == "R":
-                    s = skew(m.axis)
-                    r_out = r + np.matmul((m.sign * s).T, r) * np.sin(q[c])
-                    r_out = r_out + np.matmul((s @ s).T, r) * (1.0 - np.cos(q[c]))
+                    first, second = m.turning
+                    r_out = r + np.matmul(first, r) * np.sin(q[c])
+                    r_out += np.matmul(second, r) * (1.0 - np.cos(q[c]))
                 else:
                     turn = np.moveaxis(r, -1, 0) @ rotation_of(m.sign * q[c : c + 3].T)
                     r_out = np.ascontiguousarray(np.moveaxis(turn, 0, -1))
@@ -228,42 +236,46 @@ class Linkage:
         held, turns = joint.held_components
         axes = np.matmul(joint.axes.T, placed.rotation[cut.first])  # (3, 3, n): component, axis
         gap = placed.point(cut.second, joint.at) - placed.point(cut.first, joint.at)
-        out = [(axes[:, k] * gap).sum(axis=0) / self.length for k in held]
         second = placed.rotation[cut.second]
+        n = max(gap.shape[1], axes.shape[2], second.shape[2])
+        out, count = np.empty((cut.size, n)), len(held)
+        for row, k in enumerate(held):
+            out[row] = (axes[:, k] * gap).sum(axis=0) / self.length
         if joint.kind == "universal" and joint.axis is not None and joint.axis2 is not None:
             a, b = joint.axis @ placed.rotation[cut.first], joint.axis2 @ second
-            out.append((a * b).sum(axis=0) - joint.axis @ joint.axis2)
+            out[count] = (a * b).sum(axis=0) - joint.axis @ joint.axis2
         elif len(turns) == 2:
             image = joint.axes[:, 0] @ second
-            out += [-(axes[:, 2] * image).sum(axis=0), (axes[:, 1] * image).sum(axis=0)]
+            out[count], out[count + 1] = -(axes[:, 2] * image).sum(axis=0), (axes[:, 1] * image).sum(axis=0)
         elif turns:
             theirs = np.matmul(joint.axes.T, second)
-            for i, j in ((1, 2), (2, 0), (0, 1)):
-                out.append(0.5 * ((axes[:, j] * theirs[:, i]).sum(axis=0) - (axes[:, i] * theirs[:, j]).sum(axis=0)))
-        return np.array(np.broadcast_arrays(*out)) if out else np.zeros((0, 1))
+            for row, (i, j) in enumerate(((1, 2), (2, 0), (0, 1)), count):
+                out[row] = 0.5 * ((axes[:, j] * theirs[:, i]).sum(axis=0) - (axes[:, i] * theirs[:, j]).sum(axis=0))
+        return out
 
-    def wrench(self, cut: Cut, row: int, placed: Placed) -> Array:
-        """The wrench (6, n or 1) on the second link, at the origin in base axes, that measures one of the errors.
+    def wrenches(self, cut: Cut, rows: Sequence[int], placed: Placed) -> Array:
+        """The wrenches (6, rows, n or 1) on the second link, at the origin in base axes, that measure some errors, in their order.
 
-        Times a twist it gives the error's rate.
+        Times a twist each gives its error's rate.
         """
         joint = cut.joint
         held, turns = joint.held_components
         carrier = placed.rotation[cut.first]
-        if row < len(held):
-            force = joint.axes[:, held[row]] @ carrier / self.length
-            at = placed.point(cut.second, joint.at)
-            out = np.empty((6, max(force.shape[1], at.shape[1])))
-            out[:3] = force
-            _cross(at, out[:3], out[3:])
-            return out
-        if joint.kind == "universal" and joint.axis is not None and joint.axis2 is not None:
-            a, b = joint.axis @ carrier, joint.axis2 @ placed.rotation[cut.second]
-            out = np.zeros((6, max(a.shape[1], b.shape[1])))
-            _cross(b, a, out[3:])
-            return out
-        moment = joint.axes[:, turns[row - len(held)]] @ carrier
-        return np.concatenate([np.zeros_like(moment), moment])
+        forces = [held[row] for row in rows if row < len(held)]
+        moments = [turns[row - len(held)] for row in rows if row >= len(held)]
+        crossed = moments and joint.kind == "universal" and joint.axis is not None and joint.axis2 is not None
+        n = max(carrier.shape[2], placed.rotation[cut.second].shape[2] if forces or crossed else 1)
+        at = placed.point(cut.second, joint.at) if forces else carrier[0]
+        n, count = max(n, at.shape[-1]), len(forces)
+        out = np.zeros((6, len(rows), n))
+        if forces:
+            out[:3, :count] = np.matmul(joint.axes.T[forces], carrier) / self.length
+            _cross(at[:, None], out[:3, :count], out[3:, :count])
+        if crossed:
+            _cross(joint.axis2 @ placed.rotation[cut.second], joint.axis @ carrier, out[3:, count])
+        elif moments:
+            out[3:, count:] = np.matmul(joint.axes.T[moments], carrier)
+        return out
 
     def coordinates(self, joint: Joint, q: Array, placed: Placed) -> Array:
         """Coordinates (n, f) of a joint in the order of its motions, rad and m, from all coordinates (m, n)."""

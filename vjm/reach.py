@@ -79,7 +79,7 @@ def _march(solver: Solver, ways: Array) -> tuple[Array, list[str]]:
 def _faults(solver: Solver, found: Solution) -> list[str]:
     """Why configurations are not valid; empty where they are."""
     linkage = solver.linkage
-    sign = drive_sign(solver, found.placed, solver.closure.rates(found.placed, {}))
+    sign = drive_sign(solver, found.placed, solver.closure.rates(found.placed))
     out = ["passes a singular pose" if each * solver.home_sign < 0.0 else "" for each in sign]
     outside: list[list[str]] = [[] for _ in out]
     for joint in solver.mechanism.drives:
