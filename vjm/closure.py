@@ -212,7 +212,7 @@ class Closure:
         for cut, rows in zip(self.linkage.cuts, self.rows_of, strict=True):
             if rows:
                 found = self.linkage.wrenches(cut, [row for row, _ in rows], placed)
-                for (_, i), wrench in zip(rows, np.moveaxis(found, 1, 0), strict=True):
+                for (_, i), wrench in zip(rows, found.transpose(1, 0, 2), strict=True):
                     wrenches[i] = wrench
         if placed.q.shape[1] <= _FEW:
             return self._factorize_dense(placed, wrenches)

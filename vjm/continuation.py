@@ -135,7 +135,7 @@ def _transfer(source: Linkage, target: Linkage, followed: Followed) -> Array:
             q[target.columns[joint.name]] = source.coordinates(joint, followed.q, followed.placed)[0]
     frame = source.frame[source.link_of[tool.body]]
     moved = followed.placed.point(frame, tool.at)[:, 0] - tool.at
-    turned = rotation_vector(np.moveaxis(followed.placed.rotation[frame], -1, 0))[0]
+    turned = rotation_vector(followed.placed.rotation[frame].transpose(2, 0, 1))[0]
     q[target.columns[""]] = np.concatenate([moved, turned])
     return q
 
@@ -223,7 +223,7 @@ class _Reached:
         self.unit = linkage.scale[linkage.known]
         self.values: Array = solver.start_values[None]
         self.q: Array = solver.start[:, None]
-        self.near = np.inf
+        self.near = 0.0
         self.predict: Callable[[Array], Array] | None = None
 
     def visit(self, values: Array) -> Followed:
@@ -232,16 +232,18 @@ class _Reached:
         n = len(values)
         failure = np.zeros(n, dtype=np.int8)
         home = self._at_singular_home(values)
+        q = self._start(values)
+        q[linkage.known] = values.T
+        found = solver.closure.solve(q)
+        q, done, placed = found.q, found.closed.copy(), found.placed
+        factors = None if self.predict is None and n > 1 else found.factors  # stragglers' are those of another place
+        if home.any():
+            q[:, home], done[home], placed = 0.0, True, None
         if self.predict is None:
-            q, done = np.zeros((linkage.size, n)), home.copy()
-            placed, factors = None, None
-        else:
-            q = self.predict(values)
-            q[linkage.known] = values.T
-            found = solver.closure.solve(q)
-            q, done, placed, factors = found.q, found.closed.copy(), found.placed, found.factors
-            if home.any():
-                q[:, home], done[home], placed = 0.0, True, None
+            self._keep(values[done], q[:, done])
+            if n > 1:
+                spacing = KDTree(values / self.unit).query(values / self.unit, k=2)[0]
+                self.near = _NEIGHBOURS * float(np.median(spacing[:, 1]))
         if placed is None or not done.all():
             self._follow(values, q, done)
             placed, factors = linkage.place_links(q), None
@@ -257,6 +259,14 @@ class _Reached:
         failure[crossed] = BRANCH
         return Followed(q, placed, failure)
 
+    def _start(self, values: Array) -> Array:
+        """Coordinates (m, n) from which to go to given values (n, k)."""
+        return np.repeat(self.solver.start[:, None], len(values), 1) if self.predict is None else self.predict(values)
+
+    def _keep(self, values: Array, q: Array) -> None:
+        """Remember values (n, k) and coordinates (m, n) that were reached."""
+        self.values, self.q = np.concatenate([self.values, values]), np.concatenate([self.q, q], axis=1)
+
     def _at_singular_home(self, values: Array) -> NDArray[np.bool_]:
         """Which values (n, k) are those of a home that paths do not start from; all coordinates are zero there."""
         home = (np.abs(values) < _SAME * self.unit).all(axis=1)
@@ -270,14 +280,11 @@ class _Reached:
         return drive_sign(solver, placed, solver.closure.rates(placed, factors)) * solver.home_sign < 0.0
 
     def _follow(self, values: Array, q: Array, done: NDArray[np.bool_]) -> None:
-        """Reach the values that are not yet done: from home, then those near by from what was reached before them."""
+        """Reach what one step has not: from home, then those near by from what was reached before them."""
         linkage = self.solver.linkage
-        if len(self.values) == 1:
-            near = np.flatnonzero(~done)
-            self._reach(values, q, done, near, np.zeros(len(near), dtype=int), _SHORTEST)
-            unit = values / self.unit
-            spacing = KDTree(unit).query(unit, k=min(2, len(unit)))[0]
-            self.near = _NEIGHBOURS * float(np.median(spacing[..., -1]))
+        if self.predict is None:
+            far = np.flatnonzero(~done)
+            self._reach(values, q, done, far, np.zeros(len(far), dtype=int), _SHORTEST, 0.5)
         for _ in range(_ROUNDS):
             left = np.flatnonzero(~done)
             if not left.size:
@@ -298,25 +305,25 @@ class _Reached:
         some: NDArray[np.intp],
         start: NDArray[np.intp],
         shortest: float,
+        first: float = 1.0,
     ) -> bool:
         """Walk to some of the values from ``start`` among what was reached; whether any new one was."""
         if not some.size:
             return False
-        reached, at = self._walk(self.values[start], self.q[:, start], values[some], shortest)
+        reached, at = self._walk(self.values[start], self.q[:, start], values[some], shortest, first=first)
         there = some[reached]
         q[:, there] = at[:, reached]
         done[there] = True
-        self.values = np.concatenate([self.values, values[there]])
-        self.q = np.concatenate([self.q, at[:, reached]], axis=1)
+        self._keep(values[there], at[:, reached])
         return bool(reached.any())
 
     def _walk(
-        self, start: Array, q: Array, end: Array, shortest: float, longest: float = 1.0
+        self, start: Array, q: Array, end: Array, shortest: float, longest: float = 1.0, first: float = 1.0
     ) -> tuple[NDArray[np.bool_], Array]:
         """Follow coordinates (m, n) from start to end values (n, k), each in steps of its own, as shares of the way."""
         linkage, closure = self.solver.linkage, self.solver.closure
         n = q.shape[1]
-        way, step = np.zeros(n), np.full(n, longest)
+        way, step = np.zeros(n), np.full(n, min(first, longest))
         q = q.copy()
         some = np.arange(n)
         while some.size:

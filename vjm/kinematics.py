@@ -65,7 +65,7 @@ class Configurations:
 
     def link_frame(self, link: int) -> tuple[Array, Array]:
         """Displacement from home of a rigid link: rotation (n or 1, 3, 3) and position (n or 1, 3)."""
-        rotation = np.ascontiguousarray(np.moveaxis(self.placed_links.rotation[link], -1, 0))
+        rotation = np.ascontiguousarray(self.placed_links.rotation[link].transpose(2, 0, 1))
         return rotation, np.ascontiguousarray(self.placed_links.position[link].T)
 
     def frame(self, node: str) -> tuple[Array, Array]:
@@ -239,7 +239,7 @@ def _configurations(solver: Solver, followed: Followed) -> Configurations:
     if "" in linkage.columns:
         tool[:, 3:] = q[linkage.columns[""][3:]].T
     else:
-        tool[:, 3:] = rotation_vector(np.moveaxis(placed.rotation[link], -1, 0))
+        tool[:, 3:] = rotation_vector(placed.rotation[link].transpose(2, 0, 1))
     poses = tool[:, mechanism.tool.commanded_axes]
     if "" in linkage.columns:
         poses = mechanism.tool.home + q[linkage.known].T

@@ -95,7 +95,7 @@ class Placed:
                 out[c, 3:] = (m.sign * m.axis) @ r
                 _cross(at, out[c, 3:], out[c, :3])
                 continue
-            spin = m.sign * (np.moveaxis(r, -1, 0) @ left_jacobian(m.sign * self.q[c : c + 3].T))
+            spin = m.sign * (r.transpose(2, 0, 1) @ left_jacobian(m.sign * self.q[c : c + 3].T))
             for k in range(3):
                 out[c + k, 3:] = spin[..., k].T
                 _cross(at, out[c + k, 3:], out[c + k, :3])
@@ -224,8 +224,8 @@ class Linkage:
                     r_out = r + np.matmul(first, r) * np.sin(q[c])
                     r_out += np.matmul(second, r) * (1.0 - np.cos(q[c]))
                 else:
-                    turn = np.moveaxis(r, -1, 0) @ rotation_of(m.sign * q[c : c + 3].T)
-                    r_out = np.ascontiguousarray(np.moveaxis(turn, 0, -1))
+                    turn = r.transpose(2, 0, 1) @ rotation_of(m.sign * q[c : c + 3].T)
+                    r_out = np.ascontiguousarray(turn.transpose(1, 2, 0))
                 p_out = p + m.point @ (r - r_out)
             rotation[m.child], position[m.child] = r_out, p_out
         return Placed(rotation, position, q, tuple(self.motions))
@@ -239,8 +239,7 @@ class Linkage:
         second = placed.rotation[cut.second]
         n = max(gap.shape[1], axes.shape[2], second.shape[2])
         out, count = np.empty((cut.size, n)), len(held)
-        for row, k in enumerate(held):
-            out[row] = (axes[:, k] * gap).sum(axis=0) / self.length
+        out[:count] = (axes[:, held] * gap[:, None]).sum(axis=0) / self.length
         if joint.kind == "universal" and joint.axis is not None and joint.axis2 is not None:
             a, b = joint.axis @ placed.rotation[cut.first], joint.axis2 @ second
             out[count] = (a * b).sum(axis=0) - joint.axis @ joint.axis2
@@ -282,8 +281,8 @@ class Linkage:
         if joint.name in self.columns:
             return q[self.columns[joint.name]].T
         first, second = (self.frame[self.link_of[node]] for node in (joint.first, joint.second))
-        to_first = np.swapaxes(np.moveaxis(placed.rotation[first], -1, 0), -1, -2)
-        across = to_first @ np.moveaxis(placed.rotation[second], -1, 0)
+        to_first = placed.rotation[first].transpose(2, 1, 0)
+        across = to_first @ placed.rotation[second].transpose(2, 0, 1)
         gap = (placed.point(second, joint.at) - placed.point(first, joint.at)).T
         found = find_free_coordinates(joint, across, (to_first @ gap[..., None])[..., 0])
         return np.broadcast_to(found, (q.shape[1], found.shape[-1]))

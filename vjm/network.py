@@ -99,6 +99,19 @@ class Places:
         softened = {name: pick(f) for name, f in self.softened.items()}
         return Places(rotation, position, self.tool[mask], self.rigid, softened)
 
+    def replace_some(self, mask: NDArray[np.bool_], others: Places) -> Places:
+        """Places that are ``others`` at some of the configurations."""
+        n = len(self.tool)
+
+        def put(a: Array, b: Array) -> Array:
+            out = np.array(np.broadcast_to(a, (n, *a.shape[1:])))
+            out[mask] = b
+            return out
+
+        rotation = {node: put(r, others.rotation[node]) for node, r in self.rotation.items()}
+        position = {node: put(p, others.position[node]) for node, p in self.position.items()}
+        return Places(rotation, position, put(self.tool, others.tool), self.rigid)
+
     def frame(self, element: Element) -> Frame:
         """Where an element stands, seen from M: (n or 1, 3, 3) and (n or 1, 3)."""
         r = self.rotation[element.carrier] @ element.axes

@@ -78,27 +78,64 @@ def loaded_stiffness(order: Order, where: Places, gravity: Array) -> tuple[Array
         Acceleration (3,) in base axes, m/s².
 
     """
-    matrix, sag, far = _tangent(order, where, gravity, thorough=False)
-    if far.any():
-        matrix[far] = _tangent(order, where.some(far), gravity, thorough=True)[0]
-    return matrix, sag
+    bent = bend_network(order, where, gravity)
+    matrix, share = _tangent(order, bent.there, where, gravity)
+    slack = (share > _SLIGHT) & bent.found
+    if slack.any():
+        matrix[slack] = _tangent(order, bent.there.some(slack), where.some(slack), gravity, thorough=True)[0]
+    matrix[~bent.found] = np.nan
+    return matrix, bent.sag
 
 
-def _tangent(order: Order, where: Places, gravity: Array, *, thorough: bool) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Tangent stiffness and sag, and where (n,) they should be sought thoroughly: displacements are not small there.
+@dataclass(frozen=True, eq=False)
+class Bent:
+    """Nodes ``there`` at equilibrium under own loads, where it was ``found`` (n,), and the ``sag`` (n, 6) of small ones."""
 
-    ``thorough``: the equilibrium of finite displacements, and internal motions to convergence, not to first order.
+    there: Places
+    sag: Array
+    found: NDArray[np.bool_]
+
+
+def bend_network(order: Order, where: Places, gravity: Array, small: float = _SMALL) -> Bent:
+    """Equilibrium under own weight and offsets: a linear step, and more where displacements are not ``small``.
+
+    Parameters
+    ----------
+    order
+        Order in which the network is condensed.
+    where
+        Places of all nodes at n configurations.
+    gravity
+        Acceleration (3,) in base axes, m/s².
+    small
+        Rad, or of the mechanism's length, up to which one step is enough; smaller costs more steps.
+
     """
     moved = solve_loads(order, where, own_loads(order, where, gravity))
-    sag, there = moved.twist[..., 0], bend_places(where, moved)
-    size = _size(moved, order.length)
-    for _ in range(_STEPS if thorough else 0):
-        moved = solve_loads(order, there, _remaining_loads(order, there, where, gravity))
-        there, size = bend_places(there, moved), _size(moved, order.length)
-        if not (size > _SETTLED).any():
-            break
+    n = len(where.tool)
+    there, size = bend_places(where, moved), find_size(moved, order.length)
+    far = size > small
+    if far.any():
+        rest, bent = where.some(far), there.some(far)
+        for _ in range(_STEPS):
+            step = solve_loads(order, bent, _remaining_loads(order, bent, rest, gravity))
+            bent, left = bend_places(bent, step), find_size(step, order.length)
+            if not (left > _SETTLED).any():
+                break
+        size[far] = left  # pyright: ignore[reportPossiblyUnboundVariable]
+        there = bent if far.all() else there.replace_some(far, bent)
+    return Bent(there, np.broadcast_to(moved.twist[..., 0], (n, 6)), ~(size > _SMALL) | ~far)
+
+
+def _tangent(
+    order: Order, there: Places, rest: Places, gravity: Array, *, thorough: bool = False
+) -> tuple[Array, Array]:
+    """Tangent stiffness (n, 6, 6) at bent places, and the share (n,) by which internal motions change.
+
+    ``thorough``: internal motions to convergence, not to first order.
+    """
     state = condense_network(order, there)
-    load = condense_loads(state, _remaining_loads(order, there, where, gravity))
+    load = condense_loads(state, _remaining_loads(order, there, rest, gravity))
     if order.left:
         stiffness, ends, left = saddle_loaded_unit(state, load)
     else:
@@ -108,11 +145,8 @@ def _tangent(order: Order, where: Places, gravity: Array, *, thorough: bool) -> 
         ends = {GROUND: np.zeros((1, 6, 7)), END: end}
     work = SecondOrder(recover_response(state, load, ends, left, mix=np.eye(1, 7)), order.mechanism, gravity)
     change, share = _relax(state, work, thorough=thorough)
-    n = len(where.tool)
-    matrix = np.array(np.broadcast_to(stiffness + change, (n, 6, 6)))
-    if thorough:
-        matrix[size > _SMALL] = np.nan
-    return matrix, np.broadcast_to(sag, (n, 6)), np.broadcast_to((size > _SMALL) | (share > _SLIGHT), n)
+    n = len(there.tool)
+    return np.array(np.broadcast_to(stiffness + change, (n, 6, 6))), np.broadcast_to(share, n)
 
 
 def loaded_compliance(order: Order, where: Places, gravity: Array) -> tuple[Array, Array]:
@@ -131,14 +165,8 @@ def loaded_compliance(order: Order, where: Places, gravity: Array) -> tuple[Arra
         Acceleration (3,) in base axes, m/s².
 
     """
-    moved = solve_loads(order, where, own_loads(order, where, gravity))
-    sag, there = moved.twist[..., 0], bend_places(where, moved)
-    size = _size(moved, order.length)
-    for _ in range(_STEPS):
-        moved = solve_loads(order, there, _remaining_loads(order, there, where, gravity))
-        there, size = bend_places(there, moved), _size(moved, order.length)
-        if not (size > _SETTLED).any():
-            break
+    bent = bend_network(order, where, gravity, 0.0)
+    there = bent.there
     loads = _remaining_loads(order, there, where, gravity)
     mix = np.eye(1, 7)
     nodes: dict[str, Array] = {node: wrench @ mix for node, wrench in loads.nodes.items()}
@@ -153,9 +181,8 @@ def loaded_compliance(order: Order, where: Places, gravity: Array) -> tuple[Arra
         if (whole.plus(before, -1.0).size <= _SETTLED * unit.size).all():
             break
     matrix = whole.nodes[END]
-    matrix = np.where((size > _SMALL)[:, None, None], np.nan, 0.5 * (matrix + _t(matrix)))
-    n = len(where.tool)
-    return np.broadcast_to(matrix, (n, 6, 6)), np.broadcast_to(sag, (n, 6))
+    matrix = np.where(bent.found[:, None, None], 0.5 * (matrix + _t(matrix)), np.nan)
+    return matrix, bent.sag
 
 
 def _relax(state: Condensed, work: SecondOrder, *, thorough: bool) -> tuple[Array, Array]:
@@ -184,7 +211,7 @@ def _remaining_loads(order: Order, there: Places, rest: Places, gravity: Array) 
     return Loads(1, nodes, find_remaining_offsets(order, there, rest), balanced=HELD)
 
 
-def _size(moved: Response, length: float) -> Array:
+def find_size(moved: Response, length: float) -> Array:
     """Largest rotation, or translation over the mechanism's length, of any node (n,)."""
     unit = np.repeat([1.0 / length, 1.0], 3)
     n = len(moved.twist)
