@@ -26,6 +26,7 @@ from stiffscope.vjm.network import END, Places, free_directions, lump_masses
 from stiffscope.vjm.order import stack_columns
 from stiffscope.vjm.saddle import saddle_loaded_unit
 from stiffscope.vjm.screws import rotation_of, skew
+from stiffscope.vjm.semidefinite import inverse
 from stiffscope.vjm.strain import find_offsets, find_remaining_offsets
 
 if TYPE_CHECKING:
@@ -34,12 +35,14 @@ if TYPE_CHECKING:
     from stiffscope.vjm.condensation import Condensed
     from stiffscope.vjm.loading import ElementState, Response
     from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.network import Element
     from stiffscope.vjm.order import Order
     from stiffscope.vjm.screws import Array
 
 _SMALL = 1e-4  # rad, or of the mechanism's length: displacements beyond which the linear equilibrium is improved
 _SETTLED = 1e-7
 _STEPS = 12
+_SLOW = 1e-4  # of the motions, below which their own second-order work is nothing
 _SLIGHT = 1e-2  # of the motions, that they change by second-order work; one step gives that to 1e-6
 
 
@@ -176,7 +179,7 @@ def loaded_compliance(order: Order, where: Places, gravity: Array) -> tuple[Arra
     work = SecondOrder(response, order.mechanism, gravity)
     unit = whole = Motion.select_cases(response, slice(1, 7))
     for _ in range(_STEPS):
-        loads = Loads(6, work.loads(whole, held=False), balanced=HELD)
+        loads = Loads(6, work.differentiate(whole, held=False)[1], balanced=HELD)
         before, whole = whole, unit.plus(Motion.select_cases(solve_loads(order, there, loads), slice(0, 6)), 1.0)
         if (whole.plus(before, -1.0).size <= _SETTLED * unit.size).all():
             break
@@ -193,17 +196,21 @@ def _relax(state: Condensed, work: SecondOrder, *, thorough: bool) -> tuple[Arra
     ``Xᵀ H (X + δ)`` for the last.
     """
     unit = Motion.select_cases(work.response, slice(1, 7))
-    relaxed = Motion.select_cases(solve_held(state, Loads(6, work.loads(unit), balanced=HELD)), slice(0, 6))
-    share = relaxed.size / unit.size
+    square, loads = work.differentiate(unit)
+    held = solve_held(state, Loads(6, loads, balanced=HELD))
+    share = _measure_nodes(held.nodes) / _measure_nodes(unit.nodes)
+    if not (thorough or (share > _SLOW).any()):
+        half = -0.5 * sum((_t(wrench) @ held.nodes[node] for node, wrench in loads.items()), np.zeros((1, 6, 6)))
+        return square + half + _t(half), share
+    relaxed = Motion.select_cases(held, slice(0, 6))
     last = 0.75
     for _ in range(_STEPS if thorough else 0):
         last = -0.25
-        loads = Loads(6, work.loads(unit.plus(relaxed, 1.0)), balanced=HELD)
+        loads = Loads(6, work.differentiate(unit.plus(relaxed, 1.0))[1], balanced=HELD)
         before, relaxed = relaxed, Motion.select_cases(solve_held(state, loads), slice(0, 6))
         if (relaxed.plus(before, -1.0).size < _SETTLED * unit.size).all():
             break
-    half = work.half(unit.plus(relaxed, 0.5)) + last * work.half(relaxed)
-    return half + np.swapaxes(half, -1, -2), share
+    return work.differentiate(unit.plus(relaxed, 0.5))[0] + last * work.differentiate(relaxed)[0], share
 
 
 def _remaining_loads(order: Order, there: Places, rest: Places, gravity: Array) -> Loads:
@@ -237,45 +244,53 @@ def bend_places(where: Places, response: Response) -> Places:
 class Motion:
     """Six motions of a network.
 
-    Twists (n, 6, 6) of nodes at M in base axes; for elements that move in more than one way their twist, the rotations
-    (n, 3, 6) of their springs, and their rates (n, k, 6), in their own axes.
+    Twists (n, 6, 6) of nodes at M in base axes; for elements that move in more than one way their twist, and their
+    rotations (n, k, 6) about the axes of ``list_axes``, in their own axes.
     """
 
     nodes: dict[str, Array]
     twist: dict[str, Array]
-    sprung: dict[str, Array]
-    rates: dict[str, Array]
+    turns: dict[str, Array]
 
     @classmethod
     def select_cases(cls, response: Response, some: slice) -> Motion:
         """The cases ``some`` of a response."""
-        out = cls({node: u[..., some] for node, u in response.nodes.items()}, {}, {}, {})
+        out = cls({node: u[..., some] for node, u in response.nodes.items()}, {}, {})
         for name, state in response.elements.items():
             e = state.element
-            if e.factor.shape[1] + e.free.shape[1] > 1:
-                out.twist[name] = state.twist[..., some]
-                if e.group:  # no free motions: all of its twist is strain
-                    out.sprung[name] = out.twist[name][:, 3:]
-                    out.rates[name] = state.rates[..., some]
-                    continue
-                factor = state.where.factor(e)
-                stress = np.swapaxes(factor, -1, -2) @ state.wrench[..., some]
-                own = factor.shape[2] - e.sprung
-                out.sprung[name] = factor[:, 3:, :own] @ stress[:, :own]
-                out.rates[name] = stack_rows([stress[:, own:], state.rates[..., some]])
+            if e.factor.shape[1] + e.free.shape[1] < 2:
+                continue
+            twist = out.twist[name] = state.twist[..., some]
+            if e.joint is None:  # no free motions: all of its twist is strain
+                out.turns[name] = twist[:, 3:]
+                continue
+            factor, rates = state.where.factor(e), state.rates[..., some]
+            stress = _t(factor) @ state.wrench[..., some]
+            own = factor.shape[2] - e.sprung
+            strained = [factor[:, 3:, :own] @ stress[:, :own]] if own and _is_ordered(e) else []
+            out.turns[name] = stack_rows([*strained, stress[:, own:], rates])
         return out
 
     @property
     def size(self) -> Array:
         """Largest of all nodes' twists (n,)."""
-        sizes = [np.abs(u).max(axis=(1, 2)) for u in self.nodes.values()]
-        return np.max(np.broadcast_arrays(*sizes), axis=0)
+        return _measure_nodes(self.nodes)
 
     def plus(self, other: Motion, times: float) -> Motion:
         """Its sum with ``times`` the other."""
-        keys = ("nodes", "twist", "sprung", "rates")
+        keys = ("nodes", "twist", "turns")
         mine, theirs = ([getattr(m, key) for key in keys] for m in (self, other))
         return Motion(*({k: a[k] + times * b[k] for k in a} for a, b in zip(mine, theirs, strict=True)))
+
+
+def _measure_nodes(nodes: dict[str, Array]) -> Array:
+    """Largest of all nodes' twists (n,)."""
+    return np.max(np.broadcast_arrays(*(np.abs(u).max(axis=(1, 2)) for u in nodes.values())), axis=0)
+
+
+def _is_ordered(element: Element) -> bool:
+    """Whether its rotations come one after the other; a ball turns along one geodesic."""
+    return element.joint is None or element.joint.kind != "spherical"
 
 
 @dataclass(eq=False)
@@ -287,10 +302,11 @@ class SecondOrder:
     gravity: Array
 
     @cached_property
-    def _moving_elements(self) -> list[ElementState]:
-        """Elements whose nodes do not move as one."""
+    def _brackets(self) -> list[tuple[ElementState, Array]]:
+        """Elements whose nodes do not move as one, with half the matrix of the bracket with what they carry."""
         states = self.response.elements.values()
-        return [s for s in states if s.element.factor.shape[1] + s.element.free.shape[1]]
+        moving = [s for s in states if s.element.factor.shape[1] + s.element.free.shape[1]]
+        return [(s, 0.5 * bracket(s.carried[..., 0])) for s in moving]
 
     @cached_property
     def _weights(self) -> dict[str, tuple[Array, Array]]:
@@ -302,99 +318,81 @@ class SecondOrder:
             out[node] = skew(m.mass * self.gravity), block
         return out
 
-    def half(self, motion: Motion) -> Array:
-        """Half (n, 6, 6) of the second-order work over six motions, not symmetric."""
-        total: Array = np.zeros((1, 6, 6))
-        for state in self._moving_elements:
-            e = state.element
-            first, second = motion.nodes[e.first], motion.nodes[e.second]
-            total = total + 0.5 * _t(first) @ (bracket(state.carried[..., 0]) @ second)
-            if e.name in motion.twist:
-                total = total + self._sum_brackets(state, motion)
-        for node, (force, block) in self._weights.items():
-            v, spin = np.split(motion.nodes[node], 2, axis=1)
-            total = total + 0.5 * _t(spin) @ (force @ v - block @ spin)
-        return total
+    @cached_property
+    def _orders(self) -> dict[str, tuple[Array, Array]]:
+        """Of elements with rotations in an order half the Hessian (n, k, k) by them, and a moment for their work."""
+        out: dict[str, tuple[Array, Array]] = {}
+        for state, _ in self._brackets:
+            e, moment = state.element, state.wrench[:, 3:, 0]
+            if not _is_ordered(e) or e.factor.shape[1] + e.free.shape[1] < 2 or not moment.any():
+                continue
+            axes = list_axes(state)
+            k = axes.shape[1]
+            hessian = np.zeros((max(len(moment), len(axes)), k, k))
+            for a in range(k):
+                for b in range(a + 1, k):
+                    across = np.cross(axes[:, b], axes[:, a])
+                    hessian[:, a, b] = hessian[:, b, a] = 0.5 * (moment * across).sum(axis=1)
+            back = _t(axes) @ inverse(axes @ _t(axes)) if k < 4 else inverse(_t(axes) @ axes) @ _t(axes)
+            out[e.name] = hessian, back
+        return out
 
-    def loads(self, motion: Motion, *, held: bool = True) -> dict[str, Array]:
-        """Wrenches (n, 6, 6) on nodes that do what the second-order work does: minus its gradient at six motions.
+    def differentiate(self, motion: Motion, *, held: bool = True) -> tuple[Array, dict[str, Array]]:
+        """Twice the second-order work (n, 6, 6) over six motions, and minus its gradient: wrenches (n, 6, 6) on nodes.
 
         ``held``: none on the tool.
         """
-        out: dict[str, Array] = {}
-        still = {GROUND, END} if held else {GROUND}
+        on_nodes: dict[str, Array] = {}
 
         def add(node: str, wrench: Array) -> None:
-            if node not in still:
-                out[node] = out[node] + wrench if node in out else wrench
+            on_nodes[node] = on_nodes[node] + wrench if node in on_nodes else wrench
 
-        for state in self._moving_elements:
+        for state, matrix in self._brackets:
             e = state.element
-            matrix = bracket(state.carried[..., 0])
-            add(e.first, -0.5 * matrix @ motion.nodes[e.second])
-            add(e.second, -0.5 * _t(matrix) @ motion.nodes[e.first])
-            if e.name in motion.twist:
-                own = self._ordered_wrench(state, motion)
-                wrench = _t(state.where.frame(e).inverse_adjoint()) @ own
-                add(e.first, wrench)
-                add(e.second, -wrench)
+            add(e.first, -matrix @ motion.nodes[e.second])
+            add(e.second, matrix @ motion.nodes[e.first])
         for node, (force, block) in self._weights.items():
             v, spin = np.split(motion.nodes[node], 2, axis=1)
             moment = block @ spin - 0.5 * force @ v
             push = np.broadcast_to(0.5 * force @ spin, moment.shape)
             add(node, np.concatenate([push, moment], axis=1))
-        return out
+        square: Array = np.zeros((1, 6, 6))
+        for node, wrench in on_nodes.items():
+            if node != GROUND:
+                square = square - _t(motion.nodes[node]) @ wrench
+        for state, _ in self._brackets:
+            if state.element.name in motion.twist:
+                more, wrench = self._differentiate_own(state, motion)
+                square = square + more
+                add(state.element.first, wrench)
+                add(state.element.second, -wrench)
+        still = {GROUND, END} if held else {GROUND}
+        return square, {node: wrench for node, wrench in on_nodes.items() if node not in still}
 
-    def _parts(self, state: ElementState, motion: Motion) -> tuple[list[Array], list[Array]]:
-        """Rotations (n, 3, 6) of an element in their order, and their axes (n or 1, 3); own axes."""
-        e = state.element
-        parts: list[Array] = []
-        axes: list[Array] = []
-        if e.joint is not None and e.joint.kind == "spherical":  # turns along one geodesic: no order
-            return parts, axes
-        if e.factor.shape[1] > e.sprung:
-            parts += [motion.sprung[e.name] * row[:, None] for row in np.eye(3)]
-            axes += list(np.eye(3)[:, None])
-        free = stack_columns(
-            [state.where.factor(e)[..., e.factor.shape[1] - e.sprung :], free_directions(e, state.where)]
-        )
-        parts += [free[:, 3:, k, None] * motion.rates[e.name][:, None, k] for k in range(free.shape[2])]
-        axes += [free[:, 3:, k] for k in range(free.shape[2])]
-        return parts, axes
+    def _differentiate_own(self, state: ElementState, motion: Motion) -> tuple[Array, Array]:
+        """The same of the order of an element's own motions: its slides, its spring, its rotations.
 
-    def _sum_brackets(self, state: ElementState, motion: Motion) -> Array:
-        """``-½ Σ_{a<b} w·[s_a, s_b] y_a y_b`` in the element's own axes: its slides, its spring, its rotations."""
-        twist = motion.twist[state.element.name]
-        force, moment = state.wrench[:, :3, 0], state.wrench[:, 3:, 0]
-        out = 0.5 * _t(twist[:, :3]) @ (skew(force) @ twist[:, 3:])
-        if not moment.any():
-            return out
-        turned, before = skew(moment), np.zeros((1, 3, 6))
-        for part in self._parts(state, motion)[0]:
-            out = out + 0.5 * _t(before) @ (turned @ part)
-            before = before + part
-        return out
+        That is ``-½ Σ_{a<b} w·[s_a, s_b] y_a y_b``; the wrench (n, 6, 6), at M in base axes, is on its first node.
+        """
+        name, twist = state.element.name, motion.twist[state.element.name]
+        force = 0.5 * skew(state.wrench[:, :3, 0])
+        push, turn = force @ twist[:, 3:], -force @ twist[:, :3]
+        square = _t(twist[:, :3]) @ push
+        square = square + _t(square)
+        if name in self._orders:
+            hessian, back = self._orders[name]
+            work = hessian @ motion.turns[name]
+            square, turn = square + _t(motion.turns[name]) @ work, turn + back @ work
+        frame = state.where.frame(state.element)
+        return square, _t(frame.inverse_adjoint()) @ np.concatenate([push, turn], axis=1)
 
-    def _ordered_wrench(self, state: ElementState, motion: Motion) -> Array:
-        """Wrench (n, 6, 6) whose work along the element's own motions is the gradient of ``_ordered``."""
-        twist = motion.twist[state.element.name]
-        force, moment = skew(state.wrench[:, :3, 0]), skew(state.wrench[:, 3:, 0])
-        push = 0.5 * force @ twist[:, 3:]
-        turn = -0.5 * force @ twist[:, :3]  # of the force along any rotation
-        parts, axes = self._parts(state, motion)
-        if not moment.any() or not axes:
-            return np.concatenate([push, turn], axis=1)
-        whole = sum(parts, np.zeros((1, 3, 6)))
-        before: Array = np.zeros((1, 3, 6))
-        rows: list[Array] = []
-        for part, axis in zip(parts, axes, strict=True):
-            after = whole - before - part
-            rows.append(axis[:, None] @ (0.5 * moment @ (after - before)))
-            before = before + part
-        n = max(len(r) for r in rows)
-        work = np.concatenate([np.broadcast_to(r, (n, 1, 6)) for r in rows], axis=1)
-        along = np.stack(np.broadcast_arrays(*axes), axis=1)  # (n, k, 3)
-        return np.concatenate([push, turn + np.linalg.pinv(along) @ work], axis=1)
+
+def list_axes(state: ElementState) -> Array:
+    """Axes (n or 1, k, 3) of an element's rotations in their order, own axes: its spring's three, then its joint's."""
+    e = state.element
+    sprung = state.where.factor(e)[..., e.factor.shape[1] - e.sprung :]
+    own = [np.eye(3)[None]] if e.factor.shape[1] > e.sprung else []
+    return stack_rows([*own, _t(stack_columns([sprung, free_directions(e, state.where)])[:, 3:])])
 
 
 def bracket(wrench: Array) -> Array:
