@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.network import free_directions
-from stiffscope.vjm.order import Eliminate, Fold, Stiffen, form_stiffness, stack_columns
+from stiffscope.vjm.order import Eliminate, Fold, Stiffen, fit_free_motions, form_stiffness, stack_columns
 from stiffscope.vjm.semidefinite import half_inverse
 
 if TYPE_CHECKING:
@@ -31,25 +30,18 @@ class InfiniteStiffnessError(InputError):
 
 @dataclass(eq=False)
 class Stiff:
-    """A stiffened connection: its stiffness (n or 1, 6, 6) in its ``own`` axes, and at M in base axes.
-
-    ``back`` (n or 1, 6, 6) carries a twist from M to its own axes.
-    """
+    """A stiffened connection, and its stiffness (n or 1, 6, 6) at M in base axes."""
 
     connection: Connection
     where: Places
-    own: Array
-    back: Array
+    length: float
     stiffness: Array
 
     @cached_property
-    def members(self) -> list[tuple[Array, Array]]:
-        """Factor (n or 1, 6, r) and free directions (n or 1, 6, k) of every member, in the connection's axes."""
-        carries = self.connection.adjoints(self.where)
-        return [
-            (carry @ self.where.factor(e), carry @ free_directions(e, self.where))
-            for (e, _), carry in zip(self.connection.members, carries, strict=True)
-        ]
+    def fit(self) -> Array | None:
+        """Coordinates (n, k, 6) of its free directions nearest to a twist; None without any."""
+        free = self.connection.flexible(self.where)[1]
+        return fit_free_motions(free, self.length) if free.shape[2] else None
 
 
 @dataclass(eq=False)
@@ -140,18 +132,18 @@ def condense_network(order: Order, where: Places) -> Condensed:
 
 def _stiffen(state: Condensed, connection: Connection) -> Stiff:
     where = state.where
-    own = connection.constant if where.rigid else None
-    if own is None:
-        own, finite = form_stiffness(*connection.flexible(where), state.order.length)
+    if connection.constant is not None and where.rigid:
+        back = connection.frame(where).inverse_adjoint()
+        stiffness = np.swapaxes(back, -1, -2) @ connection.constant @ back
+    else:
+        stiffness, finite = form_stiffness(*connection.flexible(where), state.order.length)
         if not finite:
             names = ", ".join(e.name for e, _ in connection.members)
             raise InfiniteStiffnessError(
                 f"{names}: infinite stiffness in a constrained direction; expected a compliance there"
             )
-    back = connection.frame(where).inverse_adjoint()
-    stiffness = np.swapaxes(back, -1, -2) @ own @ back
     state.add(connection.start, connection.end, stiffness)
-    return Stiff(connection, where, own, back, stiffness)
+    return Stiff(connection, where, state.order.length, stiffness)
 
 
 def _eliminate(state: Condensed, step: Eliminate) -> Eliminated:
@@ -169,7 +161,7 @@ def _eliminate(state: Condensed, step: Eliminate) -> Eliminated:
 def _fold(state: Condensed, step: Fold) -> Folded:
     connection, start = step.connection, step.connection.start
     factor, free = connection.flexible(state.where)
-    columns = connection.frame(state.where).adjoint() @ stack_columns([factor, free])
+    columns = stack_columns([factor, free])
     columns_t = np.swapaxes(columns, -1, -2)
     around = {c: state.pair(step.node, c) for c in step.neighbours}
     own = sum(around.values(), np.zeros((1, 6, 6)))

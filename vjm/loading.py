@@ -12,9 +12,8 @@ from stiffscope.errors import InputError
 from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.condensation import Eliminated, Folded, Stiff
 from stiffscope.vjm.joints import DRIVEN
-from stiffscope.vjm.network import END, free_directions
-from stiffscope.vjm.order import stack_columns
-from stiffscope.vjm.semidefinite import inverse, pivot
+from stiffscope.vjm.network import END
+from stiffscope.vjm.semidefinite import pivot
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -200,7 +199,7 @@ def recover_response(
                 wrench = gone.stiffness @ span
                 if own:
                     wrench = wrench + walk.mix_cases(own[1])
-                walk.follow_connection(c, own[0] if own else None, wrench, span, None)
+                walk.follow_connection(c, own[0] if own else None, wrench, span, gone)
             case Eliminated():
                 moved = walk.mix_cases(own) if own is not None else np.zeros((1, 6, 1))
                 for c, reach in zip(gone.step.neighbours, gone.reach, strict=True):
@@ -243,14 +242,6 @@ def chain_loads(state: Condensed, load: CondensedLoads, connection: Connection) 
     return ChainLoads(connection, each, total, offset)
 
 
-def fit_free_motions(free: Array, length: float) -> Array:
-    """Coordinates (n, k, 6) of the free directions (n, 6, k) nearest to a twist, lengths scaled."""
-    scale = np.array([1.0 / length] * 3 + [1.0] * 3)
-    unit = free * scale[:, None]
-    unit_t = np.swapaxes(unit, -1, -2)
-    return inverse(unit_t @ unit) @ unit_t * scale
-
-
 def _load_stiff(state: Condensed, gone: Stiff, load: CondensedLoads) -> tuple[ChainLoads, Array]:
     c = gone.connection
     along = chain_loads(state, load, c)
@@ -258,39 +249,37 @@ def _load_stiff(state: Condensed, gone: Stiff, load: CondensedLoads) -> tuple[Ch
     if along.offset.any():
         preload = preload - gone.stiffness @ along.offset
     if any(w.any() for w in along.carried):
-        preload = preload + np.swapaxes(gone.back, -1, -2) @ _hold_end(state, gone, along, load.loads.balanced)
+        preload = preload + _hold_end(state, gone, along, load.loads.balanced)
     load.add(c.end, -preload)
     load.add(c.start, preload + along.total)
     return along, preload
 
 
 def _hold_end(state: Condensed, gone: Stiff, along: ChainLoads, balanced: float) -> Array:
-    """Wrench (n, 6, c) that holds the end of a connection under the loads on its inner nodes, in its own axes.
+    """Wrench (n, 6, c) that holds the end of a connection under the loads on its inner nodes.
 
     ``w = w₀ - K (τ + C w₀)`` with Nᵀ w₀ = -ν, what the loads would do along the free directions.
     """
-    forth = np.swapaxes(gone.connection.frame(state.where).adjoint(), -1, -2)
+    connection, where = gone.connection, state.where
+    hold: Array = np.zeros((1, 6, 1))
+    if gone.fit is not None:
+        work = stack_rows(
+            [
+                np.swapaxes(where.columns(e)[1], -1, -2) @ wrench
+                for (e, _), wrench in zip(connection.members, along.carried, strict=True)
+            ]
+        )
+        directions = connection.flexible(where)[1]
+        hold = -np.swapaxes(gone.fit, -1, -2) @ work
+        left = np.abs(np.swapaxes(directions, -1, -2) @ hold + work)
+        if (left > balanced * np.abs(work).max(axis=(1, 2), keepdims=True)).any():
+            _refuse([e.name for e, _ in connection.members])
     tau: Array = np.zeros((1, 6, 1))
-    free: list[Array] = []
-    nu: list[Array] = []
-    for (factor, directions), wrench in zip(gone.members, along.carried, strict=True):
-        here = forth @ wrench
+    for (e, _), wrench in zip(connection.members, along.carried, strict=True):
+        factor = where.columns(e)[0]
         if factor.shape[2]:
-            tau = tau + factor @ (np.swapaxes(factor, -1, -2) @ here)
-        if directions.shape[2]:
-            free.append(directions)
-            nu.append(np.swapaxes(directions, -1, -2) @ here)
-    if not nu:
-        return -gone.own @ tau
-    directions, work = stack_columns(free), stack_rows(nu)
-    hold = -np.swapaxes(fit_free_motions(directions, state.order.length), -1, -2) @ work
-    left = np.abs(np.swapaxes(directions, -1, -2) @ hold + work)
-    if (left > balanced * np.abs(work).max(axis=(1, 2), keepdims=True)).any():
-        _refuse([e.name for e, _ in gone.connection.members])
-    for factor, _ in gone.members:
-        if factor.shape[2]:
-            tau = tau + factor @ (np.swapaxes(factor, -1, -2) @ hold)
-    return hold - gone.own @ tau
+            tau = tau + factor @ (np.swapaxes(factor, -1, -2) @ (wrench + hold))
+    return hold - gone.stiffness @ tau
 
 
 def _load_eliminated(gone: Eliminated, load: CondensedLoads) -> Array | None:
@@ -328,7 +317,7 @@ def project_loads(state: Condensed, along: ChainLoads, columns: Array) -> Array:
     out: list[Array] = []
     at = 0
     sizes = [e.factor.shape[1] for e, _ in along.connection.members]
-    sizes += [free_directions(e, state.where).shape[2] for e, _ in along.connection.members]
+    sizes += [e.free.shape[1] for e, _ in along.connection.members]
     for size, wrench in zip(sizes, along.carried * 2, strict=True):
         out.append(np.swapaxes(columns[:, :, at : at + size], -1, -2) @ wrench)
         at += size
@@ -386,9 +375,12 @@ class _Walk:
         return cases if self.mix is None else cases @ self.mix
 
     def follow_connection(
-        self, connection: Connection, loads: ChainLoads | None, wrench: Array, span: Array, rates: Array | None
+        self, connection: Connection, loads: ChainLoads | None, wrench: Array, span: Array, rates: Array | Stiff
     ) -> None:
-        """Members and nodes of a connection whose end, moved by ``span``, carries ``wrench``."""
+        """Members and nodes of a connection whose end, moved by ``span``, carries ``wrench``.
+
+        ``rates`` (n, k, c) of its free motions; of a stiffened one these follow from ``span``.
+        """
         where = self.state.where
         offsets = self.load.loads.offsets if self.load else {}
         wrenches: list[Array] = []
@@ -399,18 +391,18 @@ class _Walk:
             if loads is not None and loads.carried[k].any():
                 w = wrench + self.mix_cases(loads.carried[k])
             part = None
-            if e.factor.shape[1]:
-                f = where.adjoint(e) @ where.factor(e)
+            f, free = where.columns(e)
+            if f.shape[2]:
                 part = f @ (np.swapaxes(f, -1, -2) @ w)
             if e.name in offsets:
                 offset = where.adjoint(e) @ self.mix_cases(sign * offsets[e.name])
                 part = offset if part is None else part + offset
             wrenches.append(w)
             elastic.append(part)
-            columns.append(where.adjoint(e) @ free_directions(e, where) if e.free.shape[1] else np.zeros((1, 6, 0)))
-        if rates is None and any(n.shape[2] for n in columns):
+            columns.append(free)
+        if isinstance(rates, Stiff):
             rest = span - sum(part for part in elastic if part is not None)
-            rates = fit_free_motions(stack_columns(columns), self.state.order.length) @ rest
+            rates = np.zeros((1, 0, 1)) if rates.fit is None else rates.fit @ rest
         node, at = self.out.nodes[connection.start], 0
         inner = connection.inner
         for k, ((e, sign), w, part, free) in enumerate(
@@ -418,7 +410,7 @@ class _Walk:
         ):
             across: Array = np.zeros((1, 6, w.shape[2])) if part is None else part
             rate: Array = np.zeros((1, 0, w.shape[2]))
-            if rates is not None and free.shape[2]:
+            if free.shape[2]:
                 rate = rates[:, at : at + free.shape[2]]
                 at += free.shape[2]
                 across = across + free @ rate

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 FOOT = "<base>"  # the node that stands on the base
 END = "<tool>"  # the node at M
+_NOTHING = np.zeros((1, 6, 0))
 
 
 def _none() -> Array:
@@ -86,7 +87,8 @@ class Places:
 
     softened: dict[str, Array] = field(default_factory=dict[Any, Any])
     """Factors (n, 6, 6) of compliances that stand for those of some elements."""
-    known: dict[str, Array] = field(default_factory=dict[Any, Any])
+    known: dict[str, Any] = field(default_factory=dict[Any, Any], init=False)
+    """Adjoints, and columns, of elements that were asked for before."""
 
     def some(self, mask: NDArray[np.bool_] | NDArray[np.intp]) -> Places:
         """Places at some of the configurations."""
@@ -122,6 +124,16 @@ class Places:
         if element.name not in self.known:
             self.known[element.name] = self.frame(element).adjoint()
         return self.known[element.name]
+
+    def columns(self, element: Element) -> tuple[Array, Array]:
+        """Factor (n or 1, 6, r) and free directions (n or 1, 6, k) of an element, at M in base axes."""
+        key = f"{element.name} columns"
+        if key not in self.known:
+            carry = self.adjoint(element)
+            factor = carry @ self.factor(element) if element.factor.shape[1] else _NOTHING
+            free = carry @ free_directions(element, self) if element.free.shape[1] else _NOTHING
+            self.known[key] = factor, free
+        return self.known[key]
 
     def factor(self, element: Element) -> Array:
         """Factor (n or 1, 6, r) of an element's compliance; a bent body's rotates by Rx, Ry, Rz in this order.

@@ -20,17 +20,16 @@ from stiffscope.vjm.network import (
     END,
     Element,
     Places,
-    free_directions,
     list_elements,
     list_nodes,
     map_links,
     moves_with,
 )
 from stiffscope.vjm.screws import Frame
-from stiffscope.vjm.semidefinite import pivot, projector
+from stiffscope.vjm.semidefinite import inverse, pivot, projector
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable
 
     from numpy.typing import NDArray
 
@@ -60,13 +59,11 @@ class Connection:
     constant: Array | None = None
     formable: bool | None = None
     """Whether it can be stiffened; None until that has been tried."""
-    still: tuple[Array, ...] = ()
-    """Adjoints of the members to the connection's own axes, where no pose changes them."""
 
     def reverse(self) -> Connection:
         """The same from its end to its start."""
         turned = tuple((e, -s) for e, s in reversed(self.members))
-        return replace(self, start=self.end, end=self.start, members=turned, still=self.still[::-1])
+        return replace(self, start=self.end, end=self.start, members=turned)
 
     @property
     def inner(self) -> tuple[str, ...]:
@@ -77,26 +74,9 @@ class Connection:
         """Its own axes, seen from M."""
         return Frame(where.rotation[self.anchor], where.point(self.anchor, self.origin) - where.tool)
 
-    def adjoints(self, where: Places) -> Sequence[Array]:
-        """Carry each member's twist (n or 1, 6, 6) to the connection's own axes."""
-        if self.still and where.rigid:
-            return self.still
-        r = np.swapaxes(where.rotation[self.anchor], -1, -2)
-        p = where.point(self.anchor, self.origin)
-        out: list[Array] = []
-        for e, _ in self.members:
-            away = (r @ (where.point(e.second, e.at) - p)[..., None])[..., 0]
-            out.append(Frame(r @ where.rotation[e.carrier] @ e.axes, away).adjoint())
-        return out
-
     def flexible(self, where: Places) -> tuple[Array, Array]:
-        """Factor F (n or 1, 6, r) of its compliance and free directions N (n or 1, 6, k), in its own axes."""
-        factors, free = [np.zeros((1, 6, 0))], [np.zeros((1, 6, 0))]
-        for (e, _), carry in zip(self.members, self.adjoints(where), strict=True):
-            if e.factor.shape[1]:
-                factors.append(carry @ where.factor(e))
-            if e.free.shape[1]:
-                free.append(carry @ free_directions(e, where))
+        """Factor F (n or 1, 6, r) of its compliance and free directions N (n or 1, 6, k), at M in base axes."""
+        factors, free = zip(*(where.columns(e) for e, _ in self.members), strict=True)
         return stack_columns(factors), stack_columns(free)
 
 
@@ -269,7 +249,8 @@ class _Planner:
             return replace(c, formable=False)
         k, formable = form_stiffness(factor, free, self.length)
         if formable and all(moves_with(e, self.links[c.anchor], self.links) for e, _ in c.members):
-            return replace(c, constant=k, formable=True, still=tuple(c.adjoints(self.home)))
+            carry = c.frame(self.home).adjoint()
+            return replace(c, constant=np.swapaxes(carry, -1, -2) @ k @ carry, formable=True)
         return replace(c, formable=formable)
 
 
@@ -282,8 +263,8 @@ def _connection(start: str, end: str, members: Members) -> Connection:
 def stack_columns(blocks: Iterable[Array]) -> Array:
     """Concatenate columns (n or 1, 6, r) of blocks."""
     parts = list(blocks)
-    n = max(len(b) for b in parts)
-    return np.concatenate([np.broadcast_to(b, (n, *b.shape[1:])) for b in parts], axis=-1)
+    n = max(len(b) for b in parts if b.shape[2]) if any(b.shape[2] for b in parts) else 1
+    return np.concatenate([np.broadcast_to(b, (n, *b.shape[1:])) for b in parts if b.shape[2]] or parts[:1], axis=-1)
 
 
 def form_stiffness(factor: Array, free: Array, length: float) -> tuple[Array, bool]:
@@ -318,3 +299,11 @@ def form_stiffness(factor: Array, free: Array, length: float) -> tuple[Array, bo
     finite = bool((pivots > RIGID).all() and (pivots[:, 1:] * least > _LOST).all())
     half = half @ p * scale[:, 0]
     return np.swapaxes(half, -1, -2) @ half, finite
+
+
+def fit_free_motions(free: Array, length: float) -> Array:
+    """Coordinates (n, k, 6) of the free directions (n, 6, k) nearest to a twist, lengths scaled."""
+    scale = np.array([1.0 / length] * 3 + [1.0] * 3)
+    unit = free * scale[:, None]
+    unit_t = np.swapaxes(unit, -1, -2)
+    return inverse(unit_t @ unit) @ unit_t * scale

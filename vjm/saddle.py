@@ -158,7 +158,7 @@ def _assemble(state: Condensed) -> System:
     shared: dict[str, slice] = {}
     for c in order.left:
         factor, free = c.flexible(where)
-        columns.append(c.frame(where).adjoint() @ stack_columns([factor, free]))
+        columns.append(stack_columns([factor, free]))
         counts.append(factor.shape[2])
         fresh = slice(at, at + columns[-1].shape[2])
         group = c.members[0][0].group
