@@ -191,9 +191,8 @@ class Closure:
                     q[:, going], worst[:, going], closed = late.q, late.error, (most < CLOSED) & trusted
                     closed[going] = late.closed & trusted[going]
                     return Solution(q, closed, self.linkage.place_links(q), worst, factors)
-                if (
-                    factors is None or count != 1 or np.mean(first < _STILL) < 1.0 - _STRAGGLERS
-                ):  # else they still serve
+                serving = count == 1 and np.mean(first < _STILL) >= 1.0 - _STRAGGLERS
+                if factors is None or not serving:
                     factors = self.factorize(placed)
                 right = [errors[k][row - self.starts[k]] for row, k in zip(self.rows, self.cut_of, strict=True)]
                 step = factors.solve(right)

@@ -253,9 +253,9 @@ class Linkage:
         return out
 
     def wrenches(self, cut: Cut, rows: Sequence[int], placed: Placed) -> Array:
-        """The wrenches (6, rows, n or 1) on the second link, at the origin in base axes, that measure some errors, in their order.
+        """The wrenches (6, rows, n or 1) on the second link, at the origin in base axes, that measure some errors.
 
-        Times a twist each gives its error's rate.
+        In their order; times a twist each gives its error's rate.
         """
         joint = cut.joint
         held, turns = joint.held_components

@@ -299,7 +299,7 @@ def _load_folded(state: Condensed, gone: Folded, load: CondensedLoads) -> tuple[
     force = load.force(gone.step.node)
     drive = np.swapaxes(gone.columns, -1, -2) @ (force - gone.own @ along.offset)
     if any(w.any() for w in along.carried):
-        drive = drive + project_loads(state, along, gone.columns)
+        drive = drive + project_loads(along, gone.columns)
     y = np.swapaxes(gone.half, -1, -2) @ (gone.half @ drive)
     names = [e.name for e, _ in connection.members]
     _check_balance(names, gone.half, gone.core, drive, load.loads.balanced)
@@ -312,7 +312,7 @@ def _load_folded(state: Condensed, gone: Folded, load: CondensedLoads) -> tuple[
     return along, y, force
 
 
-def project_loads(state: Condensed, along: ChainLoads, columns: Array) -> Array:
+def project_loads(along: ChainLoads, columns: Array) -> Array:
     """What the loads on a connection's inner nodes do along its coordinates, (n, m, c)."""
     out: list[Array] = []
     at = 0

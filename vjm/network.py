@@ -87,8 +87,10 @@ class Places:
 
     softened: dict[str, Array] = field(default_factory=dict[Any, Any])
     """Factors (n, 6, 6) of compliances that stand for those of some elements."""
-    known: dict[str, Any] = field(default_factory=dict[Any, Any], init=False)
-    """Adjoints, and columns, of elements that were asked for before."""
+    known: dict[str, Array] = field(default_factory=dict[Any, Any], init=False)
+    """Adjoints of elements that were asked for before."""
+    seen: dict[str, tuple[Element, Array, Array]] = field(default_factory=dict[Any, Any], init=False)
+    """Elements whose columns were asked for last, and these."""
 
     def some(self, mask: NDArray[np.bool_] | NDArray[np.intp]) -> Places:
         """Places at some of the configurations."""
@@ -127,13 +129,13 @@ class Places:
 
     def columns(self, element: Element) -> tuple[Array, Array]:
         """Factor (n or 1, 6, r) and free directions (n or 1, 6, k) of an element, at M in base axes."""
-        key = f"{element.name} columns"
-        if key not in self.known:
+        known, factor, free = self.seen.get(element.name, (None, _NOTHING, _NOTHING))
+        if known is not element:  # other robots of this geometry have another element of this name
             carry = self.adjoint(element)
             factor = carry @ self.factor(element) if element.factor.shape[1] else _NOTHING
             free = carry @ free_directions(element, self) if element.free.shape[1] else _NOTHING
-            self.known[key] = factor, free
-        return self.known[key]
+            self.seen[element.name] = element, factor, free
+        return factor, free
 
     def factor(self, element: Element) -> Array:
         """Factor (n or 1, 6, r) of an element's compliance; a bent body's rotates by Rx, Ry, Rz in this order.

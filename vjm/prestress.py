@@ -92,7 +92,7 @@ def loaded_stiffness(order: Order, where: Places, gravity: Array) -> tuple[Array
 
 @dataclass(frozen=True, eq=False)
 class Bent:
-    """Nodes ``there`` at equilibrium under own loads, where it was ``found`` (n,), and the ``sag`` (n, 6) of small ones."""
+    """Nodes ``there`` at equilibrium under own loads, where it was ``found`` (n,); the ``sag`` (n, 6) of small ones."""
 
     there: Places
     sag: Array

@@ -127,7 +127,7 @@ def _form_right_side(state: Condensed, system: System, load: CondensedLoads) -> 
         if c.start in system.nodes:
             right[:, system.nodes[c.start]] += along.total
         right[:, w] += along.offset
-        right[:, y] += project_loads(state, along, b)
+        right[:, y] += project_loads(along, b)
     return chains, right
 
 
