@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -82,6 +83,16 @@ def test_the_error_is_what_the_jacobian_of_the_arm_gives(tmp_path):
     assert found.parts["along"][5] == pytest.approx(expected[5, :2] @ tangent / np.linalg.norm(tangent), rel=1e-9)
     steps = np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1)
     np.testing.assert_allclose(found.time[1:], np.cumsum(steps) / 0.01, rtol=1e-9)
+
+
+def test_a_payload_weighs_where_it_hangs(tmp_path):
+    poses, _ = _line_table(tmp_path, 8)
+    (tmp_path / "line.csv").write_text("x,y,rz\n" + "\n".join(",".join(map(str, p)) for p in poses.tolist()))
+    job, made = _job(tmp_path, "line.csv", "payload = { mass = 4, centre = [0.65, 0.3, 0] }")
+    made = replace(made, mechanism=replace(made.mechanism, gravity=np.array([0.0, -9.0, 0.0])))
+    arms = 0.05 * np.cos(poses[:, 2])
+    expected = [_planar_compliance(p) @ [0.0, -36.0, -36.0 * arm] for p, arm in zip(poses, arms, strict=True)]
+    np.testing.assert_allclose(along(job, made).error[:, [0, 1, 5]], expected, rtol=1e-6, atol=1e-12)
 
 
 def test_the_compensated_commands_bring_the_tool_where_it_should_be(tmp_path):
@@ -234,6 +245,43 @@ def test_gcode_written_and_read_again_is_the_same_path(tmp_path):
     np.testing.assert_allclose(np.linalg.norm(arc[:, :2] - [0.010, 0.010], axis=1), 0.010, rtol=1e-9)
 
 
+@pytest.mark.parametrize("plane", ["G17", "G18", "G19"])
+@pytest.mark.parametrize("sense", ["G2", "G3"])
+@pytest.mark.parametrize(("modes", "unit"), [("G21 G90", 1e-3), ("G20 G91", 25.4e-3)])
+def test_arcs_run_round_their_centre_in_every_plane(plane, sense, modes, unit, tmp_path):
+    """A quarter by I J K, the same by R, the other three quarters by a negative R, and a full circle."""
+    first, second = {"G17": "XY", "G18": "ZX", "G19": "YZ"}[plane]
+    a, b = ("XYZ".index(axis) for axis in (first, second))
+    offset = "IJK"[a]
+    turn = 1.0 if sense == "G3" else -1.0
+    end = f"{first}{0 if 'G90' in modes else -3} {second}{3.0 * turn}"  # from (3, 0) round 0 to (0, ± 3)
+
+    def points(arc):
+        (tmp_path / "a.nc").write_text(f"N1 {modes} F600 (start)\nn2 g1 {first}3.\nN30{plane}{sense}{arc};end\n")
+        program = read_program(tmp_path / "a.nc", 0.2 * unit)
+        (tmp_path / "b.nc").write_text(program_text(program, program.points))
+        again = read_program(tmp_path / "b.nc", np.inf)
+        np.testing.assert_allclose(again.points, program.points, atol=1e-9)
+        found = program.points[program.line == program.line[-1]] / unit
+        found = np.vstack((program.points[program.line != program.line[-1]][-1:] / unit, found))
+        assert np.ptp(np.delete(found, [a, b], axis=1)) < 1e-12
+        flat = found[:, [a, b]]
+        np.testing.assert_allclose(np.linalg.norm(np.diff(flat, axis=0), axis=1).max(), 0.2, rtol=0.05)
+        return flat, turn * np.unwrap(np.arctan2(flat[:, 1], flat[:, 0]))
+
+    for arc in (f"{end}{offset}-3", f"{end}R3"):
+        flat, angle = points(arc)
+        np.testing.assert_allclose(np.hypot(*flat.T), 3.0, rtol=1e-9)
+        assert angle[-1] - angle[0] == pytest.approx(np.pi / 2)
+        assert (np.diff(angle) > 0).all()
+    flat, angle = points(f"{offset}-3")
+    np.testing.assert_allclose(np.hypot(*flat.T), 3.0, rtol=1e-9)
+    assert angle[-1] - angle[0] == pytest.approx(2 * np.pi)
+    flat, _ = points(f"{end}R-3")
+    np.testing.assert_allclose(np.hypot(*(flat - [3.0, 3.0 * turn]).T), 3.0, rtol=1e-9)
+    assert np.linalg.norm(np.diff(flat, axis=0), axis=1).sum() == pytest.approx(3.0 * 1.5 * np.pi, rel=1e-3)
+
+
 def test_a_dwell_moves_nothing(tmp_path):
     (tmp_path / "a.nc").write_text("G21\nG1 X10 F600\nG4 X2.5\nG1 X20\n")
     assert read_program(tmp_path / "a.nc", np.inf).points[:, 0] == pytest.approx([0.010, 0.020])
@@ -290,9 +338,22 @@ def test_mean_milling_forces_are_those_of_the_teeth_over_a_turn(climb, width):
     assert found.torque == pytest.approx(teeth * tangential.mean() * 5e-3, rel=1e-3)
 
 
-def test_the_specific_force_of_an_example_of_handbooks():
-    # C45E, chip 0.2 mm: kc = 2220 * 0.2^-0.14 = 2781 N/mm2
-    assert specific_force(2220e6, 0.14, 0.2e-3) == pytest.approx(2781e6, rel=1e-3)
+def test_power_of_face_milling_is_that_of_a_published_example():
+    """Mitsubishi Materials, Technical information, Formulae for cutting power: tool steel, a cutter of 250 mm.
+
+    80 m/min, 12 teeth, 2 mm by 80 mm, 280 mm/min, kc = 1800 MPa: 101.91 rpm, 0.228 mm a tooth, 1.68 kW at an
+    efficiency of 0.8. Its table has kc = 2030 and 1580 MPa at 0.1 and 0.6 mm a tooth; Kienzle's law through both has
+    1800, 1750 and 1700 at 0.2, 0.3 and 0.4 mm within 3 %.
+    """
+    speed = 80.0 / 60.0 / (np.pi * 0.25)
+    assert 60.0 * speed == pytest.approx(101.91, rel=1e-3)
+    cut = {"diameter": 0.25, "teeth": 12, "speed": speed, "feed": 0.28 / 60.0, "depth": 2e-3, "width": 80e-3}
+    assert cut["feed"] / (12 * speed) == pytest.approx(0.228e-3, rel=5e-3)
+    assert mill(1800e6, 0.0, **cut).power / 0.8 == pytest.approx(1680.0, rel=3e-3)
+    mc = np.log(2030.0 / 1580.0) / np.log(6.0)
+    kc1 = 1580e6 * 0.6**mc
+    for tooth, kc in ((0.2e-3, 1800e6), (0.3e-3, 1750e6), (0.4e-3, 1700e6)):
+        assert specific_force(kc1, mc, tooth) == pytest.approx(kc, rel=0.03)
 
 
 def test_the_command_writes_the_path_and_says_where_it_is_worst(tmp_path, capfd):
@@ -350,11 +411,25 @@ process.milling = {{material = "{material}", speed = "{speed}", diameter = 0.01,
         ('robot = "arm.toml"\npath = "none.csv"', r"none\.csv"),
         ('robot = "arm.toml"\npath = "line.csv"\nspeed = 3', "expected a known key"),
         ('robot = "nobody"\npath = "line.csv"', r"job\.toml:1: robot"),
+        ('robot = "arm.toml"\npath = "line.csv"\nprocess.force = { across = "1e30 N" }', "across: .* beyond 1e"),
+        (MILLING.format(material='C45E", kc1 = "2000 N/mm^2', speed="9 rpm"), "got a material and kc1"),
+        (
+            MILLING.format(material="C45E", speed="9 rpm").replace('material = "C45E"', 'kc1 = "2 GPa", mc = 2'),
+            "mc: expected less than 1, got 2",
+        ),
+        ('robot = "arm.toml"\npath = "both.csv"', r"both\.csv:1: expected a column feed or a column t"),
+        ('robot = "arm.toml"\npath = "far.csv"', r"far\.csv:2: fx: expected at most 1e\+06"),
+        ('robot = "arm.toml"\npath = "a.nc"\nstep = "1 pm"', r"a\.nc:2: expected at most 1,000,000 points"),
+        ('robot = "arm.toml"\npath = "a.nc"\n' + MILLING.format(material="C45E", speed="9 rpm").partition('csv"')[2],
+         r"a\.nc:2: feed: expected a feed"),
     ],
 )  # fmt: skip
 def test_a_job_that_is_none_is_refused(job, message, tmp_path):
     _arm(tmp_path)
     _line_table(tmp_path)
+    (tmp_path / "both.csv").write_text("x,y,rz,t,feed\n0.6,0.3,0,0,0.1\n0.61,0.3,0,1,0.1\n")
+    (tmp_path / "far.csv").write_text("x,y,rz,fx\n0.6,0.3,0,1e30\n0.61,0.3,0,1\n")
+    (tmp_path / "a.nc").write_text("G21 G0 X600 Y300\nG1 X610\n")
     (tmp_path / "job.toml").write_text(job)
     with pytest.raises(InputError, match=message):
-        load_job(tmp_path / "job.toml")
+        along(tmp_path / "job.toml")

@@ -183,8 +183,10 @@ def _feeds(job: Job, otherwise: float | None, length: Array) -> Array:
         speeds = np.diff(length) / np.diff(path.time)
         feeds = np.concatenate([speeds, speeds[-1:]])
     feeds[np.isnan(feeds)] = np.nan if otherwise is None else otherwise
-    if np.isnan(feeds[~path.rapid]).any():
-        raise InputError(f"{job.path_file.name}: feed: expected a feed of the path or of the cut, got none")
+    missing = np.isnan(feeds) & ~path.rapid
+    if missing.any():
+        line = path.lines[int(np.argmax(missing))]
+        raise InputError(f"{job.path_file.name}:{line}: feed: expected a feed of the path or of the cut, got none")
     return feeds
 
 
@@ -204,4 +206,4 @@ def _payload(job: Job, assembled: Assembled) -> tuple[Load, ...]:
     tool = assembled.mechanism.tool
     at = np.array(tool.at if payload.centre is None else payload.centre, dtype=float)
     weight = payload.mass * np.asarray(assembled.mechanism.gravity, dtype=float)
-    return (Load(tool.body, at, np.concatenate([weight, np.zeros(3)])),)
+    return (Load(tool.body, np.concatenate([weight, np.zeros(3)]), at),)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array, Flags, Indices
 
 MOST_BYTES = 1 << 28
+MOST_POINTS = 1_000_000
 INCH = 25.4e-3
 _WORD = re.compile(r"([A-Z])\s*([-+]?(?:\d+\.?\d*|\.\d+))")
 _COMMENT = re.compile(r"\([^)]*\)|;.*")
@@ -81,6 +82,11 @@ def read_program(path: Path, step: float) -> Program:
         for point in _read_line(state, line, f"{path.name}:{number + 1}", step):
             rows.append((point, state.move == 0, state.feed, number))
             moving.add(number)
+            if len(rows) > MOST_POINTS:
+                raise InputError(
+                    f"{path.name}:{number + 1}: expected at most {MOST_POINTS:,} points (one at least every "
+                    f"{1e3 * step:g} mm: step), got more"
+                )
     if not rows:
         raise InputError(f"{path.name}: expected lines that move the tool (G0 to G3 with X, Y or Z), got none")
     points = np.array([row[0] for row in rows])

@@ -11,7 +11,7 @@ from pydantic import Field, field_validator
 
 from stiffscope.design.path.cutting import cutting_materials, drill, mill
 from stiffscope.design.path.motions import Motion
-from stiffscope.design.path.toolpath import ToolPath, read_toolpath
+from stiffscope.design.path.toolpath import MOST_LOAD, ToolPath, read_toolpath
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.parse import FieldError, Source, parse_text
 from stiffscope.robot.file.sections import check_rising
@@ -20,7 +20,6 @@ from stiffscope.robot.file.values import (
     ANGLE,
     Angles,
     Direction,
-    Force,
     Length,
     Lengths,
     Mass,
@@ -37,6 +36,8 @@ if TYPE_CHECKING:
     from stiffscope.design.path.cutting import CuttingForces
     from stiffscope.robot.file.description import RobotFile
 
+_FORCE = q.Dimension("a force of a process", "N", "100 N", most=MOST_LOAD)
+_MOST_EXPONENT = 1.0  # beyond, thicker chips would take less force
 _SPEED = q.Dimension("a speed", "m/s", "600 mm/min", 1e-9, 1e3)
 _TURNS = q.Dimension("a rotational speed", "Hz", "9000 rpm", 1e-6, 1e5)
 _STRESS = q.Dimension("a specific cutting force", "Pa", "2220 N/mm^2", 1e3, 1e12)
@@ -55,6 +56,7 @@ def _speed(value: Any) -> float:
     return q.to_si(float(number) / _A_SECOND[unit.strip()], _TURNS)
 
 
+Force = Annotated[float, Reads(lambda value: q.to_si(value, _FORCE, sign="any"), says='a force such as "100 N"')]
 Feed = Annotated[float, Reads(lambda value: q.to_si(value, _SPEED), says='a speed such as "600 mm/min"')]
 Turns = Annotated[float, Reads(_speed, says='a rotational speed such as "9000 rpm"')]
 Stress = Annotated[float, Reads(lambda value: q.to_si(value, _STRESS), says='such as "2220 N/mm^2"')]
@@ -82,10 +84,15 @@ class _Cut(Section):
 
     def law(self) -> tuple[float, float]:
         """Specific cutting force in Pa and exponent. Raises ValueError."""
+        own = [name for name in ("kc1", "mc") if getattr(self, name) is not None]
+        if self.material is not None and own:
+            raise ValueError(f"expected a material, or kc1 and mc, got a material and {' and '.join(own)}")
         if self.kc1 is not None and self.mc is not None:
+            if self.mc >= _MOST_EXPONENT:
+                raise ValueError(f"mc: expected less than {_MOST_EXPONENT:g}, got {self.mc:g}")
             return self.kc1, self.mc
         if self.material is None:
-            raise ValueError("expected a material, or kc1 and mc, got neither")
+            raise ValueError(f"expected a material, or kc1 and mc, got {own[0] if own else 'neither'}")
         return cutting_materials()[one_of(self.material, cutting_materials(), "a material, or kc1 and mc")]
 
 

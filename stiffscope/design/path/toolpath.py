@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.design.path.gcode import Program, program_text, read_program
+from stiffscope.design.path.gcode import MOST_POINTS, Program, program_text, read_program
 from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
 from stiffscope.runtime.table import check_columns, numbers, read_table
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 JOINT = "q:"
 PROGRAMS = {".nc", ".ngc", ".gcode", ".tap", ".cnc", ".iso", ".mpf"}
-MOST_POINTS = 1_000_000
+MOST_LOAD = 1e6  # N, N·m
 _MOST_ROW = 1000  # bytes
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
 _PLACE, _TURN = q.Dimension("a length", "m", "mm", most=1e4), q.Dimension("an angle", "rad", "deg", most=1e4)
@@ -127,6 +127,8 @@ def read_toolpath(
     def check(name: str, header: list[str]) -> None:
         joints = [column for column in header if column.startswith(JOINT)]
         check_columns(name, header, joints or pose, dict.fromkeys((*(joints or pose), *WRENCH, "feed", "t")))
+        if {"feed", "t"} <= set(header):
+            raise InputError(f"{name}:1: expected a column feed or a column t, from which the feed follows, got both")
 
     table = _read_plain(path, check) or read_table(path, check, most=MOST_POINTS)
     columns = tuple(name for name in table.columns if name.startswith(JOINT)) or pose
@@ -136,6 +138,9 @@ def read_toolpath(
     if any(name in table.columns for name in WRENCH):
         zero = np.zeros(len(values))
         wrench = np.column_stack([_column(table, n, factors) if n in table.columns else zero for n in WRENCH])
+        if (np.abs(wrench) > MOST_LOAD).any():
+            row, k = np.argwhere(np.abs(wrench) > MOST_LOAD)[0].tolist()
+            raise table.fail(row, WRENCH[k], f"at most {MOST_LOAD:g} N or N·m")
     feed, time = (_column(table, name, factors) if name in table.columns else None for name in ("feed", "t"))
     if time is not None and (np.diff(time) <= 0.0).any():
         raise table.fail(int(np.argmax(np.diff(time) <= 0.0)) + 1, "t", "a later time than the row above")
