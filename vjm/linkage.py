@@ -262,16 +262,18 @@ class Linkage:
         carrier = placed.rotation[cut.first]
         forces = [held[row] for row in rows if row < len(held)]
         moments = [turns[row - len(held)] for row in rows if row >= len(held)]
-        crossed = moments and joint.kind == "universal" and joint.axis is not None and joint.axis2 is not None
-        n = max(carrier.shape[2], placed.rotation[cut.second].shape[2] if forces or crossed else 1)
+        crossed = None
+        if moments and joint.kind == "universal" and joint.axis is not None and joint.axis2 is not None:
+            crossed = joint.axis2 @ placed.rotation[cut.second], joint.axis @ carrier
         at = placed.point(cut.second, joint.at) if forces else carrier[0]
-        n, count = max(n, at.shape[-1]), len(forces)
+        n = max(carrier.shape[2], at.shape[-1], 1 if crossed is None else crossed[0].shape[-1])
+        count = len(forces)
         out = np.zeros((6, len(rows), n))
         if forces:
             out[:3, :count] = np.matmul(joint.axes.T[forces], carrier) / self.length
             _cross(at[:, None], out[:3, :count], out[3:, :count])
-        if crossed:
-            _cross(joint.axis2 @ placed.rotation[cut.second], joint.axis @ carrier, out[3:, count])
+        if crossed is not None:
+            _cross(*crossed, out[3:, count])
         elif moments:
             out[3:, count:] = np.matmul(joint.axes.T[moments], carrier)
         return out
