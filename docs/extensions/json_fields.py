@@ -406,6 +406,12 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             "worst.bound": ("95 % bound on the size, from the error bars of the parts", "m"),
             "worst.shares.*": ("share of an element in the strain energy", "1"),
             "worst.drives.*": ("what a drive carries", "N, N·m"),
+            "worst.stress[].body": ("greatest von Mises stress first; empty without parts from FEA", ""),
+            "worst.stress[].part": ("that it is made of", ""),
+            "worst.stress[].material": ("of the part", ""),
+            "worst.stress[].von_mises": ("greatest, beyond the elements that touch a clamped or loaded face", "Pa"),
+            "worst.stress[].at": ("where, in the part's axes", "m"),
+            "worst.stress[].factor": ("the job's yield strength over it; null where it states none", "1"),
             "frequencies.s": ("[station]: points of the path", "m"),
             "frequencies.first": ("[station]: first natural frequency there; null without masses", "Hz"),
             **{

@@ -13,6 +13,7 @@ from stiffscope.cli.output import emit, open_workshop, warn_of
 from stiffscope.design.path.along import along
 from stiffscope.design.path.compensate import compensate
 from stiffscope.design.path.job import load_job
+from stiffscope.design.path.stress import find_stresses
 from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.report import paths
@@ -48,6 +49,7 @@ def path(name: Path, *, undo: bool, output: Output) -> None:
         report = open_line("path")
         state = along(job, made, report)
         after = compensate(made, state, report) if undo else None
+    stresses = find_stresses(state, made)
     worst = configure(made.mechanism, state.commanded_poses[[state.worst]])
     cases = wrench_cases(made.mechanism, worst, state.wrench[state.worst], "the process there")
 
@@ -62,6 +64,6 @@ def path(name: Path, *, undo: bool, output: Output) -> None:
         paths.write_path_page(folder, state, worst, cases, shown)
 
     emit(
-        output, lambda: paths.path_json(state, after), lambda: paths.show_path(state, after), manifest=manifest,
-        fill=fill, page=page,
+        output, lambda: paths.path_json(state, after, stresses), lambda: paths.show_path(state, after, stresses),
+        manifest=manifest, fill=fill, page=page,
     )  # fmt: skip

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from stiffscope.design.path.along import Along
     from stiffscope.design.path.compensate import Compensated
+    from stiffscope.design.path.stress import PartStress
     from stiffscope.report.robot_view import Case
     from stiffscope.report.terminal import Shown
     from stiffscope.vjm.kinematics import Configurations
@@ -44,7 +45,7 @@ def path_columns(state: Along) -> dict[str, np.ndarray]:
     return columns | {name: state.forces[:, k] for k, name in enumerate(state.drives)}
 
 
-def path_json(state: Along, after: Compensated | None) -> dict[str, Any]:
+def path_json(state: Along, after: Compensated | None, stresses: Sequence[PartStress] = ()) -> dict[str, Any]:
     """What scripts read of a path."""
     k = state.worst
     answer: dict[str, Any] = {
@@ -56,6 +57,7 @@ def path_json(state: Along, after: Compensated | None) -> dict[str, Any]:
             "binormal": state.parts["binormal"][k], "bound": state.bound[k],
             "shares": {name: share[k] for name, share in state.shares.items()},
             "drives": dict(zip(state.drives, state.forces[k], strict=True)),
+            "stress": [vars(each) for each in stresses],
         },
         "frequencies": {"s": state.length[state.stations], "first": state.first},
     }  # fmt: skip
@@ -95,7 +97,7 @@ def write_csv(state: Along, file: Path) -> None:
             writer.write(pa.table({name: np.ascontiguousarray(each[some]) for name, each in columns.items()}, schema))
 
 
-def show_path(state: Along, after: Compensated | None) -> None:
+def show_path(state: Along, after: Compensated | None, stresses: Sequence[PartStress] = ()) -> None:
     """Print where the error is greatest and why, what the process and the drives do, and what compensation leaves."""
     k, parts = state.worst, state.parts
     acting = ~state.path.rapid
@@ -138,6 +140,16 @@ def show_path(state: Along, after: Compensated | None) -> None:
         for name, force, unit in zip(state.drives, state.forces.T, state.units, strict=True)
     ]
     show_table("What the drives carry", [["drive"], ["least", "greatest", "unit"]], rows)
+    if stresses:
+        rows = [
+            (each.body, f"{1e-6 * each.von_mises:.3g}", ", ".join(f"{1e3 * x:z.1f}" for x in each.at), each.material,
+             "" if each.factor is None else f"{each.factor:.3g}")
+            for each in stresses
+        ]  # fmt: skip
+        show_table(
+            "Greatest von Mises stress, at the greatest error",
+            [["body"], ["MPa"], ["x, y, z in the part (mm)"], ["material"], ["yield strength over stress"]], rows,
+        )  # fmt: skip
     if after is not None:
         _show_compensation(state, after)
 

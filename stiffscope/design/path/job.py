@@ -40,6 +40,7 @@ _FORCE = q.Dimension("a force of a process", "N", "100 N", most=MOST_LOAD)
 _MOST_EXPONENT = 1.0  # beyond, thicker chips would take less force
 _SPEED = q.Dimension("a speed", "m/s", "600 mm/min", 1e-9, 1e3)
 _TURNS = q.Dimension("a rotational speed", "Hz", "9000 rpm", 1e-6, 1e5)
+_STRENGTH = q.Dimension("a yield strength", "Pa", "355 MPa", 1e3, 1e12)
 _STRESS = q.Dimension("a specific cutting force", "Pa", "2220 N/mm^2", 1e3, 1e12)
 
 
@@ -60,6 +61,7 @@ Force = Annotated[float, Reads(lambda value: q.to_si(value, _FORCE, sign="any"),
 Feed = Annotated[float, Reads(lambda value: q.to_si(value, _SPEED), says='a speed such as "600 mm/min"')]
 Turns = Annotated[float, Reads(_speed, says='a rotational speed such as "9000 rpm"')]
 Stress = Annotated[float, Reads(lambda value: q.to_si(value, _STRESS), says='such as "2220 N/mm^2"')]
+Strength = Annotated[float, Reads(lambda value: q.to_si(value, _STRENGTH), says='a strength such as "355 MPa"')]
 Share = Annotated[float, Reads(lambda value: q.to_si(value, q.NUMBER, sign="non-negative"), says="a number")]
 Turned = Annotated[float, Reads(lambda value: q.to_si(value, ANGLE), says='an angle such as "90 deg"')]
 
@@ -204,6 +206,7 @@ class JobSection(Section):
     gravity: Literal["weight", "none"] = "weight"
     process: ProcessSection = ProcessSection()
     payload: PayloadSection | None = None
+    yield_strength: Annotated[dict[str, Strength], Says("by the name of a material")] = Field(default_factory=dict)
     free: FreeSection | None = None
 
 

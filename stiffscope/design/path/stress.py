@@ -1,0 +1,76 @@
+"""Stress in the parts where the error along a path is greatest, from their displacements under unit wrenches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.design.path.course import respond_under
+from stiffscope.fea.elasticity import nodal_stresses, von_mises
+from stiffscope.vjm.kinematics import configure
+
+if TYPE_CHECKING:
+    from stiffscope.design.path.along import Along
+    from stiffscope.experiments.assembly import Assembled
+    from stiffscope.experiments.results import PartResult
+    from stiffscope.runtime.types import Array, Flags
+
+
+@dataclass(frozen=True, eq=False)
+class PartStress:
+    """Greatest von Mises stress ``von_mises`` in Pa of a body, and where, ``at`` (3,) in m in its part's axes.
+
+    ``factor``: the material's yield strength over it; None where the job does not state that strength.
+    """
+
+    body: str
+    part: str
+    material: str
+    von_mises: float
+    at: Array
+    factor: float | None
+
+
+def find_stresses(state: Along, assembled: Assembled) -> tuple[PartStress, ...]:
+    """Stresses at the point of the greatest error, of every body whose part FEA has tested; the greatest first.
+
+    Elements that touch a clamped or loaded face are left out: at its edges the stress grows with every refinement.
+    A part's own weight acts at its ends alone.
+
+    Parameters
+    ----------
+    state
+        The path.
+    assembled
+        The job's robot with its parts.
+
+    """
+    mechanism = assembled.mechanism
+    found = configure(mechanism, state.commanded_poses[[state.worst]])
+    response = respond_under(state.job, assembled, found, state.wrench[[state.worst]])
+    out: list[PartStress] = []
+    for body, section in assembled.robot.bodies.items():
+        part = getattr(section, "part", None)
+        result = assembled.results.get(part) if part is not None else None
+        if result is None or not result.experiment.displacement.size:
+            continue
+        mesh, material = result.experiment.mesh, result.order.material
+        wrench = response.find_wrench(mechanism.rows(body))[0, :, 0]
+        motion = np.tensordot(wrench, result.experiment.displacement, axes=1).reshape(-1, 1)
+        stress = von_mises(nodal_stresses(mesh, motion, material.elasticity())[:, 0])
+        node = int(np.argmax(np.where(_away_from_interfaces(result), stress, -1.0)))
+        greatest, strength = float(stress[node]), state.job.section.yield_strength.get(material.name)
+        factor = None if strength is None or greatest == 0.0 else strength / greatest
+        out.append(PartStress(body, result.name, material.name, greatest, mesh.points[node], factor))
+    return tuple(sorted(out, key=lambda each: -each.von_mises))
+
+
+def _away_from_interfaces(result: PartResult) -> Flags:
+    """Which nodes (k,) are of no element that touches a clamped or loaded face; all where none is left."""
+    mesh, faces = result.experiment.mesh, result.solid["faces"]
+    touching = np.isin(mesh.cells, mesh.nodes_of(frozenset(faces["clamped"] + faces["loaded"]))).any(axis=1)
+    away = np.ones(len(mesh.points), dtype=bool)
+    away[mesh.cells[touching]] = False
+    return away if away.any() else ~away
