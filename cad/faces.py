@@ -1,6 +1,6 @@
 """The faces of a solid: their geometry, a listing of them, and selection by geometry."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
 from typing import TYPE_CHECKING, Any
@@ -130,6 +130,9 @@ class FaceSelector:
         m; of a torus the minor one.
     index
         Number or numbers in the listing of faces.
+    washer
+        m; instead of faces, the annuli of this outer diameter around the round holes of plane faces, the other
+        conditions being those of the hole: its radius, its centre, the normal and number of its face.
 
     Raises
     ------
@@ -142,6 +145,7 @@ class FaceSelector:
     position: str | Sequence[float] | None = None
     radius: float | None = None
     index: int | Sequence[int] | None = None
+    washer: float | None = None
 
     def __post_init__(self) -> None:
         """Check every condition."""
@@ -151,8 +155,9 @@ class FaceSelector:
             raise InputError(f"selector.kind: expected one of {', '.join(KINDS)}, got {self.kind!r}")
         if self.normal is not None:
             direction("selector.normal", self.normal)
-        if self.radius is not None and not (isinstance(self.radius, Real) and 0 < self.radius < np.inf):
-            raise InputError(f"selector.radius: expected a positive length, got {self.radius!r}")
+        for name, size in (("radius", self.radius), ("washer", self.washer)):
+            if size is not None and not (isinstance(size, Real) and 0 < size < np.inf):
+                raise InputError(f"selector.{name}: expected a positive length, got {size!r}")
         end = isinstance(self.position, str) and self.position in ENDS
         if not (self.position is None or end or is_point(self.position)):
             raise InputError(f"selector.position: expected one of {', '.join(ENDS)} or {POINT}, got {self.position!r}")
@@ -160,8 +165,7 @@ class FaceSelector:
     def __str__(self) -> str:
         """Return the conditions as text, lengths in mm as in the listing."""
         given = {name: value for name, value in self.__dict__.items() if value is not None}
-        if self.radius is not None:
-            given["radius"] = mm(self.radius)
+        given |= {key: mm(given[key]) for key in ("radius", "washer") if key in given}
         if self.position is not None and not isinstance(self.position, str):
             given["position"] = "(" + ", ".join(f"{x * 1e3:.6g}" for x in self.position) + ") mm"
         return ", ".join(f"{name} = {value}" for name, value in given.items())
@@ -184,10 +188,14 @@ def select(shape: "Shape", selectors: Iterable[FaceSelector], field: str = "face
     InputError
         A selector matches no face, or together they match every face; the message lists the faces there are.
     """
-    geometries = face_geometries(shape)
+    geometries, faces = face_geometries(shape), cad.kernel.faces(shape)
     chosen: set[int] = set()
+
+    def contains(face: FaceGeometry, point: NDArray[np.float64]) -> bool:
+        return cad.kernel.distance(faces[face.index], 1e3 * point) < 1e3 * DISTANCE
+
     for selector in selectors:
-        matches = _matches(shape, geometries, selector)
+        matches = {face.index for face in match_faces(geometries, selector, contains)}
         if not matches:
             raise InputError(f"{field}: no face has {selector}; there are {_summary(geometries)}")
         chosen |= matches
@@ -200,7 +208,12 @@ def select(shape: "Shape", selectors: Iterable[FaceSelector], field: str = "face
     return frozenset(chosen)
 
 
-def _matches(shape: "Shape", geometries: Sequence[FaceGeometry], selector: FaceSelector) -> set[int]:
+def match_faces(
+    geometries: Sequence[FaceGeometry],
+    selector: FaceSelector,
+    contains: Callable[[FaceGeometry, NDArray[np.float64]], bool],
+) -> list[FaceGeometry]:
+    """Return the faces that meet a selector, given whether a face contains a point (3,) in m."""
     found = [face for face in geometries if _meets(face, selector)]
     position = selector.position
     if isinstance(position, str) and found:
@@ -210,10 +223,9 @@ def _matches(shape: "Shape", geometries: Sequence[FaceGeometry], selector: FaceS
         found = [face for face, x in zip(found, along, strict=True) if abs(x - furthest) < DISTANCE]
     elif position is not None and not isinstance(position, str):
         point = np.asarray(position, dtype=float)
-        faces = cad.kernel.faces(shape)
-        on = [face for face in found if cad.kernel.distance(faces[face.index], 1e3 * point) < 1e3 * DISTANCE]
+        on = [face for face in found if contains(face, point)]
         found = on or [face for face in found if np.linalg.norm(face.centroid - point) < DISTANCE]
-    return {face.index for face in found}
+    return found
 
 
 def _meets(face: FaceGeometry, selector: FaceSelector) -> bool:

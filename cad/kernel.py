@@ -14,20 +14,20 @@ from OCP.Bnd import Bnd_Box
 from OCP.BOPAlgo import BOPAlgo_ArgumentAnalyzer
 from OCP.BOPTools import BOPTools_AlgoTools3D
 from OCP.BRep import BRep_Builder, BRep_Tool
-from OCP.BRepAdaptor import BRepAdaptor_Surface
+from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Surface
 from OCP.BRepAlgoAPI import BRepAlgoAPI_Common
 from OCP.BRepBndLib import BRepBndLib
-from OCP.BRepBuilderAPI import (
-    BRepBuilderAPI_MakeVertex,
-)
+from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge, BRepBuilderAPI_MakeVertex, BRepBuilderAPI_MakeWire
 from OCP.BRepCheck import BRepCheck_Analyzer
 from OCP.BRepExtrema import BRepExtrema_DistShapeShape
+from OCP.BRepFeat import BRepFeat_SplitShape
 from OCP.BRepGProp import BRepGProp, BRepGProp_Face
 from OCP.BRepLib import BRepLib
 from OCP.BRepMesh import BRepMesh_IncrementalMesh
 from OCP.BRepTools import BRepTools
+from OCP.GeomAbs import GeomAbs_CurveType
 from OCP.GeomAPI import GeomAPI_ProjectPointOnSurf
-from OCP.gp import gp_Ax3, gp_Dir, gp_Pnt, gp_Trsf, gp_Vec
+from OCP.gp import gp_Ax2, gp_Ax3, gp_Circ, gp_Dir, gp_Pnt, gp_Trsf, gp_Vec
 from OCP.GProp import GProp_GProps
 from OCP.Message import Message, Message_PrinterOStream
 from OCP.TopAbs import TopAbs_Orientation, TopAbs_ShapeEnum
@@ -110,6 +110,30 @@ def vertices(shape: Shape) -> list[Vertex]:
 def solids(shape: Shape) -> list[Solid]:
     """Return the distinct solids."""
     return _list_distinct(shape, TopAbs_ShapeEnum.TopAbs_SOLID, TopoDS.Solid)
+
+
+def round_holes(face: Face) -> list[tuple[Edge, Floats, float]]:
+    """Return an edge, the centre (3,) and the radius of each inner border of a face that is a whole circle."""
+    outer, found = BRepTools.OuterWire_s(face), list[tuple[Edge, Floats, float]]()
+    for wire in _list_distinct(face, TopAbs_ShapeEnum.TopAbs_WIRE, TopoDS.Wire):
+        curves = [(edge, BRepAdaptor_Curve(edge)) for edge in edges(wire)]
+        if wire.IsSame(outer) or not all(c.GetType() == GeomAbs_CurveType.GeomAbs_Circle for _, c in curves):
+            continue
+        centres = np.array([xyz(c.Circle().Location()) for _, c in curves])
+        radius = curves[0][1].Circle().Radius()
+        turn = sum(c.LastParameter() - c.FirstParameter() for _, c in curves)
+        if np.ptp(centres, axis=0).max() < 1e-6 and abs(turn - 2.0 * np.pi) < 1e-6:
+            found.append((curves[0][0], centres[0], radius))
+    return found
+
+
+def imprint_circle(solid: Solid, face: Face, centre: Floats, normal: Floats, radius: float) -> tuple[Solid, list[Face]]:
+    """Split a plane face of a solid along a circle: return the solid and what the face has become."""
+    circle = gp_Circ(gp_Ax2(gp_Pnt(*centre), gp_Dir(*normal)), radius)
+    split = BRepFeat_SplitShape(solid)
+    split.Add(BRepBuilderAPI_MakeWire(BRepBuilderAPI_MakeEdge(circle).Edge()).Wire(), face)
+    split.Build()
+    return TopoDS.Solid(split.Shape()), [TopoDS.Face(each) for each in split.Modified(face)]
 
 
 def borders(shape: Shape) -> dict[tuple[int, int], list[Edge]]:

@@ -12,6 +12,7 @@ from stiffscope.cad.checks import POINT, direction, is_point, require
 from stiffscope.cad.faces import FaceGeometry, FaceSelector, face_geometries, select
 from stiffscope.cad.materials import STEEL, AnyMaterial
 from stiffscope.cad.part import Interface, Part
+from stiffscope.cad.washers import select_interfaces
 from stiffscope.errors import InputError
 
 Vector = Sequence[float]
@@ -104,12 +105,12 @@ def part_of(
             raise InputError(f"{name}.interfaces: expected two or more, got {list(interfaces)}")
         (rest, clamped), *others = interfaces.items()
         named = dict(others)
-    at_rest = select(solid, clamped, f"{name}.{rest}")
     if reference_point is not None and len(named) > 1:
         raise InputError(f"{name}.reference_point: expected none with {len(named)} interfaces, got one")
     if reference_point is not None:
         _check_near(solid, reference_point, f"{name}.reference_point")
-    selected = {key: select(solid, selectors, f"{name}.{key}") for key, selectors in named.items()}
+    solid, selected = select_interfaces(solid, {rest: clamped, **named}, name)
+    at_rest = selected.pop(rest)
     origin, x, z = (np.asarray(vector, dtype=float) for vector in (placement.origin, placement.x, placement.z))
     moved = cad.kernel.in_axes(solid, origin * 1e3, x, z)
     point = None if reference_point is None else _axes(x, z) @ (np.asarray(reference_point, dtype=float) - origin)

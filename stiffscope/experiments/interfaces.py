@@ -37,7 +37,7 @@ HOLE_PITCH = 4.0  # thicknesses from one bolt hole to the next, for holes where 
 OWN = "as in the robot file"
 UNKNOWN = {
     "three pads": "the solid of a STEP file is as it is",
-    "bolt holes": "the solid of a STEP file is as it is",
+    "bolt holes": 'a STEP file does not say which; choose their washers beside the faces, washer = "18 mm"',
     "foundation": "the robot file gives no foundation of this part, and no thickness to take one from",
 }
 APART = "the pads are loaded together here, not apart, so that there is one matrix"

@@ -1,4 +1,4 @@
-"""Stretch of a flanged round bar by other means: a half section in quadrilaterals of order p, graded to all corners."""
+"""Round parts by other means: a half section in quadrilaterals of order p, graded to all corners."""
 
 import itertools
 
@@ -20,6 +20,24 @@ def stretch(length, radius, flange_radius, flange_length, youngs_modulus, shear_
         whole.remove_elements(np.flatnonzero((r > radius) & ~flange)), ElementVector(ElementQuadP(order)),
         intorder=2 * order + 2,
     )  # fmt: skip
+    held = basis.get_dofs(lambda x: x[0] < 1e-12).all()
+    axis = basis.get_dofs(lambda x: x[1] < 1e-12).all(["u^2"])
+    moved = basis.get_dofs(lambda x: x[0] > length - 1e-12)
+    return pull(basis, [held, axis], moved, youngs_modulus, shear_modulus)
+
+
+def press(thickness, bore, washer, radius, youngs_modulus, shear_modulus, order=5, cuts=6):
+    """C33 (m/N) of a disc held at its rim, under a rigid washer around its bore, all by their radii; m, Pa."""
+    across = np.unique(np.concatenate([graded(bore, washer, cuts), graded(washer, radius, cuts)]))
+    mesh = MeshQuad.init_tensor(graded(0, thickness, cuts), across)
+    basis = Basis(mesh, ElementVector(ElementQuadP(order)), intorder=2 * order + 2)
+    held = basis.get_dofs(lambda x: x[1] > radius - 1e-12).all()
+    moved = basis.get_dofs(lambda x: (x[0] > thickness - 1e-12) & (x[1] < washer + 1e-12))
+    return pull(basis, [held], moved, youngs_modulus, shear_modulus)
+
+
+def pull(basis, held, moved, youngs_modulus, shear_modulus):
+    """Compliance (m/N) of a side that moves along the axis as one; ``held``: coordinates that do not move."""
     lame = shear_modulus * (youngs_modulus - 2 * shear_modulus) / (3 * shear_modulus - youngs_modulus)
 
     @BilinearForm
@@ -33,12 +51,9 @@ def stretch(length, radius, flange_radius, flange_length, youngs_modulus, shear_
         return 2 * np.pi * r * (lame * traces + shear_modulus * (2 * normal + shear))
 
     stiffness = energy.assemble(basis)
-    held = basis.get_dofs(lambda x: x[0] < 1e-12).all()
-    moved = basis.get_dofs(lambda x: x[0] > length - 1e-12)
-    axis = basis.get_dofs(lambda x: x[1] < 1e-12).all(["u^2"])
     motion = np.zeros(basis.N)
     motion[moved.nodal["u^1"]] = 1.0  # the other functions of the order p vanish on a side that moves as one
-    free = np.setdiff1d(np.arange(basis.N), np.concatenate([held, moved.all(), axis]))
+    free = np.setdiff1d(np.arange(basis.N), np.concatenate([*held, moved.all()]))
     motion[free] = spsolve(stiffness[free][:, free].tocsc(), -(stiffness @ motion)[free])
     return 1 / (motion @ (stiffness @ motion))
 

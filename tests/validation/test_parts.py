@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from build123d import Cylinder, export_step
 
+from stiffscope.cad.faces import FaceSelector
 from stiffscope.cad.link import LinkParameters
 from stiffscope.cad.materials import STEEL
 from stiffscope.cad.part import mass_properties
@@ -12,7 +14,7 @@ from stiffscope.fea.mesh import default_size
 from stiffscope.fea.run import run_experiment
 from stiffscope.fea.settings import Settings
 from tests.validation import parts
-from tests.validation.axisymmetric import stretch
+from tests.validation.axisymmetric import press, stretch
 
 ROUNDING = 1e-9  # of the entry; exact solutions that the quadratic elements hold are found to rounding
 
@@ -95,6 +97,17 @@ def test_a_flanged_bar_stretches_as_its_half_section(flange):
     off, bounds = table(f"bar with flanges of {flange} m", run_experiment(part, Settings(), whole=False), exact, "")
     assert abs(off[0]) <= bounds[0] + 2e-5
     assert bounds[0] < 1e-3
+
+
+def test_a_washer_presses_a_disc_as_its_half_section_says(tmp_path):
+    """Of 80 mm diameter and 10 mm thick, held at its rim; a rigid washer of 20 mm around a hole of 10 mm."""
+    export_step(Cylinder(40, 10) - Cylinder(5, 20), tmp_path / "disc.step")
+    rim, washer = FaceSelector(kind="cylinder", radius=0.04), FaceSelector(washer=0.02, normal=(0, 0, 1))
+    part = read_step(tmp_path / "disc.step", clamped=[rim], loaded=[washer])
+    exact = {(2, 2): press(0.01, 0.005, 0.01, 0.04, STEEL.youngs_modulus, STEEL.shear_modulus)}
+    off, bounds = table("disc under a washer", run_experiment(part, Settings(), whole=False), exact, "")
+    assert abs(off[0]) <= bounds[0] + 2e-5
+    assert bounds[0] < 4e-3
 
 
 FINER = {"notched bar": parts.notched, "strip with a hole": parts.perforated, "stepped bar": lambda: parts.stepped()[0]}

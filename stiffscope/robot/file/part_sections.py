@@ -82,13 +82,18 @@ def _face_numbers(value: Any) -> tuple[int, ...]:
 
 
 class Face(Section):
-    """A choice of faces by geometry; see `stiffscope faces FILE`."""
+    """A choice of faces by geometry; see `stiffscope faces FILE`.
+
+    With a `washer`, its outer diameter: the annuli around round holes of plane faces, as if imprinted there, the other
+    conditions being those of the hole (`radius`, `position` of its centre) and of its face (`normal`, `index`).
+    """
 
     kind: str | None = None
     normal: Direction | None = None
     position: Annotated[str | tuple[float, ...], BeforeValidator(_position)] | None = None
     radius: Length | None = None
     index: Annotated[tuple[int, ...], BeforeValidator(_face_numbers)] | None = None
+    washer: Length | None = None
 
     def selector(self) -> FaceSelector:
         """The choice for cad."""

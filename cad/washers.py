@@ -1,0 +1,123 @@
+"""Washers: annuli around round holes of plane faces, imprinted on a solid so that they can be held or loaded."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiffscope import cad
+from stiffscope.cad.checks import mm
+from stiffscope.cad.faces import DISTANCE, FaceGeometry, FaceSelector, face_geometries, match_faces, select
+from stiffscope.errors import InputError
+
+if TYPE_CHECKING:
+    from stiffscope.cad.kernel import Edge, Face, Solid
+
+_SAMPLES = 48  # points of a washer's rim that must be on its face
+
+
+@dataclass(frozen=True, eq=False)
+class _Hole:
+    """A round hole of a plane face: the face's index; the hole's centre (3,), normal and radius, m; an edge of it."""
+
+    geometry: FaceGeometry
+    edge: "Edge"
+
+    def rim(self, radius: float) -> NDArray[np.float64]:
+        """Points (n, 3) on a circle about it, m."""
+        x, y = np.linalg.svd(self.geometry.axis[None])[2][1:]
+        turn = np.linspace(0.0, 2.0 * np.pi, _SAMPLES, endpoint=False)[:, None]
+        return self.geometry.centroid + radius * (np.cos(turn) * x + np.sin(turn) * y)
+
+
+def select_interfaces(
+    solid: "Solid", chosen: Mapping[str, Sequence[FaceSelector]], name: str
+) -> tuple["Solid", dict[str, frozenset[int]]]:
+    """Select the faces of every interface, and imprint the washers among them.
+
+    Parameters
+    ----------
+    solid
+        Solid of the CAD kernel, mm.
+    chosen
+        Selectors by name of interface; those with a ``washer`` select holes, the others faces without their washers.
+    name
+        Name of the part in messages.
+
+    Returns
+    -------
+    solid, faces
+        The solid, with the washers' rims as edges, and the indices of its faces by name of interface.
+
+    Raises
+    ------
+    InputError
+        A selector matches nothing, or a washer does not fit: it is no wider than its hole, reaches beyond its face, or
+        overlaps another one.
+    """
+    plain = {each: [one for one in some if one.washer is None] for each, some in chosen.items()}
+    plain = {each: select(solid, some, f"{name}.{each}") for each, some in plain.items() if some or not chosen[each]}
+    holes = _list_holes(solid) if any(one.washer for some in chosen.values() for one in some) else []
+    pieces = [[face] for face in cad.kernel.faces(solid)]
+    washers: dict[str, list[Face]] = {each: [] for each in chosen}
+    done: dict[int, tuple[float, Face]] = {}
+    for each, some in chosen.items():
+        for one in some:
+            for k in _find_holes(holes, one, f"{name}.{each}") if one.washer else ():
+                if k not in done or done[k][0] != one.washer:
+                    solid, ring = _imprint(solid, pieces[holes[k].geometry.index], holes[k], one, f"{name}.{each}")
+                    done[k] = one.washer or 0.0, ring
+                washers[each].append(done[k][1])
+    rings = [ring for _, ring in done.values()]
+    faces = cad.kernel.faces(solid)
+
+    def number(face: "Face") -> int:
+        return next(index for index, other in enumerate(faces) if other.IsSame(face))
+
+    found = {
+        each: {number(f) for k in plain.get(each, ()) for f in pieces[k] if not any(f.IsSame(ring) for ring in rings)}
+        | {number(ring) for ring in washers[each]}
+        for each in chosen
+    }
+    return solid, {each: frozenset(numbers) for each, numbers in found.items()}
+
+
+def _list_holes(solid: "Solid") -> list[_Hole]:
+    faces, found = cad.kernel.faces(solid), list[_Hole]()
+    for plane in face_geometries(solid):
+        for edge, centre, radius in cad.kernel.round_holes(faces[plane.index]) if plane.kind == "plane" else ():
+            at = 1e-3 * centre
+            found.append(_Hole(FaceGeometry(plane.index, "plane", 0.0, at, at, plane.axis, 1e-3 * radius), edge))
+    return found
+
+
+def _find_holes(holes: Sequence[_Hole], selector: FaceSelector, field: str) -> list[int]:
+    """Numbers of the holes that meet a selector, by their centre, radius and their face's normal and index."""
+    numbers = {id(hole.geometry): k for k, hole in enumerate(holes)}
+    found = match_faces([hole.geometry for hole in holes], selector, lambda _face, _point: False)
+    if not found:
+        radii = ", ".join(sorted({mm(hole.geometry.radius) for hole in holes})) or "none"
+        raise InputError(f"{field}: no round hole of a plane face has {selector}; there are radii {radii}")
+    return [numbers[id(face)] for face in found]
+
+
+def _imprint(
+    solid: "Solid", pieces: list["Face"], hole: _Hole, selector: FaceSelector, field: str
+) -> tuple["Solid", "Face"]:
+    """Split the piece of a face around a hole, in place: the solid, and its new annulus."""
+    radius, own, edge = 0.5 * (selector.washer or 0.0), hole.geometry, hole.edge
+    if radius <= own.radius + DISTANCE:
+        raise InputError(
+            f"{field}: expected a washer wider than its hole of {mm(2 * own.radius)}, got {mm(2 * radius)}"
+        )
+    face = next(each for each in pieces if any(other.IsSame(edge) for other in cad.kernel.edges(each)))
+    if max(cad.kernel.distance(face, 1e3 * point) for point in hole.rim(radius)) > 1e3 * DISTANCE:
+        at = ", ".join(f"{1e3 * x:.6g}" for x in own.centroid)
+        raise InputError(
+            f"{field}: expected washers within their face and apart, got one of {mm(2 * radius)} at ({at}) mm"
+        )
+    solid, split = cad.kernel.imprint_circle(solid, face, 1e3 * own.centroid, own.axis, 1e3 * radius)
+    pieces[:] = [each for each in pieces if not each.IsSame(face)] + split
+    return solid, next(each for each in split if any(other.IsSame(edge) for other in cad.kernel.edges(each)))
