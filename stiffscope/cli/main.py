@@ -34,7 +34,7 @@ COMMANDS = {
         "check": ("check", "Report what a robot file describes; no virtual experiment is made."),
         "stiffness": ("robots", "6x6 stiffness and sag of the robot at tool poses."),
         "deflection": ("robots", "Deflection of the tool under a wrench, and each element's share of it."),
-        "map": ("robots", "Stiffness over the workspace: figures, numbers, a report."),
+        "map": ("mapping", "Stiffness over the workspace: figures, numbers, a report."),
         "modes": ("vibration", "Natural frequencies and mode shapes of the robot at tool poses."),
         "live": ("live", "Open a page with the robot that turns and a slider for every value, pose and load."),
         "frf": ("vibration", "Frequency response from a force at one point to the displacement at another."),

@@ -1,10 +1,9 @@
-"""The commands on a whole robot at some poses or over its workspace: stiffness, deflection, map."""
+"""The commands on a whole robot at some poses: stiffness, deflection."""
 
 from __future__ import annotations
 
 import dataclasses
 import logging
-from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -15,18 +14,16 @@ from stiffscope.cli import options
 from stiffscope.cli.options import takes
 from stiffscope.cli.output import emit, open_workshop, warn_of
 from stiffscope.cli.poses import find_poses
-from stiffscope.design.maps import map_robot, require_map, to_dataset, write_map
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots, deflection_bars, stiffness_bars, stiffness_json
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.experiments.superelements import write_robot
-from stiffscope.report import maps, tables
-from stiffscope.report.kept_pictures import draw_deflection, draw_named_poses
+from stiffscope.report import tables
+from stiffscope.report.kept_pictures import draw_deflection
 from stiffscope.report.load_curve import draw_load_curve, show_load_curve
 from stiffscope.report.robot_view import wrench_cases
-from stiffscope.report.run_report import write_deflection_report, write_map_report
+from stiffscope.report.run_report import write_deflection_report
 from stiffscope.robot.file import quantities as q
-from stiffscope.robot.inspection import configured_poses, rigid_mechanism
 from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.screws import CONVENTION
 from stiffscope.vjm.singularity import rigid_note, singular_note
@@ -35,11 +32,10 @@ from stiffscope.vjm.yielding import deflection as deflect
 from stiffscope.vjm.yielding import find_load_curve
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
     from pathlib import Path
 
     from stiffscope.cli.output import Output
-    from stiffscope.design.maps import StiffnessMap
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.report.terminal import Shown
     from stiffscope.robot.file.description import RobotFile
@@ -161,48 +157,6 @@ def deflection(
     emit(output, answer, show, manifest=manifest, page=page)
 
 
-@click.command("map")
-@takes(options.robot, options.out, options.components, options.gravity("exact"), options.overrides, options.json)
-@click.option(
-    "--points", default=200, show_default=True, type=click.IntRange(2, 3000), help="Poses along either coordinate."
-)
-@click.option(
-    "--frequencies", "count", default=0, type=click.IntRange(0, 12), metavar="N",
-    help="Also the first N natural frequencies, drives held.",
-)  # fmt: skip
-def map_(
-    name: str, *, components: Any, gravity: Any, overrides: tuple[str, ...], points: int, count: int, output: Output
-) -> None:
-    """Stiffness over the workspace: figures, numbers, a report.
-
-    [map] of the robot file names the two coordinates that are swept and their ranges.
-    """
-    robot = load_robot(name, overrides)
-    if gravity == "literal":
-        raise InputError("--gravity literal: expected none or exact for a map, got literal, which is for single poses")
-    require_map(robot)
-    moving = rigid_mechanism(robot)
-    configured_poses(robot, moving, moving.tool.home)  # before any experiment
-    manifest = manifest_of(robot)
-    made = assemble(robot, components, output)
-    found = map_robot(robot, made.mechanism, points, gravity, count)
-    figures = _figures(gravity, maps.held_text(found), frequencies=bool(count))
-
-    def fill(folder: Path) -> None:
-        with ThreadPoolExecutor(1) as pool:
-            drawn = pool.submit(draw_named_poses, made, folder)  # in a process of its own
-            write_map(found, folder, f"{robot.name}: stiffness over the workspace, gravity {gravity}")
-            for title, stem, panels in figures:
-                files = folder / f"{stem}.png", folder / f"{stem}.svg"
-                maps.draw_map(found, panels(found), robot.poses, f"{robot.name}: {title}", *files)
-            drawn.result()
-
-    emit(
-        output, lambda: to_dataset(found).to_dict(), manifest=manifest, fill=fill,
-        page=lambda folder, _: write_map_report(folder, made, {stem: title for title, stem, _ in figures}),
-    )  # fmt: skip
-
-
 def _analyse(assembled: Assembled, found: Configurations, gravity: str) -> Stiffness:
     """Stiffness, mobility and sag under a gravity of `--gravity`."""
     if gravity != "literal":
@@ -217,17 +171,3 @@ def _warn_of_singular(names: Sequence[str], state: Stiffness) -> None:
             log.warning("%s: %s", pose, note)
         elif any(value != value for value in sunk):  # noqa: PLR0124 (NaN)
             log.warning("%s: its weight moves the tool too far for a linear answer; the stiffness is without it", pose)
-
-
-def _figures(
-    gravity: str, held: str, *, frequencies: bool
-) -> list[tuple[str, str, Callable[[StiffnessMap], list[maps.Panel]]]]:
-    """Title, file and panels of each figure of a map."""
-    where = f", {held}" if held else ""
-    figures = [(f"stiffness at M (diagonal of K){where}, gravity {gravity}", "map", maps.stiffness_panels)]
-    if frequencies:
-        figures.append((f"natural frequencies, drives held{where}", "frequencies", maps.frequency_panels))
-    if gravity != "none":
-        figures.append((f"what gravity changes{where}", "gravity_difference", maps.difference_panels))
-        figures.append((f"sag under its own weight{where}", "sag", maps.sag_panels))
-    return figures

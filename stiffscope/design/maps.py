@@ -1,12 +1,13 @@
-"""Maps of the stiffness over two coordinates of the tool: evaluated, and written as numbers."""
+"""Maps of the stiffness over two or three coordinates of the tool: evaluated, and written as numbers."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.design.map_quantities import Scalar, Wanted
 from stiffscope.errors import InputError
 from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.mechanism import COORDINATES, DIAGONAL
@@ -36,7 +37,8 @@ class StiffnessMap:
     ``across`` and ``up`` name the two coordinates swept, ``columns`` (na,) and ``rows`` (nu,) are their values, ``at``
     those of the others, m and rad. ``stiffness`` and ``loaded`` (nu, na, 6): diagonals of the stiffness at M without
     and with the robot's own weight, N/m and N·m/rad; ``sag`` (nu, na, 6) in m, rad. ``down``: rows grow downwards.
-    ``frequencies`` (nu, na, c): the first natural frequencies in Hz, drives held, where they were asked for.
+    ``frequencies`` (nu, na, c): the first natural frequencies in Hz, drives held, where they were asked for; ``more``:
+    other quantities (nu, na), by their column, of the loaded robot.
     """
 
     across: str
@@ -49,6 +51,7 @@ class StiffnessMap:
     sag: np.ndarray
     down: bool = False
     frequencies: np.ndarray | None = None
+    more: dict[str, Scalar] = field(default_factory=dict)
 
     def holds(self, coordinates: Mapping[str, float]) -> bool:
         """Whether a pose lies in what is swept."""
@@ -56,8 +59,8 @@ class StiffnessMap:
 
 
 def map_robot(
-    robot: RobotFile, mechanism: Mechanism, points: int, gravity: Gravity, frequencies: int = 0
-) -> StiffnessMap:
+    robot: RobotFile, mechanism: Mechanism, points: int, gravity: Gravity, frequencies: int = 0,
+) -> StiffnessMap:  # fmt: skip
     """Evaluate what `[map]` of a robot file sweeps. Raises InputError where it has none, or nothing is reached.
 
     Parameters
@@ -94,6 +97,7 @@ def map_stiffness(
     gravity: Gravity = "none",
     at: Sequence[float] | None = None,
     frequencies: int = 0,
+    wanted: Wanted | None = None,
 ) -> StiffnessMap:
     """Evaluate the stiffness over two coordinates of the tool.
 
@@ -111,6 +115,8 @@ def map_stiffness(
         Pose that gives the other coordinates, by default home.
     frequencies
         How many natural frequencies besides, drives held.
+    wanted
+        Other quantities besides.
 
     Raises
     ------
@@ -118,29 +124,92 @@ def map_stiffness(
         Not two coordinates of the tool, or no pose is reached.
 
     """
+    (found,) = _sweep(mechanism, ranges, points, gravity, at, frequencies, wanted or Wanted())
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class StiffnessVolume:
+    """Maps over two coordinates, at values (m,) of a third, ``through``."""
+
+    through: str
+    values: np.ndarray
+    maps: tuple[StiffnessMap, ...]
+
+
+def map_volume(
+    mechanism: Mechanism, ranges: Ranges, points: int, *, gravity: Gravity = "none", at: Sequence[float] | None = None,
+    frequencies: int = 0, wanted: Wanted | None = None,
+) -> StiffnessVolume:  # fmt: skip
+    """Evaluate the stiffness over three coordinates of the tool, the last one from map to map; else as `map_stiffness`.
+
+    Parameters
+    ----------
+    mechanism, points, gravity, frequencies, wanted
+        As `map_stiffness` takes them.
+    ranges
+        Three coordinates of `mechanism.tool.pose` and the ends of each, m and rad.
+    at : (k,)
+        Pose that gives the other coordinates, by default home.
+
+    Raises
+    ------
+    InputError
+        Not three coordinates of the tool, or no pose is reached.
+
+    """
+    (through, ends), plane = list(ranges.items())[-1], dict(list(ranges.items())[:-1])
+    maps = _sweep(mechanism, plane, points, gravity, at, frequencies, wanted or Wanted(), {through: ends})
+    return StiffnessVolume(through, np.linspace(*ends, points), maps)
+
+
+def _sweep(
+    mechanism: Mechanism, ranges: Ranges, points: int, gravity: Gravity, at: Sequence[float] | None, frequencies: int,
+    wanted: Wanted, through: Ranges | None = None,
+) -> tuple[StiffnessMap, ...]:  # fmt: skip
+    """A map over two coordinates, at every value of a third one if there is any."""
+    through = through or {}
     pose = mechanism.tool.pose
-    if len(ranges) != 2 or not set(ranges) <= set(pose):
-        raise InputError(f"map: expected two of {', '.join(pose)}, got {', '.join(ranges) or 'none'}")
+    count = 2 + len(through)
+    if len(ranges) != 2 or not {*ranges, *through} <= set(pose):
+        words = {2: "two", 3: "three"}[count]
+        raise InputError(f"map: expected {words} of {', '.join(pose)}, got {', '.join([*ranges, *through]) or 'none'}")
     (across, columns), (up, rows) = ((name, np.linspace(*ends, points)) for name, ends in ranges.items())
-    fixed = mechanism.tool.home if at is None else np.asarray(at, dtype=float)
+    fixed = np.array(mechanism.tool.home if at is None else at, dtype=float)
     grid = np.tile(fixed, (points * points, 1))
     grid[:, pose.index(across)], grid[:, pose.index(up)] = np.tile(columns, points), np.repeat(rows, points)
-    found = configure(mechanism, grid)
-    if not found.valid.any():
-        raise InputError(f"map: no pose is within reach; the first is not: {found.reason(0)}")
-    state = analyse(mechanism, found)
-    plain = loaded = state.finite
-    sag = np.where(found.valid[:, None], np.zeros((len(grid), 6)), np.nan)
-    if gravity != "none":
-        state = analyse(mechanism, found, gravity="exact")
-        sag = state.sag
-        loaded = np.where(np.isnan(sag)[:, :1, None], np.nan, state.finite)
-    diagonals = (np.diagonal(matrix, axis1=1, axis2=2) for matrix in (plain, loaded))
-    values = (value.reshape(points, points, 6) for value in (*diagonals, sag))
-    others = {name: float(v) for name, v in zip(pose, fixed, strict=True) if name not in ranges}
+    layers = [fixed]
+    for name, ends in through.items():
+        layers = [np.where(np.array(pose) == name, value, fixed) for value in np.linspace(*ends, points)]
+    swept = [pose.index(across), pose.index(up)]
+    grids = [np.where(np.isin(np.arange(len(pose)), swept), grid, layer) for layer in layers]
+    every = [configure(mechanism, each) for each in grids]
+    if not any(found.valid.any() for found in every):
+        raise InputError(f"map: no pose is within reach; the first is not: {every[0].reason(0)}")
     weight = mechanism.gravity[COORDINATES.index(up)] if up in COORDINATES[:3] else 0.0
-    sounds = frequencies_at(mechanism, found, frequencies).reshape(points, points, frequencies) if frequencies else None
-    return StiffnessMap(across, up, columns, rows, others, *values, down=bool(weight > 0.0), frequencies=sounds)
+    out: list[StiffnessMap] = []
+    for found, layer in zip(every, layers, strict=True):
+        state = analyse(mechanism, found)
+        plain = loaded = state.finite
+        sag = np.where(found.valid[:, None], np.zeros((len(grid), 6)), np.nan)
+        compliance = state.compliance
+        if gravity != "none":
+            state = analyse(mechanism, found, gravity="exact")
+            sag = state.sag
+            lost = np.isnan(sag)[:, :1, None]
+            loaded, compliance = np.where(lost, np.nan, state.finite), np.where(lost, np.nan, state.compliance)
+        diagonals = (np.diagonal(matrix, axis1=1, axis2=2) for matrix in (plain, loaded))
+        values = (value.reshape(points, points, 6) for value in (*diagonals, sag))
+        others = {name: float(v) for name, v in zip(pose, layer, strict=True) if name not in ranges}
+        more = {
+            name: scalar._replace(values=scalar.values.reshape(points, points))
+            for name, scalar in wanted.evaluate(compliance).items()
+        }
+        sounds = None
+        if frequencies:
+            sounds = frequencies_at(mechanism, found, frequencies).reshape(points, points, frequencies)
+        out.append(StiffnessMap(across, up, columns, rows, others, *values, bool(weight > 0.0), sounds, more))
+    return tuple(out)
 
 
 def write_map(found: StiffnessMap, folder: Path, title: str = "") -> None:
@@ -151,6 +220,7 @@ def write_map(found: StiffnessMap, folder: Path, title: str = "") -> None:
     at = np.column_stack([np.tile(found.columns, len(found.rows)), np.repeat(found.rows, len(found.columns))])
     fields = {"stiffness": found.stiffness, "stiffness_loaded": found.loaded, "sag": found.sag}
     fields |= {} if found.frequencies is None else {"frequencies": found.frequencies}
+    fields |= {name: scalar.values for name, scalar in found.more.items()}
     rows = np.column_stack([at, *(values.reshape(len(at), -1) for values in fields.values())])
     words = [name.lower().replace("_", "") for name in DIAGONAL]
     names = [
@@ -161,6 +231,7 @@ def write_map(found: StiffnessMap, folder: Path, title: str = "") -> None:
         *(f"sag_{axis}" for axis in COORDINATES),
     ]
     names += [] if found.frequencies is None else [f"f{k + 1}" for k in range(found.frequencies.shape[2])]
+    names += found.more
     reached = np.isfinite(rows[:, 2])
     np.savetxt(folder / "map.csv", rows[reached], delimiter=",", header=",".join(names), comments="", fmt="%.9g")
     arrays = {found.across: found.columns, found.up: found.rows, "direction": np.array(DIAGONAL)}
@@ -194,6 +265,8 @@ def to_dataset(found: StiffnessMap, title: str = "") -> xr.Dataset:
     for k in range(sounds.shape[2]):
         about = {"units": "Hz", "long_name": f"natural frequency {k + 1}, drives held"}
         variables[f"f{k + 1}"] = ((found.up, found.across), sounds[..., k], about)
+    for name, (values, unit, words) in found.more.items():
+        variables[name] = ((found.up, found.across), values, {"units": unit, "long_name": words})
     swept = {found.across: (found.across, found.columns), found.up: (found.up, found.rows)}
     places: dict[str, Any] = {
         name: (*value, {"units": lengths[COORDINATES.index(name)], "long_name": _long_name(name)})
@@ -203,6 +276,15 @@ def to_dataset(found: StiffnessMap, title: str = "") -> xr.Dataset:
         places[found.up][2]["positive"] = "down"
     about = {"title": title or "stiffness map", "Conventions": "CF-1.8", "source": "stiffscope"}
     return xr.Dataset(variables, places, about)
+
+
+def volume_dataset(found: StiffnessMap | StiffnessVolume, title: str = "") -> xr.Dataset:
+    """Return a map, or a volume over its three coordinates, as `to_dataset` does."""
+    if isinstance(found, StiffnessMap):
+        return to_dataset(found, title)
+    import xarray as xr
+
+    return xr.concat([to_dataset(each, title) for each in found.maps], dim=found.through, combine_attrs="override")
 
 
 def _long_name(coordinate: str) -> str:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from textwrap import fill
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from stiffscope.design.maps import StiffnessVolume
 from stiffscope.report.figures import save_figure
 from stiffscope.vjm.mechanism import COORDINATES, DIAGONAL
 
@@ -52,6 +54,23 @@ def difference_panels(
 def change_panels(found: StiffnessMap) -> list[Panel]:
     """The change to another robot, whose stiffness is the loaded one, in percent."""
     return difference_panels(found, "change (%)", 100.0)
+
+
+def scalar_panels(found: StiffnessMap) -> list[Panel]:
+    """The other quantities that were asked for."""
+    units = {"N m-1": (" (N/µm)", 1e-6), "m": (" (µm)", 1e6), "1": ("", 1.0)}
+    return [
+        Panel(fill(scalar.words, 34) + units[scalar.unit][0], units[scalar.unit][1] * scalar.values)
+        for scalar in found.more.values()
+    ]
+
+
+def pick_slices(found: StiffnessMap | StiffnessVolume) -> list[StiffnessMap]:
+    """What is drawn of a map, or the first, middle and last of a volume's that reach anywhere."""
+    if not isinstance(found, StiffnessVolume):
+        return [found]
+    reached = [each for each in found.maps if np.isfinite(each.stiffness).any()]
+    return [reached[k] for k in sorted({0, len(reached) // 2, len(reached) - 1})]
 
 
 def sag_panels(found: StiffnessMap) -> list[Panel]:

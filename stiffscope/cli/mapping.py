@@ -1,0 +1,158 @@
+"""The command that maps a robot over its workspace."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from stiffscope.cli import options
+from stiffscope.cli.options import takes
+from stiffscope.cli.output import emit
+from stiffscope.cli.poses import find_poses
+from stiffscope.cli.robots import assemble
+from stiffscope.design import maps as evaluated
+from stiffscope.design.map_quantities import PRINCIPAL, Wanted
+from stiffscope.errors import InputError
+from stiffscope.experiments.manifest import manifest_of
+from stiffscope.report import maps
+from stiffscope.report.kept_pictures import draw_named_poses
+from stiffscope.report.run_report import write_map_report
+from stiffscope.report.volumes import write_volume
+from stiffscope.robot.file import quantities as q
+from stiffscope.robot.file.values import ANGLE
+from stiffscope.robot.inspection import configured_poses, rigid_mechanism
+from stiffscope.robot.reader import load_robot
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from stiffscope.cli.output import Output
+    from stiffscope.design.maps import StiffnessMap
+    from stiffscope.robot.file.description import RobotFile
+
+_POINTS = {2: 200, 3: 25}  # along each coordinate
+
+
+@click.command("map")
+@takes(options.robot, options.out, options.components, options.gravity("exact"), options.overrides, options.json)
+@click.option(
+    "--points",
+    default=None,
+    type=click.IntRange(2, 3000),
+    help=f"Poses along each coordinate [{_POINTS[2]} of two, {_POINTS[3]} of three].",
+)
+@click.option(
+    "--over",
+    multiple=True,
+    metavar="NAME=LOW,HIGH",
+    help='A coordinate that is swept, twice or three times, in place of [map]: "x=-150 mm,150 mm".',
+)
+@click.option("--at", metavar="POSE", help="Pose that gives the other coordinates, by default home.")
+@click.option(
+    "--show",
+    multiple=True,
+    type=click.Choice(list(PRINCIPAL)),
+    help="Also the stiffness along the softest or the stiffest direction of translation, or their ratio.",
+)
+@click.option("--direction", metavar="X,Y,Z", help="Also the stiffness against a force along a direction, axes {O}.")
+@click.option("--wrench", metavar="FX,FY,FZ,MX,MY,MZ", help="Also the size of the tool's error under a wrench at M.")
+@click.option(
+    "--frequencies", "count", default=0, type=click.IntRange(0, 12), metavar="N",
+    help="Also the first N natural frequencies, drives held.",
+)  # fmt: skip
+def map_(
+    name: str, *, components: Any, gravity: Any, overrides: tuple[str, ...], points: int | None, over: tuple[str, ...],
+    at: str | None, show: tuple[str, ...], direction: str | None, wrench: str | None, count: int, output: Output,
+) -> None:  # fmt: skip
+    """Stiffness over the workspace: figures, numbers, a report.
+
+    [map] of the robot file, or --over, names the coordinates that are swept and their ranges. Three make a volume
+    (map.vti, for ParaView) and figures of its first, middle and last slice.
+    """
+    robot = load_robot(name, overrides)
+    if gravity == "literal":
+        raise InputError("--gravity literal: expected none or exact for a map, got literal, which is for single poses")
+    wanted = Wanted(
+        show, _read("--direction", direction, [q.NUMBER] * 3), _read("--wrench", wrench, [q.FORCE] * 3 + [q.MOMENT] * 3)
+    )
+    if wanted.direction is not None and not any(wanted.direction):
+        raise InputError(f"--direction {direction}: expected a direction, got none")
+    ranges = _find_ranges(robot, over)
+    moving = rigid_mechanism(robot)
+    configured_poses(robot, moving, moving.tool.home)  # before any experiment
+    fixed = evaluated.require_map(robot).at if not over else None
+    if at is not None:
+        fixed = tuple(find_poses(robot, (at,), ()).configurations.poses[0].tolist())
+    manifest = manifest_of(robot)
+    made = assemble(robot, components, output)
+    points = points or _POINTS[len(ranges)]
+    sweep = evaluated.map_stiffness if len(ranges) == 2 else evaluated.map_volume
+    found = sweep(made.mechanism, ranges, points, gravity=gravity, at=fixed, frequencies=count, wanted=wanted)
+    slices = maps.pick_slices(found)
+    figures = {stem: (title, each, panels) for each in slices for title, stem, panels in _figures(
+        gravity, each, frequencies=bool(count), number=slices.index(each) + 1 if len(slices) > 1 else 0)}  # fmt: skip
+
+    def fill(folder: Path) -> None:
+        with ThreadPoolExecutor(1) as pool:
+            drawn = pool.submit(draw_named_poses, made, folder)  # in a process of its own
+            title = f"{robot.name}: stiffness over the workspace, gravity {gravity}"
+            if isinstance(found, evaluated.StiffnessMap):
+                evaluated.write_map(found, folder, title)
+            else:
+                write_volume(evaluated.volume_dataset(found, title), folder)
+            for stem, (words, each, panels) in figures.items():
+                files = folder / f"{stem}.png", folder / f"{stem}.svg"
+                maps.draw_map(each, panels(each), robot.poses, f"{robot.name}: {words}", *files)
+            drawn.result()
+
+    emit(
+        output, lambda: evaluated.volume_dataset(found).to_dict(), manifest=manifest, fill=fill,
+        page=lambda folder, _: write_map_report(folder, made, {stem: words[0] for stem, words in figures.items()}),
+    )  # fmt: skip
+
+
+def _find_ranges(robot: RobotFile, over: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Coordinates that are swept and their ends, m and rad, of `--over` or of `[map]`."""
+    if not over:
+        return evaluated.require_map(robot).ranges()
+    out: dict[str, tuple[float, float]] = {}
+    for text in over:
+        name, _, ends = (each.strip() for each in text.partition("="))
+        if name not in robot.tool.pose or name in out:
+            raise InputError(f"--over {text}: expected each of {', '.join(robot.tool.pose)} at most once, got {name}")
+        low, high = _read(f"--over {text}", ends, [ANGLE if name.startswith("r") else q.LENGTH] * 2, "") or (0.0, 0.0)
+        if not low < high:
+            raise InputError(f"--over {text}: expected the lower end first, got {ends}")
+        out[name] = low, high
+    if len(out) not in _POINTS:
+        raise InputError(f"--over: expected two or three coordinates, got {len(out)}")
+    return out
+
+
+def _read(option: str, text: str | None, dimensions: Sequence[q.Dimension], shown: str | None = None) -> Any:
+    if text is None:
+        return None
+    try:
+        return q.several(text, *dimensions)
+    except ValueError as error:
+        raise InputError(f"{option if shown is not None else f'{option} {text}'}: {error}") from error
+
+
+def _figures(
+    gravity: str, found: StiffnessMap, *, frequencies: bool, number: int
+) -> list[tuple[str, str, Callable[[StiffnessMap], list[maps.Panel]]]]:
+    """Title, file and panels of each figure of a map, or of a volume's slice by its number."""
+    held = maps.held_text(found)
+    where, end = f", {held}" if held else "", f"_{number}" if number else ""
+    figures = [(f"stiffness at M (diagonal of K){where}, gravity {gravity}", f"map{end}", maps.stiffness_panels)]
+    if found.more:
+        figures.append((f"translation of M{where}, gravity {gravity}", f"quantities{end}", maps.scalar_panels))
+    if frequencies:
+        figures.append((f"natural frequencies, drives held{where}", f"frequencies{end}", maps.frequency_panels))
+    if gravity != "none":
+        figures.append((f"what gravity changes{where}", f"gravity_difference{end}", maps.difference_panels))
+        figures.append((f"sag under its own weight{where}", f"sag{end}", maps.sag_panels))
+    return figures
