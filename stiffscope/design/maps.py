@@ -59,8 +59,8 @@ class StiffnessMap:
 
 
 def map_robot(
-    robot: RobotFile, mechanism: Mechanism, points: int, gravity: Gravity, frequencies: int = 0,
-) -> StiffnessMap:  # fmt: skip
+    robot: RobotFile, mechanism: Mechanism, points: int, gravity: Gravity, frequencies: int = 0
+) -> StiffnessMap:
     """Evaluate what `[map]` of a robot file sweeps. Raises InputError where it has none, or nothing is reached.
 
     Parameters
