@@ -4,6 +4,7 @@ A file is read in a subprocess with a time limit, because the kernel may crash o
 """
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
     from stiffscope.cad.kernel import Face, Solid
 
 _NAMELESS = ("SOLID", "COMPOUND", "PRODUCT", "NONE", "PART", "OPEN CASCADE", "=>[", "SHELL", "NAUO")
+_TEXT, _USED, _DEFINED = re.compile(rb"'[^']*'"), re.compile(rb"#(\d+)(?!\d*\s*=)"), re.compile(rb"#(\d+)\s*=")
+_EXTERNAL = re.compile(rb"\bDOCUMENT_FILE\s*\(\s*'([^']+\.(?:stp|step|p21))'", re.IGNORECASE)
+_SOLID = re.compile(rb"=\s*(?:MANIFOLD_SOLID_BREP|BREP_WITH_VOIDS|FACETED_BREP)\b")
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +107,9 @@ class Instance:
         return 1e-3 * np.array([cad.kernel.bounds(face) for face in self.shapes])
 
 
-def read_assembly(path: str | Path, time_limit: float = 600.0) -> tuple[Instance, ...]:
+def read_assembly(
+    path: str | Path, time_limit: float = 600.0, left_out: list[str] | None = None
+) -> tuple[Instance, ...]:
     """Read the solids of a STEP file, each with its name and place.
 
     Parameters
@@ -112,6 +118,8 @@ def read_assembly(path: str | Path, time_limit: float = 600.0) -> tuple[Instance
         STEP file (AP203, AP214, AP242) of one or more solids; lengths are converted from the unit of the file.
     time_limit
         Seconds allowed to read it.
+    left_out
+        Takes a line on what the file has beside the solids that were read.
 
     Returns
     -------
@@ -125,6 +133,7 @@ def read_assembly(path: str | Path, time_limit: float = 600.0) -> tuple[Instance
     """
     path = Path(path)
     content = check_file(path)
+    _check_references(path, content)
     with scratch_folder() as folder:
         _read_alone(path, folder, time_limit)
         check_unit(path, content)
@@ -133,11 +142,29 @@ def read_assembly(path: str | Path, time_limit: float = 600.0) -> tuple[Instance
     products = [
         _product(number, solid, each) for number, (solid, each) in enumerate(zip(solids, told["products"], strict=True))
     ]
+    lost = len(_SOLID.findall(content)) - len(solids)
+    if left_out is not None:
+        left_out += [f"{lost} of its solids could not be read: left out"] * (lost > 0)
+        left_out += [f"{told['loose']} shapes that are no closed solid: left out"] * (told["loose"] > 0)
     names = _name_distinct([each["path"] for each in told["instances"]])
     return tuple(
         _instance(name, products[each["product"]], np.array(each["place"]))
         for name, each in zip(names, told["instances"], strict=True)
     )
+
+
+def _check_references(path: Path, content: bytes) -> None:
+    """Refuse a file that refers to entities it lacks, or to STEP files that are not beside it."""
+    bare = _TEXT.sub(b"''", content)
+    missing = {*_USED.findall(bare)} - {*_DEFINED.findall(bare)}
+    if missing:
+        first = min(missing, key=int).decode()
+        what = f"{len(missing)} of its entities are missing (#{first})"
+        raise InputError(f"{path}: expected a whole STEP file, got one of which {what}")
+    for match in _EXTERNAL.finditer(content):
+        name = match[1].decode(errors="replace")
+        if not (path.parent / name.replace("\\", "/")).is_file():
+            raise InputError(f'{path}: expected the files that it refers to beside it, got none called "{name}"')
 
 
 def _product(number: int, solid: "Solid", told: dict[str, Any]) -> Product:
@@ -215,4 +242,4 @@ def _write_solids(path: Path, shown: str, folder: Path) -> None:
         what = f"{loose} shapes that are no closed solid (surfaces, wires or points)" if loose else "none"
         raise InputError(f"{shown}: expected at least one closed solid, got {what}")
     cad.kernel_files.write_binary(cad.kernel.compound(*solids), folder / "solids.brep")
-    (folder / "assembly.json").write_text(json.dumps({"products": products, "instances": instances}))
+    (folder / "assembly.json").write_text(json.dumps({"products": products, "instances": instances, "loose": loose}))

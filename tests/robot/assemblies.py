@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import build123d as b
 import numpy as np
 from OCP.Interface import Interface_Static
+from OCP.STEPControl import STEPControl_Controller
 
 from examples.assembly import five_bar as example
 
@@ -44,13 +45,14 @@ class Made:
         self.joints.append((first, second, kind, None if at is None else np.asarray(at, float), axis))
 
     def write(self, path: Path, unit: str = "MM", place: Any = None, named: bool = True) -> None:
-        """A STEP file of the assembly at a place (a build123d Location), its lengths in MM, IN or M."""
+        """A STEP file of the assembly at a place (a build123d Location), its lengths in MM, INCH or M."""
         children = []
         for name, solid in self.solids.items():
             child = b.Solid(solid.wrapped) if place is None else place * b.Solid(solid.wrapped)
             child.label = name if named else ""
             children.append(child)
-        Interface_Static.SetCVal_s("write.step.unit", unit)
+        STEPControl_Controller.Init_s()  # else the first file of a process is in mm, whatever is set
+        assert Interface_Static.SetCVal_s("write.step.unit", unit)
         b.export_step(b.Compound(label="machine" if named else "", children=children), path)
         Interface_Static.SetCVal_s("write.step.unit", "MM")
 

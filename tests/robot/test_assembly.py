@@ -20,13 +20,13 @@ from tests.robot import assemblies
 
 STANDING = {  # place (mm, degrees), unit and whether solids have names
     "five-bar": ((13.7, -220.3, 71.1), (31, -47, 113), "MM", True),
-    "delta": ((-513.7, 20.3, 1000), (-131, 17, -13), "IN", True),
+    "delta": ((-513.7, 20.3, 1000), (-131, 17, -13), "INCH", True),
     "hexapod": ((0, 0, 0), (0, 0, 0), "M", False),
     "slider": ((1, 2, 3), (90, 0, 45), "MM", False),
     "3-prs": ((88, -9, 40), (12, 65, -170), "M", True),
-    "finger": ((-7, 0, 12), (3, 2, 1), "IN", False),
+    "finger": ((-7, 0, 12), (3, 2, 1), "INCH", False),
     "lever": ((31, -4, 7), (71, -33, 5), "MM", False),
-    "dovetail": ((-3, 70, -900), (-20, 140, 77), "IN", False),
+    "dovetail": ((-3, 70, -900), (-20, 140, 77), "INCH", False),
 }
 
 
@@ -36,6 +36,10 @@ def test_every_joint_is_found_and_none_invented(machine, tmp_path):
     place = b.Location(where, turns)
     made = assemblies.ALL[machine]()
     made.write(tmp_path / "machine.step", unit, place, named)
+    written = {"MM": "SI_UNIT(.MILLI.,.METRE.)", "INCH": "CONVERSION_BASED_UNIT('INCH'", "M": "SI_UNIT($,.METRE.)"}[
+        unit
+    ]
+    assert written in (tmp_path / "machine.step").read_text()
     solids = read_assembly(tmp_path / "machine.step")
     contacts = find_contacts(solids)
     hardware = find_hardware(solids, contacts, {})
@@ -91,6 +95,25 @@ def test_a_bearing_of_rings_and_balls_turns(tmp_path):
     assert joint.kind == "revolute"
 
 
+@pytest.mark.parametrize(
+    ("name", "kind", "doubts"), [("", "revolute", 1), ("Bolzen", "revolute", 0), ("M8", "fixed", 0)]
+)
+def test_a_headed_pin_in_holes_of_its_diameter_is_told_with_both_readings(name, kind, doubts, tmp_path):
+    made = assemblies.Made()
+    hole = assemblies.at(assemblies.rod(4, 40), (0, 0, -20))
+    made.add("lower", b.Box(80, 30, 10, align=assemblies.TOP) - hole)
+    made.add("upper", assemblies.at(b.Box(80, 30, 8, align=assemblies.LOW), (30, 0, 0)) - hole)
+    made.buy("piece", assemblies.at(assemblies.screw(8, 18), (0, 0, 8)))
+    made.solids = {name if each == "piece" and name else each: solid for each, solid in made.solids.items()}
+    made.write(tmp_path / "machine.step")
+    solids = read_assembly(tmp_path / "machine.step")
+    contacts = find_contacts(solids)
+    said = {2: "screw"} if name == "M8" else {}
+    (joint,), told = find_joints(solids, contacts, find_hardware(solids, contacts, said))
+    assert joint.kind == kind
+    assert [each.solids for each in told] == [("piece",)] * doubts
+
+
 def test_an_import_runs_and_keeps_what_is_said(tmp_path):
     made = assemblies.five_bar()
     made.write(tmp_path / "machine.step")
@@ -144,3 +167,34 @@ def test_what_is_not_said_well_is_refused(said, message, tmp_path):
     with pytest.raises(InputError, match=message):
         import_assembly(tmp_path / "machine.step", tmp_path / "robot.toml", said)
     assert [each.name for each in tmp_path.iterdir()] == ["machine.step"]
+
+
+HOSTILE = {
+    "cut": (lambda text: re.sub(r"(?s)(\n#2\d\d = .*?;)", "", text), "expected a whole STEP file, got one of which"),
+    "parts elsewhere": (
+        lambda text: text.replace("DATA;", "DATA;\n#9001 = DOCUMENT_FILE('arm.stp','',$,$,'',$);", 1),
+        'expected the files that it refers to beside it, got none called "arm.stp"',
+    ),
+    "no solid": (lambda text: re.sub(r"(?s)DATA;.*?ENDSEC;", "DATA;\nENDSEC;", text), "at least one closed solid"),
+    "fixed": (lambda text: text, "expected a tool that joints let move, got pad, which they fix to the ground, palm"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", HOSTILE)
+def test_files_that_are_no_whole_machine_are_refused(case, tmp_path):
+    change, message = HOSTILE[case]
+    assemblies.finger().write(tmp_path / "machine.step")
+    (tmp_path / "machine.step").write_text(change((tmp_path / "machine.step").read_text()))
+    with pytest.raises(InputError, match=message) as told:
+        import_assembly(tmp_path / "machine.step", tmp_path / "robot.toml", Said(material=("*=steel",)))
+    assert "\n" not in str(told.value)
+
+
+def test_what_an_assembly_has_beside_its_solids_is_told(tmp_path):
+    made = assemblies.lever()
+    made.add("twin", made.solids["Hebel"])
+    made.write(tmp_path / "machine.step")
+    found = import_assembly(
+        tmp_path / "machine.step", tmp_path / "robot.toml", Said(material=("*=steel",), ground="Platte")
+    )
+    assert any("the same solid twice in one place" in doubt.text for doubt in found.doubts)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.robot.imports.hardware import FIT, turned_form
+from stiffscope.robot.imports.hardware import FIT, may_be_screw, turned_form
 from stiffscope.robot.imports.part_motions import relative_freedom
 from stiffscope.vjm.screws import shift, skew
 from stiffscope.vjm.subspaces import null_space, range_space
@@ -230,12 +230,26 @@ def find_joints(
         found = _freedom(i, j, held, solids, scale, hardware)
         if found.kind:
             joints.append(found)
+            doubts += _pins_or_screws(found, held, solids, hardware)
         else:
             left = f"{found.freedom.shape[1]} freedoms are left ({found.reason})"
             text = f"{left}, which no joint has; say which with --joint"
             doubts.append(Doubt((solids[i].name, solids[j].name), text))
     doubts += _other_readings(solids, contacts, hardware)
     return _drop_unneeded(joints, solids, doubts), doubts
+
+
+def _pins_or_screws(
+    joint: Freedom, bonds: Sequence[Bond], solids: Sequence[Instance], hardware: Hardware
+) -> list[Doubt]:
+    """Headed pins of a joint that moves, which would hold it if they were screws."""
+    numbers = dict.fromkeys(each for bond in bonds for each in (bond.first, bond.second))
+    pair = f"{solids[joint.first].name}/{solids[joint.second].name}"
+    return [
+        Doubt((solids[n].name,), f"a clevis pin, which makes {pair} {joint.kind}, or a screw in holes of its own "
+              f'diameter, which makes it fixed: taken as a pin; if it is a screw, say --weld "{solids[n].name}"')
+        for n in numbers if joint.kind != "fixed" and may_be_screw(n, solids[n].name, hardware)
+    ]  # fmt: skip
 
 
 def _clusters(bonds: Sequence[Bond], hardware: Hardware) -> list[set[int]]:

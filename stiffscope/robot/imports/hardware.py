@@ -36,6 +36,7 @@ FIT = (-0.01, 0.03)  # of the radius: a pin that guides; wider ones are clearanc
 _TURNED, _BORED = 0.9, 0.8  # share of the surface that is turned about the axis; of a pin with a hole across
 _BEARING, _WASHER = (0.7, 1.6), 0.65  # width over the height of a ring's section
 _BETWEEN = "a ring of a bearing's proportion between a shaft and a housing"
+HEADED = "a head and a shank that fits its bores"  # a clevis pin, or a screw in holes of its own diameter
 _SLENDER = 12.0  # length over diameter of a bar that is no pin
 
 
@@ -87,6 +88,11 @@ class Hardware:
     roles: dict[int, str]
     reasons: dict[int, str]
     pairs: tuple[tuple[int, int], ...]
+
+
+def may_be_screw(number: int, name: str, hardware: Hardware) -> bool:
+    """Whether a pin by its shape may be a screw in holes of its own diameter."""
+    return hardware.reasons.get(number) == HEADED and not _NAMED["pin"].search(name)
 
 
 def turned_form(product: Product) -> Turned | None:
@@ -239,7 +245,7 @@ def _role_of_bar(
             return "", ""
         if len(fitting) < len(inside) or nuts:
             return "screw", "a head and a shank in a bore with play or a thread"
-        return ("pin", "a head and a shank that fits its bores") if len(bores) > 1 else ("", "")
+        return ("pin", HEADED) if len(bores) > 1 else ("", "")
     plain = form.share > _BORED and form.radius < 1.15 * radius and form.length <= _SLENDER * 2.0 * radius
     return ("pin", f"one diameter, in bores of {len(bores)} others") if plain and len(bores) > 1 else ("", "")
 

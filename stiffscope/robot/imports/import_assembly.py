@@ -156,7 +156,8 @@ def import_assembly(
     earlier = read_record(parts_folder(out))
     check_place(out, parts_folder(out), earlier)
     said = said_beside(path, said or Said())
-    solids = read_assembly(path)
+    left_out = list[str]()
+    solids = read_assembly(path, left_out=left_out)
     if progress is not None:
         progress("read", 1.0)
     contacts = find_contacts(solids, progress)
@@ -169,6 +170,7 @@ def import_assembly(
     ground = _choose_ground(found, said.ground)
     kept, loose = _find_reached(found.joints, ground)
     loose_names = [solids[n].name for n in range(len(solids)) if n in loose and n not in hardware.roles]
+    doubts += [Doubt((path.name,), text) for text in left_out] + _find_doubled(solids)
     doubts += [Doubt((name,), "no joint leads from it to the ground: left out") for name in loose_names]
     found = replace(found, joints=kept)
     tool = _choose_tool(found, ground, said.tool)
@@ -199,6 +201,18 @@ class _Found:
     def find_joints(self, number: int) -> list[Freedom]:
         """Joints of a part."""
         return [joint for joint in self.joints if number in {joint.first, joint.second}]
+
+
+def _find_doubled(solids: Sequence[Instance]) -> list[Doubt]:
+    """Solids that stand in one place with another of their volume."""
+    seen, found = dict[tuple[int, ...], str](), list[Doubt]()
+    for solid in solids:
+        places = (*solid.centre, np.cbrt(solid.product.volume))
+        key = tuple(round(1e6 * float(each)) for each in places)
+        if key in seen:
+            found.append(Doubt((seen[key], solid.name), "the same solid twice in one place; remove one in CAD"))
+        seen.setdefault(key, solid.name)
+    return found
 
 
 def _match_solids(solids: Sequence[Instance], patterns: Iterable[str], option: str) -> set[int]:
@@ -255,7 +269,8 @@ def _choose_tool(found: _Found, ground: int, wanted: str | None) -> int:
         return named[0]
     if not able:
         raise InputError(
-            "expected parts that joints connect, got none that touches the ground; say --ground or --joint"
+            f"expected parts that joints connect, got none that touches {found.solids[ground].name}, the ground; "
+            "say --ground or --joint"
         )
     named = [n for n in able if _TOOL.search(found.solids[n].name)] or able
     return max(named, key=lambda n: (distance[n], len(found.find_joints(n)), -n))
@@ -289,6 +304,11 @@ def _model(path: Path, found: _Found, ground: int, tool: int, said: Said) -> tup
     tool_body = ends[tool, last]
     at = solids[tool].centre if tool_body == solids[tool].name else last.at
     motions = tool_motions(found.joints, tool, ground, at, measure_size(solids))
+    if not motions.size:
+        raise InputError(
+            f"{show_path(path)}: expected a tool that joints let move, got {solids[tool].name}, which they fix to the "
+            f"ground, {solids[ground].name}; say --tool, --ground or --joint"
+        )
     model = SimulatorModel(
         print_safely(path.stem), tuple(bodies), tuple(joints), tool_body=tool_body, tool_at=at,
         pose=_coordinates(motions), gravity=np.zeros(3), notes=_notes(found, ground, tool, said),
