@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -190,6 +190,10 @@ def _folder_of(
             _show_parts(now)
         with record_shown() as shown:
             _show_robot(now, states)
+        with record_shown() as full:
+            bars = stiffness_bars(now, states["now"].configurations)
+            tables.show_full_matrices(list(now.robot.poses), states["now"], bars)
+        shown += [replace(each, folded=True) for each in full]
         write_run_report(folder, now, parts, shown, watched=watched)
 
     return fill, page

@@ -163,7 +163,7 @@ def write_page(name: str, folder: Path, shown: Sequence[Shown]) -> None:
     words = "the robot, with arrows where sensors touch and loads act"
     drawn = page.figures(folder, {file: (caption, words) for file, caption in PICTURES.items()})
     about = ["what was understood of the campaign; nothing is compared here"]
-    write_report(folder, f"{name}: its readings", about, [Section("Readings", shown, drawn)])
+    write_report(folder, f"{name}: its readings", about, [Section("Readings", shown, drawn, files=("check.json",))])
 
 
 def _number(value: float | None) -> str:

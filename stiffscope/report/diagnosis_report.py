@@ -75,11 +75,13 @@ def write_diagnosis_report(
         return page.figures(folder, {f"{stem}.svg": FIGURES[stem]})
 
     following = diagnosis.next_measurement
+    alternatives = _record_shown(lambda: gap_tables.show_alternatives(diagnosis))
+    alternatives += _record_shown(lambda: gap_tables.show_nearest_signatures(diagnosis))
     sections = [
         Section("Where the gap lies", _lines(text.describe_location(diagnosis.where)), figures("residuals"), view=view),
-        Section("Effects", _effects(diagnosis), figures("corner")),
+        Section("Effects", _effects(diagnosis), figures("corner"), files=("diagnosis.json", "posterior.nc")),
         Section("Gap", _record_shown(lambda: gap_tables.show_gap(diagnosis)), figures("waterfall")),
-        Section("Alternatives", _record_shown(lambda: gap_tables.show_alternatives(diagnosis)), figures("signatures")),
+        Section("Alternatives", alternatives, figures("signatures")),
         Section("What to measure next", _lines([text.what_next(following)] if following else [])),
         Section("Checks", _lines([*text.checks(diagnosis), *diagnosis.remarks]), figures("predictive")),
     ]

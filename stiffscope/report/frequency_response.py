@@ -134,6 +134,8 @@ def as_dataset(response: Response, title: str) -> xr.Dataset:
 
 def figure(response: Response, title: str) -> Figure:
     """Draw magnitude and phase over frequency, a line for each pose."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
     drawn = new_figure(9.0, 6.0, title)
     upper, lower = drawn.subplots(2, 1, sharex=True, height_ratios=(2.2, 1.0))
     for k, (name, values) in enumerate(zip(response.names, response.values, strict=True)):
@@ -145,6 +147,9 @@ def figure(response: Response, title: str) -> Figure:
         xlabel=f"frequency (Hz); modal damping {100 * response.damping:g} %", ylabel="phase (deg)", ylim=(-185, 185)
     )
     lower.set_yticks([-180, -90, 0, 90, 180])
+    lower.xaxis.set_major_locator(LogLocator(10, (1.0, 2.0, 5.0)))
+    lower.xaxis.set_major_formatter(FuncFormatter(lambda hertz, _: f"{hertz:g}"))
+    lower.xaxis.set_minor_formatter(NullFormatter())
     for axes in (upper, lower):
         axes.grid(which="both", color="#e3e7eb", lw=0.6)
         axes.spines[["top", "right"]].set_visible(False)

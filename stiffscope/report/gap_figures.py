@@ -86,6 +86,8 @@ def residual_map(diagnosis: Diagnosis) -> Figure | None:
     if not where.pose:
         return None
     grids = [np.array(grid, dtype=float) for grid in (where.pose, where.unexplained) if grid]
+    read = np.flatnonzero(np.isfinite(grids[0]).any(axis=0))  # directions that were measured
+    grids = [grid[:, read] for grid in grids]
     greatest = max((float(np.nanmax(grid)) for grid in grids if np.isfinite(grid).any()), default=1.0)
     shade = LogNorm(0.5, max(2.0 * greatest / 1.9, 4.0), clip=True)
     rows = len(where.pose)
@@ -95,7 +97,7 @@ def residual_map(diagnosis: Diagnosis) -> Figure | None:
     image: Any = None
     for axes, grid, title in zip(panels, grids, ("the model as it is", "with the effects found"), strict=False):
         image = axes.imshow(grid, aspect="auto", cmap="magma_r", norm=shade, interpolation="nearest")
-        axes.set_xticks(range(6), DIRECTIONS)
+        axes.set_xticks(range(len(read)), [DIRECTIONS[k] for k in read])
         axes.set_title(title, fontsize=10)
         axes.tick_params(length=0)
         if rows <= NUMBERED:
@@ -122,7 +124,7 @@ def signature_correlation(diagnosis: Diagnosis) -> Figure | None:
     order = _cluster_rows(matrix)
     matrix, labels = matrix[np.ix_(order, order)], [label(names[k]) for k in order]
     size = 0.6 + 0.29 * len(names) + 0.065 * max(map(len, labels))
-    figure = new_figure(size + 1.2, size, "Signature correlation (1: indistinguishable from these readings)")
+    figure = new_figure(size + 1.2, size, "Signature correlation")
     figure.set_layout_engine("compressed")  # the map stays square
     axes = figure.subplots()
     image = axes.imshow(matrix, cmap="Purples", vmin=0, vmax=1)
@@ -130,7 +132,9 @@ def signature_correlation(diagnosis: Diagnosis) -> Figure | None:
     name_rows(axes, labels)
     written = np.tril(matrix) >= ALIKE[len(names) > NUMBERED]
     write_cells(axes, np.where(written, matrix, np.nan), "{:.2f}", Normalize(0, 1.4), size=6)
-    figure.colorbar(image, ax=axes, pad=0.015, fraction=0.04, label="|cosine|")
+    figure.colorbar(
+        image, ax=axes, pad=0.015, fraction=0.04, label="|cosine|; 1: indistinguishable from these readings"
+    )
     return figure
 
 
@@ -152,10 +156,11 @@ def corner(diagnosis: Diagnosis) -> Figure | None:
     if not 0 < len(draws) <= CORNERS:
         return None
     n = len(draws)
-    figure = new_figure(2.2 * n + 1.2, 2.0 * n + 0.9, "Posterior of the parameters")
+    width, height = (5.6, 3.4) if n == 1 else (2.2 * n + 1.2, 2.0 * n + 0.9)
+    figure = new_figure(width, height, "Posterior of the parameters")
     figure.set_layout_engine("none")  # the grid is regular, and its layout takes longer than all else
     grid = figure.add_gridspec(
-        n, n, left=0.85 / (2.2 * n + 1.2), right=0.98, bottom=0.75 / (2.0 * n + 0.9), top=1 - 0.55 / (2.0 * n + 0.9),
+        n, n, left=0.85 / width, right=0.98, bottom=0.75 / height, top=1 - 0.55 / height,
         wspace=0.12, hspace=0.12,
     )  # fmt: skip
     names = list(draws)

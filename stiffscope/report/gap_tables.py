@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
     from stiffscope.gap.inference.diagnosis import Diagnosis
 
+MOST_PAIRS = 10
+
 
 def show_diagnosis(diagnosis: Diagnosis) -> None:
     """Show the whole diagnosis."""
@@ -29,6 +31,15 @@ def show_diagnosis(diagnosis: Diagnosis) -> None:
     _show_list("Checks", text.checks(diagnosis))
     _show_list("Remarks", diagnosis.remarks)
     show_line("")
+
+
+def show_nearest_signatures(diagnosis: Diagnosis) -> None:
+    """Show the pairs of effects whose signatures are most alike in these readings."""
+    names, rows = diagnosis.signature_correlation
+    pairs = sorted(((rows[i][j], names[j], names[i]) for i in range(len(names)) for j in range(i)), reverse=True)
+    cells = [(text.label(one), text.label(other), f"{value:.3f}") for value, one, other in pairs[:MOST_PAIRS]]
+    if cells:
+        show_table("Most similar signatures (1: indistinguishable)", (("effect", "and"), ("correlation",)), cells)
 
 
 def _show_list(title: str, lines: Sequence[str]) -> None:

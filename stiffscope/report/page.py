@@ -28,7 +28,7 @@ BUTTONS = (
     ("left", "◀", "Turn left"), ("right", "▶", "Turn right"), ("up", "▲", "Tilt up"), ("down", "▼", "Tilt down"),
     ("nearer", "+", "Zoom in"), ("farther", "−", "Zoom out"), ("reset", "↺", "Initial view"),
 )  # fmt: skip
-HOW = "Drag to turn, or use the arrow keys; + and − to zoom."
+HOW = "Drag to turn, or use the arrow keys; with Shift or the right button to move; + and − to zoom."
 FACTOR = (
     "Displacements are multiplied by the factor at the slider, and interpolated between the ends of elastic bodies "
     "as a beam bends."
@@ -43,6 +43,8 @@ class Figure:
     size: tuple[int, int]
     caption: str
     words: str
+    files: tuple[str, ...] = ()
+    """Names of the files beside the page that hold it and its data."""
 
     @property
     def wide(self) -> bool:
@@ -80,6 +82,8 @@ class Section:
     tables: Sequence[Shown] = ()
     figures: Sequence[Figure] = ()
     view: RobotView | None = field(default=None, kw_only=True)
+    files: Sequence[str] = field(default=(), kw_only=True)
+    """Names of the files beside the page that hold the tables' numbers."""
 
     def __bool__(self) -> bool:
         """Whether anything stands below the heading."""
@@ -94,8 +98,8 @@ class Lead:
     kind: str = ""
 
 
-def figure(image: Path, caption: str, words: str) -> Figure:
-    """Take a picture file, PNG or SVG, into a page; ``words`` is its text alternative.
+def figure(image: Path, caption: str, words: str, folder: Path | None = None) -> Figure:
+    """Take a picture file, PNG or SVG, into a page, with links to the files of its name beside it.
 
     Parameters
     ----------
@@ -105,27 +109,32 @@ def figure(image: Path, caption: str, words: str) -> Figure:
         Caption.
     words
         Text alternative.
+    folder
+        Folder of the page; default: the picture's own.
 
     """
+    files = tuple(
+        sorted(f.relative_to(folder or image.parent).as_posix() for f in image.parent.glob(f"{image.stem}.*"))
+    )
     if image.suffix == ".svg":
-        return _drawing(image.read_bytes(), caption, words)
+        return _drawing(image.read_bytes(), caption, words, files)
     out = io.BytesIO()
     with Image.open(image) as picture:
         picture.convert("RGB").save(out, "WEBP", quality=QUALITY, method=0)
         size = picture.size
-    return Figure(f"data:image/webp;base64,{base64.b64encode(out.getvalue()).decode()}", size, caption, words)
+    return Figure(f"data:image/webp;base64,{base64.b64encode(out.getvalue()).decode()}", size, caption, words, files)
 
 
 def figures(folder: Path, captions: Mapping[str, tuple[str, str]]) -> list[Figure]:
     """Take into a page the pictures that there are in a folder, each with its caption and text alternative."""
-    return [figure(folder / name, *words) for name, words in captions.items() if (folder / name).exists()]
+    return [figure(folder / name, *words, folder) for name, words in captions.items() if (folder / name).exists()]
 
 
-def _drawing(svg: bytes, caption: str, words: str) -> Figure:
+def _drawing(svg: bytes, caption: str, words: str, files: tuple[str, ...]) -> Figure:
     """A drawing of matplotlib's: its size stands at its head, in points."""
     found = re.search(rb'viewBox="0 0 ([\d.]+) ([\d.]+)"', svg)
     wide, high = (round(float(size) * 4 / 3) for size in (found.groups() if found else (b"640", b"480")))
-    return Figure(f"data:image/svg+xml;base64,{base64.b64encode(svg).decode()}", (wide, high), caption, words)
+    return Figure(f"data:image/svg+xml;base64,{base64.b64encode(svg).decode()}", (wide, high), caption, words, files)
 
 
 def write_page(

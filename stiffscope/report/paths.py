@@ -251,7 +251,7 @@ def write_path_page(
         still=stills[0] if stills else None,
     )  # fmt: skip
     sections = [
-        page.Section("The path", tables, figures),
+        page.Section("The path", tables, figures, files=("path.csv",)),
         page.Section("The robot at the greatest error", view=view),
     ]
     facts = [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -56,10 +57,12 @@ def write_run_report(
     poses = assembled.robot.poses
     found = configure(assembled.mechanism, list(poses.values()))
     view = _wrench_view(folder, assembled, found, list(poses))
+    kinds = "compliance.json", "experiment.npz", "fields.vtu", "{}.step", "{}.stl"
+    of_parts = [f"{name}/{kind.format(name)}" for name in assembled.results for kind in kinds]
     sections = [
         Section("The robot under load", view=view),
-        Section("Stiffness", robot, _robot_figures(folder, assembled)),
-        Section("Parts", parts, _part_figures(folder, assembled) if parts else ()),
+        Section("Stiffness", robot, _robot_figures(folder, assembled), files=("stiffness.json", "matrices.npz")),
+        Section("Parts", parts, _part_figures(folder, assembled) if parts else (), files=of_parts),
     ]
     _write(folder, assembled, "stiffness", sections, watched)
 
@@ -91,7 +94,7 @@ def write_modes_report(
     )  # fmt: skip
     sections = [
         Section("Mode shapes", view=view),
-        Section("Natural frequencies", tables, stills),
+        Section("Natural frequencies", tables, stills, files=("modes.json",)),
     ]
     _write(folder, assembled, "natural frequencies", sections)
 
@@ -189,7 +192,7 @@ def write_check_report(folder: Path, found: Inspection, tables: Sequence[Shown])
         )  # fmt: skip
     sections = [
         Section("The robot", view=view),
-        Section("What the file says", tables),
+        Section("What the file says", tables, files=("check.json",)),
     ]
     facts = ["bodies are rigid here", "SI units in base axes {O}"]
     write_report(folder, f"{found.robot.name}: what its file says", facts, sections)
@@ -209,7 +212,8 @@ def write_report(
         As for `stiffscope.report.page.write_page`.
 
     """
-    page.write_page(folder / REPORT, title, facts, [*sections, origin(folder)], lead, watched=watched)
+    there = [replace(s, files=[name for name in s.files if (folder / name).is_file()]) for s in sections]
+    page.write_page(folder / REPORT, title, facts, [*there, origin(folder)], lead, watched=watched)
 
 
 def _wrench_view(folder: Path, assembled: Assembled, found: Configurations, names: Sequence[str]) -> RobotView | None:

@@ -236,7 +236,7 @@ def write_page(folder: Path, title: str, words: str, shown: Sequence[Shown]) -> 
     """
     drawn = page.figure(folder / "sensitivity.svg", f"{words[0].upper()}{words[1:]} (95 %)", words)
     facts = ["derivatives of logarithms: % per %"]
-    write_report(folder, title, facts, [Section("Sensitivities", shown, [drawn])])
+    write_report(folder, title, facts, [Section("Sensitivities", shown, [drawn], files=("sensitivity.json",))])
 
 
 def draw_robot(found: Sensitivity, pose: str) -> Figure:

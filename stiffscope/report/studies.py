@@ -63,7 +63,7 @@ def write_study_page(study: Study, folder: Path, shown: Sequence[Shown]) -> None
     figures = page.figures(folder, {f"{stem}.png": (caption, caption) for stem, caption in CAPTIONS.items()})
     facts = [f"method {study.file.method}", f"{len(study.designs)} designs", "SI units"]
     title = f"{study.file.path.stem}: a study of {study.file.robot.name}"
-    write_report(folder, title, facts, [Section("Designs", shown, figures)])
+    write_report(folder, title, facts, [Section("Designs", shown, figures, files=(f"{TABLE}.csv", f"{TABLE}.parquet"))])
 
 
 def study_json(study: Study) -> dict[str, Any]:

@@ -171,6 +171,42 @@ def show_stiffness(
     _explain_zeros(rows)
 
 
+def show_full_matrices(names: Sequence[str], state: Stiffness, bars: Any | None = None) -> None:
+    """Show K and C (6, 6) at each pose with their 95 % bounds; only C where a direction is rigid.
+
+    Parameters
+    ----------
+    names
+        Names of the n poses.
+    state
+        The robot there.
+    bars : (n, 6, 6)
+        95 % bounds on the stiffness; those of C are ``|C| |δK| |C|``, to first order.
+
+    """
+    scale = np.full((6, 6), 1e-3)
+    scale[:3, :3] = 1e-6
+    for i, name in enumerate(names):
+        compliance = np.asarray(state.compliance[i])
+        bound = np.zeros((6, 6)) if bars is None else np.asarray(bars[i])
+        spread = np.abs(compliance) @ bound @ np.abs(compliance)
+        if not len(state.rigid[i]):
+            rows = _with_bounds(np.asarray(state.matrix[i]), bound, scale, WRENCH)
+            show_table(f"K at {name}, N/µm, N/mrad = N·m/mm, N·m/mrad", (("",), TWIST[:3], TWIST[3:]), rows)
+        rows = _with_bounds(compliance, spread, np.full((6, 6), 1e6), TWIST)
+        show_table(f"C at {name}, µm/N, µm/(N·m), µrad/N, µrad/(N·m)", (("",), WRENCH[:3], WRENCH[3:]), rows)
+
+
+def _with_bounds(matrix: np.ndarray, bound: np.ndarray, scale: np.ndarray, names: Sequence[str]) -> list[Sequence[str]]:
+    clear = find_resolved(matrix, bound)
+
+    def cell(i: int, j: int) -> str:
+        value, spread = matrix[i, j] * scale[i, j], bound[i, j] * scale[i, j]
+        return (f"{value:.5g} ± {spread:.2g}" if spread else f"{value:.5g}") if clear[i, j] else ZERO
+
+    return [(name, *(cell(i, j) for j in range(6))) for i, name in enumerate(names)]
+
+
 def _scale(stiffness: Any) -> tuple[float, str]:
     """A power of a thousand in which the least stiffness of the diagonals has digits, and the units with it."""
     diagonals = np.abs(np.diagonal(stiffness, axis1=1, axis2=2))

@@ -37,6 +37,8 @@ class Shown:
     columns: tuple[str, ...] = ()
     rows: tuple[tuple[str, ...], ...] = ()
     prose: frozenset[str] = frozenset()
+    folded: bool = False
+    """Whether a page shows it only on demand."""
 
 
 _recorder: ContextVar[list[Shown] | None] = ContextVar("recorder", default=None)

@@ -54,7 +54,9 @@ def test_the_page_is_complete_and_self_contained(tmp_path):
     sources = [value for name, value in page.attributes if name in {"src", "href"}]
     pictures = [source for source in sources if source.startswith("data:image/svg+xml;base64,")]
     assert len(pictures) == page.tags.count("img") == 3
-    assert all(source.startswith(("data:", "#section-")) for source in sources)
+    beside = [source for source in sources if not source.startswith(("data:", "#section-"))]
+    assert {"waterfall.svg", "residuals.png"} <= set(beside)
+    assert all((tmp_path / name).is_file() for name in beside)
     text = " ".join(page.words)
     for words in (
         "Identified",

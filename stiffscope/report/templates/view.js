@@ -38,6 +38,7 @@
   const rgb = (hex) => [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16) / 255);
   const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
   const times = (m, x) => [0, 1, 2].map((i) => m[3 * i] * x[0] + m[3 * i + 1] * x[1] + m[3 * i + 2] * x[2]);
+  const dark = matchMedia("(prefers-color-scheme: dark)");
   const GROUND = { r: [1, 0, 0, 0, 1, 0, 0, 0, 1], p: [0, 0, 0] };
   const TURN = Math.atan2(0.42, 1.0), TILT = Math.atan2(0.4, Math.hypot(0.42, 1.0));
 
@@ -179,7 +180,7 @@
         put(solid, where);
         gl.uniform1f(uniform.lit, 1); gl.uniform1f(uniform.lift, 0); gl.uniform4f(uniform.colour, ...paint(solid, top), 1);
         gl.bindVertexArray(mesh.solid); gl.drawElements(gl.TRIANGLES, mesh.count, gl.UNSIGNED_INT, 0);
-        gl.uniform1f(uniform.lit, 0); gl.uniform1f(uniform.lift, 0.0008); gl.uniform4f(uniform.colour, 0.12, 0.14, 0.17, 1);
+        gl.uniform1f(uniform.lit, 0); gl.uniform1f(uniform.lift, 0.0008); gl.uniform4f(uniform.colour, ...(dark.matches ? [0.62, 0.66, 0.7] : [0.12, 0.14, 0.17]), 1);
         gl.bindVertexArray(mesh.lines); gl.drawArrays(gl.LINES, 0, mesh.ends);
       }
       if (before.checked && factor) for (const solid of data.solids) {
@@ -189,7 +190,7 @@
       }
       const at = data.poses[now.pose].at, length = 0.14 * data.reach;
       const tip = data.solids.length ? toolAt(where) : at;
-      ["#d62728", "#2ca02c", "#1f4fd6"].forEach((ink, k) => {
+      ["#d62728", "#2ca02c", dark.matches ? "#7d9cff" : "#1f4fd6"].forEach((ink, k) => {
         const axis = [0, 1, 2].map((i) => [0, 1, 2].map((j) => (i === (k + j) % 3 ? length : 0)));  // x of the arrow is axis k
         put({ axes: axis.flat(), base: tip, nodes: ["ground"] }, () => GROUND);
         gl.uniform1f(uniform.lit, 0); gl.uniform1f(uniform.lift, 0.35); gl.uniform4f(uniform.colour, ...rgb(ink), 1);
@@ -246,23 +247,34 @@
       frame(); say();
     }
     const turn = (a, b) => { now.turn += a; now.tilt = Math.max(-1.57, Math.min(1.57, now.tilt + b)); ask(); };
+    const pan = (right, up) => {  // by pixels
+      const { camera, scale } = projection(), far = [2 * right / canvas.clientWidth / scale[0], 2 * up / canvas.clientHeight / scale[1]];
+      now.centre = now.centre.map((c, i) => c - far[0] * camera[i] + far[1] * camera[3 + i]); ask();
+    };
     const zoom = (factor) => { now.zoom = Math.max(0.3, Math.min(12, now.zoom * factor)); ask(); };
     const commands = {
       left: () => turn(-0.2, 0), right: () => turn(0.2, 0), up: () => turn(0, 0.2), down: () => turn(0, -0.2),
-      nearer: () => zoom(1.25), farther: () => zoom(0.8), reset: () => { Object.assign(now, { turn: TURN, tilt: TILT, zoom: 1 }); ask(); },
+      nearer: () => zoom(1.25), farther: () => zoom(0.8), reset: () => { frame(); Object.assign(now, { turn: TURN, tilt: TILT, zoom: 1 }); ask(); },
     };
     for (const [name, act] of Object.entries(commands)) one(name).addEventListener("click", act);
     const keys = { ArrowLeft: "left", ArrowRight: "right", ArrowUp: "up", ArrowDown: "down", "+": "nearer", "-": "farther", 0: "reset" };
+    const ways = { ArrowLeft: [-30, 0], ArrowRight: [30, 0], ArrowUp: [0, -30], ArrowDown: [0, 30] };
     canvas.addEventListener("keydown", (event) => {
+      if (event.shiftKey && event.key in ways) { pan(...ways[event.key]); event.preventDefault(); return; }
       if (!(event.key in keys)) return;
       commands[keys[event.key]](); event.preventDefault();
     });
     canvas.addEventListener("pointerdown", (event) => canvas.setPointerCapture(event.pointerId));
-    canvas.addEventListener("pointermove", (event) => { if (event.buttons & 1) turn(-event.movementX / 150, event.movementY / 150); });
+    canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+    canvas.addEventListener("pointermove", (event) => {
+      if (event.buttons & 2 || (event.buttons & 1 && event.shiftKey)) pan(event.movementX, event.movementY);
+      else if (event.buttons & 1) turn(-event.movementX / 150, event.movementY / 150);
+    });
     canvas.addEventListener("wheel", (event) => {  // a page that is scrolled past the robot keeps scrolling
       if (document.activeElement !== canvas) return;
       event.preventDefault(); zoom(Math.exp(-event.deltaY / 500));
     }, { passive: false });
+    dark.addEventListener("change", ask);
     canvas.addEventListener("webglcontextlost", () => root.classList.remove("live"));
     options(one("pose"), data.poses.map((each) => each.name), 0);
     one("pose").addEventListener("change", pose);
