@@ -174,6 +174,103 @@ def test_robot_beside_one_solid(tmp_path):
     assert robot == pytest.approx(solid, rel=0.01)
 
 
+LEGS = {"a": (-90, -70), "b": (-90, 70), "c": (90, 0)}  # mm
+PLATFORM = """
+[parts.leg]
+shape = "rod"
+length = "200 mm"
+radius = "12 mm"
+bore = "0 mm"
+material = "steel"
+[parts.plate]
+shape = "step"
+file = "plate.step"
+material = "steel"
+interfaces.tool = { position = [0, 0, "50 mm"] }
+[bodies.plate]
+part = "plate"
+at = [0, 0, "200 mm"]
+[bodies.carriage]
+[joints.slide]
+type = "prismatic"
+between = ["ground", "carriage"]
+at = [0, 0, 0]
+axis = [0, 0, 1]
+drive = { stiffness = 1e15 }
+[tool]
+body = "plate.tool"
+at = [0, 0, "250 mm"]
+pose = ["z"]
+"""
+LEG = """
+[bodies.NAME]
+part = "leg"
+base = ["X mm", "Y mm", 0]
+tip = ["X mm", "Y mm", "200 mm"]
+[joints.foot_NAME]
+type = "fixed"
+between = ["carriage", "NAME.base"]
+at = ["X mm", "Y mm", 0]
+[joints.head_NAME]
+type = "fixed"
+between = ["NAME.tip", "plate.NAME"]
+at = ["X mm", "Y mm", "200 mm"]
+"""
+
+
+def test_a_platform_on_three_legs_beside_one_solid(tmp_path):
+    """A plate of 20 mm as a body of four interfaces on three tested legs, beside all of it glued, in CalculiX.
+
+    The legs are cut 15 mm below the plate: sections of theirs are the interfaces, rigid in the robot alone.
+    """
+    need("CalculiX")
+    from build123d import Align, Box, Cylinder, Pos, export_step
+
+    from stiffscope.cad.faces import FaceSelector
+    from stiffscope.cad.materials import STEEL
+    from stiffscope.cad.step import read_step
+    from stiffscope.experiments.assembly import assemble
+    from stiffscope.fea.run import specimen_of
+    from stiffscope.fea.settings import Settings
+    from stiffscope.fea.specimen import mesh_specimen
+    from stiffscope.robot.reader import load_robot
+    from stiffscope.vjm.statics import compliance
+
+    low = (Align.CENTER, Align.CENTER, Align.MIN)
+    plate = Pos(0, 0, 15) * Box(240, 200, 20, align=low) + Pos(0, 0, 35) * Cylinder(20, 15, align=low)
+    for name, start, length in (("plate", 0, 15), ("whole", -200, 215)):
+        solid = plate
+        for x, y in LEGS.values():
+            solid += Pos(x, y, start) * Cylinder(12, length, align=low)
+        export_step(solid, str(tmp_path / f"{name}.step"))
+    feet = "".join(f'interfaces.{n} = {{ position = ["{x} mm", "{y} mm", 0] }}\n' for n, (x, y) in LEGS.items())
+    text = PLATFORM.replace("interfaces.tool", f"{feet}interfaces.tool")
+    for name, (x, y) in LEGS.items():
+        text += LEG.replace("NAME", name).replace("X mm", f"{x} mm").replace("Y mm", f"{y} mm")
+    (tmp_path / "platform.toml").write_text(text)
+    robot = compliance(assemble(load_robot(tmp_path / "platform.toml")), [[0.25]])[0]
+
+    foot = FaceSelector(kind="plane", normal=(0, 0, -1), position="min z")
+    top = FaceSelector(kind="plane", normal=(0, 0, 1), position="max z")
+    part = read_step(tmp_path / "whole.step", clamped=[foot], loaded=[top])
+    mesh = mesh_specimen(specimen_of(part, Settings(size=0.009)), size=0.009)
+    rigid = [(mesh.nodes_of(face.faces), face.reference_point) for face in part.loaded]
+    deck = calculix.model(
+        mesh.points, mesh.cells, mesh.nodes_of(part.clamped), rigid, STEEL.youngs_modulus, STEEL.poisson, STEEL.density
+    ) + calculix.unit_loads(len(mesh.points))
+    solid = calculix.compliance(tmp_path, deck, None)
+    k, whole = np.linalg.inv(robot), np.linalg.inv(solid)
+    size = np.sqrt(np.outer(whole.diagonal(), whole.diagonal()))
+    print(f"\n| platform on three legs, {3 * len(mesh.points)} dofs | x | y | z | rx | ry | rz |\n" + "|---" * 7 + "|")
+    for label, values in (("C as a robot", robot), ("C of one solid, CalculiX", solid)):
+        print(f"| {label} | " + " | ".join(f"{value:.5g}" for value in values.diagonal()) + " |", flush=True)
+    off = np.abs(robot / solid - 1).diagonal(), np.abs((k - whole) / size).max()
+    print(
+        f"| difference | {' | '.join(f'{each:.2%}' for each in off[0])} |\nstiffness, of sqrt(K_ii K_jj): {off[1]:.2%}"
+    )
+    assert max(*off[0], off[1]) < 0.02
+
+
 @pytest.mark.parametrize("name", PARAMETERS)
 def test_exudyn_takes_the_superelement(name, tmp_path, monkeypatch):
     """Held at its clamp: natural frequencies and the static deflection under its weight, from the files alone."""
