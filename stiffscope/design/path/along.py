@@ -18,13 +18,16 @@ from stiffscope.vjm.mechanism import COORDINATES
 from stiffscope.vjm.modes import frequencies
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from stiffscope.design.path.free import Freed
     from stiffscope.design.path.toolpath import ToolPath
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.runtime.types import Array, Indices, Progress
+    from stiffscope.vjm.kinematics import Configurations
 
+_MOST_KEPT = 200_000  # points whose configurations are kept, rather than found twice
 _STATIONS = 9  # of the path, whose first frequency is worked out
 
 
@@ -114,22 +117,29 @@ def along(job: Job | str | Path, assembled: Assembled | None = None, progress: P
     if assembled is None:
         with workshop() as shop:
             assembled = assemble_robots({"robot": job.robot}, job.section.components, shop)["robot"]
-    course = plan_course(job, assembled)
     if job.section.free is None:
-        return predict(course, assembled, job.path, progress)
+        known = list(configure_path(job, assembled, job.path)) if len(job.path) <= _MOST_KEPT else None
+        return predict(plan_course(job, assembled, known), assembled, job.path, progress, known)
+    course = plan_course(job, assembled)
     freed = choose_free(course, assembled)
     return replace(predict(freed.course, assembled, freed.path, progress), freed=freed)
 
 
-def predict(course: Course, assembled: Assembled, path: ToolPath, progress: Progress | None = None) -> Along:
-    """Predict the error of the tool on its course with some commands; parameters and errors as for `along`."""
+def predict(
+    course: Course, assembled: Assembled, path: ToolPath, progress: Progress | None = None,
+    known: Sequence[Configurations] | None = None,
+) -> Along:  # fmt: skip
+    """Predict the error of the tool on its course with some commands; parameters and errors as for `along`.
+
+    ``known``: configurations along the path, a block at a time, if they were found before.
+    """
     job, mechanism, n = course.job, assembled.mechanism, len(path)
     drives = mechanism.drives
     commanded, error, bound = np.empty((n, 6)), np.empty((n, 6)), np.empty(n)
     forces = np.empty((n, len(drives)))
     shares: dict[str, Array] = {}
     start = 0
-    for found in configure_path(job, assembled, path):
+    for found in known or configure_path(job, assembled, path):
         some = slice(start, start + len(found))
         start += len(found)
         state = respond_under(job, assembled, found, course.wrench[some])

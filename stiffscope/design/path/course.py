@@ -15,7 +15,7 @@ from stiffscope.vjm.screws import rotation_of
 from stiffscope.vjm.statics import Load, respond
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from stiffscope.design.path.cutting import CuttingForces
     from stiffscope.design.path.job import Job
@@ -68,10 +68,13 @@ class Course:
     cutting: CuttingForces | None
 
 
-def plan_course(job: Job, assembled: Assembled) -> Course:
-    """Find where a job's path leads the tool, and the load of its process there. Raises InputError as `along`."""
+def plan_course(job: Job, assembled: Assembled, known: Sequence[Configurations] | None = None) -> Course:
+    """Find where a job's path leads the tool, and the load of its process there. Raises InputError as `along`.
+
+    ``known``: configurations along the path, a block at a time, if they were found before.
+    """
     if job.section.free is None:
-        tool = np.concatenate([found.tool for found in configure_path(job, assembled, job.path)])
+        tool = np.concatenate([found.tool for found in known or configure_path(job, assembled, job.path)])
     else:
         tool = _wanted(job)
     axes = find_axes(job, tool)
