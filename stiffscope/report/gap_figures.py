@@ -132,9 +132,7 @@ def signature_correlation(diagnosis: Diagnosis) -> Figure | None:
     name_rows(axes, labels)
     written = np.tril(matrix) >= ALIKE[len(names) > NUMBERED]
     write_cells(axes, np.where(written, matrix, np.nan), "{:.2f}", Normalize(0, 1.4), size=6)
-    figure.colorbar(
-        image, ax=axes, pad=0.015, fraction=0.04, label="|cosine|; 1: indistinguishable"
-    )
+    figure.colorbar(image, ax=axes, pad=0.015, fraction=0.04, label="|cosine|; 1: indistinguishable")
     return figure
 
 
