@@ -358,5 +358,17 @@ def dovetail() -> Made:
     return made
 
 
+def gears() -> Made:
+    """Two wheels on studs of a plate, side by side: their rims touch, which is no joint."""
+    made = Made()
+    plate = b.Box(200, 100, 10, align=TOP)
+    for name, x in (("wheel_a", -30.0), ("wheel_b", 30.0)):
+        plate += at(rod(6, 20), (x, 0, 0))
+        made.add(name, at(rod(30, 12) - rod(6, 12), (x, 0, 0)))
+        made.join("plate", name, "revolute", (x, 0, 0), Z)
+    made.add("plate", plate)
+    return made
+
+
 ALL = {"five-bar": five_bar, "delta": delta, "hexapod": hexapod, "slider": slider, "3-prs": three_prs, "finger": finger}
-ALL |= {"lever": lever, "dovetail": dovetail}
+ALL |= {"lever": lever, "dovetail": dovetail, "gears": gears}

@@ -26,6 +26,7 @@ STANDING = {  # place (mm, degrees), unit and whether solids have names
     "3-prs": ((88, -9, 40), (12, 65, -170), "M", True),
     "finger": ((-7, 0, 12), (3, 2, 1), "INCH", False),
     "lever": ((31, -4, 7), (71, -33, 5), "MM", False),
+    "gears": ((5, 60, -9), (12, -120, 8), "INCH", False),
     "dovetail": ((-3, 70, -900), (-20, 140, 77), "INCH", False),
 }
 

@@ -36,6 +36,7 @@ FIT = (-0.01, 0.03)  # of the radius: a pin that guides; wider ones are clearanc
 _TURNED, _BORED = 0.9, 0.8  # share of the surface that is turned about the axis; of a pin with a hole across
 _BEARING, _WASHER = (0.7, 1.6), 0.65  # width over the height of a ring's section
 _BETWEEN = "a ring of a bearing's proportion between a shaft and a housing"
+_WIDE = 3.2  # outer over inner diameter: washers up to 3 (ISO 7093), gears and wheels more
 HEADED = "a head and a shank that fits its bores"  # a clevis pin, or a screw in holes of its own diameter
 _SLENDER = 12.0  # length over diameter of a bar that is no pin
 
@@ -221,7 +222,7 @@ def _role_of_ring(form: Turned, inside: bool, around: bool) -> tuple[str, str]:
     section = low <= form.section <= high and 0.25 <= form.bore / form.radius <= 0.9
     if form.share > _TURNED and section and inside and around:
         return "bearing", _BETWEEN
-    if form.share > _TURNED and 0.0 < form.section < _WASHER and not inside:
+    if form.share > _TURNED and 0.0 < form.section < _WASHER and form.radius < _WIDE * form.bore and not inside:
         return "washer", "a flat ring"
     if form.share > _TURNED and around and form.radius < 2.0 * form.bore and form.length < 4.0 * form.radius:
         return "bushing", "a ring around a pin or shaft"
