@@ -464,11 +464,19 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
         },
     ),
     "campaign new": (
-        ["campaign", "new", "biglide", "--out", "CAMPAIGN"],
+        ["campaign", "new", "five-bar", "--out", "CAMPAIGN", "--ask", "base-compliance from actuator-stiffness"],
         {
             "folder": ("path of the folder that was written", ""),
             "readings": ("number of readings to fill in", ""),
             "poses": ("number of poses", ""),
+            "plan.sensors": ("with `--ask`: names of the sensors that are read", ""),
+            "plan.loads": ("names of the hooks that are pulled", ""),
+            "plan.enough": ("expected ln-odds that each pair of causes is to reach", ""),
+            "plan.pairs[].first": ("`effect @ place` that is true", ""),
+            "plan.pairs[].second": ("`effect @ place` that may be taken for it, or `no effect`", ""),
+            "plan.pairs[].ln_odds": ("expected ln-odds of the first, the least of its parameters", ""),
+            "plan.pairs[].hidden": ("parameters of the first that no reading that is offered tells from the second", ""),
+            "plan.pairs[].asked": ("whether both are of the question", ""),
         },
     ),
     "campaign check": (

@@ -15,6 +15,7 @@ from stiffscope.biglide.audit import findings_on_paper
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
 from stiffscope.cli.output import emit, open_workshop
+from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.experiments.experiments import solve_parts
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.experiments.orders import order_part
@@ -27,7 +28,8 @@ from stiffscope.gap.campaign.template import write_template
 from stiffscope.gap.campaigns import assemble_nominal, configure_case, diagnose_case, open_case, predict_roughly
 from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.gap.inference.posterior_samples import write_posterior
-from stiffscope.report import blind_scores, campaign_check, gap_tables, tables
+from stiffscope.gap.planning import propose_plan
+from stiffscope.report import blind_scores, campaign_check, gap_tables, plan_tables, tables
 from stiffscope.report.diagnosis_report import share_view, write_diagnosis_report
 from stiffscope.report.kept_pictures import order_shares, shares_ahead, write_diagnosis_pictures
 from stiffscope.robot.library import robot_names
@@ -150,17 +152,31 @@ def campaign() -> None:
     click.option("--out", "goal", required=True, metavar="DIR", type=click.Path(path_type=Path), help=options.OUT),
     options.json,
 )
-def new_campaign(name: str, goal: Path, *, output: Output) -> None:
+@click.option(
+    "--ask",
+    metavar="QUESTION",
+    help='Plan the fewest readings that tell causes apart: "base-compliance from J1", effects, places or patterns of '
+    '"effect @ place", several divided by commas; or "all".',
+)
+def new_campaign(name: str, goal: Path, *, ask: str | None, output: Output) -> None:
     """Write a campaign folder to fill in: examples of sensors and loads, and a plan of readings."""
     robot = load_robot(name)
     named = name if name in robot_names() else Path(os.path.relpath(robot.path, goal)).as_posix()
-    poses, readings = write_template(robot, named, goal)
+    proposal = None
+    if ask is not None:
+        with open_workshop(output) as shop:
+            made = assemble_robots({"nominal": robot}, "fea", shop)["nominal"]
+        proposal = propose_plan(NominalRobot(made.mechanism, robot), robot.path.resolve().as_posix(), ask)
+    poses, readings = write_template(robot, named, goal, proposal and proposal.plan)
 
     def show() -> None:
+        if proposal is not None:
+            plan_tables.show_plan(proposal, robot.tool.pose)
         tables.show_line(f"Written: {goal}, {readings} readings at {poses} poses to fill in.")
         tables.show_line(f"Next: stiffscope campaign check {goal}")
 
-    emit(output, {"folder": str(goal), "readings": readings, "poses": poses}, show)
+    planned = {} if proposal is None else {"plan": plan_tables.plan_json(proposal)}
+    emit(output, {"folder": str(goal), "readings": readings, "poses": poses, **planned}, show)
 
 
 @campaign.command("check")

@@ -20,7 +20,7 @@ from stiffscope.vjm.mechanism import Change
 
 __all__ = [  # all that an effect's module needs
     "ADDED", "FACTOR", "FREE", "GROWTH", "STIFFNESS_FACTOR", "UNNAMED", "Array", "Candidate", "Candidates", "Changes",
-    "Effect", "Influence", "NominalRobot", "Parameter", "Payload", "Place", "Setting",
+    "Doubts", "Effect", "Influence", "NominalRobot", "Parameter", "Payload", "Place", "Row", "Setting",
 ]  # fmt: skip
 
 Changes = dict[str, Change]
@@ -148,6 +148,22 @@ class Payload:
     moments: Array
 
 
+Row = tuple[int, int]
+"""A row of readings: number of its file, line in it."""
+
+
+@dataclass(frozen=True)
+class Doubts:
+    """What the readings of a campaign's instruments look like beside its model, by instrument."""
+
+    units: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Factor that the numbers seem to be multiplied with."""
+    signs: tuple[str, ...] = ()
+    """Instruments that seem to be reversed."""
+    steps: Mapping[str, tuple[Row, float, bool]] = field(default_factory=dict[str, Any])
+    """From which row on they seem to have slipped, how large their readings are, m or rad, and whether in rad."""
+
+
 @dataclass(frozen=True)
 class Influence:
     """What an effect changes in a robot and in the instruments that read it."""
@@ -165,6 +181,10 @@ class Influence:
     """Relative growth of what an instrument shows."""
     force_gain: float = 0.0
     """Relative growth of the applied wrench over the stated one."""
+    factors: Mapping[str, float] = field(default_factory=dict[str, float])
+    """What the numbers of an instrument are multiplied with: another unit, the other sign."""
+    jumps: Mapping[str, tuple[Row, float]] = field(default_factory=dict[str, Any])
+    """From which row on the numbers of an instrument are larger, and by how much, m or rad."""
 
 
 def _stiff(_part: str) -> bool:
@@ -186,6 +206,7 @@ class Setting:
     """By sensor, whether it reads displacements."""
     suspect: Callable[[str], bool] = _stiff
     """Whether virtual experiments on a part, which take time, are worth while."""
+    doubts: Doubts = field(default_factory=Doubts)
 
     def in_robots_units(self, parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
         """Added compliances, with the robot's own as their sizes."""

@@ -8,6 +8,8 @@ from stiffscope.effects.effect import Candidates, Effect, Place, Setting
 
 INSTRUMENT = "instrument"
 """The instrument at M; all sensors where nothing is read there."""
+TRANSLATION, ROTATION = "translation", "rotation"
+"""What of it reads displacements, and what reads rotations."""
 
 
 @dataclass(frozen=True)

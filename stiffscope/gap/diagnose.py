@@ -183,8 +183,9 @@ def _errors(candidate: Candidate, values: Array, covariance: Array) -> dict[str,
 
 def _parameters(candidate: Candidate, internal: Array, covariance: Array) -> dict[str, Parameter]:
     """Physical parameters with their standard uncertainties and intervals."""
-    if not candidate.scale:
-        return {}
+    if not candidate.scale:  # a unit is one of a few
+        fixed = zip(candidate.names, candidate.units, candidate.physical(internal), strict=True)
+        return {n: Parameter(float(v), 0.0, u, interval=(float(v), float(v)), nominal=1.0) for n, u, v in fixed}
     values, sigma = candidate.physical(internal), physical_sigma(candidate, internal, covariance)
     intervals = _intervals(candidate, internal, covariance, values, sigma)
     fine, model = plausible(candidate, values, sigma), candidate.physical(np.zeros(len(internal)))

@@ -18,6 +18,8 @@ from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
 
+OF_NUMBERS = {"unit", "sensor-sign", "sensor-step"}
+
 
 @pytest.fixture(scope="module")
 def labs():
@@ -93,14 +95,14 @@ def test_a_stuck_or_empty_plan_is_no_doubt(labs, tmp_path):
 
 
 def test_faults_of_the_robot_raise_no_doubts_of_its_instruments(labs, tmp_path):
-    """Forty drawn faults: at most one channel in a hundred is doubted, never for its unit, sign or constancy."""
+    """Faults of forty drawn cases: at most one channel in a hundred is doubted, never for its unit, sign or constancy."""
     seen, raised = 0, []
     for name in ("five-bar", "delta"):
         for number in range(20):
             case = draw_case(number, 8, labs(name))
             campaign, predicted = read(labs(name), case, number, tmp_path / f"{name}{number}")
             seen += len(np.unique(np.column_stack([campaign.channel, campaign.kind]), axis=0))
-            if case.kind != "outside":
+            if case.kind != "outside" and not {fault.effect for fault in case.faults} & OF_NUMBERS:
                 raised += [(name, number, case.faults, r) for r in inspect_readings(campaign, predicted)]
     assert not [each for each in raised if each[3].doubt in {"unit", "sensor-sign", "constant", "copied"}]
     assert len(raised) <= 0.01 * seen, [(each[:3], each[3].text) for each in raised]

@@ -27,6 +27,7 @@ _SAME = 1e-4  # of a signature, that may be left when another is fitted to it th
 _TURN = 1e-3  # rad, or of a scale: for derivatives
 _IMITATORS = 3  # effects of the vocabulary that together may do what one outside of it does
 _TWINS = 2  # other effects that the named group of a true one has room for
+_KEPT = {"mass", "row"}  # of a payload, whose centre shows by its mass; of a gauge that slips at a row
 _OF_INSTRUMENTS = {
     "instrument-misalignment": tuple({axis: _TURN} for axis in ("rx", "ry", "rz")),
     "displacement-scale": ({"factor": 1.0 + _TURN},),
@@ -63,8 +64,9 @@ class Judge:
         if columns is not None:
             return np.hstack([columns, self._signature(fault)[:, None]])
         if fault.name not in self._spans:
-            kept = {"mass": fault.parameters["mass"]}  # of a payload, whose centre shows by it
-            each = [replace(fault, parameters=kept | {name: value}) for name, value in fault.parameters.items()]
+            kept = {n: v for n, v in fault.parameters.items() if n in _KEPT}
+            each = [replace(fault, parameters=kept | {n: v}) for n, v in fault.parameters.items() if n != "row"]
+            each = each or [fault]
             self._spans[fault.name] = np.stack([self._signature(one) for one in each], axis=1)
         return self._spans[fault.name]
 

@@ -10,6 +10,7 @@ import numpy as np
 from stiffscope.effects.vocabulary import word_of
 from stiffscope.errors import InputError
 from stiffscope.gap.blind.cases import Fault
+from stiffscope.gap.lab.closure import COORDINATES
 from stiffscope.gap.lab.faults import ENTRIES, KNOWN, acts_on, inject, is_uniform
 from stiffscope.gap.lab.machine import machine_of
 from stiffscope.gap.lab.plans import Workspace, workspace
@@ -30,6 +31,7 @@ _SEED = 20  # of that pool
 _ALL_DRIVES, _ALL_JOINTS, _ALL_BODIES = "drives", "joints", "robot"
 INSTRUMENT = "instrument"
 _OF_SENSORS = {"instrument-misalignment", "displacement-scale"}
+_OF_CHANNELS = {"unit", "sensor-sign"}
 
 
 @dataclass(frozen=True)
@@ -96,6 +98,8 @@ class Lab:
         fixed = {
             "base-compliance": ("base",), "platform-compliance": ("tool",), "cable-chain": ("tool",),
             "force-scale": (INSTRUMENT,), **dict.fromkeys(_OF_SENSORS, (INSTRUMENT, *sensors)),
+            **dict.fromkeys(_OF_CHANNELS, (INSTRUMENT, *(sensors or COORDINATES))),
+            "sensor-step": tuple(sensors or COORDINATES),
         }  # fmt: skip
         if effect in fixed:
             return fixed[effect]

@@ -58,18 +58,33 @@ def draw_known(effect: str, rng: np.random.Generator, lab: Lab, sensors: Sequenc
     members = lab.sound.members(place)
     soft, bend = lab.workspace.scale.linear / _LIKE[0], lab.workspace.scale.angular / _LIKE[1]
     if effect in _SOFTER:
-        return Fault(effect, place, {"factor": 1 / (1 + _SOFTER[effect] * size)})
-    if effect in _SCALES:
-        return Fault(effect, place, {"factor": 1 + sign * 0.02 * size})
-    if effect == "part-compliance":
-        return Fault(effect, place, _draw_matrix(lab, members[0], size, rng))
-    if effect == "part-dimension":
-        return Fault(effect, place, {"value": other_dimension(lab, place, sign * min(size, 2.0))})
-    if effect == "payload":
+        parameters = {"factor": 1 / (1 + _SOFTER[effect] * size)}
+    elif effect in _SCALES:
+        parameters = {"factor": 1 + sign * 0.02 * size}
+    elif effect in _OF_NUMBERS:
+        parameters = _draw_of_numbers(effect, rng, sign * size)
+    elif effect == "part-compliance":
+        parameters = _draw_matrix(lab, members[0], size, rng)
+    elif effect == "part-dimension":
+        parameters = {"value": other_dimension(lab, place, sign * min(size, 2.0))}
+    elif effect == "payload":
         offset = {k: float(rng.uniform(-0.1, 0.1)) for k in COORDINATES[:3]}
-        return Fault(effect, place, {"mass": 3.0 * size / max(1.0, soft), **offset})
-    one = _sizes_of_one(effect, lab, members, sign, soft, bend)
-    return Fault(effect, place, {name: s * float(rng.uniform(0.2, 1.0)) * size for name, s in one.items()})
+        parameters = {"mass": 3.0 * size / max(1.0, soft), **offset}
+    else:
+        one = _sizes_of_one(effect, lab, members, sign, soft, bend)
+        parameters = {name: s * float(rng.uniform(0.2, 1.0)) * size for name, s in one.items()}
+    return Fault(effect, place, parameters)
+
+
+_OF_NUMBERS = {"unit", "sensor-sign", "sensor-step"}
+_UNITS = (1e3, 1e6, 1e-3)
+_LINES = (100, 500)  # of the rows of a table, in which a gauge slips
+
+
+def _draw_of_numbers(effect: str, rng: np.random.Generator, size: float) -> dict[str, float]:
+    if effect == "unit":
+        return {"factor": _UNITS[int(rng.integers(0, len(_UNITS)))]}
+    return {"jump": 2e-4 * size, "row": float(rng.integers(*_LINES))} if effect == "sensor-step" else {}
 
 
 def _sizes_of_one(

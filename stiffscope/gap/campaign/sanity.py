@@ -1,4 +1,7 @@
-"""Sanity of readings beside a rough prediction: units, signs, steps, constant and copied channels, outliers by row."""
+"""Sanity of readings beside a rough prediction: units, signs, steps, constant and copied channels, outliers by row.
+
+What is doubted of units, signs and steps is also what a diagnosis takes for a cause.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +10,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.effects.effect import Doubts
+from stiffscope.effects.instruments import INSTRUMENT, ROTATION, TRANSLATION
 from stiffscope.gap.campaign.quantities import DEFLECTION, DEVIATION, FREQUENCY, KINDS, POSITION, STIFFNESS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
+    from stiffscope.effects.effect import Row
     from stiffscope.gap.campaign.campaign import Array, Campaign, Codes, Flags
 
 LEAST = 4  # readings of a channel, below which nothing is said of it
-UNIT = 100.0  # times the model, or below it: no machine is that far from its model, but a unit is
+UNIT = 30.0  # times the model, or below it: hardly a machine is that far from its model, but a unit is
+DEGREES = 180.0 / np.pi
 _AGREE = 0.8  # net share of readings with the model's sign, or correlation
 _SIZED = 0.1  # of the largest prediction: below it a reading says nothing of unit and sign
 _SHOWN = 5  # rows of a remark
@@ -86,23 +93,108 @@ def _inspect_channel(c: Campaign, predicted: Array, name: str, rows: Codes) -> I
         yield from _name_outliers(c, name, rows, _centre(np.log(value / model)))
 
 
-def _compare(c: Campaign, name: str, rows: Codes, value: Array, model: Array) -> Iterator[ReadingRemark]:
-    """Remarks on unit and sign: of deflections by themselves, of deviations by how they vary over the poses."""
-    kind, where = int(c.kind[rows[0]]), (c.where(int(rows[0])),)
+@dataclass(frozen=True)
+class _Look:
+    """A channel beside its model."""
+
+    factor: float
+    """Power of ten, or degrees for radians, that its numbers seem to be multiplied with; NaN: nothing is said of it."""
+    ratio: float
+    """Median of its readings over the model's, without signs."""
+    sign: float
+    """1 or -1; 0: nothing is said of it."""
+    against: float
+    """Share of its readings that have the other sign."""
+
+
+def _look_at(c: Campaign, rows: Codes, value: Array, model: Array) -> _Look | None:
+    """Unit and sign: of deflections by themselves, of deviations by how they vary over the poses."""
+    kind = int(c.kind[rows[0]])
     if kind in (DEVIATION, POSITION):
         value, model = value - np.median(value), model - np.median(model)
     sized = np.abs(model) > _SIZED * np.abs(model).max()
     if sized.sum() < LEAST:
-        return
+        return None
     agree = float(np.mean(np.sign(value[sized] * model[sized])))
     ratio = float(np.median(np.abs(value[sized] / model[sized])))
-    comparable = kind >= STIFFNESS or (abs(agree) > _AGREE and kind == DEFLECTION)
-    if comparable and ratio > 0.0 and not 1.0 / UNIT < ratio < UNIT:
-        text = f"{name} reads about 1e{round(np.log10(ratio))} times the model: is its unit another one?"
-        yield ReadingRemark("unit", name, where, text)
-    if kind <= DEVIATION and agree < -_AGREE and (kind == DEFLECTION or _varies_as_much(value, model)):
-        text = f"{name} reads against the model in {np.mean(value[sized] * model[sized] < 0):.0%} of its {KINDS[kind]}s"
+    alike = abs(agree) > _AGREE and (kind == DEFLECTION or _varies_as_much(value, model))
+    factor = np.nan
+    if (kind >= STIFFNESS or alike) and ratio > 0.0:
+        turns = bool(c.direction[rows[0]] >= 3) and kind <= DEVIATION
+        factor = 1.0 if 1.0 / UNIT < ratio < UNIT else _nearest_factor(ratio, turns=turns)
+    sign = float(np.sign(agree)) if alike and kind <= DEVIATION else 0.0
+    return _Look(factor, ratio, sign, float(np.mean(value[sized] * model[sized] < 0)))
+
+
+def _nearest_factor(ratio: float, *, turns: bool) -> float:
+    known = [10.0 ** np.round(np.log10(ratio)), *([DEGREES, 1.0 / DEGREES] if turns else [])]
+    return float(min(known, key=lambda factor: abs(np.log(ratio / factor))))
+
+
+def _compare(c: Campaign, name: str, rows: Codes, value: Array, model: Array) -> Iterator[ReadingRemark]:
+    """Remarks on unit and sign."""
+    look, where = _look_at(c, rows, value, model), (c.where(int(rows[0])),)
+    if look is None:
+        return
+    if np.isfinite(look.factor) and look.factor != 1.0:
+        ten = round(np.log10(look.factor))
+        size = f"1e{ten}" if np.isclose(look.factor, 10.0**ten) else f"{look.factor:.3g}"
+        yield ReadingRemark("unit", name, where, f"{name} reads about {size} times the model: is its unit another one?")
+    if look.sign < 0.0:
+        text = f"{name} reads against the model in {look.against:.0%} of its {KINDS[int(c.kind[rows[0]])]}s"
         yield ReadingRemark("sensor-sign", name, where, f"{text}: is it reversed?")
+
+
+def find_doubts(campaign: Campaign, predicted: Array) -> Doubts:
+    """What deflections and deviations look like beside a prediction: instruments alike are doubted together.
+
+    Parameters
+    ----------
+    campaign
+        With n readings.
+    predicted
+        (n,) what the nominal model says of each.
+    """
+    c = campaign
+    factors: dict[str, float] = {}
+    signs: dict[str, float] = {}
+    steps: dict[str, tuple[Row, float, bool]] = {}
+    turning: dict[str, bool] = {}
+    for _, rows in _channels(c):
+        value, model = c.value[rows], predicted[rows]
+        if int(c.kind[rows[0]]) > DEVIATION or not np.isfinite(model).all() or not model.any() or not np.ptp(value):
+            continue
+        name = c.instruments[int(c.channel[rows[0]])]
+        turning[name] = bool(c.direction[rows[0]] >= 3)
+        look = _look_at(c, rows, value, model)
+        if look is not None and np.isfinite(look.factor):
+            factors.setdefault(name, look.factor)
+        if look is not None and look.sign:
+            signs.setdefault(name, look.sign)
+        step = _find_jump(_scatter(c, rows, value, model))
+        if step is not None:
+            row, usual = int(rows[step[0]]), float(np.sqrt(np.mean(model**2)))
+            steps.setdefault(name, ((int(c.file[row]), int(c.line[row])), usual, turning[name]))
+    at_tool = {name for name in turning if name not in {sensor.name for sensor in c.sensors}}
+    family = at_tool or set(turning)
+    families = {
+        INSTRUMENT: family,
+        TRANSLATION: {name for name in family if not turning[name]},
+        ROTATION: {name for name in family if turning[name]},
+    }
+    units = _gather(factors, families)
+    return Doubts(units, tuple(_gather(signs, families)), steps)
+
+
+def _gather(seen: Mapping[str, float], families: Mapping[str, set[str]]) -> dict[str, float]:
+    """What is not one by instrument, or by family where all of whose members that say anything say the same."""
+    out, left = dict[str, float](), dict(seen)
+    for family, members in families.items():
+        values = {left[name] for name in members & set(left)}
+        if len(values) == 1 and len(members & set(left)) > 1 and values != {1.0}:
+            out[family] = values.pop()
+            left = {name: value for name, value in left.items() if name not in members}
+    return out | {name: value for name, value in left.items() if value != 1.0}
 
 
 def _varies_as_much(value: Array, model: Array) -> bool:
@@ -136,16 +228,24 @@ def _centre(values: Array) -> Array:
 
 def _find_breaks(c: Campaign, name: str, rows: Codes, left: Array) -> Iterator[ReadingRemark]:
     """Remarks on a step from one row on, and on single rows beside it."""
-    place = _find_step(left)
-    if place:
-        jump = float(np.median(left[place:]) - np.median(left[:place]))
-        after = np.where(np.arange(len(left)) >= place, left - jump, left)
-        if abs(jump) > _JUMP * _spread(after) and _spread(left) > _CLEARED * _spread(after):
-            where, unit = c.where(int(rows[place])), "rad" if c.direction[rows[0]] >= 3 else "m"
-            text = f"{name} jumps by {jump:.2g} {unit} at {where} and stays there: has it slipped?"
-            yield ReadingRemark("sensor-step", name, (where,), text)
-            left = after
+    step = _find_jump(left)
+    if step is not None:
+        place, jump = step
+        where, unit = c.where(int(rows[place])), "rad" if c.direction[rows[0]] >= 3 else "m"
+        text = f"{name} jumps by {jump:.2g} {unit} at {where} and stays there: has it slipped?"
+        yield ReadingRemark("sensor-step", name, (where,), text)
+        left = np.where(np.arange(len(left)) >= place, left - jump, left)
     yield from _name_outliers(c, name, rows, _centre(left))
+
+
+def _find_jump(left: Array) -> tuple[int, float] | None:
+    """From where on a scatter (r,) has another level, and by how much; None where it has one."""
+    place = _find_step(left)
+    if not place:
+        return None
+    jump = float(np.median(left[place:]) - np.median(left[:place]))
+    after = _spread(np.where(np.arange(len(left)) >= place, left - jump, left))
+    return (place, jump) if abs(jump) > _JUMP * after and _spread(left) > _CLEARED * after else None
 
 
 def _find_step(values: Array) -> int:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,9 +17,11 @@ from stiffscope.runtime import output
 from stiffscope.vjm.kinematics import configure
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from stiffscope.robot.file.description import RobotFile
+    from stiffscope.runtime.types import Indices
     from stiffscope.vjm.screws import Array
 
 POSES = 8
@@ -25,7 +29,37 @@ FORCE = 100.0  # N: an example
 _SPREAD = 0.1  # of the robot's size, about home, where its file has no map
 
 
-def write_template(robot: RobotFile, name: str, folder: Path) -> tuple[int, int]:
+@dataclass(frozen=True)
+class Plan:
+    """Readings to be taken: n rows at p poses."""
+
+    poses: Array
+    """(p, k)."""
+    sensors: tuple[Sensor, ...]
+    hooks: tuple[LoadPoint, ...]
+    pulls: tuple[tuple[int, Array], ...]
+    """Which hook, -1 without a load, and the force (3,) there, N."""
+    settings: Indices
+    """(n, 3) pose, pull and sensor of each reading."""
+
+    def select(self, rows: Sequence[int]) -> Plan:
+        """Some of the readings, in the order of their settings; nothing that they do not use."""
+        chosen = self.settings[list(rows)]
+        chosen = chosen[np.lexsort(chosen.T[::-1])]
+        (poses, pose), (pulls, pull), (sensors, sensor) = (
+            np.unique(column, return_inverse=True) for column in chosen.T
+        )
+        hooks = sorted({self.pulls[k][0] for k in pulls} - {-1})
+        return Plan(
+            self.poses[poses],
+            tuple(self.sensors[k] for k in sensors),
+            tuple(self.hooks[k] for k in hooks),
+            tuple((hooks.index(h) if h >= 0 else -1, force) for h, force in (self.pulls[k] for k in pulls)),
+            np.column_stack([pose, pull, sensor]),
+        )
+
+
+def write_template(robot: RobotFile, name: str, folder: Path, plan: Plan | None = None) -> tuple[int, int]:
     """Write a campaign folder to be filled in.
 
     Parameters
@@ -36,6 +70,8 @@ def write_template(robot: RobotFile, name: str, folder: Path) -> tuple[int, int]
         How the campaign names it: a name that the project knows, or a path seen from the folder.
     folder
         The folder to write, which is not there yet.
+    plan
+        What is to be read; by default every example sensor under every load at some poses.
 
     Returns
     -------
@@ -48,29 +84,50 @@ def write_template(robot: RobotFile, name: str, folder: Path) -> tuple[int, int]
         The folder is there, or cannot be written.
 
     """
+    plan = plan or example_plan(robot)
     with output.new_folder(folder) as aside:
-        sensors, hook = example_sensors(robot), LoadPoint("hook", robot.tool.body, _tuple(robot.tool.at))
-        poses = planned_poses(robot)
-        columns = _plan(robot, poses, sensors, hook)
-        header: dict[str, Any] = {
-            "robot": name,
-            "modelled": ["gravity"] if robot.gravity else [],
-            "components": "fea",
-            "ignore": ["remark"],
-            "sensors": {sensor.name: _section(sensor) for sensor in sensors},
-            "loads": {hook.name: {"body": hook.body, "at": list(hook.at)}},
-        }
-        write_campaign(aside, header, columns, comment=_advice(robot))
-    return len(poses), len(columns["value"])
+        write_plan(robot, name, aside, plan)
+    return len(plan.poses), len(plan.settings)
+
+
+def write_plan(robot: RobotFile, name: str, folder: Path, plan: Plan) -> None:
+    """Write the files of a plan into a folder; see `write_template`."""
+    header: dict[str, Any] = {
+        "robot": name,
+        "modelled": ["gravity"] if robot.gravity else [],
+        "components": "fea",
+        "ignore": ["remark"],
+        "sensors": {sensor.name: _section(sensor) for sensor in plan.sensors},
+        "loads": {hook.name: {"body": hook.body, "at": list(hook.at)} for hook in plan.hooks},
+    }
+    write_campaign(folder, header, _columns(robot, plan), comment=_advice(robot))
+
+
+def example_plan(robot: RobotFile) -> Plan:
+    """Every example sensor under a load along each axis, then unloaded, at every planned pose."""
+    sensors, hook = example_sensors(robot), LoadPoint("hook", robot.tool.body, _tuple(robot.tool.at))
+    pulls = (*((0, FORCE * axis) for axis in np.eye(3)), (-1, np.zeros(3)))
+    return cross_plan(planned_poses(robot), sensors, (hook,), pulls)
+
+
+def cross_plan(
+    poses: Array, sensors: Sequence[Sensor], hooks: Sequence[LoadPoint], pulls: Sequence[tuple[int, Array]]
+) -> Plan:
+    """Every sensor at every pull at every pose."""
+    settings = np.array([*product(range(len(poses)), range(len(pulls)), range(len(sensors)))])
+    return Plan(poses, tuple(sensors), tuple(hooks), tuple(pulls), settings)
 
 
 def example_sensors(robot: RobotFile) -> tuple[Sensor, ...]:
     """A dial gauge along each axis at the tool point, and an inclinometer whose zero is not known."""
-    body, at = robot.tool.body, _tuple(robot.tool.at)
-    gauges = [
-        Sensor(f"gauge_{axis}", body, _tuple(direction), at) for axis, direction in zip("xyz", np.eye(3), strict=True)
-    ]
-    return (*gauges, Sensor("level", body, (0.0, 1.0, 0.0), measures="rotation", zero="session"))
+    level = Sensor("level", robot.tool.body, (0.0, 1.0, 0.0), measures="rotation", zero="session")
+    return (*place_gauges("gauge", robot.tool.body, robot.tool.at), level)
+
+
+def place_gauges(name: str, body: str, at: object) -> tuple[Sensor, ...]:
+    """A dial gauge along each axis at a point (3,) of a body."""
+    axes = zip("xyz", np.eye(3), strict=True)
+    return tuple(Sensor(f"{name}_{axis}", body, _tuple(direction), _tuple(at)) for axis, direction in axes)
 
 
 def planned_poses(robot: RobotFile) -> Array:
@@ -91,27 +148,25 @@ def planned_poses(robot: RobotFile) -> Array:
     return np.vstack([named, others])[: max(POSES, len(named))]
 
 
-def _plan(robot: RobotFile, poses: Array, sensors: tuple[Sensor, ...], hook: LoadPoint) -> dict[str, list[str]]:
-    """Columns of text: every gauge under a load along each axis, then everything unloaded, at every pose."""
+def _columns(robot: RobotFile, plan: Plan) -> dict[str, list[str]]:
+    """Columns of text."""
     out: dict[str, list[str]] = {
         name: []
         for name in (*robot.tool.pose, "load", *WRENCH[:3], "sensor", "kind", "value", "sigma", "session", "remark")
     }
-    for pose in poses:
-        for load in (*np.eye(3), np.zeros(3)):
-            loaded = bool(load.any())
-            for sensor in sensors:
-                for name, value in zip(robot.tool.pose, pose, strict=True):
-                    out[name].append(f"{value:.10g}")
-                out["load"].append(hook.name if loaded else "")
-                for name, value in zip(WRENCH[:3], FORCE * load, strict=True):
-                    out[name].append(f"{value:g}" if loaded else "")
-                out["sensor"].append(sensor.name)
-                out["kind"].append("deflection" if loaded else "deviation")
-                out["sigma"].append("1e-06" if not sensor.rotates else "5e-06")
-                out["session"].append("first")
-                out["value"].append("")
-                out["remark"].append("")
+    for pose, pull, which in plan.settings.tolist():
+        (hook, force), sensor = plan.pulls[pull], plan.sensors[which]
+        for name, value in zip(robot.tool.pose, plan.poses[pose], strict=True):
+            out[name].append(f"{value:.10g}")
+        out["load"].append(plan.hooks[hook].name if hook >= 0 else "")
+        for name, value in zip(WRENCH[:3], force, strict=True):
+            out[name].append(f"{value:g}" if hook >= 0 else "")
+        out["sensor"].append(sensor.name)
+        out["kind"].append("deflection" if hook >= 0 else "deviation")
+        out["sigma"].append("1e-06" if not sensor.rotates else "5e-06")
+        out["session"].append("first")
+        out["value"].append("")
+        out["remark"].append("")
     return out
 
 

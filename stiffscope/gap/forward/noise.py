@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from stiffscope.effects.joint_axis import JointAxis
+from stiffscope.effects.sensor_sign import SensorSign
+from stiffscope.effects.unit import Unit
 from stiffscope.gap.forward.forward_model import Noise
 
 if TYPE_CHECKING:
@@ -28,6 +30,7 @@ LARGEST = 1000  # readings from which the first guess of unknown noise is made
 FRACTIONS = np.geomspace(1e-5, 2.0, 80)  # of the gap, that may be noise
 
 
+_DOUBTED = {Unit.word, SensorSign.word}  # so plain where they are doubted that noise is judged as if they were certain
 _MOST = 0.4  # columns per reading of a joint fit
 
 
@@ -61,7 +64,8 @@ def noise_of(model: ForwardModel) -> Noise:
     Unknown sigmas are estimated by kind of reading. Stated ones that are all too large are brought down; ones that
     are too small are left, since what they do not cover may be an effect that nobody knows.
     """
-    campaign, prediction = model.campaign, model.predict()
+    campaign = model.campaign
+    prediction = model.predict(tuple((c, ()) for c in model.library if c.effect in _DOUBTED))
     joint = [c for c in model.library if c.scale and not (c.flexible or c.swarming)]
     if sum(len(c.scale) for c in joint) > _MOST * len(campaign):  # axes that lead a few bodies follow almost anything
         joint = [c for c in joint if c.effect != JointAxis.word]

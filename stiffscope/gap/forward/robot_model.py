@@ -15,6 +15,7 @@ from stiffscope.effects.part_compliance import PartCompliance
 from stiffscope.effects.vocabulary import find_candidates
 from stiffscope.gap.campaign.on_robot import match_robot
 from stiffscope.gap.campaign.quantities import POSITION
+from stiffscope.gap.campaign.sanity import find_doubts
 from stiffscope.gap.forward.elastic_state import ElasticState
 from stiffscope.gap.forward.forward_model import Trial
 from stiffscope.gap.forward.noise import noise_of
@@ -78,7 +79,8 @@ class RobotModel:
     @cached_property
     def setting(self) -> Setting:
         """Where effects may act."""
-        return find_setting(self._sound, self._is_suspect)
+        setting = find_setting(self._sound, self._is_suspect)
+        return replace(setting, doubts=find_doubts(self.campaign, self.predict().values))
 
     def _is_suspect(self, part: str) -> bool:
         """Whether the compliance of a part, entry by entry, explains a good share of the gap that drives leave."""

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.effects.effect import Effect, Influence
+from stiffscope.effects.sensor_step import SensorStep
+from stiffscope.gap.campaign.quantities import DEVIATION
 from stiffscope.gap.forward.robot_readings import RobotReadings
 from stiffscope.gap.forward.slopes import find_slope
 
@@ -54,6 +56,8 @@ class RobotPrediction(RobotReadings):
         for candidate, values in self.parameters:
             if isinstance(candidate.action, Pattern):
                 out = out + self._follow(candidate.action) @ np.array(values)
+        factor, shift = self.display
+        out = factor * out + shift
         return out + self.projection.share(self.campaign.value - out)
 
     def columns(self, candidate: Candidate) -> Array:
@@ -62,6 +66,7 @@ class RobotPrediction(RobotReadings):
         if key not in self._columns:
             pattern = isinstance(candidate.action, Pattern)
             columns = self._follow(candidate.action) if pattern else self._grow(self._derivatives(candidate))
+            columns = self.display[0][:, None] * columns + self._find_jumps(candidate)
             columns = self.projection.without(columns)
             self._columns[key] = candidate, columns  # the action lives as long as its id
         return self._columns[key][1]
@@ -94,8 +99,20 @@ class RobotPrediction(RobotReadings):
         slopes = [find_slope(self, *pair) for pair in pairs]
         return np.stack(slopes, axis=1) if slopes else np.zeros((len(self.campaign), 0))
 
+    def _find_jumps(self, candidate: Candidate) -> Array:
+        """Derivatives (n, k), by their jumps, of the numbers of instruments that have slipped; else zero."""
+        out = np.zeros((len(self.campaign), len(candidate.scale)))
+        if isinstance(candidate.action, SensorStep):
+            out[:, 0] = self.behind(candidate.action.instrument, candidate.action.first)
+        return out
+
     def step(self, candidate: Candidate) -> Array:
-        """Change (n,) of the readings where a candidate without parameters acts: the robot's own weight."""
-        if not candidate.action.influence(np.zeros(0)).weight:
-            return np.zeros(len(self.campaign))
-        return self.projection.without(self._grow(self.weight[:, None]))[:, 0]
+        """Change (n,) of the readings where a candidate without parameters acts: the weight, another unit or sign."""
+        influence: Influence = candidate.action.influence(np.zeros(0))
+        change = np.zeros(len(self.campaign))
+        if influence.weight:
+            change = self.display[0] * self._grow(self.weight[:, None])[:, 0]
+        for name, factor in influence.factors.items():
+            shown = self.shown_by(name) & (self.campaign.kind <= DEVIATION)
+            change = np.where(shown, (factor - 1.0) * self.display[0] * self.plain_readings, change)
+        return self.projection.without(change[:, None])[:, 0]

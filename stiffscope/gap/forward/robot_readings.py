@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.effects.elements import along_drive
-from stiffscope.effects.instruments import INSTRUMENT
+from stiffscope.effects.instruments import INSTRUMENT, ROTATION, TRANSLATION
 from stiffscope.gap.campaign.quantities import (
+    AXES,
     DEFLECTION,
     DEVIATION,
     FIRST_FREQUENCY,
@@ -31,7 +32,7 @@ from stiffscope.vjm.laws import settle
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from stiffscope.effects.effect import Influence
+    from stiffscope.effects.effect import Influence, Row
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.forward.elastic_state import ElasticState
     from stiffscope.gap.forward.forward_model import Parameters
@@ -384,10 +385,31 @@ class RobotReadings:
     def shown_by(self, place: str) -> Flags:
         """Which readings (n,) an instrument shows; that at M stands for all where there are only sensors."""
         c = self.campaign
-        if place == INSTRUMENT:
-            return self.at_tool if self.at_tool.any() else (c.sensor >= 0) & (c.kind <= DEVIATION)
+        if place in {INSTRUMENT, TRANSLATION, ROTATION}:
+            shown = self.at_tool if self.at_tool.any() else (c.sensor >= 0) & (c.kind <= DEVIATION)
+            return shown if place == INSTRUMENT else shown & ((c.direction >= 3) == (place == ROTATION))
+        if place in AXES:
+            return (c.sensor < 0) & (c.direction == AXES.index(place)) & (c.kind <= DEVIATION)
         names = [sensor.name for sensor in c.sensors]
         return c.sensor == (names.index(place) if place in names else len(names))
+
+    @cached_property
+    def display(self) -> tuple[Array, Array]:
+        """What the numbers (n,) of deflections and deviations are multiplied with, and what is added (n,)."""
+        c, moving = self.campaign, self.campaign.kind <= DEVIATION
+        factor, shift = np.ones(len(c)), np.zeros(len(c))
+        for influence in self._influences:
+            for name, size in influence.factors.items():
+                factor = np.where(moving & self.shown_by(name), size * factor, factor)
+            for name, (row, size) in influence.jumps.items():
+                shift = shift + size * self.behind(name, row)
+        return factor, shift
+
+    def behind(self, name: str, row: Row) -> Flags:
+        """Which deflections and deviations (n,) an instrument shows from a row on."""
+        c = self.campaign
+        later = (c.file > row[0]) | ((c.file == row[0]) & (c.line >= row[1]))
+        return self.shown_by(name) & (c.kind <= DEVIATION) & later
 
     @cached_property
     def weight(self) -> Array:

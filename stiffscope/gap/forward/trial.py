@@ -65,7 +65,7 @@ def plan_trial(c: Campaign, nominal: NominalRobot, sigma: Array) -> tuple[Campai
         value=np.zeros(n),
         sigma=np.ones(n),
         session=np.zeros(n),
-        file=np.zeros(n),
+        file=np.full(n, -1),  # before any step of an instrument
         line=np.arange(n),
         sensors=tuple(_as_gauge(s) for s in c.sensors),
         expected=None,

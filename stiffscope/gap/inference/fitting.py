@@ -274,7 +274,8 @@ class Problem:
         for candidate, values in hypothesis.parameters:
             linear = linear + self.nominal.differentiate(candidate) @ (np.array(values) if values else np.ones(1))
         used = self.noise.used
-        if np.linalg.norm((moved - linear)[used]) <= CURVED * np.linalg.norm(moved[used]):
+        fixed = any(not c.scale for c in hypothesis.candidates)  # another unit changes derivatives, too
+        if not fixed and np.linalg.norm((moved - linear)[used]) <= CURVED * np.linalg.norm(moved[used]):
             return self.nominal
         return self._library(self.model.predict(hypothesis.parameters))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -10,18 +10,28 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.gap.lab.closure import COORDINATES
+from stiffscope.gap.lab.instrument_faults import (
+    ROTATIONS,
+    change_instrument,
+    leak_channel,
+    multiply_numbers,
+    name_parameters,
+    read_pair,
+    scale_instrument,
+    slip_channel,
+    turn_instrument,
+)
 from stiffscope.gap.lab.machine import DRIVEN, FREE, Payload, Slot
 from stiffscope.gap.lab.rotations import lever
 
 if TYPE_CHECKING:
+    from stiffscope.gap.lab.instrument_faults import Parameters
     from stiffscope.gap.lab.machine import Body, Joint, Machine
     from stiffscope.gap.lab.rotations import Array
 
-Parameters = Mapping[str, float]
-Injector = Callable[["Machine", str, Parameters], "Machine"]
+Injector = Callable[["Machine", str, "Parameters"], "Machine"]
 
 ENTRIES = tuple(f"c{i}{j}" for i in range(1, 7) for j in range(i, 7))
-_ROTATIONS = ("rx", "ry", "rz")
 _COUPLED = ("rxry", "rxrz", "ryrz")
 _YIELDING = (*COORDINATES, *_COUPLED)
 _UNIFORM = 0.01  # relative, to which the entries of a uniform beam agree
@@ -44,14 +54,9 @@ def _find_links(machine: Machine, place: str) -> dict[str, Body]:
     return {name: body for name, body in _find_elastic(machine, place).items() if body.is_link}
 
 
-def _name_parameters(parameters: Parameters, *names: str) -> Array:
-    """Parameters in this order; zero for a name that is empty or left out."""
-    return np.array([parameters.get(name, 0.0) for name in names])
-
-
 def _support(parameters: Parameters) -> Array:
     """Compliance (6, 6) of a support: a diagonal entry by each coordinate's name, `rxry` and the like between two."""
-    out = np.diag(_name_parameters(parameters, *COORDINATES))
+    out = np.diag(name_parameters(parameters, *COORDINATES))
     for name in set(parameters).intersection(_COUPLED):
         i, j = COORDINATES.index(name[:2]), COORDINATES.index(name[2:])
         out[i, j] = out[j, i] = parameters[name]
@@ -91,7 +96,7 @@ def bearing_words(joints: Sequence[Joint]) -> tuple[str, ...]:
 
 
 def _joint_compliance(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    radial, axial, tilting = _name_parameters(parameters, "radial", "axial", "tilting")
+    radial, axial, tilting = name_parameters(parameters, "radial", "axial", "tilting")
     for name, joint in _joints(machine, place).items():
         along = axial if joint.directed else radial
         machine = _bearing(machine, name, np.array([along, radial, radial, tilting, tilting, tilting]))
@@ -99,7 +104,7 @@ def _joint_compliance(machine: Machine, place: str, parameters: Parameters) -> M
 
 
 def _guide_compliance(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    diagonal = _name_parameters(parameters, "", "lateral", "vertical", "angular", "angular", "angular")
+    diagonal = name_parameters(parameters, "", "lateral", "vertical", "angular", "angular", "angular")
     for name, joint in _joints(machine, place).items():
         if joint.kind == "prismatic":
             machine = _bearing(machine, name, diagonal)
@@ -172,7 +177,7 @@ def _payload(machine: Machine, place: str, parameters: Parameters) -> Machine:
     """A mass on a rigid body: its centre from M on the tool's body, elsewhere from the body's centre."""
     node = machine.tool if place == "tool" else place
     origin = machine.at if node == machine.tool else machine.bodies[node].centre
-    load = Payload(node, parameters["mass"], origin + _name_parameters(parameters, "x", "y", "z"))
+    load = Payload(node, parameters["mass"], origin + name_parameters(parameters, "x", "y", "z"))
     return replace(machine, payloads=(*machine.payloads, load))
 
 
@@ -243,32 +248,6 @@ def _larger_body(machine: Machine, place: str, parameters: Parameters) -> Machin
     return machine.with_joints(grown)
 
 
-def _instrument(machine: Machine, **changes: Any) -> Machine:
-    return replace(machine, instrument=replace(machine.instrument, **changes))
-
-
-def _scale_instrument(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    if place == "instrument":
-        return _instrument(machine, scale=machine.instrument.scale * parameters["factor"])
-    return _instrument(machine, scales={**machine.instrument.scales, place: parameters["factor"]})
-
-
-def _turn_instrument(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    rotation = _name_parameters(parameters, *_ROTATIONS)
-    if place == "instrument":
-        return _instrument(machine, rotation=machine.instrument.rotation + rotation)
-    return _instrument(machine, rotations={**machine.instrument.rotations, place: rotation})
-
-
-def _crosstalk(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    source, sink = place.split("->")
-    return _instrument(machine, crosstalk=(*machine.instrument.crosstalk, (source, sink, parameters["share"])))
-
-
-def _read_pair(parameters: Parameters) -> tuple[float, float]:
-    return parameters.get("displacement", 0.0), parameters.get("rotation", 0.0)
-
-
 def _is_rigid(machine: Machine, place: str) -> bool:
     return place in machine.bodies and len(machine.bodies[place].nodes) == 1
 
@@ -317,10 +296,15 @@ KNOWN: dict[str, Word] = {
     "platform-compliance": Word(
         _YIELDING, lambda m, _, v: replace(m, platform=m.platform + _support(v)), _allow_only("tool", "platform")
     ),
-    "instrument-misalignment": Word(_ROTATIONS, _turn_instrument),
-    "displacement-scale": Word(("factor",), _scale_instrument),
+    "instrument-misalignment": Word(ROTATIONS, turn_instrument),
+    "displacement-scale": Word(("factor",), scale_instrument),
+    "unit": Word(("factor",), lambda m, place, v: multiply_numbers(m, place, v["factor"])),
+    "sensor-sign": Word((), lambda m, place, _: multiply_numbers(m, place, -1.0)),
+    "sensor-step": Word(("jump", "row"), slip_channel),
     "force-scale": Word(
-        ("factor",), lambda m, _, v: _instrument(m, force=m.instrument.force * v["factor"]), _allow_only("instrument")
+        ("factor",),
+        lambda m, _, v: change_instrument(m, force=m.instrument.force * v["factor"]),
+        _allow_only("instrument"),
     ),
 }
 """Every word of the vocabulary; a part's dimension comes as the entries of its new 6x6."""
@@ -335,20 +319,20 @@ OUTSIDE: dict[str, Word] = {
     "loose-bolt": Word(("opening",), _in_joints("one-sided", "opening", _find_opening), _joints),
     "cable-chain": Word(
         ("x", "y", "z"),
-        lambda m, _, v: replace(m, cable=m.cable + _name_parameters(v, "x", "y", "z")),
+        lambda m, _, v: replace(m, cable=m.cable + name_parameters(v, "x", "y", "z")),
         _allow_only("tool"),
     ),
     "screw-pitch": Word(("relative",), _driven(lambda d, v: replace(d, pitch=d.pitch + v), "relative"), _drives),
     "larger-body": Word(("relative",), _larger_body, _is_rigid),
     "bowed-link": Word(("curvature",), _bodies(_bow), _find_links),
-    "drifting-sensor": Word(("displacement", "rotation"), lambda m, _, v: _instrument(m, drift=_read_pair(v))),
-    "gain-drift": Word(("relative",), lambda m, _, v: _instrument(m, gain_drift=v["relative"])),
-    "cross-talk": Word(("share",), _crosstalk),
-    "coarse-converter": Word(("displacement", "rotation"), lambda m, _, v: _instrument(m, quantum=_read_pair(v))),
+    "drifting-sensor": Word(("displacement", "rotation"), lambda m, _, v: change_instrument(m, drift=read_pair(v))),
+    "gain-drift": Word(("relative",), lambda m, _, v: change_instrument(m, gain_drift=v["relative"])),
+    "cross-talk": Word(("share",), leak_channel),
+    "coarse-converter": Word(("displacement", "rotation"), lambda m, _, v: change_instrument(m, quantum=read_pair(v))),
     "wrench-off-centre": Word(
-        ("x", "y", "z"), lambda m, _, v: _instrument(m, application=_name_parameters(v, "x", "y", "z"))
+        ("x", "y", "z"), lambda m, _, v: change_instrument(m, application=name_parameters(v, "x", "y", "z"))
     ),
-    "bad-session": Word(("relative",), lambda m, _, v: _instrument(m, bad_session=v["relative"])),
+    "bad-session": Word(("relative",), lambda m, _, v: change_instrument(m, bad_session=v["relative"])),
 }
 """Faults that the vocabulary has no word for."""
 

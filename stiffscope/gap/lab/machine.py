@@ -182,6 +182,10 @@ class Instrument:
     rotations: Mapping[str, Array] = field(default_factory=dict[str, "Array"])
     scales: Mapping[str, float] = field(default_factory=dict[str, float])
     """Of single sensors."""
+    factors: Mapping[str, float] = field(default_factory=dict[str, float])
+    """What the numbers of a channel, or of all, are multiplied with where they are written down."""
+    steps: Mapping[str, tuple[float, float]] = field(default_factory=dict[str, "tuple[float, float]"])
+    """By channel from which row of the table on it has slipped, and how far, m or rad."""
 
 
 @dataclass(frozen=True)

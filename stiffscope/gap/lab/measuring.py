@@ -143,7 +143,8 @@ def true_readings(machine: Machine, plan: Plan, located: Located | None = None) 
     session = (np.arange(len(order)) * plan.sessions) // len(order)
     unknown = np.full(len(value), np.nan)
     rows = Readings(plan, channels, pose, load, kinds, channel, value, unknown, np.zeros_like(pose)).some(order)
-    return replace(rows, value=_drift(machine.instrument, rows, session), session=session)
+    value = _slip(machine.instrument, rows, _drift(machine.instrument, rows, session))
+    return replace(rows, value=_find_factors(machine.instrument, rows) * value, session=session)
 
 
 def _gains(machine: Machine, response: Response, channels: tuple[Sensor, ...]) -> Array:
@@ -238,6 +239,27 @@ def _drift(instrument: Instrument, rows: Readings, session: Codes) -> Array:
     return np.where(rows.kind == 2, rows.value / gain, rows.value * gain + drift * time)
 
 
+def _shows(rows: Readings, place: str) -> NDArray[np.bool_]:
+    """Which readings a channel shows: of the whole instrument all but stiffnesses."""
+    named = np.array([place in {"instrument", sensor.name} for sensor in rows.channels])
+    return named[rows.channel] & (rows.kind != 2)
+
+
+def _slip(instrument: Instrument, rows: Readings, value: Array) -> Array:
+    """Return values (n,) with what channels have slipped; the table's first row of readings is its second line."""
+    for name, (line, jump) in instrument.steps.items():
+        value = value + jump * (_shows(rows, name) & (np.arange(len(value)) + 2 >= line))
+    return value
+
+
+def _find_factors(instrument: Instrument, rows: Readings) -> Array:
+    """Return what the numbers (n,) are multiplied with where they are written down."""
+    out = np.ones(len(rows.value))
+    for name, factor in instrument.factors.items():
+        out = np.where(_shows(rows, name), factor * out, out)
+    return out
+
+
 def sigma_of(rows: Readings, noise: Noise) -> Array:
     """Return the standard deviation (n,) of every reading."""
     sigma = np.where(_is_rotation(rows), noise.rotation, noise.displacement)
@@ -247,7 +269,9 @@ def sigma_of(rows: Readings, noise: Noise) -> Array:
 def _with_noise(rows: Readings, instrument: Instrument, noise: Noise, rng: np.random.Generator) -> Readings:
     """Return the readings that a lab would hand over."""
     n = len(rows.value)
-    sigma = sigma_of(rows, noise) * np.exp(noise.spread * rng.standard_normal(n))
+    sigma = (
+        sigma_of(rows, noise) * np.abs(_find_factors(instrument, rows)) * np.exp(noise.spread * rng.standard_normal(n))
+    )
     value = rows.value + sigma * rng.standard_normal(n)
     step = np.array(instrument.quantum)[_is_rotation(rows).astype(int)]
     coarse = (step > 0) & (rows.kind != 2)

@@ -1,0 +1,191 @@
+"""A plan of readings for a question: the fewest that tell named causes apart, and from all other causes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.gap.campaign.campaign import LoadPoint
+from stiffscope.gap.campaign.readings import load_campaign
+from stiffscope.gap.campaign.template import (
+    Plan,
+    cross_plan,
+    example_sensors,
+    place_gauges,
+    planned_poses,
+    write_plan,
+)
+from stiffscope.gap.forward.robot_model import RobotModel
+from stiffscope.gap.inference.reading_choice import Pair, choose_readings
+from stiffscope.gap.inference.verdict import FEW
+from stiffscope.robot.file.sections import ElasticBody
+from stiffscope.runtime.output import scratch_folder
+from stiffscope.vjm.statics import compliance
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from stiffscope.gap.forward.forward_model import Candidate
+    from stiffscope.robot.file.description import RobotFile
+    from stiffscope.robot.nominal import NominalRobot
+    from stiffscope.runtime.types import Array
+
+ENOUGH = 10.0
+"""Expected ln-odds of every pair."""
+USUAL = 0.3  # of its unit: the fault that is planned for
+NONE = "no effect"
+_ALL, _FROM = "all", " from "
+_LARGEST = 500.0  # N
+_DEFLECTION = 4e-4  # m: what loads should bring about at the tool
+_SIZES = (1.0, -0.25)  # of the force: what loses motion loses as much under a small load
+_BODIES = 5  # beside the tool's, that gauges may touch
+_LEVER = 0.1  # of the robot's size: from the tool point to a second hook
+_NUMBERS = {"unit", "sensor-sign", "sensor-step"}
+
+
+@dataclass(frozen=True)
+class Answered:
+    """A pair of causes, and the expected ln-odds between them by a plan."""
+
+    first: str
+    second: str
+    log_odds: float
+    """The least of all parameters of the first that readings can show."""
+    hidden: tuple[str, ...] = ()
+    """Parameters of the first that none of the readings that are offered tells from the second."""
+    asked: bool = True
+    """Whether both are named in the question."""
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """The plan for a question."""
+
+    plan: Plan
+    pairs: tuple[Answered, ...]
+    """Least ln-odds first; those between causes of the question before others."""
+
+
+def propose_plan(nominal: NominalRobot, name: str, question: str) -> Proposal:
+    """Find the fewest readings that answer a question.
+
+    Parameters
+    ----------
+    nominal
+        The robot with its parts' matrices.
+    name
+        How a campaign names it.
+    question
+        `A from B`, or causes alone, or `all`: each an effect, a place or `effect @ place`, shell-style patterns
+        allowed, several divided by commas.
+
+    Raises
+    ------
+    InputError
+        The question names no cause that the robot can have and readings can show.
+    """
+    robot = nominal.robot
+    offer = offer_readings(nominal)
+    with scratch_folder() as folder:
+        write_plan(robot, name, folder, offer)
+        campaign = replace(load_campaign(folder, robot, planned=True), components="fea")
+    model = RobotModel(campaign, nominal)
+    known = {c.name: c for c in reversed(model.library) if c.simple and c.effect not in _NUMBERS}
+    known = dict(reversed(known.items()))
+    sides = read_question(question, known)
+    pairs = _pair_up(model, known, sides)
+    told = [pair for pair in pairs if pair.judge(range(len(campaign))) >= ENOUGH]
+    asked = [known[name] for name in dict.fromkeys([*sides[0], *sides[1]])]
+    least = FEW * (1 + max(len(c.scale) for c in asked))
+    rows = choose_readings(told, offer.settings, ENOUGH, min(least, len(campaign)))
+    return Proposal(offer.select(rows), tuple(_summarize(pairs, told, {c.name for c in asked})))
+
+
+def offer_readings(nominal: NominalRobot) -> Plan:
+    """What could be read: gauges at the tool and along the robot, pulls at two hooks, poses all over the workspace."""
+    robot, mechanism = nominal.robot, nominal.mechanism
+    points = np.array([*(joint.at for joint in mechanism.joints), mechanism.tool.at])
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    poses = planned_poses(robot)
+    soft = np.diagonal(compliance(mechanism, poses[:1])[0])[:3]
+    force = min(_LARGEST, float(f"{_DEFLECTION / np.median(soft[soft > 0.0]):.0e}")) if soft.any() else _LARGEST
+    at = np.array(robot.tool.at)
+    side = np.round(at + [_LEVER * size, _LEVER * size, 0.0], 3)
+    hooks = [LoadPoint(n, robot.tool.body, tuple(p.tolist())) for n, p in (("hook", at), ("hook_beside", side))]
+    pulls = [(k, size * force * axis) for k in range(len(hooks)) for axis in np.eye(3) for size in _SIZES]
+    sensors = [replace(sensor, zero="none") for sensor in example_sensors(robot)]
+    for body, place in _touch(robot, mechanism.joints):
+        sensors += place_gauges(f"gauge_{body.replace('.', '_')}", body, place)
+    return cross_plan(poses, sensors, hooks, [*pulls, (-1, np.zeros(3))])
+
+
+def _touch(robot: RobotFile, joints: Sequence[object]) -> list[tuple[str, Array]]:
+    """Bodies beside the tool's, evenly chosen, and where a gauge touches each: at its tip, or amid its joints."""
+    found: list[tuple[str, Array]] = []
+    for name, section in robot.bodies.items():
+        if isinstance(section, ElasticBody):
+            found.append((f"{name}.tip", np.array(section.tip)))
+        elif name != robot.tool.body:
+            at = [j.at for j in joints if name in (j.first, j.second)]  # type: ignore[attr-defined]
+            found += [(name, np.round(np.mean(at, axis=0), 4))] if at else []
+    some = np.unique(np.linspace(0, len(found) - 1, min(_BODIES, len(found))).astype(int)) if found else []
+    return [found[k] for k in some]
+
+
+def read_question(question: str, known: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Causes on either side of a question; see `propose_plan`."""
+    first, _, second = question.partition(_FROM)
+    sides = tuple(_find_causes(side, tuple(known)) for side in (first, second or first))
+    return sides[0], sides[1]
+
+
+def _find_causes(patterns: str, known: tuple[str, ...]) -> tuple[str, ...]:
+    found: dict[str, None] = {}
+    for pattern in (each.strip() for each in patterns.split(",")):
+        matches = [n for n in known if pattern == _ALL or any(fnmatchcase(w, pattern) for w in (n, *n.split(" @ ")))]
+        if not matches:
+            words = ", ".join(dict.fromkeys(w for n in known for w in n.split(" @ ")))
+            raise InputError(f"--ask: expected causes that readings show of this robot ({words}), got {pattern!r}")
+        found |= dict.fromkeys(matches)
+    return tuple(found)
+
+
+def _pair_up(
+    model: RobotModel, known: dict[str, Candidate], sides: tuple[tuple[str, ...], tuple[str, ...]]
+) -> list[Pair]:
+    """Every parameter of every cause of the question against those of the other side, others, and no cause."""
+    prediction, sigma = model.predict(), model.campaign.sigma[:, None]
+    columns = {name: prediction.columns(c) * np.array(c.scale) / sigma for name, c in known.items()}
+    columns[NONE] = np.zeros((len(sigma), 0))
+    asked = {*sides[0], *sides[1]}
+    out: list[Pair] = []
+    for first in dict.fromkeys([*sides[0], *sides[1]]):
+        opposite = {*(sides[1] if first in sides[0] else ()), *(sides[0] if first in sides[1] else ())}
+        for second in (NONE, *known):
+            if second == first or (second in asked and second not in opposite):
+                continue
+            out += [
+                Pair(first, second, parameter, USUAL * columns[first][:, k], columns[second])
+                for k, parameter in enumerate(known[first].names)
+            ]
+    return out
+
+
+def _summarize(pairs: Sequence[Pair], told: Sequence[Pair], asked: set[str]) -> list[Answered]:
+    """Parameters gathered by pair of causes."""
+    answers: dict[tuple[str, str], list[Pair]] = {}
+    for pair in pairs:
+        answers.setdefault((pair.first, pair.second), []).append(pair)
+    seen = {id(pair) for pair in told}
+    out = [
+        Answered(
+            first, second, min((p.log_odds for p in some if id(p) in seen), default=0.0),
+            tuple(p.parameter for p in some if id(p) not in seen), second in asked,
+        )
+        for (first, second), some in answers.items()
+    ]  # fmt: skip
+    return sorted(out, key=lambda answer: (not answer.asked, answer.log_odds))

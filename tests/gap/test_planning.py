@@ -1,0 +1,114 @@
+"""A plan answers its question: what it promises is what least squares leave, and a diagnosis of its readings names the cause."""
+
+import csv
+
+import numpy as np
+import pytest
+
+from stiffscope.errors import InputError
+from stiffscope.gap.blind.laboratory import BlindRobot, Lab
+from stiffscope.gap.campaign.readings import load_campaign
+from stiffscope.gap.campaign.template import write_template
+from stiffscope.gap.diagnose import diagnose_campaign
+from stiffscope.gap.inference.reading_choice import Pair, choose_readings
+from stiffscope.gap.lab import measuring
+from stiffscope.gap.lab.faults import inject
+from stiffscope.gap.lab.response import Spot
+from stiffscope.gap.planning import ENOUGH, propose_plan, read_question
+from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.nominal import NominalRobot
+from stiffscope.robot.part_matrices import part_matrices
+from stiffscope.robot.reader import load_robot
+
+
+@pytest.fixture(scope="module")
+def lab():
+    robot = load_robot("five-bar")
+    parts = part_matrices(robot, "beam")
+    return Lab(BlindRobot(NominalRobot(mechanism_of(robot, parts), robot), parts, "beam"), 4)
+
+
+@pytest.fixture(scope="module")
+def proposal(lab):
+    return propose_plan(lab.robot.nominal, "five-bar", "base-compliance from actuator-stiffness")
+
+
+def fill(folder, plan, machine, rng):
+    """Take a plan's readings in the virtual laboratory."""
+    sensors = tuple(
+        measuring.Sensor(s.name, s.measures, s.body, np.array(s.at), np.array(s.direction), s.against)
+        for s in plan.sensors
+    )
+    loads = [(plan.hooks[h].name, np.concatenate([f, np.zeros(3)])) for h, f in plan.pulls if h >= 0]
+    hooks = {hook.name: Spot(hook.body, np.array(hook.at)) for hook in plan.hooks}
+    read = measuring.measure(machine, measuring.Plan(plan.poses, tuple(loads), hooks, sensors), measuring.Noise(), rng)
+    order = [k for k, (hook, _) in enumerate(plan.pulls) if hook >= 0]
+    known = {
+        (p, order[k] if k >= 0 else -1, c): v
+        for p, k, c, v in zip(read.pose.tolist(), read.load.tolist(), read.channel.tolist(), read.value, strict=True)
+    }
+    with (folder / "readings.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    for row, (pose, pull, sensor) in zip(rows, plan.settings.tolist(), strict=True):
+        assert row["sensor"] == plan.sensors[sensor].name
+        row["value"] = repr(float(known[pose, pull if plan.pulls[pull][0] >= 0 else -1, sensor]))
+    with (folder / "readings.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+@pytest.mark.parametrize(
+    ("effect", "place", "parameters"),
+    [
+        ("base-compliance", "base", {"rz": 2e-5}),
+        ("actuator-stiffness", "left.motor", {"factor": 0.8}),
+    ],
+)
+def test_a_plan_s_question_is_answered_by_its_readings(effect, place, parameters, lab, proposal, tmp_path):
+    folder = tmp_path / "plan"
+    _, readings = write_template(lab.robot.nominal.robot, "five-bar", folder, proposal.plan)
+    assert readings < 64
+    fill(folder, proposal.plan, inject(lab.sound, effect, place, parameters), np.random.default_rng(4))
+    found = diagnose_campaign(load_campaign(folder), lab.robot.nominal)
+    assert [(e.effect, e.place) for e in found.effects] == [(effect, place)]
+    assert found.verdict == "identified"
+
+
+def test_every_pair_of_the_question_reaches_its_ln_odds(proposal):
+    asked = [pair for pair in proposal.pairs if pair.asked]
+    assert asked
+    assert all(pair.log_odds >= ENOUGH or pair.hidden for pair in proposal.pairs)
+
+
+def test_what_readings_add_is_what_least_squares_leave():
+    """Against an augmented least-squares fit, in which the rival's prior stands as rows of their own."""
+    rng = np.random.default_rng(3)
+    own, rival = rng.standard_normal(30), rng.standard_normal((30, 3))
+    pair, rows = Pair("a", "b", "p", own, rival), [3, 7, 8, 20, 29]
+    for row in rows:
+        pair.add(row)
+    a, y = np.vstack([rival[rows], 0.1 * np.eye(3)]), np.append(own[rows], np.zeros(3))
+    left = y - a @ np.linalg.lstsq(a, y, rcond=None)[0]
+    assert pair.log_odds == pytest.approx(0.5 * left @ left)
+    assert pair.judge(rows) == pytest.approx(pair.log_odds)
+
+
+def test_no_reading_of_a_choice_is_in_vain():
+    rng = np.random.default_rng(5)
+    pairs = [Pair("a", f"b{k}", "p", rng.standard_normal(60), rng.standard_normal((60, 2))) for k in range(6)]
+    settings = np.column_stack([np.arange(60) // 20, np.arange(60) // 5 % 4, np.arange(60) % 5])
+    rows = choose_readings(pairs, settings, ENOUGH)
+    assert all(pair.judge(rows) >= ENOUGH for pair in pairs)
+    for row in rows:
+        rest = [other for other in rows if other != row]
+        assert any(pair.judge(rest) < ENOUGH for pair in pairs)
+
+
+def test_questions_name_effects_places_and_patterns():
+    known = ("base-compliance @ base", "actuator-stiffness @ J1", "actuator-stiffness @ J2", "payload @ tool")
+    assert read_question("base from actuator-stiffness", known) == (known[:1], known[1:3])
+    assert read_question("*@ J1, payload from base-*", known) == ((known[1], known[3]), known[:1])
+    assert read_question("all", known) == (known, known)
+    with pytest.raises(InputError, match="--ask: expected causes .*base-compliance, base, .* got 'colum'"):
+        read_question("base from colum", known)
