@@ -475,7 +475,10 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             "plan.pairs[].first": ("`effect @ place` that is true", ""),
             "plan.pairs[].second": ("`effect @ place` that may be taken for it, or `no effect`", ""),
             "plan.pairs[].ln_odds": ("expected ln-odds of the first, the least of its parameters", ""),
-            "plan.pairs[].hidden": ("parameters of the first that no reading that is offered tells from the second", ""),
+            "plan.pairs[].hidden": (
+                "parameters of the first that no reading that is offered tells from the second",
+                "",
+            ),
             "plan.pairs[].asked": ("whether both are of the question", ""),
         },
     ),

@@ -114,7 +114,7 @@ def offer_readings(nominal: NominalRobot) -> Plan:
     soft = np.diagonal(compliance(mechanism, poses[:1])[0])[:3]
     force = min(_LARGEST, float(f"{_DEFLECTION / np.median(soft[soft > 0.0]):.0e}")) if soft.any() else _LARGEST
     at = np.array(robot.tool.at)
-    side = np.round(at + [_LEVER * size, _LEVER * size, 0.0], 3)
+    side = np.round(at + _LEVER * size * np.array([1.0, 1.0, 0.0]), 3)
     hooks = [LoadPoint(n, robot.tool.body, tuple(p.tolist())) for n, p in (("hook", at), ("hook_beside", side))]
     pulls = [(k, size * force * axis) for k in range(len(hooks)) for axis in np.eye(3) for size in _SIZES]
     sensors = [replace(sensor, zero="none") for sensor in example_sensors(robot)]

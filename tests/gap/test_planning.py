@@ -1,4 +1,4 @@
-"""A plan answers its question: what it promises is what least squares leave, and a diagnosis of its readings names the cause."""
+"""A plan answers its question: what it promises is what least squares leave, and its readings name the cause."""
 
 import csv
 
@@ -110,5 +110,5 @@ def test_questions_name_effects_places_and_patterns():
     assert read_question("base from actuator-stiffness", known) == (known[:1], known[1:3])
     assert read_question("*@ J1, payload from base-*", known) == ((known[1], known[3]), known[:1])
     assert read_question("all", known) == (known, known)
-    with pytest.raises(InputError, match="--ask: expected causes .*base-compliance, base, .* got 'colum'"):
+    with pytest.raises(InputError, match=r"--ask: expected causes .*base-compliance, base, .* got 'colum'"):
         read_question("base from colum", known)

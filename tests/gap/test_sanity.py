@@ -95,7 +95,7 @@ def test_a_stuck_or_empty_plan_is_no_doubt(labs, tmp_path):
 
 
 def test_faults_of_the_robot_raise_no_doubts_of_its_instruments(labs, tmp_path):
-    """Faults of forty drawn cases: at most one channel in a hundred is doubted, never for its unit, sign or constancy."""
+    """Of forty drawn cases at most one channel in a hundred is doubted, never for its unit, sign or constancy."""
     seen, raised = 0, []
     for name in ("five-bar", "delta"):
         for number in range(20):

@@ -24,6 +24,7 @@ LEAST = 4  # readings of a channel, below which nothing is said of it
 UNIT = 30.0  # times the model, or below it: hardly a machine is that far from its model, but a unit is
 DEGREES = 180.0 / np.pi
 _AGREE = 0.8  # net share of readings with the model's sign, or correlation
+_SAME = 3.0  # times the model, up to which deviations may be those that it has, and not those of its geometry
 _SIZED = 0.1  # of the largest prediction: below it a reading says nothing of unit and sign
 _SHOWN = 5  # rows of a remark
 _JUMP = 8.0  # standard deviations of the scatter by which a step or an outlier stands out
@@ -108,7 +109,10 @@ class _Look:
 
 
 def _look_at(c: Campaign, rows: Codes, value: Array, model: Array) -> _Look | None:
-    """Unit and sign: of deflections by themselves, of deviations by how they vary over the poses."""
+    """Unit and sign: of deflections by themselves, of deviations by how they vary over the poses, if as much.
+
+    Errors of the geometry may be many times what the weight does, and vary as that by chance.
+    """
     kind = int(c.kind[rows[0]])
     if kind in (DEVIATION, POSITION):
         value, model = value - np.median(value), model - np.median(model)
@@ -117,11 +121,13 @@ def _look_at(c: Campaign, rows: Codes, value: Array, model: Array) -> _Look | No
         return None
     agree = float(np.mean(np.sign(value[sized] * model[sized])))
     ratio = float(np.median(np.abs(value[sized] / model[sized])))
-    alike = abs(agree) > _AGREE and (kind == DEFLECTION or _varies_as_much(value, model))
+    within = 1.0 / UNIT < ratio < UNIT
+    same = 1.0 / _SAME < ratio < _SAME
+    alike = abs(agree) > _AGREE and (kind == DEFLECTION or (same and _varies_as_much(value, model)))
     factor = np.nan
     if (kind >= STIFFNESS or alike) and ratio > 0.0:
         turns = bool(c.direction[rows[0]] >= 3) and kind <= DEVIATION
-        factor = 1.0 if 1.0 / UNIT < ratio < UNIT else _nearest_factor(ratio, turns=turns)
+        factor = 1.0 if within else _nearest_factor(ratio, turns=turns)
     sign = float(np.sign(agree)) if alike and kind <= DEVIATION else 0.0
     return _Look(factor, ratio, sign, float(np.mean(value[sized] * model[sized] < 0)))
 
