@@ -15,6 +15,7 @@ from stiffscope.biglide.audit import findings_on_paper
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
 from stiffscope.cli.output import emit, open_workshop
+from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.experiments.experiments import solve_parts
 from stiffscope.experiments.manifest import manifest_of
@@ -23,6 +24,7 @@ from stiffscope.gap.adoption import adopt as adopt_effects
 from stiffscope.gap.adoption import check_target
 from stiffscope.gap.blind.check import case_files, check_cases, run_blind
 from stiffscope.gap.blind.robots import blind_robots
+from stiffscope.gap.campaign.campaign_header import load_header
 from stiffscope.gap.campaign.sanity import inspect_readings
 from stiffscope.gap.campaign.template import write_template
 from stiffscope.gap.campaigns import assemble_nominal, configure_case, diagnose_case, open_case, predict_roughly
@@ -158,15 +160,25 @@ def campaign() -> None:
     help='Plan the fewest readings that tell causes apart: "base-compliance from J1", effects, places or patterns of '
     '"effect @ place", several divided by commas; or "all".',
 )
-def new_campaign(name: str, goal: Path, *, ask: str | None, output: Output) -> None:
+@click.option(
+    "--with",
+    "given",
+    metavar="CAMPAIGN",
+    type=click.Path(path_type=Path),
+    help="With --ask: plan with the sensors and loads of this campaign alone.",
+)
+def new_campaign(name: str, goal: Path, *, ask: str | None, given: Path | None, output: Output) -> None:
     """Write a campaign folder to fill in: examples of sensors and loads, and a plan of readings."""
     robot = load_robot(name)
     named = name if name in robot_names() else Path(os.path.relpath(robot.path, goal)).as_posix()
     proposal = None
+    if given is not None and ask is None:
+        raise InputError("--with: expected a question, --ask, too")
     if ask is not None:
+        header = None if given is None else load_header(given)
         with open_workshop(output) as shop:
             made = assemble_robots({"nominal": robot}, "fea", shop)["nominal"]
-        proposal = propose_plan(NominalRobot(made.mechanism, robot), robot.path.resolve().as_posix(), ask)
+        proposal = propose_plan(NominalRobot(made.mechanism, robot), robot.path.resolve().as_posix(), ask, header)
     poses, readings = write_template(robot, named, goal, proposal and proposal.plan)
 
     def show() -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.gap.campaign.campaign import LoadPoint
+from stiffscope.gap.campaign.campaign import LoadPoint, Sensor
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.campaign.template import (
     Plan,
@@ -29,10 +29,12 @@ from stiffscope.vjm.statics import compliance
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
+    from stiffscope.gap.campaign.campaign_header import Header
     from stiffscope.gap.forward.forward_model import Candidate
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.nominal import NominalRobot
     from stiffscope.runtime.types import Array
+    from stiffscope.vjm.joints import Joint
 
 ENOUGH = 10.0
 """Expected ln-odds of every pair."""
@@ -70,7 +72,7 @@ class Proposal:
     """Least ln-odds first; those between causes of the question before others."""
 
 
-def propose_plan(nominal: NominalRobot, name: str, question: str) -> Proposal:
+def propose_plan(nominal: NominalRobot, name: str, question: str, given: Header | None = None) -> Proposal:
     """Find the fewest readings that answer a question.
 
     Parameters
@@ -82,14 +84,16 @@ def propose_plan(nominal: NominalRobot, name: str, question: str) -> Proposal:
     question
         `A from B`, or causes alone, or `all`: each an effect, a place or `effect @ place`, shell-style patterns
         allowed, several divided by commas.
+    given
+        A campaign whose sensors and loads are all that there is; by default gauges and hooks all over the robot.
 
     Raises
     ------
     InputError
-        The question names no cause that the robot can have and readings can show.
+        The question names no cause that the robot can have and readings can show; a sensor given reads no motion.
     """
     robot = nominal.robot
-    offer = offer_readings(nominal)
+    offer = offer_readings(nominal, given)
     with scratch_folder() as folder:
         write_plan(robot, name, folder, offer)
         campaign = replace(load_campaign(folder, robot, planned=True), components="fea")
@@ -102,38 +106,54 @@ def propose_plan(nominal: NominalRobot, name: str, question: str) -> Proposal:
     asked = [known[name] for name in dict.fromkeys([*sides[0], *sides[1]])]
     least = FEW * (1 + max(len(c.scale) for c in asked))
     rows = choose_readings(told, offer.settings, ENOUGH, min(least, len(campaign)))
+    if not rows:
+        raise InputError(f"--ask: expected causes that these instruments can distinguish, got {question!r}")
     return Proposal(offer.select(rows), tuple(_summarize(pairs, told, {c.name for c in asked})))
 
 
-def offer_readings(nominal: NominalRobot) -> Plan:
-    """What could be read: gauges at the tool and along the robot, pulls at two hooks, poses all over the workspace."""
+def offer_readings(nominal: NominalRobot, given: Header | None = None) -> Plan:
+    """What could be read, at poses all over the workspace: instruments and loads given, or gauges and two hooks."""
     robot, mechanism = nominal.robot, nominal.mechanism
     points = np.array([*(joint.at for joint in mechanism.joints), mechanism.tool.at])
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     poses = planned_poses(robot)
     soft = np.diagonal(compliance(mechanism, poses[:1])[0])[:3]
     force = min(_LARGEST, float(f"{_DEFLECTION / np.median(soft[soft > 0.0]):.0e}")) if soft.any() else _LARGEST
-    at = np.array(robot.tool.at)
-    side = np.round(at + _LEVER * size * np.array([1.0, 1.0, 0.0]), 3)
-    hooks = [LoadPoint(n, robot.tool.body, tuple(p.tolist())) for n, p in (("hook", at), ("hook_beside", side))]
+    sensors = given.sensors if given and given.sensors else _place_sensors(robot, mechanism.joints)
+    strange = [sensor.name for sensor in sensors if sensor.absolute]
+    if strange:
+        raise InputError(f"sensors.{strange[0]}.measures: expected displacement or rotation in a plan")
+    hooks = given.loads if given and given.loads else _place_hooks(robot, size)
     pulls = [(k, size * force * axis) for k in range(len(hooks)) for axis in np.eye(3) for size in _SIZES]
-    sensors = [replace(sensor, zero="none") for sensor in example_sensors(robot)]
-    for body, place in _touch(robot, mechanism.joints):
-        sensors += place_gauges(f"gauge_{body.replace('.', '_')}", body, place)
     return cross_plan(poses, sensors, hooks, [*pulls, (-1, np.zeros(3))])
 
 
-def _touch(robot: RobotFile, joints: Sequence[object]) -> list[tuple[str, Array]]:
+def _place_hooks(robot: RobotFile, size: float) -> list[LoadPoint]:
+    """One at the tool point, one beside it."""
+    at = np.array(robot.tool.at)
+    side = np.round(at + _LEVER * size * np.array([1.0, 1.0, 0.0]), 3)
+    return [LoadPoint(n, robot.tool.body, tuple(p.tolist())) for n, p in (("hook", at), ("hook_beside", side))]
+
+
+def _place_sensors(robot: RobotFile, joints: Sequence[Joint]) -> list[Sensor]:
+    """Gauges and a level at the tool, gauges at some other bodies."""
+    sensors = [replace(sensor, zero="none") for sensor in example_sensors(robot)]
+    for body, place in _touch(robot, joints):
+        sensors += place_gauges(f"gauge_{body.replace('.', '_')}", body, place)
+    return sensors
+
+
+def _touch(robot: RobotFile, joints: Sequence[Joint]) -> list[tuple[str, Array]]:
     """Bodies beside the tool's, evenly chosen, and where a gauge touches each: at its tip, or amid its joints."""
     found: list[tuple[str, Array]] = []
     for name, section in robot.bodies.items():
         if isinstance(section, ElasticBody):
             found.append((f"{name}.tip", np.array(section.tip)))
         elif name != robot.tool.body:
-            at = [j.at for j in joints if name in (j.first, j.second)]  # type: ignore[attr-defined]
+            at = [j.at for j in joints if name in (j.first, j.second)]
             found += [(name, np.round(np.mean(at, axis=0), 4))] if at else []
-    some = np.unique(np.linspace(0, len(found) - 1, min(_BODIES, len(found))).astype(int)) if found else []
-    return [found[k] for k in some]
+    count = min(_BODIES, len(found))
+    return [found[k * (len(found) - 1) // max(count - 1, 1)] for k in range(count)]
 
 
 def read_question(question: str, known: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:

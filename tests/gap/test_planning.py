@@ -7,6 +7,7 @@ import pytest
 
 from stiffscope.errors import InputError
 from stiffscope.gap.blind.laboratory import BlindRobot, Lab
+from stiffscope.gap.campaign.campaign_header import load_header
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.campaign.template import write_template
 from stiffscope.gap.diagnose import diagnose_campaign
@@ -73,6 +74,20 @@ def test_a_plan_s_question_is_answered_by_its_readings(effect, place, parameters
     found = diagnose_campaign(load_campaign(folder), lab.robot.nominal)
     assert [(e.effect, e.place) for e in found.effects] == [(effect, place)]
     assert found.verdict == "identified"
+
+
+def test_only_the_instruments_that_are_there_are_planned(lab, tmp_path):
+    sensors = "[sensors.dial]\nmeasures = 'displacement'\n"
+    sensors += "body = 'left.outer.tip'\nat = [0, '1 mm', 0]\ndirection = [0, 1, 0]\n"
+    (tmp_path / "campaign.toml").write_text(f'robot = "five-bar"\nreadings = "r.csv"\n{sensors}')
+    made = propose_plan(lab.robot.nominal, "five-bar", "left.motor from base", load_header(tmp_path))
+    assert {sensor.name for sensor in made.plan.sensors} == {"dial"}
+    (tmp_path / "campaign.toml").write_text(
+        'robot = "five-bar"\nreadings = "r.csv"\nframes.t.pose = "unknown"\n[sensors.p]\nmeasures = "position"\n'
+        'frame = "t"\nbody = "left.outer.tip"\nat = [0, 0, 0]\n'
+    )
+    with pytest.raises(InputError, match=r"sensors\.p\.x\.measures: expected displacement or rotation in a plan"):
+        propose_plan(lab.robot.nominal, "five-bar", "left.motor from base", load_header(tmp_path))
 
 
 def test_every_pair_of_the_question_reaches_its_ln_odds(proposal):

@@ -5,7 +5,7 @@ What is doubted of units, signs and steps is also what a diagnosis takes for a c
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,10 +15,11 @@ from stiffscope.effects.instruments import INSTRUMENT, ROTATION, TRANSLATION
 from stiffscope.gap.campaign.quantities import DEFLECTION, DEVIATION, FREQUENCY, KINDS, POSITION, STIFFNESS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
     from stiffscope.effects.effect import Row
-    from stiffscope.gap.campaign.campaign import Array, Campaign, Codes, Flags
+    from stiffscope.gap.campaign.campaign import Campaign, Codes, Flags
+    from stiffscope.runtime.types import Array
 
 LEAST = 4  # readings of a channel, below which nothing is said of it
 UNIT = 30.0  # times the model, or below it: hardly a machine is that far from its model, but a unit is
@@ -62,9 +63,10 @@ def inspect_readings(campaign: Campaign, predicted: Array) -> tuple[ReadingRemar
 
     """
     channels = list(_channels(campaign))
+    looks = _look_at_all(campaign, channels, predicted)
     found: list[ReadingRemark] = []
-    for name, rows in channels:
-        found += _inspect_channel(campaign, predicted, name, rows)
+    for (name, rows), look in zip(channels, looks, strict=True):
+        found += _inspect_channel(campaign, predicted, name, rows, look)
     return (*found, *_find_copied(campaign, channels))
 
 
@@ -77,7 +79,9 @@ def _channels(c: Campaign) -> Iterator[tuple[str, Codes]]:
             yield c.what(int(rows[0])) if kind != FREQUENCY else "frequencies", rows
 
 
-def _inspect_channel(c: Campaign, predicted: Array, name: str, rows: Codes) -> Iterator[ReadingRemark]:
+def _inspect_channel(
+    c: Campaign, predicted: Array, name: str, rows: Codes, look: _Look | None
+) -> Iterator[ReadingRemark]:
     kind = int(c.kind[rows[0]])
     value, model = c.value[rows], predicted[rows]
     known = bool(np.isfinite(model).all())
@@ -87,7 +91,8 @@ def _inspect_channel(c: Campaign, predicted: Array, name: str, rows: Codes) -> I
         return
     if not known or not model.any():
         return
-    yield from _compare(c, name, rows, value, model)
+    if look is not None:
+        yield from _compare(c, name, rows, look)
     if kind in (DEFLECTION, DEVIATION, POSITION):
         yield from _find_breaks(c, name, rows, _scatter(c, rows, value, model))
     elif (model > 0).all():
@@ -106,6 +111,25 @@ class _Look:
     """1 or -1; 0: nothing is said of it."""
     against: float
     """Share of its readings that have the other sign."""
+
+
+def _look_at_all(c: Campaign, channels: Iterable[tuple[str, Codes]], predicted: Array) -> list[_Look | None]:
+    """Unit and sign of each channel; of an instrument whose deflections show its sign they alone are heard."""
+    out: list[_Look | None] = []
+    signed: set[int] = set()
+    for _, rows in channels:  # deflections before deviations
+        value, model, channel = c.value[rows], predicted[rows], int(c.channel[rows[0]])
+        look = _look_at(c, rows, value, model) if _is_comparable(value, model) else None
+        if look is not None and look.sign and int(c.kind[rows[0]]) == DEFLECTION:
+            signed.add(channel)
+        elif look is not None and channel in signed:
+            look = replace(look, sign=0.0)
+        out.append(look)
+    return out
+
+
+def _is_comparable(value: Array, model: Array) -> bool:
+    return bool(np.isfinite(model).all() and model.any() and np.ptp(value))
 
 
 def _look_at(c: Campaign, rows: Codes, value: Array, model: Array) -> _Look | None:
@@ -133,15 +157,13 @@ def _look_at(c: Campaign, rows: Codes, value: Array, model: Array) -> _Look | No
 
 
 def _nearest_factor(ratio: float, *, turns: bool) -> float:
-    known = [10.0 ** np.round(np.log10(ratio)), *([DEGREES, 1.0 / DEGREES] if turns else [])]
-    return float(min(known, key=lambda factor: abs(np.log(ratio / factor))))
+    known = [10.0 ** round(np.log10(ratio)), *([DEGREES, 1.0 / DEGREES] if turns else [])]
+    return min(known, key=lambda factor: abs(np.log(ratio / factor)))
 
 
-def _compare(c: Campaign, name: str, rows: Codes, value: Array, model: Array) -> Iterator[ReadingRemark]:
+def _compare(c: Campaign, name: str, rows: Codes, look: _Look) -> Iterator[ReadingRemark]:
     """Remarks on unit and sign."""
-    look, where = _look_at(c, rows, value, model), (c.where(int(rows[0])),)
-    if look is None:
-        return
+    where = (c.where(int(rows[0])),)
     if np.isfinite(look.factor) and look.factor != 1.0:
         ten = round(np.log10(look.factor))
         size = f"1e{ten}" if np.isclose(look.factor, 10.0**ten) else f"{look.factor:.3g}"
@@ -166,13 +188,13 @@ def find_doubts(campaign: Campaign, predicted: Array) -> Doubts:
     signs: dict[str, float] = {}
     steps: dict[str, tuple[Row, float, bool]] = {}
     turning: dict[str, bool] = {}
-    for _, rows in _channels(c):
+    channels = [(name, rows) for name, rows in _channels(c) if int(c.kind[rows[0]]) <= DEVIATION]
+    for (_, rows), look in zip(channels, _look_at_all(c, channels, predicted), strict=True):
         value, model = c.value[rows], predicted[rows]
-        if int(c.kind[rows[0]]) > DEVIATION or not np.isfinite(model).all() or not model.any() or not np.ptp(value):
+        if not _is_comparable(value, model):
             continue
         name = c.instruments[int(c.channel[rows[0]])]
         turning[name] = bool(c.direction[rows[0]] >= 3)
-        look = _look_at(c, rows, value, model)
         if look is not None and np.isfinite(look.factor):
             factors.setdefault(name, look.factor)
         if look is not None and look.sign:

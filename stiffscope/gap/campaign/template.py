@@ -44,18 +44,15 @@ class Plan:
 
     def select(self, rows: Sequence[int]) -> Plan:
         """Some of the readings, in the order of their settings; nothing that they do not use."""
-        chosen = self.settings[list(rows)]
-        chosen = chosen[np.lexsort(chosen.T[::-1])]
-        (poses, pose), (pulls, pull), (sensors, sensor) = (
-            np.unique(column, return_inverse=True) for column in chosen.T
-        )
+        chosen: list[list[int]] = sorted(self.settings[list(rows)].tolist())
+        poses, pulls, sensors = (sorted(set(column)) for column in zip(*chosen, strict=True))
         hooks = sorted({self.pulls[k][0] for k in pulls} - {-1})
         return Plan(
             self.poses[poses],
             tuple(self.sensors[k] for k in sensors),
             tuple(self.hooks[k] for k in hooks),
             tuple((hooks.index(h) if h >= 0 else -1, force) for h, force in (self.pulls[k] for k in pulls)),
-            np.column_stack([pose, pull, sensor]),
+            np.array([[poses.index(p), pulls.index(k), sensors.index(s)] for p, k, s in chosen]),
         )
 
 
@@ -154,7 +151,8 @@ def _columns(robot: RobotFile, plan: Plan) -> dict[str, list[str]]:
         name: []
         for name in (*robot.tool.pose, "load", *WRENCH[:3], "sensor", "kind", "value", "sigma", "session", "remark")
     }
-    for pose, pull, which in plan.settings.tolist():
+    settings: list[list[int]] = plan.settings.tolist()
+    for pose, pull, which in settings:
         (hook, force), sensor = plan.pulls[pull], plan.sensors[which]
         for name, value in zip(robot.tool.pose, plan.poses[pose], strict=True):
             out[name].append(f"{value:.10g}")

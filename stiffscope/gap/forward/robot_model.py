@@ -137,12 +137,12 @@ class RobotModel:
     def predict(self, parameters: Parameters = ()) -> RobotPrediction:
         """Readings with these effects. Raises InputError where the parameters leave what can be assembled."""
         return (
-            RobotPrediction(self.campaign, self._sound, self._has_gravity, parameters) if parameters else self._nominal
+            RobotPrediction(self.campaign, parameters, self._sound, self._has_gravity) if parameters else self._nominal
         )
 
     @cached_property
     def _nominal(self) -> RobotPrediction:
-        return RobotPrediction(self.campaign, self._sound, self._has_gravity, ())
+        return RobotPrediction(self.campaign, (), self._sound, self._has_gravity)
 
     def predict_as(self, kind: int, other: int) -> Array:
         """What the readings (n,) would be if those of one kind were of another."""

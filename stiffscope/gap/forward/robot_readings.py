@@ -16,9 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.effects.elements import along_drive
-from stiffscope.effects.instruments import INSTRUMENT, ROTATION, TRANSLATION
 from stiffscope.gap.campaign.quantities import (
-    AXES,
     DEFLECTION,
     DEVIATION,
     FIRST_FREQUENCY,
@@ -27,15 +25,13 @@ from stiffscope.gap.campaign.quantities import (
     PUSH,
     STIFFNESS,
 )
+from stiffscope.gap.forward.instrument_readings import InstrumentReadings
 from stiffscope.vjm.laws import settle
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from stiffscope.effects.effect import Influence, Row
-    from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.forward.elastic_state import ElasticState
-    from stiffscope.gap.forward.forward_model import Parameters
     from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
     from stiffscope.gap.forward.setup import Placed, Projection
     from stiffscope.runtime.types import Array, Flags, Indices
@@ -44,15 +40,13 @@ _ZERO_FORCE = 1e-6  # of the largest force: what rounding leaves in a drive that
 
 
 @dataclass(frozen=True)
-class RobotReadings:
+class RobotReadings(InstrumentReadings):
     """The robot with effects at the campaign's poses; everything is evaluated where it is asked for."""
 
-    campaign: Campaign
     sound: ElasticState
     """The robot without effects."""
     weighted: bool
     """Whether the nominal model carries the robot's weight."""
-    parameters: Parameters
 
     @property
     def robot_at_poses(self) -> RobotAtPoses:
@@ -60,13 +54,9 @@ class RobotReadings:
         return self.sound.at
 
     @cached_property
-    def _influences(self) -> tuple[Influence, ...]:
-        return tuple(candidate.action.influence(np.array(values)) for candidate, values in self.parameters)
-
-    @cached_property
     def heavier(self) -> bool:
         """Whether an effect is the robot's weight, which its nominal model lacks."""
-        return any(influence.weight for influence in self._influences)
+        return any(influence.weight for influence in self.influences)
 
     @cached_property
     def gravity(self) -> float:
@@ -76,7 +66,7 @@ class RobotReadings:
     @cached_property
     def elastic_state(self) -> ElasticState:
         """The robot with the effects on its elements and the payloads."""
-        found = self._influences
+        found = self.influences
         return self.sound.change_elements(
             [each.elements for each in found if each.elements],
             [payload for each in found for payload in each.payloads],
@@ -95,7 +85,7 @@ class RobotReadings:
     @cached_property
     def force_scale(self) -> float:
         """True wrench over stated wrench."""
-        return float(np.prod([1.0 + each.force_gain for each in self._influences]))
+        return float(np.prod([1.0 + each.force_gain for each in self.influences]))
 
     @cached_property
     def applied_loads(self) -> Array:
@@ -109,50 +99,13 @@ class RobotReadings:
         out[c.shows_rest] += self._dead
         return out
 
-    def instrument(self, sensor: int) -> Array:
-        """Matrix (6, 6) from a true motion to what an instrument shows: a sensor, or (-1) that at M."""
-        if sensor >= 0 and self.campaign.sensors[sensor].absolute:
-            return np.eye(6)
-        if sensor not in self._instruments:
-            scale, (x, y, z) = 1.0, np.zeros(3)
-            for each in self._influences:
-                for name in self._names_of(sensor):
-                    scale *= 1.0 + each.gains.get(name, 0.0)
-                    x, y, z = np.array([x, y, z]) + each.turns.get(name, 0.0)
-            turn = np.eye(3) + np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-            self._instruments[sensor] = scale * np.kron(np.eye(2), turn)
-        return self._instruments[sensor]
-
-    @cached_property
-    def _instruments(self) -> dict[int, Array]:
-        return {}
-
-    def _names_of(self, sensor: int) -> tuple[str, ...]:
-        """Names of an instrument as effects have them: that at M stands for all where there are only sensors."""
-        own = () if sensor < 0 else (self.campaign.sensors[sensor].name,)
-        return tuple(dict.fromkeys((*own, *((INSTRUMENT,) if sensor < 0 or not self.at_tool.any() else ()))))
-
-    def gain(self, sensor: int) -> float:
-        """Mean gain of an instrument, whatever the direction."""
-        return float(np.cbrt(np.linalg.det(self.instrument(sensor)[:3, :3])))
-
-    def gain_of(self, name: str) -> float:
-        """What an instrument of this name shows over what is true."""
-        return float(np.prod([1.0 + each.gains.get(name, 0.0) for each in self._influences]))
-
-    @cached_property
-    def at_tool(self) -> Flags:
-        """(n,) whether a reading is that of the instrument at M, stiffnesses included, frequencies not."""
-        c = self.campaign
-        return (c.sensor < 0) & (c.kind < FREQUENCY)
-
     @cached_property
     def axis(self) -> Array:
         """(n, 6) direction of motion that a reading looks in: translation and rotation."""
         c = self.campaign
         out = np.eye(6)[c.direction]
         for k in range(len(c.sensors)):
-            out[c.sensor == k] = self._looks(k)
+            out[c.sensor == k] = self.look(k)
         if self.placed_instruments is not None:
             out[self.robot_at_poses.instruments.rows] = self.placed_instruments.looks
         return out
@@ -176,11 +129,6 @@ class RobotReadings:
             if self.placed_instruments is None
             else self.placed_instruments.projection
         )
-
-    def _looks(self, sensor: int) -> Array:
-        """Direction of motion (6,) that a sensor looks in."""
-        s = self.campaign.sensors[sensor]
-        return np.concatenate([np.zeros(3), s.direction] if s.rotates else [s.direction, np.zeros(3)])
 
     @cached_property
     def twist(self) -> Array:
@@ -210,7 +158,7 @@ class RobotReadings:
     def seen_by(self, channel: int, rows: Indices) -> Array:
         """What one instrument and direction would show (m,) of what some deflections and deviations (m,) are of."""
         count = len(self.campaign.sensors)
-        k, axis = (channel, self._looks(channel)) if channel < count else (-1, np.eye(6)[channel - count])
+        k, axis = (channel, self.look(channel)) if channel < count else (-1, np.eye(6)[channel - count])
         return self._motion(k, rows) @ (axis @ self.instrument(k))
 
     @cached_property
@@ -331,7 +279,7 @@ class RobotReadings:
         out = self.robot_reads
         if self.robot_at_poses.laws:
             out = out + self._lost_by_laws
-        for influence in self._influences:
+        for influence in self.influences:
             for drive, width in influence.dead_zones.items():
                 out = out + width * self.dead_zone(drive)
         return out
@@ -381,35 +329,6 @@ class RobotReadings:
         return sum(
             (_sign(np.where(kind == each, force, 0.0)) for each in (DEFLECTION, DEVIATION, POSITION)), np.zeros(())
         )
-
-    def shown_by(self, place: str) -> Flags:
-        """Which readings (n,) an instrument shows; that at M stands for all where there are only sensors."""
-        c = self.campaign
-        if place in {INSTRUMENT, TRANSLATION, ROTATION}:
-            shown = self.at_tool if self.at_tool.any() else (c.sensor >= 0) & (c.kind <= DEVIATION)
-            return shown if place == INSTRUMENT else shown & ((c.direction >= 3) == (place == ROTATION))
-        if place in AXES:
-            return (c.sensor < 0) & (c.direction == AXES.index(place)) & (c.kind <= DEVIATION)
-        names = [sensor.name for sensor in c.sensors]
-        return c.sensor == (names.index(place) if place in names else len(names))
-
-    @cached_property
-    def display(self) -> tuple[Array, Array]:
-        """What the numbers (n,) of deflections and deviations are multiplied with, and what is added (n,)."""
-        c, moving = self.campaign, self.campaign.kind <= DEVIATION
-        factor, shift = np.ones(len(c)), np.zeros(len(c))
-        for influence in self._influences:
-            for name, size in influence.factors.items():
-                factor = np.where(moving & self.shown_by(name), size * factor, factor)
-            for name, (row, size) in influence.jumps.items():
-                shift = shift + size * self.behind(name, row)
-        return factor, shift
-
-    def behind(self, name: str, row: Row) -> Flags:
-        """Which deflections and deviations (n,) an instrument shows from a row on."""
-        c = self.campaign
-        later = (c.file > row[0]) | ((c.file == row[0]) & (c.line >= row[1]))
-        return self.shown_by(name) & (c.kind <= DEVIATION) & later
 
     @cached_property
     def weight(self) -> Array:

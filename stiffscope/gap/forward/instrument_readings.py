@@ -1,0 +1,102 @@
+"""What instruments show of true motions, where effects turn or scale them, or change their numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.effects.instruments import INSTRUMENT, ROTATION, TRANSLATION
+from stiffscope.gap.campaign.quantities import AXES, DEVIATION, FREQUENCY
+
+if TYPE_CHECKING:
+    from stiffscope.effects.effect import Influence, Row
+    from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.gap.forward.forward_model import Parameters
+    from stiffscope.runtime.types import Array, Flags
+
+
+@dataclass(frozen=True)
+class InstrumentReadings:
+    """The instruments of a campaign with effects."""
+
+    campaign: Campaign
+    parameters: Parameters
+
+    @cached_property
+    def influences(self) -> tuple[Influence, ...]:
+        """What each effect changes."""
+        return tuple(candidate.action.influence(np.array(values)) for candidate, values in self.parameters)
+
+    def instrument(self, sensor: int) -> Array:
+        """Matrix (6, 6) from a true motion to what an instrument shows: a sensor, or (-1) that at M."""
+        if sensor >= 0 and self.campaign.sensors[sensor].absolute:
+            return np.eye(6)
+        if sensor not in self._instruments:
+            scale, (x, y, z) = 1.0, np.zeros(3)
+            for each in self.influences:
+                for name in self._names_of(sensor):
+                    scale *= 1.0 + each.gains.get(name, 0.0)
+                    x, y, z = np.array([x, y, z]) + each.turns.get(name, 0.0)
+            turn = np.eye(3) + np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+            self._instruments[sensor] = scale * np.kron(np.eye(2), turn)
+        return self._instruments[sensor]
+
+    @cached_property
+    def _instruments(self) -> dict[int, Array]:
+        return {}
+
+    def _names_of(self, sensor: int) -> tuple[str, ...]:
+        """Names of an instrument as effects have them: that at M stands for all where there are only sensors."""
+        own = () if sensor < 0 else (self.campaign.sensors[sensor].name,)
+        return tuple(dict.fromkeys((*own, *((INSTRUMENT,) if sensor < 0 or not self.at_tool.any() else ()))))
+
+    def gain(self, sensor: int) -> float:
+        """Mean gain of an instrument, whatever the direction."""
+        return float(np.cbrt(np.linalg.det(self.instrument(sensor)[:3, :3])))
+
+    def gain_of(self, name: str) -> float:
+        """What an instrument of this name shows over what is true."""
+        return float(np.prod([1.0 + each.gains.get(name, 0.0) for each in self.influences]))
+
+    @cached_property
+    def at_tool(self) -> Flags:
+        """(n,) whether a reading is that of the instrument at M, stiffnesses included, frequencies not."""
+        c = self.campaign
+        return (c.sensor < 0) & (c.kind < FREQUENCY)
+
+    def look(self, sensor: int) -> Array:
+        """Direction of motion (6,) that a sensor looks in."""
+        s = self.campaign.sensors[sensor]
+        return np.concatenate([np.zeros(3), s.direction] if s.rotates else [s.direction, np.zeros(3)])
+
+    def shown_by(self, place: str) -> Flags:
+        """Which readings (n,) an instrument shows; that at M stands for all where there are only sensors."""
+        c = self.campaign
+        if place in {INSTRUMENT, TRANSLATION, ROTATION}:
+            shown = self.at_tool if self.at_tool.any() else (c.sensor >= 0) & (c.kind <= DEVIATION)
+            return shown if place == INSTRUMENT else shown & ((c.direction >= 3) == (place == ROTATION))
+        if place in AXES:
+            return (c.sensor < 0) & (c.direction == AXES.index(place)) & (c.kind <= DEVIATION)
+        names = [sensor.name for sensor in c.sensors]
+        return c.sensor == (names.index(place) if place in names else len(names))
+
+    @cached_property
+    def display(self) -> tuple[Array, Array]:
+        """What the numbers (n,) of deflections and deviations are multiplied with, and what is added (n,)."""
+        c, moving = self.campaign, self.campaign.kind <= DEVIATION
+        factor, shift = np.ones(len(c)), np.zeros(len(c))
+        for influence in self.influences:
+            for name, size in influence.factors.items():
+                factor = np.where(moving & self.shown_by(name), size * factor, factor)
+            for name, (row, size) in influence.jumps.items():
+                shift = shift + size * self.behind(name, row)
+        return factor, shift
+
+    def behind(self, name: str, row: Row) -> Flags:
+        """Which deflections and deviations (n,) an instrument shows from a row on."""
+        c = self.campaign
+        later = (c.file > row[0]) | ((c.file == row[0]) & (c.line >= row[1]))
+        return self.shown_by(name) & (c.kind <= DEVIATION) & later
