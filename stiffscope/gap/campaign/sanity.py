@@ -30,6 +30,7 @@ _SIZED = 0.1  # of the largest prediction: below it a reading says nothing of un
 _SHOWN = 5  # rows of a remark
 _JUMP = 8.0  # standard deviations of the scatter by which a step or an outlier stands out
 _CLEARED = 3.0  # times by which a step's removal must lessen the scatter
+_APART = 1.5  # times the largest of the other readings, from which on a reading is an outlier
 _RARE = 0.1  # share of a channel's readings that may be called outliers
 _SIDE = 3  # readings on either side of a step
 
@@ -291,7 +292,9 @@ def _find_step(values: Array) -> int:
 def _name_outliers(c: Campaign, name: str, rows: Codes, left: Array) -> Iterator[ReadingRemark]:
     """A remark on the few rows that stand far out of a scatter (r,) about zero."""
     sigma = np.nan_to_num(c.sigma[rows]) / np.where(c.relative[rows], np.abs(c.value[rows]), 1.0)
-    far: Flags = np.abs(left) > _JUMP * np.maximum(_spread(left), sigma)
+    size = np.abs(left)
+    usual: Flags = size <= _JUMP * np.maximum(_spread(left), sigma)
+    far = ~usual & (size > _APART * size[usual].max(initial=0.0))  # faults of the robot leave long tails
     if not 0 < far.sum() <= max(1, _RARE * len(rows)) or len(rows) < 3 * LEAST:
         return
     order = np.flatnonzero(far)[np.argsort(-np.abs(left[far]))]
