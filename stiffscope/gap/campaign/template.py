@@ -45,7 +45,7 @@ class Plan:
     def select(self, rows: Sequence[int]) -> Plan:
         """Some of the readings, in the order of their settings; nothing that they do not use."""
         chosen: list[list[int]] = sorted(self.settings[list(rows)].tolist())
-        poses, pulls, sensors = (sorted(set(column)) for column in zip(*chosen, strict=True))
+        poses, pulls, sensors = (sorted({row[k] for row in chosen}) for k in range(3))
         hooks = sorted({self.pulls[k][0] for k in pulls} - {-1})
         return Plan(
             self.poses[poses],
