@@ -15,7 +15,7 @@ from stiffscope.effects.joint_axis import find_axis_twists
 from stiffscope.vjm.mechanism import Change
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Sequence
 
     from stiffscope.effects.effect import Array, Changes, NominalRobot
 
@@ -90,18 +90,20 @@ def _errors(robot: NominalRobot, joints: Sequence[str]) -> Iterator[_Error]:
             yield _Error(name, "zero", along_drive(joint), joint.kind == "revolute")
 
 
-def _find_patterns(errors: Sequence[_Error]) -> dict[str, tuple[Array, Array]]:
-    """Twists (k, 6) of each joint's zero and of its axis by the errors (k,)."""
-    out: dict[str, tuple[Array, Array]] = {}
+def _find_patterns(errors: Sequence[_Error]) -> tuple[list[str], Array]:
+    """Joints, and twists (k, joints, 2, 6) of each one's zero and of its axis by the errors (k,)."""
+    joints = list(dict.fromkeys(error.joint for error in errors))
+    out = np.zeros((len(errors), len(joints), 2, 6))
     for k, error in enumerate(errors):
-        blank = np.zeros((len(errors), 6)), np.zeros((len(errors), 6))
-        out.setdefault(error.joint, blank)[error.name != "zero"][k] = error.twist
-    return out
+        out[k, joints.index(error.joint), int(error.name != "zero")] = error.twist
+    return joints, out
 
 
-def _displace(patterns: Mapping[str, tuple[Array, Array]], values: Array) -> Changes:
+def _displace(patterns: tuple[list[str], Array], values: Array) -> Changes:
     """Axes and zeros with errors (k,)."""
-    return {joint: Change(offset=values @ zero, astray=values @ axis) for joint, (zero, axis) in patterns.items()}
+    joints, twists = patterns
+    moved = np.tensordot(values, twists, 1)
+    return {joint: Change(offset=zero, astray=axis) for joint, (zero, axis) in zip(joints, moved, strict=True)}
 
 
 def _rms(counts: Sequence[int], values: Array) -> Array:

@@ -12,7 +12,7 @@ from stiffscope.effects.effect import Effect, Influence
 from stiffscope.effects.sensor_step import SensorStep
 from stiffscope.gap.campaign.quantities import DEVIATION
 from stiffscope.gap.forward.robot_readings import RobotReadings
-from stiffscope.gap.forward.slopes import find_slope
+from stiffscope.gap.forward.slopes import find_slopes
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -95,9 +95,8 @@ class RobotPrediction(RobotReadings):
             here = np.zeros(len(candidate.scale))
         steps = _STEP * np.diag(candidate.scale)
         here = here + 2.0 * (steps @ np.array(candidate.one_sided, dtype=float))  # within what can be, on either side
-        pairs = ((effect.influence(here + step), effect.influence(here - step), 2.0 * step.sum()) for step in steps)
-        slopes = [find_slope(self, *pair) for pair in pairs]
-        return np.stack(slopes, axis=1) if slopes else np.zeros((len(self.campaign), 0))
+        pairs = [(effect.influence(here + step), effect.influence(here - step), 2.0 * step.sum()) for step in steps]
+        return find_slopes(self, pairs)
 
     def _find_jumps(self, candidate: Candidate) -> Array:
         """Derivatives (n, k), by their jumps, of the numbers of instruments that have slipped; else zero."""

@@ -17,34 +17,39 @@ from stiffscope.vjm.network import FOOT
 from stiffscope.vjm.screws import skew
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from stiffscope.effects.effect import Changes, Influence
     from stiffscope.gap.forward.robot_readings import RobotReadings
-    from stiffscope.runtime.types import Array
+    from stiffscope.runtime.types import Array, Indices
+
+    Step = tuple[Influence, Influence, float]
 
 _SIGNS = np.array([1.0, 1.0, -1.0, -1.0, 0.0, 0.0])  # of a gain of displacements, by the kind of a reading
 _FORCE_SIGNS = np.array([1.0, 0.0, -1.0, -1.0, 0.0, 0.0])  # of a gain of applied forces
 
 
-def find_slope(prediction: RobotReadings, ahead: Influence, behind: Influence, width: float) -> Array:
-    """Derivative of every reading along one parameter.
+def find_slopes(prediction: RobotReadings, steps: Sequence[Step]) -> Array:
+    """Derivatives (n, k) of every reading along k parameters of one effect.
 
     Parameters
     ----------
     prediction
         The robot with the effects that it has.
-    ahead, behind
-        What an effect changes a little further and a little less far.
-    width
-        Distance of the two.
-
-    Returns
-    -------
-    Array
-        (n,) per unit of the parameter.
+    steps
+        Of each parameter: what the effect changes a little further, a little less far, and the distance of the two.
 
     """
+    out = _of_elements(prediction, [(ahead.elements, behind.elements, width) for ahead, behind, width in steps])
+    for k, step in enumerate(steps):
+        out[:, k] += _of_others(prediction, *step)
+    return out
+
+
+def _of_others(prediction: RobotReadings, ahead: Influence, behind: Influence, width: float) -> Array:
+    """By payloads, dead zones and instruments."""
     c = prediction.campaign
-    out = _of_elements(prediction, ahead.elements, behind.elements, width)
+    out = np.zeros(len(c))
     for more, less in zip(ahead.payloads, behind.payloads, strict=True):
         mass, moments = (more.mass - less.mass) / width, (more.moments - less.moments) / width
         out += _of_payload(prediction, Payload(more.body, more.at, mass, moments))
@@ -61,29 +66,44 @@ def find_slope(prediction: RobotReadings, ahead: Influence, behind: Influence, w
     return out
 
 
-def _of_elements(prediction: RobotReadings, ahead: Changes, behind: Changes, width: float) -> Array:
+def _of_elements(prediction: RobotReadings, steps: Sequence[tuple[Changes, Changes, float]]) -> Array:
     """By the wrenches that the changed elements carry."""
-    out = np.zeros(len(prediction.campaign))
-    for name, change in ahead.items():
-        before = behind[name]
-        if change.spring is not None and before.spring is not None:
+    c = prediction.campaign
+    out = np.zeros((len(c), len(steps)))
+    still = np.where(c.shows_rest, 1.0, 0.0)[:, None]
+    for name in dict.fromkeys(name for ahead, _, _ in steps for name in ahead):
+        mine, rates = _find_rates(steps, name, "spring")
+        if len(mine):
             read_along, moved = prediction.find_motions(name)
-            away = prediction.robot_at_poses.find_displacement(name)[prediction.campaign.pose]
-            moved = moved + np.where(prediction.campaign.shows_rest[:, None], away, 0.0)
-            out -= (change.spring - before.spring) / width * np.einsum("nk,nk->n", read_along, moved)
+            away = prediction.robot_at_poses.find_displacement(name)[c.pose]
+            out[:, mine] -= np.einsum("nk,nk->n", read_along, moved + still * away)[:, None] * rates
             continue
-        read, applied = prediction.find_wrenches(name)
-        if change.compliance is not None and before.compliance is not None:
-            slope = (change.compliance - before.compliance) / width
-            out += np.einsum("ni,ni->n", read @ slope, applied)
-        if change.offset is not None and before.offset is not None and (change.offset != before.offset).any():
-            slope = (change.offset - before.offset) / width
-            out += np.where(prediction.campaign.shows_rest, read @ slope, 0.0)
-        if change.astray is not None and before.astray is not None and (change.astray != before.astray).any():
-            slope = (change.astray - before.astray) / width
-            rate = (_turn_about(prediction, name) @ slope)[prediction.campaign.pose]
-            out += np.where(prediction.campaign.shows_rest, np.einsum("ni,ni->n", read, rate), 0.0)
+        mine, rates = _find_rates(steps, name, "compliance")
+        if len(mine):
+            read, applied = prediction.find_wrenches(name)
+            work = (read[:, :, None] * applied[:, None, :]).reshape(len(c), -1)
+            out[:, mine] += work @ rates.reshape(len(mine), -1).T
+        mine, rates = _find_rates(steps, name, "offset")
+        if len(mine):
+            out[:, mine] += still * prediction.find_wrenches(name)[0] @ rates.T
+        mine, rates = _find_rates(steps, name, "astray")
+        if len(mine):
+            turned = prediction.find_wrenches(name)[0][:, None] @ _turn_about(prediction, name)[c.pose]
+            out[:, mine] += still * turned[:, 0] @ rates.T
     return out
+
+
+def _find_rates(steps: Sequence[tuple[Changes, Changes, float]], name: str, field: str) -> tuple[Indices, Array]:
+    """Parameters (m,) by which something of an element changes, and its derivatives (m, ...)."""
+    rates: dict[int, Array] = {}
+    for k, (ahead, behind, width) in enumerate(steps):
+        if name in ahead:
+            more, less = getattr(ahead[name], field), getattr(behind[name], field)
+            if more is not None and less is not None:
+                rates[k] = (more - less) / width
+    found = np.array(list(rates.values()))
+    kept = found.reshape(len(rates), -1).any(axis=1) if rates else np.zeros(0, dtype=np.bool_)
+    return np.array(list(rates), dtype=np.int64)[kept], found[kept]
 
 
 def _turn_about(prediction: RobotReadings, name: str) -> Array:

@@ -7,6 +7,7 @@ hypotheses; the discrepancy enters them by Woodbury's identity.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, cast
 
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 DISCREPANCIES = np.geomspace(1e-3, 0.1, 5)  # sizes relative to the readings
 _PARALLEL = 1e-12  # of the larger squared length, below which two features of a group are one
 _SWEEPS = 2  # over the effects, for their prior scales
+_NEGLIGIBLE = 1e-9  # probability of what takes no part in a covariance
 
 
 @dataclass(frozen=True)
@@ -163,8 +165,8 @@ class Posterior:
     """ln p(y), up to what is the same for all hypotheses."""
     mean: Array
     """(k,) of u."""
-    covariance: Array
-    """(k, k) of u."""
+    find_covariance: Callable[[], Array]
+    """Evaluates `covariance`, which few hypotheses are asked for."""
     scales: Array
     """(k,) likeliest prior scales."""
     averaging: float
@@ -177,6 +179,11 @@ class Posterior:
     """Geometric mean of the common unknown factor on the noise."""
     discrepancy: float = 0.0
     """Rms of the discrepancy's relative size."""
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance (k, k) of u."""
+        return self.find_covariance()
 
 
 def posterior(errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], positive: Flags) -> Posterior:
@@ -215,11 +222,6 @@ def posterior(errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], pos
         """Ln evidence (s,) for prior scales (s, k)."""
         return _sum(log_evidences(grams, pulls, totals, errors.log_weight, scales, positive)[0], axis=0)
 
-    def moments_of(scales: Array) -> tuple[Array, Array, Array]:
-        """Ln evidence (q, s), means (q, s, k) and covariances (q, s, k, k) for prior scales (s, k)."""
-        log, means, cores = log_evidences(grams, pulls, totals, errors.log_weight, scales, positive)
-        return log, means, scales[:, :, None] * np.linalg.inv(cores) * scales[:, None, :]
-
     chosen, averaging = _likeliest_together(priors, logs_of), 0.0
     for _ in range(_SWEEPS if len(priors) > 1 else len(priors)):
         averaging, before = 0.0, chosen
@@ -231,21 +233,24 @@ def posterior(errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], pos
             averaging += float(_sum(logs + prior.log_weight) - logs[best])
         if np.array_equal(before, chosen):
             break
-    log, means, covariances = moments_of(chosen[None])
+    log, means, _ = log_evidences(grams, pulls, totals, errors.log_weight, chosen[None], positive)
     share = np.exp(log[:, 0] - _sum(log[:, 0]))
     mean = share @ means[:, 0]
-    covariance = _spread(share[:, None], means, covariances, mean)
-    wider = np.ones(k)
-    for prior, mine in zip(priors, own, strict=True):  # by how much, as its prior scale is not known either
-        logs, means, covariances = moments_of(_with(chosen, mine, prior.scales))
-        logs = logs + prior.log_weight
-        variance = np.diagonal(_spread(np.exp(logs - _sum(logs)), means, covariances, mean))
-        wider[mine] = np.sqrt(variance / np.diagonal(covariance)).clip(min=1.0)[mine]
-    covariance = wider[:, None] * covariance * wider
+
+    def find_covariance() -> Array:
+        few = share > _NEGLIGIBLE
+        part = _Part(grams[few], pulls[few], totals[few], errors.log_weight[few], positive)
+        covariance = part.find_moment(chosen[None], np.zeros(1), mean)
+        wider = np.ones(k)
+        for prior, mine in zip(priors, own, strict=True):  # by how much, as its prior scale is not known either
+            variance = np.diagonal(part.find_moment(_with(chosen, mine, prior.scales), prior.log_weight, mean))
+            wider[mine] = np.sqrt(variance / np.diagonal(covariance)).clip(min=1.0)[mine]
+        return wider[:, None] * covariance * wider
+
     return Posterior(
         float(_sum(log[:, 0])) + averaging,
         mean,
-        covariance,
+        find_covariance,
         chosen,
         averaging,
         share,
@@ -269,10 +274,27 @@ def _with(chosen: Array, mine: Codes, scales: Array) -> Array:
     return tried
 
 
-def _spread(weight: Array, means: Array, covariances: Array, about: Array) -> Array:
-    """Second moment (k, k) about a point (k,) of a mixture of Gaussians with weights (q, s)."""
-    away = means - about
-    return np.einsum("qs,qsij->ij", weight, covariances) + np.einsum("qs,qsi,qsj->ij", weight, away, away)
+@dataclass(frozen=True)
+class _Part:
+    """A linear hypothesis in those settings of the errors that count; see `log_evidences`."""
+
+    grams: Array
+    pulls: Array
+    totals: Array
+    log_weight: Array
+    positive: Flags
+
+    def find_moment(self, scales: Array, log_prior: Array, about: Array) -> Array:
+        """Second moment (k, k) about a point (k,), over the settings and prior scales (s, k) of log weights (s,)."""
+        log, means, cores = log_evidences(self.grams, self.pulls, self.totals, self.log_weight, scales, self.positive)
+        weight = np.exp(log + log_prior - _sum(log + log_prior))
+        counted = np.argwhere(weight > _NEGLIGIBLE)
+        out = np.zeros((len(about), len(about)))
+        for q, s in counted:
+            away = means[q, s] - about
+            covariance = scales[s][:, None] * np.linalg.inv(cores[q, s]) * scales[s]
+            out += weight[q, s] * (covariance + np.outer(away, away))
+        return out / weight[tuple(counted.T)].sum()
 
 
 def log_evidences(

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from stiffscope.gap.forward.forward_model import Candidate, ForwardModel, Noise, Prediction
     from stiffscope.gap.inference.evidence import Errors, Posterior, Projection
     from stiffscope.gap.inference.priors import Spreads
+    from stiffscope.runtime.types import Flags
 
     Array = NDArray[np.floating[Any]]
 
@@ -40,6 +41,8 @@ _CONVERGED = 1e-3  # of the cost, χ² with the prior's: a step that lowers it b
 _SETTLED = 0.05  # and one by less than this is the last
 _REPEATED = 4  # descents more at most, each in the sizes that the one before makes the likeliest
 _DAMPING = (1.0, 0.5, 0.25, 0.1, 0.02)
+_SLIGHT = 1.0  # of the cost, what a step promises that is not worth much damping
+_UNASSEMBLABLE = "a parameter is outside the assemblable range"
 
 
 @dataclass(frozen=True)
@@ -168,7 +171,7 @@ class Problem:
         many = np.repeat([bool(c.parts) for c in candidates], [len(c.scale) for c in candidates])
         scales = np.where(many, known.scales, scales)  # of so many errors some combinations show in no reading
         u, residual, slopes, short = self._descend(candidates, u, residual, slopes, setting, scales)
-        if short > MARGIN:
+        if short > MARGIN and not _at_bounds(candidates, u).any():
             u_safe, there = self._start(candidates, safe, safe)
             again = self._descend(candidates, u_safe, *there, setting, scales)
             if again[3] < short:
@@ -209,27 +212,32 @@ class Problem:
         cost, short = float(inner[k, k] + u**2 @ prior), 0.0
         for _ in range(_STEPS):
             gram = inner[:k, :k]
-            precision = gram + np.diag(prior)
-            step = constrained_minima(precision, inner[:k, k] + gram @ u, positive)[0] - u
-            short = float(step @ precision @ step)
-            if short < _CONVERGED:
+            precision, pull = gram + np.diag(prior), inner[:k, k] + gram @ u
+            whole = constrained_minima(precision, pull, positive)[0]
+            short = float((whole - u) @ precision @ (whole - u))
+            step = _minimize_within_bounds(candidates, precision, pull, whole) - u
+            near = float(step @ precision @ step)
+            if near < _CONVERGED:
                 break
-            for damping in _DAMPING:
+            for damping in _DAMPING if near > _SLIGHT else _DAMPING[:2]:
                 trial = bound_parameters(candidates, u + damping * step)
                 try:
-                    moved = self._linearize(candidates, trial)
+                    moved = self._evaluate(candidates, trial)
                 except (InputError, np.linalg.LinAlgError):
                     continue
-                after = inner_of(*moved)
-                lower = float(after[k, k] + trial**2 @ prior)
+                lower = float(inner_of(moved[1], slopes[:, :0])[0, 0] + trial**2 @ prior)
                 if lower < cost or np.isclose(lower, cost, rtol=1e-9):
                     break
             else:
                 break
-            whole, gained = np.array_equal(trial, u + step), cost - lower
-            u, cost, inner, (residual, slopes) = trial, lower, after, moved
-            if damping == _DAMPING[0] and (gained < _CONVERGED or short < _SETTLED):
-                short = 0.0 if whole else short
+            gained, last = cost - lower, u
+            try:
+                residual, slopes = moved[1], self._differentiate(candidates, moved[0])
+            except InputError:
+                break
+            u, cost, inner = trial, lower, inner_of(residual, slopes)
+            if damping == _DAMPING[0] and (gained < _CONVERGED or near < _SETTLED):
+                short = 0.0 if np.array_equal(trial, last + (whole - last)) else short
                 break
         return u, residual, slopes, short
 
@@ -244,12 +252,24 @@ class Problem:
 
     def _linearize(self, candidates: Sequence[Candidate], u: Array) -> tuple[Array, Array]:
         """Residual (n,) and derivatives (n, k) in units of sigma. Raises InputError where they are not finite."""
-        prediction, sigma = self.model.predict(split(candidates, u)), self.noise.sigma
-        residual = (self.model.campaign.value - prediction.values) / sigma
+        prediction, residual = self._evaluate(candidates, u)
+        return residual, self._differentiate(candidates, prediction)
+
+    def _evaluate(self, candidates: Sequence[Candidate], u: Array) -> tuple[Prediction, Array]:
+        """Prediction and residual (n,) in units of sigma. Raises InputError where it is not finite."""
+        prediction = self.model.predict(split(candidates, u))
+        residual = (self.model.campaign.value - prediction.values) / self.noise.sigma
+        if not np.isfinite(residual).all():
+            raise InputError(_UNASSEMBLABLE)
+        return prediction, residual
+
+    def _differentiate(self, candidates: Sequence[Candidate], prediction: Prediction) -> Array:
+        """Derivatives (n, k) in units of sigma. Raises InputError where they are not finite."""
+        sigma = self.noise.sigma
         slopes = np.hstack([np.zeros((len(sigma), 0)), *(prediction.columns(c) for c in candidates)]) / sigma[:, None]
-        if not (np.isfinite(residual).all() and np.isfinite(slopes).all()):
-            raise InputError("a parameter is outside the assemblable range")
-        return residual, slopes
+        if not np.isfinite(slopes).all():
+            raise InputError(_UNASSEMBLABLE)
+        return slopes
 
     @cached_property
     def nominal(self) -> Library:
@@ -283,6 +303,26 @@ class Problem:
     def nominal_residual(self) -> Array:
         """Residual (n,) of no effect in units of sigma."""
         return (self.model.campaign.value - self.model.predict().values) / self.noise.sigma
+
+
+def _at_bounds(candidates: Sequence[Candidate], u: Array) -> Flags:
+    """Which internal parameters (k,) are at the end of what can be computed, zero of those that only add apart."""
+    inside = [c.bounds if not c.positive else (-np.inf, c.bounds[1]) for c in candidates]
+    counts = [len(c.scale) for c in candidates]
+    low, high = (np.repeat([ends[side] for ends in inside], counts) for side in (0, 1))
+    return (u <= low) | (u >= high)
+
+
+def _minimize_within_bounds(candidates: Sequence[Candidate], precision: Array, pull: Array, whole: Array) -> Array:
+    """Minimum (k,) of ``½ uᵀ P u - bᵀ u`` within bounds, which ``whole``, that without them, may leave."""
+    out = bound_parameters(candidates, whole)
+    held = np.zeros(len(out), dtype=np.bool_)
+    while ((now := held | _at_bounds(candidates, out)) != held).any():
+        held, free = now, ~now & (out != 0.0)
+        rest = pull[free] - precision[np.ix_(free, held)] @ out[held]
+        out[free] = np.linalg.solve(precision[np.ix_(free, free)], rest)
+        out = bound_parameters(candidates, out)
+    return out
 
 
 def _cut(projection: Projection, columns: slice) -> Projection:

@@ -79,7 +79,7 @@ class Hypothesis:
 
     def widen_covariance(self, factor: float) -> Hypothesis:
         """The same with a covariance so many times as large."""
-        return replace(self, known=replace(self.known, covariance=factor * self.known.covariance))
+        return replace(self, known=replace(self.known, find_covariance=lambda: factor * self.covariance))
 
     @property
     def noise_factor(self) -> float:

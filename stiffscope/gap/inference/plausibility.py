@@ -50,7 +50,9 @@ def implausible(candidate: Candidate, hypothesis: Hypothesis) -> list[str]:
     """What is wrong with the parameters of an effect."""
     if not candidate.scale:
         return []
-    internal, covariance = own_part(hypothesis, candidate.name)
-    values, sigma = candidate.physical(internal), physical_sigma(candidate, internal, covariance)
+    values = candidate.physical(np.array(next(v for c, v in hypothesis.parameters if c.name == candidate.name)))
+    if all(plausible(candidate, values, np.zeros(len(values)))):
+        return []
+    sigma = physical_sigma(candidate, *own_part(hypothesis, candidate.name))
     rows = zip(candidate.names, candidate.units, values, plausible(candidate, values, sigma), strict=True)
     return [f"{candidate.name}: {name} of {v:.3g} {unit} is not plausible" for name, unit, v, fine in rows if not fine]
