@@ -141,7 +141,8 @@ def show_campaign(facts: Mapping[str, Any], name: str) -> None:
     names = facts["coordinates"]
     poses = [[key, *(pose_values([v], [name], 6) for v, name in zip(pose, names, strict=True))]
              for key, pose in facts["poses"].items()]  # fmt: skip
-    columns = [f"{name} {'deg' if name.startswith('r') else 'mm'}" for name in names]
+    units = {"r": "deg", "q": "m or rad"}
+    columns = [f"{name} {units.get(name[0], 'mm')}" for name in names]
     show_table("Poses", [["pose"], columns], poses[:_SHOWN])
     if len(poses) > _SHOWN:
         show_line(f"and {len(poses) - _SHOWN} more: see --json")

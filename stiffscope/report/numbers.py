@@ -59,15 +59,16 @@ def vector(values: Any, digits: int = 4) -> str:
 
 
 def pose_values(pose: Any, names: Sequence[str], digits: int = 5) -> str:
-    """Return a pose in mm and degrees, without rounding errors: "0, 0, 347.5"."""
-    given = zip(names, pose, strict=True)
-    return vector([math.degrees(c) if name.startswith("r") else 1e3 * c for name, c in given], digits)
+    """Return a pose in mm and degrees, drives (`q:JOINT`) in m or rad, without rounding errors: "0, 0, 347.5"."""
+    factor = {"r": math.degrees(1.0), "q": 1.0}
+    return vector([factor.get(name[0], 1e3) * c for name, c in zip(names, pose, strict=True)], digits)
 
 
 def coordinates(names: Sequence[str]) -> str:
     """Return the heading of a column of tool poses: "x, y, z (mm)"."""
     turns = sum(name.startswith("r") for name in names)
     unit = "mm" if not turns else "deg" if turns == len(names) else "mm, deg"
+    unit = "m or rad" if any(name.startswith("q:") for name in names) else unit
     return f"{', '.join(names)} ({unit})"
 
 

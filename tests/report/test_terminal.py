@@ -16,7 +16,7 @@ from stiffscope.report import tables
 from stiffscope.report.blind_scores import show_scores
 from stiffscope.report.compare import Comparison, Entry
 from stiffscope.report.gap_tables import show_diagnosis
-from stiffscope.report.numbers import find_resolved
+from stiffscope.report.numbers import find_resolved, name_pose
 from stiffscope.report.terminal import in_encoding, show_line, show_table
 from stiffscope.report.text import sentence
 from stiffscope.vjm.statics import Stiffness
@@ -221,3 +221,8 @@ def test_ascii_spelling():
     assert in_encoding("10⁻⁶ µm² ± 3·σ", "ascii") == "10^-6 um^2 +/- 3*sigma"
     assert in_encoding("10⁻⁶ µm² ± 3·σ", "utf-8") == "10⁻⁶ µm² ± 3·σ"
     assert in_encoding("µm ± 3", "latin-1") == "µm ± 3"
+
+
+def test_displacements_of_drives_are_in_their_own_units():
+    assert name_pose((0.25, 1.5), ("q:slide", "q:elbow")) == "q:slide, q:elbow (m or rad) = 0.25, 1.5"
+    assert name_pose((0.25, np.pi / 2), ("x", "rz")) == "x, rz (mm, deg) = 250, 90"
