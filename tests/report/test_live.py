@@ -130,23 +130,18 @@ def test_new_rows_of_a_campaign_appear(delta, tmp_path):
     table.write_text("".join(lines[:13]))
 
     async def work(server):
-        async def add():
-            await asyncio.sleep(1.0)
-            table.write_text("".join(lines[:16]))
-
         socket = await websocket_connect(
             HTTPRequest(
                 server.address.replace("http", "ws").replace("/?", "/socket?"), headers={"Origin": origin(server)}
             )
         )
         await socket.write_message(json.dumps(STILL))
-        said, adding = [], asyncio.create_task(add())
-        while not any(text.count("12 readings") for text in said) or not any(
-            text.count("15 readings") for text in said
-        ):
-            message = json.loads(await asyncio.wait_for(socket.read_message(), 60))
-            said += [message["readings"]] if "readings" in message else []
-        await adding
+        for count in (12, 15):
+            table.write_text("".join(lines[: count + 1]))
+            while f"{count} readings" not in json.loads(await asyncio.wait_for(socket.read_message(), 60)).get(
+                "readings", ""
+            ):
+                pass
         socket.close()
 
     run(delta, work)
