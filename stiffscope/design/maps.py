@@ -208,7 +208,9 @@ def _sweep(
         sounds = None
         if frequencies:
             sounds = frequencies_at(mechanism, found, frequencies).reshape(points, points, frequencies)
-        out.append(StiffnessMap(across, up, columns, rows, others, *values, bool(weight > 0.0), sounds, more))
+        down = bool(weight > 0.0)
+        about = StiffnessMap(across, up, columns, rows, others, *values, down=down, frequencies=sounds, more=more)
+        out.append(about)
     return tuple(out)
 
 
