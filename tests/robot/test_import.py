@@ -5,6 +5,7 @@ import pytest
 
 from stiffscope.cli.main import _guarded
 from stiffscope.errors import InputError
+from stiffscope.robot.imports.compiled_model import compile_at_home
 from stiffscope.robot.imports.import_model import import_model
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.reader import load_robot
@@ -256,3 +257,21 @@ def test_numbers_that_are_none_are_refused_in_one_line(tmp_path, monkeypatch, ca
     assert len(said) == 1
     assert said[0].startswith("stiffscope: arm.urdf: expected a model in URDF or MJCF")
     assert [file.name for file in tmp_path.iterdir()] == ["arm.urdf"]
+
+
+@pytest.mark.parametrize(
+    ("broken", "reason"),
+    [
+        ('mass="2" diaginertia="-0.01 0.02 0.02"', "inertia below zero"),
+        ('mass="2" diaginertia="5 0.01 0.01"', "inertia"),
+    ],
+)
+@pytest.mark.parametrize("mesh", ["", '<mesh name="hull" file="none.stl"/>'], ids=["no mesh", "a missing mesh"])
+def test_masses_that_no_body_has_are_refused_beside_missing_meshes(tmp_path, broken, reason, mesh):
+    shape = '<geom type="mesh" mesh="hull"/>' if mesh else ""
+    (tmp_path / "arm.xml").write_text(
+        f'<mujoco><asset>{mesh}</asset><worldbody><body name="arm"><joint name="j" axis="0 1 0"/>'
+        f'<inertial pos="0 0 1" {broken}/>{shape}</body></worldbody></mujoco>'
+    )
+    with pytest.raises(InputError, match=reason):
+        compile_at_home(tmp_path / "arm.xml", {})

@@ -152,17 +152,18 @@ def _compile(mj: Any, path: Path) -> tuple[Any, list[str]]:
         except ValueError as error:
             first = _reason(error)
         kinds = mj.mjtGeom.mjGEOM_MESH, mj.mjtGeom.mjGEOM_HFIELD, mj.mjtGeom.mjGEOM_SDF
-        for assets in (spec.geoms, spec.meshes, spec.textures, spec.materials, spec.hfields, spec.skins):
-            for each in list(assets):
-                if assets is not spec.geoms or each.type in kinds:
-                    spec.delete(each)
-        spec.compiler.boundmass, spec.compiler.boundinertia = 1e-9, 1e-15
-        spec.compiler.balanceinertia = 1
+        assets = *spec.meshes, *spec.textures, *spec.materials, *spec.hfields, *spec.skins
+        shapes = (each for each in spec.geoms if each.type in kinds)
+        for each in (*shapes, *assets):
+            spec.delete(each)
+        spec.compiler.boundmass, spec.compiler.boundinertia = 1e-9, 1e-15  # what a mesh would have weighed
         model = spec.compile()
     except InputError:
         raise
     except (ValueError, OSError, RuntimeError) as error:
         raise InputError(f"{path}: expected a model in URDF or MJCF, got: {_reason(error)}") from error
+    if not assets:
+        raise InputError(f"{path}: expected a model in URDF or MJCF, got: {first}")
     return model, [f"read without its meshes ({first})", "a body whose mass would come from a mesh has none here"]
 
 
@@ -172,6 +173,14 @@ def _check_masses(path: Path, spec: Any) -> None:
             if each.mass < 0:
                 name = print_safely(each.name)
                 raise InputError(f'{path}: expected no mass below zero, got {each.mass:g} kg of {what} "{name}"')
+    for body in spec.bodies:
+        if min(body.inertia) < 0:
+            name = print_safely(body.name)
+            raise InputError(f'{path}: expected no inertia below zero, got {min(body.inertia):g} kg*m^2 of "{name}"')
+    for geom in spec.geoms:
+        if geom.density < 0:
+            name = print_safely(geom.name)
+            raise InputError(f'{path}: expected no density below zero, got {geom.density:g} kg/m^3 of "{name}"')
 
 
 def _reason(error: Exception) -> str:
