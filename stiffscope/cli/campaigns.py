@@ -177,7 +177,7 @@ def new_campaign(name: str, goal: Path, *, ask: str | None, given: Path | None, 
     if ask is not None:
         header = None if given is None else load_header(given)
         with open_workshop(output) as shop:
-            made = assemble_robots({"nominal": robot}, "fea", shop)["nominal"]
+            made = assemble_robots({"nominal": robot}, "beam", shop)["nominal"]
         proposal = propose_plan(NominalRobot(made.mechanism, robot), robot.path.resolve().as_posix(), ask, header)
     poses, readings = write_template(robot, named, goal, proposal and proposal.plan)
 
