@@ -46,12 +46,17 @@ Errors
 """
 
 import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import lazy_loader
 
+if TYPE_CHECKING:
+    from stiffscope.names import *  # noqa: F403
+
 __version__ = "0.2.0"
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, str(Path(__file__).with_name("names.pyi")))
 
 if "IPython" in sys.modules:  # a notebook shows every object above as a table, and progress as bars
     from stiffscope.report.notebook import register

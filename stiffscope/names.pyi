@@ -34,5 +34,3 @@ from .vjm.statics import analyse as analyse
 from .vjm.statics import sag as sag
 from .vjm.statics import stiffness as stiffness
 from .vjm.yielding import deflection as deflection
-
-__version__: str
