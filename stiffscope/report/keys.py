@@ -142,7 +142,7 @@ def _meaning(kind: str, title: str, key: str) -> str:
     """What a key means: in the sections whose title has a word of its own for it, else in all."""
     meanings = _meanings()[kind]
     words = (name.rpartition(".")[0] for name in meanings if name.endswith(f".{key}") and name != key)
-    return next((meanings[f"{word}.{key}"] for word in words if word in title), "") or meanings[key]
+    return next((meanings[f"{word}.{key}"] for word in words if word in title), "") or meanings.get(key, "")
 
 
 def section_keys(kind: str, tables: Iterable[tuple[str, Any]]) -> dict[str, list[Key]]:
