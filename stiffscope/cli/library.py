@@ -56,7 +56,7 @@ def new(name: str, goal: str, *, output: Output) -> None:
 @click.command()
 @takes(click.argument("section", required=False), options.json)
 def keys(section: str | None, *, output: Output) -> None:
-    """List every key of a robot file, study, job or campaign, with its meaning, what it takes and its default.
+    """List every key of a robot file, study, job or campaign, with its meaning.
 
     SECTION is robot, study, job or campaign, or part of a section's title such as joints or milling.
     """

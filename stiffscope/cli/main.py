@@ -66,7 +66,7 @@ COMMANDS = {
         "robots": ("library", "List the bundled robots."),
         "new": ("library", "Copy a bundled robot to start from: stiffscope new delta mine.toml."),
         "import": ("library", "Convert a URDF or MJCF model, or a STEP assembly, to a robot file."),
-        "keys": ("library", "List every key of a robot file, study, job or campaign, with what it takes."),
+        "keys": ("library", "List every key of a robot file, study, job or campaign, with its meaning."),
         "cache": ("store", "Show, list or clear the results of earlier runs."),
     },
 }
