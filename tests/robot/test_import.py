@@ -275,3 +275,14 @@ def test_masses_that_no_body_has_are_refused_beside_missing_meshes(tmp_path, bro
     )
     with pytest.raises(InputError, match=reason):
         compile_at_home(tmp_path / "arm.xml", {})
+
+
+def test_a_link_without_mass_is_taken_and_the_others_keep_theirs(imported):
+    joint = '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><origin xyz="0 0 0.3"/>'
+    joint += '<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+    bare = '<robot name="bare"><link name="base"/><link name="upper"/><link name="lower"><inertial><mass value="2"/>'
+    bare += '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    bare += f"{joint.format('j1', 'base', 'upper')}{joint.format('j2', 'upper', 'lower')}</robot>"
+    model, robot, _ = imported(bare, ".urdf", drives=["j*=9 kN*m/rad"])
+    assert (robot.bodies["upper"].mass, robot.bodies["lower"].mass) == (0.0, 2.0)
+    assert not any("meshes" in note for note in model.notes)

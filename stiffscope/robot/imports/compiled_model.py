@@ -147,23 +147,21 @@ def _compile(mj: Any, path: Path) -> tuple[Any, list[str]]:
         spec = mj.MjSpec.from_file(str(path))
         spec.compiler.fusestatic = 0
         _check_masses(path, spec)
+        least = spec.compiler  # of a body that moves: what it lacks, the robot file lacks too
+        least.boundmass, least.boundinertia = max(least.boundmass, 1e-9), max(least.boundinertia, 1e-15)
         try:
             return spec.copy().compile(), []
         except ValueError as error:
             first = _reason(error)
         kinds = mj.mjtGeom.mjGEOM_MESH, mj.mjtGeom.mjGEOM_HFIELD, mj.mjtGeom.mjGEOM_SDF
-        assets = *spec.meshes, *spec.textures, *spec.materials, *spec.hfields, *spec.skins
         shapes = (each for each in spec.geoms if each.type in kinds)
-        for each in (*shapes, *assets):
+        for each in (*shapes, *spec.meshes, *spec.textures, *spec.materials, *spec.hfields, *spec.skins):
             spec.delete(each)
-        spec.compiler.boundmass, spec.compiler.boundinertia = 1e-9, 1e-15  # what a mesh would have weighed
         model = spec.compile()
     except InputError:
         raise
     except (ValueError, OSError, RuntimeError) as error:
         raise InputError(f"{path}: expected a model in URDF or MJCF, got: {_reason(error)}") from error
-    if not assets:
-        raise InputError(f"{path}: expected a model in URDF or MJCF, got: {first}")
     return model, [f"read without its meshes ({first})", "a body whose mass would come from a mesh has none here"]
 
 
