@@ -30,9 +30,7 @@ from stiffscope.report.keys import (
     QUANTITIES_READ,
     SENSOR,
     TABLES,
-    Key,
-    robot_keys,
-    section_keys,
+    all_keys,
 )  # fmt: skip
 from stiffscope.report.notebook import HEIGHT, as_html
 from stiffscope.report.pictures import open_drawing
@@ -43,45 +41,23 @@ if TYPE_CHECKING:
     from sphinx.application import Sphinx
 
 
-class RobotFileKeys(Directive):
-    """Tables of every key of a robot file."""
+class FileKeys(Directive):
+    """Tables of every key of a kind of file, with what is said of each section."""
 
-    tables: ClassVar[Any] = TABLES
-
-    def keys(self) -> dict[str, list[Key]]:
-        """Return the keys by section."""
-        return robot_keys()
+    required_arguments = 1
+    sections: ClassVar[dict[str, Any]] = {"robot": TABLES, "study": SECTIONS, "job": JOB}
 
     def run(self) -> list[nodes.Node]:
         """Return a section's paragraphs and tables."""
-        lines, about = [], dict(self.tables)
-        for title, rows in self.keys().items():
+        kind = self.arguments[0]
+        lines, about = [], dict(self.sections[kind])
+        for title, rows in all_keys()[kind].items():
             words = inspect.cleandoc(about[title].__doc__ or "") if title in about else ""
             lines += [f"### {title[0].upper()}{title[1:]}", "", words, ""]
             lines += ["| key | means | takes | default |", "|---|---|---|---|"]
             lines += [f"| `{row.key}` | {row.means} | {row.takes} | {row.default} |" for row in rows]
             lines.append("")
         return parsed(self, lines)
-
-
-class StudyFileKeys(RobotFileKeys):
-    """Tables of every key of a study's file."""
-
-    tables: ClassVar[Any] = SECTIONS
-
-    def keys(self) -> dict[str, list[Key]]:
-        """Return the keys by section."""
-        return section_keys("study", SECTIONS)
-
-
-class JobFileKeys(RobotFileKeys):
-    """Tables of every key of a job's file."""
-
-    tables: ClassVar[Any] = JOB
-
-    def keys(self) -> dict[str, list[Key]]:
-        """Return the keys by section."""
-        return section_keys("job", JOB)
 
 
 class CampaignKeys(Directive):
@@ -227,9 +203,7 @@ def parsed(directive: Directive, lines: list[str]) -> list[nodes.Node]:
 
 def setup(app: Sphinx) -> dict[str, Any]:
     """Add the directives."""
-    app.add_directive("robot-file-keys", RobotFileKeys)
-    app.add_directive("study-file-keys", StudyFileKeys)
-    app.add_directive("job-file-keys", JobFileKeys)
+    app.add_directive("file-keys", FileKeys)
     app.add_directive("campaign-keys", CampaignKeys)
     app.add_directive("gallery", Gallery)
     app.add_directive("turning-robot", TurningRobot)

@@ -145,7 +145,7 @@ def _meaning(kind: str, title: str, key: str) -> str:
     return next((meanings[f"{word}.{key}"] for word in words if word in title), "") or meanings.get(key, "")
 
 
-def section_keys(kind: str, tables: Iterable[tuple[str, Any]]) -> dict[str, list[Key]]:
+def _section_keys(kind: str, tables: Iterable[tuple[str, Any]]) -> dict[str, list[Key]]:
     """Keys of the sections of a kind of file, by title."""
     return {
         title: [
@@ -159,7 +159,7 @@ def section_keys(kind: str, tables: Iterable[tuple[str, Any]]) -> dict[str, list
     }  # fmt: skip
 
 
-def robot_keys() -> dict[str, list[Key]]:
+def _robot_keys() -> dict[str, list[Key]]:
     """Keys of a robot file by section, and the built-in materials."""
     title = "the top level"
     materials = [
@@ -172,7 +172,7 @@ def robot_keys() -> dict[str, list[Key]]:
     ]
     return {
         title: [Key(key, _meaning("robot", title, key), *rest) for key, rest in TOP.items()],
-        **section_keys("robot", TABLES),
+        **_section_keys("robot", TABLES),
         "built-in materials": materials,
     }
 
@@ -187,8 +187,8 @@ def all_keys() -> dict[str, dict[str, list[Key]]]:
     ]
     others = {"study": SECTIONS, "job": JOB}
     return {
-        "robot": robot_keys(),
-        **{kind: section_keys(kind, tables) for kind, tables in others.items()},
+        "robot": _robot_keys(),
+        **{kind: _section_keys(kind, tables) for kind, tables in others.items()},
         "campaign": campaign,
     }
 
@@ -224,7 +224,7 @@ def show_keys(found: dict[str, dict[str, list[Key]]]) -> None:
 
 
 def _as_text(row: Key) -> list[str]:
-    return [str(cell).replace("`", "").replace("**", "") for cell in astuple(row)]
+    return [cell.replace("`", "").replace("**", "") for cell in astuple(row)]
 
 
 def _takes(field: Any) -> str:
