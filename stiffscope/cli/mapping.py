@@ -76,7 +76,9 @@ def map_(
     if gravity == "literal":
         raise InputError("--gravity literal: expected none or exact for a map, got literal, which is for single poses")
     wanted = Wanted(
-        show, _read("--direction", direction, [q.NUMBER] * 3), _read("--wrench", wrench, [q.FORCE] * 3 + [q.MOMENT] * 3)
+        show,
+        None if direction is None else _read(f"--direction {direction}", direction, [q.NUMBER] * 3),
+        None if wrench is None else _read(f"--wrench {wrench}", wrench, [q.FORCE] * 3 + [q.MOMENT] * 3),
     )
     if wanted.direction is not None and not any(wanted.direction):
         raise InputError(f"--direction {direction}: expected a direction, got none")
@@ -92,8 +94,11 @@ def map_(
     sweep = evaluated.map_stiffness if len(ranges) == 2 else evaluated.map_volume
     found = sweep(made.mechanism, ranges, points, gravity=gravity, at=fixed, frequencies=count, wanted=wanted)
     slices = maps.pick_slices(found)
-    figures = {stem: (title, each, panels) for each in slices for title, stem, panels in _figures(
-        gravity, each, frequencies=bool(count), number=slices.index(each) + 1 if len(slices) > 1 else 0)}  # fmt: skip
+    figures: dict[str, tuple[str, StiffnessMap, Callable[[StiffnessMap], list[maps.Panel]]]] = {}
+    for number, each in enumerate(slices, 1):
+        end = f"_{number}" if len(slices) > 1 else ""
+        for title, stem, panels in _figures(gravity, each, frequencies=bool(count)):
+            figures[f"{stem}{end}"] = title, each, panels
 
     def fill(folder: Path) -> None:
         with ThreadPoolExecutor(1) as pool:
@@ -123,7 +128,7 @@ def _find_ranges(robot: RobotFile, over: Sequence[str]) -> dict[str, tuple[float
         name, _, ends = (each.strip() for each in text.partition("="))
         if name not in robot.tool.pose or name in out:
             raise InputError(f"--over {text}: expected each of {', '.join(robot.tool.pose)} at most once, got {name}")
-        low, high = _read(f"--over {text}", ends, [ANGLE if name.startswith("r") else q.LENGTH] * 2, "") or (0.0, 0.0)
+        low, high = _read(f"--over {text}", ends, [ANGLE if name.startswith("r") else q.LENGTH] * 2)
         if not low < high:
             raise InputError(f"--over {text}: expected the lower end first, got {ends}")
         out[name] = low, high
@@ -132,27 +137,25 @@ def _find_ranges(robot: RobotFile, over: Sequence[str]) -> dict[str, tuple[float
     return out
 
 
-def _read(option: str, text: str | None, dimensions: Sequence[q.Dimension], shown: str | None = None) -> Any:
-    if text is None:
-        return None
+def _read(option: str, text: str, dimensions: Sequence[q.Dimension]) -> tuple[float, ...]:
     try:
         return q.several(text, *dimensions)
     except ValueError as error:
-        raise InputError(f"{option if shown is not None else f'{option} {text}'}: {error}") from error
+        raise InputError(f"{option}: {error}") from error
 
 
 def _figures(
-    gravity: str, found: StiffnessMap, *, frequencies: bool, number: int
+    gravity: str, found: StiffnessMap, *, frequencies: bool
 ) -> list[tuple[str, str, Callable[[StiffnessMap], list[maps.Panel]]]]:
-    """Title, file and panels of each figure of a map, or of a volume's slice by its number."""
+    """Title, file and panels of each figure of a map."""
     held = maps.held_text(found)
-    where, end = f", {held}" if held else "", f"_{number}" if number else ""
-    figures = [(f"stiffness at M (diagonal of K){where}, gravity {gravity}", f"map{end}", maps.stiffness_panels)]
+    where = f", {held}" if held else ""
+    figures = [(f"stiffness at M (diagonal of K){where}, gravity {gravity}", "map", maps.stiffness_panels)]
     if found.more:
-        figures.append((f"translation of M{where}, gravity {gravity}", f"quantities{end}", maps.scalar_panels))
+        figures.append((f"translation of M{where}, gravity {gravity}", "quantities", maps.scalar_panels))
     if frequencies:
-        figures.append((f"natural frequencies, drives held{where}", f"frequencies{end}", maps.frequency_panels))
+        figures.append((f"natural frequencies, drives held{where}", "frequencies", maps.frequency_panels))
     if gravity != "none":
-        figures.append((f"what gravity changes{where}", f"gravity_difference{end}", maps.difference_panels))
-        figures.append((f"sag under its own weight{where}", f"sag{end}", maps.sag_panels))
+        figures.append((f"what gravity changes{where}", "gravity_difference", maps.difference_panels))
+        figures.append((f"sag under its own weight{where}", "sag", maps.sag_panels))
     return figures

@@ -58,9 +58,7 @@ class StiffnessMap:
         return all(abs(coordinates[name] - value) < IN_PLANE for name, value in self.at.items())
 
 
-def map_robot(
-    robot: RobotFile, mechanism: Mechanism, points: int, gravity: Gravity, frequencies: int = 0
-) -> StiffnessMap:
+def map_robot(robot: RobotFile, mechanism: Mechanism, points: int, gravity: Gravity) -> StiffnessMap:
     """Evaluate what `[map]` of a robot file sweeps. Raises InputError where it has none, or nothing is reached.
 
     Parameters
@@ -73,12 +71,10 @@ def map_robot(
         Points along each side of the map.
     gravity
         Whether the robot's own weight acts.
-    frequencies
-        How many natural frequencies; 0 for none.
 
     """
     section = require_map(robot)
-    return map_stiffness(mechanism, section.ranges(), points, gravity=gravity, at=section.at, frequencies=frequencies)
+    return map_stiffness(mechanism, section.ranges(), points, gravity=gravity, at=section.at)
 
 
 def require_map(robot: RobotFile) -> MapSection:
@@ -176,13 +172,11 @@ def _sweep(
         raise InputError(f"map: expected {words} of {', '.join(pose)}, got {', '.join([*ranges, *through]) or 'none'}")
     (across, columns), (up, rows) = ((name, np.linspace(*ends, points)) for name, ends in ranges.items())
     fixed = np.array(mechanism.tool.home if at is None else at, dtype=float)
-    grid = np.tile(fixed, (points * points, 1))
-    grid[:, pose.index(across)], grid[:, pose.index(up)] = np.tile(columns, points), np.repeat(rows, points)
     layers = [fixed]
     for name, ends in through.items():
         layers = [np.where(np.array(pose) == name, value, fixed) for value in np.linspace(*ends, points)]
-    swept = [pose.index(across), pose.index(up)]
-    grids = [np.where(np.isin(np.arange(len(pose)), swept), grid, layer) for layer in layers]
+    grids = np.repeat(np.array(layers)[:, None], points * points, axis=1)
+    grids[..., pose.index(across)], grids[..., pose.index(up)] = np.tile(columns, points), np.repeat(rows, points)
     every = [configure(mechanism, each) for each in grids]
     if not any(found.valid.any() for found in every):
         raise InputError(f"map: no pose is within reach; the first is not: {every[0].reason(0)}")
@@ -191,7 +185,7 @@ def _sweep(
     for found, layer in zip(every, layers, strict=True):
         state = analyse(mechanism, found)
         plain = loaded = state.finite
-        sag = np.where(found.valid[:, None], np.zeros((len(grid), 6)), np.nan)
+        sag = np.where(found.valid[:, None], np.zeros((len(found), 6)), np.nan)
         compliance = state.compliance
         if gravity != "none":
             state = analyse(mechanism, found, gravity="exact")
