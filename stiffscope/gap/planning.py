@@ -98,8 +98,7 @@ def propose_plan(nominal: NominalRobot, name: str, question: str, given: Header 
         write_plan(robot, name, folder, offer)
         campaign = replace(load_campaign(folder, robot, planned=True), components="fea")
     model = RobotModel(campaign, nominal)
-    known = {c.name: c for c in reversed(model.library) if c.simple and c.effect not in _NUMBERS}
-    known = dict(reversed(known.items()))
+    known = {c.name: c for c in model.library if c.simple and c.effect not in _NUMBERS}
     sides = read_question(question, known)
     pairs = _pair_up(model, known, sides)
     told = [pair for pair in pairs if pair.judge(range(len(campaign))) >= ENOUGH]

@@ -97,10 +97,9 @@ def choose_readings(pairs: Sequence[Pair], settings: Indices, enough: float, lea
         short = [pair for pair in pairs if pair.log_odds < enough]
         if not short and len(chosen) >= least:
             break
-        worth = sum(np.minimum(pair.gains, enough - pair.log_odds) for pair in short or pairs[:0]) if short else None
-        if worth is None:
-            worth = sum((np.minimum(p.gains, enough) for p in pairs), np.zeros(len(settings)))
-        worth = np.asarray(worth) / _count_effort(settings, chosen)
+        wanted = [(pair, enough - pair.log_odds) for pair in short] or [(pair, enough) for pair in pairs]
+        worth = sum((np.minimum(pair.gains, most) for pair, most in wanted), np.zeros(len(settings)))
+        worth = worth / _count_effort(settings, chosen)
         worth[chosen] = -np.inf
         best = int(np.argmax(worth))
         if not worth[best] > _LEAST_GAIN:
