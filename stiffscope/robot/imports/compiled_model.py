@@ -166,19 +166,14 @@ def _compile(mj: Any, path: Path) -> tuple[Any, list[str]]:
 
 
 def _check_masses(path: Path, spec: Any) -> None:
-    for what, of in (("body", spec.bodies), ("geom", spec.geoms)):
-        for each in of:
-            if each.mass < 0:
-                name = print_safely(each.name)
-                raise InputError(f'{path}: expected no mass below zero, got {each.mass:g} kg of {what} "{name}"')
-    for body in spec.bodies:
-        if min(body.inertia) < 0:
-            name = print_safely(body.name)
-            raise InputError(f'{path}: expected no inertia below zero, got {min(body.inertia):g} kg*m^2 of "{name}"')
-    for geom in spec.geoms:
-        if geom.density < 0:
-            name = print_safely(geom.name)
-            raise InputError(f'{path}: expected no density below zero, got {geom.density:g} kg/m^3 of "{name}"')
+    known = [("mass", "kg", "body", each.name, each.mass) for each in spec.bodies]
+    known += [("mass", "kg", "geom", each.name, each.mass) for each in spec.geoms]
+    known += [("inertia", "kg*m^2", "body", each.name, min(each.inertia)) for each in spec.bodies]
+    known += [("density", "kg/m^3", "geom", each.name, each.density) for each in spec.geoms]
+    for quantity, unit, what, name, value in known:
+        if value < 0:
+            got = f'{value:g} {unit} of {what} "{print_safely(name)}"'
+            raise InputError(f"{path}: expected no {quantity} below zero, got {got}")
 
 
 def _reason(error: Exception) -> str:
