@@ -116,13 +116,13 @@ def bend_network(order: Order, where: Places, gravity: Array, small: float = _SM
     """
     moved = solve_loads(order, where, own_loads(order, where, gravity))
     n = len(where.tool)
-    there, size = bend_places(where, moved), find_size(moved, order.length)
+    there, size = bend_places(where, moved), _find_size(moved, order.length)
     far = size > small
     if far.any():
         rest, bent = where.some(far), there.some(far)
         for _ in range(_STEPS):
             step = solve_loads(order, bent, _remaining_loads(order, bent, rest, gravity))
-            bent, left = bend_places(bent, step), find_size(step, order.length)
+            bent, left = bend_places(bent, step), _find_size(step, order.length)
             if not (left > _SETTLED).any():
                 break
         size[far] = left  # pyright: ignore[reportPossiblyUnboundVariable]
@@ -218,7 +218,7 @@ def _remaining_loads(order: Order, there: Places, rest: Places, gravity: Array) 
     return Loads(1, nodes, find_remaining_offsets(order, there, rest), balanced=HELD)
 
 
-def find_size(moved: Response, length: float) -> Array:
+def _find_size(moved: Response, length: float) -> Array:
     """Largest rotation, or translation over the mechanism's length, of any node (n,)."""
     unit = np.repeat([1.0 / length, 1.0], 3)
     n = len(moved.twist)
