@@ -63,7 +63,9 @@ def test_singular_edges_are_held_borders_and_re_entrant_ones(stub):
     edges, exponents = singular_edges(mesh, [frozenset({0})])
     assert mesh.points[edges, 0] == pytest.approx(0, abs=1e-12)
     assert np.hypot(*mesh.points[np.unique(edges), 1:].T) == pytest.approx(0.0125, abs=1e-10)
-    assert exponents == pytest.approx(fixed_exponent(np.array([np.pi / 2])).item(), abs=0.06)  # flat triangles
+    at_right_angle = fixed_exponent(np.array([np.pi / 2])).item()
+    assert np.median(exponents) == pytest.approx(at_right_angle, abs=0.03)
+    assert exponents == pytest.approx(at_right_angle, abs=0.12)  # flat triangles lean by up to 15 degrees
 
 
 def test_exponents_are_williamss():
