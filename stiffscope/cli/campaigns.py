@@ -29,7 +29,7 @@ from stiffscope.gap.campaign.sanity import inspect_readings
 from stiffscope.gap.campaign.template import write_template
 from stiffscope.gap.campaigns import assemble_nominal, configure_case, diagnose_case, open_case, predict_roughly
 from stiffscope.gap.inference.diagnosis import to_json
-from stiffscope.gap.inference.posterior_samples import write_posterior
+from stiffscope.gap.inference.posterior_samples import write_posterior, write_readings
 from stiffscope.gap.planning import propose_plan
 from stiffscope.report import blind_scores, campaign_check, gap_tables, plan_tables, tables
 from stiffscope.report.diagnosis_report import share_view, write_diagnosis_report
@@ -91,6 +91,7 @@ def diagnose(name: str, *, robot: str | None, adopt: Path | None, output: Output
         def fill(folder: Path) -> None:
             if diagnosis.samples is not None:
                 write_posterior(folder / "posterior.nc", diagnosis.samples)
+                write_readings(folder / "readings.csv", diagnosis.samples)
             _draw(case, nominal, diagnosis, folder, manifest, shop.cache, ahead)
 
         emit(

@@ -129,7 +129,7 @@ def conclude(found: Findings) -> Diagnosis:
             for prior, other in others.items()
         ),
         check,
-        draw_samples(found, joint if effects else reported, judgement.effects, held_out),
+        draw_samples(found, joint if effects else reported, judgement.effects, held_out, reported),
         _beside(found, judgement, joint),
     )
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.report import gap_tables, page, text
+from stiffscope.report.gap_figures import chart_readings
 from stiffscope.report.page import Lead, Section
 from stiffscope.report.robot_view import unit_wrenches
 from stiffscope.report.run_report import turn_robot, write_report
@@ -36,6 +37,10 @@ FIGURES = {
     "residuals": (
         "Residuals over noise by pose and direction, before and with the effects",
         "two maps of residuals over noise, poses by directions: the model as it is, with the effects",
+    ),
+    "readings": (
+        "Measured readings against their prediction, before and with the effects",
+        "measured against predicted readings, a panel for each kind of reading",
     ),
     "predictive": (
         "Residuals at poses held out, over their predictive standard deviation",
@@ -74,13 +79,20 @@ def write_diagnosis_report(
     def figures(stem: str) -> list[Figure]:
         return page.figures(folder, {f"{stem}.svg": FIGURES[stem]})
 
+    still = next(iter(figures("readings")), None)
     following = diagnosis.next_measurement
     alternatives = _record_shown(lambda: gap_tables.show_alternatives(diagnosis))
     alternatives += _record_shown(lambda: gap_tables.show_nearest_signatures(diagnosis))
     sections = [
         Section("Where the gap lies", _lines(text.describe_location(diagnosis.where)), figures("residuals"), view=view),
         Section("Effects", _effects(diagnosis), figures("corner"), files=("diagnosis.json", "posterior.nc")),
-        Section("Gap", _record_shown(lambda: gap_tables.show_gap(diagnosis)), figures("waterfall")),
+        Section(
+            "Gap",
+            _record_shown(lambda: gap_tables.show_gap(diagnosis)),
+            figures("waterfall"),
+            charts=chart_readings(diagnosis, still),
+            files=("readings.csv",),
+        ),
         Section("Alternatives", alternatives, figures("signatures")),
         Section("What to measure next", _lines([text.what_next(following)] if following else [])),
         Section("Checks", _lines([*text.checks(diagnosis), *diagnosis.remarks]), figures("predictive")),

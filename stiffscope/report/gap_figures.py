@@ -8,6 +8,7 @@ import numpy as np
 from scipy.cluster.hierarchy import leaves_list, linkage, optimal_leaf_ordering
 from scipy.spatial.distance import squareform
 
+from stiffscope.report.charts import Chart, Series
 from stiffscope.report.figures import (
     AFTER,
     BEFORE,
@@ -19,6 +20,7 @@ from stiffscope.report.figures import (
     save_figures,
     write_cells,
 )
+from stiffscope.report.numbers import choose_unit
 from stiffscope.report.text import DIRECTIONS, label, steps
 
 if TYPE_CHECKING:
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from stiffscope.gap.inference.diagnosis import Diagnosis
+    from stiffscope.report.page import Figure as PageFigure
 
 CORNERS = 10  # parameters at most in a corner plot
 NAMED = 40  # poses that a map has room to name,
@@ -37,6 +40,7 @@ EXCEEDS = (
     "A bar longer than the first: an effect alone can enlarge the gap where it offsets another effect; at poses held\n"
     "out, the gap also contains the error of parameters fitted elsewhere."
 )
+PREDICTIONS = {"the model as it is": BEFORE, "with the effects found": AFTER}
 STEPS = {
     "nominal": ("the model as it is", BEFORE),
     "together": ("with all of them", AFTER),
@@ -51,6 +55,7 @@ def draw_figures(diagnosis: Diagnosis, folder: Path) -> list[str]:
         "waterfall": waterfall,
         "corner": corner,
         "residuals": residual_map,
+        "readings": draw_readings,
         "predictive": predictive_check,
         "signatures": signature_correlation,
     }
@@ -111,6 +116,50 @@ def residual_map(diagnosis: Diagnosis) -> Figure | None:
     bar.set_ticks(ticks, labels=[str(t) for t in ticks], minor=False)
     bar.minorticks_off()
     return figure
+
+
+def draw_readings(diagnosis: Diagnosis) -> Figure | None:
+    """Draw measured against predicted readings, a panel a kind, before and after; None where none were predicted."""
+    samples = diagnosis.samples
+    if samples is None:
+        return None
+    count = len(samples.kinds)
+    figure = new_figure(min(4.2 * count + 0.4, 13.0), 4.2, "Readings against their prediction")
+    for axes, (kind, (si, mine)) in zip(np.atleast_1d(figure.subplots(1, count)), samples.kinds.items(), strict=True):
+        measured = samples.observed[mine]
+        factor, unit = choose_unit(si, measured)
+        for (name, colour), predicted in zip(PREDICTIONS.items(), (samples.before, samples.after), strict=True):
+            axes.plot(measured / factor, predicted[mine] / factor, ".", ms=4, color=colour, alpha=0.7, label=name)
+        axes.axline((0.0, 0.0), slope=1.0, color=NOISE, lw=0.9, zorder=0)
+        axes.set_xlabel(f"measured {kind}, {unit}")
+        axes.set_ylabel(f"predicted, {unit}")
+        axes.spines[["top", "right"]].set_visible(False)
+    figure.axes[0].legend(frameon=False, fontsize=8)
+    return figure
+
+
+def chart_readings(diagnosis: Diagnosis, still: PageFigure | None) -> list[Chart]:
+    """The same as charts of a page, one a kind of reading; the first has the still picture."""
+    samples = diagnosis.samples
+    charts: list[Chart] = []
+    for kind, (si, mine) in ({} if samples is None else samples.kinds).items():
+        rows = np.flatnonzero(mine)
+        measured, sigma = samples.observed[rows], samples.sigma[rows]
+        factor, unit = choose_unit(si, measured)
+        series = []
+        for (name, colour), predicted in zip(PREDICTIONS.items(), (samples.before, samples.after), strict=True):
+            error = predicted[rows] - measured
+            columns = {
+                "reading": [samples.where[k] for k in rows], "pose": [samples.pose[k] for k in rows],
+                "quantity": [samples.quantity[k] for k in rows], f"measured, {unit}": measured / factor,
+                f"predicted, {unit}": predicted[rows] / factor, f"predicted − measured, {unit}": error / factor,
+                "(predicted − measured) / σ": error / sigma,
+            }  # fmt: skip
+            series.append(Series(name, colour, columns))
+        numbers = list(series[0].columns)[3:]
+        caption = f"{kind.capitalize()}: every reading against its prediction."
+        charts.append(Chart(series, numbers[:1], numbers[1:], caption, None if charts else still, equal=True))
+    return charts
 
 
 def signature_correlation(diagnosis: Diagnosis) -> Figure | None:

@@ -83,6 +83,21 @@ def power(number: float, decimals: int = 1) -> str:
     return f"{number:.3g}" if abs(int(exponent)) < 3 else rf"${mantissa}\cdot10^{{{int(exponent)}}}$"
 
 
+SHOWN_IN: dict[str, tuple[tuple[float, str], ...]] = {  # from the coarsest; SI, in these units
+    "m": ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm")),
+    "rad": ((1e-3, "mrad"), (1e-6, "µrad")),
+    "N/m": ((1e6, "N/µm"),),
+    "N·m/rad": ((1e3, "kN·m/rad"),),
+}
+
+
+def choose_unit(unit: str, values: Any) -> tuple[float, str]:
+    """Return the factor and name of the unit in which values of an SI unit are read best: m, mm or µm."""
+    greatest = np.max(np.abs(values), initial=0.0)
+    choices = SHOWN_IN.get(unit, ((1.0, unit),))
+    return next((each for each in choices if greatest >= 2.0 * each[0]), choices[-1])
+
+
 def base64_of(values: Any, kind: str = "<f4") -> str:
     """Return an array's numbers in base64, by default as float32."""
     return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode()

@@ -1,4 +1,4 @@
-"""A report as one HTML file: contents, tables as the terminal shows them, captioned figures, a robot that turns.
+"""A report as one HTML file: contents, tables as the terminal shows them, figures, charts, a robot that turns.
 
 Nothing is requested when it is opened: pictures, style and viewer are inside. The viewer, ``templates/view.js``, is
 plain WebGL of a few hundred lines; a picture stands in its place without it.
@@ -16,10 +16,13 @@ from typing import TYPE_CHECKING, Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from PIL import Image, WebPImagePlugin  # noqa: F401 (else saving imports all of its seventy formats)
 
+from stiffscope.report.charts import read_library
+
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from stiffscope.report.charts import Chart
     from stiffscope.report.terminal import Shown
 
 QUALITY = 86  # of pictures inside a page, WebP
@@ -82,12 +85,13 @@ class Section:
     tables: Sequence[Shown] = ()
     figures: Sequence[Figure] = ()
     view: RobotView | None = field(default=None, kw_only=True)
+    charts: Sequence[Chart] = field(default=(), kw_only=True)
     files: Sequence[str] = field(default=(), kw_only=True)
     """Names of the files beside the page that hold the tables' numbers."""
 
     def __bool__(self) -> bool:
         """Whether anything stands below the heading."""
-        return bool(self.tables or self.figures or self.view)
+        return bool(self.tables or self.figures or self.view or self.charts)
 
 
 @dataclass(frozen=True)
@@ -169,6 +173,7 @@ def write_page(
     """
     filled = [section for section in sections if section]
     given = {"title": title, "facts": facts, "sections": filled, "lead": lead, "watched": watched}
+    given["charts"] = read_library() if any(section.charts for section in filled) else ""
     target.write_text(templates().get_template("report.html").render(given).lstrip(), encoding="utf-8")
     if watched:
         state = templates().get_template("state.html").render(watched=watched)

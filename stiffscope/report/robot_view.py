@@ -26,12 +26,16 @@ LOADS = ("fx = 1 N", "fy = 1 N", "fz = 1 N", "mx = 1 N·m", "my = 1 N·m", "mz =
 
 @dataclass(frozen=True)
 class Case:
-    """A load or mode at a pose: twists (6,) of nodes at M in base axes, and shares of elements, none for no colours."""
+    """A load or mode at a pose: twists (6,) of nodes at M in base axes, and shares of elements, none for no colours.
+
+    A load at M, N and N·m in base axes, has an arrow.
+    """
 
     label: str
     note: str
     twists: Mapping[str, np.ndarray]
     shares: Mapping[str, float]
+    load: Sequence[float] | None = None
 
 
 def robot_view(
@@ -71,7 +75,7 @@ def robot_view(
         placed[k] = [np.append(rotation, position) for rotation, position in (moved[node] for node in nodes)]
         listed = [
             {"label": c.label, "note": c.note, "factor": exaggeration(mechanism, moved, c.twists, at),
-             "coloured": bool(c.shares)}
+             "coloured": bool(c.shares), "load": c.load}
             for c in each
         ]  # fmt: skip
         place = pose_text(mechanism, found.poses[k])
@@ -138,7 +142,7 @@ def _solve_wrenches(mechanism: Mechanism, found: Configurations, loads: Mapping[
             note = f"tool moves {1e6 * sizes[0]:.4g} µm, turns {1e6 * sizes[1]:.4g} µrad"
             twists = {node: twist[k, :, column] for node, twist in moved.items()}
             shares = {name: e / total for name, e in energy.items()} if total > 0.0 else {}
-            cases[-1].append(Case(label, note, twists, shares))
+            cases[-1].append(Case(label, note, twists, shares, loads[label].tolist()))
     return cases
 
 

@@ -9,11 +9,13 @@ import numpy as np
 
 from stiffscope.design.verdicts import find_bounds, find_nearest, judge_convergence
 from stiffscope.report import page
+from stiffscope.report.charts import Chart, Series
 from stiffscope.report.figures import AFTER, BEFORE, EFFECT, NOISE, new_figure, save_figures
+from stiffscope.report.numbers import choose_unit
 from stiffscope.report.page import Section
 from stiffscope.report.run_report import write_report
 from stiffscope.report.sensitivities import quantity
-from stiffscope.report.terminal import show_line, show_table
+from stiffscope.report.terminal import Shown, show_line, show_table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,10 +25,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from stiffscope.design.studies import Study
-    from stiffscope.report.terminal import Shown
 
 TABLE = "designs"
 MOST_ROWS = 20  # of the best that are shown; the table has all
+MOST_LISTED = 500  # of the designs in the page's table
 MOST_DRAWN = 2000  # designs in a picture, and all of the best
 COLOURS = {"feasible": AFTER, "infeasible": NOISE, "failed": NOISE}
 CAPTIONS = {
@@ -60,10 +62,58 @@ def write_study_page(study: Study, folder: Path, shown: Sequence[Shown]) -> None
         Tables as the terminal showed them.
 
     """
-    figures = page.figures(folder, {f"{stem}.png": (caption, caption) for stem, caption in CAPTIONS.items()})
+    stem = "pareto" if len(study.file.goals) > 1 else "progress"
+    still = next(iter(page.figures(folder, {f"{stem}.png": (CAPTIONS[stem],) * 2})), None)
+    figures = page.figures(folder, {"parallel.png": (CAPTIONS["parallel"],) * 2})
     facts = [f"method {study.file.method}", f"{len(study.designs)} designs", "SI units"]
     title = f"{study.file.path.stem}: a study of {study.file.robot.name}"
-    write_report(folder, title, facts, [Section("Designs", shown, figures, files=(f"{TABLE}.csv", f"{TABLE}.parquet"))])
+    files = f"{TABLE}.csv", f"{TABLE}.parquet"
+    write_report(
+        folder, title, facts,
+        [
+            Section("Designs", shown, files=files),
+            Section("Every design", [_list_designs(study)], charts=[_chart_designs(study, still)]),
+            Section("Parameters and responses", (), figures),
+        ],
+    )  # fmt: skip
+
+
+def _list_designs(study: Study) -> Shown:
+    """Every design as a row, up to `MOST_LISTED`, the best first."""
+    file = study.file
+    names = "design", *(v.name for v in file.variables), *(r.name for r in file.responses), "state"
+    states = study.outcomes.states
+    order = dict.fromkeys([*study.best, *range(len(study.designs))])
+    rows = [(*_row(study, k), "best" if k in study.best else str(states[k])) for k in list(order)[:MOST_LISTED]]
+    more = len(study.designs) - len(rows)
+    title = f"The first {len(rows)} designs, the best first; {TABLE}.csv has {more} more" if more else "All designs"
+    return Shown(title, names, tuple(rows), folded=True)
+
+
+def _chart_designs(study: Study, still: page.Figure | None) -> Chart:
+    """Responses and parameters of the designs against each other; a click on a point finds its row."""
+    table = study.table
+    goals = [_column(study, goal.response) for goal in study.file.goals]
+    order = [*goals, *(r.column for r in study.file.responses), *(v.column for v in study.file.variables)]
+    columns: dict[str, Any] = {"design": table["design"].astype(str).to_numpy()}
+    axes = {"design, number": table["design"].to_numpy()} if len(goals) < 2 else {}
+    for name in dict.fromkeys(order):
+        values, (title, _, unit) = table[name].to_numpy(), name.rstrip("]").partition(" [")
+        if values.dtype.kind not in "fi":
+            columns[name] = values
+            continue
+        factor, shown = choose_unit(unit, values[np.isfinite(values)])
+        axes[title if shown in {"", "1"} else f"{title}, {shown}"] = values / factor
+    columns |= axes
+    groups = [(word, COLOURS[word], 6, np.setdiff1d(some, study.best)) for word, some in _group_by_state(study)]
+    groups.append(("best", EFFECT, 10, np.array(study.best[:MOST_DRAWN], dtype=int)))
+    series = [
+        Series(word, colour, {name: values[some] for name, values in columns.items()}, size=size)
+        for word, colour, size, some in groups
+        if len(some)
+    ]
+    x, *y = axes
+    return Chart(series, [x, *y], [*y, x], "Every design; a click on a point finds its row in the table.", still)
 
 
 def study_json(study: Study) -> dict[str, Any]:

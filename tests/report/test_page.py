@@ -10,6 +10,7 @@ import pyvista as pv
 from stiffscope.cli.main import _guarded
 from stiffscope.experiments.assembly import assemble
 from stiffscope.report import page
+from stiffscope.report.charts import Chart, Series
 from stiffscope.report.drawing.geometry import pack_solids
 from stiffscope.report.drawing.solids import Solid, solids_of
 from stiffscope.report.page import RobotView, Section
@@ -166,8 +167,62 @@ def test_drag_keys_and_choice_of_a_load(tab, report):
     inside = np.s_[4:-4, 4:-4]  # of the outline of what has the focus
     assert changed(first[inside], tab.shot("canvas")[inside]) == 0.0
     put(tab, "case", "2", "change")
+    red, green, blue = np.moveaxis(tab.shot("canvas")[..., :3].astype(int), -1, 0)
+    assert ((red > 200) & (abs(green - 115) < 35) & (blue < 40)).sum() > 100  # the arrow of the force
     words = tab.run("document.querySelector('[data-is=note]').textContent")
     assert "tool moves 0.08066 µm" in words  # 1 N over 12.4 N/µm along z at Q1
+
+
+@needs_chromium
+def test_the_part_under_the_pointer_is_named(tab, report):
+    opened(tab, report)
+    tab.run("document.querySelector('canvas').scrollIntoView()")
+    left, top, wide, high = tab.run(
+        "(b => [b.x, b.y, b.width, b.height])(document.querySelector('canvas').getBoundingClientRect())"
+    )
+    said = set()
+    for x, y in np.random.default_rng(1).uniform(0.2, 0.8, (60, 2)):
+        tab.call("Input.dispatchMouseEvent", type="mouseMoved", x=left + x * wide, y=top + y * high)
+        said.add(tab.run("(t => t.hidden ? '' : t.textContent)(document.querySelector('[data-is=tip]'))"))
+    assert "" in said  # the ground behind the robot
+    shares = {
+        words.partition(": ")[0]: float(words.partition(": ")[2].split(" %")[0]) for words in said if ": " in words
+    }
+    assert {"limb1.link2", "limb2.link1"} & shares.keys()
+    assert all(0.0 <= share <= 100.0 for share in shares.values())
+
+
+@needs_chromium
+def test_a_chart_says_what_a_point_is_and_finds_its_row(tab, tmp_path):
+    columns = {"design": ["1", "2", "3"], "mass, kg": [1.0, 2.0, 3.0], "stiffness, N/µm": [10.0, 40.0, 20.0]}
+    names = list(columns)[1:]
+    chart = Chart([Series("feasible", "#2f7d6b", columns, size=30)], names, names[::-1], "Every design.")
+    rows = tuple((str(k), f"{m} kg") for k, m in zip(columns["design"], (1, 2, 3), strict=True))
+    table = Shown("All designs", ("design", "mass"), rows * 3, folded=True)
+    page.write_page(tmp_path / "chart.html", "T", [], [Section("Designs", [table], charts=[chart])])
+    tab.events.clear()
+    tab.open(tmp_path / "chart.html")
+    tab.wait("document.querySelector('.chart [data-is=plot]').clientHeight > 300")
+    tab.settled()
+    shot = tab.shot(".chart [data-is=plot]")
+    left, top = tab.run("(b => [b.x, b.y])(document.querySelector('.chart [data-is=plot]').getBoundingClientRect())")
+    red, green, blue = np.moveaxis(shot[..., :3].astype(int), -1, 0)
+    heights, places = np.nonzero((green - red > 40) & (green > blue))
+    third = places > places.max() - 30
+    at = {"x": left + places[third].mean(), "y": top + heights[third].mean(), "button": "left", "clickCount": 1}
+    tab.call("Input.dispatchMouseEvent", type="mouseMoved", x=at["x"], y=at["y"])
+    for kind in ("mousePressed", "mouseReleased"):
+        tab.call("Input.dispatchMouseEvent", type=kind, **at)
+    tab.wait("document.querySelector('tr.found') !== null")
+    assert tab.run("document.querySelector('tr.found').textContent") == "33 kg"
+    assert tab.run("document.querySelector('details').open")
+    heads = "[...document.querySelectorAll('tbody th')].map(e => e.textContent).join('')"
+    tab.run("document.querySelector('thead button').click()")
+    assert tab.run(heads) == "111222333"
+    tab.run("document.querySelector('thead button').click()")
+    assert tab.run(heads) == "333222111"
+    assert tab.complaints() == []
+    assert tab.requests() == [(tmp_path / "chart.html").absolute().as_uri()]
 
 
 @needs_chromium

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,7 @@ import h5netcdf  # pyright: ignore[reportMissingTypeStubs]  # not xarray, whose 
 import numpy as np
 
 from stiffscope.gap.inference.hypothesis import positive_of
+from stiffscope.gap.inference.residuals import split_by_kind
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -51,14 +53,41 @@ class Samples:
     """(n,)."""
     held_out: Array
     """(n,) residuals at poses held out in predictive standard deviations; NaN where not used."""
+    before: Array
+    """(n,) the readings as the model as it is predicts them,"""
+    after: Array
+    """(n,) and as it does with the effects that are reported."""
+    kinds: dict[str, tuple[str, Flags]]
+    """By kind of reading its unit and (n,) which readings are of it."""
+    where: tuple[str, ...]
+    """(n,) file and line."""
 
 
 def draw_samples(
-    found: Findings, joint: Hypothesis, named: tuple[Candidate, ...], held_out: Array, seed: int = 0
+    found: Findings,
+    joint: Hypothesis,
+    named: tuple[Candidate, ...],
+    held_out: Array,
+    reported: Hypothesis | None = None,
+    seed: int = 0,
 ) -> Samples:
     """Draw from the posterior of a fitted hypothesis; the parameters of the named effects are kept.
 
     The posterior is the Gaussian of Laplace's approximation, cut off where parameters cannot be negative.
+
+    Parameters
+    ----------
+    found, joint
+        The search, and the hypothesis whose parameters are drawn.
+    named
+        Effects whose parameters are kept.
+    held_out : (n,)
+        Residuals at poses held out, in predictive standard deviations.
+    reported
+        Hypothesis whose predictions are shown; default: that of the draws.
+    seed
+        Of the random numbers.
+
     """
     rng = np.random.default_rng(seed)
     u = _internal_draws(joint, CHAINS * DRAWS, rng)
@@ -91,6 +120,10 @@ def draw_samples(
         tuple(c.pose_names[int(k)] for k in c.pose),
         tuple(c.what(k) for k in range(len(c))),
         held_out,
+        found.predict_readings(found.none),
+        found.predict_readings(reported or joint),
+        split_by_kind(c),
+        tuple(c.where(k) for k in range(len(c))),
     )
 
 
@@ -120,6 +153,20 @@ def _predict(found: Findings, joint: Hypothesis, u: Array, size: Array, rng: np.
         pairs = rng.standard_normal((len(u), 2, len(errors.norms) // 2))
         out += size[:, None] * np.einsum("djn,nj->dn", pairs[:, :, errors.group], errors.shape)
     return (found.predict_readings(joint) + out * found.sigma).astype(np.float32)
+
+
+def write_readings(path: Path, samples: Samples) -> None:
+    """Write every reading beside its predictions as a table (CSV, SI)."""
+    kind, unit = np.empty((2, len(samples.observed)), dtype=object)
+    for name, (of, mine) in samples.kinds.items():
+        kind[mine], unit[mine] = name, of
+    columns = {
+        "reading": samples.where, "pose": samples.pose, "quantity": samples.quantity, "kind": kind, "unit": unit,
+        "measured": samples.observed, "sigma": samples.sigma, "predicted_before": samples.before,
+        "predicted_after": samples.after, "used": samples.used,
+    }  # fmt: skip
+    with path.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([columns, *zip(*columns.values(), strict=True)])
 
 
 def write_posterior(path: Path, samples: Samples) -> None:

@@ -49,12 +49,12 @@ def percent_noise(campaign: Campaign, sigma: Array, chosen: Flags | None = None)
     return _percent(stiff, sigma / np.where(stiff, value, 1.0), np.ones_like(value), value / sigma)
 
 
-def rms_by_kind(campaign: Campaign, chosen: Flags, *sizes: Array) -> dict[str, tuple[str, tuple[float, ...]]]:
-    """Return the rms of sizes (n,) over the chosen readings, by what they are of, with the unit of each."""
+def split_by_kind(campaign: Campaign) -> dict[str, tuple[str, Flags]]:
+    """Return by kind of reading its unit and (n,) which readings are of it; kinds without any are left out."""
     c = campaign
     ranged = np.array([s.measures == "distance" for s in c.sensors] + [False])[c.sensor]
     turns, stiff = c.direction >= len(AXES) // 2, c.relative & (c.kind != FREQUENCY)
-    kinds = {
+    kinds: dict[str, tuple[str, Flags]] = {
         "displacement": ("m", c.is_motion & (c.kind != POSITION) & ~turns),
         "rotation": ("rad", c.is_motion & turns),
         "position": ("m", (c.kind == POSITION) & ~ranged),
@@ -63,9 +63,14 @@ def rms_by_kind(campaign: Campaign, chosen: Flags, *sizes: Array) -> dict[str, t
         "rotational stiffness": ("N·m/rad", stiff & turns),
         "frequency": ("Hz", c.kind == FREQUENCY),
     }
+    return {name: (unit, mine) for name, (unit, mine) in kinds.items() if mine.any()}
+
+
+def rms_by_kind(campaign: Campaign, chosen: Flags, *sizes: Array) -> dict[str, tuple[str, tuple[float, ...]]]:
+    """Return the rms of sizes (n,) over the chosen readings, by what they are of, with the unit of each."""
     return {
         name: (unit, tuple(float(np.sqrt(np.mean(np.square(size[mine & chosen])))) for size in sizes))
-        for name, (unit, mine) in kinds.items()
+        for name, (unit, mine) in split_by_kind(campaign).items()
         if (mine & chosen).any()
     }
 

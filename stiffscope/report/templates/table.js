@@ -1,6 +1,24 @@
-// Below each table: copy as tab-separated text, save as CSV. Without scripts a table stands without them.
+// Below each table: copy as tab-separated text, save as CSV. Tables of many rows are sorted by a click on a column's name.
+// Without scripts a table stands without them.
 "use strict";
+const SORTED_FROM = 8;  // rows
+const number = (text) => parseFloat(text.replace("−", "-").replace(/,(?=\d{3})/g, ""));
+function sort(table, k) {
+  const head = table.tHead.rows[0].cells[k], up = head.ariaSort !== "ascending", body = table.tBodies[0];
+  const keys = new Map([...body.rows].map((row) => [row, row.cells[k].textContent]));
+  const plain = [...keys.values()].some((text) => text && Number.isNaN(number(text)));
+  const compare = (a, b) => (plain ? a.localeCompare(b) : (number(a) || 0) - (number(b) || 0));
+  body.append(...[...body.rows].sort((a, b) => (up ? 1 : -1) * compare(keys.get(a), keys.get(b))));
+  for (const cell of table.tHead.rows[0].cells) cell.removeAttribute("aria-sort");
+  head.ariaSort = up ? "ascending" : "descending";
+}
 for (const table of document.querySelectorAll(".wide > table")) {
+  if (table.tBodies[0].rows.length >= SORTED_FROM) [...table.tHead.rows[0].cells].forEach((cell, k) => {
+    if (!cell.textContent) return;
+    const button = Object.assign(document.createElement("button"), { type: "button", textContent: cell.textContent, onclick: () => sort(table, k) });
+    button.title = "Sort";
+    cell.replaceChildren(button);
+  });
   const title = table.caption.textContent.trim() || "table";
   const cells = () => [...table.rows].map((row) => [...row.cells].map((cell) => cell.textContent.trim()));
   const quoted = (text) => (/[",\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);

@@ -84,6 +84,7 @@
       arrow.push(x, q * c, q * d, y, s * c, s * d, y, s * e, s * f, x, q * c, q * d, y, s * e, s * f, x, q * e, q * f);
     }
     const arrows = array(new Float32Array(arrow));
+    const picked = gl.createFramebuffer(), [inks, depths] = [gl.createRenderbuffer(), gl.createRenderbuffer()];
     let moves, twists, shares, nodes, elements, number, member, first;
     function take() {
       [moves, twists, shares] = [floats(data.moves), floats(data.twists), floats(data.shares)];
@@ -198,7 +199,49 @@
         const end = tip.map((c, i) => c + (i === k ? 1.2 * length : 0) - now.centre[i]), seen = times(camera, end), label = one("xyz"[k]);
         label.style.left = `${50 * (1 + seen[0] * scale[0])}%`; label.style.top = `${50 * (1 - seen[1] * scale[1])}%`;
       });
+      for (const [k, heads] of [[0, 1], [3, 2]]) {  // the load: a force with one head, a moment with two
+        const load = current() && current().load ? current().load.slice(k, k + 3) : [0, 0, 0], size = Math.hypot(...load);
+        if (!size) continue;
+        const along = load.map((c) => 1.6 * length * c / size), side = cross(along, Math.abs(load[0]) < 0.9 * size ? [1, 0, 0] : [0, 1, 0]);
+        const thick = side.map((c) => 1.8 * length * c / Math.hypot(...side)), other = cross(along, thick).map((c) => c / (1.6 * length));
+        gl.uniform4f(uniform.colour, ...rgb("#e07b00"), 1);
+        for (let head = 0; head < heads; head++) {
+          const base = tip.map((c, i) => c - along[i] * (1 + 0.2 * head));
+          put({ axes: [0, 1, 2].flatMap((i) => [along[i], thick[i], other[i]]), base, nodes: ["ground"] }, () => GROUND);
+          gl.bindVertexArray(arrows); gl.drawArrays(gl.TRIANGLES, 0, arrow.length / 3);
+        }
+      }
       gl.bindVertexArray(null);
+    }
+    function pick(x, y) {  // the solid at a point of the canvas: each is drawn once in a colour that numbers it
+      const [wide, high] = [canvas.width, canvas.height], { camera, scale } = projection(), ink = new Uint8Array(4), factor = amount();
+      gl.bindFramebuffer(gl.FRAMEBUFFER, picked);
+      for (const [buffer, format, place] of [[inks, gl.RGBA8, gl.COLOR_ATTACHMENT0], [depths, gl.DEPTH_COMPONENT16, gl.DEPTH_ATTACHMENT]]) {
+        gl.bindRenderbuffer(gl.RENDERBUFFER, buffer); gl.renderbufferStorage(gl.RENDERBUFFER, format, wide, high);
+        gl.framebufferRenderbuffer(gl.FRAMEBUFFER, place, gl.RENDERBUFFER, buffer);
+      }
+      const at = [Math.floor(x * wide / canvas.clientWidth), Math.floor(high - 1 - y * high / canvas.clientHeight)];
+      gl.viewport(0, 0, wide, high); gl.enable(gl.SCISSOR_TEST); gl.scissor(...at, 1, 1); gl.disable(gl.BLEND);
+      gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+      gl.uniformMatrix3fv(uniform.camera, true, camera); gl.uniform3fv(uniform.centre, now.centre); gl.uniform3fv(uniform.scale, scale);
+      gl.uniform1f(uniform.lit, 0); gl.uniform1f(uniform.lift, 0);
+      data.solids.forEach((solid, k) => {
+        put(solid, (node) => moved(node, factor));
+        gl.uniform4f(uniform.colour, ((k + 1) & 255) / 255, ((k + 1) >> 8) / 255, 0, 1);
+        gl.bindVertexArray(meshes[solid.mesh].solid); gl.drawElements(gl.TRIANGLES, meshes[solid.mesh].count, gl.UNSIGNED_INT, 0);
+      });
+      gl.readPixels(...at, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, ink);
+      gl.bindVertexArray(null); gl.bindFramebuffer(gl.FRAMEBUFFER, null); gl.disable(gl.SCISSOR_TEST); gl.enable(gl.BLEND);
+      return data.solids[ink[0] + 256 * ink[1] - 1];
+    }
+    const told = one("tip");
+    function point(event) {
+      const found = event.buttons || move.checked ? undefined : pick(event.offsetX, event.offsetY);
+      told.hidden = !found;
+      if (!found) return;
+      const has = current() && current().coloured && member.has(found.element);
+      told.textContent = has ? `${found.element}: ${(100 * share(found.element)).toPrecision(3)} % (${data.quantity})` : found.element;
+      told.style.left = `${Math.min(event.offsetX + 14, canvas.clientWidth - told.offsetWidth)}px`; told.style.top = `${event.offsetY + 14}px`;
     }
     function toolAt(where) {
       const { r, p } = where(data.tool.node), x = times(r, data.tool.at);
@@ -231,10 +274,17 @@
       key.replaceChildren();
       const box = (style, text) => {
         const item = document.createElement("span"), mark = document.createElement("i");
-        mark.style.background = style; mark.className = scale ? "scale" : "";
+        mark.style.background = style;
         item.append(mark, text); key.append(item);
       };
-      if (scale) box(`linear-gradient(90deg, ${data.shades.join(",")})`, `${data.quantity}, 0 to ${(100 * most()).toPrecision(3)} %`);
+      if (scale) {
+        const bar = document.createElement("span"), top = 100 * most(), marks = document.createElement("span");
+        bar.className = "bar"; bar.style.background = `linear-gradient(90deg, ${data.shades.join(",")})`;
+        marks.className = "marks";
+        for (const part of [0, 0.25, 0.5, 0.75, 1]) marks.append(Object.assign(document.createElement("span"), { textContent: `${+(part * top).toPrecision(2)}` }));
+        const whole = document.createElement("span");
+        whole.className = "gauge"; whole.append(bar, marks); key.append(`${data.quantity}, %`, whole);
+      }
       else Object.entries(data.key).forEach(([name, ink]) => box(ink, name));
       ask();
     }
@@ -266,7 +316,10 @@
     });
     canvas.addEventListener("pointerdown", (event) => canvas.setPointerCapture(event.pointerId));
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+    canvas.addEventListener("pointerleave", () => { told.hidden = true; });
+    canvas.addEventListener("pointerup", point);
     canvas.addEventListener("pointermove", (event) => {
+      point(event);
       if (event.buttons & 2 || (event.buttons & 1 && event.shiftKey)) pan(event.movementX, event.movementY);
       else if (event.buttons & 1) turn(-event.movementX / 150, event.movementY / 150);
     });
