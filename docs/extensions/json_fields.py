@@ -495,7 +495,7 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             "without_sigma": ("readings whose uncertainty is unknown", ""),
             "copies": ("line that names readings which repeat others to the last digit; null: none do", ""),
             "remarks": (
-                "readings to doubt: `doubt`, `instrument`, `where` (files and lines) and `text` of each",
+                "readings to doubt: `doubt`, `instrument` (or load), `where` (files and lines) and `text` of each",
                 "",
             ),
             "channels[].reads": ("what is read: a sensor, or a quantity at M", ""),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import logging
 import os
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -34,6 +34,7 @@ from stiffscope.gap.planning import propose_plan
 from stiffscope.report import blind_scores, campaign_check, gap_tables, plan_tables, tables
 from stiffscope.report.diagnosis_report import share_view, write_diagnosis_report
 from stiffscope.report.kept_pictures import order_shares, shares_ahead, write_diagnosis_pictures
+from stiffscope.report.pictures import open_drawing
 from stiffscope.robot.library import robot_names
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.reader import load_robot
@@ -201,18 +202,20 @@ def new_campaign(name: str, goal: Path, *, ask: str | None, given: Path | None, 
 def check_campaign(name: str, *, output: Output) -> None:
     """Report how a campaign was read: counts, units, poses, sensors, loads, doubts; no experiment is made."""
     case = open_case(name, planned=True)
-    found = configure_case(case)
-    remarks = inspect_readings(case.campaign, predict_roughly(case))
-    facts = campaign_check.campaign_json(case.campaign, remarks)
+    with open_drawing(ahead=True) if output.folder and case.robot else nullcontext() as draw:
+        found = configure_case(case)
+        remarks = inspect_readings(case.campaign, predict_roughly(case))
+        facts = campaign_check.campaign_json(case.campaign, remarks)
 
-    def fill(folder: Path) -> None:
-        if case.robot is not None and found is not None:
-            campaign_check.draw_sensors(case.robot, found.mechanism, found, case.campaign, folder)
+        def fill(folder: Path) -> None:
+            if case.robot is not None and found is not None and draw is not None:
+                campaign_check.draw_sensors(draw, case.robot, found, case.campaign, folder)
 
-    emit(
-        output, facts, lambda: campaign_check.show_campaign(facts, case.name), manifest=_manifest_of(case), fill=fill,
-        page=lambda folder, shown: campaign_check.write_page(case.name, folder, shown), kept="check.json",
-    )  # fmt: skip
+        emit(
+            output, facts, lambda: campaign_check.show_campaign(facts, case.name), manifest=_manifest_of(case),
+            fill=fill, page=lambda folder, shown: campaign_check.write_page(case.name, folder, shown),
+            kept="check.json",
+        )  # fmt: skip
 
 
 @click.command()

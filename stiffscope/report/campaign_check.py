@@ -12,13 +12,13 @@ from stiffscope.gap.inference.findings import copies
 from stiffscope.report import page
 from stiffscope.report.numbers import pose_values
 from stiffscope.report.page import Section
-from stiffscope.report.pictures import draw, optional_pictures
+from stiffscope.report.pictures import optional_pictures
 from stiffscope.report.robot_scene import moves, picture, pose_text, scene
 from stiffscope.report.run_report import write_report
 from stiffscope.report.terminal import show_line, show_table
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
     from pathlib import Path
 
     from stiffscope.gap.campaign.campaign import Campaign
@@ -176,16 +176,16 @@ def _three(values: list[float] | None) -> str:
 
 
 def draw_sensors(
-    robot: RobotFile, mechanism: Mechanism, found: Configurations, campaign: Campaign, folder: Path
+    draw: Callable[..., None], robot: RobotFile, found: Configurations, campaign: Campaign, folder: Path
 ) -> None:
     """`PICTURES`: the robot at the first and the last of its poses, marks as arrows; where it can be drawn.
 
     Parameters
     ----------
+    draw
+        As `stiffscope.report.pictures.open_drawing` gives it.
     robot
         Robot file.
-    mechanism
-        Bodies, joints, tool and gravity of the robot.
     found
         Configurations at its poses.
     campaign
@@ -194,7 +194,8 @@ def draw_sensors(
         Folder to write to.
 
     """
-    arrows, shown = marks(campaign, mechanism), []
+    mechanism, shown = found.mechanism, []
+    arrows = marks(campaign, mechanism)
     for file, k in zip(PICTURES, (0, 0, len(found) - 1), strict=True):
         place = pose_text(mechanism, found.tool[k, mechanism.tool.commanded_axes].tolist())
         shown.append(picture(file, f"{robot.name}, sensors and loads at {place}", moves(mechanism, found, k)))

@@ -247,8 +247,7 @@ def numbers(table: Table, column: str, *, empty: bool = False, expected: str = "
         values = np.array([float(cell) if cell else math.nan for cell in cells], dtype=np.float64)
     except ValueError:
         values = None
-    strange = values is None or any("_" in cell for cell in cells)
-    if values is None or strange:
+    if values is None or not all(cell.isascii() and "_" not in cell for cell in cells):
         row = next(i for i, cell in enumerate(cells) if cell and not _is_number(cell))
         raise table.fail(row, column, expected)
     blank = np.array([not cell for cell in cells], dtype=np.bool_)
@@ -263,4 +262,4 @@ def _is_number(cell: str) -> bool:
         float(cell)
     except ValueError:
         return False
-    return "_" not in cell
+    return "_" not in cell and cell.isascii()

@@ -11,6 +11,7 @@ from stiffscope.errors import InputError
 from stiffscope.gap.campaign.quantities import KINDS
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.campaign.writing import number_cells, write_campaign
+from stiffscope.gap.campaigns import open_case
 from stiffscope.robot.reader import load_robot
 
 DATA = Path(__file__).parents[2] / "data" / "campaigns"
@@ -348,6 +349,11 @@ def test_names_what_is_wrong_with_sensors(tmp_path, old, new, expected):
         ('value = "um"', 'value = "furl"', "units.value: expected a unit such as"),
         ('value = "um"', 'fz = "mm"', "units.fz: expected a unit of a force"),
         ('value = "um"', 'weight = "kg"', "units.weight: expected a column among"),
+        (
+            'ignore = ["note"]',
+            'ignore = ["note", "value"]',
+            'ignore: expected columns that are not needed, got "value"',
+        ),
     ],
 )
 def test_names_what_is_wrong_with_the_header(tmp_path, old, new, expected):
@@ -418,6 +424,14 @@ def test_refuses_deflections_that_nothing_causes(tmp_path):
     with pytest.raises(InputError, match=r"readings.csv:2: fx: expected a wrench other than zero, got none in 2 defl"):
         load_campaign(folder(tmp_path, [unloaded[0], *unloaded]))
     assert len(load_campaign(folder(tmp_path, [unloaded[0], *GOOD]))) == 5
+
+
+def test_a_file_that_is_no_robot_is_not_shown(tmp_path):
+    (tmp_path / "keys.txt").write_text("secret: of somebody\n")
+    folder(tmp_path, toml='robot = "keys.txt"\nreadings = "readings.csv"')
+    with pytest.raises(InputError, match=r"keys\.txt:1: expected valid TOML") as refused:
+        open_case(tmp_path)
+    assert "secret" not in str(refused.value)
 
 
 @pytest.mark.parametrize("name", ["readings.csv", "campaign.toml"])

@@ -110,6 +110,43 @@ def test_a_copied_channel_is_named(labs, tmp_path):
     assert ["gauge2 has the readings of gauge1" in r.text for r in copied] == [True]
 
 
+FEW = """robot = "delta"
+modelled = ["gravity"]
+readings = "readings.csv"
+[sensors.g]
+measures = "displacement"
+body = "platform"
+at = ["60 mm", "20 mm", "-1054 mm"]
+direction = [1, 0, 0]
+[loads.hook]
+body = "platform"
+at = [0, 0, "-1124 mm"]
+"""
+ROWS = ["0,0,-1.064,hook,1,g,1e-5,1e-6,a", "0.1,0,-1.064,hook,1,g,1.1e-5,1e-6,a", "0,0.1,-1.064,hook,1,g,9e-6,1e-6,a"]
+
+
+@pytest.mark.parametrize(
+    ("rows", "doubt", "text"),
+    [
+        ([*ROWS, ROWS[0].replace("1e-5", "1.2e-5")], None, ""),
+        ([*ROWS, "0.1,0.1,-1.064,hook,1,g,5,1e-6,a"], "outlier",
+         "g stands far out of its other readings at readings.csv:5"),
+        ([*ROWS, ROWS[0].replace("1e-5", "-1e-5")], "contradiction",
+         "g reads 1e-05 at readings.csv:2 and -1e-05 at readings.csv:5, at one pose and load"),
+        ([*(row.replace("hook,1", "hook,0") for row in ROWS), ROWS[0].replace("hook", "")], "no-load",
+         "load hook is no force and no moment in any of its 3 readings"),
+        (ROWS[:1], "few", "1 reading has a value: too few to tell causes apart"),
+    ],
+)  # fmt: skip
+def test_a_small_table_is_doubted(tmp_path, rows, doubt, text):
+    (tmp_path / "campaign.toml").write_text(FEW)
+    (tmp_path / "readings.csv").write_text("\n".join(["x,y,z,load,fx,sensor,value,sigma,session", *rows]))
+    case = open_case(tmp_path)
+    found = inspect_readings(case.campaign, predict_roughly(case))
+    assert [remark.doubt for remark in found] == ([doubt] if doubt else [])
+    assert all(text in remark.text for remark in found)
+
+
 def test_a_stuck_or_empty_plan_is_no_doubt(labs, tmp_path):
     sound, predicted = read(labs("five-bar"), BlindCase("none", 3), 0, tmp_path)
     assert inspect_readings(replace(sound, value=np.full(len(sound), np.nan)), predicted) == ()

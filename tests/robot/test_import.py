@@ -153,6 +153,23 @@ def test_a_mimic_joint_is_told_and_moves_freely(imported):
     assert len(robot.tool.pose) == at_home.motions(robot, driven=False).shape[1] == 2
 
 
+@pytest.mark.parametrize(
+    ("text", "suffix", "note"),
+    [
+        (ARM.replace('lower="-1" upper="2"', 'lower="2" upper="-1"'), ".urdf",
+         "limits of shoulder are left out: the lower is above the upper"),
+        (ARM.replace('lower="-1" upper="2"', 'lower="1" upper="2"'), ".urdf", "home of shoulder is beyond its range"),
+        (ARM.replace('<origin xyz="0.1 0 0"/><axis', '<origin xyz="100 0 0"/><axis'), ".urdf",
+         "m from the origin: check that lengths"),
+        (FOUR_BAR.replace('kp="1234"', 'kp="-5"'), ".xml", "position gains (kp) of motor are below zero and left out"),
+    ],
+)  # fmt: skip
+def test_doubtful_numbers_are_told(imported, text, suffix, note):
+    model, robot, _ = imported(text, suffix)
+    assert note in " ".join(model.notes)
+    assert len(robot.joints) >= 2
+
+
 def test_gains_and_masses_that_are_not_taken_are_told(imported):
     fixed = '<mass value="7"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
     model, _, text = imported(
@@ -174,8 +191,9 @@ def test_a_name_cannot_write_into_the_robot_file(imported):
 
 def test_another_home(imported):
     _, robot, _ = imported(
-        ARM, ".urdf", drives=["slide=2e7"], tool="carriage", home=["slide=50 mm", "shoulder=-90 deg"]
-    )
+        ARM.replace('lower="-1"', 'lower="-2"'), ".urdf", drives=["slide=2e7"], tool="carriage",
+        home=["slide=50 mm", "shoulder=-90 deg"],
+    )  # fmt: skip
     assert robot.tool.at == pytest.approx((0.05, 0, 0.5), abs=1e-12)
     assert robot.joints["slide"].drive.range == pytest.approx((-0.15, 0.15))
 
@@ -211,6 +229,9 @@ def test_a_platform_that_hangs_on_closures_and_two_hinges_of_one_body(imported):
         (FOUR_BAR, {"tool": "frame"}, "expected a tool that moves, got frame"),
         (FOUR_BAR, {"home": ["motor"]}, "--home motor: expected JOINT=POSITION"),
         (FOUR_BAR, {"home": ["moter=1"]}, "--home moter: expected a joint"),
+        (FOUR_BAR, {"home": ["motor=0.1", "motor=0.2"]}, "--home motor=0.2: expected each joint once, got motor twice"),
+        (FOUR_BAR, {"home": ["motor=70 deg"]}, "--home motor: expected a position within its range, -0.5236 to 0.8727"),
+        (FOUR_BAR, {"drives": ["m*=1", "motor=2"]}, "--drive motor=2: expected one stiffness of each joint, got two"),
         (FOUR_BAR.replace('pos="0.4 0 0">', 'pos="2 0 0">').replace(
             '<connect name="pin" body1="coupler" body2="rocker" anchor="0.4 0.05 0"/>',
             '<connect name="pin" site1="tcp" site2="far"/>').replace(
@@ -227,6 +248,11 @@ def test_refusals(imported, tmp_path, text, options, message):
     assert not (tmp_path / "robot.toml").exists()
 
 
+def test_two_joints_of_one_name_are_refused(imported):
+    with pytest.raises(InputError, match=r'expected joints with names of their own, .* to "carriage"'):
+        imported(ARM.replace('name="slide"', 'name="shoulder"'), ".urdf")
+
+
 def test_a_file_that_is_there_is_kept(imported, tmp_path):
     (tmp_path / "robot.toml").write_text("mine")
     with pytest.raises(InputError, match="not there yet"):
@@ -240,7 +266,7 @@ def test_a_model_without_a_body_is_refused_in_one_line(tmp_path):
     assert not (tmp_path / "new.toml").exists()
 
 
-@pytest.mark.parametrize("number", ["nan", "inf"])
+@pytest.mark.parametrize("number", ["nan", "inf", "1e300"])
 @pytest.mark.parametrize("place", ["MASS", "AXIS", "ORIGIN"])
 def test_numbers_that_are_none_are_refused_in_one_line(tmp_path, monkeypatch, capfd, place, number):
     monkeypatch.chdir(tmp_path)
@@ -255,7 +281,7 @@ def test_numbers_that_are_none_are_refused_in_one_line(tmp_path, monkeypatch, ca
     assert _guarded(["import", "arm.urdf", "--out", "new.toml"]) == 2
     said = capfd.readouterr().err.splitlines()
     assert len(said) == 1
-    assert said[0].startswith("stiffscope: arm.urdf: expected a model in URDF or MJCF")
+    assert said[0].startswith("stiffscope: arm.urdf: expected ")
     assert [file.name for file in tmp_path.iterdir()] == ["arm.urdf"]
 
 

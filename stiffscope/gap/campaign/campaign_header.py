@@ -74,6 +74,9 @@ def load_header(folder: Path) -> Header:
     readings = top.texts("readings")
     if not readings or len(set(readings)) < len(readings):
         raise top.refuse("readings", "expected one file name or a list of different ones")
+    ignore = top.texts("ignore", ())
+    if needed := [name for name in ("value", "sigma") if name in ignore]:
+        raise top.refuse("ignore", f'expected columns that are not needed, got "{needed[0]}"')
     units = top.table("units")
     frames = tuple(_read_frame(name, section) for name, section in top.sections("frames"))
     known = tuple(frame.name for frame in frames)
@@ -86,7 +89,7 @@ def load_header(folder: Path) -> Header:
         predictions=predictions,
         source=source,
         units={column: unit for column in units.data if (unit := units.text(column))},
-        ignore=top.texts("ignore", ()),
+        ignore=ignore,
         frames=frames,
         sensors=_check_names(top, [channel for each in channels for channel in each]),
         loads=tuple(_read_load(name, section) for name, section in top.sections("loads")),

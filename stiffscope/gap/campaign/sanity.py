@@ -31,6 +31,7 @@ _SHOWN = 5  # rows of a remark
 _JUMP = 8.0  # standard deviations of the scatter by which a step or an outlier stands out
 _CLEARED = 3.0  # times by which a step's removal must lessen the scatter
 _APART = 1.5  # times the largest of the other readings, from which on a reading is an outlier
+_FAR = 1000.0  # times the model and half of a channel's readings, from which on a reading is none of its
 _RARE = 0.1  # share of a channel's readings that may be called outliers
 _SIDE = 3  # readings on either side of a step
 
@@ -40,8 +41,9 @@ class ReadingRemark:
     """What is doubtful in the readings of one instrument."""
 
     doubt: str
-    """"unit", "sensor-sign", "sensor-step", "constant", "copied" or "outlier"."""
+    """"unit", "sensor-sign", "sensor-step", "constant", "copied", "outlier", "contradiction", "no-load" or "few"."""
     instrument: str
+    """Or load; empty where all are meant."""
     where: tuple[str, ...]
     """Files and lines."""
     text: str
@@ -63,21 +65,65 @@ def inspect_readings(campaign: Campaign, predicted: Array) -> tuple[ReadingRemar
         Channel by channel; empty where nothing is doubtful.
 
     """
-    channels = list(_channels(campaign))
+    found = [*_inspect_loads(campaign), *_find_far(campaign, predicted), *_find_contradictions(campaign)]
+    far = {remark.instrument for remark in found if remark.doubt == "outlier"}
+    channels = [(name, rows) for name, rows in _channels(campaign) if name not in far]
     looks = _look_at_all(campaign, channels, predicted)
-    found: list[ReadingRemark] = []
     for (name, rows), look in zip(channels, looks, strict=True):
         found += _inspect_channel(campaign, predicted, name, rows, look)
     return (*found, *_find_copied(campaign, channels))
 
 
-def _channels(c: Campaign) -> Iterator[tuple[str, Codes]]:
-    """Names of instruments with their rows of one kind that have a value."""
+def _channels(c: Campaign, least: int = LEAST) -> Iterator[tuple[str, Codes]]:
+    """Names of instruments with their rows of one kind that have a value, where they are not too few."""
     key = np.column_stack([c.channel, c.kind])
     for channel, kind in np.unique(key, axis=0).tolist():
         rows = np.flatnonzero((key == (channel, kind)).all(axis=1) & ~np.isnan(c.value))
-        if len(rows) >= LEAST:
+        if len(rows) >= least:
             yield c.what(int(rows[0])) if kind != FREQUENCY else "frequencies", rows
+
+
+def _inspect_loads(c: Campaign) -> Iterator[ReadingRemark]:
+    """Remarks on loads that load nothing, and on readings that are too few."""
+    read = np.flatnonzero(~np.isnan(c.value))
+    if 0 < len(read) < LEAST - 1:
+        have = "1 reading has" if len(read) == 1 else f"{len(read)} readings have"
+        yield ReadingRemark("few", "", (c.where(int(read[0])),), f"{have} a value: too few to tell causes apart")
+    for k, load in enumerate(c.loads):
+        rows = np.flatnonzero(c.load == k)
+        if len(rows) and not np.nan_to_num(c.wrench[rows]).any():
+            text = f"load {load.name} is no force and no moment in any of its {len(rows)} readings"
+            yield ReadingRemark("no-load", load.name, (c.where(int(rows[0])),), text)
+
+
+def _find_far(c: Campaign, predicted: Array) -> Iterator[ReadingRemark]:
+    """Remarks on rows far beyond the model and half of their channel, however short that is."""
+    for name, rows in _channels(c, 2):
+        size, model = np.abs(c.value[rows]), np.abs(predicted[rows])
+        usual = max(float(np.sort(size)[(len(rows) - 1) // 2]), float(np.nan_to_num(model).max()))
+        if int(c.kind[rows[0]]) in (DEFLECTION, DEVIATION) and usual and (far := size > _FAR * usual).any():
+            yield _name_rows(c, name, rows[far])
+
+
+def _find_contradictions(c: Campaign) -> Iterator[ReadingRemark]:
+    """A remark on each channel that reads quite different values in one session at one pose and load."""
+    key = np.column_stack([c.pose, c.load, c.session, np.nan_to_num(c.wrench)])
+    for name, rows in _channels(c, 2):
+        group = np.unique(key[rows], axis=0, return_inverse=True)[1].ravel()
+        order = rows[np.lexsort([c.value[rows], group])]
+        group = np.sort(group)
+        first = np.searchsorted(group, group)  # of each row's group, its least value
+        apart, sigma = c.value[order] - c.value[order[first]], np.nan_to_num(c.sigma[order])
+        size = np.maximum(np.abs(c.value[order]), np.abs(c.value[order[first]]))
+        sigma *= np.where(c.relative[order], size, 1.0)
+        known = apart[apart > 0]
+        sound = np.maximum(_JUMP * sigma, _JUMP * np.median(known) if len(known) >= LEAST else 0.0)
+        bad = (apart > sound) & (apart > 0.5 * size)
+        if bad.any():
+            two = sorted((int(order[first[k := int(np.argmax(apart * bad))]]), int(order[k])))
+            read = " and ".join(f"{c.value[row]:.4g} at {c.where(row)}" for row in two)
+            text = f"{name} reads {read}, at one pose and load: is one of them wrong?"
+            yield ReadingRemark("contradiction", name, tuple(c.where(row) for row in two), text)
 
 
 def _inspect_channel(
@@ -297,11 +343,15 @@ def _name_outliers(c: Campaign, name: str, rows: Codes, left: Array) -> Iterator
     far = ~usual & (size > _APART * size[usual].max(initial=0.0))  # faults of the robot leave long tails
     if not 0 < far.sum() <= max(1, _RARE * len(rows)) or len(rows) < 3 * LEAST:
         return
-    order = np.flatnonzero(far)[np.argsort(-np.abs(left[far]))]
-    where = tuple(c.where(int(row)) for row in rows[order])
+    yield _name_rows(c, name, rows[np.flatnonzero(far)[np.argsort(-np.abs(left[far]))]])
+
+
+def _name_rows(c: Campaign, name: str, rows: Codes) -> ReadingRemark:
+    """A remark on rows that stand far out."""
+    where = tuple(c.where(int(row)) for row in rows)
     more = f" and {len(where) - _SHOWN} more" if len(where) > _SHOWN else ""
     text = f"{name} stands far out of its other readings at {', '.join(where[:_SHOWN])}{more}"
-    yield ReadingRemark("outlier", name, where, text)
+    return ReadingRemark("outlier", name, where, text)
 
 
 def _find_copied(c: Campaign, channels: list[tuple[str, Codes]]) -> Iterator[ReadingRemark]:

@@ -117,7 +117,7 @@ def parse_text(path: Path, text: str, what: str = "a robot file") -> dict[str, A
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        line, message = _explain(error, text)
+        line, message = _explain(error, text, shown=path.suffix == ".toml")
         raise InputError(f"{path}:{line}: {message}") from error
     except RecursionError as error:
         line = _first_line(text, rf"[\[{{](?:\s*[\[{{]){{{MOST_LEVELS}}}")
@@ -134,13 +134,14 @@ def parse_text(path: Path, text: str, what: str = "a robot file") -> dict[str, A
     return data
 
 
-def _explain(error: tomllib.TOMLDecodeError, text: str) -> tuple[int, str]:
-    """Line of what is no TOML, and the message."""
+def _explain(error: tomllib.TOMLDecodeError, text: str, *, shown: bool) -> tuple[int, str]:
+    """Line of what is no TOML, and the message; a file that was hardly meant to be any is not ``shown``."""
     reason, _, place = str(error).partition(" (at ")
     found = re.search(r"line (\d+), column (\d+)", place)
     lines = text.split("\n")
     line = min(int(found[1]), len(lines)) if found else len(lines)
-    where = f'"{lines[line - 1].strip()[:60]}" (column {found[2]})' if found else "the end of the file"
+    line_shown = f'"{lines[line - 1].strip()[:60]}" (column' if shown else "another text (column"
+    where = f"{line_shown} {found[2]})" if found else "the end of the file"
     return line, f"expected valid TOML, got {where}: {reason[:1].lower()}{reason[1:]}"
 
 

@@ -146,7 +146,7 @@ def _compile(mj: Any, path: Path) -> tuple[Any, list[str]]:
     try:
         spec = mj.MjSpec.from_file(str(path))
         spec.compiler.fusestatic = 0
-        _check_masses(path, spec)
+        _check_spec(path, spec)
         least = spec.compiler  # of a body that moves: what it lacks, the robot file lacks too
         least.boundmass, least.boundinertia = max(least.boundmass, 1e-9), max(least.boundinertia, 1e-15)
         try:
@@ -165,7 +165,7 @@ def _compile(mj: Any, path: Path) -> tuple[Any, list[str]]:
     return model, [f"read without its meshes ({first})", "a body whose mass would come from a mesh has none here"]
 
 
-def _check_masses(path: Path, spec: Any) -> None:
+def _check_spec(path: Path, spec: Any) -> None:
     known = [("mass", "kg", "body", each.name, each.mass) for each in spec.bodies]
     known += [("mass", "kg", "geom", each.name, each.mass) for each in spec.geoms]
     known += [("inertia", "kg*m^2", "body", each.name, min(each.inertia)) for each in spec.bodies]
@@ -174,6 +174,10 @@ def _check_masses(path: Path, spec: Any) -> None:
         if value < 0:
             got = f'{value:g} {unit} of {what} "{print_safely(name)}"'
             raise InputError(f"{path}: expected no {quantity} below zero, got {got}")
+    for joint in spec.joints if path.suffix.lower() == ".urdf" else ():
+        if not joint.name:  # MuJoCo drops a name that is another's
+            message = "expected joints with names of their own, got one without, or with another's"
+            raise InputError(f'{path}: {message}, to "{print_safely(joint.parent.name)}"')
 
 
 def _reason(error: Exception) -> str:
@@ -202,6 +206,10 @@ def _go_home(compiled: CompiledModel, wanted: Mapping[str, float]) -> None:
         if name not in joints:
             able = ", ".join(joints)
             raise InputError(f'--home {name}: expected a joint that turns or slides ({able}), got "{name}"')
+        low, high = m.jnt_range[joints[name]]
+        if m.jnt_limited[joints[name]] and not low <= value <= high:
+            message = f"expected a position within its range, {low:.4g} to {high:.4g}, got {value:.4g} (m or rad)"
+            raise InputError(f"--home {name}: {message}")
         d.qpos[m.jnt_qposadr[joints[name]]] = value
     open_by = np.inf
     for _ in range(_ROUNDS):

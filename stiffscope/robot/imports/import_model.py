@@ -70,7 +70,7 @@ def import_model(
 
     """
     check_new(out)
-    model = read_model(path, tool, dict(_position(text) for text in home))
+    model = read_model(path, tool, _positions(home))
     text = robot_text(model, print_safely(Path(path).name), driven(model, drives))
     try:
         read_robot(Path(out), text)
@@ -81,13 +81,18 @@ def import_model(
     return model
 
 
-def _position(text: str) -> tuple[str, float]:
-    """Joint and position, SI, of a text such as "elbow=90 deg" or "slide=20 mm"."""
-    name, equals, value = (each.strip() for each in text.partition("="))
-    try:
-        return name, any_quantity(_number_or_text(value) if equals else None)
-    except ValueError as error:
-        raise InputError(f'--home {text}: expected JOINT=POSITION such as "elbow=90 deg", got "{text}"') from error
+def _positions(texts: Sequence[str]) -> dict[str, float]:
+    """Positions of joints, SI, of texts such as "elbow=90 deg" or "slide=20 mm"."""
+    found: dict[str, float] = {}
+    for text in texts:
+        name, equals, value = (each.strip() for each in text.partition("="))
+        if name in found:
+            raise InputError(f"--home {text}: expected each joint once, got {name} twice")
+        try:
+            found[name] = any_quantity(_number_or_text(value) if equals else None)
+        except ValueError as error:
+            raise InputError(f'--home {text}: expected JOINT=POSITION such as "elbow=90 deg", got "{text}"') from error
+    return found
 
 
 def driven(model: SimulatorModel, drives: Sequence[str]) -> dict[str, str]:
@@ -114,6 +119,8 @@ def driven(model: SimulatorModel, drives: Sequence[str]) -> dict[str, str]:
                 q.to_si(_number_or_text(value), _DRIVABLE[joints[each].kind])
         except ValueError as error:
             raise InputError(f"--drive {text}: {error}") from error
+        if twice := [each for each in named if each in found]:
+            raise InputError(f"--drive {text}: expected one stiffness of each joint, got two of {twice[0]}")
         found |= dict.fromkeys(named, to_toml(_number_or_text(value)))
     return found
 
@@ -208,7 +215,7 @@ def _joint_lines(joint: ModelJoint, drives: dict[str, str]) -> Iterator[str]:
         unit = _DRIVABLE[joint.kind].unit
         if joint.name in drives:
             yield f"drive = {{ stiffness = {drives[joint.name]}{limits} }}"
-        elif joint.gain:
+        elif joint.gain > 0:
             yield f'# drive = {{ stiffness = "{_number(joint.gain)} {unit}"{limits} }}   # gain kp of the source'
         else:
             yield f'# drive = {{ stiffness = "... {unit}"{limits} }}   # if it is driven'

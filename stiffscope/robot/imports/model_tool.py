@@ -90,7 +90,8 @@ def _nearby_rank(source: CompiledModel, body: int, at: Array) -> int:
     m, here, near = source.model, source.data, source.mj.MjData(source.model)
     near.qpos[:] = here.qpos
     source.mj.mj_integratePos(m, near.qpos, np.random.default_rng(0).normal(0.0, 0.1, m.nv), 1.0)
-    source.mj.mj_forward(m, near)
+    source.mj.mj_kinematics(m, near)
+    source.mj.mj_comPos(m, near)
     turn = near.xmat[body].reshape(3, 3) @ here.xmat[body].reshape(3, 3).T
     point = near.xpos[body] + turn @ (at - here.xpos[body])
     return int(np.linalg.matrix_rank(_jacobian(source, near, body, point), tol=1e-6))

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 _LEAST_MASS = 1e-8  # kg; what MuJoCo gives to bodies without any
 _SAME_POINT, _SQUARE = 1e-9, 1e-6
+_LARGE = 30.0  # m: hardly an arm is as large, but one in mm is
 
 
 @dataclass(frozen=True)
@@ -165,9 +166,13 @@ def _note_dynamics(source: CompiledModel, joints: Iterable[ModelJoint]) -> None:
         names = [joint.name for joint in joints if joint.dynamics.get(word)]
         if names:
             source.notes.append(f"the source's {word} of {', '.join(names)} is not taken, but written beside the joint")
-    names = [joint.name for joint in joints if joint.gain]
-    if names:
-        source.notes.append(f"position gains (kp) of {', '.join(names)} are written beside the joint, not taken")
+    for gains, told in ((1, "written beside the joint, not taken"), (-1, "below zero and left out")):
+        names = [joint.name for joint in joints if joint.gain * gains > 0]
+        if names:
+            source.notes.append(f"position gains (kp) of {', '.join(names)} are {told}")
+    size = float(max((np.abs(joint.at).max() for joint in joints), default=0.0))
+    if size > _LARGE:
+        source.notes.append(f"joints are up to {size:.3g} m from the origin: check that lengths of the source are in m")
 
 
 def _tree_joints(source: CompiledModel) -> Iterator[ModelJoint]:
@@ -197,7 +202,13 @@ def _tree_joint(source: CompiledModel, number: int) -> ModelJoint | None:
         if m.jnt_limited[number]:
             here = float(d.qpos[m.jnt_qposadr[number]])
             low, high = (float(each) - here for each in m.jnt_range[number])
-            limits = (low, high) if low < high else None
+            limits = low, high
+            if not low <= 0.0 <= high:
+                source.notes.append(
+                    f"home of {source.label('joint', number)} is beyond its range; choose another with --home"
+                )
+        elif m.jnt_range[number, 0] > m.jnt_range[number, 1]:
+            source.notes.append(f"limits of {source.label('joint', number)} are left out: the lower is above the upper")
     note, gain = _actuator(source, number)
     dof = int(m.jnt_dofadr[number])
     dynamics = {
@@ -226,7 +237,7 @@ def _actuator(source: CompiledModel, joint: int) -> tuple[str, float]:
         on_joint = source.is_a(m.actuator_trntype[number], "mjtTrn", "mjTRN_JOINT", "mjTRN_JOINTINPARENT")
         if on_joint and m.actuator_trnid[number, 0] == joint:
             gear = float(m.actuator_gear[number, 0])
-            gain = max(-float(m.actuator_biasprm[number, 1]) * gear**2, 0.0)
+            gain = -float(m.actuator_biasprm[number, 1]) * gear**2
             return f'actuator "{source.label("actuator", number)}" of the source', gain
     return "", 0.0
 
