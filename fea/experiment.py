@@ -14,6 +14,7 @@ from stiffscope.errors import InputError
 from stiffscope.fea.mesh import TetMesh
 from stiffscope.fea.rigid import relative_twists
 from stiffscope.fea.significance import largest_relative_bound
+from stiffscope.runtime.brief import describe_briefly
 
 if TYPE_CHECKING:
     from stiffscope.fea.mesh import Floats
@@ -58,6 +59,8 @@ class Experiment:
     displacement : (6n, nodes, 3) m per unit wrench.
     von_mises : (6n, nodes) Pa per unit wrench.
     """
+
+    __repr__ = describe_briefly
 
     part: str
     interface: str

@@ -93,3 +93,18 @@ def test_a_campaign_folder_is_diagnosed():
     found = ss.diagnose("published")
     assert isinstance(found, ss.Diagnosis)
     assert (found.verdict, found.effects[0].effect) == ("identified", "scale")
+
+
+def test_results_have_names_in_xarray_and_pandas_and_are_told_in_a_line():
+    robot = ss.load_robot("biglide")
+    machine = ss.assemble(robot, "published")
+    poses = [(0.0, 0.0, 0.4), (0.01, 0.0, 0.45)]
+    pushed, state = ss.deflection(machine, poses, [0, 3, 0, 0, 0, 0]), ss.analyse(machine, poses)
+    compliance = state.to_xarray().compliance.sel(twist="rx", wrench="fy")
+    assert 3 * compliance.values == pytest.approx(pushed.to_xarray().twist_at_M.sel(twist="rx").values, rel=1e-9)
+    table = pushed.to_pandas()
+    assert table[["x", "y", "z"]].to_numpy().tolist() == [list(pose) for pose in poses]
+    assert table.filter(like="share_").sum(axis=1).to_numpy() == pytest.approx(1.0)
+    found = ss.modes(machine, poses, 2)
+    assert found.to_pandas()["frequency_2"].tolist() == found.to_xarray().frequency.sel(mode=2).values.tolist()
+    assert all(len(repr(each)) < 600 for each in (robot, machine, state, pushed, found, state.configurations))

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.runtime.brief import describe_briefly
 from stiffscope.vjm.checks import spell_name
 from stiffscope.vjm.closure import CLOSED
 from stiffscope.vjm.continuation import OPEN, RANGE, REACHED, find_solver, follow_paths
@@ -40,6 +41,8 @@ class Configurations:
     ``valid`` (n,): where every loop closes on the branch of home with all drives in range. Elsewhere numbers are NaN
     and ``reason`` tells why.
     """
+
+    __repr__ = describe_briefly
 
     mechanism: Mechanism
     poses: Array

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.runtime.brief import describe_briefly
 from stiffscope.vjm.checks import BASE, GROUND, TOOL, assign, check_compliance, check_vector, spell_name
 
 if TYPE_CHECKING:
@@ -88,6 +89,8 @@ class Mechanism:
     ``base``: what yields between the ground and all that stands on it, at the origin; ``grip``: between the tool's body
     and M, at M; both in base axes at home. Raises InputError for what does not make a mechanism.
     """
+
+    __repr__ = describe_briefly
 
     bodies: tuple[Body, ...]
     joints: tuple[Joint, ...]

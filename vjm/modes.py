@@ -13,6 +13,7 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.vjm.checks import GROUND, list_names, spell_name
+from stiffscope.vjm.datasets import Labelled, make_dataset
 from stiffscope.vjm.kinematics import Configurations, configure
 from stiffscope.vjm.mobility import mobility
 from stiffscope.vjm.network import END
@@ -20,8 +21,9 @@ from stiffscope.vjm.pencil import NOTHING, form_pencils
 from stiffscope.vjm.semidefinite import half_inverse
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
+    import xarray as xr
     from numpy.typing import ArrayLike, NDArray
 
     from stiffscope.vjm.coordinates import Coordinates, Rows
@@ -38,8 +40,8 @@ _ROUNDS, _POWERS = 20, 4
 _CONVERGED = 1e-11  # change of μ, relative to the largest; the frequencies' own error is far less
 
 
-@dataclass(frozen=True, eq=False)
-class Modes:
+@dataclass(frozen=True, eq=False, repr=False)
+class Modes(Labelled):
     """The lowest modes of a mechanism at n poses, lowest first; NaN out of reach, and where there are fewer.
 
     ``frequencies`` (n, c) in Hz, 0 where tool or drives move freely; ``error`` (n, c): 95 % bounds by those of the
@@ -61,6 +63,17 @@ class Modes:
     def tool(self) -> Array:
         """Twist (n, 6, c) of the tool at M in base axes."""
         return self.shapes[END]
+
+    def to_xarray(self) -> xr.Dataset:
+        """Return frequencies, bounds, the tool's shape and energies with names along pose, mode, twist and element."""
+        variables: dict[str, tuple[Sequence[str], Array, str]] = {
+            "frequency": (("pose", "mode"), self.frequencies, "Hz"),
+            "error": (("pose", "mode"), self.error, "Hz"),
+            "tool": (("pose", "twist", "mode"), self.tool, "m/√kg, rad/√kg"),
+            "share": (("element", "pose", "mode"), np.array(list(self.energy.values())), "1"),
+        }
+        modes = range(1, self.frequencies.shape[1] + 1)
+        return make_dataset(self.configurations, variables, element=list(self.energy), mode=modes)
 
 
 def modes(mechanism: Mechanism, poses: ArrayLike | Configurations, count: int = 6, *, drives: Drives = "held") -> Modes:

@@ -14,6 +14,7 @@ import numpy as np
 from stiffscope.errors import InputError
 from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.condensation import InfiniteStiffnessError, condense_network
+from stiffscope.vjm.datasets import Labelled, make_dataset
 from stiffscope.vjm.equilibrium import find_equilibrium, map_segments, solve_condensed, solve_loads, tool_stiffness
 from stiffscope.vjm.kinematics import CHUNK, Configurations, check_poses, configure, configure_chunks
 from stiffscope.vjm.laws import find_laws
@@ -27,6 +28,7 @@ from stiffscope.vjm.strain import find_offsets
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
+    import xarray as xr
     from numpy.typing import ArrayLike, NDArray
 
     from stiffscope.vjm.mechanism import Mechanism
@@ -39,8 +41,8 @@ _ROUNDING = 1e-12  # of the largest compliance
 _FAR = 0.1  # rad, and of its own length, that weights may move the tool; beyond this, linearization is invalid
 
 
-@dataclass(frozen=True, eq=False)
-class Stiffness:
+@dataclass(frozen=True, eq=False, repr=False)
+class Stiffness(Labelled):
     """What a mechanism does at n poses, at M in base axes; NaN where a pose is out of reach.
 
     ``matrix`` (n, 6, 6) in N/m, N, N·m/rad, NaN where it is infinite in some direction; ``compliance`` (n, 6, 6), its
@@ -81,6 +83,17 @@ class Stiffness:
     def valid(self) -> NDArray[np.bool_]:
         """Which poses are within reach (n,)."""
         return self.configurations.valid
+
+    def to_xarray(self) -> xr.Dataset:
+        """Return stiffness, compliance, sag and mobility with names along pose, twist and wrench; SI."""
+        variables: dict[str, tuple[Sequence[str], Array, str]] = {
+            "stiffness": (("pose", "wrench", "twist"), self.matrix, "N/m, N/rad, N, N·m/rad"),
+            "compliance": (("pose", "twist", "wrench"), self.compliance, "m/N, rad/N, 1/N, rad/(N·m)"),
+            "sag": (("pose", "twist"), self.sag, "m, rad"),
+            "mobility": (("pose",), self.mobility, "1"),
+            "inverse_condition": (("pose",), self.inverse_condition, "1"),
+        }
+        return make_dataset(self.configurations, variables)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.vjm.condensation import InfiniteStiffnessError, condense_network
+from stiffscope.vjm.datasets import Labelled, make_dataset
 from stiffscope.vjm.equilibrium import find_equilibrium, map_segments, tool_stiffness
 from stiffscope.vjm.kinematics import Configurations, configure
 from stiffscope.vjm.loading import Loads
@@ -16,6 +17,9 @@ from stiffscope.vjm.network import END, place_nodes
 from stiffscope.vjm.order import find_order
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import xarray as xr
     from numpy.typing import ArrayLike
 
     from stiffscope.vjm.mechanism import Mechanism
@@ -26,13 +30,23 @@ if TYPE_CHECKING:
 _LARGEST = 1e100  # N or N·m; its square is still a number
 
 
-@dataclass(frozen=True, eq=False)
-class Deflection:
+@dataclass(frozen=True, eq=False, repr=False)
+class Deflection(Labelled):
     """``twist`` (n, 6) of the tool at M in m, rad; ``energy`` (n,) in J; each element's share (n,) of it."""
 
     twist: Array
     energy: Array
     shares: dict[str, Array]
+    configurations: Configurations
+
+    def to_xarray(self) -> xr.Dataset:
+        """Return twist, strain energy and shares with names along pose, twist and element; SI."""
+        variables: dict[str, tuple[Sequence[str], Array, str]] = {
+            "twist_at_M": (("pose", "twist"), self.twist, "m, rad"),
+            "energy": (("pose",), self.energy, "J"),
+            "share": (("element", "pose"), np.array(list(self.shares.values())), "1"),
+        }
+        return make_dataset(self.configurations, variables, element=list(self.shares))
 
 
 def deflection(mechanism: Mechanism, poses: ArrayLike | Configurations, wrench: ArrayLike) -> Deflection:
@@ -72,7 +86,7 @@ def deflection(mechanism: Mechanism, poses: ArrayLike | Configurations, wrench: 
     }
     energy = sum(stored.values(), np.zeros(len(found)))
     shares: dict[str, Array] = {name: each / np.where(energy > 0.0, energy, 1.0) for name, each in stored.items()}
-    return Deflection(twist, energy, shares)
+    return Deflection(twist, energy, shares, found)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.parameters import parameters
 from stiffscope.robot.part_matrices import part_matrices, part_sources
+from stiffscope.runtime.brief import describe_briefly
 from stiffscope.vjm import statics
 from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.modes import frequencies, modes
@@ -73,6 +74,8 @@ class Row:
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
     """Responses of a robot at n commanded poses, their derivatives, and why some numbers have none (``notes``)."""
+
+    __repr__ = describe_briefly
 
     robot: RobotFile
     poses: np.ndarray

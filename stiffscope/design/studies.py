@@ -20,6 +20,7 @@ from stiffscope.design.outcomes import Outcomes, find_front
 from stiffscope.design.search import SWEEPS, Ending, search
 from stiffscope.design.study_reading import load_study
 from stiffscope.errors import InputError
+from stiffscope.runtime.brief import describe_briefly
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -72,6 +73,8 @@ class Study:
     best : indexes of the best designs: the optimum, or the Pareto front in the order of the first objective.
     ending : how the search ended.
     """
+
+    __repr__ = describe_briefly
 
     file: StudyFile
     designs: Designs

@@ -6,7 +6,11 @@ import math
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, cast
 
+from stiffscope.runtime.brief import describe_briefly
+
 if TYPE_CHECKING:
+    import pandas as pd
+
     from stiffscope.gap.inference.posterior_samples import Samples
 
 
@@ -167,6 +171,8 @@ class HeldOut:
 class Diagnosis:
     """Verdict, gap, effects and alternatives, location, next measurement."""
 
+    __repr__ = describe_briefly
+
     verdict: str
     """identified, partly, ambiguous, unexplained or no-gap."""
     gap: Gap
@@ -187,6 +193,18 @@ class Diagnosis:
     """Draws from the posterior, for `posterior.nc` and the figures."""
     beside: tuple[Effect, ...] = ()
     """What the parameters were fitted beside without being certain; of the effect "unknown" what has no word."""
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Return the named effects, a row for each parameter: value, sigma, unit, ends of the 95 % interval; SI."""
+        import pandas as pd
+
+        rows = [
+            (e.effect, e.place, e.probability, e.share, name, p.value, p.sigma, *p.interval, p.unit)
+            for e in self.effects
+            for name, p in e.parameters.items()
+        ]
+        columns = "effect", "place", "probability", "share", "parameter", "value", "sigma", "low", "high", "unit"
+        return pd.DataFrame(rows, columns=columns)
 
 
 def to_json(diagnosis: Diagnosis) -> dict[str, Any]:

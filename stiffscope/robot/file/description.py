@@ -20,6 +20,7 @@ from stiffscope.robot.file.sections import (
     MapSection,
     ToolSection,
 )
+from stiffscope.runtime.brief import describe_briefly
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -49,6 +50,8 @@ class RobotFile:
 
     `tolerances`, SI, by key: of the values that are written with one ("20 mm ± 0.1 mm").
     """
+
+    __repr__ = describe_briefly
 
     name: str
     parts: Mapping[str, PartSection]

@@ -1,0 +1,32 @@
+"""What a console shows of an object: sizes instead of thousands of numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+SHORT = 60  # characters up to which a value is written whole,
+FEW = 6  # and numbers of an array
+
+
+def describe_briefly(shown: Any) -> str:
+    """Return a dataclass's fields in a line: values as far as they are short, sizes of arrays and of collections.
+
+    It is what such a class has as its ``__repr__``. Fields that hold nothing are left out.
+    """
+    told = ((field.name, _describe(getattr(shown, field.name))) for field in fields(shown) if field.repr)
+    return f"{type(shown).__name__}({', '.join(f'{name}={text}' for name, text in told if text)})"
+
+
+def _describe(value: Any) -> str:
+    if isinstance(value, np.ndarray):
+        return repr(value) if value.ndim == 1 and value.size <= FEW else f"array{value.shape}"
+    if value is None or (isinstance(value, (Mapping, tuple, list)) and not value):
+        return ""
+    if not isinstance(value, (str, int, float, Mapping, tuple, list)):
+        return f"<{type(value).__name__}>"
+    names = f"{{{', '.join(map(str, value))}}}" if isinstance(value, Mapping) else repr(value)
+    return names if len(names) <= SHORT else f"<{len(value)}>" if isinstance(value, (Mapping, tuple, list)) else names
