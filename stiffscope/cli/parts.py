@@ -115,7 +115,7 @@ def _compare_robots(first: RobotFile, second: RobotFile, components: Any, output
         warn_of(made.results.values())
     emit(
         output, robot_comparison.robots_json(found), lambda: robot_comparison.show_robots(found), manifest=manifest,
-        fill=lambda folder: robot_comparison.draw_change(found, folder),
+        fill=lambda folder: robot_comparison.draw_both(found, folder),
         page=lambda folder, shown: robot_comparison.write_robots_page(found, folder, shown),
     )  # fmt: skip
 

@@ -48,6 +48,8 @@ class RobotComparison:
     sag: Array
     change: StiffnessMap | None
     made: dict[str, Assembled]
+    places: tuple[tuple[float, ...], ...]
+    """Coordinates of the poses, m and rad."""
 
 
 def compare_robots(first: RobotFile, second: RobotFile, components: Components, shop: Workshop) -> RobotComparison:
@@ -87,7 +89,7 @@ def compare_robots(first: RobotFile, second: RobotFile, components: Components, 
     return RobotComparison(
         names, tuple(name for name, ok in zip(poses, reached, strict=True) if ok),
         np.array([each.matrix for each in plain]), np.array([each.sag for each in both]),
-        _map_change(first, second, made), made,
+        _map_change(first, second, made), made, tuple(map(tuple, values[reached].tolist())),
     )  # fmt: skip
 
 

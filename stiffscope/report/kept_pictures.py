@@ -166,7 +166,7 @@ def order_shares(
     place = pose_text(mechanism, found.tool[worst, mechanism.tool.commanded_axes].tolist())
     title = f"Share of the gap by component, at the pose of the largest residual, {place}"
     shown = [picture("robot.png", title, moves(mechanism, found, worst))]
-    drawn = scene(assembled.robot, mechanism, _experiments(assembled), shares(assembled.robot, diagnosis))
+    drawn = scene(assembled.robot, mechanism, list_experiments(assembled), shares(assembled.robot, diagnosis))
 
     def write(folder: Path) -> None:
         ahead.draw("robot", folder, pictures=shown, scale="share of the gap", geometry=GEOMETRY, **drawn)
@@ -220,7 +220,7 @@ def draw_deflection(
         title = f"{assembled.robot.name} at {name} under {case.label}; deformed × {factor:g}"
         bent = picture(f"deflection_{k + 1}.png", title, deform_nodes(moved, case.twists, at, factor), moved)
         shown.append({**bent, "shares": case.shares})
-    arguments = scene(assembled.robot, mechanism, _experiments(assembled))
+    arguments = scene(assembled.robot, mechanism, list_experiments(assembled))
     with optional_pictures():
         draw("robot", folder, pictures=shown, scale="share of the strain energy", geometry=GEOMETRY, **arguments)
 
@@ -312,7 +312,7 @@ def _skins(assembled: Assembled) -> dict[str, str]:
     """Checksums of the solids that a robot is drawn by: its parts' experiments, the user's own surfaces."""
     surfaces = {name: getattr(body, "mesh", None) for name, body in assembled.robot.bodies.items()}
     own = {f"{name}.mesh": assembled.robot.path.parent / mesh for name, mesh in surfaces.items() if mesh}
-    return {name: file_digest(file) for name, file in (_experiments(assembled) | own).items()}
+    return {name: file_digest(file) for name, file in (list_experiments(assembled) | own).items()}
 
 
 def _drawing_code() -> str:
@@ -339,9 +339,9 @@ def _draw_poses(assembled: Assembled, folder: Path) -> None:
         )
         for k, (name, pose) in enumerate(poses.items())
     ]
-    draw("robot", folder, pictures=shown, geometry=GEOMETRY, **scene(robot, mechanism, _experiments(assembled)))
+    draw("robot", folder, pictures=shown, geometry=GEOMETRY, **scene(robot, mechanism, list_experiments(assembled)))
 
 
-def _experiments(assembled: Assembled) -> dict[str, Path]:
+def list_experiments(assembled: Assembled) -> dict[str, Path]:
     """File of each part's virtual experiment: such parts are drawn as their own solids."""
     return {name: result.folder / EXPERIMENT for name, result in assembled.results.items()}

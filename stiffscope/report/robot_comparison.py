@@ -7,9 +7,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.report import maps, page
+from stiffscope.report.kept_pictures import list_experiments
 from stiffscope.report.page import Section
+from stiffscope.report.pictures import draw, optional_pictures
+from stiffscope.report.robot_scene import moves, picture, scene
 from stiffscope.report.run_report import write_report
 from stiffscope.report.terminal import show_table
+from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.mechanism import COORDINATES
 
 if TYPE_CHECKING:
@@ -58,8 +62,19 @@ def _change(before: float, after: float) -> str:
     return f"{100 * (after / before - 1):+.2f} %" if np.isfinite(before) and np.isfinite(after) and before else ""
 
 
-def draw_change(found: RobotComparison, folder: Path) -> None:
-    """Write change.png and change.svg: what the second robot changes over the workspace of the first, in percent."""
+def draw_both(found: RobotComparison, folder: Path) -> None:
+    """Write both.png: the second robot at the first common pose, with the outlines of the first.
+
+    Write change.png and change.svg: what the second changes over the workspace of the first, in percent.
+    """
+    drawn, moved = [], []
+    for made in found.made.values():
+        drawn.append(scene(made.robot, made.mechanism, list_experiments(made)))
+        moved.append(moves(made.mechanism, configure(made.mechanism, found.places[:1])))
+    ghost = {**{key: drawn[0][key] for key in ("bodies", "joints", "tool")}, "moves": moved[0]}
+    title = f"{found.names[1]} at {found.poses[0]}; in light outlines {found.names[0]}"
+    with optional_pictures():
+        draw("robot", folder, pictures=[picture("both.png", title, moved[1]) | {"ghost": ghost}], **drawn[1])
     if found.change is not None:
         title = f"{found.names[1]} against {found.names[0]}: change of the stiffness"
         files = folder / "change.png", folder / "change.svg"
@@ -68,9 +83,15 @@ def draw_change(found: RobotComparison, folder: Path) -> None:
 
 def write_robots_page(found: RobotComparison, folder: Path, tables: Sequence[Shown]) -> None:
     """Write report.html."""
-    figures = []
-    if found.change is not None:
-        caption = f"Change of the stiffness at M from {found.names[0]} to {found.names[1]} over the workspace."
-        figures = [page.figure(folder / "change.png", caption, "change of the stiffness over the workspace")]
+    first, second = found.names
+    captions = {
+        "both.png": (f"{second}, and {first} in light outlines.", "both robots at one pose"),
+        "change.png": (
+            f"Change of the stiffness at M from {first} to {second} over the workspace.",
+            "change of the stiffness over the workspace",
+        ),
+    }
     facts = [f"robots: {found.names[0]}, {found.names[1]}", "SI units at the tool point M in base axes {O}"]
-    write_report(folder, " against ".join(found.names), facts, [Section("Side by side", tables, figures)])
+    write_report(
+        folder, " against ".join(found.names), facts, [Section("Side by side", tables, page.figures(folder, captions))]
+    )

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from stiffscope.cli.main import cli
 from stiffscope.errors import InputError
@@ -27,6 +28,16 @@ def test_twice_the_drives_of_a_robot_of_drives_alone_is_twice_the_stiffness(tmp_
     answer = json.loads(capsys.readouterr().out)
     assert answer["robots"] == ["one", "two"]
     np.testing.assert_allclose(np.array(answer["sag"], dtype=float)[:, 0, 1], -20 / 2e6)
+
+
+def test_a_picture_shows_the_first_robot_in_outlines_beside_the_second(tmp_path):
+    wide = ["compare", "biglide", "biglide", "--components", "published", "--quiet", "--out"]
+    same, changed = tmp_path / "same", tmp_path / "changed"
+    cli([*wide, str(same)], standalone_mode=False)
+    cli([*wide, str(changed), "--set", "slider.thickness=60mm"], standalone_mode=False)
+    one, other = (np.asarray(Image.open(folder / "both.png").convert("RGB")).astype(int) for folder in (same, changed))
+    assert np.mean(np.abs(one - other).max(axis=2) > 24) > 0.002
+    assert "both.png" in (changed / "report.html").read_text()
 
 
 def test_robots_of_other_coordinates_are_refused():

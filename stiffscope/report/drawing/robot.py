@@ -67,6 +67,7 @@ def robot(
         Where the files go.
     pictures
         ``moves``: node to [R (3, 3), p (3,)] since home; ``before``, optional: the same, drawn in a light colour;
+        ``ghost``, optional: another robot in that colour, {bodies, joints, tool, moves};
         ``close``, optional: true of a picture of the marks alone, with their names and what is near.
     bodies
         {name, nodes, part, experiment, shape, mesh, axes, base, length, places}; a rigid body has one node. ``shape``:
@@ -101,6 +102,9 @@ def robot(
         shapes = _by_colour(solids, moves, coloured)
         if before is not None:
             shapes["before"] = _join_shapes([solid.move(_moves(before)) for solid in solids])
+        if ghost := picture.get("ghost"):
+            others = solids_of(ghost["bodies"], ghost["joints"], ghost["tool"], upward)
+            shapes["before"] = _join_shapes([solid.move(_moves(ghost["moves"])) for solid in others])
         close = picture.get("close", False)
         arrows = _arrows(marks or [], moves, reach, close)
         seen = _around(np.vstack([each.ends for each in arrows])) if close else None
