@@ -16,6 +16,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
+from scipy.linalg import lstsq
 from scipy.spatial import KDTree
 
 from stiffscope.errors import InputError
@@ -358,7 +359,7 @@ class _Reached:
 
         table = features(self.values)
         train = np.arange(count) % 4 > 0
-        solution = np.linalg.lstsq(table[train], self.q.T[train], rcond=None)[0]
+        solution = lstsq(table[train], self.q.T[train], cond=1e-12, lapack_driver="gelsy")[0]
         off = np.abs(table[~train] @ solution - self.q.T[~train]) / self.solver.linkage.scale
         if float(np.quantile(off.max(axis=1), 0.9)) < _FIT:
             self.predict = lambda values: np.ascontiguousarray((features(values) @ solution).T)

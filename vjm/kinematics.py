@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from stiffscope.vjm.continuation import Followed, Solver
     from stiffscope.vjm.joints import Joint
-    from stiffscope.vjm.linkage import Linkage, Placed
+    from stiffscope.vjm.linkage import Given, Linkage, Placed
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.screws import Array
 
@@ -168,21 +168,25 @@ def start_note(mechanism: Mechanism) -> str | None:
     return f"home is singular: tool poses start from {where}, the nearest regular configuration"
 
 
-def configure_chunks(mechanism: Mechanism, points: Array, size: int = CHUNK) -> Iterator[Configurations]:
-    """Configurations at checked poses (n, k), ``size`` at a time.
+def configure_chunks(
+    mechanism: Mechanism, points: Array, size: int = CHUNK, given: Given = "tool"
+) -> Iterator[Configurations]:
+    """Configurations at checked tool poses (n, k) or displacements of drives (n, d), ``size`` at a time.
 
     Parameters
     ----------
     mechanism
         Bodies, joints, tool and gravity of the robot.
     points
-        Tool poses (n, k), checked.
+        Tool poses, or displacements of the drives from home, m and rad.
     size
         Configurations at a time; more take more memory.
+    given
+        Which of the two.
 
     """
-    solver = find_solver(mechanism, "tool")
-    home = mechanism.tool.home
+    solver = find_solver(mechanism, given)
+    home = mechanism.tool.home if given == "tool" else 0.0
     yield from (_configurations(solver, each) for each in follow_paths(solver, points - home, size))
 
 
@@ -193,8 +197,7 @@ def configure_drives(mechanism: Mechanism, displacements: ArrayLike) -> Configur
     """
     names = [j.name for j in mechanism.drives]
     values = _check_rows(displacements, names, "drives")
-    solver = find_solver(mechanism, "drives")
-    parts = [_configurations(solver, each) for each in follow_paths(solver, values, CHUNK)]
+    parts = list(configure_chunks(mechanism, values, given="drives"))
     return parts[0] if len(parts) == 1 else _join(mechanism, parts)
 
 

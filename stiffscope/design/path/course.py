@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.kinematics import configure, configure_drives
+from stiffscope.vjm.kinematics import configure_chunks
 from stiffscope.vjm.mechanism import COORDINATES
 from stiffscope.vjm.screws import rotation_of
 from stiffscope.vjm.statics import Load, respond
@@ -109,21 +109,20 @@ def respond_under(job: Job, assembled: Assembled, found: Configurations, wrench:
 
 def configure_path(job: Job, assembled: Assembled, path: ToolPath) -> Iterator[Configurations]:
     """Configurations along a path, a block at a time. Raises InputError that names the line of a point out of reach."""
-    mechanism = assembled.mechanism
-    for start in range(0, len(path), BLOCK):
-        values = path.values[start : start + BLOCK]
-        if path.by_joints:
-            names = [name.removeprefix("q:") for name in path.columns]
-            known = [joint.name for joint in mechanism.drives]
-            if sorted(names) != sorted(known):
-                wanted = ", ".join(f"q:{name}" for name in known)
-                raise InputError(f"{job.path_file.name}:1: expected a column of every drive ({wanted}), got others")
-            found = configure_drives(mechanism, values[:, [names.index(name) for name in known]])
-        else:
-            found = configure(mechanism, values)
+    mechanism, given, values, start = assembled.mechanism, "tool", path.values, 0
+    if path.by_joints:
+        given = "drives"
+        names = [name.removeprefix("q:") for name in path.columns]
+        known = [joint.name for joint in mechanism.drives]
+        if sorted(names) != sorted(known):
+            wanted = ", ".join(f"q:{name}" for name in known)
+            raise InputError(f"{job.path_file.name}:1: expected a column of every drive ({wanted}), got others")
+        values = values[:, [names.index(name) for name in known]]
+    for found in configure_chunks(mechanism, values, BLOCK, given):
         if not found.valid.all():
             k = int(np.argmin(found.valid))
             raise InputError(f"{job.path_file.name}:{path.lines[start + k]}: {found.reason(k)}")
+        start += len(found)
         yield found
 
 
