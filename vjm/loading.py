@@ -171,6 +171,26 @@ def condense_loads(state: Condensed, loads: Loads) -> CondensedLoads:
     return out
 
 
+def store_energy(state: Condensed, load: CondensedLoads) -> Array:
+    """Twice the energy (n or 1, c, c) that loads store while the nodes left stand still; none of them an offset."""
+    out: Array = np.zeros((1, load.loads.cases, load.loads.cases))
+    for gone, kept in zip(state.gone, load.kept, strict=True):
+        match gone:
+            case Stiff() if any(w.any() for w in kept[0].carried):
+                for (e, _), carried in zip(gone.connection.members, kept[0].carried, strict=True):
+                    factor = state.where.columns(e)[0]
+                    if factor.shape[2]:
+                        stress = np.swapaxes(factor, -1, -2) @ (kept[1] + carried)
+                        out = out + np.swapaxes(stress, -1, -2) @ stress
+            case Eliminated() if kept is not None:
+                out = out + np.swapaxes(kept, -1, -2) @ kept
+            case Folded():
+                out = out + np.swapaxes(kept[1], -1, -2) @ gone.core @ kept[1]
+            case _:
+                pass
+    return out
+
+
 def recover_response(
     state: Condensed,
     load: CondensedLoads | None,
@@ -269,11 +289,11 @@ def _hold_end(state: Condensed, gone: Stiff, along: ChainLoads, balanced: float)
                 for (e, _), wrench in zip(connection.members, along.carried, strict=True)
             ]
         )
-        directions = connection.flexible(where)[1]
         hold = -np.swapaxes(gone.fit, -1, -2) @ work
-        left = np.abs(np.swapaxes(directions, -1, -2) @ hold + work)
-        if (left > balanced * np.abs(work).max(axis=(1, 2), keepdims=True)).any():
-            _refuse([e.name for e, _ in connection.members])
+        if balanced < HELD:
+            left = np.abs(np.swapaxes(connection.flexible(where)[1], -1, -2) @ hold + work)
+            if (left > balanced * np.abs(work).max(axis=(1, 2), keepdims=True)).any():
+                _refuse([e.name for e, _ in connection.members])
     tau: Array = np.zeros((1, 6, 1))
     for (e, _), wrench in zip(connection.members, along.carried, strict=True):
         factor = where.columns(e)[0]
@@ -332,7 +352,7 @@ def stack_rows(blocks: list[Array]) -> Array:
 
 def _check_balance(names: Sequence[str], half: Array, matrix: Array, load: Array, balanced: float) -> None:
     """Refuse a load along a direction that a generalized inverse has dropped."""
-    if not (np.einsum("nii->ni", half) == 0.0).any():
+    if balanced >= HELD or not (np.einsum("nii->ni", half) == 0.0).any():
         return
     left = np.abs(load - matrix @ (np.swapaxes(half, -1, -2) @ (half @ load)))
     if (left > balanced * np.abs(load).max(axis=(1, 2), keepdims=True) + 1e-300).any():

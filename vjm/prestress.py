@@ -21,7 +21,7 @@ import numpy as np
 from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.condensation import condense_network
 from stiffscope.vjm.equilibrium import solve_held, solve_loads, tool_stiffness
-from stiffscope.vjm.loading import HELD, Loads, condense_loads, recover_response, solve_tool, stack_rows
+from stiffscope.vjm.loading import HELD, Loads, condense_loads, recover_response, solve_tool, stack_rows, store_energy
 from stiffscope.vjm.network import END, Places, free_directions, lump_masses
 from stiffscope.vjm.order import stack_columns
 from stiffscope.vjm.saddle import saddle_loaded_unit
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 _SMALL = 1e-4  # rad, or of the mechanism's length: displacements beyond which the linear equilibrium is improved
 _SETTLED = 1e-7
 _STEPS = 12
-_SLOW = 1e-4  # of the motions, below which their own second-order work is nothing
+_SLOW = 3e-4  # of the motions, below which the second-order work of their own change is below 1e-10 of all
 _SLIGHT = 1e-2  # of the motions, that they change by second-order work; one step gives that to 1e-6
 
 
@@ -119,13 +119,13 @@ def bend_network(order: Order, where: Places, gravity: Array, small: float = _SM
     there, size = bend_places(where, moved), _find_size(moved, order.length)
     far = size > small
     if far.any():
-        rest, bent = where.some(far), there.some(far)
+        rest, bent, left = where.some(far), there.some(far), size[far]
         for _ in range(_STEPS):
             step = solve_loads(order, bent, _remaining_loads(order, bent, rest, gravity))
-            bent, left = bend_places(bent, step), _find_size(step, order.length)
-            if not (left > _SETTLED).any():
+            bent, last, left = bend_places(bent, step), left, _find_size(step, order.length)
+            if not (left * np.minimum(left / last, 1.0) > _SETTLED).any():  # what the next step would be
                 break
-        size[far] = left  # pyright: ignore[reportPossiblyUnboundVariable]
+        size[far] = left
         there = bent if far.all() else there.replace_some(far, bent)
     return Bent(there, np.broadcast_to(moved.twist[..., 0], (n, 6)), ~(size > _SMALL) | ~far)
 
@@ -147,7 +147,7 @@ def _tangent(
         end = np.concatenate([solve_tool(stiffness, load.force(END)), unit], axis=2)
         ends = {GROUND: np.zeros((1, 6, 7)), END: end}
     work = SecondOrder(recover_response(state, load, ends, left, mix=np.eye(1, 7)), order.mechanism, gravity)
-    change, share = _relax(state, work, thorough=thorough)
+    change, share = _relax(state, work, stiffness, thorough=thorough)
     n = len(there.tool)
     return np.array(np.broadcast_to(stiffness + change, (n, 6, 6))), np.broadcast_to(share, n)
 
@@ -188,7 +188,7 @@ def loaded_compliance(order: Order, where: Places, gravity: Array) -> tuple[Arra
     return matrix, bent.sag
 
 
-def _relax(state: Condensed, work: SecondOrder, *, thorough: bool) -> tuple[Array, Array]:
+def _relax(state: Condensed, work: SecondOrder, stiffness: Array, *, thorough: bool) -> tuple[Array, Array]:
     """Change (n, 6, 6) of the stiffness by the second-order work, and the share (n,) by which internal motions change.
 
     With H the Hessian of that work and X the motions for unit twists of the tool, these change by δ where
@@ -197,6 +197,11 @@ def _relax(state: Condensed, work: SecondOrder, *, thorough: bool) -> tuple[Arra
     """
     unit = Motion.select_cases(work.response, slice(1, 7))
     square, loads = work.differentiate(unit)
+    if not (thorough or state.order.left):
+        stored = store_energy(state, condense_loads(state, Loads(6, loads, balanced=HELD)))
+        share = np.sqrt(np.max(np.einsum("nii->ni", stored) / np.einsum("nii->ni", stiffness), axis=1))
+        if not (share > _SLOW).any():
+            return square - stored, share
     held = solve_held(state, Loads(6, loads, balanced=HELD))
     share = _measure_nodes(held.nodes) / _measure_nodes(unit.nodes)
     if not (thorough or (share > _SLOW).any()):
@@ -309,6 +314,13 @@ class SecondOrder:
         return [(s, 0.5 * bracket(s.carried[..., 0])) for s in moving]
 
     @cached_property
+    def _wrenches(self) -> dict[str, Array]:
+        """What elements carry (n, 6), at their own points in their own axes."""
+        where = self.response.where
+        first = ((s.element, s.carried[..., :1]) for s, _ in self._brackets)
+        return {e.name: (_t(where.adjoint(e)) @ carried)[..., 0] for e, carried in first}
+
+    @cached_property
     def _weights(self) -> dict[str, tuple[Array, Array]]:
         """For every node with mass the matrices of ``f·(ω × v)`` (3, 3) and of ``f·(ω × (ω × r))`` (n, 3, 3)."""
         out: dict[str, tuple[Array, Array]] = {}
@@ -323,16 +335,13 @@ class SecondOrder:
         """Of elements with rotations in an order half the Hessian (n, k, k) by them, and a moment for their work."""
         out: dict[str, tuple[Array, Array]] = {}
         for state, _ in self._brackets:
-            e, moment = state.element, state.wrench[:, 3:, 0]
+            e, moment = state.element, self._wrenches[state.element.name][:, 3:]
             if not _is_ordered(e) or e.factor.shape[1] + e.free.shape[1] < 2 or not moment.any():
                 continue
             axes = list_axes(state)
             k = axes.shape[1]
-            hessian = np.zeros((max(len(moment), len(axes)), k, k))
-            for a in range(k):
-                for b in range(a + 1, k):
-                    across = np.cross(axes[:, b], axes[:, a])
-                    hessian[:, a, b] = hessian[:, b, a] = 0.5 * (moment * across).sum(axis=1)
+            hessian = 0.5 * np.triu(axes @ skew(moment) @ _t(axes), 1)
+            hessian = hessian + _t(hessian)
             back = _t(axes) @ inverse(axes @ _t(axes)) if k < 4 else inverse(_t(axes) @ axes) @ _t(axes)
             out[e.name] = hessian, back
         return out
@@ -375,7 +384,7 @@ class SecondOrder:
         That is ``-½ Σ_{a<b} w·[s_a, s_b] y_a y_b``; the wrench (n, 6, 6), at M in base axes, is on its first node.
         """
         name, twist = state.element.name, motion.twist[state.element.name]
-        force = 0.5 * skew(state.wrench[:, :3, 0])
+        force = 0.5 * skew(self._wrenches[name][:, :3])
         push, turn = force @ twist[:, 3:], -force @ twist[:, :3]
         square = _t(twist[:, :3]) @ push
         square = square + _t(square)
