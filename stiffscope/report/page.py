@@ -173,6 +173,7 @@ def write_page(
     """
     filled = [section for section in sections if section]
     given = {"title": title, "facts": facts, "sections": filled, "lead": lead, "watched": watched}
+    given["repeated"] = {view.still.source for section in filled if (view := section.view) and view.still}
     given["charts"] = read_library() if any(section.charts for section in filled) else ""
     target.write_text(templates().get_template("report.html").render(given).lstrip(), encoding="utf-8")
     if watched:

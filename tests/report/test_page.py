@@ -174,6 +174,19 @@ def test_drag_keys_and_choice_of_a_load(tab, report):
 
 
 @needs_chromium
+def test_paper_shows_each_picture_once_and_every_table(tab, report):
+    opened(tab, report)
+    tab.run("dispatchEvent(new Event('beforeprint'))")
+    tab.call("Emulation.setEmulatedMedia", media="print")
+    seen = "[...document.querySelectorAll('img')].filter(e => e.offsetParent !== null).map(e => e.src)"
+    pictures = tab.run(seen)
+    assert len(pictures) == len(set(pictures)) >= 3
+    hidden = tab.run("[...document.querySelectorAll('table')].filter(e => e.offsetHeight < 20).length")
+    assert hidden == 0
+    tab.call("Emulation.setEmulatedMedia", media="")
+
+
+@needs_chromium
 def test_the_part_under_the_pointer_is_named(tab, report):
     opened(tab, report)
     tab.run("document.querySelector('canvas').scrollIntoView()")
