@@ -8,7 +8,6 @@ import numpy as np
 from scipy.cluster.hierarchy import leaves_list, linkage, optimal_leaf_ordering
 from scipy.spatial.distance import squareform
 
-from stiffscope.report.charts import Chart, Series
 from stiffscope.report.figures import (
     AFTER,
     BEFORE,
@@ -21,6 +20,7 @@ from stiffscope.report.figures import (
     write_cells,
 )
 from stiffscope.report.numbers import choose_unit
+from stiffscope.report.page import Chart, Series
 from stiffscope.report.text import DIRECTIONS, label, steps
 
 if TYPE_CHECKING:

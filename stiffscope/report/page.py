@@ -1,7 +1,8 @@
 """A report as one HTML file: contents, tables as the terminal shows them, figures, charts, a robot that turns.
 
 Nothing is requested when it is opened: pictures, style and viewer are inside. The viewer, ``templates/view.js``, is
-plain WebGL of a few hundred lines; a picture stands in its place without it.
+plain WebGL of a few hundred lines; BokehJS draws the charts of pages that have some. A picture stands in the
+place of either in print and without scripts.
 """
 
 from __future__ import annotations
@@ -11,18 +12,18 @@ import functools
 import io
 import re
 from dataclasses import dataclass, field
+from importlib.metadata import distribution
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 from PIL import Image, WebPImagePlugin  # noqa: F401 (else saving imports all of its seventy formats)
-
-from stiffscope.report.charts import read_library
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from pathlib import Path
 
-    from stiffscope.report.charts import Chart
     from stiffscope.report.terminal import Shown
 
 QUALITY = 86  # of pictures inside a page, WebP
@@ -31,6 +32,7 @@ BUTTONS = (
     ("left", "◀", "Turn left"), ("right", "▶", "Turn right"), ("up", "▲", "Tilt up"), ("down", "▼", "Tilt down"),
     ("nearer", "+", "Zoom in"), ("farther", "−", "Zoom out"), ("reset", "↺", "Initial view"),
 )  # fmt: skip
+MOST_POINTS = 5000  # of a series; more are thinned evenly
 HOW = "Drag to turn, or use the arrow keys; with Shift or the right button to move; + and − to zoom."
 FACTOR = (
     "Displacements are multiplied by the factor at the slider, and interpolated between the ends of elastic bodies "
@@ -75,6 +77,52 @@ class RobotView:
     def how(self) -> str:
         """What to do with it."""
         return f"{HOW} {FACTOR}" if any(pose["cases"] for pose in self.data["poses"]) else HOW
+
+
+@dataclass(frozen=True)
+class Series:
+    """Points or a line of one colour: columns of equal length by name, numbers or words."""
+
+    name: str
+    colour: str
+    columns: Mapping[str, Sequence[Any] | np.ndarray]
+    line: bool = False
+    size: float = 6
+    """Diameter of a point, pixels."""
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Series that share their columns' names, and what of them x and y may be, the first at first."""
+
+    series: Sequence[Series]
+    x: Sequence[str]
+    y: Sequence[str]
+    caption: str
+    still: Figure | None = None
+    key: str = ""
+    """Column that says which row of the page's tables a point is; empty: the first."""
+    equal: bool = False
+    """Whether a line is drawn on which x equals y."""
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """The chart as JSON knows it."""
+        series = [
+            {"name": s.name, "colour": s.colour, "line": s.line, "size": s.size,
+             "columns": {name: _round_column(values) for name, values in s.columns.items()}}
+            for s in self.series
+        ]  # fmt: skip
+        key = self.key or next(iter(self.series[0].columns))
+        return {"series": series, "x": list(self.x), "y": list(self.y), "key": key, "equal": self.equal}
+
+
+def _round_column(values: Sequence[Any] | np.ndarray) -> list[Any]:
+    """Return a column with six digits of its numbers, null where there is none, thinned where it is long."""
+    some = values[:: max(1, -(-len(values) // MOST_POINTS))]
+    return [
+        value if isinstance(value, str) else float(f"{value:.6g}") if np.isfinite(value) else None for value in some
+    ]
 
 
 @dataclass(frozen=True)
@@ -187,3 +235,10 @@ def templates() -> Environment:
     return Environment(
         loader=PackageLoader("stiffscope.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
+
+
+@functools.cache
+def read_library() -> Markup:
+    """Return BokehJS as the package holds it; importing the package itself would take most of a second."""
+    folder = Path(str(distribution("bokeh").locate_file("bokeh/server/static/js")))
+    return Markup("\n".join((folder / f"{name}.min.js").read_text("utf-8") for name in ("bokeh", "bokeh-api")))  # noqa: S704

@@ -9,10 +9,9 @@ import numpy as np
 
 from stiffscope.design.verdicts import find_bounds, find_nearest, judge_convergence
 from stiffscope.report import page
-from stiffscope.report.charts import Chart, Series
 from stiffscope.report.figures import AFTER, BEFORE, EFFECT, NOISE, new_figure, save_figures
 from stiffscope.report.numbers import choose_unit
-from stiffscope.report.page import Section
+from stiffscope.report.page import Chart, Section, Series
 from stiffscope.report.run_report import write_report
 from stiffscope.report.sensitivities import quantity
 from stiffscope.report.terminal import Shown, show_line, show_table

@@ -10,10 +10,9 @@ import pyvista as pv
 from stiffscope.cli.main import _guarded
 from stiffscope.experiments.assembly import assemble
 from stiffscope.report import page
-from stiffscope.report.charts import Chart, Series
 from stiffscope.report.drawing.geometry import pack_solids
 from stiffscope.report.drawing.solids import Solid, solids_of
-from stiffscope.report.page import RobotView, Section
+from stiffscope.report.page import Chart, RobotView, Section, Series
 from stiffscope.report.robot_scene import deform_nodes, moves, scene
 from stiffscope.report.robot_view import Case, robot_view, unit_wrenches
 from stiffscope.report.terminal import Shown, record_shown, show_line, show_table
