@@ -10,7 +10,7 @@ import click
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
 from stiffscope.cli.output import emit
-from stiffscope.report.tables import show_element
+from stiffscope.report.part_tables import show_element
 from stiffscope.robot.file.element_sections import read_element
 from stiffscope.runtime.reading import read_bytes
 

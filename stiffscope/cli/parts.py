@@ -23,7 +23,7 @@ from stiffscope.experiments.orders import name_lines, order_part
 from stiffscope.experiments.results import compliance_json
 from stiffscope.experiments.superelements import write_part
 from stiffscope.report import compare as comparison
-from stiffscope.report import interface_figure, robot_comparison, tables
+from stiffscope.report import interface_figure, part_tables, robot_comparison, tables
 from stiffscope.robot.part_matrices import used_parts
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.output import write_bytes
@@ -62,8 +62,8 @@ def compliance(
         write_part(result, superelement, manifest)
 
     def show() -> None:
-        tables.show_parts([result])
-        tables.show_compliance(robot, result)
+        part_tables.show_parts([result])
+        part_tables.show_compliance(robot, result)
         if superelement:
             tables.show_line(f"Superelement written to {superelement}")
 
@@ -102,7 +102,7 @@ def compare(
 
     def show() -> None:
         for result in results:
-            tables.show_compliance(robot, result)
+            part_tables.show_compliance(robot, result)
 
     emit(output, {part: dataclasses.asdict(each) for part, each in own.items()}, show)
 
@@ -147,7 +147,7 @@ def interfaces(
         interface_figure.draw(compared, robot.name, folder / "interfaces.png")
 
     emit(
-        output, interfaces_json(compared), lambda: tables.show_interfaces(compared), manifest=manifest, fill=fill,
+        output, interfaces_json(compared), lambda: part_tables.show_interfaces(compared), manifest=manifest, fill=fill,
         page=lambda folder, shown: interface_figure.write_page(compared, folder, robot.name, shown),
         kept="interfaces.json",
     )  # fmt: skip
@@ -166,4 +166,4 @@ def _solids(robot: RobotFile) -> list[str]:
 def faces(file: str, *, output: Output) -> None:
     """List the faces of a STEP file."""
     rows = describe(read_solid(file))
-    emit(output, rows, lambda: tables.show_faces(file, rows))
+    emit(output, rows, lambda: part_tables.show_faces(file, rows))

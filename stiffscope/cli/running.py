@@ -25,7 +25,7 @@ from stiffscope.experiments.assembly import (
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.experiments.results import EXPERIMENT, FIELDS, compliance_json
 from stiffscope.experiments.watching import changes, differences, digest_sources, keep_meshed, keep_warm, sources
-from stiffscope.report import tables
+from stiffscope.report import part_tables, tables
 from stiffscope.report.kept_pictures import plain_robot, write_run_pictures
 from stiffscope.report.run_report import write_run_report
 from stiffscope.report.terminal import record_shown
@@ -229,10 +229,10 @@ def _stiffness(assembled: Assembled, state: Stiffness) -> dict[str, Any]:
 def _show_parts(now: Assembled) -> None:
     """The tables of the parts at the end of a run."""
     if now.results:
-        tables.show_parts(list(now.results.values()))
+        part_tables.show_parts(list(now.results.values()))
     for name, result in now.results.items():
         if now.sources[name] == "fea":
-            tables.show_compliance(now.robot, result)
+            part_tables.show_compliance(now.robot, result)
 
 
 def _show_robot(now: Assembled, states: Mapping[str, Stiffness]) -> None:

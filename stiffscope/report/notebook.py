@@ -18,7 +18,7 @@ import numpy as np
 from stiffscope.cad.part import mass_properties
 from stiffscope.design.maps import map_stiffness
 from stiffscope.errors import InputError
-from stiffscope.report import maps, page, tables
+from stiffscope.report import maps, page, part_tables, tables
 from stiffscope.report.figures import save_figures
 from stiffscope.report.numbers import coordinates, name_pose, point, pose_values, vector
 from stiffscope.report.pictures import draw
@@ -370,12 +370,12 @@ SHOWN: dict[str, Callable[[Any], Sequence[Figure] | None]] = {
     "cad.materials.Material": _fields,
     "cad.materials.TransverselyIsotropic": _fields,
     "cad.part.Part": _part,
-    "fea.experiment.Experiment": tables.show_experiment,
+    "fea.experiment.Experiment": part_tables.show_experiment,
     "fea.derivatives.PartSensitivity": _part_sensitivity,
     "fea.settings.Settings": _fields,
     "gap.inference.diagnosis.Diagnosis": _diagnosis,
     "design.studies.Study": _study,
-    "report.compare.Comparison": tables.show_comparison,
+    "report.compare.Comparison": part_tables.show_comparison,
     "robot.file.description.RobotFile": _robot,
     "design.sensitivity.Sensitivity": _sensitivity,
     "vjm.kinematics.Configurations": _configurations,

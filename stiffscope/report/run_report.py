@@ -115,7 +115,10 @@ def write_map_report(folder: Path, assembled: Assembled, titles: Mapping[str, st
     robot, mechanism = assembled.robot, assembled.mechanism
     poses: dict[str, Any] = dict(robot.poses) or {"home": mechanism.tool.home}
     view = _wrench_view(folder, assembled, configure(mechanism, list(poses.values())), list(poses))
-    figures = [page.figure(folder / f"{stem}.png", title, f"map: {title}") for stem, title in titles.items()]
+    figures = [
+        page.figure(folder / f"{stem}.png", title[:1].upper() + title[1:], f"map: {title}")
+        for stem, title in titles.items()
+    ]
     sections = [
         Section("Maps", (), figures),
         Section("The robot under load", view=view),

@@ -14,7 +14,7 @@ from stiffscope.cli.main import _guarded
 from stiffscope.experiments.orders import order_part
 from stiffscope.experiments.results import PartResult, compliance_json
 from stiffscope.fea.experiment import Experiment
-from stiffscope.report.tables import show_compliance
+from stiffscope.report.part_tables import show_compliance
 from stiffscope.robot.part_matrices import beam_compliance
 from stiffscope.robot.reader import load_robot
 

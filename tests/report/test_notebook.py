@@ -12,7 +12,7 @@ from IPython.utils.capture import capture_output
 
 import stiffscope as ss
 from stiffscope.fea.derivatives import Derivative, PartSensitivity
-from stiffscope.report import tables
+from stiffscope.report import part_tables
 from stiffscope.report.compare import Comparison, Entry
 from stiffscope.report.notebook import SHOWN, as_html, open_bar, register
 from stiffscope.runtime.progress import LISTENERS, silence
@@ -31,7 +31,7 @@ def experiment():
 
 
 def test_an_experiment_shows_every_entry_with_its_bound():
-    page = Page(as_html(experiment(), tables.show_experiment))
+    page = Page(as_html(experiment(), part_tables.show_experiment))
     assert page.tags.count("td") == 36 + 1
     assert page.words.count("·") == 30
     assert "5.800e-11 ± 7e-14" in page.words

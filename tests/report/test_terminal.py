@@ -12,7 +12,7 @@ import pytest
 
 from stiffscope.gap.blind.scores import Outcome, Scores
 from stiffscope.gap.inference.diagnosis import Alternative, Diagnosis, Effect, Gap, NextMeasurement, Parameter, Where
-from stiffscope.report import tables
+from stiffscope.report import part_tables, tables
 from stiffscope.report.blind_scores import show_scores
 from stiffscope.report.compare import Comparison, Entry
 from stiffscope.report.gap_tables import show_diagnosis
@@ -34,12 +34,12 @@ def parts():
         "mass": 14.27,
         "relative_bound": 6.3e-4,
     }
-    tables.show_parts([Stub(name="slider", facts=facts, note="", reused=False, seconds=12810.8)])
+    part_tables.show_parts([Stub(name="slider", facts=facts, note="", reused=False, seconds=12810.8)])
 
 
 def comparison():
     entry = Entry("C35", "m/(N·m)", -7.34875e-8, 2.2e-11, -8.0254e-8, -8.0254e-8, -8.0255e-8)
-    tables.show_comparison(
+    part_tables.show_comparison(
         Comparison("slider", (entry, entry), ("C22 as published is 10.7 times too stiff: no shear",))
     )
 
@@ -50,7 +50,7 @@ def interfaces():
         for name in ("rigid face, rigid clamp", "even traction", "three pads", "bolt holes", "foundation")
     ]
     entry = Stub(name="C66", unit="rad/(N·m)", own=7.00122e-9, error=2e-12, changes=(3.625,) * 4, bars=(9.3e-3,) * 4)
-    tables.show_interfaces(Stub(part="slider", own=choices[0], others=choices[1:], entries=[entry], left_out=()))
+    part_tables.show_interfaces(Stub(part="slider", own=choices[0], others=choices[1:], entries=[entry], left_out=()))
 
 
 def state(poses, matrix, sag, pose=("x", "y", "z")):
@@ -78,7 +78,7 @@ def stiffness():
 def matrices():
     matrix = np.diag([5.8e-11, 1.9e-10, 4.3e-9, 1.3e-7, 1.7e-6, 7e-9])
     matrix[1, 5] = matrix[5, 1] = -2.97536e-10
-    tables.show_matrix("Compliance of the slider, SI", matrix, 1e-4 * np.abs(matrix))
+    part_tables.show_matrix("Compliance of the slider, SI", matrix, 1e-4 * np.abs(matrix))
 
 
 def deflection():
@@ -89,7 +89,7 @@ def deflection():
 def faces():
     row = {"index": 12, "kind": "cylinder", "area_mm2": 12345.6, "centroid_mm": [-123.456, -123.456, -123.456],
            "axis": [-0.7071, -0.7071, -0.7071], "radius_mm": 12.25}  # fmt: skip
-    tables.show_faces("part.step", [row])
+    part_tables.show_faces("part.step", [row])
 
 
 def diagnosed(**more):
@@ -191,7 +191,7 @@ def test_mesh_noise_is_shown_as_zero(capsys):
     error = np.full((6, 6), 2e-12)
     error[1, 5] = error[5, 1] = 1e-14
     assert np.argwhere(np.triu(find_resolved(matrix, error), 1)).tolist() == [[1, 5]]
-    tables.show_matrix("C", matrix, error)
+    part_tables.show_matrix("C", matrix, error)
     said = capsys.readouterr().out
     assert said.count("·") == 28 + 1
     assert len(re.findall("zero within its error bound", said)) == 1

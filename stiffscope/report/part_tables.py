@@ -1,0 +1,219 @@
+"""Tables of parts: experiments, compliances, interfaces, elements, faces."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.report.compare import compare
+from stiffscope.report.numbers import (
+    TWIST,
+    WRENCH,
+    ZERO,
+    ZERO_NOTE,
+    find_resolved,
+    percent,
+    point,
+    ratio,
+    relative,
+    with_bound,
+)
+from stiffscope.report.terminal import show_line, show_table
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from stiffscope.experiments.interfaces import Comparison as Interfaces
+    from stiffscope.experiments.results import PartResult
+    from stiffscope.fea.experiment import Experiment
+    from stiffscope.report.compare import Comparison
+    from stiffscope.robot.file.description import RobotFile
+    from stiffscope.vjm.machine_elements import MachineElement
+
+
+def show_parts(results: Sequence[PartResult]) -> None:
+    """Mesh, mass, error bound and stage times of each part; then why a tolerance was not met."""
+    groups = (
+        ("part",),
+        ("nodes", "tetrahedra", "volume error", "mass kg", "bound", "wanted"),
+        ("cad s", "mesh s", "solve s", ""),
+    )
+    rows = []
+    for result in results:
+        facts = result.facts
+        mesh, seconds, wanted = facts["mesh"], facts["seconds"], facts["tolerance"]
+        volume_error = facts["volume"] / facts["cad_volume"] - 1
+        rows.append(
+            (
+                result.name,
+                f"{mesh['nodes']:,}",
+                f"{mesh['tetrahedra']:,}",
+                f"{100 * volume_error:+z.4f} %",
+                f"{facts['mass']:.3f}",
+                percent(100 * facts["relative_bound"], 2),
+                percent(100 * wanted) if wanted else "",
+                *(f"{seconds[stage]:.1f}" for stage in ("cad", "mesh", "solve")),
+                "reused" if result.reused else f"computed in {result.seconds:.1f} s",
+            )
+        )
+    show_table("Parts", groups, rows)
+    for result in results:
+        if result.note:
+            show_line(f"{result.name}: {result.note}\n")
+
+
+def show_compliance(robot: RobotFile, result: PartResult) -> None:
+    """A part's compliance beside beam theory and the published one; a STEP file's solid has nothing beside it."""
+    if len(result.experiment.reference_points) > 1:
+        show_each_interface(result)
+    elif result.own_shape:
+        show_comparison(compare(robot, result.name, result))
+    else:
+        show_matrix(f"Compliance of the {result.name}, SI", result.compliance, result.error)
+        show_line("No beam theory beside it: it is a STEP file's solid, not the robot file's own shape\n")
+
+
+def show_comparison(comparison: Comparison) -> None:
+    """FEA beside beam theory beside the published matrix."""
+    groups = [("entry", "unit"), ("FEA", "± 95 %"), ("Timoshenko", "FEA/T"), ("Euler-B.", "FEA/EB")]
+    if any(e.published is not None for e in comparison.entries):
+        groups.append(("published", "FEA/publ."))
+    rows = []
+    for e in comparison.entries:
+        others = [v for v in (e.timoshenko, e.euler_bernoulli, e.published) if v is not None]
+        cells = (cell for v in others for cell in (f"{v:.5g}", ratio(e.fea, v)))
+        rows.append((e.name, e.unit, f"{e.fea:.6g}", relative(e.error, e.fea), *cells))
+    show_table(f"Compliance of the {comparison.part}, clamped at one end", groups, rows)
+    for finding in comparison.findings:
+        show_line(f"  {finding}.")
+    show_line("")
+
+
+def show_interfaces(compared: Interfaces) -> None:
+    """What each choice of interface changes of each entry, and what the choices are."""
+    own = compared.own.choice
+    groups = [("entry", "unit"), ("value", "± 95 %"), *((tested.choice.name,) for tested in compared.others)]
+    rows = [
+        (
+            *(e.name, e.unit, f"{e.own:.6g}", relative(e.error, e.own)),
+            *(f"{100 * c:+z.1f} ± {100 * b:.2g} %" for c, b in zip(e.changes, e.bars, strict=True)),
+        )
+        for e in compared.entries
+    ]
+    show_table(f"Compliance of the {compared.part} ({own.name}), and its change with other interfaces", groups, rows)
+    for tested in compared.others:
+        choice = tested.choice
+        overrides = " ".join(f"--set '{o}'" if " " in o else f"--set {o}" for o in choice.overrides)
+        show_line(f"  {choice.name}: {choice.words} ({overrides})")
+    for line in compared.left_out:
+        show_line(f"  {line}")
+
+
+def show_matrix(title: str, matrix: Any, error: Any = 0.0) -> None:
+    """Show a compliance (6, 6), SI, with a dot for what its error (6, 6) hides.
+
+    Parameters
+    ----------
+    title
+        Title.
+    matrix
+        Compliance (6, 6), SI.
+    error
+        95 % bounds of the same shape; 0 without any.
+
+    """
+    explain_zeros(_show_matrix(title, matrix, error))
+
+
+def show_element(kind: str, found: MachineElement) -> None:
+    """A machine element's stiffness, what its rolling elements carry, its source and limits."""
+    k = np.where(np.abs(found.stiffness) > 0.0, found.stiffness, np.nan)
+    rows = [(name, *format_cells(row, ".5g")) for name, row in zip(WRENCH, k, strict=True)]
+    show_table(f"Stiffness of the {kind}, x along its axis; SI", (("",), TWIST[:3], TWIST[3:]), rows)
+    if len(found.loads):
+        angle = np.degrees(found.angles)
+        show_line(
+            f"Rolling elements: {len(found.loads)}, carrying {found.loads.min():.4g} to {found.loads.max():.4g} N, "
+            f"contact angles {angle.min():.4g} to {angle.max():.4g} degrees"
+        )
+    show_line(f"Source: {found.source}")
+    for note in (*found.notes, "at rest or slow; rings, housing, carriage and rail rigid"):
+        show_line(f"Valid: {note}")
+
+
+def _show_matrix(title: str, matrix: Any, error: Any) -> list[Sequence[str]]:
+    shown = np.where(find_resolved(matrix, error), matrix, np.nan)
+    rows: list[Sequence[str]] = [(name, *format_cells(row, ".5g")) for name, row in zip(TWIST, shown, strict=True)]
+    show_table(title, (("",), WRENCH[:3], WRENCH[3:]), rows)
+    return rows
+
+
+def show_experiment(experiment: Experiment) -> None:
+    """Show the compliance (6, 6) at the first interface's reference point, each entry with its bound, SI."""
+    matrix, error = experiment.compliance, experiment.error
+    clear = find_resolved(matrix, error)
+    rows = [
+        (name, *(with_bound(matrix[i, j], error[i, j]) if clear[i, j] else ZERO for j in range(6)))
+        for i, name in enumerate(TWIST)
+    ]
+    title = (
+        f"{experiment.part}, {experiment.interface}: twist per unit wrench at "
+        f"({point(experiment.reference_point)}) mm; m/N, m/(N·m), rad/N, rad/(N·m)"
+    )
+    show_table(title, (("",), WRENCH[:3], WRENCH[3:]), rows)
+    explain_zeros(rows)
+    show_line(f"Largest relative bound {experiment.relative_bound:.2%}, mass {experiment.mass:.4g} kg")
+    if experiment.note:
+        show_line(experiment.note)
+
+
+def show_each_interface(result: PartResult) -> None:
+    """The compliance at each of a part's loaded interfaces, and where to find what couples them."""
+    tested = result.experiment
+    points, compliance, error = tested.reference_points, tested.full_compliance, tested.full_error
+    rows: list[Sequence[str]] = []
+    for k, place in enumerate(points):
+        own = slice(6 * k, 6 * k + 6)
+        title = (
+            f"Compliance of the {result.name} at {tested.interfaces[k + 1]}, ({point(place, 5)}) mm, loaded alone; SI"
+        )
+        rows += _show_matrix(title, compliance[own, own], error[own, own])
+    explain_zeros(rows)
+    size = len(compliance)
+    show_line(
+        f"At rest: {tested.interfaces[0]}. All {len(points)} interfaces together: {size} x {size}, with --json or "
+        "--superelement\n"
+    )
+
+
+def show_faces(file: str, rows: Sequence[Mapping[str, Any]]) -> None:
+    """The faces of a solid, and how a robot file chooses among them."""
+    groups = (("index", "kind"), ("area mm²",), ("centroid mm",), ("normal or axis",), ("radius mm",))
+    cells = [
+        (
+            str(row["index"]),
+            row["kind"],
+            f"{row['area_mm2']:.6g}",
+            ", ".join(f"{c:z.6g}" for c in row["centroid_mm"]),
+            ", ".join(f"{c:z.4g}" for c in row["axis"] or ()),
+            f"{row['radius_mm']:g}" if row["radius_mm"] else "",
+        )
+        for row in rows
+    ]
+    show_table(f"Faces of {file}", groups, cells)
+    show_line("Choose faces by geometry in a robot file, or by index:")
+    show_line(f'  [parts.NAME]\n  shape = "step"\n  file = "{file}"')
+    show_line('  clamped = [{ kind = "plane", normal = [-1, 0, 0], position = "min x" }]')
+    show_line('  loaded = [{ kind = "cylinder", radius = "8 mm" }, { index = 3 }]')
+
+
+def format_cells(values: Iterable[float], form: str) -> list[str]:
+    """Format numbers in a form such as ".5g"; NaN, which is zero within its bound, by its sign."""
+    return [ZERO if np.isnan(v) else f"{v:{form}}" for v in values]
+
+
+def explain_zeros(rows: Iterable[Sequence[str]]) -> None:
+    """Say what the sign of a zero means, where a table has one."""
+    if any(ZERO in row for row in rows):
+        show_line(f"  {ZERO_NOTE}\n")
