@@ -258,6 +258,7 @@ COMMANDS = (
     ("stiffness", "delta", "--json", "a.json", "--quiet"),
     ("sensitivity", "biglide", *_POSE),
     ("study", "study.toml", "--out", "out", "--quiet"),
+    ("path", "job.toml", "--out", "out", "--compensate", "--quiet"),
     ("interfaces", "biglide", "--part", "link", "--out", "out", "--quiet"),
     ("campaign", "check", "c", "--out", "out", "--quiet"),
     ("campaign", "new", "biglide", "--out", "new", "--quiet"),
@@ -278,6 +279,8 @@ components = "beam"
 [responses]
 stiffness = "K_tx"
 """
+JOB = 'robot = "biglide"\ncomponents = "beam"\npath = "path.csv"\nstep = "5 mm"\n'
+PATH = "x,y,z,fz\n0,0,0.35,-100\n0.02,0,0.35,-50\n"
 ARM = """\
 <robot name="arm"><link name="base"/><link name="tool"><inertial><mass value="1"/><origin xyz="0 0 0.1"/>
 <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -331,6 +334,8 @@ def test_kills_at_random_moments_lose_and_leave_nothing(tmp_path, words):
         (folder / "c" / "readings.csv").write_text(READINGS)
         shutil.copytree(FOLDER / "withheld" / "campaign-001", folder / "known")
         (folder / "study.toml").write_text(STUDY)
+        (folder / "job.toml").write_text(JOB)
+        (folder / "path.csv").write_text(PATH)
         (folder / "arm.urdf").write_text(ARM)
         (folder / "notes.txt").write_text("mine")
     begun = time.monotonic()

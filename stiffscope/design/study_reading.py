@@ -108,7 +108,10 @@ def _read_variable(key: Key, name: str, given: Any, robot: RobotFile, top: Study
     _check_takes(name, texts or [], robot, also, key)
     unit = known[name].unit if name in known else unit_of((texts or [""])[0])
     if found.values is not None:
-        return Variable(name, unit, tuple(_read_value(each, key) for each in found.values), also=also)
+        values = tuple(_read_value(each, key) for each in found.values)
+        if len({isinstance(each, str) for each in values}) > 1:
+            raise FieldError(key, f"expected values that are all numbers or all words, got {q.show_value(texts)}")
+        return Variable(name, unit, values, also=also)
     low, high = (_read_number(each, key) for each in texts or [])
     if any(isinstance(each, str) and unit_of(each) != unit for each in texts or []):
         raise FieldError(key, f"expected {RANGE}, both ends in {unit}, got {q.show_value(texts)}")

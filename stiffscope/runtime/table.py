@@ -8,7 +8,7 @@ import math
 import re
 import zipfile
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import openpyxl
@@ -151,6 +151,8 @@ def _sheet(path: Path, most: int) -> tuple[list[list[str]], list[int], bool]:
             sheet = next(each for each in book.worksheets if each.sheet_state == "visible")
             sheet.reset_dimensions()  # what a file says of its size may be anything
             rows, lines = _filled_rows(path, sheet.iter_rows(values_only=True), most)
+            if any("" in row or len(row) < len(rows[0]) for row in rows):
+                _check_formulas(path, stream, sheet)
     except InputError:
         raise
     except StopIteration:
@@ -178,6 +180,17 @@ def _filled_rows(path: Path, rows: Iterable[Sequence[object]], most: int) -> tup
             if len(found) > most + 1 or last > MOST_COLUMNS:
                 break
     return found, lines
+
+
+def _check_formulas(path: Path, stream: BinaryIO, known: Any) -> None:
+    """Refuse formulas whose values the file does not hold, as no spreadsheet program has computed them."""
+    written = openpyxl.load_workbook(stream, read_only=True)[known.title]
+    written.reset_dimensions()
+    for cells, values in zip(written.iter_rows(), known.iter_rows(values_only=True), strict=False):
+        for cell, value in zip(cells, values, strict=False):
+            if value is None and cell.data_type == "f":
+                message = "expected a formula with its value, got none; open the workbook in a spreadsheet and save it"
+                raise InputError(f"{path.name}:{cell.row}: column {cell.column}: {message}")
 
 
 def _check_unpacked(path: Path, stream: BinaryIO) -> None:

@@ -1,5 +1,6 @@
 """Malformed tables of a campaign: each is refused by file and place, or read right, soon and in little memory."""
 
+import re
 import resource
 import signal
 import time
@@ -91,6 +92,16 @@ def test_a_hidden_sheet_is_not_read(tmp_path):
     workbook(tmp_path, ("a", "visible", []), ("b", "veryHidden", [COLUMNS, ROW]))
     with pytest.raises(InputError, match=r"r\.xlsx: expected a header line"):
         load(tmp_path, "r.xlsx")
+
+
+def test_a_formula_without_its_value_is_refused(tmp_path):
+    workbook(tmp_path, ("one", "visible", [COLUMNS, ROW, [*ROW[:4], 2e-5, None], {"F3": "=E3/10"}]))
+    with pytest.raises(InputError, match=r"^r.xlsx:3: column 6: expected a formula with its value, got none; open the"):
+        load(tmp_path, "r.xlsx")
+    with zipfile.ZipFile(tmp_path / "r.xlsx") as book:
+        sheet = book.read("xl/worksheets/sheet1.xml").decode()
+    rewritten(tmp_path, re.sub(r"(</f>)(<v\s*/>|<v></v>)?", r"\1<v>2e-6</v>", sheet))
+    assert load(tmp_path, "r.xlsx").sigma.tolist() == [1e-6, 2e-6]
 
 
 def _sheet_of(rows, dimension="A1:F2"):

@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from examples.delta import delta as hanging_delta
 from stiffscope.gap.inference.diagnosis import Where
-from stiffscope.report.drawing.robot import frame_picture
+from stiffscope.report.drawing.robot import frame_picture, key_of
 from stiffscope.report.drawing.solids import solids_of
 from stiffscope.report.pictures import PictureError, draw, open_drawing
 from stiffscope.report.robot_scene import deform_nodes, exaggeration, moves, picture, scene
@@ -102,6 +102,25 @@ def test_solids_stand_where_their_bodies_are(name):
             along = (np.asarray(solid.surface.points) - body.elastic.base) @ body.elastic.axes[:, 0]
             assert along.min() == pytest.approx(0.0, abs=1e-6)
             assert along.max() == pytest.approx(np.linalg.norm(body.elastic.tip - body.elastic.base), rel=1e-3)
+
+
+def test_rigid_bodies_have_colours_and_names_and_hide_no_other():
+    """A frame whose feet stand around the platform and whose drives hang above it is no hull about it."""
+    at = [[1, 0, 0], [-1, 1, 0], [-1, -1, 0], [0, 0, 1]]
+    joints = [
+        {"name": f"j{k}", "kind": "revolute", "first": "ground" if k < 3 else "frame", "at": np.array(p, float),
+         "second": "frame" if k < 3 else "platform", "axis": np.eye(3)[2], "driven": k == 3, "low": None, "high": None}
+        for k, p in enumerate(at)
+    ]  # fmt: skip
+    bodies = [{"name": name, "nodes": (name,)} for name in ("frame", "platform")]
+    tool = {"node": "platform", "at": np.array([0, 0, 0.3])}
+    colours = {each.element: each.colour for each in solids_of(bodies, joints, tool, np.eye(3)[2])}
+    named = key_of(bodies)
+    assert {name: named[name] for name in ("frame", "platform")} == {name: colours[name] for name in ("frame", "platform")}
+    assert colours["frame"] != colours["platform"]
+    frame = pv.merge([s.surface for s in solids_of(bodies, joints, tool, np.eye(3)[2]) if s.element == "frame"])
+    assert frame.volume < 0.1  # m³; the pyramid of its joints has 2/3
+    assert "rigid" in key_of(bodies[:1])
 
 
 def test_picture_of_a_deformed_robot_with_the_users_own_surface(delta, tmp_path):

@@ -21,7 +21,7 @@ from PIL import Image
 
 from stiffscope.report.drawing.camera import View, new_plotter, shot, view_of
 from stiffscope.report.drawing.geometry import pack_solids
-from stiffscope.report.drawing.solids import DRIVEN, PASSIVE, RIGID, extent, part_colours, solids_of, upright
+from stiffscope.report.drawing.solids import DRIVEN, PASSIVE, RIGID, extent, part_colours, rigid_colours, solids_of, upright
 from stiffscope.report.figures import save_figure
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ def robot(
     reach = extent(bodies, joints, tool)
     if geometry is not None:
         shades = [share_colour(k / (SHADES - 1), 1.0) for k in range(SHADES)]
-        colours = {"shades": shades, "no_share": NO_SHARE, "key": _meanings(bodies), "tool": tool}
+        colours = {"shades": shades, "no_share": NO_SHARE, "key": key_of(bodies), "tool": tool}
         (folder / geometry).write_text(json.dumps({**pack_solids(solids, upward, reach), **colours}))
     for picture in pictures:
         moves, before = _moves(picture["moves"]), picture.get("before")
@@ -293,14 +293,14 @@ def _explain(
 ) -> None:
     """What the colours mean."""
     if shares is None:
-        _key(figure, {**_meanings(bodies), **{kind: MARKS[kind] for kind in marks or []}})
+        _key(figure, {**key_of(bodies), **{kind: MARKS[kind] for kind in marks or []}})
     else:
         _share_bar(figure, scale, max(shares.values(), default=1.0))
 
 
-def _meanings(bodies: list[dict[str, Any]]) -> dict[str, str]:
-    """Colours by what they mean."""
-    colours = part_colours(bodies)
+def key_of(bodies: list[dict[str, Any]]) -> dict[str, str]:
+    """Colours by what they mean: parts, and rigid bodies where there are several."""
+    colours = {**part_colours(bodies), **rigid_colours(bodies)}
     named = dict(list(colours.items())[:_NAMED])
     if len(colours) > _NAMED:
         named[f"{list(colours)[_NAMED]}, …"] = list(colours.values())[_NAMED]

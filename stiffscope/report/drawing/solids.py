@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyvista as pv
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, Delaunay
 
 from stiffscope.fea.experiment import load_experiment
 from stiffscope.report.drawing.surfaces import bulge, surface
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     Tables = list[dict[str, Any]]
 
 PARTS = ("#3b7dbf", "#d9822b", "#5b9a68", "#8e6bb0", "#b5666a", "#4c9c9c")
+BODIES = ("#8f9c70", "#9c7d92", "#6b97a3", "#a9926a", "#8288ad", "#a37a6f")
 RIGID, GROUND, PASSIVE, DRIVEN, RAIL = "#76828f", "#b4bcc5", "#2c343c", "#c0392b", "#c3c8ce"
 _SMALLEST = 0.018  # radius of a joint, in the robot's size
 _PLATE = 0.014  # half the thickness of a rigid body
@@ -77,6 +78,12 @@ def part_colours(bodies: Tables) -> dict[str, str]:
     """Colour of each part, in the order of the bodies."""
     parts = dict.fromkeys(b["part"] for b in bodies if len(b["nodes"]) > 1)
     return {part: PARTS[k % len(PARTS)] for k, part in enumerate(parts)}
+
+
+def rigid_colours(bodies: Tables) -> dict[str, str]:
+    """Colour of each rigid body, where there are several."""
+    rigid = [b["name"] for b in bodies if len(b["nodes"]) == 1]
+    return {name: BODIES[k % len(BODIES)] for k, name in enumerate(rigid)} if len(rigid) > 1 else {}
 
 
 def extent(bodies: Tables, joints: Tables, tool: dict[str, Any]) -> float:
@@ -140,14 +147,7 @@ def _skin(body: dict[str, Any], reach: float) -> pv.PolyData:
         start = np.zeros(3) if length else tested.places[0]
         return _triangles(surface(tested.mesh, tested.mesh.points - start, split=curved).clean())
     if not length:
-        import pyvista as pv
-
-        ends = (np.array(body["places"], float) - body["base"]) @ np.array(body["axes"], float)
-        hub = ends.mean(axis=0)
-        apart = [end for end in ends if np.linalg.norm(end - hub) > 1e-3 * reach]
-        return _triangles(
-            pv.merge([_ball(hub, 0.015 * reach), *(_rod(hub, end, 0.01 * reach, _STATIONS) for end in apart)])
-        )
+        return _star((np.array(body["places"], float) - body["base"]) @ np.array(body["axes"], float), reach)
     if "outline" in shape:
         return _extrude(shape["outline"], length)
     if "thickness" in shape:
@@ -195,22 +195,32 @@ def _brackets(
 
 
 def _make_rigid(bodies: Tables, joints: Tables, tool: dict[str, Any], reach: float) -> Iterable[Solid]:
-    """Rigid bodies as hulls of small balls where their joints are, or as the user's own surface; a post to the tool."""
+    """Rigid bodies as hulls of small balls where their joints are, or as the user's own surface; a post to the tool.
+
+    A hull that would hide other joints or the tool is a star instead.
+    """
+    colours = rigid_colours(bodies)
     for body in bodies:
         if len(body["nodes"]) > 1:
             continue
         name = body["name"]
+        colour = colours.get(name, RIGID)
         points = [np.array(j["at"], float) for j in joints if name in (j["first"], j["second"])]
+        others = [np.array(j["at"], float) for j in joints if name not in (j["first"], j["second"])]
+        others += [np.array(tool["at"], float)] if tool["node"] != name else []
         if tool["node"] == name:
             at, middle = np.array(tool["at"], float), np.mean(points, axis=0)
             if len(points) < 3:
                 points.append(at)
             elif np.linalg.norm(at - middle) > 2 * _PLATE * reach:
-                yield Solid(name, _rod(middle, at, 0.7 * _PLATE * reach), RIGID, (name,))
+                yield Solid(name, _rod(middle, at, 0.7 * _PLATE * reach), colour, (name,))
         if body.get("mesh"):
-            yield Solid(name, _triangles(pv.read(body["mesh"])), RIGID, (name,))
+            shape = _triangles(pv.read(body["mesh"]))
         else:
-            yield Solid(name, _hull(np.array(points), _PLATE * reach), RIGID, (name,))
+            ends = np.array(points)
+            hides = _hides(ends, np.array(others).reshape(-1, 3), _PLATE * reach)
+            shape = _star(ends, reach) if hides else _hull(ends, _PLATE * reach)
+        yield Solid(name, shape, colour, (name,))
 
 
 def _feet(
@@ -301,6 +311,14 @@ def _range(joint: dict[str, Any], reach: float) -> tuple[float, float]:
     return low, high
 
 
+def _star(ends: Floats, reach: float) -> pv.PolyData:
+    """Bars from the middle of points (k, 3) to each of them."""
+    hub = ends.mean(axis=0)
+    apart = [end for end in ends if np.linalg.norm(end - hub) > 1e-3 * reach]
+    bars = [_rod(hub, end, 0.01 * reach, _STATIONS) for end in apart]
+    return _triangles(pv.merge([_ball(hub, 0.015 * reach), *bars]))
+
+
 def _plate(length: float, width: float, thickness: float) -> pv.PolyData:
     """A plate with enough points along x to bend."""
     sides = (0.0, length, -width / 2, width / 2, -thickness / 2, thickness / 2)
@@ -329,6 +347,14 @@ def _hull(points: Floats, radius: float) -> pv.PolyData:
     )
     faces[outward < 0] = faces[outward < 0][:, ::-1]
     return _triangles(pv.PolyData.from_regular_faces(cloud, faces).clean())
+
+
+def _hides(points: Floats, others: Floats, radius: float) -> bool:
+    """Whether the hull of balls about points (k, 3) holds one of others (m, 3) that is not beside a point."""
+    away = np.linalg.norm(others[:, None] - points[None], axis=2).min(axis=1, initial=np.inf)
+    ball = np.vstack([np.eye(3), -np.eye(3)]) * radius
+    hull = Delaunay((points[:, None] + ball[None]).reshape(-1, 3))
+    return bool((hull.find_simplex(others[away > 3 * radius]) >= 0).any())
 
 
 def _triangles(shape: Any) -> pv.PolyData:
