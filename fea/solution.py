@@ -81,7 +81,7 @@ class Solution:
     @property
     def unknowns(self) -> int:
         """Degrees of freedom of the cubic solution."""
-        return 3 * self.levels.system.cubic.space.count
+        return int(3 * self.levels.system.cubic.space.count)
 
     @property
     def indicator(self) -> Floats:

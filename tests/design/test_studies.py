@@ -159,7 +159,10 @@ REFUSED = {
     ('"kx"', '"kq"'): r"study.toml:9: responses.K: expected a quantity \(mass, K_tx.*got \"kq\"",
     ('"5 N/um"', '"5 kg"'): r"study.toml:5: parameters.slide.drive.stiffness: expected a range .*both ends in N/m",
     ("slide.drive", "slid.drive"): r"study.toml:5: parameters.slid.drive.stiffness: .*did you mean \"slide\"",
-    ('["5 N/um", "25 N/um"]', '{ values = ["5 N/um", "stiff"] }'): r"study.toml:5: .*: expected values that are all num",
+    (
+        '["5 N/um", "25 N/um"]',
+        '{ values = ["5 N/um", "stiff"] }',
+    ): r"study.toml:5: .*: expected values that are all num",
     ('"5 N/um", "25 N/um"', '"5 N/um"'): r"study.toml:5: .*: expected a range such as .*two ends",
     ('"5 N/um", "25 N/um"', '"25 N/um", "5 N/um"'): r"study.toml:5: .*the lower end first",
     ('"sobol"', '"sobel"'): r"study.toml:2: method: expected 'grid', 'latin-hypercube', 'sobol', 'optimum' or 'pareto'",

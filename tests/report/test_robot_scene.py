@@ -116,7 +116,7 @@ def test_rigid_bodies_have_colours_and_names_and_hide_no_other():
     tool = {"node": "platform", "at": np.array([0, 0, 0.3])}
     colours = {each.element: each.colour for each in solids_of(bodies, joints, tool, np.eye(3)[2])}
     named = key_of(bodies)
-    assert {name: named[name] for name in ("frame", "platform")} == {name: colours[name] for name in ("frame", "platform")}
+    assert [named[name] for name in ("frame", "platform")] == [colours[name] for name in ("frame", "platform")]
     assert colours["frame"] != colours["platform"]
     frame = pv.merge([s.surface for s in solids_of(bodies, joints, tool, np.eye(3)[2]) if s.element == "frame"])
     assert frame.volume < 0.1  # m³; the pyramid of its joints has 2/3

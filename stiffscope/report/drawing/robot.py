@@ -21,7 +21,16 @@ from PIL import Image
 
 from stiffscope.report.drawing.camera import View, new_plotter, shot, view_of
 from stiffscope.report.drawing.geometry import pack_solids
-from stiffscope.report.drawing.solids import DRIVEN, PASSIVE, RIGID, extent, part_colours, rigid_colours, solids_of, upright
+from stiffscope.report.drawing.solids import (
+    DRIVEN,
+    PASSIVE,
+    RIGID,
+    extent,
+    part_colours,
+    rigid_colours,
+    solids_of,
+    upright,
+)
 from stiffscope.report.figures import save_figure
 
 if TYPE_CHECKING:

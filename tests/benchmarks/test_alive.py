@@ -1,0 +1,73 @@
+"""Each benchmark that the documentation names, in small: what it calls is there, and what it compares agrees."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from stiffscope.vjm.statics import stiffness
+from tests.benchmarks import (
+    test_assembly_speed,
+    test_codes,
+    test_fea_coverage,
+    test_gap_speed,
+    test_modes_speed,
+    test_solvers,
+    test_vjm_speed,
+)
+from tests.benchmarks.codes import CODES, measured, meshed
+from tests.robots import random_poses
+
+
+@pytest.fixture(scope="module")
+def coarse():
+    return meshed("link", 2.0)
+
+
+@pytest.mark.parametrize("code", ["CalculiX", "MFEM"])
+def test_other_codes_on_one_mesh(code, coarse):
+    test_codes.need(code)
+    ours, theirs = (CODES[each](coarse, {"order": 2}) for each in ("ours", code))
+    scale = np.sqrt(np.outer(ours.diagonal(), ours.diagonal()))
+    assert (np.abs(ours - theirs) / scale).max() < 2e-5  # CalculiX prints seven digits
+
+
+def test_a_whole_process_from_the_cad(monkeypatch):
+    done = measured(code="experiment", part="link", settings={"tolerance": 0.02})
+    assert done["seconds"] > 0
+    assert done["megabytes"] > 100
+    monkeypatch.setattr(test_codes, "measured", lambda **_: dict(done))
+    assert test_codes.cheapest(done["compliance"], [{"code": "experiment"}], "link")["off"] == 0.0
+
+
+def test_two_levels_and_a_large_mesh(monkeypatch, coarse, capsys):
+    monkeypatch.setattr(test_solvers, "meshed", lambda *_: coarse)
+    test_solvers.test_two_levels_beside_a_factorization("link", 2.0)
+    monkeypatch.setattr(sys, "argv", ["-c", "0.03"])
+    capsys.readouterr()
+    exec(test_solvers.LARGE, {})  # noqa: S102
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["dofs"] > 1000
+
+
+def test_bounds_of_a_random_part(monkeypatch):
+    monkeypatch.setattr(test_fea_coverage, "FINER", 1.2)
+    (true, bound, size), said = test_fea_coverage.compare(4)
+    assert (true <= bound)[size > test_fea_coverage.SIGNIFICANT].all(), said
+
+
+def test_poses_modes_and_a_map(rng, capsys, monkeypatch):
+    robots = (test_vjm_speed.elastic_hexapod(), test_vjm_speed.thirty_bodies())
+    assert all(np.isfinite(stiffness(robot, robot.tool.home)).all() for robot in robots)
+    exec(test_vjm_speed.TEN_MILLION.replace("10_000_000", "1_000"), {})  # noqa: S102
+    assert float(capsys.readouterr().out.split()[1]) > 0
+    monkeypatch.setattr(test_modes_speed, "random_poses", lambda rng, _: random_poses(rng, 30))
+    test_modes_speed.test_first_six_frequencies_of_many_poses(rng, capsys)
+
+
+def test_effects_of_a_linear_model():
+    test_gap_speed.test_four_effects_among_two_hundred(14, 6, 60)
+
+
+def test_joints_of_an_assembly(tmp_path):
+    test_assembly_speed.test_seconds_to_the_joints_of_a_machine(1, tmp_path)
