@@ -139,6 +139,9 @@ def show_campaign(facts: Mapping[str, Any], name: str) -> None:
     largest = ", ".join(f"{key} {value:g}" for key, value in facts["largest_wrench"].items() if value)
     show_line(f"Largest wrench: {largest or 'none'} (N, N·m)")
     names = facts["coordinates"]
+    if not np.isfinite([*facts["poses"].values()]).any():
+        show_line(f"Poses: {', '.join(facts['poses'])}, by their names alone")
+        return
     poses = [[key, *(pose_values([v], [name], 6) for v, name in zip(pose, names, strict=True))]
              for key, pose in facts["poses"].items()]  # fmt: skip
     units = {"r": "deg", "q": "m or rad"}

@@ -126,6 +126,7 @@ def test_eighty_columns_of_ascii(tmp_path):
     for words, said in zip(NARROW, answers, strict=True):
         assert len(said) > 80, words
         assert "?" not in said, words
+        assert "nan" not in said.split(), words
         assert "\033" not in said, words
         rules = [line for line in said.splitlines() if line and set(line) <= {"-", " "}]
         assert max(map(len, rules), default=0) <= 80, words
