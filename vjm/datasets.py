@@ -13,7 +13,7 @@ from stiffscope.vjm.mechanism import COORDINATES
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    import pandas as pd
+    import pandas as pd  # pyright: ignore[reportMissingTypeStubs]
     import xarray as xr
 
     from stiffscope.vjm.kinematics import Configurations
@@ -33,18 +33,18 @@ class Labelled(ABC):
 
     def to_pandas(self) -> pd.DataFrame:
         """Return a row for each pose; a column for each number, named after its place: `stiffness_fx_x`."""
-        import pandas as pd
+        import pandas as pd  # pyright: ignore[reportMissingTypeStubs]
 
-        dataset = self.to_xarray()
+        dataset: Any = self.to_xarray()
         columns: dict[str, Any] = {
-            name: values.to_numpy() for name, values in dataset.coords.items() if values.dims == (POSE,)
+            name: each.to_numpy() for name, each in dataset.coords.items() if each.dims == (POSE,)
         }
         for name, values in dataset.data_vars.items():
             rest = [dim for dim in values.dims if dim != POSE]
             flat = values.transpose(POSE, *rest).to_numpy()
             for place in np.ndindex(flat.shape[1:]):
                 words = [str(dataset[dim].to_numpy()[k]) for dim, k in zip(rest, place, strict=True)]
-                columns["_".join([str(name), *words])] = flat[(slice(None), *place)]
+                columns["_".join([name, *words])] = flat[(slice(None), *place)]
         return pd.DataFrame(columns)
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -66,7 +66,7 @@ class Modes(Labelled):
 
     def to_xarray(self) -> xr.Dataset:
         """Return frequencies, bounds, the tool's shape and energies with names along pose, mode, twist and element."""
-        variables: dict[str, tuple[Sequence[str], Array, str]] = {
+        variables: dict[str, tuple[Sequence[str], Any, str]] = {
             "frequency": (("pose", "mode"), self.frequencies, "Hz"),
             "error": (("pose", "mode"), self.error, "Hz"),
             "tool": (("pose", "twist", "mode"), self.tool, "m/√kg, rad/√kg"),

@@ -7,7 +7,7 @@ Where a pose is out of reach its numbers are NaN; ``configure(mechanism, poses).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -86,7 +86,7 @@ class Stiffness(Labelled):
 
     def to_xarray(self) -> xr.Dataset:
         """Return stiffness, compliance, sag and mobility with names along pose, twist and wrench; SI."""
-        variables: dict[str, tuple[Sequence[str], Array, str]] = {
+        variables: dict[str, tuple[Sequence[str], Any, str]] = {
             "stiffness": (("pose", "wrench", "twist"), self.matrix, "N/m, N/rad, N, N·m/rad"),
             "compliance": (("pose", "twist", "wrench"), self.compliance, "m/N, rad/N, 1/N, rad/(N·m)"),
             "sag": (("pose", "twist"), self.sag, "m, rad"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -41,7 +41,7 @@ class Deflection(Labelled):
 
     def to_xarray(self) -> xr.Dataset:
         """Return twist, strain energy and shares with names along pose, twist and element; SI."""
-        variables: dict[str, tuple[Sequence[str], Array, str]] = {
+        variables: dict[str, tuple[Sequence[str], Any, str]] = {
             "twist_at_M": (("pose", "twist"), self.twist, "m, rad"),
             "energy": (("pose",), self.energy, "J"),
             "share": (("element", "pose"), np.array(list(self.shares.values())), "1"),

@@ -141,8 +141,10 @@ def draw_readings(diagnosis: Diagnosis) -> Figure | None:
 def chart_readings(diagnosis: Diagnosis, still: PageFigure | None) -> list[Chart]:
     """The same as charts of a page, one a kind of reading; the first has the still picture."""
     samples = diagnosis.samples
+    if samples is None:
+        return []
     charts: list[Chart] = []
-    for kind, (si, mine) in ({} if samples is None else samples.kinds).items():
+    for kind, (si, mine) in samples.kinds.items():
         rows = np.flatnonzero(mine)
         measured, sigma = samples.observed[rows], samples.sigma[rows]
         factor, unit = choose_unit(si, measured)

@@ -62,8 +62,8 @@ def write_study_page(study: Study, folder: Path, shown: Sequence[Shown]) -> None
 
     """
     stem = "pareto" if len(study.file.goals) > 1 else "progress"
-    still = next(iter(page.figures(folder, {f"{stem}.png": (CAPTIONS[stem],) * 2})), None)
-    figures = page.figures(folder, {"parallel.png": (CAPTIONS["parallel"],) * 2})
+    still = next(iter(page.figures(folder, {f"{stem}.png": (CAPTIONS[stem], CAPTIONS[stem])})), None)
+    figures = page.figures(folder, {"parallel.png": (CAPTIONS["parallel"], CAPTIONS["parallel"])})
     facts = [f"method {study.file.method}", f"{len(study.designs)} designs", "SI units"]
     title = f"{study.file.path.stem}: a study of {study.file.robot.name}"
     files = f"{TABLE}.csv", f"{TABLE}.parquet"

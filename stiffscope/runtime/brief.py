@@ -12,13 +12,13 @@ SHORT = 60  # characters up to which a value is written whole,
 FEW = 6  # and numbers of an array
 
 
-def describe_briefly(shown: Any) -> str:
+def describe_briefly(self: Any) -> str:
     """Return a dataclass's fields in a line: values as far as they are short, sizes of arrays and of collections.
 
     It is what such a class has as its ``__repr__``. Fields that hold nothing are left out.
     """
-    told = ((field.name, _describe(getattr(shown, field.name))) for field in fields(shown) if field.repr)
-    return f"{type(shown).__name__}({', '.join(f'{name}={text}' for name, text in told if text)})"
+    told = ((field.name, _describe(getattr(self, field.name))) for field in fields(self) if field.repr)
+    return f"{type(self).__name__}({', '.join(f'{name}={text}' for name, text in told if text)})"
 
 
 def _describe(value: Any) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 from stiffscope.runtime.brief import describe_briefly
 
 if TYPE_CHECKING:
-    import pandas as pd
+    import pandas as pd  # pyright: ignore[reportMissingTypeStubs]
 
     from stiffscope.gap.inference.posterior_samples import Samples
 
@@ -196,7 +196,7 @@ class Diagnosis:
 
     def to_pandas(self) -> pd.DataFrame:
         """Return the named effects, a row for each parameter: value, sigma, unit, ends of the 95 % interval; SI."""
-        import pandas as pd
+        import pandas as pd  # pyright: ignore[reportMissingTypeStubs]
 
         rows = [
             (e.effect, e.place, e.probability, e.share, name, p.value, p.sigma, *p.interval, p.unit)
