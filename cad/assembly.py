@@ -23,6 +23,7 @@ from stiffscope.runtime.types import Array
 
 if TYPE_CHECKING:
     from stiffscope.cad.kernel import Face, Solid
+    from stiffscope.cad.kernel_files import PlacedProduct
 
 _NAMELESS = ("SOLID", "COMPOUND", "PRODUCT", "NONE", "PART", "OPEN CASCADE", "=>[", "SHELL", "NAUO")
 _TEXT, _USED, _DEFINED = re.compile(rb"'[^']*'"), re.compile(rb"#(\d+)(?!\d*\s*=)"), re.compile(rb"#(\d+)\s*=")
@@ -139,13 +140,17 @@ def read_assembly(
         check_unit(path, content)
         told = json.loads((folder / "assembly.json").read_text())
         solids = cad.kernel.children(cad.kernel_files.read_any(folder / "solids.brep"))
+    lost = len(_SOLID.findall(content)) - len(solids)
+    if left_out is not None:
+        left_out += [f"{lost} of its solids could not be read: left out"] * (lost > 0) + told["left_out"]
+    return place_solids(solids, told)
+
+
+def place_solids(solids: "Sequence[Solid]", told: dict[str, Any]) -> tuple[Instance, ...]:
+    """Instances of solids, from the table that `gather_solids` made of them."""
     products = [
         _product(number, solid, each) for number, (solid, each) in enumerate(zip(solids, told["products"], strict=True))
     ]
-    lost = len(_SOLID.findall(content)) - len(solids)
-    if left_out is not None:
-        left_out += [f"{lost} of its solids could not be read: left out"] * (lost > 0)
-        left_out += [f"{told['loose']} shapes that are no closed solid: left out"] * (told["loose"] > 0)
     names = _name_distinct([each["path"] for each in told["instances"]])
     return tuple(
         _instance(name, products[each["product"]], np.array(each["place"]))
@@ -220,7 +225,13 @@ def _read_alone(path: Path, folder: Path, time_limit: float) -> None:
 
 def _write_solids(path: Path, shown: str, folder: Path) -> None:
     """Read an assembly, called `shown` in messages, and write its solids and a table of them into a folder."""
-    found = cad.kernel_files.read_products(path)
+    solids, told = gather_solids(cad.kernel_files.read_products(path), shown)
+    cad.kernel_files.write_binary(cad.kernel.compound(*solids), folder / "solids.brep")
+    (folder / "assembly.json").write_text(json.dumps(told))
+
+
+def gather_solids(found: "Sequence[PlacedProduct]", shown: str) -> "tuple[list[Solid], dict[str, Any]]":
+    """Distinct solids of the leaves of a tree, called `shown` in messages, and a table of them and their places."""
     products, instances, numbers = [], [], dict[tuple[int, int], int]()
     solids: list[Any] = []
     loose = 0
@@ -241,5 +252,5 @@ def _write_solids(path: Path, shown: str, folder: Path) -> None:
     if not instances:
         what = f"{loose} shapes that are no closed solid (surfaces, wires or points)" if loose else "none"
         raise InputError(f"{shown}: expected at least one closed solid, got {what}")
-    cad.kernel_files.write_binary(cad.kernel.compound(*solids), folder / "solids.brep")
-    (folder / "assembly.json").write_text(json.dumps({"products": products, "instances": instances, "loose": loose}))
+    left_out = [f"{loose} shapes that are no closed solid: left out"] * (loose > 0)
+    return solids, {"products": products, "instances": instances, "left_out": left_out}

@@ -63,7 +63,7 @@ def silence() -> None:
 silence()
 
 
-class _Numbering:
+class Numbering:
     """Numbers shapes in the order of first occurrence, whatever their orientation: neighbours share them reversed."""
 
     def __init__(self) -> None:
@@ -83,7 +83,7 @@ class _Numbering:
 
 def _list_distinct(shape: Shape, kind: Any, cast_to: Any) -> list[Any]:
     """Return the sub-shapes of a kind, each once, in the order of first occurrence."""
-    explorer, found, numbers = TopExp_Explorer(shape, kind), [], _Numbering()
+    explorer, found, numbers = TopExp_Explorer(shape, kind), [], Numbering()
     while explorer.More():
         item = explorer.Current()
         if numbers.number_shape(item) == len(found):
@@ -138,7 +138,7 @@ def imprint_circle(solid: Solid, face: Face, centre: Floats, normal: Floats, rad
 
 def borders(shape: Shape) -> dict[tuple[int, int], list[Edge]]:
     """Return the common edges of each pair of adjacent faces (face indices, the smaller first)."""
-    numbers = _Numbering()
+    numbers = Numbering()
     beside: dict[int, list[int]] = {}
     found: dict[tuple[int, int], list[Edge]] = {}
     for index, face in enumerate(faces(shape)):

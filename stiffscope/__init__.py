@@ -4,6 +4,7 @@
 
 A part
     load_robot         read a robot file, or a robot of `data/robots` by its name, with changes as `--set` makes them
+    from_assembly      a robot file from a build123d assembly, as `stiffscope import` writes it from a STEP file
     build_part         the solid of a part of a robot, with its material, clamped and loaded faces
     read_step          the solid of a STEP file as a part
     material           a material by its name

@@ -20,6 +20,7 @@ from .report.compare import compare as compare
 from .report.notebook import deformed as deformed
 from .report.notebook import stiffness_map as stiffness_map
 from .report.notebook import view as view
+from .robot.imports.import_assembly import from_assembly as from_assembly
 from .robot.part_matrices import beam_compliance as beam_compliance
 from .robot.reader import load_robot as load_robot
 from .vjm.bodies import Body as Body

@@ -37,14 +37,14 @@ def check(name: str, *, overrides: tuple[str, ...], output: Output) -> None:
     it cannot move as its poses command.
     """
     robot = load_robot(name, overrides)
-    found = inspect_robot(robot)
+    found, parts = inspect_robot(robot), {}
     try:
-        check_solids(robot)
+        parts = check_solids(robot)
     except InputError as error:
         found = dataclasses.replace(found, error=found.error or str(error))
     emit(
         output, inspection_json(found), lambda: show_check(found), manifest=manifest_of(robot),
-        fill=lambda folder: draw_inspection(found, folder),
+        fill=lambda folder: draw_inspection(found, folder, parts),
         page=lambda folder, shown: write_check_report(folder, found, shown), kept="check.json",
     )  # fmt: skip
     if found.error:

@@ -12,18 +12,17 @@ from stiffscope.cli import options
 from stiffscope.cli.options import takes
 from stiffscope.cli.output import emit
 from stiffscope.errors import InputError
+from stiffscope.report.imports import import_json, model_json, show_import, show_written
 from stiffscope.report.keys import find_keys, show_keys
 from stiffscope.report.progress import progress
 from stiffscope.report.terminal import show_line
-from stiffscope.robot.imports.import_assembly import Said, import_assembly
+from stiffscope.robot.imports.import_assembly import import_assembly
 from stiffscope.robot.imports.import_model import import_model
+from stiffscope.robot.imports.said import Said
 from stiffscope.robot.library import copy_robot, robot_names
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from stiffscope.cli.output import Output
-    from stiffscope.robot.imports.simulator_model import SimulatorModel
 
 
 def _said(name: str, metavar: str, text: str) -> Any:
@@ -110,42 +109,12 @@ def import_(
         if value:
             raise InputError(f"--{name}: expected a STEP assembly, got {model.name}")
     read = import_model(model, goal, drives, tool, home)
-    counts = f"{len(read.bodies)} bodies, {len(read.joints)} joints (driven: {_driven(drives)})"
-    _emit(output, goal, read, counts, {})
+    driven = ", ".join(each.partition("=")[0].strip() for each in drives) or "none"
+    counts = f"{len(read.bodies)} bodies, {len(read.joints)} joints (driven: {driven})"
+    emit(output, model_json(read, goal), lambda: show_written(read, goal, counts))
 
 
 def _import_assembly(path: Path, goal: Path, said: Said, output: Output) -> None:
     with progress(quiet=output.quiet) as open_line:
         found = import_assembly(path, goal, said, open_line(path.name))
-    model = found.model
-    counts = (
-        f"{found.solids} solids, {found.contacts} contacts; {len(model.bodies)} bodies, {len(model.joints)} joints, "
-        f"{len(found.hardware)} pieces of hardware (driven: {', '.join(found.driven) or 'none'})"
-    )
-    doubts = [{"solids": list(doubt.solids), "text": doubt.text} for doubt in found.doubts]
-    joints = {joint.name: {"type": joint.kind, "reason": joint.note} for joint in model.joints}
-    more = {"joints_found": joints, "hardware": found.hardware, "doubts": doubts, "changes": found.changes}
-    _emit(output, goal, model, counts, more)
-
-
-def _driven(drives: Sequence[str]) -> str:
-    return ", ".join(each.partition("=")[0].strip() for each in drives) or "none"
-
-
-def _emit(output: Output, goal: Path, read: SimulatorModel, counts: str, more: dict[str, Any]) -> None:
-    def show() -> None:
-        for name, joint in more.get("joints_found", {}).items():
-            show_line(f"{joint['type']:11} {name}: {joint['reason']}")
-        for note in read.notes:
-            show_line(f"Note: {note}.")
-        for doubt in more.get("doubts", ()):
-            show_line(f"Look at {', '.join(doubt['solids'])}: {doubt['text']}.")
-        changes = more.get("changes")
-        for change in changes or ():
-            show_line(f"Since the last import: {change}.")
-        if changes == ():
-            show_line("Since the last import: nothing has changed.")
-        show_line(f"Written: {goal}, {counts}. Next: stiffscope check {goal}")
-
-    counted = {"bodies": len(read.bodies), "joints": len(read.joints), "notes": list(read.notes)}
-    emit(output, {"file": str(goal), **counted, **more}, show)
+    emit(output, import_json(found), lambda: show_import(found))

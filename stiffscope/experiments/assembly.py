@@ -25,6 +25,7 @@ from stiffscope.vjm.screws import CONVENTION
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from stiffscope.cad.part import Part
     from stiffscope.experiments.orders import PartOrder
     from stiffscope.experiments.results import PartResult
     from stiffscope.robot.file.description import RobotFile
@@ -169,15 +170,17 @@ def _with_effects(bare: Mechanism, robot: RobotFile) -> Mechanism:
     return apply_effects(bare, robot)
 
 
-def check_solids(robot: RobotFile) -> None:
-    """Raise InputError for a STEP file's solid that cannot be the part that it is to be; nothing is tested."""
+def check_solids(robot: RobotFile) -> dict[str, Part]:
+    """Build the parts of STEP files; nothing is tested. Raises InputError for a solid that cannot be its part."""
+    built = {}
     for name in used_parts(robot):
         if isinstance(robot.part(name), StepPart):
-            part = build_part(robot, name)
+            part = built[name] = build_part(robot, name)
             clamped = describe_solid(part)["clamped_centre"]
             if robot.parts[name].interface_names:
                 continue
             _check_length(robot, name, float(part.loaded[0].reference_point[0] - clamped[0]))
+    return built
 
 
 def _check_length(robot: RobotFile, name: str, length: float) -> None:

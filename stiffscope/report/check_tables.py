@@ -12,6 +12,7 @@ from stiffscope.vjm.checks import list_names
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Sequence
 
+    from stiffscope.robot.imports.doubts import Doubt
     from stiffscope.robot.inspection import Inspection
     from stiffscope.vjm.joints import Joint
     from stiffscope.vjm.mobility import Mobility
@@ -33,6 +34,15 @@ def show_check(found: Inspection) -> None:
         _reach(found)
         _poses(found)
     _lines("Remarks", found.remarks or ["none"])
+    show_doubts(found.doubts)
+
+
+def show_doubts(doubts: Sequence[Doubt]) -> None:
+    """What an import found that may be read in another way, with both readings."""
+    rows = [(_some(doubt.solids), doubt.text) for doubt in doubts]
+    if rows:
+        columns = ("solids", "what was taken, and what it may be")
+        _table("Look at these, which may be read in another way", columns, rows, prose=columns)
 
 
 def _table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], prose: Collection[str] = ()) -> None:

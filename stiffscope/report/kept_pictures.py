@@ -21,7 +21,16 @@ from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.report import maps
 from stiffscope.report.gap_figures import draw_figures
 from stiffscope.report.pictures import PictureError, draw, open_drawing, optional_pictures
-from stiffscope.report.robot_scene import deform_nodes, exaggeration, moves, picture, pose_text, scene
+from stiffscope.report.robot_scene import (
+    add_solids,
+    deform_nodes,
+    exaggeration,
+    mark_doubts,
+    moves,
+    picture,
+    pose_text,
+    scene,
+)
 from stiffscope.report.run_report import GEOMETRY
 from stiffscope.report.text import shares
 from stiffscope.runtime.cache import code_version, digest, kept_files
@@ -32,6 +41,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
+    from stiffscope.cad.part import Part
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.experiments.manifest import Manifest
     from stiffscope.experiments.results import PartResult
@@ -180,18 +190,25 @@ def draw_named_poses(assembled: Assembled, folder: Path) -> None:
         _draw_poses(assembled, folder)
 
 
-def draw_inspection(found: Inspection, folder: Path) -> None:
-    """The robot at home and at every named pose that it reaches, bodies rigid; where it can be drawn."""
+def draw_inspection(found: Inspection, folder: Path, parts: Mapping[str, Part]) -> None:
+    """The robot at home and at every named pose that it reaches, bodies rigid; where it can be drawn.
+
+    ``parts``: those of STEP files, shown as glass around the joints.
+    """
     if found.configurations is None:
         return
     pictures = []
     for k, pose in enumerate(found.poses):
         if pose.is_reached:
             title = f"{found.robot.name} at {pose.name}: {pose_text(found.mechanism, pose.tool)}"
-            pictures.append(picture(f"robot_{pose.name}.png", title, moves(found.mechanism, found.configurations, k)))
+            shown = picture(f"robot_{pose.name}.png", title, moves(found.mechanism, found.configurations, k))
+            pictures.append(shown | {"kinds": True})
     if pictures:
         with optional_pictures():
-            draw("robot", folder, pictures=pictures, geometry=GEOMETRY, **scene(found.robot, found.mechanism))
+            drawn = scene(found.robot, found.mechanism)
+            add_solids(drawn["bodies"], found.robot, parts)
+            drawn["joints"] = mark_doubts(drawn["joints"], found)
+            draw("robot", folder, pictures=pictures, geometry=GEOMETRY, **drawn)
 
 
 def draw_deflection(

@@ -19,11 +19,14 @@ from stiffscope.cad.part import mass_properties
 from stiffscope.design.maps import map_stiffness
 from stiffscope.errors import InputError
 from stiffscope.report import maps, page, part_tables, tables
+from stiffscope.report.check_tables import show_check
 from stiffscope.report.figures import save_figures
+from stiffscope.report.imports import show_import
 from stiffscope.report.numbers import coordinates, name_pose, point, pose_values, vector
 from stiffscope.report.pictures import draw
 from stiffscope.report.run_report import ENERGY, GEOMETRY, turn_robot
 from stiffscope.report.terminal import record_shown, show_line, show_table
+from stiffscope.robot.inspection import inspect_robot
 from stiffscope.runtime import output
 from stiffscope.runtime.output import scratch_folder
 from stiffscope.runtime.progress import LISTENERS
@@ -258,9 +261,6 @@ def _numbers(faces: Iterable[int]) -> str:
 
 
 def _robot(shown: RobotFile) -> None:
-    from stiffscope.report.check_tables import show_check
-    from stiffscope.robot.inspection import inspect_robot
-
     show_check(inspect_robot(shown))
 
 
@@ -377,6 +377,7 @@ SHOWN: dict[str, Callable[[Any], Sequence[Figure] | None]] = {
     "design.studies.Study": _study,
     "report.compare.Comparison": part_tables.show_comparison,
     "robot.file.description.RobotFile": _robot,
+    "robot.imports.import_assembly.Imported": show_import,
     "design.sensitivity.Sensitivity": _sensitivity,
     "vjm.kinematics.Configurations": _configurations,
     "vjm.bodies.Body": _fields,

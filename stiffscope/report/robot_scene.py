@@ -7,16 +7,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.cad.beam import BeamParameters
+from stiffscope.cad.part import tessellate
 from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.file.sections import InterfaceBody
 from stiffscope.vjm.network import place_nodes
 from stiffscope.vjm.screws import skew
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
+    from stiffscope.cad.part import Part
     from stiffscope.robot.file.description import RobotFile
+    from stiffscope.robot.inspection import Inspection
     from stiffscope.vjm.bodies import Body
     from stiffscope.vjm.joints import Joint
     from stiffscope.vjm.kinematics import Configurations
@@ -25,6 +28,8 @@ if TYPE_CHECKING:
 
     Moves = dict[str, tuple[Array, Array]]
 
+_COARSE = 5e-4, 0.5  # m, rad: of the surfaces of solids in a picture
+_HERE = 1e-6  # m
 DEFORMATION = 0.06  # greatest displacement shown, in the robot's size
 
 
@@ -194,3 +199,33 @@ def _joint(joint: Joint) -> dict[str, Any]:
         "axis": joint.axis, "axis2": joint.axis2, "driven": joint.drive is not None,
         "low": low if np.isfinite(low) else None, "high": high if np.isfinite(high) else None,
     }  # fmt: skip
+
+
+def add_solids(bodies: Iterable[dict[str, Any]], robot: RobotFile, parts: Mapping[str, Part]) -> None:
+    """Give the bodies of a scene the surfaces of their parts' solids, m, and where these have their origin."""
+    surfaces = {name: tessellate(part.solid, *_COARSE)[:2] for name, part in parts.items()}
+    for body in bodies:
+        section = robot.bodies[body["name"]]
+        if isinstance(section, InterfaceBody) and section.part in surfaces:
+            points, triangles = surfaces[section.part]
+            body |= {"points": points, "triangles": triangles, "origin": section.at}
+
+
+def mark_doubts(joints: Sequence[dict[str, Any]], found: Inspection) -> list[dict[str, Any]]:
+    """The joints of a scene, those doubted marked, and a mark where there may be another."""
+    bodies = {body.name: body.nodes[0] for body in found.mechanism.bodies}
+    marked = [dict(joint) for joint in joints]
+    for doubt in found.doubts:
+        here = [
+            joint for joint in marked
+            if doubt.at is not None and np.linalg.norm(np.subtract(joint["at"], doubt.at)) < _HERE
+        ]  # fmt: skip
+        for joint in here:
+            joint["doubted"] = True
+        if doubt.at is not None and not here:
+            node = next((bodies[name] for name in doubt.solids if name in bodies), "ground")
+            marked.append({
+                "name": ", ".join(doubt.solids), "kind": "doubt", "first": node, "second": node, "at": doubt.at,
+                "driven": False, "doubted": True,
+            })  # fmt: skip
+    return marked

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from stiffscope.cad.checks import mm
 from stiffscope.errors import InputError
 from stiffscope.robot.file.part_sections import InterfacePart, MatrixPart, solid_length
 from stiffscope.robot.file.sections import ElasticBody, InterfaceBody, RigidBody
+from stiffscope.robot.imports.import_record import parts_folder, read_record
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import known_mass, rigid_part, source_of, used_parts
 from stiffscope.vjm.checks import list_names
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from stiffscope.robot.file.description import RobotFile
+    from stiffscope.robot.imports.doubts import Doubt
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.mobility import Mobility
@@ -77,7 +79,8 @@ class Inspection:
     """All of it; ``masses`` by body, kg, None where only the part's solid tells.
 
     ``residual``: largest gap of a loop at home, m; ``poses``: home first; ``configurations`` are theirs, None where the
-    mechanism cannot move as its poses say; ``mapped``: share of the map's points that are reached.
+    mechanism cannot move as its poses say; ``mapped``: share of the map's points that are reached; ``doubts``: of
+    the import that wrote the file.
     """
 
     robot: RobotFile
@@ -91,6 +94,7 @@ class Inspection:
     configurations: Configurations | None
     mapped: float | None
     remarks: tuple[str, ...]
+    doubts: tuple[Doubt, ...]
     error: str
     """Why the robot cannot be used as it is; empty where it can."""
 
@@ -103,12 +107,16 @@ def inspect_robot(robot: RobotFile) -> Inspection:
     parts = tuple(_part(robot, name) for name in used_parts(robot))
     masses = {name: _mass(robot, mechanism, name) for name in robot.bodies}
     named = _named_poses(robot, mechanism)
+    record = read_record(parts_folder(robot.path))
+    doubts = () if record is None else tuple(record.doubts)
     try:
         configurations = configured_poses(robot, mechanism, list(named.values()))
         ways = reach(mechanism)
     except InputError as error:
         remarks = tuple(_of_mobility(found))
-        return Inspection(robot, mechanism, found, residual, parts, masses, (), (), None, None, remarks, str(error))
+        return Inspection(
+            robot, mechanism, found, residual, parts, masses, (), (), None, None, remarks, doubts, str(error)
+        )
     poses = tuple(_pose(configurations, k, name, tool) for k, (name, tool) in enumerate(named.items()))
     mapped = None if robot.map is None else _map_reach(robot, mechanism)
     remarks = (
@@ -122,7 +130,7 @@ def inspect_robot(robot: RobotFile) -> Inspection:
         *_of_masses(robot, masses),
     )
     return Inspection(
-        robot, mechanism, found, residual, parts, masses, ways, poses, configurations, mapped, remarks, ""
+        robot, mechanism, found, residual, parts, masses, ways, poses, configurations, mapped, remarks, doubts, ""
     )
 
 
@@ -337,6 +345,7 @@ def inspection_json(found: Inspection) -> dict[str, Any]:
         "usable": not found.error,
         "error": found.error,
         "remarks": found.remarks,
+        "doubts": [asdict(doubt) for doubt in found.doubts],
         "bodies": [
             {"name": name, "part": getattr(body, "part", None), "mass": found.masses[name]}
             for name, body in found.robot.bodies.items()

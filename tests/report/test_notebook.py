@@ -15,6 +15,9 @@ from stiffscope.fea.derivatives import Derivative, PartSensitivity
 from stiffscope.report import part_tables
 from stiffscope.report.compare import Comparison, Entry
 from stiffscope.report.notebook import SHOWN, as_html, open_bar, register
+from stiffscope.robot.imports.doubts import Doubt
+from stiffscope.robot.imports.import_assembly import Imported
+from stiffscope.robot.imports.simulator_model import ModelJoint, SimulatorModel
 from stiffscope.runtime.progress import LISTENERS, silence
 from tests.report.browser import CHROMIUM, browser
 from tests.report.test_diagnosis_report import HOSTILE, Page
@@ -67,6 +70,9 @@ def objects(machine):
     yield ss.study(Path(__file__).parents[2] / "examples" / "rod-study.toml"), ("rod.radius", "designs")
     yield Comparison("slider", (entry,), ("a finding",)), ("C35", "Timoshenko", "a finding")
     yield robot, ("degrees of freedom", "limb1.actuator")
+    joints = (ModelJoint("a/b", "a", "b", "revolute", np.zeros(3)),)
+    model = SimulatorModel("m", (), joints, "b", np.zeros(3), (), np.zeros(3), ())
+    yield Imported(Path("m.toml"), model, (Doubt(("a", "b"), "a pin or a screw"),)), ("revolute", "a pin or a screw")
     yield ss.sensitivity(robot, components="published"), ("Sensitivity at x, y, z (mm) = 0, 0, 347.48", "link.length")
     yield ss.configure(machine, [poses[0], (0.0, 0.0, 9.0)]), ("yes", "no", "out of reach")
     yield machine.bodies[0], (f"Body {machine.bodies[0].name}", "mass")

@@ -14,7 +14,9 @@ from stiffscope.cad.contacts import find_contacts
 from stiffscope.errors import InputError
 from stiffscope.robot.imports.contact_joints import find_joints
 from stiffscope.robot.imports.hardware import find_hardware
-from stiffscope.robot.imports.import_assembly import Said, import_assembly
+from stiffscope.robot.imports.import_assembly import from_assembly, import_assembly
+from stiffscope.robot.imports.said import Said
+from stiffscope.robot.inspection import inspect_robot
 from stiffscope.robot.reader import load_robot
 from tests.robot import assemblies
 
@@ -127,6 +129,74 @@ def test_an_import_runs_and_keeps_what_is_said(tmp_path):
     assert not found.doubts
 
 
+@pytest.mark.parametrize("kind", ["Revolute", "Linear", "Cylindrical", "Ball", "Rigid"])
+def test_joints_of_build123d_are_taken_as_they_are(kind, tmp_path):
+    """Whatever touches: a block beside a plate, in an assembly of an assembly that is moved and turned."""
+    at, along = (12.0, -7.0, 5.0), (0.0, 0.6, 0.8)
+    line = {} if kind in {"Ball", "Rigid"} else {"axis": b.Axis(at, along)}
+    plate, block, foot = (solid.solid() for solid in (b.Box(80, 60, 10), b.Box(30, 20, 10), b.Box(99, 99, 9)))
+    plate.label, block.label, foot.label = "plate", "block", "foot"
+    point = {} if line else {"joint_location": b.Location(at)}
+    joint = getattr(b, f"{kind}Joint")("hinge", plate, **line, **point)
+    slid = {"position": 0} if kind in {"Linear", "Cylindrical"} else {}
+    joint.connect_to(b.RigidJoint("hole", block, b.Location((3, 4, -5))), **slid)
+    bottom = b.RigidJoint("bottom", plate, b.Location((0, 0, -5)))
+    bottom.connect_to(b.RigidJoint("top", foot, b.Location((0, 0, 4.5))))
+    place = b.Location((100, -20, 30), (20, 40, 10))
+    machine = b.Compound(label="machine", children=[b.Compound(label="unit", children=[plate, block]), foot])
+    machine.locate(place)
+    if kind == "Rigid":
+        with pytest.raises(InputError, match="expected a tool that joints let move, got plate"):
+            from_assembly(machine, tmp_path / "m.toml", material={"*": "steel"}, ground="foot", tool="plate")
+        return
+    found = from_assembly(machine, tmp_path / "m.toml", material={"*": "steel"}, ground="foot", tool="block")
+    (joint,) = [each for each in found.model.joints if each.name == "plate/block"]
+    kinds = {"Revolute": "revolute", "Linear": "prismatic", "Cylindrical": "cylindrical", "Ball": "spherical"}
+    assert joint.kind == kinds[kind]
+    turn, origin = _frame(place)
+    point, axis = 1e-3 * (turn @ np.array(at) + origin), turn @ np.array(along)
+    if kind == "Ball":
+        assert np.linalg.norm(joint.at - point) < 1e-9
+        return
+    assert np.linalg.norm(np.cross(joint.axis, axis)) < 1e-9
+    if kind != "Linear":
+        assert np.linalg.norm(np.cross(axis, joint.at - point)) < 1e-9
+    robot = load_robot(found.file)
+    assert robot.tool.body == "block"
+
+
+def test_a_joint_of_build123d_that_contacts_contradict_is_told(tmp_path):
+    plate, block = b.Box(80, 60, 10).solid(), b.Box(30, 20, 10).solid()
+    plate.label, block.label = "plate", "block"
+    hinge = b.RevoluteJoint("hinge", plate, axis=b.Axis((0, 0, 5), (0, 0, 1)))
+    hinge.connect_to(b.RigidJoint("hole", block, b.Location((0, 0, -5))))
+    machine = b.Compound(label="machine", children=[plate, block])
+    said = {"material": "*=steel", "ground": "plate"}
+    found = from_assembly(machine, tmp_path / "m.toml", **said)
+    assert [doubt.solids for doubt in found.doubts] == [("plate", "block")]
+    assert "makes it revolute, what touches makes it planar" in found.doubts[0].text
+    assert [doubt.text for doubt in inspect_robot(load_robot(found.file)).doubts] == [found.doubts[0].text]
+    other = from_assembly(machine, tmp_path / "other.toml", **said, joint={"pl*/bl*": "planar"})
+    assert (other.model.joints[0].kind, other.doubts) == ("planar", ())
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (("a text", {}), "expected a build123d Compound of solids, got str"),
+        ((b.Compound(children=[b.Face.make_rect(1, 1)]), {}), "expected at least one closed solid, got 1 shapes"),
+        ((b.Pos(1e400, 0, 0) * b.Solid.make_box(1, 1, 1), {}), "expected solids at places, got .* at infinity"),
+        ((assemblies.rod(1, 2), {"floor": "x"}), 'floor: expected one of ground, .*, got "floor"'),
+        ((assemblies.rod(1, 2), {"weld": 3}), "weld: expected a list of texts, got 3"),
+    ],
+)
+def test_what_is_no_assembly_of_build123d_is_refused(given, message, tmp_path):
+    assembly, said = given
+    with pytest.raises(InputError, match=message):
+        from_assembly(assembly, tmp_path / "m.toml", **said)
+    assert not [*tmp_path.iterdir()]
+
+
 def test_a_new_export_says_what_changed(tmp_path):
     made, out, said = assemblies.lever(), tmp_path / "robot.toml", Said(material=("*=steel",), ground="Platte")
     made.write(tmp_path / "machine.step")
@@ -161,6 +231,7 @@ def test_a_new_export_says_what_changed(tmp_path):
         (Said(material=("*=steel",), joint=("palm/pad=revolute",)), "expected two solids that touch"),
         (Said(material=("*=steel",), joint=("palm/finger=welded",)), r"expected A/B=KIND"),
         (Said(material=("*=steel",), ground="bed"), "--ground bed: expected the name of a solid"),
+        (Said(material=("*=steel",), joint=("pa*/arm*=fixed",)), r"--joint pa\*/arm\*=fixed: solid arm\*: expected"),
     ],
 )
 def test_what_is_not_said_well_is_refused(said, message, tmp_path):

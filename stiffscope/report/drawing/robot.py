@@ -22,7 +22,9 @@ from PIL import Image
 from stiffscope.report.drawing.camera import View, new_plotter, shot, view_of
 from stiffscope.report.drawing.geometry import pack_solids
 from stiffscope.report.drawing.solids import (
+    DOUBTED,
     DRIVEN,
+    GLASS,
     PASSIVE,
     RIGID,
     extent,
@@ -49,6 +51,7 @@ TOWARDS = (0.42, -1.0, 0.4)  # the camera, in axes whose z points up
 WIDTH, ABOVE, BELOW = 1200, 42, 34  # pixels: of the picture, of its title, of its key
 MOVING, PERIOD = 720, 1280  # pixels across, and milliseconds of a vibration, of an animation
 LONG = 1300  # characters times points of a title that has room
+_DARK_DOUBT = "#9a6a00"
 AXES = ("#d62728", "#2ca02c", "#1f4fd6")
 MARKS = {"sensor": "#8e24aa", "load": "#ef6c00"}
 CONTEXT = 1.7  # times what the arrows themselves take up, of a close picture of them
@@ -77,12 +80,14 @@ def robot(
     pictures
         ``moves``: node to [R (3, 3), p (3,)] since home; ``before``, optional: the same, drawn in a light colour;
         ``ghost``, optional: another robot in that colour, {bodies, joints, tool, moves};
-        ``close``, optional: true of a picture of the marks alone, with their names and what is near.
+        ``close``, optional: true of a picture of the marks alone, with their names and what is near;
+        ``kinds``, optional: true of a picture that names the kind of each joint.
     bodies
         {name, nodes, part, experiment, shape, mesh, axes, base, length, places}; a rigid body has one node. ``shape``:
         {radius} of a rod or {width, thickness} of a plate, for a part without an experiment; ``mesh``: a surface in m.
     joints
-        {name, kind, first, second, at, axis, axis2, driven, low, high}, m and rad.
+        {name, kind, first, second, at, axis, axis2, driven, low, high}, m and rad; ``doubted``, optional, and of the
+        kind "doubt" where there may be one.
     tool
         {node, at}.
     up
@@ -102,7 +107,7 @@ def robot(
     reach = extent(bodies, joints, tool)
     if geometry is not None:
         shades = [share_colour(k / (SHADES - 1), 1.0) for k in range(SHADES)]
-        colours = {"shades": shades, "no_share": NO_SHARE, "key": key_of(bodies), "tool": tool}
+        colours = {"shades": shades, "no_share": NO_SHARE, "key": key_of(bodies, joints), "tool": tool}
         (folder / geometry).write_text(json.dumps({**pack_solids(solids, upward, reach), **colours}))
     for picture in pictures:
         moves, before = _moves(picture["moves"]), picture.get("before")
@@ -121,7 +126,9 @@ def robot(
         figure = frame_picture(image, view, picture["title"])
         if close:
             _name_arrows(figure, view, arrows)
-        _explain(figure, bodies, coloured, scale, list(dict.fromkeys(each.kind for each in arrows)))
+        if picture.get("kinds", False):
+            _name_joints(figure, view, joints, moves)
+        _explain(figure, key_of(bodies, joints), coloured, scale, list(dict.fromkeys(each.kind for each in arrows)))
         save_figure(figure, folder / picture["file"], dpi=100)
 
 
@@ -152,7 +159,7 @@ def animation(
         images: list[Any] = []
         for point, each in zip(points, shapes, strict=True):
             figure = frame_picture(*_scene(each, point, upward, reach, seen, MOVING), picture["title"])
-            _explain(figure, bodies, coloured, scale)
+            _explain(figure, key_of(bodies, joints), coloured, scale)
             canvas = FigureCanvasAgg(figure)
             canvas.draw()
             images.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
@@ -173,6 +180,7 @@ def _by_colour(solids: list[Solid], moves: Moves, shares: dict[str, float] | Non
     most = max((shares or {}).values(), default=1.0)
     for solid in solids:
         colour = solid.colour if shares is None else share_colour(shares.get(solid.element), most)
+        colour += GLASS if solid.glass else ""
         groups.setdefault(colour, []).append(solid.move(moves))
     return {colour: _join_shapes(shapes) for colour, shapes in groups.items()}
 
@@ -210,18 +218,37 @@ def _around(points: Floats) -> Floats:
 
 
 def _name_arrows(figure: Figure, view: View, arrows: list[Arrow]) -> None:
-    """The name of each arrow at its free end, a name that would lie on another one above it."""
+    """The name of each arrow at its free end."""
+    free = ((each, each.ends[0 if each.kind == "sensor" else 1]) for each in arrows)
+    _put_labels(figure, view, [(end, each.name, MARKS[each.kind]) for each, end in free], "bold")
+
+
+def _name_joints(figure: Figure, view: View, joints: list[dict[str, Any]], moves: Moves) -> None:
+    """The kind of each joint, above it; of what is no joint but may be one, whose."""
+    labels = []
+    for joint in joints:
+        rotation, position = moves[joint["first"]]
+        at = rotation @ np.array(joint["at"], float) + position
+        text = f"{joint['name']}?" if joint["kind"] == "doubt" else joint["kind"]
+        labels.append((at, text, _DARK_DOUBT if joint.get("doubted") else EDGES))
+    _put_labels(figure, view, labels, raised=30.0)
+
+
+def _put_labels(
+    figure: Figure, view: View, labels: list[tuple[Floats, str, str]], weight: str = "normal", raised: float = 0.0
+) -> None:
+    """Texts some pixels above points (3,) in colours, each that would lie on another one above that."""
     width, height = view.size
     taken: list[tuple[float, float]] = []
-    for arrow in arrows:
-        across, above = view.pixel(arrow.ends[0 if arrow.kind == "sensor" else 1])
-        across, above = float(np.clip(across, 60, width - 60)), float(np.clip(above, 20, height - 20))
+    for point, text, colour in labels:
+        across, above = view.pixel(point)
+        across, above = float(np.clip(across, 60, width - 60)), float(np.clip(above + raised, 20, height - 20))
         while any(abs(across - x) < 120 and abs(above - y) < 22 for x, y in taken):
             above += 24
         taken.append((across, above))
         figure.text(
-            across / width, (BELOW + above) / (height + ABOVE + BELOW), arrow.name, fontsize=11, ha="center",
-            va="center", color=MARKS[arrow.kind], fontweight="bold", parse_math=False,
+            across / width, (BELOW + above) / (height + ABOVE + BELOW), text, fontsize=11, ha="center",
+            va="center", color=colour, fontweight=weight, parse_math=False,
             bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5},
         )  # fmt: skip
 
@@ -251,8 +278,9 @@ def _scene(
             plotter.add_mesh(shape, color=BEFORE, opacity=0.10, lighting=False)
             plotter.add_silhouette(shape, color=BEFORE, line_width=2.0)
             continue
+        opacity = int(colour[7:] or "ff", 16) / 255
         plotter.add_mesh(
-            shape, color=colour, smooth_shading=True, split_sharp_edges=True, feature_angle=35,
+            shape, color=colour[:7], opacity=opacity, smooth_shading=True, split_sharp_edges=True, feature_angle=35,
             ambient=0.42, diffuse=0.6, specular=0.15,
         )  # fmt: skip
         edges = shape.extract_feature_edges(35, boundary_edges=False, manifold_edges=False, non_manifold_edges=False)
@@ -295,25 +323,26 @@ def frame_picture(image: Floats, view: View, title: str) -> Figure:
 
 def _explain(
     figure: Figure,
-    bodies: list[dict[str, Any]],
+    meanings: dict[str, str],
     shares: dict[str, float] | None,
     scale: str,
     marks: list[str] | None = None,
 ) -> None:
     """What the colours mean."""
     if shares is None:
-        _key(figure, {**key_of(bodies), **{kind: MARKS[kind] for kind in marks or []}})
+        _key(figure, {**meanings, **{kind: MARKS[kind] for kind in marks or []}})
     else:
         _share_bar(figure, scale, max(shares.values(), default=1.0))
 
 
-def key_of(bodies: list[dict[str, Any]]) -> dict[str, str]:
-    """Colours by what they mean: parts, and rigid bodies where there are several."""
+def key_of(bodies: list[dict[str, Any]], joints: Sequence[dict[str, Any]] = ()) -> dict[str, str]:
+    """Colours by what they mean: parts, rigid bodies where there are several, and what is doubtful."""
+    doubted = {"doubtful": DOUBTED} if any(joint.get("doubted") for joint in joints) else {}
     colours = {**part_colours(bodies), **rigid_colours(bodies)}
     named = dict(list(colours.items())[:_NAMED])
     if len(colours) > _NAMED:
         named[f"{list(colours)[_NAMED]}, …"] = list(colours.values())[_NAMED]
-    return {**named, "rigid": RIGID, "joint": PASSIVE, "drive": DRIVEN}
+    return {**named, "rigid": RIGID, "joint": PASSIVE, "drive": DRIVEN, **doubted}
 
 
 def _key(figure: Figure, entries: dict[str, str]) -> None:

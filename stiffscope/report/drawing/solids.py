@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 PARTS = ("#3b7dbf", "#d9822b", "#5b9a68", "#8e6bb0", "#b5666a", "#4c9c9c")
 BODIES = ("#8f9c70", "#9c7d92", "#6b97a3", "#a9926a", "#8288ad", "#a37a6f")
 RIGID, GROUND, PASSIVE, DRIVEN, RAIL = "#76828f", "#b4bcc5", "#2c343c", "#c0392b", "#c3c8ce"
+DOUBTED = "#f2a900"
+GLASS = "59"  # opacity in hexadecimal, of a solid that joints are seen through
 _SMALLEST = 0.018  # radius of a joint, in the robot's size
 _PLATE = 0.014  # half the thickness of a rigid body
 _FLAT = 1e-3  # height of an arc that is drawn as its chord, in the robot's size
@@ -35,6 +37,7 @@ class Solid:
     """A surface at home that belongs to an element, and the nodes it moves with; an elastic body bends between them.
 
     One with a ``length`` is a bar along its part's x; else ``places`` (n, 3) are those of its n nodes at home.
+    ``glass``: whether one sees through it.
     """
 
     element: str
@@ -45,6 +48,7 @@ class Solid:
     base: Floats | None = None
     length: float = 0.0
     places: Floats | None = None
+    glass: bool = False
 
     def move(self, moves: Moves) -> pv.PolyData:
         """The surface where its nodes have moved to."""
@@ -126,7 +130,7 @@ def _make_elastic(bodies: Tables, reach: float) -> Iterable[Solid]:
             skin.points = np.asarray(skin.points, float) @ axes.T + base
             colour, length = colours[body["part"]], float(body["length"])
             places = np.array(body["places"], float)
-            yield Solid(body["name"], skin, colour, tuple(body["nodes"]), axes, base, length, places)
+            yield Solid(body["name"], skin, colour, tuple(body["nodes"]), axes, base, length, places, "points" in body)
 
 
 def _place_ends(body: dict[str, Any], joints: Tables) -> dict[str, Any]:
@@ -146,6 +150,10 @@ def _skin(body: dict[str, Any], reach: float) -> pv.PolyData:
         curved = bulge(tested.mesh) > _FLAT * reach
         start = np.zeros(3) if length else tested.places[0]
         return _triangles(surface(tested.mesh, tested.mesh.points - start, split=curved).clean())
+    if "points" in body:
+        home = (np.array(body["origin"]) - body["base"]) @ np.array(body["axes"], float)
+        corners = np.array(body["points"], float) + home
+        return pv.PolyData.from_regular_faces(corners, np.array(body["triangles"]))
     if not length:
         return _star((np.array(body["places"], float) - body["base"]) @ np.array(body["axes"], float), reach)
     if "outline" in shape:
@@ -280,11 +288,14 @@ def _joints(joints: Tables, sizes: dict[str, tuple[float, float]], reach: float)
     """Joints by type, in the colour of their being driven or passive."""
     for joint in joints:
         name, at, (r, half) = joint["name"], np.array(joint["at"], float), sizes[joint["name"]]
-        colour = DRIVEN if joint["driven"] else PASSIVE
+        colour = DOUBTED if joint.get("doubted") else DRIVEN if joint["driven"] else PASSIVE
         axis = np.array(joint["axis"] if joint.get("axis") is not None else [0, 0, 1], float)
         match joint["kind"]:
             case "fixed":
-                pass
+                if joint.get("doubted"):
+                    yield Solid(name, _cube(at, r), colour, (joint["first"],))
+            case "doubt":
+                yield Solid(name, _cube(at, r), colour, (joint["first"],))
             case "spherical":
                 yield Solid(name, _ball(at, 1.1 * r), colour, (joint["first"],))
             case "universal":
@@ -329,6 +340,10 @@ def _rod(start: Floats, end: Floats, radius: float, stations: int = 2) -> pv.Pol
     """A bar; one that bends has stations along it."""
     along = np.linspace(start, end, stations)
     return _triangles(pv.Spline(along, stations).tube(radius=radius, n_sides=32, capping=True))
+
+
+def _cube(at: Floats, radius: float) -> pv.PolyData:
+    return _triangles(pv.Cube(center=at, x_length=2 * radius, y_length=2 * radius, z_length=2 * radius))
 
 
 def _ball(at: Floats, radius: float) -> pv.PolyData:

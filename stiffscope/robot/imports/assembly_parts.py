@@ -13,6 +13,7 @@ from stiffscope.cad.materials import MATERIALS
 from stiffscope.errors import InputError
 from stiffscope.robot.imports.compiled_model import print_safely
 from stiffscope.robot.imports.import_model import to_toml, toml_key, vector_text
+from stiffscope.robot.imports.import_record import parts_folder
 from stiffscope.runtime.reading import show_path
 
 if TYPE_CHECKING:
@@ -112,8 +113,3 @@ def _selectors(solid: Instance, faces: Sequence[int]) -> str:
         size = f", radius = {to_toml(f'{1e3 * face.radius:.9g} mm')}" if face.kind in {"cylinder", "sphere"} else ""
         texts.append(f"{{ kind = {to_toml(face.kind)}{size}, position = {vector_text(point)} }}")
     return texts[0] if len(texts) == 1 else f"[{', '.join(texts)}]"
-
-
-def parts_folder(out: Path) -> Path:
-    """The folder of the parts' STEP files beside a robot file."""
-    return out.with_name(f"{out.stem}-parts")

@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.robot.imports.hardware import FIT, may_be_screw, turned_form
-from stiffscope.robot.imports.part_motions import relative_freedom
+from stiffscope.robot.imports.doubts import Doubt, doubt_bores, doubt_built, doubt_pins
+from stiffscope.robot.imports.hardware import FIT, turned_form
+from stiffscope.robot.imports.part_motions import joint_freedom, relative_freedom
 from stiffscope.vjm.screws import shift, skew
 from stiffscope.vjm.subspaces import null_space, range_space
 
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from stiffscope.cad.assembly import Instance
+    from stiffscope.cad.built_assembly import BuiltJoint
     from stiffscope.cad.contacts import Contact
     from stiffscope.robot.imports.hardware import Hardware
     from stiffscope.runtime.types import Array
@@ -51,21 +53,18 @@ class Freedom:
 
 
 @dataclass(frozen=True, eq=False)
-class Doubt:
-    """Something that a person has to look at: which solids, and in words what it may be."""
-
-    solids: tuple[str, ...]
-    text: str
-
-
-@dataclass(frozen=True, eq=False)
 class Bond:
-    """Constraints between two solids, as rows (m, 6) on the relative twist at the base origin; the contact it is."""
+    """Constraints between two solids, as rows (m, 6) on the relative twist at the base origin; the contact it is.
+
+    ``label``: of the joint that the assembly itself has here, and where, (3,) m.
+    """
 
     first: int
     second: int
     rows: Array
     contact: Contact | None
+    label: str = ""
+    at: Array | None = None
 
 
 def hold(contact: Contact, scale: float) -> Array:
@@ -82,13 +81,28 @@ def hold(contact: Contact, scale: float) -> Array:
     return rows @ shift(contact.point / scale)
 
 
-def _bonds_of(solids: Sequence[Instance], contacts: Iterable[Contact], hardware: Hardware, scale: float) -> list[Bond]:
-    """Find what holds what: contacts as they are, but screws and seats hold all, and bearings leave their spin."""
-    found = []
+def _bonds_of(
+    solids: Sequence[Instance], contacts: Iterable[Contact], hardware: Hardware, scale: float,
+    built: Sequence[BuiltJoint],
+) -> list[Bond]:  # fmt: skip
+    """Find what holds what: contacts as they are, but screws and seats hold all, and bearings leave their spin.
+
+    Joints of the assembly itself stand in place of the contacts of their two solids.
+    """
+    found, taken = [], {frozenset((joint.first, joint.second)) for joint in built}
+    touching = defaultdict[frozenset[int], list["Contact"]](list)
     for contact in contacts:
-        rows = _held_by(contact, hardware, scale)
+        pair = frozenset((contact.first, contact.second))
+        touching[pair].append(contact)
+        rows = None if pair in taken else _held_by(contact, hardware, scale)
         if rows is not None:
             found.append(Bond(contact.first, contact.second, rows, contact))
+    for joint in built:
+        free = [joint_freedom(kind, at / scale, axis, None) for kind, at, axis in joint.motions]
+        rows = null_space(np.hstack(free).T).T if any(map(np.size, free)) else np.eye(6)
+        for each in touching[frozenset((joint.first, joint.second))] or [None]:
+            at = joint.motions[0][1]
+            found.append(Bond(joint.first, joint.second, rows, each, joint.label, at))
     for small, large in hardware.pairs:
         found.append(Bond(small, large, _spin(solids[small], scale), None))
     return found
@@ -196,14 +210,17 @@ def measure_size(solids: Sequence[Instance]) -> float:
 
 
 def find_joints(
-    solids: Sequence[Instance], contacts: Sequence[Contact], hardware: Hardware
-) -> tuple[list[Freedom], list[Doubt]]:
+    solids: Sequence[Instance], contacts: Sequence[Contact], hardware: Hardware,
+    built: Sequence[BuiltJoint] = (),
+) -> tuple[list[Freedom], list[Doubt]]:  # fmt: skip
     """Joints between the parts of an assembly.
 
     Parameters
     ----------
     solids, contacts, hardware
         The assembly, where its solids touch, and which are hardware.
+    built
+        Joints that the assembly itself has, which count more than contacts.
 
     Returns
     -------
@@ -212,7 +229,7 @@ def find_joints(
 
     """
     scale = measure_size(solids)
-    bonds = _bonds_of(solids, contacts, hardware, scale)
+    bonds = _bonds_of(solids, contacts, hardware, scale, built)
     between: dict[tuple[int, int], list[Bond]] = defaultdict(list)
     for bond in bonds:
         if bond.first not in hardware.roles and bond.second not in hardware.roles:
@@ -230,26 +247,15 @@ def find_joints(
         found = _freedom(i, j, held, solids, scale, hardware)
         if found.kind:
             joints.append(found)
-            doubts += _pins_or_screws(found, held, solids, hardware)
+            doubts += doubt_pins(found, held, solids, hardware)
         else:
             left = f"{found.freedom.shape[1]} freedoms are left ({found.reason})"
             text = f"{left}, which no joint has; say which with --joint"
-            doubts.append(Doubt((solids[i].name, solids[j].name), text))
-    doubts += _other_readings(solids, contacts, hardware)
+            doubts.append(Doubt((solids[i].name, solids[j].name), text, tuple(found.at)))
+    doubts += doubt_bores(solids, contacts, hardware)
+    if built:
+        doubts += doubt_built(joints, find_joints(solids, contacts, hardware)[0], built, solids)
     return _drop_unneeded(joints, solids, doubts), doubts
-
-
-def _pins_or_screws(
-    joint: Freedom, bonds: Sequence[Bond], solids: Sequence[Instance], hardware: Hardware
-) -> list[Doubt]:
-    """Headed pins of a joint that moves, which would hold it if they were screws."""
-    numbers = dict.fromkeys(each for bond in bonds for each in (bond.first, bond.second))
-    pair = f"{solids[joint.first].name}/{solids[joint.second].name}"
-    return [
-        Doubt((solids[n].name,), f"a clevis pin, which makes {pair} {joint.kind}, or a screw in holes of its own "
-              f'diameter, which makes it fixed: taken as a pin; if it is a screw, say --weld "{solids[n].name}"')
-        for n in numbers if joint.kind != "fixed" and may_be_screw(n, solids[n].name, hardware)
-    ]  # fmt: skip
 
 
 def _clusters(bonds: Sequence[Bond], hardware: Hardware) -> list[set[int]]:
@@ -296,7 +302,8 @@ def _freedom(
     scaled = relative_freedom([(bond.first, bond.second, bond.rows) for bond in bonds], i, j)
     touching = [bond.contact for bond in bonds if bond.contact is not None]
     round_ = [each for each in touching if each.kind != "plane"] or touching
-    near = np.mean([each.point for each in round_], axis=0)
+    points = [each.point for each in round_] or [bond.at for bond in bonds if bond.at is not None]
+    near = np.mean(points, axis=0)
     kind, at, axis, axis2 = kind_of(scaled, near / scale)
     if kind == "planar" and any(hardware.roles.get(n) in THREADED for b in bonds for n in (b.first, b.second)):
         kind, axis, scaled = "fixed", None, np.zeros((6, 0))  # clamped: its holes are wider than the thread
@@ -321,6 +328,8 @@ def _reason(i: int, j: int, bonds: Sequence[Bond], solids: Sequence[Instance], h
     words = defaultdict[str, int](int)
     what = {"plane": "plane on plane", "cylinder": "pin in bore", "sphere": "ball in socket", "cone": "cone in cone"}
     for bond in bonds:
+        if bond.label:
+            words[bond.label] = 0
         for each in (bond.first, bond.second):
             role = hardware.roles.get(each)
             if role in {"screw", "bearing", "pin", "ring"}:
@@ -330,23 +339,6 @@ def _reason(i: int, j: int, bonds: Sequence[Bond], solids: Sequence[Instance], h
             radius = f" of radius {1e3 * bond.contact.radius:.4g} mm" if bond.contact.radius else ""
             words[what[bond.contact.kind] + radius] += 1
     return ", ".join(f"{count} x {word}" if count > 1 else word for word, count in words.items())
-
-
-def _other_readings(solids: Sequence[Instance], contacts: Sequence[Contact], hardware: Hardware) -> list[Doubt]:
-    """Bores that are too wide or too tight to guide, between parts."""
-    found = []
-    for contact in contacts:
-        if contact.first in hardware.roles or contact.second in hardware.roles or contact.kind in {"plane", "cone"}:
-            continue
-        share = contact.gap / contact.radius
-        if not FIT[0] <= share <= FIT[1]:
-            names = solids[contact.first].name, solids[contact.second].name
-            how = f"{1e3 * contact.gap:.3g} mm of play" if share > 0 else f"{-1e3 * contact.gap:.3g} mm of overlap"
-            found.append(
-                Doubt(names, f"a {contact.kind} of radius {1e3 * contact.radius:.4g} mm with {how}: taken as no guide; "
-                      f'if it guides, say --joint "{names[0]}/{names[1]}=KIND"')
-            )  # fmt: skip
-    return found
 
 
 def _drop_unneeded(joints: Sequence[Freedom], solids: Sequence[Instance], doubts: list[Doubt]) -> list[Freedom]:
@@ -360,7 +352,7 @@ def _drop_unneeded(joints: Sequence[Freedom], solids: Sequence[Instance], doubts
             names = solids[plane.first].name, solids[plane.second].name
             doubts.append(
                 Doubt(names, "plane on plane where other joints guide already: taken as no joint; if it carries load, "
-                      f'say --joint "{names[0]}/{names[1]}=planar"')
+                      f'say --joint "{names[0]}/{names[1]}=planar"', tuple(plane.at))
             )  # fmt: skip
     return kept
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import fnmatch
 import hashlib
 import json
 import re
-import tomllib
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,10 +22,10 @@ from stiffscope.robot.imports.assembly_parts import (
     interface_names,
     part_lines,
     part_name,
-    parts_folder,
 )
 from stiffscope.robot.imports.compiled_model import GROUND, print_safely
-from stiffscope.robot.imports.contact_joints import Doubt, Freedom, find_joints, measure_size, tool_motions
+from stiffscope.robot.imports.contact_joints import Freedom, find_joints, measure_size, tool_motions
+from stiffscope.robot.imports.doubts import Doubt, doubt_twins, gather_alike
 from stiffscope.robot.imports.hardware import find_hardware
 from stiffscope.robot.imports.import_model import driven, robot_text
 from stiffscope.robot.imports.import_record import (
@@ -35,10 +33,11 @@ from stiffscope.robot.imports.import_record import (
     ImportRecord,
     check_place,
     make_record,
+    parts_folder,
     read_record,
     tell_changes,
 )
-from stiffscope.robot.imports.said_joints import as_said
+from stiffscope.robot.imports.said import Said, as_said, match_solids, said_beside, said_of
 from stiffscope.robot.imports.simulator_model import ModelBody, ModelJoint, SimulatorModel
 from stiffscope.robot.reader import read_robot
 from stiffscope.runtime.output import scratch_folder, write_bytes
@@ -46,14 +45,14 @@ from stiffscope.runtime.reading import show_path
 from stiffscope.vjm.subspaces import rank
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from stiffscope.cad.assembly import Instance
+    from stiffscope.cad.built_assembly import BuiltJoint
     from stiffscope.cad.contacts import Contact
     from stiffscope.robot.imports.hardware import Hardware
     from stiffscope.runtime.types import Array, Progress
 
-SAID = "assembly.toml"
 _GROUND = re.compile(r"ground|base|bed|frame|foot|gestell|grund|rahmen|sockel|bett", re.IGNORECASE)
 _TOOL = re.compile(r"tool|platform|effector|tcp|spindle|flange|plate|werkzeug|plattform|greifer|gripper", re.IGNORECASE)
 _TINY = 2e-3  # of all volume: a part below it is rigid
@@ -66,24 +65,11 @@ _HEAD = """# Imported from {file}: parts, joints and masses of its assembly; SI,
 """
 
 
-@dataclass(frozen=True)
-class Said:
-    """What a user says over what is found; names are patterns such as "leg*", joints "A/B=KIND" or "A/B=none"."""
-
-    ground: str | None = None
-    tool: str | None = None
-    joint: tuple[str, ...] = ()
-    weld: tuple[str, ...] = ()
-    part: tuple[str, ...] = ()
-    rigid: tuple[str, ...] = ()
-    material: tuple[str, ...] = ()
-    drive: tuple[str, ...] = ()
-
-
 @dataclass(frozen=True, eq=False)
 class Imported:
     """What was read, and what a person should look at."""
 
+    file: Path
     model: SimulatorModel
     doubts: tuple[Doubt, ...]
     hardware: Mapping[str, str] = field(default_factory=dict)
@@ -91,37 +77,6 @@ class Imported:
     contacts: int = 0
     driven: tuple[str, ...] = ()
     changes: tuple[str, ...] | None = None  # since the last import to the same file; None at the first
-
-
-def said_beside(path: Path, said: Said) -> Said:
-    """What `assembly.toml` beside the file says, and over it what the command line says. Raises InputError."""
-    file = path.with_name(SAID)
-    if not file.is_file():
-        return said
-    try:
-        table = tomllib.loads(file.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
-        raise InputError(f"{show_path(file)}: expected TOML, got {error}") from error
-    known = [each.name for each in fields(Said)]
-    values: dict[str, Any] = {}
-    for key, value in table.items():
-        single = key in {"ground", "tool"}
-        texts = [value] if isinstance(value, str) else value
-        if key not in known:
-            raise InputError(f'{show_path(file)}: {key}: expected one of {", ".join(known)}, got "{key}"')
-        if isinstance(value, dict) and key in {"joint", "material", "drive"}:
-            texts = [f"{name}={each}" for name, each in value.items()]
-        if (
-            not isinstance(texts, list)
-            or not all(isinstance(each, str) for each in texts)
-            or (single and len(texts) > 1)
-        ):
-            raise InputError(
-                f"{show_path(file)}: {key}: expected {'a name' if single else 'a list of texts'}, got {value!r}"
-            )
-        values[key] = texts[0] if single else tuple(texts)
-    lists = {name: (*values.get(name, ()), *getattr(said, name)) for name in known if name not in {"ground", "tool"}}
-    return Said(said.ground or values.get("ground"), said.tool or values.get("tool"), **lists)
 
 
 def import_assembly(
@@ -153,25 +108,84 @@ def import_assembly(
 
     """
     path, out = Path(path), Path(out)
-    earlier = read_record(parts_folder(out))
-    check_place(out, parts_folder(out), earlier)
+    earlier = _check_place(out)
     said = said_beside(path, said or Said())
     left_out = list[str]()
     solids = read_assembly(path, left_out=left_out)
+    return _import(path, out, said, solids, (), left_out, earlier, progress)
+
+
+def from_assembly(assembly: Any, out: str | Path | None = None, **said: Any) -> Imported:
+    """Write a robot file from a build123d assembly, as `stiffscope import` does from a STEP file.
+
+    Joints of build123d that are connected (`connect_to`) are taken as they are: RevoluteJoint, LinearJoint,
+    CylindricalJoint, BallJoint, and RigidJoint to RigidJoint, which holds everything. The others are found where solids
+    touch.
+
+    Parameters
+    ----------
+    assembly
+        build123d Compound whose children are solids or compounds, each with a label. Lengths in mm.
+    out
+        Robot file to write, by default named after the assembly's label. Its elastic parts go as STEP files into a
+        folder beside it. What an `assembly.toml` beside it says counts, below ``said``.
+    **said
+        ``ground``, ``tool``: names; ``joint``, ``weld``, ``part``, ``rigid``, ``material``, ``drive``: texts as the
+        options of the command take them, or lists of these, or tables such as ``material={"*": "steel"}``.
+
+    Returns
+    -------
+    Imported
+        Bodies, joints and what is doubtful; `load_robot` reads the file that was written, its ``file``.
+
+    Raises
+    ------
+    InputError
+        It is no assembly, something named is not in it, or a part's material is not known.
+
+    """
+    from stiffscope.cad.built_assembly import read_built
+
+    label = print_safely(str(getattr(assembly, "label", "") or "assembly")).replace("/", "_")
+    out = Path(f"{label}.toml" if out is None else out)
+    earlier = _check_place(out)
+    words = said_beside(out, said_of(said))
+    left_out = list[str]()
+    solids, built = read_built(assembly, label, left_out)
+    return _import(Path(label), out, words, solids, built, left_out, earlier)
+
+
+def _check_place(out: Path) -> ImportRecord | None:
+    """The record of an earlier import to a file; refuses to write where anything else would be lost."""
+    earlier = read_record(parts_folder(out))
+    check_place(out, parts_folder(out), earlier)
+    return earlier
+
+
+def _import(
+    path: Path, out: Path, said: Said, solids: Sequence[Instance], built: Sequence[BuiltJoint], left_out: list[str],
+    earlier: ImportRecord | None, progress: Progress | None = None,
+) -> Imported:  # fmt: skip
+    """Write the robot file of an assembly that was read from a path, or is called so."""
     if progress is not None:
         progress("read", 1.0)
     contacts = find_contacts(solids, progress)
-    roles = dict.fromkeys(_match_solids(solids, said.weld, "--weld"), "screw")
-    roles |= dict.fromkeys(_match_solids(solids, said.part, "--part"), "part")
+    roles = dict.fromkeys(match_solids(solids, said.weld, "--weld"), "screw")
+    roles |= dict.fromkeys(match_solids(solids, said.part, "--part"), "part")
     hardware = find_hardware(solids, contacts, roles)
-    joints, doubts = find_joints(solids, contacts, hardware)
-    joints = as_said(joints, said.joint, solids, contacts)
+    joints, doubts = find_joints(solids, contacts, hardware, built)
+    joints, settled = as_said(joints, said.joint, solids, contacts)
+    named = [{solids[n].name for n in pair} for pair in settled]
+    doubts = [doubt for doubt in doubts if {*doubt.solids} not in named]
     found = _Found(solids, tuple(contacts), hardware, tuple(joints))
     ground = _choose_ground(found, said.ground)
     kept, loose = _find_reached(found.joints, ground)
-    loose_names = [solids[n].name for n in range(len(solids)) if n in loose and n not in hardware.roles]
-    doubts += [Doubt((path.name,), text) for text in left_out] + _find_doubled(solids)
-    doubts += [Doubt((name,), "no joint leads from it to the ground: left out") for name in loose_names]
+    doubts += [Doubt((path.name,), text) for text in left_out] + doubt_twins(solids)
+    doubts += [
+        Doubt((solids[n].name,), "no joint leads from it to the ground: left out", tuple(solids[n].centre))
+        for n in sorted(loose - {*hardware.roles})
+    ]
+    doubts = gather_alike(doubts, solids)
     found = replace(found, joints=kept)
     tool = _choose_tool(found, ground, said.tool)
     model, parts = _model(path, found, ground, tool, said)
@@ -180,13 +194,13 @@ def import_assembly(
     )  # fmt: skip
     drives = driven(model, said.drive)
     text = robot_text(model, print_safely(path.name), drives, head, part_lines(parts, out))
-    record = make_record(solids, hardware.roles, found.joints)
+    record = make_record(solids, hardware.roles, found.joints, doubts)
     _write(path, out, text, parts, record)
     changes = None if earlier is None else tuple(tell_changes(earlier, record))
     for name in () if earlier is None else {*earlier.files} - {f"{part.name}.step" for part in parts}:
         (parts_folder(out) / name).unlink(missing_ok=True)
     roles = {solids[n].name: f"{role} ({hardware.reasons[n]})" for n, role in hardware.roles.items()}
-    return Imported(model, tuple(doubts), roles, len(solids), len(contacts), tuple(drives), changes)
+    return Imported(out, model, tuple(doubts), roles, len(solids), len(contacts), tuple(drives), changes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,35 +217,11 @@ class _Found:
         return [joint for joint in self.joints if number in {joint.first, joint.second}]
 
 
-def _find_doubled(solids: Sequence[Instance]) -> list[Doubt]:
-    """Solids that stand in one place with another of their volume."""
-    seen, found = dict[tuple[int, ...], str](), list[Doubt]()
-    for solid in solids:
-        places = (*solid.centre, np.cbrt(solid.product.volume))
-        key = tuple(round(1e6 * float(each)) for each in places)
-        if key in seen:
-            found.append(Doubt((seen[key], solid.name), "the same solid twice in one place; remove one in CAD"))
-        seen.setdefault(key, solid.name)
-    return found
-
-
-def _match_solids(solids: Sequence[Instance], patterns: Iterable[str], option: str) -> set[int]:
-    """Solids that patterns name. Raises InputError where one names none."""
-    found = set[int]()
-    for pattern in patterns:
-        here = {n for n, solid in enumerate(solids) if fnmatch.fnmatch(solid.name.lower(), pattern.lower())}
-        if not here:
-            names = ", ".join(solid.name for solid in solids[:12]) + (", …" if len(solids) > 12 else "")
-            raise InputError(f'{option} {pattern}: expected the name of a solid ({names}), got "{pattern}"')
-        found |= here
-    return found
-
-
 def _choose_ground(found: _Found, wanted: str | None) -> int:
     """The part that stands still: what is said, else by a usual name, else the heaviest one."""
     parts = [n for n in range(len(found.solids)) if n not in found.hardware.roles]
     if wanted is not None:
-        named = sorted(_match_solids(found.solids, (wanted,), "--ground") & set(parts))
+        named = sorted(match_solids(found.solids, (wanted,), "--ground") & set(parts))
         if not named:
             raise InputError(f'--ground {wanted}: expected a part, got "{wanted}", which is hardware')
         return named[0]
@@ -262,7 +252,7 @@ def _choose_tool(found: _Found, ground: int, wanted: str | None) -> int:
         new = step
     able = [n for n in distance if n != ground]
     if wanted is not None:
-        named = sorted(_match_solids(found.solids, (wanted,), "--tool") & set(able))
+        named = sorted(match_solids(found.solids, (wanted,), "--tool") & set(able))
         if not named:
             names = ", ".join(found.solids[n].name for n in able)
             raise InputError(f'--tool {wanted}: expected a part that moves ({names}), got "{wanted}"')
@@ -281,7 +271,7 @@ def _model(path: Path, found: _Found, ground: int, tool: int, said: Said) -> tup
     solids = found.solids
     moving = sorted({each for joint in found.joints for each in (joint.first, joint.second)} - {ground})
     materials = choose_materials(moving, solids, said.material, path)
-    rigid = _match_solids(solids, said.rigid, "--rigid")
+    rigid = match_solids(solids, said.rigid, "--rigid")
     total = sum(solids[n].product.volume for n in moving)
     bodies, parts, ends = list[ModelBody](), list[PartFile](), dict[tuple[int, Freedom], str]()
     for number in moving:
@@ -370,10 +360,12 @@ def _rigid_reason(number: int, joints: Sequence[Freedom], said: set[int], share:
     """Why a part is rigid; "" where it is elastic."""
     if number in said:
         return "rigid, as said"
+    if not all(joint.faces[joint.first != number] for joint in joints):
+        return "rigid: nothing touches it at one of its joints"
     if len(joints) < 2:
         return "rigid: one joint, so that nothing but its own weight loads it"
     faces = [joint.faces[joint.first != number] for joint in joints]
-    if len({each for group in faces for each in group}) < sum(map(len, faces)) or not all(faces):
+    if len({each for group in faces for each in group}) < sum(map(len, faces)):
         return "rigid: two of its joints share a face"
     return "rigid: tiny" if share < _TINY else ""
 

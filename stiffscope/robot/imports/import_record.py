@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.robot.imports.doubts import Doubt
 from stiffscope.runtime.output import MAKER, check_new, is_forced
 from stiffscope.runtime.reading import file_digest, show_path
 
@@ -23,9 +24,14 @@ RECORD = "import.json"
 _SAME = 1e-6  # of the volume and the inertia of one shape; m and 1 of places
 
 
+def parts_folder(out: Path) -> Path:
+    """The folder of the parts' STEP files beside a robot file."""
+    return out.with_name(f"{out.stem}-parts")
+
+
 @dataclass(frozen=True)
 class ImportRecord:
-    """Solids by name with their shape and place, roles of hardware, joints by their parts, and what was written.
+    """Solids by name with their shape and place, hardware, joints by their parts, doubts, and what was written.
 
     ``shapes``: volume (m³), principal inertias over volume^(5/3) (3,), number of faces; ``places``: rotation and
     origin, (12,); ``joints``: first, second, kind; ``files``: of the parts; ``robot``: digest of the robot file.
@@ -35,18 +41,22 @@ class ImportRecord:
     places: dict[str, list[float]]
     roles: dict[str, str]
     joints: list[tuple[str, str, str]]
+    doubts: list[Doubt] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
     robot: str = ""
     made_by: str = MAKER
 
 
-def make_record(solids: Sequence[Instance], roles: Mapping[int, str], joints: Sequence[Freedom]) -> ImportRecord:
+def make_record(
+    solids: Sequence[Instance], roles: Mapping[int, str], joints: Sequence[Freedom], doubts: Sequence[Doubt]
+) -> ImportRecord:
     """What an import has found."""
     return ImportRecord(
         {solid.name: _shape_of(solid) for solid in solids},
         {solid.name: [*solid.rotation.ravel().tolist(), *solid.origin.tolist()] for solid in solids},
         {solids[number].name: role for number, role in roles.items()},
         [(solids[joint.first].name, solids[joint.second].name, joint.kind) for joint in joints],
+        list(doubts),
     )
 
 
@@ -60,7 +70,9 @@ def read_record(folder: Path) -> ImportRecord | None:
     """The record of a folder of parts, None where it has none."""
     try:
         held = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-        return ImportRecord(**{**held, "joints": [tuple(joint) for joint in held["joints"]]})
+        joints = [tuple(joint) for joint in held["joints"]]
+        doubts = [Doubt(**{**doubt, "solids": tuple(doubt["solids"])}) for doubt in held["doubts"]]
+        return ImportRecord(**{**held, "joints": joints, "doubts": doubts})
     except (OSError, ValueError, TypeError, KeyError):
         return None
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.vjm.joints import FREE
 from stiffscope.vjm.subspaces import null_space, range_space
 
 if TYPE_CHECKING:
@@ -21,6 +22,19 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array
 
     _Network = defaultdict[int, dict[int, Array]]  # rows (m, 6) between neighbours, both ways
+
+
+def joint_freedom(kind: str, at: Array, axis: Array | None, axis2: Array | None) -> Array:
+    """Twists (6, k) at the base origin that a joint leaves free."""
+    x = np.array([1.0, 0.0, 0.0]) if axis is None else axis
+    across = null_space(x[None, :])
+    axes = np.column_stack((x, across if axis2 is None else np.column_stack((axis2, across[:, :1]))))
+    columns = []
+    for component in FREE[kind]:
+        direction = axes[:, component % 3]
+        line, turn = (direction, np.zeros(3)) if component < 3 else (np.cross(at, direction), direction)
+        columns.append(np.concatenate((line, turn)))
+    return np.column_stack(columns) if columns else np.zeros((6, 0))
 
 
 def relative_freedom(holds: Iterable[tuple[int, int, Array]], first: int, second: int) -> Array:

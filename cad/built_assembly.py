@@ -1,0 +1,136 @@
+"""Assemblies of build123d: their solids as those of a STEP file are, and the joints that connect them.
+
+Slow to import, as `stiffscope.cad.kernel` is. Lengths of build123d are mm.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from OCP.TopLoc import TopLoc_Location
+
+from stiffscope.cad import kernel
+from stiffscope.cad.assembly import Instance, gather_solids, place_solids
+from stiffscope.cad.kernel_files import PlacedProduct
+from stiffscope.errors import InputError
+from stiffscope.runtime.types import Array
+
+_KINDS = {
+    "RigidJoint": "fixed", "RevoluteJoint": "revolute", "LinearJoint": "prismatic",
+    "CylindricalJoint": "cylindrical", "BallJoint": "spherical",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class BuiltJoint:
+    """Two joints that were connected: the solids that they hold, by number, and what each of the two leaves free.
+
+    ``motions``: kind as in a robot file, place (3,) m and axis (3,) of either.
+    """
+
+    first: int
+    second: int
+    label: str
+    motions: tuple[tuple[str, Array, Array], ...]
+
+
+def read_built(assembly: Any, shown: str, left_out: list[str]) -> tuple[tuple[Instance, ...], list[BuiltJoint]]:
+    """Read a build123d assembly.
+
+    Parameters
+    ----------
+    assembly
+        Compound of solids and compounds, at any depth.
+    shown
+        What messages call it.
+    left_out
+        Takes a line on what it has beside the solids that were read.
+
+    Returns
+    -------
+    instances, joints
+        Solids with names from their labels, and the joints of theirs that are connected.
+
+    Raises
+    ------
+    InputError
+        It is no assembly, or holds no closed solid.
+
+    """
+    if getattr(assembly, "wrapped", None) is None or not hasattr(assembly, "leaves"):
+        got = type(assembly).__name__
+        raise InputError(f"{shown}: expected a build123d Compound of solids, got {got}")
+    leaves, numbers = [leaf for leaf in assembly.leaves if leaf.wrapped], kernel.Numbering()
+    found = [_read_leaf(leaf, numbers) for leaf in leaves]
+    for each in found:
+        if not np.isfinite(each.place).all():
+            what = f'"{each.path[-1]}" at infinity; give connect_to of a LinearJoint a position'
+            raise InputError(f"{shown}: expected solids at places, got {what}")
+    solids, told = gather_solids(found, shown)
+    instances = place_solids(solids, told)
+    left_out += told["left_out"]
+    owners = [leaf for leaf, each in zip(leaves, found, strict=True) for _ in kernel.solids(each.shape)]
+    return instances, _read_joints(assembly, instances, owners, left_out)
+
+
+def _read_leaf(leaf: Any, numbers: kernel.Numbering) -> PlacedProduct:
+    shape = leaf.wrapped.Located(TopLoc_Location())
+    return PlacedProduct(
+        path=[node.label for node in leaf.path],
+        product=numbers.number_shape(shape),
+        shape=shape,
+        place=_place_of(leaf.global_location)[:3].tolist(),
+        material=str(getattr(leaf.material, "name", "")),
+        density=0.0,
+    )
+
+
+def _place_of(location: Any) -> Array:
+    """(4, 4): rotation and translation in mm of a build123d Location."""
+    change = location.wrapped.Transformation()
+    rows = [[change.Value(i, j) for j in (1, 2, 3, 4)] for i in (1, 2, 3)]
+    return np.array([*rows, [0.0, 0.0, 0.0, 1.0]])
+
+
+def _read_joints(
+    assembly: Any, instances: tuple[Instance, ...], owners: list[Any], left_out: list[str]
+) -> list[BuiltJoint]:
+    """Connected joints whose both ends are in the assembly."""
+    found = []
+    for node in (assembly, *assembly.descendants):
+        for name, joint in node.joints.items():
+            if joint.connected_to is None:
+                continue
+            ends = [
+                _nearest(each, node if each is joint else each.parent, instances, owners)
+                for each in (joint, joint.connected_to)
+            ]
+            label = f'{type(joint).__name__} "{name}" of {node.label or "a solid"}'
+            first, second = ends
+            if first is None or second is None or first == second:
+                left_out.append(f"{label}: connected to nothing else of the assembly: left out")
+                continue
+            motions = tuple(_motion(each) for each in (joint, joint.connected_to))
+            found.append(BuiltJoint(first, second, label, motions))
+    return found
+
+
+def _placed(joint: Any) -> Array:
+    """(4, 4): the frame of a joint in the axes of the assembly."""
+    above = joint.parent.parent
+    frame = _place_of(joint.location)
+    return frame if above is None else _place_of(above.global_location) @ frame
+
+
+def _motion(joint: Any) -> tuple[str, Array, Array]:
+    frame = _placed(joint)
+    return _KINDS[type(joint).__name__], 1e-3 * frame[:3, 3], frame[:3, 2]
+
+
+def _nearest(joint: Any, node: Any, instances: tuple[Instance, ...], owners: list[Any]) -> int | None:
+    """The solid that a joint is on: of its node's, the nearest one; None outside the assembly."""
+    inside = [n for n, owner in enumerate(owners) if any(each is node for each in owner.path)]
+    if len(inside) < 2:
+        return inside[0] if inside else None
+    at = _placed(joint)[:3, 3]
+    return min(inside, key=lambda n: kernel.distance(instances[n].solid, at))

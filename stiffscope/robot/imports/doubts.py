@@ -1,0 +1,110 @@
+"""What an import has to show a person: contacts and solids that may be read in another way, with both readings."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.robot.imports.hardware import FIT, may_be_screw
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from stiffscope.cad.assembly import Instance
+    from stiffscope.cad.built_assembly import BuiltJoint
+    from stiffscope.cad.contacts import Contact
+    from stiffscope.robot.imports.contact_joints import Bond, Freedom
+    from stiffscope.robot.imports.hardware import Hardware
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Something that a person has to look at: which solids, in words what it may be, and where, m, if anywhere."""
+
+    solids: tuple[str, ...]
+    text: str
+    at: tuple[float, ...] | None = None
+
+
+def doubt_pins(joint: Freedom, bonds: Sequence[Bond], solids: Sequence[Instance], hardware: Hardware) -> list[Doubt]:
+    """Headed pins of a joint that moves, which would hold it if they were screws."""
+    numbers = dict.fromkeys(each for bond in bonds for each in (bond.first, bond.second))
+    pair = f"{solids[joint.first].name}/{solids[joint.second].name}"
+    text = (
+        f"a clevis pin, which makes {pair} {joint.kind}, or a screw in holes of its own diameter, "
+        "which makes it fixed: taken as a pin; if it is a screw, say --weld"
+    )
+    return [
+        Doubt((solids[n].name,), f'{text} "{solids[n].name}"', tuple(joint.at))
+        for n in numbers
+        if joint.kind != "fixed" and may_be_screw(n, solids[n].name, hardware)
+    ]
+
+
+def doubt_bores(solids: Sequence[Instance], contacts: Sequence[Contact], hardware: Hardware) -> list[Doubt]:
+    """Bores that are too wide or too tight to guide, between parts."""
+    found = defaultdict[tuple[int, int], dict[str, "Contact"]](dict)
+    for contact in contacts:
+        pair = contact.first, contact.second
+        round_ = contact.kind in {"cylinder", "sphere"} and not hardware.roles.keys() & {*pair}
+        if round_ and not FIT[0] <= contact.gap / contact.radius <= FIT[1]:
+            way = "play" if contact.gap > 0 else "overlap"
+            how = f"{1e3 * abs(contact.gap):.3g} mm of {way}"
+            what = f"a {contact.kind} of radius {1e3 * contact.radius:.4g} mm with {how}"
+            found[pair].setdefault(what, contact)
+    return [
+        Doubt(names, f'{" and ".join(there)}: taken as no guide; if it guides, say --joint "{"/".join(names)}=KIND"',
+              tuple(next(iter(there.values())).point))
+        for names, there in (((solids[i].name, solids[j].name), each) for (i, j), each in found.items())
+    ]  # fmt: skip
+
+
+def doubt_built(
+    joints: Iterable[Freedom], found: Iterable[Freedom], built: Iterable[BuiltJoint], solids: Sequence[Instance]
+) -> list[Doubt]:
+    """Joints of the assembly itself where the contacts alone make another kind."""
+    labels = {frozenset((joint.first, joint.second)): joint.label for joint in built}
+    kinds = {frozenset((joint.first, joint.second)): joint.kind for joint in found}
+    doubts = []
+    for joint in joints:
+        pair = frozenset((joint.first, joint.second))
+        other = kinds.get(pair, joint.kind)
+        if pair in labels and other != joint.kind:
+            names = solids[joint.first].name, solids[joint.second].name
+            text = f"{labels[pair]} makes it {joint.kind}, what touches makes it {other}: taken as the assembly has it"
+            text += f'; for the other, say --joint "{names[0]}/{names[1]}={other}"'
+            doubts.append(Doubt(names, text, tuple(joint.at)))
+    return doubts
+
+
+def doubt_twins(solids: Sequence[Instance]) -> list[Doubt]:
+    """Solids that stand in one place with another of their volume."""
+    seen, found = dict[tuple[int, ...], str](), list[Doubt]()
+    for solid in solids:
+        places = (*map(float, solid.centre), float(np.cbrt(solid.product.volume)))
+        key = tuple(round(1e6 * each) for each in places)
+        if key in seen:
+            found.append(
+                Doubt((seen[key], solid.name), "the same solid twice in one place; remove one in CAD", places[:3])
+            )
+        seen.setdefault(key, solid.name)
+    return found
+
+
+def gather_alike(doubts: Sequence[Doubt], solids: Sequence[Instance]) -> list[Doubt]:
+    """One doubt of all that are alike between solids of the same products."""
+    products = {solid.name: solid.product.number for solid in solids}
+    alike = dict[tuple[object, ...], list[Doubt]]()
+    for doubt in doubts:
+        text = doubt.text
+        for name in doubt.solids:
+            text = text.replace(name, "")
+        key = (*(products.get(name, name) for name in doubt.solids), text)
+        alike.setdefault(key, []).append(doubt)
+    return [
+        replace(same[0], text=same[0].text + (f" ({len(same) - 1} more alike)" if len(same) > 1 else ""))
+        for same in alike.values()
+    ]

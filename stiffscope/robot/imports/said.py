@@ -1,0 +1,145 @@
+"""What a user says of an assembly over what is found, in the command, in Python or in an `assembly.toml`."""
+
+from __future__ import annotations
+
+import fnmatch
+import tomllib
+from collections import defaultdict
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.robot.imports.contact_joints import Freedom, measure_size
+from stiffscope.robot.imports.part_motions import joint_freedom
+from stiffscope.runtime.reading import show_path
+from stiffscope.vjm.joints import FREE
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from stiffscope.cad.assembly import Instance
+    from stiffscope.cad.contacts import Contact
+
+
+SAID = "assembly.toml"
+_SINGLE = {"ground", "tool"}
+
+
+@dataclass(frozen=True)
+class Said:
+    """What a user says over what is found; names are patterns such as "leg*", joints "A/B=KIND" or "A/B=none"."""
+
+    ground: str | None = None
+    tool: str | None = None
+    joint: tuple[str, ...] = ()
+    weld: tuple[str, ...] = ()
+    part: tuple[str, ...] = ()
+    rigid: tuple[str, ...] = ()
+    material: tuple[str, ...] = ()
+    drive: tuple[str, ...] = ()
+
+
+def said_beside(path: Path, said: Said) -> Said:
+    """What `assembly.toml` beside a file says, and over it what is said otherwise. Raises InputError."""
+    file = path.with_name(SAID)
+    if not file.is_file():
+        return said
+    try:
+        table = tomllib.loads(file.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+        raise InputError(f"{show_path(file)}: expected TOML, got {error}") from error
+    held = said_of(table, f"{show_path(file)}: ")
+    lists = {
+        each.name: (*getattr(held, each.name), *getattr(said, each.name))
+        for each in fields(Said)
+        if each.name not in _SINGLE
+    }
+    return Said(said.ground or held.ground, said.tool or held.tool, **lists)
+
+
+def said_of(table: Mapping[str, Any], where: str = "") -> Said:
+    """What a table says: texts, lists of texts, or tables such as ``material = {"*": "steel"}``.
+
+    Raises InputError, in a message that begins with ``where``.
+    """
+    known = [each.name for each in fields(Said)]
+    values: dict[str, Any] = {}
+    for key, value in table.items():
+        single = key in _SINGLE
+        texts = [value] if isinstance(value, str) else value
+        if key not in known:
+            raise InputError(f'{where}{key}: expected one of {", ".join(known)}, got "{key}"')
+        if isinstance(value, dict) and key in {"joint", "material", "drive"}:
+            texts = [f"{name}={each}" for name, each in value.items()]
+        listed = isinstance(texts, (list, tuple)) and all(isinstance(each, str) for each in texts)
+        if not listed or (single and len(texts) > 1):
+            wanted = "a name" if single else "a list of texts"
+            raise InputError(f"{where}{key}: expected {wanted}, got {value!r}")
+        values[key] = texts[0] if single else tuple(texts)
+    return Said(**values)
+
+
+def match_solids(solids: Sequence[Instance], patterns: Iterable[str], option: str) -> set[int]:
+    """Solids that patterns name. Raises InputError where one names none."""
+    found = set[int]()
+    for pattern in patterns:
+        here = {n for n, solid in enumerate(solids) if fnmatch.fnmatch(solid.name.lower(), pattern.lower())}
+        if not here:
+            names = ", ".join(solid.name for solid in solids[:12]) + (", …" if len(solids) > 12 else "")
+            raise InputError(f'{option} {pattern}: expected the name of a solid ({names}), got "{pattern}"')
+        found |= here
+    return found
+
+
+def as_said(
+    joints: Sequence[Freedom], said: Sequence[str], solids: Sequence[Instance], contacts: Sequence[Contact]
+) -> tuple[list[Freedom], set[frozenset[int]]]:
+    """Joints with those that a user names as "A/B=KIND" or "A/B=none" in place of what was found; A, B are patterns.
+
+    Also returns the pairs of solids that were named.
+
+    Raises InputError for what names no two solids in contact, or no kind of joint.
+    """
+    found, named = list(joints), set[frozenset[int]]()
+    scale = measure_size(solids)
+    for text in said:
+        pair, _, kind = (each.strip() for each in text.rpartition("="))
+        first, _, second = (each.strip() for each in pair.partition("/"))
+        if kind not in {*FREE, "none"} or not first or not second:
+            kinds = ", ".join((*FREE, "none"))
+            raise InputError(f'--joint {text}: expected A/B=KIND with one of {kinds}, got "{text}"')
+        ones, others = (match_solids(solids, (name,), f"--joint {text}: solid") for name in (first, second))
+
+        def is_named(each: Freedom | Contact, ones: set[int] = ones, others: set[int] = others) -> bool:
+            i, j = each.first, each.second
+            return (i in ones and j in others) or (j in ones and i in others)
+
+        here = defaultdict[frozenset[int], list[Any]](list)
+        for each in (*filter(is_named, found), *filter(is_named, contacts)):
+            here[frozenset((each.first, each.second))].append(each)
+        if not here:
+            raise InputError(
+                f'--joint {text}: expected two solids that touch, got "{first}" and "{second}", which do not'
+            )
+        named |= here.keys()
+        found = [joint for joint in found if not is_named(joint)]
+        if kind != "none":
+            found += [_as_kind(kind, each, scale) for each in here.values()]
+    return found, named
+
+
+def _as_kind(kind: str, here: Sequence[Freedom | Contact], scale: float) -> Freedom:
+    """A joint of a kind between two solids, where the one found is, else at their largest contact."""
+    joint = next((each for each in here if isinstance(each, Freedom)), None)
+    touching = [each for each in here if not isinstance(each, Freedom)]
+    best = max(touching, key=lambda c: (c.kind != "plane", c.size), default=None)
+    if joint is None and best is not None:
+        faces = tuple(tuple(sorted({c.face_of(n) for c in touching})) for n in (best.first, best.second))
+        joint = Freedom(best.first, best.second, kind, best.point, best.axis, None, "", faces, np.zeros((6, 0)))
+    elif best is not None and joint.axis is None:
+        joint = replace(joint, at=best.point, axis=best.axis)
+    free = joint_freedom(kind, joint.at / scale, joint.axis, joint.axis2)
+    return replace(joint, kind=kind, reason="as said", freedom=free)
