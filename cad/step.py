@@ -23,7 +23,10 @@ if TYPE_CHECKING:
     from stiffscope.cad.kernel import Solid
 
 START, END = b"ISO-10303-21", b"END-ISO-10303-21"
+_UNITS = 1e-9, 1e6  # least and greatest unit, in the unit that defines it
+_NUMBER = re.compile(rb"[+-]?\d+\.?\d*([eE][+-]?\d+)?")
 _UNIT, _NAME = re.compile(rb"\bLENGTH_UNIT\b"), re.compile(rb"(#\d+)\s*=")
+_MEASURE = re.compile(rb"\bLENGTH_MEASURE_WITH_UNIT\s*\(\s*LENGTH_MEASURE\s*\(([^()]*)\)")
 _CONTEXT = re.compile(rb"\bGLOBAL_UNIT_ASSIGNED_CONTEXT\s*\(\s*\(([^()]*)\)")
 
 
@@ -95,7 +98,17 @@ def check_file(path: Path) -> bytes:
 
 
 def check_unit(path: Path, content: bytes) -> None:
-    """Refuse a file whose geometry has no unit of length: the kernel would take it for millimetres in silence."""
+    """Refuse a file whose geometry has no unit of length, or an impossible one.
+
+    The kernel would take it for millimetres, or for what its name says, in silence.
+    """
+    for measure in _MEASURE.finditer(content):
+        size = float(measure[1]) if _NUMBER.fullmatch(measure[1].strip()) else float("nan")
+        if not _UNITS[0] <= size <= _UNITS[1]:
+            line = content.count(b"\n", 0, measure.start()) + 1
+            got = measure[1].decode(errors="replace").strip()
+            what = f"a number from {_UNITS[0]:g} to {_UNITS[1]:g} of its base unit, got {got}"
+            raise InputError(f"{path}:{line}: LENGTH_MEASURE_WITH_UNIT: expected {what}")
     entities = (content[content.rfind(b";", 0, match.start()) + 1 : match.start()] for match in _UNIT.finditer(content))
     lengths = {name[1] for name in map(_NAME.search, entities) if name}
     used = {name for match in _CONTEXT.finditer(content) for name in re.findall(rb"#\d+", match[1])}

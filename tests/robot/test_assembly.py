@@ -247,6 +247,10 @@ HOSTILE = {
         lambda text: text.replace("DATA;", "DATA;\n#9001 = DOCUMENT_FILE('arm.stp','',$,$,'',$);", 1),
         'expected the files that it refers to beside it, got none called "arm.stp"',
     ),
+    "negative unit": (
+        lambda text: text.replace("DATA;", "DATA;\n#9001 = LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE(-25.4),#10);", 1),
+        r"machine\.step:\d+: LENGTH_MEASURE_WITH_UNIT: expected a number from 1e-09 to 1e\+06 .*, got -25\.4",
+    ),
     "no solid": (lambda text: re.sub(r"(?s)DATA;.*?ENDSEC;", "DATA;\nENDSEC;", text), "at least one closed solid"),
     "fixed": (lambda text: text, "expected a tool that joints let move, got pad, which they fix to the ground, palm"),
 }  # fmt: skip
