@@ -78,11 +78,13 @@ def _sensor(c: Campaign, k: int) -> dict[str, Any]:
 def _channels(c: Campaign) -> list[dict[str, Any]]:
     """Readings of a kind by an instrument: how many, their range and their median uncertainty."""
     out: list[dict[str, Any]] = []
-    for key in dict.fromkeys((c.what(i), int(c.kind[i])) for i in range(len(c))):
-        mine = np.array([(c.what(i), int(c.kind[i])) == key for i in range(len(c))])
-        value, sigma = c.value[mine & ~np.isnan(c.value)], c.sigma[mine & ~np.isnan(c.sigma)]
+    rows: dict[tuple[str, int], list[int]] = {}
+    for i, kind in enumerate(c.kind.tolist()):
+        rows.setdefault((c.what(i), kind), []).append(i)
+    for (reads, kind), mine in rows.items():
+        value, sigma = (each[mine][~np.isnan(each[mine])] for each in (c.value, c.sigma))
         out.append({
-            "reads": key[0], "kind": KINDS[key[1]], "count": int(mine.sum()), "unit": _unit(c, int(np.argmax(mine))),
+            "reads": reads, "kind": KINDS[kind], "count": len(mine), "unit": _unit(c, mine[0]),
             "low": float(value.min()) if len(value) else None, "high": float(value.max()) if len(value) else None,
             "sigma": float(np.median(sigma)) if len(sigma) else None,
         })  # fmt: skip
@@ -120,17 +122,10 @@ def show_campaign(facts: Mapping[str, Any], name: str) -> None:
     show_table("Readings, SI", [["reads"], ["kind", "count", "unit", "least", "greatest", "sigma"]], rows)
     if facts["sensors"]:
         rows = [
-            [
-                key,
-                s["measures"],
-                s["body"],
-                _three(s.get("at")),
-                _three(s["direction"]),
-                s.get("frame", s["against"]),
-                s["zero"],
-            ]
+            [key, s["measures"], s["body"], _three(s.get("at")), _three(s["direction"]),
+             s.get("frame", s["against"]), s["zero"]]
             for key, s in facts["sensors"].items()
-        ]
+        ]  # fmt: skip
         columns = ["measures", "body", "at, m", "direction", "against or frame", "zero"]
         show_table("Sensors", [["sensor"], columns], rows)
     if facts["loads"]:

@@ -151,7 +151,7 @@ def _sheet(path: Path, most: int) -> tuple[list[list[str]], list[int], bool]:
             sheet = next(each for each in book.worksheets if each.sheet_state == "visible")
             sheet.reset_dimensions()  # what a file says of its size may be anything
             rows, lines = _filled_rows(path, sheet.iter_rows(values_only=True), most)
-            if any("" in row or len(row) < len(rows[0]) for row in rows):
+            if lines and lines[-1] <= most and any("" in row or len(row) < len(rows[0]) for row in rows):
                 _check_formulas(path, stream, sheet)
     except InputError:
         raise
@@ -198,9 +198,8 @@ def _check_unpacked(path: Path, stream: BinaryIO) -> None:
     with zipfile.ZipFile(stream) as book:
         size = sum(each.file_size for each in book.infolist())
     if size > MOST_BYTES:
-        raise InputError(
-            f"{path}: expected an .xlsx workbook of at most {MOST_BYTES >> 20} MiB unpacked, got {size >> 20}"
-        )
+        most = f"at most {MOST_BYTES >> 20} MiB unpacked"
+        raise InputError(f"{path}: expected an .xlsx workbook of {most}, got {size >> 20}")
     stream.seek(0)
 
 
@@ -234,13 +233,10 @@ def _header(name: str, row: list[str], line: int) -> list[str]:
 def _check_lengths(name: str, header: list[str], rows: list[list[str]], lines: list[int]) -> None:
     count = len(header)
     for row, line in zip(rows, lines, strict=True):
-        if len(row) < count:
-            at = header[len(row)]
-            message = f"expected {count} cells, got {len(row)}: the row ends early"
-            raise InputError(f"{name}:{line}: {at}: {message}")
-        if len(row) > count:
-            message = f"expected {count} cells, got {len(row)}"
-            raise InputError(f"{name}:{line}: column {count + 1}: {message}")
+        if len(row) != count:
+            short = len(row) < count
+            at, why = (header[len(row)], ": the row ends early") if short else (f"column {count + 1}", "")
+            raise InputError(f"{name}:{line}: {at}: expected {count} cells, got {len(row)}{why}")
 
 
 def check_columns(name: str, header: list[str], required: Collection[str], valid: Collection[str]) -> None:
@@ -256,23 +252,15 @@ def check_columns(name: str, header: list[str], required: Collection[str], valid
 def numbers(table: Table, column: str, *, empty: bool = False, expected: str = "a finite number") -> Array:
     """Return a column as floats (n,); with `empty`, an empty cell is NaN. Raises InputError that names the cell."""
     cells = table.columns[column]
-    try:
-        values = np.array([float(cell) if cell else math.nan for cell in cells], dtype=np.float64)
-    except ValueError:
-        values = None
-    if values is None or not all(cell.isascii() and "_" not in cell for cell in cells):
-        row = next(i for i, cell in enumerate(cells) if cell and not _is_number(cell))
-        raise table.fail(row, column, expected)
-    blank = np.array([not cell for cell in cells], dtype=np.bool_)
-    bad = ~np.isfinite(values) & ~(blank if empty else np.zeros_like(blank))
-    if bad.any():
-        raise table.fail(int(np.argmax(bad)), column, expected)
+    values = np.array([_number(cell) for cell in cells], dtype=np.float64)
+    bad = ~np.isfinite(values)
+    table.refuse_where(bad & [bool(cell) for cell in cells] if empty else bad, column, expected)
     return values
 
 
-def _is_number(cell: str) -> bool:
+def _number(cell: str) -> float:
+    """What a cell says; NaN where that is no number."""
     try:
-        float(cell)
+        return float(cell) if cell.isascii() and "_" not in cell else math.nan
     except ValueError:
-        return False
-    return "_" not in cell and cell.isascii()
+        return math.nan
