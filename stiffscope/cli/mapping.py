@@ -108,6 +108,7 @@ def map_(
                 evaluated.write_map(found, folder, title)
             else:
                 write_volume(evaluated.volume_dataset(found, title), folder)
+                evaluated.write_rows(found, folder / "map.csv")
             for stem, (words, each, panels) in figures.items():
                 files = folder / f"{stem}.png", folder / f"{stem}.svg"
                 maps.draw_map(each, panels(each), robot.poses, f"{robot.name}: {words}", *files)

@@ -209,32 +209,41 @@ def _sweep(
 
 
 def write_map(found: StiffnessMap, folder: Path, title: str = "") -> None:
-    """Write the numbers, SI: map.csv, a line for each reachable pose; map.npz, arrays (row, column, direction); map.nc.
+    """Write the numbers, SI: map.csv as `write_rows`; map.npz, arrays (row, column, direction); map.nc.
 
     The netCDF file is the dataset of `to_dataset`.
     """
-    at = np.column_stack([np.tile(found.columns, len(found.rows)), np.repeat(found.rows, len(found.columns))])
-    fields = {"stiffness": found.stiffness, "stiffness_loaded": found.loaded, "sag": found.sag}
-    fields |= {} if found.frequencies is None else {"frequencies": found.frequencies}
-    fields |= {name: scalar.values for name, scalar in found.more.items()}
-    rows = np.column_stack([at, *(values.reshape(len(at), -1) for values in fields.values())])
-    words = [name.lower().replace("_", "") for name in DIAGONAL]
-    names = [
-        found.across,
-        found.up,
-        *words,
-        *(f"{word}_loaded" for word in words),
-        *(f"sag_{axis}" for axis in COORDINATES),
-    ]
-    names += [] if found.frequencies is None else [f"f{k + 1}" for k in range(found.frequencies.shape[2])]
-    names += found.more
-    reached = np.isfinite(rows[:, 2])
-    np.savetxt(folder / "map.csv", rows[reached], delimiter=",", header=",".join(names), comments="", fmt="%.9g")
+    write_rows(found, folder / "map.csv")
     arrays = {found.across: found.columns, found.up: found.rows, "direction": np.array(DIAGONAL)}
     arrays |= {name: np.float64(value) for name, value in found.at.items()}
     with (folder / "map.npz").open("wb") as stream:
-        np.savez_compressed(stream, **arrays, **fields)  # type: ignore[arg-type]
+        np.savez_compressed(stream, **arrays, **_fields(found))  # type: ignore[arg-type]
     to_dataset(found, title).to_netcdf(folder / "map.nc", engine="scipy", format="NETCDF3_64BIT")
+
+
+def write_rows(found: StiffnessMap | StiffnessVolume, file: Path) -> None:
+    """Write a CSV table, SI, with a line for each reachable pose of a map or a volume."""
+    slices = [found] if isinstance(found, StiffnessMap) else found.maps
+    third = [] if isinstance(found, StiffnessMap) else [found.through]
+    words = [name.lower().replace("_", "") for name in DIAGONAL]
+    names = [slices[0].across, slices[0].up, *third, *words]
+    names += [*(f"{word}_loaded" for word in words), *(f"sag_{axis}" for axis in COORDINATES)]
+    sounds = slices[0].frequencies
+    names += [] if sounds is None else [f"f{k + 1}" for k in range(sounds.shape[2])]
+    names += slices[0].more
+    with file.open("w") as stream:
+        stream.write(",".join(names) + "\n")
+        for each in slices:
+            at = np.column_stack([np.tile(each.columns, len(each.rows)), np.repeat(each.rows, len(each.columns))])
+            held = np.tile([each.at[name] for name in third], (len(at), 1))
+            rows = np.column_stack([at, held, *(values.reshape(len(at), -1) for values in _fields(each).values())])
+            np.savetxt(stream, rows[np.isfinite(each.stiffness[..., 0]).ravel()], delimiter=",", fmt="%.9g")
+
+
+def _fields(found: StiffnessMap) -> dict[str, np.ndarray]:
+    fields = {"stiffness": found.stiffness, "stiffness_loaded": found.loaded, "sag": found.sag}
+    fields |= {} if found.frequencies is None else {"frequencies": found.frequencies}
+    return fields | {name: scalar.values for name, scalar in found.more.items()}
 
 
 def to_dataset(found: StiffnessMap, title: str = "") -> xr.Dataset:

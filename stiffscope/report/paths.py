@@ -181,6 +181,7 @@ def _thinned(n: int) -> np.ndarray:
 
 
 def _draw_map(state: Along) -> Figure:
+    from matplotlib.ticker import MaxNLocator
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
     some = _thinned(len(state.path))
@@ -191,8 +192,8 @@ def _draw_map(state: Along) -> Figure:
     lines.set_array(1e3 * state.size[some][1:])
     axes.add_collection3d(lines)
     worst = 1e3 * state.tool[state.worst, :3]
-    axes.scatter(*worst, color="#b3372f", s=30, depthshade=False)
-    axes.text(*worst, "  greatest", color="#b3372f")
+    axes.scatter(*worst, color="#b3372f", s=30, depthshade=False, label="greatest error")
+    axes.legend(frameon=False, loc="upper left")
     low, high = points.min(axis=0), points.max(axis=0)
     least = 0.05 * float((high - low).max())
     spans = np.maximum(high - low, least)
@@ -200,6 +201,7 @@ def _draw_map(state: Along) -> Figure:
     for name, k in zip("xyz", range(3), strict=True):
         getattr(axes, f"set_{name}lim")(middle[k] - 0.5 * spans[k], middle[k] + 0.5 * spans[k])
         getattr(axes, f"set_{name}label")(f"{name} (mm)")
+        getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(max(1, round(6 * spans[k] / spans.max()))))
     axes.set_box_aspect(spans / spans.max())
     drawn.colorbar(lines, ax=axes, shrink=0.7, pad=0.1, label="size of the error (mm)")
     return drawn

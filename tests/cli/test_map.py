@@ -52,6 +52,9 @@ def test_a_volume_holds_what_maps_and_single_poses_hold(tmp_path, capsys):
             assert float(file[name].sel(x=0.06, y=0.0, z=-1.05, method="nearest")) == pytest.approx(value, rel=1e-9)
             point = image.find_closest_point((0.06, 0.0, -1.05))
             assert image.point_data[name][point] == pytest.approx(value, rel=1e-9)
+    table = np.genfromtxt(out / "map.csv", delimiter=",", names=True)
+    (row,) = table[np.isclose(table["x"], 0.06) & np.isclose(table["y"], 0.0) & np.isclose(table["z"], -1.05)]
+    assert {name: row[name] for name in expected} == pytest.approx(expected, rel=1e-8)
     assert (out / "quantities_2.png").stat().st_size > 10_000
 
 
