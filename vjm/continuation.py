@@ -204,19 +204,24 @@ def follow_paths(solver: Solver, values: Array, size: int) -> Iterator[Followed]
         Configurations at a time; more take more memory.
 
     """
-    known = _Reached(solver)
     if len(values) <= _FEW:
-        yield known.visit(values)
+        yield Reached(solver).visit(values)
         return
-    rng = np.random.default_rng(0)
-    known.visit(values[rng.choice(len(values), _LANDMARKS, replace=False)])
-    known.fit()
+    known = Reached.among(solver, values)
     for start in range(0, len(values), size):
         yield known.visit(values[start : start + size])
 
 
-class _Reached:
+class Reached:
     """Poses reached so far, from which others are."""
+
+    @classmethod
+    def among(cls, solver: Solver, values: Array) -> Reached:
+        """What some of given values (n, k) tell of starts at the others."""
+        out, count = cls(solver), min(len(values), _LANDMARKS)
+        out.visit(values[np.random.default_rng(0).choice(len(values), count, replace=False)])
+        out.fit()
+        return out
 
     def __init__(self, solver: Solver) -> None:
         self.solver = solver

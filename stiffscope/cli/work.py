@@ -34,13 +34,14 @@ if TYPE_CHECKING:
 @click.option(
     "--compensate", "undo", is_flag=True, help="Also commands such that the loaded tool is where it should be."
 )
-def path(name: Path, *, undo: bool, output: Output) -> None:
+@click.option("--robot", metavar="FILE", help="The robot to use instead of the job's: one that was adopted.")
+def path(name: Path, *, undo: bool, robot: str | None, output: Output) -> None:
     """Error of the tool along a path under process forces.
 
     JOB is a TOML file: robot, path (a table or G-code), process. The folder has path.csv, figures and a report, and
     with --compensate the compensated path in the format that came in.
     """
-    job = load_job(name)
+    job = load_job(name, robot)
     manifest = manifest_of(job.robot, job.file)
     with open_workshop(output) as shop:
         made = assemble_robots({"now": job.robot}, job.section.components, shop)["now"]

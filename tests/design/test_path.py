@@ -18,6 +18,8 @@ from stiffscope.design.path.stress import find_stresses
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.runtime.workshop import workshop
+from stiffscope.vjm.kinematics import configure
+from stiffscope.vjm.statics import respond
 from tests.experiments.one_part import ROBOT, ROD
 
 STIFFNESS = np.array([9e3, 6e3, 2e3])  # N·m/rad
@@ -139,6 +141,37 @@ def test_a_free_turn_is_nowhere_worse_than_the_best_of_72_fixed_ones_and_smooth(
     np.testing.assert_allclose(found.path.values[:, 2], turns, atol=1e-12)
     after = compensate(made, found)
     assert np.abs(after.left).max() < 1e-8 * found.size.max()
+
+
+def test_no_fixed_turn_of_a_six_axis_arm_is_better_anywhere_than_the_one_that_is_chosen(tmp_path):
+    """Horizontal tool; half a turn is left out, where the two ways round lead to two configurations."""
+    s = np.linspace(0.0, 1.0, 31)
+    places = np.column_stack((0.58 + 0.01 * s, 0.08 + 0.06 * s, 0.14 + 0.05 * s**2))
+    table = np.column_stack((places, np.zeros_like(places)))
+    np.savetxt(tmp_path / "p.csv", table, delimiter=",", header="x,y,z,rx,ry,rz", comments="", fmt="%.12g")
+    (tmp_path / "job.toml").write_text(
+        'robot = "serial-arm"\ncomponents = "beam"\npath = "p.csv"\naxis = [-1, 0, 0]\ngravity = "none"\n'
+        'process.force = { across = 60 }\n[free]\nspindle = ["-180 deg", "180 deg"]'
+    )
+    job = load_job(tmp_path / "job.toml")
+    with workshop() as shop:
+        made = assemble_robots({"robot": job.robot}, "beam", shop)["robot"]
+    found = along(job, made)
+
+    fixed, normal = [], found.axes.normal
+    for turns in np.split(np.deg2rad(np.arange(-175.0, 180.0, 5.0)), [36]):  # so few that each is reached from home
+        each = np.outer(np.repeat(turns, len(s)), [-1.0, 0.0, 0.0])
+        state = configure(made.mechanism, np.column_stack((np.tile(places, (len(turns), 1)), each)))
+        wrench = np.tile(np.concatenate([60.0 * normal, np.zeros_like(places)], axis=1), (len(turns), 1))
+        moved = respond(made.mechanism, state[state.valid], wrench[state.valid, :, None]).twist[:, :3, 0]
+        error = np.full((len(turns), len(s), 1), np.inf)
+        error.reshape(-1)[state.valid] = np.abs((moved * np.tile(normal, (len(turns), 1))[state.valid]).sum(axis=1))
+        jumps = np.abs(np.diff(state.drives.reshape(len(turns), len(s), -1), axis=1)).max(axis=(1, 2)) > 0.8
+        fixed += list(error[~jumps, :, 0])
+    best = min(fixed, key=np.max)
+    assert (found.freed.error <= best * (1 + 1e-5)).all()
+    np.testing.assert_allclose(np.abs(found.parts["normal"]), found.freed.error, rtol=1e-9)
+    assert np.abs(np.diff(found.freed.values["spindle"], 2)).max() < np.deg2rad(4.0)
 
 
 def test_a_turntable_turns_path_and_forces_with_the_workpiece():

@@ -7,6 +7,7 @@ Gauss-Newton steps its floor. No point may be worse than with the best fixed val
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,16 +16,19 @@ from scipy.linalg import solve_banded
 
 from stiffscope.design.path.course import Axes, respond_under, tool_error
 from stiffscope.errors import InputError
-from stiffscope.vjm.kinematics import configure
+from stiffscope.vjm.kinematics import configure, learn_configurations
 from stiffscope.vjm.mechanism import COORDINATES
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from stiffscope.design.path.course import Course
     from stiffscope.design.path.job import Job
     from stiffscope.design.path.motions import Motion
     from stiffscope.design.path.toolpath import ToolPath
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.runtime.types import Array, Flags, Indices
+    from stiffscope.vjm.kinematics import Configurations
 
 FIXED = 72  # values that are tried, of a whole turn
 STATIONS = 100  # of the path, where coordinates are chosen; between them they are interpolated
@@ -32,7 +36,7 @@ _JUMP = 0.8  # rad or m that a drive may move from one station to the next
 _BEND = 1e-3  # cost of a bend of a grid step, over the mean square of the error
 _ROUNDS = 16
 _STEPS = 15
-_FINALISTS = 6
+_LEARNT = 1200  # poses whose configurations are found first, for the starts of all others
 _SMOOTHINGS = 4
 _TINY = 1e-10  # m
 _BLOCK = 4096
@@ -68,6 +72,7 @@ class _Problem:
     assembled: Assembled
     course: Course
     motions: tuple[Motion, ...]
+    configure: Callable[[Array], Configurations]
 
     def place(self, values: Array, some: Indices) -> Course:
         """The course at some points (m,) with values (m, c)."""
@@ -98,7 +103,7 @@ class _Problem:
         for start in range(0, len(some), _BLOCK):
             block = slice(start, start + _BLOCK)
             course = self.place(values[block], some[block])
-            found = configure(self.assembled.mechanism, self.commands(course))
+            found = self.configure(self.commands(course))
             good = np.flatnonzero(found.valid)
             if not good.size:
                 continue
@@ -142,12 +147,16 @@ def choose_free(course: Course, assembled: Assembled) -> Freed:
     motions = section.free.motions(section.axis) if section.free is not None else ()
     if not motions:
         raise InputError(f"{job.file.name}: free: expected spindle, table or slide, got none")
-    problem = _Problem(job, assembled, course, motions)
+    problem = _Problem(job, assembled, course, motions, partial(configure, assembled.mechanism))
     n = len(job.path)
     stations = np.unique(np.linspace(0, n - 1, min(n, STATIONS)).round().astype(int))
     acting = ~job.path.rapid
     acting = acting if acting.any() else ~acting
     values = np.tile([motion.start for motion in motions], (len(stations), 1))
+    rng = np.random.default_rng(0)
+    spread = np.column_stack([rng.uniform(*motion.ends, _LEARNT) for motion in motions])
+    poses = problem.commands(problem.place(spread, rng.choice(n, _LEARNT)))
+    problem = replace(problem, configure=learn_configurations(assembled.mechanism, poses))
     grids = [_scan(problem, values, k, stations, acting, fix=True) for k in range(len(motions))]
     fixed = dict(zip((motion.name for motion in motions), values[0].tolist(), strict=True))
     every = np.arange(n)
@@ -186,16 +195,19 @@ def _scan(
 
 
 def _best_single(problem: _Problem, values: Array, k: int, error: Array, acting: Flags) -> float:
-    """Value of a coordinate's grid of the least greatest error at all points, of those best at stations (m, g)."""
+    """Value of a coordinate's grid of the least greatest error at all points; ``error`` (m, g) is that at stations."""
     grid, every = problem.motions[k].grid(FIXED), np.arange(len(acting))
-    best, found = np.inf, float(values[k])
-    for g in np.argsort(error.max(axis=0))[:_FINALISTS]:
+    best, found, least = (True, np.inf), float(values[k]), error.max(axis=0)
+    for g in np.argsort(least):
+        if (False, least[g]) >= best:  # as is every value after it
+            break
         tried = np.tile(values, (len(every), 1))
         tried[:, k] = grid[g]
-        exact, _ = problem.evaluate(tried, every)
+        exact, drives = problem.evaluate(tried, every)
         worst = float(np.where(acting | ~np.isfinite(exact), np.abs(exact), 0.0).max())
-        if worst < best:
-            best, found = worst, float(grid[g])
+        jumps = not np.abs(np.diff(drives, axis=0)).max(initial=0.0) <= _JUMP
+        if (jumps, worst) < best:
+            best, found = (jumps, worst), float(grid[g])
     return found
 
 

@@ -29,7 +29,7 @@ from stiffscope.robot.file.values import (
     Says,
     Section,
 )
-from stiffscope.robot.reader import load_robot_of
+from stiffscope.robot.reader import load_robot, load_robot_of
 from stiffscope.runtime import reading
 
 if TYPE_CHECKING:
@@ -221,13 +221,15 @@ class Job:
     path: ToolPath
 
 
-def load_job(path: str | Path) -> Job:
+def load_job(path: str | Path, instead: str | Path | None = None) -> Job:
     """Load and check a job's file.
 
     Parameters
     ----------
     path
         A TOML file; the robot and the path that it names are sought from its folder.
+    instead
+        A robot file in place of the job's robot: one that a diagnosis adopted.
 
     Raises
     ------
@@ -240,7 +242,7 @@ def load_job(path: str | Path) -> Job:
     try:
         top = read_table(JobSection, parse_text(path, source.text, "a job's file"), ())
         _check_process(top)
-        robot = load_robot_of(path, top.robot, top.set)
+        robot = load_robot_of(path, top.robot, top.set) if instead is None else load_robot(instead, top.set)
         file = path.parent / top.path
         found = read_toolpath(file, robot, top.units, step=top.step, at=top.at, axes=_axes(top))
     except FieldError as error:
