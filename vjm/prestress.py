@@ -42,8 +42,7 @@ if TYPE_CHECKING:
 _SMALL = 1e-4  # rad, or of the mechanism's length: displacements beyond which the linear equilibrium is improved
 _SETTLED = 1e-7
 _STEPS = 12
-_SLOW = 3e-4  # of the motions, below which the second-order work of their own change is below 1e-10 of all
-_SLIGHT = 1e-2  # of the motions, that they change by second-order work; one step gives that to 1e-6
+_SLOW = 3e-4  # of the motions, as the root of the energy: below, what their change changes is below 1e-10 of all
 
 
 def own_loads(order: Order, where: Places, gravity: Array) -> Loads:
@@ -82,8 +81,8 @@ def loaded_stiffness(order: Order, where: Places, gravity: Array) -> tuple[Array
 
     """
     bent = bend_network(order, where, gravity)
-    matrix, share = _tangent(order, bent.there, where, gravity)
-    slack = (share > _SLIGHT) & bent.found
+    matrix, slack = _tangent(order, bent.there, where, gravity)
+    slack = slack & bent.found
     if slack.any():
         matrix[slack] = _tangent(order, bent.there.some(slack), where.some(slack), gravity, thorough=True)[0]
     matrix[~bent.found] = np.nan
@@ -132,8 +131,8 @@ def bend_network(order: Order, where: Places, gravity: Array, small: float = _SM
 
 def _tangent(
     order: Order, there: Places, rest: Places, gravity: Array, *, thorough: bool = False
-) -> tuple[Array, Array]:
-    """Tangent stiffness (n, 6, 6) at bent places, and the share (n,) by which internal motions change.
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Tangent stiffness (n, 6, 6) at bent places, and where (n,) internal motions change too much for a first order.
 
     ``thorough``: internal motions to convergence, not to first order.
     """
@@ -147,9 +146,9 @@ def _tangent(
         end = np.concatenate([solve_tool(stiffness, load.force(END)), unit], axis=2)
         ends = {GROUND: np.zeros((1, 6, 7)), END: end}
     work = SecondOrder(recover_response(state, load, ends, left, mix=np.eye(1, 7)), order.mechanism, gravity)
-    change, share = _relax(state, work, stiffness, thorough=thorough)
+    change, slack = _relax(state, work, stiffness, thorough=thorough)
     n = len(there.tool)
-    return np.array(np.broadcast_to(stiffness + change, (n, 6, 6))), np.broadcast_to(share, n)
+    return np.array(np.broadcast_to(stiffness + change, (n, 6, 6))), np.broadcast_to(slack, n)
 
 
 def loaded_compliance(order: Order, where: Places, gravity: Array) -> tuple[Array, Array]:
@@ -188,34 +187,32 @@ def loaded_compliance(order: Order, where: Places, gravity: Array) -> tuple[Arra
     return matrix, bent.sag
 
 
-def _relax(state: Condensed, work: SecondOrder, stiffness: Array, *, thorough: bool) -> tuple[Array, Array]:
-    """Change (n, 6, 6) of the stiffness by the second-order work, and the share (n,) by which internal motions change.
+def _relax(state: Condensed, work: SecondOrder, stiffness: Array, *, thorough: bool) -> tuple[Array, NDArray[np.bool_]]:
+    """Change (n, 6, 6) of the stiffness by the second-order work, and where (n,) internal motions change too much.
 
     With H the Hessian of that work and X the motions for unit twists of the tool, these change by δ where
-    ``H₀ δ = -H (X + δ)``; the stiffness, being stationary, by ``Xᵀ H X + δᵀ H X + δᵀ H δ`` for the first such δ, and by
-    ``Xᵀ H (X + δ)`` for the last.
+    ``H₀ δ = -H (X + δ)``; the stiffness, being stationary, by ``Xᵀ H X - δᵀ H₀ δ`` for the first such δ, whose energy
+    beside the stiffness bounds the rest, and by ``Xᵀ H (X + δ)`` for the last.
     """
     unit = Motion.select_cases(work.response, slice(1, 7))
-    square, loads = work.differentiate(unit)
+    square, wrenches = work.differentiate(unit)
+    loads = Loads(6, wrenches, balanced=HELD)
     if not (thorough or state.order.left):
-        stored = store_energy(state, condense_loads(state, Loads(6, loads, balanced=HELD)))
-        share = np.sqrt(np.max(np.einsum("nii->ni", stored) / np.einsum("nii->ni", stiffness), axis=1))
-        if not (share > _SLOW).any():
-            return square - stored, share
-    held = solve_held(state, Loads(6, loads, balanced=HELD))
-    share = _measure_nodes(held.nodes) / _measure_nodes(unit.nodes)
-    if not (thorough or (share > _SLOW).any()):
-        half = -0.5 * sum((_t(wrench) @ held.nodes[node] for node, wrench in loads.items()), np.zeros((1, 6, 6)))
-        return square + half + _t(half), share
-    relaxed = Motion.select_cases(held, slice(0, 6))
-    last = 0.75
-    for _ in range(_STEPS if thorough else 0):
-        last = -0.25
+        stored = store_energy(state, condense_loads(state, loads))
+    else:
+        held = solve_held(state, loads)
+        stored = sum((_t(wrench) @ held.nodes[node] for node, wrench in wrenches.items()), np.zeros((1, 6, 6)))
+    if not thorough:
+        slack = np.einsum("nii->ni", stored) > _SLOW**2 * np.einsum("nii->ni", stiffness)
+        return square - 0.5 * (stored + _t(stored)), slack.any(axis=1)
+    relaxed = Motion.select_cases(held, slice(0, 6))  # pyright: ignore[reportPossiblyUnboundVariable]
+    for _ in range(_STEPS):
         loads = Loads(6, work.differentiate(unit.plus(relaxed, 1.0))[1], balanced=HELD)
         before, relaxed = relaxed, Motion.select_cases(solve_held(state, loads), slice(0, 6))
         if (relaxed.plus(before, -1.0).size < _SETTLED * unit.size).all():
             break
-    return work.differentiate(unit.plus(relaxed, 0.5))[0] + last * work.differentiate(relaxed)[0], share
+    change = work.differentiate(unit.plus(relaxed, 0.5))[0] - 0.25 * work.differentiate(relaxed)[0]
+    return change, np.zeros(1, dtype=bool)
 
 
 def _remaining_loads(order: Order, there: Places, rest: Places, gravity: Array) -> Loads:
