@@ -88,6 +88,20 @@ def test_the_error_is_what_the_jacobian_of_the_arm_gives(tmp_path):
     np.testing.assert_allclose(found.time[1:], np.cumsum(steps) / 0.01, rtol=1e-9)
 
 
+def test_another_robot_may_take_the_place_of_the_jobs(tmp_path):
+    """With drives half as stiff the error is twice as large."""
+    _line_table(tmp_path)
+    job, made = _job(tmp_path, "line.csv", units=UNITS)
+    text = (tmp_path / "arm.toml").read_text()
+    for k in STIFFNESS:
+        text = text.replace(f"stiffness = {k}", f"stiffness = {0.5 * k}")
+    (tmp_path / "soft.toml").write_text(text)
+    soft = load_job(job.file, tmp_path / "soft.toml")
+    with workshop() as shop:
+        other = assemble_robots({"robot": soft.robot}, None, shop)["robot"]
+    np.testing.assert_allclose(along(soft, other).error[:, :3], 2.0 * along(job, made).error[:, :3], atol=1e-12)
+
+
 def test_a_payload_weighs_where_it_hangs(tmp_path):
     poses, _ = _line_table(tmp_path, 8)
     (tmp_path / "line.csv").write_text("x,y,rz\n" + "\n".join(",".join(map(str, p)) for p in poses.tolist()))
