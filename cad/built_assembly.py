@@ -3,6 +3,7 @@
 Slow to import, as `stiffscope.cad.kernel` is. Lengths of build123d are mm.
 """
 
+# pyright: reportAttributeAccessIssue=false
 from dataclasses import dataclass
 from typing import Any
 
@@ -132,5 +133,5 @@ def _nearest(joint: Any, node: Any, instances: tuple[Instance, ...], owners: lis
     inside = [n for n, owner in enumerate(owners) if any(each is node for each in owner.path)]
     if len(inside) < 2:
         return inside[0] if inside else None
-    at = _placed(joint)[:3, 3]
+    at = np.asarray(_placed(joint)[:3, 3], dtype=np.float64)
     return min(inside, key=lambda n: kernel.distance(instances[n].solid, at))

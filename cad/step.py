@@ -94,14 +94,12 @@ def check_file(path: Path) -> bytes:
         raise InputError(f"{path}: expected a STEP file, which begins with {START.decode()}; found another format")
     if END not in tail:
         raise InputError(f"{path}: expected a whole STEP file, found a truncated one (no {END.decode()} at its end)")
+    _check_measures(path, content)
     return content
 
 
-def check_unit(path: Path, content: bytes) -> None:
-    """Refuse a file whose geometry has no unit of length, or an impossible one.
-
-    The kernel would take it for millimetres, or for what its name says, in silence.
-    """
+def _check_measures(path: Path, content: bytes) -> None:
+    """Refuse impossible units of length: the kernel would take them for what their names say, or hang."""
     for measure in _MEASURE.finditer(content):
         size = float(measure[1]) if _NUMBER.fullmatch(measure[1].strip()) else float("nan")
         if not _UNITS[0] <= size <= _UNITS[1]:
@@ -109,6 +107,10 @@ def check_unit(path: Path, content: bytes) -> None:
             got = measure[1].decode(errors="replace").strip()
             what = f"a number from {_UNITS[0]:g} to {_UNITS[1]:g} of its base unit, got {got}"
             raise InputError(f"{path}:{line}: LENGTH_MEASURE_WITH_UNIT: expected {what}")
+
+
+def check_unit(path: Path, content: bytes) -> None:
+    """Refuse a file whose geometry has no unit of length: the kernel would take it for millimetres in silence."""
     entities = (content[content.rfind(b";", 0, match.start()) + 1 : match.start()] for match in _UNIT.finditer(content))
     lengths = {name[1] for name in map(_NAME.search, entities) if name}
     used = {name for match in _CONTEXT.finditer(content) for name in re.findall(rb"#\d+", match[1])}

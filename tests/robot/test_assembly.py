@@ -187,6 +187,7 @@ def test_a_joint_of_build123d_that_contacts_contradict_is_told(tmp_path):
         ((b.Compound(children=[b.Face.make_rect(1, 1)]), {}), "expected at least one closed solid, got 1 shapes"),
         ((b.Pos(1e400, 0, 0) * b.Solid.make_box(1, 1, 1), {}), "expected solids at places, got .* at infinity"),
         ((assemblies.rod(1, 2), {"floor": "x"}), 'floor: expected one of ground, .*, got "floor"'),
+        ((assemblies.rod(1, 2), {"ground": []}), "ground: expected a name, got .."),
         ((assemblies.rod(1, 2), {"weld": 3}), "weld: expected a list of texts, got 3"),
     ],
 )

@@ -69,16 +69,16 @@ def said_of(table: Mapping[str, Any], where: str = "") -> Said:
     values: dict[str, Any] = {}
     for key, value in table.items():
         single = key in _SINGLE
-        texts = [value] if isinstance(value, str) else value
+        texts: Any = [value] if isinstance(value, str) else value
         if key not in known:
             raise InputError(f'{where}{key}: expected one of {", ".join(known)}, got "{key}"')
         if isinstance(value, dict) and key in {"joint", "material", "drive"}:
             texts = [f"{name}={each}" for name, each in value.items()]
         listed = isinstance(texts, (list, tuple)) and all(isinstance(each, str) for each in texts)
-        if not listed or (single and len(texts) > 1):
+        if not listed or (single and len(texts) != 1):
             wanted = "a name" if single else "a list of texts"
             raise InputError(f"{where}{key}: expected {wanted}, got {value!r}")
-        values[key] = texts[0] if single else tuple(texts)
+        values[key] = next(iter(texts)) if single else tuple(texts)
     return Said(**values)
 
 
@@ -136,10 +136,13 @@ def _as_kind(kind: str, here: Sequence[Freedom | Contact], scale: float) -> Free
     joint = next((each for each in here if isinstance(each, Freedom)), None)
     touching = [each for each in here if not isinstance(each, Freedom)]
     best = max(touching, key=lambda c: (c.kind != "plane", c.size), default=None)
-    if joint is None and best is not None:
-        faces = tuple(tuple(sorted({c.face_of(n) for c in touching})) for n in (best.first, best.second))
-        joint = Freedom(best.first, best.second, kind, best.point, best.axis, None, "", faces, np.zeros((6, 0)))
-    elif best is not None and joint.axis is None:
+    if best is not None and joint is None:
+        first, second = (tuple(sorted({c.face_of(n) for c in touching})) for n in (best.first, best.second))
+        none = np.zeros((6, 0))
+        joint = Freedom(best.first, best.second, kind, best.point, best.axis, None, "", (first, second), none)
+    elif best is not None and joint is not None and joint.axis is None:
         joint = replace(joint, at=best.point, axis=best.axis)
+    if joint is None:
+        raise ValueError("expected a joint or a contact, got none")
     free = joint_freedom(kind, joint.at / scale, joint.axis, joint.axis2)
     return replace(joint, kind=kind, reason="as said", freedom=free)
