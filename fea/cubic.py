@@ -1,7 +1,8 @@
 """The cubic solution on the same mesh, preconditioned by the quadratic solver.
 
 The quadratic space is enriched by hierarchical cubics (``spaces.ElementTetCubic``). Conjugate gradients, preconditioned
-by the solver of the quadratic problem and a 3 x 3 block Jacobi step on the cubics, need no second factorization. Both
+by the solver of the quadratic problem and a 3 x 3 block Jacobi step on the cubics, need no second factorization. Where
+the quadratic problem is factorized they run on the cubics alone, the nodes eliminated, in two thirds of the steps. Both
 solutions are Galerkin ones: both compliances are lower bounds of the exact one on the same geometry.
 
 The product with the stiffness is a kernel of ours, element by element. Assembled by scikit-fem's forms instead, the
@@ -18,19 +19,23 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import bsr_array, csr_array
 from skfem import Dofs, ElementTetP2
 from skfem.mapping import MappingAffine
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet
 
 from stiffscope.fea.couplings import traction_work
+from stiffscope.fea.cubic_products import apply_by_blocks, apply_by_elements, element_forces, expand, invert_blocks
 from stiffscope.fea.elasticity import tensor
 from stiffscope.fea.mesh import MeshError
-from stiffscope.fea.solvers import conjugate_gradients, on_all_cores
+from stiffscope.fea.solvers import conjugate_gradients
 from stiffscope.fea.spaces import ElementTetCubic
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from scipy.sparse import bsr_array, csr_array
+
     from stiffscope.fea.couplings import Coupling, Supports
     from stiffscope.fea.mesh import Floats, Ints, TetMesh
     from stiffscope.fea.solvers import Solve, Solver
@@ -54,7 +59,7 @@ class Cubic:
     dofs: Dofs
     cells: Ints
     signs: Ints
-    groups: tuple[_Group, ...]
+    groups: tuple[Group, ...]
     base: int
 
     @property
@@ -62,18 +67,24 @@ class Cubic:
         """Number of functions, three degrees of freedom each."""
         return self.base + self.dofs.N
 
-    def batches(self) -> list[list[_Group]]:
-        """Return the elements in chunks, in batches that bound the memory of one product."""
+    def batches(self, chosen: np.ndarray | None = None) -> list[list[Group]]:
+        """Return the elements, or those chosen (m,), in chunks, in batches that bound the memory of one product."""
         chunks = [
-            _Group(group.elements[k : k + CHUNK], group.table, group.elasticity[k : k + CHUNK])
+            Group(group.elements[some], group.table, group.elasticity[some])
             for group in self.groups
-            for k in range(0, len(group.elements), CHUNK)
+            for some in _split(len(group.elements) if chosen is None else chosen[group.elements])
         ]
         return [chunks[k : k + BATCH] for k in range(0, len(chunks), BATCH)]
 
 
+def _split(kept: np.ndarray | int) -> list[Ints]:
+    """Return the numbers of what is kept (a count, or true ones of a mask) in chunks."""
+    numbers = np.arange(kept) if isinstance(kept, int) else np.flatnonzero(kept)
+    return np.split(numbers, range(CHUNK, len(numbers), CHUNK))
+
+
 @dataclass(frozen=True)
-class _Group:
+class Group:
     """Elements (c,) with one table (3, p, 20) of reference gradients; elasticity (c, 1 or p, 9, 9) in N/m.
 
     With the elasticity pulled back to the reference element, [(r, i), (s, j)], the stiffness is
@@ -101,7 +112,7 @@ def enrich(mesh: TetMesh, elasticity: Floats) -> Cubic:
             inverse = mapping.invDF(at, tind=elements)  # ∂ξ_r/∂x_k
             pulled = np.einsum("rkcq,ikjl,slcq->cqrisj", inverse, tensor(elasticity), inverse, optimize=True)
             pulled *= (np.abs(mapping.detDF(at, tind=elements)) * weights)[:, :, None, None, None, None]
-            groups.append(_Group(elements, table, pulled.reshape(*pulled.shape[:2], 9, 9)))
+            groups.append(Group(elements, table, pulled.reshape(*pulled.shape[:2], 9, 9)))
     return Cubic(dofs, cells, signs, tuple(groups), base)
 
 
@@ -135,6 +146,8 @@ class CubicProblem:
     free : (w,) cubics without constraints. Coordinates (c + 3w) are those of ``supports``, then theirs.
     apply, precondition : the product with the stiffness, and an approximation of its inverse.
     balance : the solver of the quadratic problem's approximation of its own inverse.
+    jacobi : (3w, 3w) the inverses of the cubics' own 3 x 3 blocks.
+    eliminated : the product with the cubics' stiffness, the nodes in equilibrium; None without a factorization.
     """
 
     space: Cubic
@@ -143,25 +156,37 @@ class CubicProblem:
     apply: Solve
     precondition: Solve
     balance: Solve
+    jacobi: bsr_array
+    eliminated: Solve | None
 
 
 def cubic_problem(
-    mesh: TetMesh, space: Cubic, supports: Supports, solver: Solver, springs: csr_array | None = None
+    mesh: TetMesh,
+    space: Cubic,
+    supports: Supports,
+    solver: Solver,
+    stiffness: csr_array,
+    springs: csr_array | None = None,
 ) -> CubicProblem:
     """Return the cubic problem, preconditioned by the solver of the quadratic one.
 
     Parameters
     ----------
+    stiffness : (3n, 3n) of the quadratic problem, N/m.
     springs : (count, count) elastic foundation, one direction; see ``stiffscope.fea.foundation``.
     """
     free = _free_cubics(mesh, space, supports)
-    apply, diagonal = _operator(space, supports, free, springs)
+    jacobi = invert_blocks(space, free, springs)
 
     def precondition(residual: Floats) -> Floats:
-        split = len(residual) - diagonal.shape[0]
-        return np.vstack([solver.precondition(residual[:split]), diagonal @ residual[split:]])
+        split = len(residual) - jacobi.shape[0]
+        return np.vstack([solver.precondition(residual[:split]), jacobi @ residual[split:]])
 
-    return CubicProblem(space, supports, free, apply, precondition, solver.precondition)
+    if solver.precondition is solver.solve:
+        apply, eliminated = apply_by_blocks(space, supports, free, stiffness, springs, solver.solve)
+    else:
+        apply, eliminated = apply_by_elements(space, supports, free, springs), None
+    return CubicProblem(space, supports, free, apply, precondition, solver.precondition, jacobi, eliminated)
 
 
 def solve_cubic(
@@ -181,8 +206,15 @@ def solve_cubic(
     MeshError : no convergence.
     """
     split = len(start)
-    whole = np.vstack([start, np.zeros((len(force) - split, force.shape[1]))])
-    motion, converged = conjugate_gradients(problem.apply, problem.precondition, force, whole, tolerance, limit)
+    motion = np.vstack([start, np.zeros((len(force) - split, force.shape[1]))])
+    if problem.eliminated is None:
+        apply, precondition = problem.apply, problem.precondition
+        motion, converged = conjugate_gradients(apply, precondition, force, motion, tolerance, limit)
+    else:
+        rest, jacobi = (force - problem.apply(motion))[split:], problem.jacobi
+        motion[split:], converged = conjugate_gradients(
+            problem.eliminated, lambda x: jacobi @ x, rest, np.zeros_like(rest), tolerance, limit
+        )
     if not converged:
         raise MeshError(
             f"solve: the cubic solution did not converge in {limit} steps: flat elements or a material like rubber"
@@ -210,118 +242,32 @@ def work(apply: Solve, force: Floats, motion: Floats) -> Floats:
     return (found + found.T) / 2
 
 
-def _operator(space: Cubic, supports: Supports, free: Ints, springs: csr_array | None) -> tuple[Solve, bsr_array]:
-    """Return the product with the enlarged stiffness, element by element, and the inverse of its 3 x 3 blocks."""
-    batches, scatters, diagonal = space.batches(), [], np.zeros((space.count, 9))
-    for batch in batches:
-        cells = space.cells[np.concatenate([chunk.elements for chunk in batch])].reshape(-1)
-        spread = (np.ones(len(cells)), (cells, np.arange(len(cells))))
-        scatters.append(csr_array(spread, shape=(space.count, len(cells))))
-        diagonal += scatters[-1] @ np.concatenate([_own(chunk) for chunk in batch]).reshape(-1, 9)
-    base, high = 3 * space.base, (3 * free[:, None] + np.arange(3)).reshape(-1)
-
-    def apply(coordinates: Floats) -> Floats:
-        loads = coordinates.shape[1]
-        motion = expand(space, supports, free, coordinates)
-        forces = np.zeros((space.count, 3 * loads))
-        for batch, scatter in zip(batches, scatters, strict=True):
-            forces += scatter @ element_forces(space, batch, motion.reshape(-1, 3, loads)).reshape(-1, 3 * loads)
-        if springs is not None:
-            forces += springs @ motion.reshape(-1, 3 * loads)
-        forces = forces.reshape(-1, loads)
-        return np.vstack([supports.restrict(forces[:base]), forces[high]])
-
-    diagonal = diagonal[free].reshape(-1, 3, 3)
-    if springs is not None:
-        diagonal += springs.diagonal()[free][:, None, None] * np.eye(3)
-    steps = np.arange(len(free) + 1)
-    return apply, bsr_array((np.linalg.inv(diagonal), steps[:-1], steps))
+def element_energies(problem: CubicProblem, motion: Floats) -> Floats:
+    """Return (m, loads) twice the energy of coordinates (c + 3w, loads) in each element."""
+    energies = np.empty((len(problem.space.cells), motion.shape[1]))
+    for columns, elements, moved, forces in _move_elements(problem, motion):
+        energies[elements, columns] = np.einsum("cail,cail->cl", forces, moved[..., columns])
+    return energies
 
 
-def _own(chunk: _Group) -> Floats:
-    """Return (c, 20, 9) the 3 x 3 stiffness of each function on itself."""
-    pairs = np.einsum("rpa,spa->prsa", chunk.table, chunk.table)
-    if chunk.elasticity.shape[1] == 1:
-        pairs = pairs.sum(axis=0, keepdims=True)
-    tensor = chunk.elasticity.reshape(*chunk.elasticity.shape[:2], 3, 3, 3, 3)
-    return np.einsum("prsa,cprisj->caij", pairs, tensor, optimize=True).reshape(-1, 20, 9)
+def weigh_energies(problem: CubicProblem, motion: Floats, weights: Floats) -> Floats:
+    """Return (loads, loads) the sum over elements of their energies, mutual ones off the diagonal, by weights (m,)."""
+    total = np.zeros((motion.shape[1], motion.shape[1]))
+    for columns, elements, moved, forces in _move_elements(problem, motion, weights > 0):
+        total[columns] += np.tensordot(forces * weights[elements, None, None, None], moved, axes=((0, 1, 2), (0, 1, 2)))
+    return (total + total.T) / 2
 
 
-def expand(space: Cubic, supports: Supports, free: Ints, coordinates: Floats) -> Floats:
-    """Return (3 count, loads) coefficients of all functions from the unconstrained coordinates (c + 3w, loads).
-
-    Parameters
-    ----------
-    space
-        Cubic functions on the mesh.
-    supports
-        Clamped nodes and rigid couplings.
-    free
-        Functions that are not constrained, by number.
-    coordinates
-        Unconstrained coordinates (c + 3w, loads).
-
-    """
-    split = 3 * len(supports.free) + supports.tie.shape[1]
-    motion = np.zeros((3 * space.count, coordinates.shape[1]))
-    motion[: 3 * space.base] = supports.expand(coordinates[:split])
-    motion[(3 * free[:, None] + np.arange(3)).reshape(-1)] = coordinates[split:]
-    return motion
-
-
-def element_energies(problem: CubicProblem, gained: Floats, weights: Floats) -> tuple[Floats, Floats]:
-    """Return (m, loads) twice the energy of ``gained`` in each element, and (loads, loads) its weighted sum.
-
-    Parameters
-    ----------
-    gained : (c + 3w, loads) coordinates of the cubic minus the quadratic solution; the gains in compliance are
-        the sums over all elements (and over the springs of a foundation).
-    weights : (m,) of the elements in the weighted sum, whose off-diagonal terms are mutual energies of two loads.
-    """
-    space, loads = problem.space, gained.shape[1]
-    energies, weighted = np.empty((len(space.cells), loads)), np.zeros((loads, loads))
-    motion = expand(space, problem.supports, problem.free, gained).reshape(space.count, 3, loads)
-    for start in range(0, loads, 6):
-        columns = slice(start, start + 6)
-        for batch in space.batches():
-            elements = np.concatenate([chunk.elements for chunk in batch])
-            forces, cells = element_forces(space, batch, motion[..., columns]), space.cells[elements]
-            energies[elements, columns] = np.einsum("cail,cail->cl", forces, motion[..., columns][cells])
-            heavy = np.flatnonzero(weights[elements])
-            forces = forces[heavy] * weights[elements[heavy], None, None, None]
-            weighted[columns] += np.tensordot(forces, motion[cells[heavy]], axes=((0, 1, 2), (0, 1, 2)))
-    return energies, (weighted + weighted.T) / 2
-
-
-def element_forces(space: Cubic, batch: list[_Group], motion: Floats) -> Floats:
-    """Return (m, 20, 3, loads) the forces of a batch's m elements on their functions, for (count, 3, loads) motions.
-
-    Parameters
-    ----------
-    space
-        Cubic functions on the mesh.
-    batch
-        Groups of elements.
-    motion
-        Displacements of the loads.
-
-    """
-    loads = motion.shape[2]
-    starts = np.cumsum([0, *(len(chunk.elements) for chunk in batch)])
-    local = np.empty((starts[-1], 20, 3, loads))
-
-    def fill(chunk: _Group, start: int) -> None:
-        points = chunk.table.shape[1]
-        table = chunk.table.reshape(3 * points, 20)
-        c, sign = len(chunk.elements), space.signs[chunk.elements].T[:, :, None, None]
-        given = (motion[space.cells[chunk.elements].T] * sign).reshape(20, -1)  # (20, c 3 loads)
-        slope = (table @ given).reshape(3, points, c, 3, loads).transpose(2, 1, 0, 3, 4)  # (c, p, r, i, loads)
-        stress = chunk.elasticity @ slope.reshape(c, points, 9, loads)
-        stress = stress.reshape(c, points, 3, 3, loads).transpose(2, 1, 0, 3, 4).reshape(3 * points, -1)
-        local[start : start + c] = ((table.T @ stress).reshape(20, c, 3, loads) * sign).transpose(1, 0, 2, 3)
-
-    on_all_cores(fill, batch, starts[:-1])
-    return local
+def _move_elements(
+    problem: CubicProblem, motion: Floats, chosen: np.ndarray | None = None
+) -> Iterator[tuple[slice, Ints, Floats, Floats]]:
+    """Yield six loads, elements (c,), their motion (c, 20, 3, loads) and the forces of those loads (c, 20, 3, 6)."""
+    space, loads = problem.space, motion.shape[1]
+    moved = expand(space, problem.supports, problem.free, motion).reshape(space.count, 3, loads)
+    for batch in space.batches(chosen):
+        elements = np.concatenate([chunk.elements for chunk in batch])
+        for columns in (slice(start, start + 6) for start in range(0, loads, 6)):
+            yield columns, elements, moved[space.cells[elements]], element_forces(space, batch, moved[..., columns])
 
 
 def _free_cubics(mesh: TetMesh, space: Cubic, supports: Supports) -> Ints:

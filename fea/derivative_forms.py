@@ -14,7 +14,8 @@ import numpy as np
 
 from stiffscope.fea.configurational import integrals, products
 from stiffscope.fea.couplings import unit_loads
-from stiffscope.fea.cubic import cubic_loads, expand
+from stiffscope.fea.cubic import cubic_loads
+from stiffscope.fea.cubic_products import expand
 from stiffscope.fea.derivatives import Derivative
 from stiffscope.fea.elasticity import tensor
 from stiffscope.fea.foundation import springs

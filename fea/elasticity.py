@@ -14,8 +14,6 @@ from skfem.mapping import MappingAffine
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet
 
-from stiffscope.fea.spaces import cell_bases
-
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -72,10 +70,10 @@ def assemble(mesh: TetMesh, elasticity: Floats) -> csr_array:
     return bsr_array(((blocks @ law.T).reshape(-1, 3, 3), pairs % count, starts), shape=(3 * count, 3 * count)).tocsr()
 
 
-def _slopes(mesh: TetMesh) -> Iterator[tuple[Ints, Floats, Floats]]:
+def _slopes(mesh: TetMesh, curved: int = CURVED_ORDER) -> Iterator[tuple[Ints, Floats, Floats]]:
     """Yield elements (c,), their functions' gradients (c, q, 3, 10) in 1/m and weights (c, q) in m³, in chunks."""
     grid = mesh.grid
-    groups = (~mesh.is_curved, MappingAffine(grid), STRAIGHT_ORDER), (mesh.is_curved, grid.mapping(), CURVED_ORDER)
+    groups = (~mesh.is_curved, MappingAffine(grid), STRAIGHT_ORDER), (mesh.is_curved, grid.mapping(), curved)
     for mask, mapping, order in groups:
         at, weights = get_quadrature(RefTet, order)
         table = np.stack([ElementTetP2().lbasis(at, i)[1] for i in range(10)], axis=2)  # (3, q, 10)
@@ -96,19 +94,19 @@ def nodal_stresses(mesh: TetMesh, motion: Floats, elasticity: Floats) -> Floats:
     motion : (3 nodes, loads) displacements, m.
     """
     count, loads = len(mesh.points), motion.shape[1]
-    total, law = np.zeros((count, 6 * loads)), elasticity[:, VOIGT]  # shear strains are ∂_k u_i + ∂_i u_k
-    for basis in cell_bases(mesh, ElementTetP2(), 2, 2):
-        at_points, at_nodes = (np.vstack([1 - x.sum(axis=0), x]) for x in (basis.X, ElementTetP2.doflocs.T))
-        extrapolation = np.linalg.solve(at_points, at_nodes)  # (4, 10)
-        cells = basis.element_dofs
-        for load in range(loads):
-            gradient = [basis.interpolate(motion[axis::3, load]).grad for axis in range(3)]
-            stress = np.einsum("sik,ikmq,qn->snm", law, gradient, extrapolation, optimize=True)
-            for component in range(6):
-                weights = stress[component].reshape(-1)
-                total[:, 6 * load + component] += np.bincount(cells.reshape(-1), weights, count)
+    total, law = np.zeros((count, 6 * loads)), elasticity[:, VOIGT].reshape(6, 9)  # shear strains are ∂_k u_i + ∂_i u_k
+    points = get_quadrature(RefTet, STRAIGHT_ORDER)[0], ElementTetP2.doflocs.T
+    extrapolation = np.linalg.solve(*(np.vstack([1 - x.sum(axis=0), x]) for x in points))  # (4, 10)
+    for elements, slopes, _ in _slopes(mesh, STRAIGHT_ORDER):
+        cells = mesh.cells[elements]
+        gradient = slopes @ motion.reshape(count, 3 * loads)[cells][:, None]  # (c, 4, 3, 3 loads)
+        gradient = extrapolation.T @ gradient.reshape(len(cells), 4, -1)
+        stress = (law @ gradient.reshape(-1, 9, loads)).reshape(cells.size, 6 * loads)
+        total += (
+            csr_array((np.ones(cells.size), (cells.reshape(-1), np.arange(cells.size))), (count, len(stress))) @ stress
+        )
     mean = total / np.bincount(mesh.cells.reshape(-1), minlength=count)[:, None]
-    return mean.reshape(count, loads, 6)
+    return mean.reshape(count, 6, loads).swapaxes(1, 2)
 
 
 def von_mises(stress: Floats) -> Floats:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from stiffscope import cad
 from stiffscope.cad.part import Part, mass_properties, project, surface
@@ -147,6 +148,7 @@ def _mesh(specimen: Specimen, settings: Settings, left: float) -> TetMesh:
     )
 
 
+@threadpool_limits.wrap(limits=1)
 def _statics(specimen: Specimen, settings: Settings, mesh: TetMesh, solution: Solution) -> Experiment:
     rigid = rigid_mass(mesh.points, solution.levels.system.mass.nodes)
     places, clamp = np.array([point for _, point in specimen.loaded]), mesh.facets_of(specimen.clamped)
@@ -172,6 +174,7 @@ def _statics(specimen: Specimen, settings: Settings, mesh: TetMesh, solution: So
     )
 
 
+@threadpool_limits.wrap(limits=1)
 def _with_fields(experiment: Experiment, solution: Solution, settings: Settings) -> Experiment:
     found = compute_dynamics(solution.levels, settings)
     return replace(

@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from stiffscope.errors import InputError
 from stiffscope.fea.couplings import Coupling, dofs_of, imbalance, support, unit_loads
-from stiffscope.fea.cubic import cubic_loads, cubic_problem, element_energies, enrich, solve_cubic, work
+from stiffscope.fea.cubic import cubic_loads, cubic_problem, element_energies, enrich, solve_cubic, weigh_energies, work
 from stiffscope.fea.elasticity import assemble, nodal_stresses, von_mises
 from stiffscope.fea.foundation import on_nodes, springs
 from stiffscope.fea.mass import Mass, times
@@ -149,7 +149,6 @@ class TwoLevel:
     quadratic : (c, k) the quadratic solution.
     cubic, gain : (k, k) cubic compliance, and its difference to the quadratic one.
     at_edges : (k, k) error that theory expects in the cubic compliance at singular edges.
-    energies : (m, k) twice the strain energy of the difference of the two solutions in each element.
     """
 
     system: System
@@ -159,7 +158,13 @@ class TwoLevel:
     cubic: Floats
     gain: Floats
     at_edges: Floats
-    energies: Floats
+
+    @property
+    def energies(self) -> Floats:
+        """(m, k) twice the strain energy of the difference of the two solutions in each element."""
+        gained = self.motion.copy()
+        gained[: len(self.quadratic)] -= self.quadratic
+        return element_energies(self.system.cubic, gained)
 
     @property
     def displacement(self) -> Floats:
@@ -235,7 +240,7 @@ def _system_of(
         bedding = springs(mesh, specimen.clamped, foundation)
         stiffness = bare + on_nodes(bedding, space.base)
     prepared = prepare(mesh, stiffness, supports, solver)
-    cubic = cubic_problem(mesh, space, supports, prepared, bedding)
+    cubic = cubic_problem(mesh, space, supports, prepared, stiffness, bedding)
     weights = _edge_weights(specimen, mesh, interface, foundation)
     return System(specimen, mesh, couplings, supports, bare, stiffness, prepared, cubic, weights)
 
@@ -273,8 +278,8 @@ def respond(
         raise MeshError(f"solve: the compliance of {system.specimen.name} is not positive definite; the mesh is broken")
     gained = motion.copy()
     gained[:split] -= quadratic
-    energies, at_edges = element_energies(system.cubic, gained, system.edge_weights)
-    return TwoLevel(system, force, motion, quadratic, cubic, gain, at_edges, energies)
+    at_edges = weigh_energies(system.cubic, gained, system.edge_weights)
+    return TwoLevel(system, force, motion, quadratic, cubic, gain, at_edges)
 
 
 def accelerate(levels: TwoLevel, motion: Floats) -> TwoLevel:

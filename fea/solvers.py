@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     Solve = Callable[[Floats], Floats]
 
 
+LEFT = 0.3  # of a tolerance, by which iterations stop short
+
+
 @dataclass(frozen=True)
 class Solver:
     """Coordinates from forces (c, loads): ``solve`` exactly, ``precondition`` approximately, for an iteration."""
@@ -64,7 +67,10 @@ def factorize_matrix(matrix: csr_array) -> Solve:
 def conjugate_gradients(
     apply: Solve, precondition: Solve, force: Floats, motion: Floats, tolerance: float, limit: int
 ) -> tuple[Floats, bool]:
-    """Solve for all columns at once until a step adds less than ``tolerance`` / 10 of the energy gained so far.
+    """Solve for all columns at once until the remaining steps would add little to the energy gained so far.
+
+    That is, the last step less than ``tolerance`` / 10; or it and, if the steps go on falling as the last two did, all
+    that follow less than ``LEFT`` · ``tolerance``.
 
     Returns the motion, and whether it converged within ``limit`` steps.
     """
@@ -74,15 +80,18 @@ def conjugate_gradients(
     fall = np.einsum("ij,ij->j", residual, step)
     direction = step
     gained = np.full(force.shape[1], np.finfo(float).tiny)
+    gain = np.zeros(force.shape[1])
     for _ in range(limit):  # in place: these arrays are the largest of the problem
         pushed = apply(direction)
         length = fall / np.maximum(np.einsum("ij,ij->j", direction, pushed), np.finfo(float).tiny)
         motion += length * direction
         pushed *= length
         residual -= pushed
-        gain = length * fall  # contribution of this step to each compliance
+        former, gain = gain, length * fall  # contribution of a step to each compliance
         gained += gain
-        if (gain < 0.1 * tolerance * gained).all():
+        small = LEFT * tolerance * gained
+        falling = (gain < small) & (gain**2 < small * (former - gain))
+        if (falling | (gain < 0.1 * tolerance * gained)).all():
             return motion, True
         step = precondition(residual)
         before, fall = fall, np.einsum("ij,ij->j", residual, step)

@@ -12,9 +12,13 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
+from stiffscope.cad.faces import FaceSelector
+from stiffscope.cad.solid import part_of
 from stiffscope.fea.couplings import dofs_of
 from stiffscope.fea.elasticity import assemble
 from stiffscope.fea.multigrid import prepare
+from stiffscope.fea.run import run_experiment, specimen_of
+from stiffscope.fea.settings import Settings
 from tests.benchmarks.codes import meshed
 
 pytestmark = pytest.mark.benchmark
@@ -38,6 +42,34 @@ def test_a_million_degrees_of_freedom_within_8_gb():
     )
     assert found["dofs"] > 1e6
     assert found["peak"] < 8
+
+
+def test_four_interfaces_take_less_than_1_6_times_as_long_as_two_on_the_same_mesh():
+    """Processor time of the whole experiment but CAD and mesh, and of the compliance alone; the least of four runs."""
+    from build123d import Box, Cylinder, Pos
+
+    pads = {"left": (-25, -15), "right": (-25, 15), "motor": (25, 0), "fourth": (0, 20)}
+    solid = Box(80, 60, 10)
+    for x, y in pads.values():
+        solid += Pos(x, y, 7) * Cylinder(8, 4)
+    tops = {name: [FaceSelector(position=(x / 1e3, y / 1e3, 0.009))] for name, (x, y) in pads.items()}
+    four = part_of(solid, name="bracket", interfaces=tops)
+    two = part_of(solid, name="bracket", interfaces={name: tops[name] for name in ("left", "right")})
+    specimens = {2: specimen_of(two, Settings()), 4: specimen_of(four, Settings())}
+    former = run_experiment(specimens[4], whole=False)
+    least: dict[tuple[int, bool], float] = {}
+    for _ in range(4):
+        for count, specimen in specimens.items():
+            for whole in (True, False):
+                began = time.process_time()
+                run_experiment(specimen, former=former, whole=whole)
+                took = time.process_time() - began
+                least[count, whole] = min(took, least.get((count, whole), took))
+    ratios = [least[4, whole] / least[2, whole] for whole in (True, False)]
+    print(
+        f"\n| bracket | {3 * len(former.mesh.points):,} | whole {ratios[0]:.2f} | compliance {ratios[1]:.2f} | {least}"
+    )
+    assert ratios[0] < 1.6
 
 
 def factorized_by_pardiso(stiffness, supports, loads):

@@ -1,0 +1,180 @@
+"""Products with the stiffness of the cubic functions, element by element, which is never assembled.
+
+Where the quadratic problem is factorized the elements' blocks are kept, and the nodes can be eliminated.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.sparse import bsr_array, csr_array
+
+from stiffscope.fea.couplings import dofs_of
+from stiffscope.fea.solvers import on_all_cores
+
+if TYPE_CHECKING:
+    from stiffscope.fea.couplings import Supports
+    from stiffscope.fea.cubic import Cubic, Group
+    from stiffscope.fea.mesh import Floats, Ints
+    from stiffscope.fea.solvers import Solve
+
+
+def apply_by_elements(space: Cubic, supports: Supports, free: Ints, springs: csr_array | None) -> Solve:
+    """Return the product with the enlarged stiffness, element by element."""
+    batches = space.batches()
+    owners = [np.concatenate([chunk.elements for chunk in batch]) for batch in batches]
+    scatters = [_scatter(space.cells[elements], space.count) for elements in owners]
+    base, high = 3 * space.base, dofs_of(free)
+
+    def apply(coordinates: Floats) -> Floats:
+        loads = coordinates.shape[1]
+        motion = expand(space, supports, free, coordinates)
+        forces = np.zeros((space.count, 3 * loads))
+        for batch, scatter in zip(batches, scatters, strict=True):
+            forces += scatter @ element_forces(space, batch, motion.reshape(-1, 3, loads)).reshape(-1, 3 * loads)
+        if springs is not None:
+            forces += springs @ motion.reshape(-1, 3 * loads)
+        forces = forces.reshape(-1, loads)
+        return np.vstack([supports.restrict(forces[:base]), forces[high]])
+
+    return apply
+
+
+def _scatter(cells: Ints, count: int) -> csr_array:
+    """Return (count, cells.size) the sum over elements of what acts on each function."""
+    return csr_array((np.ones(cells.size), (cells.reshape(-1), np.arange(cells.size))), shape=(count, cells.size))
+
+
+def apply_by_blocks(
+    space: Cubic, supports: Supports, free: Ints, stiffness: csr_array, springs: csr_array | None, solve: Solve
+) -> tuple[Solve, Solve]:
+    """Return the products with the enlarged stiffness, and with that of the cubics, the nodes in equilibrium.
+
+    With A of nodes and cubics in blocks the latter is A₂₂ − A₂₁ A₁₁⁻¹ A₁₂. The elements' A₁₂ and A₂₂ are kept, 14 kB
+    each: only meshes that are factorized have few enough of them.
+    """
+    chunks = [chunk for batch in space.batches() for chunk in batch]
+    blocks, cells = on_all_cores(partial(_stiffness, space), chunks), [space.cells[chunk.elements] for chunk in chunks]
+    every = np.concatenate(cells)
+    base, count, held = space.base, space.count, free - space.base
+    on_all, on_cubics = _scatter(every, count), _scatter(every[:, 10:] - base, count - base)
+    bedding = (csr_array((count, count)) if springs is None else springs)[:, base:]
+
+    def push(coordinates: Floats) -> tuple[Floats, Floats]:
+        """Return the forces of the cubics' motion on the nodes and on themselves."""
+        loads = coordinates.shape[1]
+        high = np.zeros((count - base, 3, loads))
+        high[held] = coordinates.reshape(-1, 3, loads)
+        parts = on_all_cores(lambda a, at: a @ high[at[:, 10:] - base].reshape(-1, 30, loads), blocks, cells)
+        forces = on_all @ np.concatenate(parts).reshape(-1, 3 * loads) + bedding @ high.reshape(-1, 3 * loads)
+        return supports.restrict(forces[:base].reshape(-1, loads)), forces[base:][held].reshape(-1, loads)
+
+    def pull(coordinates: Floats) -> Floats:
+        """Return the forces of the nodes' motion on the cubics."""
+        loads = coordinates.shape[1]
+        low = supports.expand(coordinates).reshape(-1, 3, loads)
+        parts = on_all_cores(
+            lambda a, at: a[:, :30].swapaxes(1, 2) @ low[at[:, :10]].reshape(-1, 30, loads), blocks, cells
+        )
+        forces = on_cubics @ np.concatenate(parts).reshape(-1, 3 * loads)
+        return (forces + bedding[:base].T @ low.reshape(-1, 3 * loads))[held].reshape(-1, loads)
+
+    def apply(coordinates: Floats) -> Floats:
+        split = len(coordinates) - 3 * len(free)
+        nodes, cubics = push(coordinates[split:])
+        nodes += supports.restrict(stiffness @ supports.expand(coordinates[:split]))
+        return np.vstack([nodes, cubics + pull(coordinates[:split])])
+
+    def eliminated(coordinates: Floats) -> Floats:
+        nodes, cubics = push(coordinates)
+        return cubics - pull(solve(nodes))
+
+    return apply, eliminated
+
+
+def invert_blocks(space: Cubic, free: Ints, springs: csr_array | None) -> bsr_array:
+    """Return the inverses of the cubics' own 3 x 3 blocks."""
+    diagonal = np.zeros((space.count, 9))
+    for batch in space.batches():
+        for chunk in batch:
+            pairs = np.einsum("rpa,spa->prsa", *[chunk.table[..., 10:]] * 2)
+            own = _contract(chunk, pairs).transpose(0, 3, 1, 2).reshape(-1, 9)
+            np.add.at(diagonal, space.cells[chunk.elements, 10:].reshape(-1), own)
+    diagonal = diagonal[free].reshape(-1, 3, 3)
+    if springs is not None:
+        diagonal += springs.diagonal()[free][:, None, None] * np.eye(3)
+    steps = np.arange(len(free) + 1)
+    return bsr_array((np.linalg.inv(diagonal), steps[:-1], steps))
+
+
+def _stiffness(space: Cubic, chunk: Group) -> Floats:
+    """Return (c, 60, 30) the elements' forces on their functions for displacements of their cubics."""
+    pairs = np.einsum("rpa,spb->prsab", chunk.table, chunk.table[..., 10:])
+    found = _contract(chunk, pairs).transpose(0, 3, 1, 4, 2)  # (c, 20, 3, 10, 3)
+    sign = space.signs[chunk.elements]
+    return (found * sign[:, :, None, None, None] * sign[:, None, None, 10:, None]).reshape(-1, 60, 30)
+
+
+def _contract(chunk: Group, pairs: Floats) -> Floats:
+    """Return (c, 3, 3, …) the elements' stiffness between the pairs (p, 3, 3, …) of reference gradients."""
+    kept, points = chunk.elasticity.shape[:2]
+    if points == 1:
+        pairs = pairs.sum(axis=0, keepdims=True)
+    law = chunk.elasticity.reshape(kept, points, 3, 3, 3, 3).transpose(0, 3, 5, 1, 2, 4)  # [i, j, p, r, s]
+    found = law.reshape(9 * kept, -1) @ pairs.reshape(9 * points, -1)
+    return found.reshape(kept, 3, 3, *pairs.shape[3:])
+
+
+def expand(space: Cubic, supports: Supports, free: Ints, coordinates: Floats) -> Floats:
+    """Return (3 count, loads) coefficients of all functions from the unconstrained coordinates (c + 3w, loads).
+
+    Parameters
+    ----------
+    space
+        Cubic functions on the mesh.
+    supports
+        Clamped nodes and rigid couplings.
+    free
+        Functions that are not constrained, by number.
+    coordinates
+        Unconstrained coordinates (c + 3w, loads).
+
+    """
+    split = 3 * len(supports.free) + supports.tie.shape[1]
+    motion = np.zeros((3 * space.count, coordinates.shape[1]))
+    motion[: 3 * space.base] = supports.expand(coordinates[:split])
+    motion[dofs_of(free)] = coordinates[split:]
+    return motion
+
+
+def element_forces(space: Cubic, batch: list[Group], motion: Floats) -> Floats:
+    """Return (m, 20, 3, loads) the forces of a batch's m elements on their functions, for (count, 3, loads) motions.
+
+    Parameters
+    ----------
+    space
+        Cubic functions on the mesh.
+    batch
+        Groups of elements.
+    motion
+        Displacements of the loads.
+
+    """
+    loads = motion.shape[2]
+    starts = np.cumsum([0, *(len(chunk.elements) for chunk in batch)])
+    local = np.empty((starts[-1], 20, 3, loads))
+
+    def fill(chunk: Group, start: int) -> None:
+        points = chunk.table.shape[1]
+        table = chunk.table.reshape(3 * points, 20)
+        c, sign = len(chunk.elements), space.signs[chunk.elements].T[:, :, None, None]
+        given = (motion[space.cells[chunk.elements].T] * sign).reshape(20, -1)  # (20, c 3 loads)
+        slope = (table @ given).reshape(3, points, c, 3, loads).transpose(2, 1, 0, 3, 4)  # (c, p, r, i, loads)
+        stress = chunk.elasticity @ slope.reshape(c, points, 9, loads)
+        stress = stress.reshape(c, points, 3, 3, loads).transpose(2, 1, 0, 3, 4).reshape(3 * points, -1)
+        local[start : start + c] = ((table.T @ stress).reshape(20, c, 3, loads) * sign).transpose(1, 0, 2, 3)
+
+    on_all_cores(fill, batch, starts[:-1])
+    return local
