@@ -219,9 +219,11 @@ at = ["X mm", "Y mm", "200 mm"]
 
 
 def test_a_platform_on_three_legs_beside_one_solid(tmp_path):
-    """A plate of 20 mm as a body of four interfaces on three tested legs, beside all of it glued, in CalculiX.
+    """A plate of 20 mm as a body of four interfaces on three tested legs, beside all of it glued.
 
-    The legs are cut 15 mm below the plate: sections of theirs are the interfaces, rigid in the robot alone.
+    CalculiX and the quadratic solution agree on one mesh, on which its error is a percent and a half: the robot is held
+    against what the cubic solution of that mesh is extrapolated to. The legs
+    are cut 15 mm below the plate: sections of theirs are the interfaces, rigid in the robot alone.
     """
     need("CalculiX")
     from build123d import Align, Box, Cylinder, Pos, export_step
@@ -232,6 +234,7 @@ def test_a_platform_on_three_legs_beside_one_solid(tmp_path):
     from stiffscope.experiments.assembly import assemble
     from stiffscope.fea.run import specimen_of
     from stiffscope.fea.settings import Settings
+    from stiffscope.fea.solution import solve_specimen
     from stiffscope.fea.specimen import mesh_specimen
     from stiffscope.robot.reader import load_robot
     from stiffscope.vjm.statics import compliance
@@ -253,22 +256,30 @@ def test_a_platform_on_three_legs_beside_one_solid(tmp_path):
     foot = FaceSelector(kind="plane", normal=(0, 0, -1), position="min z")
     top = FaceSelector(kind="plane", normal=(0, 0, 1), position="max z")
     part = read_step(tmp_path / "whole.step", clamped=[foot], loaded=[top])
-    mesh = mesh_specimen(specimen_of(part, Settings(size=0.009)), size=0.009)
+    specimen = specimen_of(part, Settings(size=0.012))
+    mesh = mesh_specimen(specimen, size=0.012)
+    ours = solve_specimen(specimen, mesh, "rigid", "auto")
     rigid = [(mesh.nodes_of(face.faces), face.reference_point) for face in part.loaded]
     deck = calculix.model(
         mesh.points, mesh.cells, mesh.nodes_of(part.clamped), rigid, STEEL.youngs_modulus, STEEL.poisson, STEEL.density
     ) + calculix.unit_loads(len(mesh.points))
-    solid = calculix.compliance(tmp_path, deck, None)
-    k, whole = np.linalg.inv(robot), np.linalg.inv(solid)
-    size = np.sqrt(np.outer(whole.diagonal(), whole.diagonal()))
+    solid, quadratic = calculix.compliance(tmp_path, deck, None), ours.levels.cubic - ours.levels.gain
     print(f"\n| platform on three legs, {3 * len(mesh.points)} dofs | x | y | z | rx | ry | rz |\n" + "|---" * 7 + "|")
-    for label, values in (("C as a robot", robot), ("C of one solid, CalculiX", solid)):
-        print(f"| {label} | " + " | ".join(f"{value:.5g}" for value in values.diagonal()) + " |", flush=True)
-    off = np.abs(robot / solid - 1).diagonal(), np.abs((k - whole) / size).max()
-    print(
-        f"| difference | {' | '.join(f'{each:.2%}' for each in off[0])} |\nstiffness, of sqrt(K_ii K_jj): {off[1]:.2%}"
-    )
-    assert max(*off[0], off[1]) < 0.02
+    rows = {"as a robot": robot, "one solid, CalculiX": solid, "one solid, extrapolated": ours.compliance}
+    for label, values in (*rows.items(), ("bound of that", ours.error)):
+        print(f"| C {label} | " + " | ".join(f"{value:.5g}" for value in values.diagonal()) + " |", flush=True)
+    same = compare(quadratic, solid)
+    whole = compare(robot, ours.compliance)
+    print(f"CalculiX on this mesh: {same:.1e}; robot beside the solid extrapolated, of sqrt(K_ii K_jj): {whole:.2%}")
+    assert same < 1e-4
+    assert whole < 0.01
+    assert np.abs(robot / ours.compliance - 1).diagonal().max() < 0.01
+
+
+def compare(one, other):
+    """Return the largest difference of two compliances' stiffnesses, in parts of sqrt(K_ii K_jj)."""
+    k, reference = np.linalg.inv(one), np.linalg.inv(other)
+    return np.abs((k - reference) / np.sqrt(np.outer(reference.diagonal(), reference.diagonal()))).max()
 
 
 @pytest.mark.parametrize("name", PARAMETERS)

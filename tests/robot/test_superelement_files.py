@@ -114,6 +114,9 @@ def test_an_npz_file_has_a_name_for_each_node(written, tmp_path):
         robot_of(tmp_path, 'file = "two.npz"')
     with pytest.raises(InputError, match=r"parts\.frame\.interfaces: expected 3, as the file has nodes, got 1"):
         robot_of(written[0], 'file = "frame.npz"\ninterfaces = { foot = [0, 0, 0] }')
+    np.savez(tmp_path / "weightless.npz", **{name: each for name, each in held.items() if name != "mass"})
+    with pytest.raises(InputError, match=r"parts\.frame\.file: expected a mass matrix beside \d+ modes, got stiffness"):
+        robot_of(tmp_path, 'file = "weightless.npz"')
 
 
 def test_others_need_names(written, tmp_path):

@@ -157,6 +157,8 @@ def _with_matrices(table: dict[str, Any], folder: Path, key: Key) -> dict[str, A
         if not square or (found.mass is not None and found.mass.shape != found.stiffness.shape):
             shape = " x ".join(map(str, found.stiffness.shape))
             raise ValueError(f"expected matrices of at least {ends} rows, six for each interface, got {shape}")
+        if found.mass is None and len(found.stiffness) > ends:
+            raise ValueError(f"expected a mass matrix beside {len(found.stiffness) - ends} modes, got stiffness alone")
     matrices = {"interfaces": interfaces, "stiffness": found.stiffness[:ends, :ends].tolist()}
     if found.mass is not None:
         squares = found.stiffness.diagonal()[ends:].tolist()
