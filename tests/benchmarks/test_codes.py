@@ -271,7 +271,7 @@ def test_a_platform_on_three_legs_beside_one_solid(tmp_path):
     same = compare(quadratic, solid)
     whole = compare(robot, ours.compliance)
     print(f"CalculiX on this mesh: {same:.1e}; robot beside the solid extrapolated, of sqrt(K_ii K_jj): {whole:.2%}")
-    assert same < 1e-4
+    assert same < 1e-3
     assert whole < 0.01
     assert np.abs(robot / ours.compliance - 1).diagonal().max() < 0.01
 
