@@ -6,7 +6,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
-from stiffscope.effects.effect import FACTOR, STIFFNESS_FACTOR, Candidates, Parameter, Setting
+import numpy as np
+
+from stiffscope.effects.effect import FACTOR, FREE, STIFFNESS_FACTOR, Candidates, Parameter, Setting
 from stiffscope.effects.elements import ElementEffect, soften
 
 if TYPE_CHECKING:
@@ -35,13 +37,28 @@ class ActuatorStiffness(ElementEffect):
             size = within - 1.0 if within > 1.0 else known.size
             prior = known._replace(size=size, low=min(known.low, 1.0 / within), high=max(known.high, within))
             yield cls(partial(soften, robot, place.members)).make_candidate(place, (prior,))
-            if (
-                len(place.members) > 1 and min(robot.factor(name) for name in place.members) > 1.0
-            ):  # known so little, each may be off by a factor of its own
+            count = len(place.members)
+            if count > 1 and min(robot.factor(name) for name in place.members) > 1.0:
+                # known so little, each may be off by a factor of its own, about one that they have in common
                 each = tuple(prior._replace(name=f"{name}.{known.name}") for name in place.members)
-                yield cls(partial(_soften_each, robot, place.members)).make_candidate(place, each)
+                yield cls(partial(_soften_each, robot, place.members)).make_candidate(
+                    place, each, scale=(size,) * (1 + count), groups=(1, count), bounds=FREE,
+                    physical=lambda u: 1.0 / _grow(u), internal=_find_growth,
+                )  # fmt: skip
+
+
+def _grow(u: Array) -> Array:
+    """Factors (k,) on compliances: more by what is common ``u[0]`` and each one's own, less by as many times."""
+    e = u[0] + u[1:]
+    return np.where(e < 0.0, 1.0 / (1.0 - np.minimum(e, 0.0)), 1.0 + e)
+
+
+def _find_growth(factors: Array) -> Array:
+    """Internal parameters (1 + k,) of factors (k,) on stiffnesses."""
+    return np.append(0.0, np.where(factors > 1.0, 1.0 - factors, 1.0 / factors - 1.0))
 
 
 def _soften_each(nominal: NominalRobot, names: Sequence[str], u: Array) -> Changes:
-    """Compliances of driven joints along their drives grow by ``u`` (k,) times their nominal."""
-    return {name: change for k, name in enumerate(names) for name, change in soften(nominal, [name], u[k:]).items()}
+    """Compliances of driven joints along their drives grow by factors of their own; see `_grow`."""
+    more = _grow(u) - 1.0
+    return {name: change for k, name in enumerate(names) for name, change in soften(nominal, [name], more[k:]).items()}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import log_ndtr, ndtri_exp  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
@@ -32,10 +32,6 @@ from stiffscope.gap.inference.residuals import percent_noise, rms_by_kind
 from stiffscope.gap.inference.verdict import doubtful, judge_findings, settle_verdict, shares
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.forward.forward_model import Candidate, ForwardModel
     from stiffscope.gap.inference.diagnosis import NextMeasurement
@@ -43,9 +39,8 @@ if TYPE_CHECKING:
     from stiffscope.gap.inference.hypothesis import Hypothesis
     from stiffscope.gap.inference.verdict import Judgement
     from stiffscope.robot.nominal import NominalRobot
+    from stiffscope.runtime.types import Array, Progress
 
-    Array = NDArray[np.floating[Any]]
-    Progress = Callable[[str, float], None]
 
 COMPARED = 50.0  # ln-odds up to which an alternative's parameters are looked at
 POSSIBLE = 0.02  # probability from which an effect is worth naming as possible
@@ -308,7 +303,7 @@ def _next(found: Findings) -> NextMeasurement | None:
 def _counts(found: Findings, reported: Hypothesis) -> list[str]:
     """Readings, parameters and evidence in figures."""
     count, parameters = int(found.used_readings.sum()), len(reported.values)
-    factor = found.best.noise_factor
+    factor = found.best.known.noise_factor
     scaled = bool(found.problem.noise.scaled.any())
     gain = found.best.evidence - found.none.evidence
     return [

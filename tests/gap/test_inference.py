@@ -11,12 +11,13 @@ from stiffscope.gap.forward.forward_model import Noise
 from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.gap.inference.evidence import (
     constrained_minima,
+    eliminate,
     errors_of,
     log_evidences,
     posterior,
 )
 from stiffscope.gap.inference.findings import find
-from stiffscope.gap.inference.fitting import SIZES, Problem
+from stiffscope.gap.inference.fitting import MARGIN, SIZES, Problem
 from stiffscope.gap.inference.lack_of_fit import lack_of_fit
 from stiffscope.gap.inference.posterior_samples import draw_samples, write_posterior
 from stiffscope.gap.inference.priors import SPARSE, Spreads, spread_priors
@@ -97,6 +98,17 @@ def test_readings_far_more_certain_than_others_leave_inner_products_definite():
     priors = [spread_priors(np.ones(1), np.zeros(1, bool), SIZES)] * x.shape[1]
     found = posterior(errors, x[:, 0], x, priors, np.zeros(len(priors), bool))
     assert np.linalg.eigvalsh(found.covariance)[0] > 0.0
+
+
+def test_parameters_that_are_summed_over_leave_the_gaussian_of_the_readings():
+    rng = np.random.default_rng(7)
+    x, y, scales = rng.standard_normal((9, 4)), rng.standard_normal(9), np.array([0.3, 2.0, 1.0, 40.0])
+    all_of = np.column_stack([x, y])
+    gone = np.array([True, True, False, True, False])
+    left, log = eliminate((all_of.T @ all_of)[None], gone, scales[gone[:4]])
+    whole = np.eye(9) + x[:, gone[:4]] @ np.diag(scales[gone[:4]] ** 2) @ x[:, gone[:4]].T
+    assert left[0] == pytest.approx(all_of[:, ~gone].T @ np.linalg.solve(whole, all_of[:, ~gone]))
+    assert log == pytest.approx(-0.5 * np.linalg.slogdet(whole)[1])
 
 
 def test_prior_sizes_are_averaged_effect_by_effect():
@@ -666,6 +678,38 @@ def test_a_fit_from_afar_ends_where_one_from_nearby_does():
     assert afar.values == pytest.approx(near.values, abs=0.05 * float(near.covariance[0, 0] ** 0.5))
 
 
+@dataclass(frozen=True)
+class ProductModel(LinearModel):
+    """Many errors, all multiplied by one gain: ``nominal + (1 + g) X u``."""
+
+    def predict(self, parameters=()):
+        many, gain = self.library
+        given = {c.name: np.array(values) for c, values in parameters}
+        u, g = given.get(many.name, np.zeros(len(many.scale))), float(given.get(gain.name, [0.0])[0])
+        x = self.signatures[many.name]
+        columns = {many.name: (1.0 + g) * x, gain.name: (x @ u)[:, None]}
+        return LinearPrediction(self.nominal + (1.0 + g) * (x @ u), columns)
+
+
+@pytest.mark.parametrize("size", [0.3, 3.0])
+def test_a_gain_on_what_is_found_promises_no_smaller_errors(size):
+    """To first order it makes all errors vanish, for which a tiny prior size would be the likeliest.
+
+    It explains nothing: ln of its evidence is its prior odds and Occam's factor, -5 to -20 (180 and -60,000 before).
+    """
+    rng = np.random.default_rng(4)
+    model = linear_model(rng, poses=10, loads=8, effects=2, parameters=(40, 1))
+    many, gain = model.library
+    many = replace(many, parts=many.names)
+    gain = replace(gain, scale=(0.05,), plausible=((-0.3, 0.4),), bounds=(-0.8, 50.0))
+    model = ProductModel(model.campaign, model.nominal, model.signatures, (many, gain))
+    value = model.campaign.value + model.signatures[many.name] @ (size * rng.standard_normal(40))
+    problem = Problem(replace(model, campaign=replace(model.campaign, value=value)), model.noise())
+    alone, both = (problem.fit(chosen, np.zeros(k)) for chosen, k in (((many,), 40), ((many, gain), 41)))
+    assert -20.0 < both.evidence - alone.evidence < -5.0
+    assert problem.reweigh(both) == pytest.approx(both.evidence)
+
+
 def test_what_a_fit_leaves_is_what_its_parameters_leave():
     """To first order, and at a bound, it would be what the model does not say, or cannot."""
     model = linear_model(np.random.default_rng(5), poses=6, loads=6, effects=1, parameters=(1,))
@@ -678,7 +722,7 @@ def test_what_a_fit_leaves_is_what_its_parameters_leave():
         fit = problem.fit([effect], np.zeros(1))
         predicted = model.predict(fit.parameters).values
         assert fit.residual == pytest.approx((value - predicted) / model.campaign.sigma, abs=1e-9)
-        assert fit.stuck == (truth > 2.0)
+        assert (fit.short > MARGIN) == (truth > 2.0)
 
 
 def test_units_of_parameters_change_neither_what_is_held_out_nor_what_is_drawn():

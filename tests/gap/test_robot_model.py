@@ -271,6 +271,25 @@ def _noise(c):
     return Noise(c.sigma, np.ones(len(c), dtype=bool), np.zeros(len(c), dtype=bool), np.ones(1))
 
 
+def test_an_inclinometer_on_the_ground_turns_with_what_the_base_yields():
+    """By its compliance times the moment of a hung weight about the origin."""
+    robot = nominal("serial-arm")
+    level = Sensor("level", "ground", (0.0, 1.0, 0.0), measures="rotation")
+    p = np.array(list(robot.robot.poses.values()))[:1]
+    campaign = Campaign(
+        "serial-arm", ("gravity",), "beam", ("p",), p, np.zeros(1, int),
+        np.array([[0, 0, -50.0, 0, 0, 0]]), np.array([4]),
+        np.zeros(1), np.full(1, 1e-6), ("",), np.zeros(1), ("readings.csv",), np.zeros(1), np.array([2]),
+        coordinates=robot.mechanism.tool.pose, sensors=(level,), sensor=np.array([0]), load=np.array([-1]),
+    )  # fmt: skip
+    model = RobotModel(campaign, robot)
+    assert model.predict().values == pytest.approx([0.0], abs=1e-15)
+    base = next(c for c in model.library if c.name == "base-compliance @ base")
+    here = configure(robot.mechanism, p).tool[0, :3]
+    slope = model.predict().columns(base)[0, base.names.index("ry")]
+    assert slope == pytest.approx(np.cross(here, [0, 0, -50.0])[1])
+
+
 def test_what_is_on_no_body_or_at_no_pose_is_refused():
     robot = nominal("delta")
     c = readings(robot)

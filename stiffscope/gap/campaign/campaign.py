@@ -19,13 +19,9 @@ from stiffscope.gap.campaign.quantities import (
 )
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from stiffscope.robot.file.parse import Source
+    from stiffscope.runtime.types import Array, Flags, Indices
 
-    Array = NDArray[np.float64]
-    Codes = NDArray[np.int64]
-    Flags = NDArray[np.bool_]
 
 AT_TOOL = -1
 """Code of no sensor, a quantity at M; and of no load point, a wrench at M."""
@@ -36,7 +32,7 @@ def _read_only(array: Any) -> Any:
     return array
 
 
-def _no_codes() -> Codes:
+def _no_codes() -> Indices:
     return np.zeros(0, dtype=np.int64)
 
 
@@ -114,32 +110,32 @@ class Campaign:
     pose_names: tuple[str, ...]
     poses: Array
     """(p, k) commanded coordinates; NaN where poses are labels."""
-    pose: Codes
+    pose: Indices
     """(n,) which pose."""
     wrench: Array
     """(n, 6) stated wrench at M or at its load's point; NaN for stiffnesses and frequencies, zero where unloaded."""
-    quantity: Codes
+    quantity: Indices
     """(n,) position in `QUANTITIES`; of a sensor's reading that of its kind and of the axis nearest to it."""
     value: Array
     sigma: Array
     """(n,) standard uncertainty; NaN: unknown."""
     session_names: tuple[str, ...]
-    session: Codes
+    session: Indices
     """(n,) which session."""
     files: tuple[str, ...]
-    file: Codes
+    file: Indices
     """(n,) which file a reading came from."""
-    line: Codes
+    line: Indices
     """(n,) on which line it stands."""
     predictions: dict[str, Array] = field(default_factory=dict[str, "Array"])
     """Predicted values (n,): the model under test under `value`, its rivals under their columns' names."""
     coordinates: tuple[str, ...] = AXES[:3]
     """Names of the k commanded coordinates: those of the tool pose, or `q:JOINT`."""
     sensors: tuple[Sensor, ...] = field(default_factory=tuple[Sensor, ...])
-    sensor: Codes = field(default_factory=_no_codes)
+    sensor: Indices = field(default_factory=_no_codes)
     """(n,) position in `sensors`; `AT_TOOL` for quantities at M."""
     loads: tuple[LoadPoint, ...] = field(default_factory=tuple[LoadPoint, ...])
-    load: Codes = field(default_factory=_no_codes)
+    load: Indices = field(default_factory=_no_codes)
     """(n,) position in `loads`; `AT_TOOL` for a wrench at M."""
     frames: tuple[InstrumentFrame, ...] = field(default_factory=tuple[InstrumentFrame, ...])
     """Those that the sensors name."""
@@ -165,7 +161,7 @@ class Campaign:
         """Return the number of readings."""
         return len(self.value)
 
-    def select(self, rows: Codes) -> Campaign:
+    def select(self, rows: Indices) -> Campaign:
         """The campaign with some of its readings (r,)."""
         each = ("pose", "wrench", "quantity", "value", "sigma", "session", "file", "line", "sensor", "load")
         predictions = {name: values[rows] for name, values in self.predictions.items()}
@@ -174,32 +170,32 @@ class Campaign:
         return replace(self, predictions=predictions, expected=expected, **chosen)
 
     @property
-    def kind(self) -> Codes:
+    def kind(self) -> Indices:
         """(n,) position in `KINDS`."""
         return kind_of(self.quantity)
 
     @property
-    def direction(self) -> Codes:
+    def direction(self) -> Indices:
         """(n,) 0 to 5: x y z rx ry rz, of a sensor the nearest; 0 for frequencies."""
         return np.where(self.kind == FREQUENCY, 0, self.quantity % 6)
 
     @property
-    def relative(self) -> NDArray[np.bool_]:
+    def relative(self) -> Flags:
         """(n,) whether a reading's error is judged by its own size: stiffnesses, pushes, frequencies."""
         return (self.kind >= STIFFNESS) & (self.kind < POSITION)
 
     @property
-    def is_motion(self) -> NDArray[np.bool_]:
+    def is_motion(self) -> Flags:
         """(n,) whether a reading is of a motion: deflections, deviations, positions."""
         return (self.kind <= DEVIATION) | (self.kind == POSITION)
 
     @property
-    def shows_rest(self) -> NDArray[np.bool_]:
+    def shows_rest(self) -> Flags:
         """(n,) whether a reading shows the weight and errors of the geometry: deviations, positions."""
         return (self.kind == DEVIATION) | (self.kind == POSITION)
 
     @property
-    def kind_numbers(self) -> Codes:
+    def kind_numbers(self) -> Indices:
         """(n,) small numbers that readings of one kind by one instrument share."""
         plain = np.where(self.kind == FREQUENCY, 2 * FREQUENCY, 2 * self.kind + self.direction // 3)
         key = np.where(self.sensor >= 0, 10 + 2 * self.sensor + self.shows_rest, plain)
@@ -227,7 +223,7 @@ class Campaign:
         return (*(sensor.name for sensor in self.sensors), *AXES, "f")
 
     @property
-    def channel(self) -> Codes:
+    def channel(self) -> Indices:
         """(n,) position in `instruments`."""
         at_tool = len(self.sensors) + np.where(self.kind == FREQUENCY, len(AXES), self.direction)
         return np.where(self.sensor >= 0, self.sensor, at_tool)

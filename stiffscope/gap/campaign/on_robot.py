@@ -80,7 +80,7 @@ def _check_bodies(campaign: Campaign, robot: RobotFile) -> None:
         section = sensor.target or sensor.name
         check(sensor.body, "sensors", section, "body", moves=False)
         check(sensor.against, "sensors", section, "against", moves=False)
-        if sensor.body == sensor.against:
+        if sensor.body == sensor.against and (sensor.body != GROUND or sensor.measures != "rotation"):
             key = "sensors", section, "against"
             raise campaign.refuse(key, f"expected another body than {sensor.body}, got the same")
     for load in campaign.loads:

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from stiffscope.runtime.types import Indices
 
-    Codes = NDArray[np.int64]
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
@@ -30,6 +29,6 @@ FIRST_POSITION = len(QUANTITIES)
 """Code of a position along x in an instrument's own frame, or of a distance; it has no word, only a sensor."""
 
 
-def kind_of(quantity: Codes) -> Codes:
+def kind_of(quantity: Indices) -> Indices:
     """Position in `KINDS` of quantities by their codes (n,)."""
     return np.where(quantity >= FIRST_POSITION, POSITION, np.minimum(quantity // 6, FREQUENCY))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,13 +14,10 @@ from stiffscope.gap.forward.forward_model import Candidate, Noise, Trial
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.forward.forward_model import Parameters
+    from stiffscope.runtime.types import Array, Flags
 
-    Array = NDArray[np.floating[Any]]
-    Flags = NDArray[np.bool_]
 
 PRIOR_SCALE = 0.2  # of a scale's distance from one
 PLAUSIBLE = (0.5, 2.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -14,13 +14,10 @@ from stiffscope.effects.unit import Unit
 from stiffscope.gap.forward.forward_model import Noise
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.forward.forward_model import ForwardModel
+    from stiffscope.runtime.types import Array, Flags
 
-    Array = NDArray[np.floating[Any]]
-    Flags = NDArray[np.bool_]
 
 OUTLYING = 6.0  # robust standard deviations
 PASSES = 6

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,14 +20,12 @@ from stiffscope.vjm.mechanism import Change
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from numpy.typing import NDArray
-
     from stiffscope.effects.effect import Changes
     from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
     from stiffscope.gap.forward.robot_readings import RobotReadings
+    from stiffscope.runtime.types import Array, Indices
     from stiffscope.vjm.joints import Joint
 
-    Array = NDArray[np.floating[Any]]
 
 _FULL_FORCE = 0.2  # share of the largest force in a drive from which its friction is overcome
 _SPRING = 1e6  # N/m: a spring towards the frame, times the parameter
@@ -177,7 +175,7 @@ def _stretch(body: str, middle: Array, held: Sequence[Joint], prediction: RobotR
     return np.where(still[:, None], columns, 0.0)
 
 
-def _by_channel(read: NDArray[np.int64], prediction: RobotReadings, size: Array) -> Array:
+def _by_channel(read: Indices, prediction: RobotReadings, size: Array) -> Array:
     """Columns (n, k): ``size`` (n,) in each of the instruments and directions read (k,)."""
     c = prediction.campaign
     return np.where(c.kind <= DEVIATION, size, 0.0)[:, None] * (c.channel[:, None] == read)
@@ -192,11 +190,11 @@ def _time(prediction: RobotReadings) -> Array:
     return time
 
 
-def _drift(read: NDArray[np.int64], prediction: RobotReadings) -> Array:
+def _drift(read: Indices, prediction: RobotReadings) -> Array:
     return _by_channel(read, prediction, _time(prediction))
 
 
-def _apart(read: NDArray[np.int64], prediction: RobotReadings) -> Array:
+def _apart(read: Indices, prediction: RobotReadings) -> Array:
     return _by_channel(read, prediction, np.ones(len(prediction.campaign)))
 
 

@@ -6,7 +6,7 @@ hypotheses; the discrepancy enters them by Woodbury's identity.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, cast
@@ -17,18 +17,15 @@ from scipy.special import erfc, erfcx  # pyright: ignore[reportMissingTypeStubs,
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
-
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.forward.forward_model import Noise
     from stiffscope.gap.inference.priors import Spreads
+    from stiffscope.runtime.types import Array, Flags, Indices
 
-    Array = NDArray[np.floating[Any]]
-    Flags = NDArray[np.bool_]
-    Codes = NDArray[np.int64]
 
 DISCREPANCIES = np.geomspace(1e-3, 0.1, 5)  # sizes relative to the readings
 _PARALLEL = 1e-12  # of the larger squared length, below which two features of a group are one
+_ROUNDING = 1e-12  # relative, by which inner products are kept definite
 _SWEEPS = 2  # over the effects, for their prior scales
 _NEGLIGIBLE = 1e-9  # probability of what takes no part in a covariance
 
@@ -56,7 +53,7 @@ class Errors:
     """
 
     noise: Noise
-    group: Codes
+    group: Indices
     """(n,) which pair of features covers a reading."""
     shape: Array
     """(n, 2) the features' values."""
@@ -96,13 +93,8 @@ class Errors:
 
     def inner_at(self, setting: int, columns: Array) -> Array:
         """Inner products (c, c) of columns (n, c) in one setting."""
-        one = Errors(
-            self.noise,
-            self.group,
-            self.shape,
-            self.norms,
-            *(v[setting : setting + 1] for v in (self.factors, self.sizes, self.log_weight)),
-        )
+        here = slice(setting, setting + 1)
+        one = replace(self, factors=self.factors[here], sizes=self.sizes[here], log_weight=self.log_weight[here])
         projected = one.project(columns)
         return one.inner(projected, projected)[0]
 
@@ -140,7 +132,7 @@ def _without_scatter(c: Campaign, noise: Noise) -> Array:
     return mean[same]
 
 
-def _features(c: Campaign, noise: Noise) -> tuple[Codes, Array, Array]:
+def _features(c: Campaign, noise: Noise) -> tuple[Indices, Array, Array]:
     """Group of each reading (n,), its two features (n, 2) made orthogonal within the group, their squared lengths."""
     axis = c.kind * 6 + c.direction
     group = np.unique(np.where(noise.used, c.pose * (axis.max() + 1) + axis, -1), return_inverse=True)[1].ravel()
@@ -216,18 +208,25 @@ def posterior(errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], pos
     inner, k = errors.inner(projected, projected), x.shape[1]
     grams, pulls, totals = inner[:, :k, :k], inner[:, :k, k], inner[:, k, k]
     ends = np.cumsum([0, *(prior.scales.shape[1] for prior in priors)])
-    own: list[Codes] = [np.arange(start, end) for start, end in pairwise(ends.tolist())]
+    own: list[Indices] = [np.arange(start, end) for start, end in pairwise(ends.tolist())]
 
     def logs_of(scales: Array) -> Array:
         """Ln evidence (s,) for prior scales (s, k)."""
         return _sum(log_evidences(grams, pulls, totals, errors.log_weight, scales, positive)[0], axis=0)
+
+    def alone(chosen: Array, mine: Indices, scales: Array) -> Array:
+        """The same where only some scales change, to (s, m): the other parameters are summed over once."""
+        gone = ~np.isin(np.arange(k + 1), [*mine, k])
+        left, log = eliminate(inner, gone, chosen[gone[:-1]])
+        rest = left[:, :-1, :-1], left[:, :-1, -1], left[:, -1, -1]
+        return _sum(log_evidences(*rest, errors.log_weight + log, scales, positive[mine])[0], axis=0)
 
     chosen, averaging = _likeliest_together(priors, logs_of), 0.0
     for _ in range(_SWEEPS if len(priors) > 1 else len(priors)):
         averaging, before = 0.0, chosen
         for prior, mine in zip(priors, own, strict=True):
             tried = _with(chosen, mine, prior.scales)
-            logs = logs_of(tried)
+            logs = logs_of(tried) if positive.any() else alone(chosen, mine, prior.scales)
             best = int(np.argmax(logs + prior.log_weight))
             chosen = tried[best]
             averaging += float(_sum(logs + prior.log_weight) - logs[best])
@@ -247,17 +246,23 @@ def posterior(errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], pos
             wider[mine] = np.sqrt(variance / np.diagonal(covariance)).clip(min=1.0)[mine]
         return wider[:, None] * covariance * wider
 
-    return Posterior(
-        float(_sum(log[:, 0])) + averaging,
-        mean,
-        find_covariance,
-        chosen,
-        averaging,
-        share,
-        float(_sum(log[errors.sizes == 0.0, 0])) + averaging,
-        float(np.exp(share @ np.log(errors.factors))),
-        float(np.sqrt(share @ errors.sizes**2)),
-    )
+    whole, plain = (float(_sum(logs)) + averaging for logs in (log[:, 0], log[errors.sizes == 0.0, 0]))
+    factor, size = float(np.exp(share @ np.log(errors.factors))), float(np.sqrt(share @ errors.sizes**2))
+    return Posterior(whole, mean, find_covariance, chosen, averaging, share, plain, factor, size)
+
+
+def eliminate(inner: Array, gone: Flags, scales: Array) -> tuple[Array, Array]:
+    """Inner products (q, l, l) of what is left where normal parameters (g,) of prior scales are summed over.
+
+    The last column is the readings. Also what that adds to ln of the evidence (q,).
+    """
+    wide = scales[:, None] * inner[:, gone]
+    whole = wide[:, :, gone] * scales + np.eye(len(scales))
+    beside = wide[:, :, ~gone]
+    rest = inner[:, ~gone][:, :, ~gone]
+    left = rest - np.swapaxes(beside, 1, 2) @ np.linalg.solve(whole, beside)
+    left[:, :-1, :-1] += _ROUNDING * np.eye(rest.shape[1] - 1) * rest[:, :-1, :-1]
+    return left, -0.5 * np.linalg.slogdet(whole)[1]
 
 
 def _likeliest_together(priors: Sequence[Spreads], logs_of: Callable[[Array], Array]) -> Array:
@@ -267,7 +272,7 @@ def _likeliest_together(priors: Sequence[Spreads], logs_of: Callable[[Array], Ar
     return tried[int(np.argmax(logs_of(tried)))]
 
 
-def _with(chosen: Array, mine: Codes, scales: Array) -> Array:
+def _with(chosen: Array, mine: Indices, scales: Array) -> Array:
     """Prior scales (s, k): those chosen (k,), with some of them in turn from (s, m)."""
     tried = np.repeat(chosen[None], len(scales), axis=0)
     tried[:, mine] = scales
@@ -320,7 +325,7 @@ def log_evidences(
     """
     wide = scales[..., None, :, :]  # (..., 1, s, k)
     cores = wide[..., :, None] * grams[..., :, None, :, :] * wide[..., None, :]
-    cores = cores + np.eye(scales.shape[-1]) * (1.0 + 1e-12 * np.trace(cores, axis1=-2, axis2=-1))[..., None, None]
+    cores = cores + np.eye(scales.shape[-1]) * (1.0 + _ROUNDING * np.trace(cores, axis1=-2, axis2=-1))[..., None, None]
     b = wide * pulls[..., :, None, :]
     u, free = constrained_minima(cores, b, positive)
     fit = 2.0 * np.sum(u * b, axis=-1) - np.einsum("...i,...ij,...j->...", u, cores, u)

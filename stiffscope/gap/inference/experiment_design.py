@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,12 +13,10 @@ from stiffscope.gap.inference.diagnosis import NextMeasurement
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from numpy.typing import NDArray
-
     from stiffscope.gap.forward.forward_model import Trial
     from stiffscope.gap.inference.hypothesis import Hypothesis
+    from stiffscope.runtime.types import Array
 
-    Array = NDArray[np.floating[Any]]
     Predicted = tuple[Array, Array, Array]
 
 WORTHWHILE = 1.0  # expected ln-odds from which a reading is worth taking

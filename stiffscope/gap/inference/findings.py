@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,15 +16,11 @@ from stiffscope.gap.inference.search import Search
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.forward.forward_model import Candidate, ForwardModel, Noise
     from stiffscope.gap.inference.hypothesis import Hypothesis
-    from stiffscope.gap.inference.search import Progress
+    from stiffscope.runtime.types import Array, Flags, Progress
 
-    Array = NDArray[np.floating[Any]]
-    Flags = NDArray[np.bool_]
 
 CONFUSED = 2  # other effects at most that one is said to be confused with
 COMPETING = 0.02  # probability, over that of the best, from which a hypothesis still competes with it
@@ -54,7 +50,7 @@ class Findings:
     hypotheses: tuple[Hypothesis, ...]
     probability: tuple[float, ...]
     fitted: dict[frozenset[tuple[str, int]], Hypothesis]
-    """All that were fitted, by their `forms`; under other priors they count as they are."""
+    """All that were fitted, by `forms_of` their effects; under other priors they count as they are."""
 
     @property
     def model(self) -> ForwardModel:
@@ -83,7 +79,7 @@ class Findings:
 
     @cached_property
     def _residual_weights(self) -> Array:
-        return self.problem.noise.weigh_residuals(self.best.noise_factor)
+        return self.problem.noise.weigh_residuals(self.best.known.noise_factor)
 
     @cached_property
     def sigma(self) -> Array:
@@ -288,7 +284,7 @@ def find(model: ForwardModel, progress: Progress | None = None) -> Findings:
     distinct: dict[frozenset[str], Hypothesis] = {}
     for hypothesis in Search(problem, progress).hypotheses():  # the best fit of every set of effects
         distinct.setdefault(hypothesis.names, hypothesis)
-    fitted = {h.forms: h for h in distinct.values() if h.converged}
+    fitted = {forms_of(h.candidates): h for h in distinct.values() if h.converged}
     return _rank_hypotheses(problem, [(h, h.evidence) for h in distinct.values()], fitted)
 
 
@@ -310,7 +306,7 @@ def _without_copies(c: Campaign, noise: Noise) -> Noise:
     return replace(noise, used=noise.used & once, remarks=(*noise.remarks, remark))
 
 
-def copies(c: Campaign) -> tuple[NDArray[np.bool_], str]:
+def copies(c: Campaign) -> tuple[Flags, str]:
     """Which readings (n,) are not copies of others, and a line that names the copies; empty where there are none."""
     words = [c.pose, c.quantity, c.sensor, c.load, c.session]
     cell = np.column_stack([*words, np.nan_to_num(c.wrench), np.nan_to_num(c.sigma)])

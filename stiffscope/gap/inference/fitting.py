@@ -6,7 +6,7 @@ from collections import Counter
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,19 +15,16 @@ from stiffscope.errors import InputError
 from stiffscope.gap.inference.evidence import constrained_minima, errors_of, posterior
 from stiffscope.gap.inference.hypothesis import Hypothesis, bound_parameters, positive_of, scale_of, split
 from stiffscope.gap.inference.plausibility import implausible
-from stiffscope.gap.inference.priors import spread_groups, spread_priors
+from stiffscope.gap.inference.priors import choose_near, spread_groups, spread_priors
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from stiffscope.gap.forward.forward_model import Candidate, ForwardModel, Noise, Prediction
     from stiffscope.gap.inference.evidence import Errors, Posterior, Projection
     from stiffscope.gap.inference.priors import Spreads
-    from stiffscope.runtime.types import Flags
+    from stiffscope.runtime.types import Array, Flags
 
-    Array = NDArray[np.floating[Any]]
 
 PRIOR_ODDS = 0.25  # of one effect more, shared by the words of the vocabulary and by their places
 UNKNOWN = 0.1  # of these odds, those of an unknown cause, shared by the kinds of patterns and by their places
@@ -41,6 +38,7 @@ _CONVERGED = 1e-3  # of the cost, χ² with the prior's: a step that lowers it b
 _SETTLED = 0.05  # and one by less than this is the last
 _REPEATED = 4  # descents more at most, each in the sizes that the one before makes the likeliest
 _DAMPING = (1.0, 0.5, 0.25, 0.1, 0.02)
+_FAR = 4.0  # standard deviations squared from where a posterior is linearized, for which it must not count
 _SLIGHT = 1.0  # of the cost, what a step promises that is not worth much damping
 _UNASSEMBLABLE = "a parameter is outside the assemblable range"
 
@@ -132,15 +130,19 @@ class Problem:
         strange = sum(bool(implausible(c, hypothesis)) for c in hypothesis.words)
         return self.log_prior(hypothesis.candidates) + strange * float(np.log(STRANGE))
 
-    def posterior(self, candidates: Sequence[Candidate], y: Array, x: Array) -> Posterior:
-        """Posterior of the parameters of ``y = X u + errors``, without the prior odds of the set."""
+    def posterior(self, candidates: Sequence[Candidate], y: Array, x: Array, near: Array | None = None) -> Posterior:
+        """Posterior of the parameters of ``y = X u + errors``, without the prior odds of the set.
+
+        near: (k,) prior scales, near which alone others are looked for.
+        """
         priors = [spread for c in candidates if c.scale for spread in self.spreads_of(c)]
-        return posterior(self.errors, y, x, priors, positive_of(candidates))
+        return posterior(self.errors, y, x, choose_near(priors, near), positive_of(candidates))
 
     def reweigh(self, hypothesis: Hypothesis) -> float:
         """Ln of evidence times prior odds of a hypothesis that was fitted under another prior."""
-        known = self.posterior(hypothesis.candidates, hypothesis.linear, hypothesis.slopes)
-        return known.log_evidence + self.log_odds(hypothesis)
+        near = hypothesis.known.scales if hypothesis.local else None
+        known = self.posterior(hypothesis.candidates, hypothesis.linear, hypothesis.slopes, near)
+        return known.log_evidence - 0.5 * hypothesis.short + self.log_odds(hypothesis)
 
     def fit(
         self, candidates: Sequence[Candidate], start: Array, target: float = -np.inf, origin: Array | None = None
@@ -177,6 +179,7 @@ class Problem:
             if again[3] < short:
                 u, residual, slopes, short = again
         known = self.posterior(candidates, residual + slopes @ u, slopes)
+        states = [(u, residual, slopes, short, scales)]
         seen = {(setting, scales.tobytes())}
         for _ in range(_REPEATED):  # what the start left may have looked like a discrepancy, or like a larger one
             setting, scales = int(np.argmax(known.settings)), known.scales
@@ -185,10 +188,23 @@ class Problem:
                 break
             seen.add((setting, scales.tobytes()))
             u, residual, slopes, short = self._descend(candidates, u, residual, slopes, setting, scales)
+            states.append((u, residual, slopes, short, scales))
             known = self.posterior(candidates, residual + slopes @ u, slopes)
+        local = self._find_distance(known, u, residual, slopes) > _FAR
+        if local:  # derivatives promise what sizes far from those of the fit would bring, and the fit does not find
+            known, (u, residual, slopes, short, _) = max(
+                ((self.posterior(candidates, r + x @ v, x, near), (v, r, x, s, near)) for v, r, x, s, near in states),
+                key=lambda item: item[0].log_evidence - 0.5 * item[1][3],
+            )
         log = known.log_evidence - 0.5 * short
-        found = Hypothesis(split(candidates, u), residual, slopes, log, known, stuck=short > MARGIN)
+        found = Hypothesis(split(candidates, u), residual, slopes, log, known, short=short, local=local)
         return replace(found, evidence=log + self.log_odds(found))
+
+    def _find_distance(self, known: Posterior, u: Array, residual: Array, slopes: Array) -> float:
+        """How far the mean of a posterior is from where it is linearized, in standard deviations, squared."""
+        inner, k = self.errors.inner_at(int(np.argmax(known.settings)), np.column_stack([slopes, residual])), len(u)
+        away = known.mean - u
+        return float(away @ (inner[:k, :k] + np.diag(known.scales**-2.0)) @ away)
 
     @cached_property
     def _nominal_evidence(self) -> float:

@@ -11,13 +11,9 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from numpy.typing import NDArray
-
     from stiffscope.gap.forward.forward_model import Candidate, Parameters
     from stiffscope.gap.inference.evidence import Posterior
-
-    Array = NDArray[np.floating[Any]]
-    Flags = NDArray[np.bool_]
+    from stiffscope.runtime.types import Array, Flags
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +30,10 @@ class Hypothesis:
     known: Posterior
     converged: bool = True
     """False where the fit was given up, far behind a better one."""
-    stuck: bool = False
-    """Whether first order promises what cannot be assembled."""
+    short: float = 0.0
+    """By how much χ² with the prior's stays above what first order promises, but nothing that can be assembled has."""
+    local: bool = False
+    """Whether only prior sizes near those of the fit count: what others promise to first order is not there."""
 
     @property
     def plain_score(self) -> float:
@@ -51,11 +49,6 @@ class Hypothesis:
     def candidates(self) -> tuple[Candidate, ...]:
         """Effects in it."""
         return tuple(candidate for candidate, _ in self.parameters)
-
-    @cached_property
-    def forms(self) -> frozenset[tuple[str, int]]:
-        """See `forms_of`."""
-        return forms_of(self.candidates)
 
     @property
     def words(self) -> tuple[Candidate, ...]:
@@ -80,11 +73,6 @@ class Hypothesis:
     def widen_covariance(self, factor: float) -> Hypothesis:
         """The same with a covariance so many times as large."""
         return replace(self, known=replace(self.known, find_covariance=lambda: factor * self.covariance))
-
-    @property
-    def noise_factor(self) -> float:
-        """The common unknown factor on the noise."""
-        return self.known.noise_factor
 
     @cached_property
     def linear(self) -> Array:

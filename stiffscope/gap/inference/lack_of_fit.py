@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import chdtrc  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from stiffscope.gap.inference.findings import Findings
     from stiffscope.gap.inference.hypothesis import Hypothesis
+    from stiffscope.runtime.types import Array, Indices
 
-    Array = NDArray[np.floating[Any]]
 
 SIGNIFICANCE = 1e-3  # of the χ² tests
 CORROBORATED = 0.05  # significance of χ² in all that suffices where residuals are correlated within groups
@@ -80,7 +78,7 @@ def _tail(total: float, dof: int) -> float:
     return float(chdtrc(max(dof, 1), total))
 
 
-def _of_group_means(r: Array, group: NDArray[np.int64], x: Array) -> tuple[float, int]:
+def _of_group_means(r: Array, group: Indices, x: Array) -> tuple[float, int]:
     """χ² of the groups' mean residuals, the directions of the fit projected out, and its degrees of freedom."""
     _, index, count = np.unique(group, return_inverse=True, return_counts=True)
     root = np.sqrt(count)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from scipy.optimize import nnls  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
@@ -13,13 +13,11 @@ from stiffscope.gap.inference.residuals import by_direction, by_pose, by_sensor
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from numpy.typing import NDArray
-
     from stiffscope.gap.forward.forward_model import Candidate
     from stiffscope.gap.inference.findings import Findings
     from stiffscope.gap.inference.hypothesis import Hypothesis
+    from stiffscope.runtime.types import Array
 
-    Array = NDArray[np.floating[Any]]
 
 _SHOWN = 1e-3  # least share of a component
 

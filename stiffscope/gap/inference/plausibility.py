@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from stiffscope.gap.forward.forward_model import Candidate
     from stiffscope.gap.inference.hypothesis import Hypothesis
+    from stiffscope.runtime.types import Array
 
-    Array = NDArray[np.floating[Any]]
 
 SIGNIFICANT = 3.0  # standard deviations by which a parameter must leave its plausible range to count
 

@@ -22,9 +22,8 @@ if TYPE_CHECKING:
     from stiffscope.gap.forward.forward_model import Candidate
     from stiffscope.gap.inference.findings import Findings
     from stiffscope.gap.inference.hypothesis import Hypothesis
+    from stiffscope.runtime.types import Array, Flags
 
-    Array = NDArray[np.floating[Any]]
-    Flags = NDArray[np.bool_]
 
 CHAINS, DRAWS = 4, 500
 PREDICTED = 400_000  # numbers of the predictive draws at most in each chain

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 SPARSE = 1.0 / 3.0  # of an effect's weight, those of its parameters of which some are zero
 _ABSENT = 1e-6  # times its unit, what a parameter that is zero may still be
+_SAME = 1e-6  # ln of the ratio of two sizes that are one
 _MOST_APART = 3  # parameters of which any may be zero
 
 
@@ -74,6 +75,20 @@ def spread_priors(scale: Array, positive: Flags, sizes: Array) -> Spreads:
     left = sizes[:, None] * np.where(few, scale, _ABSENT * scale)[:, None, :]
     scales = np.concatenate([whole, left.reshape(-1, len(scale))])
     return Spreads(scales, np.concatenate([np.log1p(-SPARSE) + log, (share[:, None] + log).ravel()]))
+
+
+def choose_near(priors: Sequence[Spreads], near: Array | None) -> Sequence[Spreads]:
+    """Of each prior the scales nearest to some (k,) of all parameters; by default all."""
+    if near is None:
+        return priors
+    out: list[Spreads] = []
+    for prior in priors:
+        count = prior.scales.shape[1]
+        own, near = near[:count], near[count:]
+        away = np.abs(np.log(prior.scales / own)).max(axis=1, initial=0.0)
+        kept = away <= away.min() + _SAME
+        out.append(Spreads(prior.scales[kept], prior.log_weight[kept]))
+    return out
 
 
 @cache

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,13 +11,8 @@ from stiffscope.gap.campaign.quantities import AXES, FREQUENCY, POSITION
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from stiffscope.gap.campaign.campaign import Campaign
-
-    Array = NDArray[np.floating[Any]]
-    Flags = NDArray[np.bool_]
-    Codes = NDArray[np.int64]
+    from stiffscope.runtime.types import Array, Flags, Indices
 
 
 def _percent(stiff: Flags, relative: Array, weighted: Array, scale: Array) -> float:
@@ -89,7 +84,7 @@ def by_sensor(campaign: Campaign, normalized: Array) -> dict[str, float]:
     return {name: share for k, (name, share) in enumerate(shares.items()) if k in read}
 
 
-def _shares(names: Sequence[str], which: Codes, normalized: Array) -> dict[str, float]:
+def _shares(names: Sequence[str], which: Indices, normalized: Array) -> dict[str, float]:
     totals = np.bincount(which, weights=normalized**2, minlength=len(names))
     return {name: float(share) for name, share in zip(names, totals / max(totals.sum(), 1e-300), strict=True)}
 

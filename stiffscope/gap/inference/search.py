@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,16 +20,13 @@ from stiffscope.gap.inference.hypothesis import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-
-    from numpy.typing import NDArray
+    from collections.abc import Iterable, Sequence
 
     from stiffscope.gap.forward.forward_model import Candidate
     from stiffscope.gap.inference.evidence import Errors
     from stiffscope.gap.inference.fitting import Library, Problem
+    from stiffscope.runtime.types import Array, Flags, Progress
 
-    Array = NDArray[np.floating[Any]]
-    Progress = Callable[[str, float], None]
     Forms = frozenset[tuple[str, int]]
 
 BEAM_WIDTH = 10  # hypotheses of each size that are extended, the best,
@@ -40,7 +37,7 @@ LEAST_FITTED = 4  # however far behind to first order
 SWAPPED = 4  # others that are fitted in the place of each effect of the best set
 STRIKES = 2  # fits of a size that a flexible effect may leave at what cannot be assembled
 OBVIOUS = 2  # simple effects that are found one by one
-WIDE = 24  # sets of simple effects of each size that are extended to first order,
+WIDE = 24, 8  # sets of simple effects of each size that are extended to first order, alone and beside others,
 SKETCHED = 4  # and that are fitted
 ROUNDS = 3  # of exchanging and growing on
 RIVALS = 3  # sets, the best, in which effects are exchanged,
@@ -78,11 +75,14 @@ class Search:
         self._grow([none], fitted)
         best = fitted.best
         if len(best.candidates) > OBVIOUS or not all(c.simple for c in best.candidates):
-            for starts in self._sketches(none):
-                new = [start for start in starts if forms_of(start.candidates) not in found]
-                fit(new, _heights([none]), f"simple effects, {len(starts[0].candidates)} at once", SKETCHED)
-            if fitted.best is not best:
-                self._grow([fitted.best], fitted)
+            complex_ones = tuple(c for c in best.words if not c.simple)
+            for base in [complex_ones, ()] if complex_ones else [()]:
+                for starts in self._sketches(self._first_order(base)):
+                    new = [start for start in starts if forms_of(start.candidates) not in found]
+                    fit(new, _heights([none]), f"simple effects, {len(starts[0].candidates)} at once", SKETCHED)
+                if fitted.best is not best:
+                    self._grow([fitted.best], fitted)
+                    break
         for _ in range(ROUNDS):
             best = fitted.best
             rivals = sorted(found.values(), key=lambda h: -h.evidence)[:RIVALS]
@@ -95,19 +95,20 @@ class Search:
             self._grow(exchanged[:1], fitted)
         return sorted(found.values(), key=lambda h: -h.evidence)
 
-    def _sketches(self, none: Hypothesis) -> Iterable[list[Start]]:
-        """Sets of two simple effects, of three and so on, the best to first order, as long as they gain.
+    def _sketches(self, base: Hypothesis) -> Iterable[list[Start]]:
+        """A set with simple effects more, two at least in all, the best to first order, as long as they gain.
 
         A step of `_grow` keeps few sets, and what follows almost anything, or is like much else, crowds out a set whose
         effects explain little but together. None of these is fitted before the next step, so that many can be kept.
         """
-        kept = [none]
+        kept = [base]
         while len(kept[0].candidates) < self.problem.model.most_effects:
             starts = self._extensions(kept, simple=True)
             plain = sorted(starts, key=lambda start: -start.heights[1])
             if not starts or not _gains((starts[0].heights[0], plain[0].heights[1]), _heights(kept)):
                 return
-            starts = list(dict.fromkeys(start for pair in zip(starts, plain, strict=True) for start in pair))[:WIDE]
+            starts = list(dict.fromkeys(start for pair in zip(starts, plain, strict=True) for start in pair))
+            starts = starts[: WIDE[bool(base.names)]]
             if kept[0].names:
                 yield [replace(start, origin=np.zeros(len(start.origin))) for start in starts]
             kept = sorted((self._first_order(start.candidates) for start in starts), key=lambda h: -h.evidence)
@@ -254,7 +255,7 @@ class Search:
 class _Products:
     """Inner products of a hypothesis's columns and of all effects', many small errors of either sign summed over."""
 
-    kept: NDArray[np.bool_]
+    kept: Flags
     """(k,) which of its parameters are left."""
     inner: Array
     """(q, l+1, l+1) of these and the readings."""
@@ -322,7 +323,7 @@ class _Fitted:
             if key not in self.found or not self.found[key].converged:
                 target = max((h.plain_score for h in fits), default=-np.inf)
                 self.found[key] = self.problem.fit(start.candidates, start.values, target, start.origin)
-            if self.found[key].stuck:
+            if self.found[key].short > MARGIN:
                 strikes.update({id(c): strikes.get(id(c), 0) + 1 for c in start.candidates if c.flexible})
             fits.append(self.found[key])
         return sorted(fits, key=lambda h: -h.evidence)
