@@ -18,6 +18,7 @@ from stiffscope.gap.inference.evidence import (
 )
 from stiffscope.gap.inference.findings import find
 from stiffscope.gap.inference.fitting import MARGIN, SIZES, Problem
+from stiffscope.gap.inference.hypothesis import forms_of
 from stiffscope.gap.inference.lack_of_fit import lack_of_fit
 from stiffscope.gap.inference.posterior_samples import draw_samples, write_posterior
 from stiffscope.gap.inference.priors import SPARSE, Spreads, spread_priors
@@ -557,8 +558,9 @@ def test_an_effect_that_comes_in_two_sizes_keeps_the_one_that_was_found():
     model = replace(model, signatures=signatures, library=(*model.library, two))
     model = twin(model, "effect-1 @ place", twins=tuple(f"twin-{k} @ place" for k in range(4)))
     found = find(planted(model, e1=(-0.1,), e5=(0.5, 0.1)))
-    assert found.best.forms == {("effect-1 @ place", 1), ("effect-5 @ place", 2)}
-    assert next(h for h in found.hypotheses if h.names == {"effect-5 @ place"}).forms == {("effect-5 @ place", 1)}
+    assert forms_of(found.best.candidates) == {("effect-1 @ place", 1), ("effect-5 @ place", 2)}
+    alone = next(h for h in found.hypotheses if h.names == {"effect-5 @ place"})
+    assert forms_of(alone.candidates) == {("effect-5 @ place", 1)}
     diagnosis = conclude(found)
     (effect,) = (e for e in diagnosis.effects if e.effect == "effect-5")
     values = [p.value for p in effect.parameters.values()]
