@@ -1,0 +1,121 @@
+"""A construction robot on seven grounds: tilt of its base and of its lifting column, a prism seen by a total station.
+
+The data are the authors' and stay theirs (CC BY-NC-SA 3.0): this converts your own copy, nothing of it is kept here. Of
+https://github.com/Hilti-Research/construction_robot_stationing_datasets take `data`, then
+
+    python -m examples.measured.hilti construction_robot_stationing_datasets/data --ground pallet --out hilti
+    stiffscope campaign check hilti/pallet/fit
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomlkit
+import yaml
+
+from examples.measured.arm import split_postures
+from stiffscope.gap.campaign.writing import number_cells, write_campaign
+from stiffscope.robot.imports.import_model import import_model
+
+SOURCE = """Geometry and masses: trailblazer.urdf of Hilti-Research/construction_robot_stationing_datasets, from CAD.
+Drives: guesses, nothing is published. Standard uncertainties: the authors', from datasheets.
+Converted from the authors' dataset, which is theirs."""
+JOINTS = ("column_middle_joint", "column_top_joint", *(f"dsr_joint{k}" for k in range(1, 7)))
+MASS, COLUMN, DRIVE = "± 2 %", "20 N/um", "100 kN*m/rad ± factor 5"  # how well CAD knows masses; guesses
+PRISM, AT_PRISM, TILT = 0.75e-3, 5e-3, 4.3610059e-4 / 9.81  # m, m, rad
+INERTIAL = {"measures": "rotation", "zero": "session"}
+
+
+def read_postures(data: Path, ground: str, height: float) -> tuple[np.ndarray, np.ndarray]:
+    """Joint positions (n, 8), and readings (n, 7): turns of base and column about x and y, rad, then the prism, m."""
+    heights = yaml.safe_load((data / "datasets" / f"{ground}.yaml").read_text(encoding="utf-8"))["column_heights"]
+    stations = heights[height]["solution_spaces"].values()
+    rows = [m for s in stations for kind in ("stationing", "evaluation") for m in s[f"{kind}_measurements"]]
+    joints = np.array([row["joint_states"] for row in rows])
+    column = 0.5 * joints[:, :1] - [0.706, 0.736]  # both segments extend alike
+    up = np.array([[row["tilt_sensor_base_accel"], row["tilt_sensor_column_accel"]] for row in rows])
+    turns = np.stack([up[..., 1], -up[..., 0]], axis=2) / up[..., 2:]
+    prism = np.array([row["prism_position"] for row in rows])
+    return np.hstack([column, joints[:, 1:]]), np.hstack([turns.reshape(-1, 4), prism])
+
+
+def write_robot(urdf: Path, height: float, home: np.ndarray, path: Path) -> list[float]:
+    """Write the robot file at joint positions (8,) and a height of the column, and return where the prism is, m."""
+    path.unlink(missing_ok=True)
+    drives = ("column_*_joint=20 N/um", "dsr_joint?=100 kN*m/rad")
+    import_model(
+        urdf,
+        path,
+        drives,
+        "prism",
+        [f"{n}={q:.17g}" for n, q in zip(("column_prismatic_joint", *JOINTS), (height, *home), strict=True)],
+    )
+    robot: Any = tomlkit.parse(path.read_text(encoding="utf-8"))
+    del (
+        robot["bodies"]["column_pseudo_tip"],
+        robot["joints"]["column_prismatic_joint"],
+    )  # what its two segments add up to
+    for body in robot["bodies"].values():
+        body["mass"] = f"{body['mass']} kg {MASS}"
+    for name, joint in robot["joints"].items():
+        joint["drive"] = {"stiffness": DRIVE if name.startswith("dsr") else COLUMN}
+    path.write_text("".join(f"# {line}\n" for line in SOURCE.splitlines()) + tomlkit.dumps(robot), encoding="utf-8")
+    return [float(v) for v in robot["tool"]["at"]]
+
+
+def convert(data: Path, ground: str, height: float, folder: Path) -> int:
+    """Write the campaigns `fit` and `held-out` (every fifth posture) of a ground and a height of the column.
+
+    Returns the number of postures.
+    """
+    joints, seen = read_postures(data, ground, height)
+    home = read_postures(data, "flat", height)[0][0]
+    names = [*(f"{body}-{axis}" for body in ("base", "column") for axis in "xy"), *(f"prism.{axis}" for axis in "xyz")]
+    for name, chosen in zip(("fit", "held-out"), split_postures(len(joints)), strict=True):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+        at = write_robot(data / "trailblazer.urdf", home[0] + home[1] + 1.442, home, folder / name / "robot.toml")
+        sensors: dict[str, Any] = {
+            f"{body}-{axis}": {**INERTIAL, "body": on, "direction": np.eye(3)["xy".index(axis)].tolist()}
+            for body, on in (("base", "ground"), ("column", "column_top"))
+            for axis in "xy"
+        }
+        sensors["prism"] = {
+            "measures": "position",
+            "frame": "station",
+            "body": "dsr_link6",
+            "at": at,
+            "at_sigma": AT_PRISM,
+        }
+        header = {
+            "robot": "robot.toml",
+            "modelled": ["gravity"],
+            "frames": {"station": {"pose": "unknown"}},
+            "sensors": sensors,
+        }
+        each = np.repeat((joints - home)[chosen], len(names), axis=0)
+        columns = {f"q:{joint}": number_cells(each[:, k]) for k, joint in enumerate(JOINTS)}
+        columns["sensor"] = names * len(chosen)
+        columns["value"] = number_cells(seen[chosen].ravel())
+        columns["sigma"] = number_cells([*[TILT] * 4, *[PRISM] * 3] * len(chosen))
+        write_campaign(folder / name, header, columns, comment=SOURCE)
+    return len(joints)
+
+
+def main() -> None:
+    """Convert one dataset."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("data", type=Path)
+    parser.add_argument("--ground", default="flat")
+    parser.add_argument("--height", type=float, default=2.72, help="of the column, as the dataset names it, m")
+    parser.add_argument("--out", type=Path, required=True)
+    chosen = parser.parse_args()
+    count = convert(chosen.data, chosen.ground, chosen.height, chosen.out / chosen.ground)
+    print(f"{count} postures at a column of {chosen.height} m")
+
+
+if __name__ == "__main__":
+    main()
