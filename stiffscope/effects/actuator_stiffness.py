@@ -43,7 +43,7 @@ class ActuatorStiffness(ElementEffect):
                 each = tuple(prior._replace(name=f"{name}.{known.name}") for name in place.members)
                 yield cls(partial(_soften_each, robot, place.members)).make_candidate(
                     place, each, scale=(size,) * (1 + count), groups=(1, count), bounds=FREE,
-                    physical=lambda u: 1.0 / _grow(u), internal=_find_growth,
+                    physical=_find_factors, internal=_find_growth,
                 )  # fmt: skip
 
 
@@ -51,6 +51,10 @@ def _grow(u: Array) -> Array:
     """Factors (k,) on compliances: more by what is common ``u[0]`` and each one's own, less by as many times."""
     e = u[0] + u[1:]
     return np.where(e < 0.0, 1.0 / (1.0 - np.minimum(e, 0.0)), 1.0 + e)
+
+
+def _find_factors(u: Array) -> Array:
+    return 1.0 / _grow(u)
 
 
 def _find_growth(factors: Array) -> Array:
