@@ -364,7 +364,8 @@ class Reached:
 
         table = features(self.values)
         train = np.arange(count) % 4 > 0
-        solution = lstsq(table[train], self.q.T[train], cond=1e-12, lapack_driver="gelsy")[0]
+        found = lstsq(table[train], self.q.T[train], cond=1e-12, lapack_driver="gelsy")
+        solution = np.asarray(found[0])  # pyright: ignore[reportOptionalSubscript]
         off = np.abs(table[~train] @ solution - self.q.T[~train]) / self.solver.linkage.scale
         if float(np.quantile(off.max(axis=1), 0.9)) < _FIT:
             self.predict = lambda values: np.ascontiguousarray((features(values) @ solution).T)

@@ -175,19 +175,20 @@ def store_energy(state: Condensed, load: CondensedLoads) -> Array:
     """Twice the energy (n or 1, c, c) that loads store while the nodes left stand still; none of them an offset."""
     out: Array = np.zeros((1, load.loads.cases, load.loads.cases))
     for gone, kept in zip(state.gone, load.kept, strict=True):
-        match gone:
-            case Stiff() if any(w.any() for w in kept[0].carried):
-                for (e, _), carried in zip(gone.connection.members, kept[0].carried, strict=True):
-                    factor = state.where.columns(e)[0]
-                    if factor.shape[2]:
-                        stress = np.swapaxes(factor, -1, -2) @ (kept[1] + carried)
-                        out = out + np.swapaxes(stress, -1, -2) @ stress
-            case Eliminated() if kept is not None:
-                out = out + np.swapaxes(kept, -1, -2) @ kept
-            case Folded():
-                out = out + np.swapaxes(kept[1], -1, -2) @ gone.core @ kept[1]
-            case _:
-                pass
+        if isinstance(gone, Folded):
+            y: Array = kept[1]
+            out = out + np.swapaxes(y, -1, -2) @ gone.core @ y
+            continue
+        stresses: list[Array] = []
+        if isinstance(gone, Eliminated):
+            stresses += [] if kept is None else [kept]
+        elif any(w.any() for w in kept[0].carried):
+            for (e, _), carried in zip(gone.connection.members, kept[0].carried, strict=True):
+                factor = state.where.columns(e)[0]
+                if factor.shape[2]:
+                    stresses.append(np.swapaxes(factor, -1, -2) @ (kept[1] + carried))
+        for stress in stresses:
+            out = out + np.swapaxes(stress, -1, -2) @ stress
     return out
 
 
