@@ -135,8 +135,9 @@ def show_path(state: Along, after: Compensated | None, stresses: Sequence[PartSt
         for name, share in shares if share[k] > 5e-4
     ]  # fmt: skip
     show_table("Share of the strain energy (%)", [["element"], ["at the greatest error", "mean of the path"]], rows)
+    least = 1e-12 * np.abs(state.forces).max(initial=0.0)  # below it there are rounding errors alone
     rows = [
-        (name, f"{force.min():.4g}", f"{force.max():.4g}", unit)
+        (name, *(f"{0.0 if abs(end) < least else end:.4g}" for end in (force.min(), force.max())), unit)
         for name, force, unit in zip(state.drives, state.forces.T, state.units, strict=True)
     ]
     show_table("What the drives carry", [["drive"], ["least", "greatest", "unit"]], rows)
