@@ -72,7 +72,22 @@ def conjugate_gradients(
     That is, the last step less than ``tolerance`` / 10; or it and, if the steps go on falling as the last two did, all
     that follow less than ``LEFT`` · ``tolerance``.
 
-    Returns the motion, and whether it converged within ``limit`` steps.
+    Parameters
+    ----------
+    apply, precondition
+        Products of the matrix, and of an approximate inverse of it, with columns (n, c).
+    force, motion : (n, c)
+        Right-hand sides, and where to start.
+    tolerance
+        Share of each column's energy that may be missing.
+    limit
+        Steps at most.
+
+    Returns
+    -------
+    tuple
+        The motion (n, c), and whether it converged within ``limit`` steps.
+
     """
     motion = motion.copy()
     residual = force - apply(motion)

@@ -35,6 +35,16 @@ def find_poses(robot: RobotFile, at: Sequence[str], joints: Sequence[str]) -> As
     """Find the poses of `--at` or `--joints`; without either, those of the robot file.
 
     Needs no matrix of any part. Raises InputError for what is no pose of this robot, and for one out of reach.
+
+    Parameters
+    ----------
+    robot
+        Robot file.
+    at
+        Tool poses as texts: names of poses, or coordinates such as "0,0,350 mm".
+    joints
+        Displacements of drives from home as texts, such as "leg1.motor=10 deg"; not beside ``at``.
+
     """
     if at and joints:
         raise InputError("--joints: expected either poses with --at or drives with --joints, got both")

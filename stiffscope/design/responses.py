@@ -133,7 +133,20 @@ def of_modes(quantity: str) -> bool:
 def quantities(
     names: Collection[str], mechanism: Mechanism, found: Configurations, parts: Mapping[str, PartMatrix], mass: float
 ) -> dict[str, np.ndarray]:
-    """Values (n,) of quantities by their names of `known_units`, at n configurations; only these are computed."""
+    """Values (n,) of quantities by their names of `known_units`, at n configurations; only these are computed.
+
+    Parameters
+    ----------
+    names
+        Names of the quantities.
+    mechanism, found
+        The robot, and its n configurations.
+    parts
+        The parts' matrices, by the names of the parts.
+    mass
+        Mass of the robot's solids, kg.
+
+    """
     n = len(found)
     out: dict[str, np.ndarray] = {}
     wanted = {ENTRIES[name][0] for name in names if name in ENTRIES}

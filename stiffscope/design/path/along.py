@@ -129,9 +129,21 @@ def predict(
     course: Course, assembled: Assembled, path: ToolPath, progress: Progress | None = None,
     known: Sequence[Configurations] | None = None,
 ) -> Along:  # fmt: skip
-    """Predict the error of the tool on its course with some commands; parameters and errors as for `along`.
+    """Predict the error of the tool on its course with some commands; errors as for `along`.
 
-    ``known``: configurations along the path, a block at a time, if they were found before.
+    Parameters
+    ----------
+    course
+        Where the n points of the path want the tool, and the load of the process there.
+    assembled
+        The robot with its parts' matrices.
+    path
+        What is commanded at the points: the path itself, or a compensated one.
+    progress
+        Called with a stage's name and its fraction done.
+    known
+        Configurations along the path, a block at a time, if they were found before.
+
     """
     job, mechanism, n = course.job, assembled.mechanism, len(path)
     drives = mechanism.drives

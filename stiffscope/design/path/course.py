@@ -71,7 +71,15 @@ class Course:
 def plan_course(job: Job, assembled: Assembled, known: Sequence[Configurations] | None = None) -> Course:
     """Find where a job's path leads the tool, and the load of its process there. Raises InputError as `along`.
 
-    ``known``: configurations along the path, a block at a time, if they were found before.
+    Parameters
+    ----------
+    job
+        Robot, path and process.
+    assembled
+        The robot with its parts' matrices.
+    known
+        Configurations along the path, a block at a time, if they were found before.
+
     """
     if job.section.free is None:
         tool = np.concatenate([found.tool for found in known or configure_path(job, assembled, job.path)])

@@ -117,9 +117,19 @@ class Readings:
 
 
 def true_readings(machine: Machine, plan: Plan, located: Located | None = None) -> Readings:
-    """Return what an instrument without noise would show of a machine; `located` saves to find the poses anew.
+    """Return what an instrument without noise would show of a machine.
 
     Raises InputError for poses that the machine cannot reach.
+
+    Parameters
+    ----------
+    machine
+        The real machine, with its faults.
+    plan
+        Poses, loads and instruments.
+    located
+        Where the machine stands at the plan's poses, if that was found before.
+
     """
     tool, channels = tool_spot(machine), plan.channels(machine)
     spots = [tool, *plan.hooks.values()]
@@ -292,5 +302,15 @@ def measure(
     """Return the readings that a lab would hand over of this machine.
 
     Raises InputError for poses that the machine cannot reach.
+
+    Parameters
+    ----------
+    machine, plan, located
+        As for `true_readings`.
+    noise
+        Sizes of the noise of each kind of reading.
+    rng
+        Random numbers of the noise.
+
     """
     return _with_noise(true_readings(machine, plan, located), machine.instrument, noise, rng)

@@ -130,6 +130,22 @@ def draw_plan(
 
     Loads act along each axis, then in random directions; at M, or for gauges at a hook. Without loads, three times as
     many poses are read.
+
+    Parameters
+    ----------
+    where
+        Poses within reach of a sound machine.
+    rng
+        Random numbers of poses and loads.
+    style
+        Where is loaded and read: "tool", "gauges", or "sag" without loads.
+    poses, wrenches
+        Numbers of poses, and of wrenches at each.
+    stiffness
+        "k" or "p": stiffnesses are read too, from all six unit wrenches or from single pushes.
+    sessions
+        Number of sessions that the readings are taken in.
+
     """
     machine, scale = where.machine, where.scale
     chosen = where.some(poses if style != "sag" else 3 * poses, rng)
