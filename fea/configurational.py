@@ -26,7 +26,7 @@ from stiffscope.fea.spaces import ElementTetCubic
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from stiffscope.fea.cubic import Cubic
+    from stiffscope.fea.cubic_space import Cubic
     from stiffscope.fea.mesh import Floats, Ints, TetMesh
 
 STRAIGHT_ORDER, CURVED_ORDER = 4, 6  # of quadrature: exact for the energy of cubics where sides are straight

@@ -19,14 +19,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from skfem import Dofs, ElementTetP2
-from skfem.mapping import MappingAffine
-from skfem.quadrature import get_quadrature
-from skfem.refdom import RefTet
 
 from stiffscope.fea.couplings import traction_work
 from stiffscope.fea.cubic_products import apply_by_blocks, apply_by_elements, element_forces, expand, invert_blocks
-from stiffscope.fea.elasticity import tensor
 from stiffscope.fea.mesh import MeshError
 from stiffscope.fea.solvers import conjugate_gradients
 from stiffscope.fea.spaces import ElementTetCubic
@@ -37,104 +32,9 @@ if TYPE_CHECKING:
     from scipy.sparse import bsr_array, csr_array
 
     from stiffscope.fea.couplings import Coupling, Supports
+    from stiffscope.fea.cubic_space import Cubic
     from stiffscope.fea.mesh import Floats, Ints, TetMesh
     from stiffscope.fea.solvers import Solve, Solver
-
-CURVED_ORDER = 6
-CHUNK, BATCH = 512, 128  # elements of one task of a core; tasks whose results are in memory at once
-
-
-@dataclass(frozen=True)
-class Cubic:
-    """The enriched space: the mesh's nodes, then the cubics of ``dofs``; and its stiffness, unassembled.
-
-    Attributes
-    ----------
-    dofs : scikit-fem's numbering of the cubics.
-    cells, signs : (m, 20) functions of each element and their orientation.
-    groups : elements by quadrature, each with its table of reference gradients and its pulled-back elasticity.
-    base : number of the mesh's nodes, the first functions.
-    """
-
-    dofs: Dofs
-    cells: Ints
-    signs: Ints
-    groups: tuple[Group, ...]
-    base: int
-
-    @property
-    def count(self) -> int:
-        """Number of functions, three degrees of freedom each."""
-        return self.base + self.dofs.N
-
-    def batches(self, chosen: np.ndarray | None = None) -> list[list[Group]]:
-        """Return the elements, or those chosen (m,), in chunks, in batches that bound the memory of one product."""
-        chunks = [
-            Group(group.elements[some], group.table, group.elasticity[some])
-            for group in self.groups
-            for some in _split(len(group.elements) if chosen is None else chosen[group.elements])
-        ]
-        return [chunks[k : k + BATCH] for k in range(0, len(chunks), BATCH)]
-
-
-def _split(kept: np.ndarray | int) -> list[Ints]:
-    """Return the numbers of what is kept (a count, or true ones of a mask) in chunks."""
-    numbers = np.arange(kept) if isinstance(kept, int) else np.flatnonzero(kept)
-    return np.split(numbers, range(CHUNK, len(numbers), CHUNK))
-
-
-@dataclass(frozen=True)
-class Group:
-    """Elements (c,) with one table (3, p, 20) of reference gradients; elasticity (c, 1 or p, 9, 9) in N/m.
-
-    With the elasticity pulled back to the reference element, [(r, i), (s, j)], the stiffness is
-    Σ_p table[r, p, a] elasticity[(r, i), (s, j)] table[s, p, b].
-    """
-
-    elements: Ints
-    table: Floats
-    elasticity: Floats
-
-
-def enrich(mesh: TetMesh, elasticity: Floats) -> Cubic:
-    """Return the enriched space of a mesh; elasticity (6, 6) in Pa."""
-    grid, element, base = mesh.grid, ElementTetCubic(), len(mesh.points)
-    dofs = Dofs(grid, element)
-    cells = np.vstack([grid.dofs.element_dofs, base + dofs.element_dofs]).T
-    signs = np.stack([np.ones(len(cells), dtype=int)] * 10 + [element.orient(grid.mapping(), i) for i in range(10)], 1)
-    groups = []
-    for mask, mapping, rule in (
-        (~mesh.is_curved, MappingAffine(grid), _straight_rule()),
-        (mesh.is_curved, grid.mapping(), _curved_rule()),
-    ):
-        elements, (table, at, weights) = np.flatnonzero(mask), rule
-        if len(elements):
-            inverse = mapping.invDF(at, tind=elements)  # ∂ξ_r/∂x_k
-            pulled = np.einsum("rkcq,ikjl,slcq->cqrisj", inverse, tensor(elasticity), inverse, optimize=True)
-            pulled *= (np.abs(mapping.detDF(at, tind=elements)) * weights)[:, :, None, None, None, None]
-            groups.append(Group(elements, table, pulled.reshape(*pulled.shape[:2], 9, 9)))
-    return Cubic(dofs, cells, signs, tuple(groups), base)
-
-
-def _gradients(at: Floats) -> Floats:
-    elements = ElementTetP2(), ElementTetCubic()
-    return np.stack([element.lbasis(at, i)[1] for element in elements for i in range(10)], axis=2)  # (3, p, 20)
-
-
-def _straight_rule() -> tuple[Floats, Floats, Floats]:
-    """Return the table of a straight-sided element, and the one point and weight of its constant elasticity.
-
-    Gradients are then quadratic: ten orthonormal modes hold them, and their integral is a dot product.
-    """
-    at, weights = get_quadrature(RefTet, 4)
-    values = np.stack([ElementTetP2().lbasis(at, i)[0] for i in range(10)])
-    mass = (values * weights) @ values.T
-    return np.linalg.cholesky(mass).T @ _gradients(ElementTetP2.doflocs.T), np.full((3, 1), 0.25), np.ones(1)
-
-
-def _curved_rule() -> tuple[Floats, Floats, Floats]:
-    at, weights = get_quadrature(RefTet, CURVED_ORDER)
-    return _gradients(at), at, weights
 
 
 @dataclass(frozen=True)

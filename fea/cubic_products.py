@@ -16,7 +16,7 @@ from stiffscope.fea.solvers import on_all_cores
 
 if TYPE_CHECKING:
     from stiffscope.fea.couplings import Supports
-    from stiffscope.fea.cubic import Cubic, Group
+    from stiffscope.fea.cubic_space import Cubic, Group
     from stiffscope.fea.mesh import Floats, Ints
     from stiffscope.fea.solvers import Solve
 

@@ -11,7 +11,8 @@ from threadpoolctl import threadpool_limits
 
 from stiffscope.errors import InputError
 from stiffscope.fea.couplings import Coupling, dofs_of, imbalance, support, unit_loads
-from stiffscope.fea.cubic import cubic_loads, cubic_problem, element_energies, enrich, solve_cubic, weigh_energies, work
+from stiffscope.fea.cubic import cubic_loads, cubic_problem, element_energies, solve_cubic, weigh_energies, work
+from stiffscope.fea.cubic_space import enrich
 from stiffscope.fea.elasticity import assemble, nodal_stresses, von_mises
 from stiffscope.fea.foundation import on_nodes, springs
 from stiffscope.fea.mass import Mass, times

@@ -49,7 +49,7 @@ class ActuatorStiffness(ElementEffect):
 
 def _grow(u: Array) -> Array:
     """Factors (k,) on compliances: more by what is common ``u[0]`` and each one's own, less by as many times."""
-    e = u[0] + u[1:]
+    e: Array = u[0] + u[1:]
     return np.where(e < 0.0, 1.0 / (1.0 - np.minimum(e, 0.0)), 1.0 + e)
 
 

@@ -8,8 +8,9 @@ from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from stiffscope.errors import InputError
 from stiffscope.fea.couplings import Coupling, support, unit_loads
-from stiffscope.fea.cubic import cubic_loads, cubic_problem, element_energies, enrich, solve_cubic, weigh_energies, work
+from stiffscope.fea.cubic import cubic_loads, cubic_problem, element_energies, solve_cubic, weigh_energies, work
 from stiffscope.fea.cubic_products import element_forces
+from stiffscope.fea.cubic_space import enrich
 from stiffscope.fea.elasticity import assemble, isotropic, nodal_stresses
 from stiffscope.fea.geometry import quadrature, volume
 from stiffscope.fea.multigrid import largest_eigenvalue, prepare

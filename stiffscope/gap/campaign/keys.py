@@ -28,9 +28,9 @@ from stiffscope.runtime.table import check_columns
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from stiffscope.gap.campaign.campaign import Array, Codes
     from stiffscope.gap.campaign.campaign_header import Header
     from stiffscope.runtime.table import Table
+    from stiffscope.runtime.types import Array, Indices
 
 OPTIONAL = ("session", "sensor", "quantity", "load", "kind")
 LABEL = ("pose",)
@@ -49,9 +49,9 @@ class Keys:
     """Pose of each row: its coordinates or its name."""
     wrench: Array
     """(n, 6), NaN for stiffnesses and frequencies."""
-    quantity: Codes
-    sensor: Codes
-    load: Codes
+    quantity: Indices
+    sensor: Indices
+    load: Indices
     sessions: tuple[str, ...]
 
     def identities(self, *, sessions: bool) -> list[tuple[Any, ...]]:
@@ -128,7 +128,7 @@ def _read_applied(table: Table, header: Header) -> Array:
     return out
 
 
-def _read_measured(table: Table, header: Header, applied: Array) -> tuple[Codes, Codes]:
+def _read_measured(table: Table, header: Header, applied: Array) -> tuple[Indices, Indices]:
     """Quantity and sensor (n,) of every row; ``applied`` (n, 6): its wrench, NaN in empty cells."""
     names = [sensor.name for sensor in header.sensors]
     shown = f"one of {_SHOWN_QUANTITIES}"
@@ -153,7 +153,7 @@ def _read_measured(table: Table, header: Header, applied: Array) -> tuple[Codes,
     return np.where(by_sensor, seen, quantity), sensor
 
 
-def _check_wrench(table: Table, applied: Array, quantity: Codes, sensor: Codes, load: Codes) -> Array:
+def _check_wrench(table: Table, applied: Array, quantity: Indices, sensor: Indices, load: Indices) -> Array:
     """Return the wrenches (n, 6): NaN for stiffnesses and frequencies, zero where nothing is applied."""
     kind = kind_of(quantity)
     nothing = (np.nan_to_num(applied) == 0.0).all(axis=1)

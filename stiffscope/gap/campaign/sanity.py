@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
     from stiffscope.effects.effect import Row
-    from stiffscope.gap.campaign.campaign import Campaign, Codes, Flags
-    from stiffscope.runtime.types import Array
+    from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.runtime.types import Array, Flags, Indices
 
 LEAST = 4  # readings of a channel, below which nothing is said of it
 UNIT = 30.0  # times the model, or below it: hardly a machine is that far from its model, but a unit is
@@ -74,7 +74,7 @@ def inspect_readings(campaign: Campaign, predicted: Array) -> tuple[ReadingRemar
     return (*found, *_find_copied(campaign, channels))
 
 
-def _channels(c: Campaign, least: int = LEAST) -> Iterator[tuple[str, Codes]]:
+def _channels(c: Campaign, least: int = LEAST) -> Iterator[tuple[str, Indices]]:
     """Names of instruments with their rows of one kind that have a value, where they are not too few."""
     key = np.column_stack([c.channel, c.kind])
     for channel, kind in np.unique(key, axis=0).tolist():
@@ -127,7 +127,7 @@ def _find_contradictions(c: Campaign) -> Iterator[ReadingRemark]:
 
 
 def _inspect_channel(
-    c: Campaign, predicted: Array, name: str, rows: Codes, look: _Look | None
+    c: Campaign, predicted: Array, name: str, rows: Indices, look: _Look | None
 ) -> Iterator[ReadingRemark]:
     kind = int(c.kind[rows[0]])
     value, model = c.value[rows], predicted[rows]
@@ -160,7 +160,7 @@ class _Look:
     """Share of its readings that have the other sign."""
 
 
-def _look_at_all(c: Campaign, channels: Iterable[tuple[str, Codes]], predicted: Array) -> list[_Look | None]:
+def _look_at_all(c: Campaign, channels: Iterable[tuple[str, Indices]], predicted: Array) -> list[_Look | None]:
     """Unit and sign of each channel; of an instrument whose deflections show its sign they alone are heard."""
     out: list[_Look | None] = []
     signed: set[int] = set()
@@ -179,7 +179,7 @@ def _is_comparable(value: Array, model: Array) -> bool:
     return bool(np.isfinite(model).all() and model.any() and np.ptp(value))
 
 
-def _look_at(c: Campaign, rows: Codes, value: Array, model: Array) -> _Look | None:
+def _look_at(c: Campaign, rows: Indices, value: Array, model: Array) -> _Look | None:
     """Unit and sign: of deflections by themselves, of deviations by how they vary over the poses, if as much.
 
     Errors of the geometry may be many times what the weight does, and vary as that by chance.
@@ -208,7 +208,7 @@ def _nearest_factor(ratio: float, *, turns: bool) -> float:
     return min(known, key=lambda factor: abs(np.log(ratio / factor)))
 
 
-def _compare(c: Campaign, name: str, rows: Codes, look: _Look) -> Iterator[ReadingRemark]:
+def _compare(c: Campaign, name: str, rows: Indices, look: _Look) -> Iterator[ReadingRemark]:
     """Remarks on unit and sign."""
     where = (c.where(int(rows[0])),)
     if np.isfinite(look.factor) and look.factor != 1.0:
@@ -278,7 +278,7 @@ def _varies_as_much(value: Array, model: Array) -> bool:
     return len(value) >= 2 * LEAST and bool(abs(float(value @ model)) > _AGREE * size)
 
 
-def _scatter(c: Campaign, rows: Codes, value: Array, model: Array) -> Array:
+def _scatter(c: Campaign, rows: Indices, value: Array, model: Array) -> Array:
     """What a robust fit by prediction, wrench and a constant leaves of readings (r,)."""
     columns = np.column_stack([model, np.nan_to_num(c.wrench[rows]), np.ones(len(rows))])
     columns = columns[:, np.abs(columns).max(axis=0) > 0]
@@ -301,7 +301,7 @@ def _centre(values: Array) -> Array:
     return values - np.median(values)
 
 
-def _find_breaks(c: Campaign, name: str, rows: Codes, left: Array) -> Iterator[ReadingRemark]:
+def _find_breaks(c: Campaign, name: str, rows: Indices, left: Array) -> Iterator[ReadingRemark]:
     """Remarks on a step from one row on, and on single rows beside it."""
     step = _find_jump(left)
     if step is not None:
@@ -335,7 +335,7 @@ def _find_step(values: Array) -> int:
     return int(before[np.argmax(gain)])
 
 
-def _name_outliers(c: Campaign, name: str, rows: Codes, left: Array) -> Iterator[ReadingRemark]:
+def _name_outliers(c: Campaign, name: str, rows: Indices, left: Array) -> Iterator[ReadingRemark]:
     """A remark on the few rows that stand far out of a scatter (r,) about zero."""
     sigma = np.nan_to_num(c.sigma[rows]) / np.where(c.relative[rows], np.abs(c.value[rows]), 1.0)
     size = np.abs(left)
@@ -346,7 +346,7 @@ def _name_outliers(c: Campaign, name: str, rows: Codes, left: Array) -> Iterator
     yield _name_rows(c, name, rows[np.flatnonzero(far)[np.argsort(-np.abs(left[far]))]])
 
 
-def _name_rows(c: Campaign, name: str, rows: Codes) -> ReadingRemark:
+def _name_rows(c: Campaign, name: str, rows: Indices) -> ReadingRemark:
     """A remark on rows that stand far out."""
     where = tuple(c.where(int(row)) for row in rows)
     more = f" and {len(where) - _SHOWN} more" if len(where) > _SHOWN else ""
@@ -354,7 +354,7 @@ def _name_rows(c: Campaign, name: str, rows: Codes) -> ReadingRemark:
     return ReadingRemark("outlier", name, where, text)
 
 
-def _find_copied(c: Campaign, channels: list[tuple[str, Codes]]) -> Iterator[ReadingRemark]:
+def _find_copied(c: Campaign, channels: list[tuple[str, Indices]]) -> Iterator[ReadingRemark]:
     """Remarks on channels whose readings are those of another, to the last digit."""
     known: dict[bytes, str] = {}
     for name, rows in channels:

@@ -23,9 +23,9 @@ from stiffscope.robot.file.quantities import FORCE, LENGTH, MOMENT, NUMBER, Dime
 from stiffscope.runtime.table import numbers
 
 if TYPE_CHECKING:
-    from stiffscope.gap.campaign.campaign import Array, Codes
     from stiffscope.gap.campaign.campaign_header import Header
     from stiffscope.runtime.table import Table
+    from stiffscope.runtime.types import Array, Indices
 
 # `least` is the limit of a standard uncertainty: no instrument is finer.
 MOVED = Dimension("a displacement", "m", "um", 1e-14, 10.0)
@@ -92,7 +92,7 @@ def _factor(header: Header, column: str, *dimensions: Dimension) -> float:
 
 
 def readings_in_si(
-    table: Table, header: Header, column: str, values: Array, quantity: Codes, *, unit_of: str = ""
+    table: Table, header: Header, column: str, values: Array, quantity: Indices, *, unit_of: str = ""
 ) -> Array:
     """Convert what was read to SI.
 

@@ -216,7 +216,8 @@ def posterior(errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], pos
 
     def alone(chosen: Array, mine: Indices, scales: Array) -> Array:
         """The same where only some scales change, to (s, m): the other parameters are summed over once."""
-        gone = ~np.isin(np.arange(k + 1), [*mine, k])
+        gone = np.ones(k + 1, dtype=bool)
+        gone[[*mine, k]] = False
         left, log = eliminate(inner, gone, chosen[gone[:-1]])
         rest = left[:, :-1, :-1], left[:, :-1, -1], left[:, -1, -1]
         return _sum(log_evidences(*rest, errors.log_weight + log, scales, positive[mine])[0], axis=0)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from stiffscope.cad.assembly import Instance
-    from stiffscope.robot.imports.contact_joints import Freedom
+    from stiffscope.robot.imports.bonds import Freedom
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,11 +10,11 @@ pitches are the joint's kind (K. H. Hunt, Kinematic Geometry of Mechanisms, Oxfo
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.robot.imports.bonds import Bond, Freedom
 from stiffscope.robot.imports.doubts import Doubt, doubt_bores, doubt_built, doubt_pins
 from stiffscope.robot.imports.hardware import FIT, turned_form
 from stiffscope.robot.imports.part_motions import joint_freedom, relative_freedom
@@ -32,39 +32,6 @@ if TYPE_CHECKING:
 
 THREADED = {"screw", "nut"}
 _SAME = 1e-6
-
-
-@dataclass(frozen=True, eq=False)
-class Freedom:
-    """A joint's kind, where it is (3,) m, its axes (3,), and why.
-
-    ``kind`` is empty where no joint of a robot file has these freedoms; ``faces`` of either part are in contact.
-    """
-
-    first: int
-    second: int
-    kind: str
-    at: Array
-    axis: Array | None
-    axis2: Array | None
-    reason: str
-    faces: tuple[tuple[int, ...], tuple[int, ...]]
-    freedom: Array = field(repr=False)  # (6, k) at the base origin, translations over the assembly's size
-
-
-@dataclass(frozen=True, eq=False)
-class Bond:
-    """Constraints between two solids, as rows (m, 6) on the relative twist at the base origin; the contact it is.
-
-    ``label``: of the joint that the assembly itself has here, and where, (3,) m.
-    """
-
-    first: int
-    second: int
-    rows: Array
-    contact: Contact | None
-    label: str = ""
-    at: Array | None = None
 
 
 def hold(contact: Contact, scale: float) -> Array:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from stiffscope.cad.assembly import Instance
     from stiffscope.cad.built_assembly import BuiltJoint
     from stiffscope.cad.contacts import Contact
-    from stiffscope.robot.imports.contact_joints import Bond, Freedom
+    from stiffscope.robot.imports.bonds import Bond, Freedom
     from stiffscope.robot.imports.hardware import Hardware
 
 

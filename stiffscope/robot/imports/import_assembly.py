@@ -23,8 +23,9 @@ from stiffscope.robot.imports.assembly_parts import (
     part_lines,
     part_name,
 )
+from stiffscope.robot.imports.bonds import Freedom
 from stiffscope.robot.imports.compiled_model import GROUND, print_safely
-from stiffscope.robot.imports.contact_joints import Freedom, find_joints, measure_size, tool_motions
+from stiffscope.robot.imports.contact_joints import find_joints, measure_size, tool_motions
 from stiffscope.robot.imports.doubts import Doubt, doubt_twins, gather_alike
 from stiffscope.robot.imports.hardware import find_hardware
 from stiffscope.robot.imports.import_model import driven, robot_text

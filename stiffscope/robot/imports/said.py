@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.robot.imports.contact_joints import Freedom, measure_size
+from stiffscope.robot.imports.bonds import Freedom
+from stiffscope.robot.imports.contact_joints import measure_size
 from stiffscope.robot.imports.part_motions import joint_freedom
 from stiffscope.runtime.reading import show_path
 from stiffscope.vjm.joints import FREE
