@@ -26,9 +26,10 @@ def coarse():
 
 
 @pytest.mark.parametrize("code", ["CalculiX", "MFEM"])
-def test_other_codes_on_one_mesh(code, coarse):
+def test_other_codes_on_one_mesh(code):
     test_codes.need(code)
-    ours, theirs = (CODES[each](coarse, {"order": 2}) for each in ("ours", code))
+    plane = meshed("slider", 2.0)  # of straight elements: nearly flat curved ones differ
+    ours, theirs = (CODES[each](plane, {"order": 2}) for each in ("ours", code))
     scale = np.sqrt(np.outer(ours.diagonal(), ours.diagonal()))
     assert (np.abs(ours - theirs) / scale).max() < 2e-5  # CalculiX prints seven digits
 

