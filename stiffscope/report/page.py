@@ -81,12 +81,11 @@ class RobotView:
 
 @dataclass(frozen=True)
 class Series:
-    """Points or a line of one colour: columns of equal length by name, numbers or words."""
+    """Points of one colour: columns of equal length by name, numbers or words; the first is a row of a table."""
 
     name: str
     colour: str
     columns: Mapping[str, Sequence[Any] | np.ndarray]
-    line: bool = False
     size: float = 6
     """Diameter of a point, pixels."""
 
@@ -100,8 +99,6 @@ class Chart:
     y: Sequence[str]
     caption: str
     still: Figure | None = None
-    key: str = ""
-    """Column that says which row of the page's tables a point is; empty: the first."""
     equal: bool = False
     """Whether a line is drawn on which x equals y."""
 
@@ -109,12 +106,11 @@ class Chart:
     def data(self) -> dict[str, Any]:
         """The chart as JSON knows it."""
         series = [
-            {"name": s.name, "colour": s.colour, "line": s.line, "size": s.size,
+            {"name": s.name, "colour": s.colour, "size": s.size,
              "columns": {name: _round_column(values) for name, values in s.columns.items()}}
             for s in self.series
         ]  # fmt: skip
-        key = self.key or next(iter(self.series[0].columns))
-        return {"series": series, "x": list(self.x), "y": list(self.y), "key": key, "equal": self.equal}
+        return {"series": series, "x": list(self.x), "y": list(self.y), "equal": self.equal}
 
 
 def _round_column(values: Sequence[Any] | np.ndarray) -> list[Any]:

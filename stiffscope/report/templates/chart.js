@@ -4,26 +4,26 @@ Bokeh.logger.set_level("warn");
 for (const root of document.querySelectorAll(".chart")) {
   const given = JSON.parse(root.querySelector("script").textContent), one = (name) => root.querySelector(`[data-is=${name}]`);
   const ink = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  const names = Object.keys(given.series[0].columns);  // the first says which row of a table a point is
   root.classList.add("live");
   const plot = Bokeh.Plotting.figure({ height: 420, sizing_mode: "stretch_width", tools: "pan,box_zoom,wheel_zoom,tap,reset,save",
     background_fill_color: null, border_fill_color: null, outline_line_color: ink("--line"), output_backend: "canvas" });
   plot.toolbar.logo = null;
   const drawn = given.series.map((each) => {
     const source = new Bokeh.ColumnDataSource({ data: each.columns }), at = { x: { field: given.x[0] }, y: { field: given.y[0] }, source, legend_label: each.name };
-    const glyph = each.line ? plot.line({ ...at, line_color: each.colour, line_width: 2 })
-      : plot.scatter({ ...at, size: each.size, fill_color: each.colour, line_color: null, fill_alpha: 0.75, nonselection_fill_alpha: 0.35 });
+    const glyph = plot.scatter({ ...at, size: each.size, fill_color: each.colour, line_color: null, fill_alpha: 0.75, nonselection_fill_alpha: 0.35 });
     source.selected.properties.indices.change.connect(() => find(source));
     return glyph;
   });
   function find(source) {  // the row of a point, in the table of this page that has it
-    const [k] = source.selected.indices, name = k === undefined ? "" : String(source.data[given.key][k]);
+    const [k] = source.selected.indices, name = k === undefined ? "" : String(source.data[names[0]][k]);
     for (const row of document.querySelectorAll("tr.found")) row.classList.remove("found");
     const head = [...document.querySelectorAll("tbody th")].find((cell) => cell.textContent === name);
     if (!head) return;
     head.closest("details")?.setAttribute("open", "");
     head.parentElement.classList.add("found"); head.scrollIntoView({ block: "nearest" });
   }
-  const names = Object.keys(given.series[0].columns), tips = names.map((name) => [name, `@{${name}}`]);
+  const tips = names.map((name) => [name, `@{${name}}`]);
   plot.add_tools(new Bokeh.HoverTool({ tooltips: tips, renderers: drawn, point_policy: "follow_mouse" }));
   if (given.equal) plot.add_layout(new Bokeh.Slope({ gradient: 1, y_intercept: 0, line_color: ink("--soft"), line_dash: "dashed" }));
   for (const axis of [...plot.xaxes, ...plot.yaxes]) Object.assign(axis, { axis_label_text_font_style: "normal", axis_line_color: ink("--soft"),
