@@ -26,6 +26,7 @@ Drives: guesses, nothing is published. Standard uncertainties: the authors', fro
 Converted from the authors' dataset, which is theirs."""
 JOINTS = ("column_middle_joint", "column_top_joint", *(f"dsr_joint{k}" for k in range(1, 7)))
 MASS, COLUMN, DRIVE = "± 2 %", "20 N/um", "100 kN*m/rad ± factor 5"  # how well CAD knows masses; guesses
+LEVEL = {"rx": 1.03e-6, "ry": 1.12e-6}  # rad/(N·m), base on level ground: tilt over moment of weight, other heights
 PRISM, AT_PRISM, TILT = 0.75e-3, 5e-3, 4.3610059e-4 / 9.81  # m, m, rad
 INERTIAL = {"measures": "rotation", "zero": "session"}
 
@@ -63,6 +64,7 @@ def write_robot(urdf: Path, height: float, home: np.ndarray, path: Path) -> list
         body["mass"] = f"{body['mass']} kg {MASS}"
     for name, joint in robot["joints"].items():
         joint["drive"] = {"stiffness": DRIVE if name.startswith("dsr") else COLUMN}
+    robot["effects"] = [{"effect": "base-compliance", "place": "base", "parameters": LEVEL}]
     path.write_text("".join(f"# {line}\n" for line in SOURCE.splitlines()) + tomlkit.dumps(robot), encoding="utf-8")
     return [float(v) for v in robot["tool"]["at"]]
 

@@ -95,12 +95,12 @@ def diagnose(name: str, *, robot: str | None, adopt: Path | None, output: Output
                 write_readings(folder / "readings.csv", diagnosis.samples)
             _draw(case, nominal, diagnosis, folder, manifest, shop.cache, ahead)
 
+        if adopt is not None and nominal is not None:  # even if nobody reads the tables to their end
+            stack.callback(_adopt, adopt, nominal, diagnosis, case, loud=output.loud)
         emit(
             output, to_json(diagnosis), lambda: gap_tables.show_diagnosis(diagnosis), manifest=manifest, fill=fill,
             page=lambda folder, _: _write_page(case, nominal, diagnosis, folder), kept="diagnosis.json",
         )  # fmt: skip
-    if adopt is not None and nominal is not None:
-        _adopt(adopt, nominal, diagnosis, case, loud=output.loud)
 
 
 def _manifest_of(case: Case) -> Manifest:
@@ -133,14 +133,9 @@ def _write_page(case: Case, nominal: Assembled | None, diagnosis: Diagnosis, fol
 def _adopt(target: Path, nominal: Assembled, diagnosis: Diagnosis, case: Case, *, loud: bool) -> None:
     components, carrying = case.campaign.components, NominalRobot(nominal.mechanism, nominal.robot)
     adopt_effects(
-        target,
-        nominal.robot,
-        carrying,
-        diagnosis,
-        campaign=case.name,
-        components=components,
+        target, nominal.robot, carrying, diagnosis, campaign=case.name, components=components,
         modelled=case.campaign.modelled,
-    )
+    )  # fmt: skip
     if loud:
         tables.show_line(f"Adopted in {target}, with the parts' matrices of the diagnosis ({components})")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from stiffscope.effects.effect import ADDED, Array, Candidates, Effect, Influence, NominalRobot, Parameter, Setting
+from stiffscope.effects.effect import ADDED, Array, Candidates, Effect, Influence, Parameter, Setting
 
 
 @dataclass(frozen=True)
@@ -13,6 +13,7 @@ class Backlash(Effect):
 
     word = "backlash"
     precedence = 140
+    adoptable = True
     parameters = (Parameter("half_width", "m", 1e-5, 0.0, 1e-3),)
     bounds = ADDED
     blames = True
@@ -27,12 +28,6 @@ class Backlash(Effect):
             if place.sole:
                 unit = "rad" if driven[place.sole].kind == "revolute" else "m"
                 yield cls(place.sole).make_candidate(place, units=(unit,))
-
-    @classmethod
-    def refusal(cls, robot: NominalRobot, place: str) -> str:
-        """Nothing: a robot file can carry it."""
-        del robot, place
-        return ""
 
     def influence(self, values: Array) -> Influence:
         """Its drive has a dead zone."""

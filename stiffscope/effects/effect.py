@@ -19,12 +19,14 @@ from stiffscope.runtime.types import Array
 from stiffscope.vjm.mechanism import Change
 
 __all__ = [  # all that an effect's module needs
-    "ADDED", "FACTOR", "FREE", "GROWTH", "STIFFNESS_FACTOR", "UNNAMED", "Array", "Candidate", "Candidates", "Changes",
-    "Doubts", "Effect", "Influence", "NominalRobot", "Parameter", "Payload", "Place", "Row", "Setting",
+    "ADDED", "FACTOR", "FREE", "GROWTH", "KNOWN", "STIFFNESS_FACTOR", "UNNAMED", "Array", "Candidate", "Candidates",
+    "Changes", "Doubts", "Effect", "Influence", "NominalRobot", "Parameter", "Payload", "Place", "Row", "Setting",
 ]  # fmt: skip
 
 Changes = dict[str, Change]
 """Changes by the element's name, in its own axes."""
+KNOWN = 3.0
+"""Standard uncertainties of a stated mass by which the true one differs at most."""
 Conversion = tuple[Callable[[Any], Any], Callable[[Any], Any]]
 """Physical parameters of internal ones, and the way back."""
 
@@ -226,6 +228,8 @@ class Effect:
     """Of a single factor."""
     bounds: ClassVar[tuple[float, float]] = FREE
     """Range of every internal parameter that can be computed."""
+    adoptable: ClassVar[bool] = False
+    """Whether a robot file can carry it."""
     blames: ClassVar[bool] = False
     """Whether it says that an element, where it acts on one alone, is not as modelled."""
     of_matrix: ClassVar[bool] = False
@@ -244,7 +248,7 @@ class Effect:
     def refusal(cls, robot: NominalRobot, place: str) -> str:
         """Why no robot file can carry it; empty where one can."""
         del robot
-        return f"{cls.word} @ {place}: no part of the robot; correct the readings instead"
+        return "" if cls.adoptable else f"{cls.word} @ {place}: no part of the robot; correct the readings instead"
 
     def make_candidate(self, place: Place, parameters: Sequence[Parameter] | None = None, **more: Any) -> Candidate:
         """Return this effect as a candidate.

@@ -31,18 +31,14 @@ _HELD_MOMENT = 1e-9  # relative: what rounding leaves of a moment
 class ElementEffect(Effect):
     """An effect that changes elements alone, and that a robot file can therefore carry."""
 
+    adoptable = True
+
     changes: Callable[[Array], Changes]
     """Changes of elements for internal parameters (k,)."""
 
     def influence(self, values: Array) -> Influence:
         """What it changes, by internal parameters (k,)."""
         return Influence(elements=self.changes(values))
-
-    @classmethod
-    def refusal(cls, robot: NominalRobot, place: str) -> str:
-        """Nothing: a robot file can carry it."""
-        del robot, place
-        return ""
 
 
 def along_drive(joint: Joint) -> Array:

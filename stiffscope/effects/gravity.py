@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from stiffscope.effects.effect import Array, Candidates, Effect, Influence, NominalRobot, Place, Setting
+from stiffscope.effects.effect import Array, Candidates, Effect, Influence, Place, Setting
 
 
 @dataclass(frozen=True)
@@ -13,6 +13,7 @@ class Gravity(Effect):
 
     word = "gravity"
     precedence = 10
+    adoptable = True
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
@@ -24,9 +25,3 @@ class Gravity(Effect):
         """The weight acts."""
         del values
         return Influence(weight=True)
-
-    @classmethod
-    def refusal(cls, robot: NominalRobot, place: str) -> str:
-        """Nothing: that a file has adopted it is enough."""
-        del robot, place
-        return ""

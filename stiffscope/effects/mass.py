@@ -8,6 +8,7 @@ import numpy as np
 
 from stiffscope.effects.effect import (
     GROWTH,
+    KNOWN,
     Array,
     Candidates,
     Effect,
@@ -16,7 +17,7 @@ from stiffscope.effects.effect import (
     Parameter,
     Payload,
     Setting,
-)
+)  # fmt: skip
 
 _NONE = -1.0  # growth of a body that weighs nothing
 _HEAVIEST = 50.0
@@ -28,6 +29,7 @@ class Mass(Effect):
 
     word = "mass"
     precedence = 25
+    adoptable = True
     parameters = (Parameter("factor", "1", 0.2, 0.3, 3.0),)
     conversion = GROWTH
     bounds = (_NONE, _HEAVIEST)
@@ -38,24 +40,24 @@ class Mass(Effect):
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """At bodies whose mass is stated at a point, and at sets of them; none where nothing is heavy."""
+        """At bodies whose mass is stated at a point, and at sets, within tolerances; none where nothing is heavy."""
         robot = setting.robot
         if not robot.mechanism.gravity.any():
             return
         heavy = find_masses(robot)
+        (known,), (low, high) = cls.parameters, cls.bounds
+        stated = {body.name: robot.mass_sigma(body.name) / body.mass for body in robot.mechanism.bodies if body.mass}
         for place in robot.places(heavy):
-            yield cls(tuple(part for name in place.members for part in heavy[name])).make_candidate(place)
+            most = KNOWN * max(stated[name] for name in place.members)
+            prior = Parameter(known.name, known.unit, min(known.size, most / KNOWN), max(known.low, 1.0 - most),
+                              min(known.high, 1.0 + most))  # fmt: skip
+            effect = cls(tuple(part for name in place.members for part in heavy[name]))
+            yield effect.make_candidate(place, (prior,), bounds=(max(low, -most), min(high, most)))
 
     def influence(self, values: Array) -> Influence:
         """The masses that are more, or less."""
         growth = float(values[0])
         return Influence(payloads=tuple(Payload(p.body, p.at, growth * p.mass, 0.0 * p.moments) for p in self.stated))
-
-    @classmethod
-    def refusal(cls, robot: NominalRobot, place: str) -> str:
-        """Nothing: a robot file can carry it."""
-        del robot, place
-        return ""
 
 
 def find_masses(robot: NominalRobot) -> dict[str, tuple[Payload, ...]]:

@@ -9,16 +9,16 @@ import numpy as np
 
 from stiffscope.effects.effect import (
     ADDED,
+    KNOWN,
     Array,
     Candidates,
     Effect,
     Influence,
-    NominalRobot,
     Parameter,
     Payload,
     Place,
     Setting,
-)
+)  # fmt: skip
 
 if TYPE_CHECKING:
     from stiffscope.runtime.types import Indices
@@ -35,6 +35,7 @@ class AddedMass(Effect):
 
     word = "payload"
     precedence = 20
+    adoptable = True
     parameters = (Parameter("mass", "kg", 3.0, 0.0, 50.0), *(Parameter(x, "m", 0.3, -0.5, 0.5) for x in "xyz"))
     bounds = ADDED
 
@@ -46,19 +47,24 @@ class AddedMass(Effect):
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """On each rigid body: with its first moments, and at a point alone; none where nothing is heavy."""
+        """On each rigid body: with its first moments, and at a point alone; none where nothing is heavy.
+
+        Where a body's mass is stated with its tolerance, no more than that allows, and at its point alone.
+        """
         mechanism = setting.robot.mechanism
         level = np.sort(np.argsort(np.abs(mechanism.gravity), kind="stable")[:2])
         for body in mechanism.bodies if mechanism.gravity.any() else ():
             if body.elastic is None:
                 axes = np.arange(3) if setting.turning.get(body.name, True) else level
                 heavy = cls(body.name, _find_point(mechanism, body), axes)
-                scale = (cls.parameters[0].size, *(cls.parameters[1 + a].size for a in axes))
-                place = Place(body.name)
-                yield heavy.make_candidate(
-                    place, scale=scale, physical=heavy.physical, internal=heavy.internal, couplings=len(axes)
-                )
-                yield heavy.make_candidate(place, cls.parameters[:1])
+                place, (mass, *centre), sigma = Place(body.name), cls.parameters, setting.robot.mass_sigma(body.name)
+                mass = mass._replace(size=min(mass.size, sigma), high=min(mass.high, KNOWN * sigma))
+                if np.isinf(sigma):
+                    yield heavy.make_candidate(
+                        place, scale=(mass.size, *(centre[a].size for a in axes)), physical=heavy.physical,
+                        internal=heavy.internal, couplings=len(axes),
+                    )  # fmt: skip
+                yield heavy.make_candidate(place, (mass,), bounds=(0.0, KNOWN * sigma))
 
     def influence(self, values: Array) -> Influence:
         """Its mass, and its first moments where there are any."""
@@ -76,12 +82,6 @@ class AddedMass(Effect):
     def internal(self, values: Array) -> Array:
         """Mass and first moments of physical parameters (4,)."""
         return np.array([values[0], *(values[0] * values[1 + self.axes])])
-
-    @classmethod
-    def refusal(cls, robot: NominalRobot, place: str) -> str:
-        """Nothing: a robot file can carry it."""
-        del robot, place
-        return ""
 
 
 def _find_point(mechanism: Mechanism, body: Body) -> Array:

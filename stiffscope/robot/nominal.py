@@ -113,11 +113,18 @@ class NominalRobot:
 
     def factor(self, drive: str) -> float:
         """Within what factor a driven joint's stiffness is known, by its tolerance in the file; 1: as stated."""
-        copied = self.robot.copied.get(drive)
-        key = ("joints", drive if copied is None else copied.name, "drive", "stiffness")
         joint = self.driven[drive]
         stiffness = np.inf if joint.drive is None else joint.drive.stiffness
-        return float(np.exp(self.robot.tolerances.get(key, 0.0) / stiffness))
+        return float(np.exp(self._tolerance("joints", drive, "drive", "stiffness") / stiffness))
+
+    def mass_sigma(self, body: str) -> float:
+        """Standard uncertainty of a body's mass, kg, by its tolerance in the file; infinite: none is stated."""
+        return self._tolerance("bodies", body, "mass") or np.inf
+
+    def _tolerance(self, section: str, name: str, *keys: str) -> float:
+        """Width of a value in a section of the file, SI; 0: none is stated."""
+        copied = self.robot.copied.get(name)
+        return self.robot.tolerances.get((section, name if copied is None else copied.name, *keys), 0.0)
 
     @cached_property
     def driven(self) -> Mapping[str, Joint]:

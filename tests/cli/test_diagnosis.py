@@ -8,6 +8,7 @@ import tomllib
 import numpy as np
 import pytest
 
+from stiffscope.cli import campaigns
 from stiffscope.cli.main import _guarded
 from stiffscope.gap.campaigns import diagnose
 from stiffscope.gap.lab import measuring
@@ -44,6 +45,22 @@ def test_the_published_experiment(tmp_path, capsys):
     listed = json.loads((out / "manifest.json").read_text())
     assert sorted([*listed["files"], "manifest.json"]) == sorted(p.name for p in out.iterdir())
     assert set(listed["inputs"]) == {"campaign.toml", "readings.csv"}
+
+
+@pytest.mark.parametrize("end", [BrokenPipeError, SystemExit])
+def test_what_is_adopted_is_written_though_nobody_reads_on(end, soft_drive, tmp_path, monkeypatch):
+    """`diagnose … --adopt FILE | head`: the tables meet a closed pipe, at which rich ends the process."""
+
+    def stop(*_, **__):
+        raise end
+
+    monkeypatch.setattr(campaigns, "emit", stop)
+    adopted = tmp_path / "adopted.toml"
+    try:
+        assert _guarded(["diagnose", str(soft_drive), "--out", str(tmp_path / "out"), "--adopt", str(adopted)]) == 1
+    except SystemExit:
+        assert end is SystemExit
+    assert [e.effect for e in load_robot(adopted).effects] == ["actuator-stiffness"]
 
 
 def test_an_adopted_effect_closes_the_gap(soft_drive, tmp_path, capsys):

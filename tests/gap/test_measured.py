@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+import yaml
 from scipy.io import savemat
 
+from examples.measured import hilti
 from examples.measured.motoman import ARMS, JOINTS, convert
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.forward.placing import align_points
@@ -44,3 +46,49 @@ def test_an_instrument_is_placed_at_any_rotation():
     found, origin = align_points((nominal - [1.0, 2.0, 3.0]) @ turn, nominal)
     assert found == pytest.approx(turn)
     assert origin == pytest.approx([1.0, 2.0, 3.0])
+
+
+def _urdf():
+    """A chain of three slides, as the authors' file has them, six hinges and a prism; every link weighs 2 kg."""
+    names = ["base_link", "column_middle", "column_top", *(f"dsr_link{k}" for k in range(1, 7)), "prism"]
+    rows = [*(("prismatic", f"column_{n}_joint", "0 0 1") for n in ("middle", "top")),
+            *(("revolute", f"dsr_joint{k}", "0 1 0" if k % 2 else "1 0 0") for k in range(1, 7)),
+            ("fixed", "prism_calib", "1 0 0")]  # fmt: skip
+    inertia = '<mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>'
+    links = [f'<link name="{n}"><inertial>{inertia}</inertial></link>' for n in [*names[:-1], "column_pseudo_tip"]]
+    chain = zip(["column_prismatic_joint", *(r[1] for r in rows)], ["prismatic", *(r[0] for r in rows)],
+                ["0 0 1", *(r[2] for r in rows)], ["base_link", *names[:-1]],
+                ["column_pseudo_tip", *names[1:]], strict=True)  # fmt: skip
+    joints = [
+        f'<joint name="{n}" type="{kind}"><origin xyz="0 0 0.2"/><parent link="{a}"/><child link="{b}"/>'
+        f'<axis xyz="{axis}"/><limit lower="-4" upper="4" effort="1" velocity="1"/></joint>'
+        for n, kind, axis, a, b in chain
+    ]
+    return f'<robot name="r">{"".join(links)}<link name="prism"/>{"".join(joints)}</robot>'
+
+
+def test_tilts_and_prisms_are_converted(tmp_path):
+    """Six postures at one height; an accelerometer that turned with its body reads up in that body's axes."""
+    (tmp_path / "datasets").mkdir()
+    (tmp_path / "trailblazer.urdf").write_text(_urdf())
+    rng, turns = np.random.default_rng(2), 1e-4 * np.arange(24.0).reshape(6, 2, 2)  # posture, body, about x and y
+    up = np.array([[9.81 * rotation_of(np.array([*each, 0.0])).T[:, 2] for each in both] for both in turns])
+    arms, prisms = rng.uniform(-0.5, 0.5, (6, 6)), rng.uniform(-1.0, 1.0, (6, 3))
+    rows = [
+        {"joint_states": [2.0, *arms[k].tolist()], "tilt_sensor_base_accel": up[k, 0].tolist(),
+         "tilt_sensor_column_accel": up[k, 1].tolist(), "prism_position": prisms[k].tolist()}
+        for k in range(6)
+    ]  # fmt: skip
+    station = {"stationing_measurements": rows[:2], "evaluation_measurements": rows[2:]}
+    heights = {"column_heights": {2.0: {"solution_spaces": {"a": station}}}}
+    (tmp_path / "datasets" / "flat.yaml").write_text(yaml.safe_dump(heights))
+    assert hilti.convert(tmp_path, "flat", 2.0, tmp_path / "out") == 6
+    robot = load_robot(tmp_path / "out" / "fit" / "robot.toml")
+    campaign = load_campaign(tmp_path / "out" / "fit", robot)
+    kept = [0, 1, 2, 3, 5]
+    read = campaign.value.reshape(5, 7)
+    assert read[:, :4] == pytest.approx(turns[kept].reshape(5, 4), abs=1e-7)  # up to cubes of 2.3 mrad
+    assert read[:, 4:] == pytest.approx(prisms[kept])
+    assert campaign.poses == pytest.approx(np.hstack([np.zeros((5, 2)), arms[kept] - arms[0]]))
+    assert robot.tolerances[("bodies", "dsr_link3", "mass")] == pytest.approx(0.04)
+    assert len(load_campaign(tmp_path / "out" / "held-out", robot)) == 7

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stiffscope.effects.effect import Setting
 from stiffscope.effects.elements import ElementEffect, change_elements
 from stiffscope.effects.vocabulary import apply_effect, find_candidates
 from stiffscope.errors import InputError
@@ -17,6 +18,7 @@ from stiffscope.gap.forward.elastic_state import Softened
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.forward.robot_prediction import Pattern
 from stiffscope.gap.inference.fitting import Problem
+from stiffscope.gap.inference.hypothesis import bound_parameters
 from stiffscope.gap.inference.plausibility import plausible
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.nominal import NominalRobot
@@ -459,3 +461,31 @@ def test_weights_that_hang_beside_their_hook_are_a_pattern():
         there = RobotModel(moved, nominal).predict().values
         assert np.abs(there - here).max() > 1e-7
         assert there - here == pytest.approx(1e-3 * columns[:, axis], rel=1e-6, abs=1e-12)
+
+
+def test_a_tolerance_of_a_mass_bounds_what_may_be_added(tmp_path):
+    """Of 2 kg ± 2 % three standard deviations are 0.12 kg, or 6 %; a body without a tolerance may carry 50 kg."""
+    text = """[bodies]
+known = { mass = "2 kg ± 2 %", centre = [0.5, 0, 0] }
+guessed = { mass = "2 kg", centre = [1.5, 0, 0] }
+[joints]
+J1 = { between = ["ground", "known"], type = "revolute", at = [0, 0, 0], axis = [0, 1, 0], drive.stiffness = 1e5 }
+J2 = { between = ["known", "guessed"], type = "revolute", at = [1, 0, 0], axis = [0, 1, 0], drive.stiffness = 1e5 }
+[tool]
+body = "guessed"
+at = [2, 0, 0]
+pose = ["x", "z"]
+[gravity]
+direction = [0, 0, -1]
+"""
+    (tmp_path / "arm.toml").write_text(text)
+    file = load_robot(tmp_path / "arm.toml")
+    found = find_candidates(Setting(NominalRobot(mechanism_of(file, {}), file)))
+    heavy = {(c.name, len(c.scale)): c for c in found if c.effect in ("mass", "payload")}
+    heaviest = {key: bound_parameters([c], np.full(len(c.scale), 1e3)) for key, c in heavy.items()}
+    assert heaviest[("payload @ known", 1)] == pytest.approx(0.12)
+    assert [key for key in heavy if key[1] == 4] == [("payload @ guessed", 4)]
+    assert heavy[("payload @ guessed", 1)].plausible[0][1] == 50.0
+    assert heaviest[("payload @ guessed", 1)] == 1e3
+    assert heaviest[("mass @ known", 1)] == pytest.approx(0.06)
+    assert heaviest[("mass @ guessed", 1)] > 1.0
