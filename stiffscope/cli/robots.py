@@ -141,7 +141,7 @@ def deflection(
             show_load_curve(asked.names, curve, load)
 
     def page(folder: Path, shown: Sequence[Shown]) -> None:
-        cases = wrench_cases(assembled.mechanism, at, load, f"{words} N, N·m")
+        cases = wrench_cases(assembled.mechanism, at, {f"{words} N, N·m": load})
         draw_deflection(assembled, asked.names, at, cases, folder)
         if curve is not None:
             way = np.r_[1e-9, np.linspace(0.005, 1.0, 200)]  # beside no load, where backlash is

@@ -10,7 +10,7 @@ import click
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
 from stiffscope.cli.output import emit, open_workshop, warn_of
-from stiffscope.design.path.along import along
+from stiffscope.design.path.along import along, respond_at_worst
 from stiffscope.design.path.compensate import compensate
 from stiffscope.design.path.job import load_job
 from stiffscope.design.path.stress import find_stresses
@@ -19,8 +19,7 @@ from stiffscope.experiments.manifest import manifest_of
 from stiffscope.report import paths
 from stiffscope.report.kept_pictures import draw_deflection
 from stiffscope.report.progress import progress
-from stiffscope.report.robot_view import wrench_cases
-from stiffscope.vjm.kinematics import configure
+from stiffscope.report.robot_view import read_cases
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -50,9 +49,9 @@ def path(name: Path, *, undo: bool, robot: str | None, output: Output) -> None:
         report = open_line("path")
         state = along(job, made, report)
         after = compensate(made, state, report) if undo else None
-    stresses = find_stresses(state, made)
-    worst = configure(made.mechanism, state.commanded_poses[[state.worst]])
-    cases = wrench_cases(made.mechanism, worst, state.wrench[state.worst], "the process there")
+    worst, response = respond_at_worst(state, made)
+    stresses = find_stresses(state, made, response)
+    cases = read_cases(response, {"the process there": state.wrench[state.worst]})
 
     def fill(folder: Path) -> None:
         paths.write_csv(state, folder / "path.csv")

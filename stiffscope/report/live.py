@@ -169,7 +169,7 @@ def _cases(assembled: Assembled, found: Configurations, load: Any) -> list[Any]:
     units = unit_wrenches(assembled.mechanism, found)
     if not load.any():
         return units
-    own = wrench_cases(assembled.mechanism, found, load, "load of the sliders")
+    own = wrench_cases(assembled.mechanism, found, {"load of the sliders": load})
     return [[*first, *others] for first, others in zip(own, units, strict=True)]
 
 

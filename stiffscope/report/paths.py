@@ -108,10 +108,7 @@ def show_path(state: Along, after: Compensated | None, stresses: Sequence[PartSt
             "greatest at",
             f"line {state.path.lines[k]} of {state.job.path_file.name}, s = {1e3 * state.length[k]:,.1f} mm",
         ),
-        (
-            "there",
-            f"normal {_mm(parts['normal'][k])}, along {_mm(parts['along'][k])}, binormal {_mm(parts['binormal'][k])}",
-        ),
+        ("there", ", ".join(f"{name} {_mm(each[k])}" for name, each in parts.items())),
     ]
     if state.cutting is not None:
         cut = state.cutting
@@ -250,7 +247,7 @@ def write_path_page(
     ]
     view = turn_robot(
         folder, found, ["greatest error"], cases, choice="load", quantity=ENERGY,
-        caption=f"The robot at the greatest error, under the process there, components coloured by their {ENERGY}.",
+        caption=f"The robot at the greatest error, under process and weight, components coloured by their {ENERGY}.",
         still=stills[0] if stills else None,
     )  # fmt: skip
     sections = [

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from stiffscope.vjm.kinematics import Configurations
+    from stiffscope.vjm.loading import Response
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.modes import Modes
 
@@ -92,13 +93,13 @@ def unit_wrenches(mechanism: Mechanism, found: Configurations) -> list[list[Case
     """The six unit wrenches at M at each pose; those under which the tool moves freely are left out."""
     units: dict[str, np.ndarray] = dict(zip(LOADS, np.eye(6), strict=True))
     try:
-        return _solve_wrenches(mechanism, found, units)
+        return wrench_cases(mechanism, found, units)
     except InputError:
         return [_solve_held(mechanism, found[np.array([k])], units) for k in range(len(found))]
 
 
-def wrench_cases(mechanism: Mechanism, found: Configurations, load: np.ndarray, label: str) -> list[list[Case]]:
-    """One wrench (6,) at M, N and N·m, at each pose. Raises InputError where the tool moves freely under it.
+def wrench_cases(mechanism: Mechanism, found: Configurations, loads: Mapping[str, np.ndarray]) -> list[list[Case]]:
+    """Wrenches at M at each pose. Raises InputError where the tool moves freely under one.
 
     Parameters
     ----------
@@ -106,13 +107,11 @@ def wrench_cases(mechanism: Mechanism, found: Configurations, load: np.ndarray, 
         Bodies, joints, tool and gravity of the robot.
     found
         Result to show.
-    load
-        Wrench (6,) at M, N and N·m.
-    label
-        What the page calls it.
+    loads
+        Wrenches (6,) at M, N and N·m, by what the page calls them.
 
     """
-    return _solve_wrenches(mechanism, found, {label: load})
+    return read_cases(respond(mechanism, found, np.column_stack(list(loads.values()))), loads)
 
 
 def _solve_held(mechanism: Mechanism, one: Configurations, loads: Mapping[str, np.ndarray]) -> list[Case]:
@@ -120,14 +119,13 @@ def _solve_held(mechanism: Mechanism, one: Configurations, loads: Mapping[str, n
     cases: list[Case] = []
     for label, load in loads.items():
         with contextlib.suppress(InputError):
-            cases += _solve_wrenches(mechanism, one, {label: load})[0]
+            cases += wrench_cases(mechanism, one, {label: load})[0]
     return cases
 
 
-def _solve_wrenches(mechanism: Mechanism, found: Configurations, loads: Mapping[str, np.ndarray]) -> list[list[Case]]:
-    """Wrenches (6,) at M at each pose."""
-    done = respond(mechanism, found, np.column_stack(list(loads.values())))
-    n = len(found)
+def read_cases(done: Response, loads: Mapping[str, np.ndarray]) -> list[list[Case]]:
+    """What wrenches (6,) at M do at each pose, with all else that acts in a response to them."""
+    n = len(done.twist)
     energies = {name: np.broadcast_to(each, (n, len(loads))) for name, each in done.energies.items()}
     moved = {node: np.broadcast_to(twist, (n, 6, len(loads))) for node, twist in done.nodes.items()}
     cases: list[list[Case]] = []

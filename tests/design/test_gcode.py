@@ -149,3 +149,17 @@ def test_power_of_face_milling_is_that_of_a_published_example():
     kc1 = 1580e6 * 0.6**mc
     for tooth, kc in ((0.2e-3, 1800e6), (0.3e-3, 1750e6), (0.4e-3, 1700e6)):
         assert specific_force(kc1, mc, tooth) == pytest.approx(kc, rel=0.03)
+
+
+def test_power_is_that_of_the_teeth_in_the_cut_with_the_mean_chip():
+    """The textbook's way (Dietrich, Tschätsch, Praxis der Zerspanungstechnik, 11th ed. 2014): S235, a 3 mm end mill.
+
+    ``h = 360° / (π φ) · a_e / D · f_z``, ``F = a_p h kc1 h^-mc`` a tooth, ``P = F v_c z φ / 360°``; mm, N, m/min.
+    """
+    arc = np.degrees(np.arccos(1.0 - 2.0 * 0.25 / 3.0))
+    chip = 360.0 / (np.pi * arc) * 0.25 / 3.0 * 0.1
+    power = 3.0 * chip * 1780.0 * chip**-0.17 * (200.0 / 60.0) * 2 * arc / 360.0
+    speed = 200.0 / 60.0 / (np.pi * 3e-3)
+    feed = 2 * 0.1e-3 * speed
+    found = mill(1780e6, 0.17, diameter=3e-3, teeth=2, speed=speed, feed=feed, depth=3e-3, width=0.25e-3)
+    assert (1e3 * found.chip, found.power) == pytest.approx((chip, power), rel=1e-9)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stiffscope.cli.main import cli
-from stiffscope.design.path.along import along
+from stiffscope.design.path.along import along, respond_at_worst
 from stiffscope.design.path.compensate import compensate
 from stiffscope.design.path.cutting import mill
 from stiffscope.design.path.job import load_job
@@ -17,6 +17,7 @@ from stiffscope.design.path.motions import Motion
 from stiffscope.design.path.stress import find_stresses
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
+from stiffscope.report.robot_view import read_cases
 from stiffscope.runtime.workshop import workshop
 from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.statics import respond
@@ -47,8 +48,8 @@ def _job(folder, path, process="", **more):
         return job, assemble_robots({"robot": job.robot}, None, shop)["robot"]
 
 
-def _planar_compliance(pose):
-    """(3, 3) of x, y, rz, from the closed kinematics of three revolute joints."""
+def _planar_jacobian(pose):
+    """(3, 3) of x, y, rz by the drives, from the closed kinematics of three revolute joints."""
     lengths = np.array([0.4, 0.3, np.hypot(*(TOOL - JOINTS[2]))])
     home = np.array([0.0, np.pi / 2, 0.0])  # directions of the links
     x, y, turn = pose
@@ -58,7 +59,11 @@ def _planar_compliance(pose):
     elbow = np.arccos(cosine)
     first = np.arctan2(wrist[1], wrist[0]) - np.arctan2(lengths[1] * np.sin(elbow), lengths[0] + lengths[1] * cosine)
     places = [np.zeros(2), lengths[0] * np.array([np.cos(first), np.sin(first)]), wrist]
-    jacobian = np.array([[-(y - p[1]), x - p[0], 1.0] for p in places]).T
+    return np.array([[-(y - p[1]), x - p[0], 1.0] for p in places]).T
+
+
+def _planar_compliance(pose):
+    jacobian = _planar_jacobian(pose)
     return jacobian @ np.diag(1 / STIFFNESS) @ jacobian.T
 
 
@@ -108,8 +113,14 @@ def test_a_payload_weighs_where_it_hangs(tmp_path):
     job, made = _job(tmp_path, "line.csv", "payload = { mass = 4, centre = [0.65, 0.3, 0] }")
     made = replace(made, mechanism=replace(made.mechanism, gravity=np.array([0.0, -9.0, 0.0])))
     arms = 0.05 * np.cos(poses[:, 2])
-    expected = [_planar_compliance(p) @ [0.0, -36.0, -36.0 * arm] for p, arm in zip(poses, arms, strict=True)]
-    np.testing.assert_allclose(along(job, made).error[:, [0, 1, 5]], expected, rtol=1e-6, atol=1e-12)
+    loads = [[0.0, -36.0, -36.0 * arm] for arm in arms]
+    expected = [_planar_compliance(p) @ load for p, load in zip(poses, loads, strict=True)]
+    state = along(job, made)
+    np.testing.assert_allclose(state.error[:, [0, 1, 5]], expected, rtol=1e-6, atol=1e-12)
+    torques = _planar_jacobian(poses[state.worst]).T @ loads[state.worst]
+    ((drawn,),) = read_cases(respond_at_worst(state, made)[1], {"process": np.zeros(6)})
+    stored = torques**2 / STIFFNESS
+    np.testing.assert_allclose([drawn.shares[f"q{k}"] for k in range(3)], stored / stored.sum(), rtol=1e-6)
 
 
 def test_the_compensated_commands_bring_the_tool_where_it_should_be(tmp_path):
@@ -353,7 +364,7 @@ def test_stress_in_a_rod_is_that_of_a_bar_under_thrust_and_moment(tmp_path):
     with workshop() as shop:
         made = assemble_robots({"robot": job.robot}, None, shop)["robot"]
     state = along(job, made)
-    (found,) = find_stresses(state, made)
+    (found,) = find_stresses(state, made, respond_at_worst(state, made)[1])
     expected = 1000.0 / (np.pi * 6e-3**2) + 2.0 * 6e-3 / (np.pi * 6e-3**4 / 4.0)
     assert found.von_mises == pytest.approx(expected, rel=0.02)
     assert found.factor == pytest.approx(235e6 / found.von_mises)

@@ -14,6 +14,7 @@ from stiffscope.design.path.job import Job, load_job
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots, deflection_bars
 from stiffscope.runtime.workshop import workshop
+from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.mechanism import COORDINATES
 from stiffscope.vjm.modes import frequencies
 
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.runtime.types import Array, Indices, Progress
     from stiffscope.vjm.kinematics import Configurations
+    from stiffscope.vjm.loading import Response
 
 _MOST_KEPT = 200_000  # points whose configurations are kept, rather than found twice
 _STATIONS = 9  # of the path, whose first frequency is worked out
@@ -177,6 +179,12 @@ def predict(
         tuple("N·m" if j.kind == "revolute" else "N" for j in drives),
         forces, shares, stations, _first_frequencies(job, assembled, path, stations),
     )  # fmt: skip
+
+
+def respond_at_worst(state: Along, assembled: Assembled) -> tuple[Configurations, Response]:
+    """The robot where the error is greatest, and its response to process, weight and payload there."""
+    found = configure(assembled.mechanism, state.commanded_poses[[state.worst]])
+    return found, respond_under(state.job, assembled, found, state.wrench[[state.worst]])
 
 
 def _first_frequencies(job: Job, assembled: Assembled, path: ToolPath, stations: Indices) -> Array:

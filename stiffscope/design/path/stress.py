@@ -7,15 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.design.path.course import respond_under
 from stiffscope.fea.elasticity import nodal_stresses, von_mises
-from stiffscope.vjm.kinematics import configure
 
 if TYPE_CHECKING:
     from stiffscope.design.path.along import Along
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.experiments.results import PartResult
     from stiffscope.runtime.types import Array, Flags
+    from stiffscope.vjm.loading import Response
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +32,7 @@ class PartStress:
     factor: float | None
 
 
-def find_stresses(state: Along, assembled: Assembled) -> tuple[PartStress, ...]:
+def find_stresses(state: Along, assembled: Assembled, response: Response) -> tuple[PartStress, ...]:
     """Stresses at the point of the greatest error, of every body whose part FEA has tested; the greatest first.
 
     Elements that touch a clamped or loaded face are left out: at its edges the stress grows with every refinement.
@@ -45,11 +44,10 @@ def find_stresses(state: Along, assembled: Assembled) -> tuple[PartStress, ...]:
         The path.
     assembled
         The job's robot with its parts.
+    response
+        What the robot does there.
 
     """
-    mechanism = assembled.mechanism
-    found = configure(mechanism, state.commanded_poses[[state.worst]])
-    response = respond_under(state.job, assembled, found, state.wrench[[state.worst]])
     out: list[PartStress] = []
     for body, section in assembled.robot.bodies.items():
         part = getattr(section, "part", None)
@@ -57,7 +55,7 @@ def find_stresses(state: Along, assembled: Assembled) -> tuple[PartStress, ...]:
         if result is None or not result.experiment.displacement.size:
             continue
         mesh, material = result.experiment.mesh, result.order.material
-        wrench = response.find_wrench(mechanism.rows(body))[0, :, 0]
+        wrench = response.find_wrench(assembled.mechanism.rows(body))[0, :, 0]
         motion = np.tensordot(wrench, result.experiment.displacement, axes=1).reshape(-1, 1)
         stress = von_mises(nodal_stresses(mesh, motion, material.elasticity())[:, 0])
         node = int(np.argmax(np.where(_away_from_interfaces(result), stress, -1.0)))
