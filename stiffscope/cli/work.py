@@ -51,7 +51,7 @@ def path(name: Path, *, undo: bool, robot: str | None, output: Output) -> None:
         after = compensate(made, state, report) if undo else None
     worst, response = respond_at_worst(state, made)
     stresses = find_stresses(state, made, response)
-    cases = read_cases(response, {"the process there": state.wrench[state.worst]})
+    cases = read_cases(response, {"the loads there": state.wrench[state.worst]})
 
     def fill(folder: Path) -> None:
         paths.write_csv(state, folder / "path.csv")

@@ -247,7 +247,7 @@ def write_path_page(
     ]
     view = turn_robot(
         folder, found, ["greatest error"], cases, choice="load", quantity=ENERGY,
-        caption=f"The robot at the greatest error, under process and weight, components coloured by their {ENERGY}.",
+        caption=f"The robot at the greatest error, under all its loads, components coloured by their {ENERGY}.",
         still=stills[0] if stills else None,
     )  # fmt: skip
     sections = [
