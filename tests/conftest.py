@@ -12,26 +12,37 @@ import pytest
 from tests.robots import published_robot
 
 SLOW = (
-    "benchmarks", "cad", "cli", "design/test_studies.py", "experiments",
-    "fea/test_experiment.py", "fea/test_extrusion.py", "fea/test_interfaces.py",
-    "fea/test_laws.py", "fea/test_mass.py", "fea/test_mesh.py", "fea/test_sections.py",
-    "fea/test_sensitivity.py", "fea/test_tolerance.py", "gap/test_blind.py",
-    "gap/test_diagnose.py", "gap/test_hostile_tables.py", "gap/test_sanity.py",
-    "report/test_live.py",
-    "report/test_notebook.py", "robot/test_assembly.py", "report/test_robot_scene.py", "runtime/test_executor.py",
-    "runtime/test_scheduler.py", "test_bad_day.py", "test_readme.py", "test_tutorials.py",
-    "test_wheel.py", "validation/test_parts.py",
+    "benchmarks", "cad", "cli", "design/test_comparison.py", "design/test_path.py", "design/test_studies.py",
+    "experiments", "fea/test_beam.py", "fea/test_elasticity.py", "fea/test_experiment.py", "fea/test_extrusion.py",
+    "fea/test_interfaces.py", "fea/test_laws.py", "fea/test_mass.py", "fea/test_mesh.py",
+    "fea/test_sections.py", "fea/test_sensitivity.py", "fea/test_tolerance.py",
+    "gap/test_any_robot.py", "gap/test_blind.py", "gap/test_diagnose.py",
+    "gap/test_doubted_instruments.py", "gap/test_geometry.py", "gap/test_hostile_tables.py",
+    "gap/test_inference.py", "gap/test_lab.py", "gap/test_planning.py",
+    "gap/test_predictions.py", "gap/test_robot_model.py", "gap/test_sanity.py",
+    "report/test_diagnosis_report.py", "report/test_live.py", "report/test_notebook.py",
+    "report/test_page.py", "report/test_robot_scene.py", "robot/test_assembly.py", "robot/test_sensitivity.py",
+    "runtime/test_executor.py", "runtime/test_scheduler.py", "test_bad_day.py", "test_readme.py",
+    "test_tutorials.py", "test_wheel.py", "validation/test_parts.py",
 )  # fmt: skip
 """Folders and files whose tests mesh, build solids, start processes or diagnose at length: not of the fast half."""
 
 
+def _is_slow(path):
+    of = path.relative_to(Path(__file__).parent).as_posix()
+    return any(of == each or of.startswith(f"{each}/") for each in SLOW)
+
+
+def pytest_ignore_collect(collection_path, config):
+    """Import none of the slow files for the fast half: their libraries alone take seconds."""
+    return True if config.getoption("markexpr").startswith("not slow") and _is_slow(collection_path) else None
+
+
 def pytest_collection_modifyitems(items):
     """Mark what is not of the fast half; long tests and benchmarks are not, either."""
-    root = Path(__file__).parent
     for item in items:
-        of = item.path.relative_to(root).as_posix()
         marked = any(item.get_closest_marker(name) for name in ("long", "benchmark"))
-        if marked or any(of == each or of.startswith(f"{each}/") for each in SLOW):
+        if marked or _is_slow(item.path):
             item.add_marker(pytest.mark.slow)
         if marked and not item.get_closest_marker("timeout"):
             item.add_marker(pytest.mark.timeout(7200))

@@ -65,6 +65,7 @@ def test_no_numbered_equation_has_lines() -> None:
     assert [each for each in shown if r"\tag" in each and r"\\" in each] == []
 
 
+@pytest.mark.slow
 def test_the_pages_need_nothing_but_their_extra() -> None:
     """No extension imports what only tests have, at any depth."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
