@@ -88,9 +88,28 @@ def place(tmp_path_factory):
         yield folder
 
 
-@pytest.mark.parametrize("line", ["stiffscope run biglide --out out", *lines("stiffscope")])
+COMMANDS = list(dict.fromkeys(["stiffscope run biglide --out out", *lines("stiffscope")]))
+WRITERS = {"--out", "--adopt"}
+MAKERS = {
+    file: line
+    for line in COMMANDS
+    for option, file in itertools.pairwise(shlex.split(line))
+    if option in WRITERS and line.split()[2:].count(file) == 1
+}
+"""The command that makes a file which another reads: it runs first, whatever process has run it before."""
+
+
+@pytest.mark.parametrize("line", COMMANDS)
 def test_commands(line, place, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(place)
+    for option, file in itertools.pairwise(shlex.split(line)[1:]):
+        if option not in WRITERS and file in MAKERS and not Path(file).exists():
+            _run(MAKERS[file], tmp_path, monkeypatch, capsys)
+    _run(line, tmp_path, monkeypatch, capsys)
+
+
+def _run(line, tmp_path, monkeypatch, capsys):
+    place = Path.cwd()
     _, name, *words = shlex.split(line)
     if name == "cache":  # of others' results nothing is cleared
         monkeypatch.setenv("STIFFSCOPE_CACHE", str(tmp_path))
