@@ -8,6 +8,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +28,10 @@ if TYPE_CHECKING:
 
 _NAMELESS = ("SOLID", "COMPOUND", "PRODUCT", "NONE", "PART", "OPEN CASCADE", "=>[", "SHELL", "NAUO")
 _TEXT, _USED, _DEFINED = re.compile(rb"'[^']*'"), re.compile(rb"#(\d+)(?!\d*\s*=)"), re.compile(rb"#(\d+)\s*=")
+_POINT = re.compile(rb"#(\d+)\s*=\s*(?:CARTESIAN_POINT|DIRECTION)\s*\(\s*''\s*,\s*\(([^()]*)\)")
+_THREE = re.compile(rb"(?:\s*[+-]?\d+\.?\d*(?:[eE][+-]?\d+)?\s*(?:,|$)){3}(?<!,)")
+_PLACED = re.compile(rb"\b(?:AXIS2_PLACEMENT_3D|VERTEX_POINT)\s*\(\s*''\s*,([^()]*)\)")
+_HOLDS = re.compile(rb"\bNEXT_ASSEMBLY_USAGE_OCCURRENCE\s*\((?:\s*(?:''|\$)\s*,){3}\s*#(\d+)\s*,\s*#(\d+)")
 _EXTERNAL = re.compile(rb"\bDOCUMENT_FILE\s*\(\s*'([^']+\.(?:stp|step|p21))'", re.IGNORECASE)
 _SOLID = re.compile(rb"=\s*(?:MANIFOLD_SOLID_BREP|BREP_WITH_VOIDS|FACETED_BREP)\b")
 
@@ -159,13 +164,28 @@ def place_solids(solids: "Sequence[Solid]", told: dict[str, Any]) -> tuple[Insta
 
 
 def _check_references(path: Path, content: bytes) -> None:
-    """Refuse a file that refers to entities it lacks, or to STEP files that are not beside it."""
+    """Refuse a file that refers to entities it lacks, loses coordinates, or holds a product within itself.
+
+    The kernel leaves such products out, or puts them elsewhere, in silence. STEP files that it refers to are beside it.
+    """
     bare = _TEXT.sub(b"''", content)
     missing = {*_USED.findall(bare)} - {*_DEFINED.findall(bare)}
     if missing:
         first = min(missing, key=int).decode()
         what = f"{len(missing)} of its entities are missing (#{first})"
         raise InputError(f"{path}: expected a whole STEP file, got one of which {what}")
+    odd = {name: numbers for name, numbers in _POINT.findall(bare) if not _THREE.fullmatch(numbers)}
+    for name in (each for places in _PLACED.findall(bare) for each in _USED.findall(places) if each in odd):
+        got = odd[name].decode(errors="replace")
+        raise InputError(f"{path}: #{name.decode()}: expected three coordinates in space, got ({got})")
+    holds = dict[bytes, set[bytes]]()
+    for whole, part in _HOLDS.findall(bare):
+        holds.setdefault(whole, set()).add(part)
+    try:
+        TopologicalSorter(holds).prepare()
+    except CycleError as error:
+        chain = " in ".join(f"#{each.decode()}" for each in error.args[1])
+        raise InputError(f"{path}: expected a tree of products, got one within itself ({chain})") from error
     for match in _EXTERNAL.finditer(content):
         name = match[1].decode(errors="replace")
         if not (path.parent / name.replace("\\", "/")).is_file():

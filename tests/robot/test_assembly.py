@@ -252,6 +252,18 @@ HOSTILE = {
         lambda text: text.replace("DATA;", "DATA;\n#9001 = LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE(-25.4),#10);", 1),
         r"machine\.step:\d+: LENGTH_MEASURE_WITH_UNIT: expected a number from 1e-09 to 1e\+06 .*, got -25\.4",
     ),
+    "within itself": (
+        lambda text: re.sub(r"(USAGE_OCCURRENCE\('\d+','.+?','',)#\d+,(#\d+)", r"\1\2,\2", text, count=1),
+        r"machine\.step: expected a tree of products, got one within itself \(#(\d+) in #\1\)",
+    ),
+    "a coordinate lost": (
+        lambda text: re.sub(r"(POINT\('',\(-14\.,0\.),8\.\)", r"\1)", text, count=1),
+        r"machine\.step: #\d+: expected three coordinates in space, got \(-14\.,0\.\)",
+    ),
+    "a coordinate that is none": (
+        lambda text: re.sub(r"(POINT\('',\(-14\.,0\.),8\.\)", r"\1,nan)", text, count=1),
+        r"machine\.step: #\d+: expected three coordinates in space, got \(-14\.,0\.,nan\)",
+    ),
     "no solid": (lambda text: re.sub(r"(?s)DATA;.*?ENDSEC;", "DATA;\nENDSEC;", text), "at least one closed solid"),
     "fixed": (lambda text: text, "expected a tool that joints let move, got pad, which they fix to the ground, palm"),
 }  # fmt: skip
