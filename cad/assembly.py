@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _NAMELESS = ("SOLID", "COMPOUND", "PRODUCT", "NONE", "PART", "OPEN CASCADE", "=>[", "SHELL", "NAUO")
 _TEXT, _USED, _DEFINED = re.compile(rb"'[^']*'"), re.compile(rb"#(\d+)(?!\d*\s*=)"), re.compile(rb"#(\d+)\s*=")
 _POINT = re.compile(rb"#(\d+)\s*=\s*(?:CARTESIAN_POINT|DIRECTION)\s*\(\s*''\s*,\s*\(([^()]*)\)")
-_THREE = re.compile(rb"(?:\s*[+-]?\d+\.?\d*(?:[eE][+-]?\d+)?\s*(?:,|$)){3}(?<!,)")
+_THREE = re.compile(rb"(?:\s*[+-]?\d+\.?\d*(?:[eE](?:-\d+|\+?\d\d?))?\s*(?:,|$)){3}(?<!,)")
 _PLACED = re.compile(rb"\b(?:AXIS2_PLACEMENT_3D|VERTEX_POINT)\s*\(\s*''\s*,([^()]*)\)")
 _HOLDS = re.compile(rb"\bNEXT_ASSEMBLY_USAGE_OCCURRENCE\s*\((?:\s*(?:''|\$)\s*,){3}\s*#(\d+)\s*,\s*#(\d+)")
 _EXTERNAL = re.compile(rb"\bDOCUMENT_FILE\s*\(\s*'([^']+\.(?:stp|step|p21))'", re.IGNORECASE)

@@ -80,6 +80,9 @@ def _read_npz(path: Path) -> Read:
     with np.load(path, allow_pickle=False) as held:
         stiffness = np.asarray(held["stiffness"], dtype=float)
         mass = np.asarray(held["mass"], dtype=float) if "mass" in held else None
+        squares = np.ravel(held["mode_squares"]) if "mode_squares" in held else np.zeros(0)
+        if not np.array_equal(squares, stiffness.diagonal()[len(stiffness) - len(squares) :]):
+            raise InputError("expected mode_squares to be the last of the stiffness's diagonal, got others")
         names = _named_places(str(held["help"])) if "help" in held else {}
         places = held["nodes"].tolist() if "nodes" in held else []
     if names and places and len(names) != len(places):

@@ -21,6 +21,15 @@ def test_an_npz_of_another_matrix_is_refused(name, stiffness, message, tmp_path)
         read_superelement(tmp_path / name)
 
 
+def test_an_npz_whose_modes_are_not_in_its_stiffness_is_refused(tmp_path):
+    stiffness = np.diag([*np.ones(12), 4.0, 9.0])
+    np.savez(tmp_path / "k.npz", stiffness=stiffness, mode_squares=[4.0, 9.0])
+    assert np.array_equal(read_superelement(tmp_path / "k.npz").stiffness, stiffness)
+    np.savez(tmp_path / "k.npz", stiffness=np.eye(12), mode_squares=[4.0, 9.0])
+    with pytest.raises(InputError, match="expected mode_squares to be the last of the stiffness's diagonal"):
+        read_superelement(tmp_path / "k.npz")
+
+
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
