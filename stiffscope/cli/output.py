@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
     from pathlib import Path
 
+    from stiffscope.experiments.assembly import Assembled
     from stiffscope.experiments.manifest import Manifest
     from stiffscope.experiments.results import PartResult
     from stiffscope.report.terminal import Shown
@@ -139,3 +140,11 @@ def warn_of(results: Iterable[PartResult]) -> None:
     for result in results:
         if result.note:
             log.warning("%s: %s", result.name, result.note)
+
+
+def warn_of_overrides(made: Assembled) -> None:
+    """Say on standard error which `--set` does not change a part's matrix, which is a published table."""
+    for (room, name, *field), text in made.robot.source.changed.items():
+        printed = room == "parts" and getattr(made.robot.parts.get(name), "published", None)
+        if printed and made.sources.get(name) == "published" and field != ["compliance"]:
+            log.warning("%s: changes nothing of the compliance of %s, which is as published", text, name)

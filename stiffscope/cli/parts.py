@@ -12,7 +12,7 @@ from stiffscope.cad.faces import describe
 from stiffscope.cad.step import read_solid
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
-from stiffscope.cli.output import emit, open_workshop, warn_of
+from stiffscope.cli.output import emit, open_workshop, warn_of, warn_of_overrides
 from stiffscope.design.comparison import compare_robots
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import check_one_interface
@@ -113,6 +113,7 @@ def _compare_robots(first: RobotFile, second: RobotFile, components: Any, output
         found = compare_robots(first, second, components, shop)
     for made in found.made.values():
         warn_of(made.results.values())
+        warn_of_overrides(made)
     emit(
         output, robot_comparison.robots_json(found), lambda: robot_comparison.show_robots(found), manifest=manifest,
         fill=lambda folder: robot_comparison.draw_both(found, folder),

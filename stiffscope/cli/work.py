@@ -9,7 +9,7 @@ import click
 
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
-from stiffscope.cli.output import emit, open_workshop, warn_of
+from stiffscope.cli.output import emit, open_workshop, warn_of, warn_of_overrides
 from stiffscope.design.path.along import along, respond_at_worst
 from stiffscope.design.path.compensate import compensate
 from stiffscope.design.path.job import load_job
@@ -45,6 +45,7 @@ def path(name: Path, *, undo: bool, robot: str | None, output: Output) -> None:
     with open_workshop(output) as shop:
         made = assemble_robots({"now": job.robot}, job.section.components, shop)["now"]
     warn_of(made.results.values())
+    warn_of_overrides(made)
     with progress(quiet=output.quiet) as open_line:
         report = open_line("path")
         state = along(job, made, report)

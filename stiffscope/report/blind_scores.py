@@ -212,6 +212,8 @@ def confusion(scores: Scores) -> Figure:
 
 def gaps(scores: Scores) -> Figure:
     """Draw the gap before, after and held out of each campaign, in units of its noise."""
+    from matplotlib.ticker import LogFormatter
+
     shown = sorted((o for o in scores.outcomes if not o.left_out), key=lambda o: (o.kind, o.gap[0] / o.gap[3]))
     figure = new_figure(9.5, 4.2, "Gap over noise, each campaign")
     axes = figure.subplots()
@@ -221,6 +223,8 @@ def gaps(scores: Scores) -> Figure:
         axes.plot(over_noise[:, k], mark, color=colour, markersize=4, label=word)
     axes.axhline(1.0, color=BEFORE, lw=0.8, ls=":")
     axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(LogFormatter())
+    axes.yaxis.set_minor_formatter(LogFormatter(labelOnlyBase=False))
     axes.set_ylabel("gap / noise")
     kinds = [o.kind for o in shown]
     starts = [k for k in range(len(kinds)) if k == 0 or kinds[k] != kinds[k - 1]]

@@ -263,3 +263,12 @@ def test_a_load_path_of_drives_with_backlash(tmp_path, capsys):
     assert z[1] == pytest.approx(z[3], rel=1e-12)
     assert z[2] == pytest.approx(-z[6], rel=1e-9)
     assert path["stiffness"][0][0][2][2] == 0.0
+
+
+def test_what_a_published_matrix_does_not_follow_is_said(caplog):
+    words = ["stiffness", "biglide", "--at", "0,0,0.35", "--components", "published"]
+    assert _guarded([*words, "--set", "link.radius=30mm"]) == 0  # its formula follows the radius
+    assert not caplog.messages
+    assert _guarded([*words, "--set", "slider.thickness=25mm"]) == 0
+    said = "--set slider.thickness=25mm: changes nothing of the compliance of slider, which is as published"
+    assert caplog.messages == [said]
