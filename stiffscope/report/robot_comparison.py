@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from stiffscope.report.terminal import Shown
 
 _UNITS = ("N/µm", "N/µm", "N/µm", "N·m/mrad", "N·m/mrad", "N·m/mrad")
+_WORDS = ("entry", "component", "unit")
 _FACTORS = np.array([1e-6] * 3 + [1e-3] * 3)
 
 
@@ -47,7 +48,7 @@ def show_robots(found: RobotComparison) -> None:
         for p, pose in enumerate(found.poses)
         for k in range(6)
     ]
-    show_table("Stiffness at M, no gravity", [["pose"], ["entry", "unit", first, second, "change"]], rows)
+    show_table("Stiffness at M, no gravity", [["pose"], ["entry", "unit", first, second, "change"]], rows, prose=_WORDS)
     least = 1e-9 * np.nanmax(np.abs(found.sag))
     rows = [
         [pose if k == 0 else "", f"{COORDINATES[k]}", "µm" if k < 3 else "µrad"]
@@ -55,7 +56,7 @@ def show_robots(found: RobotComparison) -> None:
         for p, pose in enumerate(found.poses)
         for k in range(6)
     ]
-    show_table("Sag under their own weight", [["pose"], ["component", "unit", first, second]], rows)
+    show_table("Sag under their own weight", [["pose"], ["component", "unit", first, second]], rows, prose=_WORDS)
 
 
 def _change(before: float, after: float) -> str:
