@@ -145,6 +145,6 @@ def warn_of(results: Iterable[PartResult]) -> None:
 def warn_of_overrides(made: Assembled) -> None:
     """Say on standard error which `--set` does not change a part's matrix, which is a published table."""
     for (room, name, *field), text in made.robot.source.changed.items():
-        printed = room == "parts" and getattr(made.robot.parts.get(name), "published", None)
-        if printed and made.sources.get(name) == "published" and field != ["compliance"]:
+        printed = room == "parts" and getattr(made.robot.parts.get(str(name)), "published", None)
+        if printed and made.sources.get(str(name)) == "published" and field != ["compliance"]:
             log.warning("%s: changes nothing of the compliance of %s, which is as published", text, name)
