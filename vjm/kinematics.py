@@ -17,6 +17,7 @@ from stiffscope.vjm.checks import spell_name
 from stiffscope.vjm.closure import CLOSED
 from stiffscope.vjm.continuation import OPEN, RANGE, REACHED, Reached, find_solver, follow_paths
 from stiffscope.vjm.linkage import rotation_vector
+from stiffscope.vjm.reach import reach_toward
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -109,6 +110,11 @@ class Configurations:
             q[self.linkage.known] = self.q[self.linkage.known, index, None]
             found = solver.closure.solve(q, 50, patient=True)
             if not (found.error[:, 0] < CLOSED).all():
+                if len(self.linkage.cuts) == 1:  # an open chain, whose tool closes its only loop
+                    home, names = self.mechanism.tool.home, self.mechanism.tool.pose
+                    last = home + reach_toward(solver, self.poses[index] - home)
+                    place = ", ".join(map(_place_text, names, last))
+                    return f"out of reach: straight from home the tool gets no farther than {place}"
                 worst = np.nan_to_num(found.error[:, 0], nan=np.inf).argmax()
                 name = spell_name("joints", self.linkage.cuts[int(worst)].joint.name)
                 return f"out of reach: the loop through {name} does not close"
@@ -235,6 +241,10 @@ def _check_rows(values: ArrayLike, names: list[str], what: str) -> Array:
 
 def _value_text(joint: Joint, value: float) -> str:
     return f"{np.degrees(value):.6g} deg" if joint.kind == "revolute" else f"{value:.6g} m"
+
+
+def _place_text(coordinate: str, value: float) -> str:
+    return f"{coordinate} = {np.degrees(value):.4g} deg" if coordinate[0] == "r" else f"{coordinate} = {value:.4g} m"
 
 
 def _range_text(joint: Joint, value: float) -> str:

@@ -52,6 +52,12 @@ def reach(mechanism: Mechanism) -> tuple[Reach, ...]:
     )
 
 
+def reach_toward(solver: Solver, goal: Array) -> Array:
+    """The farthest pose (k,) on the straight way from where paths start to a pose, both displacements from home."""
+    way = goal - solver.start_values
+    return solver.start_values + _march(solver, way[None])[0][0] * way
+
+
 def _march(solver: Solver, ways: Array) -> tuple[Array, list[str]]:
     """Shares (n,) of ways (n, k) from home that can be gone, and what ends them."""
     linkage, n = solver.linkage, len(ways)
@@ -91,6 +97,6 @@ def _faults(solver: Solver, found: Solution) -> list[str]:
         if names:
             out[i] = f"{list_names(names)} at the end of {'its' if len(names) == 1 else 'their'} range"
     for i in np.flatnonzero(~found.closed):
-        worst = int(np.argmax(np.nan_to_num(found.error[:, i], nan=np.inf)))
-        out[i] = f"out of reach or singular: the loop through {linkage.cuts[worst].joint.name} does not close"
+        worst = linkage.cuts[int(np.argmax(np.nan_to_num(found.error[:, i], nan=np.inf)))].joint.name
+        out[i] = "out of reach or singular" + f": the loop through {worst} does not close" * (len(linkage.cuts) > 1)
     return out

@@ -1,5 +1,6 @@
 """Loop closure, branches and ranges of any mechanism."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -89,6 +90,19 @@ def test_a_drive_outside_its_range_is_named():
 def test_a_loop_that_does_not_close_is_named():
     with pytest.raises(InputError, match=r"pose 0 \(x = 0, y = 0, z = 0.9\): out of reach: the loop through joints"):
         configure(biglide(), [0.0, 0.0, 0.9]).require_valid()
+
+
+def test_an_open_arm_says_how_far_its_tool_gets():
+    """A planar 2R on the way from (0.3, 0.2) to (3, 0.2): where a circle of both lengths crosses y = 0.2."""
+    joints = (
+        Joint("shoulder", "ground", "upper", "revolute", [0, 0, 0], [0, 0, 1], drive=Drive(1e4)),
+        Joint("elbow", "upper", "fore", "revolute", [0.3, 0, 0], [0, 0, 1], drive=Drive(1e4)),
+    )
+    arm = Mechanism((Body("upper"), Body("fore")), joints, Tool("fore", [0.3, 0.2, 0], ("x", "y")))
+    farthest = np.sqrt(0.5**2 - 0.2**2)
+    said = re.fullmatch(r"out of reach: .* than x = ([\d.]+) m, y = 0.2 m", configure(arm, [[3, 0.2]]).reason(0))
+    assert said
+    assert farthest - 2 * 2.7 / 8192 < float(said[1]) < farthest + 1e-4
 
 
 def five_bar(sign=1.0):
