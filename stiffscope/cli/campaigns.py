@@ -6,6 +6,7 @@ import dataclasses
 import logging
 import os
 from contextlib import ExitStack, nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -95,12 +96,14 @@ def diagnose(name: str, *, robot: str | None, adopt: Path | None, output: Output
                 write_readings(folder / "readings.csv", diagnosis.samples)
             _draw(case, nominal, diagnosis, folder, manifest, shop.cache, ahead)
 
-        if adopt is not None and nominal is not None:  # even if nobody reads the tables to their end
-            stack.callback(_adopt, adopt, nominal, diagnosis, case, loud=output.loud)
         emit(
             output, to_json(diagnosis), lambda: gap_tables.show_diagnosis(diagnosis), manifest=manifest, fill=fill,
             page=lambda folder, _: _write_page(case, nominal, diagnosis, folder), kept="diagnosis.json",
+            also=partial(_adopt, adopt, nominal, diagnosis, case) if adopt and nominal else None,
         )  # fmt: skip
+        if adopt and nominal and output.loud:
+            parts = f"with the parts' matrices of the diagnosis ({case.campaign.components})"
+            tables.show_line(f"Adopted in {adopt}, {parts}")
 
 
 def _manifest_of(case: Case) -> Manifest:
@@ -130,14 +133,11 @@ def _write_page(case: Case, nominal: Assembled | None, diagnosis: Diagnosis, fol
     write_diagnosis_report(folder, diagnosis, title=f"Where is the gap? {case.name}", facts=facts, view=view)
 
 
-def _adopt(target: Path, nominal: Assembled, diagnosis: Diagnosis, case: Case, *, loud: bool) -> None:
-    components, carrying = case.campaign.components, NominalRobot(nominal.mechanism, nominal.robot)
+def _adopt(target: Path, nominal: Assembled, diagnosis: Diagnosis, case: Case) -> None:
     adopt_effects(
-        target, nominal.robot, carrying, diagnosis, campaign=case.name, components=components,
-        modelled=case.campaign.modelled,
+        target, nominal.robot, NominalRobot(nominal.mechanism, nominal.robot), diagnosis, campaign=case.name,
+        components=case.campaign.components, modelled=case.campaign.modelled,
     )  # fmt: skip
-    if loud:
-        tables.show_line(f"Adopted in {target}, with the parts' matrices of the diagnosis ({components})")
 
 
 @click.group()

@@ -60,8 +60,9 @@ def emit(
     fill: Callable[[Path], object] | None = None,
     page: Callable[[Path, Sequence[Shown]], None] | None = None,
     kept: str = "",
+    also: Callable[[], None] | None = None,
 ) -> None:
-    """Hand over what a command found: output folder, then JSON, then tables.
+    """Hand over what a command found: output folder, then JSON, then what else is written, then tables.
 
     Parameters
     ----------
@@ -73,6 +74,8 @@ def emit(
         Prints the tables.
     manifest, fill, page, kept
         As for `write_folder`; without a folder in `output` they are not used.
+    also
+        Writes what the command makes besides, only where folder and JSON could be written.
 
     """
     if callable(answer) and (output.json or kept):
@@ -81,6 +84,8 @@ def emit(
         write_folder(output.folder, manifest, fill, page, show, answers={kept: answer} if kept else None)
     if output.json:
         write_json(output.json, answer)
+    if also is not None:  # before the tables, which nobody may read to their end
+        also()
     if output.loud:
         if show is not None:
             show()

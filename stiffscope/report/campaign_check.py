@@ -112,8 +112,8 @@ def show_campaign(facts: Mapping[str, Any], name: str) -> None:
         show_line(f"  {remark['text']}", "yellow")
     if facts["without_sigma"]:
         show_line(f"  {facts['without_sigma']} state no uncertainty: it will be estimated")
-    sessions = ", ".join(f"{label or '(no name)'} {count}" for label, count in facts["sessions"].items())
-    show_line(f"  sessions: {sessions}\n")
+    sessions = ", ".join(f"{label or 'without a name'} {count}" for label, count in facts["sessions"].items())
+    show_line("  one session\n" if [*facts["sessions"]] == [""] else f"  sessions: {sessions}\n")
     rows = [
         [row["reads"], row["kind"], str(row["count"]), row["unit"], _number(row["low"]), _number(row["high"]),
          _number(row["sigma"])]

@@ -1,5 +1,6 @@
 """`stiffscope diagnose`: what it writes and says, the robot file that carries the answer, and what it refuses."""
 
+import errno
 import json
 import re
 import shutil
@@ -10,6 +11,7 @@ import pytest
 
 from stiffscope.cli import campaigns
 from stiffscope.cli.main import _guarded
+from stiffscope.cli.output import Output, emit
 from stiffscope.gap.campaigns import diagnose
 from stiffscope.gap.lab import measuring
 from stiffscope.gap.lab.faults import inject
@@ -47,20 +49,27 @@ def test_the_published_experiment(tmp_path, capsys):
     assert set(listed["inputs"]) == {"campaign.toml", "readings.csv"}
 
 
-@pytest.mark.parametrize("end", [BrokenPipeError, SystemExit])
-def test_what_is_adopted_is_written_though_nobody_reads_on(end, soft_drive, tmp_path, monkeypatch):
+def test_what_is_adopted_is_written_though_nobody_reads_the_tables():
     """`diagnose … --adopt FILE | head`: the tables meet a closed pipe, at which rich ends the process."""
+    written = []
 
-    def stop(*_, **__):
-        raise end
+    def stop():
+        raise SystemExit
 
-    monkeypatch.setattr(campaigns, "emit", stop)
-    adopted = tmp_path / "adopted.toml"
-    try:
-        assert _guarded(["diagnose", str(soft_drive), "--out", str(tmp_path / "out"), "--adopt", str(adopted)]) == 1
-    except SystemExit:
-        assert end is SystemExit
-    assert [e.effect for e in load_robot(adopted).effects] == ["actuator-stiffness"]
+    with pytest.raises(SystemExit):
+        emit(Output(), {}, stop, also=lambda: written.append("adopted"))
+    assert written
+
+
+def test_nothing_is_adopted_where_the_results_cannot_be_written(soft_drive, tmp_path, monkeypatch, capsys):
+    def fill_disk(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(campaigns, "write_posterior", fill_disk)
+    words = ["diagnose", str(soft_drive), "--out", str(tmp_path / "out"), "--adopt", str(tmp_path / "adopted.toml")]
+    assert _guarded(words) == 1
+    assert len(capsys.readouterr().err.splitlines()) == 1
+    assert not list(tmp_path.iterdir())
 
 
 def test_an_adopted_effect_closes_the_gap(soft_drive, tmp_path, capsys):
