@@ -1,5 +1,6 @@
 """Contacts between the solids of an assembly: pins in bores, planes face to face, balls in sockets, cones."""
 
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -15,7 +16,7 @@ from stiffscope.runtime.types import Array, Progress
 PARALLEL = 1e-4  # rad: directions within it are the same
 ASIDE = 5e-6  # m: axes, centres within it are the same
 TOUCHING = 2e-5  # m: planes within it touch
-LOOSE, TIGHT = 0.15, 0.2  # of the radius: the widest clearance and the largest overlap of round faces in contact
+LOOSE, TIGHT = 0.24, 0.2  # of the radius: the widest clearance (ISO 273, M2 coarse) and the largest overlap
 PLAY, _PLAY_SHARE = 2.2e-4, 0.02  # m, and of its size: the most between two planes of a guide with play
 _LEAST_AREA = 1e-8  # m²
 
@@ -79,7 +80,7 @@ def find_contacts(solids: Sequence[Instance], progress: Progress | None = None) 
     list of Contact
         Every pair of faces in contact: parallel to 1e-4 rad, coaxial or concentric to 5 um; planes within 20 um, or
         with a play of up to 0.22 mm where other planes or a pin keep it so; radii within what clearances of screws
-        and undercuts of threads have (-20 to +15 %).
+        and undercuts of threads have (-20 to +24 %).
     """
     boxes = np.array([solid.box for solid in solids])
     near = np.all(boxes[:, None, 0] <= boxes[None, :, 1] + PLAY, axis=-1)
@@ -89,7 +90,24 @@ def find_contacts(solids: Sequence[Instance], progress: Progress | None = None) 
         found += _contacts_of(i, j, solids[i], solids[j])
         if progress is not None:
             progress("contacts", (done + 1) / len(pairs))
-    return _drop_open(found)
+    return _drop_open(_drop_covered(found))
+
+
+def _drop_covered(contacts: list[Contact]) -> list[Contact]:
+    """Contacts without those of a pin and a bore that have a ring between them."""
+    bores, pins = defaultdict[tuple[int, int], set[int]](set), defaultdict[tuple[int, int], set[int]](set)
+    ends = [
+        ((each.first, each.faces[0]), (each.second, each.faces[1]))[:: -1 if each.inner else 1] for each in contacts
+    ]
+    for each, (pin, bore) in zip(contacts, ends, strict=True):
+        if each.kind == "cylinder":
+            bores[pin].add(bore[0])
+            pins[bore].add(pin[0])
+    return [
+        each
+        for each, (pin, bore) in zip(contacts, ends, strict=True)
+        if each.kind != "cylinder" or not bores[pin] & pins[bore]
+    ]
 
 
 def _drop_open(contacts: list[Contact]) -> list[Contact]:

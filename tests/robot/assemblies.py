@@ -370,5 +370,106 @@ def gears() -> Made:
     return made
 
 
+def shoulder() -> Made:
+    """An arm on a shoulder screw, its thread in a tapped hole."""
+    made, bolt = Made(), rod(9, 6) + b.Cylinder(6, 10.2, align=TOP) + at(b.Cylinder(5, 12, align=TOP), (0, 0, -10.2))
+    made.add("base", b.Box(80, 60, 20, align=TOP) - at(b.Cylinder(4.25, 14, align=TOP), (0, 0, 1)))
+    made.add("arm", at(b.Box(120, 30, 10, align=LOW), (40, 0, 0)) - rod(6.01, 40))
+    made.buy("bolt", at(bolt, (0, 0, 10.2)))
+    made.join("base", "arm", "revolute")
+    return made
+
+
+def case() -> Made:
+    """A case of three pieces, whose screws are missing, with a horn on the shaft in its lid."""
+    made, holes = Made(), [at(rod(0.8, 9), (x, y, 0)) for x in (-17.0, 17.0) for y in (-8.5, 8.5)]
+    made.add("bottom", b.Box(40, 20, 8, align=LOW) - holes)
+    made.add(
+        "middle", at(b.Box(40, 20, 20, align=LOW) - b.Box(30, 12, 80), (0, 0, 8)) - [at(h, (0, 0, 8)) for h in holes]
+    )
+    made.add("lid", at(b.Box(40, 20, 8, align=LOW) - rod(4, 20), (0, 0, 28)))
+    made.add("horn", at(rod(4, 8) + at(rod(10, 4), (0, 0, 8)) + at(b.Box(30, 8, 4, align=LOW), (0, 0, 8)), (0, 0, 28)))
+    for first, second, kind in (("bottom", "middle", "fixed"), ("middle", "lid", "fixed"), ("lid", "horn", "revolute")):
+        made.join(first, second, kind)
+    return made
+
+
+def ball_stud() -> Made:
+    """A ball stud, its thread in a tapped hole, in the socket of a rod end with a thread in a rod and a lock nut."""
+    made = Made()
+    end = b.Sphere(13) + rod(7, 18) - b.Sphere(8) - at(b.Cylinder(10, 30, align=TOP), (0, 0, -3.5))
+    made.add("plate", at(b.Box(60, 60, 15, align=TOP), (0, 0, -16)) - at(b.Cylinder(3.4, 12, align=TOP), (0, 0, -16)))
+    made.add("stud", b.Sphere(8) + b.Cylinder(4, 27, align=TOP) + at(rod(6.5, 4), (0, 0, -16)))
+    made.add("end", end + at(rod(4, 18), (0, 0, 18)))
+    made.buy("nut", at(_hexagon(13, 5) - rod(4, 9), (0, 0, 19)))
+    made.add("rod", at(rod(7.5, 90) - rod(3.4, 60), (0, 0, 24)))
+    for first, second, kind in (("plate", "stud", "fixed"), ("stud", "end", "spherical"), ("end", "rod", "fixed")):
+        made.join(first, second, kind)
+    return made
+
+
+def bushed() -> Made:
+    """A stud in a crank, a flanged bushing in a coupler on it, a circlip at its end."""
+    made = Made()
+    made.add("crank", b.Box(90, 22, 16, align=TOP) - at(rod(5, 20), (0, 0, -18)))
+    made.buy("stud", at(rod(5, 28), (0, 0, -16)) - at(ring(4.2, 6, 1.1), (0, 0, 10.1)))
+    made.buy("bush", ring(5, 7, 10) + ring(5, 10, 1))
+    made.add("coupler", at(b.Box(90, 22, 9, align=LOW), (30, 0, 1)) - rod(7, 20))
+    made.buy("clip", at(ring(4.2, 8, 1) - at(b.Box(16, 4, 4), (8, 0, 0)), (0, 0, 10.1)))
+    made.join("crank", "coupler", "revolute", (0, 0, 0), Z)
+    return made
+
+
+def spindle() -> Made:
+    """A flanged shaft in two bearings with a ring between them, under a lid whose small screws have coarse holes.
+
+    A washer and a screw hold the lower bearing: with the lid's screws they are no bearing of rings and rollers.
+    """
+    made, lid = Made(), at(ring(15, 26, 3.5), (0, 0, 30))
+    house = b.Box(80, 80, 30, align=LOW) - rod(16, 30)
+    for number, turn in enumerate(np.deg2rad([0, 120, 240])):
+        x, y = 21.5 * np.cos(turn), 21.5 * np.sin(turn)
+        house -= at(rod(0.8, 9), (x, y, 22))
+        lid -= at(rod(1.3, 9), (x, y, 28))
+        made.buy(f"screw{number}", at(screw(2, 9), (x, y, 33.5)))
+    made.add("house", house)
+    made.add("lid", lid)
+    made.add(
+        "shaft", at(rod(9, 29), (0, 0, 1)) + at(rod(11.5, 5), (0, 0, 30)) + at(rod(30, 8), (0, 0, 35)) - rod(2.1, 14)
+    )
+    for z in (0.0, 21.0):
+        made.buy(f"ring{z:g}", at(ring(9, 16, 9), (0, 0, z)))
+    made.buy("spacer", at(ring(13, 16, 12), (0, 0, 9)))
+    made.buy("washer", at(ring(2.7, 12, 2), (0, 0, -1)))
+    made.buy("end", at(screw(5, 12), (0, 0, -1), -Z))
+    made.join("house", "lid", "fixed")
+    made.join("house", "shaft", "revolute", (0, 0, 0), Z)
+    return made
+
+
+def gib() -> Made:
+    """A slide on a dovetail, one side of which is a strip that a screw without a head holds in the slide."""
+    made = Made()
+
+    def extrude(length: float, *points: tuple[float, float]) -> Any:
+        with b.BuildPart() as part:
+            with b.BuildSketch(b.Plane.YZ.offset(-0.5 * length)):
+                b.Polygon(*points, align=None)
+            b.extrude(amount=length)
+        return part.part
+
+    bed = (-90, -40), (90, -40), (90, 0), (35, 0), (47, 20), (-47, 20), (-35, 0), (-90, 0)
+    slide = (-85, 0), (-35, 0), (-47, 20), (55, 20), (43, 0), (85, 0), (85, 35), (-85, 35)
+    made.add("bed", extrude(400, *bed))
+    made.add("slide", extrude(160, *slide) - at(rod(2.5, 60), (0, 40, 10), Y))
+    made.add("strip", extrude(160, (35, 0), (43, 0), (55, 20), (47, 20)) - at(rod(2.6, 30), (0, 45, 10), Y))
+    made.buy("grub", at(rod(3, 22), (0, 55, 10), Y) + at(rod(2.5, 10), (0, 46, 10), Y))
+    made.join("bed", "slide", "prismatic", None, X)
+    made.join("bed", "strip", "prismatic", None, X)
+    made.join("slide", "strip", "fixed")
+    return made
+
+
+SMALL = (shoulder, case, ball_stud, bushed, spindle, gib)
 ALL = {"five-bar": five_bar, "delta": delta, "hexapod": hexapod, "slider": slider, "3-prs": three_prs, "finger": finger}
 ALL |= {"lever": lever, "dovetail": dovetail, "gears": gears}

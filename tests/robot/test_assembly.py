@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from stiffscope.cad.assembly import read_assembly
+from stiffscope.cad.built_assembly import read_built
 from stiffscope.cad.contacts import find_contacts
 from stiffscope.errors import InputError
 from stiffscope.robot.imports.contact_joints import find_joints
@@ -44,9 +45,24 @@ def test_every_joint_is_found_and_none_invented(machine, tmp_path):
     ]
     assert written in (tmp_path / "machine.step").read_text()
     solids = read_assembly(tmp_path / "machine.step")
+    _check(made, solids, place)
+
+
+@pytest.mark.parametrize("machine", assemblies.SMALL)
+def test_details_of_real_machines_make_the_joints_that_they_are(machine):
+    """As a STEP file would give them, but without names and without writing it."""
+    place, made = b.Location((-31, 7, 120), (23, -140, 61)), machine()
+    children = [place * b.Solid(solid.wrapped) for solid in made.solids.values()]
+    solids, _ = read_built(b.Compound(children=children), "machine", [])
+    doubts = _check(made, solids, place)
+    laid = sum("could be lifted off" in doubt.text for doubt in doubts)
+    assert laid == (2 if machine is assemblies.case else 0)
+
+
+def _check(made, solids, place):
     contacts = find_contacts(solids)
     hardware = find_hardware(solids, contacts, {})
-    joints, _ = find_joints(solids, contacts, hardware)
+    joints, doubts = find_joints(solids, contacts, hardware)
     names = _true_names(made, solids, place)
     assert {names[n] for n in hardware.roles} == made.hardware
     found = {frozenset((names[j.first], names[j.second])): j for j in joints}
@@ -59,6 +75,7 @@ def test_every_joint_is_found_and_none_invented(machine, tmp_path):
         if at is not None:
             off = joint.at - 1e-3 * (turn @ at + origin)
             assert np.linalg.norm(off if axis is None else np.cross(joint.axis, off)) < 1e-9
+    return doubts
 
 
 def _frame(place):
@@ -174,7 +191,7 @@ def test_a_joint_of_build123d_that_contacts_contradict_is_told(tmp_path):
     said = {"material": "*=steel", "ground": "plate"}
     found = from_assembly(machine, tmp_path / "m.toml", **said)
     assert [doubt.solids for doubt in found.doubts] == [("plate", "block")]
-    assert "makes it revolute, what touches makes it planar" in found.doubts[0].text
+    assert "makes it revolute, what touches makes it fixed" in found.doubts[0].text
     assert [doubt.text for doubt in inspect_robot(load_robot(found.file)).doubts] == [found.doubts[0].text]
     other = from_assembly(machine, tmp_path / "other.toml", **said, joint={"pl*/bl*": "planar"})
     assert (other.model.joints[0].kind, other.doubts) == ("planar", ())
@@ -206,7 +223,7 @@ def test_a_new_export_says_what_changed(tmp_path):
     files = {path.name: path.read_bytes() for path in (tmp_path / "robot-parts").iterdir()}
     assert import_assembly(tmp_path / "machine.step", out, said).changes == ()
     assert files == {path.name: path.read_bytes() for path in (tmp_path / "robot-parts").iterdir()}
-    made.add("Hebel", made.solids["Hebel"] - assemblies.at(assemblies.rod(1, 40), (50, 0, 0)))
+    made.add("Hebel", made.solids["Hebel"] - assemblies.at(assemblies.rod(6.4, 40), (0, 0, -5)))
     made.add("Block", assemblies.at(b.Box(10, 10, 10, align=assemblies.LOW), (20, 20, 0)))
     del made.solids["Mutter"]
     made.write(tmp_path / "machine.step")
@@ -216,8 +233,9 @@ def test_a_new_export_says_what_changed(tmp_path):
         "Block is new",
         "Mutter is gone",
         "Hebel has another shape",
+        "the fixed joint Platte/Block is new",
         "the joint Platte/Achse was fixed, is planar",
-        "the planar joint Platte/Block is new",
+        "the joint Achse/Hebel was revolute, is planar",
     ]
     out.write_text(out.read_text() + "# by hand\n")
     with pytest.raises(InputError, match=r"robot\.toml: expected the file as the last import wrote it"):

@@ -3,6 +3,8 @@
 A contact holds components of the relative twist: a plane its normal and two tilts, a pin in a bore two translations
 and two tilts, a ball three translations, a cone all but the spin about its axis. Hardware between two parts is a
 small mechanism of its own: screws hold everything, a bearing leaves its spin, pins and rings what their contacts leave.
+A round fit with overlap is a thread or a press fit, which holds everything. Planes from which one part could be lifted
+off the other are no joint that moves: two parts that nothing else connects are taken as fixed there, and it is said.
 The null space of all these constraints, seen at the two parts, is the freedom of their joint, and its dimension and
 pitches are the joint's kind (K. H. Hunt, Kinematic Geometry of Mechanisms, Oxford 1978, ch. 3 and 12).
 """
@@ -10,9 +12,11 @@ pitches are the joint's kind (K. H. Hunt, Kinematic Geometry of Mechanisms, Oxfo
 from __future__ import annotations
 
 from collections import defaultdict
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.optimize import nnls
 
 from stiffscope.robot.imports.bonds import Bond, Freedom
 from stiffscope.robot.imports.doubts import Doubt, doubt_bores, doubt_built, doubt_pins
@@ -30,8 +34,10 @@ if TYPE_CHECKING:
     from stiffscope.robot.imports.hardware import Hardware
     from stiffscope.runtime.types import Array
 
-THREADED = {"screw", "nut"}
+THREADED = {"screw", "nut", "shoulder screw"}
 _SAME = 1e-6
+_LAID = "planes from which one could be lifted off the other: taken as fixed, as if glued or screwed; if it slides"
+_IDLE = "plane on plane where other joints guide already: taken as no joint; if it carries load"
 
 
 def hold(contact: Contact, scale: float) -> Array:
@@ -89,7 +95,9 @@ def _held_by(contact: Contact, hardware: Hardware, scale: float) -> Array | None
         return np.eye(6)  # a seat; of a bearing of one solid, that of its inner ring
     if bearing is not None:
         return _all_but_spin(contact.axis, contact.point / scale)
-    if THREADED & set(roles) and contact.kind != "plane":
+    thread = THREADED & {*roles} and contact.kind != "plane" and not (fits and "shoulder screw" in roles)
+    tight = contact.kind == "cylinder" and contact.gap / contact.radius < FIT[0]
+    if thread or tight:
         return np.eye(6)
     return hold(contact, scale) if fits else None
 
@@ -209,31 +217,37 @@ def find_joints(
             between[i, j] += [
                 b for b in inside if {b.first, b.second} <= cluster | {i, j} and {b.first, b.second} != {i, j}
             ]
-    joints, doubts = [], []
+    joints, doubts, planes = list[Freedom](), list[Doubt](), dict[Freedom, float]()
     for (i, j), held in between.items():
         found = _freedom(i, j, held, solids, scale, hardware)
-        if found.kind:
+        if found.kind == "planar" or (found.kind == "prismatic" and _is_of_planes(held, hardware)):
+            planes[found] = -sum(bond.contact.size for bond in held if bond.contact is not None)
+        elif found.kind:
             joints.append(found)
             doubts += doubt_pins(found, held, solids, hardware)
         else:
             left = f"{found.freedom.shape[1]} freedoms are left ({found.reason})"
             text = f"{left}, which no joint has; say which with --joint"
             doubts.append(Doubt((solids[i].name, solids[j].name), text, tuple(found.at)))
-    doubts += doubt_bores(solids, contacts, hardware)
     if built:
         doubts += doubt_built(joints, find_joints(solids, contacts, hardware)[0], built, solids)
-    return _drop_unneeded(joints, solids, doubts), doubts
+    joints = _add_planes(joints, sorted(planes, key=planes.__getitem__), contacts, solids, doubts)
+    loose = [each for each in contacts if _adds(hold(each, scale), joints, each.first, each.second)]
+    return joints, doubts + doubt_bores(solids, loose, hardware)
 
 
 def _clusters(bonds: Sequence[Bond], hardware: Hardware) -> list[set[int]]:
     """Sets of hardware that bonds connect."""
     of: dict[int, set[int]] = {}
     for bond in bonds:
-        pieces = [each for each in (bond.first, bond.second) if each in hardware.roles]
-        merged = set(pieces).union(*(of[each] for each in pieces if each in of))
-        for each in merged:
-            of[each] = merged
+        _merge(of, *(each for each in (bond.first, bond.second) if each in hardware.roles))
     return list({id(cluster): cluster for cluster in of.values()}.values())
+
+
+def _merge(groups: dict[int, set[int]], *pieces: int) -> None:
+    """Put the groups of some pieces together."""
+    merged = set(pieces).union(*(groups[each] for each in pieces if each in groups))
+    groups.update(dict.fromkeys(merged, merged))
 
 
 def _pair_up(ends: Sequence[int], bonds: Sequence[Bond], direct: set[tuple[int, int]]) -> list[tuple[int, int]]:
@@ -257,9 +271,7 @@ def _pair_up(ends: Sequence[int], bonds: Sequence[Bond], direct: set[tuple[int, 
         touching = (i, j) in direct
         if group[i] is not group[j] or touching:
             pairs.append((i, j))
-            merged = group[i] | group[j]
-            for each in merged:
-                group[each] = merged
+            _merge(group, i, j)
     return pairs
 
 
@@ -308,20 +320,64 @@ def _reason(i: int, j: int, bonds: Sequence[Bond], solids: Sequence[Instance], h
     return ", ".join(f"{count} x {word}" if count > 1 else word for word, count in words.items())
 
 
-def _drop_unneeded(joints: Sequence[Freedom], solids: Sequence[Instance], doubts: list[Doubt]) -> list[Freedom]:
-    """Joints without planes that slide where other joints guide already: those are told instead."""
-    kept = [joint for joint in joints if joint.kind != "planar"]
-    for plane in (joint for joint in joints if joint.kind == "planar"):
-        moving = relative_freedom(map(_hold_of, kept), plane.first, plane.second)
-        if np.abs(_hold_of(plane)[2] @ moving).max(initial=0.0) > 1e-7:
-            kept.append(plane)
-        else:
-            names = solids[plane.first].name, solids[plane.second].name
-            doubts.append(
-                Doubt(names, "plane on plane where other joints guide already: taken as no joint; if it carries load, "
-                      f'say --joint "{names[0]}/{names[1]}=planar"', tuple(plane.at))
-            )  # fmt: skip
+def _is_of_planes(bonds: Sequence[Bond], hardware: Hardware) -> bool:
+    """Whether nothing but planes that touch is between two parts."""
+    planes = (bond.contact is not None and bond.contact.kind == "plane" and not bond.label for bond in bonds)
+    return all(planes) and not hardware.roles.keys() & {n for bond in bonds for n in (bond.first, bond.second)}
+
+
+def _add_planes(
+    joints: list[Freedom], planes: list[Freedom], contacts: Sequence[Contact], solids: Sequence[Instance],
+    doubts: list[Doubt],
+) -> list[Freedom]:  # fmt: skip
+    """Joints with those of planes: guides, and parts laid on each other that nothing else connects, which are fixed.
+
+    What is laid on another, or slides on it, where other joints guide already is no joint. Both are told.
+    """
+    kept, bodies, groups = list(joints), dict[int, set[int]](), dict[int, set[int]]()
+    for joint in kept:
+        _merge(groups, joint.first, joint.second)
+        _merge(bodies, *((joint.first, joint.second) if joint.kind == "fixed" else ()))
+
+    def settle(plane: Freedom, joint: Freedom | None, text: str) -> None:
+        planes.remove(plane)
+        names = solids[plane.first].name, solids[plane.second].name
+        say = f', say --joint "{"/".join(names)}={plane.kind}"'
+        doubts.extend([Doubt(names, text + say, tuple(plane.at))] if text else [])
+        if joint is not None:
+            kept.append(joint)
+            _merge(groups, joint.first, joint.second)
+
+    while laid := next((each for each in planes if _lifts_off(each, contacts, bodies)), None):
+        i, j = laid.first, laid.second
+        if j in groups.get(i, ()):
+            settle(laid, None, _IDLE)
+            continue
+        fixed = replace(laid, kind="fixed", axis=None, freedom=np.zeros((6, 0)))
+        settle(laid, fixed, _LAID)
+        _merge(bodies, i, j)
+    for plane in [*planes]:
+        adds = plane.kind == "prismatic" or _adds(_hold_of(plane)[2], kept, plane.first, plane.second)
+        settle(plane, plane if adds else None, "" if adds else _IDLE)
     return kept
+
+
+def _lifts_off(plane: Freedom, contacts: Sequence[Contact], bodies: dict[int, set[int]]) -> bool:
+    """Whether nothing keeps one of two parts that planes touch, with all that is fixed to it, from being lifted off."""
+    ends = [bodies.get(each, {each}) for each in (plane.first, plane.second)]
+    for one, other in (ends, ends[::-1]):
+        touching = [each for each in contacts if each.kind == "plane" and (each.first in one) != (each.second in one)]
+        outward = np.array([each.axis * (1.0 if each.first in one else -1.0) for each in touching])
+        between = [bool({each.first, each.second} & other) for each in touching]
+        if any(nnls(outward.T, -normal)[1] > 1e-3 for normal in outward[between]):
+            return True
+    return False
+
+
+def _adds(rows: Array, joints: Sequence[Freedom], first: int, second: int) -> bool:
+    """Whether rows (m, 6) hold anything that joints do not hold between two parts."""
+    moving = relative_freedom(map(_hold_of, joints), first, second)
+    return bool(np.abs(rows @ moving).max(initial=0.0) > 1e-7)
 
 
 def _hold_of(joint: Freedom) -> tuple[int, int, Array]:

@@ -44,21 +44,22 @@ def doubt_pins(joint: Freedom, bonds: Sequence[Bond], solids: Sequence[Instance]
     ]
 
 
-def doubt_bores(solids: Sequence[Instance], contacts: Sequence[Contact], hardware: Hardware) -> list[Doubt]:
-    """Bores that are too wide or too tight to guide, between parts."""
-    found = defaultdict[tuple[int, int], dict[str, "Contact"]](dict)
+def doubt_bores(solids: Sequence[Instance], contacts: Iterable[Contact], hardware: Hardware) -> list[Doubt]:
+    """Bores that are too wide to guide, or so tight that they hold, between parts."""
+    found = defaultdict[tuple[str, str, str], dict[str, "Contact"]](dict)
     for contact in contacts:
-        pair = contact.first, contact.second
-        round_ = contact.kind in {"cylinder", "sphere"} and not hardware.roles.keys() & {*pair}
+        round_ = contact.kind in {"cylinder", "sphere"} and not hardware.roles.keys() & {contact.first, contact.second}
         if round_ and not FIT[0] <= contact.gap / contact.radius <= FIT[1]:
+            gap, size = 1e3 * abs(contact.gap), 1e3 * contact.radius
             way = "play" if contact.gap > 0 else "overlap"
-            how = f"{1e3 * abs(contact.gap):.3g} mm of {way}"
-            what = f"a {contact.kind} of radius {1e3 * contact.radius:.4g} mm with {how}"
-            found[pair].setdefault(what, contact)
+            what = f"a {contact.kind} of radius {size:.4g} mm with {gap:.3g} mm of {way}"
+            tight = contact.kind == "cylinder" and contact.gap < 0
+            taken = "a thread or a press fit, which holds" if tight else "no guide"
+            found[solids[contact.first].name, solids[contact.second].name, taken].setdefault(what, contact)
     return [
-        Doubt(names, f'{" and ".join(there)}: taken as no guide; if it guides, say --joint "{"/".join(names)}=KIND"',
+        Doubt((i, j), f'{" and ".join(there)}: taken as {taken}; if it guides, say --joint "{i}/{j}=KIND"',
               tuple(next(iter(there.values())).point))
-        for names, there in (((solids[i].name, solids[j].name), each) for (i, j), each in found.items())
+        for (i, j, taken), there in found.items()
     ]  # fmt: skip
 
 

@@ -1,7 +1,8 @@
 """Hardware of an assembly: screws, nuts, washers, pins, circlips and bearings, by shape first and by name second.
 
-A screw is a turned solid with a head and a shank that stands in bores; a pin has one diameter. A ring is a washer, a
-bearing or a bushing by its proportion: width over the height of its section is 0.7 to 1.6 for the radial ball bearings
+A screw is a turned solid with a head and a shank that stands in bores; one whose shoulder rests on what its thread is
+in lets a part turn about the shoulder (ISO 7379); a pin has one diameter. A ring is a washer, a bearing or a bushing by
+its proportion: width over the height of its section is 0.7 to 1.6 for the radial ball bearings
 of ISO 15 (608: 1.0, 6204: 1.04, 6804: 1.17), below 0.65 for washers (ISO 7089) and well above for bushings and nuts.
 """
 
@@ -27,17 +28,21 @@ _WORDS = {
     "nut": r"nuts?|muttern?|iso.?4032|din.?934|din.?985",
     "washer": r"washers?|(unterleg|feder|beilag)?scheiben?|shims?|iso.?7089|din.?125",
     "pin": r"(dowel|clevis|hinge|pivot)?.?pins?|(zylinder|pass|spann|kegel)?stifte?|bolzen|iso.?(8734|2338)|din.?6325",
+    "bushing": r"bush(ing)?(es|s)?|(lager)?buchsen?|gleitlager|iso.?3547",
     "circlip": r"circlips?|snap.?rings?|retaining.?rings?|sicherungsringe?|sprengringe?|din.?47[12]",
     "bearing": r"(ball|roller|needle)?.?bearings?|(kugel|w[aä]lz|rillenkugel|nadel|zylinderrollen)?lager"
     r"|6[0-3]\d\d|6[0-9]{2}(zz|2rs)?|6[89]\d\d|iso.?15",
 }
 _NAMED = {role: re.compile(rf"(?<![a-z])({words})(?![a-z])", re.IGNORECASE) for role, words in _WORDS.items()}
 FIT = (-0.01, 0.03)  # of the radius: a pin that guides; wider ones are clearance holes, tighter ones threads
+_THREAD = -0.05  # of the radius: an overlap that only threads have
 _TURNED, _BORED = 0.9, 0.8  # share of the surface that is turned about the axis; of a pin with a hole across
 _BEARING, _WASHER = (0.7, 1.6), 0.65  # width over the height of a ring's section
 _BETWEEN = "a ring of a bearing's proportion between a shaft and a housing"
 _WIDE = 3.2  # outer over inner diameter: washers up to 3 (ISO 7093), gears and wheels more
+_THIN, _END = 0.3, 5.0  # section and width of washers at the end of a shaft
 HEADED = "a head and a shank that fits its bores"  # a clevis pin, or a screw in holes of its own diameter
+_ALONG = 0.999999  # cosine of parallel axes
 _SLENDER = 12.0  # length over diameter of a bar that is no pin
 
 
@@ -46,7 +51,8 @@ class Turned:
     """A solid as a lathe sees it: its axis, the share of its surface about it, its outer and inner steps.
 
     ``steps`` and ``bores``: (low, high, radius) in m along the axis from ``point``; ``ends`` those of the solid;
-    ``flare``: largest radius of its cones; ``hexagon``: half the distance across the flats of a head or nut; both m.
+    ``flare``: largest radius of its cones; ``hexagon``: half the distance across the flats of a head or nut; both m;
+    ``holed``: whether it has other holes along the axis.
     """
 
     point: Array
@@ -57,6 +63,7 @@ class Turned:
     ends: tuple[float, float]
     flare: float = 0.0
     hexagon: float = 0.0
+    holed: bool = False
 
     @property
     def length(self) -> float:
@@ -67,6 +74,11 @@ class Turned:
     def radius(self) -> float:
         """Of the widest step, cone or hexagon, m."""
         return max((self.flare, self.hexagon, *(step[2] for step in self.steps)))
+
+    @property
+    def body(self) -> tuple[float, float]:
+        """Radius and length of the longest outer step, m."""
+        return max(_lengths(self.steps).items(), key=lambda each: each[1], default=(0.0, 0.0))
 
     @property
     def bore(self) -> float:
@@ -120,7 +132,8 @@ def turned_form(product: Product) -> Turned | None:
             ends.append(shift)
     share = sum(face.area for face in (*about, *flats)) / sum(face.area for face in product.faces)
     limits = min(ends), max(ends)
-    return Turned(best.origin, best.axis, share, tuple(steps), tuple(bores), limits, float(flare), hexagon)
+    holed = any(face.hollow and face not in about and abs(face.axis @ best.axis) > _ALONG for face in rounds)
+    return Turned(best.origin, best.axis, share, tuple(steps), tuple(bores), limits, float(flare), hexagon, holed)
 
 
 def _find_hexagon(faces: Sequence[FaceGeometry], of: FaceGeometry) -> tuple[float, list[FaceGeometry]]:
@@ -175,6 +188,9 @@ def find_hardware(solids: Sequence[Instance], contacts: Sequence[Contact], said:
     for number, solid in enumerate(solids):
         if number not in found:
             found[number] = _role_of(number, solid, form, touched[number])
+    _add_spacers(found, solids, form, touched)
+    shafts = [n for n, (role, _) in found.items() if role == "pin" and len(_find_ends(n, found, touched)) < 2]
+    found |= dict.fromkeys(shafts, ("", ""))
     found |= {number: ("" if role == "part" else role, "said so") for number, role in said.items()}
     roles = {number: role for number, (role, _) in found.items() if role}
     both = tuple(pair for pair in pairs if {roles.get(ring) for ring in pair} == {"ring"})
@@ -186,6 +202,8 @@ def _role_of(
 ) -> tuple[str, str]:
     """Role and reason: by shape, unless the solid is held square to its own axis somewhere; else by name."""
     form = forms[number]
+    if any(each.kind == "sphere" for each in touched):
+        return "", ""  # a ball stud or rod end
     role, reason = _role_by_shape(number, form, touched, forms)
     if role and not all(_is_about_axis(each, solid, form) for each in touched):
         return "", ""
@@ -200,6 +218,33 @@ def _may_be(role: str, form: Turned | None) -> bool:
     return form is not None and form.share > (0.2 if role in {"screw", "nut", "circlip"} else 0.6)
 
 
+def _add_spacers(
+    found: dict[int, tuple[str, str]], solids: Sequence[Instance], forms: Sequence[Turned | None],
+    touched: Mapping[int, Sequence[Contact]],
+) -> None:  # fmt: skip
+    """Give their role to plain rings that keep a bearing in its place."""
+    bearings = {number for number, (role, _) in found.items() if role in {"bearing", "ring"}}
+    for number, form in enumerate(forms):
+        beside = any(each.kind == "plane" and each.find_other(number) in bearings for each in touched[number])
+        if found[number][0] or form is None or not beside:
+            continue
+        ring = form.bore > 0.5 * form.radius and form.share > _TURNED and not form.holed
+        if ring and all(_is_about_axis(each, solids[number], form) for each in touched[number]):
+            found[number] = "spacer", "a ring beside a bearing"
+
+
+def _find_ends(pin: int, found: Mapping[int, tuple[str, str]], touched: Mapping[int, Sequence[Contact]]) -> set[int]:
+    """Solids whose bores a pin stands in, and in place of bushings and bearings those that are around them."""
+    ends = set[int]()
+    for each in touched[pin]:
+        other = each.find_other(pin)
+        if each.kind != "cylinder" or not _stands_in(each, pin) or each.gap > FIT[1] * each.radius:
+            continue
+        around = [c.find_other(other) for c in touched[other] if c.kind == "cylinder" and _stands_in(c, other)]
+        ends |= set(around) if found[other][0] in {"bushing", "bearing"} else {other}
+    return ends
+
+
 def _role_by_shape(
     number: int, form: Turned | None, touched: Sequence[Contact], forms: Sequence[Turned | None]
 ) -> tuple[str, str]:
@@ -210,7 +255,9 @@ def _role_by_shape(
     inside = [each for each in round_ if _stands_in(each, number)]
     around = len(round_) > len(inside)
     if form.bore:
-        return _role_of_ring(form, bool(inside), around)
+        return _role_of_ring(form, any(each.gap < FIT[1] * each.radius for each in inside), around)
+    if inside and _is_shoulder_screw(form, number, inside, touched):
+        return "shoulder screw", "a head, a shoulder in a bore and a thread that the shoulder rests on"
     return _role_of_bar(form, number, inside, forms) if inside else ("", "")
 
 
@@ -222,9 +269,11 @@ def _role_of_ring(form: Turned, inside: bool, around: bool) -> tuple[str, str]:
     section = low <= form.section <= high and 0.25 <= form.bore / form.radius <= 0.9
     if form.share > _TURNED and section and inside and around:
         return "bearing", _BETWEEN
-    if form.share > _TURNED and 0.0 < form.section < _WASHER and form.radius < _WIDE * form.bore and not inside:
+    plain = form.share > _TURNED and not form.holed
+    wide = _END if form.section < _THIN else _WIDE
+    if plain and 0.0 < form.section < _WASHER and form.radius < wide * form.bore and not inside:
         return "washer", "a flat ring"
-    if form.share > _TURNED and around and form.radius < 2.0 * form.bore and form.length < 4.0 * form.radius:
+    if plain and around and form.body[0] < 2.0 * form.bore and form.length < 4.0 * form.radius:
         return "bushing", "a ring around a pin or shaft"
     return "", ""
 
@@ -237,7 +286,7 @@ def _role_of_bar(
     The bores of a screw have play or are threads, drawn with overlap or at the same radius; a bar that guides another
     part on a wider step than its shank is a shaft, and a headed one that fits in all its bores is a clevis pin.
     """
-    radius, length = max(_lengths(form.steps).items(), key=lambda each: each[1])
+    radius, length = form.body
     bores = {each.find_other(number) for each in inside}
     fitting = [each for each in inside if FIT[0] <= each.gap / each.radius <= FIT[1]]
     nuts = [each for each in bores if (other := forms[each]) is not None and other.hexagon and other.bore]
@@ -248,7 +297,32 @@ def _role_of_bar(
             return "screw", "a head and a shank in a bore with play or a thread"
         return ("pin", HEADED) if len(bores) > 1 else ("", "")
     plain = form.share > _BORED and form.radius < 1.15 * radius and form.length <= _SLENDER * 2.0 * radius
-    return ("pin", f"one diameter, in bores of {len(bores)} others") if plain and len(bores) > 1 else ("", "")
+    if not plain or len(bores) < 2:
+        return "", ""
+    threads = {each.find_other(number) for each in inside if each.gap < _THREAD * each.radius}
+    if threads and threads.issuperset(each.find_other(number) for each in fitting):
+        return "screw", "a thread and a tip without a head"
+    return "pin", f"one diameter, in bores of {len(bores)} others"
+
+
+def _is_shoulder_screw(form: Turned, number: int, inside: Sequence[Contact], touched: Sequence[Contact]) -> bool:
+    """Whether a headed bar guides a part on a shoulder, and rests with it on another, where its narrower thread is."""
+    guides = [each for each in inside if FIT[0] <= each.gap / each.radius <= FIT[1]]
+    guide = max(guides, key=lambda each: each.radius, default=None)
+    if guide is None or form.radius < 1.3 * guide.radius:
+        return False
+    under = {each.find_other(number) for each in touched if each.kind == "plane"}
+    threaded = any(
+        each.radius < 0.95 * guide.radius and each.find_other(number) in under - {guide.find_other(number)}
+        for each in inside
+    )
+    steps = sorted(form.steps, key=lambda step: step[1] - step[0])
+    narrow = [step for step in steps if step[2] < 0.95 * guide.radius]
+    if not threaded or not narrow:
+        return False
+    thread, head = sum(narrow[-1][:2]), sum(max(steps, key=lambda step: step[2])[:2])
+    shoulder = sum(min(steps, key=lambda step: abs(step[2] - guide.radius))[:2])
+    return (head - shoulder) * (shoulder - thread) >= 0.0
 
 
 def _is_about_axis(contact: Contact, solid: Instance, form: Turned | None) -> bool:
@@ -307,7 +381,7 @@ def _find_between(inner: int, outer: int, solids: Sequence[Instance], forms: Seq
         along = float(axis @ away) - middles[0]
         apart = float(np.linalg.norm(np.cross(axis, away)))
         reach = float(np.linalg.norm(solid.box[1] - solid.box[0]))
-        ball = small.bore < apart < large.radius and reach < 2.0 * (large.radius - small.bore)
+        ball = _middle(small) < apart < _middle(large) and reach < 2.0 * (large.radius - small.bore)
         cage = apart < 1e-5 and small.bore < 0.5 * reach < 2.0 * large.radius and number not in {inner, outer}
         if (
             number not in {inner, outer}
@@ -316,6 +390,11 @@ def _find_between(inner: int, outer: int, solids: Sequence[Instance], forms: Seq
         ):
             found.append(number)
     return found
+
+
+def _middle(ring: Turned) -> float:
+    """Mean radius of a ring, m."""
+    return 0.5 * (ring.bore + ring.radius)
 
 
 def _is_cage(form: Turned | None, small: Turned, large: Turned) -> bool:
