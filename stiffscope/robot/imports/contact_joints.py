@@ -37,6 +37,8 @@ if TYPE_CHECKING:
 THREADED = {"screw", "nut", "shoulder screw"}
 _SAME = 1e-6
 _LAID = "planes from which one could be lifted off the other: taken as fixed, as if glued or screwed; if it slides"
+_SCREWED = "planes with holes in line: taken as fixed, as if by screws that are missing; if it slides"
+_SLIDES = "planes that slide on each other: taken as planar; if glued or screwed"
 _IDLE = "plane on plane where other joints guide already: taken as no joint; if it carries load"
 
 
@@ -342,24 +344,38 @@ def _add_planes(
     def settle(plane: Freedom, joint: Freedom | None, text: str) -> None:
         planes.remove(plane)
         names = solids[plane.first].name, solids[plane.second].name
-        say = f', say --joint "{"/".join(names)}={plane.kind}"'
+        other = "fixed" if text is _SLIDES else plane.kind
+        say = f', say --joint "{"/".join(names)}={other}"'
         doubts.extend([Doubt(names, text + say, tuple(plane.at))] if text else [])
         if joint is not None:
             kept.append(joint)
             _merge(groups, joint.first, joint.second)
 
-    while laid := next((each for each in planes if _lifts_off(each, contacts, bodies)), None):
+    screwed = {each for each in planes if _count_holes(solids[each.first], solids[each.second], each) > 1}
+    while laid := next((each for each in planes if each in screwed or _lifts_off(each, contacts, bodies)), None):
         i, j = laid.first, laid.second
         if j in groups.get(i, ()):
             settle(laid, None, _IDLE)
             continue
         fixed = replace(laid, kind="fixed", axis=None, freedom=np.zeros((6, 0)))
-        settle(laid, fixed, _LAID)
+        settle(laid, fixed, _SCREWED if laid in screwed else _LAID)
         _merge(bodies, i, j)
     for plane in [*planes]:
         adds = plane.kind == "prismatic" or _adds(_hold_of(plane)[2], kept, plane.first, plane.second)
-        settle(plane, plane if adds else None, "" if adds else _IDLE)
+        settle(plane, plane if adds else None, _IDLE if not adds else _SLIDES if plane.kind == "planar" else "")
     return kept
+
+
+def _count_holes(one: Instance, other: Instance, plane: Freedom) -> int:
+    """How many round holes of two solids that slide on a plane are in line, as those of screws that are missing."""
+    axis, places = plane.axis, [set[tuple[float, ...]](), set[tuple[float, ...]]()]
+    if axis is None or plane.kind != "planar":
+        return 0
+    for solid, found in zip((one, other), places, strict=True):
+        for face in solid.faces:
+            if face.kind == "cylinder" and face.hollow and np.linalg.norm(np.cross(axis, face.axis)) < _SAME:
+                found.add(tuple(np.round(1e4 * np.cross(axis, face.origin)) + 0.0))
+    return len(places[0] & places[1])
 
 
 def _lifts_off(plane: Freedom, contacts: Sequence[Contact], bodies: dict[int, set[int]]) -> bool:
