@@ -17,6 +17,8 @@ import numpy as np
 from scipy.linalg import qr
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from stiffscope.vjm.linkage import Linkage, Placed
@@ -34,7 +36,6 @@ _NEAR = 1e-6  # of a first step that needs no such check
 _STILL = 1e-4  # rad or own lengths, of a first step after which the next may use the same factors
 _STRAGGLERS = 0.25  # of the poses, that go on alone
 _FAR = 0.7  # rad or own lengths, of a first step
-_FEW = 8  # poses, up to which dense factors cost less than sparse ones
 _PASSIVE_FIRST = 1e-4  # weight of driven columns: passive ones carry the motion where there is a choice
 
 
@@ -48,20 +49,18 @@ class Solution:
     q: Array
     closed: NDArray[np.bool_]
     placed: Placed
-    error: Array  # (cuts, n): largest error of each cut joint
+    error: Array  # (rows, n): of every equation
     factors: Factors | None
 
 
 def differentiate_closure(linkage: Linkage, q: Array) -> Array:
     """Derivatives (rows, m, n) of all equations of a linkage's cut joints at coordinates (m, n)."""
-    starts = np.cumsum([0, *(c.size for c in linkage.cuts)])
-    placed = linkage.place_links(q)
-    out = np.zeros((int(starts[-1]), linkage.size, q.shape[1]))
-    for k, cut in enumerate(linkage.cuts):
-        for row, wrench in enumerate(np.moveaxis(linkage.wrenches(cut, range(cut.size), placed), 1, 0)):
-            rate = np.einsum("in,cin->cn", wrench, placed.twists[cut.columns])
-            out[starts[k] + row, cut.columns] = rate * cut.signs[:, None]
-    return out * linkage.scale[:, None]
+    look = linkage.table.look(q)
+    whole = look.wrenches @ np.swapaxes(look.twists, -1, -2)
+    signs = np.zeros(whole.shape[1:])
+    for cut, start in zip(linkage.cuts, linkage.starts, strict=False):
+        signs[start : start + cut.size, cut.columns] = cut.signs
+    return (whole * signs).transpose(1, 2, 0) * linkage.scale[:, None]
 
 
 def find_locked(linkage: Linkage, q: Array) -> tuple[list[int], float]:
@@ -86,12 +85,12 @@ class Closure:
 
     def __init__(self, linkage: Linkage, q: Array) -> None:
         self.linkage = linkage
-        self.starts = np.cumsum([0, *(c.size for c in linkage.cuts)])
+        self.starts = linkage.starts
         whole = differentiate_closure(linkage, q[:, None])[..., 0]
         unknown = [c for c in range(linkage.size) if c not in linkage.known]
-        self.columns = self._independent_columns(whole, unknown)
-        self.held = [c for c in unknown if c not in set(self.columns)]
-        self.rows = _find_independent(whole[:, self.columns].T)
+        self.columns = np.array(self._independent_columns(whole, unknown), dtype=int)
+        self.held = [c for c in unknown if c not in set(self.columns.tolist())]
+        self.rows = np.array(_find_independent(whole[:, self.columns].T), dtype=int)
         self.redundant = int(self.starts[-1]) - len(self.rows)
         self.whole = whole
         self._order(q)
@@ -132,8 +131,8 @@ class Closure:
                 if pattern[other, c]:
                     pattern[other, columns] |= pattern[r, columns]
                     matrix[other, columns] -= matrix[other, c] / matrix[r, c] * matrix[r, columns]
-        self.rows = [self.rows[r] for r in row_order]
-        self.columns = [self.columns[c] for c in column_order]
+        self.rows = np.array([self.rows[r] for r in row_order], dtype=int)
+        self.columns = np.array([self.columns[c] for c in column_order], dtype=int)
         fill = pattern[np.ix_(row_order, column_order)]
         size = range(len(self.rows))
         self.below = [[i for i in size if i > k and fill[i, k]] for k in size]
@@ -152,7 +151,7 @@ class Closure:
             self.weights[i, cuts[k].columns] = cuts[k].signs
         self.weights[:, self.columns] *= self.linkage.scale[self.columns]
 
-    def solve(self, q: Array, steps: int = _STEPS, *, patient: bool = False) -> Solution:
+    def solve(self, q: Array, steps: int = _STEPS, *, patient: bool = False, first: Array | None = None) -> Solution:
         """Newton's method from coordinates (m, n), whose known rows are as given.
 
         A pose is closed where all equations hold to 1e-12 and the steps contract as they do near a solution: a start
@@ -166,66 +165,56 @@ class Closure:
             Largest number of Newton steps.
         patient
             Go on with poses whose steps do not contract.
+        first
+            Size (n,) of a step that led here, from where the way begins; none where it begins here.
 
         """
-        n = q.shape[1]
+        n, linkage = q.shape[1], self.linkage
         q = q.copy()
-        scale = self.linkage.scale[self.columns][:, None]
-        first, trusted = np.full(n, np.nan), np.ones(n, dtype=bool)
+        scale = linkage.scale[self.columns, None]
+        trusted = np.ones(n, dtype=bool) if first is None else first < _FAR
         factors: Factors | None = None
+        checks, size = True, np.full(n, np.nan)
         with np.errstate(all="ignore"):
             for count in range(steps + 1):
-                placed = self.linkage.place_links(q)
-                errors = [self.linkage.errors(cut, placed) for cut in self.linkage.cuts]
-                worst = np.zeros((len(errors), n))
-                for k, e in enumerate(errors):
-                    worst[k] = np.abs(e).max(axis=0, initial=0.0)
-                most = worst.max(axis=0, initial=0.0)
-                going = ~(most < _ENOUGH)
-                if not patient:
-                    going &= trusted
-                if count == steps or not self.rows or not going.any():
+                placed = linkage.place_links(q)
+                errors = placed.errors
+                most = np.abs(errors).max(axis=0, initial=0.0)
+                going = most >= _ENOUGH if patient else (most >= _ENOUGH) & trusted
+                if count == steps or not len(self.rows) or not going.any():
                     break
                 if count > 1 and 0 < going.sum() < _STRAGGLERS * n:
                     late = self.solve(q[:, going], steps - count, patient=patient)
-                    q[:, going], worst[:, going], closed = late.q, late.error, (most < CLOSED) & trusted
+                    q[:, going], errors[:, going], closed = late.q, late.error, (most < CLOSED) & trusted
                     closed[going] = late.closed & trusted[going]
-                    return Solution(q, closed, self.linkage.place_links(q), worst, factors)
-                serving = count == 1 and np.mean(first < _STILL) >= 1.0 - _STRAGGLERS
-                if factors is None or not serving:
+                    return Solution(q, closed, linkage.place_links(q), errors, factors)
+                if factors is None or count != 1 or np.mean(size < _STILL) < 1.0 - _STRAGGLERS:
                     factors = self.factorize(placed)
-                right = [errors[k][row - self.starts[k]] for row, k in zip(self.rows, self.cut_of, strict=True)]
-                step = factors.solve(right)
+                step = factors.solve(errors[self.rows])
                 size = np.abs(step).max(axis=0)
-                if count == 0:
-                    first = size
-                    trusted &= size < _FAR
-                elif count == 1:
+                if first is None:
+                    trusted, first = size < _FAR, size
+                elif checks:
                     trusted &= (size < _CONTRACTION * first) | (first < _NEAR) | (most < CLOSED)
-                going &= np.isfinite(size) & (size < 10.0)
+                    checks = False
+                going &= size < 10.0
                 q[self.columns] -= step * scale if going.all() else np.where(going, step * scale, 0.0)
         closed = (most < CLOSED) & trusted  # pyright: ignore[reportPossiblyUnboundVariable]
-        return Solution(q, closed, placed, worst, factors)  # pyright: ignore[reportPossiblyUnboundVariable]
+        return Solution(q, closed, placed, errors, factors)  # pyright: ignore[reportPossiblyUnboundVariable]
 
     def factorize(self, placed: Placed) -> Factors:
         """Factors of the ranked equations' derivatives."""
+        look = placed.look
+        if look:
+            whole = look.wrenches.take(self.rows, axis=1) @ look.twists.swapaxes(-1, -2) * self.weights
+            return DenseFactors.invert(whole[:, :, self.columns], whole[:, :, self.linkage.known])
         wrenches: list[Array] = [np.zeros(0)] * len(self.rows)
         for cut, rows in zip(self.linkage.cuts, self.rows_of, strict=True):
             if rows:
                 found = self.linkage.wrenches(cut, [row for row, _ in rows], placed)
                 for (_, i), wrench in zip(rows, found.transpose(1, 0, 2), strict=True):
                     wrenches[i] = wrench
-        if placed.q.shape[1] <= _FEW:
-            return self._factorize_dense(placed, wrenches)
         return SparseFactors(self, self._eliminate(self._entries(placed, wrenches)))
-
-    def _factorize_dense(self, placed: Placed, wrenches: list[Array]) -> Factors:
-        n = placed.q.shape[1]
-        rows = np.empty((n, len(wrenches), 6))
-        for i, wrench in enumerate(wrenches):
-            rows[:, i] = wrench.T
-        whole = (rows @ placed.twists.transpose(2, 1, 0)) * self.weights
-        return DenseFactors(whole[:, :, self.columns], whole[:, :, self.linkage.known])
 
     def _entries(self, placed: Placed, wrenches: list[Array]) -> dict[tuple[int, int], Array]:
         """Entries (n,) of the derivatives, in the order of elimination; behind the unknown coordinates the known."""
@@ -253,14 +242,12 @@ class Closure:
     def rates(self, placed: Placed, factors: Factors | None = None) -> Array:
         """Rates (m, k, n) of all coordinates for unit rates of each known one; ``factors`` may be those near by."""
         linkage = self.linkage
-        n = placed.q.shape[1]
-        out = np.zeros((linkage.size, len(linkage.known), n))
+        out = np.zeros((linkage.size, len(linkage.known), placed.q.shape[1]))
         with np.errstate(all="ignore"):
-            factors = factors or self.factorize(placed)
-            for k, column in enumerate(linkage.known):
-                if self.rows:
-                    out[self.columns, k] = -factors.solve(factors.known(k)) * linkage.scale[self.columns][:, None]
-                out[column, k] = 1.0
+            if len(self.rows):
+                out[self.columns] = (factors or self.factorize(placed)).rates
+                out[self.columns] *= linkage.scale[self.columns][:, None, None]
+            out[linkage.known, range(len(linkage.known))] = 1.0
         return out
 
 
@@ -271,13 +258,15 @@ class SparseFactors:
     closure: Closure
     entries: dict[tuple[int, int], Array]
 
-    def known(self, k: int) -> list[Array]:
-        """Derivatives of all equations by a known coordinate, by number."""
-        size = len(self.closure.rows)
+    @property
+    def rates(self) -> Array:
+        """What the unknown coordinates (columns, k, n) do for unit rates of each known one, scaled."""
+        size, known = len(self.closure.rows), len(self.closure.linkage.known)
         nothing = np.zeros_like(self.entries[0, 0])
-        return [self.entries.get((i, size + k), nothing) for i in range(size)]
+        sides = [[self.entries.get((i, size + k), nothing) for i in range(size)] for k in range(known)]
+        return -np.stack([self.solve(side) for side in sides], axis=1)
 
-    def solve(self, right: list[Array]) -> Array:
+    def solve(self, right: Sequence[Array] | Array) -> Array:
         """Solution (columns, n) for one right-hand side."""
         factors, y = self.entries, list(right)
         for k, below in enumerate(self.closure.below):
@@ -292,22 +281,27 @@ class SparseFactors:
 
 @dataclass(frozen=True, eq=False)
 class DenseFactors:
-    """The same for few poses, where the library's dense solution costs less than the calls of a sparse one."""
+    """The same for few poses: the inverse (n, columns, rows), NaN where a matrix is singular."""
 
-    matrix: Array  # (n, rows, columns)
+    inverse: Array
     others: Array  # (n, rows, known)
 
-    def known(self, k: int) -> list[Array]:
-        """Derivatives of all equations by a known coordinate, by number."""
-        return list(self.others[:, :, k].T)
-
-    def solve(self, right: list[Array]) -> Array:
-        """Solution (columns, n) for one right-hand side; NaN where a matrix is singular."""
-        side = np.stack(np.broadcast_arrays(*right), axis=-1)[..., None]
+    @classmethod
+    def invert(cls, matrix: Array, others: Array) -> DenseFactors:
+        """Factors of matrices (n, rows, columns) and what known coordinates do to the equations."""
         try:
-            return np.linalg.solve(self.matrix, side)[..., 0].T
+            return cls(np.linalg.inv(matrix), others)
         except np.linalg.LinAlgError:
-            return np.full((side.shape[1], len(self.matrix)), np.nan)
+            return cls(np.full_like(matrix, np.nan), others)
+
+    @property
+    def rates(self) -> Array:
+        """As of ``SparseFactors``."""
+        return -(self.inverse @ self.others).transpose(1, 2, 0)
+
+    def solve(self, right: Array) -> Array:
+        """Solution (columns, n) for one right-hand side."""
+        return (self.inverse @ right.T[..., None])[..., 0].T
 
 
 def _find_independent(matrix: Array) -> list[int]:

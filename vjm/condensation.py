@@ -15,10 +15,14 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.vjm.linkage import FEW
 from stiffscope.vjm.order import Eliminate, Fold, Stiffen, fit_free_motions, form_stiffness, stack_columns
+from stiffscope.vjm.screws import Frame
 from stiffscope.vjm.semidefinite import half_inverse
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from stiffscope.vjm.network import Places
     from stiffscope.vjm.order import Connection, Order
     from stiffscope.vjm.screws import Array
@@ -119,10 +123,11 @@ class Condensed:
 def condense_network(order: Order, where: Places) -> Condensed:
     """Condense a network. Raises InfiniteStiffnessError where a connection has one."""
     state = Condensed(order, where)
+    ready = iter(_carry_constants(order, where) if where.rigid else ())
     for step in order.steps:
         match step:
             case Stiffen():
-                state.gone.append(_stiffen(state, step.connection))
+                state.gone.append(_stiffen(state, step.connection, ready))
             case Eliminate():
                 state.gone.append(_eliminate(state, step))
             case Fold():
@@ -130,20 +135,34 @@ def condense_network(order: Order, where: Places) -> Condensed:
     return state
 
 
-def _stiffen(state: Condensed, connection: Connection) -> Stiff:
-    where = state.where
-    if connection.constant is not None and where.rigid:
-        back = connection.frame(where).inverse_adjoint()
-        stiffness = np.swapaxes(back, -1, -2) @ connection.constant @ back
+def _carry_constants(order: Order, where: Places) -> Iterator[Array]:
+    """Stiffness (n or 1, 6, 6), at M in base axes, of every connection that has a constant one, in their order."""
+    connections, n = order.constant, len(where.tool)
+    turned = [where.rotation[c.anchor] for c in connections]
+    moved = [where.position[c.anchor] for c in connections]
+    if not connections or n > FEW or any(len(each) != n for each in (*turned, *moved)):
+        for c in connections:
+            back = c.frame(where).inverse_adjoint()
+            yield np.swapaxes(back, -1, -2) @ c.constant @ back
+        return
+    rotation = np.array(turned)  # all at once: there calls cost more than numbers do
+    origins = np.array([c.origin for c in connections])[:, None, :, None]
+    back = Frame(rotation, (rotation @ origins)[..., 0] + moved - where.tool).inverse_adjoint()
+    yield from np.swapaxes(back, -1, -2) @ np.array([c.constant for c in connections]) @ back
+
+
+def _stiffen(state: Condensed, connection: Connection, ready: Iterator[Array]) -> Stiff:
+    if connection.constant is not None and state.where.rigid:
+        stiffness = next(ready)
     else:
-        stiffness, finite = form_stiffness(*connection.flexible(where), state.order.length)
+        stiffness, finite = form_stiffness(*connection.flexible(state.where), state.order.length)
         if not finite:
             names = ", ".join(e.name for e, _ in connection.members)
             raise InfiniteStiffnessError(
                 f"{names}: infinite stiffness in a constrained direction; expected a compliance there"
             )
     state.add(connection.start, connection.end, stiffness)
-    return Stiff(connection, where, state.order.length, stiffness)
+    return Stiff(connection, state.where, state.order.length, stiffness)
 
 
 def _eliminate(state: Condensed, step: Eliminate) -> Eliminated:

@@ -43,6 +43,7 @@ _ROUNDS = 20
 _FIT = 0.05  # rad or own lengths that a predicted start may be off
 _ASIDE = 0.1  # rad, or own lengths, that drives are displaced from a singular home
 _TOGETHER = 3  # drives displaced at once, at most
+_STEP = 1e-4  # rad or own lengths, of differences
 _SAME = 1e-12  # rad or own lengths: a pose that is home
 _DEGREE = 14  # of a polynomial that predicts starts, at most
 REACHED, OPEN, RANGE, BRANCH = range(4)
@@ -60,6 +61,10 @@ class Solver:
     closure: Closure
     start: Array
     displaced: dict[str, float]
+    rates: Array
+    """What coordinates (m, k) do at the start for unit rates of the given values."""
+    bends: Array
+    """And how these rates change with the given values (m, k, k)."""
     home_sign: float = 0.0
     """Sign of the determinant of drives by commanded coordinates at the start; 0 where it tells nothing."""
 
@@ -89,12 +94,24 @@ def find_solver(mechanism: Mechanism, given: Given) -> Solver:
                     f"tool.pose: expected coordinates that the mechanism can move in at home, got {names}, held there"
                 )
             start, displaced = found
-        solver = Solver(mechanism, linkage, Closure(linkage, start), start, displaced)
+        placed, closure = linkage.place_links(start[:, None]), Closure(linkage, start)
+        rates = closure.rates(placed)
+        bends = _differentiate_rates(closure, start, rates)
+        solver = Solver(mechanism, linkage, closure, start, displaced, rates[..., 0], bends)
         if given == "tool":
-            placed = linkage.place_links(start[:, None])
-            solver.home_sign = float(drive_sign(solver, placed, solver.closure.rates(placed))[0])
+            solver.home_sign = float(drive_sign(solver, placed, rates)[0])
         known[given] = solver
     return known[given]
+
+
+def _differentiate_rates(closure: Closure, start: Array, rates: Array) -> Array:
+    """Derivatives (m, k, k) of the rates (m, k, 1) at coordinates (m,) by the known ones, by central differences."""
+    known = closure.linkage.known
+    step = _STEP * closure.linkage.scale[known]
+    ahead, behind = (
+        closure.rates(closure.linkage.place_links(start[:, None] + rates[..., 0] * sign)) for sign in (step, -step)
+    )
+    return np.nan_to_num(0.5 * (ahead - behind) / step)
 
 
 def _find_regular(mechanism: Mechanism, linkage: Linkage) -> tuple[Array, dict[str, float]] | None:
@@ -238,9 +255,9 @@ class Reached:
         n = len(values)
         failure = np.zeros(n, dtype=np.int8)
         home = self._at_singular_home(values)
-        q = self._start(values)
+        q, first = self._start(values)
         q[linkage.known] = values.T
-        found = solver.closure.solve(q)
+        found = solver.closure.solve(q, first=first)
         q, done, placed = found.q, found.closed.copy(), found.placed
         factors = None if self.predict is None and n > 1 else found.factors  # stragglers' are those of another place
         if home.any():
@@ -265,9 +282,16 @@ class Reached:
         failure[crossed] = BRANCH
         return Followed(q, placed, failure)
 
-    def _start(self, values: Array) -> Array:
-        """Coordinates (m, n) from which to go to given values (n, k)."""
-        return np.repeat(self.solver.start[:, None], len(values), 1) if self.predict is None else self.predict(values)
+    def _start(self, values: Array) -> tuple[Array, Array | None]:
+        """Coordinates (m, n) from which to go to given values (n, k), and what was gone (n,) from where paths start."""
+        if self.predict:
+            return self.predict(values), None
+        solver, columns = self.solver, self.solver.closure.columns
+        along = (values - solver.start_values).T
+        step = solver.rates @ along
+        size = np.abs(step[columns] / solver.linkage.scale[columns, None]).max(axis=0, initial=0.0)
+        bent = ((solver.bends @ along) * along).sum(axis=1)
+        return solver.start[:, None] + step + 0.5 * bent, size
 
     def _keep(self, values: Array, q: Array) -> None:
         """Remember values (n, k) and coordinates (m, n) that were reached."""

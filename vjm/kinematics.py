@@ -109,14 +109,13 @@ class Configurations:
             q = solver.start[:, None].copy()
             q[self.linkage.known] = self.q[self.linkage.known, index, None]
             found = solver.closure.solve(q, 50, patient=True)
-            if not (found.error[:, 0] < CLOSED).all():
+            if not (np.abs(found.error[:, 0]) < CLOSED).all():
                 if len(self.linkage.cuts) == 1:  # an open chain, whose tool closes its only loop
                     home, names = self.mechanism.tool.home, self.mechanism.tool.pose
                     last = home + reach_toward(solver, self.poses[index] - home)
                     place = ", ".join(map(_place_text, names, last))
                     return f"out of reach: straight from home the tool gets no farther than {place}"
-                worst = np.nan_to_num(found.error[:, 0], nan=np.inf).argmax()
-                name = spell_name("joints", self.linkage.cuts[int(worst)].joint.name)
+                name = spell_name("joints", self.linkage.name_worst(found.error[:, 0]))
                 return f"out of reach: the loop through {name} does not close"
         return "on another branch, or too close to one: no way leads there from home without passing a singular pose"
 

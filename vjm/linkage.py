@@ -16,6 +16,7 @@ import numpy as np
 
 from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.screws import rotation_of, skew
+from stiffscope.vjm.tabulated import Table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,8 +26,10 @@ if TYPE_CHECKING:
     from stiffscope.vjm.joints import Joint
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.screws import Array
+    from stiffscope.vjm.tabulated import Look
 
 Given = Literal["tool", "drives"]
+FEW = 32  # poses, up to which tables cost less than one motion and one joint after the other
 TOOL_MOTIONS = (*((("P", axis)) for axis in np.eye(3)), ("S", np.zeros(3)))
 
 
@@ -67,25 +70,48 @@ class Cut:
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """Links at n configurations ``q`` (m, n): ``rotation`` (3, 3, n or 1) and ``position`` (3, n or 1) of each frame.
+    """Links at n configurations ``q`` (m, n), one after the other, or all at once, of few poses.
 
     Poses stand last here and in the closure of loops, where every entry is a vector over poses; elsewhere they lead.
     """
 
-    rotation: list[Array]
-    position: list[Array]
     q: Array
-    motions: tuple[Motion, ...]
+    linkage: Linkage
+    frames: tuple[list[Array], list[Array]]
+    look: Look | None = None
+
+    @cached_property
+    def rotation(self) -> list[Array]:
+        """Rotation (3, 3, n or 1) of each frame."""
+        return self.frames[0] if self.look is None else list(self.look.frames[:, :, :3, :3].transpose(1, 2, 3, 0))
+
+    @cached_property
+    def position(self) -> list[Array]:
+        """Position (3, n or 1) of each frame."""
+        return self.frames[1] if self.look is None else list(self.look.frames[:, :, :3, 3].transpose(1, 2, 0))
 
     def point(self, frame: int, home: Array) -> Array:
         """Where a point (3,) of a link is, (3, n or 1)."""
         return home @ self.rotation[frame] + self.position[frame]
 
     @cached_property
+    def errors(self) -> Array:
+        """Errors (rows, n) of all cut joints: lengths over the mechanism's own, and what held rotations are off."""
+        if self.look:
+            return self.look.errors
+        starts = self.linkage.starts
+        out = np.empty((int(starts[-1]), self.q.shape[1]))
+        for cut, start in zip(self.linkage.cuts, starts[:-1], strict=True):
+            self.linkage.find_errors(cut, self, out[start : start + cut.size])
+        return out
+
+    @cached_property
     def twists(self) -> Array:
         """What a unit rate of each coordinate moves, (m, 6, n), at the origin in base axes."""
+        if self.look:
+            return self.look.twists.transpose(1, 2, 0)
         out = np.zeros((len(self.q), 6, self.q.shape[1]))
-        for m in self.motions:
+        for m in self.linkage.motions:
             r, c = self.rotation[m.parent], m.column
             if m.kind == "P":
                 out[c, :3] = (m.sign * m.axis) @ r
@@ -124,6 +150,7 @@ class Linkage:
         self.size = sum(3 if m.kind == "S" else 1 for m in self.motions)
         paths = self._paths()
         self.cuts = [self._cut(j, paths) for j in joints if j.name not in tree]
+        self.starts = np.cumsum([0, *(c.size for c in self.cuts)])
         self.known = self._find_known()
         scale = np.ones(self.size)
         for m in self.motions:
@@ -212,6 +239,8 @@ class Linkage:
 
     def place_links(self, q: Array) -> Placed:
         """Links and their motions at coordinates (m, n)."""
+        if q.shape[1] <= FEW:
+            return Placed(q, self, ([], []), self.table.look(q))
         rotation: list[Array] = [np.eye(3)[..., None]] * self.frames
         position: list[Array] = [np.zeros((3, 1))] * self.frames
         for m in self.motions:
@@ -228,17 +257,26 @@ class Linkage:
                     r_out = np.ascontiguousarray(turn.transpose(1, 2, 0))
                 p_out = p + m.point @ (r - r_out)
             rotation[m.child], position[m.child] = r_out, p_out
-        return Placed(rotation, position, q, tuple(self.motions))
+        return Placed(q, self, (rotation, position))
 
-    def errors(self, cut: Cut, placed: Placed) -> Array:
-        """Errors (h, n) of a cut joint: lengths over the mechanism's own, and what its held rotations are off."""
+    @cached_property
+    def table(self) -> Table:
+        """Its motions and equations, for few poses."""
+        return Table(self)
+
+    def name_worst(self, errors: Array) -> str:
+        """Name of the cut joint with the largest of all errors (rows,)."""
+        row = int(np.nan_to_num(np.abs(errors), nan=np.inf).argmax())
+        return self.cuts[int(np.searchsorted(self.starts, row, side="right")) - 1].joint.name
+
+    def find_errors(self, cut: Cut, placed: Placed, out: Array) -> None:
+        """Put the errors (h, n) of a cut joint into ``out``."""
         joint = cut.joint
         held, turns = joint.held_components
         axes = np.matmul(joint.axes.T, placed.rotation[cut.first])  # (3, 3, n): component, axis
         gap = placed.point(cut.second, joint.at) - placed.point(cut.first, joint.at)
         second = placed.rotation[cut.second]
-        n = max(gap.shape[1], axes.shape[2], second.shape[2])
-        out, count = np.empty((cut.size, n)), len(held)
+        count = len(held)
         out[:count] = (axes[:, held] * gap[:, None]).sum(axis=0) / self.length
         if joint.kind == "universal" and joint.axis is not None and joint.axis2 is not None:
             a, b = joint.axis @ placed.rotation[cut.first], joint.axis2 @ second
@@ -250,7 +288,6 @@ class Linkage:
             theirs = np.matmul(joint.axes.T, second)
             for row, (i, j) in enumerate(((1, 2), (2, 0), (0, 1)), count):
                 out[row] = 0.5 * ((axes[:, j] * theirs[:, i]).sum(axis=0) - (axes[:, i] * theirs[:, j]).sum(axis=0))
-        return out
 
     def wrenches(self, cut: Cut, rows: Sequence[int], placed: Placed) -> Array:
         """The wrenches (6, rows, n or 1) on the second link, at the origin in base axes, that measure some errors.

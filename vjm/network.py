@@ -131,9 +131,8 @@ class Places:
         """Factor (n or 1, 6, r) and free directions (n or 1, 6, k) of an element, at M in base axes."""
         known, factor, free = self.seen.get(element.name, (None, _NOTHING, _NOTHING))
         if known is not element:  # other robots of this geometry have another element of this name
-            carry = self.adjoint(element)
-            factor = carry @ self.factor(element) if element.factor.shape[1] else _NOTHING
-            free = carry @ free_directions(element, self) if element.free.shape[1] else _NOTHING
+            factor = self.adjoint(element) @ self.factor(element) if element.factor.shape[1] else _NOTHING
+            free = self.adjoint(element) @ free_directions(element, self) if element.free.shape[1] else _NOTHING
             self.seen[element.name] = element, factor, free
         return factor, free
 

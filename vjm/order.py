@@ -129,6 +129,12 @@ class Order:
     """Of a saddle-point system its scale and independent rows at home, by what is solved for, once it has been."""
 
     @cached_property
+    def constant(self) -> list[Connection]:
+        """Stiffened connections whose stiffness no pose changes."""
+        stiff = [step.connection for step in self.steps if isinstance(step, Stiffen)]
+        return [c for c in stiff if c.constant is not None]
+
+    @cached_property
     def unstiffened_order(self) -> Order:
         """The same with no connection turned into a stiffness: it serves where one is infinite."""
         return _Planner(self.mechanism, self.linkage).order(stiffen=False)

@@ -97,6 +97,6 @@ def _faults(solver: Solver, found: Solution) -> list[str]:
         if names:
             out[i] = f"{list_names(names)} at the end of {'its' if len(names) == 1 else 'their'} range"
     for i in np.flatnonzero(~found.closed):
-        worst = linkage.cuts[int(np.argmax(np.nan_to_num(found.error[:, i], nan=np.inf)))].joint.name
-        out[i] = "out of reach or singular" + f": the loop through {worst} does not close" * (len(linkage.cuts) > 1)
+        name = linkage.name_worst(found.error[:, i])
+        out[i] = "out of reach or singular" + f": the loop through {name} does not close" * (len(linkage.cuts) > 1)
     return out

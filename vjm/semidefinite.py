@@ -6,6 +6,7 @@ pivot of LDLᵀ that is rounding beside its own diagonal entry is dropped. That 
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from stiffscope.vjm.screws import Array
 
 DROPPED = 1e-9  # relative pivot below which a direction is free
+_FEW = 8  # matrices, up to which a library's call for each costs less
 
 
 def half_inverse(matrix: Array, tolerance: float = DROPPED) -> Array:
@@ -24,6 +26,12 @@ def half_inverse(matrix: Array, tolerance: float = DROPPED) -> Array:
 def pivot(matrix: Array, tolerance: float = DROPPED) -> tuple[Array, Array]:
     """``half_inverse`` and the relative pivots (n, m) that it met."""
     n, m = matrix.shape[0], matrix.shape[-1]
+    if m and n <= _FEW:
+        with suppress(np.linalg.LinAlgError):
+            root = np.linalg.cholesky(matrix)
+            ratio = root.diagonal(0, 1, 2) ** 2 / matrix.diagonal(0, 1, 2)
+            if (ratio > tolerance).all():
+                return np.linalg.inv(root), ratio
     a = matrix.transpose(1, 2, 0).copy(order="C")
     w = np.zeros((m, m, n))
     pivots = np.empty((n, m))

@@ -192,9 +192,8 @@ def _pose(configurations: Configurations, k: int, name: str, tool: tuple[float, 
 def _residual(mechanism: Mechanism) -> float:
     """Largest error of a joint that closes a loop at home, m (angles times the mechanism's own length)."""
     linkage = Linkage(mechanism, "tool")
-    placed = linkage.place_links(np.zeros((linkage.size, 1)))
-    errors = [float(np.abs(linkage.errors(cut, placed)).max(initial=0.0)) for cut in linkage.cuts]
-    return linkage.length * max(errors, default=0.0)
+    errors = linkage.place_links(np.zeros((linkage.size, 1))).errors
+    return linkage.length * float(np.abs(errors).max(initial=0.0))
 
 
 def _map_reach(robot: RobotFile, mechanism: Mechanism) -> float:

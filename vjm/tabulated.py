@@ -1,0 +1,157 @@
+"""All motions and all equations of a linkage at once, for few poses: there calls cost more than numbers do.
+
+Every motion is ``1 + a X + b X²`` with X a screw as a matrix (4, 4); every error of a cut joint is the product of a
+vector that rides on its first link and one that rides on its second, ``u·(v - w)``, or the sum of two such terms.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.vjm.screws import skew
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from stiffscope.vjm.linkage import Cut, Linkage
+    from stiffscope.vjm.screws import Array
+
+_TINY, _SMALL = 1e-300, 1e-2  # rad²: none, and where a series serves
+_ONE = np.eye(4)
+_AHEAD, _BEHIND = np.array([1, 2, 0]), np.array([2, 0, 1])
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """Links and equations at n poses, which lead here.
+
+    ``frames`` (n, f, 4, 4): displacements from home; ``errors`` (rows, n) of all cut joints, lengths over the
+    mechanism's own; ``twists`` (n, m, 6) for unit rates, and ``wrenches`` (n, rows, 6) that measure errors, both at the
+    origin in base axes.
+    """
+
+    frames: Array
+    errors: Array
+    twists: Array
+    wrenches: Array
+
+
+class Table:
+    """What does not change with the pose."""
+
+    def __init__(self, linkage: Linkage) -> None:
+        motions, m = linkage.motions, linkage.size
+        generators = np.zeros((len(motions) + 1, 3, 4, 4))
+        self.lead = np.array([0, *(motion.column for motion in motions)])
+        self.slides = np.array([True, *(motion.kind == "P" for motion in motions)])
+        parent = np.array([0, *(motion.parent for motion in motions)])
+        constants, coefficients = np.zeros((m, 4, 2)), np.zeros((m, 2, 2))
+        frame = np.zeros(m, dtype=int)
+        for motion in motions:
+            spans = {"S": np.eye(3)}.get(motion.kind, motion.axis[None])
+            for k, axis in enumerate(motion.sign * spans):
+                column, slides = motion.column + k, motion.kind == "P"
+                if slides:
+                    generators[motion.child, k, :3, 3] = axis
+                else:
+                    generators[motion.child, k, :3, :3] = skew(axis)
+                    generators[motion.child, k, :3, 3] = -np.cross(axis, motion.point)
+                frame[column] = motion.parent
+                constants[column, :3] = np.column_stack([axis, motion.point])
+                constants[column, 3, 1] = 1.0
+                coefficients[column] = [[1.0, 0.0], [0.0, 0.0]] if slides else [[0.0, 1.0], [1.0, 0.0]]
+        self.balls = np.array([motion.child for motion in motions if motion.kind == "S"], dtype=int)
+        self.ball_columns = self.lead[self.balls][:, None] + np.arange(3)
+        self.ball_parents = parent[self.balls]
+        self.ball_signs = np.array([motion.sign for motion in motions if motion.kind == "S"])[:, None, None]
+        self.generators = generators[self.balls].reshape(-1, 3, 16)
+        self.screws = generators[:, 0]
+        self.squares = self.screws @ self.screws
+        self.ancestors: list[Array] = []
+        while parent.any():
+            self.ancestors.append(parent)
+            parent = parent[parent]
+        terms = list(_list_terms(linkage))
+        rows = [row for row, *_ in terms]
+        self.home = np.array([const for *_, const in terms])
+        self.sums = (np.arange(max(rows, default=-1) + 1)[:, None] == rows).astype(float)
+        self.simple = len(self.sums) == len(terms)
+        onto = np.array([v for _, _, _, v, _ in terms]).reshape(-1, 4)
+        across = np.zeros((len(terms), 4, 2))
+        across[:, :3, 0] = np.array([u for _, _, u, _, _ in terms]).reshape(-1, 3)
+        forces = onto[:, 3]  # 1 of lengths, 0 of angles
+        across[..., 1] = onto * forces[:, None]
+        self.frame = np.concatenate(
+            [frame, [cut.first for _, cut, *_ in terms], [cut.second for _, cut, *_ in terms]]
+        ).astype(int)
+        self.constants = np.concatenate([constants, across, np.pad(onto[..., None], ((0, 0), (0, 0), (0, 1)))])
+        measured = np.zeros((len(terms), 2, 2))
+        measured[:, 0, 0], measured[:, 1, 1] = forces, 1.0
+        self.coefficients = np.concatenate([coefficients, measured])
+        self.size = m
+
+    def look(self, q: Array) -> Look:
+        """Links and equations at coordinates (m, n)."""
+        angle = q.take(self.lead, axis=0).T
+        first, second = np.where(self.slides, angle, np.sin(angle)), 1.0 - np.cos(angle)
+        frames = self.screws * first[..., None, None] + self.squares * second[..., None, None] + _ONE
+        rates = _ONE
+        if len(self.balls):
+            frames[:, self.balls], rates = _turn_balls(q.T[:, self.ball_columns[:, None]] @ self.generators)
+        for ancestors in self.ancestors:
+            frames = frames.take(ancestors, axis=1) @ frames
+        seen = (frames.take(self.frame, axis=1) @ self.constants)[:, :, :3]
+        m, end = self.size, len(self.coefficients)
+        along, across, onto = seen[:, :end, :, 0], seen[:, m:end, :, 1], seen[:, end:, :, 0]
+        if len(self.balls):
+            turned = frames.take(self.ball_parents, axis=1)[:, :, :3, :3] @ rates
+            along[:, self.ball_columns] = self.ball_signs * turned.swapaxes(-1, -2)
+        at = np.concatenate([seen[:, :m, :, 1], onto], axis=1)
+        both = np.concatenate([along, cross(at, along)], axis=2).reshape(len(angle), end, 2, 3)
+        screws = (self.coefficients @ both).reshape(len(angle), end, 6)
+        errors = (along[:, m:] * (onto - across)).sum(axis=-1) - self.home
+        twists, wrenches = screws[:, :m], screws[:, m:]
+        if not self.simple:
+            errors, wrenches = errors @ self.sums.T, self.sums @ wrenches
+        return Look(frames, errors.T, twists, wrenches)
+
+
+def _turn_balls(screw: Array) -> tuple[Array, Array]:
+    """Displacements (n, b, 4, 4) by rotation vectors as screws (n, b, 1, 16), and spins (n, b, 3, 3) per rate."""
+    screw = screw.reshape(*screw.shape[:2], 4, 4)
+    turn = screw @ screw
+    square = -0.5 * np.trace(turn, axis1=-2, axis2=-1)[..., None, None]
+    angle = np.sqrt(square + _TINY)
+    sine, half = np.sin(angle) / angle, 2.0 * (np.sin(0.5 * angle) / angle) ** 2
+    series = 1.0 / 6.0 - square / 120.0 * (1.0 - square / 42.0 * (1.0 - square / 72.0))
+    third = np.where(square < _SMALL, series, (1.0 - sine) / (angle * angle))
+    return _ONE + sine * screw + half * turn, (_ONE + half * screw + third * turn)[..., :3, :3]
+
+
+def _list_terms(linkage: Linkage) -> Iterator[tuple[int, Cut, Array, Array, float]]:
+    """Number of its row, cut joint, u (3,), v (4,) and what is subtracted, of every term of all errors."""
+    row = 0
+    for cut in linkage.cuts:
+        joint = cut.joint
+        (held, turns), (x, y, z) = joint.held_components, joint.axes.T
+        for k in held:
+            yield row, cut, joint.axes[:, k] / linkage.length, np.append(joint.at, 1.0), 0.0
+            row += 1
+        if joint.kind == "universal" and joint.axis is not None and joint.axis2 is not None:
+            pairs = [[(joint.axis, joint.axis2)]]
+        elif len(turns) == 2:
+            pairs = [[(-z, x)], [(y, x)]]
+        else:
+            pairs = [[(0.5 * b, a), (-0.5 * a, b)] for a, b in ((y, z), (z, x), (x, y)) if turns]
+        for terms in pairs:
+            for u, v in terms:
+                yield row, cut, u, np.append(v, 0.0), float(u @ v) if len(terms) == 1 else 0.0
+            row += 1
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Cross products of vectors (..., 3)."""
+    return a.take(_AHEAD, -1) * b.take(_BEHIND, -1) - a.take(_BEHIND, -1) * b.take(_AHEAD, -1)
