@@ -181,7 +181,20 @@ def _balance_sides(nodes: Floats, facets: Ints, tags: Ints, target: Target) -> F
 
 
 def alternate(points: Floats, node: Ints, place: Ints, target: Target, rounds: int) -> None:
-    """Project points in place on each of the places that a node is on, in turn, until it does not move."""
+    """Project nodes on each of the places that they are on, in turn, until they do not move.
+
+    Parameters
+    ----------
+    points
+        Nodes (n, 3), m, moved in place.
+    node, place
+        Pairs (k,): index of a node, and of a face or edge that it is on.
+    target
+        Surface to project on.
+    rounds
+        Largest number of turns; more come closer to where faces meet.
+
+    """
     for _ in range(rounds):
         steps = np.zeros(len(node))
         for each in np.unique(place):

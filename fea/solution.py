@@ -217,7 +217,18 @@ def solve_specimen(
 def solve_two_levels(
     specimen: Specimen, mesh: TetMesh, interface: str, solver: str, foundation: float | None = None
 ) -> TwoLevel:
-    """Return the quadratic and the cubic solution for the unit wrenches. See ``solve_specimen``."""
+    """Return the quadratic and the cubic solution for the unit wrenches.
+
+    Parameters
+    ----------
+    specimen
+        Part with its clamped and loaded faces.
+    mesh
+        Its quadratic mesh.
+    interface, solver, foundation
+        See ``solve_specimen``.
+
+    """
     with threadpool_limits(1):  # BLAS's own threads are slower on small matrices; ``on_all_cores`` shares out the work
         system = _system_of(specimen, mesh, interface, solver, foundation)
         loads = unit_loads(mesh, system.supports, system.couplings)

@@ -136,9 +136,26 @@ def mesh_specimen(
 ) -> TetMesh:
     """Return the quadratic mesh of a specimen, snapped to its CAD surface and graded at singular edges.
 
-    Without a ``size`` that is chosen from the part, and is larger for a large ``tolerance`` of the solution.
-
-    After ``patience`` seconds no further attempt at a better geometry is made.
+    Parameters
+    ----------
+    specimen
+        Part with its clamped and loaded faces.
+    size
+        Edge length of the elements (m); None chooses it from the part and the tolerance.
+    envelope
+        Largest distance of the mesh from the surface (m); None chooses it from the surface.
+    layers
+        Layers of smaller elements along edges where the stress is singular; more are finer.
+    rigid
+        The loaded faces move as rigid ones, so that their edges are singular, too.
+    time_limit
+        Seconds after which the mesher is ended.
+    threads
+        Threads of the mesher; 0 takes all cores.
+    patience
+        Seconds after which no further attempt at a better geometry is made.
+    tolerance
+        Relative error that the solution may have; a larger one chooses larger elements.
 
     Raises
     ------

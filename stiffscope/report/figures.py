@@ -72,7 +72,22 @@ def name_columns(axes: Axes, names: Sequence[str], size: float = 8) -> None:
 
 
 def write_cells(axes: Axes, grid: np.ndarray, form: str, shade: Callable[[Any], Any], size: float = 7) -> None:
-    """Write the finite numbers of a grid into the cells of its image, white where `shade` (0 to 1) is dark."""
+    """Write the finite numbers of a grid into the cells of its image.
+
+    Parameters
+    ----------
+    axes
+        Axes with the image.
+    grid
+        Numbers (rows, columns).
+    form
+        Format of a number, such as ``"{:.2g}"``.
+    shade
+        Gives the darkness (0 to 1) of each cell; dark ones are written into in white.
+    size
+        Of the letters (points).
+
+    """
     dark = np.ma.filled(shade(grid), 0.0) > 0.45
     for i, j in np.argwhere(np.isfinite(grid)):
         cell = axes.text(j, i, form.format(grid[i, j]), ha="center", va="center", fontsize=size, parse_math=False)

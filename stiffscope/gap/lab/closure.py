@@ -75,7 +75,20 @@ class JointState:
 
 
 def joint_state(joint: Joint, frames: Frames, first: str, second: str, commanded: Array | float = 0.0) -> JointState:
-    """Return the state of a joint between two nodes of `frames`, driven to a displacement (n,) from home."""
+    """Return the state of a joint between two nodes.
+
+    Parameters
+    ----------
+    joint
+        Joint of the laboratory's robot.
+    frames
+        Rotations and places of all nodes at n poses.
+    first, second
+        Names of the nodes that it joins.
+    commanded
+        Displacement of its drive from home (n,), m or rad.
+
+    """
     axes = frames.rotation[first] @ joint.axes
     back = np.swapaxes(axes, -1, -2)
     point = frames.point(second, joint.at_second)
@@ -111,7 +124,18 @@ def joint_state(joint: Joint, frames: Frames, first: str, second: str, commanded
 
 
 def spring_state(joint: Joint, frames: Frames, first: str, second: str) -> tuple[Array, Array]:
-    """Return the free motions (n, k, 6) of a joint as rows, its axes and point, and how far (n, 6) it is from rest."""
+    """Return the free motions of a joint, and how far it is from the rest of its spring.
+
+    Parameters
+    ----------
+    joint, frames, first, second
+        As for `joint_state`.
+
+    Returns
+    -------
+    Free motions (n, k, 6) as rows, and the displacement (n, 6) from rest; in the joint's axes at its point.
+
+    """
     state = joint_state(joint, frames, first, second)
     axes = frames.rotation[first] @ joint.axes
     back = np.swapaxes(axes, -1, -2)

@@ -52,7 +52,20 @@ def view_of(
     width: int,
     up: tuple[float, float, float] = DOWN_Z,
 ) -> View:
-    """Camera that just holds all points; the picture is as flat as they are."""
+    """Camera that just holds all points; the picture is as flat as they are.
+
+    Parameters
+    ----------
+    points
+        What is to be seen (n, 3), m.
+    towards
+        Direction towards the camera.
+    width
+        Of the picture (pixels).
+    up
+        Direction that is up in the picture.
+
+    """
     direction = np.array(towards) / np.linalg.norm(towards)
     right = np.cross(-direction, up)
     right /= np.linalg.norm(right)

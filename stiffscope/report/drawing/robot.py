@@ -142,10 +142,18 @@ def animation(
     shares: dict[str, float] | None = None,
     scale: str = "share",
 ) -> None:
-    """The robot moving, one GIF for each {file, title, frames, order}, seen by a camera that stands still.
+    """The robot moving, one GIF for each picture, seen by a camera that stands still.
 
-    ``frames``: as ``moves`` of `robot`, ``order``: which of them follow one another, in a loop; the
-    rest as for `robot`.
+    Parameters
+    ----------
+    folder
+        Where to write.
+    pictures
+        Each {file, title, frames, order}; ``frames``: as ``moves`` of `robot`, ``order``: which of
+        them follow one another, in a loop.
+    bodies, joints, tool, up, shares, scale
+        As for `robot`.
+
     """
     upward, home = np.array(up, float), np.array(tool["at"], float)
     solids, reach = solids_of(bodies, joints, tool, upward), extent(bodies, joints, tool)

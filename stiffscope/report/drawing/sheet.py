@@ -44,7 +44,20 @@ def fill(axes: Axes, image: Floats, heading: str, remark: str = "") -> None:
 
 
 def scale_bar(axes: Axes, limit: float, largest: float, unit: str, colours: str) -> None:
-    """Draw the colour scale below a rendering, with the largest value."""
+    """Draw the colour scale below a rendering, with the largest value.
+
+    Parameters
+    ----------
+    axes
+        Cell with the rendering.
+    limit, largest
+        Upper end of the colours, and the largest value, which may lie above it; in the unit.
+    unit
+        SI unit without a prefix.
+    colours
+        Name of the colour map.
+
+    """
     factor, prefix = next((f, p) for f, p in PREFIXES if limit >= f or f == PREFIXES[-1][0])
     scale = ScalarMappable(Normalize(0, limit / factor), colours)
     extend = "max" if largest > 1.001 * limit else "neither"
