@@ -1,6 +1,7 @@
 """Fixtures that every room's tests may use."""
 
 import os
+from contextlib import contextmanager
 from pathlib import Path
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # before NumPy is imported: beside other workers its threads only spin
@@ -9,6 +10,7 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # before NumPy is imported: beside othe
 import numpy as np
 import pytest
 
+from stiffscope.runtime.executor import Processes
 from tests.robots import published_robot
 
 SLOW = (
@@ -64,6 +66,29 @@ def _cache(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("STIFFSCOPE_CACHE", str(shared / "cache"))
         yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _drawing():
+    """Processes that draw for all tests of a session, since each takes seconds to load what drawing needs."""
+
+    @contextmanager
+    def lend(_width):
+        executor.ended = False
+        yield executor
+
+    with Processes(2) as executor, pytest.MonkeyPatch.context() as patch:
+        patch.setattr("stiffscope.report.pictures.Processes", lend)
+        patch.setattr(executor, "end", lambda: None)
+        yield
+        patch.undo()
+        executor.end()
+
+
+@pytest.fixture
+def drawn_anew(monkeypatch):
+    """Processes of its own for a test that looks at those that draw."""
+    monkeypatch.setattr("stiffscope.report.pictures.Processes", Processes)
 
 
 @pytest.fixture

@@ -22,7 +22,7 @@ from stiffscope.gap.blind.scores import Outcome, score
 from stiffscope.report.blind_scores import scores_json
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.executor import Here
-from stiffscope.runtime.output import to_json
+from stiffscope.runtime.json_text import to_json
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

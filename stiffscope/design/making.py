@@ -16,7 +16,8 @@ from stiffscope.design.journal import Design
 from stiffscope.design.responses import mass_of_solids, of_modes, quantities
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
-from stiffscope.runtime.executor import Here, Shared, WorkerError, work_through, workers
+from stiffscope.runtime.executor import Here, Shared, WorkerError, work_through
+from stiffscope.runtime.scheduler import workers
 from stiffscope.runtime.workshop import workshop
 from stiffscope.vjm.kinematics import configure
 

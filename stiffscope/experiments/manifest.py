@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from stiffscope.runtime import output
 from stiffscope.runtime.cache import library_version
+from stiffscope.runtime.json_text import to_json
 from stiffscope.runtime.reading import file_digest
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ class Manifest:
             "versions": {"python": sys.version.split()[0], **{name: library_version(name) for name in LIBRARIES}},
             "machine": {"system": platform.system(), "processor": platform.machine()},
         }
-        (folder / output.MANIFEST).write_text(output.to_json(content), encoding="utf-8")
+        (folder / output.MANIFEST).write_text(to_json(content), encoding="utf-8")
 
 
 def manifest_of(robot: RobotFile | None, *inputs: Path) -> Manifest:

@@ -31,7 +31,8 @@ from stiffscope.report import gap_tables, live
 from stiffscope.report.pictures import open_drawing
 from stiffscope.report.terminal import record_shown
 from stiffscope.robot.reader import load_robot
-from stiffscope.runtime.output import to_json, write_bytes
+from stiffscope.runtime.json_text import to_json
+from stiffscope.runtime.output import write_bytes
 from stiffscope.runtime.workshop import workshop
 
 if TYPE_CHECKING:

@@ -7,7 +7,6 @@ this machine take seconds to start.
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import functools
 import itertools
@@ -26,11 +25,10 @@ from typing import IO, TYPE_CHECKING, Any
 import cloudpickle  # which knows read-only mappings
 import psutil
 
-from stiffscope.errors import InputError, StiffscopeError
+from stiffscope.errors import StiffscopeError
 from stiffscope.runtime.output import scratch_folder
-from stiffscope.runtime.processors import processors, use_processors
+from stiffscope.runtime.processors import processors
 from stiffscope.runtime.signals import STOPS, block, deaf_to
-from stiffscope.runtime.worker import answer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -39,8 +37,6 @@ if TYPE_CHECKING:
 
     Job = tuple[Any, tuple[Any, ...]]
 
-CONNECT = "20s"
-ASKED = 3  # times that a scheduler is asked for an answer that it has lost
 AHEAD = 4  # jobs that are given out before they are needed, for each that is worked on
 KILLED = {-signal.SIGTERM, -getattr(signal, "SIGKILL", signal.SIGTERM)}  # exit codes of a process ended from outside
 
@@ -212,7 +208,7 @@ class _Child:
             while True:
                 kind, content = pickle.load(self._process.stdout)  # noqa: S301  # pyright: ignore[reportArgumentType]
                 if kind in {"answer", "error", "failed"} and not self._late:
-                    return _answer(name, kind, content)
+                    return take_answer(name, kind, content)
                 if kind == "begun" and limit is not None:
                     timer.start()
                 elif kind == "progress" and report:
@@ -252,85 +248,13 @@ class _Child:
         self._process.wait()
 
 
-def _answer(name: Any, kind: str, content: Any) -> Any:
-    """The answer of a job, or what it has raised."""
+def take_answer(name: Any, kind: str, content: Any) -> Any:
+    """Return the answer of a job, or raise what it has raised: by ``kind``, as `worker.answer` says."""
     if kind == "answer":
         return content
     if kind == "error":
         raise content
     raise WorkerError(f"{name}: {content.strip().splitlines()[-1]}", output=content)
-
-
-class Scheduler(Executor):
-    """Has jobs done by the workers of a Dask scheduler.
-
-    Parameters
-    ----------
-    address
-        Such as "tcp://10.0.0.5:8786".
-
-    Raises
-    ------
-    InputError
-        No scheduler answers.
-
-    """
-
-    width = 64
-
-    def __init__(self, address: str) -> None:
-        from distributed import Client
-
-        for each in ("distributed", "distributed.client", "tornado.application"):  # each has a level of its own
-            logging.getLogger(each).setLevel(logging.CRITICAL)  # slow workers are no news, a lost scheduler is told
-        try:
-            self._client = Client(address, timeout=CONNECT)
-        except (OSError, ValueError) as error:
-            raise InputError(
-                f"--scheduler: expected the address of a Dask scheduler that answers, got {address}"
-            ) from error
-
-    def submit(self, function: Callable[..., Any], /, *arguments: Any, name: Any = "", **_: Any) -> Future[Any]:
-        """Have ``function(*arguments)`` done; see `Processes.submit`."""
-        loop: Any = self._client.loop  # of tornado, which runs on asyncio's
-        return asyncio.run_coroutine_threadsafe(self._ask(name, function, arguments), loop.asyncio_loop)
-
-    async def _ask(self, name: Any, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """Have a job done; again where Dask lost its answer with a worker, or says that it has done nothing."""
-        from distributed import KilledWorker
-
-        lost: Exception | None = None
-        for _ in range(ASKED):
-            try:
-                kind, content = await self._client.submit(_on_worker, function, *arguments, pure=False)
-            except KilledWorker as error:
-                deaths = error.allowed_failures + 1
-                raise WorkerError(f"{name}: {deaths} workers ended at it; is there enough memory?") from error
-            except Exception as error:
-                if self._client.status != "running":
-                    raise GoneError from error
-                lost = error
-            else:
-                return _answer(name, kind, content)
-        raise WorkerError(f"{name}: {type(lost).__name__}: {lost}") from lost
-
-    def end(self) -> None:
-        """Drop all jobs."""
-        self.shutdown()
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Let the scheduler forget what is left."""
-        del wait, cancel_futures
-        with contextlib.suppress(Exception):
-            self._client.close()
-
-
-@contextlib.contextmanager
-def workers(scheduler: str | None, width: int) -> Iterator[Processes | Scheduler]:
-    """Workers of a scheduler at an address, or processes of our own that share this machine's processors."""
-    width = max(1, width)
-    with Scheduler(scheduler) if scheduler else Processes(width, max(1, processors() // width)) as executor:
-        yield executor
 
 
 class Shared:
@@ -348,14 +272,6 @@ class Shared:
 @functools.lru_cache(16)
 def _unpickle(content: bytes) -> Any:
     return pickle.loads(content)  # noqa: S301
-
-
-def _on_worker(function: Callable[..., Any], *arguments: Any) -> tuple[str, Any]:
-    """Do a job on a worker of Dask: with no more processors than it has threads."""
-    from distributed import get_worker
-
-    use_processors(get_worker().state.nthreads)
-    return answer(function, *arguments)
 
 
 def do_alone(function: Callable[..., Any], *arguments: Any, name: str, limit: float) -> Any:

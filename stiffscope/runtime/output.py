@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import json
-import math
 import os
 import platform
 import re
@@ -24,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 import psutil
 
 from stiffscope.errors import InputError, StiffscopeError
+from stiffscope.runtime.json_text import encodable, to_json
 from stiffscope.runtime.reading import file_digest, read_bytes, show_path, why
 from stiffscope.runtime.signals import STOPS, deaf_to
 
@@ -130,54 +130,15 @@ def _unwritable(path: str | Path, error: BaseException, *, folder: bool) -> Stif
 def write_json(target: str | Path, value: Any) -> None:
     """Write JSON to a file, marked as ours (a list in its first entry), or to standard output for "-"."""
     if str(target) == "-":
-        sys.stdout.write(_encodable(to_json(value), sys.stdout.encoding or "ascii"))
+        sys.stdout.write(encodable(to_json(value), sys.stdout.encoding or "ascii"))
         sys.stdout.flush()
     else:
         content = [_mark(value[0]), *value[1:]] if isinstance(value, list | tuple) and value else _mark(value)
-        write_bytes(Path(target), _encodable(to_json(content), "utf-8").encode())
+        write_bytes(Path(target), encodable(to_json(content), "utf-8").encode())
 
 
 def _mark(value: Any) -> Any:
     return {"made_by": MAKER, **value} if isinstance(value, dict) else value
-
-
-def _encodable(text: str, encoding: str) -> str:
-    """JSON text as it is where an encoding has all its letters, else with escapes."""
-    try:
-        text.encode(encoding)
-    except UnicodeEncodeError:
-        return re.sub(r"[^\x00-\x7f]", lambda letter: json.dumps(letter[0])[1:-1], text)
-    return text
-
-
-def to_json(value: Any) -> str:
-    """JSON text with arrays as lists, one matrix row a line; what is not a finite number is null."""
-    return _rows(_to_plain(value)) + "\n"
-
-
-def _to_plain(value: Any) -> Any:
-    if hasattr(value, "tolist"):
-        value = value.tolist()
-    if isinstance(value, dict):
-        return {str(key): _to_plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_to_plain(item) for item in value]
-    if isinstance(value, float):
-        return value + 0.0 if math.isfinite(value) else None  # -0.0 + 0.0 is 0.0
-    if isinstance(value, Path):
-        return value.as_posix()
-    return value
-
-
-def _rows(value: Any, indent: str = "") -> str:
-    """Indented JSON in which a list of plain values stays on one line."""
-    inner = indent + "  "
-    if isinstance(value, dict) and value:
-        items = [f"{inner}{json.dumps(key, ensure_ascii=False)}: {_rows(item, inner)}" for key, item in value.items()]
-        return "{\n" + ",\n".join(items) + f"\n{indent}}}"
-    if isinstance(value, list) and any(isinstance(item, list | dict) for item in value):
-        return "[\n" + ",\n".join(inner + _rows(item, inner) for item in value) + f"\n{indent}]"
-    return json.dumps(value, ensure_ascii=False, allow_nan=False)
 
 
 @contextlib.contextmanager

@@ -43,6 +43,7 @@ def test_published_robot_needs_no_experiment(tmp_path):
         assert np.array_equal(held["stiffness"], stiffness)
 
 
+@pytest.mark.usefixtures("drawn_anew")
 def test_without_graphics_the_run_is_done_and_says_what_to_install(tmp_path, monkeypatch, caplog):
     broken = tmp_path / "broken" / "pyvista.py"
     broken.parent.mkdir()

@@ -511,7 +511,7 @@ def test_no_worker_outlives_a_killed_parent(tmp_path):
 
 
 def test_a_scheduler_that_does_not_answer_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr("stiffscope.runtime.executor.CONNECT", "1s")
+    monkeypatch.setattr("stiffscope.runtime.scheduler.CONNECT", "1s")
     with pytest.raises(InputError, match="--scheduler: expected the address of a Dask scheduler that answers"):
         run_blind(tmp_path, [blind_robot("five-bar")], 1, 1, scheduler="tcp://127.0.0.1:9")
 

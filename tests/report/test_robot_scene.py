@@ -140,6 +140,7 @@ def test_picture_of_a_deformed_robot_with_the_users_own_surface(delta, tmp_path)
     assert 20_000 < (tmp_path / "a.png").stat().st_size < 400_000
 
 
+@pytest.mark.usefixtures("drawn_anew")
 def test_a_process_that_is_ready_ahead_draws_the_same_picture(delta, tmp_path):
     robot, mechanism, there = delta
     plain = scene(robot, mechanism)
@@ -149,6 +150,7 @@ def test_a_process_that_is_ready_ahead_draws_the_same_picture(delta, tmp_path):
     assert (tmp_path / "ahead.png").read_bytes() == (tmp_path / "now.png").read_bytes()
 
 
+@pytest.mark.usefixtures("drawn_anew")
 def test_a_process_that_fails_says_why_and_one_that_is_not_asked_ends(tmp_path):
     with open_drawing(ahead=True) as draw_now, pytest.raises(PictureError, match="KeyError: 'nothing'"):
         draw_now("nothing", tmp_path)
@@ -158,6 +160,7 @@ def test_a_process_that_fails_says_why_and_one_that_is_not_asked_ends(tmp_path):
     assert psutil.Process().children() == others
 
 
+@pytest.mark.usefixtures("drawn_anew")
 def test_a_process_that_is_killed_is_not_taken_for_missing_graphics(delta, tmp_path):
     robot, mechanism, there = delta
     others = psutil.Process().children()
@@ -170,6 +173,7 @@ def test_a_process_that_is_killed_is_not_taken_for_missing_graphics(delta, tmp_p
     assert (tmp_path / "again.png").exists()
 
 
+@pytest.mark.usefixtures("drawn_anew")
 @pytest.mark.long
 def test_a_process_without_a_home_leaves_nothing_when_it_is_killed(tmp_path, monkeypatch):
     """Matplotlib then makes a temporary folder for what it keeps."""

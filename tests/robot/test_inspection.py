@@ -10,7 +10,7 @@ import pytest
 from stiffscope.data import FOLDER
 from stiffscope.robot.inspection import inspect_robot, inspection_json
 from stiffscope.robot.reader import load_robot, read_robot
-from stiffscope.runtime.output import to_json
+from stiffscope.runtime.json_text import to_json
 from tests.robot.test_reader import TEXT
 
 ROBOTS = FOLDER / "robots"

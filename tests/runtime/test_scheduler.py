@@ -12,7 +12,8 @@ import pytest
 from distributed import Future, LocalCluster
 
 from stiffscope.errors import InputError, StiffscopeError
-from stiffscope.runtime.executor import Scheduler, WorkerError, work_through
+from stiffscope.runtime.executor import WorkerError, work_through
+from stiffscope.runtime.scheduler import Scheduler
 
 SCHEDULER = """\
 from distributed import LocalCluster

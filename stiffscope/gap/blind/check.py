@@ -18,9 +18,10 @@ from stiffscope.gap.diagnose import conclude
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.gap.inference.findings import find
-from stiffscope.runtime.executor import Shared, work_through, workers
+from stiffscope.runtime.executor import Shared, work_through
 from stiffscope.runtime.output import scratch_folder, write_bytes
 from stiffscope.runtime.reading import read_text, why
+from stiffscope.runtime.scheduler import workers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
