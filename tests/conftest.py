@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from stiffscope.runtime.executor import Processes
+from tests.extended import EXTENDED
 from tests.robots import published_robot
 
 SLOW = (
@@ -41,10 +42,13 @@ def pytest_ignore_collect(collection_path, config):
 
 
 def pytest_collection_modifyitems(items):
-    """Mark what is not of the fast half; long tests and benchmarks are not, either."""
+    """Mark what the default run leaves out, and what is not of the fast half."""
     for item in items:
+        further = EXTENDED.get(item.path.relative_to(Path(__file__).parent).as_posix(), ())
+        if item.name in further or item.originalname in further:
+            item.add_marker(pytest.mark.extended)
         marked = any(item.get_closest_marker(name) for name in ("long", "benchmark"))
-        if marked or _is_slow(item.path):
+        if marked or item.get_closest_marker("extended") or _is_slow(item.path):
             item.add_marker(pytest.mark.slow)
         if marked and not item.get_closest_marker("timeout"):
             item.add_marker(pytest.mark.timeout(7200))

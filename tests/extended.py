@@ -1,0 +1,141 @@
+"""Tests that repeat a law on more parts, robots or faults: minutes in all, so that the default run leaves them out.
+
+`python -m pytest -n auto -m extended` runs them, and so does `.ci/run`.
+"""
+
+EXTENDED = {
+    "benchmarks/test_alive.py": (
+        "test_a_whole_process_from_the_cad",
+        "test_bounds_of_a_random_part",
+        "test_two_levels_and_a_large_mesh",
+    ),
+    "cad/test_step.py": (
+        "test_a_build123d_solid_is_a_part",
+        "test_building_writes_nothing_to_standard_output",
+        "test_rubbish_is_refused",
+    ),
+    "cad/test_washers.py": ("test_washers_that_do_not_fit_are_refused",),
+    "cli/test_cli.py": (
+        "test_a_robot_of_ones_own",
+        "test_a_stopped_run_leaves_nothing[15]",
+        "test_modules_of_the_working_folder_change_nothing[arguments1]",
+    ),
+    "cli/test_diagnosis.py": ("test_pictures_of_a_diagnosis_are_kept",),
+    "cli/test_experiment_options.py": (
+        "test_a_foundation_gives_way_and_the_superelement_holds_the_part",
+        "test_a_tolerance_that_is_not_met_is_told_in_one_line",
+        "test_pads_apart_are_shown_one_by_one",
+        "test_tolerance_reaches_the_experiment_and_enters_its_key",
+    ),
+    "cli/test_map.py": (
+        "test_a_volume_holds_what_maps_and_single_poses_hold",
+        "test_numbers_carry_names_and_units",
+    ),
+    "cli/test_store.py": ("test_eighty_columns_of_ascii",),
+    "cli/test_vibration.py": (
+        "test_maps_have_frequencies",
+        "test_shapes_are_drawn_and_move",
+    ),
+    "experiments/test_assembly.py": (
+        "test_a_mass_that_only_cad_knows_is_tested_for",
+        "test_a_step_file_s_solid_yields_and_weighs",
+    ),
+    "experiments/test_interfaces.py": ("test_a_rod_on_a_foundation_sinks_in_by_force_over_area",),
+    "experiments/test_named_interfaces.py": ("test_every_interface_is_a_node_of_the_robot",),
+    "experiments/test_orders.py": (
+        "test_the_mesh_of_a_former_part_is_moved_along_where_it_can_be",
+        "test_what_scripts_read_of_a_rod_and_of_a_step_file_in_its_place",
+    ),
+    "fea/test_experiment.py": (
+        "test_every_entry_is_within_its_tolerance_and_its_bound[link-0.0005]",
+        "test_every_entry_is_within_its_tolerance_and_its_bound[plate-0.002]",
+    ),
+    "fea/test_interfaces.py": (
+        "test_a_blocks_compliance_is_the_two_ended_experiments[distributed]",
+        "test_any_interface_may_be_at_rest",
+        "test_each_interface_has_a_coupling_of_its_own",
+        "test_the_stiffness_is_symmetric_semidefinite_and_free_of_rigid_motions[distributed]",
+    ),
+    "fea/test_laws.py": ("test_lengths_scale_stretch_by_one_and_rotations_by_three_powers",),
+    "fea/test_mass.py": (
+        "test_a_uniform_bar_rings_as_waves_say",
+        "test_modes_are_lanczoss",
+        "test_modes_between_held_ends_are_within_their_bounds",
+        "test_the_number_of_modes_is_chosen_directly_or_by_a_frequency",
+        "test_whatever_holds_the_part_its_mass_is_the_same",
+    ),
+    "fea/test_mesh.py": (
+        "test_a_patch_imprinted_on_a_plane_ends_at_its_border",
+        "test_a_traction_is_singular_where_it_ends_in_a_plane_only",
+    ),
+    "fea/test_sensitivity.py": (
+        "test_a_mesh_moves_along_with_a_small_change_and_not_with_a_large_one",
+        "test_rod_in_tension_torsion_and_bending_has_the_derivatives_of_the_closed_form",
+        "test_the_mesh_of_a_filleted_slider_follows_its_cad_whatever_changes",
+    ),
+    "fea/test_tolerance.py": (
+        "test_a_refined_mesh_that_cannot_be_solved_leaves_the_last_one",
+        "test_a_soft_foundation_adds_the_springs_of_statics",
+        "test_superelement_is_free_and_is_the_part_when_held",
+        "test_what_cannot_be_met_is_said_and_saved",
+    ),
+    "gap/test_blind.py": (
+        "test_an_interrupted_check_goes_on_and_ends_the_same",
+        "test_cases_of_any_robot_are_written_and_named",
+        "test_effects_are_exchanged_in_sets_that_are_nearly_as_good",
+        "test_play_in_a_passive_joint_is_no_backlash_of_a_drive",
+        "test_play_that_reads_as_backlash_of_a_drive_is_said_to_be_either[stewart-fault0-strut5.drive]",
+        "test_play_that_reads_as_backlash_of_a_drive_is_said_to_be_either[stewart-fault1-strut5.drive]",
+    ),
+    "gap/test_diagnose.py": (
+        "test_a_fault_without_a_word_is_not_named",
+        "test_a_group_that_is_certain_is_identified_with_a_measurement_that_separates_it",
+        "test_a_tool_that_turns_about_one_oblique_axis_blames_nothing_else",
+        "test_backlash_of_a_drive_with_two_slopes_is_found_adopted_and_predicted",
+        "test_fea_against_beam_is_found_as_the_slider_entry_by_entry",
+        "test_no_gap_and_missing_gravity",
+        "test_rotations_are_coupled_where_the_readings_ask_for_it",
+        "test_the_same_answer_after_shuffling_rows_doubling_the_label_and_outliers",
+        "test_what_would_widen_the_gap_is_not_named",
+    ),
+    "gap/test_interfaces.py": ("test_a_soft_head_is_found_adopted_and_found_no_more",),
+    "gap/test_sanity.py": ("test_faults_of_the_robot_raise_no_doubts_of_its_instruments",),
+    "report/test_live.py": ("test_new_rows_of_a_campaign_appear",),
+    "report/test_notebook.py": ("test_every_object_shows_as_a_table",),
+    "report/test_robot_scene.py": (
+        "test_a_process_that_is_ready_ahead_draws_the_same_picture",
+        "test_picture_of_a_deformed_robot_with_the_users_own_surface",
+    ),
+    "robot/test_assembly.py": (
+        "test_a_headed_pin_in_holes_of_its_diameter_is_told_with_both_readings",
+        "test_every_joint_is_found_and_none_invented[3-prs]",
+        "test_every_joint_is_found_and_none_invented[delta]",
+        "test_every_joint_is_found_and_none_invented[dovetail]",
+        "test_every_joint_is_found_and_none_invented[finger]",
+        "test_every_joint_is_found_and_none_invented[hexapod]",
+        "test_every_joint_is_found_and_none_invented[slider]",
+        "test_what_is_not_said_well_is_refused",
+    ),
+    "runtime/test_scheduler.py": ("test_jobs_survive_the_kills_of_their_workers_and_one_that_kills_them_is_named",),
+    "test_bad_day.py": (
+        "test_a_command_that_is_stopped_leaves_no_child_and_says_one_line[blind-9]",
+        "test_a_command_that_is_stopped_leaves_no_child_and_says_one_line[compliance-15]",
+        "test_a_command_that_is_stopped_leaves_no_child_and_says_one_line[compliance-2]",
+        "test_a_command_that_is_stopped_leaves_no_child_and_says_one_line[compliance-9]",
+    ),
+    "test_docs.py": ("test_every_equation_is_set_by_the_pages_own_mathjax[theory]",),
+    "test_tutorials.py": (
+        "test_tutorials[gauges]",
+        "test_tutorials[part]",
+        "test_tutorials[robot]",
+    ),
+    "validation/test_parts.py": (
+        "test_a_carbon_fibre_tube_twists_exactly_and_stretches_as_its_fibres",
+        "test_a_flanged_bar_stretches_as_its_half_section",
+        "test_a_washer_presses_a_disc_as_its_half_section_says",
+    ),
+    "vjm/test_kinematics.py": ("test_out_of_reach_is_told_and_never_taken",),
+    "vjm/test_laws.py": ("test_equilibrium_under_wrench_weight_and_springs_beside_hanging_drives",),
+    "vjm/test_rigid_directions.py": ("test_limbs_off_the_path_to_the_tool_change_nothing",),
+}
+"""Names of tests, with or without one of their parameters, by file."""
