@@ -53,9 +53,14 @@ def evaluate(data: dict[str, Any]) -> tuple[dict[str, Any], dict[str, float], di
     """
     tolerances: dict[Key, float] = {}
     data = _map_texts(data, lambda text, key: _nominal(text, key, tolerances))
-    values = _parameter_values(data)
     rest = {key: value for key, value in data.items() if key != "parameters"}
-    return evaluate_value(rest, values), values, tolerances
+    try:
+        values = _parameter_values(data)
+        return evaluate_value(rest, values), values, tolerances
+    except FieldError:
+        for key, value, field in _list_given(data).values():
+            _check_field(field, key, value)
+        raise
 
 
 def evaluate_value(data: Any, values: Mapping[str, float], key: Key = ()) -> Any:
@@ -118,7 +123,7 @@ def _parameter_values(data: Mapping[str, Any]) -> dict[str, float]:
     given = _list_given(data)
     expressions: dict[str, Expression] = {}
     values: dict[str, float] = {}
-    for name, (key, value, field) in given.items():
+    for name, (key, value, _) in given.items():
         if is_expression(value):
             expressions[name] = _parse(key, value, given)
         elif key[0] == "parameters":
@@ -126,8 +131,6 @@ def _parameter_values(data: Mapping[str, Any]) -> dict[str, float]:
                 values[name] = any_quantity(value)
         elif (number := _number(value)) is not None:
             values[name] = number
-        else:
-            _check_field(field, key, value)
     order = TopologicalSorter({name: expression.names for name, expression in expressions.items()})
     try:
         ordered = list(order.static_order())
@@ -163,8 +166,8 @@ def _list_given(data: Mapping[str, Any]) -> dict[str, tuple[Key, Any, FieldInfo 
 
 def _check_field(field: FieldInfo | None, key: Key, value: Any) -> None:
     """Raise FieldError for what its own field does not take, before an expression is blamed that uses it."""
-    for reads in field.metadata if field and isinstance(value, str | int | float) else ():
-        if isinstance(reads, Reads):
+    for reads in field.metadata if field and value is not None else ():
+        if isinstance(reads, Reads) and not (isinstance(value, str) and is_expression(value)):
             with blame(*key):
                 reads.func(value)  # type: ignore[call-arg]
 

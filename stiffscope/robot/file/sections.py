@@ -295,13 +295,12 @@ class Copies(Section):
     axis: Direction
     angles: tuple[Angle, ...]
 
-    @model_validator(mode="before")
+    @field_validator("as_", "angles", mode="before")
     @classmethod
     def _lists(cls, value: Any) -> Any:
-        if isinstance(value, dict):
-            for key, what in (("as", '["leg2", "leg3"]'), ("angles", '["120 deg", "240 deg"]')):
-                if key in value and not isinstance(value[key], list | tuple):
-                    raise ValueError(f"expected {key} to be a list such as {what}, got {q.show_value(value[key])}")
+        if not isinstance(value, list | tuple):
+            message = 'expected a list such as ["leg2", "leg3"] or ["120 deg", "240 deg"]'
+            raise ValueError(f"{message}, got {q.show_value(value)}")  # noqa: TRY004 (pydantic wants it)
         return value
 
 
