@@ -122,7 +122,8 @@ def identify(file: StudyFile) -> str:
             "unit": r.unit,
             "name": r.name,
             "take": r.take,
-            "poses": [file.poses[k] for k in r.poses],
+            "poses": [file.poses[k] for k in r.poses] if r.job is None else len(r.poses),
+            "job": r.job and [r.job.section.model_dump_json(), file_digest(r.job.path_file)],
         }
         for r in file.responses
     ]

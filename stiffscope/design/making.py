@@ -6,13 +6,14 @@ import math
 import threading
 import time
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from stiffscope.design.journal import Design
+from stiffscope.design.path.along import along
 from stiffscope.design.responses import mass_of_solids, of_modes, quantities
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
@@ -25,7 +26,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
     from concurrent.futures import Future
 
+    from stiffscope.design.path.job import Job
     from stiffscope.design.study_file import StudyFile, Values
+    from stiffscope.experiments.assembly import Assembled
 
     Row = tuple[int, Values]
 
@@ -87,17 +90,28 @@ def make_design(file: StudyFile, values: Values) -> Design:
 
 def _respond(file: StudyFile, values: Values) -> tuple[float, ...]:
     robot = file.design(values)
-    names = dict.fromkeys(name for response in file.responses for name in response.expression.names)
+    names = dict.fromkeys(name for r in file.responses if r.job is None for name in r.expression.names)
     with workshop() as shop:
         whole = any(of_modes(name) for name in names)
         assembled = assemble_robots({"design": robot}, file.components, shop, whole=whole)["design"]
-        found = configure(assembled.mechanism, file.poses_of(robot)).require_valid()
         mass = mass_of_solids(robot, file.components, assembled.results) if "mass" in names else 0.0
-        known = quantities(names, assembled.mechanism, found, assembled.matrices, mass)
-    answers = tuple(response.value(known) for response in file.responses)
+    jobs = {r.job for r in file.responses if r.job is not None}
+    known: dict[Job | None, dict[str, np.ndarray]] = {
+        job: _go_along(replace(job, robot=robot), assembled) for job in jobs
+    }
+    if names:
+        found = configure(assembled.mechanism, file.poses_of(robot)).require_valid()
+        known[None] = quantities(names, assembled.mechanism, found, assembled.matrices, mass)
+    answers = tuple(response.value(known[response.job]) for response in file.responses)
     for response, value in zip(file.responses, answers, strict=True):
         if not np.isfinite(value):
             raise InputError(
                 f"{response.name}: expected a finite value, got none: the tool moves freely, or has no mode"
             )
     return answers
+
+
+def _go_along(job: Job, assembled: Assembled) -> dict[str, np.ndarray]:
+    """Quantities (n,) of `ALONG_PATH` at the points of a job's path."""
+    state = along(job, assembled)
+    return {"error": state.size, **state.parts}

@@ -20,6 +20,7 @@ from stiffscope.vjm.modes import frequencies
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping
 
+    from stiffscope.design.path.job import Job
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.file.expressions import Expression
     from stiffscope.robot.part_matrices import Components, PartMatrix
@@ -33,18 +34,27 @@ _ENTRY = {
     "K": (("N/m", "N"), ("N", "N*m/rad")),
     "C": (("m/N", "1/N"), ("1/N", "rad/(N*m)")),
 }
-_TAKE: dict[str, Callable[[np.ndarray], Any]] = {"least": np.min, "greatest": np.max, "mean": np.mean}
+_TAKE: dict[str, Callable[[np.ndarray], Any]] = {
+    "least": np.min, "greatest": np.max, "mean": np.mean,
+    "worst": lambda each: np.max(np.abs(each)), "rms": lambda each: np.sqrt(np.mean(each**2)),
+}  # fmt: skip
+ALONG_PATH = ("error", "normal", "along", "binormal")  # m: the size of the tool's error on a path, and its parts
 
 
 @dataclass(frozen=True)
 class Response:
-    """An expression over quantities, taken of what it is at some of the study's poses: "least", "greatest", "mean"."""
+    """An expression over quantities, and what is taken of its values at some of the study's poses.
+
+    ``take``: "least", "greatest", "mean", "worst" (the largest size), "rms". With a ``job`` the quantities are those
+    of `ALONG_PATH`, and the poses points of its path.
+    """
 
     name: str
     expression: Expression
     unit: str
     poses: tuple[int, ...]
     take: str
+    job: Job | None = None
 
     @property
     def column(self) -> str:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.design.responses import Response, known_units, measured_dimension, worst_of
+from stiffscope.design.path.job import load_job
+from stiffscope.design.responses import ALONG_PATH, Response, known_units, measured_dimension, worst_of
 from stiffscope.design.study_file import Goal, Limit, StudyFile, Variable, round_off, write_override
 from stiffscope.design.study_sections import DESIGNS, MOST_DESIGNS, RANGE, RangeSection, ResponseSection, StudySection
 from stiffscope.errors import InputError
@@ -23,6 +25,9 @@ from stiffscope.robot.reader import load_robot_of, pose_of, read_robot
 from stiffscope.runtime import reading
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from stiffscope.design.path.job import Job
     from stiffscope.design.study_file import Pose, Value
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.file.positions import Key
@@ -66,7 +71,8 @@ def _read(top: StudySection, source: Source) -> StudyFile:
     variables = tuple(_read_variable(key, name, each, robot, top) for key, name, each in given)
     poses: dict[Pose, int] = {}
     wanted = _list_entries(top.responses, ("responses",), ResponseSection)
-    responses = tuple(_read_response(key, name, each, robot, poses) for key, name, each in wanted)
+    find_job = cache(lambda path: load_job(source.path.parent / path, robot))
+    responses = tuple(_read_response(key, name, each, robot, poses, find_job) for key, name, each in wanted)
     units = {response.name: response.unit for response in responses}
     for key, name, _ in wanted:
         if not _NAME.fullmatch(name):
@@ -160,10 +166,13 @@ def _check_takes(name: str, texts: list[Any], robot: RobotFile, also: tuple[str,
         raise first
 
 
-def _read_response(key: Key, name: str, given: Any, robot: RobotFile, poses: dict[Pose, int]) -> Response:
+def _read_response(
+    key: Key, name: str, given: Any, robot: RobotFile, poses: dict[Pose, int], find_job: Callable[[str], Job]
+) -> Response:
     found = read_table(ResponseSection, {"of": given} if isinstance(given, str) else given, key)
     where = (*key, "of") if isinstance(given, dict) else key
-    units = known_units(robot)
+    job = None if found.path is None else find_job(found.path)
+    units = known_units(robot) if job is None else dict.fromkeys(ALONG_PATH, "m")
     try:
         expression = parse(found.of)
         for each in expression.names:
@@ -179,9 +188,16 @@ def _read_response(key: Key, name: str, given: Any, robot: RobotFile, poses: dic
         powers = " ".join(f"{base}^{power:g}" for base, power in zip(("m", "kg", "s"), measured, strict=True) if power)
         message = f'expected a unit of {powers or "a plain number"}, which {expression.text} measures, got "{unit}"'
         raise FieldError((*key, "unit"), message)
+    if job is not None:
+        if found.at is not None:
+            raise FieldError((*key, "at"), f"expected none beside a path, got {q.show_value(found.at)}")
+        points = np.flatnonzero(~job.path.rapid) if not job.path.rapid.all() else np.arange(len(job.path))
+        return Response(name, expression, unit, tuple(points.tolist()), found.take or "worst", job)
     at = [poses.setdefault(pose, len(poses)) for pose in _list_poses(found, robot, key)]
     if take is None and len(at) > 1:
-        raise FieldError((*key, "take"), "expected least, greatest or mean: which of several poses counts, got nothing")
+        raise FieldError(
+            (*key, "take"), "expected least, greatest, mean, worst or rms: what of several poses counts, got nothing"
+        )
     return Response(name, expression, unit, tuple(at), take or "least")
 
 

@@ -66,7 +66,8 @@ class ResponseSection(Section):
     of: Annotated[str, Says('an expression over quantities such as "K_tx" or "K_tx/mass"')]
     at: Annotated[Any, Says('poses by name or numbers in a list, or "map": a grid of the robot file\'s [map]')] = None
     points: Annotated[Number, Says("points of that grid along either coordinate")] = 5
-    take: Literal["least", "greatest", "mean"] | None = None
+    path: Annotated[str | None, Says("a job of `stiffscope path`; `of`: error, normal, along, binormal")] = None
+    take: Literal["least", "greatest", "mean", "worst", "rms"] | None = None
     unit: Annotated[str | None, Says('SI unit, for expressions of several quantities: "N/m/kg"')] = None
 
 

@@ -15,6 +15,7 @@ from stiffscope.design.path.cutting import mill
 from stiffscope.design.path.job import load_job
 from stiffscope.design.path.motions import Motion
 from stiffscope.design.path.stress import find_stresses
+from stiffscope.design.studies import study
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.report.robot_view import read_cases
@@ -105,6 +106,26 @@ def test_another_robot_may_take_the_place_of_the_jobs(tmp_path):
     with workshop() as shop:
         other = assemble_robots({"robot": soft.robot}, None, shop)["robot"]
     np.testing.assert_allclose(along(soft, other).error[:, :3], 2.0 * along(job, made).error[:, :3], atol=1e-12)
+
+
+def test_a_study_takes_the_error_along_a_path(tmp_path):
+    poses, forces = _line_table(tmp_path)
+    job, _ = _job(tmp_path, "line.csv", units=UNITS)
+    (tmp_path / "study.toml").write_text(
+        'robot = "arm.toml"\nmethod = "grid"\n[parameters]\n'
+        f'"q2.drive.stiffness" = {{ range = ["{STIFFNESS[2]} N*m/rad", "{2 * STIFFNESS[2]} N*m/rad"], steps = 2 }}\n'
+        f'[responses]\nmost = {{ of = "error", path = "{job.file.name}" }}\n'
+        f'normal = {{ of = "2*normal", path = "{job.file.name}", take = "rms", unit = "m" }}\n'
+    )
+    made = study(tmp_path / "study.toml")
+    for design, factor in zip(made.designs, (1.0, 0.5), strict=True):
+        compliance = np.diag(np.array([1.0, 1.0, factor]) / STIFFNESS)
+        jacobians = [_planar_jacobian(p) for p in poses]
+        error = np.array([(j @ compliance @ j.T @ f)[:2] for j, f in zip(jacobians, forces, strict=True)])
+        tangent = np.diff(poses[:, :2], axis=0)[[*range(len(poses) - 1), -1]]
+        across = (error[:, 0] * tangent[:, 1] - error[:, 1] * tangent[:, 0]) / np.linalg.norm(tangent, axis=1)
+        assert design.responses[0] == pytest.approx(np.linalg.norm(error, axis=1).max(), rel=1e-6)
+        assert design.responses[1] == pytest.approx(2.0 * np.sqrt(np.mean(across**2)), rel=1e-6)
 
 
 def test_a_payload_weighs_where_it_hangs(tmp_path):

@@ -13,6 +13,7 @@ from stiffscope.design.path.cutting import cutting_materials, drill, mill
 from stiffscope.design.path.motions import Motion
 from stiffscope.design.path.toolpath import MOST_LOAD, ToolPath, read_toolpath
 from stiffscope.robot.file import quantities as q
+from stiffscope.robot.file.description import RobotFile
 from stiffscope.robot.file.parse import FieldError, Source, parse_text
 from stiffscope.robot.file.sections import check_rising
 from stiffscope.robot.file.tables import one_of, read_table
@@ -34,7 +35,6 @@ from stiffscope.runtime import reading
 
 if TYPE_CHECKING:
     from stiffscope.design.path.cutting import CuttingForces
-    from stiffscope.robot.file.description import RobotFile
 
 _FORCE = q.Dimension("a force of a process", "N", "100 N", most=MOST_LOAD)
 _MOST_EXPONENT = 1.0  # beyond, thicker chips would take less force
@@ -221,7 +221,7 @@ class Job:
     path: ToolPath
 
 
-def load_job(path: str | Path, instead: str | Path | None = None) -> Job:
+def load_job(path: str | Path, instead: str | Path | RobotFile | None = None) -> Job:
     """Load and check a job's file.
 
     Parameters
@@ -229,7 +229,7 @@ def load_job(path: str | Path, instead: str | Path | None = None) -> Job:
     path
         A TOML file; the robot and the path that it names are sought from its folder.
     instead
-        A robot file in place of the job's robot: one that a diagnosis adopted.
+        A robot in place of the job's, or its file: one that a diagnosis adopted, a study's.
 
     Raises
     ------
@@ -242,7 +242,10 @@ def load_job(path: str | Path, instead: str | Path | None = None) -> Job:
     try:
         top = read_table(JobSection, parse_text(path, source.text, "a job's file"), ())
         _check_process(top)
-        robot = load_robot_of(path, top.robot, top.set) if instead is None else load_robot(instead, top.set)
+        if isinstance(instead, RobotFile):
+            robot = instead
+        else:
+            robot = load_robot_of(path, top.robot, top.set) if instead is None else load_robot(instead, top.set)
         file = path.parent / top.path
         found = read_toolpath(file, robot, top.units, step=top.step, at=top.at, axes=_axes(top))
     except FieldError as error:
