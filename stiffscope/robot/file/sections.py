@@ -300,7 +300,7 @@ class Copies(Section):
     def _lists(cls, value: Any) -> Any:
         if not isinstance(value, list | tuple):
             message = 'expected a list such as ["leg2", "leg3"] or ["120 deg", "240 deg"]'
-            raise ValueError(f"{message}, got {q.show_value(value)}")  # noqa: TRY004 (pydantic wants it)
+            raise ValueError(f"{message}, got {q.show_value(value)}")
         return value
 
 
