@@ -15,7 +15,7 @@ import tomlkit
 from stiffscope.cli import options
 from stiffscope.cli.main import Stopped
 from stiffscope.cli.options import takes
-from stiffscope.cli.output import emit, open_workshop, warn_of
+from stiffscope.cli.output import emit, open_workshop, warn_of_parts
 from stiffscope.cli.poses import find_poses
 from stiffscope.design.journal import SUFFIX, Journal
 from stiffscope.design.sensitivities import part_sensitivities, robot_sensitivities
@@ -75,7 +75,7 @@ def _emit_part(robot: RobotFile, part: str, output: Output, manifest: Manifest) 
     with open_workshop(output) as shop:
         (result,) = solve_parts([order], shop)
         (found,) = part_sensitivities([order], shop)
-    warn_of([result])
+    warn_of_parts([result])
     title = f"{robot.name}: what changes the {found.part}'s compliance"
     words = "bars of what changes each diagonal entry of the compliance, in % per %, with bounds"
     emit(

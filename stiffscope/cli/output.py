@@ -140,15 +140,17 @@ def open_workshop(output: Output) -> Iterator[Workshop]:
         yield shop
 
 
-def warn_of(results: Iterable[PartResult]) -> None:
+def warn_of_parts(results: Iterable[PartResult]) -> None:
     """Say on standard error of each part whose tolerance was not met how far it came."""
     for result in results:
         if result.note:
             log.warning("%s: %s", result.name, result.note)
 
 
-def warn_of_overrides(made: Assembled) -> None:
-    """Say on standard error which `--set` does not change a part's matrix, which is a published table."""
+def warn_of_robot(made: Assembled, *, parts: bool = True) -> None:
+    """Say on standard error what falls short of the parts, and which `--set` a published matrix does not follow."""
+    if parts:
+        warn_of_parts(made.results.values())
     for (room, name, *field), text in made.robot.source.changed.items():
         printed = room == "parts" and getattr(made.robot.parts.get(str(name)), "published", None)
         if printed and made.sources.get(str(name)) == "published" and field != ["compliance"]:

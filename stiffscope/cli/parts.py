@@ -12,7 +12,7 @@ from stiffscope.cad.faces import describe
 from stiffscope.cad.step import read_solid
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
-from stiffscope.cli.output import emit, open_workshop, warn_of, warn_of_overrides
+from stiffscope.cli.output import emit, open_workshop, warn_of_parts, warn_of_robot
 from stiffscope.design.comparison import compare_robots
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import check_one_interface
@@ -69,7 +69,7 @@ def compliance(
 
     emit(output, compliance_json(robot, result), show)
     if not output.loud:
-        warn_of([result])
+        warn_of_parts([result])
 
 
 @click.command()
@@ -97,7 +97,7 @@ def compare(
         check_one_interface(robot, order.name)
     with open_workshop(output) as shop:
         results = solve_parts(orders, shop)
-    warn_of(results)
+    warn_of_parts(results)
     own = {result.name: comparison.compare(robot, result.name, result) for result in results if result.own_shape}
 
     def show() -> None:
@@ -112,8 +112,7 @@ def _compare_robots(first: RobotFile, second: RobotFile, components: Any, output
     with open_workshop(output) as shop:
         found = compare_robots(first, second, components, shop)
     for made in found.made.values():
-        warn_of(made.results.values())
-        warn_of_overrides(made)
+        warn_of_robot(made)
     emit(
         output, robot_comparison.robots_json(found), lambda: robot_comparison.show_robots(found), manifest=manifest,
         fill=lambda folder: robot_comparison.draw_both(found, folder),

@@ -12,7 +12,7 @@ import numpy as np
 from stiffscope.biglide.literal_gravity import literal_gravity, require_biglide
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
-from stiffscope.cli.output import emit, open_workshop, warn_of, warn_of_overrides
+from stiffscope.cli.output import emit, open_workshop, warn_of_robot
 from stiffscope.cli.poses import find_poses
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots, deflection_bars, stiffness_bars, stiffness_json
@@ -90,8 +90,7 @@ def assemble(robot: RobotFile, components: Any, output: Output) -> Assembled:
     """The robot with its parts, whose progress and shortcomings are on standard error."""
     with open_workshop(output) as shop:
         made = assemble_robots({"now": robot}, components, shop)["now"]
-    warn_of(made.results.values())
-    warn_of_overrides(made)
+    warn_of_robot(made)
     return made
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
-from stiffscope.cli.output import emit, open_workshop, warn_of, warn_of_overrides, write_folder
+from stiffscope.cli.output import emit, open_workshop, warn_of_robot, write_folder
 from stiffscope.errors import InputError, StiffscopeError
 from stiffscope.experiments.assembly import (
     assemble_robots,
@@ -98,9 +98,7 @@ def run(
         answer = {"parts": tested, **_stiffness(now, states["now"])}
         emit(output, answer, show, manifest=manifest, fill=fill, page=page)
         report("done", 1.0)
-    warn_of_overrides(now)
-    if not output.loud:
-        warn_of(now.results.values())
+    warn_of_robot(now, parts=not output.loud)
 
 
 def _load_checked(name: str, overrides: Sequence[str], tolerance: str | None) -> RobotFile:

@@ -9,12 +9,12 @@ import click
 
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
-from stiffscope.cli.output import emit, open_workshop, warn_of, warn_of_overrides
+from stiffscope.cli.output import emit
+from stiffscope.cli.robots import assemble
 from stiffscope.design.path.along import along, respond_at_worst
 from stiffscope.design.path.compensate import compensate
 from stiffscope.design.path.job import load_job
 from stiffscope.design.path.stress import find_stresses
-from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.report import paths
 from stiffscope.report.kept_pictures import draw_deflection
@@ -42,10 +42,7 @@ def path(name: Path, *, undo: bool, robot: str | None, output: Output) -> None:
     """
     job = load_job(name, robot)
     manifest = manifest_of(job.robot, job.file)
-    with open_workshop(output) as shop:
-        made = assemble_robots({"now": job.robot}, job.section.components, shop)["now"]
-    warn_of(made.results.values())
-    warn_of_overrides(made)
+    made = assemble(job.robot, job.section.components, output)
     with progress(quiet=output.quiet) as open_line:
         report = open_line("path")
         state = along(job, made, report)
