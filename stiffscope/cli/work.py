@@ -59,7 +59,7 @@ def path(name: Path, *, undo: bool, robot: str | None, output: Output) -> None:
         draw_deflection(made, ["greatest error"], worst, cases, folder)
 
     def page(folder: Path, shown: Sequence[Shown]) -> None:
-        paths.write_path_page(folder, state, worst, cases, shown)
+        paths.write_path_page(folder, state, after, worst, cases, shown)
 
     emit(
         output, lambda: paths.path_json(state, after, stresses), lambda: paths.show_path(state, after, stresses),

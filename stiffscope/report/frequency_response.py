@@ -9,7 +9,7 @@ import numpy as np
 
 from stiffscope.report import page
 from stiffscope.report.figures import new_figure, save_figures
-from stiffscope.report.page import Section
+from stiffscope.report.page import Chart, Section, Series
 from stiffscope.report.run_report import write_report
 from stiffscope.vjm.mechanism import COORDINATES
 
@@ -98,8 +98,24 @@ def write_page(response: Response, folder: Path, robot: str) -> None:
         f"force at {response.source}", f"displacement at {response.target}", f"receptance in {response.written_unit}",
         f"damping ratio of every mode {response.damping:g}", f"{len(response.hertz):,} frequencies",
     ]  # fmt: skip
-    sections = [Section("Frequency response", (), [drawn])]
+    sections = [Section("Frequency response", (), [drawn], charts=[chart_responses(response)])]
     write_report(folder, f"{robot}: frequency response", facts, sections)
+
+
+def chart_responses(response: Response) -> Chart:
+    """The response as a chart of a page: magnitude in decibels, phase and parts, a series for each pose."""
+    unit = response.written_unit
+    series = []
+    for k, (name, values) in enumerate(zip(response.names, response.values, strict=True)):
+        columns = {
+            "pose": [name] * len(values), "frequency, Hz": response.hertz,
+            f"magnitude, dB re 1 {unit}": 20.0 * np.log10(np.maximum(np.abs(values), 1e-300)),
+            "phase, deg": np.angle(values, deg=True), f"real part, {unit}": values.real,
+            f"imaginary part, {unit}": values.imag,
+        }  # fmt: skip
+        series.append(Series(name, COLOURS[k % len(COLOURS)], columns, size=3))
+    _, x, *y = series[0].columns
+    return Chart(series, [x], y, "Every frequency of every pose, to read off.", joined=True, log=True)
 
 
 def as_dataset(response: Response, title: str) -> xr.Dataset:

@@ -101,6 +101,10 @@ class Chart:
     still: Figure | None = None
     equal: bool = False
     """Whether a line is drawn on which x equals y."""
+    joined: bool = False
+    """Whether lines join the points of a series."""
+    log: bool = False
+    """Whether the axis of x is logarithmic."""
 
     @property
     def data(self) -> dict[str, Any]:
@@ -110,7 +114,8 @@ class Chart:
              "columns": {name: _round_column(values) for name, values in s.columns.items()}}
             for s in self.series
         ]  # fmt: skip
-        return {"series": series, "x": list(self.x), "y": list(self.y), "equal": self.equal}
+        return {"series": series, "x": list(self.x), "y": list(self.y),
+                "equal": self.equal, "joined": self.joined, "log": self.log}  # fmt: skip
 
 
 def _round_column(values: Sequence[Any] | np.ndarray) -> list[Any]:

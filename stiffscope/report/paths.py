@@ -234,10 +234,40 @@ def _draw_error(state: Along, after: Compensated | None) -> Figure:
     return drawn
 
 
+def _chart_error(state: Along, after: Compensated | None) -> page.Chart:
+    """Error over length as a chart of a page, before and after compensation."""
+    some = _thinned(len(state.path))
+    series = []
+    for name, colour, each in (("as commanded", BEFORE, state), ("compensated", AFTER, after and after.after)):
+        if each is not None:
+            errors = {"size": each.size, **each.parts}
+            columns = {"line": [str(line) for line in np.asarray(state.path.lines)[some]]}
+            columns |= {"length, mm": 1e3 * state.length[some]}
+            columns |= {f"{word}, mm": 1e3 * values[some] for word, values in errors.items()}
+            columns |= {f"{axis}, mm": 1e3 * state.tool[some, k] for k, axis in enumerate("xyz")}
+            series.append(page.Series(name, colour, columns, size=3))
+    _, *shown = series[0].columns
+    return page.Chart(series, [shown[0], *shown[5:]], shown[1:5], "The error point by point, to read off.", joined=True)
+
+
 def write_path_page(
-    folder: Path, state: Along, found: Configurations, cases: list[list[Case]], tables: Sequence[Shown]
-) -> None:
-    """Write report.html: the path, error over length, and the robot under the load of the greatest error."""
+    folder: Path, state: Along, after: Compensated | None, found: Configurations, cases: list[list[Case]],
+    tables: Sequence[Shown],
+) -> None:  # fmt: skip
+    """Write report.html: the path, error over length, and the robot under the load of the greatest error.
+
+    Parameters
+    ----------
+    folder
+        Output folder, which has the pictures.
+    state, after
+        The path, and its compensated commands where there are some.
+    found, cases
+        Configuration of the greatest error, and the loads to show there.
+    tables
+        What the terminal shows.
+
+    """
     stills = page.figures(folder, {"deflection_1.png": ("The robot at the greatest error.", "the robot deformed")})
     figures = [
         page.figure(
@@ -251,7 +281,7 @@ def write_path_page(
         still=stills[0] if stills else None,
     )  # fmt: skip
     sections = [
-        page.Section("The path", tables, figures, files=("path.csv",)),
+        page.Section("The path", tables, figures, charts=[_chart_error(state, after)], files=("path.csv",)),
         page.Section("The robot at the greatest error", view=view),
     ]
     facts = [

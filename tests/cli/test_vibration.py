@@ -1,6 +1,7 @@
 """`stiffscope modes`, `frf` and `map --frequencies`: fields, files with units, and what is refused."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -57,6 +58,9 @@ def test_frequency_response_has_units(tmp_path):
         magnitude = file["magnitude"].to_numpy()[0]
     table = np.genfromtxt(out / "frf.csv", delimiter=",", skip_header=1)
     assert table[:, 4] == pytest.approx(magnitude, rel=1e-8)
+    chart = re.findall(r'<script type="application/json">(.*?)</script>', (out / "report.html").read_text("utf-8"))[0]
+    decibels = json.loads(chart)["series"][0]["columns"]["magnitude, dB re 1 rad/N"]
+    assert 10.0 ** (np.array(decibels) / 20.0) == pytest.approx(magnitude, rel=1e-4)
     assert "rad/N" in (out / "frf.csv").read_text().splitlines()[0]
     assert (out / "frf.png").stat().st_size > 10_000
 

@@ -208,7 +208,9 @@ def test_the_part_under_the_pointer_is_named(tab, report):
 def test_a_chart_says_what_a_point_is_and_finds_its_row(tab, tmp_path):
     columns = {"design": ["1", "2", "3"], "mass, kg": [1.0, 2.0, 3.0], "stiffness, N/µm": [10.0, 40.0, 20.0]}
     names = list(columns)[1:]
-    chart = Chart([Series("feasible", "#2f7d6b", columns, size=30)], names, names[::-1], "Every design.")
+    chart = Chart(
+        [Series("feasible", "#2f7d6b", columns, size=30)], names, names[::-1], "Every design.", joined=True, log=True
+    )
     rows = tuple((str(k), f"{m} kg") for k, m in zip(columns["design"], (1, 2, 3), strict=True))
     table = Shown("All designs", ("design", "mass"), rows * 3, folded=True)
     page.write_page(tmp_path / "chart.html", "T", [], [Section("Designs", [table], charts=[chart])])

@@ -7,11 +7,14 @@ for (const root of document.querySelectorAll(".chart")) {
   const names = Object.keys(given.series[0].columns);  // the first says which row of a table a point is
   root.classList.add("live");
   const plot = Bokeh.Plotting.figure({ height: 420, sizing_mode: "stretch_width", tools: "pan,box_zoom,wheel_zoom,tap,reset,save",
-    background_fill_color: null, border_fill_color: null, outline_line_color: ink("--line"), output_backend: "canvas" });
+    background_fill_color: null, border_fill_color: null, outline_line_color: ink("--line"), output_backend: "canvas",
+    x_axis_type: given.log ? "log" : "auto" });
   plot.toolbar.logo = null;
-  const drawn = given.series.map((each) => {
+  if (given.log) plot.xaxes[0].formatter = new Bokeh.BasicTickFormatter();
+  const lines = [], drawn = given.series.map((each) => {
     const source = new Bokeh.ColumnDataSource({ data: each.columns }), at = { x: { field: given.x[0] }, y: { field: given.y[0] }, source, legend_label: each.name };
     const glyph = plot.scatter({ ...at, size: each.size, fill_color: each.colour, line_color: null, fill_alpha: 0.75, nonselection_fill_alpha: 0.35 });
+    if (given.joined) lines.push(plot.line({ ...at, line_color: each.colour, line_width: 1.3 }));
     source.selected.properties.indices.change.connect(() => find(source));
     return glyph;
   });
@@ -33,7 +36,7 @@ for (const root of document.querySelectorAll(".chart")) {
   function choose() {
     for (const [axis, line] of [["x", plot.xaxes[0]], ["y", plot.yaxes[0]]]) {
       const name = one(axis).value;
-      for (const glyph of drawn) glyph.glyph[axis] = { field: name };
+      for (const glyph of [...drawn, ...lines]) glyph.glyph[axis] = { field: name };
       line.axis_label = name;
     }
     plot.reset.emit();
