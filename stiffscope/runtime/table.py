@@ -138,7 +138,8 @@ def _lines(path: Path, most: int) -> tuple[list[list[str]], list[int], bool]:
             if before > _MOST_LINES:
                 raise InputError(f"{path.name}:{before}: expected at most {_MOST_LINES:,} lines, got more")
     except csv.Error as error:
-        raise InputError(f"{path.name}:{reader.line_num}: expected a CSV row, got {error}") from None
+        got = "a quote that nothing closes" if "end of data" in str(error) else error
+        raise InputError(f"{path.name}:{before + 1}: expected a CSV row, got {got}") from None
     return rows, lines, mark != ","
 
 

@@ -99,7 +99,7 @@ def test_names_the_malformed_cell(tmp_path, row, column, cell, expected):
         (HEADER.replace("session", "x") + GOOD[0], "1: x: expected each name once"),
         (HEADER.replace(",", ";") + GOOD[0], "2: y: expected 13 cells, got 1: the row ends early"),
         (HEADER + GOOD[0] + "\n\0", "3: expected a table in CSV, got a NUL byte"),
-        (HEADER + GOOD[0] + '\n"0,0', "3: expected a CSV row"),
+        (HEADER + GOOD[0] + '\n"0,0\n' + GOOD[0], "3: expected a CSV row, got a quote that nothing closes"),
     ],
 )
 def test_names_the_malformed_file(tmp_path, text, expected):
