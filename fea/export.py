@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from stiffscope.fea.experiment import Experiment
-    from stiffscope.fea.mesh import Floats
+    from stiffscope.fea.mesh import Floats, TetMesh
 
 WRENCHES = ("fx", "fy", "fz", "mx", "my", "mz")
 
@@ -42,11 +42,16 @@ def write_vtu(experiment: Experiment, path: Path | str) -> Path:
         name = WRENCHES[k % 6] + suffix
         fields[f"displacement_{name}"] = motion
         fields[f"von_mises_{name}"] = stress
+    write_fields(mesh, path, fields)
+    _add_field_data(path, experiment)
+    return path
+
+
+def write_fields(mesh: TetMesh, path: Path, fields: dict[str, Floats]) -> None:
+    """Write a mesh with fields at its nodes (k, …) and the CAD faces of its boundary as VTU."""
     cells: list[Any] = [("tetra10", mesh.cells), ("triangle6", mesh.facets)]
     faces = [np.full(len(mesh.cells), -1, dtype=np.int64), mesh.facet_face.astype(np.int64)]
     meshio.Mesh(mesh.points, cells, point_data=fields, cell_data={"face": faces}).write(path, file_format="vtu")
-    _add_field_data(path, experiment)
-    return path
 
 
 def _add_field_data(path: Path, experiment: Experiment) -> None:

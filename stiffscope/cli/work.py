@@ -57,6 +57,7 @@ def path(name: Path, *, undo: bool, robot: str | None, output: Output) -> None:
             after.path.write(folder / f"compensated{job.path_file.suffix if after.path.program else '.csv'}")
         paths.draw_path(state, after, folder)
         draw_deflection(made, ["greatest error"], worst, cases, folder)
+        paths.write_stress(stresses, folder)
 
     def page(folder: Path, shown: Sequence[Shown]) -> None:
         paths.write_path_page(folder, state, after, worst, cases, shown)

@@ -9,8 +9,11 @@ import pyarrow as pa
 import pyarrow.csv
 
 from stiffscope.design.path.course import BLOCK
+from stiffscope.experiments.results import EXPERIMENT
+from stiffscope.fea.export import write_fields
 from stiffscope.report import page
 from stiffscope.report.figures import AFTER, BEFORE, new_figure, save_figures
+from stiffscope.report.pictures import draw, optional_pictures
 from stiffscope.report.run_report import ENERGY, turn_robot, write_report
 from stiffscope.report.terminal import show_facts, show_line, show_table
 
@@ -27,6 +30,7 @@ if TYPE_CHECKING:
     from stiffscope.report.terminal import Shown
     from stiffscope.vjm.kinematics import Configurations
 
+_STRESS = ("body", "part", "material", "von_mises", "at", "factor")
 _TWIST = ("dx", "dy", "dz", "drx", "dry", "drz")
 _MOST_DRAWN = 4000
 _MOST_TOLD = 12
@@ -57,7 +61,7 @@ def path_json(state: Along, after: Compensated | None, stresses: Sequence[PartSt
             "binormal": state.parts["binormal"][k], "bound": state.bound[k],
             "shares": {name: share[k] for name, share in state.shares.items()},
             "drives": dict(zip(state.drives, state.forces[k], strict=True)),
-            "stress": [vars(each) for each in stresses],
+            "stress": [{key: getattr(each, key) for key in _STRESS} for each in stresses],
         },
         "frequencies": {"s": state.length[state.stations], "first": state.first},
     }  # fmt: skip
@@ -174,6 +178,21 @@ def draw_path(state: Along, after: Compensated | None, folder: Path) -> None:
     save_figures(folder, {"path": lambda: _draw_map(state), "error": lambda: _draw_error(state, after)})
 
 
+def write_stress(stresses: Sequence[PartStress], folder: Path) -> None:
+    """Write stress.vtu and draw stress.png: the part with the greatest stress at the greatest error."""
+    for each in stresses[:1]:
+        mesh = each.tested.experiment.mesh
+        field = folder / "stress.vtu"
+        write_fields(mesh, field, {"displacement": each.displacement, "von_mises": each.stress})
+        node = int(np.argmin(np.linalg.norm(mesh.points - each.at, axis=1)))
+        title = f"{each.body} ({each.material}) at the greatest error: {1e-6 * each.von_mises:.3g} MPa"
+        with optional_pictures():
+            draw(
+                "stressed_part", folder / "stress.png", experiment=each.tested.folder / EXPERIMENT, field=field,
+                node=node, title=title,
+            )  # fmt: skip
+
+
 def _thinned(n: int) -> np.ndarray:
     return np.unique(np.linspace(0, n - 1, min(n, _MOST_DRAWN)).round().astype(int))
 
@@ -269,6 +288,8 @@ def write_path_page(
 
     """
     stills = page.figures(folder, {"deflection_1.png": ("The robot at the greatest error.", "the robot deformed")})
+    said = "Von Mises stress of the part where it is greatest, at the greatest error."
+    hot = page.figures(folder, {"stress.png": (said, "stress of a part")})
     figures = [
         page.figure(
             folder / "path.png", "The path, coloured by the size of the tool's error.", "path in three dimensions"
@@ -282,7 +303,7 @@ def write_path_page(
     )  # fmt: skip
     sections = [
         page.Section("The path", tables, figures, charts=[_chart_error(state, after)], files=("path.csv",)),
-        page.Section("The robot at the greatest error", view=view),
+        page.Section("The robot at the greatest error", figures=hot, view=view),
     ]
     facts = [
         f"robot: {state.job.robot.name}",

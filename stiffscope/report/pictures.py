@@ -94,10 +94,11 @@ def _warm_up() -> None:
 
 def _draw_now(picture: str, target: Path, arguments: dict[str, Any]) -> None:
     """Draw in this process."""
-    from stiffscope.report.drawing.part import part_pictures
+    from stiffscope.report.drawing.part import part_pictures, stressed_part
     from stiffscope.report.drawing.robot import animation, robot
 
-    {"part_pictures": part_pictures, "robot": robot, "animation": animation}[picture](target, **arguments)
+    known = {f.__name__: f for f in (part_pictures, stressed_part, robot, animation)}
+    known[picture](target, **arguments)
 
 
 def _cause(error: WorkerError) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 
+import meshio
 import numpy as np
 import pytest
 
@@ -18,6 +19,7 @@ from stiffscope.design.path.stress import find_stresses
 from stiffscope.design.studies import study
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
+from stiffscope.report.paths import write_stress
 from stiffscope.report.robot_view import read_cases
 from stiffscope.runtime.workshop import workshop
 from stiffscope.vjm.kinematics import configure
@@ -390,3 +392,9 @@ def test_stress_in_a_rod_is_that_of_a_bar_under_thrust_and_moment(tmp_path):
     assert found.von_mises == pytest.approx(expected, rel=0.02)
     assert found.factor == pytest.approx(235e6 / found.von_mises)
     assert found.at[2] == pytest.approx(6e-3, rel=0.05)
+    write_stress((found,), tmp_path)
+    field = meshio.read(tmp_path / "stress.vtu")
+    bar = 1000.0 / (np.pi * 6e-3**2) + 2.0 * field.points[:, 2] / (np.pi * 6e-3**4 / 4.0)
+    middle = np.abs(field.points[:, 0] - 0.03) < 0.01
+    np.testing.assert_allclose(field.point_data["von_mises"][middle], np.abs(bar[middle]), atol=0.02 * expected)
+    assert (tmp_path / "stress.png").stat().st_size > 10_000

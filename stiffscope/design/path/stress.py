@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 class PartStress:
     """Greatest von Mises stress ``von_mises`` in Pa of a body, and where, ``at`` (3,) in m in its part's axes.
 
-    ``factor``: the material's yield strength over it; None where the job does not state that strength.
+    ``factor``: the material's yield strength over it; None where the job does not state that strength. ``displacement``
+    (k, 3) in m and ``stress`` (k,) in Pa are those of all nodes of the part that was ``tested``.
     """
 
     body: str
@@ -30,6 +31,9 @@ class PartStress:
     von_mises: float
     at: Array
     factor: float | None
+    tested: PartResult
+    displacement: Array
+    stress: Array
 
 
 def find_stresses(state: Along, assembled: Assembled, response: Response) -> tuple[PartStress, ...]:
@@ -61,7 +65,8 @@ def find_stresses(state: Along, assembled: Assembled, response: Response) -> tup
         node = int(np.argmax(np.where(_away_from_interfaces(result), stress, -1.0)))
         greatest, strength = float(stress[node]), state.job.section.yield_strength.get(material.name)
         factor = None if strength is None or greatest == 0.0 else strength / greatest
-        out.append(PartStress(body, result.name, material.name, greatest, mesh.points[node], factor))
+        place, motion = mesh.points[node], motion.reshape(-1, 3)
+        out.append(PartStress(body, result.name, material.name, greatest, place, factor, result, motion, stress))
     return tuple(sorted(out, key=lambda each: -each.von_mises))
 
 

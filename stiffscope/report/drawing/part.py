@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import meshio
 import numpy as np
+import pyvista as pv
 
 from stiffscope.fea.experiment import load_experiment
 from stiffscope.report.drawing.camera import View, new_plotter, shot, view_of
@@ -80,12 +82,41 @@ def _contact_sheet(target: Path, experiment: Experiment, title: str) -> None:
     save_figure(figure, target, dpi=100)
 
 
+def stressed_part(target: Path, experiment: str, field: str, node: int, title: str) -> None:
+    """Draw a part's von Mises stress under one load, its hot spot marked.
+
+    Parameters
+    ----------
+    target
+        PNG file.
+    experiment, field
+        Files of the experiment, and of ``displacement`` and ``von_mises`` at its nodes (VTU).
+    node
+        Where the stress is greatest.
+    title
+        What is drawn.
+
+    """
+    mesh, fields = load_experiment(experiment).mesh, meshio.read(field).point_data
+    motion, stress = fields["displacement"], fields["von_mises"]
+    scale = DEFORMATION * float(np.linalg.norm(np.ptp(mesh.points, axis=0))) / np.linalg.norm(motion, axis=1).max()
+    bent = mesh.points + scale * motion
+    _, y, z = np.where(mesh.points[node] > np.ptp(mesh.points, axis=0) / 2 + mesh.points.min(axis=0), 1.0, -1.0)
+    view = view_of(np.vstack([mesh.points, bent]), towards=(0.55, float(y), 0.75 * float(z)), width=1300)
+    image, _, _ = _draw_deformed(mesh, bent, stress, "inferno", view, node)
+    figure, (cell,) = sheet_of(1, 1, view.size, title)
+    fill(cell, image, "von Mises stress, the ring is at its greatest", f"deformation × {power(scale)}")
+    scale_bar(cell, float(stress[node]), float(stress[node]), "Pa", "inferno")
+    save_figure(figure, target, dpi=150)
+
+
 def _draw_deformed(
-    mesh: TetMesh, points: Floats, values: Floats, colours: str, view: View
+    mesh: TetMesh, points: Floats, values: Floats, colours: str, view: View, node: int | None = None
 ) -> tuple[Floats, float, float]:
-    """Image of a deformed part, the upper limit of its colours and the largest value."""
+    """Image of a deformed part, the upper limit of its colours and the largest value; a ``node`` is marked."""
     largest = float(values.max())
     limit = float(np.quantile(values[np.unique(mesh.facets)], 0.995)) if colours == "inferno" else largest
+    limit = limit if node is None else float(values[node])
     plotter = new_plotter(view)
     still = surface(mesh, mesh.points)
     plotter.add_mesh(still, color="#9aa4b0", opacity=0.10, lighting=False)
@@ -98,6 +129,10 @@ def _draw_deformed(
         feature_angle=40, show_scalar_bar=False, ambient=0.55, diffuse=0.5,
     )  # fmt: skip
     plotter.add_mesh(outline(mesh, points + view.lift), color="#20252b", line_width=1.5)
+    if node is not None:
+        size = float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
+        ring = pv.Disc(points[node] + size * view.direction, 0.017 * size, 0.02 * size, view.direction, c_res=48)
+        plotter.add_mesh(ring, color="#00b4d8", lighting=False)
     return shot(plotter), limit, largest
 
 
