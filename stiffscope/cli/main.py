@@ -144,7 +144,8 @@ def _guarded(arguments: list[str]) -> int:  # noqa: PLR0911 (one for each way to
             raise
         _drop_output()
         file = str(error.filename) if isinstance(error.filename, str | os.PathLike) else ""
-        _say(f"{show_path(file) if file else 'standard output or a disk'}: cannot be used ({why(error, file or '-')})")
+        place = show_path(file) if file else "standard output, or the disk of temporary files"
+        _say(f"{place}: cannot be used ({why(error, file or '-')})")
         return 1 if error.errno in FULL else 2
     except UnicodeEncodeError as error:
         _say(f"{show_path(str(error.object)[:60])}: expected text in UTF-8, got bytes that are none")

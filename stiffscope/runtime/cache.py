@@ -148,7 +148,8 @@ class Cache:
 def _reason(error: OSError) -> str:
     """Why something cannot be written; of several files, why the first of them."""
     if isinstance(error, shutil.Error) and error.args and error.args[0]:
-        return str(error.args[0][0][2])
+        said = str(error.args[0][0][2])  # "[Errno 28] No space left on device: 'from' -> 'to'"
+        return said.partition("] ")[2].partition(":")[0] or said
     return error.strerror or str(error)
 
 

@@ -358,6 +358,19 @@ def test_the_prior_matters_where_the_readings_say_little():
     assert more.compute_probability("effect-0 @ place") > p > less.compute_probability("effect-0 @ place")
 
 
+def test_the_posterior_meets_a_full_disk_as_any_file_does(tmp_path):
+    """HDF5 itself would say something else of its own, or end the process."""
+    resource = pytest.importorskip("resource")
+    diagnosis = conclude(find(planted(linear_model(np.random.default_rng(11)), e0=(0.4,))))
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (65536, limits[1]))
+    try:
+        with pytest.raises(OSError, match="File too large"):
+            write_posterior(tmp_path / "posterior.nc", diagnosis.samples)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
 def test_the_posterior_opens_in_arviz(tmp_path):
     diagnosis = conclude(find(planted(linear_model(np.random.default_rng(11)), e0=(0.4,), e4=(0.2, 0.1))))
     path = tmp_path / "posterior.nc"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -183,10 +184,12 @@ def write_posterior(path: Path, samples: Samples) -> None:
     draws: dict[str, NDArray[Any]] = {"draw": np.arange(DRAWS)}
     fewer: dict[str, NDArray[Any]] = {"draw": np.arange(samples.predicted.shape[1])}
     predicted, observed = {"value": samples.predicted}, {"value": samples.observed, "sigma": samples.sigma}
-    with opened(path, "w") as file:
+    whole = io.BytesIO()  # where a disk is full, HDF5 itself ends the process
+    with opened(whole, "w") as file:
         _write_group(file.create_group("posterior"), chains | draws, samples.parameters, samples.units)
         _write_group(file.create_group("posterior_predictive"), chains | fewer | rows, predicted, words=words)
         _write_group(file.create_group("observed_data"), rows, observed, words=words)
+    path.write_bytes(whole.getvalue())
 
 
 def _write_group(
